@@ -1,0 +1,1 @@
+"""Robots: bodies, sensors, search algorithms and maps. They see the world only through sensors."""

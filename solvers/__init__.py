@@ -1,0 +1,1 @@
+"""Processes that advance fields: air flow and gas."""

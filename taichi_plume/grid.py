@@ -1,0 +1,82 @@
+"""The staggered (MAC) grid: shape, spacing, ghost layers, allocation of fields.
+
+Cell I covers [(I - ghost) dx, (I - ghost + 1) dx]. A face field of axis d holds at index I the value on the lower
+d-face of cell I. Fields store axis 0 contiguously, where the domain is usually longest.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import taichi as ti
+
+from taichi_plume.scenario import Domain
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Cells of edge `dx` [m]: `shape` of them per axis, inside `ghost` layers. Two axes stand for a slab of `depth` [m]."""
+
+    shape: tuple[int, ...]
+    dx: float
+    depth: float = 1.0
+    ghost: int = 3
+    periodic: tuple[bool, ...] = ()
+
+    @staticmethod
+    def of(domain: Domain, periodic: tuple[bool, ...] = ()) -> "Grid":
+        """The grid of a scenario's domain."""
+        return Grid(domain.shape, domain.spacing, domain.depth, periodic=periodic or (False,) * domain.dim)
+
+    @property
+    def dim(self) -> int:
+        """2 or 3."""
+        return len(self.shape)
+
+    @property
+    def extent(self) -> tuple[float, ...]:
+        """Size of the domain [m]."""
+        return tuple(n * self.dx for n in self.shape)
+
+    @property
+    def padded(self) -> tuple[int, ...]:
+        """Shape with ghost layers."""
+        return tuple(n + 2 * self.ghost for n in self.shape)
+
+    @property
+    def cell_volume(self) -> float:
+        """Volume of a cell [m³]; in 2-D, of its column through the slab."""
+        return self.dx**self.dim * (self.depth if self.dim == 2 else 1.0)
+
+    @property
+    def cells(self) -> tuple[tuple[int, int], ...]:
+        """(begin, end) of the inner cells per axis."""
+        return tuple((self.ghost, self.ghost + n) for n in self.shape)
+
+    def faces(self, d: int) -> tuple[tuple[int, int], ...]:
+        """(begin, end) of the faces of axis `d`, those of both domain faces among them."""
+        return tuple((begin, end + (axis == d)) for axis, (begin, end) in enumerate(self.cells))
+
+    def field(self, shape: tuple[int, ...] = (), dtype: Any = ti.f32) -> Any:
+        """A scalar field over the padded grid (or `shape`), axis 0 contiguous."""
+        return ti.field(dtype, shape=shape or self.padded, order="kji"[-self.dim :])
+
+    def faces_field(self) -> tuple[Any, ...]:
+        """One scalar face field per axis."""
+        return tuple(self.field() for _ in self.shape)
+
+    def inner(self, padded: np.ndarray) -> np.ndarray:
+        """The view of a padded array without its ghost layers."""
+        return padded[tuple(slice(begin, end) for begin, end in self.cells)]
+
+    def pad(self, inner: np.ndarray) -> np.ndarray:
+        """`inner` with ghost layers that repeat the edge, or wrap round on periodic axes."""
+        for axis, wrap in enumerate(self.periodic or (False,) * self.dim):
+            width = [(self.ghost, self.ghost) if a == axis else (0, 0) for a in range(self.dim)]
+            inner = np.pad(inner, width, mode="wrap" if wrap else "edge")
+        return inner
+
+    def centers(self) -> np.ndarray:
+        """Cell centres [m], shape (*shape, dim)."""
+        axes = [(np.arange(n) + 0.5) * self.dx for n in self.shape]
+        return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)

@@ -1,0 +1,49 @@
+"""Physical quantities in a scenario: a number in SI units, or a text with a unit such as ``"20 cm"``."""
+
+import re
+from functools import cache
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Field
+from pydantic_core import PydanticCustomError
+
+_NUMBER_AND_UNIT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-zµμ%°][\w/*^ µμ%°().-]{0,40})\s*")
+
+
+@cache
+def _registry():
+    import pint  # 0.3 s: only for scenarios that write units
+
+    return pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
+
+
+def parse(value: Any, unit: str) -> float:
+    """`value` as a float in `unit`: numbers pass, ``"1e-5"`` and ``"10 mg/s"`` are converted.
+
+    Raises PydanticCustomError where the text is no quantity or its unit is of another kind.
+    """
+    if isinstance(value, bool) or not isinstance(value, (int, float, str)):
+        raise PydanticCustomError("quantity", "must be a number or a text with a unit of {unit}", {"unit": unit})
+    if not isinstance(value, str):
+        return float(value)
+    try:
+        return float(value)  # PyYAML reads 1e-5 as a text
+    except ValueError:
+        pass
+    match = _NUMBER_AND_UNIT.fullmatch(value)
+    if not match:
+        raise PydanticCustomError("quantity", "must be a number or a text with a unit of {unit}", {"unit": unit})
+    try:
+        ureg = _registry()
+        return float(ureg.Quantity(float(match[1]), ureg.parse_units(match[2])).to(unit).magnitude)
+    except Exception:  # pint raises a dozen kinds, tokenize its own: all mean the same to the user
+        raise PydanticCustomError("quantity", "must have a unit that converts to {unit}", {"unit": unit}) from None
+
+
+def quantity(unit: str, **limits: float) -> Any:
+    """The annotated type of a quantity in `unit` [SI], with pydantic's limits (gt, ge, lt, le)."""
+    return Annotated[
+        float,
+        Field(allow_inf_nan=False, **limits),
+        BeforeValidator(lambda value: parse(value, unit), json_schema_input_type=float | str),
+    ]

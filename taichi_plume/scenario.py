@@ -1,0 +1,546 @@
+"""The whole scenario vocabulary as frozen pydantic models. SI units; see `quantities` for texts with units.
+
+``python -m taichi_plume.scenario --schema`` prints the JSON schema for editors.
+Cross-field checks that need geometry live in `checks`; reading YAML in `loading`.
+"""
+
+import difflib
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic_core import PydanticCustomError
+
+from taichi_plume.quantities import quantity
+
+Coordinate = quantity("m")
+Length = quantity("m", gt=0)
+Distance = quantity("m", ge=0)
+Duration = quantity("s", gt=0)
+Time = quantity("s")
+Delay = quantity("s", ge=0)
+Speed = quantity("m/s", ge=0)
+Velocity = quantity("m/s")
+Rate = quantity("kg/s", ge=0)
+Frequency = quantity("1/s", gt=0)
+MolarMass = quantity("kg/mol", gt=0)
+TopSpeed = quantity("m/s", gt=0)
+Tick = quantity("s", gt=0, le=1)
+Diffusivity = quantity("m^2/s", ge=0)
+Fraction = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
+Real = Annotated[float, Field(allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Count = Annotated[int, Field(ge=1, le=1_000_000)]
+Point = Annotated[tuple[Coordinate, ...], Field(min_length=2, max_length=3)]
+Point2 = tuple[Coordinate, Coordinate]
+Face = Literal["x-", "x+", "y-", "y+", "z-", "z+"]
+
+
+class Model(BaseModel):
+    """A frozen section of a scenario that names its keys when one is misspelt."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _known_keys(cls, data: Any) -> Any:
+        if isinstance(data, dict):
+            allowed = list(cls.model_fields)
+            for key in data:
+                if key not in allowed:
+                    close = difflib.get_close_matches(str(key), allowed, n=1)
+                    hint = f"did you mean '{close[0]}'? " if close else ""
+                    raise PydanticCustomError(
+                        "unknown_key",
+                        "unknown key '{key}'; {hint}allowed: {allowed}",
+                        {"key": str(key), "hint": hint, "allowed": ", ".join(allowed)},
+                    )
+        return data
+
+
+# ---------------------------------------------------------------- domain and obstacles
+
+
+class Domain(Model):
+    """The box that is simulated, with its lower corner at the origin."""
+
+    size: Annotated[tuple[Length, ...], Field(min_length=2, max_length=3)]
+    """Extent per axis [m]; two numbers make a 2-D run."""
+    spacing: Length
+    """Edge of the cubic cells [m]; every extent is rounded to whole cells."""
+    depth: Length = 1.0
+    """Thickness of the slab that a 2-D run stands for [m]: it turns kg/s into kg/m³."""
+
+    @property
+    def dim(self) -> int:
+        """2 or 3."""
+        return len(self.size)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Cells per axis."""
+        return tuple(max(1, round(extent / self.spacing)) for extent in self.size)
+
+    @property
+    def extent(self) -> tuple[float, ...]:
+        """Extent per axis in whole cells [m]."""
+        return tuple(n * self.spacing for n in self.shape)
+
+
+class Box(Model):
+    """An upright box, turned by `yaw_deg` about the vertical."""
+
+    kind: Literal["box"]
+    center: Point
+    size: Annotated[tuple[Length, ...], Field(min_length=2, max_length=3)]
+    yaw_deg: Real = 0.0
+
+
+class Cylinder(Model):
+    """A vertical cylinder; in 3-D it stands on `base` and reaches the ceiling unless `height` says otherwise."""
+
+    kind: Literal["cylinder"]
+    center: Point2
+    radius: Length
+    base: Distance = 0.0
+    height: Length | None = None
+
+
+class Sphere(Model):
+    """A sphere (in 2-D a disc)."""
+
+    kind: Literal["sphere"]
+    center: Point
+    radius: Length
+
+
+class Prism(Model):
+    """A vertical prism over a simple polygon; in 3-D from `base` to the ceiling unless `height` says otherwise."""
+
+    kind: Literal["prism"]
+    vertices: Annotated[tuple[Point2, ...], Field(min_length=3, max_length=10_000)]
+    base: Distance = 0.0
+    height: Length | None = None
+
+
+class Mesh(Model):
+    """A closed triangle mesh (STL, OBJ or PLY); in 2-D its section at `section` [m] above the ground."""
+
+    kind: Literal["mesh"]
+    file: str
+    """Path, relative to the scenario's folder."""
+    scale: Positive = 1.0
+    yaw_deg: Real = 0.0
+    translate: tuple[Coordinate, Coordinate, Coordinate] = (0.0, 0.0, 0.0)
+    section: Coordinate = 0.0
+
+
+Obstacle = Annotated[Box | Cylinder | Sphere | Prism | Mesh, Field(discriminator="kind")]
+
+# ---------------------------------------------------------------- wind
+
+
+class SpeedAt(Model):
+    """One step of a schedule: from `at` on, blow with `speed`."""
+
+    at: Time
+    """Simulated time [s]; the robots start at 0, the warm-up is before."""
+    speed: Velocity
+
+
+class Region(Model):
+    """Where an opening lies on its face: all of it, a rectangle (`center`, `size`) or a disc (`center`, `diameter`).
+
+    `center` and `size` are in the face's own axes, in their x, y, z order: one number in 2-D, two in 3-D.
+    """
+
+    face: Face
+    center: Annotated[tuple[Coordinate, ...], Field(min_length=1, max_length=2)] | None = None
+    size: Annotated[tuple[Length, ...], Field(min_length=1, max_length=2)] | None = None
+    diameter: Length | None = None
+
+    @model_validator(mode="after")
+    def _one_form(self) -> "Region":
+        if self.size is not None and self.diameter is not None:
+            raise PydanticCustomError("region", "takes size or diameter, not both")
+        if (self.size is None and self.diameter is None) != (self.center is None):
+            raise PydanticCustomError("region", "center goes with size (rectangle) or diameter (disc)")
+        return self
+
+
+class Jet(Region):
+    """What fans, inlets and blowing honeycombs share: a prescribed speed that may follow a schedule."""
+
+    speed: Velocity
+    """Mean speed into the domain [m/s]; negative extracts."""
+    turbulence_intensity: Fraction = 0.0
+    """Standard deviation of each velocity component over the mean speed."""
+    turbulence_length: Length | None = None
+    """Integral length of the fluctuations [m]; a fifth of the opening's width unless given."""
+    schedule: tuple[SpeedAt, ...] = ()
+    """Speeds from given times on; before the first, `speed` holds."""
+    ramp: Delay = 0.5
+    """Time over which a scheduled change takes place [s]."""
+
+    @model_validator(mode="after")
+    def _ordered(self) -> "Jet":
+        times = [step.at for step in self.schedule]
+        if times != sorted(times):
+            raise PydanticCustomError("schedule", "schedule must be ordered by 'at'")
+        return self
+
+
+class Fan(Jet):
+    """A disc (in 2-D a slot) blowing a top-hat jet with a soft edge, optionally swirling.
+
+    Profile: U/2 (1 - tanh((r - R)/(0.05 R))), scaled to the flow rate of a uniform disc; swirl velocity S U r/R.
+    """
+
+    kind: Literal["fan"]
+    swirl: Real = 0.0
+    """Tangential over axial speed at the rim; 3-D only."""
+
+
+class Inlet(Jet):
+    """Air blown in with a uniform or parabolic profile of mean `speed`."""
+
+    kind: Literal["inlet"]
+    profile: Literal["uniform", "parabolic"] = "uniform"
+
+
+class Honeycomb(Region):
+    """A flow straightener: with `speed` it blows parallel air, without it is an outlet with a pressure loss."""
+
+    kind: Literal["honeycomb"]
+    speed: Velocity | None = None
+    loss_coefficient: NonNegative = 2.0
+    """Pressure loss over the dynamic pressure, for the outlet."""
+    turbulence_intensity: Fraction = 0.0
+    turbulence_length: Length | None = None
+    schedule: tuple[SpeedAt, ...] = ()
+    ramp: Delay = 0.5
+
+
+class Outlet(Region):
+    """An opening to still air at ambient pressure."""
+
+    kind: Literal["outlet"]
+
+
+class Slip(Region):
+    """A frictionless, closed face."""
+
+    kind: Literal["slip"]
+
+
+class MovingWall(Region):
+    """A no-slip wall that slides with `velocity` (its component through the face must be zero)."""
+
+    kind: Literal["wall"]
+    velocity: Annotated[tuple[Velocity, ...], Field(min_length=2, max_length=3)]
+
+
+class Periodic(Model):
+    """What leaves through one face of the axis enters through the other."""
+
+    kind: Literal["periodic"]
+    axis: Literal["x", "y", "z"]
+
+
+Opening = Annotated[
+    Fan | Inlet | Honeycomb | Outlet | Slip | MovingWall | Periodic, Field(discriminator="kind")
+]
+
+
+class Smagorinsky(Model):
+    """Eddy viscosity (C_s dx)² |S| (Smagorinsky 1963, doi:10.1175/1520-0493(1963)091<0099:GCEWTP>2.3.CO;2)."""
+
+    kind: Literal["smagorinsky"]
+    constant: NonNegative = 0.15
+    schmidt: Positive = 0.7
+    """Turbulent Schmidt number: eddy viscosity over eddy diffusivity of gas."""
+
+
+class NoModel(Model):
+    """Only the molecular viscosity."""
+
+    kind: Literal["none"]
+
+
+class CfdWind(Model):
+    """Air flow computed on the grid by the incompressible Navier-Stokes equations."""
+
+    kind: Literal["cfd"]
+    viscosity: Diffusivity = 1.56e-5
+    """Kinematic viscosity [m²/s]; the default is air at 25 °C."""
+    turbulence: Annotated[Smagorinsky | NoModel, Field(discriminator="kind")] = Smagorinsky(kind="smagorinsky")
+    openings: tuple[Opening, ...] = ()
+    """What no opening covers is no-slip wall."""
+    courant: Annotated[float, Field(gt=0, le=1)] = 0.8
+    """Largest sum over the axes of |u| dt/dx in one step."""
+    tolerance: Annotated[float, Field(gt=0, le=1e-2)] = 2e-5
+    """Divergence left by the pressure solver, over the largest |u|/dx."""
+
+
+class UniformWind(Model):
+    """The same constant velocity everywhere; obstacles do not deflect it."""
+
+    kind: Literal["uniform"]
+    velocity: Annotated[tuple[Velocity, ...], Field(min_length=2, max_length=3)]
+
+
+Wind = Annotated[CfdWind | UniformWind, Field(discriminator="kind")]
+
+# ---------------------------------------------------------------- gas
+
+
+class OtherSpecies(Model):
+    """A vapour that is not in the table."""
+
+    name: str = "gas"
+    molar_mass: MolarMass
+    diffusivity: Diffusivity
+
+
+class Puffing(Model):
+    """A source that is on and off by turns; the durations are drawn anew each time."""
+
+    on: Duration
+    """Mean duration of a pulse [s]."""
+    off: Duration
+    """Mean duration of a pause [s]."""
+    spread: Fraction = 0.5
+    """Durations are uniform in mean·(1 ± spread)."""
+
+
+class Source(Model):
+    """A ball (in 2-D a disc) that emits evenly over its volume."""
+
+    position: Point
+    rate: Rate
+    """Mass per time while it is on [kg/s]."""
+    radius: Length = 0.05
+    start: Time | None = None
+    """First moment of emission [s]; unless given, the start of the warm-up."""
+    stop: Time | None = None
+    puffing: Puffing | None = None
+
+    @model_validator(mode="after")
+    def _ordered(self) -> "Source":
+        if self.start is not None and self.stop is not None and self.stop <= self.start:
+            raise PydanticCustomError("source", "stop must be later than start")
+        return self
+
+
+class EulerianGas(Model):
+    """Convection and diffusion of a concentration on the grid."""
+
+    kind: Literal["eulerian"]
+    species: Literal["ethanol", "acetone"] | OtherSpecies = "ethanol"
+    sources: Annotated[tuple[Source, ...], Field(min_length=1)]
+
+
+
+# ---------------------------------------------------------------- robots
+
+
+class StartAt(Model):
+    """Robots at given places."""
+
+    kind: Literal["positions"]
+    positions: Annotated[tuple[Point2, ...], Field(min_length=1)]
+    heading_deg: Real | None = None
+    """Unless given, each robot starts with a random heading."""
+
+
+class StartLine(Model):
+    """Robots at equal distances from `begin` to `end`."""
+
+    kind: Literal["line"]
+    begin: Point2
+    end: Point2
+    heading_deg: Real | None = None
+
+
+class StartArea(Model):
+    """Robots at random free places of a rectangle."""
+
+    kind: Literal["area"]
+    low: Point2
+    high: Point2
+    heading_deg: Real | None = None
+
+
+Start = Annotated[StartAt | StartLine | StartArea, Field(discriminator="kind")]
+
+
+class Body(Model):
+    """A disc that drives like a unicycle. Defaults: a small indoor robot."""
+
+    radius: Length = 0.08
+    height: Length = 0.15
+    max_speed: TopSpeed = 0.2
+    max_turn_rate_deg: Positive = 180.0
+    """Degrees per second."""
+
+
+class MoxSensor(Model):
+    """A metal-oxide gas sensor: power-law response that lags, faster on the rise than on the decay."""
+
+    kind: Literal["mox"]
+    model: Literal["tgs2620", "mics5524"] = "mics5524"
+    noise: NonNegative = 0.003
+    """Standard deviation of ln R per sample."""
+    rise_time: Delay | None = None
+    """Time constants [s]; unless given, the model's."""
+    decay_time: Delay | None = None
+    period: Duration = 0.1
+    """Time between samples [s]."""
+    height: Distance = 0.1
+    """Above the ground, in 3-D [m]."""
+
+
+class IdealGasSensor(Model):
+    """Reads the true concentration, with an optional lag and noise."""
+
+    kind: Literal["ideal"]
+    noise_ppm: NonNegative = 0.0
+    rise_time: Delay = 0.0
+    decay_time: Delay = 0.0
+    period: Duration = 0.1
+    height: Distance = 0.1
+
+
+class Anemometer(Model):
+    """Wind relative to the ground (own motion removed). Below its threshold it reads no wind."""
+
+    kind: Literal["ultrasonic", "thermal", "ideal"]
+    threshold: Speed | None = None
+    """Smallest speed it sees [m/s]; unless given 0.01 (ultrasonic), 0.05 (thermal), 0 (ideal)."""
+    noise: Speed | None = None
+    """Standard deviation per component [m/s]; unless given 0.01 + 2 % of the speed (ideal: 0)."""
+    height: Distance = 0.1
+
+
+class Sensors(Model):
+    """What a robot carries."""
+
+    gas: Annotated[MoxSensor | IdealGasSensor, Field(discriminator="kind")] = MoxSensor(kind="mox")
+    wind: Anemometer = Anemometer(kind="ultrasonic")
+
+
+class Casting(Model):
+    """Upwind while in the plume, crosswind when it is lost (Lochmatter & Martinoli's family). See agents/casting.py."""
+
+    kind: Literal["casting"]
+    speed: Speed | None = None
+    """Unless given, the body's largest."""
+    threshold_ppm: Positive = 5.0
+    """Reading that means plume; it is left at 70 % of it."""
+    upwind_angle_deg: Annotated[float, Field(ge=0, le=80)] = 20.0
+    """Between the course in the plume and straight upwind."""
+    lost_distance: Length = 0.3
+    """Travelled without gas before the plume counts as lost [m]."""
+    cast_distance: Length = 0.6
+    """First crosswind search [m]; doubled at each failure."""
+    find_step: Length = 0.3
+    """Upwind step between sweeps of the plume finding [m]."""
+    peak_fraction: Fraction = 0.7
+    """Also out of the plume below this share of the last peak, so that a slow sensor notices; 0 switches it off."""
+    wind_memory: Delay = 1.0
+    """Time constant of the average of the measured wind direction [s]."""
+
+
+Algorithm = Casting
+
+
+class Group(Model):
+    """Robots of one kind. `trials` independent copies of the team run at once in the same air."""
+
+    name: str = "robots"
+    count: Count
+    trials: Count = 1
+    start: Start
+    algorithm: Algorithm
+    body: Body = Body()
+    sensors: Sensors = Sensors()
+    reach: Distance = 0.35
+    """A robot whose centre comes this close to a source has found it and stops [m] (known to the experiment, not to the robot)."""
+
+
+# ---------------------------------------------------------------- maps, recording, scenario
+
+
+class TimeSeriesMap(Model):
+    """Spatio-temporal gas map (Marjovi & Marques, ICRA 2014, eq 1-7)."""
+
+    kind: Literal["time_series"]
+    cell: Length = 0.25
+    alpha: Annotated[float, Field(gt=0, lt=1)] = 0.9
+    """Weight of distance against age in the neighbourhood."""
+    beta: Positive = 0.5
+    """Size of the neighbourhood."""
+    window: Duration = 5.0
+    """Length of a snap [s]."""
+    power: Positive = 2.0
+    """Exponent of the inverse distance."""
+    min_distance: Length | None = None
+    """Distances below it count as it [m]; unless given, half a cell."""
+
+
+class IdwMap(Model):
+    """Inverse-distance interpolation of each snap's readings (Marjovi & Marques, ICRA 2014, eq 1-3)."""
+
+    kind: Literal["inverse_distance"]
+    cell: Length = 0.25
+    window: Duration = 5.0
+    power: Positive = 2.0
+    min_distance: Length | None = None
+
+
+Map = Annotated[TimeSeriesMap | IdwMap, Field(discriminator="kind")]
+
+
+class Recording(Model):
+    """What goes into recording.rrd."""
+
+    rate: Frequency = 5.0
+    """Pictures of the gas per simulated second."""
+    wind_rate: Frequency = 1.0
+    volume: bool = True
+    """In 3-D, the plume as a volume besides the floor slice."""
+    slice_height: Distance = 0.1
+    """Height of the slice in 3-D [m]."""
+    range_ppm: tuple[Positive, Positive] = (0.1, 1000.0)
+    """Ends of the logarithmic colour scale."""
+
+
+class Scenario(Model):
+    """One experiment: everything that decides its outcome."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")] = "run"
+    seed: Annotated[int, Field(ge=0, lt=2**32)] = 0
+    duration: Duration
+    """Time the robots are active [s]."""
+    warm_up: Delay = 0.0
+    """Flow and gas before the robots start [s]."""
+    tick: Tick = 0.1
+    """Control period [s]."""
+    stop_early: bool = True
+    """End once every robot of every group has found a source."""
+    domain: Domain
+    wind: Wind
+    obstacles: tuple[Obstacle, ...] = ()
+    gas: EulerianGas
+    robots: tuple[Group, ...] = ()
+    maps: tuple[Map, ...] = ()
+    recording: Recording = Recording()
+
+
+if __name__ == "__main__":
+    import json
+    import sys
+
+    if sys.argv[1:] != ["--schema"]:
+        sys.exit("usage: python -m taichi_plume.scenario --schema")
+    print(json.dumps(Scenario.model_json_schema(), indent=2))

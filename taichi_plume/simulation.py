@@ -1,0 +1,141 @@
+"""The clock: order of advance, schedules, stop conditions, health. Knows its parts only by their protocols."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from math import ceil, isfinite
+from typing import Any, Protocol
+
+from taichi_plume.fields import Gas, Wind
+from taichi_plume.grid import Grid
+from taichi_plume.scenario import Scenario
+
+
+class UnstableError(RuntimeError):
+    """The numbers left what is physical; says where, when and what to change."""
+
+
+class Team(Protocol):
+    """A group's sensors and search algorithm, working on its robots in the swarm."""
+
+    def measure(self, gas: Gas, wind: Wind, tick: int, t: float) -> None:
+        """Update the readings of the group's robots."""
+        ...
+
+    def act(self, tick: int, t: float, dt: float) -> None:
+        """Turn readings into commands."""
+        ...
+
+
+class Map(Protocol):
+    """An online gas map: sees readings and positions alone."""
+
+    def update(self, swarm: Any, tick: int, t: float, dt: float) -> None:
+        """Take in this tick's readings."""
+        ...
+
+
+@dataclass
+class Every:
+    """A function called with the simulation every `period` simulated seconds, at start and end as well."""
+
+    period: float
+    function: Callable[["Simulation"], None]
+    warm_up: bool = False
+    """Whether it is called during the warm-up too."""
+    done: float = field(default=-float("inf"), repr=False)
+
+    def call_if_due(self, sim: "Simulation", force: bool = False) -> None:
+        """Call the function when its next multiple of the period has come."""
+        if sim.t < -1e-9 and not self.warm_up:
+            return
+        index = int((sim.t + 1e-9 * sim.dt) // self.period)
+        if index > self.done or (force and self.done != float("inf")):
+            self.done = index
+            self.function(sim)
+
+
+@dataclass
+class Simulation:
+    """One run. Time t = tick dt is 0 when the robots start; the warm-up has negative ticks.
+
+    A tick: wind and gas advance together in steps the wind can take, then the robots measure, act and move,
+    then the maps, then what is due.
+    """
+
+    scenario: Scenario
+    grid: Grid
+    wind: Wind
+    gas: Gas
+    swarm: Any
+    teams: list[Team]
+    maps: list[Map]
+    obstacles: list[Any]
+    observers: list[Every] = field(default_factory=list)
+    tick: int = 0
+    steps: int = 0
+    wall_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.dt = self.scenario.tick
+        self.tick = -ceil(self.scenario.warm_up / self.dt - 1e-9)
+        self.last_tick = ceil(self.scenario.duration / self.dt - 1e-9)
+
+    @property
+    def t(self) -> float:
+        """Simulated time [s]."""
+        return self.tick * self.dt
+
+    @property
+    def finished(self) -> bool:
+        """Whether the time is over or every robot has found a source."""
+        if self.tick >= self.last_tick:
+            return True
+        return self.scenario.stop_early and self.tick > 0 and self.swarm.count > 0 and self.swarm.all_found()
+
+    def run(self) -> None:
+        """Run to the end. Raises UnstableError; observers have been called up to the last good tick."""
+        begin = time.perf_counter()
+        try:
+            self.observe()
+            while not self.finished:
+                self.advance()
+                self.observe()
+            self.observe(force=True)
+        finally:
+            self.wall_s += time.perf_counter() - begin
+
+    def observe(self, force: bool = False) -> None:
+        """Call the observers that are due."""
+        for observer in self.observers:
+            observer.call_if_due(self, force)
+
+    def advance(self) -> None:
+        """One tick."""
+        self._advance_air(self.t, self.dt)
+        self.tick += 1
+        if self.tick <= 0:
+            return  # the robots are not there yet
+        for team in self.teams:
+            team.measure(self.gas, self.wind, self.tick, self.t)
+        for team in self.teams:
+            team.act(self.tick, self.t, self.dt)
+        self.swarm.move(self.tick, self.t, self.dt)
+        for gas_map in self.maps:
+            gas_map.update(self.swarm, self.tick, self.t, self.dt)
+
+    def _advance_air(self, t: float, dt: float) -> None:
+        """Wind and gas over one tick, interleaved so that the gas sees each step's flow."""
+        end = t + dt
+        while end - t > 1e-9 * dt:
+            limit = self.wind.stable_dt()
+            if not (isfinite(limit) or limit == float("inf")) or limit < 1e-6 * dt:
+                raise UnstableError(
+                    f"the air flow is not finite or far too fast at t = {t:.3f} s (step {self.steps}); "
+                    "lower wind.courant, or check the openings' speeds and the spacing"
+                )
+            step = (end - t) / max(1, ceil((end - t) / limit - 1e-9))
+            self.wind.advance(t, step)
+            self.gas.advance(t, step)
+            self.steps += 1
+            t += step
