@@ -23,10 +23,14 @@ class Grid:
     ghost: int = 3
     periodic: tuple[bool, ...] = ()
 
+    def __post_init__(self) -> None:
+        if not self.periodic:
+            object.__setattr__(self, "periodic", (False,) * self.dim)
+
     @staticmethod
     def of(domain: Domain, periodic: tuple[bool, ...] = ()) -> "Grid":
         """The grid of a scenario's domain."""
-        return Grid(domain.shape, domain.spacing, domain.depth, periodic=periodic or (False,) * domain.dim)
+        return Grid(domain.shape, domain.spacing, domain.depth, periodic=periodic)
 
     @property
     def dim(self) -> int:
@@ -71,7 +75,7 @@ class Grid:
 
     def pad(self, inner: np.ndarray) -> np.ndarray:
         """`inner` with ghost layers that repeat the edge, or wrap round on periodic axes."""
-        for axis, wrap in enumerate(self.periodic or (False,) * self.dim):
+        for axis, wrap in enumerate(self.periodic):
             width = [(self.ghost, self.ghost) if a == axis else (0, 0) for a in range(self.dim)]
             inner = np.pad(inner, width, mode="wrap" if wrap else "edge")
         return inner

@@ -1,5 +1,7 @@
 """How our kernels run: start-up, the Template alias, and the sweep that turns a cell formula into a fast kernel."""
 
+import contextlib
+import io
 from collections.abc import Callable, Sequence
 from math import prod
 from typing import TYPE_CHECKING, Any
@@ -19,7 +21,8 @@ FEW_ROWS = 2000  # Taichi gives a CPU thread 512 iterations at least: with fewer
 def start(arch: str = "cpu", debug: bool = False) -> str:
     """Initialise Taichi on `arch` (auto, cpu, cuda, vulkan, metal) and return the backend it chose."""
     backend = {"auto": ti.gpu, "cpu": ti.cpu, "cuda": ti.cuda, "vulkan": ti.vulkan, "metal": ti.metal}[arch]
-    ti.init(arch=backend, default_fp=ti.f32, default_ip=ti.i32, log_level=ti.ERROR, debug=debug, verbose=False)
+    with contextlib.redirect_stdout(io.StringIO()):  # "[Taichi] Starting on arch=..."
+        ti.init(arch=backend, default_fp=ti.f32, default_ip=ti.i32, log_level=ti.ERROR, debug=debug)
     return "cpu" if on_cpu() else ti.cfg.arch.name
 
 

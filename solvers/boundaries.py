@@ -1,0 +1,339 @@
+"""What the domain's faces do to the air: per boundary face a prescribed velocity or an ambient pressure.
+
+Every boundary face has, per velocity component, a target V and a mirror factor. The ghost value of a component along
+the face is mirror·u + (1 - mirror)·V: -1 for a wall that moves with V, 0 for blown-in air, 1 for slip and outlets.
+The component through the face is either prescribed (V) or free, with the ambient pressure outside.
+"""
+
+from math import pi
+
+import numpy as np
+import taichi as ti
+from scipy.ndimage import gaussian_filter
+
+from taichi_plume.grid import Grid
+from taichi_plume.kernels import Template
+from taichi_plume.rng import generator
+from taichi_plume.scenario import Fan, Honeycomb, Inlet, MovingWall, Opening, Outlet, Periodic, Region, Slip
+
+SAMPLES = 8  # per axis, to average an opening's profile over a cell face
+
+
+def axis_and_side(face: str) -> tuple[int, int]:
+    """("y+") -> (1, 1): the axis through the face, and 0 for its lower or 1 for its upper end."""
+    return "xyz".index(face[0]), int(face[1] == "+")
+
+
+def periodic_axes(openings: tuple[Opening, ...], dim: int) -> tuple[bool, ...]:
+    """Which axes are periodic."""
+    return tuple(
+        any(isinstance(o, Periodic) and o.axis == axis for o in openings) for axis in "xyz"[:dim]
+    )
+
+
+def is_jet(opening: Opening) -> bool:
+    """Whether the opening prescribes the velocity of the air."""
+    return isinstance(opening, Fan | Inlet) or (isinstance(opening, Honeycomb) and opening.speed is not None)
+
+
+def speed_at(opening: Fan | Inlet | Honeycomb, t: float) -> float:
+    """Scheduled speed [m/s] at time t: steps softened over `ramp` seconds."""
+    speed = float(opening.speed or 0.0)
+    for step in opening.schedule:
+        if t < step.at:
+            break
+        share = 1.0 if opening.ramp == 0 else min(1.0, (t - step.at) / opening.ramp)
+        speed += share * (step.speed - speed)
+    return speed
+
+
+class Patch:
+    """An opening on the grid: its region and profile on one face of the domain."""
+
+    def __init__(self, opening: Region, grid: Grid, fluid: np.ndarray):
+        self.opening = opening
+        self.axis, self.side = axis_and_side(opening.face)
+        self.grid = grid
+        self.along = [a for a in range(grid.dim) if a != self.axis]
+        self.open = np.take(fluid, -self.side, axis=self.axis)  # cells behind the face that hold air
+        extent = [grid.extent[a] for a in self.along]
+        self.center = np.array(opening.center if opening.center is not None else [e / 2 for e in extent])
+        size = opening.size if opening.size is not None else (opening.diameter,) * len(extent)
+        self.half = np.array(extent if opening.center is None else size) / 2
+        disc = opening.diameter is not None and len(extent) == 2
+        self.area = pi * self.half[0] ** 2 if disc else float(np.prod(2 * self.half))
+        if grid.dim == 2:
+            self.area *= grid.depth
+        self.disc = disc
+        self.covered = (self._average(self._inside) >= 0.5) & self.open
+        profile = self._average(self._profile) * self.open
+        if is_jet(opening):
+            if not profile.any():
+                raise ValueError("no air behind the opening: an obstacle covers it")
+            face_area = grid.cell_volume / grid.dx
+            profile *= self.area / (profile.sum() * face_area)
+            self.covered = profile > 1e-3
+            profile *= self.covered
+        self.profile = profile
+
+    def _points(self, shift: tuple[float, ...]) -> list[np.ndarray]:
+        """Sub-sampled places on the face relative to the opening's centre, over its half size: [-1, 1] is inside."""
+        axes = []
+        for k, a in enumerate(self.along):
+            cells = np.arange(self.grid.shape[a])[:, None] + (np.arange(SAMPLES) + 0.5) / SAMPLES + shift[k]
+            axes.append((cells.ravel() * self.grid.dx - self.center[k]) / self.half[k])
+        return list(np.meshgrid(*axes, indexing="ij"))
+
+    def _average(self, function, shift: tuple[float, ...] = (0.0, 0.0)) -> np.ndarray:
+        """Mean of a function of the relative place over each boundary face."""
+        values = function(self._points(shift))
+        for k in range(len(self.along)):
+            n = values.shape[k] // SAMPLES
+            values = np.moveaxis(np.moveaxis(values, k, 0).reshape(n, SAMPLES, *np.delete(values.shape, k)).mean(1), 0, k)
+        return values
+
+    def _radius(self, places: list[np.ndarray]) -> np.ndarray:
+        """Distance from the centre over the half size: round for a disc, square for a rectangle."""
+        if self.disc:
+            return np.sqrt(sum(p**2 for p in places))
+        return np.max([np.abs(p) for p in places], axis=0)
+
+    def _inside(self, places: list[np.ndarray]) -> np.ndarray:
+        return (self._radius(places) < 1.0).astype(float)
+
+    def _profile(self, places: list[np.ndarray]) -> np.ndarray:
+        """Speed over mean speed, before the scaling to the exact flow rate."""
+        inside = self._inside(places)
+        if isinstance(self.opening, Fan):
+            return 0.5 * (1.0 - np.tanh((self._radius(places) - 1.0) / 0.05))
+        if isinstance(self.opening, Inlet) and self.opening.profile == "parabolic":
+            if self.disc:
+                return inside * (1.0 - self._radius(places) ** 2)
+            return inside * np.prod([1.0 - p**2 for p in places], axis=0)
+        return inside
+
+    def tangential(self) -> dict[int, np.ndarray]:
+        """Velocity along the face over the mean speed, per axis: a fan's swirl."""
+        if not isinstance(self.opening, Fan) or self.opening.swirl == 0 or len(self.along) < 2:
+            return {}
+        sign = 1.0 if self.side == 0 else -1.0  # right-handed about the direction of the jet
+        swirl = self.opening.swirl * sign
+        first, second = self.along if self.axis != 1 else reversed(self.along)
+        result = {}
+        for axis, other, turn in ((first, second, -swirl), (second, first, swirl)):
+            shift = tuple(-0.5 if a == axis else 0.0 for a in self.along)
+            arm = self.along.index(other)
+            result[axis] = self._average(lambda p, arm=arm, turn=turn: turn * p[arm] * self._inside(p), shift)
+        return result
+
+
+class Fluctuations:
+    """Turbulent velocity of a jet: filtered noise with a length and a time scale (digital filter).
+
+    Gaussian correlation in space (Klein et al. 2003, doi:10.1016/S0021-9991(03)00090-1), exponential in time
+    (Xie & Castro 2008, doi:10.1007/s10494-008-9151-5); no net flux.
+    """
+
+    def __init__(self, patch: Patch, length: float, seed: int, name: str):
+        self.patch = patch
+        self.length = length
+        self.rng = generator(seed, name)
+        self.state = np.array([self._slice() for _ in range(patch.grid.dim)])
+
+    def _slice(self) -> np.ndarray:
+        """A plane of unit-variance noise, correlated over the length."""
+        sigma = self.length / self.patch.grid.dx / np.sqrt(pi)
+        shape = self.patch.profile.shape
+        impulse = np.zeros(shape)
+        impulse[(0,) * len(shape)] = 1.0
+        norm = np.sqrt((gaussian_filter(impulse, sigma, mode="wrap") ** 2).sum())
+        return gaussian_filter(self.rng.standard_normal(shape), sigma, mode="wrap") / norm
+
+    def advance(self, speed: float, dt: float) -> np.ndarray:
+        """The next planes, one per velocity component, of unit variance; the one through the face has no mean."""
+        decay = np.exp(-pi * dt * abs(speed) / (2.0 * self.length))
+        fresh = np.array([self._slice() for _ in self.state])
+        self.state = self.state * decay + fresh * np.sqrt(1.0 - decay**2)
+        planes = self.state * self.patch.covered
+        axis = self.patch.axis
+        planes[axis] -= self.patch.covered * planes[axis].sum() / self.patch.covered.sum()
+        return planes
+
+
+@ti.data_oriented
+class Boundaries:
+    """Targets, mirror factors and ambient pressure of all boundary faces, and the kernels that fill ghost layers."""
+
+    def __init__(self, openings: tuple[Opening, ...], grid: Grid, solid: np.ndarray, seed: int):
+        self.grid = grid
+        self.dim = grid.dim
+        self.patches = [Patch(o, grid, ~solid) for o in openings if not isinstance(o, Periodic)]
+        self.jets = [p for p in self.patches if is_jet(p.opening)]
+        self.noise = {
+            n: Fluctuations(p, p.opening.turbulence_length or 0.4 * float(p.half.min()), seed, f"inflow {n}")
+            for n, p in enumerate(self.jets)
+            if p.opening.turbulence_intensity > 0
+        }
+        shapes = [tuple(2 if a == d else n for a, n in enumerate(grid.padded)) for d in range(grid.dim)]
+        inner = [tuple(2 if a == d else n for a, n in enumerate(grid.shape)) for d in range(grid.dim)]
+        self.target = [ti.Vector.field(grid.dim, ti.f32, shape) for shape in shapes]
+        self.mirror = [ti.Vector.field(grid.dim, ti.f32, shape) for shape in shapes]
+        self.free = [ti.field(ti.i32, shape) for shape in shapes]
+        self.loss = [ti.field(ti.f32, shape) for shape in shapes]
+        self.ambient = [ti.field(ti.f32, shape) for shape in shapes]  # kinematic pressure at the face [m²/s²]
+        self._targets = [np.zeros((*shape, grid.dim), np.float32) for shape in inner]
+        self._walls()
+        self.has_outlet = any(field.to_numpy().any() for field in self.free)
+        self.has_loss = any(field.to_numpy().any() for field in self.loss)
+        self._blown = None
+        self.update(-np.inf, 0.0)
+
+    @staticmethod
+    def _face(array: np.ndarray, patch: Patch) -> np.ndarray:
+        """The view of a boundary array on a patch's face."""
+        return np.moveaxis(array, patch.axis, 0)[patch.side]
+
+    def _upload(self, field, array: np.ndarray, d: int) -> None:
+        """Copy a boundary array of axis d to its field, spread over the ghost layers of the other axes."""
+        for a in range(self.dim):
+            if a != d:
+                width = [(self.grid.ghost,) * 2 if axis == a else (0, 0) for axis in range(array.ndim)]
+                array = np.pad(array, width, mode="wrap" if self.grid.periodic[a] else "edge")
+        field.from_numpy(array)
+
+    def _walls(self) -> None:
+        """Everything about the openings that does not change in time."""
+        mirror = [np.full_like(t, -1.0) for t in self._targets]
+        free = [np.zeros(t.shape[:-1], np.int32) for t in self._targets]
+        loss = [np.zeros(t.shape[:-1], np.float32) for t in self._targets]
+        for p in self.patches:
+            o, where = p.opening, p.covered
+            if is_jet(o):
+                self._face(mirror[p.axis], p)[where] = 0.0
+            elif isinstance(o, Slip):
+                self._face(mirror[p.axis], p)[where] = 1.0
+            elif isinstance(o, MovingWall):
+                self._face(self._targets[p.axis], p)[where] = o.velocity
+            elif isinstance(o, Outlet | Honeycomb):
+                self._face(free[p.axis], p)[where] = 1
+                straight = isinstance(o, Honeycomb)
+                self._face(mirror[p.axis], p)[where] = 0.0 if straight else 1.0
+                self._face(loss[p.axis], p)[where] = o.loss_coefficient if isinstance(o, Honeycomb) else 0.0
+        for d in range(self.dim):
+            self._upload(self.mirror[d], mirror[d], d)
+            self._upload(self.free[d], free[d], d)
+            self._upload(self.loss[d], loss[d], d)
+            self._upload(self.target[d], self._targets[d], d)
+
+    def update(self, t: float, dt: float) -> None:
+        """Blow with the speeds of time t; the fluctuations move on by dt."""
+        speeds = [speed_at(p.opening, t) for p in self.jets]
+        if speeds == self._blown and not self.noise:
+            return
+        self._blown = speeds
+        for n, (p, speed) in enumerate(zip(self.jets, speeds, strict=True)):
+            inward = 1.0 if p.side == 0 else -1.0
+            face = self._face(self._targets[p.axis], p)
+            face[p.covered] = 0.0
+            face[..., p.axis] += inward * speed * p.profile
+            for axis, swirl in p.tangential().items():
+                face[..., axis] += speed * swirl * p.covered
+            if n in self.noise and speed != 0:
+                amplitude = p.opening.turbulence_intensity * abs(speed)
+                for axis, plane in enumerate(self.noise[n].advance(speed, dt)):
+                    face[..., axis] += amplitude * plane
+        for d in {p.axis for p in self.jets}:
+            self._upload(self.target[d], self._targets[d], d)
+
+    @ti.kernel
+    def fill_velocity(self, u: Template):
+        """Prescribed faces and all ghost values of the face velocities u."""
+        for d in ti.static(range(self.dim)):
+            for K in ti.grouped(self.free[d]):
+                self._fill_velocity_at(u, K, d)
+
+    @ti.func
+    def _fill_velocity_at(self, u: Template, K, d: Template):
+        n = ti.static(self.grid.shape[d])
+        g = ti.static(self.grid.ghost)
+        D = ti.Vector.unit(self.dim, d, ti.i32)
+        side = K[d]
+        inner = K + D * (g + side * (n - 1) - side)  # K[d] is replaced by the first cell inside
+        face = K + D * (g + side * n - side)
+        outward = 2 * side - 1
+        if ti.static(self.grid.periodic[d]):
+            other = inner + D * (n - 1) * (1 - 2 * side)
+            for c in ti.static(range(self.dim)):
+                if ti.static(c != d):
+                    for m in ti.static(range(g)):
+                        u[c][inner + D * outward * (m + 1)] = u[c][other + D * outward * m]
+            if side == 1:  # the lower face is the one that is solved
+                for m in ti.static(range(g)):
+                    u[d][face + D * m] = u[d][face + D * (m - n)]
+            else:
+                for m in ti.static(range(1, g + 1)):
+                    u[d][face - D * m] = u[d][face + D * (n - m)]
+        else:
+            V = self.target[d][K]
+            for c in ti.static(range(self.dim)):
+                if ti.static(c != d):
+                    mirror = self.mirror[d][K][c]
+                    value = mirror * u[c][inner] + (1.0 - mirror) * V[c]
+                    for m in ti.static(range(1, g + 1)):
+                        u[c][inner + D * outward * m] = value
+            beyond = V[d]
+            if self.free[d][K] == 1:
+                normal = u[d][face]
+                beyond = ti.select(normal * outward > 0.0, normal, 0.0)  # still air comes in
+            else:
+                u[d][face] = beyond
+            for m in ti.static(range(1, g)):
+                u[d][face + D * outward * m] = beyond
+            if side == 0:
+                u[d][face - D * g] = beyond
+
+    @ti.kernel
+    def fill_pressure(self, p: Template, with_ambient: ti.i32):
+        """Ghost values of p that put the ambient pressure (or zero) on free faces."""
+        for d in ti.static(range(self.dim)):
+            for K in ti.grouped(self.free[d]):
+                n = ti.static(self.grid.shape[d])
+                g = ti.static(self.grid.ghost)
+                D = ti.Vector.unit(self.dim, d, ti.i32)
+                inner = K + D * (g + K[d] * (n - 1) - K[d])
+                outer = inner + D * (2 * K[d] - 1)
+                if ti.static(self.grid.periodic[d]):
+                    p[outer] = p[inner + D * (n - 1) * (1 - 2 * K[d])]
+                else:
+                    p[outer] = 2.0 * self.ambient[d][K] * with_ambient - p[inner]
+
+    @ti.kernel
+    def fill_even(self, q: Template):
+        """Ghost values of a cell field that repeat the edge (wrap round on periodic axes)."""
+        for d in ti.static(range(self.dim)):
+            for K in ti.grouped(self.free[d]):
+                n = ti.static(self.grid.shape[d])
+                g = ti.static(self.grid.ghost)
+                D = ti.Vector.unit(self.dim, d, ti.i32)
+                outward = 2 * K[d] - 1
+                inner = K + D * (g + K[d] * (n - 1) - K[d])
+                for m in ti.static(range(1, g + 1)):
+                    if ti.static(self.grid.periodic[d]):
+                        q[inner + D * outward * m] = q[inner - D * outward * (n - m)]
+                    else:
+                        q[inner + D * outward * m] = q[inner]
+
+    @ti.kernel
+    def update_losses(self, u: Template, dt: ti.f32):
+        """Pressure on free faces from K/2 u|u|, relaxed at the rate that is stable for any K."""
+        for d in ti.static(range(self.dim)):
+            for K in ti.grouped(self.free[d]):
+                if self.free[d][K] == 1:
+                    n = ti.static(self.grid.shape[d])
+                    g = ti.static(self.grid.ghost)
+                    D = ti.Vector.unit(self.dim, d, ti.i32)
+                    out = u[d][K + D * (g + K[d] * n - K[d])] * (2 * K[d] - 1)
+                    k = self.loss[d][K]
+                    wanted = 0.5 * k * out * ti.abs(out)
+                    relax = 1.0 / (1.0 + 2.0 * k * ti.abs(out) * dt / ti.static(self.grid.dx))
+                    self.ambient[d][K] += relax * (wanted - self.ambient[d][K])

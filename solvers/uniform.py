@@ -1,0 +1,38 @@
+"""The simplest wind: one constant velocity everywhere."""
+
+from typing import Any
+
+import taichi as ti
+
+from taichi_plume.grid import Grid
+from taichi_plume.scenario import UniformWind
+
+
+@ti.data_oriented
+class UniformSolver:
+    """A wind that does not change; satisfies `fields.Wind` and carries gas on the grid like a flow solver."""
+
+    nu = None  # no eddies
+    viscosity = 0.0
+    schmidt = 1.0
+
+    def __init__(self, wind: UniformWind, grid: Grid):
+        self.grid = grid
+        self.mean = wind.velocity
+        self.u = grid.faces_field()
+        self.open = grid.faces_field()
+        for d, speed in enumerate(wind.velocity):
+            self.u[d].fill(speed)
+            self.open[d].fill(1.0)
+
+    def stable_dt(self) -> float:
+        """No limit of its own."""
+        return float("inf")
+
+    def advance(self, t: float, dt: float) -> None:
+        """Nothing changes."""
+
+    @ti.func
+    def velocity(self, x: Any, t: float):
+        """The velocity [m/s]."""
+        return ti.Vector([ti.cast(speed, ti.f32) for speed in ti.static(self.mean)])
