@@ -176,6 +176,7 @@ class Boundaries:
         }
         shapes = [tuple(2 if a == d else n for a, n in enumerate(grid.padded)) for d in range(grid.dim)]
         inner = [tuple(2 if a == d else n for a, n in enumerate(grid.shape)) for d in range(grid.dim)]
+        self.sides = shapes
         self.target = [ti.Vector.field(grid.dim, ti.f32, shape) for shape in shapes]
         self.mirror = [ti.Vector.field(grid.dim, ti.f32, shape) for shape in shapes]
         self.free = [ti.field(ti.i32, shape) for shape in shapes]
@@ -245,11 +246,11 @@ class Boundaries:
         for d in {p.axis for p in self.jets}:
             self._upload(self.target[d], self._targets[d], d)
 
-    @ti.kernel
+    @ti.func
     def fill_velocity(self, u: Template):
         """Prescribed faces and all ghost values of the face velocities u."""
         for d in ti.static(range(self.dim)):
-            for K in ti.grouped(self.free[d]):
+            for K in ti.grouped(ti.ndrange(*self.sides[d])):
                 self._fill_velocity_at(u, K, d)
 
     @ti.func
@@ -292,11 +293,11 @@ class Boundaries:
             if side == 0:
                 u[d][face - D * g] = beyond
 
-    @ti.kernel
-    def fill_pressure(self, p: Template, with_ambient: ti.i32):
+    @ti.func
+    def fill_pressure(self, p: Template, with_ambient: Template):
         """Ghost values of p that put the ambient pressure (or zero) on free faces."""
         for d in ti.static(range(self.dim)):
-            for K in ti.grouped(self.free[d]):
+            for K in ti.grouped(ti.ndrange(*self.sides[d])):
                 n = ti.static(self.grid.shape[d])
                 g = ti.static(self.grid.ghost)
                 D = ti.Vector.unit(self.dim, d, ti.i32)
@@ -307,27 +308,11 @@ class Boundaries:
                 else:
                     p[outer] = 2.0 * self.ambient[d][K] * with_ambient - p[inner]
 
-    @ti.kernel
-    def fill_even(self, q: Template):
-        """Ghost values of a cell field that repeat the edge (wrap round on periodic axes)."""
-        for d in ti.static(range(self.dim)):
-            for K in ti.grouped(self.free[d]):
-                n = ti.static(self.grid.shape[d])
-                g = ti.static(self.grid.ghost)
-                D = ti.Vector.unit(self.dim, d, ti.i32)
-                outward = 2 * K[d] - 1
-                inner = K + D * (g + K[d] * (n - 1) - K[d])
-                for m in ti.static(range(1, g + 1)):
-                    if ti.static(self.grid.periodic[d]):
-                        q[inner + D * outward * m] = q[inner - D * outward * (n - m)]
-                    else:
-                        q[inner + D * outward * m] = q[inner]
-
-    @ti.kernel
-    def update_losses(self, u: Template, dt: ti.f32):
+    @ti.func
+    def update_losses(self, u: Template, dt: float):
         """Pressure on free faces from K/2 u|u|, relaxed at the rate that is stable for any K."""
         for d in ti.static(range(self.dim)):
-            for K in ti.grouped(self.free[d]):
+            for K in ti.grouped(ti.ndrange(*self.sides[d])):
                 if self.free[d][K] == 1:
                     n = ti.static(self.grid.shape[d])
                     g = ti.static(self.grid.ghost)

@@ -6,7 +6,7 @@ Finite volumes with the flow's own face velocities, so a well-mixed gas stays we
 short enough that no cell gives away more than it holds keep c >= 0. Every face's flux is seen alike from both sides.
 """
 
-from math import ceil
+from math import ceil, prod
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ import taichi as ti
 
 from taichi_plume.fields import corner, corner_weight
 from taichi_plume.grid import Grid
-from taichi_plume.kernels import Template, sweep
+from taichi_plume.kernels import Template, launch, sweep
 from taichi_plume.rng import generator
 from taichi_plume.scenario import EulerianGas, Source
 from taichi_plume.solvers.convection import face_value
@@ -60,7 +60,8 @@ class Emission:
 class EulerianSolver:
     """Gas on the grid of a wind that has face velocities; satisfies `fields.Gas`.
 
-    wind: offers u, open (face fields), nu (viscosity with eddies, or None), viscosity and schmidt.
+    wind: offers u, open (face fields), nu (viscosity with eddies, or None), viscosity, schmidt, and the maxima
+    max_viscosity [m²/s] and outflow_rate (flow out of a cell over its volume [1/s]).
     Field c: concentration [kg/m³].
     """
 
@@ -79,6 +80,7 @@ class EulerianSolver:
         self.air = grid.field()
         self.air.from_numpy(grid.pad((~solid).astype(np.float32)))
         self.emitted_kg = 0.0
+        self._masses: list[float] = []
         self._outflow = ti.field(ti.f64, ())
         self._sides = [tuple(2 if a == d else n for a, n in enumerate(grid.shape)) for d in range(grid.dim)]
         self.emissions = [Emission(s, begin, seed, f"source {n}") for n, s in enumerate(gas.sources)]
@@ -128,30 +130,38 @@ class EulerianSolver:
             return v * face_value(c, I, D, v) - K * gradient
 
         @ti.func
-        def tendency(I, s):
+        def tendency(I, dt, k):
             total = 0.0
             for d in ti.static(range(dim)):
                 total += face_flux(I, d) - face_flux(I + ti.Vector.unit(dim, d, ti.i32), d)
             return total / dx
 
         @ti.func
-        def remember(I, s):
+        def remember(I, dt, k):
             return c[I]
 
         @ti.func
-        def euler(I, dt):
-            return c0[I] + dt * rate[I]
+        def heun(I, dt, k):  # k = 1 in the first stage, where c = c0, and 1/2 in the second
+            return c0[I] + k * ((c[I] - c0[I]) + dt * rate[I])
 
         @ti.func
-        def heun(I, dt):
-            return c0[I] + 0.5 * ((c[I] - c0[I]) + dt * rate[I])
+        def add_sources(dt, k):
+            self._add_sources()
+
+        @ti.func
+        def fill_ghosts(dt, k):
+            self._fill_ghosts()
+
+        @ti.func
+        def count_outflow(dt, k):
+            self._count_outflow(0.5 * dt)  # Heun's method is the mean of two Euler steps
 
         self.face_flux = face_flux
-        cells = self.grid.cells
-        self._remember = sweep(remember, c0, cells)
-        self._tendency = sweep(tendency, rate, cells)
-        self._euler = sweep(euler, c, cells)
-        self._heun = sweep(heun, c, cells)
+        cells, count = self.grid.cells, prod(self.grid.shape)
+        self._begin = launch(add_sources, sweep([remember], [c0], cells), cells=count)
+        self._stage = launch(
+            fill_ghosts, sweep([tendency], [rate], cells), count_outflow, sweep([heun], [c], cells), cells=count
+        )
 
     # ---------------------------------------------------------------- the step
 
@@ -161,28 +171,25 @@ class EulerianSolver:
         h = dt / steps
         for n in range(steps):
             self._emit(t + n * h, h)
-            self._remember(0.0)
-            for stage in (self._euler, self._heun):
-                self._fill_ghosts()
-                self._tendency(0.0)
-                self._count_outflow(0.5 * h)  # Heun's method is the mean of two Euler steps
-                stage(h)
+            self._begin(h)
+            self._stage(h, 1.0)
+            self._stage(h, 0.5)
 
     def _emit(self, t: float, dt: float) -> None:
         masses = [emission.mass(t, dt) for emission in self.emissions]
-        self.emitted_kg += sum(masses)
-        if any(masses):
+        if masses != self._masses:
+            self._masses = masses
             self._mass.from_numpy(np.array(masses, np.float32))
-            self._add_sources()
+        self.emitted_kg += sum(masses)
 
-    @ti.kernel
+    @ti.func
     def _add_sources(self):
         for _ in range(1):  # sources may share cells
             for n in range(self._owner.shape[0]):
                 mass = self._mass[self._owner[n]] * self._share[n]
                 self.c[self._cell[n]] += mass / ti.static(self.grid.cell_volume)
 
-    @ti.kernel
+    @ti.func
     def _fill_ghosts(self):
         """Beyond an outflow the gas goes on unchanged; clean air flows in; periodic axes wrap round."""
         for d in ti.static(range(self.dim)):
@@ -199,8 +206,8 @@ class EulerianSolver:
                         out = self.wind.u[d][inner + D * J[d]] * outward
                         self.c[inner + D * outward * m] = ti.select(out >= 0.0, self.c[inner], 0.0)
 
-    @ti.kernel
-    def _count_outflow(self, dt: ti.f32):
+    @ti.func
+    def _count_outflow(self, dt: float):
         """Add what leaves through the domain's faces in dt [kg]."""
         for d in ti.static([a for a in range(self.dim) if not self.grid.periodic[a]]):
             for J in ti.grouped(ti.ndrange(*self._sides[d])):
@@ -210,26 +217,10 @@ class EulerianSolver:
                 area = ti.static(self.grid.cell_volume / self.grid.dx)
                 self._outflow[None] += ti.cast(flux * area * dt, ti.f64)
 
-    @ti.kernel
-    def _max_outflow_rate(self) -> ti.f32:
-        """Largest share of a cell's volume that flows out of it per second, plus what diffusion takes [1/s]."""
-        result = 0.0
-        for J in ti.grouped(ti.ndrange(*self.grid.shape)):
-            I = J + ti.static(self.grid.ghost)
-            out = 0.0
-            for d in ti.static(range(self.dim)):
-                D = ti.Vector.unit(self.dim, d, ti.i32)
-                out += ti.max(self.wind.u[d][I + D], 0.0) - ti.min(self.wind.u[d][I], 0.0)
-            K = ti.cast(ti.static(self.species.diffusivity), ti.f32)
-            if ti.static(self.eddies):
-                K += (self.wind.nu[I] - ti.static(self.wind.viscosity)) / ti.static(self.wind.schmidt)
-            dx = ti.static(self.grid.dx)
-            ti.atomic_max(result, out / dx + ti.static(self.dim) * K / dx**2)
-        return result
-
     def stable_dt(self) -> float:
         """Longest step [s] that leaves c >= 0: a limited face value is at most twice the upwind cell's."""
-        return FULLEST / max(self._max_outflow_rate(), 1e-30)
+        K = self.species.diffusivity + (self.wind.max_viscosity - self.wind.viscosity) / self.wind.schmidt
+        return FULLEST / max(self.wind.outflow_rate + self.dim * K / self.grid.dx**2, 1e-30)
 
     # ---------------------------------------------------------------- what is known about the gas
 

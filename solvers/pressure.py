@@ -6,6 +6,7 @@ Both work on arrays with one ghost layer, axis 0 contiguous, three axes whatever
 """
 
 from dataclasses import dataclass
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
 from taichi_plume.grid import Grid
-from taichi_plume.kernels import STRIP, Template, on_cpu
+from taichi_plume.kernels import FEW_CELLS, STRIP, Template, on_cpu
 
 
 def three_axes(shape: tuple[int, ...]) -> tuple[int, int, int]:
@@ -43,7 +44,8 @@ class Openness:
         n = three_axes(grid.shape)
         result = [np.zeros(tuple(m + 2 for m in n), np.float32) for _ in range(3)]
         for d, source in enumerate(openness):
-            faces = source[tuple(slice(b, e) for b, e in grid.faces(d))].astype(np.float32)
+            inner = [slice(b, e + (axis == d)) for axis, (b, e) in enumerate(grid.cells)]
+            faces = source[tuple(inner)].astype(np.float32)
             if not grid.periodic[d]:
                 faces = np.moveaxis(faces.copy(), d, 0)
                 faces[0] *= 2.0
@@ -166,7 +168,10 @@ class Multigrid:
         self.x, self.t, self.b = (ti.field(ti.f32, total) for _ in range(3))
         self.p, self.q, self.phi = (ti.field(ti.f32, sizes[0]) for _ in range(3))
         self.rows = [n[1] * n[2] for n in self.shapes]
+        self.threaded = next(k for k, n in enumerate(self.shapes) if prod(n) <= FEW_CELLS or k == len(levels) - 1)
         self.partial = ti.field(ti.f64, self.rows[0])
+        self.rho = ti.field(ti.f64, ())
+        self.alpha, self.beta, self.mean = (ti.field(ti.f32, ()) for _ in range(3))
 
         matrix = levels[-1].matrix().toarray()
         self.inverse = ti.field(ti.f32, matrix.shape)
@@ -233,9 +238,11 @@ class Multigrid:
             for n in range(count):
                 target[first + strip * STRIP + n] = values[n]
 
-    @ti.kernel
-    def _down(self, level: ti.i32, rows: ti.i32, coarse_rows: ti.i32):
-        """Two sweeps from zero, then the residual summed over merged cells as the coarser level's right-hand side."""
+    # ---- the V-cycle: x = M b on the finest level, M symmetric
+
+    @ti.func
+    def _smooth_zero(self, level, rows):
+        """t = one Jacobi sweep from zero."""
         for row in range(rows):
             first, n0, _, _, step = self._row(level, row)
             for i in range(n0):
@@ -244,32 +251,43 @@ class Multigrid:
                 for d in ti.static(self.axes):
                     diagonal += self.a[d][c] + self.a[d][c + step[d]]
                 self.t[c] = ti.select(diagonal > 1e-6, OMEGA * self.b[c] / ti.max(diagonal, 1e-6), 0.0)
+
+    @ti.func
+    def _smooth(self, source: Template, target: Template, level, rows):
         for row in range(rows):
-            self._jacobi(self.t, self.x, level, row)
-        for row in range(rows):
-            first, n0, low, high, step = self._row(level, row)
-            for i in range(n0):
-                ax, _ = self._apply(self.x, first, i, n0, low, high, step)
-                self.t[first + i] = self.b[first + i] - ax
+            self._jacobi(source, target, level, row)
+
+    @ti.func
+    def _restrict(self, level, coarse_rows):
+        """b of the coarser level = residual summed over merged cells, scaled to its spacing."""
         for row in range(coarse_rows):
-            first, n0, _, _, _ = self._row(level + 1, row)
-            m0, m1, m2 = self.layout[level, 1], self.layout[level, 2], self.layout[level, 3]
+            target, _, _, _, _ = self._row(level + 1, row)
+            n1, n2 = self.layout[level, 2], self.layout[level, 3]
             f0, f1, f2 = self.layout[level, 4], self.layout[level, 5], self.layout[level, 6]
             k = row // self.layout[level + 1, 2]
             j = row - k * self.layout[level + 1, 2]
+            length = self.layout[level, 1]
             scale = 4.0 / ti.cast(f0 * f1 * f2, ti.f32)
-            for i in range(n0):
-                total = 0.0
-                for kk in range(k * f2, ti.min(k * f2 + f2, m2)):
-                    for jj in range(j * f1, ti.min(j * f1 + f1, m1)):
-                        begin = self.layout[level, 0] + ((kk + 1) * (m1 + 2) + jj + 1) * (m0 + 2) + 1
-                        for ii in range(i * f0, ti.min(i * f0 + f0, m0)):
-                            total += self.t[begin + ii]
-                self.b[first + i] = scale * total
+            for strip in range((length + STRIP - 1) // STRIP):
+                count = ti.min(STRIP, length - strip * STRIP)
+                sums = ti.Vector([0.0] * STRIP)
+                for kk in range(k * f2, ti.min(k * f2 + f2, n2)):
+                    for jj in range(j * f1, ti.min(j * f1 + f1, n1)):
+                        first, n0, low, high, step = self._row(level, kk * n1 + jj)
+                        values = ti.Vector([0.0] * STRIP)
+                        for n in range(count):
+                            i = strip * STRIP + n
+                            ax, _ = self._apply(self.x, first, i, n0, low, high, step)
+                            values[n] = self.b[first + i] - ax
+                        for n in range(count):
+                            sums[n >> (f0 - 1)] += values[n]
+                begin = target + ((strip * STRIP) >> (f0 - 1))
+                for n in range((count + f0 - 1) >> (f0 - 1)):
+                    self.b[begin + n] = scale * sums[n]
 
-    @ti.kernel
-    def _up(self, level: ti.i32, rows: ti.i32):
-        """Add the coarser level's correction, then two sweeps."""
+    @ti.func
+    def _prolong(self, level, rows):
+        """Add the coarser level's correction to x."""
         for row in range(rows):
             first, n0, _, _, _ = self._row(level, row)
             m0, m1 = self.layout[level + 1, 1], self.layout[level + 1, 2]
@@ -277,38 +295,55 @@ class Multigrid:
             j = row - k * self.layout[level, 2]
             f0, f1, f2 = self.layout[level, 4], self.layout[level, 5], self.layout[level, 6]
             begin = self.layout[level + 1, 0] + ((k // f2 + 1) * (m1 + 2) + j // f1 + 1) * (m0 + 2) + 1
-            if f0 == 2:
-                for half in range((n0 + 1) >> 1):
-                    correction = self.x[begin + half]
-                    i = 2 * half
-                    self.x[first + i] = self.x[first + i] + correction
-                    if i + 1 < n0:
-                        self.x[first + i + 1] = self.x[first + i + 1] + correction
-            else:
-                for i in range(n0):
-                    self.x[first + i] = self.x[first + i] + self.x[begin + i]
-        for row in range(rows):
-            self._jacobi(self.x, self.t, level, row)
-        for row in range(rows):
-            self._jacobi(self.t, self.x, level, row)
+            for i in range(n0):
+                self.x[first + i] = self.x[first + i] + self.x[begin + (i >> (f0 - 1))]
+
+    @ti.func
+    def _down_passes(self, level, rows, coarse_rows):
+        self._smooth_zero(level, rows)
+        self._smooth(self.t, self.x, level, rows)
+        self._restrict(level, coarse_rows)
+
+    @ti.func
+    def _up_passes(self, level, rows):
+        self._prolong(level, rows)
+        self._smooth(self.x, self.t, level, rows)
+        self._smooth(self.t, self.x, level, rows)
+
+    @ti.func
+    def _rows(self, level):
+        return self.layout[level, 2] * self.layout[level, 3]
 
     @ti.kernel
-    def _coarsest(self):
-        for i in self.place:
-            self.dense_b[i] = self.b[self.place[i]]
-        for i in self.place:
-            total = 0.0
-            for j in range(self.place.shape[0]):
-                total += self.inverse[i, j] * self.dense_b[j]
-            self.x[self.place[i]] = total
+    def _down(self, level: ti.i32, rows: ti.i32, coarse_rows: ti.i32):
+        self._down_passes(level, rows, coarse_rows)
+
+    @ti.kernel
+    def _up(self, level: ti.i32, rows: ti.i32):
+        self._up_passes(level, rows)
+
+    @ti.kernel
+    def _coarse_levels(self, begin: ti.i32, end: ti.i32):
+        """The V-cycle from level `begin` to the dense inverse of level `end` and back, in one thread."""
+        for _ in range(1):
+            for level in range(begin, end):
+                self._down_passes(level, self._rows(level), self._rows(level + 1))
+            for i in range(self.place.shape[0]):
+                self.dense_b[i] = self.b[self.place[i]]
+            for i in range(self.place.shape[0]):
+                total = 0.0
+                for j in range(self.place.shape[0]):
+                    total += self.inverse[i, j] * self.dense_b[j]
+                self.x[self.place[i]] = total
+            for back in range(end - begin):
+                level = end - 1 - back
+                self._up_passes(level, self._rows(level))
 
     def _v_cycle(self) -> None:
-        """x = M b on the finest level, M symmetric."""
-        last = len(self.shapes) - 1
-        for k in range(last):
+        for k in range(self.threaded):
             self._down(k, self.rows[k], self.rows[k + 1])
-        self._coarsest()
-        for k in reversed(range(last)):
+        self._coarse_levels(self.threaded, len(self.shapes) - 1)
+        for k in reversed(range(self.threaded)):
             self._up(k, self.rows[k])
 
     # ---- conjugate gradients; sums over rows are added in one order, so results do not depend on the threads
@@ -316,9 +351,8 @@ class Multigrid:
     @ti.func
     def _sum(self, rows):
         total = ti.cast(0.0, ti.f64)
-        for _ in range(1):  # one thread: the outermost loop of a kernel is parallel
-            for row in range(rows):
-                total += self.partial[row]
+        for row in range(rows):
+            total += self.partial[row]
         return total
 
     @ti.func
@@ -330,46 +364,47 @@ class Multigrid:
         return ti.Vector([I[d] + g for d in ti.static(range(self.grid.dim))])
 
     @ti.kernel
-    def _load(self, b: Template, rows: ti.i32) -> ti.f64:
-        """Residual of phi = 0; returns its sum."""
+    def _load(self, b: Template, rows: ti.i32):
+        """The residual of phi = 0; closed-off cells and, where only differences of phi count, the mean are left out."""
         for row in range(rows):
-            first, n0, _, _, _ = self._row(0, row)
+            first, n0, low, high, step = self._row(0, row)
             total = 0.0
             for i in range(n0):
-                value = b[self._cell(row, i)]
+                _, diagonal = self._apply(self.p, first, i, n0, low, high, step)
+                value = ti.select(diagonal > 1e-6, b[self._cell(row, i)], 0.0)
                 self.b[first + i] = value
-                self.p[first + i] = 0.0
-                self.phi[first + i] = 0.0
                 total += value
             self.partial[row] = ti.cast(total, ti.f64)
-        return self._sum(rows)
-
-    @ti.kernel
-    def _remove_mean(self, mean: ti.f32, rows: ti.i32):
+        for _ in range(1):
+            self.rho[None] = 0.0
+            self.mean[None] = ti.cast(self._sum(rows) / self.air_cells, ti.f32)
         for row in range(rows):
             first, n0, low, high, step = self._row(0, row)
             for i in range(n0):
-                _, diagonal = self._apply(self.phi, first, i, n0, low, high, step)
-                self.b[first + i] = ti.select(diagonal > 1e-6, self.b[first + i] - mean, 0.0)
+                if ti.static(self.floating):
+                    _, diagonal = self._apply(self.p, first, i, n0, low, high, step)
+                    mean = ti.select(diagonal > 1e-6, self.mean[None], 0.0)
+                    self.b[first + i] = self.b[first + i] - mean
+                self.p[first + i] = 0.0
+                self.phi[first + i] = 0.0
 
     @ti.kernel
-    def _dot_residual(self, rows: ti.i32) -> ti.f64:
-        """r · z, with z the preconditioned residual."""
+    def _iterate(self, rows: ti.i32) -> ti.f32:
+        """One step along p = x + beta p, where x is the preconditioned residual b; returns the largest residual."""
         for row in range(rows):
             first, n0, _, _, _ = self._row(0, row)
             total = 0.0
             for i in range(n0):
                 total += self.b[first + i] * self.x[first + i]
             self.partial[row] = ti.cast(total, ti.f64)
-        return self._sum(rows)
-
-    @ti.kernel
-    def _direction(self, beta: ti.f32, rows: ti.i32) -> ti.f64:
-        """p = z + beta p, q = A p; returns p · q."""
+        for _ in range(1):
+            rho = self._sum(rows)
+            self.beta[None] = ti.cast(rho / self.rho[None], ti.f32) if self.rho[None] > 0.0 else 0.0
+            self.rho[None] = rho
         for row in range(rows):
             first, n0, _, _, _ = self._row(0, row)
             for i in range(n0):
-                self.p[first + i] = self.x[first + i] + beta * self.p[first + i]
+                self.p[first + i] = self.x[first + i] + self.beta[None] * self.p[first + i]
         for row in range(rows):
             first, n0, low, high, step = self._row(0, row)
             total = 0.0
@@ -384,26 +419,24 @@ class Multigrid:
                 for n in range(count):
                     self.q[first + strip * STRIP + n] = values[n]
             self.partial[row] = ti.cast(total, ti.f64)
-        return self._sum(rows)
-
-    @ti.kernel
-    def _advance(self, alpha: ti.f32, rows: ti.i32) -> ti.f64:
-        """phi += alpha p, r -= alpha q; returns the largest |r|."""
+        for _ in range(1):
+            curvature = self._sum(rows)
+            self.alpha[None] = ti.cast(self.rho[None] / curvature, ti.f32) if curvature > 0.0 else 0.0
         for row in range(rows):
             first, n0, _, _, _ = self._row(0, row)
+            alpha, largest = self.alpha[None], 0.0
             for i in range(n0):
                 self.phi[first + i] = self.phi[first + i] + alpha * self.p[first + i]
-            largest = 0.0
             for i in range(n0):
-                r = self.b[first + i] - alpha * self.q[first + i]
-                self.b[first + i] = r
-                largest = ti.max(largest, ti.abs(r))
+                self.b[first + i] = self.b[first + i] - alpha * self.q[first + i]
+            for i in range(n0):
+                largest = ti.max(largest, ti.abs(self.b[first + i]))
             self.partial[row] = ti.cast(largest, ti.f64)
-        largest64 = ti.cast(0.0, ti.f64)
+        result = 0.0
         for _ in range(1):
             for row in range(rows):
-                largest64 = ti.max(largest64, self.partial[row])
-        return largest64
+                result = ti.max(result, ti.cast(self.partial[row], ti.f32))
+        return result
 
     @ti.kernel
     def _store(self, phi: Template, rows: ti.i32):
@@ -415,17 +448,10 @@ class Multigrid:
     def solve(self, b: Any, phi: Any, tolerance: float, limit: int = 60) -> None:
         """Set the inner cells of field phi to the solution for field b, to a largest residual below `tolerance`."""
         rows = self.rows[0]
-        total = self._load(b, rows)
-        self._remove_mean(total / self.air_cells if self.floating else 0.0, rows)
-        beta, rho = 0.0, 1.0
-        for iteration in range(1, limit + 1):
+        self._load(b, rows)
+        for self.iterations in range(1, limit + 1):
             self._v_cycle()
-            previous, rho = rho, self._dot_residual(rows)
-            if rho <= 0.0:
-                break
-            beta = rho / previous if iteration > 1 else 0.0
-            self.iterations = iteration
-            if self._advance(rho / self._direction(beta, rows), rows) < tolerance:
+            if self._iterate(rows) < tolerance:
                 break
         self._store(phi, rows)
 

@@ -13,12 +13,13 @@ class UniformSolver:
     """A wind that does not change; satisfies `fields.Wind` and carries gas on the grid like a flow solver."""
 
     nu = None  # no eddies
-    viscosity = 0.0
+    viscosity = max_viscosity = 0.0
     schmidt = 1.0
 
     def __init__(self, wind: UniformWind, grid: Grid):
         self.grid = grid
         self.mean = wind.velocity
+        self.outflow_rate = sum(abs(speed) for speed in wind.velocity) / grid.dx
         self.u = grid.faces_field()
         self.open = grid.faces_field()
         for d, speed in enumerate(wind.velocity):

@@ -57,9 +57,10 @@ class Grid:
         """(begin, end) of the inner cells per axis."""
         return tuple((self.ghost, self.ghost + n) for n in self.shape)
 
-    def faces(self, d: int) -> tuple[tuple[int, int], ...]:
-        """(begin, end) of the faces of axis `d`, those of both domain faces among them."""
-        return tuple((begin, end + (axis == d)) for axis, (begin, end) in enumerate(self.cells))
+    @property
+    def faces(self) -> tuple[tuple[int, int], ...]:
+        """(begin, end) of the lower faces of inner cells and of the domain's upper faces, for any axis."""
+        return tuple((begin, end + 1) for begin, end in self.cells)
 
     def field(self, shape: tuple[int, ...] = (), dtype: Any = ti.f32) -> Any:
         """A scalar field over the padded grid (or `shape`), axis 0 contiguous."""

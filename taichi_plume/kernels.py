@@ -15,6 +15,7 @@ else:
 """Annotation of compile-time arguments: fields, axes, objects with `ti.func` methods."""
 
 STRIP = 32  # cells per strip; 100 and more are six times slower (LLVM stops using registers)
+FEW_CELLS = 16_000  # up to here one thread is done before a second one has woken up
 FEW_ROWS = 2000  # Taichi gives a CPU thread 512 iterations at least: with fewer rows, strips are tasks too
 
 
@@ -31,10 +32,11 @@ def on_cpu() -> bool:
     return ti.cfg.arch in (ti.x64, ti.arm64)
 
 
-def sweep(body: Callable, out: Any, ranges: Sequence[tuple[int, int]]) -> Callable[[float], None]:
-    """A kernel ``run(s)`` that sets ``out[I] = body(I, s)`` for all I in `ranges`, (begin, end) per axis.
+def sweep(bodies: Sequence[Callable], outs: Sequence[Any], ranges: Sequence[tuple[int, int]]) -> Callable:
+    """A pass, ti.func ``run(a, b)``, setting ``out[I] = body(I, a, b)`` per pair, I in `ranges`, (begin, end) per axis.
 
-    body: ti.func of an index vector and a scalar, without stores and with `ti.select` for `if`.
+    body: ti.func of an index vector and two scalars, without stores and with `ti.select` for `if`; it may read `out` at
+    I only.
 
     On a CPU a row is cut into strips: 32 values are computed into registers, then stored. LLVM vectorises loops
     only while they store nothing global, so this is up to five times faster than storing cell by cell.
@@ -44,6 +46,8 @@ def sweep(body: Callable, out: Any, ranges: Sequence[tuple[int, int]]) -> Callab
     strips = -(-(end - begin) // STRIP)
     rows = tuple(reversed(ranges[1:]))  # last axis slowest
     flat = prod(b - a for a, b in rows) < FEW_ROWS
+    pairs = tuple(range(len(bodies)))
+    bodies, outs = tuple(bodies), tuple(outs)
 
     @ti.func
     def index(row: Template, i):
@@ -54,32 +58,52 @@ def sweep(body: Callable, out: Any, ranges: Sequence[tuple[int, int]]) -> Callab
         return I
 
     @ti.func
-    def strip(row: Template, k, s):
+    def strip(row: Template, k, a, b):
         first = begin + k * STRIP
         count = ti.min(STRIP, end - first)
-        values = ti.Vector([0.0] * STRIP)
-        for n in range(count):
-            values[n] = body(index(row, first + n), s)
-        for n in range(count):
-            out[index(row, first + n)] = values[n]
+        for q in ti.static(pairs):
+            values = ti.Vector([0.0] * STRIP)
+            for n in range(count):
+                values[n] = bodies[q](index(row, first + n), a, b)
+            for n in range(count):
+                outs[q][index(row, first + n)] = values[n]
 
-    @ti.kernel
-    def by_strip(s: ti.f32):
+    @ti.func
+    def by_strip(a, b):
         for J in ti.grouped(ti.ndrange(*rows, strips)):
-            strip(J, J[dim - 1], s)
+            strip(J, J[dim - 1], a, b)
 
-    @ti.kernel
-    def by_row(s: ti.f32):
+    @ti.func
+    def by_row(a, b):
         for J in ti.grouped(ti.ndrange(*rows)):
             for k in range(strips):
-                strip(J, k, s)
+                strip(J, k, a, b)
 
-    @ti.kernel
-    def by_cell(s: ti.f32):
+    @ti.func
+    def by_cell(a, b):
         for J in ti.grouped(ti.ndrange(*rows, (begin, end))):
             I = index(J, J[dim - 1])
-            out[I] = body(I, s)
+            for q in ti.static(pairs):
+                outs[q][I] = bodies[q](I, a, b)
 
     if not on_cpu():
         return by_cell
     return by_strip if flat else by_row
+
+
+def launch(*passes: Callable, cells: int) -> Callable[..., None]:
+    """One kernel ``run(a=0, b=0)`` of several passes in order; a pass's loop is parallel unless there are few cells."""
+
+    @ti.kernel
+    def parallel(a: ti.f32, b: ti.f32):
+        for one in ti.static(passes):
+            one(a, b)
+
+    @ti.kernel
+    def serial(a: ti.f32, b: ti.f32):
+        for _ in range(1):
+            for one in ti.static(passes):
+                one(a, b)
+
+    kernel = serial if on_cpu() and cells <= FEW_CELLS else parallel
+    return lambda a=0.0, b=0.0: kernel(a, b)
