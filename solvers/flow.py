@@ -6,6 +6,7 @@ p is the kinematic pressure [m²/s²]. Convection in flux form with the Koren li
 (SSP-RK2) with the last pressure's gradient, then one projection for the pressure increment (second order in time).
 """
 
+from collections.abc import Callable
 from math import prod
 from typing import Any
 
@@ -58,9 +59,7 @@ class FlowSolver:
         self.max_speed = 1.0
         self._build(wind)
         self.max_courant = 0.0
-        self._begin(1.0)
-        self._project(1.0)  # from rest: the potential flow that the openings force
-        self.p.fill(0.0)
+        self.start_from(np.zeros_like)  # from rest: the potential flow that the openings force
 
     def _openness(self, solid: np.ndarray) -> tuple[np.ndarray, ...]:
         """1 on faces between two cells of air and on free faces of the domain, on the padded grid."""
@@ -189,6 +188,16 @@ class FlowSolver:
             measure,
             cells=cells,
         )
+
+    def start_from(self, velocity: Callable[[np.ndarray], np.ndarray]) -> None:
+        """Set u from a function of points (..., dim) [m] to velocities [m/s], made divergence-free; p starts at zero."""
+        index = np.stack(np.meshgrid(*map(np.arange, self.grid.padded), indexing="ij"), axis=-1) - self.grid.ghost
+        for d, field in enumerate(self.u):
+            shift = np.where(np.arange(self.dim) == d, 0.0, 0.5)
+            field.from_numpy(velocity((index + shift) * self.grid.dx)[..., d].astype(np.float32))
+        self._begin(1.0)
+        self._project(1.0)
+        self.p.fill(0.0)
 
     # ---------------------------------------------------------------- the step
 

@@ -6,6 +6,7 @@ Finite volumes with the flow's own face velocities, so a well-mixed gas stays we
 short enough that no cell gives away more than it holds keep c >= 0. Every face's flux is seen alike from both sides.
 """
 
+from collections.abc import Callable
 from math import ceil, prod
 from typing import Any
 
@@ -162,6 +163,10 @@ class EulerianSolver:
         self._stage = launch(
             fill_ghosts, sweep([tendency], [rate], cells), count_outflow, sweep([heun], [c], cells), cells=count
         )
+
+    def start_from(self, concentration: Callable[[np.ndarray], np.ndarray]) -> None:
+        """Set c from a function of points (..., dim) [m] to concentrations [kg/m³]."""
+        self.c.from_numpy(self.grid.pad(concentration(self.grid.centers()).astype(np.float32)))
 
     # ---------------------------------------------------------------- the step
 

@@ -1,10 +1,10 @@
 """The simplest wind: one constant velocity everywhere."""
 
-from typing import Any
 
 import taichi as ti
 
 from taichi_plume.grid import Grid
+from taichi_plume.kernels import Template
 from taichi_plume.scenario import UniformWind
 
 
@@ -34,6 +34,6 @@ class UniformSolver:
         """Nothing changes."""
 
     @ti.func
-    def velocity(self, x: Any, t: float):
+    def velocity(self, x: Template, t: float):
         """The velocity [m/s]."""
         return ti.Vector([ti.cast(speed, ti.f32) for speed in ti.static(self.mean)])

@@ -7,7 +7,11 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, Field
 from pydantic_core import PydanticCustomError
 
-_NUMBER_AND_UNIT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-zµμ%°][\w/*^ µμ%°().-]{0,40})\s*")
+_NUMBER_AND_UNIT = re.compile(
+    r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-zµμ%°][\w/*^ µμ%°().-]{0,40})\s*"
+)
+# pint works powers out: m**9**9**9 never ends
+_TOWER = re.compile(r"(\^|\*\*)[^A-Za-zµμ]*(\^|\*\*)|\d\d")
 
 
 @cache
@@ -23,24 +27,30 @@ def parse(value: Any, unit: str) -> float:
     Raises PydanticCustomError where the text is no quantity or its unit is of another kind.
     """
     if isinstance(value, bool) or not isinstance(value, (int, float, str)):
-        raise PydanticCustomError("quantity", "must be a number or a text with a unit of {unit}", {"unit": unit})
-    if not isinstance(value, str):
-        return float(value)
+        raise PydanticCustomError(
+            "quantity", "must be a number or a text with a unit of {unit}", {"unit": unit}
+        )
     try:
         return float(value)  # PyYAML reads 1e-5 as a text
+    except OverflowError:
+        raise PydanticCustomError("quantity", "must be a finite number") from None
     except ValueError:
         pass
-    match = _NUMBER_AND_UNIT.fullmatch(value)
-    if not match:
-        raise PydanticCustomError("quantity", "must be a number or a text with a unit of {unit}", {"unit": unit})
+    match = _NUMBER_AND_UNIT.fullmatch(str(value))
+    if not match or _TOWER.search(match[2]):
+        raise PydanticCustomError(
+            "quantity", "must be a number or a text with a unit of {unit}", {"unit": unit}
+        )
     try:
         ureg = _registry()
         return float(ureg.Quantity(float(match[1]), ureg.parse_units(match[2])).to(unit).magnitude)
     except Exception:  # pint raises a dozen kinds, tokenize its own: all mean the same to the user
-        raise PydanticCustomError("quantity", "must have a unit that converts to {unit}", {"unit": unit}) from None
+        raise PydanticCustomError(
+            "quantity", "must have a unit that converts to {unit}", {"unit": unit}
+        ) from None
 
 
-def quantity(unit: str, **limits: float) -> Any:
+def quantity(unit: str, **limits: Any) -> Any:
     """The annotated type of a quantity in `unit` [SI], with pydantic's limits (gt, ge, lt, le)."""
     return Annotated[
         float,

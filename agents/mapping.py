@@ -1,0 +1,195 @@
+"""Online gas maps from the robots' readings alone (Marjovi & Marques, "Multi-Robot Odor Distribution Mapping in
+Realistic Time-Variant Conditions", ICRA 2014).
+
+Time is cut into snaps of `window` seconds. In snap k the samples (x_i, C_i) of all robots of a trial give, in cell j,
+
+    w_ij = max(|x_j - x_i|, min_distance)^-power                                             (2)
+    C_j(k) = Σ_i w_ij C_i / Σ_i w_ij,      W_j(k) = Σ_i w_ij                                  (1) (3)
+
+and past snaps forecast the next one, t, from the neighbourhood N_j in space and time:
+
+    Dist = α |x_j - x_i| + (1 - α) T,      T = 0.1 (t - k) window       (m and s; i runs over cells)      (4)
+    N_j = {(i, k): Dist < β, k < t},       U = 1 / Dist                                         (5) (7)
+    S_j(t) = Σ_N C W U / Σ_N W U                                                                (6)
+    MAE(t) = mean over j of |S_j(t) - C_j(t)|                                                   (8)
+
+Kept per snap are A = C W = Σ w C_i and B = W. N_j is the same for every cell, so it is a list of (lag, offset, U),
+made once; the snaps it reaches back to live in a ring buffer. T grows to 0.1 window at least: U is never infinite.
+"""
+
+from math import ceil, hypot
+from typing import Any
+
+import numpy as np
+import taichi as ti
+
+from taichi_plume import scenario
+from taichi_plume.agents.swarm import Swarm
+from taichi_plume.kernels import Template
+
+TIME_SCALE = 0.1  # 1/s: ten seconds count as one metre
+BORDER = 1e-9  # Dist = β is outside, whatever the rounding
+
+Stencil = list[tuple[int, int, int, float]]
+"""(lag in snaps, offset in cells along x and y, weight) of each member of a cell's neighbourhood."""
+
+
+class SnapMap:
+    """What both maps share: snaps, interpolation, forecast from a neighbourhood, and its error.
+
+    extent: size of the floor [m], covered by nx × ny cells of edge `cell` [m] from the origin on. Axis 0 of every
+    array is the trial. `snaps` counts the closed snaps; `errors` holds (time [s], MAE [ppm] (trials,)) of each snap
+    that had been forecast, NaN for trials without samples.
+    """
+
+    def __init__(
+        self,
+        model: scenario.TimeSeriesMap | scenario.IdwMap,
+        extent: tuple[float, float],
+        trials: int,
+        neighbours: Stencil,
+    ):
+        self.model, self.cell, self.window, self.power = model, model.cell, model.window, model.power
+        self.min_distance = model.cell / 2 if model.min_distance is None else model.min_distance
+        self.shape = (ceil(extent[0] / model.cell - 1e-6), ceil(extent[1] / model.cell - 1e-6))
+        self.snaps = 0
+        self.errors: list[tuple[float, np.ndarray]] = []
+        self.depth = 1 + max(lag for lag, *_ in neighbours)  # the running snap and those the forecast needs
+        # Ring buffer over snaps: snap n (from 0 on) has slot n % depth.
+        self.weighted = ti.field(ti.f32, (trials, self.depth, *self.shape))  # A [ppm / m^power]
+        self.weights = ti.field(ti.f32, (trials, self.depth, *self.shape))  # B [1 / m^power]
+        self.numerator = ti.field(ti.f32, (trials, *self.shape))  # of S for the running snap
+        self.denominator = ti.field(ti.f32, (trials, *self.shape))
+        self.offsets = ti.Vector.field(3, ti.i32, len(neighbours))
+        self.closeness = ti.field(ti.f32, len(neighbours))
+        self.offsets.from_numpy(np.array([entry[:3] for entry in neighbours], np.int32))
+        self.closeness.from_numpy(np.array([entry[3] for entry in neighbours], np.float32))
+
+    def centers(self) -> np.ndarray:
+        """Cell centres [m], shape (nx, ny, 2)."""
+        axes = [(np.arange(n) + 0.5) * self.cell for n in self.shape]
+        return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+
+    def estimate(self) -> np.ndarray:
+        """S for the running snap [ppm], (trials, nx, ny); NaN where nothing is known."""
+        return _ratio(self.numerator.to_numpy(), self.denominator.to_numpy())
+
+    def weight(self) -> np.ndarray:
+        """Σ W U, the weight behind `estimate`, (trials, nx, ny)."""
+        return self.denominator.to_numpy()
+
+    def update(self, swarm: Swarm, tick: int, t: float, dt: float) -> None:
+        """Take in the readings at time t [s]. A snap ends with the tick that reaches a multiple of the window."""
+        slack = 1e-6 * dt  # t carries rounding
+        while self.snaps < ceil((t - slack) / self.window) - 1:
+            self._close()  # nothing came in since it ended
+        _accumulate(
+            self.weighted, self.weights, self.snaps % self.depth, swarm.members, swarm.team_size, swarm.position,
+            swarm.reading, self.cell, self.power, self.min_distance,
+        )  # fmt: skip
+        while self.snaps < int((t + slack) / self.window):
+            self._close()
+
+    def _close(self) -> None:
+        """End the running snap: judge its forecast, then make the next."""
+        slot = self.snaps % self.depth
+        if self.snaps > 0:
+            truth = _ratio(self.weighted.to_numpy()[:, slot], self.weights.to_numpy()[:, slot])
+            deviation = np.abs(self.estimate() - truth)
+            known = np.isfinite(deviation)
+            mae = _ratio(np.where(known, deviation, 0.0).sum(axis=(1, 2)), known.sum(axis=(1, 2)))
+            self.errors.append(((self.snaps + 1) * self.window, mae))
+        self.snaps += 1
+        _clear(self.weighted, self.weights, self.snaps % self.depth)
+        _forecast(
+            self.weighted, self.weights, self.snaps, self.depth, self.offsets, self.closeness,
+            self.numerator, self.denominator,
+        )  # fmt: skip
+
+
+class InverseDistanceMap(SnapMap):
+    """Interpolation of the last snap's samples, eq 1-3: what the time series is compared with."""
+
+    def __init__(self, model: scenario.IdwMap, extent: tuple[float, float], trials: int):
+        super().__init__(model, extent, trials, [(1, 0, 0, 1.0)])
+
+
+class TimeSeriesMap(SnapMap):
+    """Forecast from the neighbourhood in space and time, eq 1-7."""
+
+    def __init__(self, model: scenario.TimeSeriesMap, extent: tuple[float, float], trials: int):
+        super().__init__(model, extent, trials, neighbourhood(model))
+
+
+def neighbourhood(model: scenario.TimeSeriesMap) -> Stencil:
+    """Eq 4, 5 and 7 for every lag and offset inside. Raises ValueError where not even the last snap is."""
+    reach = int(model.beta / model.alpha / model.cell) + 1
+    result: Stencil = []
+    lag = 1
+    while (age := (1 - model.alpha) * TIME_SCALE * lag * model.window) < model.beta - BORDER:
+        for dx in range(-reach, reach + 1):
+            for dy in range(-reach, reach + 1):
+                dist = model.alpha * model.cell * hypot(dx, dy) + age
+                if dist < model.beta - BORDER:
+                    result.append((lag, dx, dy, 1 / dist))
+        lag += 1
+    if not result:
+        raise ValueError(
+            f"time_series map: no past snap lies in the neighbourhood, (1 - alpha)·0.1·window = {age:g} >= beta = "
+            f"{model.beta:g}; raise alpha or beta, or shorten the window"
+        )
+    return result
+
+
+def _ratio(numerator: np.ndarray, denominator: np.ndarray) -> np.ndarray:
+    """numerator / denominator, NaN where the denominator is zero."""
+    known = denominator > 0
+    return np.where(known, numerator / np.where(known, denominator, 1), np.nan)
+
+
+@ti.kernel
+def _accumulate(
+    weighted: Template, weights: Template, slot: int, members: Template, team_size: Template, position: Template,
+    reading: Template, cell: float, power: float, min_distance: float,
+):  # fmt: skip
+    """Add one sample of every robot to the sums A and B of its trial's running snap."""
+    for k, i, j in ti.ndrange(weights.shape[0], weights.shape[2], weights.shape[3]):
+        center = (ti.Vector([i, j]) + 0.5) * cell
+        a = weighted[k, slot, i, j]
+        b = weights[k, slot, i, j]
+        for m in range(team_size[k]):
+            robot = members[k, m]
+            w = ti.max((position[robot] - center).norm(), min_distance) ** -power
+            a += w * reading[robot]
+            b += w
+        weighted[k, slot, i, j] = a
+        weights[k, slot, i, j] = b
+
+
+@ti.kernel
+def _clear(weighted: Template, weights: Template, slot: int):
+    for k, i, j in ti.ndrange(weights.shape[0], weights.shape[2], weights.shape[3]):
+        weighted[k, slot, i, j] = 0.0
+        weights[k, slot, i, j] = 0.0
+
+
+@ti.kernel
+def _forecast(
+    weighted: Template, weights: Template, snap: int, depth: int, offsets: Template, closeness: Template,
+    numerator: Template, denominator: Template,
+):  # fmt: skip
+    """Both sums of eq 6 for snap number `snap`; cells beyond the edge contribute nothing."""
+    for k, i, j in numerator:
+        a = 0.0
+        b = 0.0
+        for n in range(closeness.shape[0]):
+            lag, x, y = offsets[n][0], i + offsets[n][1], j + offsets[n][2]
+            if lag <= snap and 0 <= x < numerator.shape[1] and 0 <= y < numerator.shape[2]:
+                slot = (snap - lag) % depth
+                a += closeness[n] * weighted[k, slot, x, y]
+                b += closeness[n] * weights[k, slot, x, y]
+        numerator[k, i, j] = a
+        denominator[k, i, j] = b
+
+
+MAPS: dict[str, Any] = {"time_series": TimeSeriesMap, "inverse_distance": InverseDistanceMap}

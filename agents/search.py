@@ -1,0 +1,31 @@
+"""Search algorithms: what they must offer, and which there are.
+
+To add one: write a class with this protocol in a file of its own, its parameters as a model with a `kind` in
+scenario.py, and enter it in ALGORITHMS. It reads the swarm's `reading`, `wind`, `wind_known`, `blocked`, `heading` and
+`path_length` (and `position`, if the robots are to have positioning) of its own group and writes `speed_command`,
+`turn_rate_command` and `state`. A Taichi kernel over the group is fast; a loop in NumPy over
+``swarm.reading.to_numpy()[group.slice]`` works as well.
+"""
+
+from typing import Protocol
+
+from taichi_plume.agents.casting import Casting
+from taichi_plume.agents.swarm import GroupRange, Swarm
+
+
+class Algorithm(Protocol):
+    """Drives the robots of one group, all trials at once."""
+
+    STATE_NAMES: tuple[str, ...]
+    """What the values of the swarm's `state` mean."""
+
+    def __init__(self, swarm: Swarm, group: GroupRange, tick: float):
+        """Prepare the group's robots; tick: control period [s]."""
+        ...
+
+    def act(self, tick: int, t: float, dt: float) -> None:
+        """Turn the readings at time t [s] into commands for the next dt [s]."""
+        ...
+
+
+ALGORITHMS: dict[str, type[Algorithm]] = {"casting": Casting}

@@ -1,0 +1,265 @@
+"""All robots: where they are, what they read, and how they move without ever touching anything.
+
+A body is an upright disc that drives like a unicycle. Per tick it moves along the chord of its arc; contact cuts the
+move short and the rest of it slides along the obstacle. Robots of one trial move one after the other, so that each
+sees where the ones before it are now; robots of different trials neither see nor touch each other.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import taichi as ti
+
+from taichi_plume import scenario
+
+SKIN = 1e-3  # m, air kept around a body: far more than the rounding of its position
+TOUCH = 1e-4  # m, steps shorter than this are contact
+PROBES = 256  # looks ahead per move; sliding along a wall takes one per 2 mm
+GRAZE = 1e-3  # sine of the angle below which a disc is passed, not met
+FREE = 0.9  # share of a commanded move below which the bumper feels contact
+
+
+@dataclass(frozen=True)
+class GroupRange:
+    """Where a group lies in the swarm: robot i of trial k has index start + k count + i."""
+
+    name: str
+    start: int
+    count: int
+    trials: int
+    model: scenario.Group
+
+    @property
+    def size(self) -> int:
+        """Robots of all trials."""
+        return self.count * self.trials
+
+    @property
+    def slice(self) -> slice:
+        """The group's part of an array over the swarm."""
+        return slice(self.start, self.start + self.size)
+
+
+def ranges(groups: tuple[scenario.Group, ...]) -> list[GroupRange]:
+    """The groups one after the other."""
+    result, start = [], 0
+    for group in groups:
+        result.append(GroupRange(group.name, start, group.count, group.trials, group))
+        start += result[-1].size
+    return result
+
+
+@ti.data_oriented
+class Swarm:
+    """State and motion of the robots of all groups, one Taichi field per quantity.
+
+    positions: (count, 2) [m] and headings: (count,) [rad] at the start, free of overlap (see `placement`).
+    clearance: its ti.funcs ``distance(p)`` and ``normal(p)`` give a lower bound of the distance [m] from p to the
+    next wall or obstacle, and the unit vector away from it. extent: size of the floor [m].
+    sources: (m, 2) [m], known to the referee, not to the robots.
+
+    Algorithms read `reading` [ppm], `wind` [m/s], `wind_known`, `blocked` (the bumper), `heading` [rad],
+    `path_length` [m] (odometry) and write `speed_command` [m/s], `turn_rate_command` [rad/s] and `state`.
+    """
+
+    def __init__(
+        self,
+        groups: tuple[scenario.Group, ...],
+        positions: np.ndarray,
+        headings: np.ndarray,
+        clearance: Any,
+        extent: tuple[float, float],
+        sources: np.ndarray,
+        seed: int,
+    ):
+        self.groups = ranges(groups)
+        self.clearance, self.extent, self.seed = clearance, extent, seed
+        self.count = sum(group.size for group in self.groups)
+        self.trials = max((group.trials for group in self.groups), default=0)
+        n = max(1, self.count)  # Taichi has no empty fields
+        self.position = ti.Vector.field(2, ti.f32, n)
+        self.heading = ti.field(ti.f32, n)
+        self.speed_command = ti.field(ti.f32, n)
+        self.turn_rate_command = ti.field(ti.f32, n)
+        self.reading = ti.field(ti.f32, n)
+        self.true_ppm = ti.field(ti.f32, n)
+        self.wind = ti.Vector.field(2, ti.f32, n)
+        self.wind_known = ti.field(ti.i32, n)
+        self.blocked = ti.field(ti.i32, n)
+        self.found = ti.field(ti.i32, n)
+        self.found_time = ti.field(ti.f32, n)
+        self.path_length = ti.field(ti.f32, n)
+        self.state = ti.field(ti.i32, n)
+        self.found_time.fill(np.nan)
+        self._fill_bodies(n)
+        self._fill_members()
+        self.source_count = len(sources)
+        self.sources = ti.Vector.field(2, ti.f32, max(1, len(sources)))
+        if len(sources):
+            self.sources.from_numpy(np.asarray(sources, np.float32))
+        if self.count:
+            self.position.from_numpy(np.asarray(positions, np.float32))
+            self.heading.from_numpy(np.asarray(headings, np.float32))
+
+    def _fill_bodies(self, n: int) -> None:
+        self.radius = ti.field(ti.f32, n)
+        self.reach = ti.field(ti.f32, n)
+        self.max_speed = ti.field(ti.f32, n)
+        self.max_turn_rate = ti.field(ti.f32, n)
+        for field, value in (
+            (self.radius, lambda group: group.body.radius),
+            (self.reach, lambda group: group.reach),
+            (self.max_speed, lambda group: group.body.max_speed),
+            (self.max_turn_rate, lambda group: np.radians(group.body.max_turn_rate_deg)),
+        ):
+            values = np.zeros(n, np.float32)
+            for group in self.groups:
+                values[group.slice] = value(group.model)
+            field.from_numpy(values)
+
+    def _fill_members(self) -> None:
+        """members[k, :team_size[k]]: the robots of trial k, of all groups that have so many trials."""
+        teams = [
+            [g.start + k * g.count + i for g in self.groups if k < g.trials for i in range(g.count)]
+            for k in range(self.trials)
+        ]
+        sizes = np.array([len(team) for team in teams] or [0], np.int32)
+        table = np.full((len(sizes), max(1, sizes.max())), -1, np.int32)
+        for row, team in zip(table, teams, strict=False):
+            row[: len(team)] = team
+        self.members = ti.field(ti.i32, table.shape)
+        self.team_size = ti.field(ti.i32, sizes.shape)
+        self.members.from_numpy(table)
+        self.team_size.from_numpy(sizes)
+
+    def move(self, tick: int, t: float, dt: float) -> None:
+        """Carry out the commands for one tick of dt [s] that ends at t [s]; robots at a source stay there."""
+        if self.count:
+            self._move(t, dt)
+
+    def all_found(self) -> bool:
+        """Whether every robot of every trial has found a source."""
+        return bool(self.found.to_numpy()[: self.count].all())
+
+    def snapshot(self) -> dict[str, np.ndarray]:
+        """What recordings and results keep, arrays over the robots; SI units, reading in ppm, angles in rad."""
+        fields = {
+            "position": self.position,
+            "heading": self.heading,
+            "reading_ppm": self.reading,
+            "true_ppm": self.true_ppm,
+            "wind": self.wind,
+            "state": self.state,
+            "found": self.found,
+            "blocked": self.blocked,
+            "path_length": self.path_length,
+            "found_time": self.found_time,
+        }
+        return {name: field.to_numpy()[: self.count] for name, field in fields.items()}
+
+    @ti.kernel
+    def _move(self, t: float, dt: float):
+        for k in range(self.trials):
+            for m in range(self.team_size[k]):
+                i = self.members[k, m]
+                self.blocked[i] = 0
+                if self.found[i] == 0:
+                    self._drive(i, k, dt)
+                    for s in range(self.source_count):
+                        if (self.position[i] - self.sources[s]).norm() <= self.reach[i]:
+                            self.found[i] = 1
+                            self.found_time[i] = t
+
+    @ti.func
+    def _drive(self, i, k, dt):
+        """Move robot i of trial k: unicycle motion over dt, cut short and slid along what is in the way."""
+        limit, turn_limit = self.max_speed[i], self.max_turn_rate[i]
+        arc = ti.math.clamp(self.speed_command[i], -limit, limit) * dt
+        turn = ti.math.clamp(self.turn_rate_command[i], -turn_limit, turn_limit) * dt
+        chord = arc
+        if ti.abs(turn) > 1e-3:  # below, the factor differs from 1 by less than f32 resolves
+            chord *= ti.sin(0.5 * turn) / (0.5 * turn)
+        course = self.heading[i] + 0.5 * turn
+        self.heading[i] = wrap(self.heading[i] + turn)
+
+        wanted = chord * ti.Vector([ti.cos(course), ti.sin(course)])
+        begin = self.position[i]
+        p = begin
+        rest = wanted
+        path = 0.0
+        contact = 0
+        for _leg in range(2):  # straight on, then what is left of it along the first thing met
+            length = rest.norm()
+            if length > 0.0:
+                e = rest / length
+                step, normal, met = self._trace(i, k, p, e, length)
+                p += step * e
+                path += step
+                rest = (length - step) * e
+                rest -= ti.min(rest.dot(normal), 0.0) * normal
+                contact = ti.max(contact, met)
+                if met == 1 and rest.norm() > TOUCH:
+                    # a little off the surface, or rounding would press the body into it
+                    rest = (rest + TOUCH * normal).normalized() * rest.norm()
+                else:
+                    rest *= 0.0
+        if contact == 1 and (p - begin).dot(wanted) < FREE * wanted.dot(wanted):
+            self.blocked[i] = 1
+        self.position[i] = p
+        self.path_length[i] += path
+
+    @ti.func
+    def _trace(self, i, k, p, e, length):
+        """How far [m] the disc of robot i gets from p along e, at most `length`; the normal there; whether it met something."""
+        free, normal, contact = self._free_of_discs(i, k, p, e, length)
+        # Sphere tracing with over-relaxation (Keinert et al. 2014, doi:10.2312/stag.20141233): as no distance changes
+        # by more than the way walked, a stride is free if the gaps at its two ends together cover it.
+        r = self.radius[i]
+        gap = self.clearance.distance(p) - r
+        s = 0.0
+        stride = ti.min(free, 2.0 * gap)
+        probes = 0
+        while s < free and probes < PROBES:
+            probes += 1
+            ahead = self.clearance.distance(p + (s + stride) * e) - r
+            if stride > 0.0 and gap + ahead >= stride and (ahead >= SKIN or ahead >= gap):
+                s += stride
+                gap = ahead
+                stride = ti.min(free - s, 2.0 * gap)
+            elif stride > TOUCH:
+                stride *= 0.5
+            else:
+                free = s
+                contact = 1
+                normal = self.clearance.normal(p + s * e)
+        return s, normal, contact
+
+    @ti.func
+    def _free_of_discs(self, i, k, p, e, length):
+        """How far robot i gets from p along e before its disc meets another robot's; the normal there; whether it does."""
+        free = length
+        normal = ti.Vector([0.0, 0.0])
+        contact = 0
+        for m in range(self.team_size[k]):
+            j = self.members[k, m]
+            if j != i:
+                apart = p - self.position[j]
+                d = apart.norm()
+                reach = self.radius[i] + self.radius[j] + SKIN
+                along = e.dot(apart)  # negative on approach; the closest point is -along ahead
+                if along < -GRAZE * d or (along < 0.0 and d < reach - 0.5 * SKIN):
+                    half_chord2 = along * along - (d - reach) * (d + reach)
+                    if half_chord2 > 0.0:
+                        s = ti.max(-along - ti.sqrt(half_chord2), 0.0)
+                        if s < free:
+                            free = s
+                            contact = 1
+                            normal = (apart + s * e).normalized()
+        return free, normal, contact
+
+
+@ti.func
+def wrap(angle):
+    """The angle [rad] brought into [-π, π]."""
+    return angle - 2.0 * np.pi * ti.round(angle / (2.0 * np.pi))

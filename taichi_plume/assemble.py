@@ -1,0 +1,72 @@
+"""Scenario -> Simulation: the one place that knows all parts."""
+
+from pathlib import Path
+
+import numpy as np
+
+from taichi_plume.agents.mapping import InverseDistanceMap, TimeSeriesMap
+from taichi_plume.agents.placement import place, placed
+from taichi_plume.agents.swarm import Swarm
+from taichi_plume.agents.team import Team
+from taichi_plume.fields import Wind
+from taichi_plume.geometry import ClearanceMap, shapes, solid_cells
+from taichi_plume.grid import Grid
+from taichi_plume.loading import ScenarioError
+from taichi_plume.rng import generator
+from taichi_plume.scenario import CfdWind, Scenario
+from taichi_plume.simulation import Map, Simulation
+from taichi_plume.solvers.boundaries import periodic_axes
+from taichi_plume.solvers.flow import FlowSolver
+from taichi_plume.solvers.gas import EulerianSolver
+from taichi_plume.solvers.uniform import UniformSolver
+
+MAPS = {"time_series": TimeSeriesMap, "inverse_distance": InverseDistanceMap}
+
+
+def assemble(scenario: Scenario, folder: Path = Path()) -> Simulation:
+    """The simulation of a checked scenario, at the begin of its warm-up; Taichi must have been started.
+
+    folder: where the scenario's mesh files lie. Raises ScenarioError where robots do not fit.
+    """
+    obstacles = shapes(scenario, folder)
+    wind_model = scenario.wind
+    wraps = periodic_axes(wind_model.openings, scenario.domain.dim) if isinstance(wind_model, CfdWind) else ()
+    grid = Grid.of(scenario.domain, wraps)
+    solid = solid_cells(obstacles, grid)
+    wind: Wind
+    if isinstance(wind_model, CfdWind):
+        wind = FlowSolver(wind_model, grid, solid, scenario.seed)
+    else:
+        wind = UniformSolver(wind_model, grid)
+    gas = EulerianSolver(scenario.gas, grid, wind, solid, -scenario.warm_up, scenario.seed)
+    swarm = _swarm(scenario, obstacles, grid)
+    teams = [Team(swarm, group, grid.dim, scenario.tick) for group in swarm.groups]
+    floor = (grid.extent[0], grid.extent[1])
+    maps: list[Map] = [MAPS[m.kind](m, floor, max(1, swarm.trials)) for m in scenario.maps]
+    return Simulation(scenario, grid, wind, gas, swarm, list(teams), maps, obstacles)
+
+
+def _swarm(scenario: Scenario, obstacles: list, grid: Grid) -> Swarm:
+    """All robots at their places."""
+    height = max((group.body.height for group in scenario.robots), default=0.1)
+    clearance = ClearanceMap(obstacles, grid.extent, height)
+    positions, headings, occupied = [np.empty((0, 2))], [np.empty(0)], []
+    for n, group in enumerate(scenario.robots):
+        rng = generator(scenario.seed, f"start of group {n}")
+        try:
+            where, heading = place(group, rng, clearance.distance_at, occupied)
+        except ValueError as error:
+            raise ScenarioError(f"robots[{n}].start: {error}") from None
+        occupied.append(placed(group, where))
+        positions.append(where)
+        headings.append(heading)
+    sources = np.array([source.position[:2] for source in scenario.gas.sources])
+    return Swarm(
+        scenario.robots,
+        np.concatenate(positions),
+        np.concatenate(headings),
+        clearance,
+        (grid.extent[0], grid.extent[1]),
+        sources,
+        scenario.seed,
+    )

@@ -1,0 +1,576 @@
+"""What is wrong with a scenario beyond single keys: dimensions, geometry, air that cannot get out, memory.
+
+Every fault is one line: the YAML path, what is wrong, what would be right.
+"""
+
+from collections.abc import Iterator
+from itertools import pairwise
+from math import ceil, floor, hypot, inf, log10, pi, prod, sqrt
+from pathlib import Path
+
+import numpy as np
+import psutil
+from scipy import ndimage
+from scipy.spatial import cKDTree  # type: ignore[attr-defined]
+
+from taichi_plume.geometry import MeshError, Shape, clearance_resolution, shape
+from taichi_plume.scenario import (
+    Box,
+    CfdWind,
+    Fan,
+    Group,
+    Honeycomb,
+    Inlet,
+    MovingWall,
+    Opening,
+    Outlet,
+    Periodic,
+    Region,
+    Scenario,
+    Sphere,
+    StartArea,
+    StartAt,
+    StartLine,
+    UniformWind,
+)
+
+BYTES_PER_CELL = {2: 260, 3: 200}  # all fields of a CFD run with gas
+BYTES_PER_ROBOT = 2000  # state, readings and a few minutes of track
+MOST_MAP_CELLS = 4_000_000
+CELL_STEPS_PER_SECOND = {2: 1.5e6, 3: 2e6}  # rough: wind and gas on a few CPU cores
+GUST = 1.5  # largest speed in the domain over the largest prescribed one
+ROUNDING = 0.1  # of an extent: more is a scenario for another domain than the one written
+# Share that discs put down at random can cover (Feder 1980, doi:10.1016/0022-5193(80)90358-6)
+RANDOM_PACKING = 0.547
+START_ROOM = 2e-3  # m, air around a body at the start
+NEIGHBOURS = 20  # of each robot, looked at for overlaps
+FREE_AREA_NODES = 200  # per axis, to measure the free area of a start rectangle
+
+Jet = Fan | Inlet | Honeycomb
+
+
+def problems(scenario: Scenario, folder: Path) -> list[str]:
+    """All faults as lines ``path: message``; `folder` is where mesh files lie.
+
+    Wrong dimensions or sizes are told alone: the other checks need them right.
+    """
+    for part in (_dimensions, _sizes):
+        lines = list(part(scenario))
+        if lines:
+            return lines
+    shapes, lines = _shapes(scenario, folder)
+    for part in (_obstacles, _sources, _robots):
+        lines += part(scenario, shapes)
+    openings = list(_openings(scenario, shapes)) or list(_net_inflow(scenario))
+    return lines + openings + list(_recording(scenario))
+
+
+def estimate(scenario: Scenario) -> dict[str, float]:
+    """Rough size of a run: cells, bytes, steps of the flow, and seconds it takes on a few CPU cores."""
+    domain, wind = scenario.domain, scenario.wind
+    cells = prod(domain.shape)
+    if isinstance(wind, UniformWind):
+        speed, courant = sum(abs(v) for v in wind.velocity), 1.0
+    else:
+        speed, courant = GUST * _largest_speed(wind), wind.courant
+    substeps = max(1, ceil(scenario.tick * speed / (courant * domain.spacing) - 1e-9))
+    steps = substeps * ceil((scenario.warm_up + scenario.duration) / scenario.tick - 1e-9)
+    return {
+        "cells": cells,
+        "bytes": _bytes(scenario, cells),
+        "steps": steps,
+        "wall_s": cells * steps / CELL_STEPS_PER_SECOND[domain.dim],
+    }
+
+
+def _largest_speed(wind: CfdWind) -> float:
+    speeds = [0.0]
+    for opening in wind.openings:
+        if isinstance(opening, Jet):
+            speeds += [abs(opening.speed or 0.0), *(abs(step.speed) for step in opening.schedule)]
+        elif isinstance(opening, MovingWall):
+            speeds.append(hypot(*opening.velocity))
+    return max(speeds)
+
+
+def _bytes(scenario: Scenario, cells: float) -> float:
+    robots = sum(group.count * group.trials for group in scenario.robots)
+    return cells * BYTES_PER_CELL[scenario.domain.dim] + robots * BYTES_PER_ROBOT
+
+
+# ---------------------------------------------------------------- numbers of coordinates, sizes
+
+
+def _dimensions(scenario: Scenario) -> Iterator[str]:
+    dim = scenario.domain.dim
+    found: list[tuple[str, tuple[float, ...] | None, int]] = []
+    for n, obstacle in enumerate(scenario.obstacles):
+        if isinstance(obstacle, Box | Sphere):
+            found.append((f"obstacles[{n}].center", obstacle.center, dim))
+        if isinstance(obstacle, Box):
+            found.append((f"obstacles[{n}].size", obstacle.size, dim))
+    for n, source in enumerate(scenario.gas.sources):
+        found.append((f"gas.sources[{n}].position", source.position, dim))
+    wind = scenario.wind
+    if isinstance(wind, UniformWind):
+        found.append(("wind.velocity", wind.velocity, dim))
+    for n, opening in enumerate(_openings_of(scenario)):
+        where = f"wind.openings[{n}]"
+        if isinstance(opening, Region):
+            found += [(f"{where}.center", opening.center, dim - 1), (f"{where}.size", opening.size, dim - 1)]
+        if isinstance(opening, MovingWall):
+            found.append((f"{where}.velocity", opening.velocity, dim))
+        if dim == 2 and isinstance(opening, Region) and opening.face[0] == "z":
+            yield f"{where}.face: '{opening.face}' does not exist in a 2-D run; use x-, x+, y- or y+"
+        if dim == 2 and isinstance(opening, Periodic) and opening.axis == "z":
+            yield f"{where}.axis: 'z' does not exist in a 2-D run; use x or y"
+        if dim == 2 and isinstance(opening, Fan) and opening.swirl != 0:
+            yield f"{where}.swirl: a 2-D run has no swirl; remove it, or give domain.size three numbers"
+    for path, value, wanted in found:
+        if value is not None and len(value) != wanted:
+            yield f"{path}: has {_numbers(len(value))}, a {dim}-D run takes {wanted} here"
+
+
+def _numbers(n: int) -> str:
+    return f"{n} number{'s' * (n > 1)}"
+
+
+def _sizes(scenario: Scenario) -> Iterator[str]:
+    """Cells and memory; nothing here allocates."""
+    domain = scenario.domain
+    cells = prod(max(1.0, extent / domain.spacing) for extent in domain.size)
+    needed, free = _bytes(scenario, cells), psutil.virtual_memory().available
+    if needed > free:
+        if _bytes(scenario, 0) > free / 2:
+            robots = sum(group.count * group.trials for group in scenario.robots)
+            yield (
+                f"robots: {robots} robots in all trials need {_memory(needed)} of memory, "
+                f"{_memory(free)} are free; lower count or trials"
+            )
+        else:
+            fits = max(domain.spacing, 1e-9 * max(domain.size))
+            while _bytes(scenario, prod(max(1.0, extent / fits) for extent in domain.size)) > free:
+                fits *= 1.05
+            yield (
+                f"domain.spacing: {cells:.3g} cells need {_memory(needed)} of memory, "
+                f"{_memory(free)} are free; a spacing of {_round_up(fits):g} m fits"
+            )
+        return
+    for n, gas_map in enumerate(scenario.maps):
+        area = domain.size[0] * domain.size[1]
+        if area / gas_map.cell > MOST_MAP_CELLS * gas_map.cell:
+            yield (
+                f"maps[{n}].cell: {gas_map.cell:g} m makes more than {MOST_MAP_CELLS} map cells; "
+                f"use {_round_up(sqrt(area / MOST_MAP_CELLS)):g} m or more"
+            )
+    for axis, (extent, n) in enumerate(zip(domain.size, domain.shape, strict=True)):
+        if n < 2:
+            advice = "; two numbers in domain.size make a 2-D run" if axis == 2 else ""
+            yield (
+                f"domain.size[{axis}]: {extent:g} m is fewer than two cells of {domain.spacing:g} m; "
+                f"lower domain.spacing to {extent / 4:.3g} m or less{advice}"
+            )
+        elif abs(n * domain.spacing - extent) > ROUNDING * extent:
+            yield (
+                f"domain.size[{axis}]: {extent:g} m in cells of {domain.spacing:g} m becomes "
+                f"{n * domain.spacing:g} m; choose a spacing that divides it, such as {extent / n:.4g} m"
+            )
+
+
+def _memory(amount: float) -> str:
+    return f"{amount / 1e9:,.0f} GB" if amount >= 1e11 else f"{amount / 1e9:.2g} GB"
+
+
+def _round_up(value: float) -> float:
+    """`value` rounded up to two digits."""
+    unit = 10.0 ** (floor(log10(value)) - 1)
+    return ceil(value / unit - 1e-9) * unit
+
+
+# ---------------------------------------------------------------- obstacles and sources
+
+
+def _shapes(scenario: Scenario, folder: Path) -> tuple[list[Shape | None], list[str]]:
+    """The shapes of the obstacles, None where one cannot be made, and what is wrong with those."""
+    shapes: list[Shape | None] = []
+    lines = []
+    for n, obstacle in enumerate(scenario.obstacles):
+        try:
+            shapes.append(shape(obstacle, scenario.domain, folder))
+        except MeshError as error:
+            shapes.append(None)
+            lines.append(f"obstacles[{n}]: {error}")
+    return shapes, lines
+
+
+def _obstacles(scenario: Scenario, shapes: list[Shape | None]) -> Iterator[str]:
+    extent = np.array(scenario.domain.extent)
+    if shapes and isinstance(scenario.wind, UniformWind):
+        yield "wind.kind: a uniform wind blows through obstacles; use kind: cfd, or remove the obstacles"
+    for n, one in enumerate(shapes):
+        if one is None:
+            continue
+        beyond = (one.high <= 0) | (one.low >= extent)
+        if beyond.any():
+            axis = int(beyond.argmax())
+            yield (
+                f"obstacles[{n}]: lies outside the domain: "
+                f"{_range('xyz'[axis], one.low[axis], one.high[axis])}, "
+                f"the domain has {_range('xyz'[axis], 0, extent[axis])}; move it in or remove it"
+            )
+
+
+def _range(axis: str, low: float, high: float) -> str:
+    return f"{axis} {low:.4g} to {high:.4g} m"
+
+
+def _sources(scenario: Scenario, shapes: list[Shape | None]) -> Iterator[str]:
+    extent = scenario.domain.extent
+    for n, source in enumerate(scenario.gas.sources):
+        path = f"gas.sources[{n}].position"
+        outside = [a for a, x in enumerate(source.position) if not 0 <= x <= extent[a]]
+        if outside:
+            axis = "xyz"[outside[0]]
+            yield (
+                f"{path}: {axis} = {source.position[outside[0]]:g} m is outside the domain, "
+                f"{_range(axis, 0, extent[outside[0]])}; move the source in"
+            )
+            continue
+        for m, one in enumerate(shapes):
+            if one is not None and one.inside(np.array([source.position]))[0]:
+                place = ", ".join(f"{x:g}" for x in source.position)
+                deep = -float(one.signed_distance(np.array([source.position]))[0])
+                yield (
+                    f"{path}: ({place}) m is inside obstacles[{m}] ({one.model.kind}), "
+                    f"{deep:.3g} m below its surface; move the source or the obstacle"
+                )
+                break
+
+
+# ---------------------------------------------------------------- openings
+
+
+def _openings_of(scenario: Scenario) -> tuple[Opening, ...]:
+    return scenario.wind.openings if isinstance(scenario.wind, CfdWind) else ()
+
+
+def _along(face: str, dim: int) -> list[int]:
+    """The axes of a face, in x, y, z order."""
+    return [a for a in range(dim) if "xyz"[a] != face[0]]
+
+
+def _center_and_half(region: Region, scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
+    """Centre and half widths of a region on its face [m]."""
+    extent = np.array([scenario.domain.extent[a] for a in _along(region.face, scenario.domain.dim)])
+    if region.center is None:
+        return extent / 2, extent / 2
+    size = region.size if region.size is not None else (region.diameter,) * len(extent)
+    return np.array(region.center), np.array(size, float) / 2
+
+
+def _is_disc(region: Region, dim: int) -> bool:
+    return region.diameter is not None and dim == 3
+
+
+def _openings(scenario: Scenario, shapes: list[Shape | None]) -> Iterator[str]:
+    dim, spacing = scenario.domain.dim, scenario.domain.spacing
+    openings = _openings_of(scenario)
+    for n, opening in enumerate(openings):
+        path = f"wind.openings[{n}]"
+        earlier = openings[:n]
+        if isinstance(opening, Periodic):
+            if any(isinstance(o, Periodic) and o.axis == opening.axis for o in earlier):
+                yield f"{path}: axis {opening.axis} is periodic already; remove one"
+            for m, other in enumerate(openings):
+                if isinstance(other, Region) and other.face[0] == opening.axis:
+                    yield (
+                        f"{path}: axis {opening.axis} cannot be periodic while wind.openings[{m}] "
+                        f"({other.kind}) is on face {other.face}; remove one of them"
+                    )
+            continue
+        center, half = _center_and_half(opening, scenario)
+        axes = _along(opening.face, dim)
+        for a, c, h in zip(axes, center, half, strict=True):
+            axis, length = "xyz"[a], scenario.domain.extent[a]
+            # up to half a cell may be due to the rounding of the domain to whole cells
+            if c - h < -1e-6 or c + h > length + spacing / 2 + 1e-6:
+                yield (
+                    f"{path}: reaches beyond its face {opening.face}: {_range(axis, c - h, c + h)}, "
+                    f"the face has {_range(axis, 0, length)}; move its center or make it smaller"
+                )
+                break
+        else:
+            yield from _covered_cells(path, opening, scenario, shapes)
+        for m, other in enumerate(earlier):
+            if isinstance(other, Region) and _overlap(opening, other, scenario):
+                yield (
+                    f"{path}: overlaps wind.openings[{m}] ({other.kind}) on face {opening.face}; "
+                    "give both a center and a size that leave them apart"
+                )
+        axis = "xyz".index(opening.face[0])
+        if isinstance(opening, MovingWall) and opening.velocity[axis] != 0:
+            yield (
+                f"{path}.velocity: the wall {opening.face} slides in its own plane: "
+                f"the {'xyz'[axis]} component must be 0, got {opening.velocity[axis]:g} m/s; "
+                "to blow air use kind: inlet"
+            )
+
+
+def _covered_cells(
+    path: str, opening: Region, scenario: Scenario, shapes: list[Shape | None]
+) -> Iterator[str]:
+    """An opening must cover a cell, and one behind which there is air."""
+    domain = scenario.domain
+    center, half = _center_and_half(opening, scenario)
+    axes = _along(opening.face, domain.dim)
+    ranges = [(np.arange(domain.shape[a]) + 0.5) * domain.spacing for a in axes]
+    places = np.stack(np.meshgrid(*ranges, indexing="ij"), axis=-1).reshape(-1, len(axes))
+    if _is_disc(opening, domain.dim):
+        covered = np.linalg.norm(places - center, axis=-1) <= half[0]
+    else:
+        covered = (np.abs(places - center) <= half).all(axis=-1)
+    if not covered.any() and (2 * half < domain.spacing).any():
+        yield (
+            f"{path}: is smaller than a cell of {domain.spacing:g} m and covers none; "
+            "make it larger or lower domain.spacing"
+        )
+        return
+    axis = "xyz".index(opening.face[0])
+    depth = (domain.shape[axis] - 0.5 if opening.face[1] == "+" else 0.5) * domain.spacing
+    behind = np.insert(places[covered], axis, depth, axis=1)
+    solid = np.zeros(len(behind), bool)
+    for one in shapes:
+        if one is not None:
+            solid |= one.inside(behind)
+    if len(behind) and solid.all():
+        yield f"{path}: there is no air behind it, an obstacle covers it; move one of them"
+
+
+def _overlap(a: Region, b: Region, scenario: Scenario) -> bool:
+    """Whether two regions are on one face and share more than their rims."""
+    if a.face != b.face:
+        return False
+    rim = 1e-6 * scenario.domain.spacing
+    (center_a, half_a), (center_b, half_b) = _center_and_half(a, scenario), _center_and_half(b, scenario)
+    apart = np.abs(center_a - center_b)
+    disc_a, disc_b = _is_disc(a, scenario.domain.dim), _is_disc(b, scenario.domain.dim)
+    if disc_a and disc_b:
+        return bool(np.linalg.norm(apart) < half_a[0] + half_b[0] - rim)
+    if disc_a or disc_b:
+        radius, half = (half_a[0], half_b) if disc_a else (half_b[0], half_a)
+        return bool(np.linalg.norm(np.maximum(apart - half, 0.0)) < radius - rim)
+    return bool((apart < half_a + half_b - rim).all())
+
+
+def _area(region: Region, scenario: Scenario) -> float:
+    """Area of an opening [m²]; in 2-D, its width times the slab's depth."""
+    half = _center_and_half(region, scenario)[1]
+    if _is_disc(region, scenario.domain.dim):
+        return pi * half[0] ** 2
+    return float(np.prod(2 * half)) * (scenario.domain.depth if scenario.domain.dim == 2 else 1.0)
+
+
+def _speed_at(jet: Jet, t: float) -> float:
+    """Prescribed speed [m/s] at time t: scheduled changes take `ramp` seconds each."""
+    speed = jet.speed or 0.0
+    for step in jet.schedule:
+        if t >= step.at:
+            speed += (step.speed - speed) * (min(1.0, (t - step.at) / jet.ramp) if jet.ramp else 1.0)
+    return speed
+
+
+def _net_inflow(scenario: Scenario) -> Iterator[str]:
+    """Air cannot be compressed: without an outlet, what is blown in must be drawn out at every moment."""
+    jets: list[Jet] = []
+    for opening in _openings_of(scenario):
+        if isinstance(opening, Outlet) or (isinstance(opening, Honeycomb) and opening.speed is None):
+            return
+        if isinstance(opening, Jet):
+            jets.append(opening)
+    begin = 0.0 - scenario.warm_up
+    ends = {begin, scenario.duration}
+    for jet in jets:
+        ends.update(time for step in jet.schedule for time in (step.at, step.at + jet.ramp))
+    times = sorted(t for t in ends if begin <= t <= scenario.duration)
+    times = sorted([*times, *((a + b) / 2 for a, b in pairwise(times))])
+    for t in times:
+        flows = [_speed_at(jet, t) * _area(jet, scenario) for jet in jets]
+        if abs(sum(flows)) > 1e-6 * sum(abs(flow) for flow in flows):
+            change = "blown in" if sum(flows) > 0 else "drawn out"
+            yield (
+                f"wind.openings: an outlet is missing: at t = {t:g} s a net {abs(sum(flows)):.4g} m³/s is "
+                f"{change} and all else is closed; add {{kind: outlet, face: ...}} or balance the speeds"
+            )
+            return
+
+
+# ---------------------------------------------------------------- robots
+
+
+def _robots(scenario: Scenario, shapes: list[Shape | None]) -> Iterator[str]:
+    domain = scenario.domain
+    width = min(domain.extent[:2])
+    names: list[tuple[str, int]] = []
+    discs: list[tuple[np.ndarray, float]] = []
+    for n, group in enumerate(scenario.robots):
+        path = f"robots[{n}]"
+        if 2 * group.body.radius > width:
+            yield (
+                f"{path}.body.radius: a robot {2 * group.body.radius:g} m wide does not fit in a domain "
+                f"{width:g} m wide; make the body smaller"
+            )
+            continue
+        most = int(domain.extent[0] * domain.extent[1] / (pi * group.body.radius**2))
+        if group.count > most:
+            yield (
+                f"{path}.count: {group.count} robots of radius {group.body.radius:g} m do not fit in "
+                f"the domain; use fewer than {most} or a smaller body"
+            )
+            continue
+        if domain.dim == 3:
+            yield from _heights(path, group, domain.extent[2])
+        if isinstance(group.start, StartArea):
+            yield from _free_area(path, group, group.start, scenario, shapes)
+            continue
+        if isinstance(group.start, StartAt):
+            if len(group.start.positions) != group.count:
+                yield (
+                    f"{path}.start.positions: has {len(group.start.positions)} places for "
+                    f"count: {group.count}; give one place per robot"
+                )
+                continue
+            places = np.array(group.start.positions)
+        else:
+            places = _on_line(group.start, group.count)
+        yield from _touching(path, group, places, scenario, shapes)
+        names += [(path, k) for k in range(group.count)]
+        discs.append((places, group.body.radius))
+    if discs:
+        yield from _too_close(names, discs)
+
+
+def _heights(path: str, group: Group, ceiling: float) -> Iterator[str]:
+    heights = {
+        "body.height": group.body.height,
+        "sensors.gas.height": group.sensors.gas.height,
+        "sensors.wind.height": group.sensors.wind.height,
+    }
+    for key, height in heights.items():
+        if height > ceiling:
+            yield f"{path}.{key}: {height:g} m is above the ceiling of the domain; use at most {ceiling:g} m"
+
+
+def _on_line(start: StartLine, count: int) -> np.ndarray:
+    share = np.linspace(0.0, 1.0, count)[:, None]
+    return (1 - share) * np.array(start.begin) + share * np.array(start.end)
+
+
+def _clearance(
+    places: np.ndarray, height: float, scenario: Scenario, shapes: list[Shape | None]
+) -> Iterator[tuple[str, np.ndarray, float]]:
+    """What a body of this height may touch: name, distance [m] from places (..., 2), air to leave [m].
+
+    Robots know obstacles by their clearance map, which gives away a little more.
+    """
+    size = np.array(scenario.domain.extent[:2])
+    for axis in range(2):
+        yield f"the wall {'xy'[axis]}-", places[..., axis], START_ROOM
+        yield f"the wall {'xy'[axis]}+", size[axis] - places[..., axis], START_ROOM
+    room = START_ROOM + sqrt(2) * clearance_resolution(scenario.domain.extent)
+    for n, one in enumerate(shapes):
+        if one is not None:
+            distance = one.horizontal_distance(places, 0.0, height)
+            yield f"the surface of obstacles[{n}] ({one.model.kind})", distance, room
+
+
+def _touching(
+    path: str, group: Group, places: np.ndarray, scenario: Scenario, shapes: list[Shape | None]
+) -> Iterator[str]:
+    """Robots that start in a wall or an obstacle: the worst one of each."""
+    for name, distance, room in _clearance(places, group.body.height, scenario, shapes):
+        wanted = group.body.radius + room - 1e-9
+        k = int(distance.argmin())
+        if distance[k] < wanted:
+            more = int((distance < wanted).sum()) - 1
+            others = f" and {more} more touch it" if more else ""
+            where = f"{distance[k]:.3g} m from" if distance[k] >= 0 else "behind"
+            yield (
+                f"{path}.start: robot {k} at ({places[k, 0]:g}, {places[k, 1]:g}) m is {where} "
+                f"{name}{others}; its centre must be {wanted:.3g} m or more away"
+            )
+
+
+def _too_close(names: list[tuple[str, int]], discs: list[tuple[np.ndarray, float]]) -> Iterator[str]:
+    """The two robots that overlap most, or all but touch.
+
+    names: path of the group and number in it, per robot. discs: places (n, 2) and radius [m], per group.
+    """
+    places = np.concatenate([p for p, _ in discs])
+    radii = np.concatenate([np.full(len(p), r) for p, r in discs])
+    _, first, same = np.unique(places, axis=0, return_index=True, return_inverse=True)
+    twins = np.flatnonzero(first[same] != np.arange(len(places)))
+    if len(twins):  # a tree is slow where many places are one
+        i, j = first[same[twins[0]]], twins[0]
+    else:
+        reach = 2 * radii.max() + START_ROOM
+        distance, near = cKDTree(places).query(places, k=NEIGHBOURS, distance_upper_bound=reach)
+        near = np.minimum(near, len(places) - 1)  # where there are fewer, the distance is infinite
+        overlap = radii[:, None] + radii[near] - distance
+        overlap[near == np.arange(len(places))[:, None]] = -inf
+        i, k = np.unravel_index(np.round(overlap, 9).argmax(), overlap.shape)
+        j = near[i, k]
+    apart, least = float(np.hypot(*(places[i] - places[j]))), radii[i] + radii[j] + START_ROOM
+    if i != j and apart < least - 1e-9:
+        (path, one), (other_path, other) = names[i], names[j]
+        second = f"robot {other}" if other_path == path else f"{other_path} robot {other}"
+        yield (
+            f"{path}.start: robot {one} and {second} are {apart:.3g} m apart, too close; "
+            f"their centres must be {least:g} m apart or more"
+        )
+
+
+def _free_area(
+    path: str, group: Group, start: StartArea, scenario: Scenario, shapes: list[Shape | None]
+) -> Iterator[str]:
+    """Whether so many discs can be put down at random where their centres may be."""
+    low, high = np.array(start.low), np.array(start.high)
+    if (high < low).any():
+        yield f"{path}.start.high: must not be below low, got {start.high} under {start.low}"
+        return
+    radius = group.body.radius
+    low, high = low - radius, high + radius  # where the discs may reach
+    steps = (high - low) / FREE_AREA_NODES
+    axes = [low[a] + (np.arange(FREE_AREA_NODES) + 0.5) * steps[a] for a in range(2)]
+    nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    slack = float(steps.max()) / 2
+    free = ((nodes >= np.array(start.low) - slack) & (nodes <= np.array(start.high) + slack)).all(axis=-1)
+    for _, distance, room in _clearance(nodes, group.body.height, scenario, shapes):
+        free &= distance >= radius + room - slack
+    if not free.any():
+        yield f"{path}.start: no robot fits anywhere in this area; move or enlarge it"
+        return
+    reached = ndimage.distance_transform_edt(~free, sampling=tuple(steps)) <= radius  # type: ignore[operator]
+    area = float(reached.sum() * np.prod(steps))
+    room = max(1, int(RANDOM_PACKING * area / (pi * radius**2)))
+    if group.count > room:
+        yield (
+            f"{path}.count: {group.count} robots of radius {radius:g} m do not fit at random places of the "
+            f"start area, there is room for about {room}; lower the count or enlarge {path}.start"
+        )
+
+
+# ---------------------------------------------------------------- recording
+
+
+def _recording(scenario: Scenario) -> Iterator[str]:
+    recording, extent = scenario.recording, scenario.domain.extent
+    if len(extent) == 3 and recording.slice_height > extent[2]:
+        yield (
+            f"recording.slice_height: {recording.slice_height:g} m is above the ceiling; "
+            f"use at most {extent[2]:g} m"
+        )
+    if recording.range_ppm[0] >= recording.range_ppm[1]:
+        yield (
+            f"recording.range_ppm: the first must be below the second, got {recording.range_ppm[0]:g} and "
+            f"{recording.range_ppm[1]:g}"
+        )

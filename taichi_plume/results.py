@@ -1,0 +1,391 @@
+"""The run directory: the resolved scenario, a row per robot and sample, and what came of it all.
+
+`scenario.yaml` can be run again as it is; `result.json` is written last and at once.
+"""
+
+import datetime
+import json
+import os
+import platform
+from importlib.metadata import version
+from math import ceil, isfinite, prod
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import yaml
+
+from taichi_plume import __version__, disk, scores
+from taichi_plume.scenario import Scenario
+from taichi_plume.simulation import Every, Simulation
+
+FILES = ("scenario.yaml", "recording.rrd", "robots.parquet", "result.json")
+MOST_ROWS = 2_000_000  # of robots.parquet: larger swarms are sampled less often
+ROW_GROUP = 50_000
+
+
+class RunFolderError(ValueError):
+    """A run directory that cannot be used."""
+
+
+def run_folder(name: str, out: Path | None = None, force: bool = False, runs: Path = Path("runs")) -> Path:
+    """Make and return `out`, or the first free ``runs/<name>-<n>``.
+
+    One that holds files is refused, unless by `force` what an earlier run left there is removed.
+    """
+    try:
+        if out is None:
+            return _next_folder(name, runs)
+        if out.is_dir() and any(out.iterdir()):
+            if not force:
+                raise RunFolderError(f"{out}: is not empty; choose another --out or add --force to overwrite")
+            for file in FILES:
+                (out / file).unlink(missing_ok=True)
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RunFolderError(
+            f"{error.filename or out or runs}: cannot be made: {error.strerror or error}"
+        ) from None
+    return out
+
+
+def _next_folder(name: str, runs: Path) -> Path:
+    n = 1
+    while True:
+        folder = runs / f"{name}-{n}"
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            n += 1
+            continue
+        return folder
+
+
+# ---------------------------------------------------------------- the scenario
+
+
+def to_yaml(scenario: Scenario, source: Path = Path(), target: Path | None = None) -> str:
+    """The scenario with every default written out.
+
+    Paths of files, relative to `source`, are written relative to `target` when one is given.
+    """
+    data = scenario.model_dump(mode="json", exclude_none=True)
+    if target is not None:
+        data = _moved(data, source.resolve(), target.resolve())
+    return yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=100)
+
+
+def _moved(value: Any, source: Path, target: Path) -> Any:
+    if isinstance(value, list):
+        return [_moved(part, source, target) for part in value]
+    if not isinstance(value, dict):
+        return value
+    return {
+        key: os.path.relpath(source / part, target) if key == "file" else _moved(part, source, target)
+        for key, part in value.items()
+    }
+
+
+def write_scenario(folder: Path, scenario: Scenario, source: Path, backend: str) -> None:
+    """Write `scenario.yaml`, versions, backend and seed above it; `source` is the folder of the original."""
+    now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+    packages = ("taichi", "numpy", "rerun-sdk")
+    versions = ", ".join(f"{name} {version(name)}" for name in packages)
+    header = (
+        f"# Every default written out. Again: python -m taichi_plume.run {folder / 'scenario.yaml'}\n"
+        f"# started: {now}\n"
+        f"# backend: {backend}\n"
+        f"# seed: {scenario.seed}\n"
+        f"# taichi_plume {__version__}, {versions}, Python {platform.python_version()}, {platform.system()}\n"
+    )
+    (folder / "scenario.yaml").write_text(header + to_yaml(scenario, source, folder), encoding="utf-8")
+
+
+# ---------------------------------------------------------------- the robots
+
+
+class RobotTable:
+    """`robots.parquet`: one row per robot and sample. `close()` makes it readable, whatever happened."""
+
+    def __init__(self, sim: Simulation, path: Path):
+        self.path = path
+        count = sim.swarm.count
+        rows = count * (sim.scenario.duration / sim.dt + 1)
+        self.period = sim.dt * ceil(max(1.0, rows / MOST_ROWS))
+        self.pending: list[pa.RecordBatch] = []
+        self.rows = 0
+        self.sampled: int | None = None  # last tick of `sample`
+        groups = sim.swarm.groups
+        self.group = np.concatenate([np.full(g.count * g.trials, n, np.int32) for n, g in enumerate(groups)])
+        self.trial = np.concatenate([np.repeat(np.arange(g.trials, dtype=np.int32), g.count) for g in groups])
+        self.robot = np.concatenate([np.tile(np.arange(g.count, dtype=np.int32), g.trials) for g in groups])
+        self.group_names = pa.array([g.name for g in groups])
+        teams: list[Any] = list(sim.teams)
+        states = [team.state_names for team in teams]
+        self.first_state = np.cumsum([0, *[len(names) for names in states]])[:-1].astype(np.int32)
+        self.state_names = pa.array([name for names in states for name in names])
+        names = pa.dictionary(pa.int32(), pa.string())
+        self.schema = pa.schema(
+            [
+                ("t", pa.float64()),
+                ("group", names),
+                ("trial", pa.int32()),
+                ("robot", pa.int32()),
+                *[(name, pa.float32()) for name in ("x", "y", "heading", "reading_ppm", "true_ppm")],
+                ("wind_x", pa.float32()),
+                ("wind_y", pa.float32()),
+                ("state", names),
+                ("found", pa.bool_()),
+            ]
+        )
+        disk.require_room(path)
+        self.writer = pq.ParquetWriter(path, self.schema, compression="zstd")
+
+    def observer(self) -> Every:
+        """What the simulation has to call."""
+        return Every(self.period, self.sample)
+
+    def sample(self, sim: Simulation) -> None:
+        """Take a row of every robot. Raises OSError when the disk is full."""
+        if self.sampled == sim.tick:  # a run's end calls all observers once more
+            return
+        self.sampled = sim.tick
+        now = sim.swarm.snapshot()
+        state = self.first_state[self.group] + now["state"].astype(np.int32)
+        columns = [
+            np.full(len(self.group), sim.t),
+            pa.DictionaryArray.from_arrays(self.group, self.group_names),
+            self.trial,
+            self.robot,
+            now["position"][:, 0],
+            now["position"][:, 1],
+            now["heading"],
+            now["reading_ppm"],
+            now["true_ppm"],
+            now["wind"][:, 0],
+            now["wind"][:, 1],
+            pa.DictionaryArray.from_arrays(state, self.state_names),
+            now["found"].astype(bool),
+        ]
+        arrays = [
+            pa.array(column).cast(kind) for column, kind in zip(columns, self.schema.types, strict=True)
+        ]
+        self.pending.append(pa.RecordBatch.from_arrays(arrays, schema=self.schema))
+        self.rows += len(self.group)
+        if self.rows >= ROW_GROUP:
+            self._write()
+
+    def _write(self) -> None:
+        if not self.pending:
+            return
+        table = pa.Table.from_batches(self.pending)
+        disk.require_room(self.path, table.nbytes)
+        self.pending.clear()
+        self.rows = 0
+        self.writer.write_table(table)
+
+    def close(self) -> None:
+        """Write the rest and the footer."""
+        if not self.writer.is_open:
+            return
+        try:
+            self._write()
+        finally:
+            self.writer.close()
+
+
+# ---------------------------------------------------------------- the result
+
+
+def result(sim: Simulation, status: str, message: str, backend: str) -> dict[str, Any]:
+    """What came of a run, ready for `write_result`."""
+    cells = prod(sim.grid.shape)
+    steps = cells * sim.steps
+    return {
+        "name": sim.scenario.name,
+        "status": status,
+        "message": message,
+        "seed": sim.scenario.seed,
+        "backend": backend,
+        "version": __version__,
+        "wall_s": sim.wall_s,
+        "simulated_s": sim.t + sim.scenario.warm_up,
+        "steps": sim.steps,
+        "cells": cells,
+        "Mcell_steps_per_s": steps / sim.wall_s / 1e6 if sim.wall_s > 0 else None,
+        "flow": _reported(sim.wind, "diagnostics"),
+        "gas": _budget(sim),
+        "groups": _groups(sim),
+        "maps": [_map(sim, n) for n in range(len(sim.maps))],
+    }
+
+
+def _budget(sim: Simulation) -> dict[str, Any]:
+    budget = _reported(sim.gas, "budget")
+    if not budget:
+        return {}
+    missing = budget["emitted_kg"] - budget["in_domain_kg"] - budget["outflow_kg"]
+    budget["relative_error"] = missing / budget["emitted_kg"] if budget["emitted_kg"] else None
+    return budget
+
+
+def _reported(solver: Any, name: str) -> dict[str, Any]:
+    """What a solver's method tells of its state; closed forms have nothing to tell."""
+    return dict(getattr(solver, name)()) if hasattr(solver, name) else {}
+
+
+def _groups(sim: Simulation) -> list[dict[str, Any]]:
+    if not sim.swarm.count:
+        return []
+    now = sim.swarm.snapshot()
+    groups = []
+    for group in sim.swarm.groups:
+        trials = scores.trial_outcomes(group, now)
+        times = [t for t, good in zip(trials["time_s"], trials["success"], strict=True) if good]
+        paths = [p for p, good in zip(trials["path_m"], trials["success"], strict=True) if good]
+        groups.append(
+            {
+                "name": group.name,
+                "algorithm": group.model.algorithm.kind,
+                "robots": group.count,
+                "trials": group.trials,
+                "success_rate": float(np.mean(trials["success"])),
+                "median_time_s": float(np.median(times)) if times else None,
+                "median_path_m": float(np.median(paths)) if paths else None,
+                "per_trial": trials,
+            }
+        )
+    return groups
+
+
+def _map(sim: Simulation, n: int) -> dict[str, Any]:
+    gas_map: Any = sim.maps[n]
+    estimate = np.asarray(gas_map.estimate())
+    truth = scores.true_gas(sim, gas_map.cell, estimate.shape[1:])
+    score = scores.map_score(estimate, truth)
+    forecasts = [(t, np.asarray(errors, float)) for t, errors in gas_map.errors]
+    return {
+        "kind": sim.scenario.maps[n].kind,
+        "cell_m": gas_map.cell,
+        "mae_ppm": _mean(score.mae),
+        "correlation": _mean(score.correlation),
+        "known_fraction": _mean(score.known),
+        "per_trial": {
+            "mae_ppm": score.mae.tolist(),
+            "correlation": score.correlation.tolist(),
+            "known_fraction": score.known.tolist(),
+        },
+        "forecast": {
+            "time_s": [t for t, _ in forecasts],
+            "error_ppm": [_mean(errors) for _, errors in forecasts],
+        },
+    }
+
+
+def _mean(values: np.ndarray) -> float | None:
+    """Mean of what is known."""
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if known.size else None
+
+
+def write_result(folder: Path, content: dict[str, Any]) -> None:
+    """Write `result.json` so that a reader sees all of it or none; what is no number becomes null."""
+    text = json.dumps(_plain(content), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+    part = folder / "result.json.part"
+    try:
+        with part.open("w", encoding="utf-8") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        part.replace(folder / "result.json")
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(key): _plain(part) for key, part in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(part) for part in value]
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, np.generic):
+        return _plain(value.item())
+    if isinstance(value, float) and not isfinite(value):
+        return None
+    return value
+
+
+def print_summary(content: dict[str, Any], folder: Path) -> None:
+    """Print a result for a person, and what to do next."""
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
+    table.add_column(style="bold")
+    table.add_column(overflow="fold")
+    for name, value in summary(content):
+        table.add_row(name, Text(value))
+    console = Console(highlight=False)
+    console.print(table)
+    files = [name for name in FILES if (folder / name).exists()]
+    console.print(Text(f"\n{folder}: {', '.join(files)}"))
+    if "recording.rrd" in files:
+        console.print(
+            Text.assemble("look at it:  ", (f"rerun {folder / 'recording.rrd'}", "bold cyan")), soft_wrap=True
+        )
+
+
+def summary(content: dict[str, Any]) -> list[tuple[str, str]]:
+    """A result as (name, text) lines for a person."""
+    wall, simulated = content["wall_s"], content["simulated_s"]
+    status = content["status"] + (f": {content['message']}" if content["message"] else "")
+    lines = [
+        (content["name"], status),
+        (
+            "time",
+            f"{simulated:.1f} s simulated in {wall:.1f} s ({simulated / max(wall, 1e-9):.3g} x real time)",
+        ),
+        ("grid", f"{content['cells']:,} cells, {content['steps']:,} steps, {content['backend']}"),
+    ]
+    if content["Mcell_steps_per_s"]:
+        lines[-1] = (
+            lines[-1][0],
+            f"{lines[-1][1]}, {content['Mcell_steps_per_s']:.3g} million cell steps per s",
+        )
+    flow, gas = content["flow"], content["gas"]
+    if flow:
+        lines.append(
+            ("flow", ", ".join(f"{name.replace('_', ' ')} {value:.3g}" for name, value in flow.items()))
+        )
+    if gas:
+        text = ", ".join(
+            f"{1e3 * gas[f'{name}_kg']:.4g} g {name.replace('_', ' ')}"
+            for name in ("emitted", "in_domain", "outflow")
+        )
+        if gas["relative_error"] is not None:
+            text += f", {gas['relative_error']:.1e} of it unaccounted for"
+        lines.append(("gas", text))
+    for group in content["groups"]:
+        found = sum(group["per_trial"]["success"])
+        text = f"{group['algorithm']}, found the source in {found} of {group['trials']} trials"
+        if found:
+            text += f", median {group['median_time_s']:.1f} s and {group['median_path_m']:.2f} m"
+        lines.append((group["name"], text))
+    for gas_map in content["maps"]:
+        lines.append((f"{gas_map['kind'].replace('_', ' ')} map", _map_line(gas_map)))
+    return lines
+
+
+def _map_line(gas_map: dict[str, Any]) -> str:
+    if gas_map["mae_ppm"] is None:
+        return "knows no cell"
+    text = (
+        f"mean error {gas_map['mae_ppm']:.3g} ppm over {100 * gas_map['known_fraction']:.0f} % of the cells"
+    )
+    if gas_map["correlation"] is not None:
+        text += f", correlation {gas_map['correlation']:.2f}"
+    return text

@@ -1,0 +1,266 @@
+"""The command: ``python -m taichi_plume.run scenario.yaml`` runs a scenario into a run directory.
+
+Exit code 0: done; 1: stopped by an error, what there was is kept; 2: the scenario or the command line is
+wrong; 130: interrupted. Heavy imports wait until the scenario has been checked.
+"""
+
+import argparse
+import errno
+import os
+import signal
+import sys
+import threading
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from taichi_plume.scenario import Scenario
+    from taichi_plume.simulation import Simulation
+
+FULL = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line `argv` (without the program's name) and return its exit code."""
+    args = _arguments(argv)
+    os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
+    from taichi_plume.loading import ScenarioError, load_scenario
+
+    overrides = list(args.set)
+    for key in ("seed", "duration"):
+        if getattr(args, key) is not None:
+            overrides.append(f"{key}={getattr(args, key)}")
+    try:
+        scenario = load_scenario(args.scenario, overrides)
+        _check(scenario, args.scenario)
+        if args.check:
+            _print_check(scenario)
+            return 0
+        return _run(scenario, args)
+    except ScenarioError as error:
+        print(error, file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("interrupted before the run began", file=sys.stderr)
+        return 130
+
+
+def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog="python -m taichi_plume.run",
+        description="Run a scenario: air flow, gas, robots, maps. Recording, tables and result go to a folder.",
+    )
+    parser.add_argument("scenario", type=Path, help="YAML file")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="run directory (default: runs/NAME-N)")
+    parser.add_argument(
+        "--arch",
+        choices=("auto", "cpu", "cuda", "vulkan", "metal"),
+        default="cpu",
+        help="where to compute; auto takes a GPU if there is one (default: cpu)",
+    )
+    parser.add_argument("--seed", metavar="N", help="instead of the scenario's")
+    parser.add_argument("--duration", metavar="S", help="seconds, instead of the scenario's")
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="PATH=VALUE",
+        help="change any key, such as robots.0.count=3; may be repeated",
+    )
+    parser.add_argument(
+        "--check", action="store_true", help="only check, print the resolved scenario and its size"
+    )
+    parser.add_argument("--no-recording", action="store_true", help="write no recording.rrd")
+    parser.add_argument("--quiet", action="store_true", help="no progress bar, no summary")
+    parser.add_argument("--force", action="store_true", help="overwrite an earlier run in --out")
+    parser.add_argument("--debug", action="store_true", help="show where an unexpected error came from")
+    return parser.parse_args(argv)
+
+
+def _check(scenario: "Scenario", path: Path) -> None:
+    from taichi_plume.checks import problems
+    from taichi_plume.loading import ScenarioError
+
+    faults = problems(scenario, path.resolve().parent)
+    if faults:
+        raise ScenarioError([f"{path}: {fault}" for fault in faults])
+
+
+def _print_check(scenario: "Scenario") -> None:
+    from taichi_plume.checks import estimate
+    from taichi_plume.results import to_yaml
+
+    size = estimate(scenario)
+    print(to_yaml(scenario), end="")
+    print(f"# cells: {size['cells']:,}, about {size['bytes'] / 1e6:,.0f} MB of memory")
+    print(f"# flow steps: about {size['steps']:,}, about {_duration(size['wall_s'])} on a few CPU cores")
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 100:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.0f} h"
+
+
+# ---------------------------------------------------------------- the run
+
+
+def _run(scenario: "Scenario", args: argparse.Namespace) -> int:
+    """Assemble and run; keep what there is, whatever ends it."""
+    from rich.console import Console
+
+    from taichi_plume import results
+    from taichi_plume.loading import ScenarioError
+
+    console = Console(stderr=True)
+    try:
+        out = results.run_folder(scenario.name, args.out, args.force)
+    except results.RunFolderError as error:
+        print(error, file=sys.stderr)
+        return 2
+    try:
+        if console.is_terminal and not args.quiet:
+            console.print("compiling ...", end="\r", highlight=False)
+        sim, backend = _assemble(scenario, args)
+    except BaseException as error:
+        _remove_if_empty(out)
+        if isinstance(error, (ScenarioError, KeyboardInterrupt)):
+            raise
+        if args.debug:
+            traceback.print_exc()
+        print(f"failed before the run began: {_explain(error)[1]}", file=sys.stderr)
+        return 1
+    status, message, code = _simulate(sim, backend, out, args, console)
+    try:
+        content = results.result(sim, status, message, backend)
+    except Exception as error:  # a simulation too broken to tell
+        if not code:
+            (status, message), code = _explain(error), 1
+        content = {"name": scenario.name, "status": status, "message": message}
+    try:
+        results.write_result(out, content)
+    except OSError as error:
+        print(f"result.json could not be written: {error}", file=sys.stderr)
+        code = code or 1
+    if code:
+        kept = ", ".join(sorted(file.name for file in out.iterdir())) or "nothing"
+        print(f"{status}: {message}\nkept in {out}: {kept}", file=sys.stderr)
+    elif not args.quiet:
+        results.print_summary(content, out)
+    return code
+
+
+def _assemble(scenario: "Scenario", args: argparse.Namespace) -> tuple["Simulation", str]:
+    from taichi_plume import kernels
+    from taichi_plume.assemble import assemble
+
+    backend = kernels.start(args.arch)
+    return assemble(scenario, args.scenario.resolve().parent), backend
+
+
+def _simulate(
+    sim: "Simulation", backend: str, out: Path, args: argparse.Namespace, console: Any
+) -> tuple[str, str, int]:
+    """Run to the end and close all files. Returns status, message and exit code."""
+    status, message, code = "completed", "", 0
+    closers: list[Callable[[], None]] = []
+    with _terminable():
+        try:
+            _watch(sim, backend, out, args, closers)
+            with ExitStack() as stack:
+                if console.is_terminal and not args.quiet:
+                    from taichi_plume.progress import ProgressBar
+
+                    bar = stack.enter_context(ProgressBar(sim, console))
+                    sim.observers.append(bar.observer())
+                sim.run()
+            if sim.tick < sim.last_tick:
+                status, message = "stopped", f"every robot had found a source at t = {sim.t:.1f} s"
+        except KeyboardInterrupt:
+            status, message, code = "interrupted", f"at t = {sim.t:.2f} s", 130
+        except Exception as error:
+            if args.debug:
+                traceback.print_exc()
+            (status, message), code = _explain(error), 1
+        with _deaf():
+            for close in closers:
+                try:
+                    close()
+                except Exception as error:  # the others have to be closed all the same
+                    if not code:
+                        (status, message), code = _explain(error), 1
+    return status, message, code
+
+
+def _watch(
+    sim: "Simulation", backend: str, out: Path, args: argparse.Namespace, closers: list[Callable[[], None]]
+) -> None:
+    """Open the run's files and let the simulation feed them."""
+    from taichi_plume import results
+
+    results.write_scenario(out, sim.scenario, args.scenario.resolve().parent, backend)
+    if sim.swarm.count:
+        table = results.RobotTable(sim, out / "robots.parquet")
+        closers.append(table.close)
+        sim.observers.append(table.observer())
+    if not args.no_recording:
+        from taichi_plume.recording import Recorder
+
+        recorder = Recorder(sim, out / "recording.rrd", backend)
+        closers.append(recorder.close)
+        sim.observers += recorder.observers()
+
+
+def _explain(error: BaseException) -> tuple[str, str]:
+    """Status and one line for an exception."""
+    from taichi_plume.simulation import UnstableError
+
+    if isinstance(error, UnstableError):
+        return "unstable", str(error)
+    if isinstance(error, OSError) and error.errno in FULL:
+        return "disk_full", f"{error.strerror}: {error.filename}" if error.filename else str(error)
+    frames = traceback.extract_tb(error.__traceback__)
+    ours = [frame for frame in frames if "taichi_plume" in frame.filename] or frames
+    where = f" ({Path(ours[-1].filename).name}:{ours[-1].lineno})" if ours else ""
+    return "failed", f"{type(error).__name__}: {' '.join(str(error).split())}{where}"
+
+
+def _remove_if_empty(folder: Path) -> None:
+    if folder.is_dir() and not any(folder.iterdir()):
+        folder.rmdir()
+
+
+# ---------------------------------------------------------------- signals
+
+
+@contextmanager
+def _terminable() -> Iterator[None]:
+    """SIGTERM (a batch system's or container's stop) ends the run as Ctrl-C does."""
+    with _handling(signal.SIGTERM, signal.default_int_handler):
+        yield
+
+
+@contextmanager
+def _deaf() -> Iterator[None]:
+    """Further Ctrl-C do not disturb the closing of files."""
+    with _handling(signal.SIGINT, signal.SIG_IGN), _handling(signal.SIGTERM, signal.SIG_IGN):
+        yield
+
+
+@contextmanager
+def _handling(number: signal.Signals, handler: Any) -> Iterator[None]:
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(number, handler)
+    try:
+        yield
+    finally:
+        signal.signal(number, before)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

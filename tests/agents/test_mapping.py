@@ -1,0 +1,163 @@
+"""The maps against a literal reading of eq 1-8, with loops over snaps and cells in float64."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import taichi as ti
+
+from taichi_plume.agents.mapping import InverseDistanceMap, TimeSeriesMap
+from taichi_plume.scenario import IdwMap
+from taichi_plume.scenario import TimeSeriesMap as TimeSeriesModel
+
+EXTENT = (2.0, 1.5)
+CELL, WINDOW, DT = 0.25, 5.0, 0.5
+TRIALS, COUNT = 2, 3
+
+
+class Robots:
+    """What a map sees of a swarm: robots jumping about, those of trial k at k COUNT ..."""
+
+    def __init__(self, seed):
+        self.rng = np.random.default_rng(seed)
+        n = TRIALS * COUNT
+        self.position = ti.Vector.field(2, ti.f32, n)
+        self.reading = ti.field(ti.f32, n)
+        self.members = ti.field(ti.i32, (TRIALS, COUNT + 1))
+        self.team_size = ti.field(ti.i32, TRIALS)
+        self.team_size.fill(COUNT)
+        self.members.from_numpy(np.pad(np.arange(n).reshape(TRIALS, COUNT), ((0, 0), (0, 1)), constant_values=-1).astype(np.int32))
+        self.where = self.rng.uniform(0, EXTENT, (n, 2))
+
+    def wander(self):
+        self.where = np.clip(self.where + self.rng.normal(0, 0.1, self.where.shape), 0.0, EXTENT)
+        self.position.from_numpy(self.where.astype(np.float32))
+        self.reading.from_numpy(self.rng.exponential(20.0, len(self.where)).astype(np.float32))
+
+
+def run(gas_map, seconds, pause=(np.inf, np.inf)):
+    """Feed the map, but during `pause`; returns the samples of each snap: lists of (trial, x, y, reading)."""
+    robots = Robots(4)
+    snaps: list[list[tuple]] = [[] for _ in range(round(seconds / WINDOW) + 1)]
+    for tick in range(1, round(seconds / DT) + 1):
+        robots.wander()
+        t = tick * DT
+        if pause[0] < t <= pause[1]:
+            continue
+        gas_map.update(robots, tick, t, DT)
+        for i, ((x, y), reading) in enumerate(zip(robots.position.to_numpy(), robots.reading.to_numpy(), strict=True)):
+            snaps[int(np.ceil(t / WINDOW)) - 1].append((i // COUNT, float(x), float(y), float(reading)))
+    return snaps
+
+
+def cells():
+    return [((i + 0.5) * CELL, (j + 0.5) * CELL) for i in range(8) for j in range(6)]
+
+
+def interpolated(samples, trial, power=2.0, shortest=CELL / 2):
+    """Eq 1-3 in every cell: C and W."""
+    C, W = [], []
+    for x, y in cells():
+        weights = [max(np.hypot(x - a, y - b), shortest) ** -power for k, a, b, _ in samples if k == trial]
+        values = [c for k, _, _, c in samples if k == trial]
+        W.append(sum(weights))
+        C.append(sum(w * c for w, c in zip(weights, values, strict=True)) / sum(weights) if weights else np.nan)
+    return np.array(C), np.array(W)
+
+
+def forecast(snaps, now, trial, alpha, beta):
+    """Eq 4-7 for snap number `now` from all before it."""
+    place = np.array(cells())
+    past = [(k, *interpolated(snaps[k], trial)) for k in range(now)]
+    S, total = np.full(len(place), np.nan), np.zeros(len(place))
+    for j, here in enumerate(place):
+        above = below = 0.0
+        for k, C, W in past:
+            for i, there in enumerate(place):
+                dist = alpha * np.hypot(*(here - there)) + (1 - alpha) * 0.1 * (now - k) * WINDOW
+                if dist < beta - 1e-9 and W[i] > 0:
+                    above += C[i] * W[i] / dist
+                    below += W[i] / dist
+        total[j] = below
+        if below > 0:
+            S[j] = above / below
+    return S, total
+
+
+def same(ours, reference):
+    """Equal to 1e-5 relative, and unknown in the same cells."""
+    assert (np.isnan(ours) == np.isnan(reference)).all()
+    assert ours == pytest.approx(reference, rel=1e-5, nan_ok=True)
+
+
+@pytest.mark.parametrize("alpha", [0.4, 0.9, 0.98])
+@pytest.mark.parametrize("pause", [(np.inf, np.inf), (20.0, 30.0)], ids=["steady", "pause"])
+def test_time_series_map_is_eq_1_to_8(alpha, pause):
+    """45 s; with the pause, snaps 5 and 6 have no samples."""
+    gas_map = TimeSeriesMap(TimeSeriesModel(kind="time_series", alpha=alpha), EXTENT, TRIALS)
+    assert np.isnan(gas_map.estimate()).all()
+    snaps = run(gas_map, 45.0, pause)
+    assert gas_map.snaps == 9
+    assert gas_map.estimate().shape == (TRIALS, 8, 6)
+    for trial in range(TRIALS):
+        S, weight = forecast(snaps, 9, trial, alpha, 0.5)
+        same(gas_map.estimate()[trial].ravel(), S)
+        same(gas_map.weight()[trial].ravel(), weight)
+    errors = dict(gas_map.errors)
+    assert list(errors) == pytest.approx([10, 15, 20, 25, 30, 35, 40, 45])
+    for snap in (1, 4, 7, 8):
+        for trial in range(TRIALS):
+            S, _ = forecast(snaps, snap, trial, alpha, 0.5)
+            C, _ = interpolated(snaps[snap], trial)
+            off = np.abs(S - C)
+            expected = np.nan if np.isnan(off).all() else np.nanmean(off)
+            assert errors[(snap + 1) * WINDOW][trial] == pytest.approx(expected, rel=1e-5, nan_ok=True)
+
+
+def test_nothing_is_known_right_after_an_empty_snap_when_the_neighbourhood_is_short():
+    """alpha = 0.4 reaches one snap back: unknown, not zero."""
+    gas_map = TimeSeriesMap(TimeSeriesModel(kind="time_series", alpha=0.4), EXTENT, TRIALS)
+    robots = Robots(1)
+    robots.wander()
+    gas_map.update(robots, 10, 5.0, DT)
+    assert np.isfinite(gas_map.estimate()).all()
+    gas_map.update(robots, 24, 12.0, DT)  # in the third snap; the second stayed empty
+    assert gas_map.snaps == 2
+    assert np.isnan(gas_map.estimate()).all()
+    assert (gas_map.weight() == 0).all()
+
+
+@pytest.mark.parametrize("power", [1.0, 2.0, 3.5])
+def test_inverse_distance_map_is_eq_1_to_3_of_the_last_snap(power):
+    gas_map = InverseDistanceMap(IdwMap(kind="inverse_distance", power=power, min_distance=0.05), EXTENT, TRIALS)
+    snaps = run(gas_map, 17.0)  # 2 s into the fourth snap
+    for trial in range(TRIALS):
+        C, W = interpolated(snaps[2], trial, power, 0.05)
+        same(gas_map.estimate()[trial].ravel(), C)
+        same(gas_map.weight()[trial].ravel(), W)
+    times = [time for time, _ in gas_map.errors]
+    assert times == [10, 15]
+    before, after = interpolated(snaps[1], 1, power, 0.05)[0], interpolated(snaps[2], 1, power, 0.05)[0]
+    assert gas_map.errors[-1][1][1] == pytest.approx(np.abs(before - after).mean(), rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("alpha", "lags", "entries"), [(0.4, 1, 9), (0.5, 1, 9), (0.6, 2, 10), (0.8, 4, 20), (0.9, 9, 41), (0.98, 49, 209)]
+)
+def test_reach_of_the_neighbourhood(alpha, lags, entries):
+    """Counted by hand from eq 4 and 5 for beta = 0.5, 5 s and 0.25 m; a distance of exactly beta is outside."""
+    gas_map = TimeSeriesMap(TimeSeriesModel(kind="time_series", alpha=alpha), EXTENT, 1)
+    assert gas_map.depth == lags + 1
+    assert len(gas_map.closeness.to_numpy()) == entries
+
+
+def test_a_neighbourhood_without_any_snap_is_refused():
+    model = TimeSeriesModel(kind="time_series", alpha=0.4, window=20.0)
+    with pytest.raises(ValueError, match="raise alpha or beta"):
+        TimeSeriesMap(model, EXTENT, 1)
+
+
+def test_cells_cover_the_floor():
+    gas_map = InverseDistanceMap(IdwMap(kind="inverse_distance", cell=0.4), (2.0, 1.5), 1)
+    assert gas_map.shape == (5, 4)
+    assert gas_map.centers()[4, 3] == pytest.approx([1.8, 1.4])

@@ -1,0 +1,307 @@
+"""No body ever overlaps anything, moves are those of a unicycle, trials are independent."""
+
+import numpy as np
+import pytest
+import taichi as ti
+
+from taichi_plume.agents.placement import Placed, place, placed
+from taichi_plume.agents.swarm import SKIN, Swarm
+from taichi_plume.scenario import Body, Casting, Group, StartArea, StartAt, StartLine
+
+EXTENT = (4.0, 3.0)
+NOWHERE = np.empty((0, 2))
+
+
+@ti.data_oriented
+class Arena:
+    """Walls around EXTENT, a round obstacle, and a thin upright plate, in closed form; obstacles can be moved."""
+
+    def __init__(self):
+        self.disc = ti.field(ti.f32, 3)  # x, y, radius
+        self.plate = ti.field(ti.f32, 4)  # x, y, half width, half length
+
+    def set(self, disc, plate):
+        self.disc.from_numpy(np.array(disc, np.float32))
+        self.plate.from_numpy(np.array(plate, np.float32))
+
+    @ti.func
+    def nearest(self, p):
+        """Distance and normal of the next surface; the normal is meant for the outside of plate and disc."""
+        best = ti.Vector([p[0], 1.0, 0.0])
+        if p[1] < best[0]:
+            best = ti.Vector([p[1], 0.0, 1.0])
+        for d in ti.static(range(2)):
+            if EXTENT[d] - p[d] < best[0]:
+                best = ti.Vector([EXTENT[d] - p[d], float(d - 1), float(-d)])
+        apart = p - ti.Vector([self.disc[0], self.disc[1]])
+        if apart.norm() - self.disc[2] < best[0]:
+            best = ti.Vector([apart.norm() - self.disc[2], apart[0] / apart.norm(), apart[1] / apart.norm()])
+        center, half = ti.Vector([self.plate[0], self.plate[1]]), ti.Vector([self.plate[2], self.plate[3]])
+        apart = p - ti.math.clamp(p, center - half, center + half)
+        if apart.norm() < best[0]:
+            best = ti.Vector([apart.norm(), apart[0] / apart.norm(), apart[1] / apart.norm()])
+        return best
+
+    @ti.func
+    def distance(self, p):
+        return self.nearest(p)[0]
+
+    @ti.func
+    def normal(self, p):
+        best = self.nearest(p)
+        return ti.Vector([best[1], best[2]])
+
+    def distance_at(self, points):
+        """The same distance in float64."""
+        points = np.asarray(points, float)
+        disc, plate = self.disc.to_numpy().astype(float), self.plate.to_numpy().astype(float)
+        walls = np.minimum(points, np.array(EXTENT) - points).min(-1)
+        round_ = np.hypot(*(points - disc[:2]).T) - disc[2]
+        low, high = plate[:2] - plate[2:], plate[:2] + plate[2:]
+        nearest = np.clip(points, low, high)
+        return np.minimum(np.minimum(walls, round_), np.hypot(*(points - nearest).T))
+
+
+def team(count, trials=1, name="team", radius=0.08, reach=0.0, speed=1.0, turn=360.0, start=None):
+    return Group(
+        name=name,
+        count=count,
+        trials=trials,
+        start=start or StartArea(kind="area", low=(0, 0), high=EXTENT),
+        algorithm=Casting(kind="casting"),
+        body=Body(radius=radius, max_speed=speed, max_turn_rate_deg=turn),
+        reach=reach,
+    )
+
+
+def empty_arena():
+    arena = Arena()
+    arena.set([-9, -9, 0.1], [-9, -9, 0.1, 0.1])
+    return arena
+
+
+def swarm_at(positions, headings, arena=None, groups=None, sources=NOWHERE, **body):
+    groups = groups or (team(len(positions), **body),)
+    return Swarm(groups, np.array(positions), np.array(headings), arena or empty_arena(), EXTENT, sources, 0)
+
+
+def command(swarm, speed, turn_rate):
+    n = swarm.count
+    swarm.speed_command.from_numpy(np.broadcast_to(np.float32(speed), n).copy())
+    swarm.turn_rate_command.from_numpy(np.broadcast_to(np.float32(turn_rate), n).copy())
+
+
+def overlap(swarm, arena):
+    """The deepest overlap [m] of any body with anything, from float64 distances; negative: all are free."""
+    p = swarm.position.to_numpy().astype(float)
+    r = swarm.radius.to_numpy().astype(float)
+    worst = (r - arena.distance_at(p)).max()
+    for k in range(swarm.trials):
+        of_trial = np.concatenate([g.start + k * g.count + np.arange(g.count) for g in swarm.groups if k < g.trials])
+        q, s = p[of_trial], r[of_trial]
+        apart = np.hypot(*(q[:, None] - q[None]).T)
+        np.fill_diagonal(apart, np.inf)
+        worst = max(worst, (s[:, None] + s[None] - apart).max())
+    return worst
+
+
+def test_nothing_ever_overlaps():
+    """Two groups in 40 trials drive blindly through four scenes, at up to 0.3 m a tick past a plate 1 cm thick."""
+    rng = np.random.default_rng(1)
+    arena = Arena()
+    groups = (team(6, 40, "small", radius=0.08, speed=0.6), team(3, 25, "large", radius=0.2, speed=3.0))
+    swarm = None
+    for _ in range(4):
+        arena.set(
+            [rng.uniform(1, 3), rng.uniform(1, 2), rng.uniform(0.02, 0.4)],
+            [rng.uniform(1, 3), rng.uniform(0.8, 2.2), 0.005, rng.uniform(0.1, 0.6)],
+        )
+        occupied: list[Placed] = []
+        headings = []
+        for group in groups:
+            positions, heading = place(group, rng, arena.distance_at, occupied)
+            occupied.append(placed(group, positions))
+            headings.append(heading)
+        positions, heading = np.concatenate([o.positions for o in occupied]), np.concatenate(headings)
+        if swarm is None:
+            swarm = Swarm(groups, positions, heading, arena, EXTENT, NOWHERE, 0)
+        swarm.position.from_numpy(positions.astype(np.float32))
+        swarm.heading.from_numpy(heading.astype(np.float32))
+        swarm.path_length.fill(0)
+        assert overlap(swarm, arena) < 0
+        bumps = 0
+        for tick in range(1, 81):
+            if tick % 8 == 1:
+                command(swarm, rng.uniform(-0.5, 4, swarm.count), rng.normal(0, 1, swarm.count))
+            before = swarm.position.to_numpy()
+            swarm.move(tick, 0.1 * tick, 0.1)
+            assert overlap(swarm, arena) < -0.4 * SKIN  # air is left for the rounding
+            jump = np.hypot(*(swarm.position.to_numpy() - before).T)
+            assert (jump <= swarm.max_speed.to_numpy() * 0.1 + 1e-5).all()
+            bumps += swarm.blocked.to_numpy().sum()
+        assert bumps > 100
+        assert np.median(swarm.path_length.to_numpy()) > 1.0
+
+
+@pytest.mark.parametrize("speed", [0.3, 30.0])
+def test_nobody_passes_through_a_thin_plate_or_another_robot(speed):
+    arena = Arena()
+    arena.set([-9, -9, 0.1], [2.0, 1.5, 0.001, 1.4])
+    swarm = swarm_at([[1.0, 2.0], [1.0, 1.0], [1.6, 1.0]], [0, 0, np.pi / 2], arena, speed=100.0)
+    for tick in range(1, 200):
+        command(swarm, [speed, speed, 0], 0)
+        swarm.move(tick, tick * 0.1, 0.1)
+    x = swarm.position.to_numpy()[:, 0]
+    assert x[0] == pytest.approx(2.0 - 0.001 - 0.08, abs=0.003)
+    assert x[1] == pytest.approx(1.6 - 0.16, abs=0.003)
+    assert x[2] == pytest.approx(1.6)
+    assert swarm.blocked.to_numpy().tolist() == [1, 1, 0]
+
+
+def test_a_free_robot_drives_a_circle():
+    """Commands v, w make a circle of radius v/w; after a full turn the robot is back, v 2π/w further on the odometer."""
+    v, w, n = 0.2, 1.0, 90
+    dt = 2 * np.pi / (w * n)
+    swarm = swarm_at([[2.0, 1.5]], [0.0])
+    furthest = 0.0
+    for tick in range(1, n + 1):
+        command(swarm, v, w)
+        swarm.move(tick, tick * dt, dt)
+        center = np.array([2.0, 1.5 + v / w])
+        furthest = max(furthest, abs(np.hypot(*(swarm.position.to_numpy()[0] - center)) - v / w))
+    assert furthest < 1e-5
+    assert swarm.position.to_numpy()[0] == pytest.approx([2.0, 1.5], abs=1e-5)
+    assert swarm.heading.to_numpy()[0] == pytest.approx(0, abs=1e-4)
+    perimeter = 2 * v / w * n * np.sin(np.pi / n)  # of the polygon through the n points
+    assert swarm.path_length.to_numpy()[0] == pytest.approx(perimeter, rel=1e-5)
+
+
+def test_commands_are_clipped_to_the_body():
+    swarm = swarm_at([[2.0, 1.5], [1.0, 1.5]], [0.0, 0.0], speed=0.2, turn=90.0)
+    command(swarm, [9.0, 0.0], [0.0, -50.0])
+    swarm.move(1, 0.1, 0.1)
+    assert swarm.position.to_numpy()[0] == pytest.approx([2.02, 1.5], abs=1e-6)
+    assert swarm.heading.to_numpy()[1] == pytest.approx(-np.pi / 2 * 0.1)
+
+
+def test_a_robot_slides_along_a_wall():
+    """Pressed against the wall at 45° it goes on with the tangential part of its speed, and feels the wall."""
+    swarm = swarm_at([[1.0, 0.2]], [-np.pi / 4], speed=0.5)
+    for tick in range(1, 51):
+        command(swarm, 0.5, 0.0)
+        swarm.move(tick, tick * 0.1, 0.1)
+    x, y = swarm.position.to_numpy()[0]
+    assert y == pytest.approx(0.08, abs=0.003)
+    assert x == pytest.approx(1.0 + 2.5 * np.cos(np.pi / 4), abs=0.06)
+    assert swarm.blocked.to_numpy()[0] == 1
+
+
+def test_driving_along_a_wall_is_no_contact():
+    swarm = swarm_at([[1.0, 0.0812]], [-0.02], speed=0.5)
+    for tick in range(1, 21):
+        command(swarm, 0.5, 0.0)
+        swarm.move(tick, tick * 0.1, 0.1)
+        assert swarm.blocked.to_numpy()[0] == 0
+    assert swarm.position.to_numpy()[0, 0] == pytest.approx(2.0, abs=0.02)
+
+
+def test_a_robot_rounds_an_obstacle_it_meets_off_centre():
+    arena = Arena()
+    arena.set([2.0, 1.5, 0.3], [-9, -9, 0.1, 0.1])
+    swarm = swarm_at([[1.0, 1.55]], [0.0], arena, speed=0.5)
+    for tick in range(1, 101):
+        command(swarm, 0.5, 0.0)
+        swarm.move(tick, tick * 0.1, 0.1)
+    assert swarm.position.to_numpy()[0, 0] > 3.5
+
+
+def test_trials_do_not_interact():
+    """Trial 1 of three, alone in a swarm, drives the very same way: the others neither see nor touch it."""
+    rng = np.random.default_rng(2)
+    arena = empty_arena()
+    group = team(8, 3)
+    positions, headings = place(group, rng, arena.distance_at)
+    speeds, turns = rng.uniform(0, 1, (60, 24)), rng.normal(0, 2, (60, 24))
+    together = swarm_at(positions, headings, arena, (group,))
+    alone = swarm_at(positions[8:16], headings[8:16], arena, (team(8),))
+    bumps = 0
+    for tick in range(60):
+        command(together, speeds[tick], turns[tick])
+        command(alone, speeds[tick, 8:16], turns[tick, 8:16])
+        together.move(tick, tick * 0.1, 0.1)
+        alone.move(tick, tick * 0.1, 0.1)
+        bumps += alone.blocked.to_numpy().sum()
+    assert bumps > 0
+    assert (together.position.to_numpy()[8:16] == alone.position.to_numpy()).all()
+
+
+def test_who_reaches_a_source_stops_there():
+    sources = np.array([[3.0, 1.5], [0.5, 0.5]])
+    swarm = swarm_at([[2.0, 1.5], [2.0, 2.5]], [0.0, 0.0], sources=sources, reach=0.36, speed=0.5)
+    for tick in range(1, 40):
+        command(swarm, [0.5, 0.2], 0.0)
+        swarm.move(tick, tick * 0.1, 0.1)
+    snapshot = swarm.snapshot()
+    assert snapshot["found"].tolist() == [1, 0]
+    assert not swarm.all_found()
+    # 0.64 m at 0.05 m a tick: reached with tick 13
+    assert snapshot["found_time"][0] == pytest.approx(1.3)
+    assert np.isnan(snapshot["found_time"][1])
+    assert snapshot["position"][0] == pytest.approx([2.65, 1.5], abs=1e-5)
+    assert snapshot["path_length"][0] == pytest.approx(0.65, abs=1e-5)
+
+
+def test_an_empty_swarm_is_fine():
+    swarm = Swarm((), NOWHERE, np.empty(0), empty_arena(), EXTENT, NOWHERE, 0)
+    swarm.move(1, 0.1, 0.1)
+    assert swarm.count == 0
+    assert swarm.snapshot()["position"].shape == (0, 2)
+
+
+def test_places_of_each_kind():
+    rng = np.random.default_rng(3)
+    distance = empty_arena().distance_at
+    line = StartLine(kind="line", begin=(1, 1), end=(1, 2), heading_deg=90)
+    positions, headings = place(team(3, 2, start=line), rng, distance)
+    assert positions == pytest.approx(np.array([[1, 1], [1, 1.5], [1, 2]] * 2))
+    assert headings == pytest.approx(np.pi / 2)
+
+    given = StartAt(kind="positions", positions=((1, 1), (2, 2)))
+    positions, headings = place(team(2, 2, start=given), rng, distance)
+    assert positions == pytest.approx(np.array([[1, 1], [2, 2]] * 2))
+    assert len(np.unique(headings)) == 4
+
+    area = StartArea(kind="area", low=(1, 1), high=(2, 2))
+    first = team(5, 3, start=area)
+    earlier = placed(first, place(first, rng, distance)[0])
+    positions, _ = place(team(5, 4, radius=0.1, start=area), rng, distance, [earlier])
+    for k in range(4):
+        own, others = positions[5 * k : 5 * k + 5], earlier.positions[earlier.trial == k]
+        assert ((own >= 1) & (own <= 2)).all()
+        apart = np.hypot(*(own[:, None] - own[None]).T)
+        assert apart[~np.eye(5, dtype=bool)].min() > 0.2
+        if len(others):
+            assert np.hypot(*(own[:, None] - others[None]).T).min() > 0.18
+
+
+@pytest.mark.parametrize(
+    ("start", "count", "message"),
+    [
+        (StartAt(kind="positions", positions=((1, 1),)), 2, "has 2 robots but 1 start positions"),
+        (StartAt(kind="positions", positions=((1, 0.05),)), 1, "would touch a wall or an obstacle"),
+        (StartAt(kind="positions", positions=((1, 1), (1.1, 1))), 2, r"robot 2 .* would touch another robot"),
+        (StartArea(kind="area", low=(1, 1), high=(1.2, 1.2)), 9, r"only [1-4] of 9 robots of radius 0.08 m fit"),
+    ],
+)
+def test_places_that_do_not_work(start, count, message):
+    with pytest.raises(ValueError, match=message):
+        place(team(count, start=start), np.random.default_rng(0), empty_arena().distance_at)
+
+
+def test_later_groups_keep_clear_of_earlier_ones():
+    at = StartAt(kind="positions", positions=((1, 1),))
+    distance = empty_arena().distance_at
+    first = team(1, start=at)
+    earlier = placed(first, place(first, np.random.default_rng(0), distance)[0])
+    with pytest.raises(ValueError, match="would touch another robot"):
+        place(team(1, name="second", start=at), np.random.default_rng(0), distance, [earlier])

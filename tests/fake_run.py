@@ -1,0 +1,226 @@
+"""A Simulation with closed-form air, gas and robots, for tests of what watches a run."""
+
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import taichi as ti
+
+from taichi_plume.grid import Grid
+from taichi_plume.scenario import Mesh, Scenario
+from taichi_plume.simulation import Simulation
+
+PPM_PER_DENSITY = 5.0e5
+
+
+@ti.data_oriented
+class FakeWind:
+    """A parallel stream along x with a slow sway, from the walls' zero to U in the middle."""
+
+    def __init__(self, grid: Grid, speed: float):
+        self.dim, self.speed, self.width = grid.dim, speed, grid.extent[1]
+
+    def stable_dt(self) -> float:
+        return float("inf")
+
+    def advance(self, t: float, dt: float) -> None:
+        pass
+
+    @ti.func
+    def velocity(self, x, t):
+        u = ti.Vector.zero(ti.f32, self.dim)
+        s = x[1] / self.width
+        u[0] = self.speed * 4.0 * s * (1.0 - s)
+        u[1] = 0.3 * self.speed * ti.sin(0.8 * t - 2.0 * x[0])
+        return u
+
+    def diagnostics(self) -> dict[str, float]:
+        return {"max_divergence": 1e-6, "max_courant": 0.5, "max_speed": self.speed}
+
+
+@ti.data_oriented
+class FakeGas:
+    """A meandering Gaussian plume with a wavy intensity: c = a exp(-r²/2s²) (1 + cos(...))/2 [kg/m³]."""
+
+    ppm_per_density = PPM_PER_DENSITY
+
+    def __init__(self, grid: Grid, source: tuple[float, ...], peak_ppm: float = 400.0):
+        self.dim = grid.dim
+        self.source = (*source, *[0.0] * (3 - len(source)))
+        self.peak = peak_ppm / PPM_PER_DENSITY
+
+    def advance(self, t: float, dt: float) -> None:
+        pass
+
+    @ti.func
+    def concentration(self, x, t):
+        along = x[0] - self.source[0]
+        s = 0.05 + 0.08 * ti.max(along, 0.0)
+        across = x[1] - self.source[1] - 0.12 * along * ti.sin(0.8 * t - 2.0 * x[0])
+        r2 = across**2
+        if ti.static(self.dim == 3):
+            r2 += (x[2] - self.source[2]) ** 2
+        puffs = 0.55 + 0.45 * ti.cos(8.0 * along - 5.0 * t)
+        c = self.peak * (0.05 / s) ** 2 * ti.exp(-r2 / (2 * s * s)) * puffs
+        return ti.select(along < -0.05, 0.0, c)
+
+    def budget(self) -> dict[str, float]:
+        return {"emitted_kg": 2.0, "in_domain_kg": 0.5, "outflow_kg": 1.4}
+
+
+@dataclass
+class FakeSwarm:
+    """Robots on sine tracks against the stream; robot 0 of each team finds the source at `find_at`."""
+
+    scenario: Scenario
+    find_at: float = 8.0
+    t: float = 0.0
+    groups: list[Any] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        start = 0
+        for model in self.scenario.robots:
+            group = SimpleNamespace(
+                name=model.name, start=start, count=model.count, trials=model.trials, model=model
+            )
+            self.groups.append(group)
+            start += model.count * model.trials
+        self.count = start
+
+    def all_found(self) -> bool:
+        return False
+
+    def move(self, tick: int, t: float, dt: float) -> None:
+        self.t = t
+
+    def snapshot(self) -> dict[str, np.ndarray]:
+        n = np.arange(self.count)
+        lx, ly = self.scenario.domain.extent[:2]
+        member = np.concatenate([np.tile(np.arange(g.count), g.trials) for g in self.groups])
+        share = np.clip(self.t / self.scenario.duration, 0, 1)
+        x = lx * (0.9 - 0.7 * share) + 0.02 * n
+        y = ly * (0.5 + 0.35 * np.sin(0.5 * self.t + member))
+        found = (member == 0) & (self.t >= self.find_at)
+        reading = 20 * np.abs(np.sin(self.t + member))
+        return {
+            "position": np.stack([x, y], -1),
+            "heading": np.pi + np.cos(0.5 * self.t + member),
+            "reading_ppm": reading,
+            "true_ppm": reading + 1,
+            "wind": np.tile([0.3, 0.0], (self.count, 1)),
+            "state": (reading > 10).astype(np.int32),
+            "found": found,
+            "blocked": np.zeros(self.count, bool),
+            "path_length": np.full(self.count, 0.2 * self.t),
+            "found_time": np.where(found, self.find_at, np.nan),
+        }
+
+
+class FakeMap:
+    """Half the truth wherever the first robot has been near."""
+
+    def __init__(self, kind: str, cell: float, sim: Simulation):
+        self.kind, self.cell, self.sim = kind, cell, sim
+        lx, ly = sim.grid.extent[:2]
+        self.shape = (round(lx / cell), round(ly / cell))
+        self.trials = sim.scenario.robots[0].trials
+        self.seen = np.zeros(self.shape, bool)
+        self.errors: list[tuple[float, np.ndarray]] = []
+
+    def update(self, swarm: Any, tick: int, t: float, dt: float) -> None:
+        i, j = (swarm.snapshot()["position"][0] / self.cell).astype(int)
+        self.seen[max(0, i - 1) : i + 2, max(0, j - 1) : j + 2] = True
+        if tick % 50 == 0:
+            self.errors.append((t, np.full(self.trials, 10.0 / (1 + t))))
+
+    def estimate(self) -> np.ndarray:
+        from taichi_plume import scores
+
+        half = 0.5 * scores.true_gas(self.sim, self.cell, self.shape)
+        return np.tile(np.where(self.seen, half, np.nan), (self.trials, 1, 1))
+
+    def weight(self) -> np.ndarray:
+        return np.tile(np.where(self.seen, 2.0, 0.0), (self.trials, 1, 1))
+
+
+def scenario(dim: int = 3, **changes: Any) -> Scenario:
+    """A small arena with one of everything."""
+    flat = dim == 2
+    height = [] if flat else [0.25]
+    data: dict[str, Any] = {
+        "name": f"fake-{dim}d",
+        "seed": 7,
+        "duration": 10,
+        "domain": {"size": [4.0, 3.0] if flat else [4.0, 3.0, 0.5], "spacing": 0.05},
+        "wind": {
+            "kind": "cfd",
+            "openings": [
+                {
+                    "kind": "fan",
+                    "face": "x-",
+                    "center": [1.5, *height],
+                    "diameter": 0.4,
+                    "speed": 0.9,
+                    "schedule": [{"at": 3, "speed": 0.6}],
+                },
+                {"kind": "honeycomb", "face": "x+"},
+            ],
+        },
+        "obstacles": [
+            {
+                "kind": "box",
+                "center": [2.0, 0.6, *([] if flat else [0.15])],
+                "size": [0.4, 0.3, *([] if flat else [0.3])],
+                "yaw_deg": 20,
+            },
+            {"kind": "cylinder", "center": [2.6, 2.3], "radius": 0.15},
+            {"kind": "sphere", "center": [1.5, 2.4, *([] if flat else [0.2])], "radius": 0.2},
+            {"kind": "prism", "vertices": [[3.2, 0.3], [3.7, 0.3], [3.7, 0.9], [3.5, 0.5]]},
+            {"kind": "mesh", "file": "tetra.stl"},
+        ],
+        "gas": {
+            "kind": "eulerian",
+            "sources": [{"position": [0.6, 1.5, *([] if flat else [0.1])], "rate": 2e-5}],
+        },
+        "robots": [
+            {
+                "name": "team",
+                "count": 4,
+                "trials": 2,
+                "start": {"kind": "area", "low": [3, 0.5], "high": [3.8, 2.5]},
+                "algorithm": {"kind": "casting"},
+            }
+        ],
+        "maps": [{"kind": "time_series"}, {"kind": "inverse_distance"}],
+    }
+    return Scenario.model_validate(data | changes)
+
+
+def simulation(model: Scenario) -> Simulation:
+    """The fake run of a scenario."""
+    grid = Grid.of(model.domain)
+    swarm = FakeSwarm(model)
+    teams: list[Any] = [
+        SimpleNamespace(
+            state_names=("search", "surge"),
+            measure=lambda *_: None,
+            act=lambda *_: None,
+        )
+        for _ in model.robots
+    ]
+    source = model.gas.sources[0].position
+    wind = FakeWind(grid, 0.9)
+    sim = Simulation(
+        model, grid, wind, FakeGas(grid, source), swarm, teams, [], [_shape(o) for o in model.obstacles]
+    )
+    sim.maps += [FakeMap(m.kind, m.cell, sim) for m in model.maps]
+    return sim
+
+
+def _shape(model: Any) -> Any:
+    if not isinstance(model, Mesh):
+        return SimpleNamespace(model=model)
+    corners = np.array([[3.2, 2.3, 0], [3.6, 2.3, 0], [3.4, 2.7, 0], [3.4, 2.45, 0.3]])
+    triangles = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+    return SimpleNamespace(model=model, vertices=corners, triangles=triangles)

@@ -1,0 +1,72 @@
+import numpy as np
+import pytest
+
+from taichi_plume.grid import Grid
+from taichi_plume.solvers.pressure import DirectSolver, Multigrid, Openness
+
+
+def problem(shape, obstacle, outlet, periodic=None):
+    """Face openness of a box with an obstacle, and a right-hand side that its air can satisfy."""
+    rng = np.random.default_rng(0)
+    grid = Grid(shape, 0.1, periodic=periodic or (False,) * len(shape))
+    air = np.ones(shape, bool)
+    if obstacle:
+        air[tuple(slice(n // 4, n // 2) for n in shape)] = False
+    padded = grid.pad(air)
+    faces = []
+    for d in range(grid.dim):
+        a = (padded & np.roll(padded, 1, axis=d)).astype(np.float32)
+        if not grid.periodic[d]:
+            along = np.moveaxis(a, d, 0)
+            along[grid.ghost] = 0.0
+            along[grid.ghost + shape[d]] *= float(outlet and d == 0)
+        faces.append(a)
+    b = rng.standard_normal(shape) * air
+    if not outlet:
+        b -= air * b.sum() / air.sum()
+    return grid, tuple(faces), b.astype(np.float32), air
+
+
+def solve(solver, grid, b, tolerance):
+    right, phi = grid.field(), grid.field()
+    right.from_numpy(grid.pad(b))
+    solver.solve(right, phi, tolerance)
+    return grid.inner(phi.to_numpy()).astype(float)
+
+
+CASES = [
+    ((40, 30), True, True, None),
+    ((40, 30), True, False, None),
+    ((37, 23, 11), True, True, None),
+    ((24, 20, 16), True, False, None),
+    ((24, 20, 16), False, False, (True, True, False)),
+    ((32, 24, 1), True, True, None),
+]
+
+
+@pytest.mark.parametrize("method", [DirectSolver, Multigrid])
+@pytest.mark.parametrize(("shape", "obstacle", "outlet", "periodic"), CASES)
+def test_the_equations_are_met(method, shape, obstacle, outlet, periodic):
+    grid, faces, b, air = problem(shape, obstacle, outlet, periodic)
+    openness = Openness.of(faces, grid)
+    phi = solve(method(openness, grid), grid, b, 1e-4)
+    residual = openness.matrix() @ phi.ravel(order="F") - b.ravel(order="F")
+    assert np.abs(residual[air.ravel(order="F")]).max() < 1e-3 * np.abs(b).max()
+
+
+def test_both_solvers_agree():
+    grid, faces, b, air = problem((37, 23, 11), True, True)
+    openness = Openness.of(faces, grid)
+    direct = solve(DirectSolver(openness, grid), grid, b, 0.0)
+    iterated = solve(Multigrid(openness, grid), grid, b, 1e-5)
+    np.testing.assert_allclose(iterated[air], direct[air], atol=1e-4 * np.abs(direct).max())
+
+
+def test_iterations_hardly_grow_with_the_grid():
+    iterations = []
+    for n in (16, 32):
+        grid, faces, b, _ = problem((2 * n, n, n), True, True)
+        solver = Multigrid(Openness.of(faces, grid), grid)
+        solve(solver, grid, b, 1e-4 * float(np.abs(b).max()))
+        iterations.append(solver.iterations)
+    assert iterations[1] <= iterations[0] + 4

@@ -1,0 +1,326 @@
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from test_geometry import box_triangles, write_stl
+
+from taichi_plume import checks
+from taichi_plume.checks import estimate, problems
+from taichi_plume.loading import load_scenario
+
+
+@pytest.fixture(autouse=True)
+def taichi():
+    """No kernels here: spares each test the start of Taichi."""
+
+
+ROOM = """\
+duration: 10
+warm_up: 5
+domain: {size: [4, 3, 0.5], spacing: 0.05}
+wind:
+  kind: cfd
+  openings:
+    - {kind: fan, face: x-, center: [1.5, 0.25], diameter: 0.4, speed: 0.5}
+    - {kind: outlet, face: x+}
+obstacles:
+  - {kind: box, center: [2, 1, 0.15], size: [0.4, 0.3, 0.3]}
+  - {kind: sphere, center: [3, 2, 0.2], radius: 0.2}
+gas: {kind: eulerian, sources: [{position: [1, 1.5, 0.1], rate: 1e-5}]}
+robots:
+  - {count: 2, start: {kind: positions, positions: [[1, 1], [1, 2]]}, algorithm: {kind: casting}}
+maps: [{kind: time_series}]
+"""
+FLOOR = """\
+duration: 10
+domain: {size: [4, 3], spacing: 0.05, depth: 0.5}
+wind:
+  kind: cfd
+  openings:
+    - {kind: fan, face: x-, center: [1.5], diameter: 0.4, speed: 0.5}
+    - {kind: outlet, face: x+}
+obstacles: [{kind: box, center: [2, 1], size: [0.4, 0.3]}]
+gas: {kind: eulerian, sources: [{position: [1, 1.5], rate: 1e-5}]}
+robots: [{count: 2, start: {kind: positions, positions: [[1, 1], [1, 2]]}, algorithm: {kind: casting}}]
+"""
+FAN = "kind: fan, face: x+, center: [1.5, 0.25], diameter: 0.4"
+WHOLE = "{kind: box, center: [3.9, 1.5, 0.25], size: [0.4, 3, 0.5]}"
+ROBOTS = "algorithm: {kind: casting}"
+
+
+def scenario(tmp_path, text, *overrides):
+    path = tmp_path / "s.yaml"
+    path.write_text(text)
+    return load_scenario(path, overrides)
+
+
+def told(tmp_path, text, *overrides):
+    return problems(scenario(tmp_path, text, *overrides), tmp_path)
+
+
+@pytest.mark.parametrize("text", [ROOM, FLOOR])
+def test_good_scenarios_have_no_problems(tmp_path, text):
+    assert told(tmp_path, text) == []
+
+
+@pytest.mark.parametrize(
+    "override",
+    [
+        "wind.openings.1={kind: honeycomb, face: x+}",
+        f"wind.openings.1={{{FAN}, speed: -0.5}}",  # what one blows in the other draws out
+        "wind.openings.0={kind: wall, face: x-, velocity: [0, 1, 0]}",
+        "wind.openings=[{kind: periodic, axis: x}, {kind: slip, face: z+}]",
+        "wind.openings.1={kind: outlet, face: x-, center: [1.9, 0.25], size: [0.4, 0.4]}",  # they share a rim
+        "wind.openings.1={kind: outlet, face: x-, center: [1.7, 0.44], size: [0.1, 0.1]}",  # beside the disc
+        "domain.size=[4.02, 3, 0.5]",
+        f"robots.0={{count: 1, start: {{kind: area, low: [1, 1], high: [1, 1]}}, {ROBOTS}}}",
+        f"robots.0={{count: 25, start: {{kind: area, low: [0, 0], high: [1, 1]}}, {ROBOTS}}}",
+        f"robots.0={{count: 6, trials: 1000, start: {{kind: line, begin: [1, 1], end: [1, 1.82]}}, {ROBOTS}}}",
+        "robots.0.start.positions=[[0.083, 1], [1.703, 1]]",  # next to the wall and the box
+        "obstacles.1={kind: cylinder, center: [1, 1], radius: 0.3, base: 0.15}",  # above the robots
+        "gas.sources.0.position=[2, 1, 0.4]",  # above the box
+    ],
+)
+def test_borderline_scenarios_have_no_problems(tmp_path, override):
+    assert told(tmp_path, ROOM, override) == []
+
+
+FAULTS = [
+    # sizes
+    ("domain.spacing=1e-3", "domain.spacing: 6e+09 cells need 1,200 GB", "GB are free; a spacing of 0.0"),
+    ("domain.spacing=1e-300", "domain.spacing: inf cells need inf GB", "GB are free; a spacing of 0.0"),
+    ("domain.spacing=0.4", "domain.size[2]: 0.5 m is fewer than two cells", "lower domain.spacing to 0.125"),
+    ("domain.size=[4, 3, 0.07]", "domain.size[2]: 0.07 m is fewer than two cells", "make a 2-D run"),
+    ("domain.size=[4, 3, 0.12]", "domain.size[2]: 0.12 m in cells of 0.05 m becomes 0.1 m", "such as 0.06 m"),
+    ("maps.0.cell=1 mm", "maps[0].cell: 0.001 m makes more than", "use 0.0018 m or more"),
+    ("robots.0.trials=1000000", "robots: 2000000 robots", "lower count or trials"),
+    # obstacles and sources
+    ("obstacles.0.center=[9, 1, 0.1]", "obstacles[0]: lies outside the domain: x 8.8 to 9.2 m", "x 0 to 4 m"),
+    ("obstacles.0={kind: mesh, file: no.stl}", "obstacles[0]: no.stl: no such file in ", ""),
+    (
+        "gas.sources.0.position=[2, 1, 0.1]",
+        "gas.sources[0].position: (2, 1, 0.1) m is inside obstacles[0] (box)",
+        "0.1 m",
+    ),
+    ("gas.sources.0.position=[1, 3.5, 0.1]", "gas.sources[0].position: y = 3.5 m is outside", "y 0 to 3 m"),
+    ("wind={kind: uniform, velocity: [1, 0, 0]}", "wind.kind: a uniform wind blows through", "use kind: cfd"),
+    # openings
+    (
+        "wind.openings.0.center=[2.9, 0.25]",
+        "wind.openings[0]: reaches beyond its face x-: y 2.7 to 3.1 m",
+        "y 0 to 3 m",
+    ),
+    (
+        "wind.openings.0.diameter=0.6",
+        "wind.openings[0]: reaches beyond its face x-: z -0.05 to 0.55 m",
+        "z 0 to 0.5",
+    ),
+    (
+        "wind.openings.1.face=x-",
+        "wind.openings[1]: overlaps wind.openings[0] (fan) on face x-",
+        "leave them apart",
+    ),
+    (
+        "wind.openings.1={kind: slip, face: x-, center: [1.65, 0.4], size: [0.1, 0.1]}",
+        "wind.openings[1]: overlaps",
+        "",
+    ),
+    (
+        "wind.openings.1={kind: fan, face: x-, center: [1.8, 0.25], diameter: 0.3, speed: 1}",
+        "wind.openings[1]: overlaps",
+        "",
+    ),
+    (
+        "wind.openings.1={kind: outlet, face: x+, center: [1.5, 0.25], size: [0.01, 0.4]}",
+        "wind.openings[1]: is smaller",
+        "0.05",
+    ),
+    (
+        "wind.openings.1={kind: periodic, axis: x}",
+        "wind.openings[1]: axis x cannot be periodic while wind.openings[0] (fan)",
+        "",
+    ),
+    (
+        "wind.openings=[{kind: periodic, axis: x}, {kind: periodic, axis: x}]",
+        "wind.openings[1]: axis x is periodic already",
+        "",
+    ),
+    (
+        "wind.openings.0={kind: wall, face: y+, velocity: [1, 2, 0]}",
+        "wind.openings[0].velocity: the wall y+",
+        "y component must be 0",
+    ),
+    (f"obstacles.0={WHOLE}", "wind.openings[1]: there is no air behind it", ""),
+    # air that cannot get out
+    (
+        "wind.openings.1={kind: slip, face: x+}",
+        "wind.openings: an outlet is missing: at t = -5 s a net 0.06283 m³/s",
+        "outlet",
+    ),
+    (
+        "wind.openings.1={kind: honeycomb, face: y+, speed: -1}",
+        "wind.openings: an outlet is missing",
+        "1.937 m³/s is drawn out",
+    ),
+    (
+        f"wind.openings.1={{{FAN}, speed: -0.5, schedule: [{{at: 4, speed: -0.25}}], ramp: 2}}",
+        "wind.openings: an outlet is missing: at t = 5 s a net 0.01571 m³/s is blown in",
+        "",
+    ),
+    # robots
+    (
+        "robots.0.start.positions=[[1, 1], [1.1, 1]]",
+        "robots[0].start: robot 0 and robot 1 are 0.1 m apart",
+        "0.162 m",
+    ),
+    (
+        "robots.0.start.positions=[[1, 1], [1, 1]]",
+        "robots[0].start: robot 0 and robot 1 are 0 m apart",
+        "0.162 m",
+    ),
+    (
+        "robots.0.start.positions=[[1, 1]]",
+        "robots[0].start.positions: has 1 places for count: 2",
+        "one place per robot",
+    ),
+    (
+        "robots.0.start.positions=[[1, 1], [3.95, 2]]",
+        "robots[0].start: robot 1 at (3.95, 2) m is 0.05 m from the wall x+",
+        "0.08",
+    ),
+    (
+        "robots.0.start.positions=[[1, 1], [1, 7]]",
+        "robots[0].start: robot 1 at (1, 7) m is behind the wall y+",
+        "0.08",
+    ),
+    (
+        "robots.0.start.positions=[[1, 1], [2, 1.2]]",
+        "robots[0].start: robot 1 at (2, 1.2) m is 0.05 m from the surface of obstacles[0] (box)",
+        "0.0961 m or more away",
+    ),
+    (
+        "robots.0.start={kind: line, begin: [1, 1], end: [1, 1.1]}",
+        "robots[0].start: robot 0 and robot 1",
+        "0.1 m apart",
+    ),
+    (
+        f"robots.0={{count: 60, start: {{kind: area, low: [0, 0], high: [1, 1]}}, {ROBOTS}}}",
+        "robots[0].count: 60 robots",
+        "31",
+    ),
+    (
+        f"robots.0={{count: 2000, start: {{kind: line, begin: [1, 1], end: [1, 1]}}, {ROBOTS}}}",
+        "robots[0].count: 2000",
+        "596",
+    ),
+    (
+        f"robots.0={{count: 1, start: {{kind: area, low: [1.9, 1], high: [2, 1]}}, {ROBOTS}}}",
+        "robots[0].start: no robot fits",
+        "",
+    ),
+    (
+        f"robots.0={{count: 1, start: {{kind: area, low: [2, 1], high: [1, 2]}}, {ROBOTS}}}",
+        "robots[0].start.high: must not",
+        "",
+    ),
+    (
+        "robots.0.body.radius=2",
+        "robots[0].body.radius: a robot 4 m wide does not fit in a domain 3 m wide",
+        "smaller",
+    ),
+    ("robots.0.body.height=0.6", "robots[0].body.height: 0.6 m is above the ceiling", "at most 0.5 m"),
+    (
+        "robots.0.sensors.gas={kind: ideal, height: 1}",
+        "robots[0].sensors.gas.height: 1 m is above the ceiling",
+        "0.5",
+    ),
+    ("robots.0.sensors.wind={kind: ideal, height: 1}", "robots[0].sensors.wind.height: 1 m is above", "0.5"),
+    # recording
+    ("recording.slice_height=0.6", "recording.slice_height: 0.6 m is above the ceiling", "at most 0.5 m"),
+    ("recording.range_ppm=[10, 1]", "recording.range_ppm: the first must be below the second", "10 and 1"),
+]
+
+
+@pytest.mark.parametrize(("override", "begins", "has"), FAULTS, ids=range(len(FAULTS)))
+def test_each_fault_is_one_line_with_its_place_and_the_remedy(tmp_path, monkeypatch, override, begins, has):
+    monkeypatch.setattr(checks.psutil, "virtual_memory", lambda: SimpleNamespace(available=3e9))
+    lines = told(tmp_path, ROOM, override)
+    assert len(lines) == 1, lines
+    assert lines[0].startswith(begins)
+    assert has in lines[0]
+
+
+@pytest.mark.parametrize(
+    ("override", "begins"),
+    [
+        ("gas.sources.0.position=[1, 1, 1]", "gas.sources[0].position: has 3 numbers, a 2-D run takes 2"),
+        ("obstacles.0.center=[1, 1, 1]", "obstacles[0].center: has 3 numbers"),
+        ("obstacles.0.size=[1, 1, 1]", "obstacles[0].size: has 3 numbers"),
+        ("obstacles.0={kind: sphere, center: [1, 1, 1], radius: 0.1}", "obstacles[0].center: has 3 numbers"),
+        ("wind.openings.0.center=[1, 1]", "wind.openings[0].center: has 2 numbers, a 2-D run takes 1"),
+        ("wind.openings.0={kind: slip, face: x-, center: [1], size: [1, 1]}", "wind.openings[0].size: has 2"),
+        ("wind.openings.0.swirl=0.1", "wind.openings[0].swirl: a 2-D run has no swirl"),
+        ("wind.openings.0={kind: slip, face: z+}", "wind.openings[0].face: 'z+' does not exist in a 2-D run"),
+        ("wind.openings.0={kind: periodic, axis: z}", "wind.openings[0].axis: 'z' does not exist"),
+        ("wind.openings.0={kind: wall, face: y+, velocity: [1, 0, 0]}", "wind.openings[0].velocity: has 3"),
+        ("wind={kind: uniform, velocity: [1, 0, 0]}", "wind.velocity: has 3 numbers"),
+        (
+            "wind.openings.1={kind: slip, face: x+}",
+            "wind.openings: an outlet is missing: at t = 0 s a net 0.1 m³/s",  # 0.5 m/s x 0.4 m x 0.5 m
+        ),
+    ],
+)
+def test_faults_of_2d_runs(tmp_path, override, begins):
+    lines = told(tmp_path, FLOOR, override)
+    assert len(lines) == 1
+    assert lines[0].startswith(begins)
+
+
+def test_3d_runs_want_three_numbers(tmp_path):
+    lines = told(tmp_path, FLOOR, "domain.size=[4, 3, 0.5]")
+    paths = ["obstacles[0].center", "obstacles[0].size", "gas.sources[0].position", "wind.openings[0].center"]
+    assert [line.split(": ")[0] for line in lines] == paths
+
+
+def test_an_open_mesh_is_told_with_a_place(tmp_path):
+    open_box = box_triangles((1.8, 0.9, 0), (2.2, 1.1, 0.3))[:-1]
+    file = write_stl(tmp_path / "open.stl", open_box)
+    lines = told(tmp_path, ROOM, f"obstacles.0={{kind: mesh, file: {file}}}")
+    assert len(lines) == 1
+    assert lines[0].startswith("obstacles[0]: open.stl: body 0 is not watertight: 3 open")
+    near = np.array(lines[0].split("near (")[1].split(")")[0].split(", "), float)
+    edges = np.array([[2.0, 0.9, 0.3], [2.0, 1.1, 0.3], [1.8, 1.0, 0.3], [2.2, 1.0, 0.3], [2.0, 1.0, 0.3]])
+    assert np.linalg.norm(edges - near, axis=1).min() < 1e-3  # the middle of an edge of the missing triangle
+
+
+def test_overlapping_robots_of_two_groups_are_told(tmp_path):
+    second = (
+        f"{{count: 1, body: {{radius: 0.2}}, start: {{kind: positions, positions: [[1.25, 2]]}}, {ROBOTS}}}"
+    )
+    first = f"{{count: 2, start: {{kind: positions, positions: [[1, 1], [1, 2]]}}, {ROBOTS}}}"
+    assert told(tmp_path, ROOM, f"robots=[{first}, {second}]") == [
+        "robots[0].start: robot 1 and robots[1] robot 0 are 0.25 m apart, too close; "
+        "their centres must be 0.282 m apart or more"
+    ]
+
+
+def test_memory_is_checked_before_anything_is_allocated(tmp_path, monkeypatch):
+    monkeypatch.setattr(checks.psutil, "virtual_memory", lambda: SimpleNamespace(available=1e6))
+    lines = told(tmp_path, ROOM)
+    assert len(lines) == 1
+    spacing = float(lines[0].split("a spacing of ")[1].split(" m")[0])
+    assert 0.05 < spacing < 0.5
+    coarse = scenario(tmp_path, ROOM, f"domain.spacing={spacing}")
+    assert estimate(coarse)["bytes"] < 1e6
+
+
+def test_estimate(tmp_path):
+    guess = estimate(scenario(tmp_path, ROOM))
+    assert guess["cells"] == 80 * 60 * 10
+    assert guess["bytes"] > guess["cells"] * 100
+    assert guess["steps"] == 150 * 2  # 0.75 m/s needs two steps of 0.8 cells per tick of 0.1 s
+    assert guess["wall_s"] > 0
+    faster = estimate(scenario(tmp_path, ROOM, "wind.openings.0.schedule=[{at: 1, speed: -5}]"))
+    assert faster["steps"] == 150 * 19
+    calm = estimate(scenario(tmp_path, FLOOR, "wind={kind: uniform, velocity: [0, 0]}", "obstacles=[]"))
+    assert calm["steps"] == 100
