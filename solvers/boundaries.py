@@ -14,14 +14,9 @@ from scipy.ndimage import gaussian_filter
 from taichi_plume.grid import Grid
 from taichi_plume.kernels import Template
 from taichi_plume.rng import generator
-from taichi_plume.scenario import Fan, Honeycomb, Inlet, MovingWall, Opening, Outlet, Periodic, Region, Slip
+from taichi_plume.scenario import Fan, Honeycomb, Inlet, Jet, MovingWall, Opening, Outlet, Periodic, Region, Slip
 
 SAMPLES = 8  # per axis, to average an opening's profile over a cell face
-
-
-def axis_and_side(face: str) -> tuple[int, int]:
-    """("y+") -> (1, 1): the axis through the face, and 0 for its lower or 1 for its upper end."""
-    return "xyz".index(face[0]), int(face[1] == "+")
 
 
 def periodic_axes(openings: tuple[Opening, ...], dim: int) -> tuple[bool, ...]:
@@ -31,20 +26,9 @@ def periodic_axes(openings: tuple[Opening, ...], dim: int) -> tuple[bool, ...]:
     )
 
 
-def is_jet(opening: Opening) -> bool:
+def blows(opening: Opening | Region) -> bool:
     """Whether the opening prescribes the velocity of the air."""
-    return isinstance(opening, Fan | Inlet) or (isinstance(opening, Honeycomb) and opening.speed is not None)
-
-
-def speed_at(opening: Fan | Inlet | Honeycomb, t: float) -> float:
-    """Scheduled speed [m/s] at time t: steps softened over `ramp` seconds."""
-    speed = float(opening.speed or 0.0)
-    for step in opening.schedule:
-        if t < step.at:
-            break
-        share = 1.0 if opening.ramp == 0 else min(1.0, (t - step.at) / opening.ramp)
-        speed += share * (step.speed - speed)
-    return speed
+    return isinstance(opening, Jet) and opening.blows
 
 
 class Patch:
@@ -52,22 +36,17 @@ class Patch:
 
     def __init__(self, opening: Region, grid: Grid, fluid: np.ndarray):
         self.opening = opening
-        self.axis, self.side = axis_and_side(opening.face)
+        self.axis, self.side = opening.axis, opening.side
         self.grid = grid
-        self.along = [a for a in range(grid.dim) if a != self.axis]
+        self.along = opening.along(grid.dim)
         self.open = np.take(fluid, -self.side, axis=self.axis)  # cells behind the face that hold air
-        extent = [grid.extent[a] for a in self.along]
-        self.center = np.array(opening.center if opening.center is not None else [e / 2 for e in extent])
-        size = opening.size if opening.size is not None else (opening.diameter,) * len(extent)
-        self.half = np.array(extent if opening.center is None else size) / 2
-        disc = opening.diameter is not None and len(extent) == 2
-        self.area = pi * self.half[0] ** 2 if disc else float(np.prod(2 * self.half))
-        if grid.dim == 2:
-            self.area *= grid.depth
-        self.disc = disc
+        center, half = opening.rectangle(grid.extent)
+        self.center, self.half = np.array(center), np.array(half)
+        self.disc = opening.is_disc(grid.dim)
+        self.area = opening.area(grid.extent, grid.depth)
         self.covered = (self._average(self._inside) >= 0.5) & self.open
         profile = self._average(self._profile) * self.open
-        if is_jet(opening):
+        if blows(opening):
             if not profile.any():
                 raise ValueError("no air behind the opening: an obstacle covers it")
             face_area = grid.cell_volume / grid.dx
@@ -168,7 +147,7 @@ class Boundaries:
         self.grid = grid
         self.dim = grid.dim
         self.patches = [Patch(o, grid, ~solid) for o in openings if not isinstance(o, Periodic)]
-        self.jets = [p for p in self.patches if is_jet(p.opening)]
+        self.jets = [p for p in self.patches if blows(p.opening)]
         self.noise = {
             n: Fluctuations(p, p.opening.turbulence_length or 0.4 * float(p.half.min()), seed, f"inflow {n}")
             for n, p in enumerate(self.jets)
@@ -209,7 +188,7 @@ class Boundaries:
         loss = [np.zeros(t.shape[:-1], np.float32) for t in self._targets]
         for p in self.patches:
             o, where = p.opening, p.covered
-            if is_jet(o):
+            if blows(o):
                 self._face(mirror[p.axis], p)[where] = 0.0
             elif isinstance(o, Slip):
                 self._face(mirror[p.axis], p)[where] = 1.0
@@ -228,7 +207,7 @@ class Boundaries:
 
     def update(self, t: float, dt: float) -> None:
         """Blow with the speeds of time t; the fluctuations move on by dt."""
-        speeds = [speed_at(p.opening, t) for p in self.jets]
+        speeds = [p.opening.speed_at(t) for p in self.jets]
         if speeds == self._blown and not self.noise:
             return
         self._blown = speeds

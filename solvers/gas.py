@@ -7,7 +7,7 @@ short enough that no cell gives away more than it holds keep c >= 0. Every face'
 """
 
 from collections.abc import Callable
-from math import ceil, prod
+from math import ceil, isfinite, prod
 from typing import Any
 
 import numpy as np
@@ -250,6 +250,10 @@ class EulerianSolver:
             "in_domain_kg": self._inside() * self.grid.cell_volume,
             "outflow_kg": float(self._outflow[None]),
         }
+
+    def is_finite(self) -> bool:
+        """Whether every concentration is a number."""
+        return isfinite(self._inside())
 
     def least(self) -> float:
         """Smallest concentration [kg/m³]."""

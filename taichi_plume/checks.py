@@ -19,8 +19,7 @@ from taichi_plume.scenario import (
     CfdWind,
     Fan,
     Group,
-    Honeycomb,
-    Inlet,
+    Jet,
     MovingWall,
     Opening,
     Outlet,
@@ -46,7 +45,6 @@ START_ROOM = 2e-3  # m, air around a body at the start
 NEIGHBOURS = 20  # of each robot, looked at for overlaps
 FREE_AREA_NODES = 200  # per axis, to measure the free area of a start rectangle
 
-Jet = Fan | Inlet | Honeycomb
 
 
 def problems(scenario: Scenario, folder: Path) -> list[str]:
@@ -254,24 +252,6 @@ def _openings_of(scenario: Scenario) -> tuple[Opening, ...]:
     return scenario.wind.openings if isinstance(scenario.wind, CfdWind) else ()
 
 
-def _along(face: str, dim: int) -> list[int]:
-    """The axes of a face, in x, y, z order."""
-    return [a for a in range(dim) if "xyz"[a] != face[0]]
-
-
-def _center_and_half(region: Region, scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
-    """Centre and half widths of a region on its face [m]."""
-    extent = np.array([scenario.domain.extent[a] for a in _along(region.face, scenario.domain.dim)])
-    if region.center is None:
-        return extent / 2, extent / 2
-    size = region.size if region.size is not None else (region.diameter,) * len(extent)
-    return np.array(region.center), np.array(size, float) / 2
-
-
-def _is_disc(region: Region, dim: int) -> bool:
-    return region.diameter is not None and dim == 3
-
-
 def _openings(scenario: Scenario, shapes: list[Shape | None]) -> Iterator[str]:
     dim, spacing = scenario.domain.dim, scenario.domain.spacing
     openings = _openings_of(scenario)
@@ -288,8 +268,8 @@ def _openings(scenario: Scenario, shapes: list[Shape | None]) -> Iterator[str]:
                         f"({other.kind}) is on face {other.face}; remove one of them"
                     )
             continue
-        center, half = _center_and_half(opening, scenario)
-        axes = _along(opening.face, dim)
+        center, half = opening.rectangle(scenario.domain.extent)
+        axes = opening.along(dim)
         for a, c, h in zip(axes, center, half, strict=True):
             axis, length = "xyz"[a], scenario.domain.extent[a]
             # up to half a cell may be due to the rounding of the domain to whole cells
@@ -307,7 +287,7 @@ def _openings(scenario: Scenario, shapes: list[Shape | None]) -> Iterator[str]:
                     f"{path}: overlaps wind.openings[{m}] ({other.kind}) on face {opening.face}; "
                     "give both a center and a size that leave them apart"
                 )
-        axis = "xyz".index(opening.face[0])
+        axis = opening.axis
         if isinstance(opening, MovingWall) and opening.velocity[axis] != 0:
             yield (
                 f"{path}.velocity: the wall {opening.face} slides in its own plane: "
@@ -321,11 +301,11 @@ def _covered_cells(
 ) -> Iterator[str]:
     """An opening must cover a cell, and one behind which there is air."""
     domain = scenario.domain
-    center, half = _center_and_half(opening, scenario)
-    axes = _along(opening.face, domain.dim)
+    center, half = map(np.array, opening.rectangle(domain.extent))
+    axes = opening.along(domain.dim)
     ranges = [(np.arange(domain.shape[a]) + 0.5) * domain.spacing for a in axes]
     places = np.stack(np.meshgrid(*ranges, indexing="ij"), axis=-1).reshape(-1, len(axes))
-    if _is_disc(opening, domain.dim):
+    if opening.is_disc(domain.dim):
         covered = np.linalg.norm(places - center, axis=-1) <= half[0]
     else:
         covered = (np.abs(places - center) <= half).all(axis=-1)
@@ -335,8 +315,8 @@ def _covered_cells(
             "make it larger or lower domain.spacing"
         )
         return
-    axis = "xyz".index(opening.face[0])
-    depth = (domain.shape[axis] - 0.5 if opening.face[1] == "+" else 0.5) * domain.spacing
+    axis = opening.axis
+    depth = (domain.shape[axis] - 0.5 if opening.side else 0.5) * domain.spacing
     behind = np.insert(places[covered], axis, depth, axis=1)
     solid = np.zeros(len(behind), bool)
     for one in shapes:
@@ -351,9 +331,10 @@ def _overlap(a: Region, b: Region, scenario: Scenario) -> bool:
     if a.face != b.face:
         return False
     rim = 1e-6 * scenario.domain.spacing
-    (center_a, half_a), (center_b, half_b) = _center_and_half(a, scenario), _center_and_half(b, scenario)
+    center_a, half_a = map(np.array, a.rectangle(scenario.domain.extent))
+    center_b, half_b = map(np.array, b.rectangle(scenario.domain.extent))
     apart = np.abs(center_a - center_b)
-    disc_a, disc_b = _is_disc(a, scenario.domain.dim), _is_disc(b, scenario.domain.dim)
+    disc_a, disc_b = a.is_disc(scenario.domain.dim), b.is_disc(scenario.domain.dim)
     if disc_a and disc_b:
         return bool(np.linalg.norm(apart) < half_a[0] + half_b[0] - rim)
     if disc_a or disc_b:
@@ -362,28 +343,11 @@ def _overlap(a: Region, b: Region, scenario: Scenario) -> bool:
     return bool((apart < half_a + half_b - rim).all())
 
 
-def _area(region: Region, scenario: Scenario) -> float:
-    """Area of an opening [m²]; in 2-D, its width times the slab's depth."""
-    half = _center_and_half(region, scenario)[1]
-    if _is_disc(region, scenario.domain.dim):
-        return pi * half[0] ** 2
-    return float(np.prod(2 * half)) * (scenario.domain.depth if scenario.domain.dim == 2 else 1.0)
-
-
-def _speed_at(jet: Jet, t: float) -> float:
-    """Prescribed speed [m/s] at time t: scheduled changes take `ramp` seconds each."""
-    speed = jet.speed or 0.0
-    for step in jet.schedule:
-        if t >= step.at:
-            speed += (step.speed - speed) * (min(1.0, (t - step.at) / jet.ramp) if jet.ramp else 1.0)
-    return speed
-
-
 def _net_inflow(scenario: Scenario) -> Iterator[str]:
     """Air cannot be compressed: without an outlet, what is blown in must be drawn out at every moment."""
     jets: list[Jet] = []
     for opening in _openings_of(scenario):
-        if isinstance(opening, Outlet) or (isinstance(opening, Honeycomb) and opening.speed is None):
+        if isinstance(opening, Outlet) or (isinstance(opening, Jet) and not opening.blows):
             return
         if isinstance(opening, Jet):
             jets.append(opening)
@@ -394,7 +358,7 @@ def _net_inflow(scenario: Scenario) -> Iterator[str]:
     times = sorted(t for t in ends if begin <= t <= scenario.duration)
     times = sorted([*times, *((a + b) / 2 for a, b in pairwise(times))])
     for t in times:
-        flows = [_speed_at(jet, t) * _area(jet, scenario) for jet in jets]
+        flows = [jet.speed_at(t) * jet.area(scenario.domain.extent, scenario.domain.depth) for jet in jets]
         if abs(sum(flows)) > 1e-6 * sum(abs(flow) for flow in flows):
             change = "blown in" if sum(flows) > 0 else "drawn out"
             yield (

@@ -38,6 +38,10 @@ class Gas(Protocol):
         """Step from time t [s] by dt [s]."""
         ...
 
+    def is_finite(self) -> bool:
+        """Whether every concentration is a number."""
+        ...
+
     def concentration(self, x: Any, t: Any) -> Any:
         """ti.func: concentration [kg/m³] at point x [m] and time t [s]."""
         ...

@@ -5,6 +5,7 @@ Cross-field checks that need geometry live in `checks`; reading YAML in `loading
 """
 
 import difflib
+from math import pi, prod
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -167,11 +168,44 @@ class Region(Model):
             raise PydanticCustomError("region", "center goes with size (rectangle) or diameter (disc)")
         return self
 
+    @property
+    def axis(self) -> int:
+        """The axis through the face."""
+        return "xyz".index(self.face[0])
+
+    @property
+    def side(self) -> int:
+        """0 at the lower end of the axis, 1 at the upper."""
+        return int(self.face[1] == "+")
+
+    def along(self, dim: int) -> list[int]:
+        """The axes of the face, in x, y, z order."""
+        return [a for a in range(dim) if a != self.axis]
+
+    def rectangle(self, extent: tuple[float, ...]) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Centre and half widths [m] of the region, or of the square around the disc, in a domain of `extent`."""
+        whole = tuple(extent[a] for a in self.along(len(extent)))
+        if self.center is None:
+            return tuple(w / 2 for w in whole), tuple(w / 2 for w in whole)
+        size = self.size if self.size is not None else (float(self.diameter or 0.0),) * len(whole)
+        return self.center, tuple(w / 2 for w in size)
+
+    def is_disc(self, dim: int) -> bool:
+        """Whether the region is round: in 2-D a disc is a slot."""
+        return self.diameter is not None and dim == 3
+
+    def area(self, extent: tuple[float, ...], depth: float) -> float:
+        """Area of the opening [m²]; in 2-D, its width times the slab's `depth`."""
+        _, half = self.rectangle(extent)
+        if self.is_disc(len(extent)):
+            return pi * half[0] ** 2
+        return prod(2 * h for h in half) * (depth if len(extent) == 2 else 1.0)
+
 
 class Jet(Region):
-    """What fans, inlets and blowing honeycombs share: a prescribed speed that may follow a schedule."""
+    """What fans, inlets and honeycombs share: a prescribed speed that may follow a schedule."""
 
-    speed: Velocity
+    speed: Velocity | None = None
     """Mean speed into the domain [m/s]; negative extracts."""
     turbulence_intensity: Fraction = 0.0
     """Standard deviation of each velocity component over the mean speed."""
@@ -187,7 +221,23 @@ class Jet(Region):
         times = [step.at for step in self.schedule]
         if times != sorted(times):
             raise PydanticCustomError("schedule", "schedule must be ordered by 'at'")
+        if self.schedule and self.speed is None:
+            raise PydanticCustomError("schedule", "schedule needs a speed to start with")
         return self
+
+    @property
+    def blows(self) -> bool:
+        """Whether the speed is prescribed; otherwise the opening is an outlet."""
+        return self.speed is not None
+
+    def speed_at(self, t: float) -> float:
+        """Scheduled speed [m/s] at time t [s]: each change takes `ramp` seconds."""
+        speed = self.speed or 0.0
+        for step in self.schedule:
+            if t >= step.at:
+                share = min(1.0, (t - step.at) / self.ramp) if self.ramp else 1.0
+                speed += share * (step.speed - speed)
+        return speed
 
 
 class Fan(Jet):
@@ -197,6 +247,7 @@ class Fan(Jet):
     """
 
     kind: Literal["fan"]
+    speed: Velocity  # type: ignore[assignment]
     swirl: Real = 0.0
     """Tangential over axial speed at the rim; 3-D only."""
 
@@ -205,20 +256,16 @@ class Inlet(Jet):
     """Air blown in with a uniform or parabolic profile of mean `speed`."""
 
     kind: Literal["inlet"]
+    speed: Velocity  # type: ignore[assignment]
     profile: Literal["uniform", "parabolic"] = "uniform"
 
 
-class Honeycomb(Region):
+class Honeycomb(Jet):
     """A flow straightener: with `speed` it blows parallel air, without it is an outlet with a pressure loss."""
 
     kind: Literal["honeycomb"]
-    speed: Velocity | None = None
     loss_coefficient: NonNegative = 2.0
     """Pressure loss over the dynamic pressure, for the outlet."""
-    turbulence_intensity: Fraction = 0.0
-    turbulence_length: Length | None = None
-    schedule: tuple[SpeedAt, ...] = ()
-    ramp: Delay = 0.5
 
 
 class Outlet(Region):
