@@ -1,18 +1,19 @@
 """Casting: upwind at an angle while in the plume, crosswind sweeps when it is lost.
 
-After Lochmatter & Martinoli, "Tracking odor plumes in a laminar wind field with bio-inspired algorithms", ISER 2008
-(Springer Tracts in Advanced Robotics 54). U: unit vector upwind, V: U turned left by 90°, s = ±1: the robot's side.
+After Lochmatter & Martinoli, "Tracking odor plumes in a laminar wind field with bio-inspired algorithms",
+ISER 2008. U: unit vector upwind, V: U turned left by 90°, s = ±1: the robot's side.
 
 FIND      sweep along s V until blocked, then UPWIND
-UPWIND    step along U by find_step, then FIND with the other side; a step that is blocked turns the next ones downwind
-IN_PLUME  drive along U turned by upwind_angle towards s; out of the plume for lost_distance: other side, LOST;
-          blocked for longer: SIDESTEP
-LOST      sweep along s V, back to where the plume was; after cast_distance, or blocked: other side, twice as far;
-          after CASTS sweeps FIND
-SIDESTEP  along s V by lost_distance, then IN_PLUME; blocked for longer: other side
+UPWIND    step along U by find_step, then FIND on the other side; when blocked, later steps go the other way
+IN_PLUME  drive along U turned by upwind_angle towards s; out of the plume for lost_distance: other side,
+          LOST; blocked for PATIENCE: SIDESTEP
+LOST      sweep along s V, back to where the plume was; after cast_distance, or blocked: other side, twice as
+          far; after CASTS sweeps FIND
+SIDESTEP  along s V by lost_distance, then IN_PLUME; blocked for PATIENCE: other side
 
-Out of the plume: reading below 70 % of the threshold, or below peak_fraction of the largest since entering, so that
-a slow sensor notices in time. Into it: reading above the threshold, and up by 15 % from the smallest since the loss.
+Out of the plume: reading below 70 % of the threshold, or below peak_fraction of the largest since entering,
+so that a slow sensor notices in time. Into it: reading at the threshold or more, and (where peak_fraction is
+in use) up by 15 % from the smallest since the loss.
 """
 
 from math import expm1, radians
@@ -30,27 +31,24 @@ RISE = 1.15  # of the trough
 CASTS = 4  # failed sweeps before the search starts anew
 PATIENCE = 1.0  # s blocked before giving way
 STEER = 0.25  # s in which the robot tries to turn to its course
-ON_COURSE = 0.98  # cosine of the heading error from which on contact is ahead, not what it is turning away from
+ON_COURSE = 0.98  # cosine of the heading error; below, contact is with what the robot turns away from
 
 
 @ti.data_oriented
 class Casting:
     """The casting algorithm for the robots of one group. tick: control period [s]."""
 
-    STATE_NAMES = ("FIND", "UPWIND", "IN_PLUME", "LOST", "SIDESTEP")
+    STATE_NAMES: tuple[str, ...] = ("FIND", "UPWIND", "IN_PLUME", "LOST", "SIDESTEP")
 
     def __init__(self, swarm: Swarm, group: GroupRange, tick: float):
         model: scenario.Casting = group.model.algorithm
         self.swarm, self.start, self.size = swarm, group.start, group.size
-        self.seed, self.stream = swarm.seed, stream_id(f"{group.name}/casting")
+        self.seed, self.stream = swarm.seed, stream_id(f"group {group.number}/casting")
         self.speed = group.model.body.max_speed if model.speed is None else model.speed
         self.threshold = model.threshold_ppm
         self.angle = radians(model.upwind_angle_deg)
-        self.lost_distance, self.cast_distance, self.find_step = (
-            model.lost_distance,
-            model.cast_distance,
-            model.find_step,
-        )
+        self.lost_distance, self.cast_distance = model.lost_distance, model.cast_distance
+        self.find_step = model.find_step
         self.peak_fraction = model.peak_fraction
         self.averaging = -expm1(-tick / model.wind_memory) if model.wind_memory > 0 else 1.0
         n = self.size
@@ -60,7 +58,7 @@ class Casting:
         self.step_sign = ti.field(ti.f32, n)  # +1: find upwind, -1: downwind
         self.peak = ti.field(ti.f32, n)  # largest reading since entering the plume [ppm]
         self.trough = ti.field(ti.f32, n)  # smallest reading since losing it [ppm]
-        self.mark = ti.field(ti.f32, n)  # odometer [m] where the present leg began; in the plume, at the last gas
+        self.mark = ti.field(ti.f32, n)  # odometer [m] at the begin of the leg; in the plume, at the last gas
         self.cast = ti.field(ti.f32, n)  # length of the present sweep [m]
         self.failed = ti.field(ti.i32, n)  # sweeps without gas
         self.stuck = ti.field(ti.f32, n)  # time blocked in a row [s]
@@ -77,7 +75,7 @@ class Casting:
             heading = self.swarm.heading[i]
             self.upwind[n] = ti.Vector([ti.cos(heading), ti.sin(heading)])
             u = uniform4(ti.u32(self.seed), ti.u32(self.stream), n, 0, 0)
-            self.side[n] = ti.select(u[0] < 0.5, -1.0, 1.0)
+            self.side[n] = ti.select(u.x > 0.5, 1.0, -1.0)  # type: ignore[operator]
             self.step_sign[n] = 1.0
             self.swarm.state[i] = FIND
 
@@ -123,7 +121,7 @@ class Casting:
             self.stuck[n] = 0.0
         driven = self.swarm.path_length[i] - self.mark[n]
 
-        if state == IN_PLUME or state == SIDESTEP:
+        if state == IN_PLUME or state == SIDESTEP:  # noqa: SIM109 (Taichi knows no `in`)
             self.peak[n] = ti.max(self.peak[n], c)
             self.trough[n] = c
         else:
@@ -177,6 +175,6 @@ class Casting:
         """Turn towards the course; the less it faces it, the slower it drives."""
         i = self.start + n
         course = self._course(n)
-        error = wrap(ti.atan2(course[1], course[0]) - self.swarm.heading[i])
+        error = wrap(ti.atan2(course.y, course.x) - self.swarm.heading[i])
         self.swarm.turn_rate_command[i] = error / ti.max(dt, STEER)
         self.swarm.speed_command[i] = self.speed * ti.max(0.0, ti.cos(error))

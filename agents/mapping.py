@@ -1,24 +1,25 @@
-"""Online gas maps from the robots' readings alone (Marjovi & Marques, "Multi-Robot Odor Distribution Mapping in
-Realistic Time-Variant Conditions", ICRA 2014).
+"""Online gas maps from the robots' readings alone.
 
-Time is cut into snaps of `window` seconds. In snap k the samples (x_i, C_i) of all robots of a trial give, in cell j,
+Marjovi & Marques, "Multi-Robot Odor Distribution Mapping in Realistic Time-Variant Conditions", ICRA 2014,
+with its equation numbers. Time is cut into snaps of `window` seconds. In snap k the samples (x_i, C_i) of all
+robots of a trial give, in cell j,
 
-    w_ij = max(|x_j - x_i|, min_distance)^-power                                             (2)
-    C_j(k) = Σ_i w_ij C_i / Σ_i w_ij,      W_j(k) = Σ_i w_ij                                  (1) (3)
+    w_ij = max(|x_j - x_i|, min_distance)^-power                                                (2)
+    C_j(k) = Σ_i w_ij C_i / Σ_i w_ij,      W_j(k) = Σ_i w_ij                                    (1) (3)
 
-and past snaps forecast the next one, t, from the neighbourhood N_j in space and time:
+and the past snaps forecast the next one, t, from the neighbourhood N_j in space and time (i: cells),
 
-    Dist = α |x_j - x_i| + (1 - α) T,      T = 0.1 (t - k) window       (m and s; i runs over cells)      (4)
+    Dist = α |x_j - x_i| + (1 - α) T,      T = 0.1 (t - k) window       (in m and s)            (4)
     N_j = {(i, k): Dist < β, k < t},       U = 1 / Dist                                         (5) (7)
     S_j(t) = Σ_N C W U / Σ_N W U                                                                (6)
     MAE(t) = mean over j of |S_j(t) - C_j(t)|                                                   (8)
 
-Kept per snap are A = C W = Σ w C_i and B = W. N_j is the same for every cell, so it is a list of (lag, offset, U),
-made once; the snaps it reaches back to live in a ring buffer. T grows to 0.1 window at least: U is never infinite.
+Kept per snap are A = C W = Σ w C_i and B = W. N_j is the same for every cell, so it is a list of (lag,
+offset, U), made once; the snaps it reaches back to live in a ring buffer. T >= 0.1 window, so that U is never
+infinite.
 """
 
 from math import ceil, hypot
-from typing import Any
 
 import numpy as np
 import taichi as ti
@@ -37,9 +38,9 @@ Stencil = list[tuple[int, int, int, float]]
 class SnapMap:
     """What both maps share: snaps, interpolation, forecast from a neighbourhood, and its error.
 
-    extent: size of the floor [m], covered by nx × ny cells of edge `cell` [m] from the origin on. Axis 0 of every
-    array is the trial. `snaps` counts the closed snaps; `errors` holds (time [s], MAE [ppm] (trials,)) of each snap
-    that had been forecast, NaN for trials without samples.
+    extent: size of the floor [m], covered by nx × ny cells of edge `cell` [m] from the origin on. Axis 0 of
+    every array is the trial. `snaps` counts the closed snaps; `errors` holds (time [s], MAE [ppm] (trials,))
+    of each but the first, over the cells that had been forecast; NaN where there were none, or no samples.
     """
 
     def __init__(
@@ -79,13 +80,13 @@ class SnapMap:
         return self.denominator.to_numpy()
 
     def update(self, swarm: Swarm, tick: int, t: float, dt: float) -> None:
-        """Take in the readings at time t [s]. A snap ends with the tick that reaches a multiple of the window."""
+        """Take in the readings at time t [s]; the tick that reaches a multiple of the window ends a snap."""
         slack = 1e-6 * dt  # t carries rounding
         while self.snaps < ceil((t - slack) / self.window) - 1:
             self._close()  # nothing came in since it ended
         _accumulate(
-            self.weighted, self.weights, self.snaps % self.depth, swarm.members, swarm.team_size, swarm.position,
-            swarm.reading, self.cell, self.power, self.min_distance,
+            self.weighted, self.weights, self.snaps % self.depth, swarm.members, swarm.team_size,
+            swarm.position, swarm.reading, self.cell, self.power, self.min_distance,
         )  # fmt: skip
         while self.snaps < int((t + slack) / self.window):
             self._close()
@@ -135,8 +136,8 @@ def neighbourhood(model: scenario.TimeSeriesMap) -> Stencil:
         lag += 1
     if not result:
         raise ValueError(
-            f"time_series map: no past snap lies in the neighbourhood, (1 - alpha)·0.1·window = {age:g} >= beta = "
-            f"{model.beta:g}; raise alpha or beta, or shorten the window"
+            f"no past snap lies in the neighbourhood, as (1 - alpha)·0.1·window = {age:g} is not below "
+            f"beta = {model.beta:g}; raise alpha or beta, or shorten the window"
         )
     return result
 
@@ -149,8 +150,8 @@ def _ratio(numerator: np.ndarray, denominator: np.ndarray) -> np.ndarray:
 
 @ti.kernel
 def _accumulate(
-    weighted: Template, weights: Template, slot: int, members: Template, team_size: Template, position: Template,
-    reading: Template, cell: float, power: float, min_distance: float,
+    weighted: Template, weights: Template, slot: int, members: Template, team_size: Template,
+    position: Template, reading: Template, cell: float, power: float, min_distance: float,
 ):  # fmt: skip
     """Add one sample of every robot to the sums A and B of its trial's running snap."""
     for k, i, j in ti.ndrange(weights.shape[0], weights.shape[2], weights.shape[3]):
@@ -190,6 +191,3 @@ def _forecast(
                 b += closeness[n] * weights[k, slot, x, y]
         numerator[k, i, j] = a
         denominator[k, i, j] = b
-
-
-MAPS: dict[str, Any] = {"time_series": TimeSeriesMap, "inverse_distance": InverseDistanceMap}

@@ -1,4 +1,4 @@
-"""Where the robots of a group start: no two of one trial overlap, and none stands in a wall or an obstacle."""
+"""Where the robots of a group start: none stands in a wall or an obstacle, no two of one trial overlap."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -10,6 +10,7 @@ from taichi_plume.scenario import Group, StartArea, StartAt
 
 DRAWS = 20_000  # random places tried per trial before an area counts as full
 ROOM = 2 * SKIN  # m, air around a body at the start
+ROUNDING = 1e-9  # m
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,8 @@ def place(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Positions (trials·count, 2) [m] and headings [rad], trial after trial.
 
-    distance: of points (n, 2) to the next wall or obstacle, (n,) [m]. Raises ValueError where robots do not fit.
+    distance: of points (n, 2) to the next wall or obstacle, (n,) [m]. occupied: the groups before.
+    Raises ValueError where robots do not fit.
     """
     start = group.start
     positions = np.empty((group.trials, group.count, 2))
@@ -57,7 +59,7 @@ def _given(group: Group) -> np.ndarray:
     start = group.start
     if isinstance(start, StartAt):
         if len(start.positions) != group.count:
-            raise ValueError(f"group '{group.name}' has {group.count} robots but {len(start.positions)} start positions")
+            raise ValueError(f"{group.count} robots need as many positions, got {len(start.positions)}")
         return np.array(start.positions)
     assert not isinstance(start, StartArea)
     return np.linspace(start.begin, start.end, group.count)
@@ -83,10 +85,10 @@ def _check(
     radius = group.body.radius
     clearance = distance(points)
     for i, (x, y) in enumerate(points):
-        who = f"robot {i + 1} of group '{group.name}' (radius {radius:g} m) at ({x:g}, {y:g})"
-        if clearance[i] < radius + ROOM:
+        who = f"robot {i} of radius {radius:g} m at ({x:g}, {y:g}) m"
+        if clearance[i] < radius + ROOM - ROUNDING:
             raise ValueError(f"{who} would touch a wall or an obstacle at the start")
-        if _gaps(points[i : i + 1], radius, [*others, (points[:i], radius)])[0] < ROOM:
+        if _gaps(points[i : i + 1], radius, [*others, (points[:i], radius)])[0] < ROOM - ROUNDING:
             raise ValueError(f"{who} would touch another robot at the start")
 
 
@@ -110,5 +112,5 @@ def _scatter(
                 if len(kept) == group.count:
                     return kept
     raise ValueError(
-        f"only {len(kept)} of {group.count} robots of radius {radius:g} m fit into the start area of group '{group.name}'"
+        f"only {len(kept)} of {group.count} robots of radius {radius:g} m fit into the area; enlarge it"
     )

@@ -1,8 +1,8 @@
-"""What a robot measures: gas through a lagging, noisy sensor, and wind through an anemometer with a threshold.
+"""What a robot measures: gas with a lagging, noisy sensor, and wind with an anemometer that has a threshold.
 
-Gas sensor: a static law y(c), a first-order lag on y with separate time constants for rise and decay, solved exactly
-over a tick, and white noise on y at each sample. Between samples the reading is held. The reading is what the inverse
-of the static law makes of the noisy y, in ppm and never negative.
+Gas sensor: a static law y(c), a first-order lag on y with separate time constants for rise and decay, solved
+exactly over a tick, and white noise on y at each sample. Between samples the reading is held. The reading is
+what the inverse of the static law makes of the noisy y, in ppm and never negative.
 """
 
 from dataclasses import dataclass
@@ -29,16 +29,16 @@ class MoxModel:
 
 
 MOX_MODELS = {
-    # b: power law fitted to the datasheet's ethanol curve by GADEN (Monroy et al. 2017, doi:10.3390/s17071479), c0 from
-    # its R_air/R(300 ppm) = 21; time constants as given there, from experiments.
+    # b: power law that GADEN (Monroy et al. 2017, doi:10.3390/s17071479) fits to the datasheet's ethanol
+    # curve; c0 from its R_air/R(300 ppm) = 21; time constants as given there, from experiments.
     "tgs2620": MoxModel(c0=4.32, b=0.7155, rise=2.96, decay=15.71),
-    # Power law R/R0 = (c/1.62)^-0.644 in common drivers of its sensing element (MiCS-6814, ethanol), other vapours taken
-    # alike; the time constants are our estimate for a micro-hotplate.
+    # R/R0 = (c/1.62)^-0.644 in common drivers of its sensing element (in the MiCS-6814) for ethanol, other
+    # vapours taken alike; the time constants are our estimate for a micro-hotplate.
     "mics5524": MoxModel(c0=1.6, b=0.644, rise=1.5, decay=8.0),
 }
 
-# Thresholds: Ishida, Workshop on Robotic Olfaction, ICRA 2007, as quoted by Ferri et al., Robotics and Autonomous
-# Systems 57 (2009) 393-402. Noise: our choice.
+# Thresholds: Ishida, Workshop on Robotic Olfaction, ICRA 2007, quoted by Ferri et al., Robotics and
+# Autonomous Systems 57 (2009) 393-402. Noise: our choice.
 WIND_THRESHOLD = {"ultrasonic": 0.01, "thermal": 0.05, "ideal": 0.0}  # m/s
 WIND_NOISE = 0.01  # m/s
 WIND_NOISE_RELATIVE = 0.02
@@ -84,17 +84,18 @@ def _share(dt: float, time_constant: float) -> float:
 
 @ti.data_oriented
 class Sensors:
-    """The sensors of one group: write `true_ppm`, `reading`, `wind` and `wind_known` of its robots in the swarm.
+    """The sensors of one group: they write `true_ppm`, `reading`, `wind` and `wind_known` of its robots.
 
-    dim: of gas and wind; in 3-D the sensors sit above the robot's centre at their heights. tick: control period [s].
+    dim: of gas and wind; in 3-D the sensors sit above the robot's centre at their heights. tick: control
+    period [s].
     """
 
     def __init__(self, swarm: Swarm, group: GroupRange, dim: int, tick: float):
         gas, wind = group.model.sensors.gas, group.model.sensors.wind
         self.swarm, self.dim, self.start, self.size = swarm, dim, group.start, group.size
         self.seed = swarm.seed
-        self.gas_stream = stream_id(f"{group.name}/gas sensor")
-        self.wind_stream = stream_id(f"{group.name}/anemometer")
+        self.gas_stream = stream_id(f"group {group.number}/gas sensor")
+        self.wind_stream = stream_id(f"group {group.number}/anemometer")
         self.gas_height, self.wind_height = gas.height, wind.height
         if isinstance(gas, scenario.MoxSensor):
             model = MOX_MODELS[gas.model]
@@ -107,12 +108,10 @@ class Sensors:
             rise, decay, self.noise = gas.rise_time, gas.decay_time, gas.noise_ppm
         self.rise, self.decay = _share(tick, rise), _share(tick, decay)
         self.hold = max(1, round(gas.period / tick))  # ticks per sample
-        ideal = wind.kind == "ideal"
         self.threshold = WIND_THRESHOLD[wind.kind] if wind.threshold is None else wind.threshold
-        if wind.noise is None:
-            self.wind_noise, self.wind_noise_relative = (0.0, 0.0) if ideal else (WIND_NOISE, WIND_NOISE_RELATIVE)
-        else:
-            self.wind_noise, self.wind_noise_relative = wind.noise, 0.0
+        self.wind_noise, self.wind_noise_relative = WIND_NOISE, WIND_NOISE_RELATIVE
+        if wind.noise is not None or wind.kind == "ideal":
+            self.wind_noise, self.wind_noise_relative = wind.noise or 0.0, 0.0
         self.response = ti.field(ti.f32, self.size)  # y of each robot, clean air at the start
 
     def measure(self, gas: Gas, wind: Wind, tick: int, t: float) -> None:

@@ -1,8 +1,9 @@
 """All robots: where they are, what they read, and how they move without ever touching anything.
 
-A body is an upright disc that drives like a unicycle. Per tick it moves along the chord of its arc; contact cuts the
-move short and the rest of it slides along the obstacle. Robots of one trial move one after the other, so that each
-sees where the ones before it are now; robots of different trials neither see nor touch each other.
+A body is an upright disc that drives like a unicycle. Per tick it moves along the chord of its arc; contact
+cuts the move short and the rest of it slides along the obstacle. Robots of one trial move one after the
+other, so that each sees where the ones before it are now; robots of different trials neither see nor touch
+each other.
 """
 
 from dataclasses import dataclass
@@ -22,8 +23,12 @@ FREE = 0.9  # share of a commanded move below which the bumper feels contact
 
 @dataclass(frozen=True)
 class GroupRange:
-    """Where a group lies in the swarm: robot i of trial k has index start + k count + i."""
+    """Where a group lies in the swarm: robot i of trial k has index start + k count + i.
 
+    number: of the group in the scenario, from 0 on; its random streams are named by it, as names may repeat.
+    """
+
+    number: int
     name: str
     start: int
     count: int
@@ -44,8 +49,8 @@ class GroupRange:
 def ranges(groups: tuple[scenario.Group, ...]) -> list[GroupRange]:
     """The groups one after the other."""
     result, start = [], 0
-    for group in groups:
-        result.append(GroupRange(group.name, start, group.count, group.trials, group))
+    for number, group in enumerate(groups):
+        result.append(GroupRange(number, group.name, start, group.count, group.trials, group))
         start += result[-1].size
     return result
 
@@ -55,9 +60,9 @@ class Swarm:
     """State and motion of the robots of all groups, one Taichi field per quantity.
 
     positions: (count, 2) [m] and headings: (count,) [rad] at the start, free of overlap (see `placement`).
-    clearance: its ti.funcs ``distance(p)`` and ``normal(p)`` give a lower bound of the distance [m] from p to the
-    next wall or obstacle, and the unit vector away from it. extent: size of the floor [m].
-    sources: (m, 2) [m], known to the referee, not to the robots.
+    clearance: its ti.funcs ``distance(p)`` and ``normal(p)`` give a lower bound of the distance [m] from p to
+    the next wall or obstacle, and the unit vector away from it. extent: size of the floor [m]. sources: (m,
+    2) [m], known to the referee, not to the robots.
 
     Algorithms read `reading` [ppm], `wind` [m/s], `wind_known`, `blocked` (the bumper), `heading` [rad],
     `path_length` [m] (odometry) and write `speed_command` [m/s], `turn_rate_command` [rad/s] and `state`.
@@ -78,7 +83,7 @@ class Swarm:
         self.count = sum(group.size for group in self.groups)
         self.trials = max((group.trials for group in self.groups), default=0)
         n = max(1, self.count)  # Taichi has no empty fields
-        self.position = ti.Vector.field(2, ti.f32, n)
+        self.position: Any = ti.Vector.field(2, ti.f32, n)
         self.heading = ti.field(ti.f32, n)
         self.speed_command = ti.field(ti.f32, n)
         self.turn_rate_command = ti.field(ti.f32, n)
@@ -95,7 +100,7 @@ class Swarm:
         self._fill_bodies(n)
         self._fill_members()
         self.source_count = len(sources)
-        self.sources = ti.Vector.field(2, ti.f32, max(1, len(sources)))
+        self.sources: Any = ti.Vector.field(2, ti.f32, max(1, len(sources)))
         if len(sources):
             self.sources.from_numpy(np.asarray(sources, np.float32))
         if self.count:
@@ -128,8 +133,8 @@ class Swarm:
         table = np.full((len(sizes), max(1, sizes.max())), -1, np.int32)
         for row, team in zip(table, teams, strict=False):
             row[: len(team)] = team
-        self.members = ti.field(ti.i32, table.shape)
-        self.team_size = ti.field(ti.i32, sizes.shape)
+        self.members: Any = ti.field(ti.i32, table.shape)
+        self.team_size: Any = ti.field(ti.i32, sizes.shape)
         self.members.from_numpy(table)
         self.team_size.from_numpy(sizes)
 
@@ -143,7 +148,7 @@ class Swarm:
         return bool(self.found.to_numpy()[: self.count].all())
 
     def snapshot(self) -> dict[str, np.ndarray]:
-        """What recordings and results keep, arrays over the robots; SI units, reading in ppm, angles in rad."""
+        """What recordings and results keep, as arrays over the robots; SI units, readings in ppm."""
         fields = {
             "position": self.position,
             "heading": self.heading,
@@ -211,10 +216,10 @@ class Swarm:
 
     @ti.func
     def _trace(self, i, k, p, e, length):
-        """How far [m] the disc of robot i gets from p along e, at most `length`; the normal there; whether it met something."""
+        """How far [m] robot i gets from p along e, up to `length`; the normal there; whether it touches."""
         free, normal, contact = self._free_of_discs(i, k, p, e, length)
-        # Sphere tracing with over-relaxation (Keinert et al. 2014, doi:10.2312/stag.20141233): as no distance changes
-        # by more than the way walked, a stride is free if the gaps at its two ends together cover it.
+        # Sphere tracing with over-relaxation (Keinert et al. 2014, doi:10.2312/stag.20141233): as no distance
+        # changes by more than the way walked, a stride is free if the gaps at its two ends together cover it.
         r = self.radius[i]
         gap = self.clearance.distance(p) - r
         s = 0.0
@@ -237,7 +242,7 @@ class Swarm:
 
     @ti.func
     def _free_of_discs(self, i, k, p, e, length):
-        """How far robot i gets from p along e before its disc meets another robot's; the normal there; whether it does."""
+        """The same, but for the other robots alone."""
         free = length
         normal = ti.Vector([0.0, 0.0])
         contact = 0

@@ -14,16 +14,25 @@ from scipy.ndimage import gaussian_filter
 from taichi_plume.grid import Grid
 from taichi_plume.kernels import Template
 from taichi_plume.rng import generator
-from taichi_plume.scenario import Fan, Honeycomb, Inlet, Jet, MovingWall, Opening, Outlet, Periodic, Region, Slip
+from taichi_plume.scenario import (
+    Fan,
+    Honeycomb,
+    Inlet,
+    Jet,
+    MovingWall,
+    Opening,
+    Outlet,
+    Periodic,
+    Region,
+    Slip,
+)
 
 SAMPLES = 8  # per axis, to average an opening's profile over a cell face
 
 
 def periodic_axes(openings: tuple[Opening, ...], dim: int) -> tuple[bool, ...]:
     """Which axes are periodic."""
-    return tuple(
-        any(isinstance(o, Periodic) and o.axis == axis for o in openings) for axis in "xyz"[:dim]
-    )
+    return tuple(any(isinstance(o, Periodic) and o.axis == axis for o in openings) for axis in "xyz"[:dim])
 
 
 def blows(opening: Opening | Region) -> bool:
@@ -68,7 +77,9 @@ class Patch:
         values = function(self._points(shift))
         for k in range(len(self.along)):
             n = values.shape[k] // SAMPLES
-            values = np.moveaxis(np.moveaxis(values, k, 0).reshape(n, SAMPLES, *np.delete(values.shape, k)).mean(1), 0, k)
+            values = np.moveaxis(
+                np.moveaxis(values, k, 0).reshape(n, SAMPLES, *np.delete(values.shape, k)).mean(1), 0, k
+            )
         return values
 
     def _radius(self, places: list[np.ndarray]) -> np.ndarray:

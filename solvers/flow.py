@@ -48,7 +48,7 @@ class FlowSolver:
             field.from_numpy(values)
         self.solver = pressure_solver(openness, grid)
         self.eddies = wind.turbulence.kind != "none"
-        self.nu = grid.field() if self.eddies else None
+        self.nu: Any = grid.field() if self.eddies else None
         self.schmidt = wind.turbulence.schmidt if wind.turbulence.kind == "smagorinsky" else 1.0
         self._start = grid.faces_field()  # u at the begin of the step
         self._rate = grid.faces_field()
@@ -114,7 +114,9 @@ class FlowSolver:
                 total = -(p[I] - p[I - ti.Vector.unit(dim, d, ti.i32)])
                 for e in ti.static(range(dim)):
                     for side in range(2):  # not unrolled by Taichi: half the compile time; LLVM unrolls it
-                        total += (1 - 2 * side) * momentum_flux(I + side * ti.Vector.unit(dim, e, ti.i32), d, e)
+                        total += (1 - 2 * side) * momentum_flux(
+                            I + side * ti.Vector.unit(dim, e, ti.i32), d, e
+                        )
                 return ti.select(a[d][I] > 0.0, total / dx, 0.0)
 
             @ti.func
@@ -191,8 +193,10 @@ class FlowSolver:
         )
 
     def start_from(self, velocity: Callable[[np.ndarray], np.ndarray]) -> None:
-        """Set u from a function of points (..., dim) [m] to velocities [m/s], made divergence-free; p starts at zero."""
-        index = np.stack(np.meshgrid(*map(np.arange, self.grid.padded), indexing="ij"), axis=-1) - self.grid.ghost
+        """Set u from a function of points (..., dim) [m] to velocities [m/s], made divergence-free; p starts at 0."""
+        index = (
+            np.stack(np.meshgrid(*map(np.arange, self.grid.padded), indexing="ij"), axis=-1) - self.grid.ghost
+        )
         for d, field in enumerate(self.u):
             shift = np.where(np.arange(self.dim) == d, 0.0, 0.5)
             field.from_numpy(velocity((index + shift) * self.grid.dx)[..., d].astype(np.float32))
@@ -229,7 +233,9 @@ class FlowSolver:
         for J in ti.grouped(ti.ndrange(*self._rows)):
             most, most_out, fastest, stickiest = 0.0, 0.0, 0.0, 0.0
             for i in range(self.grid.shape[0]):
-                I = ti.Vector([i + self.grid.ghost] + [J[self.dim - 1 - d] for d in ti.static(range(1, self.dim))])
+                I = ti.Vector(
+                    [i + self.grid.ghost] + [J[self.dim - 1 - d] for d in ti.static(range(1, self.dim))]
+                )
                 total, out = 0.0, 0.0
                 for d in ti.static(range(self.dim)):
                     low, high = self.u[d][I], self.u[d][I + ti.Vector.unit(self.dim, d, ti.i32)]

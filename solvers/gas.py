@@ -21,7 +21,9 @@ from taichi_plume.scenario import EulerianGas, Source
 from taichi_plume.solvers.convection import face_value
 from taichi_plume.species import SPECIES, Species
 
-FULLEST = 0.49  # largest share of a cell's volume that flows out in one stage; 1/2 empties it at the steepest slope
+FULLEST = (
+    0.49  # largest share of a cell's volume that flows out in one stage; 1/2 empties it at the steepest slope
+)
 
 
 def species_of(gas: EulerianGas) -> Species:
@@ -45,8 +47,8 @@ class Emission:
         puffing = self.source.puffing
         while puffing is not None and (not self.pulses or self.pulses[-1][1] < t):
             spread = 1.0 + puffing.spread * self.rng.uniform(-1.0, 1.0, 2)
-            begin = self.pulses[-1][1] + puffing.off * spread[0] if self.pulses else self.start
-            self.pulses.append((begin, begin + puffing.on * spread[1]))
+            begin = self.pulses[-1][1] + puffing.pause * spread[0] if self.pulses else self.start
+            self.pulses.append((begin, begin + puffing.pulse * spread[1]))
 
     def mass(self, t: float, dt: float) -> float:
         """Mass emitted between t and t + dt [kg]."""
@@ -92,12 +94,16 @@ class EulerianSolver:
         """Cells of each source and the share of its mass that each receives."""
         cells, shares, owner = [], [], []
         sub = (np.arange(4) + 0.5) / 4 - 0.5
-        offsets = np.stack(np.meshgrid(*[sub] * self.dim, indexing="ij"), -1).reshape(-1, self.dim) * self.grid.dx
+        offsets = (
+            np.stack(np.meshgrid(*[sub] * self.dim, indexing="ij"), -1).reshape(-1, self.dim) * self.grid.dx
+        )
         for n, source in enumerate(sources):
             distance = self.grid.centers()[..., None, :] + offsets - np.array(source.position)
             share = (np.linalg.norm(distance, axis=-1) <= source.radius).mean(axis=-1) * ~solid
             if not share.any():  # smaller than a cell
-                nearest = np.linalg.norm(self.grid.centers() - np.array(source.position), axis=-1) + 1e9 * solid
+                nearest = (
+                    np.linalg.norm(self.grid.centers() - np.array(source.position), axis=-1) + 1e9 * solid
+                )
                 share[np.unravel_index(nearest.argmin(), nearest.shape)] = 1.0
             where = np.argwhere(share > 0)
             cells.append(where + self.grid.ghost)
@@ -161,7 +167,11 @@ class EulerianSolver:
         cells, count = self.grid.cells, prod(self.grid.shape)
         self._begin = launch(add_sources, sweep([remember], [c0], cells), cells=count)
         self._stage = launch(
-            fill_ghosts, sweep([tendency], [rate], cells), count_outflow, sweep([heun], [c], cells), cells=count
+            fill_ghosts,
+            sweep([tendency], [rate], cells),
+            count_outflow,
+            sweep([heun], [c], cells),
+            cells=count,
         )
 
     def start_from(self, concentration: Callable[[np.ndarray], np.ndarray]) -> None:
@@ -247,13 +257,13 @@ class EulerianSolver:
         """Mass emitted, in the domain and gone through its faces [kg]."""
         return {
             "emitted_kg": self.emitted_kg,
-            "in_domain_kg": self._inside() * self.grid.cell_volume,
+            "in_domain_kg": float(self._inside() * self.grid.cell_volume),
             "outflow_kg": float(self._outflow[None]),
         }
 
     def is_finite(self) -> bool:
         """Whether every concentration is a number."""
-        return isfinite(self._inside())
+        return isfinite(self.budget()["in_domain_kg"])
 
     def least(self) -> float:
         """Smallest concentration [kg/m³]."""
@@ -261,7 +271,7 @@ class EulerianSolver:
 
     @ti.func
     def concentration(self, x: Template, t: float):
-        """Concentration [kg/m³] at point x [m], linear between the centres of cells that hold air; of time t only now."""
+        """Concentration [kg/m³] at point x [m], linear between the centres of cells that hold air."""
         shift = ti.Vector([0.5] * self.dim)
         base, weight = corner(x, shift, self.grid.dx, self.grid.ghost, self.grid.padded)
         total, air = 0.0, 0.0

@@ -157,8 +157,11 @@ class Multigrid:
         sizes = [int(np.prod([n + 2 for n in shape])) for shape in self.shapes]
         begins = np.concatenate([[0], np.cumsum(sizes)])
         merged = [np.where(np.array(shape) > 1, 2, 1) for shape in self.shapes]
-        layout = [[begin, *shape, *factor] for begin, shape, factor in zip(begins[:-1], self.shapes, merged, strict=True)]
-        self.layout = ti.field(ti.i32, (len(levels), 7))  # begin, cells per axis, cells merged per axis
+        layout = [
+            [begin, *shape, *factor]
+            for begin, shape, factor in zip(begins[:-1], self.shapes, merged, strict=True)
+        ]
+        self.layout: Any = ti.field(ti.i32, (len(levels), 7))  # begin, cells per axis, cells merged per axis
         self.layout.from_numpy(np.array(layout, np.int32))
         total = int(begins[-1])
         self.a = [ti.field(ti.f32, total) for _ in range(3)]
@@ -168,7 +171,9 @@ class Multigrid:
         self.x, self.t, self.b = (ti.field(ti.f32, total) for _ in range(3))
         self.p, self.q, self.phi = (ti.field(ti.f32, sizes[0]) for _ in range(3))
         self.rows = [n[1] * n[2] for n in self.shapes]
-        self.threaded = next(k for k, n in enumerate(self.shapes) if prod(n) <= FEW_CELLS or k == len(levels) - 1)
+        self.threaded = next(
+            k for k, n in enumerate(self.shapes) if prod(n) <= FEW_CELLS or k == len(levels) - 1
+        )
         self.partial = ti.field(ti.f64, self.rows[0])
         self.rho = ti.field(ti.f64, ())
         self.alpha, self.beta, self.mean = (ti.field(ti.f32, ()) for _ in range(3))

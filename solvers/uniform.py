@@ -1,6 +1,5 @@
 """The simplest wind: one constant velocity everywhere."""
 
-
 import taichi as ti
 
 from taichi_plume.grid import Grid

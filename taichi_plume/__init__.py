@@ -2,6 +2,8 @@
 
 import os
 
-os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")  # before the first import of taichi, here or elsewhere
+os.environ.setdefault(
+    "ENABLE_TAICHI_HEADER_PRINT", "0"
+)  # before the first import of taichi, here or elsewhere
 
 __version__ = "0.1.0"

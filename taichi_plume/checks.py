@@ -46,7 +46,6 @@ NEIGHBOURS = 20  # of each robot, looked at for overlaps
 FREE_AREA_NODES = 200  # per axis, to measure the free area of a start rectangle
 
 
-
 def problems(scenario: Scenario, folder: Path) -> list[str]:
     """All faults as lines ``path: message``; `folder` is where mesh files lie.
 

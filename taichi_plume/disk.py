@@ -13,7 +13,8 @@ def require_room(file: Path, coming: int = 0) -> None:
     """Raise OSError when `coming` more bytes would leave less than the reserve on the disk of `file`."""
     free = shutil.disk_usage(file.parent).free
     if free < RESERVE + coming:
-        raise OSError(errno.ENOSPC, f"the disk is full ({free / 1e6:.0f} MB left)", str(file))
+        text = f"the disk is full ({free / 1e6:.0f} MB left, {(RESERVE + coming) / 1e6:.0f} MB needed)"
+        raise OSError(errno.ENOSPC, text, str(file))
     size = file.stat().st_size if file.exists() else 0
     if size + coming + FILE_RESERVE > largest_file():
         raise OSError(errno.EFBIG, "the file would exceed the limit on file sizes (ulimit -f)", str(file))

@@ -53,7 +53,11 @@ def logarithmic(values: np.ndarray, low: float, high: float) -> np.ndarray:
 def decades(low: float, high: float) -> list[tuple[float, str]]:
     """Place on the logarithmic scale and label of each power of ten from `low` to `high`."""
     powers = range(ceil(log10(low) - 1e-9), floor(log10(high) + 1e-9) + 1)
-    return [(float(logarithmic(np.array(10.0**n), low, high)), f"{10.0**n:g}") for n in powers]
+    labels = [f"{10.0**n:g}" if -4 < n < 4 else f"1e{n}" for n in powers]
+    return [
+        (float(logarithmic(np.array(10.0**n), low, high)), text)
+        for n, text in zip(powers, labels, strict=True)
+    ]
 
 
 def painted(places: np.ndarray, palette: Sequence[Sequence[int]]) -> np.ndarray:

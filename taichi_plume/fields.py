@@ -49,7 +49,7 @@ class Gas(Protocol):
 
 @ti.func
 def corner(x: Template, shift: Template, dx: float, ghost: ti.i32, padded: Template):
-    """Lower sample index and weight of x per axis, where sample I sits at (I - ghost + shift) dx; kept inside the array."""
+    """Lower sample index and weight of x per axis; sample I sits at (I - ghost + shift) dx. Kept inside the array."""
     base = ti.Vector.zero(ti.i32, x.n)
     weight = ti.Vector.zero(ti.f32, x.n)
     for d in ti.static(range(x.n)):
@@ -69,7 +69,9 @@ def corner_weight(weight: Template, offset: Template):
 
 
 @ti.kernel
-def _concentration_at(gas: Template, dim: Template, points: ti.types.ndarray(), t: float, out: ti.types.ndarray()):
+def _concentration_at(
+    gas: Template, dim: Template, points: ti.types.ndarray(), t: float, out: ti.types.ndarray()
+):
     for n in range(out.shape[0]):
         x = ti.Vector.zero(ti.f32, dim)
         for d in ti.static(range(dim)):
@@ -78,7 +80,9 @@ def _concentration_at(gas: Template, dim: Template, points: ti.types.ndarray(), 
 
 
 @ti.kernel
-def _velocity_at(wind: Template, dim: Template, points: ti.types.ndarray(), t: float, out: ti.types.ndarray()):
+def _velocity_at(
+    wind: Template, dim: Template, points: ti.types.ndarray(), t: float, out: ti.types.ndarray()
+):
     for n in range(out.shape[0]):
         x = ti.Vector.zero(ti.f32, dim)
         for d in ti.static(range(dim)):

@@ -15,7 +15,7 @@ from taichi_plume.scenario import Domain
 
 @dataclass(frozen=True)
 class Grid:
-    """Cells of edge `dx` [m]: `shape` of them per axis, inside `ghost` layers. Two axes stand for a slab of `depth` [m]."""
+    """Cells of edge `dx` [m]: `shape` of them per axis, inside `ghost` layers. Two axes mean a slab of `depth` [m]."""
 
     shape: tuple[int, ...]
     dx: float

@@ -65,7 +65,6 @@ class Recorder:
         self.schedule = _schedule(scenario)
         self.maps: list[Any] = list(sim.maps)
         self.forecasts = [0] * len(self.maps)  # of each map's errors, sent so far
-        self.sampled: int | None = None  # last tick of `sample_robots`
         self.good_size = self.largest_batch = 0  # bytes
         self.open = True
         disk.require_room(self.path)
@@ -214,9 +213,8 @@ class Recorder:
 
     def sample_robots(self, sim: Simulation) -> None:
         """Gather poses, readings and changes of state."""
-        if not self.robots or self.sampled == sim.tick:  # a run's end calls all observers once more
+        if not self.robots:
             return
-        self.sampled = sim.tick
         now = sim.swarm.snapshot()
         for n, robot in enumerate(self.robots):
             k = robot.index

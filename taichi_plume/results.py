@@ -116,7 +116,6 @@ class RobotTable:
         self.period = sim.dt * ceil(max(1.0, rows / MOST_ROWS))
         self.pending: list[pa.RecordBatch] = []
         self.rows = 0
-        self.sampled: int | None = None  # last tick of `sample`
         groups = sim.swarm.groups
         self.group = np.concatenate([np.full(g.count * g.trials, n, np.int32) for n, g in enumerate(groups)])
         self.trial = np.concatenate([np.repeat(np.arange(g.trials, dtype=np.int32), g.count) for g in groups])
@@ -149,9 +148,6 @@ class RobotTable:
 
     def sample(self, sim: Simulation) -> None:
         """Take a row of every robot. Raises OSError when the disk is full."""
-        if self.sampled == sim.tick:  # a run's end calls all observers once more
-            return
-        self.sampled = sim.tick
         now = sim.swarm.snapshot()
         state = self.first_state[self.group] + now["state"].astype(np.int32)
         columns = [

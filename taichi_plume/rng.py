@@ -60,4 +60,6 @@ def normal4(seed: ti.u32, stream: ti.u32, index: ti.i32, tick: ti.i32, draw: ti.
     r0 = ti.sqrt(-2.0 * ti.log(u[0]))
     r1 = ti.sqrt(-2.0 * ti.log(u[2]))
     tau = 2.0 * np.pi
-    return ti.Vector([r0 * ti.cos(tau * u[1]), r0 * ti.sin(tau * u[1]), r1 * ti.cos(tau * u[3]), r1 * ti.sin(tau * u[3])])
+    return ti.Vector(
+        [r0 * ti.cos(tau * u[1]), r0 * ti.sin(tau * u[1]), r1 * ti.cos(tau * u[3]), r1 * ti.sin(tau * u[3])]
+    )

@@ -9,6 +9,7 @@ import errno
 import os
 import signal
 import sys
+import textwrap
 import threading
 import traceback
 from collections.abc import Callable, Iterator, Sequence
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from taichi_plume.simulation import Simulation
 
 FULL = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT)
+LONGEST_MESSAGE = 300  # characters of an unexpected error
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -51,7 +53,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="python -m taichi_plume.run",
-        description="Run a scenario: air flow, gas, robots, maps. Recording, tables and result go to a folder.",
+        description="Run a scenario: air flow, gas, robots, maps. The results go to a folder.",
     )
     parser.add_argument("scenario", type=Path, help="YAML file")
     parser.add_argument("--out", type=Path, metavar="DIR", help="run directory (default: runs/NAME-N)")
@@ -225,7 +227,8 @@ def _explain(error: BaseException) -> tuple[str, str]:
     frames = traceback.extract_tb(error.__traceback__)
     ours = [frame for frame in frames if "taichi_plume" in frame.filename] or frames
     where = f" ({Path(ours[-1].filename).name}:{ours[-1].lineno})" if ours else ""
-    return "failed", f"{type(error).__name__}: {' '.join(str(error).split())}{where}"
+    message = textwrap.shorten(str(error), LONGEST_MESSAGE, placeholder=" ...")
+    return "failed", f"{type(error).__name__}: {message}{where}"
 
 
 def _remove_if_empty(folder: Path) -> None:

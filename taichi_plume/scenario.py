@@ -320,7 +320,9 @@ class CfdWind(Model):
     kind: Literal["cfd"]
     viscosity: Diffusivity = 1.56e-5
     """Kinematic viscosity [m²/s]; the default is air at 25 °C."""
-    turbulence: Annotated[Smagorinsky | NoModel, Field(discriminator="kind")] = Smagorinsky(kind="smagorinsky")
+    turbulence: Annotated[Smagorinsky | NoModel, Field(discriminator="kind")] = Smagorinsky(
+        kind="smagorinsky"
+    )
     openings: tuple[Opening, ...] = ()
     """What no opening covers is no-slip wall."""
     courant: Annotated[float, Field(gt=0, le=1)] = 0.8
@@ -352,10 +354,10 @@ class OtherSpecies(Model):
 class Puffing(Model):
     """A source that is on and off by turns; the durations are drawn anew each time."""
 
-    on: Duration
-    """Mean duration of a pulse [s]."""
-    off: Duration
-    """Mean duration of a pause [s]."""
+    pulse: Duration
+    """Mean duration of an emission [s]."""
+    pause: Duration
+    """Mean time between emissions [s]."""
     spread: Fraction = 0.5
     """Durations are uniform in mean·(1 ± spread)."""
 
@@ -385,7 +387,6 @@ class EulerianGas(Model):
     kind: Literal["eulerian"]
     species: Literal["ethanol", "acetone"] | OtherSpecies = "ethanol"
     sources: Annotated[tuple[Source, ...], Field(min_length=1)]
-
 
 
 # ---------------------------------------------------------------- robots
@@ -512,7 +513,7 @@ class Group(Model):
     body: Body = Body()
     sensors: Sensors = Sensors()
     reach: Distance = 0.35
-    """A robot whose centre comes this close to a source has found it and stops [m] (known to the experiment, not to the robot)."""
+    """A robot whose centre comes this close to a source has found it and stops [m]; the robot itself does not know."""
 
 
 # ---------------------------------------------------------------- maps, recording, scenario

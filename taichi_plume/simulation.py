@@ -43,15 +43,16 @@ class Every:
     function: Callable[["Simulation"], None]
     warm_up: bool = False
     """Whether it is called during the warm-up too."""
-    done: float = field(default=-float("inf"), repr=False)
+    _period_done: float = field(default=-float("inf"), repr=False)
+    _last_tick: int | None = field(default=None, repr=False)
 
     def call_if_due(self, sim: "Simulation", force: bool = False) -> None:
-        """Call the function when its next multiple of the period has come."""
-        if sim.t < -1e-9 and not self.warm_up:
+        """Call the function when its next multiple of the period has come, or by `force`; once per tick at most."""
+        if (sim.tick < 0 and not self.warm_up) or sim.tick == self._last_tick:
             return
-        index = int((sim.t + 1e-9 * sim.dt) // self.period)
-        if index > self.done or (force and self.done != float("inf")):
-            self.done = index
+        index = (sim.t + 1e-9 * sim.dt) // self.period
+        if index > self._period_done or force:
+            self._period_done, self._last_tick = index, sim.tick
             self.function(sim)
 
 

@@ -45,6 +45,9 @@ class FakeGas:
 
     ppm_per_density = PPM_PER_DENSITY
 
+    def is_finite(self) -> bool:
+        return True
+
     def __init__(self, grid: Grid, source: tuple[float, ...], peak_ppm: float = 400.0):
         self.dim = grid.dim
         self.source = (*source, *[0.0] * (3 - len(source)))

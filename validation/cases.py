@@ -36,7 +36,13 @@ def taylor_green(n: int, dim: int = 2, viscosity: float = 0.01, end: float = 1.0
 
     openings = tuple({"kind": "periodic", "axis": axis} for axis in "xyz"[:dim])
     wind = CfdWind.model_validate(
-        {"kind": "cfd", "viscosity": viscosity, "turbulence": {"kind": "none"}, "openings": openings, "courant": 0.5}
+        {
+            "kind": "cfd",
+            "viscosity": viscosity,
+            "turbulence": {"kind": "none"},
+            "openings": openings,
+            "courant": 0.5,
+        }
     )
     shape = (n, n, 4)[:dim]
     grid = Grid(shape, 2.0 * pi / n, periodic=(True,) * dim)

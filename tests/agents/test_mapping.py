@@ -1,6 +1,6 @@
 """The maps against a literal reading of eq 1-8, with loops over snaps and cells in float64."""
 
-from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,7 +26,9 @@ class Robots:
         self.members = ti.field(ti.i32, (TRIALS, COUNT + 1))
         self.team_size = ti.field(ti.i32, TRIALS)
         self.team_size.fill(COUNT)
-        self.members.from_numpy(np.pad(np.arange(n).reshape(TRIALS, COUNT), ((0, 0), (0, 1)), constant_values=-1).astype(np.int32))
+        self.members.fill(-1)
+        for i in range(n):
+            self.members[i // COUNT, i % COUNT] = i
         self.where = self.rng.uniform(0, EXTENT, (n, 2))
 
     def wander(self):
@@ -45,8 +47,9 @@ def run(gas_map, seconds, pause=(np.inf, np.inf)):
         if pause[0] < t <= pause[1]:
             continue
         gas_map.update(robots, tick, t, DT)
-        for i, ((x, y), reading) in enumerate(zip(robots.position.to_numpy(), robots.reading.to_numpy(), strict=True)):
-            snaps[int(np.ceil(t / WINDOW)) - 1].append((i // COUNT, float(x), float(y), float(reading)))
+        where, readings = robots.position.to_numpy().astype(float), robots.reading.to_numpy().astype(float)
+        for i in range(TRIALS * COUNT):
+            snaps[int(np.ceil(t / WINDOW)) - 1].append((i // COUNT, *where[i], readings[i]))
     return snaps
 
 
@@ -61,7 +64,8 @@ def interpolated(samples, trial, power=2.0, shortest=CELL / 2):
         weights = [max(np.hypot(x - a, y - b), shortest) ** -power for k, a, b, _ in samples if k == trial]
         values = [c for k, _, _, c in samples if k == trial]
         W.append(sum(weights))
-        C.append(sum(w * c for w, c in zip(weights, values, strict=True)) / sum(weights) if weights else np.nan)
+        total = sum(w * c for w, c in zip(weights, values, strict=True))
+        C.append(total / sum(weights) if weights else np.nan)
     return np.array(C), np.array(W)
 
 
@@ -117,7 +121,7 @@ def test_time_series_map_is_eq_1_to_8(alpha, pause):
 def test_nothing_is_known_right_after_an_empty_snap_when_the_neighbourhood_is_short():
     """alpha = 0.4 reaches one snap back: unknown, not zero."""
     gas_map = TimeSeriesMap(TimeSeriesModel(kind="time_series", alpha=0.4), EXTENT, TRIALS)
-    robots = Robots(1)
+    robots: Any = Robots(1)
     robots.wander()
     gas_map.update(robots, 10, 5.0, DT)
     assert np.isfinite(gas_map.estimate()).all()
@@ -129,7 +133,8 @@ def test_nothing_is_known_right_after_an_empty_snap_when_the_neighbourhood_is_sh
 
 @pytest.mark.parametrize("power", [1.0, 2.0, 3.5])
 def test_inverse_distance_map_is_eq_1_to_3_of_the_last_snap(power):
-    gas_map = InverseDistanceMap(IdwMap(kind="inverse_distance", power=power, min_distance=0.05), EXTENT, TRIALS)
+    model = IdwMap(kind="inverse_distance", power=power, min_distance=0.05)
+    gas_map = InverseDistanceMap(model, EXTENT, TRIALS)
     snaps = run(gas_map, 17.0)  # 2 s into the fourth snap
     for trial in range(TRIALS):
         C, W = interpolated(snaps[2], trial, power, 0.05)
@@ -142,10 +147,11 @@ def test_inverse_distance_map_is_eq_1_to_3_of_the_last_snap(power):
 
 
 @pytest.mark.parametrize(
-    ("alpha", "lags", "entries"), [(0.4, 1, 9), (0.5, 1, 9), (0.6, 2, 10), (0.8, 4, 20), (0.9, 9, 41), (0.98, 49, 209)]
+    ("alpha", "lags", "entries"),
+    [(0.4, 1, 9), (0.5, 1, 9), (0.6, 2, 10), (0.8, 4, 20), (0.9, 9, 41), (0.98, 49, 209)],
 )
 def test_reach_of_the_neighbourhood(alpha, lags, entries):
-    """Counted by hand from eq 4 and 5 for beta = 0.5, 5 s and 0.25 m; a distance of exactly beta is outside."""
+    """Counted by hand from eq 4 and 5, beta = 0.5, 5 s and 0.25 m; a distance of exactly beta is outside."""
     gas_map = TimeSeriesMap(TimeSeriesModel(kind="time_series", alpha=alpha), EXTENT, 1)
     assert gas_map.depth == lags + 1
     assert len(gas_map.closeness.to_numpy()) == entries

@@ -14,7 +14,7 @@ NOWHERE = np.empty((0, 2))
 
 @ti.data_oriented
 class Arena:
-    """Walls around EXTENT, a round obstacle, and a thin upright plate, in closed form; obstacles can be moved."""
+    """Walls around EXTENT, a round obstacle and a thin upright plate, in closed form; they can be moved."""
 
     def __init__(self):
         self.disc = ti.field(ti.f32, 3)  # x, y, radius
@@ -97,7 +97,8 @@ def overlap(swarm, arena):
     r = swarm.radius.to_numpy().astype(float)
     worst = (r - arena.distance_at(p)).max()
     for k in range(swarm.trials):
-        of_trial = np.concatenate([g.start + k * g.count + np.arange(g.count) for g in swarm.groups if k < g.trials])
+        teams = [g.start + k * g.count + np.arange(g.count) for g in swarm.groups if k < g.trials]
+        of_trial = np.concatenate(teams)
         q, s = p[of_trial], r[of_trial]
         apart = np.hypot(*(q[:, None] - q[None]).T)
         np.fill_diagonal(apart, np.inf)
@@ -106,7 +107,7 @@ def overlap(swarm, arena):
 
 
 def test_nothing_ever_overlaps():
-    """Two groups in 40 trials drive blindly through four scenes, at up to 0.3 m a tick past a plate 1 cm thick."""
+    """Two groups in 40 trials drive blindly through four scenes, 0.3 m a tick at most; a plate is thin."""
     rng = np.random.default_rng(1)
     arena = Arena()
     groups = (team(6, 40, "small", radius=0.08, speed=0.6), team(3, 25, "large", radius=0.2, speed=3.0))
@@ -159,7 +160,7 @@ def test_nobody_passes_through_a_thin_plate_or_another_robot(speed):
 
 
 def test_a_free_robot_drives_a_circle():
-    """Commands v, w make a circle of radius v/w; after a full turn the robot is back, v 2π/w further on the odometer."""
+    """Commands v, w make a circle of radius v/w; after a full turn the robot is back, 2π v/w further."""
     v, w, n = 0.2, 1.0, 90
     dt = 2 * np.pi / (w * n)
     swarm = swarm_at([[2.0, 1.5]], [0.0])
@@ -185,7 +186,7 @@ def test_commands_are_clipped_to_the_body():
 
 
 def test_a_robot_slides_along_a_wall():
-    """Pressed against the wall at 45° it goes on with the tangential part of its speed, and feels the wall."""
+    """Pressed on the wall at 45° it goes on with the tangential part of its speed, and feels the wall."""
     swarm = swarm_at([[1.0, 0.2]], [-np.pi / 4], speed=0.5)
     for tick in range(1, 51):
         command(swarm, 0.5, 0.0)
@@ -287,10 +288,10 @@ def test_places_of_each_kind():
 @pytest.mark.parametrize(
     ("start", "count", "message"),
     [
-        (StartAt(kind="positions", positions=((1, 1),)), 2, "has 2 robots but 1 start positions"),
+        (StartAt(kind="positions", positions=((1, 1),)), 2, "2 robots need as many positions, got 1"),
         (StartAt(kind="positions", positions=((1, 0.05),)), 1, "would touch a wall or an obstacle"),
-        (StartAt(kind="positions", positions=((1, 1), (1.1, 1))), 2, r"robot 2 .* would touch another robot"),
-        (StartArea(kind="area", low=(1, 1), high=(1.2, 1.2)), 9, r"only [1-4] of 9 robots of radius 0.08 m fit"),
+        (StartAt(kind="positions", positions=((1, 1), (1.1, 1))), 2, r"robot 1 .* would touch another robot"),
+        (StartArea(kind="area", low=(1, 1), high=(1.2, 1.2)), 9, "only [1-4] of 9 robots of radius"),
     ],
 )
 def test_places_that_do_not_work(start, count, message):

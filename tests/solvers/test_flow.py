@@ -107,7 +107,9 @@ def test_a_fan_blows_what_it_is_told_along_its_schedule():
         "kind": "fan", "face": "x-", "center": [0.5, 0.4], "diameter": 0.3, "speed": 2.0, "swirl": 0.3,
         "turbulence_intensity": 0.1, "schedule": [{"at": 1.0, "speed": 0.0}], "ramp": 0.1,
     }  # fmt: skip
-    flow = FlowSolver(wind(openings=[fan, {"kind": "outlet", "face": "x+"}]), grid, np.zeros(grid.shape, bool))
+    flow = FlowSolver(
+        wind(openings=[fan, {"kind": "outlet", "face": "x+"}]), grid, np.zeros(grid.shape, bool)
+    )
 
     def flow_rate() -> float:
         return float(grid.inner(flow.u[0].to_numpy().astype(float))[0].sum() * grid.dx**2)
@@ -122,7 +124,9 @@ def test_the_swirl_turns_the_right_way():
     """Right-handed about the jet: above the axis of a jet along +x the air moves towards -y."""
     grid = Grid((16, 20, 20), 0.05)
     fan = {"kind": "fan", "face": "x-", "center": [0.5, 0.5], "diameter": 0.6, "speed": 1.0, "swirl": 0.5}
-    flow = FlowSolver(wind(openings=[fan, {"kind": "outlet", "face": "x+"}]), grid, np.zeros(grid.shape, bool))
+    flow = FlowSolver(
+        wind(openings=[fan, {"kind": "outlet", "face": "x+"}]), grid, np.zeros(grid.shape, bool)
+    )
     cases.advance(flow, 0.3)
     v = grid.inner(flow.u[1].to_numpy())[2]
     w = grid.inner(flow.u[2].to_numpy())[2]
@@ -172,7 +176,10 @@ def test_equal_seeds_blow_equal_gusts():
 
 def test_inflow_turbulence_has_its_intensity_and_no_net_flux():
     grid = Grid((8, 60, 40), 0.05)
-    openings = [ARENA["openings"][0] | {"turbulence_intensity": 0.1, "turbulence_length": 0.1}, ARENA["openings"][1]]
+    openings = [
+        ARENA["openings"][0] | {"turbulence_intensity": 0.1, "turbulence_length": 0.1},
+        ARENA["openings"][1],
+    ]
     flow = FlowSolver(wind(openings=openings), grid, np.zeros(grid.shape, bool))
     patch = flow.boundaries.jets[0]
     planes = np.array([flow.boundaries.noise[0].advance(0.7, 0.02) for _ in range(400)])

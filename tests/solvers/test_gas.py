@@ -75,7 +75,10 @@ def test_a_layer_of_cells_is_the_plane_gas():
         grid = Grid(shape, 0.1, depth=0.1)
         wind = UniformSolver(UniformWind(kind="uniform", velocity=(0.3, 0.1, 0.0)[: len(shape)]), grid)
         model = EulerianGas.model_validate(
-            {"kind": "eulerian", "sources": [{"position": (1.0, 1.0, 0.05)[: len(shape)], "rate": 1e-5, "radius": 0.15}]}
+            {
+                "kind": "eulerian",
+                "sources": [{"position": (1.0, 1.0, 0.05)[: len(shape)], "rate": 1e-5, "radius": 0.15}],
+            }
         )
         gas = EulerianSolver(model, grid, wind, np.zeros(shape, bool))
         for n in range(20):
@@ -86,7 +89,7 @@ def test_a_layer_of_cells_is_the_plane_gas():
 
 
 def test_sampling_beside_an_obstacle_sees_only_air():
-    grid, solid, _, gas = arena(rate=0.0)
+    _, solid, _, gas = arena(rate=0.0)
     gas.start_from(lambda x: np.where(solid, 0.0, 1.0))
     beside = np.array([[1.19, 1.3], [1.605, 1.21], [0.01, 0.01], [3.99, 2.99]])
     np.testing.assert_allclose(concentration_at(gas, beside, 0.0), 1.0, rtol=1e-5)
@@ -94,7 +97,7 @@ def test_sampling_beside_an_obstacle_sees_only_air():
 
 def test_pulses_emit_their_share_and_differ_by_seed():
     source = Source.model_validate(
-        {"position": [1, 1], "rate": 1.0, "puffing": {"on": 1.0, "off": 3.0, "spread": 0.5}}
+        {"position": [1, 1], "rate": 1.0, "puffing": {"pulse": 1.0, "pause": 3.0, "spread": 0.5}}
     )
     emission = Emission(source, 0.0, 1, "a")
     masses = np.array([emission.mass(0.1 * n, 0.1) for n in range(40_000)])

@@ -1,0 +1,225 @@
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import fake_run
+import pyarrow.parquet as pq
+import pytest
+import rerun as rr
+
+from taichi_plume import assemble, disk, run
+from taichi_plume.simulation import Every, UnstableError
+
+SCENARIO = """
+name: small
+seed: 3
+duration: 1
+domain: {size: [2.0, 1.5], spacing: 0.1}
+wind: {kind: uniform, velocity: [0.3, 0]}
+gas: {kind: eulerian, sources: [{position: [0.4, 0.75], rate: 10 mg/s}]}
+robots:
+  - name: team
+    count: 2
+    start: {kind: positions, positions: [[1.5, 0.5], [1.5, 1.0]]}
+    algorithm: {kind: casting}
+maps: [{kind: time_series}]
+"""
+
+
+@pytest.fixture
+def scenario(tmp_path, monkeypatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "small.yaml"
+    path.write_text(SCENARIO)
+    return path
+
+
+@pytest.fixture
+def fake(monkeypatch):
+    """Runs are fake ones, and `at(t, action)` makes something happen in them."""
+    happenings = []
+
+    def assembled(model, folder):
+        sim = fake_run.simulation(fake_run.scenario(2, duration=model.duration, maps=[]))
+        sim.observers += [
+            Every(at, lambda s, a=at, f=action: f() if s.t >= a else None) for at, action in happenings
+        ]
+        return sim
+
+    monkeypatch.setattr(assemble, "assemble", assembled)
+    return lambda at, action: happenings.append((at, action))
+
+
+def result(folder: Path) -> dict:
+    return json.loads((folder / "result.json").read_text())
+
+
+def fails(error: BaseException):
+    def action():
+        raise error
+
+    return action
+
+
+def readable(folder: Path) -> float:
+    """Last time in robots.parquet [s]; the recording has to be whole."""
+    rr.chunk.RrdReader(str(folder / "recording.rrd")).recordings()
+    rerun = Path(sys.executable).with_name("rerun")
+    subprocess.run([rerun, "rrd", "verify", folder / "recording.rrd"], capture_output=True, check=True)
+    return pq.read_table(folder / "robots.parquet").column("t").to_numpy().max()
+
+
+def test_a_run_leaves_its_directory(scenario, capsys):
+    assert run.main([str(scenario)]) == 0
+    folder = Path("runs/small-1")
+    assert {file.name for file in folder.iterdir()} == {
+        "scenario.yaml",
+        "recording.rrd",
+        "robots.parquet",
+        "result.json",
+    }
+    assert result(folder)["status"] == "completed"
+    assert readable(folder) == pytest.approx(1.0)
+    assert "rerun runs/small-1/recording.rrd" in capsys.readouterr().out
+
+
+def test_it_can_be_run_again_as_it_is(scenario):
+    assert run.main([str(scenario), "--quiet", "--no-recording", "--seed", "9", "--set", "robots.0.count=1",
+                     "--set", "robots.0.start.positions=[[1.0, 1.0]]"]) == 0  # fmt: skip
+    again = ["runs/small-1/scenario.yaml", "--quiet", "--no-recording", "--out", "again"]
+    assert run.main(again) == 0
+    tables = [pq.read_table(Path(folder) / "robots.parquet") for folder in ("runs/small-1", "again")]
+    assert tables[0].equals(tables[1])
+    assert result(Path("again"))["seed"] == 9
+    assert not (Path("again") / "recording.rrd").exists()
+
+
+def test_quiet_says_nothing(scenario, fake, capsys):
+    assert run.main([str(scenario), "--quiet", "--no-recording"]) == 0
+    told = capsys.readouterr()
+    assert (told.out, told.err) == ("", "")
+
+
+def test_check_runs_nothing(scenario, capsys):
+    assert run.main([str(scenario), "--check"]) == 0
+    told = capsys.readouterr().out
+    assert "tick: 0.1" in told  # a default
+    assert "# cells: 300" in told
+    assert not Path("runs").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "fault"),
+    [
+        (["--set", "domain.spacin=0.1"], "spacing"),
+        (["--duration", "-1"], "duration"),
+        (["--seed", "x"], "seed"),
+        (["--set", "robots.0.start.positions=[[9, 9], [1.5, 1.0]]"], "robots"),
+    ],
+)
+def test_bad_input_is_told_without_traceback(scenario, options, fault, capsys):
+    assert run.main([str(scenario), *options]) == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert fault in told.err
+    assert "Traceback" not in told.err
+    assert not Path("runs").exists()
+
+
+def test_missing_file(capsys):
+    assert run.main(["nowhere.yaml"]) == 2
+    assert "nowhere.yaml" in capsys.readouterr().err
+
+
+def test_full_directory_is_refused(scenario, fake, capsys):
+    Path("out").mkdir()
+    Path("out/result.json").write_text("{}")
+    assert run.main([str(scenario), "--out", "out"]) == 2
+    assert "--force" in capsys.readouterr().err
+    assert run.main([str(scenario), "--out", "out", "--force", "--quiet", "--no-recording"]) == 0
+    assert result(Path("out"))["status"] == "completed"
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "code"),
+    [
+        (UnstableError("c is not finite"), "unstable", 1),
+        (KeyboardInterrupt(), "interrupted", 130),
+        (OSError(28, "No space left on device"), "disk_full", 1),
+        (ZeroDivisionError("oh"), "failed", 1),
+    ],
+)
+def test_whatever_ends_a_run_its_files_are_kept(scenario, fake, error, status, code, capsys):
+    fake(2.0, fails(error))
+    assert run.main([str(scenario), "--duration", "5"]) == code
+    folder = Path("runs/small-1")
+    assert result(folder)["status"] == status
+    assert readable(folder) == pytest.approx(1.9, abs=0.11)
+    told = capsys.readouterr().err
+    assert f"{status}: " in told
+    assert "recording.rrd" in told
+    assert "Traceback" not in told
+
+
+def test_full_disk_is_told(scenario, fake, monkeypatch, capsys):
+    fake(2.0, lambda: monkeypatch.setattr(disk, "RESERVE", 1 << 60))
+    assert run.main([str(scenario), "--duration", "5"]) == 1
+    folder = Path("runs/small-1")
+    assert result(folder)["status"] == "disk_full"
+    assert "disk is full" in capsys.readouterr().err
+    rr.chunk.RrdReader(str(folder / "recording.rrd")).recordings()
+
+
+def test_all_found_is_stopped(scenario, fake, monkeypatch):
+    monkeypatch.setattr(fake_run.FakeSwarm, "all_found", lambda swarm: swarm.t > 1.5)
+    assert run.main([str(scenario), "--duration", "5", "--quiet"]) == 0
+    told = result(Path("runs/small-1"))
+    assert told["status"] == "stopped"
+    assert told["simulated_s"] < 2
+
+
+def test_broken_assembly_leaves_no_folder(scenario, monkeypatch, capsys):
+    monkeypatch.setattr(assemble, "assemble", lambda *_: 1 / 0)
+    assert run.main([str(scenario)]) == 1
+    assert "ZeroDivisionError" in capsys.readouterr().err
+    assert not any(Path("runs").iterdir())
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signals_end_a_run_in_order(scenario, number):
+    command = [
+        sys.executable,
+        "-m",
+        "taichi_plume.run",
+        str(scenario),
+        "--duration",
+        "100000",
+        "--out",
+        "out",
+    ]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=scenario.parent)
+    recording = scenario.parent / "out" / "recording.rrd"
+    while process.poll() is None and not recording.exists():
+        time.sleep(0.1)
+    time.sleep(1.0)
+    process.send_signal(number)
+    _, told = process.communicate(timeout=30)
+    assert process.returncode == 130, told
+    assert result(scenario.parent / "out")["status"] == "interrupted"
+    readable(scenario.parent / "out")
+
+
+def test_help_and_faults_are_fast_because_nothing_heavy_is_imported(scenario):
+    code = (
+        "import sys\nfrom taichi_plume import run\n"
+        "assert run.main(['nowhere.yaml']) == 2\n"
+        "heavy = {'taichi', 'rerun', 'open3d', 'pyarrow'} & set(sys.modules)\nassert not heavy, heavy\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
