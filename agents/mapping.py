@@ -28,7 +28,6 @@ from taichi_plume import scenario
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.kernels import Template
 
-TIME_SCALE = 0.1  # 1/s: ten seconds count as one metre
 BORDER = 1e-9  # Dist = β is outside, whatever the rounding
 
 Stencil = list[tuple[int, int, int, float]]
@@ -123,22 +122,17 @@ class TimeSeriesMap(SnapMap):
 
 
 def neighbourhood(model: scenario.TimeSeriesMap) -> Stencil:
-    """Eq 4, 5 and 7 for every lag and offset inside. Raises ValueError where not even the last snap is."""
+    """Eq 4, 5 and 7 for every lag and offset inside."""
     reach = int(model.beta / model.alpha / model.cell) + 1
     result: Stencil = []
     lag = 1
-    while (age := (1 - model.alpha) * TIME_SCALE * lag * model.window) < model.beta - BORDER:
+    while (age := (1 - model.alpha) * model.time_scale * lag * model.window) < model.beta - BORDER:
         for dx in range(-reach, reach + 1):
             for dy in range(-reach, reach + 1):
                 dist = model.alpha * model.cell * hypot(dx, dy) + age
                 if dist < model.beta - BORDER:
                     result.append((lag, dx, dy, 1 / dist))
         lag += 1
-    if not result:
-        raise ValueError(
-            f"no past snap lies in the neighbourhood, as (1 - alpha)·0.1·window = {age:g} is not below "
-            f"beta = {model.beta:g}; raise alpha or beta, or shorten the window"
-        )
     return result
 
 

@@ -29,10 +29,7 @@ class ScenarioError(ValueError):
 
 
 def load_scenario(path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
-    """The scenario in a YAML file, with overrides such as ``robots.0.count=3`` put in. Raises ScenarioError.
-
-    Faults that need geometry or the machine's memory are found by `checks.problems`.
-    """
+    """The checked scenario of a YAML file with overrides such as ``robots.0.count=3``. Raises ScenarioError."""
     path = Path(path)
     try:
         data = _parse(_read(path))
@@ -50,9 +47,17 @@ def load_scenario(path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
         except _LineError as fault:
             raise ScenarioError([f"override '{override}': {fault}"]) from None
     try:
-        return Scenario.model_validate(data)
+        scenario = Scenario.model_validate(data)
     except ValidationError as error:
         raise ScenarioError([f"{path}: {line}" for line in _explain(error, data)]) from None
+    from taichi_plume.checks import (
+        problems,  # takes a second to import, which a misspelt key need not wait for
+    )
+
+    faults = problems(scenario, path.resolve().parent)
+    if faults:
+        raise ScenarioError([f"{path}: {fault}" for fault in faults])
+    return scenario
 
 
 class _LineError(Exception):

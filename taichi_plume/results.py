@@ -366,10 +366,13 @@ def summary(content: dict[str, Any]) -> list[tuple[str, str]]:
             text += f", {gas['relative_error']:.1e} of it unaccounted for"
         lines.append(("gas", text))
     for group in content["groups"]:
-        found = sum(group["per_trial"]["success"])
-        text = f"{group['algorithm']}, found the source in {found} of {group['trials']} trials"
-        if found:
-            text += f", median {group['median_time_s']:.1f} s and {group['median_path_m']:.2f} m"
+        trials, robots = group["per_trial"], group["robots"] * group["trials"]
+        text = f"{group['algorithm']}, {sum(trials['found'])} of {robots} robots found a source"
+        if group["trials"] > 1:
+            text += f", in {sum(trials['success'])} of {group['trials']} trials at least one"
+        if any(trials["success"]):
+            text += f"; the first after {group['median_time_s']:.1f} s and {group['median_path_m']:.2f} m"
+            text += " (median)" if group["trials"] > 1 else ""
         lines.append((group["name"], text))
     for gas_map in content["maps"]:
         lines.append((f"{gas_map['kind'].replace('_', ' ')} map", _map_line(gas_map)))

@@ -37,7 +37,6 @@ def main(argv: Sequence[str] | None = None) -> int:
             overrides.append(f"{key}={getattr(args, key)}")
     try:
         scenario = load_scenario(args.scenario, overrides)
-        _check(scenario, args.scenario)
         if args.check:
             _print_check(scenario)
             return 0
@@ -80,15 +79,6 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--force", action="store_true", help="overwrite an earlier run in --out")
     parser.add_argument("--debug", action="store_true", help="show where an unexpected error came from")
     return parser.parse_args(argv)
-
-
-def _check(scenario: "Scenario", path: Path) -> None:
-    from taichi_plume.checks import problems
-    from taichi_plume.loading import ScenarioError
-
-    faults = problems(scenario, path.resolve().parent)
-    if faults:
-        raise ScenarioError([f"{path}: {fault}" for fault in faults])
 
 
 def _print_check(scenario: "Scenario") -> None:

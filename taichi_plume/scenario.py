@@ -534,6 +534,19 @@ class TimeSeriesMap(Model):
     """Exponent of the inverse distance."""
     min_distance: Length | None = None
     """Distances below it count as it [m]; unless given, half a cell."""
+    time_scale: Positive = 0.1
+    """Distance that a second of age counts as [m/s]."""
+
+    @model_validator(mode="after")
+    def _has_neighbours(self) -> "TimeSeriesMap":
+        age = (1.0 - self.alpha) * self.time_scale * self.window
+        if age >= self.beta:
+            raise PydanticCustomError(
+                "neighbourhood",
+                "sees no past snap: (1 - alpha) time_scale window = {age} must be below beta = {beta}",
+                {"age": f"{age:g}", "beta": f"{self.beta:g}"},
+            )
+        return self
 
 
 class IdwMap(Model):

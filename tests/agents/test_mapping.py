@@ -158,9 +158,8 @@ def test_reach_of_the_neighbourhood(alpha, lags, entries):
 
 
 def test_a_neighbourhood_without_any_snap_is_refused():
-    model = TimeSeriesModel(kind="time_series", alpha=0.4, window=20.0)
-    with pytest.raises(ValueError, match="raise alpha or beta"):
-        TimeSeriesMap(model, EXTENT, 1)
+    with pytest.raises(ValueError, match="sees no past snap"):
+        TimeSeriesModel(kind="time_series", alpha=0.4, window=20.0)
 
 
 def test_cells_cover_the_floor():
