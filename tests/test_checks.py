@@ -310,12 +310,14 @@ def test_overlapping_robots_of_two_groups_are_told(tmp_path):
 
 
 def test_memory_is_checked_before_anything_is_allocated(tmp_path, monkeypatch):
+    room = scenario(tmp_path, ROOM)
     monkeypatch.setattr(checks.psutil, "virtual_memory", lambda: SimpleNamespace(available=1e6))
     lines = told(tmp_path, ROOM)
     assert len(lines) == 1
     spacing = float(lines[0].split("a spacing of ")[1].split(" m")[0])
     assert 0.05 < spacing < 0.5
-    coarse = scenario(tmp_path, ROOM, f"domain.spacing={spacing}")
+    domain = room.domain.model_copy(update={"spacing": spacing})
+    coarse = room.model_copy(update={"domain": domain})
     assert estimate(coarse)["bytes"] < 1e6
 
 

@@ -1,0 +1,67 @@
+"""The scenarios that ship: they are valid, and the stories in their headers are true."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+from taichi_plume import run
+from taichi_plume.loading import load_scenario
+
+CONFIGS = Path(__file__).parent.parent / "configs"
+
+
+def result_of(name: str, out: Path, *options: str) -> dict:
+    assert run.main([str(CONFIGS / f"{name}.yaml"), "--out", str(out), "--quiet", *options]) == 0
+    return json.loads((out / "result.json").read_text())
+
+
+@pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.yaml")), ids=lambda path: path.stem)
+def test_configs_are_valid_and_told(path):
+    assert load_scenario(path).name == path.stem
+    assert path.read_text().startswith("# "), "its header says what you will see and how long it takes"
+
+
+def verified(recording: Path) -> bool:
+    rerun = Path(sys.executable).parent / "rerun"
+    return subprocess.run([rerun, "rrd", "verify", recording], capture_output=True).returncode == 0
+
+
+@pytest.mark.slow
+def test_casting_room_is_the_story_of_the_readme(tmp_path):
+    result = result_of("casting_room", tmp_path)
+    assert sum(result["groups"][0]["per_trial"]["found"]) >= 3
+    assert abs(result["gas"]["relative_error"]) <= 1e-5
+    assert result["flow"]["max_divergence"] <= 1e-4
+    assert [m["kind"] for m in result["maps"]] == ["time_series", "inverse_distance"]
+    assert verified(tmp_path / "recording.rrd")
+
+
+@pytest.mark.slow
+def test_arena_3d_conserves_the_gas(tmp_path):
+    result = result_of("arena_3d", tmp_path)
+    assert result["simulated_s"] == pytest.approx(70.0)
+    assert abs(result["gas"]["relative_error"]) <= 1e-5
+    assert result["flow"]["max_divergence"] <= 1e-4
+    assert sum(result["groups"][0]["per_trial"]["found"]) >= 1
+    assert verified(tmp_path / "recording.rrd")
+
+
+@pytest.mark.slow
+def test_fan_array_follows_its_schedule(tmp_path):
+    result = result_of("fan_array", tmp_path)
+    assert abs(result["gas"]["relative_error"]) <= 1e-5
+    assert verified(tmp_path / "recording.rrd")
+
+
+def test_a_seed_decides_everything(tmp_path):
+    options = ("--no-recording", "--duration", "5", "--set", "warm_up=3")
+    tables = {}
+    for n, seed in enumerate(("4", "4", "5")):
+        result_of("casting_room", tmp_path / str(n), *options, "--seed", seed)
+        tables[n] = pq.read_table(tmp_path / str(n) / "robots.parquet")
+    assert tables[0].equals(tables[1])
+    assert not tables[0].equals(tables[2])
