@@ -1,0 +1,95 @@
+import numpy as np
+import pytest
+
+from taichi_plume.assemble import assemble
+from taichi_plume.scenario import Scenario
+from taichi_plume.simulation import Every, Simulation, UnstableError
+
+
+def small(**changes) -> Simulation:
+    """A room of few cells with one robot."""
+    model = {
+        "duration": 1.0,
+        "warm_up": 0.5,
+        "domain": {"size": [1.0, 0.8], "spacing": 0.1},
+        "wind": {
+            "kind": "cfd",
+            "openings": [{"kind": "inlet", "face": "x-", "speed": 0.5}, {"kind": "outlet", "face": "x+"}],
+        },
+        "gas": {"kind": "eulerian", "sources": [{"position": [0.2, 0.4], "rate": 1e-6}]},
+        "robots": [
+            {
+                "count": 1,
+                "start": {"kind": "positions", "positions": [[0.8, 0.4]]},
+                "algorithm": {"kind": "casting"},
+                "reach": 0.1,
+            }
+        ],
+    }
+    return assemble(Scenario.model_validate(model | changes))
+
+
+def test_the_warm_up_comes_before_zero_and_robots_wait():
+    sim = small()
+    seen = []
+    sim.observers += [
+        Every(0.1, lambda s: seen.append((s.t, s.swarm.snapshot()["path_length"][0])), warm_up=True)
+    ]
+    sim.run()
+    t, path = np.array(seen).T
+    np.testing.assert_allclose(t, np.linspace(-0.5, 1.0, 16), atol=1e-9)
+    assert np.all(path[t <= 1e-9] == 0.0)
+    assert path[-1] > 0.0
+    assert sim.gas.budget()["emitted_kg"] == pytest.approx(1.5e-6)
+
+
+def test_observers_keep_their_cadence_and_see_the_end():
+    sim = small(warm_up=0.0)
+    calls = {"often": [], "seldom": []}
+    sim.observers += [
+        Every(0.2, lambda s: calls["often"].append(s.t)),
+        Every(0.7, lambda s: calls["seldom"].append(s.t)),
+    ]
+    sim.run()
+    np.testing.assert_allclose(calls["often"], [0, 0.2, 0.4, 0.6, 0.8, 1.0], atol=1e-9)
+    np.testing.assert_allclose(calls["seldom"], [0, 0.7, 1.0], atol=1e-9)
+
+
+def test_it_ends_when_all_have_found_a_source():
+    start = {"kind": "positions", "positions": [[0.28, 0.4]]}
+    robots = [{"count": 1, "start": start, "algorithm": {"kind": "casting"}, "reach": 0.1}]
+    sim = small(robots=robots, duration=20.0)
+    sim.run()
+    assert sim.swarm.all_found()
+    assert sim.t < 1.0
+    patient = small(robots=robots, duration=1.0, stop_early=False)
+    patient.run()
+    assert patient.t == pytest.approx(1.0)
+
+
+def test_a_flow_that_blows_up_is_told_with_its_time():
+    sim = small()
+    sim.observers += [Every(0.3, lambda s: s.t > 0.2 and s.wind.u[0].fill(np.nan))]
+    with pytest.raises(UnstableError, match=r"air flow is no longer finite at t = 0\.30 s .*courant"):
+        sim.run()
+
+
+def test_gas_that_is_no_number_is_told():
+    sim = small(duration=3.0)
+    sim.observers += [Every(0.3, lambda s: s.t > 0.2 and s.gas.c.fill(np.nan))]
+    with pytest.raises(UnstableError, match=r"gas is no longer finite at t = 1\.00 s"):
+        sim.run()
+
+
+def test_without_robots_it_runs_to_the_end():
+    sim = small(robots=[])
+    sim.run()
+    assert sim.t == pytest.approx(1.0)
+
+
+def test_uniform_wind_carries_the_gas():
+    sim = small(wind={"kind": "uniform", "velocity": [0.5, 0.0]}, robots=[], warm_up=0.0)
+    sim.run()
+    c = sim.grid.inner(sim.gas.c.to_numpy())
+    x = sim.grid.centers()[..., 0]
+    assert (c * x).sum() / c.sum() == pytest.approx(0.2 + 0.5 * 0.5, abs=0.03)  # half of the time, on average
