@@ -40,7 +40,7 @@ class Every:
     """A function called with the simulation every `period` simulated seconds, at start and end as well."""
 
     period: float
-    function: Callable[["Simulation"], None]
+    function: Callable[["Simulation"], object]
     warm_up: bool = False
     """Whether it is called during the warm-up too."""
     _period_done: float = field(default=-float("inf"), repr=False)

@@ -1,0 +1,120 @@
+"""Direct solvers of the Poisson equation of the projection: sparse factors, and fast transforms of empty boxes."""
+
+from typing import Any
+
+import numpy as np
+import scipy.fft
+import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import splu
+
+from taichi_plume.grid import Grid
+from taichi_plume.solvers.poisson import Openness
+
+
+class SparseFactors:
+    """Sparse LU factors of the equations, made once (SuperLU, Li 2005, doi:10.1145/1089014.1089017)."""
+
+    def __init__(self, openness: Openness, grid: Grid):
+        self.grid = grid
+        matrix = openness.matrix()
+        self.air = np.flatnonzero(matrix.diagonal() > 0)
+        matrix = matrix[self.air][:, self.air]
+        count, self.region = connected_components(matrix, directed=False)
+        grounded = np.zeros(count, bool)
+        np.logical_or.at(grounded, self.region, matrix.sum(axis=1) > 1e-6)
+        self.floating = ~grounded[self.region]  # cells of regions that phi = 0 nowhere touches
+        self.size = np.bincount(self.region)
+        first = np.unique(self.region, return_index=True)[1]
+        pins = np.zeros(len(self.air))
+        pins[first[~grounded]] = 1.0
+        matrix = (matrix + sp.diags_array(pins)).tocsc()
+        options = {"SymmetricMode": True}
+        self.lu = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
+        self.iterations = 1
+
+    def solve(self, b: Any, phi: Any, tolerance: float) -> None:
+        """Set the inner cells of field phi to the solution for field b; exact, whatever the tolerance."""
+        del tolerance
+        right = self.grid.inner(b.to_numpy()).ravel(order="F")[self.air].astype(np.float64)
+        if self.floating.any():  # solvable only without a net source
+            mean = np.bincount(self.region, right) / self.size
+            right -= np.where(self.floating, mean[self.region], 0.0)
+        flat = np.zeros(int(np.prod(self.grid.shape)), np.float32)
+        flat[self.air] = self.lu.solve(right)
+        phi.from_numpy(self.grid.pad(flat.reshape(self.grid.shape, order="F")))
+
+
+class FastTransforms:
+    """Cosine, sine and Fourier transforms that make the equations of a box without obstacles diagonal.
+
+    Each face of the domain must be closed, free or periodic as a whole. Closed ends are even, free ends odd about the
+    domain's face, which is half a cell from the first centre: types II and IV (Strang 1999,
+    doi:10.1137/S0036144598336745).
+    """
+
+    def __init__(self, openness: Openness, grid: Grid):
+        self.grid = grid
+        self.iterations = 1
+        self.kinds = [self._kind(openness, d) for d in range(grid.dim)]
+        eigenvalues = np.zeros(grid.shape)
+        for d, kind in enumerate(self.kinds):
+            n = grid.shape[d]
+            k = np.arange(n) if kind != "periodic" else np.fft.fftfreq(n, 1.0 / n)
+            shift = {"closed": 0.0, "free": 1.0, "closed-free": 0.5, "free-closed": 0.5, "periodic": 0.0}[
+                kind
+            ]
+            angle = np.pi * (k + shift) / n * (2.0 if kind == "periodic" else 1.0)
+            line = 2.0 - 2.0 * np.cos(angle)
+            eigenvalues = eigenvalues + line.reshape([-1 if a == d else 1 for a in range(grid.dim)])
+        constant = eigenvalues < 1e-12  # only differences of phi count: its mean stays zero
+        self.inverse = np.where(constant, 0.0, 1.0 / np.where(constant, 1.0, eigenvalues)).astype(np.float32)
+
+    @staticmethod
+    def fits(openness: Openness, grid: Grid) -> bool:
+        """Whether the box is empty and each of its faces is of one kind."""
+        for d in range(grid.dim):
+            n = openness.shape[d]
+            inner = tuple(slice(1, 1 + m) for m in openness.shape)
+            faces = np.moveaxis(openness.a[d][inner], d, 0)
+            last = np.take(openness.a[d], n + 1, axis=d)[tuple(s for a, s in enumerate(inner) if a != d)]
+            if np.any(faces[1:] != 1.0) or np.ptp(faces[0]) or np.ptp(last):
+                return False
+        return True
+
+    @staticmethod
+    def _kind(openness: Openness, d: int) -> str:
+        if openness.periodic[d]:
+            return "periodic"
+        low, high = (np.take(openness.a[d], i, axis=d)[1, 1] > 0 for i in (1, openness.shape[d] + 1))
+        if low == high:
+            return "free" if low else "closed"
+        return "free-closed" if low else "closed-free"
+
+    def _transform(self, x: np.ndarray, inverse: bool) -> np.ndarray:
+        """Along all axes that do not wrap round."""
+        for d, kind in enumerate(self.kinds):
+            if kind != "periodic":
+                name = ("i" if inverse else "") + ("dct" if kind.startswith("closed") else "dst")
+                x = getattr(scipy.fft, name)(x, type=4 if "-" in kind else 2, axis=d)
+        return x
+
+    def solve(self, b: Any, phi: Any, tolerance: float) -> None:
+        """Set the inner cells of field phi to the solution for field b; exact to rounding, whatever the tolerance."""
+        del tolerance
+        x = self._transform(self.grid.inner(b.to_numpy()), inverse=False)
+        wrapped = [d for d, kind in enumerate(self.kinds) if kind == "periodic"]
+        if wrapped:
+            shape = [x.shape[d] for d in wrapped]
+            x = scipy.fft.irfftn(
+                self._half(wrapped) * scipy.fft.rfftn(x, axes=wrapped), s=shape, axes=wrapped
+            )
+        else:
+            x = x * self.inverse
+        x = self._transform(x.astype(np.float32), inverse=True)
+        phi.from_numpy(self.grid.pad(x))
+
+    def _half(self, wrapped: list[int]) -> np.ndarray:
+        """The part of the inverse eigenvalues that a real Fourier transform keeps."""
+        last = wrapped[-1]
+        return np.take(self.inverse, np.arange(self.grid.shape[last] // 2 + 1), axis=last)

@@ -1,0 +1,336 @@
+"""Conjugate gradients on the Poisson equation of the projection, preconditioned by a multigrid V-cycle."""
+
+from math import prod
+from typing import Any
+
+import numpy as np
+import taichi as ti
+
+from taichi_plume.grid import Grid
+from taichi_plume.kernels import FEW_CELLS, STRIP, Template
+from taichi_plume.solvers.poisson import Openness
+
+OMEGA = 0.8  # damping of the Jacobi sweeps
+COARSEST = 600  # cells that are solved by their dense inverse
+
+
+@ti.data_oriented
+class Multigrid:
+    """Conjugate gradients preconditioned by one V-cycle (two damped Jacobi sweeps each way, merged cells).
+
+    All levels live in flat arrays one after the other, so every kernel is compiled once for all of them.
+    """
+
+    def __init__(self, openness: Openness, grid: Grid):
+        self.grid = grid
+        levels = [openness]
+        while np.prod(levels[-1].shape) > COARSEST and max(levels[-1].shape) > 2:
+            levels.append(levels[-1].coarser())
+        self.shapes = [level.shape for level in levels]
+        self.periodic = openness.periodic
+        self.axes = tuple(d for d in range(3) if openness.shape[d] > 1 or openness.a[d].any())
+        sizes = [int(np.prod([n + 2 for n in shape])) for shape in self.shapes]
+        begins = np.concatenate([[0], np.cumsum(sizes)])
+        merged = [np.where(np.array(shape) > 1, 2, 1) for shape in self.shapes]
+        layout = [
+            [begin, *shape, *factor]
+            for begin, shape, factor in zip(begins[:-1], self.shapes, merged, strict=True)
+        ]
+        self.layout: Any = ti.field(ti.i32, (len(levels), 7))  # begin, cells per axis, cells merged per axis
+        self.layout.from_numpy(np.array(layout, np.int32))
+        total = int(begins[-1])
+        self.a = [ti.field(ti.f32, total) for _ in range(3)]
+        for d in range(3):
+            flat = np.concatenate([level.a[d].ravel(order="F") for level in levels])
+            self.a[d].from_numpy(flat.astype(np.float32))
+        self.x, self.t, self.b = (ti.field(ti.f32, total) for _ in range(3))
+        self.p, self.q, self.phi = (ti.field(ti.f32, sizes[0]) for _ in range(3))
+        self.rows = [n[1] * n[2] for n in self.shapes]
+        self.threaded = next(
+            k for k, n in enumerate(self.shapes) if prod(n) <= FEW_CELLS or k == len(levels) - 1
+        )
+        self.partial = ti.field(ti.f64, self.rows[0])
+        self.rho = ti.field(ti.f64, ())
+        self.alpha, self.beta, self.mean = (ti.field(ti.f32, ()) for _ in range(3))
+
+        matrix = levels[-1].matrix().toarray()
+        self.inverse = ti.field(ti.f32, matrix.shape)
+        self.inverse.from_numpy(np.linalg.pinv(matrix, rcond=1e-6, hermitian=True).astype(np.float32))
+        n = self.shapes[-1]
+        place = begins[-2] + np.arange(sizes[-1]).reshape([m + 2 for m in n], order="F")[1:-1, 1:-1, 1:-1]
+        self.place = ti.field(ti.i32, matrix.shape[0])
+        self.place.from_numpy(place.ravel(order="F").astype(np.int32))
+        self.dense_b = ti.field(ti.f32, matrix.shape[0])
+
+        fine = openness.matrix()
+        air = fine.diagonal() > 0
+        self.air_cells = int(air.sum())
+        self.floating = not bool((fine.sum(axis=1)[air] > 1e-6).any())
+        self.iterations = 0
+
+    # ---- a row of cells: where it starts and where its neighbours' rows start
+
+    @ti.func
+    def _row(self, level, row):
+        """(index of the row's first cell, its length, index steps to the neighbours below and above per axis)."""
+        n0, n1, n2 = self.layout[level, 1], self.layout[level, 2], self.layout[level, 3]
+        s1, s2 = n0 + 2, (n0 + 2) * (n1 + 2)
+        k = row // n1
+        j = row - k * n1
+        first = self.layout[level, 0] + (k + 1) * s2 + (j + 1) * s1 + 1
+        low = ti.Vector([-1, -s1, -s2])
+        high = ti.Vector([1, s1, s2])
+        if ti.static(self.periodic[1]):
+            low[1] = ti.select(j == 0, (n1 - 1) * s1, -s1)
+            high[1] = ti.select(j == n1 - 1, -(n1 - 1) * s1, s1)
+        if ti.static(self.periodic[2]):
+            low[2] = ti.select(k == 0, (n2 - 1) * s2, -s2)
+            high[2] = ti.select(k == n2 - 1, -(n2 - 1) * s2, s2)
+        return first, n0, low, high, ti.Vector([1, s1, s2])
+
+    @ti.func
+    def _apply(self, x: Template, first, i, n0, low: Template, high: Template, step: Template):
+        """(sum of a (x_I - x_neighbour), sum of a) at cell i of a row."""
+        c = first + i
+        result, diagonal = 0.0, 0.0
+        for d in ti.static(self.axes):
+            below, above = c + low[d], c + high[d]
+            if ti.static(d == 0 and self.periodic[0]):
+                below = ti.select(i == 0, c + n0 - 1, below)
+                above = ti.select(i == n0 - 1, c - n0 + 1, above)
+            a_low, a_high = self.a[d][c], self.a[d][c + step[d]]
+            result += a_low * (x[c] - x[below]) + a_high * (x[c] - x[above])
+            diagonal += a_low + a_high
+        return result, diagonal
+
+    @ti.func
+    def _jacobi(self, source: Template, target: Template, level, row):
+        """target = source + omega (b - A source)/diagonal over one row."""
+        first, n0, low, high, step = self._row(level, row)
+        for strip in range((n0 + STRIP - 1) // STRIP):
+            values = ti.Vector([0.0] * STRIP)
+            count = ti.min(STRIP, n0 - strip * STRIP)
+            for n in range(count):
+                i = strip * STRIP + n
+                ax, diagonal = self._apply(source, first, i, n0, low, high, step)
+                change = OMEGA * (self.b[first + i] - ax) / ti.max(diagonal, 1e-6)
+                values[n] = source[first + i] + ti.select(diagonal > 1e-6, change, 0.0)
+            for n in range(count):
+                target[first + strip * STRIP + n] = values[n]
+
+    # ---- the V-cycle: x = M b on the finest level, M symmetric
+
+    @ti.func
+    def _smooth_zero(self, level, rows):
+        """t = one Jacobi sweep from zero."""
+        for row in range(rows):
+            first, n0, _, _, step = self._row(level, row)
+            for i in range(n0):
+                c = first + i
+                diagonal = 0.0
+                for d in ti.static(self.axes):
+                    diagonal += self.a[d][c] + self.a[d][c + step[d]]
+                self.t[c] = ti.select(diagonal > 1e-6, OMEGA * self.b[c] / ti.max(diagonal, 1e-6), 0.0)
+
+    @ti.func
+    def _smooth(self, source: Template, target: Template, level, rows):
+        for row in range(rows):
+            self._jacobi(source, target, level, row)
+
+    @ti.func
+    def _restrict(self, level, coarse_rows):
+        """b of the coarser level = residual summed over merged cells, scaled to its spacing."""
+        for row in range(coarse_rows):
+            target, _, _, _, _ = self._row(level + 1, row)
+            n1, n2 = self.layout[level, 2], self.layout[level, 3]
+            f0, f1, f2 = self.layout[level, 4], self.layout[level, 5], self.layout[level, 6]
+            k = row // self.layout[level + 1, 2]
+            j = row - k * self.layout[level + 1, 2]
+            length = self.layout[level, 1]
+            scale = 4.0 / ti.cast(f0 * f1 * f2, ti.f32)
+            for strip in range((length + STRIP - 1) // STRIP):
+                count = ti.min(STRIP, length - strip * STRIP)
+                sums = ti.Vector([0.0] * STRIP)
+                for kk in range(k * f2, ti.min(k * f2 + f2, n2)):
+                    for jj in range(j * f1, ti.min(j * f1 + f1, n1)):
+                        first, n0, low, high, step = self._row(level, kk * n1 + jj)
+                        values = ti.Vector([0.0] * STRIP)
+                        for n in range(count):
+                            i = strip * STRIP + n
+                            ax, _ = self._apply(self.x, first, i, n0, low, high, step)
+                            values[n] = self.b[first + i] - ax
+                        for n in range(count):
+                            sums[n >> (f0 - 1)] += values[n]
+                begin = target + ((strip * STRIP) >> (f0 - 1))
+                for n in range((count + f0 - 1) >> (f0 - 1)):
+                    self.b[begin + n] = scale * sums[n]
+
+    @ti.func
+    def _prolong(self, level, rows):
+        """Add the coarser level's correction to x."""
+        for row in range(rows):
+            first, n0, _, _, _ = self._row(level, row)
+            m0, m1 = self.layout[level + 1, 1], self.layout[level + 1, 2]
+            k = row // self.layout[level, 2]
+            j = row - k * self.layout[level, 2]
+            f0, f1, f2 = self.layout[level, 4], self.layout[level, 5], self.layout[level, 6]
+            begin = self.layout[level + 1, 0] + ((k // f2 + 1) * (m1 + 2) + j // f1 + 1) * (m0 + 2) + 1
+            for i in range(n0):
+                self.x[first + i] = self.x[first + i] + self.x[begin + (i >> (f0 - 1))]
+
+    @ti.func
+    def _down_passes(self, level, rows, coarse_rows):
+        self._smooth_zero(level, rows)
+        self._smooth(self.t, self.x, level, rows)
+        self._restrict(level, coarse_rows)
+
+    @ti.func
+    def _up_passes(self, level, rows):
+        self._prolong(level, rows)
+        self._smooth(self.x, self.t, level, rows)
+        self._smooth(self.t, self.x, level, rows)
+
+    @ti.func
+    def _rows(self, level):
+        return self.layout[level, 2] * self.layout[level, 3]
+
+    @ti.kernel
+    def _down(self, level: ti.i32, rows: ti.i32, coarse_rows: ti.i32):
+        self._down_passes(level, rows, coarse_rows)
+
+    @ti.kernel
+    def _up(self, level: ti.i32, rows: ti.i32):
+        self._up_passes(level, rows)
+
+    @ti.kernel
+    def _coarse_levels(self, begin: ti.i32, end: ti.i32):
+        """The V-cycle from level `begin` to the dense inverse of level `end` and back, in one thread."""
+        for _ in range(1):
+            for level in range(begin, end):
+                self._down_passes(level, self._rows(level), self._rows(level + 1))
+            for i in range(self.place.shape[0]):
+                self.dense_b[i] = self.b[self.place[i]]
+            for i in range(self.place.shape[0]):
+                total = 0.0
+                for j in range(self.place.shape[0]):
+                    total += self.inverse[i, j] * self.dense_b[j]
+                self.x[self.place[i]] = total
+            for back in range(end - begin):
+                level = end - 1 - back
+                self._up_passes(level, self._rows(level))
+
+    def _v_cycle(self) -> None:
+        for k in range(self.threaded):
+            self._down(k, self.rows[k], self.rows[k + 1])
+        self._coarse_levels(self.threaded, len(self.shapes) - 1)
+        for k in reversed(range(self.threaded)):
+            self._up(k, self.rows[k])
+
+    # ---- conjugate gradients; sums over rows are added in one order, so results do not depend on the threads
+
+    @ti.func
+    def _sum(self, rows):
+        total = ti.cast(0.0, ti.f64)
+        for row in range(rows):
+            total += self.partial[row]
+        return total
+
+    @ti.func
+    def _cell(self, row, i):
+        """Index of a fine cell on the padded grid."""
+        g = ti.static(self.grid.ghost)
+        n1 = self.layout[0, 2]
+        I = ti.Vector([i, row % n1, row // n1])
+        return ti.Vector([I[d] + g for d in ti.static(range(self.grid.dim))])
+
+    @ti.kernel
+    def _load(self, b: Template, rows: ti.i32):
+        """The residual of phi = 0; closed-off cells and, where only differences of phi count, the mean are left out."""
+        for row in range(rows):
+            first, n0, low, high, step = self._row(0, row)
+            total = 0.0
+            for i in range(n0):
+                _, diagonal = self._apply(self.p, first, i, n0, low, high, step)
+                value = ti.select(diagonal > 1e-6, b[self._cell(row, i)], 0.0)
+                self.b[first + i] = value
+                total += value
+            self.partial[row] = ti.cast(total, ti.f64)
+        for _ in range(1):
+            self.rho[None] = 0.0
+            self.mean[None] = ti.cast(self._sum(rows) / self.air_cells, ti.f32)
+        for row in range(rows):
+            first, n0, low, high, step = self._row(0, row)
+            for i in range(n0):
+                if ti.static(self.floating):
+                    _, diagonal = self._apply(self.p, first, i, n0, low, high, step)
+                    mean = ti.select(diagonal > 1e-6, self.mean[None], 0.0)
+                    self.b[first + i] = self.b[first + i] - mean
+                self.p[first + i] = 0.0
+                self.phi[first + i] = 0.0
+
+    @ti.kernel
+    def _iterate(self, rows: ti.i32) -> ti.f32:
+        """One step along p = x + beta p, where x is the preconditioned residual b; returns the largest residual."""
+        for row in range(rows):
+            first, n0, _, _, _ = self._row(0, row)
+            total = 0.0
+            for i in range(n0):
+                total += self.b[first + i] * self.x[first + i]
+            self.partial[row] = ti.cast(total, ti.f64)
+        for _ in range(1):
+            rho = self._sum(rows)
+            self.beta[None] = ti.cast(rho / self.rho[None], ti.f32) if self.rho[None] > 0.0 else 0.0
+            self.rho[None] = rho
+        for row in range(rows):
+            first, n0, _, _, _ = self._row(0, row)
+            for i in range(n0):
+                self.p[first + i] = self.x[first + i] + self.beta[None] * self.p[first + i]
+        for row in range(rows):
+            first, n0, low, high, step = self._row(0, row)
+            total = 0.0
+            for strip in range((n0 + STRIP - 1) // STRIP):
+                values = ti.Vector([0.0] * STRIP)
+                count = ti.min(STRIP, n0 - strip * STRIP)
+                for n in range(count):
+                    i = strip * STRIP + n
+                    ax, _ = self._apply(self.p, first, i, n0, low, high, step)
+                    values[n] = ax
+                    total += ax * self.p[first + i]
+                for n in range(count):
+                    self.q[first + strip * STRIP + n] = values[n]
+            self.partial[row] = ti.cast(total, ti.f64)
+        for _ in range(1):
+            curvature = self._sum(rows)
+            self.alpha[None] = ti.cast(self.rho[None] / curvature, ti.f32) if curvature > 0.0 else 0.0
+        for row in range(rows):
+            first, n0, _, _, _ = self._row(0, row)
+            alpha, largest = self.alpha[None], 0.0
+            for i in range(n0):
+                self.phi[first + i] = self.phi[first + i] + alpha * self.p[first + i]
+            for i in range(n0):
+                self.b[first + i] = self.b[first + i] - alpha * self.q[first + i]
+            for i in range(n0):
+                largest = ti.max(largest, ti.abs(self.b[first + i]))
+            self.partial[row] = ti.cast(largest, ti.f64)
+        result = 0.0
+        for _ in range(1):
+            for row in range(rows):
+                result = ti.max(result, ti.cast(self.partial[row], ti.f32))
+        return result
+
+    @ti.kernel
+    def _store(self, phi: Template, rows: ti.i32):
+        for row in range(rows):
+            first, n0, _, _, _ = self._row(0, row)
+            for i in range(n0):
+                phi[self._cell(row, i)] = self.phi[first + i]
+
+    def solve(self, b: Any, phi: Any, tolerance: float, limit: int = 60) -> None:
+        """Set the inner cells of field phi to the solution for field b, to a largest residual below `tolerance`."""
+        rows = self.rows[0]
+        self._load(b, rows)
+        for self.iterations in range(1, limit + 1):
+            self._v_cycle()
+            if self._iterate(rows) < tolerance:
+                break
+        self._store(phi, rows)

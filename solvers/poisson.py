@@ -1,0 +1,95 @@
+"""The Poisson equation of the projection: sum over faces of a (phi_I - phi_neighbour) = b.
+
+`a` is the openness of a face: 0 closed, 1 open, 2 on the domain's boundary with phi = 0 on the face itself. All arrays
+have one ghost layer, axis 0 contiguous, and three axes whatever the dimension.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+
+from taichi_plume.grid import Grid
+
+
+def three_axes(shape: tuple[int, ...]) -> tuple[int, int, int]:
+    """`shape` with ones appended."""
+    n = tuple(shape) + (1,) * (3 - len(shape))
+    return n[0], n[1], n[2]
+
+
+@dataclass(frozen=True)
+class Openness:
+    """Face coefficients a per axis, arrays of shape n + 2 with one ghost layer, and which axes wrap round."""
+
+    a: tuple[np.ndarray, np.ndarray, np.ndarray]
+    periodic: tuple[bool, bool, bool]
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Inner cells per axis."""
+        n = tuple(m - 2 for m in self.a[0].shape)
+        return n[0], n[1], n[2]
+
+    @staticmethod
+    def of(openness: tuple[np.ndarray, ...], grid: Grid) -> "Openness":
+        """From face arrays on the padded grid, 1 where open; free domain faces become 2."""
+        n = three_axes(grid.shape)
+        result = [np.zeros(tuple(m + 2 for m in n), np.float32) for _ in range(3)]
+        for d, source in enumerate(openness):
+            inner = [slice(b, e + (axis == d)) for axis, (b, e) in enumerate(grid.cells)]
+            faces = source[tuple(inner)].astype(np.float32)
+            if not grid.periodic[d]:
+                faces = np.moveaxis(faces.copy(), d, 0)
+                faces[0] *= 2.0
+                faces[-1] *= 2.0
+                faces = np.moveaxis(faces, 0, d)
+            index = tuple(slice(1, 1 + m) for m in faces.shape) + (1,) * (3 - grid.dim)
+            result[d][index] = faces
+        periodic = tuple(grid.periodic) + (False,) * (3 - grid.dim)
+        return Openness((result[0], result[1], result[2]), (periodic[0], periodic[1], periodic[2]))
+
+    def coarser(self) -> "Openness":
+        """Cells merged in twos; a coarse face is the mean of the fine faces it consists of.
+
+        An axis of one cell stays: its faces then weigh four times as much against those that doubled their spacing.
+        """
+        factor = [2 if n > 1 else 1 for n in self.shape]
+        shape = [-(-n // f) for n, f in zip(self.shape, factor, strict=True)]
+        result = []
+        for d in range(3):
+            fine = self.a[d]
+            planes = np.minimum(np.arange(shape[d] + 1) * factor[d], self.shape[d]) + 1
+            coarse = np.take(fine, planes, axis=d)
+            for e in range(3):
+                if e != d:
+                    inner = np.moveaxis(coarse, e, 0)[1:-1]
+                    missing = np.zeros((shape[e] * factor[e] - len(inner), *inner.shape[1:]), inner.dtype)
+                    inner = np.concatenate([inner, missing]).reshape(shape[e], factor[e], *inner.shape[1:])
+                    coarse = np.moveaxis(inner.mean(axis=1), 0, e)
+            if factor[d] == 1:
+                coarse = coarse * 4.0
+            padded = np.zeros([n + 2 for n in shape], np.float32)
+            padded[tuple(slice(1, 1 + n) for n in coarse.shape)] = coarse
+            result.append(padded)
+        return Openness((result[0], result[1], result[2]), self.periodic)
+
+    def matrix(self) -> sp.csr_array:
+        """The equations of all inner cells (axis 0 fastest); closed-off cells have an empty row."""
+        shape = self.shape
+        number = np.arange(np.prod(shape)).reshape(shape, order="F")
+        total = len(number.ravel())
+        inner = tuple(slice(1, 1 + n) for n in shape)
+        result = sp.csr_array((total, total))
+        for d in range(3):
+            low = self.a[d][inner]
+            high = np.roll(self.a[d], -1, axis=d)[inner]
+            result += sp.diags_array((low + high).ravel(order="F"))
+            below = np.roll(number, 1, axis=d)
+            linked = low > 0
+            if not self.periodic[d]:
+                np.moveaxis(linked, d, 0)[0] = False
+            i, j, a = number[linked], below[linked], low[linked]
+            link = sp.csr_array((a, (i, j)), shape=(total, total))
+            result -= link + link.T
+        return sp.csr_array(result)
