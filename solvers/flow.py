@@ -1,8 +1,8 @@
 """Incompressible Navier-Stokes on the staggered grid.
 
-    du/dt + div(u u) = -grad p + div(nu (grad u + grad u^T)),   div u = 0
+    du/dt + div(u u) = -grad p + div(nu (grad u + grad u^T)) + g,   div u = 0
 
-p is the kinematic pressure [m²/s²]. Convection in flux form with the Koren limiter, central diffusion, Heun's method
+p is the kinematic pressure [m²/s²], g a constant acceleration. Convection in flux form with the Koren limiter, central diffusion, Heun's method
 (SSP-RK2) with the last pressure's gradient, then one projection for the pressure increment (second order in time).
 """
 
@@ -82,6 +82,7 @@ class FlowSolver:
         boundaries = self.boundaries
         dx, dim, viscosity, a = self.grid.dx, self.dim, self.viscosity, self.open
         eddies = self.eddies
+        g = wind.acceleration or (0.0,) * dim
 
         @ti.func
         def edge_viscosity(I, D, E, same: Template):
@@ -112,6 +113,8 @@ class FlowSolver:
             @ti.func
             def tendency(I, dt, k):
                 total = -(p[I] - p[I - ti.Vector.unit(dim, d, ti.i32)])
+                if ti.static(g[d] != 0.0):
+                    total += g[d] * dx
                 for e in ti.static(range(dim)):
                     for side in range(2):  # not unrolled by Taichi: half the compile time; LLVM unrolls it
                         total += (1 - 2 * side) * momentum_flux(

@@ -255,9 +255,10 @@ class EulerianSolver:
 
     def budget(self) -> dict[str, float]:
         """Mass emitted, in the domain and gone through its faces [kg]."""
+        inside: Any = self._inside()
         return {
             "emitted_kg": self.emitted_kg,
-            "in_domain_kg": float(self._inside() * self.grid.cell_volume),
+            "in_domain_kg": inside * self.grid.cell_volume,
             "outflow_kg": float(self._outflow[None]),
         }
 

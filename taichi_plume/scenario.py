@@ -21,6 +21,7 @@ Time = quantity("s")
 Delay = quantity("s", ge=0)
 Speed = quantity("m/s", ge=0)
 Velocity = quantity("m/s")
+Acceleration = quantity("m/s^2")
 Rate = quantity("kg/s", ge=0)
 Frequency = quantity("1/s", gt=0)
 MolarMass = quantity("kg/mol", gt=0)
@@ -325,6 +326,8 @@ class CfdWind(Model):
     )
     openings: tuple[Opening, ...] = ()
     """What no opening covers is no-slip wall."""
+    acceleration: Annotated[tuple[Acceleration, ...], Field(max_length=3)] = ()
+    """Force per mass that acts on all the air [m/s²], such as the pressure gradient along a periodic duct."""
     courant: Annotated[float, Field(gt=0, le=1)] = 0.8
     """Largest sum over the axes of |u| dt/dx in one step."""
     tolerance: Annotated[float, Field(gt=0, le=1e-2)] = 2e-5
