@@ -2,8 +2,9 @@
 
     du/dt + div(u u) = -grad p + div(nu (grad u + grad u^T)) + g,   div u = 0
 
-p is the kinematic pressure [m²/s²], g a constant acceleration. Convection in flux form with the Koren limiter, central diffusion, Heun's method
-(SSP-RK2) with the last pressure's gradient, then one projection for the pressure increment (second order in time).
+p is the kinematic pressure [m²/s²], g a constant acceleration. Convection in flux form with the Koren limiter, central
+diffusion, Heun's method (SSP-RK2) with the last pressure's gradient, then one projection for the pressure increment
+(second order in time).
 """
 
 from collections.abc import Callable

@@ -256,10 +256,11 @@ class EulerianSolver:
     def budget(self) -> dict[str, float]:
         """Mass emitted, in the domain and gone through its faces [kg]."""
         inside: Any = self._inside()
+        left: Any = self._outflow[None]
         return {
             "emitted_kg": self.emitted_kg,
             "in_domain_kg": inside * self.grid.cell_volume,
-            "outflow_kg": float(self._outflow[None]),
+            "outflow_kg": left,
         }
 
     def is_finite(self) -> bool:

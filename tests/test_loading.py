@@ -170,8 +170,8 @@ def test_anchors_and_merges_work(tmp_path):
 
 
 def test_overrides_set_values(tmp_path):
-    scenario = load(tmp_path, GOOD, "duration=20 s", "robots.0.count=3", "obstacles[0].yaw_deg=45")
-    assert (scenario.duration, scenario.robots[0].count) == (20.0, 3)
+    scenario = load(tmp_path, GOOD, "duration=20 s", "robots.0.trials=3", "obstacles[0].yaw_deg=45")
+    assert (scenario.duration, scenario.robots[0].trials) == (20.0, 3)
     assert isinstance(scenario.obstacles[0], Box)
     assert scenario.obstacles[0].yaw_deg == 45.0
     scenario = load(tmp_path, GOOD, "recording.rate=2", "robots.0.sensors.wind.kind=thermal", "obstacles=[]")
