@@ -36,13 +36,13 @@ class SparseFactors:
     def solve(self, b: Any, phi: Any, tolerance: float) -> None:
         """Set the inner cells of field phi to the solution for field b; exact, whatever the tolerance."""
         del tolerance
-        right = self.grid.inner(b.to_numpy()).ravel(order="F")[self.air].astype(np.float64)
+        right = self.grid.read(b).ravel(order="F")[self.air].astype(np.float64)
         if self.floating.any():  # solvable only without a net source
             mean = np.bincount(self.region, right) / self.size
             right -= np.where(self.floating, mean[self.region], 0.0)
         flat = np.zeros(int(np.prod(self.grid.shape)), np.float32)
         flat[self.air] = self.lu.solve(right)
-        phi.from_numpy(self.grid.pad(flat.reshape(self.grid.shape, order="F")))
+        self.grid.write(phi, flat.reshape(self.grid.shape, order="F"))
 
 
 class FastTransforms:
@@ -68,7 +68,12 @@ class FastTransforms:
             line = 2.0 - 2.0 * np.cos(angle)
             eigenvalues = eigenvalues + line.reshape([-1 if a == d else 1 for a in range(grid.dim)])
         constant = eigenvalues < 1e-12  # only differences of phi count: its mean stays zero
-        self.inverse = np.where(constant, 0.0, 1.0 / np.where(constant, 1.0, eigenvalues)).astype(np.float32)
+        inverse = np.where(constant, 0.0, 1.0 / np.where(constant, 1.0, eigenvalues)).astype(np.float32)
+        self.wrapped = [d for d, kind in enumerate(self.kinds) if kind == "periodic"]
+        if self.wrapped:  # a real Fourier transform keeps half of its last axis
+            last = self.wrapped[-1]
+            inverse = np.take(inverse, np.arange(grid.shape[last] // 2 + 1), axis=last)
+        self.inverse = np.asfortranarray(inverse)
 
     @staticmethod
     def fits(openness: Openness, grid: Grid) -> bool:
@@ -96,25 +101,17 @@ class FastTransforms:
         for d, kind in enumerate(self.kinds):
             if kind != "periodic":
                 name = ("i" if inverse else "") + ("dct" if kind.startswith("closed") else "dst")
-                x = getattr(scipy.fft, name)(x, type=4 if "-" in kind else 2, axis=d)
+                x = getattr(scipy.fft, name)(x, type=4 if "-" in kind else 2, axis=d, workers=-1)
         return x
 
     def solve(self, b: Any, phi: Any, tolerance: float) -> None:
         """Set the inner cells of field phi to the solution for field b; exact to rounding, whatever the tolerance."""
         del tolerance
-        x = self._transform(self.grid.inner(b.to_numpy()), inverse=False)
-        wrapped = [d for d, kind in enumerate(self.kinds) if kind == "periodic"]
-        if wrapped:
-            shape = [x.shape[d] for d in wrapped]
-            x = scipy.fft.irfftn(
-                self._half(wrapped) * scipy.fft.rfftn(x, axes=wrapped), s=shape, axes=wrapped
-            )
+        x = self._transform(self.grid.read(b), inverse=False)
+        if self.wrapped:
+            shape = [x.shape[d] for d in self.wrapped]
+            waves = scipy.fft.rfftn(x, axes=self.wrapped, workers=-1)
+            x = scipy.fft.irfftn(self.inverse * waves, s=shape, axes=self.wrapped, workers=-1)
         else:
-            x = x * self.inverse
-        x = self._transform(x.astype(np.float32), inverse=True)
-        phi.from_numpy(self.grid.pad(x))
-
-    def _half(self, wrapped: list[int]) -> np.ndarray:
-        """The part of the inverse eigenvalues that a real Fourier transform keeps."""
-        last = wrapped[-1]
-        return np.take(self.inverse, np.arange(self.grid.shape[last] // 2 + 1), axis=last)
+            x = self.inverse * x
+        self.grid.write(phi, self._transform(x, inverse=True))

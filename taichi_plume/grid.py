@@ -10,7 +10,20 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
+from taichi_plume.kernels import Template
 from taichi_plume.scenario import Domain
+
+
+@ti.kernel
+def _read(field: Template, ghost: Template, values: ti.types.ndarray()):
+    for J in ti.grouped(values):
+        values[J] = field[ti.Vector([J[J.n - 1 - d] + ghost for d in ti.static(range(J.n))])]
+
+
+@ti.kernel
+def _write(field: Template, ghost: Template, values: ti.types.ndarray()):
+    for J in ti.grouped(values):
+        field[ti.Vector([J[J.n - 1 - d] + ghost for d in ti.static(range(J.n))])] = values[J]
 
 
 @dataclass(frozen=True)
@@ -80,6 +93,16 @@ class Grid:
             width = [(self.ghost, self.ghost) if a == axis else (0, 0) for a in range(self.dim)]
             inner = np.pad(inner, width, mode="wrap" if wrap else "edge")
         return inner
+
+    def read(self, field: Any) -> np.ndarray:
+        """The inner values of a padded field, shape `shape`, axis 0 contiguous; much faster than `to_numpy`."""
+        values = np.empty(self.shape[::-1], np.float32)
+        _read(field, self.ghost, values)
+        return values.T
+
+    def write(self, field: Any, values: np.ndarray) -> None:
+        """Set the inner values of a padded field from an array of shape `shape`; ghost layers stay."""
+        _write(field, self.ghost, np.ascontiguousarray(values.T, np.float32))
 
     def centers(self) -> np.ndarray:
         """Cell centres [m], shape (*shape, dim)."""

@@ -326,8 +326,8 @@ class CfdWind(Model):
     )
     openings: tuple[Opening, ...] = ()
     """What no opening covers is no-slip wall."""
-    acceleration: Annotated[tuple[Acceleration, ...], Field(max_length=3)] = ()
-    """Force per mass that acts on all the air [m/s²], such as the pressure gradient along a periodic duct."""
+    acceleration: Annotated[tuple[Acceleration, ...], Field(min_length=2, max_length=3)] | None = None
+    """Force per mass on all the air [m/s²]: what drives the flow along a periodic duct."""
     courant: Annotated[float, Field(gt=0, le=1)] = 0.8
     """Largest sum over the axes of |u| dt/dx in one step."""
     tolerance: Annotated[float, Field(gt=0, le=1e-2)] = 2e-5

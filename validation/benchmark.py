@@ -1,0 +1,188 @@
+"""How fast whole steps are, beside the memory bandwidth of the same minute.
+
+python -m taichi_plume.validation.benchmark [NAMES] [--json] [--arch ARCH] [--seconds S]
+
+A step is the flow with its eddy viscosity and one gas, as a run takes it. Every figure is a rate on a machine that may
+be shared: compare the ratios to the bandwidth, and rates of one run with each other.
+"""
+
+import argparse
+import json
+import os
+import sys
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass
+from math import prod
+
+import numpy as np
+import psutil
+import taichi as ti
+
+from taichi_plume import kernels
+from taichi_plume.grid import Grid
+from taichi_plume.scenario import CfdWind, EulerianGas
+from taichi_plume.solvers.boundaries import periodic_axes
+from taichi_plume.solvers.flow import FlowSolver
+from taichi_plume.solvers.gas import EulerianSolver
+
+ARENA = (
+    {"kind": "honeycomb", "face": "x-", "speed": 0.7},
+    {"kind": "honeycomb", "face": "x+", "loss_coefficient": 2.0},
+)
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One case; bandwidth in GB/s."""
+
+    case: str
+    cells: int
+    Mcell_steps_per_s: float
+    ms_per_step: float
+    pressure_iterations: float
+    first_step_s: float
+    bytes_per_cell: float
+    bandwidth: float
+
+
+def bandwidth(size: int = 1 << 24) -> float:
+    """Memory bandwidth [GB/s] of a = b + s c in NumPy on all cores: five arrays pass, three read and two written."""
+    threads = os.cpu_count() or 1
+    a, b, c = (np.ones(size, np.float32) for _ in range(3))
+    parts = np.array_split(np.arange(size), threads)
+    spans = [slice(int(part[0]), int(part[-1]) + 1) for part in parts]
+
+    def triad(span: slice) -> None:
+        for begin in range(span.start, span.stop, 1 << 22):
+            chunk = slice(begin, min(begin + (1 << 22), span.stop))
+            np.multiply(c[chunk], 3.0, out=a[chunk])
+            np.add(a[chunk], b[chunk], out=a[chunk])
+
+    with ThreadPoolExecutor(threads) as pool:
+        times = []
+        for _ in range(5):
+            begin = time.perf_counter()
+            list(pool.map(triad, spans))
+            times.append(time.perf_counter() - begin)
+    return 5 * 4 * size / min(times) / 1e9
+
+
+def arena(shape: tuple[int, ...], obstacles: bool) -> tuple[Grid, np.ndarray]:
+    """The 4 x 3 (x 0.5) m odour arena, with two boxes and a pillar."""
+    grid = Grid(shape, 4.0 / shape[0], depth=0.5)
+    x = grid.centers()
+    solid = np.zeros(shape, bool)
+    if obstacles:
+        solid |= (np.abs(x[..., 0] - 2.4) < 0.2) & (np.abs(x[..., 1] - 2.35) < 0.15)
+        solid |= (np.abs(x[..., 0] - 2.3) < 0.18) & (np.abs(x[..., 1] - 0.9) < 0.18)
+        solid |= np.hypot(x[..., 0] - 1.0, x[..., 1] - 1.9) < 0.12
+    return grid, solid
+
+
+def arena_step(shape: tuple[int, ...], obstacles: bool) -> tuple[FlowSolver, Callable[[], None]]:
+    """The solver and one whole step of flow, eddies and gas."""
+    grid, solid = arena(shape, obstacles)
+    flow = FlowSolver(CfdWind.model_validate({"kind": "cfd", "openings": ARENA}), grid, solid)
+    source = {"position": (0.6, 1.3, 0.1)[: len(shape)], "rate": 2e-5}
+    gas = EulerianSolver(
+        EulerianGas.model_validate({"kind": "eulerian", "sources": [source]}), grid, flow, solid
+    )
+
+    def step() -> None:
+        dt = flow.stable_dt()
+        flow.advance(0.0, dt)
+        gas.advance(0.0, dt)
+
+    return flow, step
+
+
+def periodic_step(shape: tuple[int, ...]) -> tuple[FlowSolver, Callable[[], None]]:
+    """The solver and one step of the flow alone in a periodic box."""
+    openings = tuple({"kind": "periodic", "axis": axis} for axis in "xyz"[: len(shape)])
+    wind = CfdWind.model_validate(
+        {"kind": "cfd", "viscosity": 1e-3, "turbulence": {"kind": "none"}, "openings": openings}
+    )
+    grid = Grid(shape, 2 * np.pi / shape[0], periodic=periodic_axes(wind.openings, len(shape)))
+    flow = FlowSolver(wind, grid, np.zeros(shape, bool))
+    rng = np.random.default_rng(0)
+    k = rng.integers(1, 4, (3, 3))
+
+    def vortices(x: np.ndarray) -> np.ndarray:
+        return np.stack([np.sin((x * k[d, : x.shape[-1]]).sum(-1) + d) for d in range(x.shape[-1])], axis=-1)
+
+    flow.start_from(vortices)
+    return flow, lambda: flow.advance(0.0, flow.stable_dt())
+
+
+CASES: dict[str, Callable[[], tuple[FlowSolver, Callable[[], None]]]] = {
+    "arena_2d": lambda: arena_step((200, 150), True),
+    "arena_2d_empty": lambda: arena_step((200, 150), False),
+    "arena_3d_coarse": lambda: arena_step((80, 60, 10), True),
+    "arena_3d": lambda: arena_step((200, 150, 25), True),
+    "arena_3d_empty": lambda: arena_step((200, 150, 25), False),
+    "box_2d": lambda: periodic_step((256, 256)),
+    "box_3d": lambda: periodic_step((64, 64, 64)),
+}
+
+
+def measure(name: str, arch: str, seconds: float) -> Measured:
+    """Run a case for about `seconds` after its first steps."""
+    rate = bandwidth()
+    kernels.start(arch)
+    process = psutil.Process()
+    before = process.memory_info().rss
+    begin = time.perf_counter()
+    flow, step = CASES[name]()
+    step()
+    ti.sync()
+    first = time.perf_counter() - begin
+    memory = process.memory_info().rss - before
+    for _ in range(10):  # past the start from rest
+        step()
+    ti.sync()
+    iterations, steps, begin = 0, 0, time.perf_counter()
+    while time.perf_counter() - begin < seconds:
+        step()
+        iterations += flow.solver.iterations
+        steps += 1
+    ti.sync()
+    per_step = (time.perf_counter() - begin) / steps
+    cells = prod(flow.grid.shape)
+    return Measured(
+        name, cells, cells / per_step / 1e6, 1e3 * per_step, iterations / steps, first, memory / cells, rate
+    )
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Measure the named cases, or all of them."""
+    parser = argparse.ArgumentParser(prog="python -m taichi_plume.validation.benchmark", description=__doc__)
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(CASES)}")
+    parser.add_argument("--arch", default="cpu", choices=("auto", "cpu", "cuda", "vulkan", "metal"))
+    parser.add_argument("--seconds", type=float, default=8.0, help="per case (default: 8)")
+    parser.add_argument("--json", action="store_true", help="print JSON")
+    args = parser.parse_args(argv)
+    unknown = [name for name in args.names if name not in CASES]
+    if unknown:
+        print(f"unknown case {unknown[0]!r}; known: {', '.join(CASES)}", file=sys.stderr)
+        return 2
+    rows = []
+    for name in args.names or CASES:
+        row = measure(name, args.arch, args.seconds)
+        rows.append(row)
+        if not args.json:
+            print(
+                f"{row.case:16} {row.cells:8,} cells  {row.Mcell_steps_per_s:6.2f} Mcell-steps/s  "
+                f"{row.ms_per_step:7.2f} ms/step  {row.pressure_iterations:4.1f} iterations  "
+                f"first step {row.first_step_s:5.1f} s  {row.bytes_per_cell:5.0f} B/cell  "
+                f"bandwidth {row.bandwidth:4.1f} GB/s",
+                flush=True,
+            )
+    if args.json:
+        print(json.dumps([asdict(row) for row in rows], indent=2))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
