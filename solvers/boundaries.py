@@ -5,13 +5,14 @@ the face is mirror·u + (1 - mirror)·V: -1 for a wall that moves with V, 0 for 
 The component through the face is either prescribed (V) or free, with the ambient pressure outside.
 """
 
+from itertools import pairwise
 from math import pi
 
 import numpy as np
 import taichi as ti
 from scipy.ndimage import gaussian_filter
 
-from taichi_plume.grid import Grid
+from taichi_plume.grid import Grid, block_mean
 from taichi_plume.kernels import Template
 from taichi_plume.rng import generator
 from taichi_plume.scenario import (
@@ -27,6 +28,7 @@ from taichi_plume.scenario import (
     Slip,
 )
 
+HORIZON = 1.0  # s: a step is never longer
 SAMPLES = 8  # per axis, to average an opening's profile over a cell face
 
 
@@ -43,44 +45,43 @@ def blows(opening: Opening | Region) -> bool:
 class Patch:
     """An opening on the grid: its region and profile on one face of the domain."""
 
-    def __init__(self, opening: Region, grid: Grid, fluid: np.ndarray):
+    def __init__(self, opening: Region, grid: Grid, air: np.ndarray):
         self.opening = opening
         self.axis, self.side = opening.axis, opening.side
         self.grid = grid
         self.along = opening.along(grid.dim)
-        self.open = np.take(fluid, -self.side, axis=self.axis)  # cells behind the face that hold air
+        behind = np.take(air, -self.side, axis=self.axis)
         center, half = opening.rectangle(grid.extent)
         self.center, self.half = np.array(center), np.array(half)
         self.disc = opening.is_disc(grid.dim)
         self.area = opening.area(grid.extent, grid.depth)
-        self.covered = (self._average(self._inside) >= 0.5) & self.open
-        profile = self._average(self._profile) * self.open
+        self.face_area = grid.cell_volume / grid.dx
+        self.covered = self._inside(self._places((0.0,) * len(self.along), 1)) & behind
+        self.profile = np.zeros(behind.shape)  # speed over mean speed
+        self.swirl: dict[int, np.ndarray] = {}
         if blows(opening):
+            profile = self._average(self._profile) * behind
+            profile[profile < 1e-3] = 0.0
             if not profile.any():
                 raise ValueError("no air behind the opening: an obstacle covers it")
-            face_area = grid.cell_volume / grid.dx
-            profile *= self.area / (profile.sum() * face_area)
-            self.covered = profile > 1e-3
-            profile *= self.covered
-        self.profile = profile
+            self.profile = profile * (self.area / (profile.sum() * self.face_area))
+            self.covered = self.profile > 0
+            self.swirl = self._swirl()
 
-    def _points(self, shift: tuple[float, ...]) -> list[np.ndarray]:
-        """Sub-sampled places on the face relative to the opening's centre, over its half size: [-1, 1] is inside."""
+    def _places(self, shift: tuple[float, ...], samples: int) -> list[np.ndarray]:
+        """Places on the face relative to the opening's centre, over its half size: [-1, 1] is inside.
+
+        Each boundary face has `samples` per axis; shift: of all places, in cells.
+        """
         axes = []
         for k, a in enumerate(self.along):
-            cells = np.arange(self.grid.shape[a])[:, None] + (np.arange(SAMPLES) + 0.5) / SAMPLES + shift[k]
+            cells = np.arange(self.grid.shape[a])[:, None] + (np.arange(samples) + 0.5) / samples + shift[k]
             axes.append((cells.ravel() * self.grid.dx - self.center[k]) / self.half[k])
         return list(np.meshgrid(*axes, indexing="ij"))
 
     def _average(self, function, shift: tuple[float, ...] = (0.0, 0.0)) -> np.ndarray:
         """Mean of a function of the relative place over each boundary face."""
-        values = function(self._points(shift))
-        for k in range(len(self.along)):
-            n = values.shape[k] // SAMPLES
-            values = np.moveaxis(
-                np.moveaxis(values, k, 0).reshape(n, SAMPLES, *np.delete(values.shape, k)).mean(1), 0, k
-            )
-        return values
+        return block_mean(function(self._places(shift, SAMPLES)), SAMPLES)
 
     def _radius(self, places: list[np.ndarray]) -> np.ndarray:
         """Distance from the centre over the half size: round for a disc, square for a rectangle."""
@@ -89,7 +90,7 @@ class Patch:
         return np.max([np.abs(p) for p in places], axis=0)
 
     def _inside(self, places: list[np.ndarray]) -> np.ndarray:
-        return (self._radius(places) < 1.0).astype(float)
+        return self._radius(places) <= 1.0
 
     def _profile(self, places: list[np.ndarray]) -> np.ndarray:
         """Speed over mean speed, before the scaling to the exact flow rate."""
@@ -102,8 +103,8 @@ class Patch:
             return inside * np.prod([1.0 - p**2 for p in places], axis=0)
         return inside
 
-    def tangential(self) -> dict[int, np.ndarray]:
-        """Velocity along the face over the mean speed, per axis: a fan's swirl."""
+    def _swirl(self) -> dict[int, np.ndarray]:
+        """A fan's velocity along the face over its mean speed, per axis."""
         if not isinstance(self.opening, Fan) or self.opening.swirl == 0 or len(self.along) < 2:
             return {}
         sign = 1.0 if self.side == 0 else -1.0  # right-handed about the direction of the jet
@@ -115,6 +116,28 @@ class Patch:
             arm = self.along.index(other)
             result[axis] = self._average(lambda p, arm=arm, turn=turn: turn * p[arm] * self._inside(p), shift)
         return result
+
+    @property
+    def peak(self) -> float:
+        """Largest velocity component over the mean speed."""
+        swirl = max((float(np.abs(v).max()) for v in self.swirl.values()), default=0.0)
+        gusts = 3.0 * self.opening.turbulence_intensity if isinstance(self.opening, Jet) else 0.0
+        return float(self.profile.max()) + swirl + gusts
+
+    def cells(self) -> tuple[np.ndarray, ...]:
+        """Index of the cells behind the covered faces."""
+        index = list(np.nonzero(self.covered))
+        index.insert(self.axis, np.full(len(index[0]), self.side * (self.grid.shape[self.axis] - 1)))
+        return tuple(index)
+
+
+def opening_cells(openings: tuple[Opening, ...], grid: Grid) -> np.ndarray:
+    """Which cells lie behind an opening that lets air through, bool of grid.shape."""
+    result = np.zeros(grid.shape, bool)
+    for opening in openings:
+        if isinstance(opening, Jet | Outlet):
+            result[Patch(opening, grid, np.ones(grid.shape, bool)).cells()] = True
+    return result
 
 
 class Fluctuations:
@@ -128,16 +151,16 @@ class Fluctuations:
         self.patch = patch
         self.length = length
         self.rng = generator(seed, name)
+        self.sigma = length / patch.grid.dx / np.sqrt(pi)
+        impulse = np.zeros(patch.profile.shape)
+        impulse[(0,) * impulse.ndim] = 1.0
+        self.norm = np.sqrt((gaussian_filter(impulse, self.sigma, mode="wrap") ** 2).sum())
         self.state = np.array([self._slice() for _ in range(patch.grid.dim)])
 
     def _slice(self) -> np.ndarray:
         """A plane of unit-variance noise, correlated over the length."""
-        sigma = self.length / self.patch.grid.dx / np.sqrt(pi)
-        shape = self.patch.profile.shape
-        impulse = np.zeros(shape)
-        impulse[(0,) * len(shape)] = 1.0
-        norm = np.sqrt((gaussian_filter(impulse, sigma, mode="wrap") ** 2).sum())
-        return gaussian_filter(self.rng.standard_normal(shape), sigma, mode="wrap") / norm
+        noise = self.rng.standard_normal(self.patch.profile.shape)
+        return gaussian_filter(noise, self.sigma, mode="wrap") / self.norm
 
     def advance(self, speed: float, dt: float) -> np.ndarray:
         """The next planes, one per velocity component, of unit variance; the one through the face has no mean."""
@@ -157,6 +180,7 @@ class Boundaries:
     def __init__(self, openings: tuple[Opening, ...], grid: Grid, solid: np.ndarray, seed: int):
         self.grid = grid
         self.dim = grid.dim
+        self.openings = openings
         self.patches = [Patch(o, grid, ~solid) for o in openings if not isinstance(o, Periodic)]
         self.jets = [p for p in self.patches if blows(p.opening)]
         self.noise = {
@@ -174,7 +198,6 @@ class Boundaries:
         self.ambient = [ti.field(ti.f32, shape) for shape in shapes]  # kinematic pressure at the face [m²/s²]
         self._targets = [np.zeros((*shape, grid.dim), np.float32) for shape in inner]
         self._walls()
-        self.has_outlet = any(field.to_numpy().any() for field in self.free)
         self.has_loss = any(field.to_numpy().any() for field in self.loss)
         self._blown = None
         self.update(-np.inf, 0.0)
@@ -227,7 +250,7 @@ class Boundaries:
             face = self._face(self._targets[p.axis], p)
             face[p.covered] = 0.0
             face[..., p.axis] += inward * speed * p.profile
-            for axis, swirl in p.tangential().items():
+            for axis, swirl in p.swirl.items():
                 face[..., axis] += speed * swirl * p.covered
             if n in self.noise and speed != 0:
                 amplitude = p.opening.turbulence_intensity * abs(speed)
@@ -235,6 +258,35 @@ class Boundaries:
                     face[..., axis] += amplitude * plane
         for d in {p.axis for p in self.jets}:
             self._upload(self.target[d], self._targets[d], d)
+
+    def fastest(self, t: float) -> float:
+        """Largest velocity component [m/s] that a schedule prescribes from t to HORIZON later."""
+        result = 0.0
+        for p in self.jets:
+            times = [t, t + HORIZON, *(time for time in p.opening.knots if t < time < t + HORIZON)]
+            if p.opening.schedule:
+                result = max(result, p.peak * max(abs(p.opening.speed_at(time)) for time in times))
+        return result
+
+    def trapped(self, regions: np.ndarray) -> list[int]:
+        """Numbers of the jets whose air cannot leave: the region that they blow into has no outlet and no balance.
+
+        regions: of grid.shape, equal numbers where air is connected.
+        """
+        result = []
+        exits = {r for p in self.patches if isinstance(p.opening, Jet | Outlet) and p not in self.jets
+                 for r in np.unique(regions[p.cells()])}  # fmt: skip
+        for region in {r for p in self.jets for r in np.unique(regions[p.cells()])} - exits:
+            here = [p for p in self.jets if region in regions[p.cells()]]
+            shares = [p.profile[p.covered][regions[p.cells()] == region].sum() * p.face_area for p in here]
+            knots = sorted({0.0, *(time for p in here for time in p.opening.knots)})
+            times = [*knots, *((a + b) / 2 for a, b in pairwise(knots))]
+            flows = np.array(
+                [[s * p.opening.speed_at(t) for s, p in zip(shares, here, strict=True)] for t in times]
+            )
+            if np.any(np.abs(flows.sum(axis=1)) > 1e-6 * np.abs(flows).sum(axis=1)):
+                result += [self.openings.index(p.opening) for p in here]
+        return sorted(set(result))
 
     @ti.func
     def fill_velocity(self, u: Template):

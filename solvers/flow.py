@@ -212,12 +212,12 @@ class FlowSolver:
 
     def advance(self, t: float, dt: float) -> None:
         """One step of Heun's method and a projection."""
-        self.max_courant = max(self.max_courant, dt * self.speed_rate)
         self.boundaries.update(t + dt, dt)
         self._begin(dt)
         self._stage(dt, 1.0)
         self._stage(dt, 0.5)
         self._project(dt)
+        self.max_courant = max(self.max_courant, dt * self.speed_rate)
 
     def _project(self, dt: float) -> None:
         """Make u divergence-free by the gradient of phi, and add the increment to the pressure."""
@@ -262,14 +262,18 @@ class FlowSolver:
         self.outflow_rate = out / self.grid.dx
         self.max_viscosity = max(nu, self.viscosity)
 
-    def stable_dt(self) -> float:
-        """The step [s] that keeps the Courant number at its limit and diffusion stable; 0 when the flow blew up."""
+    def stable_dt(self, t: float = 0.0) -> float:
+        """The step [s] that keeps the Courant number at its limit and diffusion stable; 0 when the flow blew up.
+
+        t: begin of the step; what a fan's schedule prescribes soon after counts already.
+        """
         if not self.speed_rate * self.grid.dx < HUGE:
             return 0.0
         # Twice as careful as diffusion alone demands: the pressure lags behind in the first stage, and its error grows
         # when viscosity spreads it too fast.
         diffusion = (6.0 if self.eddies else 4.0) * self.dim * self.max_viscosity / self.grid.dx**2
-        return 1.0 / max(self.speed_rate / self.courant + diffusion, 1e-30)
+        rate = max(self.speed_rate, self.boundaries.fastest(t) / self.grid.dx)
+        return 1.0 / max(rate / self.courant + diffusion, 1e-30)
 
     def diagnostics(self) -> dict[str, float]:
         """max_divergence (over the largest |u|/dx), max_courant (of all steps so far), max_speed [m/s]."""

@@ -14,7 +14,7 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume.fields import corner, corner_weight
-from taichi_plume.grid import Grid
+from taichi_plume.grid import Grid, block_mean
 from taichi_plume.kernels import Template, launch, sweep
 from taichi_plume.rng import generator
 from taichi_plume.scenario import EulerianGas, Source
@@ -91,22 +91,31 @@ class EulerianSolver:
         self._build()
 
     def _place_sources(self, sources: tuple[Source, ...], solid: np.ndarray) -> None:
-        """Cells of each source and the share of its mass that each receives."""
+        """Cells of each source and the share of its mass that each receives. Raises ValueError for one without air."""
         cells, shares, owner = [], [], []
-        sub = (np.arange(4) + 0.5) / 4 - 0.5
-        offsets = (
-            np.stack(np.meshgrid(*[sub] * self.dim, indexing="ij"), -1).reshape(-1, self.dim) * self.grid.dx
-        )
+        sub = (np.arange(4) + 0.5) / 4
         for n, source in enumerate(sources):
-            distance = self.grid.centers()[..., None, :] + offsets - np.array(source.position)
-            share = (np.linalg.norm(distance, axis=-1) <= source.radius).mean(axis=-1) * ~solid
-            if not share.any():  # smaller than a cell
-                nearest = (
-                    np.linalg.norm(self.grid.centers() - np.array(source.position), axis=-1) + 1e9 * solid
+            center = np.array(source.position)
+            first = np.maximum(np.floor((center - source.radius) / self.grid.dx).astype(int), 0)
+            last = np.minimum(np.ceil((center + source.radius) / self.grid.dx).astype(int), self.grid.shape)
+            axes = [
+                (np.arange(a, b)[:, None] + sub).ravel() * self.grid.dx
+                for a, b in zip(first, last, strict=True)
+            ]
+            squares = [(axis - c) ** 2 for axis, c in zip(axes, center, strict=True)]
+            inside = sum(np.ix_(*squares)) <= source.radius**2
+            block = tuple(slice(a, b) for a, b in zip(first, last, strict=True))
+            share = block_mean(inside, 4) * ~solid[block]
+            home = np.minimum((center / self.grid.dx).astype(int), np.array(self.grid.shape) - 1)
+            if not share.any() and not solid[tuple(home)]:  # smaller than a cell's samples
+                share[tuple(home - first)] = 1.0
+            if not share.any():
+                raise ValueError(
+                    f"sources[{n}].position: is not in the air: an obstacle fills its cell or seals it off; "
+                    "move it by a cell or lower domain.spacing"
                 )
-                share[np.unravel_index(nearest.argmin(), nearest.shape)] = 1.0
             where = np.argwhere(share > 0)
-            cells.append(where + self.grid.ghost)
+            cells.append(where + first + self.grid.ghost)
             shares.append(share[tuple(where.T)] / share.sum())
             owner.append(np.full(len(where), n))
         count = sum(len(c) for c in cells)

@@ -25,7 +25,7 @@ class UniformSolver:
             self.u[d].fill(speed)
             self.open[d].fill(1.0)
 
-    def stable_dt(self) -> float:
+    def stable_dt(self, t: float = 0.0) -> float:
         """No limit of its own."""
         return float("inf")
 

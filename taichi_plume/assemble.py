@@ -9,13 +9,13 @@ from taichi_plume.agents.placement import place, placed
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.team import Team
 from taichi_plume.fields import Wind
-from taichi_plume.geometry import ClearanceMap, shapes, solid_cells
+from taichi_plume.geometry import ClearanceMap, air_regions, shapes, solid_cells
 from taichi_plume.grid import Grid
 from taichi_plume.loading import ScenarioError
 from taichi_plume.rng import generator
 from taichi_plume.scenario import CfdWind, Scenario
 from taichi_plume.simulation import Map, Simulation
-from taichi_plume.solvers.boundaries import periodic_axes
+from taichi_plume.solvers.boundaries import opening_cells, periodic_axes
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.uniform import UniformSolver
@@ -30,15 +30,28 @@ def assemble(scenario: Scenario, folder: Path = Path()) -> Simulation:
     """
     obstacles = shapes(scenario, folder)
     wind_model = scenario.wind
-    wraps = periodic_axes(wind_model.openings, scenario.domain.dim) if isinstance(wind_model, CfdWind) else ()
-    grid = Grid.of(scenario.domain, wraps)
-    solid = solid_cells(obstacles, grid)
+    openings = wind_model.openings if isinstance(wind_model, CfdWind) else ()
+    grid = Grid.of(scenario.domain, periodic_axes(openings, scenario.domain.dim))
+    solid = solid_cells(obstacles, grid, opening_cells(openings, grid))
+    begin = scenario.first_tick * scenario.tick
     wind: Wind
     if isinstance(wind_model, CfdWind):
         wind = FlowSolver(wind_model, grid, solid, scenario.seed)
+        trapped = wind.boundaries.trapped(air_regions(solid, grid.periodic))
+        if trapped:
+            raise ScenarioError(
+                [
+                    f"wind.openings[{n}]: its air has no way to an outlet, obstacles close it off; "
+                    "move one of them or add an outlet there"
+                    for n in trapped
+                ]
+            )
     else:
         wind = UniformSolver(wind_model, grid)
-    gas = EulerianSolver(scenario.gas, grid, wind, solid, -scenario.warm_up, scenario.seed)
+    try:
+        gas = EulerianSolver(scenario.gas, grid, wind, solid, begin, scenario.seed)
+    except ValueError as error:
+        raise ScenarioError([f"gas.{error}"]) from None
     swarm = _swarm(scenario, obstacles, grid)
     teams = [Team(swarm, group, grid.dim, scenario.tick) for group in swarm.groups]
     floor = (grid.extent[0], grid.extent[1])
@@ -56,7 +69,7 @@ def _swarm(scenario: Scenario, obstacles: list, grid: Grid) -> Swarm:
         try:
             where, heading = place(group, rng, clearance.distance_at, occupied)
         except ValueError as error:
-            raise ScenarioError(f"robots[{n}].start: {error}") from None
+            raise ScenarioError([f"robots[{n}].start: {error}"]) from None
         occupied.append(placed(group, where))
         positions.append(where)
         headings.append(heading)

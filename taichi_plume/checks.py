@@ -24,6 +24,7 @@ from taichi_plume.scenario import (
     Opening,
     Outlet,
     Periodic,
+    Prism,
     Region,
     Scenario,
     Sphere,
@@ -34,6 +35,7 @@ from taichi_plume.scenario import (
 )
 
 BYTES_PER_CELL = {2: 260, 3: 200}  # all fields of a CFD run with gas
+BYTES_OF_FACTORS = 700  # per cell of a 2-D flow that has to be solved by sparse factors
 BYTES_PER_ROBOT = 2000  # state, readings and a few minutes of track
 MOST_MAP_CELLS = 4_000_000
 CELL_STEPS_PER_SECOND = {2: 1.5e6, 3: 2e6}  # rough: wind and gas on a few CPU cores
@@ -44,6 +46,8 @@ RANDOM_PACKING = 0.547
 START_ROOM = 2e-3  # m, air around a body at the start
 NEIGHBOURS = 20  # of each robot, looked at for overlaps
 FREE_AREA_NODES = 200  # per axis, to measure the free area of a start rectangle
+MOST_EDGES = 500  # of a polygon whose edges are tested against one another
+SLIVER = 1e-6  # of the square of a polygon's width: less area is none
 
 
 def problems(scenario: Scenario, folder: Path) -> list[str]:
@@ -58,6 +62,7 @@ def problems(scenario: Scenario, folder: Path) -> list[str]:
     shapes, lines = _shapes(scenario, folder)
     for part in (_obstacles, _sources, _robots):
         lines += part(scenario, shapes)
+    lines += _names(scenario)
     openings = list(_openings(scenario, shapes)) or list(_net_inflow(scenario))
     return lines + openings + list(_recording(scenario))
 
@@ -92,7 +97,16 @@ def _largest_speed(wind: CfdWind) -> float:
 
 def _bytes(scenario: Scenario, cells: float) -> float:
     robots = sum(group.count * group.trials for group in scenario.robots)
-    return cells * BYTES_PER_CELL[scenario.domain.dim] + robots * BYTES_PER_ROBOT
+    per_cell = BYTES_PER_CELL[scenario.domain.dim] + (BYTES_OF_FACTORS if _has_factors(scenario) else 0)
+    return cells * per_cell + robots * BYTES_PER_ROBOT
+
+
+def _has_factors(scenario: Scenario) -> bool:
+    """Whether a 2-D flow is too irregular for fast transforms: obstacles, or faces of the domain open in part."""
+    if scenario.domain.dim == 3 or not isinstance(scenario.wind, CfdWind):
+        return False
+    lets_out = (o for o in scenario.wind.openings if isinstance(o, Outlet) or (isinstance(o, Jet) and not o.blows))
+    return bool(scenario.obstacles) or any(opening.center is not None for opening in lets_out)
 
 
 # ---------------------------------------------------------------- numbers of coordinates, sizes
@@ -111,6 +125,8 @@ def _dimensions(scenario: Scenario) -> Iterator[str]:
     wind = scenario.wind
     if isinstance(wind, UniformWind):
         found.append(("wind.velocity", wind.velocity, dim))
+    else:
+        found.append(("wind.acceleration", wind.acceleration, dim))
     for n, opening in enumerate(_openings_of(scenario)):
         where = f"wind.openings[{n}]"
         if isinstance(opening, Region):
@@ -207,6 +223,8 @@ def _obstacles(scenario: Scenario, shapes: list[Shape | None]) -> Iterator[str]:
     for n, one in enumerate(shapes):
         if one is None:
             continue
+        if isinstance(one.model, Prism):
+            yield from _outline(f"obstacles[{n}].vertices", np.array(one.model.vertices))
         beyond = (one.high <= 0) | (one.low >= extent)
         if beyond.any():
             axis = int(beyond.argmax())
@@ -215,6 +233,38 @@ def _obstacles(scenario: Scenario, shapes: list[Shape | None]) -> Iterator[str]:
                 f"{_range('xyz'[axis], one.low[axis], one.high[axis])}, "
                 f"the domain has {_range('xyz'[axis], 0, extent[axis])}; move it in or remove it"
             )
+
+
+def _outline(path: str, corners: np.ndarray) -> Iterator[str]:
+    """A polygon, corners (n, 2) [m], has to have an inside and must not cross itself."""
+    x, y = (corners - corners[0]).T
+    area = abs(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))) / 2
+    width = float(np.ptp(corners, axis=0).max())
+    crossing = _crossing(corners, SLIVER * width**2) if len(corners) <= MOST_EDGES else None
+    if crossing:
+        first, second = crossing
+        yield (
+            f"{path}: the edge after vertex {first} crosses the edge after vertex {second}; "
+            "list the corners in the order in which the outline meets them"
+        )
+    elif area <= SLIVER * width**2:
+        yield f"{path}: the polygon has no area, its corners lie on a line; give it a width"
+
+
+def _crossing(corners: np.ndarray, least: float) -> tuple[int, int] | None:
+    """The first two edges of a polygon that cross. Where they only touch, triangles are below `least` [m²]."""
+    ends = np.roll(corners, -1, axis=0)
+    along = (ends - corners)[:, None]
+
+    def left(points: np.ndarray) -> np.ndarray:
+        """On which side of each edge (row) each point (column) lies: 1, 0 or -1."""
+        arm = points[None] - corners[:, None]
+        twice_area = along[..., 0] * arm[..., 1] - along[..., 1] * arm[..., 0]
+        return np.sign(np.where(np.abs(twice_area) > least, twice_area, 0.0))
+
+    parted = left(corners) * left(ends) < 0  # the row's line runs between the ends of the column's edge
+    pairs = np.argwhere(parted & parted.T)
+    return (int(pairs[0, 0]), int(pairs[0, 1])) if len(pairs) else None
 
 
 def _range(axis: str, low: float, high: float) -> str:
@@ -370,6 +420,18 @@ def _net_inflow(scenario: Scenario) -> Iterator[str]:
 # ---------------------------------------------------------------- robots
 
 
+def _names(scenario: Scenario) -> Iterator[str]:
+    """Tables and recordings tell groups by their names."""
+    first: dict[str, int] = {}
+    for n, group in enumerate(scenario.robots):
+        if group.name in first:
+            yield (
+                f"robots[{n}].name: '{group.name}' is the name of robots[{first[group.name]}] too; "
+                "give each group its own"
+            )
+        first.setdefault(group.name, n)
+
+
 def _robots(scenario: Scenario, shapes: list[Shape | None]) -> Iterator[str]:
     domain = scenario.domain
     width = min(domain.extent[:2])
@@ -406,6 +468,7 @@ def _robots(scenario: Scenario, shapes: list[Shape | None]) -> Iterator[str]:
         else:
             places = _on_line(group.start, group.count)
         yield from _touching(path, group, places, scenario, shapes)
+        yield from _found_at_once(path, group, places, scenario)
         names += [(path, k) for k in range(group.count)]
         discs.append((places, group.body.radius))
     if discs:
@@ -430,37 +493,55 @@ def _on_line(start: StartLine, count: int) -> np.ndarray:
 
 def _clearance(
     places: np.ndarray, height: float, scenario: Scenario, shapes: list[Shape | None]
-) -> Iterator[tuple[str, np.ndarray, float]]:
-    """What a body of this height may touch: name, distance [m] from places (..., 2), air to leave [m].
+) -> Iterator[tuple[str, str, np.ndarray, float]]:
+    """What a body of this height may touch: its surface, what is beyond, distance [m] from places (..., 2), negative
+    beyond, and air to leave [m].
 
     Robots know obstacles by their clearance map, which gives away a little more.
     """
     size = np.array(scenario.domain.extent[:2])
     for axis in range(2):
-        yield f"the wall {'xy'[axis]}-", places[..., axis], START_ROOM
-        yield f"the wall {'xy'[axis]}+", size[axis] - places[..., axis], START_ROOM
+        for side, distance in (("-", places[..., axis]), ("+", size[axis] - places[..., axis])):
+            wall = f"the wall {'xy'[axis]}{side}"
+            yield wall, f"behind {wall}", distance, START_ROOM
     room = START_ROOM + sqrt(2) * clearance_resolution(scenario.domain.extent)
     for n, one in enumerate(shapes):
         if one is not None:
             distance = one.horizontal_distance(places, 0.0, height)
-            yield f"the surface of obstacles[{n}] ({one.model.kind})", distance, room
+            obstacle = f"obstacles[{n}] ({one.model.kind})"
+            yield f"the surface of {obstacle}", f"inside {obstacle}", distance, room
 
 
 def _touching(
     path: str, group: Group, places: np.ndarray, scenario: Scenario, shapes: list[Shape | None]
 ) -> Iterator[str]:
     """Robots that start in a wall or an obstacle: the worst one of each."""
-    for name, distance, room in _clearance(places, group.body.height, scenario, shapes):
+    for surface, beyond, distance, room in _clearance(places, group.body.height, scenario, shapes):
         wanted = group.body.radius + room - 1e-9
         k = int(distance.argmin())
         if distance[k] < wanted:
             more = int((distance < wanted).sum()) - 1
             others = f" and {more} more touch it" if more else ""
-            where = f"{distance[k]:.3g} m from" if distance[k] >= 0 else "behind"
+            where = f"{distance[k]:.3g} m from {surface}" if distance[k] >= 0 else beyond
             yield (
-                f"{path}.start: robot {k} at ({places[k, 0]:g}, {places[k, 1]:g}) m is {where} "
-                f"{name}{others}; its centre must be {wanted:.3g} m or more away"
+                f"{path}.start: robot {k} at ({places[k, 0]:g}, {places[k, 1]:g}) m is {where}"
+                f"{others}; its centre must be {wanted:.3g} m or more away"
             )
+
+
+def _found_at_once(path: str, group: Group, places: np.ndarray, scenario: Scenario) -> Iterator[str]:
+    """A robot that starts within reach of a source would have nothing to search; the first one."""
+    for n, source in enumerate(scenario.gas.sources):
+        apart = np.linalg.norm(places - np.array(source.position[:2]), axis=1)
+        near = np.flatnonzero(apart <= group.reach)
+        if len(near):
+            k = near[0]
+            yield (
+                f"{path}.start: robot {k} at ({places[k, 0]:g}, {places[k, 1]:g}) m is {apart[k]:.3g} m from "
+                f"gas.sources[{n}] and would count as found at once; start it more than {path}.reach = "
+                f"{group.reach:g} m away, or lower the reach"
+            )
+            return
 
 
 def _too_close(names: list[tuple[str, int]], discs: list[tuple[np.ndarray, float]]) -> Iterator[str]:
@@ -507,7 +588,7 @@ def _free_area(
     nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     slack = float(steps.max()) / 2
     free = ((nodes >= np.array(start.low) - slack) & (nodes <= np.array(start.high) + slack)).all(axis=-1)
-    for _, distance, room in _clearance(nodes, group.body.height, scenario, shapes):
+    for _, _, distance, room in _clearance(nodes, group.body.height, scenario, shapes):
         free &= distance >= radius + room - slack
     if not free.any():
         yield f"{path}.start: no robot fits anywhere in this area; move or enlarge it"

@@ -15,8 +15,8 @@ from taichi_plume.kernels import Template
 class Wind(Protocol):
     """Air that moves. Implementations are `ti.data_oriented`."""
 
-    def stable_dt(self) -> float:
-        """Longest step [s] that `advance` takes in one go; infinite where there is no limit."""
+    def stable_dt(self, t: float = 0.0) -> float:
+        """Longest step [s] that `advance` takes from time t in one go; infinite where there is no limit."""
         ...
 
     def advance(self, t: float, dt: float) -> None:

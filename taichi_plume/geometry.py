@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 import taichi as ti
 from scipy import ndimage
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 
 from taichi_plume import scenario as vocabulary
 from taichi_plume.fields import corner
@@ -248,7 +250,7 @@ def solid_cells(shapes: list[Shape], grid: Grid, open_cells: np.ndarray | None =
     """Which cells are solid, bool of grid.shape: those with their centre in a shape, and sealed-off air.
 
     open_cells: bool of grid.shape, cells at an opening; unless given, all cells at the domain's faces. Air
-    is kept where it is the largest connected part or reaches an open cell or a periodic face.
+    is kept where it is the largest connected part or reaches an open cell.
     """
     solid = np.zeros(grid.shape, bool)
     for one in shapes:
@@ -259,15 +261,32 @@ def solid_cells(shapes: list[Shape], grid: Grid, open_cells: np.ndarray | None =
         centers = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
         if centers.size:
             solid[block] |= one.inside(centers, TIE * grid.dx)
-    air, parts = ndimage.label(~solid)  # type: ignore[misc]
-    if parts > 1:
-        reached = np.zeros(grid.shape, bool) if open_cells is None else open_cells.copy()
-        for axis, wraps in enumerate(grid.periodic or (False,) * grid.dim):
-            if open_cells is None or wraps:
+    regions = air_regions(solid, grid.periodic)
+    if regions.max() > 1:
+        reached = np.zeros(grid.shape, bool) if open_cells is None else open_cells
+        if open_cells is None:
+            for axis in range(grid.dim):
                 np.moveaxis(reached, axis, 0)[[0, -1]] = True
-        kept = np.union1d(air[reached], 1 + np.bincount(air.ravel())[1:].argmax())
-        solid |= ~np.isin(air, kept)
+        kept = np.union1d(regions[reached], 1 + np.bincount(regions.ravel())[1:].argmax())
+        solid |= ~np.isin(regions, kept)
     return solid
+
+
+def air_regions(solid: np.ndarray, periodic: tuple[bool, ...]) -> np.ndarray:
+    """Number of the connected part of the air that each cell belongs to, from 1 on; 0 in solid cells."""
+    regions, parts = ndimage.label(~solid)  # type: ignore[misc]
+    links = []
+    for axis, wraps in enumerate(periodic):
+        if wraps:
+            low, high = np.take(regions, 0, axis=axis), np.take(regions, -1, axis=axis)
+            both = (low > 0) & (high > 0)
+            links.append(np.stack([low[both], high[both]]))
+    if not links:
+        return regions
+    i, j = np.concatenate(links, axis=1)
+    graph = csr_array((np.ones(len(i)), (i, j)), shape=(parts + 1, parts + 1))
+    joined = connected_components(graph, directed=False)[1]  # 0 stays alone, as number 0
+    return joined[regions]
 
 
 def clearance_resolution(extent: tuple[float, ...]) -> float:
@@ -378,6 +397,8 @@ def _at_height(points: np.ndarray, z: float) -> np.ndarray:
 
 def _read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Vertices (n, 3), triangles (m, 3) and the number of the body that each triangle belongs to (m,)."""
+    if path.is_dir():
+        raise MeshError(f"{path.name}: is a folder; give an STL, OBJ or PLY file in it")
     if not path.is_file():
         raise MeshError(f"{path.name}: no such file in {path.parent}")
     o3d = _open3d()

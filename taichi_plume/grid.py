@@ -26,6 +26,12 @@ def _write(field: Template, ghost: Template, values: ti.types.ndarray()):
         field[ti.Vector([J[J.n - 1 - d] + ghost for d in ti.static(range(J.n))])] = values[J]
 
 
+def block_mean(values: np.ndarray, n: int) -> np.ndarray:
+    """Mean over blocks of n entries per axis; every length is a multiple of n."""
+    split = values.reshape([m for length in values.shape for m in (length // n, n)])
+    return split.mean(axis=tuple(range(1, split.ndim, 2)))
+
+
 @dataclass(frozen=True)
 class Grid:
     """Cells of edge `dx` [m]: `shape` of them per axis, inside `ghost` layers. Two axes mean a slab of `depth` [m]."""

@@ -20,10 +20,15 @@ FEW_ROWS = 2000  # Taichi gives a CPU thread 512 iterations at least: with fewer
 
 
 def start(arch: str = "cpu", debug: bool = False) -> str:
-    """Initialise Taichi on `arch` (auto, cpu, cuda, vulkan, metal) and return the backend it chose."""
+    """Initialise Taichi on `arch` (auto, cpu, cuda, vulkan, metal) and return the backend it chose.
+
+    Raises RuntimeError where the machine has no such device.
+    """
     backend = {"auto": ti.gpu, "cpu": ti.cpu, "cuda": ti.cuda, "vulkan": ti.vulkan, "metal": ti.metal}[arch]
     with contextlib.redirect_stdout(io.StringIO()):  # "[Taichi] Starting on arch=..."
         ti.init(arch=backend, default_fp=ti.f32, default_ip=ti.i32, log_level=ti.ERROR, debug=debug)
+    if on_cpu() and arch not in ("auto", "cpu"):
+        raise RuntimeError(f"no {arch} device was found; use --arch cpu or auto")
     return "cpu" if on_cpu() else ti.cfg.arch.name
 
 

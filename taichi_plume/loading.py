@@ -94,7 +94,12 @@ def _parse(text: str) -> Any:
         return loader.construct_document(node)
     except yaml.MarkedYAMLError as error:
         what = " ".join(str(error.problem or error.context).split())
-        raise _LineError(f"{_place(error.problem_mark or error.context_mark)}not YAML: {what}") from None
+        place = _place(error.problem_mark or error.context_mark)
+        if what.startswith(r"found character '\t'"):
+            raise _LineError(f"{place}indent with spaces, not tabs") from None
+        if what == "mapping values are not allowed here":
+            what += "; check the indentation, or quote a text that contains ': '"
+        raise _LineError(f"{place}not YAML: {what}") from None
     except yaml.reader.ReaderError as error:
         line = text.count("\n", 0, error.position) + 1
         raise _LineError(f"line {line}: not YAML: {error.reason}") from None
@@ -199,11 +204,15 @@ def _override(data: dict, override: str) -> None:
 
 def _explain(error: ValidationError, data: dict) -> list[str]:
     faults = error.errors(include_url=False)
-    nameless = [fault for fault in faults if fault["type"] == "union_tag_not_found"]
+    nameless = [
+        _walk(fault["loc"], data)
+        for fault in faults
+        if fault["type"] == "union_tag_not_found" or (fault["type"] == "missing" and fault["loc"][-1] == "kind")
+    ]
     if nameless:
         data = _apart(data)
-        for fault in nameless:
-            _at(data, _walk(fault["loc"], data))["kind"] = _NO_KIND
+        for steps in nameless:
+            _at(data, steps)["kind"] = _NO_KIND
         try:
             Scenario.model_validate(data)
         except ValidationError as again:
@@ -233,6 +242,9 @@ def _line(fault: Any, data: dict) -> str | None:
         if isinstance(got, dict) and str(member).startswith("literal["):
             return None  # a section where there may also be a name
         names = re.findall(r"'((?:[^'\\]|\\.)*)'", context["expected"])
+        if got == _NO_KIND:
+            parent = f"{_path(steps[:-1])}: " if steps[:-1] else ""
+            return f"{parent}missing key 'kind'; known kinds: {', '.join(names)}"
         return f"{where}got {_shown(got)}; {_meant(got, names)}allowed: {', '.join(names)}"
     if kind == "union_tag_invalid":
         names = re.findall(r"'([^']*)'", context["expected_tags"])
@@ -253,7 +265,12 @@ def _line(fault: Any, data: dict) -> str | None:
         if kind == "too_short" and len(got) >= limit:
             return None  # pydantic leaves out items that have faults of their own
         return f"{where}must have {bound} {limit} item{'s' * (limit > 1)}, got {len(got)}"
-    if kind in ("unknown_key", "region", "schedule", "source"):
+    if kind in ("float_parsing", "float_type"):
+        key = next((step for step in reversed(steps) if isinstance(step, str)), "")
+        example = "of degrees, such as 90" if key.endswith("_deg") else "such as 0.08"
+        comma = " " if key.endswith("_deg") else ", "
+        return f"{where}got {_shown(got)}: must be a plain number{comma}{example}"
+    if kind in ("unknown_key", "region", "schedule", "source", "neighbourhood", "unit"):
         return where + fault["msg"]
     message = re.sub(r"^(Input|String|Value) should", "must", fault["msg"]).replace("valid string", "text")
     return f"{where}got {_shown(got)}: {message}"

@@ -2,9 +2,10 @@
 
 import re
 from functools import cache
+from math import inf
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field
 from pydantic_core import PydanticCustomError
 
 _NUMBER_AND_UNIT = re.compile(
@@ -50,10 +51,24 @@ def parse(value: Any, unit: str) -> float:
         ) from None
 
 
-def quantity(unit: str, **limits: Any) -> Any:
-    """The annotated type of a quantity in `unit` [SI], with pydantic's limits (gt, ge, lt, le)."""
+def quantity(unit: str, most: float = inf, likely: str = "", **limits: Any) -> Any:
+    """The annotated type of a quantity in `unit` [SI], with pydantic's limits (gt, ge, lt, le).
+
+    A number above `most` is refused: it was probably meant in the unit `likely`.
+    """
+
+    def plausible(value: float) -> float:
+        if value > most:
+            raise PydanticCustomError(
+                "unit",
+                "got {value} {unit}; did you mean '{value} {likely}'? at most {most} {unit}",
+                {"value": f"{value:g}", "unit": unit, "likely": likely, "most": f"{most:g}"},
+            )
+        return value
+
     return Annotated[
         float,
         Field(allow_inf_nan=False, **limits),
+        AfterValidator(plausible),
         BeforeValidator(lambda value: parse(value, unit), json_schema_input_type=float | str),
     ]

@@ -7,6 +7,7 @@ import datetime
 import json
 import os
 import platform
+import tempfile
 from importlib.metadata import version
 from math import ceil, isfinite, prod
 from pathlib import Path
@@ -31,23 +32,29 @@ class RunFolderError(ValueError):
 
 
 def run_folder(name: str, out: Path | None = None, force: bool = False, runs: Path = Path("runs")) -> Path:
-    """Make and return `out`, or the first free ``runs/<name>-<n>``.
+    """Make and return `out`, or the first free ``runs/<name>-<n>``; raises RunFolderError.
 
     One that holds files is refused, unless by `force` what an earlier run left there is removed.
     """
     try:
         if out is None:
             return _next_folder(name, runs)
-        if out.is_dir() and any(out.iterdir()):
-            if not force:
-                raise RunFolderError(f"{out}: is not empty; choose another --out or add --force to overwrite")
-            for file in FILES:
-                (out / file).unlink(missing_ok=True)
+        if out.is_file():
+            raise RunFolderError(f"{out}: is a file; --out takes a folder")
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise RunFolderError(
             f"{error.filename or out or runs}: cannot be made: {error.strerror or error}"
         ) from None
+    try:
+        with tempfile.NamedTemporaryFile(dir=out):
+            pass  # now, rather than after minutes of compiling
+        if not force and any(out.iterdir()):
+            raise RunFolderError(f"{out}: is not empty; choose another --out or add --force to overwrite")
+        for file in FILES:
+            (out / file).unlink(missing_ok=True)
+    except OSError as error:
+        raise RunFolderError(f"{out}: cannot be written to: {error.strerror or error}") from None
     return out
 
 
@@ -207,7 +214,7 @@ def result(sim: Simulation, status: str, message: str, backend: str) -> dict[str
         "backend": backend,
         "version": __version__,
         "wall_s": sim.wall_s,
-        "simulated_s": sim.t + sim.scenario.warm_up,
+        "simulated_s": sim.t - sim.scenario.first_tick * sim.dt,
         "steps": sim.steps,
         "cells": cells,
         "Mcell_steps_per_s": steps / sim.wall_s / 1e6 if sim.wall_s > 0 else None,
@@ -326,13 +333,14 @@ def print_summary(content: dict[str, Any], folder: Path) -> None:
     for name, value in summary(content):
         table.add_row(name, Text(value))
     console = Console(highlight=False)
-    console.print(table)
-    files = [name for name in FILES if (folder / name).exists()]
-    console.print(Text(f"\n{folder}: {', '.join(files)}"))
-    if "recording.rrd" in files:
-        console.print(
-            Text.assemble("look at it:  ", (f"rerun {folder / 'recording.rrd'}", "bold cyan")), soft_wrap=True
-        )
+    with console.capture() as text:
+        console.print(table)
+        files = [name for name in FILES if (folder / name).exists()]
+        console.print(Text(f"\n{folder}: {', '.join(files)}"))
+        if "recording.rrd" in files:
+            command = f"rerun {folder / 'recording.rrd'}"
+            console.print(Text.assemble("look at it:  ", (command, "bold cyan")), soft_wrap=True)
+    print(text.get(), end="")  # rich itself would end the program where the reader is gone
 
 
 def summary(content: dict[str, Any]) -> list[tuple[str, str]]:

@@ -38,7 +38,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         scenario = load_scenario(args.scenario, overrides)
         if args.check:
-            _print_check(scenario)
+            with _reader_may_leave():
+                _print_check(scenario)
             return 0
         return _run(scenario, args)
     except ScenarioError as error:
@@ -81,6 +82,16 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     return parser.parse_args(argv)
 
 
+@contextmanager
+def _reader_may_leave() -> Iterator[None]:
+    """What is printed may go to a reader such as `head` that closes the pipe early: no error."""
+    try:
+        yield
+        sys.stdout.flush()
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes again at its end
+
+
 def _print_check(scenario: "Scenario") -> None:
     from taichi_plume.checks import estimate
     from taichi_plume.results import to_yaml
@@ -104,19 +115,20 @@ def _run(scenario: "Scenario", args: argparse.Namespace) -> int:
     """Assemble and run; keep what there is, whatever ends it."""
     from rich.console import Console
 
-    from taichi_plume import results
+    from taichi_plume import kernels, results
     from taichi_plume.loading import ScenarioError
 
     console = Console(stderr=True)
     try:
+        backend = kernels.start(args.arch)
         out = results.run_folder(scenario.name, args.out, args.force)
-    except results.RunFolderError as error:
+    except (kernels.DeviceError, results.RunFolderError) as error:
         print(error, file=sys.stderr)
         return 2
     try:
         if console.is_terminal and not args.quiet:
             console.print("compiling ...", end="\r", highlight=False)
-        sim, backend = _assemble(scenario, args)
+        sim = _assemble(scenario, args)
     except BaseException as error:
         _remove_if_empty(out)
         if isinstance(error, (ScenarioError, KeyboardInterrupt)):
@@ -141,16 +153,15 @@ def _run(scenario: "Scenario", args: argparse.Namespace) -> int:
         kept = ", ".join(sorted(file.name for file in out.iterdir())) or "nothing"
         print(f"{status}: {message}\nkept in {out}: {kept}", file=sys.stderr)
     elif not args.quiet:
-        results.print_summary(content, out)
+        with _reader_may_leave():
+            results.print_summary(content, out)
     return code
 
 
-def _assemble(scenario: "Scenario", args: argparse.Namespace) -> tuple["Simulation", str]:
-    from taichi_plume import kernels
+def _assemble(scenario: "Scenario", args: argparse.Namespace) -> "Simulation":
     from taichi_plume.assemble import assemble
 
-    backend = kernels.start(args.arch)
-    return assemble(scenario, args.scenario.resolve().parent), backend
+    return assemble(scenario, args.scenario.resolve().parent)
 
 
 def _simulate(

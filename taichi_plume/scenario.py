@@ -5,7 +5,7 @@ Cross-field checks that need geometry live in `checks`; reading YAML in `loading
 """
 
 import difflib
-from math import pi, prod
+from math import ceil, pi, prod
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -22,9 +22,9 @@ Delay = quantity("s", ge=0)
 Speed = quantity("m/s", ge=0)
 Velocity = quantity("m/s")
 Acceleration = quantity("m/s^2")
-Rate = quantity("kg/s", ge=0)
+Rate = quantity("kg/s", ge=0, most=1, likely="mg/s")
 Frequency = quantity("1/s", gt=0)
-MolarMass = quantity("kg/mol", gt=0)
+MolarMass = quantity("kg/mol", gt=0, most=1, likely="g/mol")
 TopSpeed = quantity("m/s", gt=0)
 Tick = quantity("s", gt=0, le=1)
 Diffusivity = quantity("m^2/s", ge=0)
@@ -230,6 +230,11 @@ class Jet(Region):
     def blows(self) -> bool:
         """Whether the speed is prescribed; otherwise the opening is an outlet."""
         return self.speed is not None
+
+    @property
+    def knots(self) -> tuple[float, ...]:
+        """Times between which the speed changes linearly [s]."""
+        return tuple(time for step in self.schedule for time in (step.at, step.at + self.ramp))
 
     def speed_at(self, t: float) -> float:
         """Scheduled speed [m/s] at time t [s]: each change takes `ramp` seconds."""
@@ -600,11 +605,24 @@ class Scenario(Model):
     maps: tuple[Map, ...] = ()
     recording: Recording = Recording()
 
+    @property
+    def first_tick(self) -> int:
+        """Tick at which the run begins: the warm-up in whole ticks, negative."""
+        return -ceil(self.warm_up / self.tick - 1e-9)
+
+    @property
+    def last_tick(self) -> int:
+        """Tick at which the run ends: the duration in whole ticks."""
+        return ceil(self.duration / self.tick - 1e-9)
+
 
 if __name__ == "__main__":
     import json
+    import signal
     import sys
 
+    if hasattr(signal, "SIGPIPE"):  # Windows has none
+        signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # a reader such as `head` may leave early
     if sys.argv[1:] != ["--schema"]:
         sys.exit("usage: python -m taichi_plume.scenario --schema")
     print(json.dumps(Scenario.model_json_schema(), indent=2))

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from taichi_plume import fields
+from taichi_plume.grid import block_mean
 from taichi_plume.simulation import Simulation
 
 SAMPLES = 4  # per axis of a map cell, at most
@@ -33,7 +34,7 @@ def true_gas(sim: Simulation, cell: float, shape: tuple[int, int]) -> np.ndarray
     if sim.grid.dim == 3:
         points = np.concatenate([points, np.full((*points.shape[:2], 1), sensor_height(sim))], axis=-1)
     ppm = fields.concentration_at(sim.gas, points, sim.t) * sim.gas.ppm_per_density
-    return ppm.reshape(shape[0], n, shape[1], n).mean(axis=(1, 3))
+    return block_mean(ppm, n)
 
 
 def sensor_height(sim: Simulation) -> float:

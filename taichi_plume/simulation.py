@@ -88,8 +88,8 @@ class Simulation:
 
     def __post_init__(self) -> None:
         self.dt = self.scenario.tick
-        self.tick = -ceil(self.scenario.warm_up / self.dt - 1e-9)
-        self.last_tick = ceil(self.scenario.duration / self.dt - 1e-9)
+        self.tick = self.scenario.first_tick
+        self.last_tick = self.scenario.last_tick
         self.observers = [Every(1.0, check_gas, warm_up=True), *self.observers]
 
     @property
@@ -138,18 +138,18 @@ class Simulation:
     def _advance_air(self, t: float, dt: float) -> None:
         """Wind and gas over one tick, interleaved so that the gas sees each step's flow."""
         end = t + dt
-        limit = self._wind_limit()
+        limit = self._wind_limit(t)
         while end - t > 1e-9 * dt:
             step = (end - t) / max(1, ceil((end - t) / limit - 1e-9))
             self.wind.advance(t, step)
-            limit = self._wind_limit()
+            limit = self._wind_limit(t + step)
             self.gas.advance(t, step)
             self.steps += 1
             t += step
 
-    def _wind_limit(self) -> float:
-        """Longest next step [s] of the wind. Raises UnstableError when it has blown up."""
-        limit = self.wind.stable_dt()
+    def _wind_limit(self, t: float) -> float:
+        """Longest step [s] of the wind from time t on. Raises UnstableError when it has blown up."""
+        limit = self.wind.stable_dt(t)
         if not limit > 1e-6 * self.dt:
             raise UnstableError(
                 f"the air flow is no longer finite at t = {self.t:.2f} s (step {self.steps}); "

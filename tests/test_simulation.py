@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from taichi_plume.assemble import assemble
+from taichi_plume.loading import ScenarioError
 from taichi_plume.scenario import Scenario
 from taichi_plume.simulation import Every, Simulation, UnstableError
 
@@ -93,3 +94,54 @@ def test_uniform_wind_carries_the_gas():
     c = sim.grid.inner(sim.gas.c.to_numpy())
     x = sim.grid.centers()[..., 0]
     assert (c * x).sum() / c.sum() == pytest.approx(0.2 + 0.5 * 0.5, abs=0.03)  # half of the time, on average
+
+
+WALL = {"kind": "box", "center": [0.5, 0.4], "size": [0.2, 1.0]}
+
+
+def test_air_that_cannot_leave_is_refused():
+    with pytest.raises(ScenarioError, match=r"wind.openings\[0\]: its air has no way to an outlet"):
+        small(obstacles=[WALL], robots=[])
+
+
+def test_a_balanced_pocket_is_fine():
+    """A room without outlet may have two fans, one of which draws out what the other blows in."""
+    fans = [
+        {"kind": "fan", "face": "x-", "center": [y], "diameter": 0.2, "speed": speed}
+        for y, speed in ((0.2, 1.0), (0.6, -1.0))
+    ]
+    wind = {"kind": "cfd", "openings": [*fans, {"kind": "outlet", "face": "x+"}]}
+    sim = small(obstacles=[WALL], robots=[], wind=wind)
+    sim.run()
+    assert sim.wind.diagnostics()["max_divergence"] < 1e-4
+    assert sim.wind.diagnostics()["max_speed"] > 0.5
+
+
+def test_a_source_in_sealed_air_is_refused():
+    gas = {"kind": "eulerian", "sources": [{"position": [0.85, 0.4], "rate": 1e-6}]}
+    sealed = [{"kind": "box", "center": [0.85, y], "size": [0.4, 0.12]} for y in (0.15, 0.65)] + [
+        {"kind": "box", "center": [0.65, 0.4], "size": [0.12, 0.5]},
+        {"kind": "box", "center": [0.97, 0.4], "size": [0.1, 0.5]},
+    ]
+    with pytest.raises(ScenarioError, match=r"gas.sources\[0\].position: is not in the air"):
+        small(gas=gas, obstacles=sealed, robots=[])
+
+
+def test_a_fan_that_starts_hard_keeps_the_courant_number():
+    fan = {
+        "kind": "fan", "face": "x-", "center": [0.4], "diameter": 0.4, "speed": 0.0,
+        "schedule": [{"at": 0, "speed": 5.0}], "ramp": 0.0,
+    }  # fmt: skip
+    sim = small(
+        wind={"kind": "cfd", "openings": [fan, {"kind": "outlet", "face": "x+"}]}, robots=[], warm_up=0.0
+    )
+    sim.run()
+    assert 3.0 < sim.wind.diagnostics()["max_speed"] < 10.0
+    assert sim.wind.diagnostics()["max_courant"] < 1.5
+
+
+def test_a_run_is_whole_ticks():
+    sim = small(duration=0.35, warm_up=0.15)
+    sim.run()
+    assert sim.t == pytest.approx(0.4)
+    assert sim.gas.budget()["emitted_kg"] == pytest.approx(0.6e-6)
