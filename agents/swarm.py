@@ -61,7 +61,7 @@ class Swarm:
 
     positions: (count, 2) [m] and headings: (count,) [rad] at the start, free of overlap (see `placement`).
     clearance: its ti.funcs ``distance(p)`` and ``normal(p)`` give a lower bound of the distance [m] from p to
-    the next wall or obstacle, and the unit vector away from it. extent: size of the floor [m]. sources: (m,
+    the next wall or obstacle, and the unit vector away from it. sources: (m,
     2) [m], known to the referee, not to the robots.
 
     Algorithms read `reading` [ppm], `wind` [m/s], `wind_known`, `blocked` (the bumper), `heading` [rad],
@@ -74,12 +74,11 @@ class Swarm:
         positions: np.ndarray,
         headings: np.ndarray,
         clearance: Any,
-        extent: tuple[float, float],
         sources: np.ndarray,
         seed: int,
     ):
         self.groups = ranges(groups)
-        self.clearance, self.extent, self.seed = clearance, extent, seed
+        self.clearance, self.seed = clearance, seed
         self.count = sum(group.size for group in self.groups)
         self.trials = max((group.trials for group in self.groups), default=0)
         n = max(1, self.count)  # Taichi has no empty fields

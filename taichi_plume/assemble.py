@@ -79,7 +79,6 @@ def _swarm(scenario: Scenario, obstacles: list, grid: Grid) -> Swarm:
         np.concatenate(positions),
         np.concatenate(headings),
         clearance,
-        (grid.extent[0], grid.extent[1]),
         sources,
         scenario.seed,
     )

@@ -92,7 +92,7 @@ def search(
         reach=0.3,
     )
     positions, headings = place(group, np.random.default_rng(7), arena.distance_at)
-    swarm = Swarm((group,), positions, headings, arena, EXTENT, np.array([SOURCE]), seed=3)
+    swarm = Swarm((group,), positions, headings, arena, np.array([SOURCE]), seed=3)
     team = Team(swarm, swarm.groups[0], 2, TICK)
     states, tracks = [], []
     for tick in range(1, round(seconds / TICK) + 1):

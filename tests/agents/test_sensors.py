@@ -71,7 +71,7 @@ def group(gas, wind=None, count=1, trials=1):
 
 def robots(*groups, dim=2, seed=5):
     count = sum(g.count * g.trials for g in groups)
-    swarm = Swarm(groups, np.ones((count, 2)), np.zeros(count), Floor(), (4.0, 3.0), np.empty((0, 2)), seed)
+    swarm = Swarm(groups, np.ones((count, 2)), np.zeros(count), Floor(), np.empty((0, 2)), seed)
     return swarm, [Sensors(swarm, r, dim, TICK) for r in swarm.groups]
 
 

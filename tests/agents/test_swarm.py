@@ -82,7 +82,7 @@ def empty_arena():
 
 def swarm_at(positions, headings, arena=None, groups=None, sources=NOWHERE, **body):
     groups = groups or (team(len(positions), **body),)
-    return Swarm(groups, np.array(positions), np.array(headings), arena or empty_arena(), EXTENT, sources, 0)
+    return Swarm(groups, np.array(positions), np.array(headings), arena or empty_arena(), sources, 0)
 
 
 def command(swarm, speed, turn_rate):
@@ -125,7 +125,7 @@ def test_nothing_ever_overlaps():
             headings.append(heading)
         positions, heading = np.concatenate([o.positions for o in occupied]), np.concatenate(headings)
         if swarm is None:
-            swarm = Swarm(groups, positions, heading, arena, EXTENT, NOWHERE, 0)
+            swarm = Swarm(groups, positions, heading, arena, NOWHERE, 0)
         swarm.position.from_numpy(positions.astype(np.float32))
         swarm.heading.from_numpy(heading.astype(np.float32))
         swarm.path_length.fill(0)
@@ -253,7 +253,7 @@ def test_who_reaches_a_source_stops_there():
 
 
 def test_an_empty_swarm_is_fine():
-    swarm = Swarm((), NOWHERE, np.empty(0), empty_arena(), EXTENT, NOWHERE, 0)
+    swarm = Swarm((), NOWHERE, np.empty(0), empty_arena(), NOWHERE, 0)
     swarm.move(1, 0.1, 0.1)
     assert swarm.count == 0
     assert swarm.snapshot()["position"].shape == (0, 2)
