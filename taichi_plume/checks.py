@@ -105,7 +105,9 @@ def _has_factors(scenario: Scenario) -> bool:
     """Whether a 2-D flow is too irregular for fast transforms: obstacles, or faces of the domain open in part."""
     if scenario.domain.dim == 3 or not isinstance(scenario.wind, CfdWind):
         return False
-    lets_out = (o for o in scenario.wind.openings if isinstance(o, Outlet) or (isinstance(o, Jet) and not o.blows))
+    lets_out = (
+        o for o in scenario.wind.openings if isinstance(o, Outlet) or (isinstance(o, Jet) and not o.blows)
+    )
     return bool(scenario.obstacles) or any(opening.center is not None for opening in lets_out)
 
 

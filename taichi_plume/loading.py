@@ -207,7 +207,8 @@ def _explain(error: ValidationError, data: dict) -> list[str]:
     nameless = [
         _walk(fault["loc"], data)
         for fault in faults
-        if fault["type"] == "union_tag_not_found" or (fault["type"] == "missing" and fault["loc"][-1] == "kind")
+        if fault["type"] == "union_tag_not_found"
+        or (fault["type"] == "missing" and fault["loc"][-1] == "kind")
     ]
     if nameless:
         data = _apart(data)
@@ -267,9 +268,8 @@ def _line(fault: Any, data: dict) -> str | None:
         return f"{where}must have {bound} {limit} item{'s' * (limit > 1)}, got {len(got)}"
     if kind in ("float_parsing", "float_type"):
         key = next((step for step in reversed(steps) if isinstance(step, str)), "")
-        example = "of degrees, such as 90" if key.endswith("_deg") else "such as 0.08"
-        comma = " " if key.endswith("_deg") else ", "
-        return f"{where}got {_shown(got)}: must be a plain number{comma}{example}"
+        such = " of degrees, such as 90" if key.endswith("_deg") else ", such as 0.08"
+        return f"{where}got {_shown(got)}: must be a plain number{such}"
     if kind in ("unknown_key", "region", "schedule", "source", "neighbourhood", "unit"):
         return where + fault["msg"]
     message = re.sub(r"^(Input|String|Value) should", "must", fault["msg"]).replace("valid string", "text")
@@ -283,10 +283,14 @@ def _walk(location: tuple[int | str, ...], data: Any, absent: bool = False) -> l
     """
     steps: list[int | str] = []
     place = data
+    told = None  # the section whose kind was the step before
     for n, step in enumerate(location):
         if isinstance(place, dict):
+            if place.get("kind") == step and place is not told:
+                told = place  # a section may have a key of the same name
+                continue
             if step not in place and not (absent and n == len(location) - 1):
-                continue  # the kind or the model's name
+                continue  # the model's name
             place = place.get(step)
         elif isinstance(place, (list, tuple)) and isinstance(step, int):
             place = place[step] if step < len(place) else None

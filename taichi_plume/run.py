@@ -122,7 +122,7 @@ def _run(scenario: "Scenario", args: argparse.Namespace) -> int:
     try:
         backend = kernels.start(args.arch)
         out = results.run_folder(scenario.name, args.out, args.force)
-    except (kernels.DeviceError, results.RunFolderError) as error:
+    except (RuntimeError, results.RunFolderError) as error:
         print(error, file=sys.stderr)
         return 2
     try:

@@ -46,6 +46,10 @@ robots: [{count: 2, start: {kind: positions, positions: [[1, 1], [1, 2]]}, algor
 FAN = "kind: fan, face: x+, center: [1.5, 0.25], diameter: 0.4"
 WHOLE = "{kind: box, center: [3.9, 1.5, 0.25], size: [0.4, 3, 0.5]}"
 ROBOTS = "algorithm: {kind: casting}"
+NAMED = (
+    "{{name: {}, count: 1, start: {{kind: positions, positions: [[1, {}]]}}, algorithm: {{kind: casting}}}}"
+)
+PRISM = "obstacles.1={{kind: prism, vertices: {}}}"
 
 
 def scenario(tmp_path, text, *overrides):
@@ -80,7 +84,11 @@ def test_good_scenarios_have_no_problems(tmp_path, text):
         "domain.size=[4.02, 3, 0.5]",
         f"robots.0={{count: 1, start: {{kind: area, low: [1, 1], high: [1, 1]}}, {ROBOTS}}}",
         f"robots.0={{count: 25, start: {{kind: area, low: [0, 0], high: [1, 1]}}, {ROBOTS}}}",
-        f"robots.0={{count: 6, trials: 1000, start: {{kind: line, begin: [1, 1], end: [1, 1.82]}}, {ROBOTS}}}",
+        f"robots.0={{count: 6, trials: 1000, start: {{kind: line, begin: [3, 0.5], end: [3, 1.32]}}, {ROBOTS}}}",
+        "robots.0.start.positions=[[1, 1], [1, 1.851]]",  # just out of reach of the source
+        "robots.0.start={kind: area, low: [0.8, 1.3], high: [1.2, 1.7]}",  # around the source, but random
+        "obstacles.1={kind: prism, vertices: [[3, 2], [3.2, 2], [3.2, 2.2], [3.4, 2.4], [3.2, 2.2], [3, 2.2], [3, 2]]}",
+        f"robots=[{NAMED.format('a', 1)}, {NAMED.format('b', 2)}]",
         "robots.0.start.positions=[[0.083, 1], [1.703, 1]]",  # next to the wall and the box
         "obstacles.1={kind: cylinder, center: [1, 1], radius: 0.3, base: 0.15}",  # above the robots
         "gas.sources.0.position=[2, 1, 0.4]",  # above the box
@@ -101,6 +109,7 @@ FAULTS = [
     ("robots.0.trials=1000000", "robots: 2000000 robots", "lower count or trials"),
     # obstacles and sources
     ("obstacles.0.center=[9, 1, 0.1]", "obstacles[0]: lies outside the domain: x 8.8 to 9.2 m", "x 0 to 4 m"),
+    ("obstacles.0={kind: mesh, file: .}", "obstacles[0]: ", ": is a folder; give an STL, OBJ or PLY file"),
     ("obstacles.0={kind: mesh, file: no.stl}", "obstacles[0]: no.stl: no such file in ", ""),
     (
         "gas.sources.0.position=[2, 1, 0.1]",
@@ -240,6 +249,42 @@ FAULTS = [
         "0.5",
     ),
     ("robots.0.sensors.wind={kind: ideal, height: 1}", "robots[0].sensors.wind.height: 1 m is above", "0.5"),
+    (
+        f"robots=[{NAMED.format('a', 1)}, {NAMED.format('b', 2)}, {NAMED.format('a', 2.5)}]",
+        "robots[2].name: 'a' is the name of robots[0] too",
+        "give each group its own",
+    ),
+    (
+        "robots.0.start.positions=[[1, 1], [1.15, 1.7]]",
+        "robots[0].start: robot 1 at (1.15, 1.7) m is 0.25 m from gas.sources[0]",
+        "0.35 m away",
+    ),
+    (
+        "robots.0.start={kind: line, begin: [1, 1], end: [1, 1.2]}",
+        "robots[0].start: robot 1 at (1, 1.2) m is 0.3 m from gas.sources[0]",
+        "found at once",
+    ),
+    (
+        "robots.0.start.positions=[[1, 1], [2, 1.1]]",
+        "robots[0].start: robot 1 at (2, 1.1) m is inside obstacles[0] (box); its centre must be",
+        "0.0961 m or more away",
+    ),
+    # polygons
+    (
+        PRISM.format("[[3, 2], [3.5, 2.5], [3.5, 2], [3, 2.5]]"),
+        "obstacles[1].vertices: the edge after vertex 0 crosses the edge after vertex 2",
+        "in the order",
+    ),
+    (
+        PRISM.format("[[3, 2], [3.6, 2], [3.6, 2.4], [3.2, 1.8], [3, 2.4]]"),
+        "obstacles[1].vertices: the edge after vertex 0 crosses the edge after vertex 2",
+        "in the order",
+    ),
+    (
+        PRISM.format("[[3.1, 2.1], [3.2, 2.4], [3.3, 2.7]]"),
+        "obstacles[1].vertices: the polygon has no area",
+        "on a line",
+    ),
     # recording
     ("recording.slice_height=0.6", "recording.slice_height: 0.6 m is above the ceiling", "at most 0.5 m"),
     ("recording.range_ppm=[10, 1]", "recording.range_ppm: the first must be below the second", "10 and 1"),
@@ -269,6 +314,7 @@ def test_each_fault_is_one_line_with_its_place_and_the_remedy(tmp_path, monkeypa
         ("wind.openings.0={kind: periodic, axis: z}", "wind.openings[0].axis: 'z' does not exist"),
         ("wind.openings.0={kind: wall, face: y+, velocity: [1, 0, 0]}", "wind.openings[0].velocity: has 3"),
         ("wind={kind: uniform, velocity: [1, 0, 0]}", "wind.velocity: has 3 numbers"),
+        ("wind.acceleration=[1, 0, 0]", "wind.acceleration: has 3 numbers, a 2-D run takes 2"),
         (
             "wind.openings.1={kind: slip, face: x+}",
             "wind.openings: an outlet is missing: at t = 0 s a net 0.1 m³/s",  # 0.5 m/s x 0.4 m x 0.5 m
@@ -299,9 +345,8 @@ def test_an_open_mesh_is_told_with_a_place(tmp_path):
 
 
 def test_overlapping_robots_of_two_groups_are_told(tmp_path):
-    second = (
-        f"{{count: 1, body: {{radius: 0.2}}, start: {{kind: positions, positions: [[1.25, 2]]}}, {ROBOTS}}}"
-    )
+    start = "start: {kind: positions, positions: [[1.25, 2]]}"
+    second = f"{{name: big, count: 1, body: {{radius: 0.2}}, {start}, {ROBOTS}}}"
     first = f"{{count: 2, start: {{kind: positions, positions: [[1, 1], [1, 2]]}}, {ROBOTS}}}"
     assert told(tmp_path, ROOM, f"robots=[{first}, {second}]") == [
         "robots[0].start: robot 1 and robots[1] robot 0 are 0.25 m apart, too close; "
@@ -319,6 +364,30 @@ def test_memory_is_checked_before_anything_is_allocated(tmp_path, monkeypatch):
     domain = room.domain.model_copy(update={"spacing": spacing})
     coarse = room.model_copy(update={"domain": domain})
     assert estimate(coarse)["bytes"] < 1e6
+
+
+def test_polygons_of_many_corners_are_checked(tmp_path):
+    angle = np.linspace(0, 2 * np.pi, 300, endpoint=False)
+    radius = 0.25 + 0.05 * np.cos(40 * angle)  # a gear
+    corners = np.stack([3 + radius * np.cos(angle), 2 + radius * np.sin(angle)], axis=1)
+    assert told(tmp_path, ROOM, PRISM.format(corners.tolist())) == []
+    corners[[100, 101]] = corners[[101, 100]]
+    (line,) = told(tmp_path, ROOM, PRISM.format(corners.tolist()))
+    assert line.startswith(
+        "obstacles[1].vertices: the edge after vertex 99 crosses the edge after vertex 101"
+    )
+
+
+def test_only_flows_without_fast_transforms_need_memory_for_factors(tmp_path):
+    def needed(*overrides):
+        return estimate(scenario(tmp_path, FLOOR, *overrides))["bytes"]
+
+    part = "wind.openings.1={kind: honeycomb, face: x+, center: [1], size: [1]}"
+    empty = needed("obstacles=[]")  # its fan is a wall to the pressure
+    factors = checks.BYTES_OF_FACTORS * 80 * 60
+    assert needed() == empty + factors
+    assert needed("obstacles=[]", part) == empty + factors
+    assert needed("obstacles=[]", "wind={kind: uniform, velocity: [1, 0]}") == empty
 
 
 def test_estimate(tmp_path):

@@ -87,6 +87,38 @@ def test_a_good_file_loads(tmp_path):
         ("gas.species=[1]", "gas.species: got [1]; allowed: ethanol, acetone"),
         ("gas.sources.0={rate: 1}", "gas.sources[0]: missing key 'position'"),
         ("gas.sources.0.rate=-1", "gas.sources[0].rate: got -1.0: must be greater than or equal to 0"),
+        ("gas.sources.0.rate=10", "gas.sources[0].rate: got 10 kg/s; did you mean '10 mg/s'? at most 1 kg/s"),
+        ("gas.sources.0.rate=2 kg/s", "gas.sources[0].rate: got 2 kg/s; did you mean '2 mg/s'?"),
+        (
+            "gas.species={molar_mass: 16.04, diffusivity: 2e-5}",
+            "gas.species.molar_mass: got 16.04 kg/mol; did you mean '16.04 g/mol'?",
+        ),
+        (
+            "robots.0.start={kind: positions, heading_deg: 0}",
+            "robots[0].start: missing key 'positions'",
+        ),
+        (
+            "robots.0.start.heading_deg=90 deg",
+            "robots[0].start.heading_deg: got '90 deg': must be a plain number of degrees, such as 90",
+        ),
+        (
+            "obstacles.0.yaw_deg=20 deg",
+            "obstacles[0].yaw_deg: got '20 deg': must be a plain number of degrees, such as 90",
+        ),
+        (
+            "wind.openings.0.turbulence_intensity=8 %",
+            "wind.openings[0].turbulence_intensity: got '8 %': must be a plain number, such as 0.08",
+        ),
+        (
+            "recording.range_ppm=[1 ppm, 9]",
+            "recording.range_ppm[0]: got '1 ppm': must be a plain number, such",
+        ),
+        ("robots.0.algorithm={}", "robots[0].algorithm: missing key 'kind'; known kinds: casting"),
+        (
+            "robots.0.sensors.wind={noise: 0}",
+            "robots[0].sensors.wind: missing key 'kind'; known kinds: ultrasonic, thermal, ideal",
+        ),
+        ("maps=[{kind: time_series, window: 60}]", "maps[0]: sees no past snap: "),
         ("gas.sources.0.rate=.nan", "gas.sources[0].rate: got nan: must be a finite number"),
         (f"gas.sources.0.rate=1{'0' * 400}", "gas.sources[0].rate: got 10000000000"),
         ("gas.sources=[]", "gas.sources: must have at least 1 item, got 0"),
@@ -135,6 +167,12 @@ BOMB = "a: &a [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
         ("- 1\n- 2\n", "must be a mapping (key: value), got [1, 2]"),
         ("duration: [1, 2\nwind: 3\n", "line 2, column 5: not YAML: "),
         ("a: \x01", "line 1: not YAML: "),
+        ("a: 1\nb:\n\tc: 2\n", "line 3, column 1: indent with spaces, not tabs"),
+        (
+            "a: 1\nb: see: there\n",
+            "line 2, column 7: not YAML: mapping values are not allowed here; check the indentation, or quote "
+            "a text that contains ': '",
+        ),
         ("a: 2024-13-45", "not YAML: month"),
         ("a: !!python/object:os.system x", "line 1, column 4: not YAML: could not determine a constructor"),
         ("a: 1\n---\nb: 1\n", "line 2, column 1: not YAML: but found another document"),
@@ -146,7 +184,7 @@ BOMB = "a: &a [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
         (b"name: \xff\xfe", "line 1: is not UTF-8 text"),
         ("#" * (1 << 20) + "\n", "is larger than 1 MiB"),
     ],
-    ids=range(15),
+    ids=range(17),
 )
 def test_files_that_are_no_scenario(tmp_path, text, said):
     assert fault(tmp_path, text).startswith(said)
@@ -185,7 +223,7 @@ def test_an_override_changes_one_place_of_an_aliased_section(tmp_path):
     data["gas"]["sources"] *= 2  # dumped as an anchor and an alias
     text = yaml.safe_dump(data)
     assert "*id001" in text
-    assert [s.rate for s in load(tmp_path, text, "gas.sources.1.rate=2").gas.sources] == [1e-5, 2.0]
+    assert [s.rate for s in load(tmp_path, text, "gas.sources.1.rate=0.2").gas.sources] == [1e-5, 0.2]
 
 
 @pytest.mark.parametrize(

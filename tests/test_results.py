@@ -48,8 +48,27 @@ def test_folder_that_cannot_be_made(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(results.RunFolderError, match="cannot be made"):
         results.run_folder("a", tmp_path / "file" / "run")
-    with pytest.raises(results.RunFolderError, match="cannot be made"):
-        results.run_folder("a", tmp_path / "file")
+    with pytest.raises(results.RunFolderError, match="file: is a file; --out takes a folder"):
+        results.run_folder("a", tmp_path / "file", force=True)
+
+
+def test_folder_that_cannot_be_written_to(tmp_path, monkeypatch):
+    (tmp_path / "result.json").write_text("{}")
+
+    def refused(dir):
+        raise PermissionError(errno.EACCES, "Permission denied", f"{dir}/tmp123")
+
+    monkeypatch.setattr(results.tempfile, "NamedTemporaryFile", refused)
+    with pytest.raises(results.RunFolderError) as caught:
+        results.run_folder("a", tmp_path, force=True)
+    assert str(caught.value) == f"{tmp_path}: cannot be written to: Permission denied"
+    assert (tmp_path / "result.json").exists()
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="a folder in which not even root may write")
+def test_proc_cannot_be_written_to():
+    with pytest.raises(results.RunFolderError, match=r"^/proc/self: cannot be written to: \w"):
+        results.run_folder("a", Path("/proc/self"))
 
 
 # ---------------------------------------------------------------- scenario.yaml
@@ -184,6 +203,13 @@ def test_result(tmp_path):
     assert series["correlation"] == pytest.approx(1)
     assert series["forecast"] == {"time_s": [5.0], "error_ppm": [pytest.approx(10 / 6)]}
     assert [file.name for file in tmp_path.iterdir()] == ["result.json"]
+
+
+def test_warm_up_counts_in_whole_ticks(tmp_path):
+    sim = fake_run.simulation(fake_run.scenario(2, duration=2, warm_up=0.25, tick=0.1))
+    sim.run()
+    told = results.result(sim, "completed", "", "cpu")
+    assert told["simulated_s"] == pytest.approx(told["steps"] * 0.1) == pytest.approx(2.3)
 
 
 def test_failed_search_is_null(tmp_path):

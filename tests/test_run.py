@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 import rerun as rr
 
-from taichi_plume import assemble, disk, run
+from taichi_plume import assemble, disk, kernels, run
 from taichi_plume.simulation import Every, UnstableError
 
 SCENARIO = """
@@ -142,6 +142,51 @@ def test_full_directory_is_refused(scenario, fake, capsys):
     assert "--force" in capsys.readouterr().err
     assert run.main([str(scenario), "--out", "out", "--force", "--quiet", "--no-recording"]) == 0
     assert result(Path("out"))["status"] == "completed"
+
+
+def test_folder_that_cannot_be_used_is_told_before_anything_is_made(scenario, monkeypatch, capsys):
+    monkeypatch.setattr(assemble, "assemble", lambda *_: pytest.fail("compiled"))
+    Path("out").write_text("mine")
+    assert run.main([str(scenario), "--out", "out", "--force"]) == 2
+    assert capsys.readouterr().err == "out: is a file; --out takes a folder\n"
+    assert Path("out").read_text() == "mine"
+
+
+def test_missing_device_is_told_and_leaves_earlier_results(scenario, monkeypatch, capsys):
+    def start(arch):
+        raise RuntimeError(f"no {arch} device was found; use --arch cpu or auto")
+
+    monkeypatch.setattr(kernels, "start", start)
+    Path("out").mkdir()
+    Path("out/result.json").write_text("{}")
+    for options in (["--out", "out", "--force"], []):
+        assert run.main([str(scenario), "--arch", "cuda", *options]) == 2
+        assert capsys.readouterr().err == "no cuda device was found; use --arch cpu or auto\n"
+    assert Path("out/result.json").exists()
+    assert not Path("runs").exists()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="POSIX pipes")
+@pytest.mark.parametrize(
+    "command", [["taichi_plume.run", "small.yaml", "--check"], ["taichi_plume.scenario", "--schema"]]
+)
+def test_readers_may_close_the_pipe(scenario, command):
+    end, begin = os.pipe()
+    os.close(end)
+    done = subprocess.run([sys.executable, "-m", *command], stdout=begin, stderr=subprocess.PIPE, check=False)
+    os.close(begin)
+    assert done.stderr == b""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="POSIX pipes")
+def test_run_whose_summary_nobody_reads_is_completed(scenario):
+    end, begin = os.pipe()
+    os.close(end)
+    command = [sys.executable, "-m", "taichi_plume.run", "small.yaml", "--no-recording", "--duration", "0.2"]
+    done = subprocess.run(command, stdout=begin, stderr=subprocess.PIPE, check=False)
+    os.close(begin)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert result(Path("runs/small-1"))["status"] == "completed"
 
 
 @pytest.mark.parametrize(
