@@ -110,8 +110,8 @@ class FastTransforms:
         x = self._transform(self.grid.read(b), inverse=False)
         if self.wrapped:
             shape = [x.shape[d] for d in self.wrapped]
-            waves = scipy.fft.rfftn(x, axes=self.wrapped, workers=-1)
-            x = scipy.fft.irfftn(self.inverse * waves, s=shape, axes=self.wrapped, workers=-1)
+            waves: Any = scipy.fft.rfftn(x, axes=self.wrapped, workers=-1)
+            x: Any = scipy.fft.irfftn(self.inverse * waves, s=shape, axes=self.wrapped, workers=-1)
         else:
             x = self.inverse * x
         self.grid.write(phi, self._transform(x, inverse=True))

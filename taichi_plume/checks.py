@@ -35,7 +35,7 @@ from taichi_plume.scenario import (
 )
 
 BYTES_PER_CELL = {2: 260, 3: 200}  # all fields of a CFD run with gas
-BYTES_OF_FACTORS = 700  # per cell of a 2-D flow that has to be solved by sparse factors
+BYTES_OF_FACTORS = 700  # per cell of a 2-D flow solved by sparse factors, at 10⁵ cells; it grows slowly
 BYTES_PER_ROBOT = 2000  # state, readings and a few minutes of track
 MOST_MAP_CELLS = 4_000_000
 CELL_STEPS_PER_SECOND = {2: 1.5e6, 3: 2e6}  # rough: wind and gas on a few CPU cores
@@ -48,6 +48,7 @@ NEIGHBOURS = 20  # of each robot, looked at for overlaps
 FREE_AREA_NODES = 200  # per axis, to measure the free area of a start rectangle
 MOST_EDGES = 500  # of a polygon whose edges are tested against one another
 SLIVER = 1e-6  # of the square of a polygon's width: less area is none
+TOUCHING = 1e-9  # of the same: a corner this close to an edge lies on it
 
 
 def problems(scenario: Scenario, folder: Path) -> list[str]:
@@ -242,7 +243,7 @@ def _outline(path: str, corners: np.ndarray) -> Iterator[str]:
     x, y = (corners - corners[0]).T
     area = abs(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))) / 2
     width = float(np.ptp(corners, axis=0).max())
-    crossing = _crossing(corners, SLIVER * width**2) if len(corners) <= MOST_EDGES else None
+    crossing = _crossing(corners, TOUCHING * width**2) if len(corners) <= MOST_EDGES else None
     if crossing:
         first, second = crossing
         yield (
@@ -250,11 +251,11 @@ def _outline(path: str, corners: np.ndarray) -> Iterator[str]:
             "list the corners in the order in which the outline meets them"
         )
     elif area <= SLIVER * width**2:
-        yield f"{path}: the polygon has no area, its corners lie on a line; give it a width"
+        yield f"{path}: the polygon has no area: its corners lie on a line or are out of order"
 
 
 def _crossing(corners: np.ndarray, least: float) -> tuple[int, int] | None:
-    """The first two edges of a polygon that cross. Where they only touch, triangles are below `least` [m²]."""
+    """The first two edges of a polygon that cross. A corner and an edge that span less than `least` [m²] touch."""
     ends = np.roll(corners, -1, axis=0)
     along = (ends - corners)[:, None]
 
@@ -524,7 +525,7 @@ def _touching(
         if distance[k] < wanted:
             more = int((distance < wanted).sum()) - 1
             others = f" and {more} more touch it" if more else ""
-            where = f"{distance[k]:.3g} m from {surface}" if distance[k] >= 0 else beyond
+            where = f"{abs(distance[k]):.3g} m from {surface}" if distance[k] >= 0 else beyond
             yield (
                 f"{path}.start: robot {k} at ({places[k, 0]:g}, {places[k, 1]:g}) m is {where}"
                 f"{others}; its centre must be {wanted:.3g} m or more away"

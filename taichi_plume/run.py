@@ -1,7 +1,7 @@
 """The command: ``python -m taichi_plume.run scenario.yaml`` runs a scenario into a run directory.
 
 Exit code 0: done; 1: stopped by an error, what there was is kept; 2: the scenario or the command line is
-wrong; 130: interrupted. Heavy imports wait until the scenario has been checked.
+wrong, or there is no such device; 130: interrupted. Heavy imports wait until the scenario has been checked.
 """
 
 import argparse

@@ -21,7 +21,7 @@ class FakeWind:
     def __init__(self, grid: Grid, speed: float):
         self.dim, self.speed, self.width = grid.dim, speed, grid.extent[1]
 
-    def stable_dt(self) -> float:
+    def stable_dt(self, t: float = 0.0) -> float:
         return float("inf")
 
     def advance(self, t: float, dt: float) -> None:

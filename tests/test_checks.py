@@ -368,7 +368,7 @@ def test_memory_is_checked_before_anything_is_allocated(tmp_path, monkeypatch):
 
 def test_polygons_of_many_corners_are_checked(tmp_path):
     angle = np.linspace(0, 2 * np.pi, 300, endpoint=False)
-    radius = 0.25 + 0.05 * np.cos(40 * angle)  # a gear
+    radius = 0.25 + 0.02 * np.cos(5 * angle)
     corners = np.stack([3 + radius * np.cos(angle), 2 + radius * np.sin(angle)], axis=1)
     assert told(tmp_path, ROOM, PRISM.format(corners.tolist())) == []
     corners[[100, 101]] = corners[[101, 100]]

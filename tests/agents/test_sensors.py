@@ -36,7 +36,7 @@ class Air:
         self.ppm, self.slope = ti.field(ti.f32, ()), ti.field(ti.f32, ())
         self.u = ti.Vector.field(dim, ti.f32, ())
 
-    def stable_dt(self):
+    def stable_dt(self, t=0.0):
         return np.inf
 
     def is_finite(self):

@@ -8,7 +8,6 @@ from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.gas import Emission, EulerianSolver
 from taichi_plume.solvers.uniform import UniformSolver
 from taichi_plume.species import SPECIES
-from taichi_plume.validation import cases
 
 
 def arena(shape=(40, 30), rate=2e-5, seed=0, **source):
@@ -25,13 +24,6 @@ def arena(shape=(40, 30), rate=2e-5, seed=0, **source):
         {"kind": "eulerian", "sources": [{"position": position, "rate": rate} | source]}
     )
     return grid, solid, flow, EulerianSolver(model, grid, flow, solid, 0.0, seed)
-
-
-@pytest.mark.parametrize("speed", [0.0, 0.05])
-@pytest.mark.parametrize("dim", [2, 3])
-def test_a_puff_spreads_and_drifts_to_second_order(dim, speed):
-    errors = [cases.gaussian_puff(n, dim, speed) for n in (24, 48)]
-    assert cases.observed_order(errors) >= 1.9
 
 
 @pytest.mark.parametrize("shape", [(40, 30), (40, 30, 5)])
@@ -108,9 +100,9 @@ def test_pulses_emit_their_share_and_differ_by_seed():
 
 
 def test_a_source_starts_and_stops():
-    source = Source.model_validate({"position": [1, 1], "rate": 2.0, "start": 1.0, "stop": 3.5})
+    source = Source.model_validate({"position": [1, 1], "rate": 0.2, "start": 1.0, "stop": 3.5})
     emission = Emission(source, -10.0, 0, "a")
-    assert sum(emission.mass(t, 0.3) for t in np.arange(-3.0, 6.0, 0.3)) == pytest.approx(5.0)
+    assert sum(emission.mass(t, 0.3) for t in np.arange(-3.0, 6.0, 0.3)) == pytest.approx(0.5)
 
 
 def test_ppm_of_the_vapours():
