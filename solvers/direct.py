@@ -107,11 +107,11 @@ class FastTransforms:
     def solve(self, b: Any, phi: Any, tolerance: float) -> None:
         """Set the inner cells of field phi to the solution for field b; exact to rounding, whatever the tolerance."""
         del tolerance
-        x = self._transform(self.grid.read(b), inverse=False)
+        x: Any = self._transform(self.grid.read(b), inverse=False)
         if self.wrapped:
             shape = [x.shape[d] for d in self.wrapped]
             waves: Any = scipy.fft.rfftn(x, axes=self.wrapped, workers=-1)
-            x: Any = scipy.fft.irfftn(self.inverse * waves, s=shape, axes=self.wrapped, workers=-1)
+            x = scipy.fft.irfftn(self.inverse * waves, s=shape, axes=self.wrapped, workers=-1)
         else:
             x = self.inverse * x
         self.grid.write(phi, self._transform(x, inverse=True))
