@@ -1,93 +1,167 @@
-"""Problems with exact answers. Each runs a solver at a resolution and returns its error; tests run them coarse."""
+"""The table of cases: what is solved, against what, how finely, and what the errors must be."""
 
-from math import ceil, pi
+from functools import partial
 
-import numpy as np
+from taichi_plume.validation.case import Case, Expected
+from taichi_plume.validation.cavity import cavity
+from taichi_plume.validation.channel_cases import couette_start, duct, poiseuille, poiseuille_start
+from taichi_plume.validation.cross_checks import fan, honeycombs, one_layer
+from taichi_plume.validation.flow_cases import kovasznay, taylor_green
+from taichi_plume.validation.gas_cases import gaussian_puff
 
-from taichi_plume.grid import Grid
-from taichi_plume.scenario import CfdWind, EulerianGas, UniformWind
-from taichi_plume.solvers.flow import FlowSolver
-from taichi_plume.solvers.gas import EulerianSolver
-from taichi_plume.solvers.uniform import UniformSolver
+SECOND_ORDER = Expected(order=1.9)
+HALF_A_PERCENT = Expected(tolerance=0.005, at=32)  # of laminar profiles, cells across the duct
+AIR_BALANCE = {
+    "inflow": Expected(tolerance=1e-5),
+    "net flow of the openings": Expected(tolerance=2e-5),
+    "flow through any section": Expected(tolerance=2e-5),
+    "divergence": Expected(tolerance=1e-4),
+}
 
 
-def advance(solver: FlowSolver, end: float) -> None:
-    """Step a flow from 0 to `end` [s]."""
-    t = 0.0
-    while end - t > 1e-9 * end:
-        dt = (end - t) / ceil((end - t) / solver.stable_dt())
-        solver.advance(t, dt)
-        t += dt
-
-
-def taylor_green(n: int, dim: int = 2, viscosity: float = 0.01, end: float = 1.0) -> float:
-    """Root-mean-square velocity error of the decaying Taylor-Green vortices in a 2 pi box of n² cells.
-
-    u = sin x cos y F, v = -cos x sin y F, F = exp(-2 nu t); in 3-D extruded over a few cells (Taylor & Green 1937,
-    doi:10.1098/rspa.1937.0036).
-    """
-
-    def exact(x: np.ndarray, t: float) -> np.ndarray:
-        decay = np.exp(-2.0 * viscosity * t)
-        u = np.zeros_like(x)
-        u[..., 0] = np.sin(x[..., 0]) * np.cos(x[..., 1]) * decay
-        u[..., 1] = -np.cos(x[..., 0]) * np.sin(x[..., 1]) * decay
-        return u
-
-    openings = tuple({"kind": "periodic", "axis": axis} for axis in "xyz"[:dim])
-    wind = CfdWind.model_validate(
-        {
-            "kind": "cfd",
-            "viscosity": viscosity,
-            "turbulence": {"kind": "none"},
-            "openings": openings,
-            "courant": 0.5,
-        }
+def _puff(dim: int, speed: float) -> Case:
+    return Case(
+        f"puff_{'drifting' if speed else 'at_rest'}_{dim}d",
+        "a puff of gas that spreads and drifts" if speed else "a puff of gas that spreads",
+        "Gaussian solution",
+        partial(gaussian_puff, dim=dim, speed=speed),
+        coarse=(24, 48),
+        fine=(32, 64, 128)[: 5 - dim],
+        expected={
+            "c / c_max, rms": SECOND_ORDER,
+            "mass": Expected(tolerance=1e-5),
+            # at rest the scheme spreads the puff as it should on any grid
+            "variance along x": SECOND_ORDER if speed else Expected(tolerance=1e-5),
+        },
     )
-    shape = (n, n, 4)[:dim]
-    grid = Grid(shape, 2.0 * pi / n, periodic=(True,) * dim)
-    flow = FlowSolver(wind, grid, np.zeros(shape, bool))
-    flow.start_from(lambda x: exact(x, 0.0))
-    advance(flow, end)
-    squares = 0.0
-    for d in range(dim):
-        faces = grid.centers()
-        faces[..., d] -= 0.5 * grid.dx
-        squares += np.mean((grid.inner(flow.u[d].to_numpy()) - exact(faces, end)[..., d]) ** 2)
-    return float(np.sqrt(squares))
 
 
-def gaussian_puff(n: int, dim: int = 2, speed: float = 0.0, end: float = 4.0) -> float:
-    """Root-mean-square error over the peak of a puff of unit mass that spreads and drifts in a box 1 m wide.
-
-    c = (2 pi s²)^(-dim/2) exp(-|x - x0 - U t|²/(2 s²)), s² = s0² + 2 D t; n cells per metre.
-    """
-    D, s0 = 5e-4, 0.06
-    start = np.full(dim, 0.5) - speed * end / 2 * np.eye(dim)[0]
-
-    def exact(x: np.ndarray, t: float) -> np.ndarray:
-        variance = s0**2 + 2.0 * D * t
-        offset = x - start - speed * t * np.eye(dim)[0]
-        return np.exp(-(offset**2).sum(-1) / (2.0 * variance)) / (2.0 * pi * variance) ** (dim / 2)
-
-    shape = (n,) * dim
-    grid = Grid(shape, 1.0 / n)
-    wind = UniformSolver(UniformWind(kind="uniform", velocity=(speed,) + (0.0,) * (dim - 1)), grid)
-    gas = EulerianGas.model_validate(
-        {
-            "kind": "eulerian",
-            "species": {"molar_mass": 0.046, "diffusivity": D},
-            "sources": [{"position": (0.5,) * dim, "rate": 0.0}],
-        }
+def _cavity(reynolds: int, fine: tuple[int, ...]) -> Case:
+    return Case(
+        f"cavity_{reynolds}",
+        f"steady flow in a box with a sliding lid, Re {reynolds}",
+        "streamfunction and Newton, see cavity.py",
+        partial(cavity, reynolds=reynolds),
+        coarse=(32,),
+        fine=fine,
+        expected={"u(0.5, y), largest": Expected(tolerance=0.005, at=fine[-1])},
     )
-    solver = EulerianSolver(gas, grid, wind, np.zeros(shape, bool))
-    solver.start_from(lambda x: exact(x, 0.0))
-    solver.advance(0.0, end)
-    reference = exact(grid.centers(), end)
-    error = grid.inner(solver.c.to_numpy()) - reference
-    return float(np.sqrt(np.mean(error**2)) / reference.max())
 
 
-def observed_order(errors: list[float]) -> float:
-    """Order of accuracy between the last two of errors at doubling resolution."""
-    return float(np.log2(errors[-2] / errors[-1]))
+def _duct(aspect: int) -> Case:
+    return Case(
+        f"duct_{aspect}",
+        f"steady flow along a duct with sides 1 : {aspect}",
+        "Fourier series",
+        partial(duct, aspect=aspect),
+        coarse=(8, 16),
+        fine=(16, 32),
+        expected={"u_max / u_mean": HALF_A_PERCENT, "u_mean": HALF_A_PERCENT},
+    )
+
+
+_ALL = (
+    Case(
+        "taylor_green_2d",
+        "decaying vortices, periodic",
+        "Taylor & Green 1937, doi:10.1098/rspa.1937.0036",
+        taylor_green,
+        coarse=(16, 32),
+        fine=(32, 64, 128),
+        expected={"u, rms": SECOND_ORDER, "decay of the energy": SECOND_ORDER},
+    ),
+    Case(
+        "taylor_green_3d",
+        "decaying vortices, extruded over four cells",
+        "Taylor & Green 1937, doi:10.1098/rspa.1937.0036",
+        partial(taylor_green, dim=3),
+        coarse=(16, 32),
+        fine=(32, 64),
+        expected={"u, rms": SECOND_ORDER, "decay of the energy": SECOND_ORDER},
+    ),
+    Case(
+        "kovasznay",
+        "steady flow behind a grid of rods, Re 40",
+        "Kovasznay 1948, doi:10.1017/S0305004100023999",
+        kovasznay,
+        coarse=(16, 32),
+        fine=(32, 64),
+        expected={"u, rms": SECOND_ORDER},
+    ),
+    Case(
+        "poiseuille",
+        "developed flow in a channel, Re 10",
+        "parabola",
+        poiseuille,
+        coarse=(8, 16),
+        fine=(16, 32),
+        expected={
+            "u / u_max, largest": Expected(order=1.9, tolerance=0.005, at=32),
+            "pressure gradient": Expected(order=1.9, tolerance=0.005, at=32),
+        },
+    ),
+    Case(
+        "poiseuille_start",
+        "a force sets the air of a channel in motion",
+        "Fourier series",
+        poiseuille_start,
+        coarse=(8, 16),
+        fine=(32, 64),
+        expected={"u, rms": SECOND_ORDER},
+    ),
+    Case(
+        "couette_start",
+        "a wall begins to slide",
+        "Fourier series",
+        couette_start,
+        coarse=(8, 16),
+        fine=(32, 64),
+        expected={"u, rms": SECOND_ORDER},
+    ),
+    _duct(1),
+    _duct(6),
+    _cavity(100, (32, 64)),
+    _cavity(400, (64, 128)),
+    _cavity(1000, (64, 128)),
+    _puff(2, 0.0),
+    _puff(2, 0.05),
+    _puff(3, 0.0),
+    _puff(3, 0.05),
+    Case(
+        "room_2d",
+        "from one honeycomb wall to the other, around a box",
+        "conservation of mass",
+        partial(honeycombs, dim=2),
+        coarse=(40,),
+        fine=(80,),
+        expected=AIR_BALANCE,
+    ),
+    Case(
+        "room_3d",
+        "from one honeycomb wall to the other, around a box",
+        "conservation of mass",
+        partial(honeycombs, dim=3),
+        coarse=(40,),
+        fine=(80,),
+        expected=AIR_BALANCE,
+    ),
+    Case(
+        "fan",
+        "a swirling jet through a room, around a box",
+        "conservation of mass",
+        fan,
+        coarse=(20,),
+        fine=(40,),
+        expected=AIR_BALANCE,
+    ),
+    Case(
+        "one_layer",
+        "2-D against one layer of cells in 3-D",
+        "the same flow in 2-D",
+        one_layer,
+        coarse=(40,),
+        fine=(80,),
+        expected={"u / u_max, largest": Expected(tolerance=2e-6)},
+    ),
+)
+CASES = {case.name: case for case in _ALL}

@@ -1,0 +1,58 @@
+import json
+from dataclasses import replace
+
+import pytest
+
+from taichi_plume.validation.__main__ import main
+from taichi_plume.validation.case import Case, Expected
+from taichi_plume.validation.cases import CASES
+
+
+def unsolvable(n: int) -> dict[str, float]:
+    raise RuntimeError("no steady state")
+
+
+GOOD = Case(
+    "good", "n^-2", "closed form", lambda n: {"u": n**-2.0}, (8,), (8, 16), {"u": Expected(order=1.9)}
+)
+BAD = replace(GOOD, name="bad", expected={"u": Expected(tolerance=1e-9)})
+BROKEN = replace(GOOD, name="broken", solve=unsolvable)
+
+
+@pytest.fixture
+def table(monkeypatch):
+    """Three cases that take no time."""
+    monkeypatch.setattr(
+        "taichi_plume.validation.cases.CASES", {case.name: case for case in (BROKEN, BAD, GOOD)}
+    )
+
+
+def test_a_misspelt_case_is_told(capsys):
+    assert main(["taylor_gren_2d"]) == 2
+    assert "did you mean 'taylor_green_2d'?" in capsys.readouterr().err
+
+
+def test_the_list_names_every_case(capsys):
+    assert main(["--list"]) == 0
+    shown = capsys.readouterr().out
+    assert all(name in shown for name in CASES)
+
+
+def test_named_cases_are_solved_and_reported(table, tmp_path, capsys):
+    assert main(["good", "--out", str(tmp_path / "new"), "--json"]) == 0
+    report = json.loads((tmp_path / "new" / "report.json").read_text())
+    assert json.loads(capsys.readouterr().out) == report
+    assert report["passed"] is True
+    (case,) = report["cases"]
+    (row,) = case["norms"]
+    assert case["name"] == "good"
+    assert row["errors"] == {"8": 8**-2.0, "16": 16**-2.0}
+    assert row["order"] == pytest.approx(2.0)
+
+
+def test_a_failure_is_told_and_the_others_go_on(table, capsys):
+    assert main([]) == 1
+    shown = capsys.readouterr().out
+    assert "NOT MET" in shown
+    assert "not met: broken, bad" in shown
+    assert "no steady" in shown

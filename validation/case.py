@@ -1,0 +1,95 @@
+"""What a case is: a problem with a known answer, solved at several resolutions, and what its errors must be."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from math import inf, isfinite, log, nan
+
+from taichi_plume import kernels
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What an error must satisfy: at least an order of accuracy, at most a tolerance.
+
+    The tolerance holds `at` a resolution; at n cells it is (at/n)² times as large, as the schemes are of second order.
+    Without `at` it holds at every resolution.
+    """
+
+    order: float | None = None
+    tolerance: float | None = None
+    at: int | None = None
+
+    def limit(self, n: int) -> float:
+        """The largest error at resolution n."""
+        if self.tolerance is None:
+            return inf
+        return self.tolerance * ((self.at / n) ** 2 if self.at else 1.0)
+
+    def met(self, errors: Mapping[int, float]) -> bool:
+        """Whether errors, by ascending resolution, are as expected."""
+        within = all(isfinite(error) and error <= self.limit(n) for n, error in errors.items())
+        return within and (self.order is None or observed_order(errors) >= self.order)
+
+    def __str__(self) -> str:
+        parts = [] if self.order is None else [f"order >= {self.order:g}"]
+        if self.tolerance is not None:
+            parts.append(f"<= {self.tolerance:g}" + (f" at {self.at}" if self.at else ""))
+        return ", ".join(parts)
+
+
+@dataclass(frozen=True)
+class Case:
+    """A problem with a known answer. `solve` takes a resolution and returns errors by norm.
+
+    Tests solve it at the coarse resolutions, the command at the fine ones. A norm that is not in `expected` is told
+    but not judged.
+    """
+
+    name: str
+    about: str
+    reference: str
+    solve: Callable[[int], dict[str, float]]
+    coarse: tuple[int, ...]
+    fine: tuple[int, ...]
+    expected: Mapping[str, Expected]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One norm of a case that was solved: errors by resolution and the verdict."""
+
+    norm: str
+    errors: dict[int, float]
+    expected: Expected | None
+
+    @property
+    def met(self) -> bool | None:
+        """Whether it is as expected; None where nothing is."""
+        return None if self.expected is None else self.expected.met(self.errors)
+
+    @property
+    def order(self) -> float:
+        """Observed order of accuracy; nan where the error does not depend on the resolution."""
+        constant = self.expected is not None and self.expected.order is None and self.expected.at is None
+        return nan if constant else observed_order(self.errors)
+
+
+def observed_order(errors: Mapping[int, float]) -> float:
+    """Order of accuracy between the last two resolutions; nan where it has no meaning."""
+    if len(errors) < 2:
+        return nan
+    (n, coarse), (m, fine) = list(errors.items())[-2:]
+    return log(coarse / fine) / log(m / n) if coarse > 0.0 and fine > 0.0 else nan
+
+
+def examine(case: Case, resolutions: tuple[int, ...], arch: str = "cpu") -> list[Finding]:
+    """Solve a case at ascending resolutions, each with a fresh Taichi, and judge every norm."""
+    errors: dict[str, dict[int, float]] = {}
+    for n in resolutions:
+        kernels.start(arch)
+        for norm, error in case.solve(n).items():
+            errors.setdefault(norm, {})[n] = error
+    unknown = case.expected.keys() - errors.keys()
+    if unknown:
+        raise KeyError(f"{case.name} has no norm {sorted(unknown)}")
+    return [Finding(norm, found, case.expected.get(norm)) for norm, found in errors.items()]

@@ -1,0 +1,94 @@
+"""Flows between parallel walls and in rectangular ducts, against their series. n cells span the (short) width, 1 m."""
+
+from math import pi
+
+import numpy as np
+
+from taichi_plume.solvers.flow import FlowSolver
+from taichi_plume.validation.flow_cases import Errors, advance, laminar_flow, periodic, rms, settle
+
+TERMS = 2 * np.arange(200) + 1  # odd numbers
+
+# b/a: u_max nu/(G a²) and u_mean nu/(G a²) of
+# u = 16 G a²/(nu pi³) sum (-1)^((k-1)/2) [1 - cosh(k pi z/2a)/cosh(k pi b/2a)] cos(k pi y/2a)/k³ over odd k
+DUCT = {1: (0.294685, 0.140577), 6: (0.499917, 0.298320)}
+
+
+def across(flow: FlowSolver) -> tuple[np.ndarray, np.ndarray]:
+    """Places y [m] and velocity u(y) [m/s] along x in the middle of a plane channel."""
+    u = flow.grid.inner(flow.u[0].to_numpy()).astype(float)
+    return flow.grid.centers()[0, :, 1], u[len(u) // 2]
+
+
+def poiseuille(n: int) -> Errors:
+    """Developed flow, mean speed U, Re 10: u = 6 U y (1 - y), and the pressure falls by 12 nu U per metre.
+
+    Air enters evenly at x = 0 and leaves at x = 4; it is looked at in the middle.
+    """
+    viscosity = 0.1
+    openings = [{"kind": "inlet", "face": "x-", "speed": 1.0}, {"kind": "outlet", "face": "x+"}]
+    flow = laminar_flow((4 * n, n), 1.0 / n, viscosity, openings)
+    settle(flow, 1.0, 20.0)
+    y, u = across(flow)
+    p = flow.grid.inner(flow.p.to_numpy()).astype(float).mean(axis=1)
+    fall = (p[2 * n - n // 4] - p[2 * n + n // 4]) / (2 * (n // 4) / n)
+    return {
+        "u / u_max, largest": float(np.abs(u - 6.0 * y * (1.0 - y)).max() / 1.5),
+        "pressure gradient": float(abs(fall / (12.0 * viscosity) - 1.0)),
+    }
+
+
+def poiseuille_start(n: int) -> Errors:
+    """Air at rest that a constant force G per mass sets in motion, at t = 0.1 H²/nu.
+
+    u = G/(2 nu) y (1 - y) - 4 G/(pi³ nu) sum sin(k pi y) exp(-k² pi² nu t)/k³ over odd k. Here G = 8 nu, u_max = 1.
+    """
+    end = 0.1
+    flow = laminar_flow((4, n), 1.0 / n, 1.0, periodic("x"), acceleration=(8.0, 0.0))
+    advance(flow, end)
+    y, u = across(flow)
+    k = TERMS[:, None]
+    rest = np.sum(np.sin(k * pi * y) * np.exp(-((k * pi) ** 2) * end) / k**3, axis=0)
+    return {"u, rms": rms(u - 4.0 * y * (1.0 - y) + 32.0 / pi**3 * rest)}
+
+
+def couette_start(n: int) -> Errors:
+    """Air at rest beside a wall that begins to slide with 1 m/s, at t = 0.1 H²/nu.
+
+    u = y + 2/pi sum (-1)^k/k sin(k pi y) exp(-k² pi² nu t).
+    """
+    end = 0.1
+    wall = {"kind": "wall", "face": "y+", "velocity": (1.0, 0.0)}
+    flow = laminar_flow((4, n), 1.0 / n, 1.0, [*periodic("x"), wall])
+    advance(flow, end)
+    y, u = across(flow)
+    k = np.arange(1, 200)[:, None]
+    series = np.sum((-1.0) ** k / k * np.sin(k * pi * y) * np.exp(-((k * pi) ** 2) * end), axis=0)
+    return {"u, rms": rms(u - y - 2.0 / pi * series)}
+
+
+def duct(n: int, aspect: int) -> Errors:
+    """Steady flow along a duct with sides of 1 and `aspect` m that a constant force G per mass drives.
+
+    A quarter of it is solved, with slip where the flow is symmetric. a = 0.5 m, half the short side.
+    """
+    symmetric = [{"kind": "slip", "face": face} for face in ("x+", "y+")]
+    force = 8.0
+    flow = laminar_flow(
+        (aspect * n // 2, n // 2, 4), 1.0 / n, 1.0, periodic("z") + symmetric, acceleration=(0.0, 0.0, force)
+    )
+    settle(flow, 0.1, 3.0)
+    u = flow.grid.inner(flow.u[2].to_numpy()).astype(float)[:, :, 0]
+    fastest, mean = DUCT[aspect]
+    ratio = on_the_axis(u) / u.mean()
+    return {
+        "u_max / u_mean": float(abs(ratio / (fastest / mean) - 1.0)),
+        "u_mean": float(abs(u.mean() / (mean * force * 0.5**2) - 1.0)),
+    }
+
+
+def on_the_axis(u: np.ndarray) -> float:
+    """A profile's value at the upper end of its axes, where it is symmetric; to fourth order."""
+    for _ in range(u.ndim):
+        u = (9.0 * u[-1] - u[-2]) / 8.0
+    return float(u)

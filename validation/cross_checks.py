@@ -1,0 +1,86 @@
+"""What must hold of any flow: every opening passes what it is told to, what enters leaves, 2-D is one layer of 3-D."""
+
+from math import pi
+
+import numpy as np
+
+from taichi_plume.grid import Grid
+from taichi_plume.scenario import CfdWind
+from taichi_plume.solvers.flow import FlowSolver
+from taichi_plume.validation.flow_cases import Errors, advance, velocities
+
+SLIP = [{"kind": "slip", "face": face} for face in ("z-", "z+")]
+
+
+def room(shape: tuple[int, ...], dx: float, openings: list[dict]) -> FlowSolver:
+    """The flow of a room with a box-shaped obstacle a third from the inflow; in 3-D it stands on the floor."""
+    solid = np.zeros(shape, bool)
+    box = ((0.3, 0.4), (0.4, 0.7), (0.0, 0.6))[: len(shape)]
+    solid[tuple(slice(round(a * n), round(b * n)) for n, (a, b) in zip(shape, box, strict=True))] = True
+    return FlowSolver(
+        CfdWind.model_validate({"kind": "cfd", "openings": openings}), Grid(shape, dx, depth=dx), solid
+    )
+
+
+def air_balance(flow: FlowSolver, given: float) -> Errors:
+    """How far the flow through the faces x = const is from the `given` one [m³/s], over it; and the divergence."""
+    u = flow.u[0].to_numpy().astype(float)
+    g, n = flow.grid.ghost, flow.grid.shape[0]
+    inner = tuple(slice(begin, end) for begin, end in flow.grid.cells[1:])
+    through = (
+        u[(slice(g, g + n + 1), *inner)].reshape(n + 1, -1).sum(axis=1) * flow.grid.cell_volume / flow.grid.dx
+    )
+    return {
+        "inflow": float(abs(through[0] / given - 1.0)),
+        "net flow of the openings": float(abs(through[-1] - through[0]) / given),
+        "flow through any section": float(np.abs(through / given - 1.0).max()),
+        "divergence": flow.diagnostics()["max_divergence"],
+    }
+
+
+def honeycombs(n: int, dim: int) -> Errors:
+    """Air that passes a room, 4 x 3 (x 0.5) m, from one honeycomb wall to the other; n cells along it."""
+    speed = 0.7
+    openings = [
+        {"kind": "honeycomb", "face": "x-", "speed": speed},
+        {"kind": "honeycomb", "face": "x+", "loss_coefficient": 2.0},
+    ]
+    flow = room((n, 3 * n // 4, n // 8)[:dim], 4.0 / n, openings)
+    advance(flow, 1.0)
+    face = flow.grid.cell_volume / flow.grid.dx * np.prod(flow.grid.shape[1:])
+    return air_balance(flow, speed * float(face))
+
+
+def fan(n: int) -> Errors:
+    """A fan with swirl, 0.3 m wide, that blows through a room of 1.2 x 1 x 0.8 m; n cells per metre."""
+    speed, diameter = 2.0, 0.3
+    openings = [
+        {
+            "kind": "fan",
+            "face": "x-",
+            "center": (0.5, 0.4),
+            "diameter": diameter,
+            "speed": speed,
+            "swirl": 0.3,
+            "turbulence_intensity": 0.1,
+        },
+        {"kind": "outlet", "face": "x+"},
+    ]
+    flow = room((round(1.2 * n), n, round(0.8 * n)), 1.0 / n, openings)
+    advance(flow, 0.2)
+    return air_balance(flow, speed * pi / 4.0 * diameter**2)
+
+
+def one_layer(n: int) -> Errors:
+    """The flow around an obstacle in 2-D and in one layer of cells between slip walls; n cells along the room."""
+    openings = [{"kind": "honeycomb", "face": "x-", "speed": 0.7}, {"kind": "honeycomb", "face": "x+"}]
+    flows = [
+        room((n, 3 * n // 4), 4.0 / n, openings),
+        room((n, 3 * n // 4, 1), 4.0 / n, openings + SLIP),
+    ]
+    for flow in flows:
+        for step in range(20):
+            flow.advance(0.01 * step, 0.01)
+    plane, layer = (velocities(flow) for flow in flows)
+    apart = max(float(np.abs(a - b[..., 0]).max()) for a, b in zip(plane, layer[:2], strict=True))
+    return {"u / u_max, largest": apart / flows[0].max_speed}
