@@ -39,7 +39,7 @@ BYTES_OF_FACTORS = 700  # per cell of a 2-D flow solved by sparse factors, at 10
 BYTES_PER_ROBOT = 2000  # state, readings and a few minutes of track
 MOST_MAP_CELLS = 4_000_000
 CELL_STEPS_PER_SECOND = {2: 1.5e6, 3: 2e6}  # rough: wind and gas on a few CPU cores
-GUST = 1.5  # largest speed in the domain over the largest prescribed one
+GUST = 3.5  # largest sum of |u| over the axes, over the largest prescribed speed: 1.2 to 3.7 in the shipped scenarios
 ROUNDING = 0.1  # of an extent: more is a scenario for another domain than the one written
 # Share that discs put down at random can cover (Feder 1980, doi:10.1016/0022-5193(80)90358-6)
 RANDOM_PACKING = 0.547
