@@ -21,7 +21,7 @@ from taichi_plume.scenario import CfdWind
 from taichi_plume.solvers.boundaries import Boundaries
 from taichi_plume.solvers.convection import face_value
 from taichi_plume.solvers.pressure import pressure_solver
-from taichi_plume.solvers.turbulence import smagorinsky
+from taichi_plume.solvers.turbulence import MODELS
 
 HUGE = 1e6  # m/s: no flow of ours is as fast
 
@@ -48,9 +48,9 @@ class FlowSolver:
         for field, values in zip(self.open, openness, strict=True):
             field.from_numpy(values)
         self.solver = pressure_solver(openness, grid)
-        self.eddies = wind.turbulence.kind != "none"
+        self.eddies = wind.turbulence.kind in MODELS
         self.nu: Any = grid.field() if self.eddies else None
-        self.schmidt = wind.turbulence.schmidt if wind.turbulence.kind == "smagorinsky" else 1.0
+        self.schmidt = 1.0 if wind.turbulence.kind == "none" else wind.turbulence.schmidt
         self._start = grid.faces_field()  # u at the begin of the step
         self._rate = grid.faces_field()
         self._divergence = grid.field()
@@ -140,7 +140,7 @@ class FlowSolver:
 
         @ti.func
         def eddy_viscosity(I, dt, k):
-            return viscosity + smagorinsky(u, I, dx, constant)
+            return viscosity + model(u, I, dx, constant)
 
         @ti.func
         def net_inflow(I, dt, k):
@@ -177,8 +177,8 @@ class FlowSolver:
             return sweep([axis[formula] for axis in axes], out, self.grid.faces)
 
         eddies_pass = []
-        if wind.turbulence.kind == "smagorinsky":
-            constant = wind.turbulence.constant
+        if wind.turbulence.kind != "none":
+            model, constant = MODELS[wind.turbulence.kind], wind.turbulence.constant
             around = [(begin - 1, end + 1) for begin, end in self.grid.cells]
             eddies_pass = [sweep([eddy_viscosity], [nu], around)]
         divergence = [fill_velocity, sweep([net_inflow], [self._divergence], self.grid.cells)]

@@ -31,3 +31,27 @@ def strain_rate(u: Template, I, dx: float):
 def smagorinsky(u: Template, I, dx: float, constant: float):
     """Eddy viscosity [m²/s]: (C dx)² |S| (Smagorinsky 1963)."""
     return (constant * dx) ** 2 * strain_rate(u, I, dx)
+
+
+@ti.func
+def vreman(u: Template, I, dx: float, constant: float):
+    """Eddy viscosity [m²/s] that vanishes in laminar shear (Vreman 2004, doi:10.1063/1.1785131, eq 5-8).
+
+    C sqrt(B / (a_ij a_ij)) with a_ij = du_j/dx_i, b_ij = dx² a_mi a_mj and B the second invariant of b.
+    """
+    dim = ti.static(len(u))
+    a = ti.Matrix.zero(ti.f32, dim, dim)
+    for i in ti.static(range(dim)):
+        for j in ti.static(range(dim)):
+            a[i, j] = velocity_gradient(u, I, j, i, dx)
+    b = dx**2 * (a.transpose() @ a)
+    squares, invariant = 0.0, 0.0
+    for i in ti.static(range(dim)):
+        for j in ti.static(range(dim)):
+            squares += a[i, j] ** 2
+            if ti.static(i < j):
+                invariant += b[i, i] * b[j, j] - b[i, j] ** 2
+    return constant * ti.sqrt(ti.max(invariant, 0.0) / ti.max(squares, 1e-12))
+
+
+MODELS = {"smagorinsky": smagorinsky, "vreman": vreman}

@@ -314,6 +314,16 @@ class Smagorinsky(Model):
     """Turbulent Schmidt number: eddy viscosity over eddy diffusivity of gas."""
 
 
+class Vreman(Model):
+    """Eddy viscosity that vanishes in laminar shear and at walls (Vreman 2004, doi:10.1063/1.1785131)."""
+
+    kind: Literal["vreman"]
+    constant: NonNegative = 0.07
+    """About 2.5 times the square of Smagorinsky's."""
+    schmidt: Positive = 0.7
+    """Turbulent Schmidt number: eddy viscosity over eddy diffusivity of gas."""
+
+
 class NoModel(Model):
     """Only the molecular viscosity."""
 
@@ -326,7 +336,7 @@ class CfdWind(Model):
     kind: Literal["cfd"]
     viscosity: Diffusivity = 1.56e-5
     """Kinematic viscosity [m²/s]; the default is air at 25 °C."""
-    turbulence: Annotated[Smagorinsky | NoModel, Field(discriminator="kind")] = Smagorinsky(
+    turbulence: Annotated[Smagorinsky | Vreman | NoModel, Field(discriminator="kind")] = Smagorinsky(
         kind="smagorinsky"
     )
     openings: tuple[Opening, ...] = ()
