@@ -84,7 +84,10 @@ class EulerianSolver:
         self.air.from_numpy(grid.pad((~solid).astype(np.float32)))
         self.emitted_kg = 0.0
         self._masses: list[float] = []
-        self._outflow = ti.field(ti.f64, ())
+        self._outflow = ti.field(ti.f64)
+        apart = ti.FieldsBuilder()  # beside 32-bit fields Vulkan would misplace it
+        apart.place(self._outflow)
+        apart.finalize()
         self._sides = [tuple(2 if a == d else n for a, n in enumerate(grid.shape)) for d in range(grid.dim)]
         self.emissions = [Emission(s, begin, seed, f"source {n}") for n, s in enumerate(gas.sources)]
         self._place_sources(gas.sources, solid)

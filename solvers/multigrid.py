@@ -7,7 +7,7 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume.grid import Grid
-from taichi_plume.kernels import FEW_CELLS, STRIP, Template
+from taichi_plume.kernels import FEW_CELLS, STRIP, Template, on_cpu
 from taichi_plume.solvers.poisson import Openness
 
 OMEGA = 0.8  # damping of the Jacobi sweeps
@@ -28,6 +28,7 @@ class Multigrid:
             levels.append(levels[-1].coarser())
         self.shapes = [level.shape for level in levels]
         self.periodic = openness.periodic
+        self.strips = on_cpu()
         self.axes = tuple(d for d in range(3) if openness.shape[d] > 1 or openness.a[d].any())
         sizes = [int(np.prod([n + 2 for n in shape])) for shape in self.shapes]
         begins = np.concatenate([[0], np.cumsum(sizes)])
@@ -46,12 +47,11 @@ class Multigrid:
         self.x, self.t, self.b = (ti.field(ti.f32, total) for _ in range(3))
         self.p, self.q, self.phi = (ti.field(ti.f32, sizes[0]) for _ in range(3))
         self.rows = [n[1] * n[2] for n in self.shapes]
-        self.threaded = next(
-            k for k, n in enumerate(self.shapes) if prod(n) <= FEW_CELLS or k == len(levels) - 1
-        )
-        self.partial = ti.field(ti.f64, self.rows[0])
-        self.rho = ti.field(ti.f64, ())
-        self.alpha, self.beta, self.mean = (ti.field(ti.f32, ()) for _ in range(3))
+        few = FEW_CELLS if on_cpu() else 0  # levels up to this size are left to one thread
+        last = len(levels) - 1
+        self.threaded = next(k for k, n in enumerate(self.shapes) if prod(n) <= few or k == last)
+        self.partial = ti.field(ti.f32, self.rows[0])  # of single precision: Vulkan misplaces 64-bit fields
+        self.rho, self.alpha, self.beta, self.mean = (ti.field(ti.f32, ()) for _ in range(4))
 
         matrix = levels[-1].matrix().toarray()
         self.inverse = ti.field(ti.f32, matrix.shape)
@@ -104,19 +104,27 @@ class Multigrid:
         return result, diagonal
 
     @ti.func
+    def _jacobi_at(self, source: Template, first, i, n0, low: Template, high: Template, step: Template):
+        """source + omega (b - A source)/diagonal at cell i of a row."""
+        ax, diagonal = self._apply(source, first, i, n0, low, high, step)
+        change = OMEGA * (self.b[first + i] - ax) / ti.max(diagonal, 1e-6)
+        return source[first + i] + ti.select(diagonal > 1e-6, change, 0.0)
+
+    @ti.func
     def _jacobi(self, source: Template, target: Template, level, row):
-        """target = source + omega (b - A source)/diagonal over one row."""
+        """One sweep over a row; in strips on a CPU, see `kernels.sweep`."""
         first, n0, low, high, step = self._row(level, row)
-        for strip in range((n0 + STRIP - 1) // STRIP):
-            values = ti.Vector([0.0] * STRIP)
-            count = ti.min(STRIP, n0 - strip * STRIP)
-            for n in range(count):
-                i = strip * STRIP + n
-                ax, diagonal = self._apply(source, first, i, n0, low, high, step)
-                change = OMEGA * (self.b[first + i] - ax) / ti.max(diagonal, 1e-6)
-                values[n] = source[first + i] + ti.select(diagonal > 1e-6, change, 0.0)
-            for n in range(count):
-                target[first + strip * STRIP + n] = values[n]
+        if ti.static(self.strips):
+            for strip in range((n0 + STRIP - 1) // STRIP):
+                values = ti.Vector([0.0] * STRIP)
+                count = ti.min(STRIP, n0 - strip * STRIP)
+                for n in range(count):
+                    values[n] = self._jacobi_at(source, first, strip * STRIP + n, n0, low, high, step)
+                for n in range(count):
+                    target[first + strip * STRIP + n] = values[n]
+        else:
+            for i in range(n0):
+                target[first + i] = self._jacobi_at(source, first, i, n0, low, high, step)
 
     # ---- the V-cycle: x = M b on the finest level, M symmetric
 
@@ -148,22 +156,27 @@ class Multigrid:
             j = row - k * self.layout[level + 1, 2]
             length = self.layout[level, 1]
             scale = 4.0 / ti.cast(f0 * f1 * f2, ti.f32)
-            for strip in range((length + STRIP - 1) // STRIP):
-                count = ti.min(STRIP, length - strip * STRIP)
-                sums = ti.Vector([0.0] * STRIP)
-                for kk in range(k * f2, ti.min(k * f2 + f2, n2)):
-                    for jj in range(j * f1, ti.min(j * f1 + f1, n1)):
-                        first, n0, low, high, step = self._row(level, kk * n1 + jj)
-                        values = ti.Vector([0.0] * STRIP)
-                        for n in range(count):
-                            i = strip * STRIP + n
+            for i in range((length + f0 - 1) >> (f0 - 1)):
+                self.b[target + i] = 0.0
+            for kk in range(k * f2, ti.min(k * f2 + f2, n2)):
+                for jj in range(j * f1, ti.min(j * f1 + f1, n1)):
+                    first, n0, low, high, step = self._row(level, kk * n1 + jj)
+                    if ti.static(self.strips):
+                        for strip in range((length + STRIP - 1) // STRIP):
+                            count = ti.min(STRIP, length - strip * STRIP)
+                            values = ti.Vector([0.0] * STRIP)
+                            for n in range(count):
+                                i = strip * STRIP + n
+                                ax, _ = self._apply(self.x, first, i, n0, low, high, step)
+                                values[n] = scale * (self.b[first + i] - ax)
+                            for n in range(count):
+                                place = target + ((strip * STRIP + n) >> (f0 - 1))
+                                self.b[place] = self.b[place] + values[n]
+                    else:
+                        for i in range(length):
                             ax, _ = self._apply(self.x, first, i, n0, low, high, step)
-                            values[n] = self.b[first + i] - ax
-                        for n in range(count):
-                            sums[n >> (f0 - 1)] += values[n]
-                begin = target + ((strip * STRIP) >> (f0 - 1))
-                for n in range((count + f0 - 1) >> (f0 - 1)):
-                    self.b[begin + n] = scale * sums[n]
+                            place = target + (i >> (f0 - 1))
+                            self.b[place] = self.b[place] + scale * (self.b[first + i] - ax)
 
     @ti.func
     def _prolong(self, level, rows):
@@ -194,6 +207,20 @@ class Multigrid:
     def _rows(self, level):
         return self.layout[level, 2] * self.layout[level, 3]
 
+    @ti.func
+    def _solve_coarsest(self):
+        for i in range(self.place.shape[0]):
+            self.dense_b[i] = self.b[self.place[i]]
+        for i in range(self.place.shape[0]):
+            total = 0.0
+            for j in range(self.place.shape[0]):
+                total += self.inverse[i, j] * self.dense_b[j]
+            self.x[self.place[i]] = total
+
+    @ti.kernel
+    def _coarsest(self):
+        self._solve_coarsest()
+
     @ti.kernel
     def _down(self, level: ti.i32, rows: ti.i32, coarse_rows: ti.i32):
         self._down_passes(level, rows, coarse_rows)
@@ -208,13 +235,7 @@ class Multigrid:
         for _ in range(1):
             for level in range(begin, end):
                 self._down_passes(level, self._rows(level), self._rows(level + 1))
-            for i in range(self.place.shape[0]):
-                self.dense_b[i] = self.b[self.place[i]]
-            for i in range(self.place.shape[0]):
-                total = 0.0
-                for j in range(self.place.shape[0]):
-                    total += self.inverse[i, j] * self.dense_b[j]
-                self.x[self.place[i]] = total
+            self._solve_coarsest()
             for back in range(end - begin):
                 level = end - 1 - back
                 self._up_passes(level, self._rows(level))
@@ -222,7 +243,10 @@ class Multigrid:
     def _v_cycle(self) -> None:
         for k in range(self.threaded):
             self._down(k, self.rows[k], self.rows[k + 1])
-        self._coarse_levels(self.threaded, len(self.shapes) - 1)
+        if self.threaded < len(self.shapes) - 1:
+            self._coarse_levels(self.threaded, len(self.shapes) - 1)
+        else:
+            self._coarsest()
         for k in reversed(range(self.threaded)):
             self._up(k, self.rows[k])
 
@@ -232,7 +256,7 @@ class Multigrid:
     def _sum(self, rows):
         total = ti.cast(0.0, ti.f64)
         for row in range(rows):
-            total += self.partial[row]
+            total += ti.cast(self.partial[row], ti.f64)
         return total
 
     @ti.func
@@ -254,7 +278,7 @@ class Multigrid:
                 value = ti.select(diagonal > 1e-6, b[self._cell(row, i)], 0.0)
                 self.b[first + i] = value
                 total += value
-            self.partial[row] = ti.cast(total, ti.f64)
+            self.partial[row] = total
         for _ in range(1):
             self.rho[None] = 0.0
             self.mean[None] = ti.cast(self._sum(rows) / self.air_cells, ti.f32)
@@ -276,10 +300,10 @@ class Multigrid:
             total = 0.0
             for i in range(n0):
                 total += self.b[first + i] * self.x[first + i]
-            self.partial[row] = ti.cast(total, ti.f64)
+            self.partial[row] = total
         for _ in range(1):
-            rho = self._sum(rows)
-            self.beta[None] = ti.cast(rho / self.rho[None], ti.f32) if self.rho[None] > 0.0 else 0.0
+            rho = ti.cast(self._sum(rows), ti.f32)
+            self.beta[None] = rho / self.rho[None] if self.rho[None] > 0.0 else 0.0
             self.rho[None] = rho
         for row in range(rows):
             first, n0, _, _, _ = self._row(0, row)
@@ -288,17 +312,23 @@ class Multigrid:
         for row in range(rows):
             first, n0, low, high, step = self._row(0, row)
             total = 0.0
-            for strip in range((n0 + STRIP - 1) // STRIP):
-                values = ti.Vector([0.0] * STRIP)
-                count = ti.min(STRIP, n0 - strip * STRIP)
-                for n in range(count):
-                    i = strip * STRIP + n
+            if ti.static(self.strips):
+                for strip in range((n0 + STRIP - 1) // STRIP):
+                    values = ti.Vector([0.0] * STRIP)
+                    count = ti.min(STRIP, n0 - strip * STRIP)
+                    for n in range(count):
+                        i = strip * STRIP + n
+                        ax, _ = self._apply(self.p, first, i, n0, low, high, step)
+                        values[n] = ax
+                        total += ax * self.p[first + i]
+                    for n in range(count):
+                        self.q[first + strip * STRIP + n] = values[n]
+            else:
+                for i in range(n0):
                     ax, _ = self._apply(self.p, first, i, n0, low, high, step)
-                    values[n] = ax
+                    self.q[first + i] = ax
                     total += ax * self.p[first + i]
-                for n in range(count):
-                    self.q[first + strip * STRIP + n] = values[n]
-            self.partial[row] = ti.cast(total, ti.f64)
+            self.partial[row] = total
         for _ in range(1):
             curvature = self._sum(rows)
             self.alpha[None] = ti.cast(self.rho[None] / curvature, ti.f32) if curvature > 0.0 else 0.0
@@ -311,11 +341,11 @@ class Multigrid:
                 self.b[first + i] = self.b[first + i] - alpha * self.q[first + i]
             for i in range(n0):
                 largest = ti.max(largest, ti.abs(self.b[first + i]))
-            self.partial[row] = ti.cast(largest, ti.f64)
+            self.partial[row] = largest
         result = 0.0
         for _ in range(1):
             for row in range(rows):
-                result = ti.max(result, ti.cast(self.partial[row], ti.f32))
+                result = ti.max(result, self.partial[row])
         return result
 
     @ti.kernel
