@@ -9,7 +9,7 @@ diffusion, Heun's method (SSP-RK2) with the last pressure's gradient, then one p
 
 from collections.abc import Callable
 from math import prod
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import taichi as ti
@@ -26,12 +26,26 @@ from taichi_plume.solvers.turbulence import MODELS
 HUGE = 1e6  # m/s: no flow of ours is as fast
 
 
+class Resistance(Protocol):
+    """What holds or drags the air inside the domain; implementations are `ti.data_oriented`."""
+
+    def advance(self, t: float, dt: float) -> None:
+        """Prepare the step from time t [s] to t + dt."""
+        ...
+
+    def apply(self, u: Any, dt: Any) -> None:
+        """ti.func: u = (u + dt r v)/(1 + dt r) on its faces, r its rate [1/s] and v its own velocity [m/s]."""
+        ...
+
+
 @ti.data_oriented
 class FlowSolver:
     """Air flow in a box with solid cells and openings; satisfies `fields.Wind`.
 
     Fields: u, face velocities [m/s], one per axis; p [m²/s²]; nu, viscosity with eddy viscosity [m²/s] or None;
     open, 1 on faces whose velocity is solved for, 0 on walls, in obstacles and where a velocity is prescribed.
+    To be completed before the first step: lift, cell fields with the acceleration [m/s²] that a unit of each gives the
+    air (buoyancy); resistances, what holds or drags it.
     """
 
     def __init__(self, wind: CfdWind, grid: Grid, solid: np.ndarray, seed: int = 0):
@@ -50,6 +64,8 @@ class FlowSolver:
         self.solver = pressure_solver(openness, grid)
         self.eddies = wind.turbulence.kind in MODELS
         self.nu: Any = grid.field() if self.eddies else None
+        self.lift: list[tuple[Any, tuple[float, ...]]] = []
+        self.resistances: list[Resistance] = []
         self.schmidt = 1.0 if wind.turbulence.kind == "none" else wind.turbulence.schmidt
         self._start = grid.faces_field()  # u at the begin of the step
         self._rate = grid.faces_field()
@@ -82,7 +98,7 @@ class FlowSolver:
         u, u0, rate, p, nu, phi = self.u, self._start, self._rate, self.p, self.nu, self._phi
         boundaries = self.boundaries
         dx, dim, viscosity, a = self.grid.dx, self.dim, self.viscosity, self.open
-        eddies = self.eddies
+        eddies, lift = self.eddies, self.lift
         g = wind.acceleration or (0.0,) * dim
 
         @ti.func
@@ -116,6 +132,10 @@ class FlowSolver:
                 total = -(p[I] - p[I - ti.Vector.unit(dim, d, ti.i32)])
                 if ti.static(g[d] != 0.0):
                     total += g[d] * dx
+                for n in ti.static(range(len(lift))):
+                    if ti.static(lift[n][1][d] != 0.0):
+                        below = I - ti.Vector.unit(dim, d, ti.i32)
+                        total += 0.5 * dx * lift[n][1][d] * (lift[n][0][I] + lift[n][0][below])
                 for e in ti.static(range(dim)):
                     for side in range(2):  # not unrolled by Taichi: half the compile time; LLVM unrolls it
                         total += (1 - 2 * side) * momentum_flux(
@@ -158,6 +178,11 @@ class FlowSolver:
             boundaries.fill_velocity(u)
 
         @ti.func
+        def resist(dt, k):
+            for one in ti.static(self.resistances):
+                one.apply(u, k * dt)
+
+        @ti.func
         def ambient_pressure(dt, k):
             if ti.static(boundaries.has_loss):
                 boundaries.update_losses(u, dt)
@@ -185,7 +210,7 @@ class FlowSolver:
         cells = prod(self.grid.shape)
         self._begin = launch(on_faces("remember", u0), ambient_pressure, *divergence, cells=cells)
         self._stage = launch(
-            *eddies_pass, on_faces("tendency", rate), on_faces("heun", u), *divergence, cells=cells
+            *eddies_pass, on_faces("tendency", rate), on_faces("heun", u), resist, *divergence, cells=cells
         )
         self._correct = launch(
             fill_phi,
@@ -213,6 +238,8 @@ class FlowSolver:
     def advance(self, t: float, dt: float) -> None:
         """One step of Heun's method and a projection."""
         self.boundaries.update(t + dt, dt)
+        for resistance in self.resistances:
+            resistance.advance(t, dt)
         self._begin(dt)
         self._stage(dt, 1.0)
         self._stage(dt, 0.5)
