@@ -1,0 +1,182 @@
+"""Convection and diffusion of a quantity of the air on the grid: what gas and heat share.
+
+    dq/dt + div(u q) = div((K + nu_t/Sc_t) grad q) + sources
+
+Finite volumes with the flow's own face velocities, so a well-mixed quantity stays well mixed; the Koren limiter and
+steps short enough that no cell gives away more than it holds make no new extrema. Every face's flux is seen alike from
+both sides.
+"""
+
+from collections.abc import Callable
+from math import ceil, prod
+from typing import Any
+
+import numpy as np
+import taichi as ti
+
+from taichi_plume.grid import Grid
+from taichi_plume.kernels import Template, launch, sweep
+from taichi_plume.solvers.convection import face_value
+
+FULLEST = (
+    0.49  # largest share of a cell's volume that flows out in one stage; 1/2 empties it at the steepest slope
+)
+
+
+@ti.data_oriented
+class Transport:
+    """A quantity q per volume of air that the wind carries and that diffuses.
+
+    wind: offers u, open (face fields), nu (viscosity with eddies, or None), viscosity, and the maxima max_viscosity
+    [m²/s] and outflow_rate (flow out of a cell over its volume [1/s]).
+    diffusivity [m²/s]: of still air; schmidt: eddy viscosity over eddy diffusivity.
+    add_sources: a pass (see `kernels.launch`) that adds to q what a step of length a brings.
+    """
+
+    def __init__(
+        self,
+        grid: Grid,
+        wind: Any,
+        diffusivity: float,
+        schmidt: float,
+        add_sources: Callable[[Any, Any], None],
+    ):
+        self.grid = grid
+        self.dim = grid.dim
+        self.wind = wind
+        self.diffusivity = diffusivity
+        self.schmidt = schmidt
+        self.q = grid.field()
+        self._outflow = ti.field(ti.f64)
+        apart = ti.FieldsBuilder()  # beside 32-bit fields Vulkan would misplace it
+        apart.place(self._outflow)
+        apart.finalize()
+        self._sides = [tuple(2 if a == d else n for a, n in enumerate(grid.shape)) for d in range(grid.dim)]
+        self._build(add_sources)
+
+    def _build(self, add_sources: Callable[[Any, Any], None]) -> None:
+        """The formulas of a step, each swept over the cells."""
+        q, q0, rate = self.q, self.grid.field(), self.grid.field()
+        u, a, nu, dx, dim = self.wind.u, self.wind.open, self.wind.nu, self.grid.dx, self.dim
+        diffusivity, viscosity, schmidt = self.diffusivity, self.wind.viscosity, self.schmidt
+        eddies = nu is not None
+
+        @ti.func
+        def face_flux(I, d: Template):
+            """Flux of q through the lower d-face of cell I: convection, and diffusion where it is open."""
+            D = ti.Vector.unit(dim, d, ti.i32)
+            K = diffusivity
+            if ti.static(eddies):
+                K += (0.5 * (nu[I] + nu[I - D]) - viscosity) / schmidt
+            v = u[d][I]
+            gradient = ti.select(a[d][I] > 0.0, (q[I] - q[I - D]) / dx, 0.0)
+            return v * face_value(q, I, D, v) - K * gradient
+
+        @ti.func
+        def tendency(I, dt, k):
+            total = 0.0
+            for d in ti.static(range(dim)):
+                total += face_flux(I, d) - face_flux(I + ti.Vector.unit(dim, d, ti.i32), d)
+            return total / dx
+
+        @ti.func
+        def remember(I, dt, k):
+            return q[I]
+
+        @ti.func
+        def heun(I, dt, k):  # k = 1 in the first stage, where q = q0, and 1/2 in the second
+            return q0[I] + k * ((q[I] - q0[I]) + dt * rate[I])
+
+        @ti.func
+        def fill_ghosts(dt, k):
+            self._fill_ghosts()
+
+        @ti.func
+        def count_outflow(dt, k):
+            self._count_outflow(0.5 * dt)  # Heun's method is the mean of two Euler steps
+
+        self.face_flux = face_flux
+        cells, count = self.grid.cells, prod(self.grid.shape)
+        self._begin = launch(add_sources, sweep([remember], [q0], cells), cells=count)
+        self._stage = launch(
+            fill_ghosts,
+            sweep([tendency], [rate], cells),
+            count_outflow,
+            sweep([heun], [q], cells),
+            cells=count,
+        )
+
+    def start_from(self, function: Callable[[np.ndarray], np.ndarray]) -> None:
+        """Set q from a function of points (..., dim) [m]."""
+        self.q.from_numpy(self.grid.pad(function(self.grid.centers()).astype(np.float32)))
+
+    # ---------------------------------------------------------------- the step
+
+    def steps(self, dt: float) -> int:
+        """Number of equal steps that make no new extremum within dt [s]: a limited face value is at most twice the
+        upwind cell's.
+        """
+        K = self.diffusivity + (self.wind.max_viscosity - self.wind.viscosity) / self.schmidt
+        longest = FULLEST / max(self.wind.outflow_rate + self.dim * K / self.grid.dx**2, 1e-30)
+        return max(1, ceil(dt / longest - 1e-9))
+
+    def step(self, dt: float) -> None:
+        """One step of Heun's method, no longer than `steps` allows."""
+        self._begin(dt)
+        self._stage(dt, 1.0)
+        self._stage(dt, 0.5)
+
+    @ti.func
+    def _fill_ghosts(self):
+        """Beyond an outflow q goes on unchanged; in air that flows in it is 0; periodic axes wrap round."""
+        for d in ti.static(range(self.dim)):
+            for J in ti.grouped(ti.ndrange(*self._sides[d])):
+                g = ti.static(self.grid.ghost)
+                n = ti.static(self.grid.shape[d])
+                D = ti.Vector.unit(self.dim, d, ti.i32)
+                outward = 2 * J[d] - 1
+                inner = J + g + D * J[d] * (n - 2)
+                for m in ti.static(range(1, g + 1)):
+                    if ti.static(self.grid.periodic[d]):
+                        self.q[inner + D * outward * m] = self.q[inner - D * outward * (n - m)]
+                    else:
+                        out = self.wind.u[d][inner + D * J[d]] * outward
+                        self.q[inner + D * outward * m] = ti.select(out >= 0.0, self.q[inner], 0.0)
+
+    @ti.func
+    def _count_outflow(self, dt: float):
+        """Add what leaves through the domain's faces in dt."""
+        for d in ti.static([a for a in range(self.dim) if not self.grid.periodic[a]]):
+            for J in ti.grouped(ti.ndrange(*self._sides[d])):
+                D = ti.Vector.unit(self.dim, d, ti.i32)
+                face = J + ti.static(self.grid.ghost) + D * J[d] * (ti.static(self.grid.shape[d]) - 1)
+                flux = self.face_flux(face, d) * (2 * J[d] - 1)
+                area = ti.static(self.grid.cell_volume / self.grid.dx)
+                self._outflow[None] += ti.cast(flux * area * dt, ti.f64)
+
+    # ---------------------------------------------------------------- what is known about q
+
+    @ti.kernel
+    def _sum(self) -> ti.f64:
+        total = ti.cast(0.0, ti.f64)
+        for J in ti.grouped(ti.ndrange(*self.grid.shape)):
+            total += ti.cast(self.q[J + ti.static(self.grid.ghost)], ti.f64)
+        return total
+
+    @ti.kernel
+    def least(self) -> ti.f32:
+        """Smallest q."""
+        result = 1e30
+        for J in ti.grouped(ti.ndrange(*self.grid.shape)):
+            ti.atomic_min(result, self.q[J + ti.static(self.grid.ghost)])
+        return result
+
+    def inside(self) -> float:
+        """q summed over the domain's volume."""
+        total: Any = self._sum()
+        return total * self.grid.cell_volume
+
+    def outflow(self) -> float:
+        """What has left through the domain's faces so far."""
+        gone: Any = self._outflow[None]
+        return gone
