@@ -14,6 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 import taichi as ti
 
+from taichi_plume.cut_cells import Air
 from taichi_plume.fields import corner, corner_weight
 from taichi_plume.grid import Grid
 from taichi_plume.kernels import Template, launch, sweep
@@ -21,6 +22,7 @@ from taichi_plume.scenario import CfdWind
 from taichi_plume.solvers.boundaries import Boundaries
 from taichi_plume.solvers.convection import face_value
 from taichi_plume.solvers.pressure import pressure_solver
+from taichi_plume.solvers.surfaces import Surfaces
 from taichi_plume.solvers.turbulence import MODELS
 
 HUGE = 1e6  # m/s: no flow of ours is as fast
@@ -38,35 +40,47 @@ class Resistance(Protocol):
         ...
 
 
+def _set(fields: tuple[Any, ...], values: list[np.ndarray]) -> None:
+    for field, array in zip(fields, values, strict=True):
+        field.from_numpy(array.astype(np.float32))
+
+
 @ti.data_oriented
 class FlowSolver:
     """Air flow in a box with solid cells and openings; satisfies `fields.Wind`.
 
     Fields: u, face velocities [m/s], one per axis; p [m²/s²]; nu, viscosity with eddy viscosity [m²/s] or None;
-    open, 1 on faces whose velocity is solved for, 0 on walls, in obstacles and where a velocity is prescribed.
+    area, the share of each face that is air, or None where no obstacle is; open, how freely the pressure moves the air
+    of a face: 1 in the open, less where an obstacle cuts it, 0 on walls and where a velocity is prescribed.
     To be completed before the first step: lift, cell fields with the acceleration [m/s²] that a unit of each gives the
     air (buoyancy); resistances, what holds or drags it.
     """
 
-    def __init__(self, wind: CfdWind, grid: Grid, solid: np.ndarray, seed: int = 0):
+    def __init__(self, wind: CfdWind, grid: Grid, air: Air, seed: int = 0):
         self.grid = grid
         self.dim = grid.dim
         self.courant = wind.courant
         self.tolerance = wind.tolerance
         self.viscosity = wind.viscosity
-        self.boundaries = Boundaries(wind.openings, grid, solid, seed)
+        self.boundaries = Boundaries(wind.openings, grid, air.solid, seed)
         self.u = grid.faces_field()
         self.p = grid.field()
+        area = [grid.pad_faces(faces, d) for d, faces in enumerate(air.area)]
         self.open = grid.faces_field()
-        openness = self._openness(solid)
-        for field, values in zip(self.open, openness, strict=True):
-            field.from_numpy(values)
-        self.solver = pressure_solver(openness, grid)
+        openness = self._openness(area)
+        _set(self.open, openness)
+        self.area: Any = None
+        if not air.empty:
+            self.area = grid.faces_field()
+            _set(self.area, area)
+        self.solver = pressure_solver(tuple(a * o for a, o in zip(area, openness, strict=True)), grid)
         self.eddies = wind.turbulence.kind in MODELS
         self.nu: Any = grid.field() if self.eddies else None
         self.lift: list[tuple[Any, tuple[float, ...]]] = []
         self.resistances: list[Resistance] = []
         self.schmidt = 1.0 if wind.turbulence.kind == "none" else wind.turbulence.schmidt
+        if self.area is not None:
+            self._surfaces = Surfaces(self, air, area, openness)
         self._start = grid.faces_field()  # u at the begin of the step
         self._rate = grid.faces_field()
         self._divergence = grid.field()
@@ -78,20 +92,35 @@ class FlowSolver:
         self.max_courant = 0.0
         self.start_from(np.zeros_like)  # from rest: the potential flow that the openings force
 
-    def _openness(self, solid: np.ndarray) -> tuple[np.ndarray, ...]:
-        """1 on faces between two cells of air and on free faces of the domain, on the padded grid."""
-        air = self.grid.pad(~solid)
-        g = self.grid.ghost
+    def _widest(self, area: list[np.ndarray]) -> list[np.ndarray]:
+        """The widest passage of the volume around each face, which counts as the volume that stores its momentum.
+
+        However little of a volume is air, it then does not shorten the step; what is steady does not depend on it.
+        """
         result = []
         for d in range(self.dim):
-            faces = (air & np.roll(air, 1, axis=d)).astype(np.float32)
+            widest = area[d].copy()
+            for e in range(self.dim):
+                low = 0.5 * (area[e] + np.roll(area[e], 1, axis=d))
+                widest = np.maximum(widest, np.maximum(low, np.roll(low, -1, axis=e)))
+            result.append(np.maximum(widest, 1e-6))
+        return result
+
+    def _openness(self, area: list[np.ndarray]) -> list[np.ndarray]:
+        """Area over stored volume, 0 where the velocity is not solved for; padded."""
+        g = self.grid.ghost
+        result = []
+        for d, widest in enumerate(self._widest(area)):
+            faces = area[d] / widest
             if not self.grid.periodic[d]:
                 free = self.boundaries.free[d].to_numpy()
                 along = np.moveaxis(faces, d, 0)
-                along[g] *= np.take(free, 0, axis=d)
-                along[g + self.grid.shape[d]] *= np.take(free, 1, axis=d)
+                along[g] = (along[g] > 0.0) * np.take(free, 0, axis=d)
+                along[g + self.grid.shape[d]] = (along[g + self.grid.shape[d]] > 0.0) * np.take(
+                    free, 1, axis=d
+                )
             result.append(faces)
-        return tuple(result)
+        return result
 
     def _build(self, wind: CfdWind) -> None:
         """The formulas of a step, each swept over its cells or faces."""
@@ -99,6 +128,7 @@ class FlowSolver:
         boundaries = self.boundaries
         dx, dim, viscosity, a = self.grid.dx, self.dim, self.viscosity, self.open
         eddies, lift = self.eddies, self.lift
+        area, cut = self.area, self.area is not None
         g = wind.acceleration or (0.0,) * dim
 
         @ti.func
@@ -118,30 +148,50 @@ class FlowSolver:
             D, E = ti.Vector.unit(dim, d, ti.i32), ti.Vector.unit(dim, e, ti.i32)
             v = 0.5 * (u[e][I] + u[e][I - D])
             du_dx = (u[d][I] - u[d][I - E]) / dx
-            if ti.static(d != e):  # beside an obstacle the wall, where u_d = 0, is half a cell away
-                du_dx *= ti.select(ti.min(a[d][I], a[d][I - E]) > 0.0, 1.0, 2.0)
             if ti.static(eddies):  # of a constant viscosity div u = 0 leaves only the first part
                 du_dx += (u[e][I] - u[e][I - D]) / dx
+            if ti.static(cut):
+                v = 0.5 * (area[e][I] * u[e][I] + area[e][I - D] * u[e][I - D])
+                du_dx *= 0.5 * (area[e][I] + area[e][I - D])
+                if ti.static(d != e):  # the middles of what is open of the two faces lie closer than dx
+                    low, high = area[d][I - E], area[d][I]
+                    less, more = ti.min(low, high), ti.max(low, high)
+                    du_dx *= ti.select(less > 0.0, 2.0 * more / (less + more), 0.0)
             return v * face_value(u[d], I, E, v) - edge_viscosity(I, D, E, d == e) * du_dx
 
         def of_axis(d: int) -> dict[str, Any]:
             """The formulas of the velocity component along axis d."""
 
             @ti.func
-            def tendency(I, dt, k):
-                total = -(p[I] - p[I - ti.Vector.unit(dim, d, ti.i32)])
-                if ti.static(g[d] != 0.0):
-                    total += g[d] * dx
-                for n in ti.static(range(len(lift))):
-                    if ti.static(lift[n][1][d] != 0.0):
-                        below = I - ti.Vector.unit(dim, d, ti.i32)
-                        total += 0.5 * dx * lift[n][1][d] * (lift[n][0][I] + lift[n][0][below])
+            def inflow(I):
+                """Net flux of u_d [m²/s²] into the volume around face I."""
+                total = 0.0
                 for e in ti.static(range(dim)):
                     for side in range(2):  # not unrolled by Taichi: half the compile time; LLVM unrolls it
                         total += (1 - 2 * side) * momentum_flux(
                             I + side * ti.Vector.unit(dim, e, ti.i32), d, e
                         )
-                return ti.select(a[d][I] > 0.0, total / dx, 0.0)
+                return total
+
+            @ti.func
+            def tendency(I, dt, k):
+                below = I - ti.Vector.unit(dim, d, ti.i32)
+                push = -(p[I] - p[below])
+                if ti.static(g[d] != 0.0):
+                    push += g[d] * dx
+                for n in ti.static(range(len(lift))):
+                    if ti.static(lift[n][1][d] != 0.0):
+                        push += 0.5 * dx * lift[n][1][d] * (lift[n][0][I] + lift[n][0][below])
+                stored = 1.0  # volume in cells
+                if ti.static(cut):
+                    stored = area[d][I] / ti.max(a[d][I], 1e-6)
+                result = (a[d][I] * push + inflow(I) / ti.max(stored, 1e-3)) / dx
+                return ti.select(a[d][I] > 0.0, result, 0.0)
+
+            @ti.func
+            def loss(I, dt, k):
+                """Momentum [m/s² of a whole cell] that flows on to faces that obstacles close."""
+                return ti.select(a[d][I] > 0.0, 0.0, inflow(I) / dx)
 
             @ti.func
             def remember(I, dt, k):
@@ -154,7 +204,7 @@ class FlowSolver:
             @ti.func
             def correct(I, dt, k):
                 below = I - ti.Vector.unit(dim, d, ti.i32)
-                return u[d][I] - ti.select(a[d][I] > 0.0, phi[I] - phi[below], 0.0)
+                return u[d][I] - a[d][I] * (phi[I] - phi[below])
 
             return locals()
 
@@ -166,7 +216,11 @@ class FlowSolver:
         def net_inflow(I, dt, k):
             total = 0.0
             for d in ti.static(range(dim)):
-                total += u[d][I] - u[d][I + ti.Vector.unit(dim, d, ti.i32)]
+                above = I + ti.Vector.unit(dim, d, ti.i32)
+                if ti.static(cut):
+                    total += area[d][I] * u[d][I] - area[d][above] * u[d][above]
+                else:
+                    total += u[d][I] - u[d][above]
             return total
 
         @ti.func
@@ -176,6 +230,15 @@ class FlowSolver:
         @ti.func
         def fill_velocity(dt, k):
             boundaries.fill_velocity(u)
+
+        @ti.func
+        def slow(dt, k):
+            if ti.static(cut):
+                self._surfaces.slow(rate, dt)
+
+        @ti.func
+        def add_loss(dt, k):
+            self._surfaces.add_loss(rate)
 
         @ti.func
         def resist(dt, k):
@@ -210,7 +273,13 @@ class FlowSolver:
         cells = prod(self.grid.shape)
         self._begin = launch(on_faces("remember", u0), ambient_pressure, *divergence, cells=cells)
         self._stage = launch(
-            *eddies_pass, on_faces("tendency", rate), on_faces("heun", u), resist, *divergence, cells=cells
+            *eddies_pass,
+            on_faces("tendency", rate),
+            slow,
+            on_faces("heun", u),
+            resist,
+            *divergence,
+            cells=cells,
         )
         self._correct = launch(
             fill_phi,
@@ -220,6 +289,9 @@ class FlowSolver:
             measure,
             cells=cells,
         )
+
+        if cut:
+            self._lose = launch(on_faces("loss", rate), add_loss, cells=cells)
 
     def start_from(self, velocity: Callable[[np.ndarray], np.ndarray]) -> None:
         """Set u from a function of points (..., dim) [m] to velocities [m/s], made divergence-free; p starts at 0."""
@@ -305,12 +377,19 @@ class FlowSolver:
     def diagnostics(self) -> dict[str, float]:
         """max_divergence (over the largest |u|/dx), max_courant (of all steps so far), max_speed [m/s]."""
         u = [field.to_numpy().astype(np.float64) for field in self.u]
+        if self.area is not None:
+            u = [v * area.to_numpy() for v, area in zip(u, self.area, strict=True)]
         net = sum(self.grid.inner(v - np.roll(v, -1, axis=d)) for d, v in enumerate(u))
         return {
             "max_divergence": float(np.abs(net).max() / max(self.max_speed, 1e-9)),
             "max_courant": self.max_courant,
             "max_speed": self.max_speed,
         }
+
+    def momentum_loss(self) -> list[np.ndarray]:
+        """What obstacles take from the air except by pressure, per axis on the lower faces of the cells [m/s²]."""
+        self._lose()
+        return [self.grid.read(field) for field in self._rate]
 
     # ---------------------------------------------------------------- sampling
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
+from taichi_plume.cut_cells import Air
 from taichi_plume.fields import corner, corner_weight
 from taichi_plume.grid import Grid
 from taichi_plume.kernels import Template
@@ -58,24 +59,23 @@ class EulerianSolver:
     Field c: concentration [kg/m³].
     """
 
-    def __init__(
-        self, gas: EulerianGas, grid: Grid, wind: Any, solid: np.ndarray, begin: float = 0.0, seed: int = 0
-    ):
+    def __init__(self, gas: EulerianGas, grid: Grid, wind: Any, air: Air, begin: float = 0.0, seed: int = 0):
         self.grid = grid
         self.dim = grid.dim
         self.species = species_of(gas)
         self.ppm_per_density = self.species.ppm_per_density
         self.air = grid.field()
-        self.air.from_numpy(grid.pad((~solid).astype(np.float32)))
+        self.air.from_numpy(grid.pad((~air.solid).astype(np.float32)))
         self.emitted_kg = 0.0
         self.emissions = [Emission(s, begin, seed, f"source {n}") for n, s in enumerate(gas.sources)]
-        self.release = Release("sources", gas.sources, grid, solid)
+        room = np.where(air.solid, 0.0, 1.0) if wind.area is None else air.room
+        self.release = Release("sources", gas.sources, grid, room)
 
         @ti.func
         def add_sources(dt, k):
             self.release.add_to(self.c)
 
-        self.transport = Transport(grid, wind, self.species.diffusivity, wind.schmidt, add_sources)
+        self.transport = Transport(grid, wind, air, self.species.diffusivity, wind.schmidt, add_sources)
         self.c = self.transport.q
 
     def start_from(self, concentration: Callable[[np.ndarray], np.ndarray]) -> None:

@@ -16,15 +16,18 @@ SAMPLES = 4  # per axis and cell, to measure how much of a cell a ball covers
 class Release:
     """Some balls on the grid. What each releases next is set by `amounts`; `add_to` gives it to the cells."""
 
-    def __init__(self, name: str, balls: Sequence[Source], grid: Grid, solid: np.ndarray):
-        """name: of the balls in messages. Raises ValueError for a ball that covers no air."""
+    def __init__(self, name: str, balls: Sequence[Source], grid: Grid, room: np.ndarray):
+        """name: of the balls in messages; room: share of each cell that stores, of grid.shape.
+
+        Raises ValueError for a ball that covers no air.
+        """
         self.grid = grid
         self._amounts: list[float] = []
         cells, shares, owner = [], [], []
         for n, ball in enumerate(balls):
-            where, share = self._cells_of(f"{name}[{n}]", ball, solid)
+            where, share = self._cells_of(f"{name}[{n}]", ball, room)
             cells.append(where + grid.ghost)
-            shares.append(share)
+            shares.append(share / room[tuple(where.T)])
             owner.append(np.full(len(where), n))
         count = sum(len(c) for c in cells)
         self._cell = ti.Vector.field(grid.dim, ti.i32, count)
@@ -35,7 +38,7 @@ class Release:
         self._share.from_numpy(np.concatenate(shares).astype(np.float32))
         self._owner.from_numpy(np.concatenate(owner).astype(np.int32))
 
-    def _cells_of(self, path: str, ball: Source, solid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _cells_of(self, path: str, ball: Source, room: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Cells of a ball, shape (n, dim), and the share of its release that each receives."""
         dx = self.grid.dx
         sub = (np.arange(SAMPLES) + 0.5) / SAMPLES
@@ -46,9 +49,9 @@ class Release:
         squares = [(axis - c) ** 2 for axis, c in zip(axes, center, strict=True)]
         inside = sum(np.ix_(*squares), start=np.zeros(())) <= ball.radius**2
         block = tuple(slice(a, b) for a, b in zip(first, last, strict=True))
-        share = block_mean(inside, SAMPLES) * ~solid[block]
+        share = block_mean(inside, SAMPLES) * room[block]
         home = np.minimum((center / dx).astype(int), np.array(self.grid.shape) - 1)
-        if not share.any() and not solid[tuple(home)]:  # smaller than a cell's samples
+        if not share.any() and room[tuple(home)] > 0:  # smaller than a cell's samples
             share[tuple(home - first)] = 1.0
         if not share.any():
             raise ValueError(
@@ -69,5 +72,5 @@ class Release:
         """Raise q, an amount per volume, in the balls' cells."""
         for _ in range(1):  # balls may share cells
             for n in range(self._owner.shape[0]):
-                amount = self._amount[self._owner[n]] * self._share[n]
+                amount = self._amount[self._owner[n]] * self._share[n]  # over the cell's room
                 q[self._cell[n]] += amount / ti.static(self.grid.cell_volume)

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
+from taichi_plume.cut_cells import Air
 from taichi_plume.grid import Grid
 from taichi_plume.kernels import Template, launch, sweep
 from taichi_plume.solvers.convection import face_value
@@ -27,8 +28,8 @@ FULLEST = (
 class Transport:
     """A quantity q per volume of air that the wind carries and that diffuses.
 
-    wind: offers u, open (face fields), nu (viscosity with eddies, or None), viscosity, and the maxima max_viscosity
-    [m²/s] and outflow_rate (flow out of a cell over its volume [1/s]).
+    wind: offers u, open, area (face fields; area None where no obstacle is), nu (viscosity with eddies, or None),
+    viscosity, and the maxima max_viscosity [m²/s] and outflow_rate (flow out of a cell over its volume [1/s]).
     diffusivity [m²/s]: of still air; schmidt: eddy viscosity over eddy diffusivity.
     add_sources: a pass (see `kernels.launch`) that adds to q what a step of length a brings.
     """
@@ -37,6 +38,7 @@ class Transport:
         self,
         grid: Grid,
         wind: Any,
+        air: Air,
         diffusivity: float,
         schmidt: float,
         add_sources: Callable[[Any, Any], None],
@@ -47,6 +49,11 @@ class Transport:
         self.diffusivity = diffusivity
         self.schmidt = schmidt
         self.q = grid.field()
+        self.room: Any = None  # share of each cell's volume that stores q
+        self.cut = wind.area is not None
+        if self.cut:
+            self.room = grid.field()
+            self.room.from_numpy(grid.pad(air.room.astype(np.float32)))
         self._outflow = ti.field(ti.f64)
         apart = ti.FieldsBuilder()  # beside 32-bit fields Vulkan would misplace it
         apart.place(self._outflow)
@@ -58,6 +65,7 @@ class Transport:
         """The formulas of a step, each swept over the cells."""
         q, q0, rate = self.q, self.grid.field(), self.grid.field()
         u, a, nu, dx, dim = self.wind.u, self.wind.open, self.wind.nu, self.grid.dx, self.dim
+        area, room, cut = self.wind.area, self.room, self.cut
         diffusivity, viscosity, schmidt = self.diffusivity, self.wind.viscosity, self.schmidt
         eddies = nu is not None
 
@@ -70,13 +78,18 @@ class Transport:
                 K += (0.5 * (nu[I] + nu[I - D]) - viscosity) / schmidt
             v = u[d][I]
             gradient = ti.select(a[d][I] > 0.0, (q[I] - q[I - D]) / dx, 0.0)
-            return v * face_value(q, I, D, v) - K * gradient
+            flux = v * face_value(q, I, D, v) - K * gradient
+            if ti.static(cut):
+                flux *= area[d][I]
+            return flux
 
         @ti.func
         def tendency(I, dt, k):
             total = 0.0
             for d in ti.static(range(dim)):
                 total += face_flux(I, d) - face_flux(I + ti.Vector.unit(dim, d, ti.i32), d)
+            if ti.static(cut):
+                total /= ti.max(room[I], 1e-3)
             return total / dx
 
         @ti.func
@@ -160,7 +173,11 @@ class Transport:
     def _sum(self) -> ti.f64:
         total = ti.cast(0.0, ti.f64)
         for J in ti.grouped(ti.ndrange(*self.grid.shape)):
-            total += ti.cast(self.q[J + ti.static(self.grid.ghost)], ti.f64)
+            I = J + ti.static(self.grid.ghost)
+            stored = self.q[I]
+            if ti.static(self.cut):
+                stored *= self.room[I]
+            total += ti.cast(stored, ti.f64)
         return total
 
     @ti.kernel

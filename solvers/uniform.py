@@ -12,6 +12,7 @@ class UniformSolver:
     """A wind that does not change; satisfies `fields.Wind` and carries gas on the grid like a flow solver."""
 
     nu = None  # no eddies
+    area = None  # through obstacles
     viscosity = max_viscosity = 0.0
     schmidt = 1.0
 

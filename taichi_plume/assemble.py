@@ -8,8 +8,9 @@ from taichi_plume.agents.mapping import InverseDistanceMap, TimeSeriesMap
 from taichi_plume.agents.placement import place, placed
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.team import Team
+from taichi_plume.cut_cells import air_of
 from taichi_plume.fields import Wind
-from taichi_plume.geometry import ClearanceMap, air_regions, shapes, solid_cells
+from taichi_plume.geometry import ClearanceMap, air_regions, shapes
 from taichi_plume.grid import Grid
 from taichi_plume.loading import ScenarioError
 from taichi_plume.rng import generator
@@ -32,12 +33,12 @@ def assemble(scenario: Scenario, folder: Path = Path()) -> Simulation:
     wind_model = scenario.wind
     openings = wind_model.openings if isinstance(wind_model, CfdWind) else ()
     grid = Grid.of(scenario.domain, periodic_axes(openings, scenario.domain.dim))
-    solid = solid_cells(obstacles, grid, opening_cells(openings, grid))
+    air = air_of(obstacles, grid, opening_cells(openings, grid))
     begin = scenario.first_tick * scenario.tick
     wind: Wind
     if isinstance(wind_model, CfdWind):
-        wind = FlowSolver(wind_model, grid, solid, scenario.seed)
-        trapped = wind.boundaries.trapped(air_regions(solid, grid.periodic))
+        wind = FlowSolver(wind_model, grid, air, scenario.seed)
+        trapped = wind.boundaries.trapped(air_regions(air.solid, grid.periodic))
         if trapped:
             raise ScenarioError(
                 [
@@ -49,7 +50,7 @@ def assemble(scenario: Scenario, folder: Path = Path()) -> Simulation:
     else:
         wind = UniformSolver(wind_model, grid)
     try:
-        gas = EulerianSolver(scenario.gas, grid, wind, solid, begin, scenario.seed)
+        gas = EulerianSolver(scenario.gas, grid, wind, air, begin, scenario.seed)
     except ValueError as error:
         raise ScenarioError([f"gas.{error}"]) from None
     swarm = _swarm(scenario, obstacles, grid)

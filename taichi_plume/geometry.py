@@ -20,7 +20,6 @@ from scipy.sparse.csgraph import connected_components
 
 from taichi_plume import scenario as vocabulary
 from taichi_plume.fields import corner
-from taichi_plume.grid import Grid
 
 TIE = 1e-4  # cells: a cell centre this close to a surface counts as outside, whatever the rounding
 CLEARANCE_STEP = 0.01  # m, the finest grid of a clearance map
@@ -244,32 +243,6 @@ def shape(obstacle: vocabulary.Obstacle, domain: vocabulary.Domain, folder: Path
 def shapes(scenario: vocabulary.Scenario, folder: Path) -> list[Shape]:
     """The shapes of a scenario's obstacles, in their order; mesh files lie in `folder`. Raises MeshError."""
     return [shape(obstacle, scenario.domain, folder) for obstacle in scenario.obstacles]
-
-
-def solid_cells(shapes: list[Shape], grid: Grid, open_cells: np.ndarray | None = None) -> np.ndarray:
-    """Which cells are solid, bool of grid.shape: those with their centre in a shape, and sealed-off air.
-
-    open_cells: bool of grid.shape, cells at an opening; unless given, all cells at the domain's faces. Air
-    is kept where it is the largest connected part or reaches an open cell.
-    """
-    solid = np.zeros(grid.shape, bool)
-    for one in shapes:
-        first = np.clip(np.floor(one.low / grid.dx), 0, grid.shape).astype(int)
-        last = np.clip(np.ceil(one.high / grid.dx), 0, grid.shape).astype(int)
-        block = tuple(slice(a, b) for a, b in zip(first, last, strict=True))
-        axes = [(np.arange(a, b) + 0.5) * grid.dx for a, b in zip(first, last, strict=True)]
-        centers = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-        if centers.size:
-            solid[block] |= one.inside(centers, TIE * grid.dx)
-    regions = air_regions(solid, grid.periodic)
-    if regions.max() > 1:
-        reached = np.zeros(grid.shape, bool) if open_cells is None else open_cells
-        if open_cells is None:
-            for axis in range(grid.dim):
-                np.moveaxis(reached, axis, 0)[[0, -1]] = True
-        kept = np.union1d(regions[reached], 1 + np.bincount(regions.ravel())[1:].argmax())
-        solid |= ~np.isin(regions, kept)
-    return solid
 
 
 def air_regions(solid: np.ndarray, periodic: tuple[bool, ...]) -> np.ndarray:

@@ -26,9 +26,12 @@ def _write(field: Template, ghost: Template, values: ti.types.ndarray()):
         field[ti.Vector([J[J.n - 1 - d] + ghost for d in ti.static(range(J.n))])] = values[J]
 
 
-def block_mean(values: np.ndarray, n: int) -> np.ndarray:
-    """Mean over blocks of n entries per axis; every length is a multiple of n."""
-    split = values.reshape([m for length in values.shape for m in (length // n, n)])
+def block_mean(values: np.ndarray, n: int | tuple[int, ...]) -> np.ndarray:
+    """Mean over blocks of n entries (per axis, or the same for all), of which every length is a multiple."""
+    blocks = (n,) * values.ndim if isinstance(n, int) else n
+    split = values.reshape(
+        [m for length, b in zip(values.shape, blocks, strict=True) for m in (length // b, b)]
+    )
     return split.mean(axis=tuple(range(1, split.ndim, 2)))
 
 
@@ -99,6 +102,16 @@ class Grid:
             width = [(self.ghost, self.ghost) if a == axis else (0, 0) for a in range(self.dim)]
             inner = np.pad(inner, width, mode="wrap" if wrap else "edge")
         return inner
+
+    def pad_faces(self, faces: np.ndarray, d: int) -> np.ndarray:
+        """Face values of axis d, one more than cells along it, on the padded grid; ghost layers as of `pad`."""
+        if self.periodic[d]:
+            return self.pad(np.delete(faces, -1, axis=d))  # the last face is the first one again
+        for axis, wrap in enumerate(self.periodic):
+            width = [(0, 0)] * self.dim
+            width[axis] = (self.ghost, self.ghost - (axis == d))
+            faces = np.pad(faces, width, mode="wrap" if wrap else "edge")
+        return faces
 
     def read(self, field: Any) -> np.ndarray:
         """The inner values of a padded field, shape `shape`, axis 0 contiguous; much faster than `to_numpy`."""

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 GAS_CONSTANT = 8.314462618  # J/(mol K), CODATA 2018
 TEMPERATURE = 298.15  # K: the reference state of every ppm in the simulator
 PRESSURE = 101325.0  # Pa
+AIR_MOLAR_MASS = 28.965e-3  # kg/mol, dry
+AIR_DENSITY = PRESSURE * AIR_MOLAR_MASS / (GAS_CONSTANT * TEMPERATURE)  # kg/m³
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from taichi_plume.cut_cells import Air
 from taichi_plume.fields import concentration_at, velocity_at
 from taichi_plume.grid import Grid
 from taichi_plume.scenario import CfdWind, EulerianGas, UniformWind
@@ -20,13 +21,15 @@ def test_sampling_is_exact_for_linear_fields(dim):
     model = EulerianGas.model_validate(
         {"kind": "eulerian", "sources": [{"position": (0.5,) * dim, "rate": 0.0}]}
     )
-    gas = EulerianSolver(model, grid, wind, np.zeros(shape, bool))
+    gas = EulerianSolver(model, grid, wind, Air.of(np.zeros(shape, bool), grid))
     gas.start_from(lambda x: 2.0 + x @ slopes)
     np.testing.assert_allclose(concentration_at(gas, points, 0.0), 2.0 + points @ slopes, rtol=1e-5)
     np.testing.assert_allclose(velocity_at(wind, points, 0.0), 0.2, rtol=1e-6)
 
     faces = tuple({"kind": "outlet", "face": axis + side} for axis in "xyz"[:dim] for side in "-+")
-    flow = FlowSolver(CfdWind.model_validate({"kind": "cfd", "openings": faces}), grid, np.zeros(shape, bool))
+    flow = FlowSolver(
+        CfdWind.model_validate({"kind": "cfd", "openings": faces}), grid, Air.of(np.zeros(shape, bool), grid)
+    )
     gradient = np.diag([1.0, -1.0, 0.0][:dim]) + 0.5 * np.eye(dim, k=1)  # free of divergence
 
     def linear(x: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ import pytest
 import taichi as ti
 
 from taichi_plume import geometry
-from taichi_plume.geometry import ClearanceMap, MeshError, Solid, shape, solid_cells
+from taichi_plume.geometry import ClearanceMap, MeshError, Solid, shape
 from taichi_plume.grid import Grid
 from taichi_plume.kernels import Template
 from taichi_plume.scenario import (
@@ -119,63 +119,6 @@ def test_shadow_is_what_a_low_robot_can_touch():
     cylinder = shape(SHAPES["cylinder"], ROOM, Path())  # from 0.2 m up
     assert cylinder.horizontal_distance(at, 0.0, 0.2) == inf
     assert cylinder.horizontal_distance(at, 0.0, 0.3) == pytest.approx(np.hypot(1.2, 0.3) - 0.5)
-
-
-# ---------------------------------------------------------------- cells
-
-
-def test_solid_cells_have_their_centre_inside():
-    grid = Grid.of(Domain(size=(4.0, 3.0, 1.0), spacing=0.05))
-    for name, obstacle in SHAPES.items():
-        solid = solid_cells([shape(obstacle, ROOM, Path())], grid)
-        np.testing.assert_array_equal(solid, is_inside(name, grid.centers()))
-
-
-def test_faces_on_cell_centres_count_as_outside_on_both_sides():
-    grid = Grid((20, 20), 0.1)
-    box = Box(kind="box", center=(1.05, 1.05), size=(0.4, 0.4))  # faces at 0.85 and 1.25: cell centres
-    solid = solid_cells([shape(box, Domain(size=(2.0, 2.0), spacing=0.1), Path())], grid)
-    assert solid.sum() == 9
-    assert solid[9:12, 9:12].all()
-
-
-def ring(n=30):
-    """A square ring of wall around a closed room, as four boxes, in a floor of n x n cells."""
-    domain = Domain(size=(3.0, 3.0), spacing=3.0 / n)
-    sides = [
-        ((1.5, 0.9), (1.4, 0.2)),
-        ((1.5, 2.1), (1.4, 0.2)),
-        ((0.9, 1.5), (0.2, 1.4)),
-        ((2.1, 1.5), (0.2, 1.4)),
-    ]
-    boxes = [Box(kind="box", center=c, size=s) for c, s in sides]
-    return [shape(box, domain, Path()) for box in boxes], Grid.of(domain)
-
-
-def test_sealed_air_becomes_solid():
-    walls, grid = ring()
-    solid = solid_cells(walls, grid)
-    assert solid.sum() == 14 * 14
-    assert not solid[0, 0]
-    assert solid[15, 15]
-
-
-def test_sealed_air_stays_where_it_has_an_opening_or_is_the_larger_part():
-    walls, grid = ring()
-    opening = np.zeros(grid.shape, bool)
-    opening[15, 15] = True
-    assert not solid_cells(walls, grid, opening)[15, 15]
-    divider = [
-        shape(
-            Box(kind="box", center=(1.05, 1.5), size=(0.1, 3.0)), Domain(size=(3.0, 3.0), spacing=0.1), Path()
-        )
-    ]
-    nowhere = np.zeros(grid.shape, bool)
-    solid = solid_cells(divider, grid, nowhere)
-    assert solid[:11].all()  # the smaller room, and the divider
-    assert not solid[11:].any()
-    around = Grid(grid.shape, grid.dx, periodic=(True, False))
-    assert solid_cells(divider, around, nowhere).sum() == 30
 
 
 # ---------------------------------------------------------------- clearance
@@ -309,8 +252,8 @@ def test_mesh_box_is_the_box(tmp_path):
         mine = one.horizontal_distance(p[:, :2], 0.0, height)
         assert ((mine < 0) == (away < 0)).all()
         np.testing.assert_allclose(mine[away > 0], away[away > 0], atol=1e-5)
-    grid = Grid.of(Domain(size=(4.0, 3.0, 1.0), spacing=0.05))
-    np.testing.assert_array_equal(solid_cells([one], grid), is_inside("box", grid.centers()))
+    c = Grid.of(Domain(size=(4.0, 3.0, 1.0), spacing=0.05)).centers()
+    np.testing.assert_array_equal(one.inside(c), is_inside("box", c))
 
 
 def test_mesh_section_is_a_2d_shape(tmp_path):
@@ -337,8 +280,8 @@ def test_mesh_torus_in_3d(tmp_path):
     p = random_points(5000)
     exact = np.hypot(np.hypot(p[:, 0] - 2.0, p[:, 1] - 1.5) - 0.6, p[:, 2] - 0.3) - 0.2
     np.testing.assert_allclose(one.signed_distance(p), exact, atol=0.003)
-    grid = Grid.of(Domain(size=(4.0, 3.0, 1.0), spacing=0.05))
-    volume = solid_cells([one], grid).sum() * 0.05**3
+    c = Grid.of(Domain(size=(4.0, 3.0, 1.0), spacing=0.05)).centers()
+    volume = one.inside(c).sum() * 0.05**3
     assert volume == pytest.approx(2 * pi**2 * 0.6 * 0.2**2, rel=0.03)
     # a robot 0.2 m high meets the lower part alone: its shadow is narrower than the torus seen from above
     truth = abs(np.hypot(p[:, 0] - 2.0, p[:, 1] - 1.5) - 0.6) - sqrt(0.2**2 - 0.1**2)
@@ -356,13 +299,7 @@ def test_overlapping_bodies_of_a_mesh_are_united(tmp_path):
     expected = np.zeros(grid.shape, bool)
     for low, high in bodies:
         expected |= ((c > low) & (c < high)).all(axis=-1)
-    np.testing.assert_array_equal(solid_cells([one], grid), expected)
-
-
-def test_mesh_faces_on_cell_centres_count_as_outside(tmp_path):
-    file = write_stl(tmp_path / "box.stl", box_triangles((1.05, 1.05, 0.15), (2.05, 2.05, 0.65)))
-    solid = solid_cells([shape(Mesh(kind="mesh", file=file), ROOM, tmp_path)], Grid.of(ROOM))
-    assert solid.sum() == 9 * 9 * 4
+    np.testing.assert_array_equal(one.inside(c), expected)
 
 
 def test_faulty_meshes_are_told(tmp_path):

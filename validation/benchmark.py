@@ -15,14 +15,18 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from math import prod
+from pathlib import Path
 
 import numpy as np
 import psutil
 import taichi as ti
+from pydantic import TypeAdapter
 
 from taichi_plume import kernels
+from taichi_plume.cut_cells import Air, air_of
+from taichi_plume.geometry import shape as shape_of
 from taichi_plume.grid import Grid
-from taichi_plume.scenario import CfdWind, EulerianGas
+from taichi_plume.scenario import CfdWind, Domain, EulerianGas, Obstacle
 from taichi_plume.solvers.boundaries import periodic_axes
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.gas import EulerianSolver
@@ -69,25 +73,28 @@ def bandwidth(size: int = 1 << 24) -> float:
     return 5 * 4 * size / min(times) / 1e9
 
 
-def arena(shape: tuple[int, ...], obstacles: bool) -> tuple[Grid, np.ndarray]:
+OBSTACLES = (
+    {"kind": "box", "center": (2.4, 2.35, 0.25), "size": (0.4, 0.3, 0.5)},
+    {"kind": "box", "center": (2.3, 0.9, 0.25), "size": (0.36, 0.36, 0.5), "yaw_deg": 20.0},
+    {"kind": "cylinder", "center": (1.0, 1.9), "radius": 0.12},
+)
+
+
+def arena(shape: tuple[int, ...], obstacles: bool) -> tuple[Grid, Air]:
     """The 4 x 3 (x 0.5) m odour arena, with two boxes and a pillar."""
     grid = Grid(shape, 4.0 / shape[0], depth=0.5)
-    x = grid.centers()
-    solid = np.zeros(shape, bool)
-    if obstacles:
-        solid |= (np.abs(x[..., 0] - 2.4) < 0.2) & (np.abs(x[..., 1] - 2.35) < 0.15)
-        solid |= (np.abs(x[..., 0] - 2.3) < 0.18) & (np.abs(x[..., 1] - 0.9) < 0.18)
-        solid |= np.hypot(x[..., 0] - 1.0, x[..., 1] - 1.9) < 0.12
-    return grid, solid
+    domain = Domain(size=grid.extent, spacing=grid.dx)
+    bodies = [TypeAdapter(Obstacle).validate_python(o) for o in OBSTACLES] if obstacles else []
+    return grid, air_of([shape_of(body, domain, Path()) for body in bodies], grid)
 
 
 def arena_step(shape: tuple[int, ...], obstacles: bool) -> tuple[FlowSolver, Callable[[], None]]:
     """The solver and one whole step of flow, eddies and gas."""
-    grid, solid = arena(shape, obstacles)
-    flow = FlowSolver(CfdWind.model_validate({"kind": "cfd", "openings": ARENA}), grid, solid)
+    grid, air = arena(shape, obstacles)
+    flow = FlowSolver(CfdWind.model_validate({"kind": "cfd", "openings": ARENA}), grid, air)
     source = {"position": (0.6, 1.3, 0.1)[: len(shape)], "rate": 2e-5}
     gas = EulerianSolver(
-        EulerianGas.model_validate({"kind": "eulerian", "sources": [source]}), grid, flow, solid
+        EulerianGas.model_validate({"kind": "eulerian", "sources": [source]}), grid, flow, air
     )
 
     def step() -> None:
@@ -105,7 +112,7 @@ def periodic_step(shape: tuple[int, ...]) -> tuple[FlowSolver, Callable[[], None
         {"kind": "cfd", "viscosity": 1e-3, "turbulence": {"kind": "none"}, "openings": openings}
     )
     grid = Grid(shape, 2 * np.pi / shape[0], periodic=periodic_axes(wind.openings, len(shape)))
-    flow = FlowSolver(wind, grid, np.zeros(shape, bool))
+    flow = FlowSolver(wind, grid, Air.of(np.zeros(shape, bool), grid))
     rng = np.random.default_rng(0)
     k = rng.integers(1, 4, (3, 3))
 

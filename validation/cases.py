@@ -2,6 +2,7 @@
 
 from functools import partial
 
+from taichi_plume.validation.body_cases import cylinder, oblique_channel, pipe
 from taichi_plume.validation.case import Case, Expected
 from taichi_plume.validation.cavity import cavity
 from taichi_plume.validation.channel_cases import couette_start, duct, poiseuille, poiseuille_start
@@ -123,6 +124,36 @@ _ALL = (
     _cavity(100, (32, 64)),
     _cavity(400, (64, 128)),
     _cavity(1000, (64, 128)),
+    Case(
+        "cylinder",
+        "steady flow around a cylinder in a channel, Re 20",
+        "Schäfer & Turek 1996, case 2D-1, doi:10.1007/978-3-322-89849-4_39",
+        cylinder,
+        coarse=(10,),
+        fine=(10, 20, 40),
+        expected={
+            "drag coefficient": Expected(tolerance=0.03, at=20),
+            "pressure drop": Expected(tolerance=0.03, at=20),
+        },
+    ),
+    Case(
+        "pipe",
+        "developed flow in a round pipe that the grid cuts",
+        "Hagen-Poiseuille",
+        pipe,
+        coarse=(8, 16),
+        fine=(8, 16, 32),
+        expected={"flow rate": Expected(order=0.9, tolerance=0.02, at=32)},
+    ),
+    Case(
+        "oblique_channel",
+        "developed flow in a channel at 45 degrees to the grid",
+        "parabola",
+        oblique_channel,
+        coarse=(16, 32),
+        fine=(32, 64),
+        expected={"flow rate": Expected(tolerance=0.08), "divergence": Expected(tolerance=1e-5)},
+    ),
     _puff(2, 0.0),
     _puff(2, 0.05),
     _puff(3, 0.0),

@@ -4,6 +4,7 @@ from math import pi
 
 import numpy as np
 
+from taichi_plume.cut_cells import Air
 from taichi_plume.grid import Grid
 from taichi_plume.scenario import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
@@ -17,9 +18,9 @@ def room(shape: tuple[int, ...], dx: float, openings: list[dict]) -> FlowSolver:
     solid = np.zeros(shape, bool)
     box = ((0.3, 0.4), (0.4, 0.7), (0.0, 0.6))[: len(shape)]
     solid[tuple(slice(round(a * n), round(b * n)) for n, (a, b) in zip(shape, box, strict=True))] = True
-    return FlowSolver(
-        CfdWind.model_validate({"kind": "cfd", "openings": openings}), Grid(shape, dx, depth=dx), solid
-    )
+    grid = Grid(shape, dx, depth=dx)
+    wind = CfdWind.model_validate({"kind": "cfd", "openings": openings})
+    return FlowSolver(wind, grid, Air.of(solid, grid))
 
 
 def air_balance(flow: FlowSolver, given: float) -> Errors:

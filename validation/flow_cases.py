@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from taichi_plume.cut_cells import Air
 from taichi_plume.grid import Grid
 from taichi_plume.scenario import CfdWind
 from taichi_plume.solvers.boundaries import periodic_axes
@@ -29,7 +30,7 @@ def laminar_flow(
         }
     )
     grid = Grid(shape, dx, periodic=periodic_axes(wind.openings, len(shape)))
-    return FlowSolver(wind, grid, np.zeros(shape, bool))
+    return FlowSolver(wind, grid, Air.of(np.zeros(shape, bool), grid))
 
 
 def advance(flow: FlowSolver, end: float, begin: float = 0.0) -> None:

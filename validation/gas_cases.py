@@ -4,6 +4,7 @@ from math import pi
 
 import numpy as np
 
+from taichi_plume.cut_cells import Air
 from taichi_plume.grid import Grid
 from taichi_plume.scenario import EulerianGas, UniformWind
 from taichi_plume.solvers.gas import EulerianSolver
@@ -34,7 +35,7 @@ def gaussian_puff(n: int, dim: int = 2, speed: float = 0.0) -> Errors:
             "sources": [{"position": (0.5,) * dim, "rate": 0.0}],
         }
     )
-    gas = EulerianSolver(model, grid, wind, np.zeros(shape, bool))
+    gas = EulerianSolver(model, grid, wind, Air.of(np.zeros(shape, bool), grid))
     gas.start_from(lambda x: exact(x, 0.0))
     gas.advance(0.0, end)
     points, reference = grid.centers(), exact(grid.centers(), end)

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from taichi_plume.cut_cells import Air
 from taichi_plume.fields import concentration_at
 from taichi_plume.grid import Grid
 from taichi_plume.scenario import CfdWind, EulerianGas, Source, UniformWind
@@ -18,12 +19,14 @@ def arena(shape=(40, 30), rate=2e-5, seed=0, **source):
         {"kind": "honeycomb", "face": "x-", "speed": 0.7},
         {"kind": "honeycomb", "face": "x+"},
     ]
-    flow = FlowSolver(CfdWind.model_validate({"kind": "cfd", "openings": openings}), grid, solid)
+    flow = FlowSolver(
+        CfdWind.model_validate({"kind": "cfd", "openings": openings}), grid, Air.of(solid, grid)
+    )
     position = (0.6, 1.3, 0.25)[: len(shape)]
     model = EulerianGas.model_validate(
         {"kind": "eulerian", "sources": [{"position": position, "rate": rate} | source]}
     )
-    return grid, solid, flow, EulerianSolver(model, grid, flow, solid, 0.0, seed)
+    return grid, solid, flow, EulerianSolver(model, grid, flow, Air.of(solid, grid), 0.0, seed)
 
 
 @pytest.mark.parametrize("shape", [(40, 30), (40, 30, 5)])
@@ -72,7 +75,7 @@ def test_a_layer_of_cells_is_the_plane_gas():
                 "sources": [{"position": (1.0, 1.0, 0.05)[: len(shape)], "rate": 1e-5, "radius": 0.15}],
             }
         )
-        gas = EulerianSolver(model, grid, wind, np.zeros(shape, bool))
+        gas = EulerianSolver(model, grid, wind, Air.of(np.zeros(shape, bool), grid))
         for n in range(20):
             gas.advance(0.1 * n, 0.1)
         fields.append(grid.inner(gas.c.to_numpy()).reshape(40, 30))

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from taichi_plume.cut_cells import Air
 from taichi_plume.grid import Grid
 from taichi_plume.scenario import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
@@ -15,7 +16,7 @@ def eddy_viscosity(kind: str, gradient: np.ndarray, constant: float) -> float:
     wind = CfdWind.model_validate(
         {"kind": "cfd", "viscosity": 1e-5, "turbulence": turbulence, "openings": openings}
     )
-    flow = FlowSolver(wind, grid, np.zeros(grid.shape, bool))
+    flow = FlowSolver(wind, grid, Air.of(np.zeros(grid.shape, bool), grid))
     index = np.stack(np.meshgrid(*map(np.arange, grid.padded), indexing="ij"), axis=-1) - grid.ghost - 4
     for d, field in enumerate(flow.u):
         places = (index + np.where(np.arange(dim) == d, 0.0, 0.5)) * grid.dx

@@ -1,0 +1,102 @@
+"""Friction of the air on obstacles, for the few faces whose volume holds some of their surface."""
+
+from typing import Any
+
+import numpy as np
+import taichi as ti
+
+from taichi_plume.cut_cells import Air
+from taichi_plume.kernels import Template
+
+NEAREST = 0.05  # cells: no distance from a surface counts as less
+
+
+@ti.data_oriented
+class Surfaces:
+    """What slows the velocities beside obstacles: the stress nu u_t/s of the velocity u_t along a surface s away.
+
+    flow: offers grid, u, area, nu, viscosity and eddies; area, openness: padded arrays of its fields `area` and `open`.
+    """
+
+    def __init__(self, flow: Any, air: Air, area: list[np.ndarray], openness: list[np.ndarray]):
+        self.grid = grid = flow.grid
+        self.dim = grid.dim
+        self.u, self.area, self.nu, self.viscosity = flow.u, flow.area, flow.nu, flow.viscosity
+        self.eddies = flow.eddies
+        vectors = np.stack([grid.pad(part) for part in np.moveaxis(air.surface(grid), -1, 0)], axis=-1)
+        self._cell: list[Any] = []
+        self._rate: list[Any] = []  # surface over (distance times stored volume), in cells
+        self._stored: list[Any] = []  # volume that stores the momentum of the face, in cells
+        self._normal: list[Any] = []  # of the surface, out of the air
+        for d in range(grid.dim):
+            above, below = np.roll(area[d], -1, axis=d), np.roll(area[d], 1, axis=d)
+            # a cell's surface acts on its two faces of an axis, in proportion to their areas
+            upper = (area[d] / np.maximum(area[d] + above, 1e-6))[..., None] * vectors
+            lower = (area[d] / np.maximum(area[d] + below, 1e-6))[..., None] * np.roll(vectors, 1, axis=d)
+            size = np.linalg.norm(upper, axis=-1) + np.linalg.norm(lower, axis=-1)
+            inner = np.zeros(grid.padded, bool)
+            inner[tuple(slice(begin, end) for begin, end in grid.faces)] = True
+            cell = np.argwhere(inner & (size > 1e-6) & (openness[d] > 0.0))
+            where = tuple(cell.T)
+            stored = area[d][where] / openness[d][where]
+            distance = np.maximum(grid.pad_faces(air.distance[d], d)[where], NEAREST)
+            normal = (upper + lower)[where]
+            normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-6)
+            self._cell.append(_vectors(cell, ti.i32))
+            self._rate.append(_scalars(size[where] / (distance * stored)))
+            self._stored.append(_scalars(stored))
+            self._normal.append(_vectors(normal, ti.f32))
+
+    @ti.func
+    def _friction(self, d: Template, k):
+        """(face, rate [1/s] of friction, velocity along the surface [m/s]) of the k-th face of axis d."""
+        I, n = self._cell[d][k], self._normal[d][k]
+        D = ti.Vector.unit(self.dim, d, ti.i32)
+        nu_here = self.viscosity
+        if ti.static(self.eddies):
+            nu_here = 0.5 * (self.nu[I] + self.nu[I - D])
+        through = n[d] * self.u[d][I]
+        for e in ti.static(range(self.dim)):
+            if ti.static(e != d):
+                E = ti.Vector.unit(self.dim, e, ti.i32)
+                flow, width = 0.0, 1e-6
+                for J in ti.static((0, 1)):
+                    for K in ti.static((0, 1)):
+                        face = I - J * D + K * E
+                        flow += self.area[e][face] * self.u[e][face]
+                        width += self.area[e][face]
+                through += n[e] * flow / width
+        f = self._rate[d][k] * nu_here / ti.static(self.grid.dx**2)
+        return I, f, self.u[d][I] - n[d] * through
+
+    @ti.func
+    def slow(self, rate: Template, dt: float):
+        """Take friction off the rates of change of u [m/s²]; implicit, as it is stiff close to a surface."""
+        for d in ti.static(range(self.dim)):
+            for k in range(self._rate[d].shape[0]):
+                I, f, along = self._friction(d, k)
+                rate[d][I] = (rate[d][I] - f * along) / (1.0 + dt * f)
+
+    @ti.func
+    def add_loss(self, loss: Template):
+        """Add the momentum that friction takes [m/s² of a whole cell]."""
+        for d in ti.static(range(self.dim)):
+            for k in range(self._rate[d].shape[0]):
+                I, f, along = self._friction(d, k)
+                loss[d][I] = loss[d][I] + self._stored[d][k] * f * along
+
+
+def _scalars(values: np.ndarray) -> Any:
+    """A field of the values; of one zero where there are none."""
+    field = ti.field(ti.f32, max(1, len(values)))
+    if len(values):
+        field.from_numpy(values.astype(np.float32))
+    return field
+
+
+def _vectors(values: np.ndarray, dtype: Any) -> Any:
+    """A field of the rows; of one zero where there are none."""
+    field = ti.Vector.field(values.shape[1], dtype, max(1, len(values)))
+    if len(values):
+        field.from_numpy(values.astype(np.int32 if dtype == ti.i32 else np.float32))
+    return field

@@ -1,0 +1,117 @@
+"""Flow around and between bodies that the grid cuts: their true surface must act, not the steps of its cells."""
+
+from math import pi, sqrt
+
+import numpy as np
+
+from taichi_plume.cut_cells import Air, air_of
+from taichi_plume.geometry import Ball, Shape
+from taichi_plume.grid import Grid
+from taichi_plume.scenario import CfdWind, Sphere
+from taichi_plume.solvers.flow import FlowSolver
+from taichi_plume.solvers.forces import forces
+from taichi_plume.species import AIR_DENSITY
+from taichi_plume.validation.flow_cases import Errors, advance, periodic, settle
+
+LAMINAR = {"kind": "cfd", "turbulence": {"kind": "none"}}
+
+# Cylinder 2D-1 of Schäfer & Turek 1996, doi:10.1007/978-3-322-89849-4_39: values of G. Nabh's spectral solution, given
+# at featflow.de
+DRAG, LIFT, PRESSURE_DROP = 5.57953523384, 0.010618948146, 0.11752016697
+
+
+def cylinder(n: int) -> Errors:
+    """A cylinder, 0.1 m, a little off the middle of a channel, 2.2 x 0.41 m, Re 20; n cells across the cylinder."""
+    mean, diameter, dx = 0.2, 0.1, 0.1 / n
+    grid = Grid((22 * n, round(4.1 * n)), dx)
+    body = Ball(Sphere(kind="sphere", center=(0.2, 0.2), radius=diameter / 2), 2)
+    openings = [
+        {"kind": "inlet", "face": "x-", "speed": mean, "profile": "parabolic"},
+        {"kind": "outlet", "face": "x+"},
+    ]
+    wind = CfdWind.model_validate(LAMINAR | {"viscosity": 1e-3, "openings": openings})
+    air = air_of([body], grid)
+    flow = FlowSolver(wind, grid, air)
+    settle(flow, 0.5, 8.0)
+    drag, lift = 2.0 * forces(flow, air, 1)[0] / (AIR_DENSITY * mean**2 * diameter)
+    front, back = (_pressure(flow, air, x, side) for x, side in ((0.15, -1), (0.25, 1)))
+    return {
+        "drag coefficient": float(abs(drag / DRAG - 1.0)),
+        "pressure drop": abs((front - back) / PRESSURE_DROP - 1.0),
+        "lift coefficient over drag": float(abs(lift - LIFT) / DRAG),
+    }
+
+
+def _pressure(flow: FlowSolver, air: Air, x: float, side: int) -> float:
+    """Pressure at (x, 0.2 m), linear along y and along x from the two whole cells that follow on one side of x."""
+    grid = flow.grid
+    places = (np.arange(grid.shape[1]) + 0.5) * grid.dx
+    p = np.array([np.interp(0.2, places, line) for line in grid.read(flow.p)])
+    whole = np.array([np.interp(0.2, places, line) for line in air.volume]) > 0.99
+    centers = (np.arange(grid.shape[0]) + 0.5) * grid.dx
+    first = np.flatnonzero(whole & (side * (centers - x) > 0))[0 if side > 0 else -1]
+    slope = (p[first + side] - p[first]) / (side * grid.dx)
+    return float(p[first] + slope * (x - centers[first]))
+
+
+class Outside(Shape):
+    """Everything but a band or a bore: what is left is the passage. `away`: distance [m] of points from its axis."""
+
+    def __init__(self, grid: Grid, half: float, away):
+        self.low, self.high = np.zeros(grid.dim), np.array(grid.extent)
+        self.half, self.away = half, away
+
+    def signed_distance(self, points: np.ndarray) -> np.ndarray:
+        """Distance [m] of points (..., dim) from the surface, negative in the body."""
+        return self.half - self.away(points)
+
+    def horizontal_distance(self, points: np.ndarray, low: float, high: float) -> np.ndarray:
+        """Not needed: no robots are here."""
+        raise NotImplementedError
+
+
+def pipe(n: int) -> Errors:
+    """A force drives air through a round pipe, 1 m wide, along z: u = G (R² - r²)/(4 nu); n cells across."""
+    radius, viscosity, force = 0.5, 1.0, 1.0
+    m = n + 4
+    grid = Grid((m, m, 1), 1.0 / n, periodic=(False, False, True))
+    center = np.array(grid.extent[:2]) / 2 + (0.013, 0.021)  # in no symmetric place of a cell
+    body = Outside(grid, radius, lambda x: np.linalg.norm(x[..., :2] - center, axis=-1))
+    wind = CfdWind.model_validate(
+        LAMINAR | {"viscosity": viscosity, "openings": periodic("z"), "acceleration": (0.0, 0.0, force)}
+    )
+    air = air_of([body], grid)
+    flow = FlowSolver(wind, grid, air)
+    advance(flow, 0.5)
+    u, area = grid.read(flow.u[2])[..., 0], air.area[2][..., 0]
+    rate = float((u * area).sum()) * grid.dx**2
+    return {
+        "flow rate": abs(rate / (pi * radius**4 * force / (8.0 * viscosity)) - 1.0),
+        "u_max": float(abs(u.max() / (force * radius**2 / (4.0 * viscosity)) - 1.0)),
+    }
+
+
+def oblique_channel(n: int) -> Errors:
+    """A force drives air along a channel at 45 degrees to the grid, 0.4 m wide: a parabola; n cells per metre."""
+    width, viscosity, force = 0.4, 0.1, 1.0
+    grid = Grid((n, n), 1.0 / n, periodic=(True, True))
+
+    def away(x: np.ndarray) -> np.ndarray:
+        period = 1.0 / sqrt(2.0)
+        across = (x[..., 0] - x[..., 1] - 0.013) / sqrt(2.0)
+        return np.abs((across + period / 2) % period - period / 2)
+
+    along = force / sqrt(2.0)
+    wind = CfdWind.model_validate(
+        LAMINAR | {"viscosity": viscosity, "openings": periodic("xy"), "acceleration": (along, along)}
+    )
+    air = air_of([Outside(grid, width / 2, away)], grid)
+    flow = FlowSolver(wind, grid, air)
+    advance(flow, 1.5)
+    u = [grid.read(field) for field in flow.u]
+    through = float((u[0] * air.area[0][:-1]).sum(axis=1).mean()) * grid.dx
+    return {
+        "flow rate": abs(through / (force * width**3 / (12.0 * viscosity)) - 1.0),
+        "u_max": float(abs(np.hypot(*u).max() / (force * width**2 / (8.0 * viscosity)) - 1.0)),
+        "divergence": flow.diagnostics()["max_divergence"],
+    }
