@@ -1,7 +1,8 @@
 """What the domain's faces do to the air: per boundary face a prescribed velocity or an ambient pressure.
 
 Every boundary face has, per velocity component, a target V and a mirror factor. The ghost value of a component along
-the face is mirror·u + (1 - mirror)·V: -1 for a wall that moves with V, 0 for blown-in air, 1 for slip and outlets.
+the face is mirror·u + (1 - mirror)·V: 0 for blown-in air, 1 for slip and outlets. At a wall that moves with V (mirror
+-1) it lies on the parabola through V and the two cells inside, which makes the friction of second order.
 The component through the face is either prescribed (V) or free, with the ambient pressure outside.
 """
 
@@ -322,6 +323,10 @@ class Boundaries:
                 if ti.static(c != d):
                     mirror = self.mirror[d][K][c]
                     value = mirror * u[c][inner] + (1.0 - mirror) * V[c]
+                    if ti.static(n > 1):  # at a wall the parabola through V and two cells
+                        second = u[c][inner - D * outward]
+                        parabola = (8.0 * V[c] + second) / 3.0 - 2.0 * u[c][inner]
+                        value = ti.select(mirror < 0.0, parabola, value)
                     for m in ti.static(range(1, g + 1)):
                         u[c][inner + D * outward * m] = value
             beyond = V[d]

@@ -1,5 +1,6 @@
 """Scenario -> Simulation: the one place that knows all parts."""
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from taichi_plume.scenario import CfdWind, Scenario
 from taichi_plume.simulation import Map, Simulation
 from taichi_plume.solvers.boundaries import opening_cells, periodic_axes
 from taichi_plume.solvers.flow import FlowSolver
+from taichi_plume.solvers.forces import forces
 from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.uniform import UniformSolver
 
@@ -57,7 +59,10 @@ def assemble(scenario: Scenario, folder: Path = Path()) -> Simulation:
     teams = [Team(swarm, group, grid.dim, scenario.tick) for group in swarm.groups]
     floor = (grid.extent[0], grid.extent[1])
     maps: list[Map] = [MAPS[m.kind](m, floor, max(1, swarm.trials)) for m in scenario.maps]
-    return Simulation(scenario, grid, wind, gas, swarm, list(teams), maps, obstacles)
+    sim = Simulation(scenario, grid, wind, gas, swarm, list(teams), maps, obstacles)
+    if isinstance(wind, FlowSolver) and obstacles:
+        sim.forces = partial(forces, wind, air, len(obstacles))
+    return sim
 
 
 def _swarm(scenario: Scenario, obstacles: list, grid: Grid) -> Swarm:

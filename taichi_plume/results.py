@@ -22,7 +22,7 @@ from taichi_plume import __version__, disk, scores
 from taichi_plume.scenario import Scenario
 from taichi_plume.simulation import Every, Simulation
 
-FILES = ("scenario.yaml", "recording.rrd", "robots.parquet", "result.json")
+FILES = ("scenario.yaml", "recording.rrd", "robots.parquet", "forces.csv", "result.json")
 MOST_ROWS = 2_000_000  # of robots.parquet: larger swarms are sampled less often
 ROW_GROUP = 50_000
 
@@ -199,6 +199,33 @@ class RobotTable:
             self.writer.close()
 
 
+# ---------------------------------------------------------------- forces on obstacles
+
+
+class ForceTable:
+    """`forces.csv`: the force of the air on each obstacle [N], a row per obstacle and simulated second."""
+
+    def __init__(self, sim: Simulation, path: Path):
+        self.file = path.open("w", encoding="utf-8")
+        self.file.write(
+            ",".join(["t_s", "obstacle", *(f"{axis}_N" for axis in "xyz"[: sim.grid.dim])]) + "\n"
+        )
+
+    def observer(self) -> Every:
+        """What the simulation has to call."""
+        return Every(1.0, self.sample)
+
+    def sample(self, sim: Simulation) -> None:
+        """Write a row per obstacle. Raises OSError when the disk is full."""
+        assert sim.forces is not None
+        for number, force in enumerate(sim.forces()):
+            self.file.write(",".join([f"{sim.t:.6g}", str(number), *(f"{f:.6g}" for f in force)]) + "\n")
+
+    def close(self) -> None:
+        """Close the file."""
+        self.file.close()
+
+
 # ---------------------------------------------------------------- the result
 
 
@@ -220,6 +247,7 @@ def result(sim: Simulation, status: str, message: str, backend: str) -> dict[str
         "Mcell_steps_per_s": steps / sim.wall_s / 1e6 if sim.wall_s > 0 else None,
         "flow": _reported(sim.wind, "diagnostics"),
         "gas": _budget(sim),
+        "obstacles": _obstacles(sim),
         "groups": _groups(sim),
         "maps": [_map(sim, n) for n in range(len(sim.maps))],
     }
@@ -232,6 +260,14 @@ def _budget(sim: Simulation) -> dict[str, Any]:
     missing = budget["emitted_kg"] - budget["in_domain_kg"] - budget["outflow_kg"]
     budget["relative_error"] = missing / budget["emitted_kg"] if budget["emitted_kg"] else None
     return budget
+
+
+def _obstacles(sim: Simulation) -> list[dict[str, Any]]:
+    """The kind of each obstacle and the last force of the air on it [N]."""
+    if sim.forces is None:
+        return []
+    kinds = [obstacle.kind for obstacle in sim.scenario.obstacles]
+    return [{"kind": kind, "force_N": force} for kind, force in zip(kinds, sim.forces(), strict=True)]
 
 
 def _reported(solver: Any, name: str) -> dict[str, Any]:

@@ -209,6 +209,10 @@ def _watch(
         table = results.RobotTable(sim, out / "robots.parquet")
         closers.append(table.close)
         sim.observers.append(table.observer())
+    if sim.forces is not None:
+        forces = results.ForceTable(sim, out / "forces.csv")
+        closers.append(forces.close)
+        sim.observers.append(forces.observer())
     if not args.no_recording:
         from taichi_plume.recording import Recorder
 

@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 from math import ceil
 from typing import Any, Protocol
 
+import numpy as np
+
 from taichi_plume.fields import Gas, Wind
 from taichi_plume.grid import Grid
 from taichi_plume.scenario import Scenario
@@ -81,6 +83,8 @@ class Simulation:
     teams: list[Team]
     maps: list[Map]
     obstacles: list[Any]
+    forces: Callable[[], np.ndarray] | None = None
+    """The force of the air on each obstacle [N], shape (obstacles, dim); None where it is not known."""
     observers: list[Every] = field(default_factory=list)
     tick: int = 0
     steps: int = 0
@@ -151,8 +155,9 @@ class Simulation:
         """Longest step [s] of the wind from time t on. Raises UnstableError when it has blown up."""
         limit = self.wind.stable_dt(t)
         if not limit > 1e-6 * self.dt:
+            courant = getattr(self.wind, "max_courant", 0.0)
             raise UnstableError(
-                f"the air flow is no longer finite at t = {self.t:.2f} s (step {self.steps}); "
-                "lower wind.courant, or check the openings' speeds against the spacing"
+                f"the air flow is no longer finite at t = {self.t:.2f} s (step {self.steps}, Courant number up to "
+                f"{courant:.2g}); lower wind.courant, or check the openings' speeds against the spacing"
             )
         return limit

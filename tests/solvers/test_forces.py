@@ -1,0 +1,36 @@
+import numpy as np
+import pytest
+
+from taichi_plume.cut_cells import air_of
+from taichi_plume.geometry import Ball
+from taichi_plume.grid import Grid
+from taichi_plume.scenario import CfdWind, Sphere
+from taichi_plume.solvers.flow import FlowSolver
+from taichi_plume.solvers.forces import forces
+from taichi_plume.species import AIR_DENSITY
+from taichi_plume.validation.flow_cases import advance, periodic
+
+
+def test_bodies_take_what_drives_the_air():
+    """In a periodic box at rest in the mean, the drag is the driving force on all the air."""
+    grid = Grid((40, 40), 0.025, depth=0.2, periodic=(True, True))
+    places = ((0.3, 0.52, 0.15), (0.71, 0.33, 0.08))
+    bodies = [Ball(Sphere(kind="sphere", center=(x, y), radius=r), 2) for x, y, r in places]
+    push = (1.0, 0.4)
+    wind = CfdWind.model_validate(
+        {
+            "kind": "cfd",
+            "viscosity": 0.1,
+            "turbulence": {"kind": "none"},
+            "openings": periodic("xy"),
+            "acceleration": push,
+        }
+    )
+    air = air_of(bodies, grid)
+    flow = FlowSolver(wind, grid, air)
+    advance(flow, 3.0)
+    taken = forces(flow, air, 2)
+    mass = AIR_DENSITY * air.volume.sum() * grid.cell_volume
+    assert taken.sum(axis=0) == pytest.approx(mass * np.array(push), rel=0.02)
+    assert (taken[0] > taken[1]).all()  # the larger body takes more
+    assert (taken > 0).all()
