@@ -11,7 +11,7 @@ from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.team import Team
 from taichi_plume.cut_cells import air_of
 from taichi_plume.fields import Wind
-from taichi_plume.geometry import ClearanceMap, air_regions, shapes
+from taichi_plume.geometry import ClearanceMap, shapes
 from taichi_plume.grid import Grid
 from taichi_plume.loading import ScenarioError
 from taichi_plume.rng import generator
@@ -40,7 +40,7 @@ def assemble(scenario: Scenario, folder: Path = Path()) -> Simulation:
     wind: Wind
     if isinstance(wind_model, CfdWind):
         wind = FlowSolver(wind_model, grid, air, scenario.seed)
-        trapped = wind.boundaries.trapped(air_regions(air.solid, grid.periodic))
+        trapped = wind.boundaries.trapped(air.regions())
         if trapped:
             raise ScenarioError(
                 [

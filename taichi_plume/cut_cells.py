@@ -7,8 +7,10 @@ in the spacing, exact where a plane surface runs along the cells. What is thinne
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 
-from taichi_plume.geometry import TIE, Shape, air_regions
+from taichi_plume.geometry import TIE, Shape
 from taichi_plume.grid import Grid, block_mean
 
 FINER = 2  # nodes per cell and axis
@@ -21,13 +23,14 @@ class Air:
     """Shares that are air: `volume` of the cells, grid.shape; `area` of the faces per axis, one more along that axis.
 
     distance: mean distance [cells] of a face's open part from the nearest surface, arrays like area.
-    body: number of the obstacle that is next to the cell, -1 where none is near.
+    body: number of the obstacle that is next to the cell, -1 where none is near; periodic: per axis.
     """
 
     volume: np.ndarray
     area: tuple[np.ndarray, ...]
     distance: tuple[np.ndarray, ...]
     body: np.ndarray
+    periodic: tuple[bool, ...]
 
     @property
     def solid(self) -> np.ndarray:
@@ -46,6 +49,24 @@ class Air:
         However little of a cell is air, it then does not shorten the step.
         """
         return np.maximum(self.volume, _widest(list(self.area), self.volume.ndim))
+
+    def regions(self) -> np.ndarray:
+        """Number of the connected part of the air that each cell belongs to, from 1 on; 0 in solid cells."""
+        number = np.arange(self.volume.size).reshape(self.volume.shape)
+        links = []
+        for d, area in enumerate(
+            self.area
+        ):  # where an axis does not wrap round, its first face leads nowhere
+            lower = np.moveaxis(np.roll(number, 1, axis=d), d, 0)
+            upper, leads = np.moveaxis(number, d, 0), np.moveaxis(area, d, 0)[:-1] > 0.0
+            leads[0] &= self.periodic[d]
+            links.append(np.stack([lower[leads], upper[leads]]))
+        i, j = np.concatenate(links, axis=1)
+        graph = csr_array((np.ones(len(i), np.int8), (i, j)), shape=(number.size, number.size))
+        labels = connected_components(graph, directed=False)[1].reshape(number.shape)
+        result = np.zeros(number.shape, int)
+        result[~self.solid] = np.unique(labels[~self.solid], return_inverse=True)[1] + 1
+        return result
 
     @staticmethod
     def of(solid: np.ndarray, grid: Grid) -> "Air":
@@ -78,12 +99,14 @@ def air_of(shapes: list[Shape], grid: Grid, open_cells: np.ndarray | None = None
     area, away = [share for share, _ in faces], [mean for _, mean in faces]
     body = nearest[(slice(FINER // 2, None, FINER),) * grid.dim]
     air = _closed(volume, area, away, body, grid)
-    regions = air_regions(air.solid, grid.periodic)
+    regions = air.regions()
     if regions.max() > 1:
-        reached = np.zeros(grid.shape, bool) if open_cells is None else open_cells
-        if open_cells is None:
-            for axis in range(grid.dim):
-                np.moveaxis(reached, axis, 0)[[0, -1]] = True
+        reached = np.zeros(grid.shape, bool)
+        for d, area in enumerate(air.area):
+            for end in (0, -1):
+                np.moveaxis(reached, d, 0)[end] |= np.moveaxis(area, d, 0)[end] > 0.0
+        if open_cells is not None:
+            reached &= open_cells
         kept = np.union1d(regions[reached], 1 + np.bincount(regions.ravel())[1:].argmax())
         volume = np.where(np.isin(regions, kept), air.volume, 0.0)
         air = _closed(volume, list(air.area), away, body, grid)
@@ -169,7 +192,7 @@ def _closed(
                 faces[0], faces[-1] = cells[0] >= 0.5, cells[-1] >= 0.5
         widest = _widest(area, grid.dim)
         volume = np.where(widest > 0.0, np.maximum(volume, SLIVER), 0.0)
-    return Air(volume, tuple(area), tuple(distance), body)
+    return Air(volume, tuple(area), tuple(distance), body, grid.periodic)
 
 
 def _widest(area: list[np.ndarray], dim: int) -> np.ndarray:

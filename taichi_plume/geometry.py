@@ -15,8 +15,6 @@ from typing import Any
 import numpy as np
 import taichi as ti
 from scipy import ndimage
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
 from taichi_plume import scenario as vocabulary
 from taichi_plume.fields import corner
@@ -243,23 +241,6 @@ def shape(obstacle: vocabulary.Obstacle, domain: vocabulary.Domain, folder: Path
 def shapes(scenario: vocabulary.Scenario, folder: Path) -> list[Shape]:
     """The shapes of a scenario's obstacles, in their order; mesh files lie in `folder`. Raises MeshError."""
     return [shape(obstacle, scenario.domain, folder) for obstacle in scenario.obstacles]
-
-
-def air_regions(solid: np.ndarray, periodic: tuple[bool, ...]) -> np.ndarray:
-    """Number of the connected part of the air that each cell belongs to, from 1 on; 0 in solid cells."""
-    regions, parts = ndimage.label(~solid)  # type: ignore[misc]
-    links = []
-    for axis, wraps in enumerate(periodic):
-        if wraps:
-            low, high = np.take(regions, 0, axis=axis), np.take(regions, -1, axis=axis)
-            both = (low > 0) & (high > 0)
-            links.append(np.stack([low[both], high[both]]))
-    if not links:
-        return regions
-    i, j = np.concatenate(links, axis=1)
-    graph = csr_array((np.ones(len(i)), (i, j)), shape=(parts + 1, parts + 1))
-    joined = connected_components(graph, directed=False)[1]  # 0 stays alone, as number 0
-    return joined[regions]
 
 
 def clearance_resolution(extent: tuple[float, ...]) -> float:
