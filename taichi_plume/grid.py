@@ -26,6 +26,13 @@ def _write(field: Template, ghost: Template, values: ti.types.ndarray()):
         field[ti.Vector([J[J.n - 1 - d] + ghost for d in ti.static(range(J.n))])] = values[J]
 
 
+@ti.kernel
+def blend(field: Template, goal: Template, share: float):
+    """Move `field` by `share` of the way to `goal`, ghost layers too: by 1 it becomes the goal to the bit."""
+    for I in ti.grouped(field):
+        field[I] = (1.0 - share) * field[I] + share * goal[I]
+
+
 def block_mean(values: np.ndarray, n: int) -> np.ndarray:
     """Mean over blocks of n entries per axis; every length is a multiple of n."""
     split = values.reshape([m for length in values.shape for m in (length // n, n)])
@@ -100,15 +107,18 @@ class Grid:
             inner = np.pad(inner, width, mode="wrap" if wrap else "edge")
         return inner
 
-    def read(self, field: Any) -> np.ndarray:
-        """The inner values of a padded field, shape `shape`, axis 0 contiguous; much faster than `to_numpy`."""
-        values = np.empty(self.shape[::-1], np.float32)
-        _read(field, self.ghost, values)
+    def read(self, field: Any, margin: int = 0) -> np.ndarray:
+        """The inner values of a padded field and `margin` ghost layers; much faster than `to_numpy`.
+
+        Shape `shape`, larger by twice the margin; axis 0 contiguous.
+        """
+        values = np.empty([n + 2 * margin for n in reversed(self.shape)], np.float32)
+        _read(field, self.ghost - margin, values)
         return values.T
 
-    def write(self, field: Any, values: np.ndarray) -> None:
-        """Set the inner values of a padded field from an array of shape `shape`; ghost layers stay."""
-        _write(field, self.ghost, np.ascontiguousarray(values.T, np.float32))
+    def write(self, field: Any, values: np.ndarray, margin: int = 0) -> None:
+        """Set the inner values of a padded field and `margin` ghost layers; the layers beyond stay."""
+        _write(field, self.ghost - margin, np.ascontiguousarray(values.T, np.float32))
 
     def centers(self) -> np.ndarray:
         """Cell centres [m], shape (*shape, dim)."""

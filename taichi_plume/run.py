@@ -209,6 +209,10 @@ def _watch(
         table = results.RobotTable(sim, out / "robots.parquet")
         closers.append(table.close)
         sim.observers.append(table.observer())
+    if sim.scenario.fields is not None:
+        from taichi_plume.filming import Filming
+
+        sim.observers.append(Filming(sim, out / "fields.zarr", sim.scenario.fields).observer())
     if not args.no_recording:
         from taichi_plume.recording import Recorder
 

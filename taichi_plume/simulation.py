@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 from math import ceil
 from typing import Any, Protocol
 
+import numpy as np
+
 from taichi_plume.fields import Gas, Wind
 from taichi_plume.grid import Grid
 from taichi_plume.scenario import Scenario
@@ -81,6 +83,8 @@ class Simulation:
     teams: list[Team]
     maps: list[Map]
     obstacles: list[Any]
+    solid: np.ndarray | None = None
+    """Cells that hold no air, bool of grid.shape; None is none."""
     observers: list[Every] = field(default_factory=list)
     tick: int = 0
     steps: int = 0
