@@ -635,6 +635,8 @@ def _films(scenario: Scenario, folder: Path, shapes: list[Shape | None]) -> Iter
             if part == "gas":
                 completed(scenario, folder)
             air = film.still("air") > 0
+            for n in {0, len(film.times) - 1}:
+                film.frame(n, film.wind if part == "wind" else film.gas)
         except FilmError as error:
             yield f"{part}.file: {error}"
             continue

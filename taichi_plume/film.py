@@ -155,21 +155,24 @@ class Film:
             raise FilmError(f"{path}: holds no frame")
         if (np.diff(self.times) <= 0).any():
             raise FilmError(f"{path}: is damaged: its times do not increase")
-        for name, array in self.arrays.items():
-            self._check(name, array)
+        for name in [*self.wind, *self.gas]:
+            self._check(name, len(self.times))
+        for name in ["air", *(f"open_{one}" for one in self.wind if one in VELOCITIES)]:
+            self._check(name, 0)
 
-    def _check(self, name: str, array: Any) -> None:
-        """Shape and number of the stored frames; their content is looked at when they are read."""
-        dims = array.metadata.dimension_names or ()
-        if "time" not in dims or name == "time":
-            return
+    def _check(self, name: str, frames: int) -> None:
+        """Shape and number of the stored frames (none: without time); all else is looked at when they are read."""
+        array = self.arrays.get(name)
+        if array is None:
+            raise FilmError(f"{self.path}: is not whole: {name} is missing; copy all of it")
         wanted = tuple(len(_places(d, self.shape, self.dx)) for d in dimensions(name, len(self.shape)))
-        stored = min(array.shape[0], array.nchunks_initialized)
-        if array.shape[1:] != wanted:
-            raise FilmError(f"{self.path}: is damaged: {name} has the shape {array.shape[1:]}, not {wanted}")
-        if stored < len(self.times):
+        size = array.shape[1:] if frames else array.shape
+        if size != wanted:
+            raise FilmError(f"{self.path}: is damaged: {name} has the shape {size}, not {wanted}")
+        stored = min(array.shape[0], array.nchunks_initialized) if frames else array.nchunks_initialized
+        if stored < (frames or 1):
             raise FilmError(
-                f"{self.path}: is not whole: {name} has {stored} of {len(self.times)} frames; copy all of it"
+                f"{self.path}: is not whole: {name} has {stored} of {frames or 1} frames; copy all of it"
             )
 
     @property
@@ -180,8 +183,8 @@ class Film:
     @cached_property
     def wind(self) -> list[str]:
         """Names of the wind's variables; empty where none was recorded."""
-        names = [*VELOCITIES[: len(self.shape)], "viscosity"]
-        return [name for name in names if name in self.arrays] if "u" in self.arrays else []
+        names = [*VELOCITIES[: len(self.shape)], *(["viscosity"] if "viscosity" in self.arrays else [])]
+        return names if "u" in self.arrays else []
 
     @cached_property
     def gas(self) -> list[str]:
@@ -212,7 +215,8 @@ class Film:
 
 
 def _line(error: Exception) -> str:
-    return " ".join(str(error).split()) or type(error).__name__
+    """What zarr says, in one line; after a checksum's mismatch it lists bytes."""
+    return " ".join(str(error).partition(". Stored")[0].split()) or type(error).__name__
 
 
 def completed(scenario: Scenario, folder: Path) -> Scenario:

@@ -15,7 +15,7 @@ from taichi_plume.simulation import Every, Simulation
 class Filming:
     """Writes the film `path` of what `scenario.fields` asks for. Raises OSError as soon as the disk has no room.
 
-    The wind has to have face velocities: fields u, open and nu as a flow solver's.
+    Of the wind it takes the fields u, open and nu (or None), as a flow solver's.
     """
 
     def __init__(self, sim: Simulation, path: Path, model: Fields):
@@ -33,6 +33,11 @@ class Filming:
         still = {"air": air.T.astype(np.int8)}
         moving = []
         if self.wind is not None:
+            if not hasattr(self.wind, "u"):
+                kind = scenario.wind.kind
+                raise ValueError(
+                    f"fields.quantities: a wind of kind {kind} has no face velocities; leave out wind"
+                )
             self.speed_names = VELOCITIES[: grid.dim]
             moving += self.speed_names
             moving += ["viscosity"] if self.wind.nu is not None else []
@@ -42,7 +47,7 @@ class Filming:
         if "gas" in model.quantities:
             moving.append("gas")
             gas = scenario.gas.model_dump(mode="json", exclude_none=True)
-            attributes |= {key: gas[key] for key in ("species", "sources")}
+            attributes |= {key: gas[key] for key in ("species", "sources") if key in gas}
         disk.require_room(path)
         self.film = NewFilm(path, grid.shape, grid.dx, attributes, moving, still)
 
