@@ -2,6 +2,7 @@
 
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,6 +28,10 @@ def size_of(name: str, shape: tuple[int, ...] = SHAPE) -> tuple[int, ...]:
     )
 
 
+def opened(path: Path) -> Any:
+    return zarr.open_group(path, mode="r+")
+
+
 def new_film(path: Path, frames: int = 3) -> list[dict[str, np.ndarray]]:
     """A film of noise; returns its frames, axes (z, y, x)."""
     rng = np.random.default_rng(5)
@@ -41,9 +46,7 @@ def new_film(path: Path, frames: int = 3) -> list[dict[str, np.ndarray]]:
         "sources": [{"position": [0.3, 0.2, 0.2], "rate": 1e-5}],
     }
     film = NewFilm(path, SHAPE, DX, facts, moving, still)
-    shown = [
-        {name: rng.random(size_of(name)[::-1], np.float32) for name in moving} for _ in range(frames)
-    ]
+    shown = [{name: rng.random(size_of(name)[::-1], np.float32) for name in moving} for _ in range(frames)]
     for n, frame in enumerate(shown):
         film.append(0.5 * n, frame)
     return shown
@@ -67,7 +70,7 @@ def test_what_was_written_is_read(tmp_path):
 
 
 def test_dimensions_have_names_coordinates_and_units(path):
-    group = zarr.open_group(path, mode="r")
+    group = opened(path)
     arrays = dict(group.arrays())
     for name, array in arrays.items():
         for length, dimension in zip(array.shape, array.metadata.dimension_names, strict=True):
@@ -80,7 +83,7 @@ def test_dimensions_have_names_coordinates_and_units(path):
 
 
 def test_interrupted_film_keeps_its_frames(path):
-    group = zarr.open_group(path, mode="r+")
+    group = opened(path)
     group["u"].resize((4, *group["u"].shape[1:]))  # a frame was begun
     group["u"][3] = 1.0
     assert len(Film(path).times) == 3
@@ -98,13 +101,13 @@ def cut(file: str):
 
 def replaced(key: str, value: object):
     def damage(path: Path) -> None:
-        zarr.open_group(path, mode="r+").attrs[key] = value
+        opened(path).attrs[key] = value
 
     return damage
 
 
 def emptied(path: Path) -> None:
-    zarr.open_group(path, mode="r+")["time"].resize((0,))
+    opened(path)["time"].resize((0,))
 
 
 @pytest.mark.parametrize(
