@@ -93,7 +93,6 @@ class PlayedWind:
         for d, name in enumerate(self.speed_names):
             width = [(1, int(a != d)) for a in range(grid.dim)]
             grid.write(self.open[d], np.pad(film.still(f"open_{name}"), width), 1)
-        self.longest = film.interval / wind.rate
         samples = (film.frame(n, names) for n in {0, len(film.times) // 2, len(film.times) - 1})
         self.top_speed = max(self._prepare(frame)[1][2] for frame in samples)  # m/s, about
         self._show(begin)
@@ -118,8 +117,8 @@ class PlayedWind:
         self.outflow_rate, self.max_viscosity, self.max_speed = (float(value) for value in known)
 
     def stable_dt(self, t: float = 0.0) -> float:
-        """From frame to frame: the flow is stepped no more coarsely than it was recorded."""
-        return self.longest
+        """A step of the gas [s], so that it sees the flow change; the film itself has no limit."""
+        return 0.5 / max(self.outflow_rate, 1e-9)
 
     def advance(self, t: float, dt: float) -> None:
         """Show the time t + dt."""

@@ -104,7 +104,7 @@ def test_between_frames_the_flow_is_their_mean_and_free_of_divergence(live):
 def test_gas_disperses_on_a_played_flow_as_on_the_computed_one(live):
     sim = played(live)
     c, wanted = watched(sim)[20][1], live.seen[20][1]
-    assert np.abs(c - wanted).sum() < 0.05 * wanted.sum()
+    assert np.abs(c - wanted).sum() < 0.03 * wanted.sum()
     budget = sim.gas.budget()
     lost = budget["emitted_kg"] - budget["in_domain_kg"] - budget["outflow_kg"]
     assert abs(lost) < 1e-5 * budget["emitted_kg"]
@@ -144,12 +144,11 @@ def u_of(wind: PlayedWind) -> np.ndarray:
 def test_time_of_the_film(tmp_path, keys, t, weights):
     frames, film, grid, model = noise(tmp_path, **keys)
     wanted = sum(w * frame["u"].T for w, frame in zip(weights, frames, strict=True))
-    at_once = PlayedWind(model, film, grid, t)
-    np.testing.assert_allclose(u_of(at_once), wanted, atol=1e-6)
-    step_by_step = PlayedWind(model, film, grid, t - 1.0)
-    for n in range(10):
-        step_by_step.advance(t - 1.0 + 0.1 * n, 0.1)
-    np.testing.assert_allclose(u_of(step_by_step), wanted, atol=3e-6)
+    wind = PlayedWind(model, film, grid, t)
+    np.testing.assert_allclose(u_of(wind), wanted, atol=1e-6)
+    for n in range(11):  # back by a second, and step by step
+        wind.advance(t - 1.1 + 0.1 * n, 0.1)
+    np.testing.assert_allclose(u_of(wind), wanted, atol=3e-6)
 
 
 def test_maxima_hold_between_frames(tmp_path):
