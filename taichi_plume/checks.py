@@ -59,18 +59,20 @@ TOUCHING = 1e-9  # of the same: a corner this close to an edge lies on it
 def problems(scenario: Scenario, folder: Path) -> list[str]:
     """All faults as lines ``path: message``; `folder` is where mesh files lie.
 
-    Wrong dimensions or sizes are told alone: the other checks need them right.
+    Wrong dimensions or sizes are told alone, and so are films: the other checks need them right.
     """
     for part in (_dimensions, _sizes):
         lines = list(part(scenario))
         if lines:
             return lines
     shapes, lines = _shapes(scenario, folder)
-    lines += _films(scenario, folder, shapes)
-    if lines:
-        return lines
+    films = list(_films(scenario, folder, shapes))
+    if films:
+        return lines + films
     if isinstance(scenario.gas, PlaybackGas):
-        scenario = _with_recorded_sources(scenario, folder)
+        from taichi_plume.film import completed
+
+        scenario = completed(scenario, folder)
     for part in (_obstacles, _sources, _robots):
         lines += part(scenario, shapes)
     lines += _names(scenario)
@@ -680,12 +682,6 @@ def _another_domain(scenario: Scenario, film: Any, part: str) -> Iterator[str]:
 
 def _cells(shape: tuple[int, ...], dx: float) -> str:
     return f"{' x '.join(map(str, shape))} cells of {dx:g} m"
-
-
-def _with_recorded_sources(scenario: Scenario, folder: Path) -> Scenario:
-    from taichi_plume.film import completed
-
-    return completed(scenario, folder)
 
 
 def _frozen(scenario: Scenario) -> Iterator[str]:
