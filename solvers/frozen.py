@@ -3,7 +3,7 @@
 import numpy as np
 import taichi as ti
 
-from taichi_plume.grid import Grid, blend
+from taichi_plume.grid import Grid
 from taichi_plume.scenario import FrozenWind
 from taichi_plume.solvers.flow import FlowSolver
 
@@ -23,8 +23,9 @@ class FrozenSolver(FlowSolver):
         self.since = self.until - (0.5 * wind.after if wind.average is None else wind.average)
         self.frozen = False
         self._averaged = 0.0  # s
-        self._moving = [*self.u, *([self.nu] if self.eddies else [])]
-        self._means = [grid.field() for _ in self._moving]
+        moving = [*self.u, *([self.nu] if self.eddies else [])]
+        means = [grid.field() for _ in moving]
+        self._take_in, self._stand_still = grid.blending(means, moving), grid.blending(moving, means)
 
     def stable_dt(self, t: float = 0.0) -> float:
         """The flow solver's; infinite once the air stands still."""
@@ -40,11 +41,9 @@ class FrozenSolver(FlowSolver):
             end > self.since + dt or end >= self.until
         ):  # the whole step lies in the span, or it is the last one
             self._averaged += dt
-            for mean, field in zip(self._means, self._moving, strict=True):
-                blend(mean, field, dt / self._averaged)
+            self._take_in(dt / self._averaged)
         if end >= self.until:
-            for mean, field in zip(self._means, self._moving, strict=True):
-                blend(field, mean, 1.0)
+            self._stand_still(1.0)
             self._limits.fill(0.0)
             self._measure_now()
             self._read_limits()

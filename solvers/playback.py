@@ -13,7 +13,7 @@ import taichi as ti
 
 from taichi_plume.fields import sample_cells, sample_faces
 from taichi_plume.film import VELOCITIES, Film
-from taichi_plume.grid import Grid, blend
+from taichi_plume.grid import Grid
 from taichi_plume.kernels import Template
 from taichi_plume.scenario import Playback, PlaybackGas, PlaybackWind
 from taichi_plume.solvers.gas import species_of
@@ -36,6 +36,7 @@ class Projector:
         self.ends = np.append(film.times[1:], self.first + self.period if model.loop else np.inf)
         self.now = {name: grid.field() for name in names}
         self._goal = {name: grid.field() for name in names}
+        self._approach = grid.blending(list(self.now.values()), list(self._goal.values()))
         self._pool = ThreadPoolExecutor(1, "film")
         self._frames: dict[int, Future] = {}
         self._reached = self._end = -np.inf
@@ -51,8 +52,7 @@ class Projector:
             self._change(int(np.searchsorted(self.film.times, time, side="right")) - 1)
         share = (time - self._reached) / (self._end - self._reached)
         if share > 0.0:
-            for name, field in self.now.items():
-                blend(field, self._goal[name], share)
+            self._approach(share)
         self._reached = time
 
     def _change(self, n: int) -> None:

@@ -10,7 +10,8 @@ end. Variables are float32 in the order (time, z, y, x), one chunk per frame and
     air         1 in cells of air, 0 in solid ones; without time
     open_u, ... 1 on faces whose velocity was solved for, 0 on walls; without time
 
-A frame counts once its time is written, so a film that was interrupted holds all frames before.
+A frame counts once its time is written, so a film that was interrupted holds all frames before. To look at one:
+``xarray.open_zarr("runs/arena-1/fields.zarr", consolidated=False)``.
 """
 
 from functools import cached_property

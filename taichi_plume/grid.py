@@ -4,13 +4,15 @@ Cell I covers [(I - ghost) dx, (I - ghost + 1) dx]. A face field of axis d holds
 d-face of cell I. Fields store axis 0 contiguously, where the domain is usually longest.
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from math import prod
 from typing import Any
 
 import numpy as np
 import taichi as ti
 
-from taichi_plume.kernels import Template
+from taichi_plume.kernels import Template, launch, sweep
 from taichi_plume.scenario import Domain
 
 
@@ -24,13 +26,6 @@ def _read(field: Template, ghost: Template, values: ti.types.ndarray()):
 def _write(field: Template, ghost: Template, values: ti.types.ndarray()):
     for J in ti.grouped(values):
         field[ti.Vector([J[J.n - 1 - d] + ghost for d in ti.static(range(J.n))])] = values[J]
-
-
-@ti.kernel
-def blend(field: Template, goal: Template, share: float):
-    """Move `field` by `share` of the way to `goal`, ghost layers too: by 1 it becomes the goal to the bit."""
-    for I in ti.grouped(field):
-        field[I] = (1.0 - share) * field[I] + share * goal[I]
 
 
 def block_mean(values: np.ndarray, n: int) -> np.ndarray:
@@ -119,6 +114,20 @@ class Grid:
     def write(self, field: Any, values: np.ndarray, margin: int = 0) -> None:
         """Set the inner values of a padded field and `margin` ghost layers; the layers beyond stay."""
         _write(field, self.ghost - margin, np.ascontiguousarray(values.T, np.float32))
+
+    def blending(self, fields: Sequence[Any], goals: Sequence[Any]) -> Callable[[float], None]:
+        """A kernel that moves fields by a share of the way to their goals, ghost layers too; by 1, to the bit."""
+
+        def toward(field: Any, goal: Any) -> Callable:
+            @ti.func
+            def body(I, share, _):
+                return (1.0 - share) * field[I] + share * goal[I]
+
+            return body
+
+        everywhere = [(0, n) for n in self.padded]
+        passes = [sweep([toward(f, g)], [f], everywhere) for f, g in zip(fields, goals, strict=True)]
+        return launch(*passes, cells=prod(self.padded))
 
     def centers(self) -> np.ndarray:
         """Cell centres [m], shape (*shape, dim)."""
