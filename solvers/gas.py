@@ -8,20 +8,22 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume.cut_cells import Air
-from taichi_plume.fields import corner, corner_weight
+from taichi_plume.fields import sample_cells
 from taichi_plume.grid import Grid
 from taichi_plume.kernels import Template
 from taichi_plume.rng import generator
-from taichi_plume.scenario import EulerianGas, Source
+from taichi_plume.scenario import EulerianGas, PlaybackGas, Source
 from taichi_plume.solvers.release import Release
 from taichi_plume.solvers.transport import Transport
 from taichi_plume.species import SPECIES, Species
 
 
-def species_of(gas: EulerianGas) -> Species:
+def species_of(gas: EulerianGas | PlaybackGas) -> Species:
     """The species of a scenario's gas."""
     if isinstance(gas.species, str):
         return SPECIES[gas.species]
+    if gas.species is None:
+        raise ValueError("a played gas needs the species of its film: see film.completed")
     return Species(gas.species.name, gas.species.molar_mass, gas.species.diffusivity)
 
 
@@ -118,11 +120,4 @@ class EulerianSolver:
     @ti.func
     def concentration(self, x: Template, t: float):
         """Concentration [kg/m³] at point x [m], linear between the centres of cells that hold air."""
-        shift = ti.Vector([0.5] * self.dim)
-        base, weight = corner(x, shift, self.grid.dx, self.grid.ghost, self.grid.padded)
-        total, air = 0.0, 0.0
-        for offset in ti.static(ti.grouped(ti.ndrange(*((2,) * self.dim)))):
-            w = corner_weight(weight, offset) * self.air[base + offset]
-            total += w * self.c[base + offset]
-            air += w
-        return total / ti.max(air, 1e-6)
+        return sample_cells(self.c, self.air, x, self.grid.dx, self.grid.ghost, self.grid.padded)

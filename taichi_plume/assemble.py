@@ -9,18 +9,21 @@ from taichi_plume.agents.mapping import InverseDistanceMap, TimeSeriesMap
 from taichi_plume.agents.placement import place, placed
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.team import Team
-from taichi_plume.cut_cells import air_of
-from taichi_plume.fields import Wind
+from taichi_plume.cut_cells import Air, air_of
+from taichi_plume.fields import Gas, Wind
+from taichi_plume.film import Film, completed
 from taichi_plume.geometry import ClearanceMap, shapes
 from taichi_plume.grid import Grid
 from taichi_plume.loading import ScenarioError
 from taichi_plume.rng import generator
-from taichi_plume.scenario import CfdWind, Scenario
+from taichi_plume.scenario import CfdWind, FrozenWind, PlaybackGas, PlaybackWind, Scenario, UniformWind
 from taichi_plume.simulation import Map, Simulation
 from taichi_plume.solvers.boundaries import opening_cells, periodic_axes
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.forces import forces
+from taichi_plume.solvers.frozen import FrozenSolver
 from taichi_plume.solvers.gas import EulerianSolver
+from taichi_plume.solvers.playback import PlayedGas, PlayedWind
 from taichi_plume.solvers.uniform import UniformSolver
 
 MAPS = {"time_series": TimeSeriesMap, "inverse_distance": InverseDistanceMap}
@@ -29,40 +32,59 @@ MAPS = {"time_series": TimeSeriesMap, "inverse_distance": InverseDistanceMap}
 def assemble(scenario: Scenario, folder: Path = Path()) -> Simulation:
     """The simulation of a checked scenario, at the begin of its warm-up; Taichi must have been started.
 
-    folder: where the scenario's mesh files lie. Raises ScenarioError where robots do not fit.
+    folder: where the scenario's meshes and films lie. Raises ScenarioError where robots do not fit.
     """
+    scenario = completed(scenario, folder)
     obstacles = shapes(scenario, folder)
-    wind_model = scenario.wind
-    openings = wind_model.openings if isinstance(wind_model, CfdWind) else ()
-    grid = Grid.of(scenario.domain, periodic_axes(openings, scenario.domain.dim))
-    air = air_of(obstacles, grid, opening_cells(openings, grid))
-    begin = scenario.first_tick * scenario.tick
-    wind: Wind
-    if isinstance(wind_model, CfdWind):
-        wind = FlowSolver(wind_model, grid, air, scenario.seed)
-        trapped = wind.boundaries.trapped(air.regions())
-        if trapped:
-            raise ScenarioError(
-                [
-                    f"wind.openings[{n}]: its air has no way to an outlet, obstacles close it off; "
-                    "move one of them or add an outlet there"
-                    for n in trapped
-                ]
-            )
-    else:
-        wind = UniformSolver(wind_model, grid)
-    try:
-        gas = EulerianSolver(scenario.gas, grid, wind, air, begin, scenario.seed)
-    except ValueError as error:
-        raise ScenarioError([f"gas.{error}"]) from None
+    openings = scenario.wind.openings if isinstance(scenario.wind, CfdWind) else ()
+    film = Film(folder / scenario.wind.file) if isinstance(scenario.wind, PlaybackWind) else None
+    grid = Grid.of(scenario.domain, film.periodic if film else periodic_axes(openings, scenario.domain.dim))
+    air = film.air() if film else air_of(obstacles, grid, opening_cells(openings, grid))
+    wind = _wind(scenario, film, grid, air)
+    gas = _gas(scenario, folder, grid, wind, air)
     swarm = _swarm(scenario, obstacles, grid)
     teams = [Team(swarm, group, grid.dim, scenario.tick) for group in swarm.groups]
     floor = (grid.extent[0], grid.extent[1])
     maps: list[Map] = [MAPS[m.kind](m, floor, max(1, swarm.trials)) for m in scenario.maps]
-    sim = Simulation(scenario, grid, wind, gas, swarm, list(teams), maps, obstacles)
+    sim = Simulation(scenario, grid, wind, gas, swarm, list(teams), maps, obstacles, air)
     if isinstance(wind, FlowSolver) and obstacles:
         sim.forces = partial(forces, wind, air, len(obstacles))
     return sim
+
+
+def _wind(scenario: Scenario, film: Film | None, grid: Grid, air: Air) -> Wind:
+    """The wind; `film` is the one that is played back."""
+    model, begin = scenario.wind, scenario.first_tick * scenario.tick
+    if isinstance(model, UniformWind):
+        return UniformSolver(model, grid)
+    if isinstance(model, PlaybackWind):
+        assert film is not None
+        return PlayedWind(model, film, grid, begin)
+    if isinstance(model, FrozenWind):
+        flow = FrozenSolver(model, grid, air, scenario.seed, begin)
+    else:
+        flow = FlowSolver(model, grid, air, scenario.seed)
+    trapped = flow.boundaries.trapped(air.regions())
+    if trapped:
+        raise ScenarioError(
+            [
+                f"wind.openings[{n}]: its air has no way to an outlet, obstacles close it off; "
+                "move one of them or add an outlet there"
+                for n in trapped
+            ]
+        )
+    return flow
+
+
+def _gas(scenario: Scenario, folder: Path, grid: Grid, wind: Wind, air: Air) -> Gas:
+    """The gas, live or played back."""
+    model, begin = scenario.gas, scenario.first_tick * scenario.tick
+    if isinstance(model, PlaybackGas):
+        return PlayedGas(model, Film(folder / model.file), grid, begin)
+    try:
+        return EulerianSolver(model, grid, wind, air, begin, scenario.seed)
+    except ValueError as error:
+        raise ScenarioError([f"gas.{error}"]) from None
 
 
 def _swarm(scenario: Scenario, obstacles: list, grid: Grid) -> Swarm:

@@ -7,23 +7,29 @@ from collections.abc import Iterator
 from itertools import pairwise
 from math import ceil, floor, hypot, inf, log10, pi, prod, sqrt
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import psutil
 from scipy import ndimage
 from scipy.spatial import cKDTree  # type: ignore[attr-defined]
 
+from taichi_plume.cut_cells import air_of
 from taichi_plume.geometry import MeshError, Shape, clearance_resolution, shape
+from taichi_plume.grid import Grid
 from taichi_plume.scenario import (
     Box,
     CfdWind,
     Fan,
+    FrozenWind,
     Group,
     Jet,
     MovingWall,
     Opening,
     Outlet,
     Periodic,
+    Playback,
+    PlaybackGas,
     Prism,
     Region,
     Scenario,
@@ -54,30 +60,41 @@ TOUCHING = 1e-9  # of the same: a corner this close to an edge lies on it
 def problems(scenario: Scenario, folder: Path) -> list[str]:
     """All faults as lines ``path: message``; `folder` is where mesh files lie.
 
-    Wrong dimensions or sizes are told alone: the other checks need them right.
+    Wrong dimensions or sizes are told alone, and so are films: the other checks need them right.
     """
     for part in (_dimensions, _sizes):
         lines = list(part(scenario))
         if lines:
             return lines
     shapes, lines = _shapes(scenario, folder)
+    films = list(_films(scenario, folder, shapes))
+    if films:
+        return lines + films
+    if isinstance(scenario.gas, PlaybackGas):
+        from taichi_plume.film import completed
+
+        scenario = completed(scenario, folder)
     for part in (_obstacles, _sources, _robots):
         lines += part(scenario, shapes)
     lines += _names(scenario)
     openings = list(_openings(scenario, shapes)) or list(_net_inflow(scenario))
-    return lines + openings + list(_recording(scenario))
+    return lines + openings + list(_recording(scenario)) + list(_frozen(scenario)) + list(_fields(scenario))
 
 
 def estimate(scenario: Scenario) -> dict[str, float]:
     """Rough size of a run: cells, bytes, steps of the flow, and seconds it takes on a few CPU cores."""
     domain, wind = scenario.domain, scenario.wind
     cells = prod(domain.shape)
+    whole = scenario.warm_up + scenario.duration
+    speed, courant, moving = 0.0, 1.0, whole
     if isinstance(wind, UniformWind):
-        speed, courant = sum(abs(v) for v in wind.velocity), 1.0
-    else:
+        speed = sum(abs(v) for v in wind.velocity)
+    elif isinstance(wind, CfdWind):
         speed, courant = GUST * _largest_speed(wind), wind.courant
+    if isinstance(wind, FrozenWind):
+        moving = min(whole, wind.after)
     substeps = max(1, ceil(scenario.tick * speed / (courant * domain.spacing) - 1e-9))
-    steps = substeps * ceil((scenario.warm_up + scenario.duration) / scenario.tick - 1e-9)
+    steps = ceil(whole / scenario.tick - 1e-9) + (substeps - 1) * ceil(moving / scenario.tick - 1e-9)
     return {
         "cells": cells,
         "bytes": _bytes(scenario, cells),
@@ -128,7 +145,7 @@ def _dimensions(scenario: Scenario) -> Iterator[str]:
     wind = scenario.wind
     if isinstance(wind, UniformWind):
         found.append(("wind.velocity", wind.velocity, dim))
-    else:
+    elif isinstance(wind, CfdWind):
         found.append(("wind.acceleration", wind.acceleration, dim))
     for n, opening in enumerate(_openings_of(scenario)):
         where = f"wind.openings[{n}]"
@@ -604,6 +621,95 @@ def _free_area(
             f"{path}.count: {group.count} robots of radius {radius:g} m do not fit at random places of the "
             f"start area, there is room for about {room}; lower the count or enlarge {path}.start"
         )
+
+
+# ---------------------------------------------------------------- films, flows that stand still
+
+
+def _films(scenario: Scenario, folder: Path, shapes: list[Shape | None]) -> Iterator[str]:
+    """Films that are played back: whole, of the same domain and obstacles, with what is asked of them."""
+    for part, model in (("wind", scenario.wind), ("gas", scenario.gas)):
+        if not isinstance(model, Playback):
+            continue
+        from taichi_plume.film import Film, FilmError, completed  # zarr is for runs that need it
+
+        try:
+            film = Film(folder / model.file)
+            if part == "gas":
+                completed(scenario, folder)
+            air = film.still("air")
+            for n in {0, len(film.times) - 1}:
+                film.frame(n, film.wind if part == "wind" else film.gas)
+        except FilmError as error:
+            yield f"{part}.file: {error}"
+            continue
+        held = [name for name, variables in (("wind", film.wind), ("gas", film.gas)) if variables]
+        if part not in held:
+            yield (
+                f"{part}.file: {film.path}: holds no {part}, only {', '.join(held) or 'nothing'}; record it "
+                f"with fields.quantities: [{part}]"
+            )
+        elif faults := list(_another_domain(scenario, film, part)):
+            yield from faults
+        elif None not in shapes:
+            grid = Grid.of(scenario.domain, film.periodic)
+            here = air_of([s for s in shapes if s], grid, air > 0)
+            differing = int((np.abs(here.volume - air) > 0.01).sum())
+            if differing:
+                yield (
+                    f"obstacles: {differing} cells are not as in {film.path}, which {part} plays back; "
+                    "give the obstacles of the recorded run"
+                )
+        if model.start > film.times[-1] and not model.loop:
+            yield (
+                f"{part}.start: {model.start:g} s is after the last frame of {film.path}; "
+                f"it has {film.times[0]:g} to {film.times[-1]:g} s"
+            )
+
+
+def _another_domain(scenario: Scenario, film: Any, part: str) -> Iterator[str]:
+    domain = scenario.domain
+    if domain.shape != film.shape or abs(domain.spacing - film.dx) > 1e-6 * film.dx:
+        size = ", ".join(f"{n * film.dx:.6g}" for n in film.shape)
+        yield (
+            f"domain: {_cells(domain.shape, domain.spacing)}, but {film.path}, which {part} plays back, has "
+            f"{_cells(film.shape, film.dx)}; use size: [{size}], spacing: {film.dx:g}"
+        )
+    elif part == "gas" and domain.dim == 2 and abs(domain.depth - film.depth) > 1e-6 * film.depth:
+        yield (
+            f"domain.depth: {domain.depth:g} m, but the gas of {film.path} was recorded in {film.depth:g} m; "
+            f"use depth: {film.depth:g}"
+        )
+
+
+def _cells(shape: tuple[int, ...], dx: float) -> str:
+    return f"{' x '.join(map(str, shape))} cells of {dx:g} m"
+
+
+def _frozen(scenario: Scenario) -> Iterator[str]:
+    wind, whole = scenario.wind, scenario.warm_up + scenario.duration
+    if not isinstance(wind, FrozenWind):
+        return
+    if wind.after > whole:
+        yield (
+            f"wind.after: {wind.after:g} s is longer than warm_up + duration = {whole:g} s, so the flow would "
+            "never stand still; lower it, raise warm_up, or use kind: cfd"
+        )
+    if wind.average is not None and wind.average > wind.after:
+        yield f"wind.average: {wind.average:g} s is longer than after: {wind.after:g} s; use at most that"
+
+
+def _fields(scenario: Scenario) -> Iterator[str]:
+    model = scenario.fields
+    if model is None:
+        return
+    if model.rate * scenario.tick > 1 + 1e-9:
+        yield (
+            f"fields.rate: {model.rate:g} frames per second are more than one per tick of {scenario.tick:g} s; "
+            f"use at most {1 / scenario.tick:g}, or lower tick"
+        )
+    if model.start > scenario.duration:
+        yield f"fields.start: {model.start:g} s is after the end at {scenario.duration:g} s; start it earlier"
 
 
 # ---------------------------------------------------------------- recording

@@ -68,6 +68,31 @@ def corner_weight(weight: Template, offset: Template):
     return w
 
 
+@ti.func
+def sample_faces(u: Template, x: Template, dx: float, ghost: ti.i32, padded: Template):
+    """Vector at point x [m] of a staggered grid's face fields u, one per axis, linear between the faces."""
+    result = ti.Vector.zero(ti.f32, x.n)
+    for c in ti.static(range(x.n)):
+        shift = ti.Vector([0.0 if d == c else 0.5 for d in ti.static(range(x.n))])
+        base, weight = corner(x, shift, dx, ghost, padded)
+        for offset in ti.static(ti.grouped(ti.ndrange(*((2,) * x.n)))):
+            result[c] += corner_weight(weight, offset) * u[c][base + offset]
+    return result
+
+
+@ti.func
+def sample_cells(c: Template, air: Template, x: Template, dx: float, ghost: ti.i32, padded: Template):
+    """Value of the cell field c at point x [m], linear between the centres of cells where air is 1."""
+    shift = ti.Vector([0.5] * x.n)
+    base, weight = corner(x, shift, dx, ghost, padded)
+    total, share = 0.0, 0.0
+    for offset in ti.static(ti.grouped(ti.ndrange(*((2,) * x.n)))):
+        w = corner_weight(weight, offset) * air[base + offset]
+        total += w * c[base + offset]
+        share += w
+    return total / ti.max(share, 1e-6)
+
+
 @ti.kernel
 def _concentration_at(
     gas: Template, dim: Template, points: ti.types.ndarray(), t: float, out: ti.types.ndarray()

@@ -4,13 +4,15 @@ Cell I covers [(I - ghost) dx, (I - ghost + 1) dx]. A face field of axis d holds
 d-face of cell I. Fields store axis 0 contiguously, where the domain is usually longest.
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from math import prod
 from typing import Any
 
 import numpy as np
 import taichi as ti
 
-from taichi_plume.kernels import Template
+from taichi_plume.kernels import Template, launch, sweep
 from taichi_plume.scenario import Domain
 
 
@@ -113,15 +115,32 @@ class Grid:
             faces = np.pad(faces, width, mode="wrap" if wrap else "edge")
         return faces
 
-    def read(self, field: Any) -> np.ndarray:
-        """The inner values of a padded field, shape `shape`, axis 0 contiguous; much faster than `to_numpy`."""
-        values = np.empty(self.shape[::-1], np.float32)
-        _read(field, self.ghost, values)
+    def read(self, field: Any, margin: int = 0) -> np.ndarray:
+        """The inner values of a padded field and `margin` ghost layers; much faster than `to_numpy`.
+
+        Shape `shape`, larger by twice the margin; axis 0 contiguous.
+        """
+        values = np.empty([n + 2 * margin for n in reversed(self.shape)], np.float32)
+        _read(field, self.ghost - margin, values)
         return values.T
 
-    def write(self, field: Any, values: np.ndarray) -> None:
-        """Set the inner values of a padded field from an array of shape `shape`; ghost layers stay."""
-        _write(field, self.ghost, np.ascontiguousarray(values.T, np.float32))
+    def write(self, field: Any, values: np.ndarray, margin: int = 0) -> None:
+        """Set the inner values of a padded field and `margin` ghost layers; the layers beyond stay."""
+        _write(field, self.ghost - margin, np.ascontiguousarray(values.T, np.float32))
+
+    def blending(self, fields: Sequence[Any], goals: Sequence[Any]) -> Callable[[float], None]:
+        """A kernel that moves fields by a share of the way to their goals, ghost layers too; by 1, to the bit."""
+
+        def toward(field: Any, goal: Any) -> Callable:
+            @ti.func
+            def body(I, share, _):
+                return (1.0 - share) * field[I] + share * goal[I]
+
+            return body
+
+        everywhere = [(0, n) for n in self.padded]
+        passes = [sweep([toward(f, g)], [f], everywhere) for f, g in zip(fields, goals, strict=True)]
+        return launch(*passes, cells=prod(self.padded))
 
     def centers(self) -> np.ndarray:
         """Cell centres [m], shape (*shape, dim)."""

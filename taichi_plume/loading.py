@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
-from taichi_plume.scenario import Scenario
+from taichi_plume.scenario import PlaybackGas, Scenario
 
 LARGEST_FILE = 1 << 20  # bytes
 LARGEST_TREE = 1_000_000  # nodes once aliases are written out; without any, 1 MiB has no room for so many
@@ -54,10 +54,15 @@ def load_scenario(path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
         problems,  # takes a second to import, which a misspelt key need not wait for
     )
 
-    faults = problems(scenario, path.resolve().parent)
+    folder = path.resolve().parent
+    faults = problems(scenario, folder)
     if faults:
         raise ScenarioError([f"{path}: {fault}" for fault in faults])
-    return scenario
+    if not isinstance(scenario.gas, PlaybackGas):
+        return scenario
+    from taichi_plume.film import completed
+
+    return completed(scenario, folder)
 
 
 class _LineError(Exception):

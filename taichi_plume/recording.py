@@ -20,7 +20,7 @@ import rerun as rr
 
 from taichi_plume import __version__, disk, drawing, fields, layout, scene, scores
 from taichi_plume.layout import TIME
-from taichi_plume.scenario import MovingWall, Scenario, UniformWind
+from taichi_plume.scenario import MovingWall, PlaybackWind, Scenario, UniformWind
 from taichi_plume.simulation import Every, Simulation
 
 MOST_ROBOTS = 50
@@ -156,7 +156,7 @@ class Recorder:
             self.voxel = [length / n for length, n in zip(grid.extent, counts, strict=True)]
         height = min(recording.slice_height, grid.extent[-1])
         self.arrow_points, self.arrow_step = drawing.arrow_places(grid.extent, height)
-        self.top_speed = _top_speed(sim.scenario)
+        self.top_speed = _top_speed(sim)
         for n, gas_map in enumerate(self.maps):
             shape = np.shape(gas_map.estimate())[1:]
             for name in scene.ESTIMATES:
@@ -369,9 +369,11 @@ def _schedule(scenario: Scenario) -> list[tuple[float, str]]:
     return sorted(changes)
 
 
-def _top_speed(scenario: Scenario) -> float:
-    """Largest prescribed speed [m/s]: the arrows' full length."""
-    wind = scenario.wind
+def _top_speed(sim: Simulation) -> float:
+    """Largest prescribed or recorded speed [m/s]: the arrows' full length."""
+    wind = sim.scenario.wind
+    if isinstance(wind, PlaybackWind):
+        return getattr(sim.wind, "top_speed", 0.0) or 0.1
     speeds = [hypot(*wind.velocity)] if isinstance(wind, UniformWind) else []
     for opening in getattr(wind, "openings", ()):
         if isinstance(opening, MovingWall):

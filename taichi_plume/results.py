@@ -7,6 +7,7 @@ import datetime
 import json
 import os
 import platform
+import shutil
 import tempfile
 from importlib.metadata import version
 from math import ceil, isfinite, prod
@@ -22,7 +23,7 @@ from taichi_plume import __version__, disk, scores
 from taichi_plume.scenario import Scenario
 from taichi_plume.simulation import Every, Simulation
 
-FILES = ("scenario.yaml", "recording.rrd", "robots.parquet", "forces.csv", "result.json")
+FILES = ("scenario.yaml", "recording.rrd", "robots.parquet", "forces.csv", "fields.zarr", "result.json")
 MOST_ROWS = 2_000_000  # of robots.parquet: larger swarms are sampled less often
 ROW_GROUP = 50_000
 
@@ -52,7 +53,10 @@ def run_folder(name: str, out: Path | None = None, force: bool = False, runs: Pa
         if not force and any(out.iterdir()):
             raise RunFolderError(f"{out}: is not empty; choose another --out or add --force to overwrite")
         for file in FILES:
-            (out / file).unlink(missing_ok=True)
+            if (out / file).is_dir():
+                shutil.rmtree(out / file)
+            else:
+                (out / file).unlink(missing_ok=True)
     except OSError as error:
         raise RunFolderError(f"{out}: cannot be written to: {error.strerror or error}") from None
     return out

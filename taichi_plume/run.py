@@ -213,6 +213,10 @@ def _watch(
         forces = results.ForceTable(sim, out / "forces.csv")
         closers.append(forces.close)
         sim.observers.append(forces.observer())
+    if sim.scenario.fields is not None:
+        from taichi_plume.filming import Filming
+
+        sim.observers.append(Filming(sim, out / "fields.zarr", sim.scenario.fields).observer())
     if not args.no_recording:
         from taichi_plume.recording import Recorder
 

@@ -356,7 +356,36 @@ class UniformWind(Model):
     velocity: Annotated[tuple[Velocity, ...], Field(min_length=2, max_length=3)]
 
 
-Wind = Annotated[CfdWind | UniformWind, Field(discriminator="kind")]
+class FrozenWind(CfdWind):
+    """The mean of a computed flow, kept for ever: `cfd` at first, then at no cost. The flow's fluctuations are lost."""
+
+    kind: Literal["frozen"]  # type: ignore[assignment]
+    after: Duration = 60.0
+    """Time from the start of the warm-up until the flow stands still [s]."""
+    average: Duration | None = None
+    """The flow is averaged over so long before [s]; unless given, half of `after`."""
+
+
+class Playback(Model):
+    """A recorded run (see `fields`), linear in time between its frames; at its end the last one holds."""
+
+    file: Annotated[str, Field(min_length=1)]
+    """Path of a fields.zarr, relative to the scenario's folder."""
+    loop: bool = False
+    """Start again at the end, blending the last frame into the first."""
+    rate: Positive = 1.0
+    """Recorded seconds per simulated second; the recorded velocities stay as they are."""
+    start: Time = 0.0
+    """Recorded time [s] that is shown when the robots start."""
+
+
+class PlaybackWind(Playback):
+    """The air flow of a recorded run."""
+
+    kind: Literal["playback"]
+
+
+Wind = Annotated[CfdWind | UniformWind | FrozenWind | PlaybackWind, Field(discriminator="kind")]
 
 # ---------------------------------------------------------------- gas
 
@@ -406,6 +435,18 @@ class EulerianGas(Model):
     species: Literal["ethanol", "acetone"] | OtherSpecies = "ethanol"
     sources: Annotated[tuple[Source, ...], Field(min_length=1)]
 
+
+class PlaybackGas(Playback):
+    """The gas of a recorded run."""
+
+    kind: Literal["playback"]
+    species: Literal["ethanol", "acetone"] | OtherSpecies | None = None
+    """Unless given, the recorded one."""
+    sources: tuple[Source, ...] = ()
+    """What the robots search for; unless given, the recorded ones."""
+
+
+Gas = Annotated[EulerianGas | PlaybackGas, Field(discriminator="kind")]
 
 # ---------------------------------------------------------------- robots
 
@@ -594,6 +635,16 @@ class Recording(Model):
     """Ends of the logarithmic colour scale."""
 
 
+class Fields(Model):
+    """What goes into fields.zarr: wind and gas on the whole grid, to be looked at or played back by later runs."""
+
+    rate: Frequency = 2.0
+    """Frames per simulated second."""
+    start: Time = 0.0
+    """Time of the first frame [s]; negative in the warm-up."""
+    quantities: Annotated[tuple[Literal["wind", "gas"], ...], Field(min_length=1)] = ("wind", "gas")
+
+
 class Scenario(Model):
     """One experiment: everything that decides its outcome."""
 
@@ -610,10 +661,12 @@ class Scenario(Model):
     domain: Domain
     wind: Wind
     obstacles: tuple[Obstacle, ...] = ()
-    gas: EulerianGas
+    gas: Gas
     robots: tuple[Group, ...] = ()
     maps: tuple[Map, ...] = ()
     recording: Recording = Recording()
+    fields: Fields | None = None
+    """Unless given, no fields.zarr is written."""
 
     @property
     def first_tick(self) -> int:

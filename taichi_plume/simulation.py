@@ -8,6 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from taichi_plume.cut_cells import Air
 from taichi_plume.fields import Gas, Wind
 from taichi_plume.grid import Grid
 from taichi_plume.scenario import Scenario
@@ -83,6 +84,7 @@ class Simulation:
     teams: list[Team]
     maps: list[Map]
     obstacles: list[Any]
+    air: Air
     forces: Callable[[], np.ndarray] | None = None
     """The force of the air on each obstacle [N], shape (obstacles, dim); None where it is not known."""
     observers: list[Every] = field(default_factory=list)

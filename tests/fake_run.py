@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
+from taichi_plume.cut_cells import Air
 from taichi_plume.grid import Grid
 from taichi_plume.scenario import Mesh, Scenario
 from taichi_plume.simulation import Simulation
@@ -214,9 +215,9 @@ def simulation(model: Scenario) -> Simulation:
     ]
     source = model.gas.sources[0].position
     wind = FakeWind(grid, 0.9)
-    sim = Simulation(
-        model, grid, wind, FakeGas(grid, source), swarm, teams, [], [_shape(o) for o in model.obstacles]
-    )
+    air = Air.of(np.zeros(grid.shape, bool), grid)
+    obstacles = [_shape(o) for o in model.obstacles]
+    sim = Simulation(model, grid, wind, FakeGas(grid, source), swarm, teams, [], obstacles, air)
     sim.maps += [FakeMap(m.kind, m.cell, sim) for m in model.maps]
     return sim
 

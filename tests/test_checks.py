@@ -92,6 +92,8 @@ def test_good_scenarios_have_no_problems(tmp_path, text):
         "robots.0.start.positions=[[0.083, 1], [1.703, 1]]",  # next to the wall and the box
         "obstacles.1={kind: cylinder, center: [1, 1], radius: 0.3, base: 0.15}",  # above the robots
         "gas.sources.0.position=[2, 1, 0.4]",  # above the box
+        "wind={kind: frozen, after: 15, average: 15}",  # as long as there is
+        "fields={rate: 10, start: -99}",  # one per tick, from the begin
     ],
 )
 def test_borderline_scenarios_have_no_problems(tmp_path, override):
@@ -99,6 +101,24 @@ def test_borderline_scenarios_have_no_problems(tmp_path, override):
 
 
 FAULTS = [
+    # frozen wind, fields
+    (
+        "wind={kind: frozen, after: 15.1}",
+        "wind.after: 15.1 s is longer than warm_up + duration = 15 s",
+        "kind: cfd",
+    ),
+    (
+        "wind={kind: frozen, after: 9, average: 10}",
+        "wind.average: 10 s is longer than after: 9 s",
+        "at most that",
+    ),
+    ("wind={kind: playback, file: no.zarr}", "wind.file: ", "no.zarr: does not exist"),
+    (
+        "fields.rate=11",
+        "fields.rate: 11 frames per second are more than one per tick of 0.1 s",
+        "use at most 10",
+    ),
+    ("fields.start=10.5", "fields.start: 10.5 s is after the end at 10 s", "start it earlier"),
     # sizes
     ("domain.spacing=1e-3", "domain.spacing: 6e+09 cells need 1,200 GB", "GB are free; a spacing of 0.0"),
     ("domain.spacing=1e-300", "domain.spacing: inf cells need inf GB", "GB are free; a spacing of 0.0"),

@@ -57,6 +57,14 @@ def test_fan_array_follows_its_schedule(tmp_path):
     assert verified(tmp_path / "recording.rrd")
 
 
+@pytest.mark.slow
+def test_frozen_room_serves_five_hundred_trials(tmp_path):
+    result = result_of("frozen_room", tmp_path, "--no-recording")
+    assert result["groups"][0]["success_rate"] > 0.9
+    assert result["flow"]["max_divergence"] <= 1e-4
+    assert abs(result["gas"]["relative_error"]) <= 1e-5
+
+
 def test_a_seed_decides_everything(tmp_path):
     options = ("--no-recording", "--duration", "5", "--set", "warm_up=3")
     tables = {}

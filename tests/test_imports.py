@@ -18,6 +18,7 @@ APPLICATION = {
     "layout",
     "scene",
     "disk",
+    "filming",
 }
 FORBIDDEN = {
     "core": {"solvers", "agents", "validation"} | APPLICATION,

@@ -98,6 +98,26 @@ def test_it_can_be_run_again_as_it_is(scenario):
     assert not (Path("again") / "recording.rrd").exists()
 
 
+def test_its_air_can_be_played_back(scenario):
+    starts = "robots.0.start.positions=[[0.8, 0.75], [1.5, 1]]"
+    common = ["--no-recording", "--quiet", "--set", "warm_up=2", "--set", starts]
+    first = [str(scenario), *common, "--out", "first"]
+    assert run.main([*first, "--set", "fields={rate: 10, start: -2}"]) == 0
+    film = "{kind: playback, file: first/fields.zarr}"
+    again = [str(scenario), *common, "--set", f"wind={film}", "--set", f"gas={film}", "--out", "again"]
+    assert run.main(again) == 0
+    tables = [pq.read_table(Path(out) / "robots.parquet") for out in ("first", "again")]
+    truth = [table.column("true_ppm").to_numpy() for table in tables]
+    assert truth[0].max() > 1.0
+    assert abs(truth[1] - truth[0]).max() < 1e-4 * truth[0].max()
+    resolved = (Path("again") / "scenario.yaml").read_text()
+    assert "file: ../first/fields.zarr" in resolved
+    assert "species: ethanol" in resolved
+    assert run.main(["again/scenario.yaml", "--check"]) == 0
+    assert run.main([*first, "--force"]) == 0
+    assert not Path("first/fields.zarr").exists()
+
+
 def test_quiet_says_nothing(scenario, fake, capsys):
     assert run.main([str(scenario), "--quiet", "--no-recording"]) == 0
     told = capsys.readouterr()

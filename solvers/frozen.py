@@ -1,0 +1,54 @@
+"""A computed flow that is averaged and then stands still: a mean of divergence-free fields is divergence-free."""
+
+import taichi as ti
+
+from taichi_plume.cut_cells import Air
+from taichi_plume.grid import Grid
+from taichi_plume.scenario import FrozenWind
+from taichi_plume.solvers.flow import FlowSolver
+
+
+@ti.data_oriented
+class FrozenSolver(FlowSolver):
+    """A flow solver whose u and nu become their own means over the last `average` seconds before `after`, for ever.
+
+    From then on the air costs nothing and schedules no longer matter. The fluctuations are gone, and with them the
+    meandering and the intermittency of a plume: what they mixed in the mean is not made up for in nu.
+    begin: start of the warm-up [s].
+    """
+
+    def __init__(self, wind: FrozenWind, grid: Grid, air: Air, seed: int = 0, begin: float = 0.0):
+        super().__init__(wind, grid, air, seed)
+        self.until = begin + wind.after
+        self.since = self.until - (0.5 * wind.after if wind.average is None else wind.average)
+        self.frozen = False
+        self._averaged = 0.0  # s
+        moving = [*self.u, *([self.nu] if self.eddies else [])]
+        means = [grid.field() for _ in moving]
+        self._take_in, self._stand_still = grid.blending(means, moving), grid.blending(moving, means)
+
+    def stable_dt(self, t: float = 0.0) -> float:
+        """The flow solver's; infinite once the air stands still."""
+        return float("inf") if self.frozen else super().stable_dt(t)
+
+    def advance(self, t: float, dt: float) -> None:
+        """One step, until the flow is frozen."""
+        if self.frozen:
+            return
+        super().advance(t, dt)
+        end = t + dt + 1e-9 * dt
+        if (
+            end > self.since + dt or end >= self.until
+        ):  # the whole step lies in the span, or it is the last one
+            self._averaged += dt
+            self._take_in(dt / self._averaged)
+        if end >= self.until:
+            self._stand_still(1.0)
+            self._limits.fill(0.0)
+            self._measure_now()
+            self._read_limits()
+            self.frozen = True
+
+    @ti.kernel
+    def _measure_now(self):
+        self._measure()

@@ -1,0 +1,167 @@
+"""Wind and gas of a recorded run, linear in time between its frames.
+
+A mean of two divergence-free fields is divergence-free, so gas can be dispersed on a played flow as on a computed one.
+Two frames are on the device; the next one is read from the disk meanwhile.
+"""
+
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+import taichi as ti
+
+from taichi_plume.fields import sample_cells, sample_faces
+from taichi_plume.film import VELOCITIES, Film
+from taichi_plume.grid import Grid
+from taichi_plume.kernels import Template
+from taichi_plume.scenario import Playback, PlaybackGas, PlaybackWind
+from taichi_plume.solvers.gas import species_of
+
+
+class Projector:
+    """Keeps fields as a film shows them at the time of the clock.
+
+    names: the film's variables; prepare: what the reading thread makes of a frame, (values with `margin` ghost layers
+    per name, numbers to be known about it). now: the fields by name; known: the numbers of the two frames around.
+    """
+
+    def __init__(
+        self, film: Film, model: Playback, grid: Grid, names: list[str], margin: int, prepare: Callable
+    ):
+        self.film, self.model, self.grid, self.names, self.margin = film, model, grid, names, margin
+        self.prepare = prepare
+        self.first = film.times[0]
+        self.period = film.times[-1] + film.interval - self.first
+        self.ends = np.append(film.times[1:], self.first + self.period if model.loop else np.inf)
+        self.now = {name: grid.field() for name in names}
+        self._goal = {name: grid.field() for name in names}
+        self._approach = grid.blending(list(self.now.values()), list(self._goal.values()))
+        self._pool = ThreadPoolExecutor(1, "film")
+        self._frames: dict[int, Future] = {}
+        self._reached = self._end = -np.inf
+        self.known: tuple[Any, Any] = (None, None)
+
+    def show(self, t: float) -> None:
+        """Set the fields to those of simulated time t [s]."""
+        time = self.model.start + self.model.rate * t
+        if self.model.loop and np.isfinite(self.period):
+            time = self.first + (time - self.first) % self.period
+        time = max(time, self.first)
+        if not self._reached <= time < self._end:
+            self._change(int(np.searchsorted(self.film.times, time, side="right")) - 1)
+        share = (time - self._reached) / (self._end - self._reached)
+        if share > 0.0:
+            self._approach(share)
+        self._reached = time
+
+    def _change(self, n: int) -> None:
+        """Put frame n and the next one on the device, and send for the one after."""
+        wanted = (n, self._next(n), self._next(self._next(n)))
+        self._frames = {k: self._frames.get(k) or self._pool.submit(self._read, k) for k in wanted}
+        frames = [self._frames[k].result() for k in wanted[:2]]
+        for fields, (values, _) in zip((self.now, self._goal), frames, strict=True):
+            for name, field in fields.items():
+                self.grid.write(field, values[name], self.margin)
+        self.known = (frames[0][1], frames[1][1])
+        self._reached, self._end = self.film.times[n], self.ends[n]
+
+    def _next(self, n: int) -> int:
+        if n + 1 < len(self.film.times):
+            return n + 1
+        return 0 if self.model.loop else n
+
+    def _read(self, n: int) -> Any:
+        return self.prepare(self.film.frame(n, self.names))
+
+
+@ti.data_oriented
+class PlayedWind:
+    """A recorded flow; satisfies `fields.Wind` and carries gas on the grid like a flow solver."""
+
+    def __init__(self, wind: PlaybackWind, film: Film, grid: Grid, begin: float = 0.0):
+        self.grid = grid
+        self.dim = grid.dim
+        names = film.wind
+        self.film = Projector(film, wind, grid, names, 1, self._prepare)
+        self.speed_names = VELOCITIES[: grid.dim]
+        self.u = tuple(self.film.now[name] for name in self.speed_names)
+        self.nu = self.film.now.get("viscosity")
+        self.viscosity = float(film.attributes["viscosity"])
+        self.schmidt = float(film.attributes["schmidt"])
+        air = film.air()
+        self.open = grid.faces_field()
+        self.area = None if air.empty else grid.faces_field()
+        for d, name in enumerate(self.speed_names):
+            width = [(1, int(a != d)) for a in range(grid.dim)]
+            grid.write(self.open[d], np.pad(film.still(f"open_{name}"), width), 1)
+            if self.area is not None:
+                self.area[d].from_numpy(grid.pad_faces(air.area[d], d).astype(np.float32))
+        samples = (film.frame(n, names) for n in {0, len(film.times) // 2, len(film.times) - 1})
+        self.top_speed = max(self._prepare(frame)[1][2] for frame in samples)  # m/s, about
+        self._show(begin)
+
+    def _prepare(self, frame: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], tuple[float, ...]]:
+        """Values with a ghost layer; largest flow out of a cell over its volume [1/s], viscosity and speed."""
+        values, out, speed = dict(frame), 0.0, 0.0
+        for d, name in enumerate(self.speed_names):
+            u = frame[name]
+            values[name] = np.pad(u, [(int(a == d), 0) for a in range(self.dim)])
+            faces = u[tuple(slice(None) if a == d else slice(1, -1) for a in range(self.dim))]
+            low, high = np.delete(faces, -1, axis=d), np.delete(faces, 0, axis=d)
+            out = out + np.maximum(high, 0.0) - np.minimum(low, 0.0)
+            speed = max(speed, float(np.abs(faces).max()))
+        viscosity = float(frame["viscosity"].max()) if "viscosity" in frame else self.viscosity
+        return values, (float(np.max(out)) / self.grid.dx, viscosity, speed)
+
+    def _show(self, t: float) -> None:
+        self.film.show(t)
+        # the maxima of a mean are no larger than the larger ones
+        known = np.max(self.film.known, axis=0)
+        self.outflow_rate, self.max_viscosity, self.max_speed = (float(value) for value in known)
+
+    def stable_dt(self, t: float = 0.0) -> float:
+        """A step of the gas [s], so that it sees the flow change; the film itself has no limit."""
+        return 0.5 / max(self.outflow_rate, 1e-9)
+
+    def advance(self, t: float, dt: float) -> None:
+        """Show the time t + dt."""
+        self._show(t + dt)
+
+    @ti.func
+    def velocity(self, x: Template, t: float):
+        """Velocity [m/s] at point x [m], linear between the faces; the time is the player's own."""
+        return sample_faces(self.u, x, self.grid.dx, self.grid.ghost, self.grid.padded)
+
+
+@ti.data_oriented
+class PlayedGas:
+    """A recorded gas; satisfies `fields.Gas`."""
+
+    def __init__(self, gas: PlaybackGas, film: Film, grid: Grid, begin: float = 0.0):
+        self.grid = grid
+        self.dim = grid.dim
+        self.species = species_of(gas)
+        self.ppm_per_density = self.species.ppm_per_density
+        self.film = Projector(film, gas, grid, film.gas, grid.ghost, self._prepare)
+        self.c = self.film.now["gas"]
+        self.air = grid.field()
+        self.air.from_numpy(grid.pad((film.still("air") > 0).astype(np.float32)))
+        self.film.show(begin)
+
+    def _prepare(self, frame: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], None]:
+        """Values with all ghost layers."""
+        return {name: self.grid.pad(values) for name, values in frame.items()}, None
+
+    def advance(self, t: float, dt: float) -> None:
+        """Show the time t + dt."""
+        self.film.show(t + dt)
+
+    def is_finite(self) -> bool:
+        """Frames were looked at when they were read."""
+        return True
+
+    @ti.func
+    def concentration(self, x: Template, t: float):
+        """Concentration [kg/m³] at point x [m], linear between the centres of cells that hold air."""
+        return sample_cells(self.c, self.air, x, self.grid.dx, self.grid.ghost, self.grid.padded)

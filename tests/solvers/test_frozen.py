@@ -1,0 +1,86 @@
+import numpy as np
+import pytest
+
+from taichi_plume.cut_cells import Air
+from taichi_plume.grid import Grid
+from taichi_plume.scenario import EulerianGas, FrozenWind
+from taichi_plume.solvers.flow import FlowSolver
+from taichi_plume.solvers.frozen import FrozenSolver
+from taichi_plume.solvers.gas import EulerianSolver
+
+SHAPE = (24, 16)
+GRID = Grid(SHAPE, 0.05)
+KEYS = {
+    "openings": [
+        {"kind": "honeycomb", "face": "x-", "speed": 0.7, "turbulence_intensity": 0.2},
+        {"kind": "honeycomb", "face": "x+"},
+    ]
+}
+AFTER, AVERAGE, BEGIN = 1.2, 0.5, -2.0
+
+
+@pytest.fixture
+def solid() -> np.ndarray:
+    solid = np.zeros(SHAPE, bool)
+    solid[8:11, 5:8] = True
+    return solid
+
+
+def frozen(solid: np.ndarray, **changes) -> FrozenSolver:
+    wind = {"kind": "frozen", "after": AFTER, "average": AVERAGE} | KEYS | changes
+    return FrozenSolver(FrozenWind.model_validate(wind), GRID, Air.of(solid, GRID), 4, BEGIN)
+
+
+STEPS = np.array([0.01, 0.02, 0.0125] * 40)  # uneven, so that the weights count
+ENDS = BEGIN + np.cumsum(STEPS)
+
+
+def fields_of(flow: FlowSolver) -> list[np.ndarray]:
+    return [field.to_numpy().astype(float) for field in (*flow.u, flow.nu)]
+
+
+def test_flow_becomes_its_mean(solid, monkeypatch):
+    states = []  # after each step, as the flow solver leaves it
+    step = FlowSolver.advance
+
+    def watched(flow: FlowSolver, t: float, dt: float) -> None:
+        step(flow, t, dt)
+        states.append(fields_of(flow))
+
+    monkeypatch.setattr(FlowSolver, "advance", watched)
+    held = frozen(solid)
+    for end, dt in zip(ENDS, STEPS, strict=True):
+        held.advance(end - dt, dt)
+    last = int(np.argmax(ENDS >= BEGIN + AFTER - 1e-9))
+    assert len(states) == last + 1 < len(ENDS), "no step after it froze"
+    span = np.flatnonzero(ENDS - STEPS >= BEGIN + AFTER - AVERAGE - 1e-9)
+    span = span[span <= last]
+    for k, mean in enumerate(fields_of(held)):
+        wanted = np.average([states[n][k] for n in span], axis=0, weights=STEPS[span])
+        np.testing.assert_allclose(mean, wanted, atol=2e-6)
+    spread = np.std([states[n][1] for n in span], axis=0).max()
+    assert spread > 0.02, "there was something to average"
+    assert held.diagnostics()["max_divergence"] < 1e-4
+
+
+def test_frozen_air_has_no_limit_and_carries_gas(solid):
+    held = frozen(solid, after=0.2, average=None)
+    assert np.isfinite(held.stable_dt(BEGIN))
+    for n in range(20):
+        held.advance(BEGIN + 0.01 * n, 0.01)
+    assert held.stable_dt(0.0) == float("inf")
+    u = fields_of(held)
+    net = [np.maximum(np.roll(v, -1, axis=d), 0.0) - np.minimum(v, 0.0) for d, v in enumerate(u[:2])]
+    outflow = net[0] + net[1]
+    assert held.outflow_rate == pytest.approx(held.grid.inner(outflow).max() / 0.05, rel=1e-5)
+    assert held.max_viscosity == pytest.approx(held.grid.inner(u[2]).max(), rel=1e-5)
+    model = EulerianGas.model_validate(
+        {"kind": "eulerian", "sources": [{"position": [0.2, 0.4], "rate": 1e-5}]}
+    )
+    gas = EulerianSolver(model, held.grid, held, Air.of(solid, GRID))
+    for n in range(60):
+        gas.advance(0.1 * n, 0.1)
+    budget = gas.budget()
+    lost = budget["emitted_kg"] - budget["in_domain_kg"] - budget["outflow_kg"]
+    assert abs(lost) < 1e-5 * budget["emitted_kg"]
+    assert gas.least() >= 0

@@ -1,0 +1,180 @@
+"""A film of a computed run, played back: the same air and gas at the recorded times, and what lies between."""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from test_film import DX, SHAPE, new_film
+
+from taichi_plume import kernels
+from taichi_plume.assemble import assemble
+from taichi_plume.fields import concentration_at, velocity_at
+from taichi_plume.film import Film
+from taichi_plume.filming import Filming
+from taichi_plume.grid import Grid
+from taichi_plume.loading import load_scenario
+from taichi_plume.scenario import PlaybackGas, PlaybackWind
+from taichi_plume.simulation import Every, Simulation
+from taichi_plume.solvers.playback import PlayedGas, PlayedWind
+
+LIVE = """
+seed: 3
+duration: 2
+warm_up: 2
+domain: {size: [1.2, 0.8], spacing: 0.05, depth: 0.5}
+wind:
+  kind: cfd
+  openings:
+    - {kind: honeycomb, face: x-, speed: 0.7, turbulence_intensity: 0.1}
+    - {kind: honeycomb, face: x+}
+obstacles: [{kind: cylinder, center: [0.5, 0.35], radius: 0.1}]
+gas: {kind: eulerian, species: acetone, sources: [{position: [0.3, 0.4], rate: 10 mg/s, start: -1}]}
+fields: {rate: 10, start: -1}
+"""
+POINTS = np.random.default_rng(1).uniform([0, 0], [1.2, 0.8], (200, 2))
+
+
+def watched(sim: Simulation) -> dict[float, tuple[np.ndarray, np.ndarray]]:
+    """Runs; velocity and concentration at POINTS per tick from -1 s on."""
+    seen = {}
+
+    def look(sim: Simulation) -> None:
+        if sim.tick >= -10:
+            seen[sim.tick] = velocity_at(sim.wind, POINTS, sim.t), concentration_at(sim.gas, POINTS, sim.t)
+
+    sim.observers.append(Every(sim.dt, look, warm_up=True))
+    sim.run()
+    return seen
+
+
+@pytest.fixture(scope="module")
+def live(tmp_path_factory):
+    """What was seen of a computed run, and the folder with its film."""
+    kernels.start("cpu")
+    folder = tmp_path_factory.mktemp("live")
+    (folder / "live.yaml").write_text(LIVE)
+    scenario = load_scenario(folder / "live.yaml")
+    sim = assemble(scenario, folder)
+    assert scenario.fields is not None
+    sim.observers.append(Filming(sim, folder / "fields.zarr", scenario.fields).observer())
+    return SimpleNamespace(seen=watched(sim), folder=folder)
+
+
+def divergence(wind: PlayedWind) -> float:
+    """Largest net flow out of a cell over the largest face velocity."""
+    assert wind.area is not None
+    u = [field.to_numpy().astype(float) * a.to_numpy() for field, a in zip(wind.u, wind.area, strict=True)]
+    g = wind.grid.ghost
+    inner = tuple(slice(g, g + n) for n in wind.grid.shape)
+    net = sum((np.roll(v, -1, axis=d) - v)[inner] for d, v in enumerate(u))
+    return float(np.abs(net).max() / max(np.abs(v[inner]).max() for v in u))
+
+
+def played(live, *overrides: str) -> Simulation:
+    """The same scenario on the film's wind."""
+    wind = "wind={kind: playback, file: fields.zarr}"
+    scenario = load_scenario(live.folder / "live.yaml", [wind, "fields=null", "warm_up=1", *overrides])
+    return assemble(scenario, live.folder)
+
+
+def test_wind_and_gas_are_those_that_were_recorded(live):
+    sim = played(live, "gas={kind: playback, file: fields.zarr}")
+    again = watched(sim)
+    assert sorted(again) == list(range(-10, 21))
+    fastest = max(np.abs(u).max() for u, _ in live.seen.values())
+    # the cells' own concentrations; at an inflow the live gas falls to the clean air outside
+    far = (POINTS > 0.05).all(axis=1) & (POINTS < [1.15, 0.75]).all(axis=1)
+    for tick, (u, c) in live.seen.items():
+        np.testing.assert_allclose(again[tick][0], u, atol=1e-6 * fastest)
+        np.testing.assert_allclose(again[tick][1][far], c[far], atol=1e-6 * c.max() + 1e-12)
+    assert np.abs(live.seen[-10][0] - live.seen[20][0]).max() > 0.1, "the flow has changed meanwhile"
+
+
+def test_between_frames_the_flow_is_their_mean_and_free_of_divergence(live):
+    sim = played(live)
+    wind = sim.wind
+    assert isinstance(wind, PlayedWind)
+    for tick in range(-10, 20, 7):
+        wind.advance(0.1 * tick - 0.1, 0.1 + 0.025)
+        mean = 0.75 * live.seen[tick][0] + 0.25 * live.seen[tick + 1][0]
+        np.testing.assert_allclose(velocity_at(wind, POINTS, 0.0), mean, atol=2e-6)
+        assert divergence(wind) < 1e-4  # what the pressure solver left, and rounding
+
+
+def test_gas_disperses_on_a_played_flow_as_on_the_computed_one(live):
+    sim = played(live)
+    c, wanted = watched(sim)[20][1], live.seen[20][1]
+    assert np.abs(c - wanted).sum() < 0.03 * wanted.sum()
+    budget = sim.gas.budget()
+    lost = budget["emitted_kg"] - budget["in_domain_kg"] - budget["outflow_kg"]
+    assert abs(lost) < 1e-5 * budget["emitted_kg"]
+
+
+def noise(tmp_path: Path, **keys) -> tuple[list, Film, Grid, PlaybackWind]:
+    frames = new_film(tmp_path / "fields.zarr")
+    film = Film(tmp_path / "fields.zarr")
+    return (
+        frames,
+        film,
+        Grid(SHAPE, DX),
+        PlaybackWind.model_validate({"kind": "playback", "file": "f", **keys}),
+    )
+
+
+def u_of(wind: PlayedWind) -> np.ndarray:
+    """The x-component on the faces, with a ghost layer along y and z."""
+    return wind.grid.read(wind.u[0], 1)[1:]
+
+
+@pytest.mark.parametrize(
+    ("keys", "t", "weights"),
+    [
+        ({}, -3.0, (1, 0, 0)),
+        ({}, 0.2, (0.6, 0.4, 0)),
+        ({}, 0.5, (0, 1, 0)),
+        ({}, 7.0, (0, 0, 1)),
+        ({"rate": 2.0}, 0.4, (0, 0.4, 0.6)),
+        ({"start": 0.5}, 0.1, (0, 0.8, 0.2)),
+        ({"loop": True}, 1.25, (0.5, 0, 0.5)),
+        ({"loop": True}, 1.7, (0.6, 0.4, 0)),
+        ({"loop": True}, -0.25, (0.5, 0, 0.5)),
+        ({"loop": True, "rate": 3.0}, 1.9, (0.4, 0, 0.6)),
+    ],
+)
+def test_time_of_the_film(tmp_path, keys, t, weights):
+    frames, film, grid, model = noise(tmp_path, **keys)
+    wanted = sum(w * frame["u"].T for w, frame in zip(weights, frames, strict=True))
+    wind = PlayedWind(model, film, grid, t)
+    np.testing.assert_allclose(u_of(wind), wanted, atol=1e-6)
+    for n in range(11):  # back by a second, and step by step
+        wind.advance(t - 1.1 + 0.1 * n, 0.1)
+    np.testing.assert_allclose(u_of(wind), wanted, atol=3e-6)
+
+
+def test_maxima_hold_between_frames(tmp_path):
+    _, film, grid, model = noise(tmp_path)
+    wind = PlayedWind(model, film, grid, 0.0)
+    for t in (0.0, 0.1, 0.3, 0.45, 0.8):
+        wind.advance(t, 0.02)
+        u = [grid.read(field, 1).astype(float) for field in wind.u]
+        flow = np.zeros(SHAPE)
+        for d, v in enumerate(u):
+            for side, sign in ((1, -1.0), (2, 1.0)):
+                index = [slice(1, -1)] * 3
+                index[d] = slice(side, side + SHAPE[d])
+                flow += np.maximum(sign * v[tuple(index)], 0.0)
+        assert flow.max() / DX <= wind.outflow_rate * (1 + 1e-6)
+        assert wind.outflow_rate < 1.5 * flow.max() / DX
+
+
+def test_gas_between_cells_and_frames(tmp_path):
+    frames, film, grid, _ = noise(tmp_path)
+    gas = PlayedGas(
+        PlaybackGas.model_validate({"kind": "playback", "file": "f", "species": "acetone"}), film, grid, 0.0
+    )
+    gas.advance(0.0, 0.25)
+    c = 0.5 * (frames[0]["gas"] + frames[1]["gas"]).T
+    found = concentration_at(gas, np.array([[0.15, 0.25, 0.15], [0.2, 0.25, 0.15], [0.01, 0.01, 0.01]]), 0.0)
+    np.testing.assert_allclose(found, [c[1, 2, 1], 0.5 * (c[1, 2, 1] + c[2, 2, 1]), c[0, 0, 0]], rtol=2e-5)
+    assert gas.ppm_per_density == pytest.approx(1e6 * 24.4654e-3 / 58.08e-3, rel=1e-5)
