@@ -14,7 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 import taichi as ti
 
-from taichi_plume.fields import corner, corner_weight
+from taichi_plume.fields import between_faces
 from taichi_plume.grid import Grid
 from taichi_plume.kernels import Template, launch, sweep
 from taichi_plume.scenario import CfdWind
@@ -317,10 +317,4 @@ class FlowSolver:
     @ti.func
     def velocity(self, x: Template, t: float):
         """Velocity [m/s] at point x [m], linear between the faces; the time is the solver's own."""
-        result = ti.Vector.zero(ti.f32, self.dim)
-        for c in ti.static(range(self.dim)):
-            shift = ti.Vector([0.0 if d == c else 0.5 for d in ti.static(range(self.dim))])
-            base, weight = corner(x, shift, self.grid.dx, self.grid.ghost, self.grid.padded)
-            for offset in ti.static(ti.grouped(ti.ndrange(*((2,) * self.dim)))):
-                result[c] += corner_weight(weight, offset) * self.u[c][base + offset]
-        return result
+        return between_faces(self.u, x, self.grid.dx, self.grid.ghost, self.grid.padded)

@@ -13,11 +13,12 @@ from taichi_plume.geometry import ClearanceMap, air_regions, shapes, solid_cells
 from taichi_plume.grid import Grid
 from taichi_plume.loading import ScenarioError
 from taichi_plume.rng import generator
-from taichi_plume.scenario import CfdWind, Scenario
+from taichi_plume.scenario import CfdWind, Scenario, SyntheticWind
 from taichi_plume.simulation import Map, Simulation
 from taichi_plume.solvers.boundaries import opening_cells, periodic_axes
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.gas import EulerianSolver
+from taichi_plume.solvers.synthetic import SyntheticSolver
 from taichi_plume.solvers.uniform import UniformSolver
 
 MAPS = {"time_series": TimeSeriesMap, "inverse_distance": InverseDistanceMap}
@@ -46,6 +47,8 @@ def assemble(scenario: Scenario, folder: Path = Path()) -> Simulation:
                     for n in trapped
                 ]
             )
+    elif isinstance(wind_model, SyntheticWind):
+        wind = SyntheticSolver(wind_model, grid, solid, begin, scenario.seed)
     else:
         wind = UniformSolver(wind_model, grid)
     try:

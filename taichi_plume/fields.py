@@ -68,6 +68,18 @@ def corner_weight(weight: Template, offset: Template):
     return w
 
 
+@ti.func
+def between_faces(u: Template, x: Template, dx: float, ghost: ti.i32, padded: Template):
+    """Velocity [m/s] at point x [m], linear between the face velocities u of a grid."""
+    result = ti.Vector.zero(ti.f32, x.n)
+    for c in ti.static(range(x.n)):
+        shift = ti.Vector([0.0 if d == c else 0.5 for d in ti.static(range(x.n))])
+        base, weight = corner(x, shift, dx, ghost, padded)
+        for offset in ti.static(ti.grouped(ti.ndrange(*((2,) * x.n)))):
+            result[c] += corner_weight(weight, offset) * u[c][base + offset]
+    return result
+
+
 @ti.kernel
 def _concentration_at(
     gas: Template, dim: Template, points: ti.types.ndarray(), t: float, out: ti.types.ndarray()

@@ -20,7 +20,7 @@ import rerun as rr
 
 from taichi_plume import __version__, disk, drawing, fields, layout, scene, scores
 from taichi_plume.layout import TIME
-from taichi_plume.scenario import MovingWall, Scenario, UniformWind
+from taichi_plume.scenario import MovingWall, Scenario, SyntheticWind, UniformWind
 from taichi_plume.simulation import Every, Simulation
 
 MOST_ROBOTS = 50
@@ -373,6 +373,8 @@ def _top_speed(scenario: Scenario) -> float:
     """Largest prescribed speed [m/s]: the arrows' full length."""
     wind = scenario.wind
     speeds = [hypot(*wind.velocity)] if isinstance(wind, UniformWind) else []
+    if isinstance(wind, SyntheticWind):
+        speeds.append(2.0 * hypot(wind.speed, wind.circulation))  # faster in one place of ten thousand only
     for opening in getattr(wind, "openings", ()):
         if isinstance(opening, MovingWall):
             speeds.append(hypot(*opening.velocity))

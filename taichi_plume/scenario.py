@@ -356,7 +356,42 @@ class UniformWind(Model):
     velocity: Annotated[tuple[Velocity, ...], Field(min_length=2, max_length=3)]
 
 
-Wind = Annotated[CfdWind | UniformWind, Field(discriminator="kind")]
+class SyntheticWind(Model):
+    """Weak convection of a closed room: random eddies and a slowly turning circulation; see solvers/synthetic.py.
+
+    All faces of the domain are walls. Nothing is solved, so it costs little.
+    """
+
+    kind: Literal["synthetic"]
+    speed: Speed = 0.03
+    """Root mean square of the eddies' speed over the room [m/s]."""
+    longest: Length = 2.0
+    """Wavelength of the largest eddies [m]."""
+    shortest: Length | None = None
+    """Wavelength of the smallest eddies [m]; unless given 0.1 m, or four cells where that is more."""
+    modes: Annotated[int, Field(ge=1, le=10_000)] = 64
+    """Number of waves, spread evenly over the logarithm of the wavelength."""
+    unsteadiness: NonNegative = 0.5
+    """Frequency of each wave over that of the eddies of its size, sqrt(k³ E(k))."""
+    circulation: Speed = 0.015
+    """Root mean square speed of the rolls that fill the room, over room and time [m/s]."""
+    circulation_time: Duration = 60.0
+    """Time over which the circulation turns [s]."""
+    wall_layer: Length = 0.3
+    """How far from walls and obstacles the eddies have about three quarters of their strength [m]."""
+
+    @model_validator(mode="after")
+    def _ordered(self) -> "SyntheticWind":
+        if self.shortest is not None and self.shortest >= self.longest:
+            raise PydanticCustomError("waves", "shortest must be below longest")
+        return self
+
+    def shortest_on(self, spacing: float) -> float:
+        """Wavelength of the smallest eddies [m] on cells of `spacing` [m]."""
+        return self.shortest or max(0.1, 4 * spacing)
+
+
+Wind = Annotated[CfdWind | UniformWind | SyntheticWind, Field(discriminator="kind")]
 
 # ---------------------------------------------------------------- gas
 

@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
@@ -54,6 +55,18 @@ def test_arena_3d_conserves_the_gas(tmp_path):
 def test_fan_array_follows_its_schedule(tmp_path):
     result = result_of("fan_array", tmp_path)
     assert abs(result["gas"]["relative_error"]) <= 1e-5
+    assert verified(tmp_path / "recording.rrd")
+
+
+@pytest.mark.slow
+def test_quiet_room_is_the_story_of_its_header(tmp_path):
+    result = result_of("quiet_room", tmp_path)
+    assert abs(result["gas"]["relative_error"]) <= 1e-5
+    assert result["gas"]["outflow_kg"] == 0.0
+    table = pq.read_table(tmp_path / "robots.parquet")
+    robot, ppm = (table[name].to_numpy() for name in ("robot", "reading_ppm"))
+    readings = np.array([ppm[robot == n] for n in range(5)])
+    assert 0.1 < np.mean(readings[1:].max(axis=0) > readings[0]) < 0.9
     assert verified(tmp_path / "recording.rrd")
 
 
