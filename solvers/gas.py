@@ -2,7 +2,7 @@
 
     dc/dt + div(u c) = div((D + nu_t/Sc_t) grad c) + sources
 
-Finite volumes with the flow's own face velocities, so a well-mixed gas stays well mixed; the Koren limiter and steps
+Finite volumes with the flow's own face velocities, so a well-mixed gas stays well mixed; limited face values and steps
 short enough that no cell gives away more than it holds keep c >= 0. Every face's flux is seen alike from both sides.
 """
 
@@ -18,7 +18,7 @@ from taichi_plume.grid import Grid, block_mean
 from taichi_plume.kernels import Template, launch, sweep
 from taichi_plume.rng import generator
 from taichi_plume.scenario import EulerianGas, Source
-from taichi_plume.solvers.convection import face_value
+from taichi_plume.solvers.convection import POSITIVE_FACE_VALUES
 from taichi_plume.species import SPECIES, Species
 
 FULLEST = (
@@ -91,7 +91,7 @@ class EulerianSolver:
         self._sides = [tuple(2 if a == d else n for a, n in enumerate(grid.shape)) for d in range(grid.dim)]
         self.emissions = [Emission(s, begin, seed, f"source {n}") for n, s in enumerate(gas.sources)]
         self._place_sources(gas.sources, solid)
-        self._build()
+        self._build(gas)
 
     def _place_sources(self, sources: tuple[Source, ...], solid: np.ndarray) -> None:
         """Cells of each source and the share of its mass that each receives. Raises ValueError for one without air."""
@@ -130,12 +130,13 @@ class EulerianSolver:
         self._share.from_numpy(np.concatenate(shares).astype(np.float32))
         self._owner.from_numpy(np.concatenate(owner).astype(np.int32))
 
-    def _build(self) -> None:
+    def _build(self, gas: EulerianGas) -> None:
         """The formulas of a step, each swept over the cells."""
         c, c0, rate = self.c, self._start, self._rate
         u, a, nu, dx, dim = self.wind.u, self.wind.open, self.wind.nu, self.grid.dx, self.dim
         diffusivity, viscosity, schmidt = self.species.diffusivity, self.wind.viscosity, self.wind.schmidt
         eddies = self.eddies
+        face_value = POSITIVE_FACE_VALUES[gas.convection]
 
         @ti.func
         def face_flux(I, d: Template):
