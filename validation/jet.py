@@ -3,8 +3,8 @@
 Beyond its core the time-averaged jet is the same at every distance x but for its scales: the velocity on the axis
 falls as U_c/U0 = K d/x and the radius where it is half of U_c grows as r_half = S x, with x from the fan or nearly so.
 
-Vreman's model leaves the laminar shear layer at the fan alone: with Smagorinsky's, at six cells per diameter, it becomes
-turbulent a diameter later (core 6.5 d, K 6.6, S 0.079). With four cells either model keeps the jet too narrow.
+Vreman's model leaves the laminar shear layer at the fan alone; with Smagorinsky's, at six cells per diameter, it is
+turbulent a diameter later (core 6.5 d, K 6.6, S 0.078). With four cells either model keeps the jet too narrow.
 """
 
 import numpy as np
