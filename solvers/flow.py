@@ -2,7 +2,7 @@
 
     du/dt + div(u u) = -grad p + div(nu (grad u + grad u^T)) + g,   div u = 0
 
-p is the kinematic pressure [m²/s²], g a constant acceleration. Convection in flux form with the Koren limiter, central
+p is the kinematic pressure [m²/s²], g a constant acceleration. Convection in flux form (see `convection`), central
 diffusion, Heun's method (SSP-RK2) with the last pressure's gradient, then one projection for the pressure increment
 (second order in time).
 """
@@ -20,7 +20,7 @@ from taichi_plume.grid import Grid
 from taichi_plume.kernels import Template, launch, sweep
 from taichi_plume.scenario import CfdWind
 from taichi_plume.solvers.boundaries import Boundaries
-from taichi_plume.solvers.convection import face_value
+from taichi_plume.solvers.convection import FACE_VALUES
 from taichi_plume.solvers.pressure import pressure_solver
 from taichi_plume.solvers.surfaces import Surfaces
 from taichi_plume.solvers.turbulence import MODELS
@@ -129,6 +129,7 @@ class FlowSolver:
         dx, dim, viscosity, a = self.grid.dx, self.dim, self.viscosity, self.open
         eddies, lift = self.eddies, self.lift
         area, cut = self.area, self.area is not None
+        face_value = FACE_VALUES[wind.convection]
         g = wind.acceleration or (0.0,) * dim
 
         @ti.func

@@ -13,6 +13,7 @@ from taichi_plume.grid import Grid
 from taichi_plume.kernels import Template
 from taichi_plume.rng import generator
 from taichi_plume.scenario import EulerianGas, PlaybackGas, Source
+from taichi_plume.solvers.convection import POSITIVE_FACE_VALUES
 from taichi_plume.solvers.release import Release
 from taichi_plume.solvers.transport import Transport
 from taichi_plume.species import SPECIES, Species
@@ -77,7 +78,15 @@ class EulerianSolver:
         def add_sources(dt, k):
             self.release.add_to(self.c)
 
-        self.transport = Transport(grid, wind, air, self.species.diffusivity, wind.schmidt, add_sources)
+        self.transport = Transport(
+            grid,
+            wind,
+            air,
+            self.species.diffusivity,
+            wind.schmidt,
+            add_sources,
+            POSITIVE_FACE_VALUES[gas.convection],
+        )
         self.c = self.transport.q
 
     def start_from(self, concentration: Callable[[np.ndarray], np.ndarray]) -> None:

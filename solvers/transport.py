@@ -17,7 +17,6 @@ import taichi as ti
 from taichi_plume.cut_cells import Air
 from taichi_plume.grid import Grid
 from taichi_plume.kernels import Template, launch, sweep
-from taichi_plume.solvers.convection import face_value
 
 FULLEST = (
     0.49  # largest share of a cell's volume that flows out in one stage; 1/2 empties it at the steepest slope
@@ -32,6 +31,7 @@ class Transport:
     viscosity, and the maxima max_viscosity [m²/s] and outflow_rate (flow out of a cell over its volume [1/s]).
     diffusivity [m²/s]: of still air; schmidt: eddy viscosity over eddy diffusivity.
     add_sources: a pass (see `kernels.launch`) that adds to q what a step of length a brings.
+    face_value: of `convection.POSITIVE_FACE_VALUES`.
     """
 
     def __init__(
@@ -42,6 +42,7 @@ class Transport:
         diffusivity: float,
         schmidt: float,
         add_sources: Callable[[Any, Any], None],
+        face_value: Callable[..., Any],
     ):
         self.grid = grid
         self.dim = grid.dim
@@ -59,9 +60,9 @@ class Transport:
         apart.place(self._outflow)
         apart.finalize()
         self._sides = [tuple(2 if a == d else n for a, n in enumerate(grid.shape)) for d in range(grid.dim)]
-        self._build(add_sources)
+        self._build(add_sources, face_value)
 
-    def _build(self, add_sources: Callable[[Any, Any], None]) -> None:
+    def _build(self, add_sources: Callable[[Any, Any], None], face_value: Callable[..., Any]) -> None:
         """The formulas of a step, each swept over the cells."""
         q, q0, rate = self.q, self.grid.field(), self.grid.field()
         u, a, nu, dx, dim = self.wind.u, self.wind.open, self.wind.nu, self.grid.dx, self.dim

@@ -16,7 +16,15 @@ from taichi_plume.geometry import ClearanceMap, shapes
 from taichi_plume.grid import Grid
 from taichi_plume.loading import ScenarioError
 from taichi_plume.rng import generator
-from taichi_plume.scenario import CfdWind, FrozenWind, PlaybackGas, PlaybackWind, Scenario, UniformWind
+from taichi_plume.scenario import (
+    CfdWind,
+    FrozenWind,
+    PlaybackGas,
+    PlaybackWind,
+    Scenario,
+    SyntheticWind,
+    UniformWind,
+)
 from taichi_plume.simulation import Map, Simulation
 from taichi_plume.solvers.boundaries import opening_cells, periodic_axes
 from taichi_plume.solvers.flow import FlowSolver
@@ -24,6 +32,7 @@ from taichi_plume.solvers.forces import forces
 from taichi_plume.solvers.frozen import FrozenSolver
 from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.playback import PlayedGas, PlayedWind
+from taichi_plume.solvers.synthetic import SyntheticSolver
 from taichi_plume.solvers.uniform import UniformSolver
 
 MAPS = {"time_series": TimeSeriesMap, "inverse_distance": InverseDistanceMap}
@@ -57,6 +66,8 @@ def _wind(scenario: Scenario, film: Film | None, grid: Grid, air: Air) -> Wind:
     model, begin = scenario.wind, scenario.first_tick * scenario.tick
     if isinstance(model, UniformWind):
         return UniformSolver(model, grid)
+    if isinstance(model, SyntheticWind):
+        return SyntheticSolver(model, grid, air, begin, scenario.seed)
     if isinstance(model, PlaybackWind):
         assert film is not None
         return PlayedWind(model, film, grid, begin)

@@ -37,6 +37,7 @@ from taichi_plume.scenario import (
     StartArea,
     StartAt,
     StartLine,
+    SyntheticWind,
     UniformWind,
 )
 
@@ -76,7 +77,7 @@ def problems(scenario: Scenario, folder: Path) -> list[str]:
         scenario = completed(scenario, folder)
     for part in (_obstacles, _sources, _robots):
         lines += part(scenario, shapes)
-    lines += _names(scenario)
+    lines += [*_names(scenario), *_eddies(scenario)]
     openings = list(_openings(scenario, shapes)) or list(_net_inflow(scenario))
     return lines + openings + list(_recording(scenario)) + list(_frozen(scenario)) + list(_fields(scenario))
 
@@ -89,6 +90,8 @@ def estimate(scenario: Scenario) -> dict[str, float]:
     speed, courant, moving = 0.0, 1.0, whole
     if isinstance(wind, UniformWind):
         speed = sum(abs(v) for v in wind.velocity)
+    elif isinstance(wind, SyntheticWind):
+        speed = GUST * hypot(wind.speed, wind.circulation)
     elif isinstance(wind, CfdWind):
         speed, courant = GUST * _largest_speed(wind), wind.courant
     if isinstance(wind, FrozenWind):
@@ -239,7 +242,7 @@ def _shapes(scenario: Scenario, folder: Path) -> tuple[list[Shape | None], list[
 def _obstacles(scenario: Scenario, shapes: list[Shape | None]) -> Iterator[str]:
     extent = np.array(scenario.domain.extent)
     if shapes and isinstance(scenario.wind, UniformWind):
-        yield "wind.kind: a uniform wind blows through obstacles; use kind: cfd, or remove the obstacles"
+        yield "wind.kind: a uniform wind blows through obstacles; use kind: cfd or synthetic, or remove the obstacles"
     for n, one in enumerate(shapes):
         if one is None:
             continue
@@ -435,6 +438,24 @@ def _net_inflow(scenario: Scenario) -> Iterator[str]:
                 f"{change} and all else is closed; add {{kind: outlet, face: ...}} or balance the speeds"
             )
             return
+
+
+def _eddies(scenario: Scenario) -> Iterator[str]:
+    """The cells must carry the waves of a synthetic wind."""
+    wind, spacing = scenario.wind, scenario.domain.spacing
+    if not isinstance(wind, SyntheticWind):
+        return
+    shortest = wind.shortest_on(spacing)
+    if shortest < 2 * spacing:
+        yield (
+            f"wind.shortest: {shortest:g} m is less than two cells of {spacing:g} m; "
+            f"use {4 * spacing:g} m or more, or lower domain.spacing"
+        )
+    elif shortest >= wind.longest:
+        yield (
+            f"wind.longest: {wind.longest:g} m is not above the shortest wavelength, {shortest:g} m; "
+            "make it longer, or give a wind.shortest below it"
+        )
 
 
 # ---------------------------------------------------------------- robots

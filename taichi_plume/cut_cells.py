@@ -4,6 +4,7 @@ The signed distance to the surfaces is taken as linear between nodes half a cell
 in the spacing, exact where a plane surface runs along the cells. What is thinner than half a cell may be missed.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -87,7 +88,7 @@ class Air:
         return result
 
 
-def air_of(shapes: list[Shape], grid: Grid, open_cells: np.ndarray | None = None) -> Air:
+def air_of(shapes: Sequence[Shape], grid: Grid, open_cells: np.ndarray | None = None) -> Air:
     """The air that is left around shapes.
 
     open_cells: bool of grid.shape, cells at an opening; unless given, all cells at the domain's faces. Air
@@ -117,7 +118,7 @@ def _faces(grid: Grid, d: int) -> tuple[int, ...]:
     return tuple(n + (a == d) for a, n in enumerate(grid.shape))
 
 
-def _distances(shapes: list[Shape], grid: Grid) -> tuple[np.ndarray, np.ndarray]:
+def _distances(shapes: Sequence[Shape], grid: Grid) -> tuple[np.ndarray, np.ndarray]:
     """Signed distance [cells] of the nodes to the nearest surface, at most 2, and the number of its shape."""
     nodes, step = tuple(FINER * n + 1 for n in grid.shape), grid.dx / FINER
     distance, nearest = np.full(nodes, 2.0), np.full(nodes, -1)

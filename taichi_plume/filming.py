@@ -29,7 +29,7 @@ class Filming:
             "depth": grid.depth,
             "periodic": list(grid.periodic),
         }
-        still = {"air": sim.air.volume.T.astype(np.float32)}
+        still: dict[str, np.ndarray] = {"air": sim.air.volume.T.astype(np.float32)}
         moving = []
         if self.wind is not None:
             if not hasattr(self.wind, "u"):

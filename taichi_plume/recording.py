@@ -20,7 +20,7 @@ import rerun as rr
 
 from taichi_plume import __version__, disk, drawing, fields, layout, scene, scores
 from taichi_plume.layout import TIME
-from taichi_plume.scenario import MovingWall, PlaybackWind, Scenario, UniformWind
+from taichi_plume.scenario import MovingWall, PlaybackWind, Scenario, SyntheticWind, UniformWind
 from taichi_plume.simulation import Every, Simulation
 
 MOST_ROBOTS = 50
@@ -375,6 +375,8 @@ def _top_speed(sim: Simulation) -> float:
     if isinstance(wind, PlaybackWind):
         return getattr(sim.wind, "top_speed", 0.0) or 0.1
     speeds = [hypot(*wind.velocity)] if isinstance(wind, UniformWind) else []
+    if isinstance(wind, SyntheticWind):
+        speeds.append(2.0 * hypot(wind.speed, wind.circulation))  # faster in one place of ten thousand only
     for opening in getattr(wind, "openings", ()):
         if isinstance(opening, MovingWall):
             speeds.append(hypot(*opening.velocity))

@@ -79,6 +79,7 @@ def test_good_scenarios_have_no_problems(tmp_path, text):
         f"wind.openings.1={{{FAN}, speed: -0.5}}",  # what one blows in the other draws out
         "wind.openings.0={kind: wall, face: x-, velocity: [0, 1, 0]}",
         "wind.openings=[{kind: periodic, axis: x}, {kind: slip, face: z+}]",
+        "wind={kind: synthetic, shortest: 20 cm}",
         "wind.openings.1={kind: outlet, face: x-, center: [1.9, 0.25], size: [0.4, 0.4]}",  # they share a rim
         "wind.openings.1={kind: outlet, face: x-, center: [1.7, 0.44], size: [0.1, 0.1]}",  # beside the disc
         "domain.size=[4.02, 3, 0.5]",
@@ -138,6 +139,13 @@ FAULTS = [
     ),
     ("gas.sources.0.position=[1, 3.5, 0.1]", "gas.sources[0].position: y = 3.5 m is outside", "y 0 to 3 m"),
     ("wind={kind: uniform, velocity: [1, 0, 0]}", "wind.kind: a uniform wind blows through", "use kind: cfd"),
+    (
+        "wind={kind: synthetic, shortest: 6 cm}",
+        "wind.shortest: 0.06 m is less than two cells",
+        "0.2 m or more",
+    ),
+    ("wind={kind: synthetic, longest: 15 cm}", "wind.longest: 0.15 m is not above", "a wind.shortest below"),
+    ("wind={kind: synthetic, shortest: 3 m}", "wind: got {", "shortest must be below longest"),
     # openings
     (
         "wind.openings.0.center=[2.9, 0.25]",

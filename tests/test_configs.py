@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
@@ -63,6 +64,17 @@ def test_frozen_room_serves_five_hundred_trials(tmp_path):
     assert result["groups"][0]["success_rate"] > 0.9
     assert result["flow"]["max_divergence"] <= 1e-4
     assert abs(result["gas"]["relative_error"]) <= 1e-5
+
+
+def test_quiet_room_is_the_story_of_its_header(tmp_path):
+    result = result_of("quiet_room", tmp_path)
+    assert abs(result["gas"]["relative_error"]) <= 1e-5
+    assert result["gas"]["outflow_kg"] == 0.0
+    table = pq.read_table(tmp_path / "robots.parquet")
+    robot, ppm = (table[name].to_numpy() for name in ("robot", "reading_ppm"))
+    readings = np.array([ppm[robot == n] for n in range(5)])
+    assert 0.1 < np.mean(readings[1:].max(axis=0) > readings[0]) < 0.9
+    assert verified(tmp_path / "recording.rrd")
 
 
 def test_a_seed_decides_everything(tmp_path):

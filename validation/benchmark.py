@@ -1,8 +1,9 @@
 """How fast whole steps are, beside the memory bandwidth of the same minute.
 
-python -m taichi_plume.validation.benchmark [NAMES] [--json] [--arch ARCH] [--seconds S]
+python -m taichi_plume.validation.benchmark [NAMES] [--pressure] [--json] [--arch ARCH] [--seconds S]
 
-A step is the flow with its eddy viscosity and one gas, as a run takes it. Every figure is a rate on a machine that may
+A step is the flow with its eddy viscosity and one gas, as a run takes it. With --pressure, only the pressure is solved,
+of cubes of N³ cells with obstacles: how its iterations grow with N. Every figure is a rate on a machine that may
 be shared: compare the ratios to the bandwidth, and rates of one run with each other.
 """
 
@@ -16,6 +17,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from math import prod
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import psutil
@@ -35,6 +37,8 @@ ARENA = (
     {"kind": "honeycomb", "face": "x-", "speed": 0.7},
     {"kind": "honeycomb", "face": "x+", "loss_coefficient": 2.0},
 )
+
+SIDES = (64, 96, 128)  # N of the cubes whose pressure is solved
 
 
 @dataclass(frozen=True)
@@ -134,6 +138,92 @@ CASES: dict[str, Callable[[], tuple[FlowSolver, Callable[[], None]]]] = {
 }
 
 
+# ---------------------------------------------------------------- the pressure alone
+
+
+@dataclass(frozen=True)
+class Solved:
+    """One solve of the pressure in a closed room with obstacles."""
+
+    N: int
+    cells: int
+    right_side: str
+    solver: str
+    tolerance: float
+    iterations: int
+    residual: float
+    """Largest of any cell, over the largest entry of the right side, reckoned anew from the solution.
+
+    That of a smooth right side stays above the tolerance: phi is then of size N², and so is its rounding.
+    """
+    ms: float
+    Mcell_per_s: float
+
+
+def cluttered(n: int) -> tuple[Grid, np.ndarray]:
+    """A cube of 1 m with two boxes and a pillar, n cells along each edge."""
+    grid = Grid((n, n, n), 1.0 / n)
+    x = grid.centers()
+    solid = (np.abs(x - (0.3, 0.35, 0.2)) < (0.12, 0.1, 0.2)).all(axis=-1)
+    solid |= (np.abs(x - (0.65, 0.7, 0.6)) < (0.15, 0.06, 0.1)).all(axis=-1)
+    solid |= np.hypot(x[..., 0] - 0.7, x[..., 1] - 0.25) < 0.08
+    return grid, solid
+
+
+def right_sides(grid: Grid, air: np.ndarray) -> dict[str, np.ndarray]:
+    """Of largest entry 1: the divergence of random velocities, which is rough, a smooth field, and their sum."""
+    rng = np.random.default_rng(0)
+    rough = np.zeros(grid.shape)
+    for d in range(grid.dim):
+        faces = rng.standard_normal(grid.shape) * air * np.roll(air, 1, axis=d)
+        np.moveaxis(faces, d, 0)[0] = 0.0
+        rough += faces - np.roll(faces, -1, axis=d)
+    smooth = np.prod(np.cos(np.pi * grid.centers()), axis=-1)
+    smooth = np.where(air, smooth - smooth[air].mean(), 0.0)
+    rough, smooth = (b / np.abs(b).max() for b in (rough, smooth))
+    both = rough + smooth
+    return {"random": rough, "smooth": smooth, "both": both / np.abs(both).max()}
+
+
+def solve_pressure(n: int, arch: str, tolerance: float = 1e-4) -> list[Solved]:
+    """Solve the pressure in a cube of n³ cells for each right side, down to `tolerance` of its largest entry."""
+    kernels.start(arch)
+    grid, solid = cluttered(n)
+    flow = FlowSolver(CfdWind.model_validate({"kind": "cfd"}), grid, Air.of(solid, grid))
+    b, phi = grid.field(), grid.field()
+    openness = [grid.inner(field.to_numpy()) > 0 for field in flow.open]
+    rows = []
+    for name, values in right_sides(grid, ~solid).items():
+        grid.write(b, values)
+        seconds = []
+        for _ in range(3):
+            begin = time.perf_counter()
+            flow.solver.solve(b, phi, tolerance)
+            ti.sync()
+            seconds.append(time.perf_counter() - begin)
+        solution, applied = grid.read(phi).astype(float), np.zeros(grid.shape)
+        for d, is_open in enumerate(openness):
+            flux = (solution - np.roll(solution, 1, axis=d)) * is_open
+            applied += flux - np.roll(flux, -1, axis=d)
+        residual = float(np.abs(applied - values).max())
+        cells, best = prod(grid.shape), min(seconds)
+        solver = type(flow.solver).__name__
+        rows.append(
+            Solved(
+                n,
+                cells,
+                name,
+                solver,
+                tolerance,
+                flow.solver.iterations,
+                residual,
+                1e3 * best,
+                cells / best / 1e6,
+            )
+        )
+    return rows
+
+
 def measure(name: str, arch: str, seconds: float) -> Measured:
     """Run a case for about `seconds` after its first steps."""
     rate = bandwidth()
@@ -166,6 +256,9 @@ def main(argv: list[str] | None = None) -> int:
     """Measure the named cases, or all of them."""
     parser = argparse.ArgumentParser(prog="python -m taichi_plume.validation.benchmark", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(CASES)}")
+    parser.add_argument(
+        "--pressure", action="store_true", help="iterations of the pressure solver against N instead"
+    )
     parser.add_argument("--arch", default="cpu", choices=("auto", "cpu", "cuda", "vulkan", "metal"))
     parser.add_argument("--seconds", type=float, default=8.0, help="per case (default: 8)")
     parser.add_argument("--json", action="store_true", help="print JSON")
@@ -174,8 +267,17 @@ def main(argv: list[str] | None = None) -> int:
     if unknown:
         print(f"unknown case {unknown[0]!r}; known: {', '.join(CASES)}", file=sys.stderr)
         return 2
-    rows = []
-    for name in args.names or CASES:
+    rows: list[Any] = []
+    for n in SIDES if args.pressure else ():
+        for solved in solve_pressure(n, args.arch):
+            rows.append(solved)
+            if not args.json:
+                print(
+                    f"{solved.N:4}³ {solved.right_side:7} {solved.solver:12} {solved.iterations:3} iterations to "
+                    f"{solved.residual:.1e}  {solved.ms:8.1f} ms  {solved.Mcell_per_s:6.2f} Mcells/s",
+                    flush=True,
+                )
+    for name in () if args.pressure else args.names or CASES:
         row = measure(name, args.arch, args.seconds)
         rows.append(row)
         if not args.json:

@@ -9,6 +9,7 @@ from taichi_plume.validation.channel_cases import couette_start, duct, poiseuill
 from taichi_plume.validation.cross_checks import fan, honeycombs, one_layer
 from taichi_plume.validation.flow_cases import kovasznay, taylor_green
 from taichi_plume.validation.gas_cases import gaussian_puff
+from taichi_plume.validation.jet import CORE, DECAY, SPREAD, fan_jet
 
 SECOND_ORDER = Expected(order=1.9)
 HALF_A_PERCENT = Expected(tolerance=0.005, at=32)  # of laminar profiles, cells across the duct
@@ -184,6 +185,20 @@ _ALL = (
         coarse=(20,),
         fine=(40,),
         expected=AIR_BALANCE,
+    ),
+    Case(
+        "fan_jet",
+        "decay and spread of a round jet in still air",
+        "measured jets, see jet.py",
+        fan_jet,
+        coarse=(6,),
+        fine=(6,),
+        expected={
+            "K from published": Expected(tolerance=DECAY[1]),
+            "S from published": Expected(tolerance=SPREAD[1]),
+            "core from published, d": Expected(tolerance=CORE[1]),
+            "divergence": Expected(tolerance=1e-4),
+        },
     ),
     Case(
         "one_layer",

@@ -14,6 +14,7 @@ SLOW = {
     "cavity_1000",
     "room_3d",
     "fan",
+    "fan_jet",
     "one_layer",
     "couette_start",
 }

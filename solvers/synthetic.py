@@ -1,0 +1,219 @@
+"""Weak convection of a closed room as a synthetic flow: random waves of a vector potential, no equation of motion.
+
+    u = curl(f A),  A = sum of c_n exp(i (k_n x + w_n t)),  w_n = unsteadiness sqrt(k_n³ E(k_n)),  E(k) ~ k^-5/3
+
+(kinematic simulation: Fung et al. 1992, doi:10.1017/S0022112092001423), plus rolls as large as the room whose strength
+follows an Ornstein-Uhlenbeck process. The ramp f falls to zero at walls and obstacles, so no air goes through them
+(Bridson et al. 2007, doi:10.1145/1276377.1276435). The potential lives on the edges of the cells (in 2-D, as a stream
+function, on their corners) and the velocity on their faces: the sum over a cell's faces is zero by construction.
+"""
+
+from math import prod
+
+import numpy as np
+import taichi as ti
+from scipy.ndimage import distance_transform_edt
+
+from taichi_plume.cut_cells import Air
+from taichi_plume.fields import sample_faces
+from taichi_plume.grid import Grid
+from taichi_plume.kernels import Template, launch, sweep
+from taichi_plume.rng import generator
+from taichi_plume.scenario import SyntheticWind
+
+FRAMES_PER_PERIOD = 16  # of the fastest wave: linear in between, it loses 2 % of its amplitude
+DRAWS = 16  # of the phases, to measure the speed of unit waves
+
+Potential = dict[int, np.ndarray]
+"""Component along each axis [m²/s]; in 2-D axis 2 alone. That along m has the edges along m: n + 1 per other axis."""
+
+
+def curl(potential: Potential, dx: float) -> list[np.ndarray]:
+    """Velocity [m/s] through the faces of each axis d: n + 1 along d, n along the others."""
+    dim = potential[2].ndim
+    result = []
+    for d in range(dim):
+        parts = [((e - d) % 3, np.diff(potential[3 - d - e], axis=e)) for e in range(dim) if e != d]
+        result.append(sum(part if order == 1 else -part for order, part in parts) / dx)
+    return result
+
+
+def ramp(solid: np.ndarray, axis: int, layer: float) -> np.ndarray:
+    """tanh(distance to the next surface/layer) on the edges along `axis`, layer in cells; exactly 0 on surfaces."""
+    air = np.pad(~solid, 1)
+    distance = np.maximum(np.asarray(distance_transform_edt(air)) - 0.5, 0.0)
+    for a in range(solid.ndim):
+        n = air.shape[a] - 1
+        low, high = (range(n), range(1, n + 1)) if a != axis else (range(1, n), range(1, n))
+        air = air.take(low, axis=a) & air.take(high, axis=a)
+        distance = 0.5 * (distance.take(low, axis=a) + distance.take(high, axis=a))
+    return np.where(air, np.tanh(distance / layer), 0.0)
+
+
+class Waves:
+    """Random waves of a potential that fills the box with unit mean square velocity, before any ramp."""
+
+    def __init__(self, wind: SyntheticWind, grid: Grid, rng: np.random.Generator):
+        longest, shortest = wind.longest, wind.shortest_on(grid.dx)
+        bands = np.geomspace(2 * np.pi / longest, 2 * np.pi / shortest, wind.modes + 1)
+        k = np.sqrt(bands[:-1] * bands[1:])
+        share = bands[:-1] ** (-2 / 3) - bands[1:] ** (-2 / 3)  # of the energy, int k^-5/3 dk
+        spectrum = 0.5 * wind.speed**2 * share / share.sum() / np.diff(bands)
+        self.frequency = wind.unsteadiness * np.sqrt(k**3 * spectrum)
+        direction = rng.standard_normal((wind.modes, grid.dim))
+        direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+        c = rng.standard_normal((wind.modes, 3)) + 1j * rng.standard_normal((wind.modes, 3))
+        if grid.dim == 3:  # what lies along k moves no air
+            c -= (c * direction).sum(axis=1, keepdims=True) * direction
+        else:
+            c[:, :2] = 0.0
+        c *= (np.sqrt(2.0 * share / share.sum()) / k / np.linalg.norm(c, axis=1))[:, None]
+        self.tables = {}
+        for m in (0, 1, 2) if grid.dim == 3 else (2,):
+            places = edges(grid, m)
+            along = [np.exp(1j * np.outer(k * direction[:, a], x)) for a, x in enumerate(places)]
+            first = c[:, m, None] * along[0]
+            others = along[1]
+            for table in along[2:]:
+                others = (others[:, :, None] * table[:, None, :]).reshape(wind.modes, -1)
+            shape = tuple(len(x) for x in places)
+            others = np.concatenate([others.real, -others.imag]).astype(np.float32)
+            self.tables[m] = first, others, shape
+
+    def at(self, phase: np.ndarray) -> Potential:
+        """The potential when each wave has gone on by its phase [rad].
+
+        Waves are products of waves along the axes, so a product of two matrices sums them up.
+        """
+        result = {}
+        for m, (first, others, shape) in self.tables.items():
+            now = np.exp(1j * phase)[:, None] * first
+            now = np.concatenate([now.real, now.imag]).astype(np.float32)
+            result[m] = (np.ascontiguousarray(now.T) @ others).astype(float).reshape(shape)
+        return result
+
+
+def edges(grid: Grid, axis: int) -> list[np.ndarray]:
+    """Places [m] of the edges along `axis`, per axis of the grid."""
+    return [
+        (np.arange(n) + 0.5 if a == axis else np.arange(n + 1)) * grid.dx for a, n in enumerate(grid.shape)
+    ]
+
+
+@ti.data_oriented
+class SyntheticSolver:
+    """A synthetic flow in a closed room; satisfies `fields.Wind` and carries gas on the grid like a flow solver.
+
+    It is made of key frames and linear in time between two of them, which leaves div u = 0.
+    Fields: u, face velocities [m/s]; open, 1 on faces between two cells of air, one of each per axis.
+    """
+
+    nu = None  # what the waves leave out is not modelled
+    area = None  # no cell is cut: obstacles are steps
+    viscosity = max_viscosity = 0.0
+    schmidt = 1.0
+
+    def __init__(self, wind: SyntheticWind, grid: Grid, air: Air, begin: float = 0.0, seed: int = 0):
+        self.grid = grid
+        self.dim = grid.dim
+        self.begin = begin
+        solid = air.solid
+        self._air = ~solid
+        self._rng = generator(seed, "synthetic wind")
+        self._waves = Waves(wind, grid, self._rng)
+        axes = list(self._waves.tables)
+        self._ramp = {m: ramp(solid, m, wind.wall_layer / grid.dx) for m in axes}
+        phases = self._rng.uniform(0.0, 2 * np.pi, (DRAWS, wind.modes))
+        squares = [self._mean_square(self._waves.at(phase)) for phase in phases]
+        self._strength = wind.speed / max(np.sqrt(np.mean(squares)), 1e-12)
+        self._rolls = {m: self._roll(m, wind.circulation / np.sqrt(len(axes))) for m in axes}
+        self._turn = dict(zip(axes, self._rng.standard_normal(len(axes)), strict=True))
+        fastest = max(2 * np.pi / wind.circulation_time, float(self._waves.frequency.max()))
+        self.interval = 2 * np.pi / fastest / FRAMES_PER_PERIOD
+        self._memory = np.exp(-self.interval / wind.circulation_time)
+
+        self.u = grid.faces_field()
+        self.open = grid.faces_field()
+        around = np.pad(self._air, grid.ghost)
+        for d, field in enumerate(self.open):
+            field.from_numpy((around & np.roll(around, 1, axis=d)).astype(np.float32))
+        self._before, self._after = grid.faces_field(), grid.faces_field()
+        self._outflow = [0.0, 0.0]  # of the two frames
+        self._build()
+        self._frame = -2  # number of the frame before
+        self._next_frame()
+        self._next_frame()
+        self.advance(begin, 0.0)
+
+    def _build(self) -> None:
+        """u between the two frames, ghost layers included."""
+
+        def of_axis(d: int):
+            before, after = self._before[d], self._after[d]
+
+            @ti.func
+            def between(I, share, _):
+                return before[I] + share * (after[I] - before[I])
+
+            return between
+
+        ranges = [(0, n) for n in self.grid.padded]
+        between = sweep([of_axis(d) for d in range(self.dim)], self.u, ranges)
+        self._blend = launch(between, cells=prod(self.grid.shape))
+
+    def _velocity(self, potential: Potential) -> list[np.ndarray]:
+        return curl({m: self._ramp[m] * a for m, a in potential.items()}, self.grid.dx)
+
+    def _mean_square(self, potential: Potential) -> float:
+        """Mean of the squared speed [m²/s²] over the air."""
+        total = np.zeros(self.grid.shape)
+        for d, u in enumerate(self._velocity(potential)):
+            low, high = np.delete(u, -1, axis=d), np.delete(u, 0, axis=d)
+            total += 0.5 * (low**2 + high**2)
+        return float(total[self._air].mean())
+
+    def _roll(self, axis: int, speed: float) -> np.ndarray:
+        """Potential of one roll about `axis`, as large as the room, of this root mean square speed [m/s]."""
+        places = np.meshgrid(*edges(self.grid, axis), indexing="ij")
+        waves = [np.sin(np.pi * places[a] / self.grid.extent[a]) for a in range(self.dim) if a != axis]
+        roll = np.prod(waves, axis=0)
+        others = {m: np.zeros_like(r) for m, r in self._ramp.items()}
+        return roll * speed / max(np.sqrt(self._mean_square(others | {axis: roll})), 1e-12)
+
+    def _next_frame(self) -> None:
+        """Leave the frame behind and compute the one after the next."""
+        self._frame += 1
+        t = (self._frame + 1) * self.interval
+        fresh = np.sqrt(1.0 - self._memory**2)
+        for m, turn in self._turn.items():
+            self._turn[m] = self._memory * turn + fresh * self._rng.standard_normal()
+        waves = self._waves.at(self._waves.frequency * t)
+        potential = {m: self._strength * a + self._turn[m] * self._rolls[m] for m, a in waves.items()}
+        velocity = self._velocity(potential)
+        out = np.zeros(self.grid.shape)
+        g = self.grid.ghost
+        for d, u in enumerate(velocity):
+            self._before[d].copy_from(self._after[d])
+            width = [(g, g - (a == d)) for a in range(self.dim)]
+            self._after[d].from_numpy(np.pad(u, width, mode="edge").astype(np.float32))
+            out += np.maximum(np.delete(u, 0, axis=d), 0.0) - np.minimum(np.delete(u, -1, axis=d), 0.0)
+        self._outflow = [self._outflow[1], float(out.max()) / self.grid.dx]
+
+    def stable_dt(self, t: float = 0.0) -> float:
+        """No limit of its own."""
+        return float("inf")
+
+    def advance(self, t: float, dt: float) -> None:
+        """Take the velocity of time t + dt; time never goes back."""
+        frame = (t + dt - self.begin) / self.interval
+        while frame > self._frame + 1:
+            self._next_frame()
+        share = frame - self._frame
+        self._blend(share)
+        # flow out of a cell is a convex function of u: between two frames it is at most in between
+        self.outflow_rate = (1.0 - share) * self._outflow[0] + share * self._outflow[1]
+
+    @ti.func
+    def velocity(self, x: Template, t: float):
+        """Velocity [m/s] at point x [m], linear between the faces; the time is the solver's own."""
+        return sample_faces(self.u, x, self.grid.dx, self.grid.ghost, self.grid.padded)

@@ -1,0 +1,172 @@
+import numpy as np
+import pytest
+
+from taichi_plume.cut_cells import Air
+from taichi_plume.fields import velocity_at
+from taichi_plume.grid import Grid
+from taichi_plume.scenario import EulerianGas, SyntheticWind
+from taichi_plume.solvers.gas import EulerianSolver
+from taichi_plume.solvers.synthetic import SyntheticSolver
+
+SHAPES = [(60, 42), (30, 21, 12)]
+
+
+def room(shape, seed=0, empty=False, **keys):
+    """3 m x 2.1 m (x 1.2 m), with a box."""
+    grid = Grid(shape, 3.0 / shape[0])
+    solid = np.zeros(shape, bool)
+    if not empty:
+        solid[tuple(slice(n // 3, n // 2) for n in shape)] = True
+    wind = SyntheticWind.model_validate({"kind": "synthetic"} | keys)
+    return grid, solid, SyntheticSolver(wind, grid, Air.of(solid, grid), 0.0, seed)
+
+
+def faces(grid, wind):
+    """u_d on all d-faces, (n + 1 along d, n along the others)."""
+    return [
+        u.to_numpy()[tuple(slice(b, e + (a == d)) for a, (b, e) in enumerate(grid.cells))].astype(float)
+        for d, u in enumerate(wind.u)
+    ]
+
+
+def squared_speed(grid, wind):
+    """|u|² [m²/s²] per cell."""
+    ends = [(np.delete(u, -1, axis=d), np.delete(u, 0, axis=d)) for d, u in enumerate(faces(grid, wind))]
+    return sum(0.5 * (low**2 + high**2) for low, high in ends)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_no_cell_gains_air_and_no_surface_lets_it_through(shape):
+    grid, solid, wind = room(shape)
+    t = 0.0
+    for dt in (0.7, 1.3, 5.0, 0.01):  # at frames and between them
+        wind.advance(t, dt)
+        t += dt
+        u = faces(grid, wind)
+        largest = max(np.abs(v).max() for v in u)
+        net = sum(np.diff(v, axis=d) for d, v in enumerate(u))
+        assert largest > 0.03
+        assert np.abs(net).max() <= 1e-6 * largest
+        for d, v in enumerate(u):
+            blocked = np.pad(
+                solid, [(1, 1) if a == d else (0, 0) for a in range(grid.dim)], constant_values=True
+            )
+            closed = np.delete(blocked, 0, axis=d) | np.delete(blocked, -1, axis=d)
+            assert np.all(v[closed] == 0.0)
+            inner = tuple(slice(b, e + (a == d)) for a, (b, e) in enumerate(grid.cells))
+            np.testing.assert_array_equal(wind.open[d].to_numpy()[inner], ~closed)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_the_speed_is_as_asked(shape):
+    squares = []
+    for seed in range(3):
+        grid, solid, wind = room(shape, seed, circulation=0.0)
+        for n in range(10):
+            wind.advance(30.0 * n, 30.0)
+            squares.append(squared_speed(grid, wind)[~solid].mean())
+    assert np.sqrt(np.mean(squares)) == pytest.approx(0.03, rel=0.1)
+
+
+@pytest.mark.parametrize("shape", [(15, 10), (12, 8, 5)])
+def test_the_circulation_is_as_asked(shape):
+    grid, solid, wind = room(shape, speed=0.0, modes=1, circulation_time=1.0)
+    squares = []
+    for n in range(120):
+        wind.advance(2.0 * n, 2.0)
+        squares.append(squared_speed(grid, wind)[~solid].mean())
+    assert np.sqrt(np.mean(squares)) == pytest.approx(0.015, rel=0.2)  # 120 draws tell no more
+
+
+def test_large_eddies_hold_the_energy():
+    """E(k) ~ k^(-5/3) between the longest and the shortest wave, and next to nothing beyond."""
+    k = 2 * np.pi * np.fft.fftfreq(176, 0.05)
+    length = np.hypot(k[:, None], k)
+    rings = 2 * np.pi / np.array([1.4, 1.0, 0.7, 0.5, 0.35, 0.25, 0.17, 0.12])
+    ring = np.digitize(length, rings)
+    energy = np.zeros(len(rings) - 1)
+    for seed in range(3):
+        grid = Grid((256, 256), 0.05)  # its middle is far from the walls
+        wind = SyntheticWind(kind="synthetic", circulation=0.0, modes=200)
+        flow = SyntheticSolver(wind, grid, Air.of(np.zeros(grid.shape, bool), grid), 0.0, seed)
+        window = np.outer(np.hanning(176), np.hanning(176))
+        square = sum(np.abs(np.fft.fft2(u[40:216, 40:216] * window)) ** 2 for u in faces(grid, flow))
+        energy += np.array([square[ring == n + 1].sum() for n in range(len(energy))]) / np.diff(rings)
+    middle = np.sqrt(rings[1:] * rings[:-1])
+    slope = np.polyfit(np.log(middle[:5]), np.log(energy[:5]), 1)[0]
+    assert slope == pytest.approx(-5 / 3, abs=0.2)
+    assert energy[-1] < 1e-3 * energy[4]
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_the_air_forgets_in_5_to_20_s(shape):
+    grid, _, wind = room(shape)
+    rng = np.random.default_rng(0)
+    places = rng.uniform(0.3, np.array(grid.extent) - 0.3, (40, grid.dim))
+    step, steps = 1.0, 600
+    series = []
+    for n in range(steps):
+        wind.advance(n * step, step)
+        series.append(velocity_at(wind, places, 0.0))
+    u = np.array(series, float)
+    lags = range(60)
+    correlation = np.array([np.mean(u[: steps - k] * u[k:]) for k in lags]) / np.mean(u**2)
+    end = int(np.argmax(correlation < 0.0)) if (correlation < 0.0).any() else len(correlation)
+    assert 5.0 <= step * (correlation[:end].sum() - 0.5) <= 20.0
+
+
+def test_the_seed_decides_every_bit():
+    first, same, other = (room((30, 21, 12), seed)[2] for seed in (3, 3, 4))
+    for wind in (first, same, other):
+        for n in range(50):
+            wind.advance(0.1 * n, 0.1)
+    for d in range(3):
+        a, b, c = (wind.u[d].to_numpy() for wind in (first, same, other))
+        assert a.tobytes() == b.tobytes()
+        assert not np.array_equal(a, c)
+
+
+def test_steps_do_not_change_the_flow():
+    _, _, fine = room((30, 21, 12))
+    _, _, coarse = room((30, 21, 12))
+    for n in range(40):
+        fine.advance(0.25 * n, 0.25)
+    for n in range(2):
+        coarse.advance(5.0 * n, 5.0)
+    for d in range(3):
+        np.testing.assert_allclose(coarse.u[d].to_numpy(), fine.u[d].to_numpy(), atol=1e-7)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_well_mixed_gas_stays_well_mixed_and_the_rest_of_it_stays_inside(shape):
+    grid, solid, wind = room(shape)
+    position = (0.5, 0.5, 0.3)[: grid.dim]
+
+    def gas(rate):
+        source = {"position": position, "rate": rate, "radius": 0.1}
+        model = EulerianGas.model_validate({"kind": "eulerian", "sources": [source]})
+        return EulerianSolver(model, grid, wind, Air.of(solid, grid))
+
+    even, plume = gas(0.0), gas(1e-6)
+    even.start_from(lambda x: np.where(solid, 0.0, 1.0))
+    for n in range(100):
+        wind.advance(0.2 * n, 0.2)
+        even.advance(0.2 * n, 0.2)
+        plume.advance(0.2 * n, 0.2)
+        assert plume.least() >= 0.0
+    np.testing.assert_allclose(grid.inner(even.c.to_numpy())[~solid], 1.0, rtol=2e-5)
+    budget = plume.budget()
+    assert budget["in_domain_kg"] == pytest.approx(2e-5, rel=1e-5)
+    assert budget["outflow_kg"] == 0.0
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_the_outflow_of_a_cell_is_known(shape):
+    grid, _, wind = room(shape)
+    for n in range(8):
+        wind.advance(0.9 * n, 0.9)
+        out = sum(
+            np.maximum(np.delete(u, 0, axis=d), 0.0) - np.minimum(np.delete(u, -1, axis=d), 0.0)
+            for d, u in enumerate(faces(grid, wind))
+        )
+        assert 0.5 * wind.outflow_rate <= out.max() / grid.dx <= wind.outflow_rate * (1 + 1e-6)

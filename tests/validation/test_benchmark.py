@@ -1,0 +1,35 @@
+import json
+
+import numpy as np
+import pytest
+
+from taichi_plume.validation import benchmark
+from taichi_plume.validation.benchmark import cluttered, right_sides, solve_pressure
+
+
+def test_right_sides_can_be_solved():
+    """In a closed room what enters the air has to leave it; obstacles have no equations."""
+    grid, solid = cluttered(16)
+    sides = right_sides(grid, ~solid)
+    assert set(sides) == {"random", "smooth", "both"}
+    for values in sides.values():
+        assert np.abs(values).max() == pytest.approx(1.0)
+        assert abs(values.sum()) <= 1e-9 * np.abs(values).sum()
+        assert np.all(values[solid] == 0.0)
+
+
+def test_the_pressure_is_solved_as_told():
+    rows = solve_pressure(24, "cpu")
+    assert [row.right_side for row in rows] == ["random", "smooth", "both"]
+    for row in rows:
+        assert row.solver == "Multigrid"
+        assert 1 < row.iterations < 20
+        assert row.residual <= 3 * row.tolerance  # reckoned anew from the solution, with its rounding
+
+
+def test_the_table_as_json(monkeypatch, capsys):
+    monkeypatch.setattr(benchmark, "SIDES", (16,))
+    assert benchmark.main(["--pressure", "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert [row["N"] for row in rows] == [16, 16, 16]
+    assert all(row["cells"] == 16**3 and row["iterations"] >= 1 for row in rows)
