@@ -9,7 +9,7 @@ from taichi_plume.agents.placement import place, placed
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.team import Team
 from taichi_plume.fields import Wind
-from taichi_plume.geometry import ClearanceMap, air_regions, shapes, solid_cells
+from taichi_plume.geometry import ClearanceMap, Shape, air_regions, shapes, solid_cells
 from taichi_plume.grid import Grid
 from taichi_plume.loading import ScenarioError
 from taichi_plume.rng import generator
@@ -18,6 +18,7 @@ from taichi_plume.simulation import Map, Simulation
 from taichi_plume.solvers.boundaries import opening_cells, periodic_axes
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.gas import EulerianSolver
+from taichi_plume.solvers.heat import HeatSolver
 from taichi_plume.solvers.uniform import UniformSolver
 
 MAPS = {"time_series": TimeSeriesMap, "inverse_distance": InverseDistanceMap}
@@ -52,11 +53,33 @@ def assemble(scenario: Scenario, folder: Path = Path()) -> Simulation:
         gas = EulerianSolver(scenario.gas, grid, wind, solid, begin, scenario.seed)
     except ValueError as error:
         raise ScenarioError([f"gas.{error}"]) from None
+    if isinstance(wind, FlowSolver):
+        _add_buoyancy(scenario, wind, gas, obstacles, solid)
     swarm = _swarm(scenario, obstacles, grid)
     teams = [Team(swarm, group, grid.dim, scenario.tick) for group in swarm.groups]
     floor = (grid.extent[0], grid.extent[1])
     maps: list[Map] = [MAPS[m.kind](m, floor, max(1, swarm.trials)) for m in scenario.maps]
     return Simulation(scenario, grid, wind, gas, swarm, list(teams), maps, obstacles)
+
+
+def _add_buoyancy(
+    scenario: Scenario, flow: FlowSolver, gas: EulerianSolver, obstacles: list[Shape], solid: np.ndarray
+) -> None:
+    """Let the weight of the gas and the warmth of the air act on the flow."""
+    buoyancy = scenario.wind.buoyancy if isinstance(scenario.wind, CfdWind) else None
+    if buoyancy is None:
+        return
+    gravity = buoyancy.pull(flow.dim)
+    if buoyancy.solutal:
+        flow.lift.append((gas.c, tuple(g * gas.species.weight_per_density for g in gravity)))
+    if buoyancy.heat is not None:
+        bodies = [solid_cells([obstacles[o.number]], flow.grid) & solid for o in buoyancy.heat.obstacles]
+        try:
+            heat = HeatSolver(buoyancy.heat, flow.grid, flow, solid, bodies)
+        except ValueError as error:
+            raise ScenarioError([f"wind.buoyancy.heat.{error}"]) from None
+        flow.lift.append((heat.theta, tuple(-g * buoyancy.heat.volume_expansion for g in gravity)))
+        flow.carried.append(heat)
 
 
 def _swarm(scenario: Scenario, obstacles: list, grid: Grid) -> Swarm:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 GAS_CONSTANT = 8.314462618  # J/(mol K), CODATA 2018
 TEMPERATURE = 298.15  # K: the reference state of every ppm in the simulator
 PRESSURE = 101325.0  # Pa
+AIR_MOLAR_MASS = 28.965e-3  # kg/mol, dry
 
 
 @dataclass(frozen=True)
@@ -22,6 +23,11 @@ class Species:
     def ppm_per_density(self) -> float:
         """ppm per kg/m³: the ideal gas law, ppm = 10⁶ c R T / (M p)."""
         return 1e6 * GAS_CONSTANT * TEMPERATURE / (self.molar_mass * PRESSURE)
+
+    @property
+    def weight_per_density(self) -> float:
+        """Relative change of the air's density per kg/m³: (M/M_air - 1) x of a mole fraction x."""
+        return (self.molar_mass / AIR_MOLAR_MASS - 1.0) * 1e-6 * self.ppm_per_density
 
 
 # Molar masses: IUPAC standard atomic weights. Diffusivity of ethanol: Ferri et al., Robotics and Autonomous

@@ -16,6 +16,7 @@ SLOW = {
     "fan",
     "one_layer",
     "couette_start",
+    "heated_cavity_1e5",
 }
 
 
