@@ -8,7 +8,7 @@ diffusion, Heun's method (SSP-RK2) with the last pressure's gradient, then one p
 """
 
 from collections.abc import Callable
-from math import prod
+from math import prod, sqrt
 from typing import Any, Protocol
 
 import numpy as np
@@ -40,6 +40,18 @@ class Resistance(Protocol):
         ...
 
 
+class Carried(Protocol):
+    """What moves with the air and acts on it in turn."""
+
+    def advance(self, t: float, dt: float) -> None:
+        """Step from time t [s] by dt [s] with the flow at its end."""
+        ...
+
+    def diagnostics(self) -> dict[str, float]:
+        """Numbers for the result."""
+        ...
+
+
 def _set(fields: tuple[Any, ...], values: list[np.ndarray]) -> None:
     for field, array in zip(fields, values, strict=True):
         field.from_numpy(array.astype(np.float32))
@@ -53,7 +65,7 @@ class FlowSolver:
     area, the share of each face that is air, or None where no obstacle is; open, how freely the pressure moves the air
     of a face: 1 in the open, less where an obstacle cuts it, 0 on walls and where a velocity is prescribed.
     To be completed before the first step: lift, cell fields with the acceleration [m/s²] that a unit of each gives the
-    air (buoyancy); resistances, what holds or drags it.
+    air (buoyancy); resistances, what holds or drags it; carried, what is advanced together with it (heat).
     """
 
     def __init__(self, wind: CfdWind, grid: Grid, air: Air, seed: int = 0):
@@ -78,6 +90,7 @@ class FlowSolver:
         self.nu: Any = grid.field() if self.eddies else None
         self.lift: list[tuple[Any, tuple[float, ...]]] = []
         self.resistances: list[Resistance] = []
+        self.carried: list[Carried] = []
         self.schmidt = 1.0 if wind.turbulence.kind == "none" else wind.turbulence.schmidt
         if self.area is not None:
             self._surfaces = Surfaces(self, air, area, openness)
@@ -318,6 +331,8 @@ class FlowSolver:
         self._stage(dt, 0.5)
         self._project(dt)
         self.max_courant = max(self.max_courant, dt * self.speed_rate)
+        for one in self.carried:
+            one.advance(t, dt)
 
     def _project(self, dt: float) -> None:
         """Make u divergence-free by the gradient of phi, and add the increment to the pressure."""
@@ -373,7 +388,31 @@ class FlowSolver:
         # when viscosity spreads it too fast.
         diffusion = (6.0 if self.eddies else 4.0) * self.dim * self.max_viscosity / self.grid.dx**2
         rate = max(self.speed_rate, self.boundaries.fastest(t) / self.grid.dx)
-        return 1.0 / max(rate / self.courant + diffusion, 1e-30)
+        limit = max(rate / self.courant + diffusion, 1e-30)
+        # What the lift adds to |u| within the step counts as well; near a corner the pressure turns and more than
+        # doubles it. Waves in layered air are slower than that.
+        strongest: Any = self._strongest_lift() if self.lift else 0.0
+        return 2.0 / (limit + sqrt(limit**2 + 12.0 * strongest / (self.courant * self.grid.dx)))
+
+    @ti.kernel
+    def _strongest_lift(self) -> ti.f32:
+        """Largest acceleration by lift, its components' magnitudes summed [m/s²]."""
+        result = 0.0
+        for J in ti.grouped(ti.ndrange(*self._rows)):
+            most = 0.0
+            for i in range(self.grid.shape[0]):
+                I = ti.Vector(
+                    [i + self.grid.ghost] + [J[self.dim - 1 - d] for d in ti.static(range(1, self.dim))]
+                )
+                total = 0.0
+                for d in ti.static(range(self.dim)):
+                    component = 0.0
+                    for n in ti.static(range(len(self.lift))):
+                        component += self.lift[n][0][I] * self.lift[n][1][d]
+                    total += ti.abs(component)
+                most = ti.max(most, total)
+            ti.atomic_max(result, most)
+        return result
 
     def diagnostics(self) -> dict[str, float]:
         """max_divergence (over the largest |u|/dx), max_courant (of all steps so far), max_speed [m/s]."""
@@ -385,6 +424,7 @@ class FlowSolver:
             "max_divergence": float(np.abs(net).max() / max(self.max_speed, 1e-9)),
             "max_courant": self.max_courant,
             "max_speed": self.max_speed,
+            **{key: value for one in self.carried for key, value in one.diagnostics().items()},
         }
 
     def momentum_loss(self) -> list[np.ndarray]:

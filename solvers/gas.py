@@ -84,8 +84,8 @@ class EulerianSolver:
             air,
             self.species.diffusivity,
             wind.schmidt,
-            add_sources,
             POSITIVE_FACE_VALUES[gas.convection],
+            add_sources,
         )
         self.c = self.transport.q
 

@@ -7,7 +7,7 @@ import taichi as ti
 
 from taichi_plume.grid import Grid, block_mean
 from taichi_plume.kernels import Template
-from taichi_plume.scenario import Source
+from taichi_plume.scenario import Heater, Source
 
 SAMPLES = 4  # per axis and cell, to measure how much of a cell a ball covers
 
@@ -16,7 +16,7 @@ SAMPLES = 4  # per axis and cell, to measure how much of a cell a ball covers
 class Release:
     """Some balls on the grid. What each releases next is set by `amounts`; `add_to` gives it to the cells."""
 
-    def __init__(self, name: str, balls: Sequence[Source], grid: Grid, room: np.ndarray):
+    def __init__(self, name: str, balls: Sequence[Source | Heater], grid: Grid, room: np.ndarray):
         """name: of the balls in messages; room: share of each cell that stores, of grid.shape.
 
         Raises ValueError for a ball that covers no air.
@@ -38,7 +38,7 @@ class Release:
         self._share.from_numpy(np.concatenate(shares).astype(np.float32))
         self._owner.from_numpy(np.concatenate(owner).astype(np.int32))
 
-    def _cells_of(self, path: str, ball: Source, room: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _cells_of(self, path: str, ball: Source | Heater, room: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Cells of a ball, shape (n, dim), and the share of its release that each receives."""
         dx = self.grid.dx
         sub = (np.arange(SAMPLES) + 0.5) / SAMPLES

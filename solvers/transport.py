@@ -7,7 +7,7 @@ steps short enough that no cell gives away more than it holds make no new extrem
 both sides.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from math import ceil, prod
 from typing import Any
 
@@ -32,6 +32,8 @@ class Transport:
     diffusivity [m²/s]: of still air; schmidt: eddy viscosity over eddy diffusivity.
     add_sources: a pass (see `kernels.launch`) that adds to q what a step of length a brings.
     face_value: of `convection.POSITIVE_FACE_VALUES`.
+    exchange: a pass that adds to `rate` what a stage exchanges with surfaces, at most exchange_rate [1/s] times q.
+    inflow: q of the air that comes in, a field over the two faces of each axis; clean air unless given.
     """
 
     def __init__(
@@ -41,30 +43,36 @@ class Transport:
         air: Air,
         diffusivity: float,
         schmidt: float,
-        add_sources: Callable[[Any, Any], None],
         face_value: Callable[..., Any],
+        add_sources: Callable[[Any, Any], None] | None,
+        exchange: Callable[[Any, Any], None] | None = None,
+        exchange_rate: float = 0.0,
+        inflow: Sequence[Any] = (),
     ):
         self.grid = grid
         self.dim = grid.dim
         self.wind = wind
         self.diffusivity = diffusivity
         self.schmidt = schmidt
+        self.exchange_rate = exchange_rate
+        self.inflow = tuple(inflow)
         self.q = grid.field()
         self.room: Any = None  # share of each cell's volume that stores q
         self.cut = wind.area is not None
         if self.cut:
             self.room = grid.field()
             self.room.from_numpy(grid.pad(air.room.astype(np.float32)))
+        self.rate = grid.field()
         self._outflow = ti.field(ti.f64)
         apart = ti.FieldsBuilder()  # beside 32-bit fields Vulkan would misplace it
         apart.place(self._outflow)
         apart.finalize()
         self._sides = [tuple(2 if a == d else n for a, n in enumerate(grid.shape)) for d in range(grid.dim)]
-        self._build(add_sources, face_value)
+        self._build(add_sources, face_value, exchange)
 
-    def _build(self, add_sources: Callable[[Any, Any], None], face_value: Callable[..., Any]) -> None:
+    def _build(self, add_sources: Callable | None, face_value: Callable, exchange: Callable | None) -> None:
         """The formulas of a step, each swept over the cells."""
-        q, q0, rate = self.q, self.grid.field(), self.grid.field()
+        q, q0, rate = self.q, self.grid.field(), self.rate
         u, a, nu, dx, dim = self.wind.u, self.wind.open, self.wind.nu, self.grid.dx, self.dim
         area, room, cut = self.wind.area, self.room, self.cut
         diffusivity, viscosity, schmidt = self.diffusivity, self.wind.viscosity, self.schmidt
@@ -111,10 +119,13 @@ class Transport:
 
         self.face_flux = face_flux
         cells, count = self.grid.cells, prod(self.grid.shape)
-        self._begin = launch(add_sources, sweep([remember], [q0], cells), cells=count)
+        self._begin = launch(
+            *([add_sources] if add_sources else []), sweep([remember], [q0], cells), cells=count
+        )
         self._stage = launch(
             fill_ghosts,
             sweep([tendency], [rate], cells),
+            *([exchange] if exchange else []),
             count_outflow,
             sweep([heun], [q], cells),
             cells=count,
@@ -131,7 +142,8 @@ class Transport:
         upwind cell's.
         """
         K = self.diffusivity + (self.wind.max_viscosity - self.wind.viscosity) / self.schmidt
-        longest = FULLEST / max(self.wind.outflow_rate + self.dim * K / self.grid.dx**2, 1e-30)
+        given = self.wind.outflow_rate + self.dim * K / self.grid.dx**2 + 0.5 * self.exchange_rate
+        longest = FULLEST / max(given, 1e-30)
         return max(1, ceil(dt / longest - 1e-9))
 
     def step(self, dt: float) -> None:
@@ -142,7 +154,7 @@ class Transport:
 
     @ti.func
     def _fill_ghosts(self):
-        """Beyond an outflow q goes on unchanged; in air that flows in it is 0; periodic axes wrap round."""
+        """Beyond an outflow q goes on unchanged; air that flows in has its own; periodic axes wrap round."""
         for d in ti.static(range(self.dim)):
             for J in ti.grouped(ti.ndrange(*self._sides[d])):
                 g = ti.static(self.grid.ghost)
@@ -155,7 +167,10 @@ class Transport:
                         self.q[inner + D * outward * m] = self.q[inner - D * outward * (n - m)]
                     else:
                         out = self.wind.u[d][inner + D * J[d]] * outward
-                        self.q[inner + D * outward * m] = ti.select(out >= 0.0, self.q[inner], 0.0)
+                        beyond = 0.0
+                        if ti.static(len(self.inflow) > 0):
+                            beyond = self.inflow[d][J]
+                        self.q[inner + D * outward * m] = ti.select(out >= 0.0, self.q[inner], beyond)
 
     @ti.func
     def _count_outflow(self, dt: float):

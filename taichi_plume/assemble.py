@@ -31,6 +31,7 @@ from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.forces import forces
 from taichi_plume.solvers.frozen import FrozenSolver
 from taichi_plume.solvers.gas import EulerianSolver
+from taichi_plume.solvers.heat import HeatSolver
 from taichi_plume.solvers.playback import PlayedGas, PlayedWind
 from taichi_plume.solvers.synthetic import SyntheticSolver
 from taichi_plume.solvers.uniform import UniformSolver
@@ -51,6 +52,8 @@ def assemble(scenario: Scenario, folder: Path = Path()) -> Simulation:
     air = film.air() if film else air_of(obstacles, grid, opening_cells(openings, grid))
     wind = _wind(scenario, film, grid, air)
     gas = _gas(scenario, folder, grid, wind, air)
+    if isinstance(wind, FlowSolver):
+        _add_buoyancy(scenario, wind, gas, air)
     swarm = _swarm(scenario, obstacles, grid)
     teams = [Team(swarm, group, grid.dim, scenario.tick) for group in swarm.groups]
     floor = (grid.extent[0], grid.extent[1])
@@ -96,6 +99,23 @@ def _gas(scenario: Scenario, folder: Path, grid: Grid, wind: Wind, air: Air) -> 
         return EulerianSolver(model, grid, wind, air, begin, scenario.seed)
     except ValueError as error:
         raise ScenarioError([f"gas.{error}"]) from None
+
+
+def _add_buoyancy(scenario: Scenario, flow: FlowSolver, gas: Gas, air: Air) -> None:
+    """Let the weight of the gas and the warmth of the air act on the flow."""
+    buoyancy = scenario.wind.buoyancy if isinstance(scenario.wind, CfdWind) else None
+    if buoyancy is None:
+        return
+    gravity = buoyancy.pull(flow.dim)
+    if buoyancy.solutal and isinstance(gas, EulerianSolver):
+        flow.lift.append((gas.c, tuple(g * gas.species.weight_per_density for g in gravity)))
+    if buoyancy.heat is not None:
+        try:
+            heat = HeatSolver(buoyancy.heat, flow.grid, flow, air)
+        except ValueError as error:
+            raise ScenarioError([f"wind.buoyancy.heat.{error}"]) from None
+        flow.lift.append((heat.theta, tuple(-g * buoyancy.heat.volume_expansion for g in gravity)))
+        flow.carried.append(heat)
 
 
 def _swarm(scenario: Scenario, obstacles: list, grid: Grid) -> Swarm:

@@ -19,10 +19,13 @@ from taichi_plume.geometry import MeshError, Shape, clearance_resolution, shape
 from taichi_plume.grid import Grid
 from taichi_plume.scenario import (
     Box,
+    Buoyancy,
     CfdWind,
+    Domain,
     Fan,
     FrozenWind,
     Group,
+    Heat,
     Jet,
     MovingWall,
     Opening,
@@ -39,6 +42,7 @@ from taichi_plume.scenario import (
     StartLine,
     SyntheticWind,
     UniformWind,
+    Vent,
 )
 
 BYTES_PER_CELL = {2: 260, 3: 200}  # all fields of a CFD run with gas
@@ -78,6 +82,7 @@ def problems(scenario: Scenario, folder: Path) -> list[str]:
     for part in (_obstacles, _sources, _robots):
         lines += part(scenario, shapes)
     lines += [*_names(scenario), *_eddies(scenario)]
+    lines += _heat(scenario, shapes)
     openings = list(_openings(scenario, shapes)) or list(_net_inflow(scenario))
     return lines + openings + list(_recording(scenario)) + list(_frozen(scenario)) + list(_fields(scenario))
 
@@ -93,7 +98,7 @@ def estimate(scenario: Scenario) -> dict[str, float]:
     elif isinstance(wind, SyntheticWind):
         speed = GUST * hypot(wind.speed, wind.circulation)
     elif isinstance(wind, CfdWind):
-        speed, courant = GUST * _largest_speed(wind), wind.courant
+        speed, courant = GUST * _largest_speed(wind, domain), wind.courant
     if isinstance(wind, FrozenWind):
         moving = min(whole, wind.after)
     substeps = max(1, ceil(scenario.tick * speed / (courant * domain.spacing) - 1e-9))
@@ -106,14 +111,28 @@ def estimate(scenario: Scenario) -> dict[str, float]:
     }
 
 
-def _largest_speed(wind: CfdWind) -> float:
+def _largest_speed(wind: CfdWind, domain: Domain) -> float:
     speeds = [0.0]
     for opening in wind.openings:
         if isinstance(opening, Jet):
             speeds += [abs(opening.speed or 0.0), *(abs(step.speed) for step in opening.schedule)]
         elif isinstance(opening, MovingWall):
             speeds.append(hypot(*opening.velocity))
+    if wind.buoyancy is not None and wind.buoyancy.heat is not None:
+        speeds.append(_fall(wind.buoyancy.heat, max(domain.extent)))
     return max(speeds)
+
+
+def _fall(heat: Heat, length: float) -> float:
+    """Speed [m/s] that air a few kelvin apart gains over a length [m], or above a heater."""
+    surfaces = [*heat.walls, *heat.obstacles]
+    differences = [abs(surface.temperature - heat.reference) for surface in surfaces]
+    lift = 9.81 * heat.volume_expansion
+    power = max((abs(heater.power) for heater in heat.heaters), default=0.0)
+    return max(
+        sqrt(lift * max(differences, default=0.0) * length),
+        (lift * power / (heat.capacity * length)) ** (1 / 3),
+    )
 
 
 def _bytes(scenario: Scenario, cells: float) -> float:
@@ -150,6 +169,17 @@ def _dimensions(scenario: Scenario) -> Iterator[str]:
         found.append(("wind.velocity", wind.velocity, dim))
     elif isinstance(wind, CfdWind):
         found.append(("wind.acceleration", wind.acceleration, dim))
+    buoyancy = _buoyancy_of(scenario)
+    if buoyancy is not None:
+        found.append(("wind.buoyancy.gravity", buoyancy.gravity, dim))
+        if dim == 2 and buoyancy.gravity is None:
+            yield (
+                "wind.buoyancy.gravity: is missing; a 2-D run is a view from above, give [0, -9.81] to make it an "
+                "upright section"
+            )
+        if buoyancy.gravity is not None and not any(buoyancy.gravity):
+            yield "wind.buoyancy.gravity: is zero, so nothing rises or sinks; give it a size or remove wind.buoyancy"
+        yield from _heat_dimensions(buoyancy.heat, dim, found)
     for n, opening in enumerate(_openings_of(scenario)):
         where = f"wind.openings[{n}]"
         if isinstance(opening, Region):
@@ -165,6 +195,19 @@ def _dimensions(scenario: Scenario) -> Iterator[str]:
     for path, value, wanted in found:
         if value is not None and len(value) != wanted:
             yield f"{path}: has {_numbers(len(value))}, a {dim}-D run takes {wanted} here"
+
+
+def _heat_dimensions(
+    heat: Heat | None, dim: int, found: list[tuple[str, tuple[float, ...] | None, int]]
+) -> Iterator[str]:
+    """Faces that do not exist; adds the vectors of heaters and walls to `found`."""
+    for n, heater in enumerate(heat.heaters if heat else ()):
+        found.append((f"wind.buoyancy.heat.heaters[{n}].position", heater.position, dim))
+    for n, wall in enumerate(heat.walls if heat else ()):
+        where = f"wind.buoyancy.heat.walls[{n}]"
+        found += [(f"{where}.center", wall.center, dim - 1), (f"{where}.size", wall.size, dim - 1)]
+        if dim == 2 and wall.face[0] == "z":
+            yield f"{where}.face: '{wall.face}' does not exist in a 2-D run; use x-, x+, y- or y+"
 
 
 def _numbers(n: int) -> str:
@@ -295,26 +338,80 @@ def _range(axis: str, low: float, high: float) -> str:
 
 
 def _sources(scenario: Scenario, shapes: list[Shape | None]) -> Iterator[str]:
-    extent = scenario.domain.extent
     for n, source in enumerate(scenario.gas.sources):
-        path = f"gas.sources[{n}].position"
-        outside = [a for a, x in enumerate(source.position) if not 0 <= x <= extent[a]]
-        if outside:
-            axis = "xyz"[outside[0]]
+        yield from _in_the_air(f"gas.sources[{n}].position", "source", source.position, scenario, shapes)
+
+
+def _in_the_air(
+    path: str, what: str, position: tuple[float, ...], scenario: Scenario, shapes: list[Shape | None]
+) -> Iterator[str]:
+    """A position has to be in the domain and outside of all obstacles."""
+    extent = scenario.domain.extent
+    outside = [a for a, x in enumerate(position) if not 0 <= x <= extent[a]]
+    if outside:
+        axis = "xyz"[outside[0]]
+        yield (
+            f"{path}: {axis} = {position[outside[0]]:g} m is outside the domain, "
+            f"{_range(axis, 0, extent[outside[0]])}; move the {what} in"
+        )
+        return
+    for m, one in enumerate(shapes):
+        if one is not None and one.inside(np.array([position]))[0]:
+            place = ", ".join(f"{x:g}" for x in position)
+            deep = -float(one.signed_distance(np.array([position]))[0])
             yield (
-                f"{path}: {axis} = {source.position[outside[0]]:g} m is outside the domain, "
-                f"{_range(axis, 0, extent[outside[0]])}; move the source in"
+                f"{path}: ({place}) m is inside obstacles[{m}] ({one.model.kind}), "
+                f"{deep:.3g} m below its surface; move the {what} or the obstacle"
             )
-            continue
-        for m, one in enumerate(shapes):
-            if one is not None and one.inside(np.array([source.position]))[0]:
-                place = ", ".join(f"{x:g}" for x in source.position)
-                deep = -float(one.signed_distance(np.array([source.position]))[0])
+            return
+
+
+# ---------------------------------------------------------------- warm and heavy air
+
+
+def _buoyancy_of(scenario: Scenario) -> Buoyancy | None:
+    return scenario.wind.buoyancy if isinstance(scenario.wind, CfdWind) else None
+
+
+def _heat(scenario: Scenario, shapes: list[Shape | None]) -> Iterator[str]:
+    buoyancy = _buoyancy_of(scenario)
+    heat = buoyancy.heat if buoyancy else None
+    openings = _openings_of(scenario)
+    if heat is None:
+        for n, opening in enumerate(openings):
+            if isinstance(opening, Vent) and opening.temperature is not None:
                 yield (
-                    f"{path}: ({place}) m is inside obstacles[{m}] ({one.model.kind}), "
-                    f"{deep:.3g} m below its surface; move the source or the obstacle"
+                    f"wind.openings[{n}].temperature: has no effect as the temperature of the air is not computed; "
+                    "add wind.buoyancy.heat or remove it"
                 )
-                break
+        return
+    where = "wind.buoyancy.heat"
+    for n, heater in enumerate(heat.heaters):
+        path = f"{where}.heaters[{n}].position"
+        yield from _in_the_air(path, "heater", heater.position, scenario, shapes)
+    for n, wall in enumerate(heat.walls):
+        path = f"{where}.walls[{n}]"
+        yield from _on_its_face(path, wall, scenario, shapes)
+        for m, opening in enumerate(openings):
+            if isinstance(opening, Periodic) and opening.axis == wall.face[0]:
+                yield (
+                    f"{path}.face: there is no wall {wall.face}, wind.openings[{m}] makes axis {opening.axis} "
+                    "periodic; remove one of them"
+                )
+        for m, other in enumerate(heat.walls[:n]):
+            if _overlap(wall, other, scenario):
+                yield (
+                    f"{path}: overlaps {where}.walls[{m}] on face {wall.face}; "
+                    "give both a center and a size that leave them apart"
+                )
+    for n, obstacle in enumerate(heat.obstacles):
+        path = f"{where}.obstacles[{n}].number"
+        if obstacle.number >= len(scenario.obstacles):
+            count = len(scenario.obstacles)
+            allowed = f"use 0 to {count - 1}" if count else "there are none"
+            yield f"{path}: there is no obstacles[{obstacle.number}]; {allowed}"
+        elif any(obstacle.number == other.number for other in heat.obstacles[:n]):
+            yield f"{path}: obstacles[{obstacle.number}] has a temperature already; remove one"
 
 
 # ---------------------------------------------------------------- openings
@@ -325,7 +422,6 @@ def _openings_of(scenario: Scenario) -> tuple[Opening, ...]:
 
 
 def _openings(scenario: Scenario, shapes: list[Shape | None]) -> Iterator[str]:
-    dim, spacing = scenario.domain.dim, scenario.domain.spacing
     openings = _openings_of(scenario)
     for n, opening in enumerate(openings):
         path = f"wind.openings[{n}]"
@@ -340,19 +436,7 @@ def _openings(scenario: Scenario, shapes: list[Shape | None]) -> Iterator[str]:
                         f"({other.kind}) is on face {other.face}; remove one of them"
                     )
             continue
-        center, half = opening.rectangle(scenario.domain.extent)
-        axes = opening.along(dim)
-        for a, c, h in zip(axes, center, half, strict=True):
-            axis, length = "xyz"[a], scenario.domain.extent[a]
-            # up to half a cell may be due to the rounding of the domain to whole cells
-            if c - h < -1e-6 or c + h > length + spacing / 2 + 1e-6:
-                yield (
-                    f"{path}: reaches beyond its face {opening.face}: {_range(axis, c - h, c + h)}, "
-                    f"the face has {_range(axis, 0, length)}; move its center or make it smaller"
-                )
-                break
-        else:
-            yield from _covered_cells(path, opening, scenario, shapes)
+        yield from _on_its_face(path, opening, scenario, shapes)
         for m, other in enumerate(earlier):
             if isinstance(other, Region) and _overlap(opening, other, scenario):
                 yield (
@@ -366,6 +450,21 @@ def _openings(scenario: Scenario, shapes: list[Shape | None]) -> Iterator[str]:
                 f"the {'xyz'[axis]} component must be 0, got {opening.velocity[axis]:g} m/s; "
                 "to blow air use kind: inlet"
             )
+
+
+def _on_its_face(path: str, region: Region, scenario: Scenario, shapes: list[Shape | None]) -> Iterator[str]:
+    """A region must lie on its face and cover cells with air."""
+    center, half = region.rectangle(scenario.domain.extent)
+    for a, c, h in zip(region.along(scenario.domain.dim), center, half, strict=True):
+        length = scenario.domain.extent[a]
+        # up to half a cell may be due to the rounding of the domain to whole cells
+        if c - h < -1e-6 or c + h > length + scenario.domain.spacing / 2 + 1e-6:
+            yield (
+                f"{path}: reaches beyond its face {region.face}: {_range('xyz'[a], c - h, c + h)}, "
+                f"the face has {_range('xyz'[a], 0, length)}; move its center or make it smaller"
+            )
+            return
+    yield from _covered_cells(path, region, scenario, shapes)
 
 
 def _covered_cells(

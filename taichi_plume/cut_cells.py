@@ -73,7 +73,7 @@ class Air:
     def of(solid: np.ndarray, grid: Grid) -> "Air":
         """Obstacles of whole cells: solid, bool of grid.shape."""
         faces = [np.ones(_faces(grid, d)) for d in range(grid.dim)]
-        return _closed(1.0 - solid, faces, [0.5 * a for a in faces], np.where(solid, 0, -1), grid)
+        return _closed(1.0 - solid, faces, [0.5 * a for a in faces], np.zeros(grid.shape, int), grid)
 
     def surface(self, grid: Grid) -> np.ndarray:
         """Vector area of the surface in each cell, out of the air, over a face's area: shape (*grid.shape, dim)."""

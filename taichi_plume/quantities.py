@@ -51,18 +51,24 @@ def parse(value: Any, unit: str) -> float:
         ) from None
 
 
-def quantity(unit: str, most: float = inf, likely: str = "", **limits: Any) -> Any:
+def quantity(unit: str, least: float = -inf, most: float = inf, likely: str = "", **limits: Any) -> Any:
     """The annotated type of a quantity in `unit` [SI], with pydantic's limits (gt, ge, lt, le).
 
-    A number above `most` is refused: it was probably meant in the unit `likely`.
+    A number below `least` or above `most` is refused: it was probably meant in the unit `likely`.
     """
 
     def plausible(value: float) -> float:
-        if value > most:
+        if not least <= value <= most:
             raise PydanticCustomError(
                 "unit",
-                "got {value} {unit}; did you mean '{value} {likely}'? at most {most} {unit}",
-                {"value": f"{value:g}", "unit": unit, "likely": likely, "most": f"{most:g}"},
+                "got {value} {unit}; did you mean '{value} {likely}'? {bound} {limit} {unit}",
+                {
+                    "value": f"{value:g}",
+                    "unit": unit,
+                    "likely": likely,
+                    "bound": "at most" if value > most else "at least",
+                    "limit": f"{most if value > most else least:g}",
+                },
             )
         return value
 

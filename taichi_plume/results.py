@@ -403,7 +403,7 @@ def summary(content: dict[str, Any]) -> list[tuple[str, str]]:
     flow, gas = content["flow"], content["gas"]
     if flow:
         lines.append(
-            ("flow", ", ".join(f"{name.replace('_', ' ')} {value:.3g}" for name, value in flow.items()))
+            ("flow", ", ".join(f"{name.replace('_', ' ')} {value:.4g}" for name, value in flow.items()))
         )
     if gas:
         text = ", ".join(

@@ -25,6 +25,11 @@ class Species:
         """ppm per kg/m³: the ideal gas law, ppm = 10⁶ c R T / (M p)."""
         return 1e6 * GAS_CONSTANT * TEMPERATURE / (self.molar_mass * PRESSURE)
 
+    @property
+    def weight_per_density(self) -> float:
+        """Relative change of the air's density per kg/m³: (M/M_air - 1) x of a mole fraction x."""
+        return (self.molar_mass / AIR_MOLAR_MASS - 1.0) * 1e-6 * self.ppm_per_density
+
 
 # Molar masses: IUPAC standard atomic weights. Diffusivity of ethanol: Ferri et al., Robotics and Autonomous
 # Systems 57 (2009) 393-402; of acetone: handbook values spread over 1.05-1.24e-5 m²/s, we take 1.10e-5.

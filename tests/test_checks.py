@@ -428,3 +428,73 @@ def test_estimate(tmp_path):
     assert faster["steps"] == 150 * 44
     calm = estimate(scenario(tmp_path, FLOOR, "wind={kind: uniform, velocity: [0, 0]}", "obstacles=[]"))
     assert calm["steps"] == 100
+
+
+WALL = "face: z-, temperature: 300"
+HEAT = "wind.buoyancy.heat"
+
+
+@pytest.mark.parametrize(
+    "override",
+    [
+        "wind.buoyancy={}",
+        "wind.buoyancy={gravity: [0, 1, -9.8], heat: {reference: 21 degC}}",
+        f"{HEAT}.walls=[{{{WALL}}}, {{face: x+, temperature: 25 °C, transfer: 2 W/(m^2 K)}}]",
+        f"{HEAT}.walls=[{{{WALL}, center: [1, 1], size: [2, 2]}}, {{{WALL}, center: [3, 1], size: [2, 2]}}]",
+        f"{HEAT}.obstacles=[{{number: 1, temperature: 60 degC}}]",
+        f"{HEAT}.heaters=[{{position: [1, 1, 0.2], power: 50}}]",
+    ],
+)
+def test_buoyant_scenarios_have_no_problems(tmp_path, override):
+    assert told(tmp_path, ROOM, override) == []
+
+
+@pytest.mark.parametrize(
+    ("text", "override", "begins", "has"),
+    [
+        (FLOOR, "wind.buoyancy={}", "wind.buoyancy.gravity: ", "upright section"),
+        (FLOOR, "wind.buoyancy.gravity=[0, 0, -9.81]", "wind.buoyancy.gravity: has 3 numbers", "2-D"),
+        (ROOM, "wind.buoyancy.gravity=[0, -9.81]", "wind.buoyancy.gravity: has 2 numbers", "3-D"),
+        (ROOM, "wind.buoyancy.gravity=[0, 0, 0]", "wind.buoyancy.gravity: is zero", "remove"),
+        (ROOM, "wind.buoyancy.solutal=false", "wind.buoyancy", "no effect"),
+        (ROOM, f"{HEAT}.reference=21", f"{HEAT}.reference: ", "'21 degC'"),
+        (ROOM, f"{HEAT}.reference=700", f"{HEAT}.reference: ", "500"),
+        (ROOM, f"{HEAT}.walls=[{{face: x-}}]", f"{HEAT}.walls[0]: missing key", "temperature"),
+        (ROOM, f"{HEAT}.walls=[{{{WALL}, center: [1], size: [1, 1]}}]", f"{HEAT}.walls[0].center: has 1", "2"),
+        (ROOM, f"{HEAT}.walls=[{{{WALL}, center: [4, 1], size: [2, 1]}}]", f"{HEAT}.walls[0]: reaches", "x 3 to 5 m"),
+        (ROOM, f"{HEAT}.walls=[{{{WALL}}}, {{{WALL}}}]", f"{HEAT}.walls[1]: overlaps {HEAT}.walls[0]", "z-"),
+        (
+            FLOOR,
+            f"wind.buoyancy={{gravity: [0, -9.81], heat: {{walls: [{{{WALL}}}]}}}}",
+            f"{HEAT}.walls[0].face: 'z-' does not exist",
+            "2-D",
+        ),
+        (ROOM, f"{HEAT}.heaters=[{{position: [1, 1], power: 1}}]", f"{HEAT}.heaters[0].position: has 2", "3"),
+        (ROOM, f"{HEAT}.heaters=[{{position: [1, 1, 2], power: 1}}]", f"{HEAT}.heaters[0].position: z = 2 m", "in"),
+        (
+            ROOM,
+            f"{HEAT}.heaters=[{{position: [2, 1, 0.15], power: 50 W}}]",
+            f"{HEAT}.heaters[0].position: (2, 1, 0.15) m is inside obstacles[0]",
+            "move the heater",
+        ),
+        (ROOM, f"{HEAT}.obstacles=[{{number: 2, temperature: 300}}]", f"{HEAT}.obstacles[0].number: ", "0 to 1"),
+        (
+            ROOM,
+            f"{HEAT}.obstacles=[{{number: 1, temperature: 300}}, {{number: 1, temperature: 310}}]",
+            f"{HEAT}.obstacles[1].number: ",
+            "already",
+        ),
+        (ROOM, "wind.openings.1.temperature=300", "wind.openings[1].temperature: has no effect", "wind.buoyancy.heat"),
+        (
+            ROOM,
+            f"wind={{kind: cfd, openings: [{{kind: periodic, axis: z}}], buoyancy: {{heat: {{walls: [{{{WALL}}}]}}}}}}",
+            f"{HEAT}.walls[0].face: there is no wall z-",
+            "periodic",
+        ),
+    ],
+)  # fmt: skip
+def test_faults_of_buoyancy(tmp_path, text, override, begins, has):
+    lines = told(tmp_path, text, override)
+    assert len(lines) == 1
+    assert lines[0].startswith(begins)
+    assert has in lines[0]

@@ -33,6 +33,9 @@ def taichi():
         ("3 µm", "m", 3e-6),
         ("  1.5e1 mm ", "m", 0.015),
         ("6 kg m/(s^2 N)", "dimensionless", 6.0),
+        ("21 degC", "K", 294.15),
+        ("-3.5 °C", "K", 269.65),
+        ("2 W/(m^2 K)", "W/m^2/K", 2.0),
     ],
 )
 def test_numbers_and_texts_with_units(value, unit, expected):

@@ -9,6 +9,7 @@ from taichi_plume.validation.channel_cases import couette_start, duct, poiseuill
 from taichi_plume.validation.cross_checks import fan, honeycombs, one_layer
 from taichi_plume.validation.flow_cases import kovasznay, taylor_green
 from taichi_plume.validation.gas_cases import gaussian_puff
+from taichi_plume.validation.heat_cases import conduction, heated_cavity
 from taichi_plume.validation.jet import CORE, DECAY, SPREAD, fan_jet
 
 SECOND_ORDER = Expected(order=1.9)
@@ -47,6 +48,20 @@ def _cavity(reynolds: int, fine: tuple[int, ...]) -> Case:
         coarse=(32,),
         fine=fine,
         expected={"u(0.5, y), largest": Expected(tolerance=0.005, at=fine[-1])},
+    )
+
+
+def _heated_cavity(rayleigh: float, fine: tuple[int, ...], **reference: float) -> Case:
+    return Case(
+        f"heated_cavity_{rayleigh:.0e}".replace("+0", ""),
+        f"steady flow between a warm and a cold wall, Ra {rayleigh:g}",
+        "de Vahl Davis 1983, doi:10.1002/fld.1650030305",
+        partial(heated_cavity, rayleigh=rayleigh, **reference),
+        coarse=(24,),
+        fine=fine,
+        expected={
+            norm: Expected(tolerance=0.015, at=fine[-1]) for norm in ("Nusselt number", "u_max", "v_max")
+        },
     )
 
 
@@ -159,6 +174,20 @@ _ALL = (
     _puff(2, 0.05),
     _puff(3, 0.0),
     _puff(3, 0.05),
+    Case(
+        "conduction",
+        "still air between a warm and a cold wall",
+        "Fourier series; linear profile",
+        conduction,
+        coarse=(16, 32),
+        fine=(32, 64),
+        expected={
+            "theta / dT on the way, rms": SECOND_ORDER,
+            "theta / dT in the end, largest": Expected(tolerance=5e-5),
+        },
+    ),
+    _heated_cavity(1e4, (32, 64), flux=2.243, u_max=16.178, v_max=19.617),
+    _heated_cavity(1e5, (32, 64), flux=4.519, u_max=34.73, v_max=68.59),
     Case(
         "room_2d",
         "from one honeycomb wall to the other, around a box",

@@ -17,6 +17,7 @@ SLOW = {
     "fan_jet",
     "one_layer",
     "couette_start",
+    "heated_cavity_1e5",
 }
 
 

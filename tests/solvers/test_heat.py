@@ -1,0 +1,213 @@
+import numpy as np
+import pytest
+
+from taichi_plume.assemble import assemble
+from taichi_plume.cut_cells import Air
+from taichi_plume.grid import Grid
+from taichi_plume.scenario import CfdWind, EulerianGas, Heat, Scenario
+from taichi_plume.solvers.flow import FlowSolver
+from taichi_plume.solvers.gas import EulerianSolver
+from taichi_plume.solvers.heat import HeatSolver
+
+
+def closed_box(shape, dx=0.05, openings=(), **more) -> FlowSolver:
+    wind = CfdWind.model_validate(
+        {"kind": "cfd", "turbulence": {"kind": "none"}, "openings": list(openings), **more}
+    )
+    grid = Grid(shape, dx, depth=0.4)
+    return FlowSolver(wind, grid, Air.of(np.zeros(shape, bool), grid))
+
+
+def add_heat(flow, gravity=(), solid=None, **keys) -> HeatSolver:
+    model = Heat.model_validate({"reference": 300.0, **keys})
+    solid = np.zeros(flow.grid.shape, bool) if solid is None else solid
+    heat = HeatSolver(model, flow.grid, flow, Air.of(solid, flow.grid))
+    if gravity:
+        flow.lift.append((heat.theta, tuple(-g / 300.0 for g in gravity)))
+    flow.carried.append(heat)
+    return heat
+
+
+def run(flow, end, *others):
+    t = 0.0
+    while end - t > 1e-9:
+        dt = min(flow.stable_dt(t), 0.1, end - t)
+        flow.advance(t, dt)
+        for other in others:
+            other.advance(t, dt)
+        t += dt
+
+
+@pytest.mark.parametrize("shape", [(20, 24), (10, 8, 12)])
+def test_a_heater_in_a_closed_box_warms_all_its_air(shape):
+    flow = closed_box(shape)
+    dim = len(shape)
+    heater = {"position": (0.25,) * dim, "radius": 0.12, "power": 20.0}
+    heat = add_heat(flow, (0.0,) * (dim - 1) + (-9.81,), heaters=[heater])
+    run(flow, 3.0)
+    volume = np.prod(flow.grid.extent) * (flow.grid.depth if dim == 2 else 1.0)
+    theta = flow.grid.read(heat.theta).astype(float)
+    assert 1191.0 * volume * theta.mean() == pytest.approx(20.0 * 3.0, rel=1e-5)
+    assert flow.max_speed > 0.01
+    height = (np.arange(shape[-1]) + 0.5) * flow.grid.dx
+    assert (theta * height).sum() > 0.27 * theta.sum()  # it has risen from 0.25 m
+    assert theta.min() > -1e-6
+
+
+def test_all_heat_is_accounted_for_with_warm_walls_bodies_and_openings():
+    shape = (24, 20)
+    solid = np.zeros(shape, bool)
+    solid[10:13, 6:9] = True
+    openings = [
+        {"kind": "inlet", "face": "x-", "speed": 0.2, "center": [0.7], "size": [0.2], "temperature": 310.0},
+        {"kind": "outlet", "face": "x+", "center": [0.3], "size": [0.2]},
+    ]
+    wind = CfdWind.model_validate({"kind": "cfd", "openings": openings})
+    grid = Grid(shape, 0.05, depth=0.4)
+    flow = FlowSolver(wind, grid, Air.of(solid, grid))
+    heat = add_heat(
+        flow,
+        (0.0, -9.81),
+        solid,
+        walls=[{"face": "y-", "temperature": 305.0, "transfer": 5.0}, {"face": "x-", "temperature": 296.0}],
+        obstacles=[{"number": 0, "temperature": 330.0}],
+        heaters=[{"position": [0.8, 0.2], "power": 30.0}],
+    )
+    run(flow, 8.0)
+    budget = heat.budget()
+    found = budget["in_air_J"] + budget["outflow_J"]
+    given = budget["heaters_J"] + budget["surfaces_J"]
+    assert given > 200.0
+    assert found == pytest.approx(given, rel=1e-5)
+    assert budget["outflow_J"] < 0.0  # the warm inlet brings more than the outlet takes
+    assert np.all(flow.grid.read(heat.theta)[solid] == 0.0)
+
+
+def test_walls_give_what_their_transfer_says_and_openings_are_no_walls():
+    """A wall with coefficient h warms well-mixed air along an exponential; here over its first seconds."""
+    flow = closed_box((10, 10), openings=[{"kind": "outlet", "face": "y+", "center": [0.25], "size": [0.2]}])
+    heat = add_heat(flow, walls=[{"face": "y+", "temperature": 310.0, "transfer": 2.0}], diffusivity=1.0)
+    heat.advance(0.0, 5.0)
+    area = (0.5 - 0.2) * 0.4
+    warmth = heat.budget()
+    assert warmth["surfaces_J"] == pytest.approx(2.0 * area * 10.0 * 5.0, rel=0.01)
+    assert flow.max_speed == 0.0
+
+
+def test_layered_air_waves_and_turned_over_it_falls():
+    speeds = []
+    nudge, slope = 0.1, 40.0
+    for sign in (1.0, -1.0):
+        flow = closed_box((16, 24))
+        heat = add_heat(flow, (0.0, -9.81))
+        heat.transport.start_from(
+            lambda x, s=sign: s * slope * x[..., 1] + nudge * np.cos(2.0 * np.pi * x[..., 0] / 0.8)
+        )
+        run(flow, 4.0)
+        speeds.append(flow.max_speed)
+    frequency = np.sqrt(9.81 * slope / 300.0)
+    assert speeds[0] < 1.5 * 9.81 * nudge / 300.0 / frequency
+    assert speeds[1] > 10.0 * speeds[0]
+
+
+def test_still_layers_hold_still_exactly_as_long_as_nothing_disturbs_them():
+    flow = closed_box((16, 24))
+    heat = add_heat(flow, (0.0, -9.81), diffusivity=0.0)
+    heat.transport.start_from(lambda x: 10.0 * np.tanh(4.0 * (x[..., 1] - 0.6)))
+    run(flow, 2.0)
+    fall = np.sqrt(9.81 * 20.0 / 300.0 * 1.2)
+    assert flow.max_speed < 1e-4 * fall
+    p = flow.grid.read(flow.p).astype(float)[3]
+    y = (np.arange(24) + 0.5) * 0.05
+    weight = 9.81 / 300.0 * 10.0 * np.log(np.cosh(4.0 * (y - 0.6))) / 4.0  # the integral of the lift
+    np.testing.assert_allclose(p - p.mean(), weight - weight.mean(), atol=0.01 * np.ptp(weight))
+
+
+def test_heavy_gas_falls_as_it_should_at_first():
+    """A column of gas beside air of the same width and height accelerates at +-a/2 where walls are far: the two streams
+    share the weight.
+    """
+    shape, x_mole = (64, 64), 0.01
+    wind = CfdWind.model_validate({"kind": "cfd", "turbulence": {"kind": "none"}})
+    periodic = [{"kind": "periodic", "axis": axis} for axis in "xy"]
+    grid = Grid(shape, 0.05, periodic=(True, True))
+    empty = Air.of(np.zeros(shape, bool), grid)
+    flow = FlowSolver(wind.model_copy(update={"openings": tuple_of(periodic)}), grid, empty)
+    gas = EulerianSolver(
+        EulerianGas.model_validate(
+            {"kind": "eulerian", "species": "acetone", "sources": [{"position": [1, 1], "rate": 0.0}]}
+        ),
+        grid,
+        flow,
+        empty,
+    )
+    gravity = (0.0, -9.81)
+    flow.lift.append((gas.c, tuple(g * gas.species.weight_per_density for g in gravity)))
+    density = x_mole * 1e6 / gas.ppm_per_density
+    gas.start_from(lambda x: density * 0.5 * (1.0 + np.sin(2.0 * np.pi * x[..., 0] / 3.2)))
+    end = 0.05
+    run(flow, end)
+    v = grid.read(flow.u[1]).astype(float)
+    excess = 58.080 / 28.965 - 1.0
+    x = grid.centers()[..., 0]
+    expected = -9.81 * excess * x_mole * 0.5 * np.sin(2.0 * np.pi * x / 3.2) * end
+    fall = v - v.mean()
+    np.testing.assert_allclose(fall, expected, atol=2e-3 * np.abs(expected).max())
+
+
+def tuple_of(openings):
+    return CfdWind.model_validate({"kind": "cfd", "openings": openings}).openings
+
+
+def test_steps_from_rest_are_short_enough_for_the_fall():
+    flow = closed_box((20, 20), openings=())
+    calm = flow.stable_dt()
+    heat = add_heat(flow, (0.0, -9.81))
+    heat.transport.start_from(lambda x: np.where(x[..., 0] < 0.5, 30.0, -30.0))
+    dt = flow.stable_dt()
+    assert dt < calm
+    flow.advance(0.0, dt)
+    assert flow.max_courant <= flow.courant
+
+
+@pytest.mark.parametrize(
+    ("keys", "where"),
+    [
+        ({"walls": [{"face": "x-", "center": [0.25], "size": [0.1], "temperature": 310}]}, r"walls\[0\]"),
+        ({"heaters": [{"position": [0.02, 0.25], "radius": 0.01, "power": 5}]}, r"heaters\[0\]"),
+    ],
+)
+def test_what_touches_no_air_is_told(keys, where):
+    flow = closed_box((10, 10))
+    solid = np.zeros((10, 10), bool)
+    solid[0] = True
+    with pytest.raises(ValueError, match=where):
+        add_heat(flow, solid=solid, **keys)
+
+
+def height_of_gas(**buoyancy) -> float:
+    """Mean height [m] of acetone after 6 s in an upright section, released at 0.5 m."""
+    scenario = Scenario.model_validate(
+        {
+            "duration": 6,
+            "domain": {"size": [1.0, 1.0], "spacing": 0.05, "depth": 0.5},
+            "wind": {"kind": "cfd"} | buoyancy,
+            "gas": {
+                "kind": "eulerian",
+                "species": "acetone",
+                "sources": [{"position": [0.5, 0.5], "rate": 1e-4}],
+            },
+        }
+    )
+    sim = assemble(scenario)
+    sim.run()
+    c = sim.grid.read(sim.gas.c).astype(float)
+    return float((c * sim.grid.centers()[..., 1]).sum() / c.sum())
+
+
+def test_acetone_sinks_when_the_scenario_says_so():
+    assert height_of_gas() == pytest.approx(0.5, abs=1e-5)
+    assert height_of_gas(buoyancy={"gravity": [0, -9.81]}) < 0.4
+    assert height_of_gas(buoyancy={"gravity": [0, -9.81], "solutal": False, "heat": {}}) == pytest.approx(
+        0.5, abs=1e-5
+    )
