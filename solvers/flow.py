@@ -21,6 +21,7 @@ from taichi_plume.scenario import CfdWind
 from taichi_plume.solvers.boundaries import Boundaries
 from taichi_plume.solvers.convection import face_value
 from taichi_plume.solvers.pressure import pressure_solver
+from taichi_plume.solvers.screens import ScreenResistance
 from taichi_plume.solvers.turbulence import MODELS
 
 HUGE = 1e6  # m/s: no flow of ours is as fast
@@ -65,7 +66,9 @@ class FlowSolver:
         self.eddies = wind.turbulence.kind in MODELS
         self.nu: Any = grid.field() if self.eddies else None
         self.lift: list[tuple[Any, tuple[float, ...]]] = []
-        self.resistances: list[Resistance] = []
+        self.resistances: list[Resistance] = [
+            ScreenResistance(screen, grid, openness, wind.viscosity) for screen in wind.screens
+        ]
         self.schmidt = 1.0 if wind.turbulence.kind == "none" else wind.turbulence.schmidt
         self._start = grid.faces_field()  # u at the begin of the step
         self._rate = grid.faces_field()

@@ -17,6 +17,7 @@ from taichi_plume.geometry import MeshError, Shape, clearance_resolution, shape
 from taichi_plume.scenario import (
     Box,
     CfdWind,
+    Domain,
     Fan,
     Group,
     Jet,
@@ -27,11 +28,13 @@ from taichi_plume.scenario import (
     Prism,
     Region,
     Scenario,
+    Screen,
     Sphere,
     StartArea,
     StartAt,
     StartLine,
     UniformWind,
+    Window,
 )
 
 BYTES_PER_CELL = {2: 260, 3: 200}  # all fields of a CFD run with gas
@@ -64,6 +67,7 @@ def problems(scenario: Scenario, folder: Path) -> list[str]:
     for part in (_obstacles, _sources, _robots):
         lines += part(scenario, shapes)
     lines += _names(scenario)
+    lines += _screens(scenario)
     openings = list(_openings(scenario, shapes)) or list(_net_inflow(scenario))
     return lines + openings + list(_recording(scenario))
 
@@ -142,6 +146,11 @@ def _dimensions(scenario: Scenario) -> Iterator[str]:
             yield f"{where}.axis: 'z' does not exist in a 2-D run; use x or y"
         if dim == 2 and isinstance(opening, Fan) and opening.swirl != 0:
             yield f"{where}.swirl: a 2-D run has no swirl; remove it, or give domain.size three numbers"
+    for n, screen in enumerate(_screens_of(scenario)):
+        where = f"wind.screens[{n}]"
+        found += [(f"{where}.center", screen.center, dim - 1), (f"{where}.size", screen.size, dim - 1)]
+        if dim == 2 and screen.axis == "z":
+            yield f"{where}.axis: 'z' does not exist in a 2-D run; use x or y"
     for path, value, wanted in found:
         if value is not None and len(value) != wanted:
             yield f"{path}: has {_numbers(len(value))}, a {dim}-D run takes {wanted} here"
@@ -305,7 +314,6 @@ def _openings_of(scenario: Scenario) -> tuple[Opening, ...]:
 
 
 def _openings(scenario: Scenario, shapes: list[Shape | None]) -> Iterator[str]:
-    dim, spacing = scenario.domain.dim, scenario.domain.spacing
     openings = _openings_of(scenario)
     for n, opening in enumerate(openings):
         path = f"wind.openings[{n}]"
@@ -320,17 +328,9 @@ def _openings(scenario: Scenario, shapes: list[Shape | None]) -> Iterator[str]:
                         f"({other.kind}) is on face {other.face}; remove one of them"
                     )
             continue
-        center, half = opening.rectangle(scenario.domain.extent)
-        axes = opening.along(dim)
-        for a, c, h in zip(axes, center, half, strict=True):
-            axis, length = "xyz"[a], scenario.domain.extent[a]
-            # up to half a cell may be due to the rounding of the domain to whole cells
-            if c - h < -1e-6 or c + h > length + spacing / 2 + 1e-6:
-                yield (
-                    f"{path}: reaches beyond its face {opening.face}: {_range(axis, c - h, c + h)}, "
-                    f"the face has {_range(axis, 0, length)}; move its center or make it smaller"
-                )
-                break
+        beyond = _beyond(opening, scenario)
+        if beyond:
+            yield f"{path}: reaches beyond its face {opening.face}: {beyond}"
         else:
             yield from _covered_cells(path, opening, scenario, shapes)
         for m, other in enumerate(earlier):
@@ -348,20 +348,40 @@ def _openings(scenario: Scenario, shapes: list[Shape | None]) -> Iterator[str]:
             )
 
 
+def _beyond(window: Window, scenario: Scenario) -> str:
+    """Where a window reaches beyond the domain, if it does, and what to do."""
+    domain = scenario.domain
+    center, half = window.rectangle(domain.extent)
+    for a, c, h in zip(window.along(domain.dim), center, half, strict=True):
+        axis, length = "xyz"[a], domain.extent[a]
+        # up to half a cell may be due to the rounding of the domain to whole cells
+        if c - h < -1e-6 or c + h > length + domain.spacing / 2 + 1e-6:
+            return (
+                f"{_range(axis, c - h, c + h)}, the face has {_range(axis, 0, length)}; "
+                "move its center or make it smaller"
+            )
+    return ""
+
+
+def _covered(window: Window, domain: Domain) -> np.ndarray:
+    """Centres (n, dim - 1) [m] of the cells that a window covers, in its own axes."""
+    center, half = map(np.array, window.rectangle(domain.extent))
+    axes = window.along(domain.dim)
+    ranges = [(np.arange(domain.shape[a]) + 0.5) * domain.spacing for a in axes]
+    places = np.stack(np.meshgrid(*ranges, indexing="ij"), axis=-1).reshape(-1, len(axes))
+    if window.is_disc(domain.dim):
+        return places[np.linalg.norm(places - center, axis=-1) <= half[0]]
+    return places[(np.abs(places - center) <= half).all(axis=-1)]
+
+
 def _covered_cells(
     path: str, opening: Region, scenario: Scenario, shapes: list[Shape | None]
 ) -> Iterator[str]:
     """An opening must cover a cell, and one behind which there is air."""
     domain = scenario.domain
-    center, half = map(np.array, opening.rectangle(domain.extent))
-    axes = opening.along(domain.dim)
-    ranges = [(np.arange(domain.shape[a]) + 0.5) * domain.spacing for a in axes]
-    places = np.stack(np.meshgrid(*ranges, indexing="ij"), axis=-1).reshape(-1, len(axes))
-    if opening.is_disc(domain.dim):
-        covered = np.linalg.norm(places - center, axis=-1) <= half[0]
-    else:
-        covered = (np.abs(places - center) <= half).all(axis=-1)
-    if not covered.any() and (2 * half < domain.spacing).any():
+    covered = _covered(opening, domain)
+    _, half = map(np.array, opening.rectangle(domain.extent))
+    if not len(covered) and (2 * half < domain.spacing).any():
         yield (
             f"{path}: is smaller than a cell of {domain.spacing:g} m and covers none; "
             "make it larger or lower domain.spacing"
@@ -369,7 +389,7 @@ def _covered_cells(
         return
     axis = opening.axis
     depth = (domain.shape[axis] - 0.5 if opening.side else 0.5) * domain.spacing
-    behind = np.insert(places[covered], axis, depth, axis=1)
+    behind = np.insert(covered, axis, depth, axis=1)
     solid = np.zeros(len(behind), bool)
     for one in shapes:
         if one is not None:
@@ -393,6 +413,33 @@ def _overlap(a: Region, b: Region, scenario: Scenario) -> bool:
         radius, half = (half_a[0], half_b) if disc_a else (half_b[0], half_a)
         return bool(np.linalg.norm(np.maximum(apart - half, 0.0)) < radius - rim)
     return bool((apart < half_a + half_b - rim).all())
+
+
+def _screens_of(scenario: Scenario) -> tuple[Screen, ...]:
+    return scenario.wind.screens if isinstance(scenario.wind, CfdWind) else ()
+
+
+def _screens(scenario: Scenario) -> Iterator[str]:
+    domain = scenario.domain
+    for n, screen in enumerate(_screens_of(scenario)):
+        path = f"wind.screens[{n}]"
+        half = max(screen.thickness, domain.spacing) / 2
+        low, high = half + domain.spacing, domain.extent[screen.normal] - half - domain.spacing
+        if not low - 1e-6 <= screen.at <= high + 1e-6:
+            yield (
+                f"{path}.at: {screen.axis} = {screen.at:g} m leaves less than a cell of air on each side of "
+                f"it; use {_range(screen.axis, low, high)}"
+                if low <= high
+                else f"{path}.thickness: {2 * half:g} m does not fit in the domain; make it thinner"
+            )
+        beyond = _beyond(screen, scenario)
+        if beyond:
+            yield f"{path}: reaches beyond the domain: {beyond.replace('the face has', 'the domain has')}"
+        elif not len(_covered(screen, domain)):
+            yield (
+                f"{path}: is smaller than a cell of {domain.spacing:g} m and covers none; "
+                "make it larger or lower domain.spacing"
+            )
 
 
 def _net_inflow(scenario: Scenario) -> Iterator[str]:

@@ -6,7 +6,7 @@ Cross-field checks that need geometry live in `checks`; reading YAML in `loading
 
 import difflib
 from math import ceil, pi, prod
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
@@ -150,19 +150,18 @@ class SpeedAt(Model):
     speed: Velocity
 
 
-class Region(Model):
-    """Where an opening lies on its face: all of it, a rectangle (`center`, `size`) or a disc (`center`, `diameter`).
+class Window(Model):
+    """Part of a plane: all of it, a rectangle (`center`, `size`) or a disc (`center`, `diameter`).
 
-    `center` and `size` are in the face's own axes, in their x, y, z order: one number in 2-D, two in 3-D.
+    `center` and `size` are in the plane's own axes, in their x, y, z order: one number in 2-D, two in 3-D.
     """
 
-    face: Face
     center: Annotated[tuple[Coordinate, ...], Field(min_length=1, max_length=2)] | None = None
     size: Annotated[tuple[Length, ...], Field(min_length=1, max_length=2)] | None = None
     diameter: Length | None = None
 
     @model_validator(mode="after")
-    def _one_form(self) -> "Region":
+    def _one_form(self) -> Self:
         if self.size is not None and self.diameter is not None:
             raise PydanticCustomError("region", "takes size or diameter, not both")
         if (self.size is None and self.diameter is None) != (self.center is None):
@@ -170,21 +169,20 @@ class Region(Model):
         return self
 
     @property
-    def axis(self) -> int:
-        """The axis through the face."""
-        return "xyz".index(self.face[0])
+    def normal(self) -> int:
+        """The axis through the plane."""
+        raise NotImplementedError
 
-    @property
-    def side(self) -> int:
-        """0 at the lower end of the axis, 1 at the upper."""
-        return int(self.face[1] == "+")
+    def level(self, extent: tuple[float, ...]) -> float:
+        """Where the plane cuts that axis [m], in a domain of `extent`."""
+        raise NotImplementedError
 
     def along(self, dim: int) -> list[int]:
-        """The axes of the face, in x, y, z order."""
-        return [a for a in range(dim) if a != self.axis]
+        """The axes of the plane, in x, y, z order."""
+        return [a for a in range(dim) if a != self.normal]
 
     def rectangle(self, extent: tuple[float, ...]) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Centre and half widths [m] of the region, or of the square around the disc, in a domain of `extent`."""
+        """Centre and half widths [m] of the window, or of the square around the disc, in a domain of `extent`."""
         whole = tuple(extent[a] for a in self.along(len(extent)))
         if self.center is None:
             return tuple(w / 2 for w in whole), tuple(w / 2 for w in whole)
@@ -192,15 +190,40 @@ class Region(Model):
         return self.center, tuple(w / 2 for w in size)
 
     def is_disc(self, dim: int) -> bool:
-        """Whether the region is round: in 2-D a disc is a slot."""
+        """Whether the window is round: in 2-D a disc is a slot."""
         return self.diameter is not None and dim == 3
 
     def area(self, extent: tuple[float, ...], depth: float) -> float:
-        """Area of the opening [m²]; in 2-D, its width times the slab's `depth`."""
+        """Area of the window [m²]; in 2-D, its width times the slab's `depth`."""
         _, half = self.rectangle(extent)
         if self.is_disc(len(extent)):
             return pi * half[0] ** 2
         return prod(2 * h for h in half) * (depth if len(extent) == 2 else 1.0)
+
+
+class Region(Window):
+    """Where an opening lies on a face of the domain."""
+
+    face: Face
+
+    @property
+    def axis(self) -> int:
+        """The axis through the face."""
+        return "xyz".index(self.face[0])
+
+    @property
+    def normal(self) -> int:
+        """The same."""
+        return self.axis
+
+    @property
+    def side(self) -> int:
+        """0 at the lower end of the axis, 1 at the upper."""
+        return int(self.face[1] == "+")
+
+    def level(self, extent: tuple[float, ...]) -> float:
+        """Where the face is along its axis [m]."""
+        return extent[self.axis] if self.side else 0.0
 
 
 class Jet(Region):
@@ -305,6 +328,67 @@ Opening = Annotated[
 ]
 
 
+class Screen(Window):
+    """Something in the way of the air that it goes through: a slab across `axis` with its middle at `at`."""
+
+    axis: Literal["x", "y", "z"]
+    at: Coordinate
+    thickness: Distance = 0.05
+    """Along the axis [m], in whole cells, at least one."""
+    transverse: NonNegative = 1000.0
+    """Resistance along the slab over the one through it: large values straighten the flow."""
+
+    @property
+    def normal(self) -> int:
+        """The axis through the screen."""
+        return "xyz".index(self.axis)
+
+    def level(self, extent: tuple[float, ...]) -> float:
+        """Where its middle is along the axis [m]."""
+        return self.at
+
+    def losses(self, viscosity: float) -> tuple[float, float]:
+        """(a, b) of the pressure drop (a + b |u|) u over the density, u [m/s] through it: [m/s] and a number."""
+        raise NotImplementedError
+
+
+class Straightener(Screen):
+    """A honeycomb flow straightener: friction in its channels, and what is lost at their ends."""
+
+    kind: Literal["honeycomb"]
+    loss_coefficient: NonNegative | None = None
+    """Pressure drop over the dynamic pressure; 2 unless `cell` is given."""
+    cell: Length | None = None
+    """Width of a channel [m], in place of the loss coefficient: laminar friction in hexagons, f Re = 60.2
+    (Shah & London 1978, Laminar Flow Forced Convection in Ducts), and 1.2 dynamic pressures at both ends."""
+
+    @model_validator(mode="after")
+    def _one_loss(self) -> "Straightener":
+        if self.loss_coefficient is not None and self.cell is not None:
+            raise PydanticCustomError("loss", "takes loss_coefficient or cell, not both")
+        return self
+
+    def losses(self, viscosity: float) -> tuple[float, float]:
+        """(a, b) of the pressure drop (a + b |u|) u over the density."""
+        if self.cell is None:
+            return 0.0, (2.0 if self.loss_coefficient is None else self.loss_coefficient) / 2.0
+        return 60.2 / 2.0 * viscosity * self.thickness / self.cell**2, 0.6
+
+
+class Perforated(Screen):
+    """A thin sheet with holes or a wire gauze."""
+
+    kind: Literal["perforated"]
+    loss_coefficient: NonNegative = 2.0
+    """Pressure drop over the dynamic pressure."""
+    thickness: Distance = 0.0
+    transverse: NonNegative = 1.0
+
+    def losses(self, viscosity: float) -> tuple[float, float]:
+        """(a, b) of the pressure drop (a + b |u|) u over the density."""
+        return 0.0, self.loss_coefficient / 2.0
+
+
 class Smagorinsky(Model):
     """Eddy viscosity (C_s dx)² |S| (Smagorinsky 1963, doi:10.1175/1520-0493(1963)091<0099:GCEWTP>2.3.CO;2)."""
 
@@ -341,6 +425,8 @@ class CfdWind(Model):
     )
     openings: tuple[Opening, ...] = ()
     """What no opening covers is no-slip wall."""
+    screens: tuple[Annotated[Straightener | Perforated, Field(discriminator="kind")], ...] = ()
+    """Flow straighteners and perforated sheets inside the domain."""
     acceleration: Annotated[tuple[Acceleration, ...], Field(min_length=2, max_length=3)] | None = None
     """Force per mass on all the air [m/s²]: what drives the flow along a periodic duct."""
     courant: Annotated[float, Field(gt=0, le=1)] = 0.8

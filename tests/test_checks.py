@@ -49,6 +49,12 @@ ROBOTS = "algorithm: {kind: casting}"
 NAMED = (
     "{{name: {}, count: 1, start: {{kind: positions, positions: [[1, {}]]}}, algorithm: {{kind: casting}}}}"
 )
+
+
+def screen(text):
+    return f"wind.screens=[{{kind: honeycomb, {text}}}]"
+
+
 PRISM = "obstacles.1={{kind: prism, vertices: {}}}"
 
 
@@ -165,6 +171,30 @@ FAULTS = [
         "y component must be 0",
     ),
     (f"obstacles.0={WHOLE}", "wind.openings[1]: there is no air behind it", ""),
+    # screens
+    (screen("axis: x, at: 5"), "wind.screens[0].at: x = 5 m leaves less than a cell", "x 0.075 to 3.925 m"),
+    (screen("axis: z, at: 0.45, thickness: 0.1"), "wind.screens[0].at: z = 0.45 m leaves", "z 0.1 to 0.4 m"),
+    (
+        screen("axis: z, at: 0.2, thickness: 0.45"),
+        "wind.screens[0].thickness: 0.45 m does not fit",
+        "thinner",
+    ),
+    (
+        screen("axis: x, at: 2, center: [2.9, 0.2], diameter: 0.3"),
+        "wind.screens[0]: reaches beyond the domain: y 2.75 to 3.05 m, the domain has y 0 to 3 m",
+        "",
+    ),
+    (
+        screen("axis: x, at: 2, center: [1, 0.2], size: [0.01, 0.2]"),
+        "wind.screens[0]: is smaller than a cell of 0.05 m",
+        "",
+    ),
+    (screen("axis: x, at: 2, center: [1], diameter: 0.5"), "wind.screens[0].center: has 1 number", ""),
+    (
+        screen("axis: x, at: 2, loss_coefficient: 1, cell: 8 mm"),
+        "wind.screens[0]: ",
+        "takes loss_coefficient or cell, not both",
+    ),
     # air that cannot get out
     (
         "wind.openings.1={kind: slip, face: x+}",
