@@ -34,6 +34,10 @@ class Resistance(Protocol):
         """Prepare the step from time t [s] to t + dt."""
         ...
 
+    def fastest(self, t: float) -> float:
+        """Largest velocity component [m/s] that it gives the air soon after t [s]."""
+        ...
+
     def apply(self, u: Any, dt: Any) -> None:
         """ti.func: u = (u + dt r v)/(1 + dt r) on its faces, r its rate [1/s] and v its own velocity [m/s]."""
         ...
@@ -302,7 +306,8 @@ class FlowSolver:
         # Twice as careful as diffusion alone demands: the pressure lags behind in the first stage, and its error grows
         # when viscosity spreads it too fast.
         diffusion = (6.0 if self.eddies else 4.0) * self.dim * self.max_viscosity / self.grid.dx**2
-        rate = max(self.speed_rate, self.boundaries.fastest(t) / self.grid.dx)
+        driven = max([self.boundaries.fastest(t), *(one.fastest(t) for one in self.resistances)])
+        rate = max(self.speed_rate, driven / self.grid.dx)
         return 1.0 / max(rate / self.courant + diffusion, 1e-30)
 
     def diagnostics(self) -> dict[str, float]:

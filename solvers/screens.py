@@ -76,6 +76,10 @@ class ScreenResistance:
     def advance(self, t: float, dt: float) -> None:
         """A screen stays as it is."""
 
+    def fastest(self, t: float) -> float:
+        """It drives nothing."""
+        return 0.0
+
     @ti.func
     def apply(self, u: Template, dt):
         """Slow the air on the screen's faces for dt [s]."""

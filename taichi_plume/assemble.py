@@ -5,16 +5,17 @@ from pathlib import Path
 import numpy as np
 
 from taichi_plume.agents.mapping import InverseDistanceMap, TimeSeriesMap
-from taichi_plume.agents.placement import place, placed
-from taichi_plume.agents.swarm import Swarm
+from taichi_plume.agents.placement import Placed, place, placed
+from taichi_plume.agents.swarm import Swarm, disc_around
 from taichi_plume.agents.team import Team
 from taichi_plume.fields import Wind
 from taichi_plume.geometry import ClearanceMap, air_regions, shapes, solid_cells
 from taichi_plume.grid import Grid
 from taichi_plume.loading import ScenarioError
 from taichi_plume.rng import generator
-from taichi_plume.scenario import CfdWind, Scenario
+from taichi_plume.scenario import CfdWind, Scenario, motion_of
 from taichi_plume.simulation import Map, Simulation
+from taichi_plume.solvers.bodies import MovingObstacle, Wake
 from taichi_plume.solvers.boundaries import opening_cells, periodic_axes
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.gas import EulerianSolver
@@ -29,10 +30,11 @@ def assemble(scenario: Scenario, folder: Path = Path()) -> Simulation:
     folder: where the scenario's mesh files lie. Raises ScenarioError where robots do not fit.
     """
     obstacles = shapes(scenario, folder)
+    standing = [one for one in obstacles if motion_of(one.model) is None]
     wind_model = scenario.wind
     openings = wind_model.openings if isinstance(wind_model, CfdWind) else ()
     grid = Grid.of(scenario.domain, periodic_axes(openings, scenario.domain.dim))
-    solid = solid_cells(obstacles, grid, opening_cells(openings, grid))
+    solid = solid_cells(standing, grid, opening_cells(openings, grid))
     begin = scenario.first_tick * scenario.tick
     wind: Wind
     if isinstance(wind_model, CfdWind):
@@ -53,6 +55,15 @@ def assemble(scenario: Scenario, folder: Path = Path()) -> Simulation:
     except ValueError as error:
         raise ScenarioError([f"gas.{error}"]) from None
     swarm = _swarm(scenario, obstacles, grid)
+    if isinstance(wind, FlowSolver):
+        wind.resistances += [
+            MovingObstacle(one.model, grid, wind.open) for one in obstacles if one not in standing
+        ]
+        wind.resistances += [
+            Wake(grid, wind.open, swarm.position, swarm.velocity, group.start, group.count, group.model.body)
+            for group in swarm.groups
+            if group.model.wake
+        ]
     teams = [Team(swarm, group, grid.dim, scenario.tick) for group in swarm.groups]
     floor = (grid.extent[0], grid.extent[1])
     maps: list[Map] = [MAPS[m.kind](m, floor, max(1, swarm.trials)) for m in scenario.maps]
@@ -62,8 +73,17 @@ def assemble(scenario: Scenario, folder: Path = Path()) -> Simulation:
 def _swarm(scenario: Scenario, obstacles: list, grid: Grid) -> Swarm:
     """All robots at their places."""
     height = max((group.body.height for group in scenario.robots), default=0.1)
-    clearance = ClearanceMap(obstacles, grid.extent, height)
-    positions, headings, occupied = [np.empty((0, 2))], [np.empty(0)], []
+    clearance = ClearanceMap([s for s in obstacles if motion_of(s.model) is None], grid.extent, height)
+    walkers = [
+        s.model
+        for s in obstacles
+        if motion_of(s.model) and np.isfinite(s.horizontal_distance(np.zeros((1, 2)), 0.0, height))
+    ]
+    trials = np.arange(max((group.trials for group in scenario.robots), default=1))
+    occupied = [
+        Placed(np.tile(one.center[:2], (len(trials), 1)), disc_around(one), trials) for one in walkers
+    ]
+    positions, headings = [np.empty((0, 2))], [np.empty(0)]
     for n, group in enumerate(scenario.robots):
         rng = generator(scenario.seed, f"start of group {n}")
         try:
@@ -81,4 +101,5 @@ def _swarm(scenario: Scenario, obstacles: list, grid: Grid) -> Swarm:
         clearance,
         sources,
         scenario.seed,
+        walkers,
     )

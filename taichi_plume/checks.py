@@ -22,6 +22,7 @@ from taichi_plume.scenario import (
     Group,
     Jet,
     MovingWall,
+    Obstacle,
     Opening,
     Outlet,
     Periodic,
@@ -35,6 +36,7 @@ from taichi_plume.scenario import (
     StartLine,
     UniformWind,
     Window,
+    motion_of,
 )
 
 BYTES_PER_CELL = {2: 260, 3: 200}  # all fields of a CFD run with gas
@@ -51,6 +53,7 @@ NEIGHBOURS = 20  # of each robot, looked at for overlaps
 FREE_AREA_NODES = 200  # per axis, to measure the free area of a start rectangle
 MOST_EDGES = 500  # of a polygon whose edges are tested against one another
 SLIVER = 1e-6  # of the square of a polygon's width: less area is none
+FASTEST_BODY = 20.0  # m/s: the air does not count as incompressible much beyond
 TOUCHING = 1e-9  # of the same: a corner this close to an edge lies on it
 
 
@@ -79,7 +82,7 @@ def estimate(scenario: Scenario) -> dict[str, float]:
     if isinstance(wind, UniformWind):
         speed, courant = sum(abs(v) for v in wind.velocity), 1.0
     else:
-        speed, courant = GUST * _largest_speed(wind), wind.courant
+        speed, courant = GUST * _largest_speed(wind, scenario.obstacles), wind.courant
     substeps = max(1, ceil(scenario.tick * speed / (courant * domain.spacing) - 1e-9))
     steps = substeps * ceil((scenario.warm_up + scenario.duration) / scenario.tick - 1e-9)
     return {
@@ -90,8 +93,12 @@ def estimate(scenario: Scenario) -> dict[str, float]:
     }
 
 
-def _largest_speed(wind: CfdWind) -> float:
+def _largest_speed(wind: CfdWind, obstacles: tuple[Obstacle, ...]) -> float:
     speeds = [0.0]
+    for one in obstacles:
+        motion = motion_of(one)
+        if motion:
+            speeds += [speed for _, _, speed in motion.legs(one.center)]
     for opening in wind.openings:
         if isinstance(opening, Jet):
             speeds += [abs(opening.speed or 0.0), *(abs(step.speed) for step in opening.schedule)]
@@ -113,7 +120,8 @@ def _has_factors(scenario: Scenario) -> bool:
     lets_out = (
         o for o in scenario.wind.openings if isinstance(o, Outlet) or (isinstance(o, Jet) and not o.blows)
     )
-    return bool(scenario.obstacles) or any(opening.center is not None for opening in lets_out)
+    standing = any(motion_of(one) is None for one in scenario.obstacles)
+    return standing or any(opening.center is not None for opening in lets_out)
 
 
 # ---------------------------------------------------------------- numbers of coordinates, sizes
@@ -245,6 +253,39 @@ def _obstacles(scenario: Scenario, shapes: list[Shape | None]) -> Iterator[str]:
                 f"{_range('xyz'[axis], one.low[axis], one.high[axis])}, "
                 f"the domain has {_range('xyz'[axis], 0, extent[axis])}; move it in or remove it"
             )
+        elif motion_of(one.model):
+            yield from _motion(f"obstacles[{n}]", one, scenario.domain)
+
+
+def _motion(path: str, one: Shape, domain: Domain) -> Iterator[str]:
+    """A way has to stay in the domain, and the body be seen by the grid."""
+    motion, center = motion_of(one.model), one.model.center
+    for k, point in enumerate(motion.path):
+        for axis, x in enumerate(point[1:]):
+            if not 0 <= x <= domain.extent[axis]:
+                yield (
+                    f"{path}.motion.path[{k}]: {'xy'[axis]} = {x:g} m is outside the domain, "
+                    f"{_range('xy'[axis], 0, domain.extent[axis])}; keep the centre inside"
+                )
+                return
+    if motion.loop and hypot(motion.path[-1][1] - center[0], motion.path[-1][2] - center[1]) > 1e-6:
+        yield (
+            f"{path}.motion.path[{len(motion.path) - 1}]: a loop must end at the center "
+            f"({center[0]:g}, {center[1]:g}) m, got ({motion.path[-1][1]:g}, {motion.path[-1][2]:g}) m"
+        )
+    for k, (begin, end, speed) in enumerate(motion.legs(center)):
+        if speed > FASTEST_BODY:
+            yield (
+                f"{path}.motion.path[{k}]: moves at {speed:.3g} m/s from {begin:g} to {end:g} s; "
+                f"at most {FASTEST_BODY:g} m/s"
+            )
+            break
+    width = float((one.high - one.low).min())
+    if width < domain.spacing:
+        yield (
+            f"{path}: is {width:.3g} m thin, less than a cell of {domain.spacing:g} m, and would not move the air; "
+            "make it larger or lower domain.spacing"
+        )
 
 
 def _outline(path: str, corners: np.ndarray) -> Iterator[str]:
@@ -502,6 +543,8 @@ def _robots(scenario: Scenario, shapes: list[Shape | None]) -> Iterator[str]:
                 f"the domain; use fewer than {most} or a smaller body"
             )
             continue
+        if group.wake:
+            yield from _wake(path, group, scenario)
         if domain.dim == 3:
             yield from _heights(path, group, domain.extent[2])
         if isinstance(group.start, StartArea):
@@ -523,6 +566,24 @@ def _robots(scenario: Scenario, shapes: list[Shape | None]) -> Iterator[str]:
         discs.append((places, group.body.radius))
     if discs:
         yield from _too_close(names, discs)
+
+
+def _wake(path: str, group: Group, scenario: Scenario) -> Iterator[str]:
+    """The air is one: robots that move it cannot be in several trials at once."""
+    if isinstance(scenario.wind, UniformWind):
+        yield f"{path}.wake: a uniform wind is not disturbed; use wind.kind: cfd, or remove the wake"
+    for n, other in enumerate(scenario.robots):
+        if other.trials > 1:
+            yield (
+                f"{path}.wake: robots[{n}] has {other.trials} trials in the same air, and a wake would be felt "
+                "in all of them; use trials: 1, or remove the wake"
+            )
+            return
+    if 2 * group.body.radius < scenario.domain.spacing:
+        yield (
+            f"{path}.wake: a body {2 * group.body.radius:g} m wide is smaller than a cell of "
+            f"{scenario.domain.spacing:g} m and would not move the air; lower domain.spacing or remove the wake"
+        )
 
 
 def _heights(path: str, group: Group, ceiling: float) -> Iterator[str]:

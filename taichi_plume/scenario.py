@@ -5,7 +5,9 @@ Cross-field checks that need geometry live in `checks`; reading YAML in `loading
 """
 
 import difflib
-from math import ceil, pi, prod
+from bisect import bisect_right
+from itertools import pairwise
+from math import ceil, hypot, pi, prod
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -89,6 +91,50 @@ class Domain(Model):
         return tuple(n * self.spacing for n in self.shape)
 
 
+class Motion(Model):
+    """A walk over the ground: straight and even from way point to way point, without turning.
+
+    The centre is at the obstacle's `center` at t = 0, and before; after the last way point it stands still.
+    """
+
+    path: Annotated[tuple[tuple[Time, Coordinate, Coordinate], ...], Field(min_length=1, max_length=10_000)]
+    """Way points of the centre after t = 0: [time, x, y]."""
+    loop: bool = False
+    """Whether it starts over after the last way point, which must be the `center`; it then walks before t = 0 too."""
+
+    @model_validator(mode="after")
+    def _ascending(self) -> "Motion":
+        times = [0.0, *(point[0] for point in self.path)]
+        for n, (a, b) in enumerate(pairwise(times)):
+            if not b > a:
+                raise PydanticCustomError(
+                    "motion",
+                    "times must ascend from above 0: path[{n}] has {b} s after {a} s",
+                    {"n": n, "a": f"{a:g}", "b": f"{b:g}"},
+                )
+        return self
+
+    def place(self, center: tuple[float, ...], t: float) -> tuple[float, float]:
+        """Where the centre is at time t [s], x and y [m]; `center` at t = 0."""
+        times = [0.0, *(point[0] for point in self.path)]
+        if self.loop:
+            t %= times[-1]
+        n = bisect_right(times, t) - 1
+        if n < 0:
+            return center[0], center[1]
+        places = [center[:2], *(point[1:] for point in self.path)]
+        if n == len(self.path):
+            return self.path[-1][1:]
+        share = (t - times[n]) / (times[n + 1] - times[n])
+        (x, y), (next_x, next_y) = places[n], places[n + 1]
+        return x + share * (next_x - x), y + share * (next_y - y)
+
+    def legs(self, center: tuple[float, ...]) -> list[tuple[float, float, float]]:
+        """Of each straight part its begin [s], its end [s] and the speed [m/s]."""
+        points = [(0.0, center[0], center[1]), *self.path]
+        return [(a[0], b[0], hypot(b[1] - a[1], b[2] - a[2]) / (b[0] - a[0])) for a, b in pairwise(points)]
+
+
 class Box(Model):
     """An upright box, turned by `yaw_deg` about the vertical."""
 
@@ -96,6 +142,7 @@ class Box(Model):
     center: Point
     size: Annotated[tuple[Length, ...], Field(min_length=2, max_length=3)]
     yaw_deg: Real = 0.0
+    motion: Motion | None = None
 
 
 class Cylinder(Model):
@@ -106,6 +153,7 @@ class Cylinder(Model):
     radius: Length
     base: Distance = 0.0
     height: Length | None = None
+    motion: Motion | None = None
 
 
 class Sphere(Model):
@@ -114,6 +162,7 @@ class Sphere(Model):
     kind: Literal["sphere"]
     center: Point
     radius: Length
+    motion: Motion | None = None
 
 
 class Prism(Model):
@@ -135,6 +184,11 @@ class Mesh(Model):
     yaw_deg: Real = 0.0
     translate: tuple[Coordinate, Coordinate, Coordinate] = (0.0, 0.0, 0.0)
     section: Coordinate = 0.0
+
+
+def motion_of(obstacle: Model) -> Motion | None:
+    """How an obstacle moves, None if it stands."""
+    return getattr(obstacle, "motion", None)
 
 
 Obstacle = Annotated[Box | Cylinder | Sphere | Prism | Mesh, Field(discriminator="kind")]
@@ -618,6 +672,8 @@ class Group(Model):
     sensors: Sensors = Sensors()
     reach: Distance = 0.35
     """A robot whose centre comes this close to a source has found it and stops [m]; the robot itself does not know."""
+    wake: bool = False
+    """Whether the robots push the air aside and drag it along; of one trial only."""
 
 
 # ---------------------------------------------------------------- maps, recording, scenario

@@ -55,6 +55,10 @@ def screen(text):
     return f"wind.screens=[{{kind: honeycomb, {text}}}]"
 
 
+def walk(path, radius=0.2):
+    return f"obstacles.1={{kind: cylinder, center: [3, 2], radius: {radius}, motion: {{path: {path}}}}}"
+
+
 PRISM = "obstacles.1={{kind: prism, vertices: {}}}"
 
 
@@ -192,8 +196,46 @@ FAULTS = [
     (screen("axis: x, at: 2, center: [1], diameter: 0.5"), "wind.screens[0].center: has 1 number", ""),
     (
         screen("axis: x, at: 2, loss_coefficient: 1, cell: 8 mm"),
-        "wind.screens[0]: ",
-        "takes loss_coefficient or cell, not both",
+        "wind.screens[0]: takes loss_coefficient or cell, not both",
+        "",
+    ),
+    # bodies that move
+    (
+        walk("[[2, 3, 1], [2, 3, 2]]"),
+        "obstacles[1].motion: times must ascend from above 0",
+        "path[1] has 2 s",
+    ),
+    (walk("[[0, 3, 1]]"), "obstacles[1].motion: times must ascend from above 0: path[0] has 0 s", ""),
+    (
+        walk("[[2, 3, 1], [4, 3, 3.5]]"),
+        "obstacles[1].motion.path[1]: y = 3.5 m is outside the domain",
+        "y 0 to 3 m",
+    ),
+    (
+        walk("[[2, 3, 1]], loop: true"),
+        "obstacles[1].motion.path[0]: a loop must end at the center (3, 2) m",
+        "(3, 1)",
+    ),
+    (
+        walk("[[0.01, 3, 1]]"),
+        "obstacles[1].motion.path[0]: moves at 100 m/s from 0 to 0.01 s",
+        "at most 20 m/s",
+    ),
+    (walk("[[2, 3, 1]]", radius=0.02), "obstacles[1]: is 0.04 m thin, less than a cell of 0.05 m", "larger"),
+    (
+        "obstacles.1={kind: prism, vertices: [[3, 2], [3.2, 2], [3, 2.2]], motion: {path: [[1, 1, 1]]}}",
+        "obstacles[1]: unknown key 'motion'",
+        "",
+    ),
+    (
+        f"robots.0={{count: 2, trials: 3, wake: true, start: {{kind: line, begin: [1, 1], end: [1, 2]}}, {ROBOTS}}}",
+        "robots[0].wake: robots[0] has 3 trials in the same air",
+        "trials: 1",
+    ),
+    (
+        f"robots.0={{count: 1, wake: true, body: {{radius: 0.02}}, start: {{kind: positions, positions: [[1, 1]]}}, {ROBOTS}}}",
+        "robots[0].wake: a body 0.04 m wide is smaller than a cell of 0.05 m",
+        "",
     ),
     # air that cannot get out
     (
