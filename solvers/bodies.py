@@ -5,6 +5,9 @@ doi:10.1007/s002110050401): a force (v - u) r, implicit in u, of a rate that gro
 Where the surface cuts a face's volume the rate is s/(1 - s)/dt, s the share of it that is body, which is to mix the
 velocities as the volumes are. A body is no wall to the pressure, whose matrix so stays as it is, and gas inside it is
 carried along. Only the faces in a box around each body are looked at.
+
+A robot in a 2-D run fills but a part of the slab, and most of the air passes over it: there it takes the momentum of
+its form drag, C_d/2 (v - u)|v - u| per frontal area, spread evenly over its disc.
 """
 
 from math import cos, inf, radians, sin
@@ -19,6 +22,7 @@ from taichi_plume.kernels import Template
 
 SOLID = 0.999  # largest share: 1 has an infinite rate
 HORIZON = 1.0  # s: a step is never longer
+DRAG = 1.0  # drag coefficient of a squat upright cylinder on the ground
 
 
 @ti.data_oriented
@@ -27,7 +31,8 @@ class Bodies:
 
     half: half widths [m] of a rectangle around which the body reaches out by `radius` [m] (0, 0: a disc), turned by
     `yaw` [rad]. low, high: of its height [m]; ball: whether it is round in the third direction too. open: face fields,
-    1 where the velocity is solved for. place [m] and velocity [m/s]: fields of 2-vectors that others keep up to date;
+    1 where the velocity is solved for. drag: force per mass over the square of the relative speed [1/m], of a body that
+    lets air pass; 0 is solid. place [m] and velocity [m/s]: fields of 2-vectors that others keep up to date;
     the bodies are entries first to first + count.
     """
 
@@ -45,11 +50,13 @@ class Bodies:
         low: float = 0.0,
         high: float = inf,
         ball: bool = False,
+        drag: float = 0.0,
     ):
         self.grid, self.dim, self.open = grid, grid.dim, open
         self.place, self.velocity = place, velocity
         self.count, self.first = count, first
         self.half, self.radius, self.ball = half, radius, ball
+        self.drag = drag
         self.turn = (cos(yaw), sin(yaw))
         top = grid.extent[2] if grid.dim == 3 else 1.0
         margin = 0.0 if ball else grid.dx  # where it stands on the floor no air may slip under it
@@ -103,10 +110,10 @@ class Bodies:
         """Drag the air in and around the bodies for dt [s]."""
         for d in ti.static(range(self.dim)):
             for K in ti.grouped(ti.ndrange(self.count, *self.block)):
-                self._drag(u[d], self.open[d], d, K, dt)
+                self._hold(u, d, K, dt)
 
     @ti.func
-    def _drag(self, u: Template, open: Template, d: Template, K: Template, dt):
+    def _hold(self, u: Template, d: Template, K: Template, dt):
         """Drag face component d at place K[1:] of the block of body K[0]."""
         b = self.first + K[0]
         x = ti.Vector.zero(ti.f32, self.dim)
@@ -127,14 +134,31 @@ class Bodies:
             I[e] = i + ti.static(self.grid.ghost)
         if inside == 1 and self.pace[None] > 0.0:
             share = self.share(x, b)
-            if share > 0.0 and open[I] > 0.0:
+            if share > 0.0 and self.open[d][I] > 0.0:
                 mine = self.is_next(x, b, share)
                 if mine == 1:
-                    rate = dt * self.pace[None] * share / (1.0 - share)
                     v = 0.0
                     if ti.static(d < 2):
                         v = self.velocity[b][d]
-                    u[I] = (u[I] + rate * v) / (1.0 + rate)
+                    rate = 0.0
+                    if ti.static(self.drag > 0.0):
+                        rate = dt * self.drag * share * self._slip(u, d, I, b)
+                    else:
+                        rate = dt * self.pace[None] * share / (1.0 - share)
+                    u[d][I] = (u[d][I] + rate * v) / (1.0 + rate)
+
+    @ti.func
+    def _slip(self, u: Template, d: Template, I, b):
+        """Speed [m/s] of the air at d-face I relative to body b, along the ground."""
+        squared = 0.0
+        D = ti.Vector.unit(self.dim, d, ti.i32)
+        for e in ti.static(range(2)):
+            E = ti.Vector.unit(self.dim, e, ti.i32)
+            there = u[e][I]
+            if ti.static(e != d):
+                there = 0.25 * (u[e][I] + u[e][I - D] + u[e][I + E] + u[e][I + E - D])
+            squared += (there - self.velocity[b][e]) ** 2
+        return ti.sqrt(squared)
 
 
 class MovingObstacle(Bodies):
@@ -170,7 +194,9 @@ class MovingObstacle(Bodies):
 
 
 class Wake(Bodies):
-    """Robots as upright discs of `radius` and `height` [m]; at rest until t = 0, when they are put there.
+    """Robots as upright discs of `radius` and `height` [m], put there at t = 0.
+
+    In 3-D they are solid, in 2-D they have a drag.
 
     place and velocity: of the swarm; the robots are entries first to first + count. max_speed [m/s].
     """
@@ -185,7 +211,11 @@ class Wake(Bodies):
         count: int,
         body: scenario.Body,
     ):
-        super().__init__(grid, open, place, velocity, count, first, radius=body.radius, high=body.height)
+        drag = 0.0
+        if grid.dim == 2:  # frontal area over the volume of the disc through the whole slab, times C_d/2
+            drag = DRAG * min(body.height / grid.depth, 1.0) / (np.pi * body.radius)
+        outline = {"radius": body.radius, "high": body.height}
+        super().__init__(grid, open, place, velocity, count, first, drag=drag, **outline)
         self.max_speed = body.max_speed
 
     def advance(self, t: float, dt: float) -> None:

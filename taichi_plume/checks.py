@@ -579,6 +579,13 @@ def _wake(path: str, group: Group, scenario: Scenario) -> Iterator[str]:
                 "in all of them; use trials: 1, or remove the wake"
             )
             return
+    sensors = {"gas": group.sensors.gas.height, "wind": group.sensors.wind.height}
+    for name, height in sensors.items():
+        if scenario.domain.dim == 3 and height <= group.body.height:
+            yield (
+                f"{path}.sensors.{name}.height: {height:g} m is inside the body, where with a wake there is no wind; "
+                f"put it above body.height = {group.body.height:g} m, or remove the wake"
+            )
     if 2 * group.body.radius < scenario.domain.spacing:
         yield (
             f"{path}.wake: a body {2 * group.body.radius:g} m wide is smaller than a cell of "

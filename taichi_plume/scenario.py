@@ -673,7 +673,7 @@ class Group(Model):
     reach: Distance = 0.35
     """A robot whose centre comes this close to a source has found it and stops [m]; the robot itself does not know."""
     wake: bool = False
-    """Whether the robots push the air aside and drag it along; of one trial only."""
+    """Whether the robots disturb the air: in 3-D as solid bodies, in 2-D by their drag; of one trial only."""
 
 
 # ---------------------------------------------------------------- maps, recording, scenario

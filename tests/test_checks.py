@@ -59,6 +59,10 @@ def walk(path, radius=0.2):
     return f"obstacles.1={{kind: cylinder, center: [3, 2], radius: {radius}, motion: {{path: {path}}}}}"
 
 
+WAKE = (
+    "count: 1, wake: true, start: {kind: positions, positions: [[1, 1]]}, algorithm: {kind: casting}, "
+    "sensors: {gas: {kind: ideal, height: 0.3}, wind: {kind: ideal, height: 0.3}}"
+)
 PRISM = "obstacles.1={{kind: prism, vertices: {}}}"
 
 
@@ -228,14 +232,19 @@ FAULTS = [
         "",
     ),
     (
-        f"robots.0={{count: 2, trials: 3, wake: true, start: {{kind: line, begin: [1, 1], end: [1, 2]}}, {ROBOTS}}}",
+        f"robots.0={{{WAKE}, trials: 3}}",
         "robots[0].wake: robots[0] has 3 trials in the same air",
         "trials: 1",
     ),
     (
-        f"robots.0={{count: 1, wake: true, body: {{radius: 0.02}}, start: {{kind: positions, positions: [[1, 1]]}}, {ROBOTS}}}",
-        "robots[0].wake: a body 0.04 m wide is smaller than a cell of 0.05 m",
-        "",
+        f"robots.0={{{WAKE}, body: {{radius: 0.02}}}}",
+        "robots[0].wake: a body 0.04 m wide is smaller",
+        "0.05 m",
+    ),
+    (
+        f"robots.0={{{WAKE.replace('gas: {kind: ideal, height: 0.3}', 'gas: {kind: ideal}')}}}",
+        "robots[0].sensors.gas.height: 0.1 m is inside the body",
+        "above body.height = 0.15 m",
     ),
     # air that cannot get out
     (

@@ -121,24 +121,49 @@ def test_outlines_are_those_of_standing_obstacles(outline):
     np.testing.assert_allclose(got[beside], wanted[beside], atol=1e-5)
 
 
+def pair(flow: FlowSolver, velocities: list) -> tuple:
+    """Fields of the places and velocities of two robots side by side."""
+    place, velocity = (ti.Vector.field(2, ti.f32, 2) for _ in range(2))
+    place.from_numpy(np.array([[0.7, 0.75], [1.0, 0.75]], np.float32))
+    velocity.from_numpy(np.array(velocities, np.float32))
+    return place, velocity
+
+
 def test_bodies_that_touch_share_the_faces_between_them():
-    """Robots side by side move apart: each drags its own air, and equal runs are equal bit by bit."""
+    """Side by side they move apart: each drags its own air, and equal runs are equal bit by bit."""
     runs = []
     for _ in range(2):
         flow = still_air((40, 30))
-        place, velocity = (ti.Vector.field(2, ti.f32, 2) for _ in range(2))
-        place.from_numpy(np.array([[0.7, 0.75], [1.0, 0.75]], np.float32))
-        velocity.from_numpy(np.array([[-0.3, 0.0], [0.3, 0.0]], np.float32))
-        flow.resistances.append(Wake(flow.grid, flow.open, place, velocity, 0, 2, Body(radius=0.15)))
-        flow.advance(-1.0, 0.05)
-        assert flow.max_speed == 0.0  # they are not there before t = 0
+        body = Bodies(flow.grid, flow.open, *pair(flow, [[-0.3, 0.0], [0.3, 0.0]]), count=2, radius=0.15)
+        body.advance = lambda t, dt, body=body: body.pace.fill(1.0 / dt)
+        body.fastest = lambda t: 0.3
+        flow.resistances.append(body)
         advance(flow, 0.6)
         runs.append(velocities(flow)[0])
     np.testing.assert_array_equal(*runs)
-    x = faces(Grid((40, 30), 0.05), 0)
+    x = faces(flow.grid, 0)
     for middle, speed in ((0.7, -0.3), (1.0, 0.3)):
         inside = np.linalg.norm(x - (middle, 0.75), axis=-1) < 0.09
         np.testing.assert_allclose(runs[0][inside], speed, atol=0.05)
+
+
+def test_robots_on_a_floor_plan_have_the_drag_of_their_height():
+    """Force per density of C_d = 1 in a slab of 0.5 m: 1/2 (2 R h) w |w| each, w the relative velocity."""
+    R, h, depth, dt = 0.2, 0.15, 0.5, 1e-3
+    grid = Grid((60, 40), 0.05, depth=depth, periodic=(True, True))
+    openings = [{"kind": "periodic", "axis": axis} for axis in "xy"]
+    wind = CfdWind.model_validate({"kind": "cfd", "openings": openings, "turbulence": {"kind": "none"}})
+    flow = FlowSolver(wind, grid, np.zeros(grid.shape, bool))
+    flow.start_from(lambda points: np.zeros_like(points) + (0.4, 0.3))
+    place, velocity = (ti.Vector.field(2, ti.f32, 1) for _ in range(2))
+    place.from_numpy(np.array([[1.51, 1.02]], np.float32))
+    velocity.from_numpy(np.array([[-0.2, 0.3]], np.float32))
+    flow.resistances.append(Wake(grid, flow.open, place, velocity, 0, 1, Body(radius=R, height=h)))
+    for begin, force in ((-1.0, 0.0), (0.0, 0.5 * 2 * R * h * 0.6**2)):
+        before = velocities(flow)
+        flow.advance(begin, dt)
+        lost = [(a - b).sum() * grid.cell_volume / dt for a, b in zip(before, velocities(flow), strict=True)]
+        assert lost == pytest.approx([force, 0.0], rel=0.03, abs=2e-4)
 
 
 def test_it_keeps_to_its_way_points():
