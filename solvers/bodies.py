@@ -71,7 +71,6 @@ class Bodies:
         self.reach = tuple(reach)
         self.block = tuple(int(2 * r / grid.dx) + 3 for r in reach)  # faces per axis, half a cell around it
         self.pace: Any = ti.field(ti.f32, ())  # 1/dt [1/s]; 0 while the bodies are not there
-        self.range = tuple((grid.ghost, grid.ghost + n) for n in grid.shape)
 
     @ti.func
     def distance(self, x: Template, b):
@@ -80,7 +79,8 @@ class Bodies:
         q = ti.abs(
             ti.Vector([self.turn[0] * p[0] + self.turn[1] * p[1], self.turn[0] * p[1] - self.turn[1] * p[0]])
         ) - ti.Vector([self.half[0], self.half[1]])
-        result = ti.max(q, 0.0).norm() + ti.min(ti.max(q[0], q[1]), 0.0) - self.radius
+        beyond = ti.sqrt(ti.max(q[0], 0.0) ** 2 + ti.max(q[1], 0.0) ** 2)
+        result = beyond + ti.min(ti.max(q[0], q[1]), 0.0) - self.radius
         if ti.static(self.dim == 3):
             z = x[2] - self.middle
             if ti.static(self.ball):

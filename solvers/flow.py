@@ -50,7 +50,7 @@ class FlowSolver:
     Fields: u, face velocities [m/s], one per axis; p [m²/s²]; nu, viscosity with eddy viscosity [m²/s] or None;
     open, 1 on faces whose velocity is solved for, 0 on walls, in obstacles and where a velocity is prescribed.
     To be completed before the first step: lift, cell fields with the acceleration [m/s²] that a unit of each gives the
-    air (buoyancy); resistances, what holds or drags it.
+    air (buoyancy); resistances, what holds or drags it (the wind's screens are there already).
     """
 
     def __init__(self, wind: CfdWind, grid: Grid, solid: np.ndarray, seed: int = 0):
@@ -83,6 +83,7 @@ class FlowSolver:
         self.max_speed = 1.0
         self._build(wind)
         self.max_courant = 0.0
+        self.boundaries.measure_inertia(self._impulse)
         self.start_from(np.zeros_like)  # from rest: the potential flow that the openings force
 
     def _openness(self, solid: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -240,10 +241,20 @@ class FlowSolver:
         self._project(1.0)
         self.p.fill(0.0)
 
+    def _impulse(self) -> Any:
+        """The field phi that sets air at rest in motion, to the velocities prescribed at the boundaries."""
+        for u in self.u:
+            u.fill(0.0)
+        self._begin(1.0)
+        self.solver.solve(self._divergence, self._phi, self.tolerance)
+        return self._phi
+
     # ---------------------------------------------------------------- the step
 
     def advance(self, t: float, dt: float) -> None:
         """One step of Heun's method and a projection."""
+        for fan in self.boundaries.curved.values():
+            fan.advance(self.p, dt)
         self.boundaries.update(t + dt, dt)
         for resistance in self.resistances:
             resistance.advance(t, dt)

@@ -82,7 +82,7 @@ def estimate(scenario: Scenario) -> dict[str, float]:
     if isinstance(wind, UniformWind):
         speed, courant = sum(abs(v) for v in wind.velocity), 1.0
     else:
-        speed, courant = GUST * _largest_speed(wind, scenario.obstacles), wind.courant
+        speed, courant = GUST * _largest_speed(wind, scenario.obstacles, domain), wind.courant
     substeps = max(1, ceil(scenario.tick * speed / (courant * domain.spacing) - 1e-9))
     steps = substeps * ceil((scenario.warm_up + scenario.duration) / scenario.tick - 1e-9)
     return {
@@ -93,7 +93,7 @@ def estimate(scenario: Scenario) -> dict[str, float]:
     }
 
 
-def _largest_speed(wind: CfdWind, obstacles: tuple[Obstacle, ...]) -> float:
+def _largest_speed(wind: CfdWind, obstacles: tuple[Obstacle, ...], domain: Domain) -> float:
     speeds = [0.0]
     for one in obstacles:
         motion = motion_of(one)
@@ -101,6 +101,8 @@ def _largest_speed(wind: CfdWind, obstacles: tuple[Obstacle, ...]) -> float:
             speeds += [speed for _, _, speed in motion.legs(one.center)]
     for opening in wind.openings:
         if isinstance(opening, Jet):
+            if isinstance(opening, Fan) and opening.curve:
+                speeds.append(opening.curve.flow / opening.area(domain.extent, domain.depth))
             speeds += [abs(opening.speed or 0.0), *(abs(step.speed) for step in opening.schedule)]
         elif isinstance(opening, MovingWall):
             speeds.append(hypot(*opening.velocity))
@@ -491,6 +493,13 @@ def _net_inflow(scenario: Scenario) -> Iterator[str]:
             return
         if isinstance(opening, Jet):
             jets.append(opening)
+    for n, opening in enumerate(_openings_of(scenario)):
+        if isinstance(opening, Fan) and opening.curve:
+            yield (
+                f"wind.openings[{n}].curve: needs an outlet: what a fan blows along its curve nothing balances; "
+                "add {kind: outlet, face: ...} or use speed"
+            )
+            return
     begin = 0.0 - scenario.warm_up
     ends = {begin, scenario.duration}
     for jet in jets:

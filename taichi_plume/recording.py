@@ -395,6 +395,9 @@ def _top_speed(scenario: Scenario) -> float:
         if isinstance(opening, MovingWall):
             speeds.append(hypot(*opening.velocity))
         speeds.append(abs(getattr(opening, "speed", None) or 0.0))
+        if getattr(opening, "curve", None):
+            domain = scenario.domain
+            speeds.append(opening.curve.flow / opening.area(domain.extent, domain.depth))
         speeds += [abs(step.speed) for step in getattr(opening, "schedule", ())]
     return max(speeds, default=0.0) or 0.1
 

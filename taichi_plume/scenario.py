@@ -27,6 +27,8 @@ Acceleration = quantity("m/s^2")
 Rate = quantity("kg/s", ge=0, most=1, likely="mg/s")
 Frequency = quantity("1/s", gt=0)
 MolarMass = quantity("kg/mol", gt=0, most=1, likely="g/mol")
+Pressure = quantity("Pa", gt=0)
+FlowRate = quantity("m^3/s", gt=0, most=1000, likely="m^3/h")
 TopSpeed = quantity("m/s", gt=0)
 Tick = quantity("s", gt=0, le=1)
 Diffusivity = quantity("m^2/s", ge=0)
@@ -323,6 +325,17 @@ class Jet(Region):
         return speed
 
 
+class FanCurve(Model):
+    """What a fan can do against a pressure: dp = pressure (1 - (Q/flow)²)."""
+
+    pressure: Pressure
+    """That it builds up when no air gets through [Pa]."""
+    flow: FlowRate
+    """That it blows against no pressure [m³/s]; in 2-D through the whole `depth` of the slab."""
+    response: Duration = 0.2
+    """Time in which its speed follows the pressure [s]; the inertia of the air adds to it."""
+
+
 class Fan(Jet):
     """A disc (in 2-D a slot) blowing a top-hat jet with a soft edge, optionally swirling.
 
@@ -330,9 +343,29 @@ class Fan(Jet):
     """
 
     kind: Literal["fan"]
-    speed: Velocity  # type: ignore[assignment]
     swirl: Real = 0.0
     """Tangential over axial speed at the rim; 3-D only."""
+    curve: FanCurve | None = None
+    """The speed follows the pressure behind the fan; `speed` is then the one that it starts with, 0 unless given."""
+
+    @model_validator(mode="after")
+    def _driven(self) -> "Fan":
+        if self.curve is None and self.speed is None:
+            raise PydanticCustomError("fan", "needs a speed or a curve")
+        if self.curve is not None and self.schedule:
+            raise PydanticCustomError(
+                "fan", "takes a schedule or a curve, not both: the curve sets the speed"
+            )
+        if self.curve is not None and (self.speed or 0.0) < 0:
+            raise PydanticCustomError(
+                "fan", "with a curve it blows into the domain: speed must not be negative"
+            )
+        return self
+
+    @property
+    def blows(self) -> bool:
+        """A fan always blows."""
+        return True
 
 
 class Inlet(Jet):

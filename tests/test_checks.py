@@ -59,6 +59,7 @@ def walk(path, radius=0.2):
     return f"obstacles.1={{kind: cylinder, center: [3, 2], radius: {radius}, motion: {{path: {path}}}}}"
 
 
+CURVED = "kind: fan, face: x-, curve: {pressure: 25 Pa, flow: 120 m^3/h}"
 WAKE = (
     "count: 1, wake: true, start: {kind: positions, positions: [[1, 1]]}, algorithm: {kind: casting}, "
     "sensors: {gas: {kind: ideal, height: 0.3}, wind: {kind: ideal, height: 0.3}}"
@@ -96,6 +97,10 @@ def test_good_scenarios_have_no_problems(tmp_path, text):
         "wind.openings.1={kind: outlet, face: x-, center: [1.9, 0.25], size: [0.4, 0.4]}",  # they share a rim
         "wind.openings.1={kind: outlet, face: x-, center: [1.7, 0.44], size: [0.1, 0.1]}",  # beside the disc
         "domain.size=[4.02, 3, 0.5]",
+        f"wind.openings.0={{{CURVED}}}",
+        f"robots.0={{{WAKE}}}",
+        screen("axis: z, at: 0.25, center: [2, 1.5], diameter: 1, cell: 8 mm"),
+        walk("[[2, 3, 1], [4, 3, 2]], loop: true"),
         f"robots.0={{count: 1, start: {{kind: area, low: [1, 1], high: [1, 1]}}, {ROBOTS}}}",
         f"robots.0={{count: 25, start: {{kind: area, low: [0, 0], high: [1, 1]}}, {ROBOTS}}}",
         f"robots.0={{count: 6, trials: 1000, start: {{kind: line, begin: [3, 0.5], end: [3, 1.32]}}, {ROBOTS}}}",
@@ -202,6 +207,28 @@ FAULTS = [
         screen("axis: x, at: 2, loss_coefficient: 1, cell: 8 mm"),
         "wind.screens[0]: takes loss_coefficient or cell, not both",
         "",
+    ),
+    # fans with a curve
+    ("wind.openings.0={kind: fan, face: x-}", "wind.openings[0]: needs a speed or a curve", ""),
+    (
+        f"wind.openings.0={{{CURVED}, speed: 1, schedule: [{{at: 1, speed: 2}}]}}",
+        "wind.openings[0]: takes a schedule or a curve, not both",
+        "",
+    ),
+    (
+        f"wind.openings.0={{{CURVED}, speed: -1}}",
+        "wind.openings[0]: with a curve it blows into the domain",
+        "",
+    ),
+    (
+        f"wind.openings=[{{{CURVED}}}, {{kind: fan, face: x+, speed: -0.2}}]",
+        "wind.openings[0].curve: needs an outlet",
+        "add {kind: outlet",
+    ),
+    (
+        "wind.openings.0={kind: fan, face: x-, curve: {pressure: 0, flow: 1}}",
+        "wind.openings[0].curve.pressure: ",
+        "greater than 0",
     ),
     # bodies that move
     (
