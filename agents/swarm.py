@@ -6,13 +6,16 @@ other, so that each sees where the ones before it are now; robots of different t
 each other.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from math import hypot
 from typing import Any
 
 import numpy as np
 import taichi as ti
 
 from taichi_plume import scenario
+from taichi_plume.scenario import motion_of
 
 SKIN = 1e-3  # m, air kept around a body: far more than the rounding of its position
 TOUCH = 1e-4  # m, steps shorter than this are contact
@@ -62,7 +65,8 @@ class Swarm:
     positions: (count, 2) [m] and headings: (count,) [rad] at the start, free of overlap (see `placement`).
     clearance: its ti.funcs ``distance(p)`` and ``normal(p)`` give a lower bound of the distance [m] from p to
     the next wall or obstacle, and the unit vector away from it. sources: (m,
-    2) [m], known to the referee, not to the robots.
+    2) [m], known to the referee, not to the robots. walkers: obstacles that move, of which the robots feel the disc
+    around the footprint; one that walks into a robot does not push it: the robot can only drive away.
 
     Algorithms read `reading` [ppm], `wind` [m/s], `wind_known`, `blocked` (the bumper), `heading` [rad],
     `path_length` [m] (odometry) and write `speed_command` [m/s], `turn_rate_command` [rad/s] and `state`.
@@ -76,6 +80,7 @@ class Swarm:
         clearance: Any,
         sources: np.ndarray,
         seed: int,
+        walkers: Sequence[scenario.Obstacle] = (),
     ):
         self.groups = ranges(groups)
         self.clearance, self.seed = clearance, seed
@@ -83,6 +88,7 @@ class Swarm:
         self.trials = max((group.trials for group in self.groups), default=0)
         n = max(1, self.count)  # Taichi has no empty fields
         self.position: Any = ti.Vector.field(2, ti.f32, n)
+        self.velocity: Any = ti.Vector.field(2, ti.f32, n)
         self.heading = ti.field(ti.f32, n)
         self.speed_command = ti.field(ti.f32, n)
         self.turn_rate_command = ti.field(ti.f32, n)
@@ -98,6 +104,12 @@ class Swarm:
         self.found_time.fill(np.nan)
         self._fill_bodies(n)
         self._fill_members()
+        self.walkers = [(motion_of(one), one.center) for one in walkers]
+        self.walker_count = len(self.walkers)
+        self.discs: Any = ti.Vector.field(2, ti.f32, max(1, len(walkers)))
+        self.disc_radius: Any = ti.field(ti.f32, max(1, len(walkers)))
+        if walkers:
+            self.disc_radius.from_numpy(np.array([disc_around(one) for one in walkers], np.float32))
         self.source_count = len(sources)
         self.sources: Any = ti.Vector.field(2, ti.f32, max(1, len(sources)))
         if len(sources):
@@ -139,8 +151,12 @@ class Swarm:
 
     def move(self, tick: int, t: float, dt: float) -> None:
         """Carry out the commands for one tick of dt [s] that ends at t [s]; robots at a source stay there."""
-        if self.count:
-            self._move(t, dt)
+        if not self.count:
+            return
+        if self.walkers:
+            places = [motion.place(center, t) for motion, center in self.walkers]
+            self.discs.from_numpy(np.array(places, np.float32))
+        self._move(t, dt)
 
     def all_found(self) -> bool:
         """Whether every robot of every trial has found a source."""
@@ -168,6 +184,7 @@ class Swarm:
             for m in range(self.team_size[k]):
                 i = self.members[k, m]
                 self.blocked[i] = 0
+                self.velocity[i] = ti.Vector([0.0, 0.0])
                 if self.found[i] == 0:
                     self._drive(i, k, dt)
                     for s in range(self.source_count):
@@ -211,6 +228,7 @@ class Swarm:
         if contact == 1 and (p - begin).dot(wanted) < FREE * wanted.dot(wanted):
             self.blocked[i] = 1
         self.position[i] = p
+        self.velocity[i] = (p - begin) / dt
         self.path_length[i] += path
 
     @ti.func
@@ -241,16 +259,24 @@ class Swarm:
 
     @ti.func
     def _free_of_discs(self, i, k, p, e, length):
-        """The same, but for the other robots alone."""
+        """The same, but for the other robots and for what walks about alone."""
         free = length
         normal = ti.Vector([0.0, 0.0])
         contact = 0
-        for m in range(self.team_size[k]):
-            j = self.members[k, m]
-            if j != i:
+        team = self.team_size[k]
+        for m in range(team + self.walker_count):
+            j = -1
+            apart = ti.Vector([0.0, 0.0])
+            reach = self.radius[i] + SKIN
+            if m < team:
+                j = self.members[k, m]
                 apart = p - self.position[j]
+                reach += self.radius[j]
+            else:
+                apart = p - self.discs[m - team]
+                reach += self.disc_radius[m - team]
+            if j != i:
                 d = apart.norm()
-                reach = self.radius[i] + self.radius[j] + SKIN
                 along = e.dot(apart)  # negative on approach; the closest point is -along ahead
                 if along < -GRAZE * d or (along < 0.0 and d < reach - 0.5 * SKIN):
                     half_chord2 = along * along - (d - reach) * (d + reach)
@@ -261,6 +287,13 @@ class Swarm:
                             contact = 1
                             normal = (apart + s * e).normalized()
         return free, normal, contact
+
+
+def disc_around(obstacle: scenario.Obstacle) -> float:
+    """Radius [m] of the disc around the footprint of a box, cylinder or sphere."""
+    if isinstance(obstacle, scenario.Box):
+        return hypot(*obstacle.size[:2]) / 2
+    return obstacle.radius
 
 
 @ti.func

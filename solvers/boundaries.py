@@ -6,8 +6,10 @@ the face is mirror·u + (1 - mirror)·V: 0 for blown-in air, 1 for slip and outl
 The component through the face is either prescribed (V) or free, with the ambient pressure outside.
 """
 
+from collections.abc import Callable
 from itertools import pairwise
 from math import pi
+from typing import Any
 
 import numpy as np
 import taichi as ti
@@ -28,7 +30,9 @@ from taichi_plume.scenario import (
     Region,
     Slip,
 )
+from taichi_plume.solvers.fans import CurvedFan
 
+AIR_DENSITY = 1.184  # kg/m³ at 25 °C
 HORIZON = 1.0  # s: a step is never longer
 SAMPLES = 8  # per axis, to average an opening's profile over a cell face
 
@@ -184,6 +188,18 @@ class Boundaries:
         self.openings = openings
         self.patches = [Patch(o, grid, ~solid) for o in openings if not isinstance(o, Periodic)]
         self.jets = [p for p in self.patches if blows(p.opening)]
+        self.curved = {
+            n: CurvedFan(
+                p.opening.curve,
+                p.opening.speed_at(0.0),
+                p.area,
+                AIR_DENSITY,
+                np.stack(p.cells(), axis=-1) + grid.ghost,
+                p.profile[p.covered],
+            )
+            for n, p in enumerate(self.jets)
+            if isinstance(p.opening, Fan) and p.opening.curve
+        }
         self.noise = {
             n: Fluctuations(p, p.opening.turbulence_length or 0.4 * float(p.half.min()), seed, f"inflow {n}")
             for n, p in enumerate(self.jets)
@@ -240,9 +256,29 @@ class Boundaries:
             self._upload(self.loss[d], loss[d], d)
             self._upload(self.target[d], self._targets[d], d)
 
+    def speeds(self, t: float) -> list[float]:
+        """Mean speed [m/s] of each jet at time t; fans with a curve have theirs."""
+        return [
+            self.curved[n].speed if n in self.curved else p.opening.speed_at(t)
+            for n, p in enumerate(self.jets)
+        ]
+
     def update(self, t: float, dt: float) -> None:
         """Blow with the speeds of time t; the fluctuations move on by dt."""
-        speeds = [p.opening.speed_at(t) for p in self.jets]
+        self._blow(self.speeds(t), dt)
+
+    def measure_inertia(self, pressure_of: Callable[[], Any]) -> None:
+        """Let each fan with a curve know what the air in front of it weighs.
+
+        pressure_of: gives the field phi that makes the flow divergence-free; the pressure is dx/dt phi.
+        """
+        for n, fan in self.curved.items():
+            self._blow([float(m == n) for m in range(len(self.jets))], 0.0)
+            fan.inertia = max(0.0, self.grid.dx * fan.mean(pressure_of()))
+        if self.curved:
+            self.update(-np.inf, 0.0)
+
+    def _blow(self, speeds: list[float], dt: float) -> None:
         if speeds == self._blown and not self.noise:
             return
         self._blown = speeds
@@ -263,6 +299,10 @@ class Boundaries:
     def fastest(self, t: float) -> float:
         """Largest velocity component [m/s] that a schedule prescribes from t to HORIZON later."""
         result = 0.0
+        for fan, p in ((fan, self.jets[n]) for n, fan in self.curved.items()):
+            result = max(
+                result, p.peak * max(fan.speed, min(fan.free_speed, fan.speed + 0.2 * fan.acceleration))
+            )
         for p in self.jets:
             times = [t, t + HORIZON, *(time for time in p.opening.knots if t < time < t + HORIZON)]
             if p.opening.schedule:
@@ -285,7 +325,8 @@ class Boundaries:
             flows = np.array(
                 [[s * p.opening.speed_at(t) for s, p in zip(shares, here, strict=True)] for t in times]
             )
-            if np.any(np.abs(flows.sum(axis=1)) > 1e-6 * np.abs(flows).sum(axis=1)):
+            curved = any(self.jets.index(p) in self.curved for p in here)  # no speed of another's balances it
+            if curved or np.any(np.abs(flows.sum(axis=1)) > 1e-6 * np.abs(flows).sum(axis=1)):
                 result += [self.openings.index(p.opening) for p in here]
         return sorted(set(result))
 

@@ -22,6 +22,7 @@ from taichi_plume.scenario import CfdWind
 from taichi_plume.solvers.boundaries import Boundaries
 from taichi_plume.solvers.convection import FACE_VALUES
 from taichi_plume.solvers.pressure import pressure_solver
+from taichi_plume.solvers.screens import ScreenResistance
 from taichi_plume.solvers.surfaces import Surfaces
 from taichi_plume.solvers.turbulence import MODELS
 
@@ -33,6 +34,10 @@ class Resistance(Protocol):
 
     def advance(self, t: float, dt: float) -> None:
         """Prepare the step from time t [s] to t + dt."""
+        ...
+
+    def fastest(self, t: float) -> float:
+        """Largest velocity component [m/s] that it gives the air soon after t [s]."""
         ...
 
     def apply(self, u: Any, dt: Any) -> None:
@@ -65,7 +70,8 @@ class FlowSolver:
     area, the share of each face that is air, or None where no obstacle is; open, how freely the pressure moves the air
     of a face: 1 in the open, less where an obstacle cuts it, 0 on walls and where a velocity is prescribed.
     To be completed before the first step: lift, cell fields with the acceleration [m/s²] that a unit of each gives the
-    air (buoyancy); resistances, what holds or drags it; carried, what is advanced together with it (heat).
+    air (buoyancy); resistances, what holds or drags it (the wind's screens are there already); carried, what is
+    advanced together with it (heat).
     """
 
     def __init__(self, wind: CfdWind, grid: Grid, air: Air, seed: int = 0):
@@ -89,7 +95,9 @@ class FlowSolver:
         self.eddies = wind.turbulence.kind in MODELS
         self.nu: Any = grid.field() if self.eddies else None
         self.lift: list[tuple[Any, tuple[float, ...]]] = []
-        self.resistances: list[Resistance] = []
+        self.resistances: list[Resistance] = [
+            ScreenResistance(screen, grid, openness, wind.viscosity) for screen in wind.screens
+        ]
         self.carried: list[Carried] = []
         self.schmidt = 1.0 if wind.turbulence.kind == "none" else wind.turbulence.schmidt
         if self.area is not None:
@@ -103,6 +111,7 @@ class FlowSolver:
         self.max_speed = 1.0
         self._build(wind)
         self.max_courant = 0.0
+        self.boundaries.measure_inertia(self._impulse)
         self.start_from(np.zeros_like)  # from rest: the potential flow that the openings force
 
     def _widest(self, area: list[np.ndarray]) -> list[np.ndarray]:
@@ -319,10 +328,20 @@ class FlowSolver:
         self._project(1.0)
         self.p.fill(0.0)
 
+    def _impulse(self) -> Any:
+        """The field phi that sets air at rest in motion, to the velocities prescribed at the boundaries."""
+        for u in self.u:
+            u.fill(0.0)
+        self._begin(1.0)
+        self.solver.solve(self._divergence, self._phi, self.tolerance)
+        return self._phi
+
     # ---------------------------------------------------------------- the step
 
     def advance(self, t: float, dt: float) -> None:
         """One step of Heun's method and a projection."""
+        for fan in self.boundaries.curved.values():
+            fan.advance(self.p, dt)
         self.boundaries.update(t + dt, dt)
         for resistance in self.resistances:
             resistance.advance(t, dt)
@@ -387,7 +406,8 @@ class FlowSolver:
         # Twice as careful as diffusion alone demands: the pressure lags behind in the first stage, and its error grows
         # when viscosity spreads it too fast.
         diffusion = (6.0 if self.eddies else 4.0) * self.dim * self.max_viscosity / self.grid.dx**2
-        rate = max(self.speed_rate, self.boundaries.fastest(t) / self.grid.dx)
+        driven = max([self.boundaries.fastest(t), *(one.fastest(t) for one in self.resistances)])
+        rate = max(self.speed_rate, driven / self.grid.dx)
         limit = max(rate / self.courant + diffusion, 1e-30)
         # What the lift adds to |u| within the step counts as well; near a corner the pressure turns and more than
         # doubles it. Waves in layered air are slower than that.

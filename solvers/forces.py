@@ -8,7 +8,8 @@ from taichi_plume.species import AIR_DENSITY
 
 
 def forces(flow: FlowSolver, air: Air, count: int) -> np.ndarray:
-    """Force [N] of the air on each of `count` obstacles, shape (count, dim); in 2-D on the slab's depth.
+    """Force [N] of the air on each of `count` obstacles, shape (count, dim); in 2-D on the slab's depth; nan where one
+    is not part of `air`.
 
     The pressure on what surfaces the cells hold, and the momentum that friction takes from the air next to them: the
     sum over the obstacles is what the air loses.
@@ -28,4 +29,5 @@ def forces(flow: FlowSolver, air: Air, count: int) -> np.ndarray:
         on_faces = np.bincount(owner[face], loss[d][face] * grid.dx, minlength=count)
         on_cells = np.bincount(air.body[cell], pressure[..., d][cell], minlength=count)
         result[:, d] = (on_faces + on_cells) * AIR_DENSITY * grid.cell_volume / grid.dx
+    result[np.bincount(air.body[air.body >= 0], minlength=count) == 0] = np.nan
     return result

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from taichi_plume.agents.mapping import InverseDistanceMap, TimeSeriesMap
-from taichi_plume.agents.placement import place, placed
-from taichi_plume.agents.swarm import Swarm
+from taichi_plume.agents.placement import Placed, place, placed
+from taichi_plume.agents.swarm import Swarm, disc_around
 from taichi_plume.agents.team import Team
 from taichi_plume.cut_cells import Air, air_of
 from taichi_plume.fields import Gas, Wind
@@ -24,8 +24,10 @@ from taichi_plume.scenario import (
     Scenario,
     SyntheticWind,
     UniformWind,
+    motion_of,
 )
 from taichi_plume.simulation import Map, Simulation
+from taichi_plume.solvers.bodies import MovingObstacle, Wake
 from taichi_plume.solvers.boundaries import opening_cells, periodic_axes
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.forces import forces
@@ -46,15 +48,25 @@ def assemble(scenario: Scenario, folder: Path = Path()) -> Simulation:
     """
     scenario = completed(scenario, folder)
     obstacles = shapes(scenario, folder)
+    standing = [one if motion_of(one.model) is None else None for one in obstacles]
     openings = scenario.wind.openings if isinstance(scenario.wind, CfdWind) else ()
     film = Film(folder / scenario.wind.file) if isinstance(scenario.wind, PlaybackWind) else None
     grid = Grid.of(scenario.domain, film.periodic if film else periodic_axes(openings, scenario.domain.dim))
-    air = film.air() if film else air_of(obstacles, grid, opening_cells(openings, grid))
+    air = film.air() if film else air_of(standing, grid, opening_cells(openings, grid))
     wind = _wind(scenario, film, grid, air)
     gas = _gas(scenario, folder, grid, wind, air)
     if isinstance(wind, FlowSolver):
         _add_buoyancy(scenario, wind, gas, air)
     swarm = _swarm(scenario, obstacles, grid)
+    if isinstance(wind, FlowSolver):
+        wind.resistances += [
+            MovingObstacle(one.model, grid, wind.open) for one in obstacles if motion_of(one.model)
+        ]
+        wind.resistances += [
+            Wake(grid, wind.open, swarm.position, swarm.velocity, group.start, group.count, group.model.body)
+            for group in swarm.groups
+            if group.model.wake
+        ]
     teams = [Team(swarm, group, grid.dim, scenario.tick) for group in swarm.groups]
     floor = (grid.extent[0], grid.extent[1])
     maps: list[Map] = [MAPS[m.kind](m, floor, max(1, swarm.trials)) for m in scenario.maps]
@@ -121,8 +133,17 @@ def _add_buoyancy(scenario: Scenario, flow: FlowSolver, gas: Gas, air: Air) -> N
 def _swarm(scenario: Scenario, obstacles: list, grid: Grid) -> Swarm:
     """All robots at their places."""
     height = max((group.body.height for group in scenario.robots), default=0.1)
-    clearance = ClearanceMap(obstacles, grid.extent, height)
-    positions, headings, occupied = [np.empty((0, 2))], [np.empty(0)], []
+    clearance = ClearanceMap([s for s in obstacles if motion_of(s.model) is None], grid.extent, height)
+    walkers = [
+        s.model
+        for s in obstacles
+        if motion_of(s.model) and np.isfinite(s.horizontal_distance(np.zeros((1, 2)), 0.0, height))
+    ]
+    trials = np.arange(max((group.trials for group in scenario.robots), default=1))
+    occupied = [
+        Placed(np.tile(one.center[:2], (len(trials), 1)), disc_around(one), trials) for one in walkers
+    ]
+    positions, headings = [np.empty((0, 2))], [np.empty(0)]
     for n, group in enumerate(scenario.robots):
         rng = generator(scenario.seed, f"start of group {n}")
         try:
@@ -140,4 +161,5 @@ def _swarm(scenario: Scenario, obstacles: list, grid: Grid) -> Swarm:
         clearance,
         sources,
         scenario.seed,
+        walkers,
     )

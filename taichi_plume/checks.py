@@ -28,6 +28,7 @@ from taichi_plume.scenario import (
     Heat,
     Jet,
     MovingWall,
+    Obstacle,
     Opening,
     Outlet,
     Periodic,
@@ -36,6 +37,7 @@ from taichi_plume.scenario import (
     Prism,
     Region,
     Scenario,
+    Screen,
     Sphere,
     StartArea,
     StartAt,
@@ -43,6 +45,8 @@ from taichi_plume.scenario import (
     SyntheticWind,
     UniformWind,
     Vent,
+    Window,
+    motion_of,
 )
 
 BYTES_PER_CELL = {2: 260, 3: 200}  # all fields of a CFD run with gas
@@ -59,6 +63,7 @@ NEIGHBOURS = 20  # of each robot, looked at for overlaps
 FREE_AREA_NODES = 200  # per axis, to measure the free area of a start rectangle
 MOST_EDGES = 500  # of a polygon whose edges are tested against one another
 SLIVER = 1e-6  # of the square of a polygon's width: less area is none
+FASTEST_BODY = 20.0  # m/s: the air does not count as incompressible much beyond
 TOUCHING = 1e-9  # of the same: a corner this close to an edge lies on it
 
 
@@ -83,6 +88,7 @@ def problems(scenario: Scenario, folder: Path) -> list[str]:
         lines += part(scenario, shapes)
     lines += [*_names(scenario), *_eddies(scenario)]
     lines += _heat(scenario, shapes)
+    lines += _screens(scenario)
     openings = list(_openings(scenario, shapes)) or list(_net_inflow(scenario))
     return lines + openings + list(_recording(scenario)) + list(_frozen(scenario)) + list(_fields(scenario))
 
@@ -98,7 +104,7 @@ def estimate(scenario: Scenario) -> dict[str, float]:
     elif isinstance(wind, SyntheticWind):
         speed = GUST * hypot(wind.speed, wind.circulation)
     elif isinstance(wind, CfdWind):
-        speed, courant = GUST * _largest_speed(wind, domain), wind.courant
+        speed, courant = GUST * _largest_speed(wind, scenario.obstacles, domain), wind.courant
     if isinstance(wind, FrozenWind):
         moving = min(whole, wind.after)
     substeps = max(1, ceil(scenario.tick * speed / (courant * domain.spacing) - 1e-9))
@@ -111,10 +117,16 @@ def estimate(scenario: Scenario) -> dict[str, float]:
     }
 
 
-def _largest_speed(wind: CfdWind, domain: Domain) -> float:
+def _largest_speed(wind: CfdWind, obstacles: tuple[Obstacle, ...], domain: Domain) -> float:
     speeds = [0.0]
+    for one in obstacles:
+        motion = motion_of(one)
+        if motion:
+            speeds += [speed for _, _, speed in motion.legs(one.center)]
     for opening in wind.openings:
         if isinstance(opening, Jet):
+            if isinstance(opening, Fan) and opening.curve:
+                speeds.append(opening.curve.flow / opening.area(domain.extent, domain.depth))
             speeds += [abs(opening.speed or 0.0), *(abs(step.speed) for step in opening.schedule)]
         elif isinstance(opening, MovingWall):
             speeds.append(hypot(*opening.velocity))
@@ -148,7 +160,8 @@ def _has_factors(scenario: Scenario) -> bool:
     lets_out = (
         o for o in scenario.wind.openings if isinstance(o, Outlet) or (isinstance(o, Jet) and not o.blows)
     )
-    return bool(scenario.obstacles) or any(opening.center is not None for opening in lets_out)
+    standing = any(motion_of(one) is None for one in scenario.obstacles)
+    return standing or any(opening.center is not None for opening in lets_out)
 
 
 # ---------------------------------------------------------------- numbers of coordinates, sizes
@@ -192,6 +205,11 @@ def _dimensions(scenario: Scenario) -> Iterator[str]:
             yield f"{where}.axis: 'z' does not exist in a 2-D run; use x or y"
         if dim == 2 and isinstance(opening, Fan) and opening.swirl != 0:
             yield f"{where}.swirl: a 2-D run has no swirl; remove it, or give domain.size three numbers"
+    for n, screen in enumerate(_screens_of(scenario)):
+        where = f"wind.screens[{n}]"
+        found += [(f"{where}.center", screen.center, dim - 1), (f"{where}.size", screen.size, dim - 1)]
+        if dim == 2 and screen.axis == "z":
+            yield f"{where}.axis: 'z' does not exist in a 2-D run; use x or y"
     for path, value, wanted in found:
         if value is not None and len(value) != wanted:
             yield f"{path}: has {_numbers(len(value))}, a {dim}-D run takes {wanted} here"
@@ -299,6 +317,39 @@ def _obstacles(scenario: Scenario, shapes: list[Shape | None]) -> Iterator[str]:
                 f"{_range('xyz'[axis], one.low[axis], one.high[axis])}, "
                 f"the domain has {_range('xyz'[axis], 0, extent[axis])}; move it in or remove it"
             )
+        elif motion_of(one.model):
+            yield from _motion(f"obstacles[{n}]", one, scenario.domain)
+
+
+def _motion(path: str, one: Shape, domain: Domain) -> Iterator[str]:
+    """A way has to stay in the domain, and the body be seen by the grid."""
+    motion, center = motion_of(one.model), one.model.center
+    for k, point in enumerate(motion.path):
+        for axis, x in enumerate(point[1:]):
+            if not 0 <= x <= domain.extent[axis]:
+                yield (
+                    f"{path}.motion.path[{k}]: {'xy'[axis]} = {x:g} m is outside the domain, "
+                    f"{_range('xy'[axis], 0, domain.extent[axis])}; keep the centre inside"
+                )
+                return
+    if motion.loop and hypot(motion.path[-1][1] - center[0], motion.path[-1][2] - center[1]) > 1e-6:
+        yield (
+            f"{path}.motion.path[{len(motion.path) - 1}]: a loop must end at the center "
+            f"({center[0]:g}, {center[1]:g}) m, got ({motion.path[-1][1]:g}, {motion.path[-1][2]:g}) m"
+        )
+    for k, (begin, end, speed) in enumerate(motion.legs(center)):
+        if speed > FASTEST_BODY:
+            yield (
+                f"{path}.motion.path[{k}]: moves at {speed:.3g} m/s from {begin:g} to {end:g} s; "
+                f"at most {FASTEST_BODY:g} m/s"
+            )
+            break
+    width = float((one.high - one.low).min())
+    if width < domain.spacing:
+        yield (
+            f"{path}: is {width:.3g} m thin, less than a cell of {domain.spacing:g} m, and would not move the air; "
+            "make it larger or lower domain.spacing"
+        )
 
 
 def _outline(path: str, corners: np.ndarray) -> Iterator[str]:
@@ -454,17 +505,37 @@ def _openings(scenario: Scenario, shapes: list[Shape | None]) -> Iterator[str]:
 
 def _on_its_face(path: str, region: Region, scenario: Scenario, shapes: list[Shape | None]) -> Iterator[str]:
     """A region must lie on its face and cover cells with air."""
-    center, half = region.rectangle(scenario.domain.extent)
-    for a, c, h in zip(region.along(scenario.domain.dim), center, half, strict=True):
-        length = scenario.domain.extent[a]
+    beyond = _beyond(region, scenario)
+    if beyond:
+        yield f"{path}: reaches beyond its face {region.face}: {beyond}"
+    else:
+        yield from _covered_cells(path, region, scenario, shapes)
+
+
+def _beyond(window: Window, scenario: Scenario) -> str:
+    """Where a window reaches beyond the domain, if it does, and what to do."""
+    domain = scenario.domain
+    center, half = window.rectangle(domain.extent)
+    for a, c, h in zip(window.along(domain.dim), center, half, strict=True):
+        axis, length = "xyz"[a], domain.extent[a]
         # up to half a cell may be due to the rounding of the domain to whole cells
-        if c - h < -1e-6 or c + h > length + scenario.domain.spacing / 2 + 1e-6:
-            yield (
-                f"{path}: reaches beyond its face {region.face}: {_range('xyz'[a], c - h, c + h)}, "
-                f"the face has {_range('xyz'[a], 0, length)}; move its center or make it smaller"
+        if c - h < -1e-6 or c + h > length + domain.spacing / 2 + 1e-6:
+            return (
+                f"{_range(axis, c - h, c + h)}, the face has {_range(axis, 0, length)}; "
+                "move its center or make it smaller"
             )
-            return
-    yield from _covered_cells(path, region, scenario, shapes)
+    return ""
+
+
+def _covered(window: Window, domain: Domain) -> np.ndarray:
+    """Centres (n, dim - 1) [m] of the cells that a window covers, in its own axes."""
+    center, half = map(np.array, window.rectangle(domain.extent))
+    axes = window.along(domain.dim)
+    ranges = [(np.arange(domain.shape[a]) + 0.5) * domain.spacing for a in axes]
+    places = np.stack(np.meshgrid(*ranges, indexing="ij"), axis=-1).reshape(-1, len(axes))
+    if window.is_disc(domain.dim):
+        return places[np.linalg.norm(places - center, axis=-1) <= half[0]]
+    return places[(np.abs(places - center) <= half).all(axis=-1)]
 
 
 def _covered_cells(
@@ -472,15 +543,9 @@ def _covered_cells(
 ) -> Iterator[str]:
     """An opening must cover a cell, and one behind which there is air."""
     domain = scenario.domain
-    center, half = map(np.array, opening.rectangle(domain.extent))
-    axes = opening.along(domain.dim)
-    ranges = [(np.arange(domain.shape[a]) + 0.5) * domain.spacing for a in axes]
-    places = np.stack(np.meshgrid(*ranges, indexing="ij"), axis=-1).reshape(-1, len(axes))
-    if opening.is_disc(domain.dim):
-        covered = np.linalg.norm(places - center, axis=-1) <= half[0]
-    else:
-        covered = (np.abs(places - center) <= half).all(axis=-1)
-    if not covered.any() and (2 * half < domain.spacing).any():
+    covered = _covered(opening, domain)
+    _, half = map(np.array, opening.rectangle(domain.extent))
+    if not len(covered) and (2 * half < domain.spacing).any():
         yield (
             f"{path}: is smaller than a cell of {domain.spacing:g} m and covers none; "
             "make it larger or lower domain.spacing"
@@ -488,7 +553,7 @@ def _covered_cells(
         return
     axis = opening.axis
     depth = (domain.shape[axis] - 0.5 if opening.side else 0.5) * domain.spacing
-    behind = np.insert(places[covered], axis, depth, axis=1)
+    behind = np.insert(covered, axis, depth, axis=1)
     solid = np.zeros(len(behind), bool)
     for one in shapes:
         if one is not None:
@@ -514,6 +579,33 @@ def _overlap(a: Region, b: Region, scenario: Scenario) -> bool:
     return bool((apart < half_a + half_b - rim).all())
 
 
+def _screens_of(scenario: Scenario) -> tuple[Screen, ...]:
+    return scenario.wind.screens if isinstance(scenario.wind, CfdWind) else ()
+
+
+def _screens(scenario: Scenario) -> Iterator[str]:
+    domain = scenario.domain
+    for n, screen in enumerate(_screens_of(scenario)):
+        path = f"wind.screens[{n}]"
+        half = max(screen.thickness, domain.spacing) / 2
+        low, high = half + domain.spacing, domain.extent[screen.normal] - half - domain.spacing
+        if not low - 1e-6 <= screen.at <= high + 1e-6:
+            yield (
+                f"{path}.at: {screen.axis} = {screen.at:g} m leaves less than a cell of air on each side of "
+                f"it; use {_range(screen.axis, low, high)}"
+                if low <= high
+                else f"{path}.thickness: {2 * half:g} m does not fit in the domain; make it thinner"
+            )
+        beyond = _beyond(screen, scenario)
+        if beyond:
+            yield f"{path}: reaches beyond the domain: {beyond.replace('the face has', 'the domain has')}"
+        elif not len(_covered(screen, domain)):
+            yield (
+                f"{path}: is smaller than a cell of {domain.spacing:g} m and covers none; "
+                "make it larger or lower domain.spacing"
+            )
+
+
 def _net_inflow(scenario: Scenario) -> Iterator[str]:
     """Air cannot be compressed: without an outlet, what is blown in must be drawn out at every moment."""
     jets: list[Jet] = []
@@ -522,6 +614,13 @@ def _net_inflow(scenario: Scenario) -> Iterator[str]:
             return
         if isinstance(opening, Jet):
             jets.append(opening)
+    for n, opening in enumerate(_openings_of(scenario)):
+        if isinstance(opening, Fan) and opening.curve:
+            yield (
+                f"wind.openings[{n}].curve: needs an outlet: what a fan blows along its curve nothing balances; "
+                "add {kind: outlet, face: ...} or use speed"
+            )
+            return
     begin = 0.0 - scenario.warm_up
     ends = {begin, scenario.duration}
     for jet in jets:
@@ -592,6 +691,8 @@ def _robots(scenario: Scenario, shapes: list[Shape | None]) -> Iterator[str]:
                 f"the domain; use fewer than {most} or a smaller body"
             )
             continue
+        if group.wake:
+            yield from _wake(path, group, scenario)
         if domain.dim == 3:
             yield from _heights(path, group, domain.extent[2])
         if isinstance(group.start, StartArea):
@@ -613,6 +714,31 @@ def _robots(scenario: Scenario, shapes: list[Shape | None]) -> Iterator[str]:
         discs.append((places, group.body.radius))
     if discs:
         yield from _too_close(names, discs)
+
+
+def _wake(path: str, group: Group, scenario: Scenario) -> Iterator[str]:
+    """The air is one: robots that move it cannot be in several trials at once."""
+    if isinstance(scenario.wind, UniformWind):
+        yield f"{path}.wake: a uniform wind is not disturbed; use wind.kind: cfd, or remove the wake"
+    for n, other in enumerate(scenario.robots):
+        if other.trials > 1:
+            yield (
+                f"{path}.wake: robots[{n}] has {other.trials} trials in the same air, and a wake would be felt "
+                "in all of them; use trials: 1, or remove the wake"
+            )
+            return
+    sensors = {"gas": group.sensors.gas.height, "wind": group.sensors.wind.height}
+    for name, height in sensors.items():
+        if scenario.domain.dim == 3 and height <= group.body.height:
+            yield (
+                f"{path}.sensors.{name}.height: {height:g} m is inside the body, where with a wake there is no wind; "
+                f"put it above body.height = {group.body.height:g} m, or remove the wake"
+            )
+    if 2 * group.body.radius < scenario.domain.spacing:
+        yield (
+            f"{path}.wake: a body {2 * group.body.radius:g} m wide is smaller than a cell of "
+            f"{scenario.domain.spacing:g} m and would not move the air; lower domain.spacing or remove the wake"
+        )
 
 
 def _heights(path: str, group: Group, ceiling: float) -> Iterator[str]:

@@ -88,8 +88,8 @@ class Air:
         return result
 
 
-def air_of(shapes: Sequence[Shape], grid: Grid, open_cells: np.ndarray | None = None) -> Air:
-    """The air that is left around shapes.
+def air_of(shapes: Sequence[Shape | None], grid: Grid, open_cells: np.ndarray | None = None) -> Air:
+    """The air that is left around shapes; None stands for one that is not there, but is counted.
 
     open_cells: bool of grid.shape, cells at an opening; unless given, all cells at the domain's faces. Air
     is kept where it is the largest connected part or reaches an open cell: what obstacles seal off counts as filled.
@@ -118,11 +118,13 @@ def _faces(grid: Grid, d: int) -> tuple[int, ...]:
     return tuple(n + (a == d) for a, n in enumerate(grid.shape))
 
 
-def _distances(shapes: Sequence[Shape], grid: Grid) -> tuple[np.ndarray, np.ndarray]:
+def _distances(shapes: Sequence[Shape | None], grid: Grid) -> tuple[np.ndarray, np.ndarray]:
     """Signed distance [cells] of the nodes to the nearest surface, at most 2, and the number of its shape."""
     nodes, step = tuple(FINER * n + 1 for n in grid.shape), grid.dx / FINER
     distance, nearest = np.full(nodes, 2.0), np.full(nodes, -1)
     for number, one in enumerate(shapes):
+        if one is None:
+            continue
         first = np.clip(np.floor(one.low / step) - FINER, 0, nodes).astype(int)
         last = np.clip(np.ceil(one.high / step) + FINER + 1, 0, nodes).astype(int)
         block = tuple(slice(a, b) for a, b in zip(first, last, strict=True))

@@ -5,7 +5,7 @@ from math import ceil, cos, floor, hypot, log10, pi, radians, sin, tan
 
 import numpy as np
 
-from taichi_plume.scenario import Region
+from taichi_plume.scenario import Window
 
 ROBOTS = np.array(
     [
@@ -32,6 +32,7 @@ OPENINGS = {
     "fan": (79, 195, 247),
     "inlet": (79, 195, 247),
     "honeycomb": (255, 213, 79),
+    "perforated": (255, 213, 79),
     "outlet": (129, 199, 132),
     "slip": (144, 164, 174),
     "wall": (206, 147, 216),
@@ -152,20 +153,20 @@ def _cross(p: np.ndarray, q: np.ndarray, r: np.ndarray) -> np.ndarray:
 # ---------------------------------------------------------------- openings
 
 
-def opening(region: Region, extent: Sequence[float], height: float) -> np.ndarray:
-    """Outline (n, 3) [m] of an opening on its face; `height` [m] is that of the walls, in 2-D too."""
+def opening(region: Window, extent: Sequence[float], height: float) -> np.ndarray:
+    """Outline (n, 3) [m] of an opening or a screen on its plane; `height` [m] is that of the walls, in 2-D too."""
     low, high = region_bounds(region, extent, height)
     if region.diameter is not None and region.center is not None and len(region.center) == 2:
         angle = np.linspace(0, 2 * pi, 48, endpoint=False)
         flat = np.array(region.center) + region.diameter / 2 * np.stack([np.cos(angle), np.sin(angle)], -1)
     else:
         flat = np.array([[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]])
-    return on_face(flat, region.face, (*extent[:2], height))
+    return on_plane(flat, region, (*extent[:2], height))
 
 
-def region_bounds(region: Region, extent: Sequence[float], height: float) -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper corner [m] of a region in its face's own two axes."""
-    axis = "xyz".index(region.face[0])
+def region_bounds(region: Window, extent: Sequence[float], height: float) -> tuple[np.ndarray, np.ndarray]:
+    """Lower and upper corner [m] of a region in its plane's own two axes."""
+    axis = region.normal
     sides = np.array([length for d, length in enumerate((*extent[:2], height)) if d != axis])
     low, high = np.zeros(2), sides.copy()
     if region.center is not None:
@@ -175,20 +176,18 @@ def region_bounds(region: Region, extent: Sequence[float], height: float) -> tup
     return low, high
 
 
-def on_face(flat: np.ndarray, face: str, size: Sequence[float]) -> np.ndarray:
-    """Points (n, 3) on a face of the box 0..size, from points (n, 2) in the face's own axes."""
-    axis = "xyz".index(face[0])
-    at = size[axis] if face[1] == "+" else 0.0
-    return np.insert(flat, axis, at, axis=-1)
+def on_plane(flat: np.ndarray, region: Window, size: tuple[float, ...]) -> np.ndarray:
+    """Points (n, 3) on the region's plane in the box 0..size, from points (n, 2) in the plane's own axes."""
+    return np.insert(flat, region.normal, region.level(size), axis=-1)
 
 
-def comb(region: Region, extent: Sequence[float], height: float) -> list[np.ndarray]:
+def comb(region: Window, extent: Sequence[float], height: float) -> list[np.ndarray]:
     """The cells of a honeycomb as hexagons (7, 3) [m] within its region; in 2-D as short bars."""
     low, high = region_bounds(region, extent, height)
     size = (*extent[:2], height)
     if len(extent) == 2:
         bars = np.linspace(low[0], high[0], 2 + ceil(24 * (high[0] - low[0]) / max(extent)))
-        return [on_face(np.array([[s, low[1]], [s, high[1]]]), region.face, size) for s in bars]
+        return [on_plane(np.array([[s, low[1]], [s, high[1]]]), region, size) for s in bars]
     edge = max(min(high - low) / 8, max(high - low) / 40)
     angle = pi / 6 + np.arange(7) * pi / 3
     hexagon = edge * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
@@ -199,7 +198,7 @@ def comb(region: Region, extent: Sequence[float], height: float) -> list[np.ndar
         for i in range(count[0]):
             middle = low + step * (np.array([i, j]) + 0.5 + [0.5 * (j % 2), 0.0])
             if np.all(middle + step / 2 <= high + 1e-9):
-                cells.append(on_face(middle + hexagon, region.face, size))
+                cells.append(on_plane(middle + hexagon, region, size))
     return cells
 
 

@@ -20,7 +20,14 @@ import rerun as rr
 
 from taichi_plume import __version__, disk, drawing, fields, layout, scene, scores
 from taichi_plume.layout import TIME
-from taichi_plume.scenario import MovingWall, PlaybackWind, Scenario, SyntheticWind, UniformWind
+from taichi_plume.scenario import (
+    MovingWall,
+    PlaybackWind,
+    Scenario,
+    SyntheticWind,
+    UniformWind,
+    motion_of,
+)
 from taichi_plume.simulation import Every, Simulation
 
 MOST_ROBOTS = 50
@@ -63,6 +70,10 @@ class Recorder:
         self.thresholds = sorted({a.threshold_ppm for a in algorithms if hasattr(a, "threshold_ppm")})
         self.events: list[tuple[float, str, str, int]] = []
         self.schedule = _schedule(scenario)
+        self.walks: dict[int, list[tuple[float, float, float]]] = {
+            n: [] for n, one in enumerate(scenario.obstacles) if motion_of(one)
+        }
+        """(time, x, y) of the way of each moving obstacle since the last flush."""
         self.maps: list[Any] = list(sim.maps)
         self.forecasts = [0] * len(self.maps)  # of each map's errors, sent so far
         self.good_size = self.largest_batch = 0  # bytes
@@ -98,6 +109,7 @@ class Recorder:
             Every(1 / self.rates.rate, self.picture_gas, warm_up=True),
             Every(1 / self.rates.wind_rate, self.picture_wind, warm_up=True),
             Every(SAMPLE_PERIOD, self.sample_robots),
+            Every(SAMPLE_PERIOD, self.sample_obstacles, warm_up=True),
             Every(1.0, self.picture_maps),
             Every(1.0, self.flush, warm_up=True),
         ]
@@ -234,6 +246,13 @@ class Recorder:
                     self.events.append((sim.t, "STATE", text, n))
                 robot.state = state
 
+    def sample_obstacles(self, sim: Simulation) -> None:
+        """Gather where those that move are, relative to their centre in the scenario."""
+        for n, samples in self.walks.items():
+            one = sim.scenario.obstacles[n]
+            x, y = motion_of(one).place(one.center, sim.t)
+            samples.append((sim.t, x - one.center[0], y - one.center[1]))
+
     def picture_maps(self, sim: Simulation) -> None:
         """Estimate, weight and error of the first trial's maps, and their errors as series."""
         self.stream.set_time(TIME, duration=sim.t)
@@ -275,6 +294,12 @@ class Recorder:
     def _send(self) -> None:
         for robot in self.robots:
             self._send_robot(robot)
+        for n, samples in self.walks.items():
+            if samples:
+                t, x, y = np.array(samples).T
+                samples.clear()
+                shift = rr.Transform3D.columns(translation=np.column_stack([x, y, 0 * t]))
+                self.stream.send_columns(f"world/obstacles/{n}", [_times(t)], shift)
         if self.events:
             times, levels, texts, robots = zip(*sorted(self.events), strict=True)
             colors = [_packed(scene.TEXT if n < 0 else self.robots[n].color) for n in robots]
@@ -381,6 +406,9 @@ def _top_speed(sim: Simulation) -> float:
         if isinstance(opening, MovingWall):
             speeds.append(hypot(*opening.velocity))
         speeds.append(abs(getattr(opening, "speed", None) or 0.0))
+        if getattr(opening, "curve", None):
+            domain = sim.scenario.domain
+            speeds.append(opening.curve.flow / opening.area(domain.extent, domain.depth))
         speeds += [abs(step.speed) for step in getattr(opening, "schedule", ())]
     return max(speeds, default=0.0) or 0.1
 

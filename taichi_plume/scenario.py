@@ -5,8 +5,10 @@ Cross-field checks that need geometry live in `checks`; reading YAML in `loading
 """
 
 import difflib
-from math import ceil, pi, prod
-from typing import Annotated, Any, Literal
+from bisect import bisect_right
+from itertools import pairwise
+from math import ceil, hypot, pi, prod
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
@@ -25,6 +27,8 @@ Acceleration = quantity("m/s^2")
 Rate = quantity("kg/s", ge=0, most=1, likely="mg/s")
 Frequency = quantity("1/s", gt=0)
 MolarMass = quantity("kg/mol", gt=0, most=1, likely="g/mol")
+Pressure = quantity("Pa", gt=0)
+FlowRate = quantity("m^3/s", gt=0, most=1000, likely="m^3/h")
 TopSpeed = quantity("m/s", gt=0)
 Tick = quantity("s", gt=0, le=1)
 Diffusivity = quantity("m^2/s", ge=0)
@@ -95,6 +99,50 @@ class Domain(Model):
         return tuple(n * self.spacing for n in self.shape)
 
 
+class Motion(Model):
+    """A walk over the ground: straight and even from way point to way point, without turning.
+
+    The centre is at the obstacle's `center` at t = 0, and before; after the last way point it stands still.
+    """
+
+    path: Annotated[tuple[tuple[Time, Coordinate, Coordinate], ...], Field(min_length=1, max_length=10_000)]
+    """Way points of the centre after t = 0: [time, x, y]."""
+    loop: bool = False
+    """Whether it starts over after the last way point, which must be the `center`; it then walks before t = 0 too."""
+
+    @model_validator(mode="after")
+    def _ascending(self) -> "Motion":
+        times = [0.0, *(point[0] for point in self.path)]
+        for n, (a, b) in enumerate(pairwise(times)):
+            if not b > a:
+                raise PydanticCustomError(
+                    "motion",
+                    "times must ascend from above 0: path[{n}] has {b} s after {a} s",
+                    {"n": n, "a": f"{a:g}", "b": f"{b:g}"},
+                )
+        return self
+
+    def place(self, center: tuple[float, ...], t: float) -> tuple[float, float]:
+        """Where the centre is at time t [s], x and y [m]; `center` at t = 0."""
+        times = [0.0, *(point[0] for point in self.path)]
+        if self.loop:
+            t %= times[-1]
+        n = bisect_right(times, t) - 1
+        if n < 0:
+            return center[0], center[1]
+        places = [center[:2], *(point[1:] for point in self.path)]
+        if n == len(self.path):
+            return self.path[-1][1:]
+        share = (t - times[n]) / (times[n + 1] - times[n])
+        (x, y), (next_x, next_y) = places[n], places[n + 1]
+        return x + share * (next_x - x), y + share * (next_y - y)
+
+    def legs(self, center: tuple[float, ...]) -> list[tuple[float, float, float]]:
+        """Of each straight part its begin [s], its end [s] and the speed [m/s]."""
+        points = [(0.0, center[0], center[1]), *self.path]
+        return [(a[0], b[0], hypot(b[1] - a[1], b[2] - a[2]) / (b[0] - a[0])) for a, b in pairwise(points)]
+
+
 class Box(Model):
     """An upright box, turned by `yaw_deg` about the vertical."""
 
@@ -102,6 +150,7 @@ class Box(Model):
     center: Point
     size: Annotated[tuple[Length, ...], Field(min_length=2, max_length=3)]
     yaw_deg: Real = 0.0
+    motion: Motion | None = None
 
 
 class Cylinder(Model):
@@ -112,6 +161,7 @@ class Cylinder(Model):
     radius: Length
     base: Distance = 0.0
     height: Length | None = None
+    motion: Motion | None = None
 
 
 class Sphere(Model):
@@ -120,6 +170,7 @@ class Sphere(Model):
     kind: Literal["sphere"]
     center: Point
     radius: Length
+    motion: Motion | None = None
 
 
 class Prism(Model):
@@ -143,6 +194,11 @@ class Mesh(Model):
     section: Coordinate = 0.0
 
 
+def motion_of(obstacle: Model) -> Motion | None:
+    """How an obstacle moves, None if it stands."""
+    return getattr(obstacle, "motion", None)
+
+
 Obstacle = Annotated[Box | Cylinder | Sphere | Prism | Mesh, Field(discriminator="kind")]
 
 # ---------------------------------------------------------------- wind
@@ -156,19 +212,18 @@ class SpeedAt(Model):
     speed: Velocity
 
 
-class Region(Model):
-    """Where an opening lies on its face: all of it, a rectangle (`center`, `size`) or a disc (`center`, `diameter`).
+class Window(Model):
+    """Part of a plane: all of it, a rectangle (`center`, `size`) or a disc (`center`, `diameter`).
 
-    `center` and `size` are in the face's own axes, in their x, y, z order: one number in 2-D, two in 3-D.
+    `center` and `size` are in the plane's own axes, in their x, y, z order: one number in 2-D, two in 3-D.
     """
 
-    face: Face
     center: Annotated[tuple[Coordinate, ...], Field(min_length=1, max_length=2)] | None = None
     size: Annotated[tuple[Length, ...], Field(min_length=1, max_length=2)] | None = None
     diameter: Length | None = None
 
     @model_validator(mode="after")
-    def _one_form(self) -> "Region":
+    def _one_form(self) -> Self:
         if self.size is not None and self.diameter is not None:
             raise PydanticCustomError("region", "takes size or diameter, not both")
         if (self.size is None and self.diameter is None) != (self.center is None):
@@ -176,21 +231,20 @@ class Region(Model):
         return self
 
     @property
-    def axis(self) -> int:
-        """The axis through the face."""
-        return "xyz".index(self.face[0])
+    def normal(self) -> int:
+        """The axis through the plane."""
+        raise NotImplementedError
 
-    @property
-    def side(self) -> int:
-        """0 at the lower end of the axis, 1 at the upper."""
-        return int(self.face[1] == "+")
+    def level(self, extent: tuple[float, ...]) -> float:
+        """Where the plane cuts that axis [m], in a domain of `extent`."""
+        raise NotImplementedError
 
     def along(self, dim: int) -> list[int]:
-        """The axes of the face, in x, y, z order."""
-        return [a for a in range(dim) if a != self.axis]
+        """The axes of the plane, in x, y, z order."""
+        return [a for a in range(dim) if a != self.normal]
 
     def rectangle(self, extent: tuple[float, ...]) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Centre and half widths [m] of the region, or of the square around the disc, in a domain of `extent`."""
+        """Centre and half widths [m] of the window, or of the square around the disc, in a domain of `extent`."""
         whole = tuple(extent[a] for a in self.along(len(extent)))
         if self.center is None:
             return tuple(w / 2 for w in whole), tuple(w / 2 for w in whole)
@@ -198,15 +252,40 @@ class Region(Model):
         return self.center, tuple(w / 2 for w in size)
 
     def is_disc(self, dim: int) -> bool:
-        """Whether the region is round: in 2-D a disc is a slot."""
+        """Whether the window is round: in 2-D a disc is a slot."""
         return self.diameter is not None and dim == 3
 
     def area(self, extent: tuple[float, ...], depth: float) -> float:
-        """Area of the opening [m²]; in 2-D, its width times the slab's `depth`."""
+        """Area of the window [m²]; in 2-D, its width times the slab's `depth`."""
         _, half = self.rectangle(extent)
         if self.is_disc(len(extent)):
             return pi * half[0] ** 2
         return prod(2 * h for h in half) * (depth if len(extent) == 2 else 1.0)
+
+
+class Region(Window):
+    """Where an opening lies on a face of the domain."""
+
+    face: Face
+
+    @property
+    def axis(self) -> int:
+        """The axis through the face."""
+        return "xyz".index(self.face[0])
+
+    @property
+    def normal(self) -> int:
+        """The same."""
+        return self.axis
+
+    @property
+    def side(self) -> int:
+        """0 at the lower end of the axis, 1 at the upper."""
+        return int(self.face[1] == "+")
+
+    def level(self, extent: tuple[float, ...]) -> float:
+        """Where the face is along its axis [m]."""
+        return extent[self.axis] if self.side else 0.0
 
 
 class Vent(Region):
@@ -259,6 +338,17 @@ class Jet(Vent):
         return speed
 
 
+class FanCurve(Model):
+    """What a fan can do against a pressure: dp = pressure (1 - (Q/flow)²)."""
+
+    pressure: Pressure
+    """That it builds up when no air gets through [Pa]."""
+    flow: FlowRate
+    """That it blows against no pressure [m³/s]; in 2-D through the whole `depth` of the slab."""
+    response: Duration = 0.2
+    """Time in which its speed follows the pressure [s]; the inertia of the air adds to it."""
+
+
 class Fan(Jet):
     """A disc (in 2-D a slot) blowing a top-hat jet with a soft edge, optionally swirling.
 
@@ -266,9 +356,29 @@ class Fan(Jet):
     """
 
     kind: Literal["fan"]
-    speed: Velocity  # type: ignore[assignment]
     swirl: Real = 0.0
     """Tangential over axial speed at the rim; 3-D only."""
+    curve: FanCurve | None = None
+    """The speed follows the pressure behind the fan; `speed` is then the one that it starts with, 0 unless given."""
+
+    @model_validator(mode="after")
+    def _driven(self) -> "Fan":
+        if self.curve is None and self.speed is None:
+            raise PydanticCustomError("fan", "needs a speed or a curve")
+        if self.curve is not None and self.schedule:
+            raise PydanticCustomError(
+                "fan", "takes a schedule or a curve, not both: the curve sets the speed"
+            )
+        if self.curve is not None and (self.speed or 0.0) < 0:
+            raise PydanticCustomError(
+                "fan", "with a curve it blows into the domain: speed must not be negative"
+            )
+        return self
+
+    @property
+    def blows(self) -> bool:
+        """A fan always blows."""
+        return True
 
 
 class Inlet(Jet):
@@ -316,6 +426,67 @@ class Periodic(Model):
 Opening = Annotated[
     Fan | Inlet | Honeycomb | Outlet | Slip | MovingWall | Periodic, Field(discriminator="kind")
 ]
+
+
+class Screen(Window):
+    """Something in the way of the air that it goes through: a slab across `axis` with its middle at `at`."""
+
+    axis: Literal["x", "y", "z"]
+    at: Coordinate
+    thickness: Distance = 0.05
+    """Along the axis [m], in whole cells, at least one."""
+    transverse: NonNegative = 1000.0
+    """Resistance along the slab over the one through it: large values straighten the flow."""
+
+    @property
+    def normal(self) -> int:
+        """The axis through the screen."""
+        return "xyz".index(self.axis)
+
+    def level(self, extent: tuple[float, ...]) -> float:
+        """Where its middle is along the axis [m]."""
+        return self.at
+
+    def losses(self, viscosity: float) -> tuple[float, float]:
+        """(a, b) of the pressure drop (a + b |u|) u over the density, u [m/s] through it: [m/s] and a number."""
+        raise NotImplementedError
+
+
+class Straightener(Screen):
+    """A honeycomb flow straightener: friction in its channels, and what is lost at their ends."""
+
+    kind: Literal["honeycomb"]
+    loss_coefficient: NonNegative | None = None
+    """Pressure drop over the dynamic pressure; 2 unless `cell` is given."""
+    cell: Length | None = None
+    """Width of a channel [m], in place of the loss coefficient: laminar friction in hexagons, f Re = 60.2
+    (Shah & London 1978, Laminar Flow Forced Convection in Ducts), and 1.2 dynamic pressures at both ends."""
+
+    @model_validator(mode="after")
+    def _one_loss(self) -> "Straightener":
+        if self.loss_coefficient is not None and self.cell is not None:
+            raise PydanticCustomError("loss", "takes loss_coefficient or cell, not both")
+        return self
+
+    def losses(self, viscosity: float) -> tuple[float, float]:
+        """(a, b) of the pressure drop (a + b |u|) u over the density."""
+        if self.cell is None:
+            return 0.0, (2.0 if self.loss_coefficient is None else self.loss_coefficient) / 2.0
+        return 60.2 / 2.0 * viscosity * self.thickness / self.cell**2, 0.6
+
+
+class Perforated(Screen):
+    """A thin sheet with holes or a wire gauze."""
+
+    kind: Literal["perforated"]
+    loss_coefficient: NonNegative = 2.0
+    """Pressure drop over the dynamic pressure."""
+    thickness: Distance = 0.0
+    transverse: NonNegative = 1.0
+
+    def losses(self, viscosity: float) -> tuple[float, float]:
+        """(a, b) of the pressure drop (a + b |u|) u over the density."""
+        return 0.0, self.loss_coefficient / 2.0
 
 
 class Smagorinsky(Model):
@@ -427,6 +598,8 @@ class CfdWind(Model):
     )
     openings: tuple[Opening, ...] = ()
     """What no opening covers is no-slip wall."""
+    screens: tuple[Annotated[Straightener | Perforated, Field(discriminator="kind")], ...] = ()
+    """Flow straighteners and perforated sheets inside the domain."""
     acceleration: Annotated[tuple[Acceleration, ...], Field(min_length=2, max_length=3)] | None = None
     """Force per mass on all the air [m/s²]: what drives the flow along a periodic duct."""
     convection: Convection = "koren"
@@ -710,6 +883,8 @@ class Group(Model):
     sensors: Sensors = Sensors()
     reach: Distance = 0.35
     """A robot whose centre comes this close to a source has found it and stops [m]; the robot itself does not know."""
+    wake: bool = False
+    """Whether the robots disturb the air: in 3-D as solid bodies, in 2-D by their drag; of one trial only."""
 
 
 # ---------------------------------------------------------------- maps, recording, scenario

@@ -13,7 +13,7 @@ import rerun as rr
 
 from taichi_plume import __version__, drawing
 from taichi_plume.results import to_yaml
-from taichi_plume.scenario import Box, Cylinder, Prism, Region, Source, Sphere
+from taichi_plume.scenario import Box, Cylinder, Prism, Region, Source, Sphere, Window
 from taichi_plume.simulation import Simulation
 
 FLAT = 0.05  # height of the walls of a 2-D arena over its shorter side
@@ -54,7 +54,7 @@ class Stage:
 
 
 def arena(sim: Simulation, stage: Stage) -> Entities:
-    """Floor, edges, obstacles, sources and openings."""
+    """Floor, edges, obstacles, sources, openings and screens."""
     (lx, ly), h = stage.extent[:2], stage.height
 
     def ring(z: float) -> list[list[float]]:
@@ -78,6 +78,8 @@ def arena(sim: Simulation, stage: Stage) -> Entities:
     for n, region in enumerate(getattr(sim.scenario.wind, "openings", ())):
         if isinstance(region, Region):
             yield from _opening(f"world/openings/{n}", region, stage)
+    for n, screen in enumerate(getattr(sim.scenario.wind, "screens", ())):
+        yield from _opening(f"world/screens/{n}", screen, stage)
 
 
 def _solid(shape: Any, stage: Stage) -> Any:
@@ -124,12 +126,12 @@ def _source(source: Source, stage: Stage) -> Any:
     return rr.Points3D([position], radii=radius, colors=RED, labels=["source"], show_labels=True)
 
 
-def _opening(entity: str, region: Region, stage: Stage) -> Entities:
+def _opening(entity: str, region: Window, stage: Stage) -> Entities:
     kind, speed = getattr(region, "kind", ""), getattr(region, "speed", None)
     color = drawing.OPENINGS[kind]
     outline = drawing.opening(region, stage.extent, stage.height)
     lines, width = [np.vstack([outline, outline[:1]])], 2.0
-    if kind == "honeycomb":
+    if kind in ("honeycomb", "perforated"):
         lines += drawing.comb(region, stage.extent, stage.height)
         width = 0.8
     yield entity, rr.LineStrips3D(lines, colors=color, radii=rr.Radius.ui_points(width))

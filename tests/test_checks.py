@@ -49,6 +49,21 @@ ROBOTS = "algorithm: {kind: casting}"
 NAMED = (
     "{{name: {}, count: 1, start: {{kind: positions, positions: [[1, {}]]}}, algorithm: {{kind: casting}}}}"
 )
+
+
+def screen(text):
+    return f"wind.screens=[{{kind: honeycomb, {text}}}]"
+
+
+def walk(path, radius=0.2):
+    return f"obstacles.1={{kind: cylinder, center: [3, 2], radius: {radius}, motion: {{path: {path}}}}}"
+
+
+CURVED = "kind: fan, face: x-, curve: {pressure: 25 Pa, flow: 120 m^3/h}"
+WAKE = (
+    "count: 1, wake: true, start: {kind: positions, positions: [[1, 1]]}, algorithm: {kind: casting}, "
+    "sensors: {gas: {kind: ideal, height: 0.3}, wind: {kind: ideal, height: 0.3}}"
+)
 PRISM = "obstacles.1={{kind: prism, vertices: {}}}"
 
 
@@ -83,6 +98,10 @@ def test_good_scenarios_have_no_problems(tmp_path, text):
         "wind.openings.1={kind: outlet, face: x-, center: [1.9, 0.25], size: [0.4, 0.4]}",  # they share a rim
         "wind.openings.1={kind: outlet, face: x-, center: [1.7, 0.44], size: [0.1, 0.1]}",  # beside the disc
         "domain.size=[4.02, 3, 0.5]",
+        f"wind.openings.0={{{CURVED}}}",
+        f"robots.0={{{WAKE}}}",
+        screen("axis: z, at: 0.25, center: [2, 1.5], diameter: 1, cell: 8 mm"),
+        walk("[[2, 3, 1], [4, 3, 2]], loop: true"),
         f"robots.0={{count: 1, start: {{kind: area, low: [1, 1], high: [1, 1]}}, {ROBOTS}}}",
         f"robots.0={{count: 25, start: {{kind: area, low: [0, 0], high: [1, 1]}}, {ROBOTS}}}",
         f"robots.0={{count: 6, trials: 1000, start: {{kind: line, begin: [3, 0.5], end: [3, 1.32]}}, {ROBOTS}}}",
@@ -193,6 +212,95 @@ FAULTS = [
         "y component must be 0",
     ),
     (f"obstacles.0={WHOLE}", "wind.openings[1]: there is no air behind it", ""),
+    # screens
+    (screen("axis: x, at: 5"), "wind.screens[0].at: x = 5 m leaves less than a cell", "x 0.075 to 3.925 m"),
+    (screen("axis: z, at: 0.45, thickness: 0.1"), "wind.screens[0].at: z = 0.45 m leaves", "z 0.1 to 0.4 m"),
+    (
+        screen("axis: z, at: 0.2, thickness: 0.45"),
+        "wind.screens[0].thickness: 0.45 m does not fit",
+        "thinner",
+    ),
+    (
+        screen("axis: x, at: 2, center: [2.9, 0.2], diameter: 0.3"),
+        "wind.screens[0]: reaches beyond the domain: y 2.75 to 3.05 m, the domain has y 0 to 3 m",
+        "",
+    ),
+    (
+        screen("axis: x, at: 2, center: [1, 0.2], size: [0.01, 0.2]"),
+        "wind.screens[0]: is smaller than a cell of 0.05 m",
+        "",
+    ),
+    (screen("axis: x, at: 2, center: [1], diameter: 0.5"), "wind.screens[0].center: has 1 number", ""),
+    (
+        screen("axis: x, at: 2, loss_coefficient: 1, cell: 8 mm"),
+        "wind.screens[0]: takes loss_coefficient or cell, not both",
+        "",
+    ),
+    # fans with a curve
+    ("wind.openings.0={kind: fan, face: x-}", "wind.openings[0]: needs a speed or a curve", ""),
+    (
+        f"wind.openings.0={{{CURVED}, speed: 1, schedule: [{{at: 1, speed: 2}}]}}",
+        "wind.openings[0]: takes a schedule or a curve, not both",
+        "",
+    ),
+    (
+        f"wind.openings.0={{{CURVED}, speed: -1}}",
+        "wind.openings[0]: with a curve it blows into the domain",
+        "",
+    ),
+    (
+        f"wind.openings=[{{{CURVED}}}, {{kind: fan, face: x+, speed: -0.2}}]",
+        "wind.openings[0].curve: needs an outlet",
+        "add {kind: outlet",
+    ),
+    (
+        "wind.openings.0={kind: fan, face: x-, curve: {pressure: 0, flow: 1}}",
+        "wind.openings[0].curve.pressure: ",
+        "greater than 0",
+    ),
+    # bodies that move
+    (
+        walk("[[2, 3, 1], [2, 3, 2]]"),
+        "obstacles[1].motion: times must ascend from above 0",
+        "path[1] has 2 s",
+    ),
+    (walk("[[0, 3, 1]]"), "obstacles[1].motion: times must ascend from above 0: path[0] has 0 s", ""),
+    (
+        walk("[[2, 3, 1], [4, 3, 3.5]]"),
+        "obstacles[1].motion.path[1]: y = 3.5 m is outside the domain",
+        "y 0 to 3 m",
+    ),
+    (
+        walk("[[2, 3, 1]], loop: true"),
+        "obstacles[1].motion.path[0]: a loop must end at the center (3, 2) m",
+        "(3, 1)",
+    ),
+    (
+        walk("[[0.01, 3, 1]]"),
+        "obstacles[1].motion.path[0]: moves at 100 m/s from 0 to 0.01 s",
+        "at most 20 m/s",
+    ),
+    (walk("[[2, 3, 1]]", radius=0.02), "obstacles[1]: is 0.04 m thin, less than a cell of 0.05 m", "larger"),
+    (
+        "obstacles.1={kind: prism, vertices: [[3, 2], [3.2, 2], [3, 2.2]], motion: {path: [[1, 1, 1]]}}",
+        "obstacles[1]: unknown key 'motion'",
+        "",
+    ),
+    (
+        f"robots.0={{{WAKE}, trials: 3}}",
+        "robots[0].wake: robots[0] has 3 trials in the same air",
+        "trials: 1",
+    ),
+    (
+        f"robots.0={{{WAKE}, body: {{radius: 0.02}}}}",
+        "robots[0].wake: a body 0.04 m wide is smaller",
+        "0.05 m",
+    ),
+    (
+        f"robots.0={{{WAKE.replace('gas: {kind: ideal, height: 0.3}', 'gas: {kind: ideal}')}}}",
+        "robots[0].sensors.gas.height: 0.1 m is inside the body",
+        "above body.height = 0.15 m",
+    ),
     # air that cannot get out
     (
         "wind.openings.1={kind: slip, face: x+}",

@@ -106,6 +106,23 @@ def test_robots_are_where_they_were(tmp_path):
         assert reading[0] == pytest.approx(now["reading_ppm"][2])
 
 
+def test_what_moves_is_seen_moving_and_screens_are_seen(tmp_path):
+    motion = {"path": [[1, 1.5, 2.5], [2, 2.5, 2.5]]}
+    walker = {"kind": "cylinder", "center": [1.5, 1.5], "radius": 0.2, "motion": motion}
+    model = fake_run.scenario(2, duration=3, warm_up=1, obstacles=[walker])
+    wind = model.wind.model_dump() | {"screens": [{"kind": "honeycomb", "axis": "x", "at": 0.3}]}
+    path = recorded(
+        fake_run.simulation(fake_run.scenario(2, duration=3, warm_up=1, obstacles=[walker], wind=wind)),
+        tmp_path / "a.rrd",
+    )
+    t, shifts = column(path, "/world/obstacles/0", "Transform3D:translation")
+    at = {round(float(a), 2): shift[0] for a, shift in zip(t, shifts, strict=True)}
+    assert len(at) == 41
+    for time, shift in ((-1.0, (0, 0)), (0.5, (0, 0.5)), (1.5, (0.5, 1)), (3.0, (1, 1))):
+        assert at[time][:2] == pytest.approx(shift, abs=1e-6)
+    assert "/world/screens/0/name" in entities(path)
+
+
 def test_slice_shows_the_gas_where_it_is(tmp_path):
     model = fake_run.scenario(2, duration=1, obstacles=[], maps=[], robots=[])
     sim = fake_run.simulation(model)

@@ -145,3 +145,43 @@ def test_a_run_is_whole_ticks():
     sim.run()
     assert sim.t == pytest.approx(0.4)
     assert sim.gas.budget()["emitted_kg"] == pytest.approx(0.6e-6)
+
+
+def test_walkers_wakes_screens_and_fan_curves_work_together():
+    openings = [
+        {"kind": "fan", "face": "x-", "curve": {"pressure": 1.0, "flow": 0.5}},
+        {"kind": "outlet", "face": "x+"},
+    ]
+    sim = small(
+        duration=2.0,
+        domain={"size": [1.6, 0.8], "spacing": 0.05},
+        wind={
+            "kind": "cfd",
+            "openings": openings,
+            "screens": [{"kind": "honeycomb", "axis": "x", "at": 0.2}],
+        },
+        obstacles=[
+            {
+                "kind": "cylinder",
+                "center": [0.9, 0.2],
+                "radius": 0.1,
+                "motion": {"path": [[2, 0.9, 0.6]]},
+            }
+        ],
+        robots=[
+            {
+                "count": 1,
+                "start": {"kind": "positions", "positions": [[1.4, 0.4]]},
+                "algorithm": {"kind": "casting"},
+                "wake": True,
+            }
+        ],
+    )
+    sim.run()
+    assert len(sim.wind.resistances) == 3
+    v = sim.grid.inner(sim.wind.u[1].to_numpy())
+    assert v[17:19, 12].mean() == pytest.approx(0.2, abs=0.03)  # the walker's speed, where it is now
+    assert sim.wind.diagnostics()["max_divergence"] < 1e-4
+    assert sim.wind.boundaries.curved[0].speed > 0.1
+    budget = sim.gas.budget()
+    assert budget["in_domain_kg"] + budget["outflow_kg"] == pytest.approx(budget["emitted_kg"], rel=1e-4)

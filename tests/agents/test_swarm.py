@@ -6,7 +6,7 @@ import taichi as ti
 
 from taichi_plume.agents.placement import Placed, place, placed
 from taichi_plume.agents.swarm import SKIN, Swarm
-from taichi_plume.scenario import Body, Casting, Group, StartArea, StartAt, StartLine
+from taichi_plume.scenario import Body, Casting, Cylinder, Group, StartArea, StartAt, StartLine
 
 EXTENT = (4.0, 3.0)
 NOWHERE = np.empty((0, 2))
@@ -306,3 +306,33 @@ def test_later_groups_keep_clear_of_earlier_ones():
     earlier = placed(first, place(first, np.random.default_rng(0), distance)[0])
     with pytest.raises(ValueError, match="would touch another robot"):
         place(team(1, name="second", start=at), np.random.default_rng(0), distance, [earlier])
+
+
+def test_robots_stop_at_what_walks_about():
+    """A cylinder walks into the track of one robot and ahead of the other; both feel it where it is now."""
+    walker = Cylinder.model_validate(
+        {"kind": "cylinder", "center": [2.0, 1.0], "radius": 0.2, "motion": {"path": [[2.0, 2.0, 2.0]]}}
+    )
+    groups = (team(2, radius=0.1, speed=0.5),)
+    places = np.array([[0.4, 2.0], [2.0, 0.5]])
+    swarm = Swarm(groups, places, np.array([0.0, np.pi / 2]), empty_arena(), NOWHERE, 0, [walker])
+    command(swarm, 0.5, 0.0)
+    for tick in range(1, 41):
+        swarm.move(tick, 0.1 * tick, 0.1)
+        now = swarm.snapshot()["position"]
+        body = walker.motion.place(walker.center, 0.1 * tick)
+        assert np.hypot(*(now - body).T).min() > 0.3
+    # the first one came up to the cylinder that stands in its way, the second one follows it to its place
+    np.testing.assert_allclose(now, [[1.7, 2.0], [2.0, 1.7]], atol=0.005)
+    assert swarm.blocked.to_numpy().all()
+    np.testing.assert_allclose(swarm.velocity.to_numpy(), 0.0, atol=0.01)
+
+
+def test_velocity_is_what_was_driven():
+    swarm = swarm_at([[1.0, 1.0], [2.0, 2.0]], [0.3, 2.0])
+    command(swarm, 0.2, 0.5)
+    before = swarm.position.to_numpy()
+    swarm.move(1, 0.1, 0.1)
+    driven = (swarm.position.to_numpy() - before) / 0.1
+    np.testing.assert_allclose(swarm.velocity.to_numpy(), driven, atol=1e-5)
+    assert np.hypot(*driven.T) == pytest.approx(0.2, rel=1e-3)

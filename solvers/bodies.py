@@ -1,0 +1,244 @@
+"""Bodies that move through the air: obstacles of prescribed motion, and robots.
+
+The air inside a body is made to move with it by penalisation (Angot, Bruneau & Fabrie 1999,
+doi:10.1007/s002110050401): a force (v - u) r, implicit in u, of a rate that grows without bound towards the inside.
+Where the surface cuts a face's volume the rate is s/(1 - s)/dt, s the share of it that is body, which is to mix the
+velocities as the volumes are. A body is no wall to the pressure, whose matrix so stays as it is, and gas inside it is
+carried along. Only the faces in a box around each body are looked at.
+
+A robot in a 2-D run fills but a part of the slab, and most of the air passes over it: there it takes the momentum of
+its form drag, C_d/2 (v - u)|v - u| per frontal area, spread evenly over its disc.
+"""
+
+from math import cos, inf, radians, sin
+from typing import Any
+
+import numpy as np
+import taichi as ti
+
+from taichi_plume import scenario
+from taichi_plume.grid import Grid
+from taichi_plume.kernels import Template
+
+SOLID = 0.999  # largest share: 1 has an infinite rate
+HORIZON = 1.0  # s: a step is never longer
+DRAG = 1.0  # drag coefficient of a squat upright cylinder on the ground
+
+
+@ti.data_oriented
+class Bodies:
+    """Bodies of one outline; satisfies `flow.Resistance` once `advance` is defined.
+
+    half: half widths [m] of a rectangle around which the body reaches out by `radius` [m] (0, 0: a disc), turned by
+    `yaw` [rad]. low, high: of its height [m]; ball: whether it is round in the third direction too. open: face fields,
+    1 where the velocity is solved for. drag: force per mass over the square of the relative speed [1/m], of a body that
+    lets air pass; 0 is solid. place [m] and velocity [m/s]: fields of 2-vectors that others keep up to date;
+    the bodies are entries first to first + count.
+    """
+
+    def __init__(
+        self,
+        grid: Grid,
+        open: tuple[Any, ...],
+        place: Any,
+        velocity: Any,
+        count: int,
+        first: int = 0,
+        half: tuple[float, float] = (0.0, 0.0),
+        radius: float = 0.0,
+        yaw: float = 0.0,
+        low: float = 0.0,
+        high: float = inf,
+        ball: bool = False,
+        drag: float = 0.0,
+    ):
+        self.grid, self.dim, self.open = grid, grid.dim, open
+        self.place, self.velocity = place, velocity
+        self.count, self.first = count, first
+        self.half, self.radius, self.ball = half, radius, ball
+        self.drag = drag
+        self.turn = (cos(yaw), sin(yaw))
+        top = grid.extent[2] if grid.dim == 3 else 1.0
+        margin = 0.0 if ball else grid.dx  # where it stands on the floor no air may slip under it
+        self.low = low - margin if low <= 0 else low
+        self.high = top + margin if high >= top else high
+        self.middle = 0.5 * (low + high) if ball else 0.5 * (self.low + self.high)
+        self.half_height = 0.5 * (self.high - self.low)
+        c, s = (abs(part) for part in self.turn)
+        reach = [radius + c * half[0] + s * half[1], radius + s * half[0] + c * half[1]]
+        if grid.dim == 3:
+            reach.append(self.half_height)
+        self.reach = tuple(reach)
+        self.block = tuple(int(2 * r / grid.dx) + 3 for r in reach)  # faces per axis, half a cell around it
+        self.pace: Any = ti.field(ti.f32, ())  # 1/dt [1/s]; 0 while the bodies are not there
+
+    @ti.func
+    def distance(self, x: Template, b):
+        """Distance [m] of point x [m] to the surface of body b, negative inside; above and below a bound of it."""
+        p = ti.Vector([x[0], x[1]]) - self.place[b]
+        q = ti.abs(
+            ti.Vector([self.turn[0] * p[0] + self.turn[1] * p[1], self.turn[0] * p[1] - self.turn[1] * p[0]])
+        ) - ti.Vector([self.half[0], self.half[1]])
+        beyond = ti.sqrt(ti.max(q[0], 0.0) ** 2 + ti.max(q[1], 0.0) ** 2)
+        result = beyond + ti.min(ti.max(q[0], q[1]), 0.0) - self.radius
+        if ti.static(self.dim == 3):
+            z = x[2] - self.middle
+            if ti.static(self.ball):
+                result = ti.sqrt(p.dot(p) + z * z) - self.radius
+            else:
+                result = ti.max(result, ti.abs(z) - self.half_height)
+        return result
+
+    @ti.func
+    def share(self, x: Template, b):
+        """Share of the volume of dx³ around x that is body b."""
+        return ti.math.clamp(0.5 - self.distance(x, b) / self.grid.dx, 0.0, SOLID)
+
+    @ti.func
+    def is_next(self, x: Template, b, share):
+        """Whether of all bodies b has the largest share at x, so that no face is written twice."""
+        result = 1
+        for other in range(self.first, self.first + self.count):
+            if other != b:
+                theirs = self.share(x, other)
+                if theirs > share or (theirs == share and other < b):
+                    result = 0
+        return result
+
+    @ti.func
+    def apply(self, u: Template, dt):
+        """Drag the air in and around the bodies for dt [s]."""
+        for d in ti.static(range(self.dim)):
+            for K in ti.grouped(ti.ndrange(self.count, *self.block)):
+                self._hold(u, d, K, dt)
+
+    @ti.func
+    def _hold(self, u: Template, d: Template, K: Template, dt):
+        """Drag face component d at place K[1:] of the block of body K[0]."""
+        b = self.first + K[0]
+        x = ti.Vector.zero(ti.f32, self.dim)
+        I = ti.Vector.zero(ti.i32, self.dim)
+        inside = 1
+        for e in ti.static(range(self.dim)):
+            middle = self.middle
+            if ti.static(e < 2):
+                middle = self.place[b][e]
+            shift = ti.static(0.0 if e == d else 0.5)
+            i = K[e + 1] + ti.cast(ti.ceil((middle - self.reach[e]) / self.grid.dx - shift - 0.5), ti.i32)
+            x[e] = (i + shift) * self.grid.dx
+            n = ti.static(self.grid.shape[e])
+            if ti.static(self.grid.periodic[e]):
+                i = (i + n) % n
+            elif i < 0 or i >= n + ti.static(int(e == d)):
+                inside = 0
+            I[e] = i + ti.static(self.grid.ghost)
+        if inside == 1 and self.pace[None] > 0.0:
+            share = self.share(x, b)
+            if share > 0.0 and self.open[d][I] > 0.0:
+                mine = self.is_next(x, b, share)
+                if mine == 1:
+                    v = 0.0
+                    if ti.static(d < 2):
+                        v = self.velocity[b][d]
+                    rate = 0.0
+                    if ti.static(self.drag > 0.0):
+                        rate = dt * self.drag * share * self._slip(u, d, I, b)
+                    else:
+                        rate = dt * self.pace[None] * share / (1.0 - share)
+                    u[d][I] = (u[d][I] + rate * v) / (1.0 + rate)
+
+    @ti.func
+    def _slip(self, u: Template, d: Template, I, b):
+        """Speed [m/s] of the air at d-face I relative to body b, along the ground."""
+        squared = 0.0
+        D = ti.Vector.unit(self.dim, d, ti.i32)
+        for e in ti.static(range(2)):
+            E = ti.Vector.unit(self.dim, e, ti.i32)
+            there = u[e][I]
+            if ti.static(e != d):
+                there = 0.25 * (u[e][I] + u[e][I - D] + u[e][I + E] + u[e][I + E - D])
+            squared += (there - self.velocity[b][e]) ** 2
+        return ti.sqrt(squared)
+
+
+class MovingObstacle(Bodies):
+    """A cylinder, sphere or box of prescribed motion. At the end of each step it is where it ought to be."""
+
+    def __init__(
+        self,
+        model: scenario.Obstacle,
+        grid: Grid,
+        open: tuple[Any, ...],
+    ):
+        assert isinstance(model, scenario.Box | scenario.Cylinder | scenario.Sphere)
+        assert model.motion is not None
+        self.motion, self.center = model.motion, model.center
+        place: Any = ti.Vector.field(2, ti.f32, 1)
+        velocity: Any = ti.Vector.field(2, ti.f32, 1)
+        super().__init__(grid, open, place, velocity, 1, **_outline(model, grid.dim))
+
+    def advance(self, t: float, dt: float) -> None:
+        """Move on to t + dt [s]."""
+        before = np.array(self.motion.place(self.center, t))
+        after = np.array(self.motion.place(self.center, t + dt))
+        self.place.from_numpy(after[None].astype(np.float32))
+        self.velocity.from_numpy(((after - before) / dt)[None].astype(np.float32))
+        self.pace[None] = 1.0 / dt
+
+    def fastest(self, t: float) -> float:
+        """Its largest speed [m/s] from t to HORIZON later; of a loop that of all its legs."""
+        legs = self.motion.legs(self.center)
+        return max(
+            (speed for a, b, speed in legs if self.motion.loop or (a < t + HORIZON and t <= b)), default=0.0
+        )
+
+
+class Wake(Bodies):
+    """Robots as upright discs of `radius` and `height` [m], put there at t = 0.
+
+    In 3-D they are solid, in 2-D they have a drag.
+
+    place and velocity: of the swarm; the robots are entries first to first + count. max_speed [m/s].
+    """
+
+    def __init__(
+        self,
+        grid: Grid,
+        open: tuple[Any, ...],
+        place: Any,
+        velocity: Any,
+        first: int,
+        count: int,
+        body: scenario.Body,
+    ):
+        drag = 0.0
+        if grid.dim == 2:  # frontal area over the volume of the disc through the whole slab, times C_d/2
+            drag = DRAG * min(body.height / grid.depth, 1.0) / (np.pi * body.radius)
+        outline = {"radius": body.radius, "high": body.height}
+        super().__init__(grid, open, place, velocity, count, first, drag=drag, **outline)
+        self.max_speed = body.max_speed
+
+    def advance(self, t: float, dt: float) -> None:
+        """The swarm moves them; before t = 0 they are not there yet."""
+        self.pace[None] = 1.0 / dt if t > -1e-9 else 0.0
+
+    def fastest(self, t: float) -> float:
+        """Their largest speed [m/s]."""
+        return self.max_speed
+
+
+def _outline(model: scenario.Box | scenario.Cylinder | scenario.Sphere, dim: int) -> dict[str, Any]:
+    """The outline of an obstacle as arguments of `Bodies`."""
+    if isinstance(model, scenario.Box):
+        low, high = 0.0, inf
+        if dim == 3:
+            low, high = model.center[2] - model.size[2] / 2, model.center[2] + model.size[2] / 2
+        half = (model.size[0] / 2, model.size[1] / 2)
+        return {"half": half, "yaw": radians(model.yaw_deg), "low": low, "high": high}
+    if isinstance(model, scenario.Sphere):
+        if dim == 2:
+            return {"radius": model.radius}
+        low, high = model.center[2] - model.radius, model.center[2] + model.radius
+        return {"radius": model.radius, "low": low, "high": high, "ball": True}
+    top = inf if model.height is None else model.base + model.height
+    return {"radius": model.radius, "low": model.base, "high": top}

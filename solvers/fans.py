@@ -1,0 +1,69 @@
+"""Fans that follow their curve: the pressure behind the opening decides how much they blow.
+
+dp = dp0 (1 - (Q/Q0)²), Q the flow rate and dp the mean pressure behind the opening over that of the still air outside.
+What the fan can do beyond it sets the air in front, of inertia m (kinematic pressure over the acceleration that raises
+it [m]), and its own blades in motion,
+
+    (m + r) dU/dt = dp0/rho (1 - (U/U0)²) - p,   r = 2 dp0/(rho U0) response,
+
+p the kinematic pressure less what accelerates the air already. Implicit in U, for a p that grows with its square.
+"""
+
+import numpy as np
+import taichi as ti
+
+from taichi_plume.kernels import Template
+from taichi_plume.scenario import FanCurve
+
+LEAST = 0.05  # of the free speed: below, the resistance counts as linear
+
+
+@ti.kernel
+def _mean(p: Template, cells: Template, weights: Template, count: Template) -> ti.f32:
+    total = 0.0
+    for _ in range(1):  # in order, so that equal runs are equal
+        for n in range(count):
+            total += weights[n] * p[cells[n]]
+    return total
+
+
+class CurvedFan:
+    """The state of one fan. cells: (n, dim) behind the opening, on the padded grid; weights: of their pressures.
+
+    area: of the opening [m²]; density: of the air [kg/m³].
+    """
+
+    def __init__(
+        self,
+        curve: FanCurve,
+        speed: float,
+        area: float,
+        density: float,
+        cells: np.ndarray,
+        weights: np.ndarray,
+    ):
+        self.speed = speed
+        self.free_speed = curve.flow / area
+        self.shut_off = curve.pressure / density  # kinematic [m²/s²]
+        self.inertia = 0.0  # m
+        self.blades = 2.0 * self.shut_off / self.free_speed * curve.response  # the same
+        self.acceleration = 0.0  # m/s², of the last step
+        self.count = len(cells)
+        self.cells = ti.Vector.field(cells.shape[1], ti.i32, self.count)
+        self.weights = ti.field(ti.f32, self.count)
+        self.cells.from_numpy(cells.astype(np.int32))
+        self.weights.from_numpy((weights / weights.sum()).astype(np.float32))
+
+    def mean(self, p) -> float:
+        """Mean of a cell field behind the opening."""
+        return float(_mean(p, self.cells, self.weights, self.count))
+
+    def advance(self, p, dt: float) -> None:
+        """Speed up for dt [s] by what the curve has left at the kinematic pressure p; it never blows backwards."""
+        against = self.mean(p) - self.inertia * self.acceleration
+        beyond = self.shut_off * (1.0 - (self.speed / self.free_speed) ** 2) - against
+        speed = max(self.speed, LEAST * self.free_speed)
+        stiffness = 2.0 * (self.shut_off * speed / self.free_speed**2 + max(against, 0.0) / speed)
+        change = beyond / ((self.inertia + self.blades) / dt + stiffness)
+        before, self.speed = self.speed, max(0.0, self.speed + change)
+        self.acceleration = (self.speed - before) / dt

@@ -1,0 +1,101 @@
+"""Screens inside the domain: honeycombs and perforated sheets, as slabs that resist the air.
+
+A Darcy-Forchheimer slab of thickness l takes dp/rho = (a + b |u|) u from air that goes through it with u, and holds air
+that moves along it `transverse` times as hard. The slab is a layer of whole cells. Through it, its faces share the
+pressure drop as the trapezoidal rule does, so that the whole drop is exact; along it, |u| is the sum of the parts.
+Every face solves u + h (a + b |u|) u = u* on its own, which no step makes unstable.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import taichi as ti
+
+from taichi_plume.grid import Grid
+from taichi_plume.kernels import Template
+from taichi_plume.scenario import Screen
+
+
+@ti.func
+def slowed(u, linear, square):
+    """The solution v of v + (linear + square |v|) v = u, without cancellation."""
+    b = 1.0 + linear
+    return 2.0 * u / (b + ti.sqrt(b * b + 4.0 * square * ti.abs(u)))
+
+
+@ti.data_oriented
+class ScreenResistance:
+    """One screen; satisfies `flow.Resistance`.
+
+    openness: per axis 1 on faces whose velocity is solved for, on the padded grid. viscosity: kinematic [m²/s].
+    """
+
+    def __init__(self, screen: Screen, grid: Grid, openness: Sequence[np.ndarray], viscosity: float):
+        self.dim, self.dx = grid.dim, grid.dx
+        self.axis = screen.normal
+        self.across = [d for d in range(grid.dim) if d != self.axis]
+        self.a, self.b = screen.losses(viscosity)
+        self.transverse = screen.transverse
+        layers = max(1, round(screen.thickness / grid.dx))
+        self.thickness = layers * grid.dx
+        n = grid.shape[self.axis]
+        first = int(np.clip(round(screen.at / grid.dx - layers / 2), 1, max(1, n - 1 - layers)))
+        cells = self._cells(screen, grid, first, layers)
+        behind = np.roll(cells, 1, axis=self.axis)
+        share = (0.5 * cells + 0.5 * behind) / layers * (openness[self.axis] > 0)
+        held = [(cells | np.roll(cells, 1, axis=d)) & (openness[d] > 0) for d in range(grid.dim)]
+        held[self.axis] = share > 0
+        self.counts = [int(faces.sum()) for faces in held]
+        self.faces = [self._list(faces) for faces in held]
+        self.share = ti.field(ti.f32, self.faces[self.axis].shape)
+        if share.any():
+            self.share.from_numpy(share[share > 0].astype(np.float32))
+
+    @staticmethod
+    def _cells(screen: Screen, grid: Grid, first: int, layers: int) -> np.ndarray:
+        """The cells of the slab on the padded grid."""
+        center, half = map(np.array, screen.rectangle(grid.extent))
+        places = np.delete(grid.centers(), screen.normal, axis=-1) - center
+        if screen.is_disc(grid.dim):
+            covered = np.linalg.norm(places, axis=-1) <= half[0]
+        else:
+            covered = (np.abs(places) <= half * (1 + 1e-6)).all(axis=-1)
+        layer = np.arange(grid.shape[screen.normal])
+        inside = (layer >= first) & (layer < first + layers)
+        covered &= inside.reshape([-1 if d == screen.normal else 1 for d in range(grid.dim)])
+        return np.pad(covered, grid.ghost)
+
+    def _list(self, faces: np.ndarray) -> Any:
+        """Indices of some faces; of none one without a meaning, as Taichi has no empty fields."""
+        index = np.argwhere(faces).astype(np.int32)
+        field: Any = ti.Vector.field(self.dim, ti.i32, max(1, len(index)))
+        if len(index):
+            field.from_numpy(index)
+        return field
+
+    def advance(self, t: float, dt: float) -> None:
+        """A screen stays as it is."""
+
+    def fastest(self, t: float) -> float:
+        """It drives nothing."""
+        return 0.0
+
+    @ti.func
+    def apply(self, u: Template, dt):
+        """Slow the air on the screen's faces for dt [s]."""
+        A = ti.Vector.unit(self.dim, self.axis, ti.i32)
+        for n in range(self.counts[self.axis]):
+            I = self.faces[self.axis][n]
+            h = dt * self.share[n] / self.dx
+            u[self.axis][I] = slowed(u[self.axis][I], h * self.a, h * self.b)
+        for d in ti.static(self.across):
+            D = ti.Vector.unit(self.dim, d, ti.i32)
+            for n in range(self.counts[d]):
+                I = self.faces[d][n]
+                through = 0.0
+                for side in ti.static((0, 1)):
+                    J = I + side * A
+                    through += 0.25 * (ti.abs(u[self.axis][J]) + ti.abs(u[self.axis][J - D]))
+                h = dt * self.transverse / self.thickness
+                u[d][I] = slowed(u[d][I], h * (self.a + self.b * through), h * self.b)
