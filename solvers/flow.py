@@ -106,6 +106,7 @@ class FlowSolver:
         self._rate = grid.faces_field()
         self._divergence = grid.field()
         self._phi = grid.field()
+        self.scratch = (self._divergence, self._phi)  # free between the steps
         self._limits = ti.field(ti.f32, 4)
         self._rows = tuple(reversed(grid.cells[1:]))
         self.max_speed = 1.0

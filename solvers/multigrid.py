@@ -45,7 +45,7 @@ class Multigrid:
             flat = np.concatenate([level.a[d].ravel(order="F") for level in levels])
             self.a[d].from_numpy(flat.astype(np.float32))
         self.x, self.t, self.b = (ti.field(ti.f32, total) for _ in range(3))
-        self.p, self.q, self.phi = (ti.field(ti.f32, sizes[0]) for _ in range(3))
+        self.p, self.phi = (ti.field(ti.f32, sizes[0]) for _ in range(2))
         self.rows = [n[1] * n[2] for n in self.shapes]
         few = FEW_CELLS if on_cpu() else 0  # levels up to this size are left to one thread
         last = len(levels) - 1
@@ -294,7 +294,10 @@ class Multigrid:
 
     @ti.kernel
     def _iterate(self, rows: ti.i32) -> ti.f32:
-        """One step along p = x + beta p, where x is the preconditioned residual b; returns the largest residual."""
+        """One step along p = x + beta p, where x is the preconditioned residual b; returns the largest residual.
+
+        t, which the V-cycle no longer needs, takes A p.
+        """
         for row in range(rows):
             first, n0, _, _, _ = self._row(0, row)
             total = 0.0
@@ -322,11 +325,11 @@ class Multigrid:
                         values[n] = ax
                         total += ax * self.p[first + i]
                     for n in range(count):
-                        self.q[first + strip * STRIP + n] = values[n]
+                        self.t[first + strip * STRIP + n] = values[n]
             else:
                 for i in range(n0):
                     ax, _ = self._apply(self.p, first, i, n0, low, high, step)
-                    self.q[first + i] = ax
+                    self.t[first + i] = ax
                     total += ax * self.p[first + i]
             self.partial[row] = total
         for _ in range(1):
@@ -338,7 +341,7 @@ class Multigrid:
             for i in range(n0):
                 self.phi[first + i] = self.phi[first + i] + alpha * self.p[first + i]
             for i in range(n0):
-                self.b[first + i] = self.b[first + i] - alpha * self.q[first + i]
+                self.b[first + i] = self.b[first + i] - alpha * self.t[first + i]
             for i in range(n0):
                 largest = ti.max(largest, ti.abs(self.b[first + i]))
             self.partial[row] = largest

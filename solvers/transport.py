@@ -62,7 +62,8 @@ class Transport:
         if self.cut:
             self.room = grid.field()
             self.room.from_numpy(grid.pad(air.room.astype(np.float32)))
-        self.rate = grid.field()
+        # a solver of the flow lends fields that it does not need meanwhile
+        self._start, self.rate = getattr(wind, "scratch", None) or (grid.field(), grid.field())
         self._outflow = ti.field(ti.f64)
         apart = ti.FieldsBuilder()  # beside 32-bit fields Vulkan would misplace it
         apart.place(self._outflow)
@@ -72,7 +73,7 @@ class Transport:
 
     def _build(self, add_sources: Callable | None, face_value: Callable, exchange: Callable | None) -> None:
         """The formulas of a step, each swept over the cells."""
-        q, q0, rate = self.q, self.grid.field(), self.rate
+        q, q0, rate = self.q, self._start, self.rate
         u, a, nu, dx, dim = self.wind.u, self.wind.open, self.wind.nu, self.grid.dx, self.dim
         area, room, cut = self.wind.area, self.room, self.cut
         diffusivity, viscosity, schmidt = self.diffusivity, self.wind.viscosity, self.schmidt

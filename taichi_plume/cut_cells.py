@@ -6,6 +6,7 @@ in the spacing, exact where a plane surface runs along the cells. What is thinne
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -73,7 +74,7 @@ class Air:
     def of(solid: np.ndarray, grid: Grid) -> "Air":
         """Obstacles of whole cells: solid, bool of grid.shape."""
         faces = [np.ones(_faces(grid, d)) for d in range(grid.dim)]
-        return _closed(1.0 - solid, faces, [0.5 * a for a in faces], np.zeros(grid.shape, int), grid)
+        return _closed(1.0 - solid, faces, [0.5 * a for a in faces], np.zeros(grid.shape, np.int32), grid)
 
     def surface(self, grid: Grid) -> np.ndarray:
         """Vector area of the surface in each cell, out of the air, over a face's area: shape (*grid.shape, dim)."""
@@ -121,7 +122,7 @@ def _faces(grid: Grid, d: int) -> tuple[int, ...]:
 def _distances(shapes: Sequence[Shape | None], grid: Grid) -> tuple[np.ndarray, np.ndarray]:
     """Signed distance [cells] of the nodes to the nearest surface, at most 2, and the number of its shape."""
     nodes, step = tuple(FINER * n + 1 for n in grid.shape), grid.dx / FINER
-    distance, nearest = np.full(nodes, 2.0), np.full(nodes, -1)
+    distance, nearest = np.full(nodes, 2.0, np.float32), np.full(nodes, -1, np.int32)
     for number, one in enumerate(shapes):
         if one is None:
             continue
@@ -141,17 +142,20 @@ def _distances(shapes: Sequence[Shape | None], grid: Grid) -> tuple[np.ndarray, 
 
 def _share(distance: np.ndarray, axes: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Of the faces or cells that span `axes`: the share where the distance is positive, and its mean there."""
-    corners = distance[..., None]
-    for axis in axes:  # the corners of every part along a last axis
-        low, high = np.delete(corners, -1, axis=axis), np.delete(corners, 0, axis=axis)
-        corners = np.concatenate([low, high], axis=-1)
     across = [a for a in range(distance.ndim) if a not in axes]
-    for axis in across:  # only the nodes that are on faces
-        corners = np.take(corners, range(0, corners.shape[axis], FINER), axis=axis)
-    share = np.where((corners <= 0.0).all(axis=-1), 0.0, 1.0)
-    total = share * np.maximum(corners, 0.0).mean(axis=-1)
-    cut = (corners < 0.0).any(axis=-1) & (corners > 0.0).any(axis=-1)
-    share[cut], total[cut] = _integrate(corners[cut].reshape(-1, *[2] * len(axes)))
+    ends = [
+        (slice(None, -1), slice(1, None)) if a in axes else (slice(None, None, FINER),)
+        for a in range(distance.ndim)
+    ]
+    corners = [distance[index] for index in product(*ends)]  # of every part, axis 0 slowest
+    low, high, total = corners[0], corners[0], np.zeros_like(corners[0])
+    for corner in corners:
+        low, high = np.minimum(low, corner), np.maximum(high, corner)
+        total += np.maximum(corner, 0.0) / len(corners)
+    share = np.where(high <= 0.0, np.float32(0.0), np.float32(1.0))
+    cut = (low < 0.0) & (high > 0.0)
+    values = np.stack([corner[cut] for corner in corners], axis=-1)
+    share[cut], total[cut] = _integrate(values.reshape(-1, *[2] * len(axes)))
     parts = tuple(1 if a in across else FINER for a in range(distance.ndim))
     share, total = block_mean(share, parts), block_mean(total, parts)
     mean = total / np.maximum(share, 1e-6)
@@ -182,8 +186,8 @@ def _closed(
 
     The domain's own faces are open or closed as a whole: by half of the cell behind.
     """
-    volume = volume.astype(float)
-    area = [a.copy() for a in area]
+    volume = volume.astype(np.float32)
+    area = [a.astype(np.float32) for a in area]
     for _ in range(2):  # cells without faces close their neighbours' faces
         for d in range(grid.dim):
             faces, cells = np.moveaxis(area[d], d, 0), np.moveaxis(volume, d, 0)
