@@ -185,3 +185,19 @@ def test_walkers_wakes_screens_and_fan_curves_work_together():
     assert sim.wind.boundaries.curved[0].speed > 0.1
     budget = sim.gas.budget()
     assert budget["in_domain_kg"] + budget["outflow_kg"] == pytest.approx(budget["emitted_kg"], rel=1e-4)
+
+
+def test_an_obstacle_that_moves_has_no_force_of_its_own():
+    moving = {
+        "kind": "cylinder",
+        "center": [0.5, 0.4],
+        "radius": 0.1,
+        "motion": {"path": [[9, 0.5, 0.6]]},
+    }
+    assert small(obstacles=[moving], robots=[]).forces is None
+    standing = {"kind": "cylinder", "center": [0.2, 0.2], "radius": 0.1}
+    sim = small(obstacles=[moving, standing], robots=[])
+    assert sim.forces is not None
+    sim.run()
+    assert np.isnan(sim.forces()[0]).all()
+    assert sim.forces()[1][0] > 0.0

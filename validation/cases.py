@@ -16,8 +16,8 @@ SECOND_ORDER = Expected(order=1.9)
 HALF_A_PERCENT = Expected(tolerance=0.005, at=32)  # of laminar profiles, cells across the duct
 AIR_BALANCE = {
     "inflow": Expected(tolerance=1e-5),
-    "net flow of the openings": Expected(tolerance=2e-5),
-    "flow through any section": Expected(tolerance=2e-5),
+    "net flow of the openings": Expected(tolerance=1e-6),
+    "flow through any section": Expected(tolerance=1e-5),
     "divergence": Expected(tolerance=1e-4),
 }
 
