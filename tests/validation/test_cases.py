@@ -6,6 +6,11 @@ from taichi_plume.validation.case import examine
 from taichi_plume.validation.cases import CASES
 
 SLOW = {
+    "pipe",
+    "oblique_channel",
+    "conduction",
+    "heated_cavity_1e4",
+    "kovasznay",
     "taylor_green_3d",
     "poiseuille",
     "duct_1",
