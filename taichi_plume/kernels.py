@@ -15,7 +15,7 @@ else:
 """Annotation of compile-time arguments: fields, axes, objects with `ti.func` methods."""
 
 STRIP = 32  # cells per strip; 100 and more are six times slower (LLVM stops using registers)
-FEW_CELLS = 16_000  # up to here one thread is done before a second one has woken up
+FEW_CELLS = 32_000  # up to here one thread is done before a second one has woken up
 FEW_ROWS = 2000  # Taichi gives a CPU thread 512 iterations at least: with fewer rows, strips are tasks too
 
 
