@@ -164,19 +164,39 @@ class Swarm:
 
     def snapshot(self) -> dict[str, np.ndarray]:
         """What recordings and results keep, as arrays over the robots; SI units, readings in ppm."""
-        fields = {
-            "position": self.position,
-            "heading": self.heading,
-            "reading_ppm": self.reading,
-            "true_ppm": self.true_ppm,
-            "wind": self.wind,
-            "state": self.state,
-            "found": self.found,
-            "blocked": self.blocked,
-            "path_length": self.path_length,
-            "found_time": self.found_time,
-        }
-        return {name: field.to_numpy()[: self.count] for name, field in fields.items()}
+        table = np.empty((self.count, 12), np.float32)
+        if self.count:
+            self._tabulate(table)
+        names = (
+            "heading",
+            "reading_ppm",
+            "true_ppm",
+            "path_length",
+            "found_time",
+            "state",
+            "found",
+            "blocked",
+        )
+        numbers = {name: table[:, 4 + n].copy() for n, name in enumerate(names)}
+        for name in ("state", "found", "blocked"):
+            numbers[name] = numbers[name].astype(np.int32)
+        return {"position": table[:, :2].copy(), "wind": table[:, 2:4].copy(), **numbers}
+
+    @ti.kernel
+    def _tabulate(self, table: ti.types.ndarray()):
+        """One launch for all of `snapshot`: reading field by field takes ten times as long."""
+        for i in range(self.count):
+            for d in ti.static(range(2)):
+                table[i, d] = self.position[i][d]
+                table[i, 2 + d] = self.wind[i][d]
+            table[i, 4] = self.heading[i]
+            table[i, 5] = self.reading[i]
+            table[i, 6] = self.true_ppm[i]
+            table[i, 7] = self.path_length[i]
+            table[i, 8] = self.found_time[i]
+            table[i, 9] = self.state[i]
+            table[i, 10] = self.found[i]
+            table[i, 11] = self.blocked[i]
 
     @ti.kernel
     def _move(self, t: float, dt: float):
