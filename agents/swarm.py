@@ -177,7 +177,7 @@ class Swarm:
             "found",
             "blocked",
         )
-        numbers = {name: table[:, 4 + n].copy() for n, name in enumerate(names)}
+        numbers: dict[str, np.ndarray] = {name: table[:, 4 + n].copy() for n, name in enumerate(names)}
         for name in ("state", "found", "blocked"):
             numbers[name] = numbers[name].astype(np.int32)
         return {"position": table[:, :2].copy(), "wind": table[:, 2:4].copy(), **numbers}
