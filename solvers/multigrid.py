@@ -67,6 +67,20 @@ class Multigrid:
         self.air_cells = int(air.sum())
         self.floating = not bool((fine.sum(axis=1)[air] > 1e-6).any())
         self.iterations = 0
+        self._list_grounded(fine, openness.shape)
+
+    def _list_grounded(self, matrix: Any, shape: tuple[int, int, int]) -> None:
+        """The cells beside free faces of the domain, where phi = 0: their indices and the faces' coefficients."""
+        excess = np.where(matrix.diagonal() > 0, np.asarray(matrix.sum(axis=1)).ravel(), 0.0)
+        cells = np.flatnonzero(excess > 1e-6)
+        i, j, k = np.unravel_index(cells, shape, order="F")
+        s1, s2 = shape[0] + 2, (shape[0] + 2) * (shape[1] + 2)
+        self.conductance = float(excess[cells].sum())
+        self.grounded: Any = ti.field(ti.i32, max(1, len(cells)))
+        self.ground: Any = ti.field(ti.f32, max(1, len(cells)))
+        if len(cells):
+            self.grounded.from_numpy(((k + 1) * s2 + (j + 1) * s1 + i + 1).astype(np.int32))
+            self.ground.from_numpy(excess[cells].astype(np.float32))
 
     # ---- a row of cells: where it starts and where its neighbours' rows start
 
@@ -353,10 +367,21 @@ class Multigrid:
 
     @ti.kernel
     def _store(self, phi: Template, rows: ti.i32):
+        """The solution, all of it shifted so that the free faces together let out exactly what comes in."""
+        for _ in range(1):
+            out = ti.cast(0.0, ti.f64)
+            for n in range(self.grounded.shape[0]):
+                out += ti.cast(self.ground[n] * self.phi[self.grounded[n]], ti.f64)
+            if ti.static(not self.floating):
+                given = ti.cast(self.mean[None], ti.f64) * self.air_cells
+                self.alpha[None] = ti.cast((given - out) / self.conductance, ti.f32)
+            else:
+                self.alpha[None] = 0.0
         for row in range(rows):
             first, n0, _, _, _ = self._row(0, row)
             for i in range(n0):
-                phi[self._cell(row, i)] = self.phi[first + i]
+                value = self.phi[first + i]  # 0 where no air is
+                phi[self._cell(row, i)] = ti.select(value != 0.0, value + self.alpha[None], 0.0)
 
     def solve(self, b: Any, phi: Any, tolerance: float, limit: int = 60) -> None:
         """Set the inner cells of field phi to the solution for field b, to a largest residual below `tolerance`."""

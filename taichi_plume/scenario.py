@@ -608,7 +608,7 @@ class CfdWind(Model):
     """Unless given, neither warm air rises nor heavy gas sinks."""
     courant: Annotated[float, Field(gt=0, le=1)] = 0.8
     """Largest sum over the axes of |u| dt/dx in one step; 0.4 with weno5 unless given."""
-    tolerance: Annotated[float, Field(gt=0, le=1e-2)] = 1e-5
+    tolerance: Annotated[float, Field(gt=0, le=1e-2)] = 2e-5
     """Divergence left by the pressure solver, over the largest |u|/dx."""
 
     @model_validator(mode="before")
