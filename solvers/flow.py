@@ -293,18 +293,19 @@ class FlowSolver:
             model, constant = MODELS[wind.turbulence.kind], wind.turbulence.constant
             around = [(begin - 1, end + 1) for begin, end in self.grid.cells]
             eddies_pass = [sweep([eddy_viscosity], [nu], around)]
-        divergence = [fill_velocity, sweep([net_inflow], [self._divergence], self.grid.cells)]
         cells = prod(self.grid.shape)
-        self._begin = launch(on_faces("remember", u0), ambient_pressure, *divergence, cells=cells)
+        self._begin = launch(on_faces("remember", u0), ambient_pressure, cells=cells)
         self._stage = launch(
+            fill_velocity,
             *eddies_pass,
             on_faces("tendency", rate),
             slow,
             on_faces("heun", u),
             resist,
-            *divergence,
             cells=cells,
         )
+        net_inflow_pass = sweep([net_inflow], [self._divergence], self.grid.cells)
+        self._diverge = launch(fill_velocity, net_inflow_pass, cells=cells)
         self._correct = launch(
             fill_phi,
             on_faces("correct", u),
@@ -326,6 +327,7 @@ class FlowSolver:
             shift = np.where(np.arange(self.dim) == d, 0.0, 0.5)
             field.from_numpy(velocity((index + shift) * self.grid.dx)[..., d].astype(np.float32))
         self._begin(1.0)
+        self._diverge()
         self._project(1.0)
         self.p.fill(0.0)
 
@@ -334,6 +336,7 @@ class FlowSolver:
         for u in self.u:
             u.fill(0.0)
         self._begin(1.0)
+        self._diverge()
         self.solver.solve(self._divergence, self._phi, self.tolerance)
         return self._phi
 
@@ -349,6 +352,7 @@ class FlowSolver:
         self._begin(dt)
         self._stage(dt, 1.0)
         self._stage(dt, 0.5)
+        self._diverge()
         self._project(dt)
         self.max_courant = max(self.max_courant, dt * self.speed_rate)
         for one in self.carried:
