@@ -122,7 +122,7 @@ _ALL = (
         "a force sets the air of a channel in motion",
         "Fourier series",
         poiseuille_start,
-        coarse=(16, 32),
+        coarse=(32, 64),
         fine=(32, 64),
         expected={"u, rms": SECOND_ORDER},
     ),

@@ -13,6 +13,7 @@ SLOW = {
     "kovasznay",
     "taylor_green_3d",
     "poiseuille",
+    "poiseuille_start",
     "duct_1",
     "duct_6",
     "cavity_400",
