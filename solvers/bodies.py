@@ -19,9 +19,9 @@ import taichi as ti
 from taichi_plume import scenario
 from taichi_plume.grid import Grid
 from taichi_plume.kernels import Template
+from taichi_plume.solvers.boundaries import HORIZON
 
 SOLID = 0.999  # largest share: 1 has an infinite rate
-HORIZON = 1.0  # s: a step is never longer
 DRAG = 1.0  # drag coefficient of a squat upright cylinder on the ground
 
 

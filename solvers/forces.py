@@ -16,7 +16,7 @@ def forces(flow: FlowSolver, air: Air, count: int) -> np.ndarray:
     """
     grid = flow.grid
     result = np.zeros((count, grid.dim))
-    pressure = grid.read(flow.p)[..., None] * air.surface(grid)
+    pressure = grid.read(flow.p)[..., None] * air.surface()
     loss = flow.momentum_loss()
     for d in range(grid.dim):
         below = np.roll(air.body, 1, axis=d)

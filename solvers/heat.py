@@ -13,6 +13,7 @@ import taichi as ti
 
 from taichi_plume.cut_cells import Air
 from taichi_plume.grid import Grid
+from taichi_plume.kernels import listed
 from taichi_plume.scenario import Heat, Jet, Outlet, TemperedSurface
 from taichi_plume.solvers.boundaries import Patch
 from taichi_plume.solvers.convection import FACE_VALUES
@@ -90,7 +91,7 @@ class HeatSolver:
                     f"walls[{n}]: touches no air, an obstacle or an opening covers it; move one of them"
                 )
             touch(patch.cells(), 1.0, wall)
-        surface = np.linalg.norm(air.surface(self.grid), axis=-1) * ~air.solid
+        surface = np.linalg.norm(air.surface(), axis=-1) * ~air.solid
         for n, obstacle in enumerate(heat.obstacles):
             cells = (air.body == obstacle.number) & (surface > 0.0)
             if not cells.any():
@@ -102,17 +103,9 @@ class HeatSolver:
 
     def _list_surface_cells(self, rate: np.ndarray, gain: np.ndarray, room: np.ndarray) -> None:
         """Keep the cells that exchange heat, and how."""
-        where = np.argwhere(rate > 0)
-        count = max(1, len(where))
-        self._cell = ti.Vector.field(self.grid.dim, ti.i32, count)
-        self._rate = ti.field(ti.f32, count)
-        self._gain = ti.field(ti.f32, count)
-        self._room = ti.field(ti.f32, count)
-        if len(where):
-            self._cell.from_numpy((where + self.grid.ghost).astype(np.int32))
-            self._rate.from_numpy(rate[tuple(where.T)].astype(np.float32))
-            self._gain.from_numpy(gain[tuple(where.T)].astype(np.float32))
-            self._room.from_numpy(room[tuple(where.T)].astype(np.float32))
+        where = np.nonzero(rate)
+        self._cell = listed(np.argwhere(rate) + self.grid.ghost)
+        self._rate, self._gain, self._room = (listed(values[where]) for values in (rate, gain, room))
 
     def _inflow(self, flow: FlowSolver) -> list[Any]:
         """theta of the air that comes in, on the two faces of each axis; empty where all of it is at the reference."""

@@ -7,7 +7,7 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume.grid import Grid
-from taichi_plume.kernels import FEW_CELLS, STRIP, Template, on_cpu
+from taichi_plume.kernels import FEW_CELLS, STRIP, Template, listed, on_cpu
 from taichi_plume.solvers.poisson import Openness
 
 OMEGA = 0.8  # damping of the Jacobi sweeps
@@ -65,9 +65,9 @@ class Multigrid:
         fine = openness.matrix()
         air = fine.diagonal() > 0
         self.air_cells = int(air.sum())
-        self.floating = not bool((fine.sum(axis=1)[air] > 1e-6).any())
-        self.iterations = 0
         self._list_grounded(fine, openness.shape)
+        self.floating = self.conductance == 0.0
+        self.iterations = 0
 
     def _list_grounded(self, matrix: Any, shape: tuple[int, int, int]) -> None:
         """The cells beside free faces of the domain, where phi = 0: their indices and the faces' coefficients."""
@@ -76,11 +76,8 @@ class Multigrid:
         i, j, k = np.unravel_index(cells, shape, order="F")
         s1, s2 = shape[0] + 2, (shape[0] + 2) * (shape[1] + 2)
         self.conductance = float(excess[cells].sum())
-        self.grounded: Any = ti.field(ti.i32, max(1, len(cells)))
-        self.ground: Any = ti.field(ti.f32, max(1, len(cells)))
-        if len(cells):
-            self.grounded.from_numpy(((k + 1) * s2 + (j + 1) * s1 + i + 1).astype(np.int32))
-            self.ground.from_numpy(excess[cells].astype(np.float32))
+        self.grounded = listed((k + 1) * s2 + (j + 1) * s1 + i + 1)
+        self.ground = listed(excess[cells])
 
     # ---- a row of cells: where it starts and where its neighbours' rows start
 

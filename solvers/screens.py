@@ -7,13 +7,12 @@ Every face solves u + h (a + b |u|) u = u* on its own, which no step makes unsta
 """
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import taichi as ti
 
 from taichi_plume.grid import Grid
-from taichi_plume.kernels import Template
+from taichi_plume.kernels import Template, listed
 from taichi_plume.scenario import Screen
 
 
@@ -47,10 +46,8 @@ class ScreenResistance:
         held = [(cells | np.roll(cells, 1, axis=d)) & (openness[d] > 0) for d in range(grid.dim)]
         held[self.axis] = share > 0
         self.counts = [int(faces.sum()) for faces in held]
-        self.faces = [self._list(faces) for faces in held]
-        self.share = ti.field(ti.f32, self.faces[self.axis].shape)
-        if share.any():
-            self.share.from_numpy(share[share > 0].astype(np.float32))
+        self.faces = [listed(np.argwhere(faces)) for faces in held]
+        self.share = listed(share[share > 0])
 
     @staticmethod
     def _cells(screen: Screen, grid: Grid, first: int, layers: int) -> np.ndarray:
@@ -65,14 +62,6 @@ class ScreenResistance:
         inside = (layer >= first) & (layer < first + layers)
         covered &= inside.reshape([-1 if d == screen.normal else 1 for d in range(grid.dim)])
         return np.pad(covered, grid.ghost)
-
-    def _list(self, faces: np.ndarray) -> Any:
-        """Indices of some faces; of none one without a meaning, as Taichi has no empty fields."""
-        index = np.argwhere(faces).astype(np.int32)
-        field: Any = ti.Vector.field(self.dim, ti.i32, max(1, len(index)))
-        if len(index):
-            field.from_numpy(index)
-        return field
 
     def advance(self, t: float, dt: float) -> None:
         """A screen stays as it is."""

@@ -6,7 +6,7 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume.cut_cells import Air
-from taichi_plume.kernels import Template
+from taichi_plume.kernels import Template, listed
 
 NEAREST = 0.05  # cells: no distance from a surface counts as less
 
@@ -23,7 +23,7 @@ class Surfaces:
         self.dim = grid.dim
         self.u, self.area, self.nu, self.viscosity = flow.u, flow.area, flow.nu, flow.viscosity
         self.eddies = flow.eddies
-        vectors = np.stack([grid.pad(part) for part in np.moveaxis(air.surface(grid), -1, 0)], axis=-1)
+        vectors = np.stack([grid.pad(part) for part in np.moveaxis(air.surface(), -1, 0)], axis=-1)
         self._cell: list[Any] = []
         self._rate: list[Any] = []  # surface over (distance times stored volume), in cells
         self._stored: list[Any] = []  # volume that stores the momentum of the face, in cells
@@ -42,10 +42,10 @@ class Surfaces:
             distance = np.maximum(grid.pad_faces(air.distance[d], d)[where], NEAREST)
             normal = (upper + lower)[where]
             normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-6)
-            self._cell.append(_vectors(cell, ti.i32))
-            self._rate.append(_scalars(size[where] / (distance * stored)))
-            self._stored.append(_scalars(stored))
-            self._normal.append(_vectors(normal, ti.f32))
+            self._cell.append(listed(cell))
+            self._rate.append(listed(size[where] / (distance * stored)))
+            self._stored.append(listed(stored))
+            self._normal.append(listed(normal))
 
     @ti.func
     def _friction(self, d: Template, k):
@@ -84,19 +84,3 @@ class Surfaces:
             for k in range(self._rate[d].shape[0]):
                 I, f, along = self._friction(d, k)
                 loss[d][I] = loss[d][I] + self._stored[d][k] * f * along
-
-
-def _scalars(values: np.ndarray) -> Any:
-    """A field of the values; of one zero where there are none."""
-    field = ti.field(ti.f32, max(1, len(values)))
-    if len(values):
-        field.from_numpy(values.astype(np.float32))
-    return field
-
-
-def _vectors(values: np.ndarray, dtype: Any) -> Any:
-    """A field of the rows; of one zero where there are none."""
-    field = ti.Vector.field(values.shape[1], dtype, max(1, len(values)))
-    if len(values):
-        field.from_numpy(values.astype(np.int32 if dtype == ti.i32 else np.float32))
-    return field

@@ -191,11 +191,9 @@ class SyntheticSolver:
         potential = {m: self._strength * a + self._turn[m] * self._rolls[m] for m, a in waves.items()}
         velocity = self._velocity(potential)
         out = np.zeros(self.grid.shape)
-        g = self.grid.ghost
         for d, u in enumerate(velocity):
             self._before[d].copy_from(self._after[d])
-            width = [(g, g - (a == d)) for a in range(self.dim)]
-            self._after[d].from_numpy(np.pad(u, width, mode="edge").astype(np.float32))
+            self._after[d].from_numpy(self.grid.pad_faces(u, d).astype(np.float32))
             out += np.maximum(np.delete(u, 0, axis=d), 0.0) - np.minimum(np.delete(u, -1, axis=d), 0.0)
         self._outflow = [self._outflow[1], float(out.max()) / self.grid.dx]
 

@@ -55,10 +55,9 @@ def assemble(scenario: Scenario, folder: Path = Path()) -> Simulation:
     air = film.air() if film else air_of(standing, grid, opening_cells(openings, grid))
     wind = _wind(scenario, film, grid, air)
     gas = _gas(scenario, folder, grid, wind, air)
-    if isinstance(wind, FlowSolver):
-        _add_buoyancy(scenario, wind, gas, air)
     swarm = _swarm(scenario, obstacles, grid)
     if isinstance(wind, FlowSolver):
+        _add_buoyancy(scenario, wind, gas, air)
         wind.resistances += [
             MovingObstacle(one.model, grid, wind.open) for one in obstacles if motion_of(one.model)
         ]

@@ -76,11 +76,11 @@ class Air:
         faces = [np.ones(_faces(grid, d)) for d in range(grid.dim)]
         return _closed(1.0 - solid, faces, [0.5 * a for a in faces], np.zeros(grid.shape, np.int32), grid)
 
-    def surface(self, grid: Grid) -> np.ndarray:
+    def surface(self) -> np.ndarray:
         """Vector area of the surface in each cell, out of the air, over a face's area: shape (*grid.shape, dim)."""
         sides = [np.delete(a, -1, axis=d) - np.delete(a, 0, axis=d) for d, a in enumerate(self.area)]
         result = np.stack(sides, axis=-1)
-        for d, wraps in enumerate(grid.periodic):
+        for d, wraps in enumerate(self.periodic):
             if not wraps:  # what an opening or a wall of the domain covers is none of the obstacle's
                 for cells, full in ((0, 1.0), (-1, -1.0)):
                     edge = np.moveaxis(result, d, 0)[cells]

@@ -38,7 +38,7 @@ def test_what_is_cut_off_converges_to_the_volume(obstacle, dim, volume):
 def test_the_surface_is_closed_and_as_large_as_the_circle():
     grid = Grid((40, 40), 1.0 / 40)
     air = air_of([one(Cylinder(kind="cylinder", center=(0.5, 0.5), radius=0.3), grid)], grid)
-    surface = air.surface(grid)
+    surface = air.surface()
     np.testing.assert_allclose(surface.sum(axis=(0, 1)), 0.0, atol=1e-5)
     length = np.linalg.norm(surface, axis=-1).sum() * grid.dx
     assert length == pytest.approx(2.0 * pi * 0.3, rel=0.01)
