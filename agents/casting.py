@@ -20,7 +20,7 @@ from math import expm1, radians
 
 import taichi as ti
 
-from taichi_plume import scenario
+from taichi_plume import robots
 from taichi_plume.agents.swarm import GroupRange, Swarm, wrap
 from taichi_plume.rng import stream_id, uniform4
 
@@ -41,7 +41,7 @@ class Casting:
     STATE_NAMES: tuple[str, ...] = ("FIND", "UPWIND", "IN_PLUME", "LOST", "SIDESTEP")
 
     def __init__(self, swarm: Swarm, group: GroupRange, tick: float):
-        model: scenario.Casting = group.model.algorithm
+        model: robots.Casting = group.model.algorithm
         self.swarm, self.start, self.size = swarm, group.start, group.size
         self.seed, self.stream = swarm.seed, stream_id(f"group {group.number}/casting")
         self.speed = group.model.body.max_speed if model.speed is None else model.speed

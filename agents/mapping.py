@@ -24,7 +24,7 @@ from math import ceil, hypot
 import numpy as np
 import taichi as ti
 
-from taichi_plume import scenario
+from taichi_plume import scenario as models
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.kernels import Template
 
@@ -44,7 +44,7 @@ class SnapMap:
 
     def __init__(
         self,
-        model: scenario.TimeSeriesMap | scenario.IdwMap,
+        model: models.TimeSeriesMap | models.IdwMap,
         extent: tuple[float, float],
         trials: int,
         neighbours: Stencil,
@@ -110,18 +110,18 @@ class SnapMap:
 class InverseDistanceMap(SnapMap):
     """Interpolation of the last snap's samples, eq 1-3: what the time series is compared with."""
 
-    def __init__(self, model: scenario.IdwMap, extent: tuple[float, float], trials: int):
+    def __init__(self, model: models.IdwMap, extent: tuple[float, float], trials: int):
         super().__init__(model, extent, trials, [(1, 0, 0, 1.0)])
 
 
 class TimeSeriesMap(SnapMap):
     """Forecast from the neighbourhood in space and time, eq 1-7."""
 
-    def __init__(self, model: scenario.TimeSeriesMap, extent: tuple[float, float], trials: int):
+    def __init__(self, model: models.TimeSeriesMap, extent: tuple[float, float], trials: int):
         super().__init__(model, extent, trials, neighbourhood(model))
 
 
-def neighbourhood(model: scenario.TimeSeriesMap) -> Stencil:
+def neighbourhood(model: models.TimeSeriesMap) -> Stencil:
     """Eq 4, 5 and 7 for every lag and offset inside."""
     reach = int(model.beta / model.alpha / model.cell) + 1
     result: Stencil = []

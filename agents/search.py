@@ -1,7 +1,7 @@
 """Search algorithms: what they must offer, and which there are.
 
 To add one: write a class with this protocol in a file of its own, its parameters as a model with a `kind` in
-scenario.py, and enter it in ALGORITHMS. For the robots of its own group it reads the swarm's `reading`,
+robots.py, and enter it in ALGORITHMS. For the robots of its own group it reads the swarm's `reading`,
 `wind`, `wind_known`, `blocked`, `heading` and `path_length` (and `position`, if the robots are to have
 positioning) and writes `speed_command`, `turn_rate_command` and `state`. A Taichi kernel over the group is
 fast; NumPy on ``swarm.reading.to_numpy()[group.slice]`` works as well.

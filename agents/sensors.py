@@ -11,11 +11,11 @@ from typing import Any
 
 import taichi as ti
 
-from taichi_plume import scenario
 from taichi_plume.agents.swarm import GroupRange, Swarm
-from taichi_plume.fields import Gas, Wind
+from taichi_plume.fields import Odour, Wind
 from taichi_plume.kernels import Template
 from taichi_plume.rng import normal4, stream_id
+from taichi_plume.robots import MoxSensor
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ class Sensors:
         self.gas_stream = stream_id(f"group {group.number}/gas sensor")
         self.wind_stream = stream_id(f"group {group.number}/anemometer")
         self.gas_height, self.wind_height = gas.height, wind.height
-        if isinstance(gas, scenario.MoxSensor):
+        if isinstance(gas, MoxSensor):
             model = MOX_MODELS[gas.model]
             self.law: Any = MoxLaw(model)
             rise = model.rise if gas.rise_time is None else gas.rise_time
@@ -114,7 +114,7 @@ class Sensors:
             self.wind_noise, self.wind_noise_relative = wind.noise or 0.0, 0.0
         self.response = ti.field(ti.f32, self.size)  # y of each robot, clean air at the start
 
-    def measure(self, gas: Gas, wind: Wind, tick: int, t: float) -> None:
+    def measure(self, gas: Odour, wind: Wind, tick: int, t: float) -> None:
         """Update the group's readings at tick `tick` (from 1 on), time t [s]."""
         self._sense(gas, wind, tick, t)
 
@@ -138,7 +138,7 @@ class Sensors:
     @ti.func
     def _smell(self, gas: Template, n, tick, t):
         i = self.start + n
-        ppm = ti.max(gas.concentration(self._at(n, self.gas_height), t) * gas.ppm_per_density, 0.0)
+        ppm = ti.max(gas.ppm(self._at(n, self.gas_height), t).sum(), 0.0)
         steady = self.law.response(ppm)
         y = self.response[n]
         y += (steady - y) * ti.select(steady > y, self.rise, self.decay)

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from taichi_plume import scenario
-from taichi_plume.scenario import motion_of
+from taichi_plume.obstacles import Box, Obstacle, motion_of
+from taichi_plume.robots import Group
 
 SKIN = 1e-3  # m, air kept around a body: far more than the rounding of its position
 TOUCH = 1e-4  # m, steps shorter than this are contact
@@ -36,7 +36,7 @@ class GroupRange:
     start: int
     count: int
     trials: int
-    model: scenario.Group
+    model: Group
 
     @property
     def size(self) -> int:
@@ -49,7 +49,7 @@ class GroupRange:
         return slice(self.start, self.start + self.size)
 
 
-def ranges(groups: tuple[scenario.Group, ...]) -> list[GroupRange]:
+def ranges(groups: tuple[Group, ...]) -> list[GroupRange]:
     """The groups one after the other."""
     result, start = [], 0
     for number, group in enumerate(groups):
@@ -74,13 +74,13 @@ class Swarm:
 
     def __init__(
         self,
-        groups: tuple[scenario.Group, ...],
+        groups: tuple[Group, ...],
         positions: np.ndarray,
         headings: np.ndarray,
         clearance: Any,
         sources: np.ndarray,
         seed: int,
-        walkers: Sequence[scenario.Obstacle] = (),
+        walkers: Sequence[Obstacle] = (),
     ):
         self.groups = ranges(groups)
         self.clearance, self.seed = clearance, seed
@@ -309,9 +309,9 @@ class Swarm:
         return free, normal, contact
 
 
-def disc_around(obstacle: scenario.Obstacle) -> float:
+def disc_around(obstacle: Obstacle) -> float:
     """Radius [m] of the disc around the footprint of a box, cylinder or sphere."""
-    if isinstance(obstacle, scenario.Box):
+    if isinstance(obstacle, Box):
         return hypot(*obstacle.size[:2]) / 2
     return obstacle.radius
 

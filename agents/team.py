@@ -3,7 +3,7 @@
 from taichi_plume.agents.search import ALGORITHMS
 from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import GroupRange, Swarm
-from taichi_plume.fields import Gas, Wind
+from taichi_plume.fields import Odour, Wind
 
 
 class Team:
@@ -22,7 +22,7 @@ class Team:
         """Names of the values of the swarm's `state`."""
         return self.algorithm.STATE_NAMES
 
-    def measure(self, gas: Gas, wind: Wind, tick: int, t: float) -> None:
+    def measure(self, gas: Odour, wind: Wind, tick: int, t: float) -> None:
         """Update the readings of the group's robots."""
         self.sensors.measure(gas, wind, tick, t)
 

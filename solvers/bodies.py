@@ -16,9 +16,10 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from taichi_plume import scenario
 from taichi_plume.grid import Grid
 from taichi_plume.kernels import Template
+from taichi_plume.obstacles import Box, Cylinder, Obstacle, Sphere
+from taichi_plume.robots import Body
 from taichi_plume.solvers.boundaries import HORIZON
 
 SOLID = 0.999  # largest share: 1 has an infinite rate
@@ -166,11 +167,11 @@ class MovingObstacle(Bodies):
 
     def __init__(
         self,
-        model: scenario.Obstacle,
+        model: Obstacle,
         grid: Grid,
         open: tuple[Any, ...],
     ):
-        assert isinstance(model, scenario.Box | scenario.Cylinder | scenario.Sphere)
+        assert isinstance(model, Box | Cylinder | Sphere)
         assert model.motion is not None
         self.motion, self.center = model.motion, model.center
         place: Any = ti.Vector.field(2, ti.f32, 1)
@@ -209,7 +210,7 @@ class Wake(Bodies):
         velocity: Any,
         first: int,
         count: int,
-        body: scenario.Body,
+        body: Body,
     ):
         drag = 0.0
         if grid.dim == 2:  # frontal area over the volume of the disc through the whole slab, times C_d/2
@@ -227,15 +228,15 @@ class Wake(Bodies):
         return self.max_speed
 
 
-def _outline(model: scenario.Box | scenario.Cylinder | scenario.Sphere, dim: int) -> dict[str, Any]:
+def _outline(model: Box | Cylinder | Sphere, dim: int) -> dict[str, Any]:
     """The outline of an obstacle as arguments of `Bodies`."""
-    if isinstance(model, scenario.Box):
+    if isinstance(model, Box):
         low, high = 0.0, inf
         if dim == 3:
             low, high = model.center[2] - model.size[2] / 2, model.center[2] + model.size[2] / 2
         half = (model.size[0] / 2, model.size[1] / 2)
         return {"half": half, "yaw": radians(model.yaw_deg), "low": low, "high": high}
-    if isinstance(model, scenario.Sphere):
+    if isinstance(model, Sphere):
         if dim == 2:
             return {"radius": model.radius}
         low, high = model.center[2] - model.radius, model.center[2] + model.radius

@@ -18,13 +18,13 @@ from taichi_plume.cut_cells import Air
 from taichi_plume.fields import sample_faces
 from taichi_plume.grid import Grid
 from taichi_plume.kernels import Template, launch, sweep
-from taichi_plume.scenario import CfdWind
 from taichi_plume.solvers.boundaries import Boundaries
 from taichi_plume.solvers.convection import FACE_VALUES
 from taichi_plume.solvers.pressure import pressure_solver
 from taichi_plume.solvers.screens import ScreenResistance
 from taichi_plume.solvers.surfaces import Surfaces
 from taichi_plume.solvers.turbulence import MODELS
+from taichi_plume.winds import CfdWind
 
 HUGE = 1e6  # m/s: no flow of ours is as fast
 

@@ -9,49 +9,13 @@ import taichi as ti
 
 from taichi_plume.cut_cells import Air
 from taichi_plume.fields import sample_cells
+from taichi_plume.gases import EulerianGas
 from taichi_plume.grid import Grid
 from taichi_plume.kernels import Template
-from taichi_plume.rng import generator
-from taichi_plume.scenario import EulerianGas, PlaybackGas, Source
 from taichi_plume.solvers.convection import POSITIVE_FACE_VALUES
+from taichi_plume.solvers.emission import Emission
 from taichi_plume.solvers.release import Release
 from taichi_plume.solvers.transport import Transport
-from taichi_plume.species import SPECIES, Species
-
-
-def species_of(gas: EulerianGas | PlaybackGas) -> Species:
-    """The species of a scenario's gas."""
-    if isinstance(gas.species, str):
-        return SPECIES[gas.species]
-    if gas.species is None:
-        raise ValueError("a played gas needs the species of its film: see film.completed")
-    return Species(gas.species.name, gas.species.molar_mass, gas.species.diffusivity)
-
-
-class Emission:
-    """When a source emits: its start and stop, and pulses of random length."""
-
-    def __init__(self, source: Source, begin: float, seed: int, name: str):
-        self.source = source
-        self.start = begin if source.start is None else source.start
-        self.stop = np.inf if source.stop is None else source.stop
-        self.rng = generator(seed, name)
-        self.pulses = [(self.start, self.stop)] if source.puffing is None else []
-
-    def _draw_until(self, t: float) -> None:
-        puffing = self.source.puffing
-        while puffing is not None and (not self.pulses or self.pulses[-1][1] < t):
-            spread = 1.0 + puffing.spread * self.rng.uniform(-1.0, 1.0, 2)
-            begin = self.pulses[-1][1] + puffing.pause * spread[0] if self.pulses else self.start
-            self.pulses.append((begin, begin + puffing.pulse * spread[1]))
-
-    def mass(self, t: float, dt: float) -> float:
-        """Mass emitted between t and t + dt [kg]."""
-        self._draw_until(t + dt)
-        while len(self.pulses) > 1 and self.pulses[0][1] < t:
-            self.pulses.pop(0)
-        on = sum(max(0.0, min(e, t + dt, self.stop) - max(b, t)) for b, e in self.pulses)
-        return self.source.rate * on
 
 
 @ti.data_oriented
@@ -62,15 +26,24 @@ class EulerianSolver:
     Field c: concentration [kg/m³].
     """
 
-    def __init__(self, gas: EulerianGas, grid: Grid, wind: Any, air: Air, begin: float = 0.0, seed: int = 0):
+    def __init__(
+        self,
+        gas: EulerianGas,
+        grid: Grid,
+        wind: Any,
+        air: Air,
+        begin: float = 0.0,
+        seed: int = 0,
+        name: str = "gas",
+    ):
+        """name: of the gas among others; begin: start of the run [s]."""
         self.grid = grid
         self.dim = grid.dim
-        self.species = species_of(gas)
-        self.ppm_per_density = self.species.ppm_per_density
+        self.species = gas.vapour
         self.air = grid.field()
         self.air.from_numpy(grid.pad((~air.solid).astype(np.float32)))
         self.emitted_kg = 0.0
-        self.emissions = [Emission(s, begin, seed, f"source {n}") for n, s in enumerate(gas.sources)]
+        self.emissions = [Emission(s, begin, seed, f"{name}.sources[{n}]") for n, s in enumerate(gas.sources)]
         room = np.where(air.solid, 0.0, 1.0) if wind.area is None else air.room
         self.release = Release("sources", gas.sources, grid, room)
 

@@ -13,10 +13,10 @@ import taichi as ti
 
 from taichi_plume.fields import sample_cells, sample_faces
 from taichi_plume.film import VELOCITIES, Film
+from taichi_plume.gases import PlaybackGas
 from taichi_plume.grid import Grid
 from taichi_plume.kernels import Template
-from taichi_plume.scenario import Playback, PlaybackGas, PlaybackWind
-from taichi_plume.solvers.gas import species_of
+from taichi_plume.winds import Playback, PlaybackWind
 
 
 class Projector:
@@ -141,10 +141,10 @@ class PlayedGas:
     def __init__(self, gas: PlaybackGas, film: Film, grid: Grid, begin: float = 0.0):
         self.grid = grid
         self.dim = grid.dim
-        self.species = species_of(gas)
-        self.ppm_per_density = self.species.ppm_per_density
-        self.film = Projector(film, gas, grid, film.gas, grid.ghost, self._prepare)
-        self.c = self.film.now["gas"]
+        self.species = gas.vapour
+        name = film.gas_of(gas.species)
+        self.film = Projector(film, gas, grid, [name], grid.ghost, self._prepare)
+        self.c = self.film.now[name]
         self.air = grid.field()
         self.air.from_numpy(grid.pad((film.still("air") > 0).astype(np.float32)))
         self.film.show(begin)

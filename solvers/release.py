@@ -5,9 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 import taichi as ti
 
+from taichi_plume.gases import Source
 from taichi_plume.grid import Grid, block_mean
 from taichi_plume.kernels import Template
-from taichi_plume.scenario import Heater, Source
+from taichi_plume.winds import Heater
 
 SAMPLES = 4  # per axis and cell, to measure how much of a cell a ball covers
 

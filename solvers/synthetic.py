@@ -19,7 +19,7 @@ from taichi_plume.fields import sample_faces
 from taichi_plume.grid import Grid
 from taichi_plume.kernels import Template, launch, sweep
 from taichi_plume.rng import generator
-from taichi_plume.scenario import SyntheticWind
+from taichi_plume.winds import SyntheticWind
 
 FRAMES_PER_PERIOD = 16  # of the fastest wave: linear in between, it loses 2 % of its amplitude
 DRAWS = 16  # of the phases, to measure the speed of unit waves

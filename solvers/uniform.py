@@ -4,7 +4,7 @@ import taichi as ti
 
 from taichi_plume.grid import Grid
 from taichi_plume.kernels import Template
-from taichi_plume.scenario import UniformWind
+from taichi_plume.winds import UniformWind
 
 
 @ti.data_oriented

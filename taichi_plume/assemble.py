@@ -10,22 +10,15 @@ from taichi_plume.agents.placement import Placed, place, placed
 from taichi_plume.agents.swarm import Swarm, disc_around
 from taichi_plume.agents.team import Team
 from taichi_plume.cut_cells import Air, air_of
-from taichi_plume.fields import Gas, Wind
+from taichi_plume.fields import Gas, Mixture, Wind
 from taichi_plume.film import Film, completed
+from taichi_plume.gases import PlaybackGas, PureGas
 from taichi_plume.geometry import ClearanceMap, shapes
 from taichi_plume.grid import Grid
 from taichi_plume.loading import ScenarioError
+from taichi_plume.obstacles import motion_of
 from taichi_plume.rng import generator
-from taichi_plume.scenario import (
-    CfdWind,
-    FrozenWind,
-    PlaybackGas,
-    PlaybackWind,
-    Scenario,
-    SyntheticWind,
-    UniformWind,
-    motion_of,
-)
+from taichi_plume.scenario import Scenario
 from taichi_plume.simulation import Map, Simulation
 from taichi_plume.solvers.bodies import MovingObstacle, Wake
 from taichi_plume.solvers.boundaries import opening_cells, periodic_axes
@@ -37,6 +30,7 @@ from taichi_plume.solvers.heat import HeatSolver
 from taichi_plume.solvers.playback import PlayedGas, PlayedWind
 from taichi_plume.solvers.synthetic import SyntheticSolver
 from taichi_plume.solvers.uniform import UniformSolver
+from taichi_plume.winds import CfdWind, FrozenWind, PlaybackWind, SyntheticWind, UniformWind
 
 MAPS = {"time_series": TimeSeriesMap, "inverse_distance": InverseDistanceMap}
 
@@ -54,7 +48,7 @@ def assemble(scenario: Scenario, folder: Path = Path()) -> Simulation:
     grid = Grid.of(scenario.domain, film.periodic if film else periodic_axes(openings, scenario.domain.dim))
     air = film.air() if film else air_of(standing, grid, opening_cells(openings, grid))
     wind = _wind(scenario, film, grid, air)
-    gas = _gas(scenario, folder, grid, wind, air)
+    gas = Mixture([_gas(model, path, scenario, folder, grid, wind, air) for path, model in scenario.gases])
     swarm = _swarm(scenario, obstacles, grid)
     if isinstance(wind, FlowSolver):
         _add_buoyancy(scenario, wind, gas, air)
@@ -101,25 +95,28 @@ def _wind(scenario: Scenario, film: Film | None, grid: Grid, air: Air) -> Wind:
     return flow
 
 
-def _gas(scenario: Scenario, folder: Path, grid: Grid, wind: Wind, air: Air) -> Gas:
-    """The gas, live or played back."""
-    model, begin = scenario.gas, scenario.first_tick * scenario.tick
+def _gas(
+    model: PureGas, path: str, scenario: Scenario, folder: Path, grid: Grid, wind: Wind, air: Air
+) -> Gas:
+    """One gas; `path` is its place in the scenario."""
+    begin = scenario.first_tick * scenario.tick
     if isinstance(model, PlaybackGas):
         return PlayedGas(model, Film(folder / model.file), grid, begin)
     try:
-        return EulerianSolver(model, grid, wind, air, begin, scenario.seed)
+        return EulerianSolver(model, grid, wind, air, begin, scenario.seed, path)
     except ValueError as error:
-        raise ScenarioError([f"gas.{error}"]) from None
+        raise ScenarioError([f"{path}.{error}"]) from None
 
 
-def _add_buoyancy(scenario: Scenario, flow: FlowSolver, gas: Gas, air: Air) -> None:
+def _add_buoyancy(scenario: Scenario, flow: FlowSolver, gas: Mixture, air: Air) -> None:
     """Let the weight of the gas and the warmth of the air act on the flow."""
     buoyancy = scenario.wind.buoyancy if isinstance(scenario.wind, CfdWind) else None
     if buoyancy is None:
         return
     gravity = buoyancy.pull(flow.dim)
-    if buoyancy.solutal and isinstance(gas, EulerianSolver):
-        flow.lift.append((gas.c, tuple(g * gas.species.weight_per_density for g in gravity)))
+    for one in gas.gases:
+        if buoyancy.solutal and isinstance(one, EulerianSolver):
+            flow.lift.append((one.c, tuple(g * one.species.weight_per_density for g in gravity)))
     if buoyancy.heat is not None:
         try:
             heat = HeatSolver(buoyancy.heat, flow.grid, flow, air)
@@ -152,7 +149,7 @@ def _swarm(scenario: Scenario, obstacles: list, grid: Grid) -> Swarm:
         occupied.append(placed(group, where))
         positions.append(where)
         headings.append(heading)
-    sources = np.array([source.position[:2] for source in scenario.gas.sources])
+    sources = np.array([source.position[:2] for _, source in scenario.sources])
     return Swarm(
         scenario.robots,
         np.concatenate(positions),

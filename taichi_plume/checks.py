@@ -15,38 +15,31 @@ from scipy import ndimage
 from scipy.spatial import cKDTree  # type: ignore[attr-defined]
 
 from taichi_plume.cut_cells import air_of
+from taichi_plume.gases import PlaybackGas
 from taichi_plume.geometry import MeshError, Shape, clearance_resolution, shape
 from taichi_plume.grid import Grid
-from taichi_plume.scenario import (
-    Box,
+from taichi_plume.obstacles import Box, Obstacle, Prism, Sphere, motion_of
+from taichi_plume.robots import Group, StartArea, StartAt, StartLine
+from taichi_plume.scenario import Domain, Scenario
+from taichi_plume.species import Species
+from taichi_plume.winds import (
     Buoyancy,
     CfdWind,
-    Domain,
     Fan,
     FrozenWind,
-    Group,
     Heat,
     Jet,
     MovingWall,
-    Obstacle,
     Opening,
     Outlet,
     Periodic,
     Playback,
-    PlaybackGas,
-    Prism,
     Region,
-    Scenario,
     Screen,
-    Sphere,
-    StartArea,
-    StartAt,
-    StartLine,
     SyntheticWind,
     UniformWind,
     Vent,
     Window,
-    motion_of,
 )
 
 BYTES_PER_CELL = {2: 260, 3: 200}  # all fields of a CFD run with gas
@@ -80,7 +73,7 @@ def problems(scenario: Scenario, folder: Path) -> list[str]:
     films = list(_films(scenario, folder, shapes))
     if films:
         return lines + films
-    if isinstance(scenario.gas, PlaybackGas):
+    if any(isinstance(gas, PlaybackGas) for _, gas in scenario.gases):
         from taichi_plume.film import completed
 
         scenario = completed(scenario, folder)
@@ -175,8 +168,8 @@ def _dimensions(scenario: Scenario) -> Iterator[str]:
             found.append((f"obstacles[{n}].center", obstacle.center, dim))
         if isinstance(obstacle, Box):
             found.append((f"obstacles[{n}].size", obstacle.size, dim))
-    for n, source in enumerate(scenario.gas.sources):
-        found.append((f"gas.sources[{n}].position", source.position, dim))
+    for path, source in scenario.sources:
+        found.append((f"{path}.position", source.position, dim))
     wind = scenario.wind
     if isinstance(wind, UniformWind):
         found.append(("wind.velocity", wind.velocity, dim))
@@ -389,8 +382,13 @@ def _range(axis: str, low: float, high: float) -> str:
 
 
 def _sources(scenario: Scenario, shapes: list[Shape | None]) -> Iterator[str]:
-    for n, source in enumerate(scenario.gas.sources):
-        yield from _in_the_air(f"gas.sources[{n}].position", "source", source.position, scenario, shapes)
+    for path, source in scenario.sources:
+        yield from _in_the_air(f"{path}.position", "source", source.position, scenario, shapes)
+    names: dict[str, Species] = {}
+    for path, gas in scenario.gases:
+        other = names.setdefault(gas.vapour.name, gas.vapour)
+        if other != gas.vapour:
+            yield f"{path}.species.name: '{other.name}' is another species of this scenario; give it its own name"
 
 
 def _in_the_air(
@@ -797,14 +795,14 @@ def _touching(
 
 def _found_at_once(path: str, group: Group, places: np.ndarray, scenario: Scenario) -> Iterator[str]:
     """A robot that starts within reach of a source would have nothing to search; the first one."""
-    for n, source in enumerate(scenario.gas.sources):
+    for source_path, source in scenario.sources:
         apart = np.linalg.norm(places - np.array(source.position[:2]), axis=1)
         near = np.flatnonzero(apart <= group.reach)
         if len(near):
             k = near[0]
             yield (
                 f"{path}.start: robot {k} at ({places[k, 0]:g}, {places[k, 1]:g}) m is {apart[k]:.3g} m from "
-                f"gas.sources[{n}] and would count as found at once; start it more than {path}.reach = "
+                f"{source_path} and would count as found at once; start it more than {path}.reach = "
                 f"{group.reach:g} m away, or lower the reach"
             )
             return
@@ -874,7 +872,7 @@ def _free_area(
 
 def _films(scenario: Scenario, folder: Path, shapes: list[Shape | None]) -> Iterator[str]:
     """Films that are played back: whole, of the same domain and obstacles, with what is asked of them."""
-    for part, model in (("wind", scenario.wind), ("gas", scenario.gas)):
+    for part, path, model in [("wind", "wind", scenario.wind), *(("gas", *gas) for gas in scenario.gases)]:
         if not isinstance(model, Playback):
             continue
         from taichi_plume.film import Film, FilmError, completed  # zarr is for runs that need it
@@ -887,12 +885,12 @@ def _films(scenario: Scenario, folder: Path, shapes: list[Shape | None]) -> Iter
             for n in {0, len(film.times) - 1}:
                 film.frame(n, film.wind if part == "wind" else film.gas)
         except FilmError as error:
-            yield f"{part}.file: {error}"
+            yield f"{path}.file: {error}"
             continue
         held = [name for name, variables in (("wind", film.wind), ("gas", film.gas)) if variables]
         if part not in held:
             yield (
-                f"{part}.file: {film.path}: holds no {part}, only {', '.join(held) or 'nothing'}; record it "
+                f"{path}.file: {film.path}: holds no {part}, only {', '.join(held) or 'nothing'}; record it "
                 f"with fields.quantities: [{part}]"
             )
         elif faults := list(_another_domain(scenario, film, part)):
@@ -908,7 +906,7 @@ def _films(scenario: Scenario, folder: Path, shapes: list[Shape | None]) -> Iter
                 )
         if model.start > film.times[-1] and not model.loop:
             yield (
-                f"{part}.start: {model.start:g} s is after the last frame of {film.path}; "
+                f"{path}.start: {model.start:g} s is after the last frame of {film.path}; "
                 f"it has {film.times[0]:g} to {film.times[-1]:g} s"
             )
 

@@ -1,15 +1,17 @@
 """What can be sampled: the Gas and Wind protocols, multilinear interpolation, and sampling from the host.
 
-Sensors, recorder and scores know gas and wind only through these two protocols, so a grid, puffs, a closed form and
+Sensors, recorder and scores know gas and wind only through these, so a grid, puffs, a closed form and
 a recording of an earlier run are interchangeable, in 2-D and 3-D.
 """
 
+from collections.abc import Sequence
 from typing import Any, Protocol
 
 import numpy as np
 import taichi as ti
 
 from taichi_plume.kernels import Template
+from taichi_plume.species import Species
 
 
 class Wind(Protocol):
@@ -29,10 +31,9 @@ class Wind(Protocol):
 
 
 class Gas(Protocol):
-    """Vapour in the air. Implementations are `ti.data_oriented`."""
+    """Vapour of one species in the air. Implementations are `ti.data_oriented`."""
 
-    ppm_per_density: float
-    """ppm per kg/m³ of its species."""
+    species: Species
 
     def advance(self, t: float, dt: float) -> None:
         """Step from time t [s] by dt [s]."""
@@ -45,6 +46,41 @@ class Gas(Protocol):
     def concentration(self, x: Any, t: Any) -> Any:
         """ti.func: concentration [kg/m³] at point x [m] and time t [s]."""
         ...
+
+
+class Odour(Protocol):
+    """What a gas sensor smells."""
+
+    def ppm(self, x: Any, t: Any) -> Any:
+        """ti.func: mole fraction [ppm] of each species, a vector, at point x [m] and time t [s]."""
+        ...
+
+
+@ti.data_oriented
+class Mixture:
+    """All the gas of a run, an `Odour`: one or several gases, of which those of one species add up."""
+
+    def __init__(self, gases: Sequence[Gas]):
+        self.gases = tuple(gases)
+        self.species = tuple(dict.fromkeys(gas.species for gas in gases))
+
+    def advance(self, t: float, dt: float) -> None:
+        """Step all gases from time t [s] by dt [s]."""
+        for gas in self.gases:
+            gas.advance(t, dt)
+
+    def is_finite(self) -> bool:
+        """Whether every concentration is a number."""
+        return all(gas.is_finite() for gas in self.gases)
+
+    @ti.func
+    def ppm(self, x: Template, t: float):
+        """Mole fraction [ppm] of each species at point x [m] and time t [s]."""
+        result = ti.Vector.zero(ti.f32, ti.static(len(self.species)))
+        for gas in ti.static(self.gases):
+            s = ti.static(self.species.index(gas.species))
+            result[s] += gas.concentration(x, t) * ti.static(gas.species.ppm_per_density)
+        return result
 
 
 @ti.func
@@ -115,6 +151,25 @@ def _velocity_at(
         u = wind.velocity(x, t)
         for d in ti.static(range(dim)):
             out[n, d] = u[d]
+
+
+@ti.kernel
+def _ppm_at(gas: Template, dim: Template, points: ti.types.ndarray(), t: float, out: ti.types.ndarray()):
+    for n in range(out.shape[0]):
+        x = ti.Vector.zero(ti.f32, dim)
+        for d in ti.static(range(dim)):
+            x[d] = points[n, d]
+        ppm = gas.ppm(x, t)
+        for s in ti.static(range(len(gas.species))):
+            out[n, s] = ppm[s]
+
+
+def ppm_at(gas: Mixture, points: np.ndarray, t: float) -> np.ndarray:
+    """Mole fraction [ppm] of each species at points (..., dim) [m], as an array of shape (..., species)."""
+    flat = np.ascontiguousarray(points.reshape(-1, points.shape[-1]), np.float32)
+    out = np.empty((len(flat), len(gas.species)), np.float32)
+    _ppm_at(gas, points.shape[-1], flat, t, out)
+    return out.reshape(*points.shape[:-1], -1)
 
 
 def concentration_at(gas: Gas, points: np.ndarray, t: float) -> np.ndarray:

@@ -6,7 +6,7 @@ end. Variables are float32 in the order (time, z, y, x), one chunk per frame and
     u, v, w     [m/s]    air velocity on the faces, so that its divergence over a cell stays what it was; along the
                          other axes over ghosts, so that interpolation gives the walls' own velocity at the walls
     viscosity   [m²/s]   molecular and eddy viscosity, over ghosts; only of a flow with eddies
-    gas         [kg/m³]  concentration
+    gas_NAME    [kg/m³]  concentration of a species
     air         share of the cells that is air; without time
     area_u, ... share of the faces that is air; without time
     open_u, ... 1 on faces whose velocity was solved for, 0 on walls; without time
@@ -25,19 +25,20 @@ from pydantic import ValidationError
 from zarr.codecs import BloscCodec, Crc32cCodec
 
 from taichi_plume.cut_cells import Air
-from taichi_plume.scenario import PlaybackGas, Scenario
+from taichi_plume.gases import MixtureGas, OtherSpecies, PlaybackGas, PureGas
+from taichi_plume.scenario import Scenario
 
-FORMAT = "taichi_plume film 1"
+FORMAT = "taichi_plume film 2"
 TIMES = 4096  # per chunk
 VELOCITIES = ("u", "v", "w")
 STILL = ("open_", "area_")
+GAS = "gas_"  # and the name of the species
 MEANING = {
     "time": ("s", "simulated time"),
     "u": ("m s-1", "velocity of the air along x"),
     "v": ("m s-1", "velocity of the air along y"),
     "w": ("m s-1", "velocity of the air along z"),
     "viscosity": ("m2 s-1", "molecular and eddy viscosity"),
-    "gas": ("kg m-3", "concentration"),
     "air": ("1", "share of the cell that is air"),
 }
 FAULTS = (OSError, ValueError, KeyError, TypeError, AttributeError, RuntimeError)  # of what zarr reads
@@ -106,6 +107,8 @@ class NewFilm:
         self, name: str, dims: tuple, shape: tuple, chunks: tuple, kind: str, values: Any = None
     ) -> Any:
         units, meaning = MEANING.get(name, ("1" if name.startswith(STILL) else "m", name.replace("_", " ")))
+        if name.startswith(GAS):
+            units, meaning = "kg m-3", f"concentration of {name.removeprefix(GAS)}"
         array = self.group.create_array(
             name,
             shape=shape,
@@ -193,8 +196,21 @@ class Film:
 
     @cached_property
     def gas(self) -> list[str]:
-        """Name of the gas's variable; empty where none was recorded."""
-        return ["gas"] if "gas" in self.arrays else []
+        """Names of the variables of the gas, one per species; empty where none was recorded."""
+        return sorted(name for name in self.arrays if name.startswith(GAS))
+
+    def gas_of(self, species: str | OtherSpecies | None) -> str:
+        """The variable to play for a species; the only one there is, whatever species is asked for.
+
+        Raises FilmError where there are several and it is none of them.
+        """
+        asked = species.name if isinstance(species, OtherSpecies) else species
+        if len(self.gas) == 1:
+            return self.gas[0]
+        if f"{GAS}{asked}" in self.gas:
+            return f"{GAS}{asked}"
+        names = ", ".join(name.removeprefix(GAS) for name in self.gas) or "no gas"
+        raise FilmError(f"{self.path}: holds {names}; give the species of one")
 
     def still(self, name: str) -> np.ndarray:
         """A variable that does not change, axes (x, y, z)."""
@@ -232,14 +248,19 @@ def _line(error: Exception) -> str:
 
 def completed(scenario: Scenario, folder: Path) -> Scenario:
     """The scenario with the recorded species and sources where a played gas gives none. Raises FilmError."""
-    gas = scenario.gas
+    if isinstance(scenario.gas, MixtureGas):
+        parts = tuple(_completed(part, folder) for part in scenario.gas.parts)
+        return scenario.model_copy(update={"gas": scenario.gas.model_copy(update={"parts": parts})})
+    return scenario.model_copy(update={"gas": _completed(scenario.gas, folder)})
+
+
+def _completed(gas: PureGas, folder: Path) -> PureGas:
     if not isinstance(gas, PlaybackGas) or (gas.sources and gas.species):
-        return scenario
+        return gas
     film = Film(folder / gas.file)
-    recorded = {key: film.attributes[key] for key in ("species", "sources") if key in film.attributes}
-    given = gas.model_dump(exclude_none=True, exclude_defaults=True)
     try:
-        gas = PlaybackGas.model_validate(recorded | given | {"kind": "playback"})
-    except ValidationError:
+        recorded = film.attributes["gases"][film.gas_of(gas.species)] if film.gas else {}
+        given = gas.model_dump(exclude_none=True, exclude_defaults=True)
+        return PlaybackGas.model_validate(recorded | given | {"kind": "playback"})
+    except (ValidationError, LookupError, TypeError):
         raise FilmError(f"{film.path}: is damaged: its species or sources are not ones of ours") from None
-    return scenario.model_copy(update={"gas": gas})

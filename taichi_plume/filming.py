@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from taichi_plume import __version__, disk
-from taichi_plume.fields import concentration_at
-from taichi_plume.film import VELOCITIES, NewFilm
-from taichi_plume.scenario import Fields
+from taichi_plume.fields import ppm_at
+from taichi_plume.film import GAS, VELOCITIES, NewFilm
+from taichi_plume.scenario import Fields, Scenario
 from taichi_plume.simulation import Every, Simulation
 
 
@@ -45,9 +45,8 @@ class Filming:
                 still[f"open_{name}"] = (_faces(grid.read(self.wind.open[d], 1), d, 1).T > 0).astype(np.int8)
                 still[f"area_{name}"] = sim.air.area[d].T.astype(np.float32)
         if "gas" in model.quantities:
-            moving.append("gas")
-            gas = scenario.gas.model_dump(mode="json", exclude_none=True)
-            attributes |= {key: gas[key] for key in ("species", "sources") if key in gas}
+            moving += [f"{GAS}{species.name}" for species in sim.gas.species]
+            attributes["gases"] = _origins(scenario)
         disk.require_room(path)
         self.film = NewFilm(path, grid.shape, grid.dx, attributes, moving, still)
 
@@ -61,12 +60,20 @@ class Filming:
             return
         frame = self._wind(sim) if self.wind is not None else {}
         if "gas" in self.model.quantities:
-            gas: Any = sim.gas
-            c = getattr(gas, "c", None)
-            values = concentration_at(gas, sim.grid.centers(), sim.t) if c is None else sim.grid.read(c)
-            frame["gas"] = values.T
+            frame |= self._gas(sim)
         disk.require_room(self.path, sum(values.nbytes for values in frame.values()))
         self.film.append(sim.t, frame)
+
+    def _gas(self, sim: Simulation) -> dict[str, np.ndarray]:
+        """Concentration of each species [kg/m³]."""
+        live: Any = sim.gas.gases[0]
+        if len(sim.gas.gases) == 1 and hasattr(live, "c"):
+            return {f"{GAS}{live.species.name}": sim.grid.read(live.c).T}
+        ppm = ppm_at(sim.gas, sim.grid.centers(), sim.t)
+        return {
+            f"{GAS}{species.name}": ppm[..., n].T / species.ppm_per_density
+            for n, species in enumerate(sim.gas.species)
+        }
 
     def _wind(self, sim: Simulation) -> dict[str, np.ndarray]:
         grid = sim.grid
@@ -74,6 +81,16 @@ class Filming:
         if self.wind.nu is not None:  # zero before the first step
             frame["viscosity"] = np.maximum(grid.read(self.wind.nu, 1), np.float32(self.wind.viscosity)).T
         return frame
+
+
+def _origins(scenario: Scenario) -> dict[str, Any]:
+    """Species and sources of every gas variable, as a scenario writes them."""
+    origins: dict[str, Any] = {}
+    for _, gas in scenario.gases:
+        written = gas.model_dump(mode="json", exclude_none=True, include={"species", "sources"})
+        known = origins.setdefault(f"{GAS}{gas.vapour.name}", {"species": written["species"], "sources": []})
+        known["sources"] += written["sources"]
+    return origins
 
 
 def _faces(values: np.ndarray, d: int, margin: int = 0) -> np.ndarray:

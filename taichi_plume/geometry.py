@@ -16,8 +16,9 @@ import numpy as np
 import taichi as ti
 from scipy import ndimage
 
-from taichi_plume import scenario as vocabulary
+from taichi_plume import obstacles
 from taichi_plume.fields import corner
+from taichi_plume.scenario import Domain, Scenario
 
 TIE = 1e-4  # cells: a cell centre this close to a surface counts as outside, whatever the rounding
 CLEARANCE_STEP = 0.01  # m, the finest grid of a clearance map
@@ -34,7 +35,7 @@ class MeshError(ValueError):
 class Shape(ABC):
     """An obstacle. `model` is its section of the scenario, `low` and `high` (dim,) its bounding box [m]."""
 
-    model: vocabulary.Obstacle
+    model: obstacles.Obstacle
     low: np.ndarray
     high: np.ndarray
 
@@ -85,7 +86,7 @@ class Upright(Shape):
 class UprightBox(Upright):
     """A box turned about the vertical."""
 
-    def __init__(self, model: vocabulary.Box, dim: int):
+    def __init__(self, model: obstacles.Box, dim: int):
         self.center = np.array(model.center[:2])
         self.half = np.array(model.size[:2]) / 2
         self.axes = _rotation(model.yaw_deg)
@@ -102,7 +103,7 @@ class UprightBox(Upright):
 class UprightCylinder(Upright):
     """A cylinder with a vertical axis."""
 
-    def __init__(self, model: vocabulary.Cylinder, dim: int, ceiling: float):
+    def __init__(self, model: obstacles.Cylinder, dim: int, ceiling: float):
         self.center, self.radius = np.array(model.center), model.radius
         top = ceiling if model.height is None else model.base + model.height
         low, high = self.center - self.radius, self.center + self.radius
@@ -116,7 +117,7 @@ class UprightCylinder(Upright):
 class UprightPrism(Upright):
     """A prism over a simple polygon, in either sense of rotation."""
 
-    def __init__(self, model: vocabulary.Prism, dim: int, ceiling: float):
+    def __init__(self, model: obstacles.Prism, dim: int, ceiling: float):
         self.vertices = np.array(model.vertices)
         top = ceiling if model.height is None else model.base + model.height
         super().__init__(model, dim, self.vertices.min(axis=0), self.vertices.max(axis=0), model.base, top)
@@ -138,7 +139,7 @@ class UprightPrism(Upright):
 class Ball(Shape):
     """A sphere, in 2-D a disc."""
 
-    def __init__(self, model: vocabulary.Sphere, dim: int):
+    def __init__(self, model: obstacles.Sphere, dim: int):
         self.model = model
         self.center, self.radius = np.array(model.center[:dim]), model.radius
         self.low, self.high = self.center - self.radius, self.center + self.radius
@@ -163,7 +164,7 @@ class Solid(Shape):
     section of the bodies at one height, with distances in the plane.
     """
 
-    def __init__(self, model: vocabulary.Mesh, dim: int, folder: Path):
+    def __init__(self, model: obstacles.Mesh, dim: int, folder: Path):
         self.model = model
         self.vertices, self.triangles, body = _read_mesh(folder / model.file)
         self.vertices = model.scale * self.vertices
@@ -222,23 +223,23 @@ class Solid(Shape):
         return shadow
 
 
-def shape(obstacle: vocabulary.Obstacle, domain: vocabulary.Domain, folder: Path) -> Shape:
+def shape(obstacle: obstacles.Obstacle, domain: Domain, folder: Path) -> Shape:
     """The shape of one obstacle; mesh files lie in `folder`. Raises MeshError."""
     ceiling = domain.extent[2] if domain.dim == 3 else inf
     match obstacle:
-        case vocabulary.Box():
+        case obstacles.Box():
             return UprightBox(obstacle, domain.dim)
-        case vocabulary.Cylinder():
+        case obstacles.Cylinder():
             return UprightCylinder(obstacle, domain.dim, ceiling)
-        case vocabulary.Sphere():
+        case obstacles.Sphere():
             return Ball(obstacle, domain.dim)
-        case vocabulary.Prism():
+        case obstacles.Prism():
             return UprightPrism(obstacle, domain.dim, ceiling)
-        case vocabulary.Mesh():
+        case obstacles.Mesh():
             return Solid(obstacle, domain.dim, folder)
 
 
-def shapes(scenario: vocabulary.Scenario, folder: Path) -> list[Shape]:
+def shapes(scenario: Scenario, folder: Path) -> list[Shape]:
     """The shapes of a scenario's obstacles, in their order; mesh files lie in `folder`. Raises MeshError."""
     return [shape(obstacle, scenario.domain, folder) for obstacle in scenario.obstacles]
 
@@ -299,8 +300,8 @@ class ClearanceMap:
         points = np.asarray(points, float)
         walls = np.minimum(points, np.array(self.size) - points).min(axis=-1)
         where = points.reshape(-1, 2).T / self.resolution
-        obstacles = ndimage.map_coordinates(self._values, where, order=1, mode="nearest")
-        return np.minimum(walls, obstacles.reshape(walls.shape))
+        standing = ndimage.map_coordinates(self._values, where, order=1, mode="nearest")
+        return np.minimum(walls, standing.reshape(walls.shape))
 
     @ti.func
     def _wall(self, p):

@@ -9,7 +9,8 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
-from taichi_plume.scenario import PlaybackGas, Scenario
+from taichi_plume.gases import PlaybackGas
+from taichi_plume.scenario import Scenario
 
 LARGEST_FILE = 1 << 20  # bytes
 LARGEST_TREE = 1_000_000  # nodes once aliases are written out; without any, 1 MiB has no room for so many
@@ -58,7 +59,7 @@ def load_scenario(path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
     faults = problems(scenario, folder)
     if faults:
         raise ScenarioError([f"{path}: {fault}" for fault in faults])
-    if not isinstance(scenario.gas, PlaybackGas):
+    if not any(isinstance(gas, PlaybackGas) for _, gas in scenario.gases):
         return scenario
     from taichi_plume.film import completed
 

@@ -20,15 +20,10 @@ import rerun as rr
 
 from taichi_plume import __version__, disk, drawing, fields, layout, scene, scores
 from taichi_plume.layout import TIME
-from taichi_plume.scenario import (
-    MovingWall,
-    PlaybackWind,
-    Scenario,
-    SyntheticWind,
-    UniformWind,
-    motion_of,
-)
+from taichi_plume.obstacles import motion_of
+from taichi_plume.scenario import Scenario
 from taichi_plume.simulation import Every, Simulation
+from taichi_plume.winds import MovingWall, PlaybackWind, SyntheticWind, UniformWind
 
 MOST_ROBOTS = 50
 MOST_PIXELS = 400  # per axis of the slice
@@ -201,7 +196,7 @@ class Recorder:
 
     def _gas(self, sim: Simulation, points: np.ndarray) -> np.ndarray:
         """Place on the colour scale of the gas at some points."""
-        ppm = fields.concentration_at(sim.gas, points, sim.t) * sim.gas.ppm_per_density
+        ppm = fields.ppm_at(sim.gas, points, sim.t).sum(axis=-1)
         return np.nan_to_num(drawing.logarithmic(ppm, *self.rates.range_ppm))
 
     def picture_wind(self, sim: Simulation) -> None:

@@ -258,12 +258,19 @@ def result(sim: Simulation, status: str, message: str, backend: str) -> dict[str
 
 
 def _budget(sim: Simulation) -> dict[str, Any]:
-    budget = _reported(sim.gas, "budget")
-    if not budget:
+    """Of all gases that keep one, with an entry per gas where there are several."""
+    parts = [_reported(gas, "budget") for gas in sim.gas.gases]
+    kept = [part for part in parts if part]
+    if not kept:
         return {}
-    missing = budget["emitted_kg"] - budget["in_domain_kg"] - budget["outflow_kg"]
-    budget["relative_error"] = missing / budget["emitted_kg"] if budget["emitted_kg"] else None
-    return budget
+    total: dict[str, Any] = {key: sum(part[key] for part in kept) for key in kept[0]}
+    for budget in [total, *kept]:
+        missing = budget["emitted_kg"] - budget["in_domain_kg"] - budget["outflow_kg"]
+        budget["relative_error"] = missing / budget["emitted_kg"] if budget["emitted_kg"] else None
+    if len(parts) > 1:
+        names = [gas.species.name for gas in sim.gas.gases]
+        total["parts"] = [{"species": name, **part} for name, part in zip(names, parts, strict=True)]
+    return total
 
 
 def _obstacles(sim: Simulation) -> list[dict[str, Any]]:

@@ -12,9 +12,11 @@ import numpy as np
 import rerun as rr
 
 from taichi_plume import __version__, drawing
+from taichi_plume.gases import Source
+from taichi_plume.obstacles import Box, Cylinder, Prism, Sphere
 from taichi_plume.results import to_yaml
-from taichi_plume.scenario import Box, Cylinder, Prism, Region, Source, Sphere, Window
 from taichi_plume.simulation import Simulation
+from taichi_plume.winds import Region, Window
 
 FLAT = 0.05  # height of the walls of a 2-D arena over its shorter side
 BODY = 0.009  # robots are drawn at least this large, over the arena's length
@@ -73,7 +75,7 @@ def arena(sim: Simulation, stage: Stage) -> Entities:
     yield "world/floor", below
     for n, shape in enumerate(sim.obstacles):
         yield f"world/obstacles/{n}", _solid(shape, stage)
-    for n, source in enumerate(sim.scenario.gas.sources):
+    for n, source in enumerate(source for _, source in sim.scenario.sources):
         yield f"world/sources/{n}", _source(source, stage)
     for n, region in enumerate(getattr(sim.scenario.wind, "openings", ())):
         if isinstance(region, Region):
@@ -168,8 +170,7 @@ def legends(sim: Simulation, stage: Stage) -> Entities:
     low, high = sim.scenario.recording.range_ppm
     scale = drawing.decades(low, high)
     where = f", {sim.scenario.recording.slice_height:g} m above the floor" if sim.grid.dim == 3 else ""
-    species = sim.scenario.gas.species
-    name = species if isinstance(species, str) else species.name
+    name = " + ".join(species.name for species in sim.gas.species)
     yield from _legend("gas", f"{name} [ppm]{where}", scale, None, stage)
     if sim.maps:
         ratios = [(at, f"{label} x") for at, label in drawing.decades(*RATIOS)]
@@ -217,7 +218,7 @@ def about(sim: Simulation, backend: str, recorded: int) -> Entities:
         "cells": " x ".join(str(n) for n in grid.shape) + f" = {prod(grid.shape):,} of {grid.dx:g} m",
         "time": f"{scenario.duration:g} s after {scenario.warm_up:g} s of warm-up, tick {sim.dt:g} s",
         "wind": f"{scenario.wind.kind}; the length of its arrows grows with the root of the speed",
-        "gas": f"{scenario.gas.kind}, {len(scenario.gas.sources)} source(s)",
+        "gas": f"{scenario.gas.kind}, {len(scenario.sources)} source(s)",
         "robots": robots,
         "maps": ", ".join(gas_map.kind for gas_map in scenario.maps) or "none",
         "seed": str(scenario.seed),

@@ -33,7 +33,7 @@ def true_gas(sim: Simulation, cell: float, shape: tuple[int, int]) -> np.ndarray
     points = np.minimum(points, sim.grid.extent[:2])  # the last cell may reach over the edge
     if sim.grid.dim == 3:
         points = np.concatenate([points, np.full((*points.shape[:2], 1), sensor_height(sim))], axis=-1)
-    ppm = fields.concentration_at(sim.gas, points, sim.t) * sim.gas.ppm_per_density
+    ppm = fields.ppm_at(sim.gas, points, sim.t).sum(axis=-1)
     return block_mean(ppm, n)
 
 

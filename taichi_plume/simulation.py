@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from taichi_plume.cut_cells import Air
-from taichi_plume.fields import Gas, Wind
+from taichi_plume.fields import Mixture, Odour, Wind
 from taichi_plume.grid import Grid
 from taichi_plume.scenario import Scenario
 
@@ -21,7 +21,7 @@ class UnstableError(RuntimeError):
 class Team(Protocol):
     """A group's sensors and search algorithm, working on its robots in the swarm."""
 
-    def measure(self, gas: Gas, wind: Wind, tick: int, t: float) -> None:
+    def measure(self, gas: Odour, wind: Wind, tick: int, t: float) -> None:
         """Update the readings of the group's robots."""
         ...
 
@@ -79,7 +79,7 @@ class Simulation:
     scenario: Scenario
     grid: Grid
     wind: Wind
-    gas: Gas
+    gas: Mixture
     swarm: Any
     teams: list[Team]
     maps: list[Map]

@@ -8,11 +8,12 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume.cut_cells import Air
+from taichi_plume.fields import Mixture
 from taichi_plume.grid import Grid
-from taichi_plume.scenario import Mesh, Scenario
+from taichi_plume.obstacles import Mesh
+from taichi_plume.scenario import Scenario
 from taichi_plume.simulation import Simulation
-
-PPM_PER_DENSITY = 5.0e5
+from taichi_plume.species import SPECIES
 
 
 @ti.data_oriented
@@ -44,7 +45,7 @@ class FakeWind:
 class FakeGas:
     """A meandering Gaussian plume with a wavy intensity: c = a exp(-r²/2s²) (1 + cos(...))/2 [kg/m³]."""
 
-    ppm_per_density = PPM_PER_DENSITY
+    species = SPECIES["ethanol"]
 
     def is_finite(self) -> bool:
         return True
@@ -52,7 +53,7 @@ class FakeGas:
     def __init__(self, grid: Grid, source: tuple[float, ...], peak_ppm: float = 400.0):
         self.dim = grid.dim
         self.source = (*source, *[0.0] * (3 - len(source)))
-        self.peak = peak_ppm / PPM_PER_DENSITY
+        self.peak = peak_ppm / self.species.ppm_per_density
 
     def advance(self, t: float, dt: float) -> None:
         pass
@@ -217,7 +218,7 @@ def simulation(model: Scenario) -> Simulation:
     wind = FakeWind(grid, 0.9)
     air = Air.of(np.zeros(grid.shape, bool), grid)
     obstacles = [_shape(o) for o in model.obstacles]
-    sim = Simulation(model, grid, wind, FakeGas(grid, source), swarm, teams, [], obstacles, air)
+    sim = Simulation(model, grid, wind, Mixture([FakeGas(grid, source)]), swarm, teams, [], obstacles, air)
     sim.maps += [FakeMap(m.kind, m.cell, sim) for m in model.maps]
     return sim
 

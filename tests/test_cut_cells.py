@@ -7,7 +7,8 @@ import pytest
 from taichi_plume.cut_cells import Air, air_of
 from taichi_plume.geometry import Shape, shape
 from taichi_plume.grid import Grid
-from taichi_plume.scenario import Box, Cylinder, Domain, Sphere
+from taichi_plume.obstacles import Box, Cylinder, Sphere
+from taichi_plume.scenario import Domain
 
 
 def one(obstacle, grid: Grid) -> Shape:

@@ -3,11 +3,12 @@ import pytest
 
 from taichi_plume.cut_cells import Air
 from taichi_plume.fields import concentration_at, velocity_at
+from taichi_plume.gases import EulerianGas
 from taichi_plume.grid import Grid
-from taichi_plume.scenario import CfdWind, EulerianGas, UniformWind
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.uniform import UniformSolver
+from taichi_plume.winds import CfdWind, UniformWind
 
 
 @pytest.mark.parametrize("dim", [2, 3])

@@ -35,7 +35,7 @@ def opened(path: Path) -> Any:
 def new_film(path: Path, frames: int = 3) -> list[dict[str, np.ndarray]]:
     """A film of noise; returns its frames, axes (z, y, x)."""
     rng = np.random.default_rng(5)
-    moving = ["u", "v", "w", "gas"]
+    moving = ["u", "v", "w", "gas_acetone"]
     names = ["air", *(kind + name for kind in ("open_", "area_") for name in "uvw")]
     still = {name: np.ones(size_of(name)[::-1], np.float32) for name in names}
     facts = {
@@ -43,8 +43,12 @@ def new_film(path: Path, frames: int = 3) -> list[dict[str, np.ndarray]]:
         "periodic": [False] * 3,
         "viscosity": 1e-5,
         "schmidt": 1.0,
-        "species": "acetone",
-        "sources": [{"position": [0.3, 0.2, 0.2], "rate": 1e-5}],
+        "gases": {
+            "gas_acetone": {
+                "species": "acetone",
+                "sources": [{"position": [0.3, 0.2, 0.2], "rate": 1e-5}],
+            }
+        },
     }
     film = NewFilm(path, SHAPE, DX, facts, moving, still)
     shown = [{name: rng.random(size_of(name)[::-1], np.float32) for name in moving} for _ in range(frames)]
@@ -80,7 +84,7 @@ def test_dimensions_have_names_coordinates_and_units(path):
     assert arrays["u"].metadata.dimension_names == ("time", "z_ghost", "y_ghost", "x_face")
     np.testing.assert_allclose(arrays["x_face"], np.linspace(0, 0.6, 7), atol=1e-12)
     np.testing.assert_allclose(arrays["z_ghost"], [-0.05, 0.05, 0.15, 0.25, 0.35, 0.45])
-    assert arrays["gas"].chunks == (1, 4, 5, 6)
+    assert arrays["gas_acetone"].chunks == (1, 4, 5, 6)
 
 
 def test_interrupted_film_keeps_its_frames(path):
@@ -141,10 +145,10 @@ def test_bad_films_are_told_in_a_line(path, damage, fault):
 
 
 def test_damage_in_the_middle_is_found_when_it_is_read(path):
-    cut("gas/c/1/0/0/0")(path)
+    cut("gas_acetone/c/1/0/0/0")(path)
     film = Film(path)
     film.frame(1, film.wind)
-    with pytest.raises(FilmError, match=r"frame 1 of gas \(t = 0.5 s\) is damaged"):
+    with pytest.raises(FilmError, match=r"frame 1 of gas_acetone \(t = 0.5 s\) is damaged"):
         film.frame(1, film.gas)
 
 
@@ -166,7 +170,7 @@ def test_what_does_not_fit_the_film_is_told(path, override, fault):
 
 
 def test_film_without_the_quantity(path):
-    shutil.rmtree(path / "gas")
+    shutil.rmtree(path / "gas_acetone")
     with pytest.raises(ScenarioError, match="holds no gas, only wind"):
         load_scenario(path.parent / "play.yaml")
 

@@ -2,7 +2,8 @@ import pytest
 import yaml
 
 from taichi_plume.loading import MOST_LINES, ScenarioError, load_scenario
-from taichi_plume.scenario import Box, CfdWind, Fan, Region
+from taichi_plume.obstacles import Box
+from taichi_plume.winds import CfdWind, Fan, Region
 
 
 @pytest.fixture(autouse=True)

@@ -41,7 +41,7 @@ def test_the_warm_up_comes_before_zero_and_robots_wait():
     np.testing.assert_allclose(t, np.linspace(-0.5, 1.0, 16), atol=1e-9)
     assert np.all(path[t <= 1e-9] == 0.0)
     assert path[-1] > 0.0
-    assert sim.gas.budget()["emitted_kg"] == pytest.approx(1.5e-6)
+    assert sim.gas.gases[0].budget()["emitted_kg"] == pytest.approx(1.5e-6)
 
 
 def test_observers_keep_their_cadence_and_see_the_end():
@@ -77,7 +77,7 @@ def test_a_flow_that_blows_up_is_told_with_its_time():
 
 def test_gas_that_is_no_number_is_told():
     sim = small(duration=3.0)
-    sim.observers += [Every(0.3, lambda s: s.t > 0.2 and s.gas.c.fill(np.nan))]
+    sim.observers += [Every(0.3, lambda s: s.t > 0.2 and s.gas.gases[0].c.fill(np.nan))]
     with pytest.raises(UnstableError, match=r"gas is no longer finite at t = 1\.00 s"):
         sim.run()
 
@@ -91,7 +91,7 @@ def test_without_robots_it_runs_to_the_end():
 def test_uniform_wind_carries_the_gas():
     sim = small(wind={"kind": "uniform", "velocity": [0.5, 0.0]}, robots=[], warm_up=0.0)
     sim.run()
-    c = sim.grid.inner(sim.gas.c.to_numpy())
+    c = sim.grid.inner(sim.gas.gases[0].c.to_numpy())
     x = sim.grid.centers()[..., 0]
     assert (c * x).sum() / c.sum() == pytest.approx(0.2 + 0.5 * 0.5, abs=0.03)  # half of the time, on average
 
@@ -144,7 +144,7 @@ def test_a_run_is_whole_ticks():
     sim = small(duration=0.35, warm_up=0.15)
     sim.run()
     assert sim.t == pytest.approx(0.4)
-    assert sim.gas.budget()["emitted_kg"] == pytest.approx(0.6e-6)
+    assert sim.gas.gases[0].budget()["emitted_kg"] == pytest.approx(0.6e-6)
 
 
 def test_walkers_wakes_screens_and_fan_curves_work_together():
@@ -183,7 +183,7 @@ def test_walkers_wakes_screens_and_fan_curves_work_together():
     assert v[17:19, 12].mean() == pytest.approx(0.2, abs=0.03)  # the walker's speed, where it is now
     assert sim.wind.diagnostics()["max_divergence"] < 1e-4
     assert sim.wind.boundaries.curved[0].speed > 0.1
-    budget = sim.gas.budget()
+    budget = sim.gas.gases[0].budget()
     assert budget["in_domain_kg"] + budget["outflow_kg"] == pytest.approx(budget["emitted_kg"], rel=1e-4)
 
 

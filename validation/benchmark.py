@@ -26,12 +26,15 @@ from pydantic import TypeAdapter
 
 from taichi_plume import kernels
 from taichi_plume.cut_cells import Air, air_of
+from taichi_plume.gases import EulerianGas
 from taichi_plume.geometry import shape as shape_of
 from taichi_plume.grid import Grid
-from taichi_plume.scenario import CfdWind, Domain, EulerianGas, Obstacle
+from taichi_plume.obstacles import Obstacle
+from taichi_plume.scenario import Domain
 from taichi_plume.solvers.boundaries import periodic_axes
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.gas import EulerianSolver
+from taichi_plume.winds import CfdWind
 
 ARENA = (
     {"kind": "honeycomb", "face": "x-", "speed": 0.7},

@@ -6,9 +6,9 @@ import numpy as np
 
 from taichi_plume.cut_cells import Air
 from taichi_plume.grid import Grid
-from taichi_plume.scenario import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.validation.flow_cases import Errors, advance, velocities
+from taichi_plume.winds import CfdWind
 
 SLIP = [{"kind": "slip", "face": face} for face in ("z-", "z+")]
 

@@ -8,8 +8,8 @@ from taichi_plume.agents.casting import FIND, IN_PLUME, LOST, SIDESTEP, UPWIND, 
 from taichi_plume.agents.placement import place
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.team import Team
-from taichi_plume.scenario import Anemometer, Body, Group, IdealGasSensor, MoxSensor, Sensors, StartArea
-from taichi_plume.scenario import Casting as Model
+from taichi_plume.robots import Anemometer, Body, Group, IdealGasSensor, MoxSensor, Sensors, StartArea
+from taichi_plume.robots import Casting as Model
 
 EXTENT = (4.0, 3.0)
 SOURCE = (0.5, 1.5)
@@ -58,18 +58,16 @@ class Arena:
 class Plume:
     """Wind along +x, behind SOURCE a Gaussian cone of gas with `peak` ppm at its tip; 0 is clean air."""
 
-    ppm_per_density = 4e5
-
     def __init__(self, peak, wind=0.5):
         self.peak, self.wind = peak, wind
 
     @ti.func
-    def concentration(self, x, t):
+    def ppm(self, x, t):
         behind = x[0] - SOURCE[0]
         width = 0.08 + 0.1 * ti.max(behind, 0.0)
         across = (x[1] - SOURCE[1]) / width
         shape = ti.exp(-0.5 * across * across) * 0.08 / width
-        return ti.select(behind > 0.0, self.peak * shape, 0.0) / self.ppm_per_density
+        return ti.Vector([ti.select(behind > 0.0, self.peak * shape, 0.0)])
 
     @ti.func
     def velocity(self, x, t):
@@ -173,8 +171,8 @@ def test_a_lost_plume_is_sought_on_both_sides_then_given_up():
     @ti.data_oriented
     class Patch(Plume):
         @ti.func
-        def concentration(self, x, t):
-            return ti.select(x[0] > 2.5, self.peak, 0.0) / self.ppm_per_density
+        def ppm(self, x, t):
+            return ti.Vector([ti.select(x[0] > 2.5, self.peak, 0.0)])
 
     _, states, _ = search(Patch(100.0), 40, low=(3.0, 1.4), high=(3.4, 1.6), trials=10, cast_distance=0.1)
     for of_robot in states.T:

@@ -6,8 +6,8 @@ import taichi as ti
 
 from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import Swarm
-from taichi_plume.scenario import Anemometer, Body, Casting, Group, IdealGasSensor, MoxSensor, StartAt
-from taichi_plume.scenario import Sensors as SensorModels
+from taichi_plume.robots import Anemometer, Body, Casting, Group, IdealGasSensor, MoxSensor, StartAt
+from taichi_plume.robots import Sensors as SensorModels
 
 TICK = 0.1
 
@@ -29,8 +29,6 @@ class Floor:
 class Air:
     """The same gas [ppm] and wind [m/s] everywhere; gas grows by `slope` per m of x + 10 z."""
 
-    ppm_per_density = 4e5
-
     def __init__(self, dim=2):
         self.dim = dim
         self.ppm, self.slope = ti.field(ti.f32, ()), ti.field(ti.f32, ())
@@ -46,11 +44,11 @@ class Air:
         pass
 
     @ti.func
-    def concentration(self, x, t):
+    def ppm(self, x, t):
         ppm = self.ppm[None] + self.slope[None] * x[0]
         if ti.static(self.dim == 3):
             ppm += self.slope[None] * 10.0 * x[2]
-        return ppm / self.ppm_per_density
+        return ti.Vector([ppm])
 
     @ti.func
     def velocity(self, x, t):

@@ -4,11 +4,12 @@ import pytest
 from taichi_plume.cut_cells import air_of
 from taichi_plume.geometry import Ball
 from taichi_plume.grid import Grid
-from taichi_plume.scenario import CfdWind, Sphere
+from taichi_plume.obstacles import Sphere
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.forces import forces
 from taichi_plume.species import AIR_DENSITY
 from taichi_plume.validation.flow_cases import advance, periodic
+from taichi_plume.winds import CfdWind
 
 
 def test_bodies_take_what_drives_the_air():

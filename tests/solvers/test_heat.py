@@ -3,11 +3,13 @@ import pytest
 
 from taichi_plume.assemble import assemble
 from taichi_plume.cut_cells import Air
+from taichi_plume.gases import EulerianGas
 from taichi_plume.grid import Grid
-from taichi_plume.scenario import CfdWind, EulerianGas, Heat, Scenario
+from taichi_plume.scenario import Scenario
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.heat import HeatSolver
+from taichi_plume.winds import CfdWind, Heat
 
 
 def closed_box(shape, dx=0.05, openings=(), **more) -> FlowSolver:
@@ -143,7 +145,7 @@ def test_heavy_gas_falls_as_it_should_at_first():
     )
     gravity = (0.0, -9.81)
     flow.lift.append((gas.c, tuple(g * gas.species.weight_per_density for g in gravity)))
-    density = x_mole * 1e6 / gas.ppm_per_density
+    density = x_mole * 1e6 / gas.species.ppm_per_density
     gas.start_from(lambda x: density * 0.5 * (1.0 + np.sin(2.0 * np.pi * x[..., 0] / 3.2)))
     end = 0.05
     run(flow, end)
@@ -201,7 +203,7 @@ def height_of_gas(**buoyancy) -> float:
     )
     sim = assemble(scenario)
     sim.run()
-    c = sim.grid.read(sim.gas.c).astype(float)
+    c = sim.grid.read(sim.gas.gases[0].c).astype(float)
     return float((c * sim.grid.centers()[..., 1]).sum() / c.sum())
 
 

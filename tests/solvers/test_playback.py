@@ -12,11 +12,12 @@ from taichi_plume.assemble import assemble
 from taichi_plume.fields import concentration_at, velocity_at
 from taichi_plume.film import Film
 from taichi_plume.filming import Filming
+from taichi_plume.gases import PlaybackGas
 from taichi_plume.grid import Grid
 from taichi_plume.loading import load_scenario
-from taichi_plume.scenario import PlaybackGas, PlaybackWind
 from taichi_plume.simulation import Every, Simulation
 from taichi_plume.solvers.playback import PlayedGas, PlayedWind
+from taichi_plume.winds import PlaybackWind
 
 LIVE = """
 seed: 3
@@ -41,7 +42,10 @@ def watched(sim: Simulation) -> dict[float, tuple[np.ndarray, np.ndarray]]:
 
     def look(sim: Simulation) -> None:
         if sim.tick >= -10:
-            seen[sim.tick] = velocity_at(sim.wind, POINTS, sim.t), concentration_at(sim.gas, POINTS, sim.t)
+            seen[sim.tick] = (
+                velocity_at(sim.wind, POINTS, sim.t),
+                concentration_at(sim.gas.gases[0], POINTS, sim.t),
+            )
 
     sim.observers.append(Every(sim.dt, look, warm_up=True))
     sim.run()
@@ -106,7 +110,7 @@ def test_gas_disperses_on_a_played_flow_as_on_the_computed_one(live):
     sim = played(live)
     c, wanted = watched(sim)[20][1], live.seen[20][1]
     assert np.abs(c - wanted).sum() < 0.03 * wanted.sum()
-    budget = sim.gas.budget()
+    budget = sim.gas.gases[0].budget()
     lost = budget["emitted_kg"] - budget["in_domain_kg"] - budget["outflow_kg"]
     assert abs(lost) < 1e-5 * budget["emitted_kg"]
 
@@ -174,7 +178,7 @@ def test_gas_between_cells_and_frames(tmp_path):
         PlaybackGas.model_validate({"kind": "playback", "file": "f", "species": "acetone"}), film, grid, 0.0
     )
     gas.advance(0.0, 0.25)
-    c = 0.5 * (frames[0]["gas"] + frames[1]["gas"]).T
+    c = 0.5 * (frames[0]["gas_acetone"] + frames[1]["gas_acetone"]).T
     found = concentration_at(gas, np.array([[0.15, 0.25, 0.15], [0.2, 0.25, 0.15], [0.01, 0.01, 0.01]]), 0.0)
     np.testing.assert_allclose(found, [c[1, 2, 1], 0.5 * (c[1, 2, 1] + c[2, 2, 1]), c[0, 0, 0]], rtol=2e-5)
-    assert gas.ppm_per_density == pytest.approx(1e6 * 24.4654e-3 / 58.08e-3, rel=1e-5)
+    assert gas.species.ppm_per_density == pytest.approx(1e6 * 24.4654e-3 / 58.08e-3, rel=1e-5)

@@ -3,10 +3,11 @@ import pytest
 
 from taichi_plume.cut_cells import Air
 from taichi_plume.fields import velocity_at
+from taichi_plume.gases import EulerianGas
 from taichi_plume.grid import Grid
-from taichi_plume.scenario import EulerianGas, SyntheticWind
 from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.synthetic import SyntheticSolver
+from taichi_plume.winds import SyntheticWind
 
 SHAPES = [(60, 42), (30, 21, 12)]
 

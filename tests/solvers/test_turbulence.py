@@ -3,8 +3,8 @@ import pytest
 
 from taichi_plume.cut_cells import Air
 from taichi_plume.grid import Grid
-from taichi_plume.scenario import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
+from taichi_plume.winds import CfdWind
 
 
 def eddy_viscosity(kind: str, gradient: np.ndarray, constant: float) -> float:
