@@ -122,7 +122,7 @@ def _result(case: "Case", arch: str) -> dict[str, Any]:
     begin = perf_counter()
     findings, message = [], ""
     try:
-        findings = examine(case, case.fine, arch)
+        findings, _ = examine(case, case.fine, arch)
     except Exception as error:
         message = f"{type(error).__name__}: {error}"
     return {

@@ -4,6 +4,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import inf, isfinite, log, nan
 
+import numpy as np
+
 from taichi_plume import kernels
 
 
@@ -38,8 +40,25 @@ class Expected:
 
 
 @dataclass(frozen=True)
+class Curve:
+    """Something computed beside its reference, for the report to plot: arrays of one shape."""
+
+    x_label: str
+    y_label: str
+    x: np.ndarray
+    computed: np.ndarray
+    reference: np.ndarray
+    log_x: bool = False
+    log_y: bool = False
+
+
+Answer = Mapping[str, float | Curve]
+"""Errors by norm, and curves by title."""
+
+
+@dataclass(frozen=True)
 class Case:
-    """A problem with a known answer. `solve` takes a resolution and returns errors by norm.
+    """A problem with a known answer. `solve` takes a resolution and returns errors by norm, and curves to plot.
 
     Tests solve it at the coarse resolutions, the command at the fine ones. A norm that is not in `expected` is told
     but not judged.
@@ -48,10 +67,12 @@ class Case:
     name: str
     about: str
     reference: str
-    solve: Callable[[int], dict[str, float]]
+    solve: Callable[[int], Answer]
     coarse: tuple[int, ...]
     fine: tuple[int, ...]
     expected: Mapping[str, Expected]
+    slow: bool = False
+    """Whether the coarse resolutions take longer than a few seconds."""
 
 
 @dataclass(frozen=True)
@@ -82,14 +103,23 @@ def observed_order(errors: Mapping[int, float]) -> float:
     return log(coarse / fine) / log(m / n) if coarse > 0.0 and fine > 0.0 else nan
 
 
-def examine(case: Case, resolutions: tuple[int, ...], arch: str = "cpu") -> list[Finding]:
-    """Solve a case at ascending resolutions, each with a fresh Taichi, and judge every norm."""
+def examine(
+    case: Case, resolutions: tuple[int, ...], arch: str = "cpu"
+) -> tuple[list[Finding], dict[str, Curve]]:
+    """Solve a case at ascending resolutions, each with a fresh Taichi.
+
+    Returns every norm with its verdict, and the curves of the finest resolution.
+    """
     errors: dict[str, dict[int, float]] = {}
+    curves: dict[str, Curve] = {}
     for n in resolutions:
         kernels.start(arch)
-        for norm, error in case.solve(n).items():
-            errors.setdefault(norm, {})[n] = error
+        for name, part in case.solve(n).items():
+            if isinstance(part, Curve):
+                curves[name] = part
+            else:
+                errors.setdefault(name, {})[n] = part
     unknown = case.expected.keys() - errors.keys()
     if unknown:
         raise KeyError(f"{case.name} has no norm {sorted(unknown)}")
-    return [Finding(norm, found, case.expected.get(norm)) for norm, found in errors.items()]
+    return [Finding(norm, found, case.expected.get(norm)) for norm, found in errors.items()], curves

@@ -47,6 +47,7 @@ def _cavity(reynolds: int, fine: tuple[int, ...]) -> Case:
         partial(cavity, reynolds=reynolds),
         coarse=(32,),
         fine=fine,
+        slow=reynolds > 100,
         expected={"u(0.5, y), largest": Expected(tolerance=0.005, at=fine[-1])},
     )
 
@@ -59,6 +60,7 @@ def _heated_cavity(rayleigh: float, fine: tuple[int, ...], **reference: float) -
         partial(heated_cavity, rayleigh=rayleigh, **reference),
         coarse=(24,),
         fine=fine,
+        slow=True,
         expected={
             norm: Expected(tolerance=0.015, at=fine[-1]) for norm in ("Nusselt number", "u_max", "v_max")
         },
@@ -73,6 +75,7 @@ def _duct(aspect: int) -> Case:
         partial(duct, aspect=aspect),
         coarse=(8, 16),
         fine=(16, 32),
+        slow=True,
         expected={"u_max / u_mean": HALF_A_PERCENT, "u_mean": HALF_A_PERCENT},
     )
 
@@ -94,6 +97,7 @@ _ALL = (
         partial(taylor_green, dim=3),
         coarse=(16, 32),
         fine=(32, 64),
+        slow=True,
         expected={"u, rms": SECOND_ORDER, "decay of the energy": SECOND_ORDER},
     ),
     Case(
@@ -103,6 +107,7 @@ _ALL = (
         kovasznay,
         coarse=(16, 32),
         fine=(32, 64),
+        slow=True,
         expected={"u, rms": SECOND_ORDER},
     ),
     Case(
@@ -112,6 +117,7 @@ _ALL = (
         poiseuille,
         coarse=(8, 16),
         fine=(16, 32),
+        slow=True,
         expected={
             "u / u_max, largest": Expected(order=1.9, tolerance=0.005, at=32),
             "pressure gradient": Expected(order=1.75, tolerance=0.005, at=32),
@@ -124,6 +130,7 @@ _ALL = (
         poiseuille_start,
         coarse=(32, 64),
         fine=(32, 64),
+        slow=True,
         expected={"u, rms": SECOND_ORDER},
     ),
     Case(
@@ -133,6 +140,7 @@ _ALL = (
         couette_start,
         coarse=(8, 16),
         fine=(32, 64),
+        slow=True,
         expected={"u, rms": SECOND_ORDER},
     ),
     _duct(1),
@@ -159,6 +167,7 @@ _ALL = (
         pipe,
         coarse=(8, 16),
         fine=(8, 16, 32),
+        slow=True,
         expected={"flow rate": Expected(order=0.9, tolerance=0.02, at=32)},
     ),
     Case(
@@ -168,6 +177,7 @@ _ALL = (
         oblique_channel,
         coarse=(16, 32),
         fine=(32, 64),
+        slow=True,
         expected={"flow rate": Expected(tolerance=0.08), "divergence": Expected(tolerance=1e-5)},
     ),
     _puff(2, 0.0),
@@ -181,6 +191,7 @@ _ALL = (
         conduction,
         coarse=(16, 32),
         fine=(32, 64),
+        slow=True,
         expected={
             "theta / dT on the way, rms": SECOND_ORDER,
             "theta / dT in the end, largest": Expected(tolerance=5e-5),
@@ -204,6 +215,7 @@ _ALL = (
         partial(honeycombs, dim=3),
         coarse=(40,),
         fine=(80,),
+        slow=True,
         expected=AIR_BALANCE,
     ),
     Case(
@@ -213,6 +225,7 @@ _ALL = (
         fan,
         coarse=(20,),
         fine=(40,),
+        slow=True,
         expected=AIR_BALANCE,
     ),
     Case(
@@ -222,6 +235,7 @@ _ALL = (
         fan_jet,
         coarse=(6,),
         fine=(6,),
+        slow=True,
         expected={
             "K from published": Expected(tolerance=DECAY[1]),
             "S from published": Expected(tolerance=SPREAD[1]),
@@ -236,6 +250,7 @@ _ALL = (
         one_layer,
         coarse=(40,),
         fine=(80,),
+        slow=True,
         expected={"u / u_max, largest": Expected(tolerance=2e-6)},
     ),
 )

@@ -31,7 +31,7 @@ class Air:
 
     def __init__(self, dim=2):
         self.dim = dim
-        self.ppm, self.slope = ti.field(ti.f32, ()), ti.field(ti.f32, ())
+        self.level, self.slope = ti.field(ti.f32, ()), ti.field(ti.f32, ())
         self.u = ti.Vector.field(dim, ti.f32, ())
 
     def stable_dt(self, t=0.0):
@@ -45,7 +45,7 @@ class Air:
 
     @ti.func
     def ppm(self, x, t):
-        ppm = self.ppm[None] + self.slope[None] * x[0]
+        ppm = self.level[None] + self.slope[None] * x[0]
         if ti.static(self.dim == 3):
             ppm += self.slope[None] * 10.0 * x[2]
         return ti.Vector([ppm])
@@ -92,9 +92,9 @@ def test_mox_step_response(model):
     c0, b, rise, decay = MOX[model]
     swarm, (sensors,) = robots(group(MoxSensor(kind="mox", model=model, noise=0)))
     air = Air()
-    air.ppm[None] = 50.0
+    air.level[None] = 50.0
     up = series(sensors, swarm, air, 1, 600)[:, 0]
-    air.ppm[None] = 0.0
+    air.level[None] = 0.0
     down = series(sensors, swarm, air, 601, 600)[:, 0]
     t = TICK * np.arange(1, 601)
     resistance = np.log1p(50.0 / c0) * -b  # ln(R/R_air) in the end
@@ -109,7 +109,7 @@ def test_ideal_sensor_reads_the_truth_at_once():
     swarm, (sensors,) = robots(group(IdealGasSensor(kind="ideal")))
     air = Air()
     for tick, ppm in enumerate([0.0, 120.0, 3.0], start=1):
-        air.ppm[None] = ppm
+        air.level[None] = ppm
         sensors.measure(air, air, tick, tick * TICK)
         assert swarm.reading.to_numpy()[0] == pytest.approx(ppm, rel=1e-6)
         assert swarm.true_ppm.to_numpy()[0] == pytest.approx(ppm, rel=1e-6)
@@ -119,9 +119,9 @@ def test_given_time_constants_replace_the_models():
     gas = IdealGasSensor(kind="ideal", rise_time=2.0, decay_time=4.0)
     swarm, (sensors,) = robots(group(gas))
     air = Air()
-    air.ppm[None] = 10.0
+    air.level[None] = 10.0
     assert series(sensors, swarm, air, 1, 20)[-1, 0] == pytest.approx(10 * (1 - np.exp(-1)), rel=1e-4)
-    air.ppm[None] = 0.0
+    air.level[None] = 0.0
     before = swarm.reading.to_numpy()[0]
     assert series(sensors, swarm, air, 21, 40)[-1, 0] == pytest.approx(before * np.exp(-1), rel=1e-4)
 
@@ -131,7 +131,7 @@ def test_readings_are_held_between_samples():
     gas = IdealGasSensor(kind="ideal", rise_time=1.0, period=0.5)
     swarm, (sensors,) = robots(group(gas))
     air = Air()
-    air.ppm[None] = 10.0
+    air.level[None] = 10.0
     seen = series(sensors, swarm, air, 1, 20)[:, 0]
     sampled_at = TICK * (1 + 5 * (np.arange(20) // 5))
     assert seen == pytest.approx(10 * (1 - np.exp(-sampled_at)), rel=1e-4)
@@ -141,7 +141,7 @@ def test_noise_of_the_resistance():
     """In 20 ppm ln R scatters by the given standard deviation, anew with each sample."""
     swarm, (sensors,) = robots(group(MoxSensor(kind="mox", noise=0.02, rise_time=0), count=2000))
     air = Air()
-    air.ppm[None] = 20.0
+    air.level[None] = 20.0
     c0, b, *_ = MOX["mics5524"]
     ln_r = -b * np.log1p(series(sensors, swarm, air, 1, 2) / c0)
     ln_r -= -b * np.log1p(20 / c0)
@@ -161,7 +161,7 @@ def test_numbers_are_drawn_by_group_and_place_in_it():
     """More trials and groups leave the noise of the others as it is; trials, groups and seeds differ."""
     gas = IdealGasSensor(kind="ideal", noise_ppm=1.0)
     air = Air()
-    air.ppm[None] = 100.0
+    air.level[None] = 100.0
 
     def first_sample(*groups, seed=5):
         swarm, all_sensors = robots(*groups, seed=seed)

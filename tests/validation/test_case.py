@@ -35,7 +35,7 @@ def case(**expected: Expected) -> Case:
 
 
 def test_a_norm_without_expectation_is_not_judged():
-    a, b = examine(case(a=Expected(order=1.9)), (8, 16))
+    (a, b), _ = examine(case(a=Expected(order=1.9)), (8, 16))
     assert (a.norm, a.met, a.order) == ("a", True, pytest.approx(2.0))
     assert (b.norm, b.met) == ("b", None)
 
