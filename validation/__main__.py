@@ -18,7 +18,7 @@ from rich.console import Console
 from rich.text import Text
 
 if TYPE_CHECKING:
-    from taichi_plume.validation.case import Case
+    from taichi_plume.validation.case import Case, Curve
 
 VERDICTS = {True: ("met", "green"), False: ("NOT MET", "bold red"), None: ("", "")}
 
@@ -41,6 +41,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         _print_list(cases)
         return 0
     from taichi_plume import kernels
+    from taichi_plume.validation.report import page
 
     try:
         backend = kernels.start(args.arch)
@@ -50,10 +51,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         if args.out:
             args.out.mkdir(parents=True, exist_ok=True)
-        report = _examine(cases, args, backend)
+        report, curves = _examine(cases, args, backend)
         text = json.dumps(report, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
         if args.out:
             (args.out / "report.json").write_text(text, encoding="utf-8")
+            (args.out / "report.html").write_text(page(report, curves), encoding="utf-8")
     except OSError as error:
         print(f"the report could not be written: {error}", file=sys.stderr)
         return 1
@@ -72,7 +74,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     )
     parser.add_argument("names", nargs="*", metavar="NAMES", help="cases (default: all)")
     parser.add_argument("--list", action="store_true", help="only tell what there is")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="write report.json there")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="write report.html and report.json there")
     parser.add_argument("--json", action="store_true", help="print the report as JSON")
     parser.add_argument(
         "--arch",
@@ -83,8 +85,13 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     return parser.parse_args(argv)
 
 
-def _examine(cases: list["Case"], args: argparse.Namespace, backend: str) -> dict[str, Any]:
-    """Solve the cases finely and tell of each. One that cannot be solved counts as failed, and the others go on."""
+def _examine(
+    cases: list["Case"], args: argparse.Namespace, backend: str
+) -> tuple[dict[str, Any], dict[str, dict[str, "Curve"]]]:
+    """Solve the cases finely and tell of each. One that cannot be solved counts as failed, and the others go on.
+
+    Returns the report, and the curves of each case.
+    """
     import platform
 
     import taichi as ti
@@ -94,16 +101,17 @@ def _examine(cases: list["Case"], args: argparse.Namespace, backend: str) -> dic
     begin, waiting = perf_counter(), Console(stderr=True)
     console = Console(highlight=False, soft_wrap=True, quiet=args.json)
     console.print(_line("error", "at resolution", "order", "expected", ("verdict", "")), style="bold")
-    results = []
+    results, curves = [], {}
     for case in cases:
         with waiting.status(f"{case.name} at {', '.join(map(str, case.fine))}"):
-            results.append(_result(case, args.arch))
+            found, curves[case.name] = _result(case, args.arch)
+            results.append(found)
         _print_result(results[-1], console)
     wall = round(perf_counter() - begin, 1)
     failed = [result["name"] for result in results if not result["passed"]]
     verdict = f"not met: {', '.join(failed)}" if failed else "all as expected"
     console.print(f"\n{len(cases)} cases in {wall:.0f} s on {backend}: {verdict}")
-    return {
+    report = {
         "passed": not failed,
         "versions": {
             "taichi_plume": __version__,
@@ -114,18 +122,19 @@ def _examine(cases: list["Case"], args: argparse.Namespace, backend: str) -> dic
         "wall_s": wall,
         "cases": results,
     }
+    return report, curves
 
 
-def _result(case: "Case", arch: str) -> dict[str, Any]:
+def _result(case: "Case", arch: str) -> tuple[dict[str, Any], dict[str, "Curve"]]:
     from taichi_plume.validation.case import examine
 
     begin = perf_counter()
-    findings, message = [], ""
+    findings, curves, message = [], {}, ""
     try:
-        findings, _ = examine(case, case.fine, arch)
+        findings, curves = examine(case, case.fine, arch)
     except Exception as error:
         message = f"{type(error).__name__}: {error}"
-    return {
+    result = {
         "name": case.name,
         "about": case.about,
         "reference": case.reference,
@@ -143,6 +152,7 @@ def _result(case: "Case", arch: str) -> dict[str, Any]:
             for finding in findings
         ],
     }
+    return result, curves
 
 
 def _number(value: float) -> float | None:

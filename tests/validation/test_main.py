@@ -1,10 +1,14 @@
+import base64
 import json
+import re
 from dataclasses import replace
+from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 
 from taichi_plume.validation.__main__ import main
-from taichi_plume.validation.case import Case, Expected
+from taichi_plume.validation.case import Answer, Case, Curve, Expected
 from taichi_plume.validation.cases import CASES
 
 
@@ -12,9 +16,12 @@ def unsolvable(n: int) -> dict[str, float]:
     raise RuntimeError("no steady state")
 
 
-GOOD = Case(
-    "good", "n^-2", "closed form", lambda n: {"u": n**-2.0}, (8,), (8, 16), {"u": Expected(order=1.9)}
-)
+def parabola(n: int) -> Answer:
+    x = np.linspace(0.0, 1.0, n)
+    return {"u": n**-2.0, "parabola": Curve("x [m]", "u <v>", x, x * (1 - x), x * (1 - x) + n**-2.0)}
+
+
+GOOD = Case("good", "n^-2", "closed form", parabola, (8,), (8, 16), {"u": Expected(order=1.9)})
 BAD = replace(GOOD, name="bad", expected={"u": Expected(tolerance=1e-9)})
 BROKEN = replace(GOOD, name="broken", solve=unsolvable)
 
@@ -48,6 +55,20 @@ def test_named_cases_are_solved_and_reported(table, tmp_path, capsys):
     assert case["name"] == "good"
     assert row["errors"] == {"8": 8**-2.0, "16": 16**-2.0}
     assert row["order"] == pytest.approx(2.0)
+
+
+def test_the_page_shows_norms_curves_and_faults(table, tmp_path):
+    main(["--out", str(tmp_path)])
+    page = (tmp_path / "report.html").read_text()
+    ElementTree.fromstring(
+        re.sub(r"<!doctype html>|<meta [^>]*>|<img [^>]*>", "", page).replace("class=about", "")
+    )
+    assert "RuntimeError: no steady state" in page
+    assert "1.56e-02" in page  # 8^-2
+    pictures = [base64.b64decode(found) for found in re.findall(r"svg\+xml;base64,([^\"]*)", page)]
+    assert len(pictures) == 2  # of the two cases that were solved
+    assert all(ElementTree.fromstring(picture).tag.endswith("svg") for picture in pictures)
+    assert any(b"parabola" in picture for picture in pictures)
 
 
 def test_a_failure_is_told_and_the_others_go_on(table, capsys):

@@ -1,0 +1,130 @@
+"""The report of a validation as one HTML page: verdicts, norms, and plots of convergence and of what was computed."""
+
+import base64
+import io
+from collections.abc import Mapping
+from html import escape
+from typing import Any
+
+import numpy as np
+
+from taichi_plume.validation.case import Curve
+
+INK = {True: "#2e7d32", False: "#c62828", None: "#777"}
+WORD = {True: "met", False: "NOT MET", None: ""}
+STYLE = """
+body { font: 15px/1.45 system-ui, sans-serif; max-width: 70em; margin: 2em auto; padding: 0 1em; color: #222 }
+h2 { margin: 2em 0 0.2em; border-top: 1px solid #ddd; padding-top: 1em; font-size: 1.15em }
+p { margin: 0.2em 0 } table { border-collapse: collapse; margin: 0.6em 0 } img { max-width: 100% }
+th, td { text-align: left; padding: 0.15em 1.2em 0.15em 0; font-variant-numeric: tabular-nums }
+th { font-weight: 600; border-bottom: 1px solid #bbb } .about { color: #555 }
+"""
+
+
+def page(report: dict[str, Any], curves: Mapping[str, Mapping[str, Curve]]) -> str:
+    """The page of a report (see `__main__`), with the curves of each case by its name."""
+    versions = ", ".join(f"{name} {version}" for name, version in report["versions"].items())
+    verdict = "all as expected" if report["passed"] else "not all as expected"
+    index = "".join(_index_row(case) for case in report["cases"])
+    return (
+        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>Validation of taichi_plume</title>'
+        f"<style>{STYLE}</style><h1>Validation of taichi_plume</h1>"
+        f"<p>{len(report['cases'])} cases in {report['wall_s']:.0f} s on {escape(report['backend'])}: "
+        f"<b>{verdict}</b></p><p class=about>{escape(versions)}</p>"
+        f"<table><tr><th>case</th><th>what</th><th>against</th><th>verdict</th></tr>{index}</table>"
+        + "".join(_case(case, curves.get(case["name"], {})) for case in report["cases"])
+        + "</html>\n"
+    )
+
+
+def _index_row(case: dict[str, Any]) -> str:
+    name = escape(case["name"])
+    return (
+        f'<tr><td><a href="#{name}">{name}</a></td><td>{escape(case["about"])}</td>'
+        f"<td>{escape(case['reference'])}</td><td>{_verdict(case['passed'])}</td></tr>"
+    )
+
+
+def _verdict(met: bool | None) -> str:
+    return f'<span style="color:{INK[met]}">{WORD[met]}</span>'
+
+
+def _case(case: dict[str, Any], curves: Mapping[str, Curve]) -> str:
+    sizes = list(dict.fromkeys(n for row in case["norms"] for n in row["errors"]))
+    head = "".join(f"<th>{title}</th>" for title in ["error", *map(_at, sizes), "order", "expected", ""])
+    rows = "".join(_row(row, sizes) for row in case["norms"])
+    name, about = escape(case["name"]), f"{case['about']} ({case['reference']}), {case['wall_s']:.0f} s"
+    message = f'<p style="color:{INK[False]}">{escape(case["message"])}</p>' if case["message"] else ""
+    table = f"<table><tr>{head}</tr>{rows}</table>" if rows else ""
+    picture = _picture(case, curves)
+    image = f'<img alt="plots of {name}" src="data:image/svg+xml;base64,{picture}">' if picture else ""
+    return f'<h2 id="{name}">{name}</h2><p class=about>{escape(about)}</p>{message}{table}{image}'
+
+
+def _at(size: str) -> str:
+    return f"at {escape(size)}"
+
+
+def _row(row: dict[str, Any], sizes: list[str]) -> str:
+    errors = [row["errors"].get(n) for n in sizes]
+    cells = [
+        escape(row["norm"]),
+        *("-" if error is None else f"{error:.2e}" for error in errors),
+        "" if row["order"] is None else f"{row['order']:.2f}",
+        escape(row["expected"] or ""),
+        _verdict(row["met"]),
+    ]
+    return "<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>"
+
+
+# ---------------------------------------------------------------- plots
+
+
+def _picture(case: dict[str, Any], curves: Mapping[str, Curve]) -> str:
+    """An SVG picture in base64: errors over resolution where an order is expected, and every curve. Empty if none."""
+    from matplotlib.figure import Figure  # half a second, which a run without a report need not wait for
+
+    converging = [row for row in case["norms"] if row["order"] is not None and len(row["errors"]) > 1]
+    panels = len(curves) + bool(converging)
+    if not panels:
+        return ""
+    columns = min(panels, 3)
+    lines = -(-panels // columns)
+    figure = Figure(figsize=(4.2 * columns, 3.2 * lines), layout="constrained")
+    axes = list(figure.subplots(lines, columns, squeeze=False).flat)
+    for left_over in axes[panels:]:
+        left_over.remove()
+    if converging:
+        _convergence(axes.pop(0), converging)
+    for axis, (title, curve) in zip(axes, curves.items(), strict=False):
+        _curve(axis, title, curve)
+    file = io.BytesIO()
+    figure.savefig(file, format="svg")
+    return base64.b64encode(file.getvalue()).decode()
+
+
+def _convergence(axis: Any, rows: list[dict[str, Any]]) -> None:
+    largest, sizes = 0.0, np.array([])
+    for row in rows:
+        known = {int(n): error for n, error in row["errors"].items() if error}
+        axis.loglog(list(known), list(known.values()), "o-", markersize=4, label=row["norm"])
+        if known:
+            largest, sizes = max(largest, max(known.values())), np.array(list(known), float)
+    if len(sizes):
+        axis.loglog(sizes, 1.5 * largest * (sizes / sizes[0]) ** -2, "k:", linewidth=1, label="second order")
+    axis.set(xlabel="resolution", ylabel="error", title="Convergence")
+    axis.legend(fontsize=7)
+    axis.grid(alpha=0.3, which="both")
+
+
+def _curve(axis: Any, title: str, curve: Curve) -> None:
+    axis.plot(curve.x, curve.reference, "k-", linewidth=1, label="reference")
+    style = "o" if len(curve.x) < 60 else "-"
+    axis.plot(curve.x, curve.computed, style, color="#d1495b", markersize=3, linewidth=1, label="computed")
+    axis.set(xlabel=curve.x_label, ylabel=curve.y_label, title=title)
+    if curve.log_x:
+        axis.set_xscale("log")
+    if curve.log_y:
+        axis.set_yscale("log")
+    axis.legend(fontsize=7)
+    axis.grid(alpha=0.3)
