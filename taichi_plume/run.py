@@ -93,7 +93,7 @@ def _reader_may_leave() -> Iterator[None]:
 
 
 def _print_check(scenario: "Scenario") -> None:
-    from taichi_plume.checks import estimate
+    from taichi_plume.checks_size import estimate
     from taichi_plume.results import to_yaml
 
     size = estimate(scenario)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from test_geometry import box_triangles, write_stl
 
-from taichi_plume import checks
-from taichi_plume.checks import estimate
+from taichi_plume import checks_size
+from taichi_plume.checks_size import estimate
 from taichi_plume.loading import ScenarioError, load_scenario
 
 
@@ -429,7 +429,7 @@ FAULTS = [
 
 @pytest.mark.parametrize(("override", "begins", "has"), FAULTS, ids=range(len(FAULTS)))
 def test_each_fault_is_one_line_with_its_place_and_the_remedy(tmp_path, monkeypatch, override, begins, has):
-    monkeypatch.setattr(checks.psutil, "virtual_memory", lambda: SimpleNamespace(available=3e9))
+    monkeypatch.setattr(checks_size.psutil, "virtual_memory", lambda: SimpleNamespace(available=3e9))
     lines = told(tmp_path, ROOM, override)
     assert len(lines) == 1, lines
     assert lines[0].startswith(begins)
@@ -492,7 +492,7 @@ def test_overlapping_robots_of_two_groups_are_told(tmp_path):
 
 def test_memory_is_checked_before_anything_is_allocated(tmp_path, monkeypatch):
     room = scenario(tmp_path, ROOM)
-    monkeypatch.setattr(checks.psutil, "virtual_memory", lambda: SimpleNamespace(available=1e6))
+    monkeypatch.setattr(checks_size.psutil, "virtual_memory", lambda: SimpleNamespace(available=1e6))
     lines = told(tmp_path, ROOM)
     assert len(lines) == 1
     spacing = float(lines[0].split("a spacing of ")[1].split(" m")[0])
@@ -520,7 +520,7 @@ def test_only_flows_without_fast_transforms_need_memory_for_factors(tmp_path):
 
     part = "wind.openings.1={kind: honeycomb, face: x+, center: [1], size: [1]}"
     empty = needed("obstacles=[]")  # its fan is a wall to the pressure
-    factors = checks.BYTES_OF_FACTORS * 80 * 60
+    factors = checks_size.BYTES_OF_FACTORS * 80 * 60
     assert needed() == empty + factors
     assert needed("obstacles=[]", part) == empty + factors
     assert needed("obstacles=[]", "wind={kind: uniform, velocity: [1, 0]}") == empty
