@@ -265,6 +265,8 @@ def test_signals_end_a_run_in_order(scenario, number):
         str(scenario),
         "--duration",
         "100000",
+        "--set",
+        "stop_early=false",
         "--out",
         "out",
     ]
