@@ -44,6 +44,7 @@ class Casting:
         model: robots.Casting = group.model.algorithm
         self.swarm, self.start, self.size = swarm, group.start, group.size
         self.seed, self.stream = swarm.seed, stream_id(f"group {group.number}/casting")
+        self.first = group.first
         self.speed = group.model.body.max_speed if model.speed is None else model.speed
         self.threshold = model.threshold_ppm
         self.angle = radians(model.upwind_angle_deg)
@@ -74,7 +75,7 @@ class Casting:
             i = self.start + n
             heading = self.swarm.heading[i]
             self.upwind[n] = ti.Vector([ti.cos(heading), ti.sin(heading)])
-            u = uniform4(ti.u32(self.seed), ti.u32(self.stream), n, 0, 0)
+            u = uniform4(ti.u32(self.seed), ti.u32(self.stream), self.first + n, 0, 0)
             self.side[n] = ti.select(u.x > 0.5, 1.0, -1.0)  # type: ignore[operator]
             self.step_sign[n] = 1.0
             self.swarm.state[i] = FIND

@@ -24,29 +24,31 @@ class Placed:
 
 def place(
     group: Group,
-    rng: np.random.Generator,
+    draws: Callable[[int], np.random.Generator],
     distance: Callable[[np.ndarray], np.ndarray],
     occupied: Sequence[Placed] = (),
 ) -> tuple[np.ndarray, np.ndarray]:
     """Positions (trials·count, 2) [m] and headings [rad], trial after trial.
 
-    distance: of points (n, 2) to the next wall or obstacle, (n,) [m]. occupied: the groups before.
+    draws: the random numbers of each trial, by its number. distance: of points (n, 2) to the next wall or obstacle,
+    (n,) [m]. occupied: the groups before.
     Raises ValueError where robots do not fit.
     """
     start = group.start
     positions = np.empty((group.trials, group.count, 2))
+    headings = np.empty((group.trials, group.count))
     for k in range(group.trials):
+        rng = draws(group.first_trial + k)
         others = [(o.positions[o.trial == k], o.radius) for o in occupied]
         if isinstance(start, StartArea):
             positions[k] = _scatter(group, start, rng, distance, others)
         else:
             positions[k] = _given(group)
             _check(group, positions[k], distance, others)
-    if start.heading_deg is None:
-        headings = rng.uniform(-np.pi, np.pi, group.trials * group.count)
-    else:
-        headings = np.full(group.trials * group.count, np.radians(start.heading_deg))
-    return positions.reshape(-1, 2), headings
+        headings[k] = rng.uniform(-np.pi, np.pi, group.count)
+    if start.heading_deg is not None:
+        headings[:] = np.radians(start.heading_deg)
+    return positions.reshape(-1, 2), headings.ravel()
 
 
 def placed(group: Group, positions: np.ndarray) -> Placed:

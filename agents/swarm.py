@@ -44,6 +44,11 @@ class GroupRange:
         return self.count * self.trials
 
     @property
+    def first(self) -> int:
+        """Number of its first robot among all trials there could be: random streams count by it."""
+        return self.model.first_trial * self.count
+
+    @property
     def slice(self) -> slice:
         """The group's part of an array over the swarm."""
         return slice(self.start, self.start + self.size)
@@ -93,6 +98,7 @@ class Swarm:
         self.speed_command = ti.field(ti.f32, n)
         self.turn_rate_command = ti.field(ti.f32, n)
         self.reading = ti.field(ti.f32, n)
+        self.resistance = ti.field(ti.f32, n)  # ohm, of a metal oxide
         self.true_ppm = ti.field(ti.f32, n)
         self.wind = ti.Vector.field(2, ti.f32, n)
         self.wind_known = ti.field(ti.i32, n)
@@ -102,6 +108,7 @@ class Swarm:
         self.path_length = ti.field(ti.f32, n)
         self.state = ti.field(ti.i32, n)
         self.found_time.fill(np.nan)
+        self.resistance.fill(np.nan)
         self._fill_bodies(n)
         self._fill_members()
         self.walkers = [(motion_of(one), one.center) for one in walkers]
@@ -164,7 +171,7 @@ class Swarm:
 
     def snapshot(self) -> dict[str, np.ndarray]:
         """What recordings and results keep, as arrays over the robots; SI units, readings in ppm."""
-        table = np.empty((self.count, 12), np.float32)
+        table = np.empty((self.count, 13), np.float32)
         if self.count:
             self._tabulate(table)
         names = (
@@ -176,6 +183,7 @@ class Swarm:
             "state",
             "found",
             "blocked",
+            "resistance_ohm",
         )
         numbers: dict[str, np.ndarray] = {name: table[:, 4 + n].copy() for n, name in enumerate(names)}
         for name in ("state", "found", "blocked"):
@@ -197,6 +205,7 @@ class Swarm:
             table[i, 9] = self.state[i]
             table[i, 10] = self.found[i]
             table[i, 11] = self.blocked[i]
+            table[i, 12] = self.resistance[i]
 
     @ti.kernel
     def _move(self, t: float, dt: float):

@@ -126,6 +126,11 @@ def _add_buoyancy(scenario: Scenario, flow: FlowSolver, gas: Mixture, air: Air) 
         flow.carried.append(heat)
 
 
+def _start_numbers(seed: int, group: int, trial: int) -> np.random.Generator:
+    """What places and headings of a group's trial are drawn from."""
+    return generator(seed, f"start of group {group}, trial {trial}")
+
+
 def _swarm(scenario: Scenario, obstacles: list, grid: Grid) -> Swarm:
     """All robots at their places."""
     height = max((group.body.height for group in scenario.robots), default=0.1)
@@ -141,9 +146,9 @@ def _swarm(scenario: Scenario, obstacles: list, grid: Grid) -> Swarm:
     ]
     positions, headings = [np.empty((0, 2))], [np.empty(0)]
     for n, group in enumerate(scenario.robots):
-        rng = generator(scenario.seed, f"start of group {n}")
+        draws = partial(_start_numbers, scenario.seed, n)
         try:
-            where, heading = place(group, rng, clearance.distance_at, occupied)
+            where, heading = place(group, draws, clearance.distance_at, occupied)
         except ValueError as error:
             raise ScenarioError([f"robots[{n}].start: {error}"]) from None
         occupied.append(placed(group, where))

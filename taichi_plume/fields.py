@@ -51,6 +51,8 @@ class Gas(Protocol):
 class Odour(Protocol):
     """What a gas sensor smells."""
 
+    species: tuple[Species, ...]
+
     def ppm(self, x: Any, t: Any) -> Any:
         """ti.func: mole fraction [ppm] of each species, a vector, at point x [m] and time t [s]."""
         ...

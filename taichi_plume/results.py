@@ -143,7 +143,10 @@ class RobotTable:
                 ("group", names),
                 ("trial", pa.int32()),
                 ("robot", pa.int32()),
-                *[(name, pa.float32()) for name in ("x", "y", "heading", "reading_ppm", "true_ppm")],
+                *[
+                    (name, pa.float32())
+                    for name in ("x", "y", "heading", "reading_ppm", "resistance_ohm", "true_ppm")
+                ],
                 ("wind_x", pa.float32()),
                 ("wind_y", pa.float32()),
                 ("state", names),
@@ -170,6 +173,7 @@ class RobotTable:
             now["position"][:, 1],
             now["heading"],
             now["reading_ppm"],
+            now["resistance_ohm"],
             now["true_ppm"],
             now["wind"][:, 0],
             now["wind"][:, 1],

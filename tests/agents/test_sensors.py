@@ -6,8 +6,18 @@ import taichi as ti
 
 from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import Swarm
-from taichi_plume.robots import Anemometer, Body, Casting, Group, IdealGasSensor, MoxSensor, StartAt
+from taichi_plume.robots import (
+    Anemometer,
+    Body,
+    Casting,
+    Group,
+    IdealGasSensor,
+    MoxSensor,
+    PidSensor,
+    StartAt,
+)
 from taichi_plume.robots import Sensors as SensorModels
+from taichi_plume.species import SPECIES
 
 TICK = 0.1
 
@@ -28,6 +38,8 @@ class Floor:
 @ti.data_oriented
 class Air:
     """The same gas [ppm] and wind [m/s] everywhere; gas grows by `slope` per m of x + 10 z."""
+
+    species = (SPECIES["ethanol"],)
 
     def __init__(self, dim=2):
         self.dim = dim
@@ -53,6 +65,17 @@ class Air:
     @ti.func
     def velocity(self, x, t):
         return self.u[None]
+
+
+@ti.data_oriented
+class Two(Air):
+    """10 ppm of ethanol and 20 ppm of acetone."""
+
+    species = (SPECIES["ethanol"], SPECIES["acetone"])
+
+    @ti.func
+    def ppm(self, x, t):
+        return ti.Vector([10.0, 20.0])
 
 
 def group(gas, wind=None, count=1, trials=1):
@@ -82,8 +105,14 @@ def series(sensors, swarm, air, first, ticks):
     return np.array(out)
 
 
-# c0 [ppm], b, time constants [s]: from the models' description
-MOX = {"tgs2620": (4.32, 0.7155, 2.96, 15.71), "mics5524": (1.6, 0.644, 1.5, 8.0)}
+# c0 [ppm], b, time constants [s], from the data sheets and GADEN's fits
+MOX = {
+    "tgs800": (0.9, 0.511, 4.0, 20.0),
+    "tgs822": (0.9, 0.511, 4.0, 20.0),
+    "tgs2600": (0.6796 ** (1 / 0.3196), 0.3196, 4.8, 18.75),
+    "tgs2620": (4.32, 0.7155, 2.96, 15.71),
+    "mics5524": (1.6, 0.644, 1.5, 8.0),
+}
 
 
 @pytest.mark.parametrize("model", MOX)
@@ -92,17 +121,147 @@ def test_mox_step_response(model):
     c0, b, rise, decay = MOX[model]
     swarm, (sensors,) = robots(group(MoxSensor(kind="mox", model=model, noise=0)))
     air = Air()
+    clean = series(sensors, swarm, air, 1, 1)[0]
+    assert clean == 0
+    r_air = swarm.resistance.to_numpy()[0]
     air.level[None] = 50.0
-    up = series(sensors, swarm, air, 1, 600)[:, 0]
-    air.level[None] = 0.0
-    down = series(sensors, swarm, air, 601, 600)[:, 0]
+    seen = []
+    for tick in range(2, 1202):
+        if tick == 602:
+            air.level[None] = 0.0
+        sensors.measure(air, air, tick, tick * TICK)
+        seen.append(np.log(swarm.resistance.to_numpy()[0] / r_air))
     t = TICK * np.arange(1, 601)
-    resistance = np.log1p(50.0 / c0) * -b  # ln(R/R_air) in the end
-    ln_r = resistance * (1 - np.exp(-t / rise))
-    assert up == pytest.approx(c0 * (np.exp(-ln_r / b) - 1), rel=1e-4)
-    ln_r = ln_r[-1] * np.exp(-t / decay)
-    assert down == pytest.approx(c0 * (np.exp(-ln_r / b) - 1), rel=1e-4)
+    up = np.log1p(50.0 / c0) * -b * (1 - np.exp(-t / rise))
+    down = up[-1] * np.exp(-t / decay)
+    steady = np.log1p(50.0 / c0) * b
+    np.testing.assert_allclose(seen, np.concatenate([up, down]), atol=1e-4 * steady, rtol=2e-3)
     assert swarm.true_ppm.to_numpy()[0] == 0
+
+
+def test_reading_is_the_inverse_of_the_law():
+    """After a long time in 50 ppm, each model reads 50 ppm."""
+    for model in MOX:
+        swarm, (sensors,) = robots(group(MoxSensor(kind="mox", model=model, noise=0, rise_time=0)))
+        air = Air()
+        air.level[None] = 50.0
+        assert series(sensors, swarm, air, 1, 1)[0] == pytest.approx(50.0, rel=1e-4)
+
+
+def test_pid_follows_an_exponential_and_reads_its_own_gas_rightly():
+    pid = PidSensor(kind="pid", noise_ppm=0, calibrated_for="ethanol")
+    swarm, (sensors,) = robots(group(pid))
+    air = Air()
+    air.level[None] = 20.0
+    seen = series(sensors, swarm, air, 1, 40)[:, 0]
+    np.testing.assert_allclose(seen, 20.0 * (1 - np.exp(-TICK * np.arange(1, 41) / 0.5)), rtol=1e-4)
+    raw, (sensors,) = robots(group(PidSensor(kind="pid", noise_ppm=0, rise_time=0, decay_time=0)))
+    assert series(sensors, raw, air, 1, 1)[0] == pytest.approx(20.0 / 10.0, rel=1e-5)  # as isobutylene
+    air.level[None] = 0.9  # below the detection limit, 0.1 ppm of isobutylene
+    assert series(sensors, raw, air, 2, 1)[0] == 0
+
+
+@pytest.mark.parametrize("model", MOX)
+def test_cubic_calibration_of_each_unit(model):
+    """Fourteen injected concentrations bring every unit within 4 %, and clean air reads as clean."""
+    mox = MoxSensor(
+        kind="mox", model=model, noise=0, rise_time=0, decay_time=0, calibration="cubic", spread=1
+    )
+    swarm, (sensors,) = robots(group(mox, count=8))
+    air = Air()
+    errors = []
+    for tick, ppm in enumerate(np.geomspace(5.0, 1000.0, 40), start=1):
+        air.level[None] = ppm
+        errors.append(series(sensors, swarm, air, tick, 1)[0] / ppm - 1.0)
+    assert np.abs(errors).max() < 0.04
+    air.level[None] = 0.0
+    assert (series(sensors, swarm, air, 99, 1)[0] == 0).all()
+    small = [0.01, 0.1, 1.0, 3.0]  # below what was injected it falls to zero with the concentration
+    below = []
+    for tick, ppm in enumerate(small, start=100):
+        air.level[None] = ppm
+        below.append(series(sensors, swarm, air, tick, 1)[0])
+    assert (np.diff(below, axis=0) > 0).all()
+
+
+def test_units_differ_as_the_data_sheet_says():
+    swarm, (sensors,) = robots(group(MoxSensor(kind="mox", model="tgs800", noise=0, spread=1), count=400))
+    series(sensors, swarm, Air(), 1, 1)
+    r = swarm.resistance.to_numpy()
+    assert 10e3 < r.min() < 11e3
+    assert 117e3 < r.max() < 130e3
+    same, (sensors,) = robots(group(MoxSensor(kind="mox", model="tgs800", noise=0), count=5))
+    series(sensors, same, Air(), 1, 1)
+    assert np.ptp(same.resistance.to_numpy()) == 0
+
+
+def test_mean_of_the_samples_since_the_last_reading():
+    """500 samples of 1 ms: the reading is the mean of ln R over half a second, and its noise averages out."""
+    mox = MoxSensor(kind="mox", model="tgs800", noise=0, period=0.5, averaged=500)
+    swarm, (sensors,) = robots(group(mox))
+    air = Air()
+    c0, b, rise, _ = MOX["tgs800"]
+    series(sensors, swarm, air, 1, 1)
+    r_air = swarm.resistance.to_numpy()[0]
+    air.level[None] = 50.0
+    series(sensors, swarm, air, 2, 15)
+    end = np.log1p(50.0 / c0) * b
+    last, first = 1.5, 1.0  # s since the gas came
+    mean = end * (1 - rise * (np.exp(-first / rise) - np.exp(-last / rise)) / (last - first))
+    assert np.log(r_air / swarm.resistance.to_numpy()[0]) == pytest.approx(mean, rel=1e-4)
+    noisy = MoxSensor(kind="mox", noise=0.02, rise_time=0, period=0.5, averaged=100)
+    swarm, (sensors,) = robots(group(noisy, count=2000))
+    series(sensors, swarm, air, 1, 6)
+    assert np.log(swarm.resistance.to_numpy()).std() == pytest.approx(0.002, rel=0.1)
+
+
+def test_drift_is_a_random_walk():
+    mox = MoxSensor(kind="mox", noise=0, drift=0.6)
+    swarm, (sensors,) = robots(group(mox, count=2000))
+    air = Air()
+    spreads = []
+    for tick in range(1, 401):
+        sensors.measure(air, air, tick, tick * TICK)
+        if tick in (100, 400):
+            spreads.append(np.log(swarm.resistance.to_numpy()).std())
+    assert spreads == pytest.approx([0.6 * np.sqrt(10 / 3600), 0.6 * np.sqrt(40 / 3600)], rel=0.1)
+
+
+def test_converter_knows_whole_steps_only():
+    """8 bits over 47 kOhm: the share of the voltage is a multiple of 1/255."""
+    swarm, (sensors,) = robots(group(MoxSensor(kind="mox", noise=0.05, bits=8), count=200))
+    air = Air()
+    air.level[None] = 30.0
+    series(sensors, swarm, air, 1, 30)
+    steps = 255 * 47e3 / (47e3 + swarm.resistance.to_numpy().astype(float))
+    np.testing.assert_allclose(steps, np.round(steps), atol=1e-3)
+    assert len(np.unique(np.round(steps))) > 3
+
+
+def test_mixtures_add_up_by_their_sensitivity():
+    """Half as sensitive to acetone: 10 ppm of ethanol and 20 ppm of acetone read as 20 ppm."""
+    mox = MoxSensor(kind="mox", noise=0, rise_time=0, sensitivity={"acetone": 0.5})
+    swarm, (sensors,) = robots(group(mox))
+    air = Two()
+    sensors.measure(air, air, 1, TICK)
+    assert swarm.reading.to_numpy()[0] == pytest.approx(20.0, rel=1e-4)
+    assert swarm.true_ppm.to_numpy()[0] == pytest.approx(30.0, rel=1e-6)
+    pid = PidSensor(kind="pid", noise_ppm=0, rise_time=0)
+    swarm, (sensors,) = robots(group(pid))
+    sensors.measure(air, air, 1, TICK)
+    assert swarm.reading.to_numpy()[0] == pytest.approx(10 / 10 + 20 / 1.1, rel=1e-4)
+
+
+def test_a_trial_alone_measures_what_it_measures_among_others():
+    mox = MoxSensor(kind="mox", noise=0.02, spread=1, drift=0.1)
+    air = Air()
+    air.level[None] = 20.0
+    many, (sensors,) = robots(group(mox, count=3, trials=4))
+    together = series(sensors, many, air, 1, 5)[:, 6:9]
+    alone, (sensors,) = robots(group(mox, count=3).model_copy(update={"first_trial": 2}))
+    assert (series(sensors, alone, air, 1, 5) == together).all()
+    assert (many.resistance.to_numpy()[6:9] == alone.resistance.to_numpy()).all()
+    assert (together[:, 0] != series(sensors, many, air, 6, 5)[:, 0]).all()
 
 
 def test_ideal_sensor_reads_the_truth_at_once():
@@ -189,7 +348,7 @@ def test_sensors_sit_at_their_height():
 
 @pytest.mark.parametrize(("kind", "threshold"), [("ultrasonic", 0.01), ("thermal", 0.05)])
 def test_wind_below_the_threshold_is_not_felt(kind, threshold):
-    swarm, (sensors,) = robots(group(IdealGasSensor(kind="ideal"), Anemometer(kind=kind)))
+    swarm, (sensors,) = robots(group(IdealGasSensor(kind="ideal"), Anemometer(kind=kind, lag=0)))
     air = Air()
     air.u[None] = [0.0, -0.99 * threshold]
     sensors.measure(air, air, 1, TICK)
@@ -224,3 +383,26 @@ def test_noise_of_the_wind(noise, expected):
     assert wind.std(axis=0) == pytest.approx([expected, expected], rel=0.1)
     assert wind.mean(axis=0) == pytest.approx([0.3, -0.4], abs=6 * expected / np.sqrt(2000))
     assert abs(np.corrcoef(wind.T)[0, 1]) < 0.13
+
+
+def test_wind_lags():
+    swarm, (sensors,) = robots(group(IdealGasSensor(kind="ideal"), Anemometer(kind="ideal", lag=0.5)))
+    air = Air()
+    air.u[None] = [0.4, 0.0]
+    sensors.measure(air, air, 1, TICK)
+    assert swarm.wind.to_numpy()[0] == pytest.approx([0.4, 0.0])  # it has stood in this air before
+    air.u[None] = [0.0, 0.4]
+    for tick in range(2, 7):
+        sensors.measure(air, air, tick, tick * TICK)
+    assert swarm.wind.to_numpy()[0] == pytest.approx([0.4 * np.exp(-1), 0.4 * (1 - np.exp(-1))], rel=1e-4)
+
+
+@pytest.mark.parametrize(("compensated", "felt"), [(True, 0.5), (False, 0.3)])
+def test_own_motion_is_felt_unless_taken_out(compensated, felt):
+    anemometer = Anemometer(kind="ideal", compensated=compensated)
+    swarm, (sensors,) = robots(group(IdealGasSensor(kind="ideal"), anemometer))
+    air = Air()
+    air.u[None] = [0.5, 0.0]
+    swarm.velocity.fill([0.2, 0.0])
+    sensors.measure(air, air, 1, TICK)
+    assert swarm.wind.to_numpy()[0] == pytest.approx([felt, 0.0])

@@ -121,7 +121,7 @@ def test_nothing_ever_overlaps():
         occupied: list[Placed] = []
         headings = []
         for group in groups:
-            positions, heading = place(group, rng, arena.distance_at, occupied)
+            positions, heading = place(group, np.random.default_rng, arena.distance_at, occupied)
             occupied.append(placed(group, positions))
             headings.append(heading)
         positions, heading = np.concatenate([o.positions for o in occupied]), np.concatenate(headings)
@@ -222,7 +222,7 @@ def test_trials_do_not_interact():
     rng = np.random.default_rng(2)
     arena = empty_arena()
     group = team(8, 3)
-    positions, headings = place(group, rng, arena.distance_at)
+    positions, headings = place(group, np.random.default_rng, arena.distance_at)
     speeds, turns = rng.uniform(0, 1, (60, 24)), rng.normal(0, 2, (60, 24))
     together = swarm_at(positions, headings, arena, (group,))
     alone = swarm_at(positions[8:16], headings[8:16], arena, (team(8),))
@@ -261,22 +261,21 @@ def test_an_empty_swarm_is_fine():
 
 
 def test_places_of_each_kind():
-    rng = np.random.default_rng(3)
     distance = empty_arena().distance_at
     line = StartLine(kind="line", begin=(1, 1), end=(1, 2), heading_deg=90)
-    positions, headings = place(team(3, 2, start=line), rng, distance)
+    positions, headings = place(team(3, 2, start=line), np.random.default_rng, distance)
     assert positions == pytest.approx(np.array([[1, 1], [1, 1.5], [1, 2]] * 2))
     assert headings == pytest.approx(np.pi / 2)
 
     given = StartAt(kind="positions", positions=((1, 1), (2, 2)))
-    positions, headings = place(team(2, 2, start=given), rng, distance)
+    positions, headings = place(team(2, 2, start=given), np.random.default_rng, distance)
     assert positions == pytest.approx(np.array([[1, 1], [2, 2]] * 2))
     assert len(np.unique(headings)) == 4
 
     area = StartArea(kind="area", low=(1, 1), high=(2, 2))
     first = team(5, 3, start=area)
-    earlier = placed(first, place(first, rng, distance)[0])
-    positions, _ = place(team(5, 4, radius=0.1, start=area), rng, distance, [earlier])
+    earlier = placed(first, place(first, np.random.default_rng, distance)[0])
+    positions, _ = place(team(5, 4, radius=0.1, start=area), np.random.default_rng, distance, [earlier])
     for k in range(4):
         own, others = positions[5 * k : 5 * k + 5], earlier.positions[earlier.trial == k]
         assert ((own >= 1) & (own <= 2)).all()
@@ -297,16 +296,16 @@ def test_places_of_each_kind():
 )
 def test_places_that_do_not_work(start, count, message):
     with pytest.raises(ValueError, match=message):
-        place(team(count, start=start), np.random.default_rng(0), empty_arena().distance_at)
+        place(team(count, start=start), np.random.default_rng, empty_arena().distance_at)
 
 
 def test_later_groups_keep_clear_of_earlier_ones():
     at = StartAt(kind="positions", positions=((1, 1),))
     distance = empty_arena().distance_at
     first = team(1, start=at)
-    earlier = placed(first, place(first, np.random.default_rng(0), distance)[0])
+    earlier = placed(first, place(first, np.random.default_rng, distance)[0])
     with pytest.raises(ValueError, match="would touch another robot"):
-        place(team(1, name="second", start=at), np.random.default_rng(0), distance, [earlier])
+        place(team(1, name="second", start=at), np.random.default_rng, distance, [earlier])
 
 
 def test_robots_stop_at_what_walks_about():
