@@ -10,6 +10,8 @@ fast; NumPy on ``swarm.reading.to_numpy()[group.slice]`` works as well.
 from typing import Protocol
 
 from taichi_plume.agents.casting import Casting
+from taichi_plume.agents.ecoli import EColi
+from taichi_plume.agents.spiral import Spiral
 from taichi_plume.agents.swarm import GroupRange, Swarm
 
 
@@ -28,4 +30,4 @@ class Algorithm(Protocol):
         ...
 
 
-ALGORITHMS: dict[str, type[Algorithm]] = {"casting": Casting}
+ALGORITHMS: dict[str, type[Algorithm]] = {"casting": Casting, "spiral": Spiral, "ecoli": EColi}

@@ -103,6 +103,9 @@ class Swarm:
         self.wind = ti.Vector.field(2, ti.f32, n)
         self.wind_known = ti.field(ti.i32, n)
         self.blocked = ti.field(ti.i32, n)
+        self.bumps = ti.field(ti.i32, n)
+        self.acquisitions = ti.field(ti.i32, n)
+        self.hits = ti.field(ti.i32, n)
         self.found = ti.field(ti.i32, n)
         self.found_time = ti.field(ti.f32, n)
         self.path_length = ti.field(ti.f32, n)
@@ -128,11 +131,13 @@ class Swarm:
     def _fill_bodies(self, n: int) -> None:
         self.radius = ti.field(ti.f32, n)
         self.reach = ti.field(ti.f32, n)
+        self.square = ti.field(ti.f32, n)  # 1 where the reach is half the edge of a square
         self.max_speed = ti.field(ti.f32, n)
         self.max_turn_rate = ti.field(ti.f32, n)
         for field, value in (
             (self.radius, lambda group: group.body.radius),
             (self.reach, lambda group: group.reach),
+            (self.square, lambda group: float(group.capture == "square")),
             (self.max_speed, lambda group: group.body.max_speed),
             (self.max_turn_rate, lambda group: np.radians(group.body.max_turn_rate_deg)),
         ):
@@ -171,7 +176,7 @@ class Swarm:
 
     def snapshot(self) -> dict[str, np.ndarray]:
         """What recordings and results keep, as arrays over the robots; SI units, readings in ppm."""
-        table = np.empty((self.count, 13), np.float32)
+        table = np.empty((self.count, 16), np.float32)
         if self.count:
             self._tabulate(table)
         names = (
@@ -184,9 +189,12 @@ class Swarm:
             "found",
             "blocked",
             "resistance_ohm",
+            "bumps",
+            "acquisitions",
+            "hits",
         )
         numbers: dict[str, np.ndarray] = {name: table[:, 4 + n].copy() for n, name in enumerate(names)}
-        for name in ("state", "found", "blocked"):
+        for name in ("state", "found", "blocked", "bumps", "acquisitions", "hits"):
             numbers[name] = numbers[name].astype(np.int32)
         return {"position": table[:, :2].copy(), "wind": table[:, 2:4].copy(), **numbers}
 
@@ -206,18 +214,25 @@ class Swarm:
             table[i, 10] = self.found[i]
             table[i, 11] = self.blocked[i]
             table[i, 12] = self.resistance[i]
+            table[i, 13] = self.bumps[i]
+            table[i, 14] = self.acquisitions[i]
+            table[i, 15] = self.hits[i]
 
     @ti.kernel
     def _move(self, t: float, dt: float):
         for k in range(self.trials):
             for m in range(self.team_size[k]):
                 i = self.members[k, m]
+                before = self.blocked[i]
                 self.blocked[i] = 0
                 self.velocity[i] = ti.Vector([0.0, 0.0])
                 if self.found[i] == 0:
                     self._drive(i, k, dt)
+                    self.bumps[i] += ti.cast(self.blocked[i] > before, ti.i32)
                     for s in range(self.source_count):
-                        if (self.position[i] - self.sources[s]).norm() <= self.reach[i]:
+                        apart = self.position[i] - self.sources[s]
+                        distance = ti.select(self.square[i] > 0.0, ti.abs(apart).max(), apart.norm())
+                        if distance <= self.reach[i]:
                             self.found[i] = 1
                             self.found_time[i] = t
 

@@ -169,7 +169,66 @@ class Casting(Model):
     """Time constant of the average of the measured wind direction [s]."""
 
 
-Algorithm = Casting
+class Listening(Model):
+    """What algorithms share that stand still to listen: an acquisition is a series of samples."""
+
+    speed: Speed | None = None
+    """Unless given, the body's largest."""
+    acquisition: Duration = 30.0
+    """Time of listening [s]."""
+    sample_period: Duration = 0.5
+    """Between the samples of an acquisition [s]."""
+    settle: Delay = 1.0
+    """Standing still before it [s]."""
+
+
+class Spiral(Listening):
+    """SPIRAL (Ferri et al. 2009). See agents/spiral.py."""
+
+    kind: Literal["spiral"]
+    minimum_ppm: Positive = 0.2
+    """Threshold of the proximity index at the start, and after an escape: a mean index far from the source."""
+    delta: Annotated[float, Field(gt=0, lt=1)] = 0.2
+    """By how much misses lower the threshold below the minimum, over the minimum."""
+    mean_weight: NonNegative = 1.0
+    """Of the mean of an acquisition in its proximity index."""
+    peak_weight: NonNegative = 0.5
+    """Of the sum of its peaks."""
+    peak_window: Duration = 5.0
+    """Only the largest peak of so long a time counts [s]."""
+    peak_height: Literal["absolute", "above_mean"] = "absolute"
+    """What of a peak counts: its concentration, or what of it is above the mean."""
+    arms: Annotated[tuple[Length, ...], Field(min_length=1, max_length=100)] = (
+        0.35,
+        0.35,
+        0.7,
+        0.7,
+        1.05,
+        1.05,
+    )
+    """Lengths of a spiral's arms [m]."""
+    escape_length: Length = 0.75
+    """Way to the place of a new spiral when all arms were in vain [m]."""
+    strict_minimum: bool = False
+    """Whether no index below the minimum is a hit, even with a lowered threshold."""
+    random: bool = False
+    """Random SPIRAL: the index is drawn uniformly between 0 and 1; nothing is smelt."""
+
+
+class EColi(Listening):
+    """Run and tumble, as bacteria do (Russell et al. 2003). See agents/ecoli.py."""
+
+    kind: Literal["ecoli"]
+    acquisition: Duration = 3.0
+    step: Length = 0.25
+    """Driven after each acquisition [m]."""
+    step_spread: Fraction = 0.05
+    """Each step is step (1 ± step_spread), drawn uniformly."""
+    run_angle_deg: Annotated[float, Field(ge=0, le=180)] = 5.0
+    """Largest turn before a run; a tumble turns by any angle."""
+
+
+Algorithm = Annotated[Casting | Spiral | EColi, Field(discriminator="kind")]
 
 
 class Group(Model):
@@ -186,5 +245,7 @@ class Group(Model):
     sensors: Sensors = Sensors()
     reach: Distance = 0.35
     """A robot whose centre comes this close to a source has found it and stops [m]; the robot itself does not know."""
+    capture: Literal["disc", "square"] = "disc"
+    """Whether `reach` is the radius of a disc around the source or half the edge of a square."""
     wake: bool = False
     """Whether the robots disturb the air: in 3-D as solid bodies, in 2-D by their drag; of one trial only."""

@@ -1,0 +1,78 @@
+"""Legs of a path: turn on the spot, drive a length; at a bump back off, turn aside and drive what is left.
+
+The motions of SPIRAL, E. coli and sweeps. What happens at a bump is that of Ferri et al., Robotics and Autonomous
+Systems 57 (2009) 393-402: back, rotate by 90°, go the remaining distance.
+"""
+
+from math import pi
+
+import taichi as ti
+
+from taichi_plume.agents.swarm import GroupRange, Swarm, wrap
+
+REST, TURN, DRIVE, BACK = range(4)
+
+BACK_OFF = 0.1  # m
+MOST_BUMPS = 6  # of a leg, which then is over
+NEAR = 1e-4  # m, and rad: as good as there
+
+
+@ti.data_oriented
+class Legs:
+    """The legs of a group's robots: `begin` one, then `advance` each tick until it is no longer under way.
+
+    speed [m/s]; robots turn as fast as their bodies can.
+    """
+
+    def __init__(self, swarm: Swarm, group: GroupRange, speed: float):
+        self.swarm, self.start, self.speed = swarm, group.start, speed
+        n = group.size
+        self.phase = ti.field(ti.i32, n)
+        self.course = ti.field(ti.f32, n)  # heading to turn to [rad]
+        self.length = ti.field(ti.f32, n)  # to drive [m]
+        self.mark = ti.field(ti.f32, n)  # odometer at the begin of the phase [m]
+        self.aside = ti.field(ti.f32, n)  # +1: to the left after a bump, -1: to the right
+        self.bumps = ti.field(ti.i32, n)  # of this leg
+
+    @ti.func
+    def begin(self, n, turn, length, aside):
+        """Robot n of the group turns by `turn` [rad] and drives `length` [m]."""
+        self.course[n] = wrap(self.swarm.heading[self.start + n] + turn)
+        self.length[n], self.aside[n] = length, aside
+        self.bumps[n] = 0
+        self.phase[n] = TURN
+
+    @ti.func
+    def advance(self, n, dt: float):
+        """Command the next tick of dt [s]; returns whether the leg is still under way."""
+        i = self.start + n
+        driven = self.swarm.path_length[i] - self.mark[n]
+        bump = self.swarm.blocked[i] == 1
+        if self.phase[n] == DRIVE:
+            if bump:
+                self.bumps[n] += 1
+                self.length[n] = ti.max(self.length[n] - driven, 0.0)
+                self._enter(n, ti.select(self.bumps[n] > MOST_BUMPS, REST, BACK))
+            elif driven > self.length[n] - NEAR:
+                self._enter(n, REST)
+        elif self.phase[n] == BACK and (bump or driven > BACK_OFF - NEAR):
+            self.course[n] = wrap(self.swarm.heading[i] + 0.5 * pi * self.aside[n])
+            self._enter(n, TURN)
+        off = wrap(self.course[n] - self.swarm.heading[i])
+        if self.phase[n] == TURN and ti.abs(off) < NEAR:
+            self._enter(n, DRIVE)
+        speed, turn = 0.0, 0.0
+        driven = self.swarm.path_length[i] - self.mark[n]
+        if self.phase[n] == TURN:
+            turn = off / dt
+        elif self.phase[n] == DRIVE:
+            speed = ti.min(self.speed, (self.length[n] - driven) / dt)
+        elif self.phase[n] == BACK:
+            speed = -ti.min(self.speed, (BACK_OFF - driven) / dt)
+        self.swarm.speed_command[i], self.swarm.turn_rate_command[i] = speed, turn
+        return self.phase[n] != REST
+
+    @ti.func
+    def _enter(self, n, phase):
+        self.phase[n] = phase
+        self.mark[n] = self.swarm.path_length[self.start + n]

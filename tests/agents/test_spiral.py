@@ -1,0 +1,136 @@
+"""SPIRAL against the paper's rules and an independent proximity index; its legs against geometry."""
+
+import numpy as np
+import pytest
+from scipy.signal import find_peaks
+
+from taichi_plume.agents.spiral import ACQUIRE, ARM, ESCAPE
+from taichi_plume.robots import Spiral
+from tests.agents.arena import TICK, Run, Script
+
+
+def acquisitions(states):
+    """Ticks at which an acquisition ends."""
+    return np.flatnonzero((states[:-1] == ACQUIRE) & (states[1:] != ACQUIRE)) + 1
+
+
+def test_arms_are_straight_and_turn_by_90_degrees():
+    run = Run(Spiral(kind="spiral", minimum_ppm=1), Script([0.0], 1.0))
+    states, places = run.go(120)
+    ends = places[acquisitions(states[:, 0])[:3], 0]
+    path = np.vstack([[1.5, 1.0], ends])
+    legs = np.diff(path, axis=0)
+    assert np.linalg.norm(legs, axis=1) == pytest.approx([0.35, 0.35, 0.7], abs=2e-3)
+    assert legs[0] == pytest.approx([0.35, 0.0], abs=2e-3)  # the first arm straight on
+    assert np.sum(legs[:-1] * legs[1:], axis=1) == pytest.approx([0, 0], abs=2e-3)
+    turns = np.cross(np.pad(legs[:-1], ((0, 0), (0, 1))), np.pad(legs[1:], ((0, 0), (0, 1))))[:, 2]
+    assert turns[0] * turns[1] > 0  # always the same way
+
+
+def test_bump_backs_off_turns_and_drives_the_rest():
+    """0.3 m before a wall an arm of 0.5 m: back by 0.1 m, aside for the remaining 0.2 m."""
+    run = Run(Spiral(kind="spiral", arms=(0.5,)), Script([0.0], 1.0), positions=((3.0 - 0.085 - 0.3, 1.0),))
+    states, places = run.go(9)
+    end = places[np.flatnonzero(states[:, 0] == ACQUIRE)[0], 0]
+    assert end[0] == pytest.approx(3.0 - 0.085 - 0.1, abs=5e-3)
+    assert abs(end[1] - 1.0) == pytest.approx(0.2, abs=5e-3)
+    assert run.swarm.bumps.to_numpy()[0] == 1
+
+
+@pytest.mark.parametrize("above_mean", [False, True])
+def test_proximity_index(above_mean):
+    """60 random samples: mean and the largest local maximum above it in each window of ten."""
+    c = np.random.default_rng(3).uniform(1.0, 9.0, 200)
+    height = "above_mean" if above_mean else "absolute"
+    run = Run(Spiral(kind="spiral", minimum_ppm=1e3, peak_height=height), Script(c, 0.5))
+    states, _ = run.go(60)
+    end = acquisitions(states[:, 0])[0]  # its last sample was taken in this tick
+    sampled = (end + 1 - 5 * np.arange(60)[::-1]) * TICK
+    # readings are taken every half second, in the ticks 1, 6, ...
+    taken = np.floor((np.round(sampled / TICK) - 1) / 5) * 5 + 1
+    heard = c[np.floor(taken * TICK / 0.5 + 1e-3).astype(int)].astype(np.float32)
+    mean = heard.mean()
+    peaks, _ = find_peaks(heard)
+    peaks = peaks[heard[peaks] > mean]
+    largest = [heard[peaks[peaks // 10 == w]].max() for w in range(6) if (peaks // 10 == w).any()]
+    expected = mean + 0.5 * (np.sum(largest) - above_mean * len(largest) * mean)
+    assert run.team.algorithm.index.to_numpy()[0] == pytest.approx(expected, rel=1e-4)
+
+
+def test_record_without_a_peak_counts_its_mean_twice():
+    run = Run(Spiral(kind="spiral", minimum_ppm=1e3), Script([4.0], 1.0))
+    run.go(40)
+    assert run.team.algorithm.index.to_numpy()[0] == pytest.approx(8.0, rel=1e-5)
+
+
+def heard_in_turn(levels, **model):
+    """The algorithm's thresholds, states and hits after acquisitions that hear constant levels [ppm] in turn."""
+    gas = Script(levels[:1], 1.0)
+    run = Run(Spiral(kind="spiral", minimum_ppm=1.0, arms=(0.1,) * 6, **model), gas, positions=((1.5, 1.05),))
+    seen = []
+    for level in levels:
+        gas.table[0] = level
+        done = run.swarm.acquisitions.to_numpy()[0]
+        while run.swarm.acquisitions.to_numpy()[0] == done:
+            run.go(1.0)
+        algorithm = run.team.algorithm
+        seen.append(
+            (
+                round(float(algorithm.threshold.to_numpy()[0]), 4),
+                int(run.swarm.state.to_numpy()[0]),
+                int(run.swarm.hits.to_numpy()[0]),
+            )
+        )
+    return seen
+
+
+def test_hits_raise_the_threshold_and_five_misses_lower_it():
+    """Levels c give PI = 2 c, as nothing varies."""
+    seen = heard_in_turn([1.0, 2.0, 2.0, 1.5, 1.5, 1.5, 1.5, 1.5, 0.45])
+    thresholds = [row[0] for row in seen]
+    assert thresholds == [2.0, 4.0, 4.0, 4.0, 4.0, 4.0, 4.0, 0.8, 0.9]
+    assert [row[2] for row in seen] == [1, 2, 3, 3, 3, 3, 3, 3, 4]  # as high as the threshold is a hit
+
+
+def test_three_low_misses_lower_it_too():
+    assert [row[0] for row in heard_in_turn([3.0, 0.5, 0.5, 0.5])] == [6.0, 6.0, 6.0, 0.8]
+    # a miss that is not low begins the count anew
+    assert [row[0] for row in heard_in_turn([3.0, 0.5, 0.5, 2.9, 0.5])] == [6.0] * 5
+
+
+def test_after_all_arms_it_escapes_with_the_minimum():
+    seen = heard_in_turn([0.3] * 6)
+    assert [row[1] for row in seen][-1] == ESCAPE
+    assert seen[4][0] == 0.8
+    assert seen[5][0] == 1.0
+
+
+def test_strict_minimum_forbids_hits_below_it():
+    assert heard_in_turn([0.3] * 5 + [0.45])[-1][2] == 1
+    assert heard_in_turn([0.3] * 5 + [0.45], strict_minimum=True)[-1][2] == 0
+
+
+@pytest.mark.slow
+def test_random_spiral_needs_as_many_acquisitions_as_published():
+    """Gas plays no part: 38.6 acquisitions of 35.0 s from 180 cm (table 2 of the paper) test geometry and timing."""
+    source = (2.4, 1.05)
+    run = Run(
+        Spiral(kind="spiral", random=True),
+        Script([0.0], 1.0),
+        positions=((0.6, 1.05),),
+        trials=600,
+        sources=[source],
+        reach=0.185,
+        capture="square",
+    )
+    run.go(3600 * 2)
+    now = run.swarm.snapshot()
+    found = now["found"] > 0
+    assert found.mean() > 0.99
+    assert now["acquisitions"][found].mean() == pytest.approx(38.6, rel=0.1)
+    assert now["found_time"][found].sum() / now["acquisitions"][found].sum() == pytest.approx(35.0, abs=1.0)
+
+
+def test_states_have_names():
+    names = Run(Spiral(kind="spiral"), Script([0.0], 1.0)).team.state_names
+    assert [names[state] for state in (ARM, ACQUIRE, ESCAPE)] == ["ARM", "ACQUIRE", "ESCAPE"]
