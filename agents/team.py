@@ -1,21 +1,41 @@
 """A team: the sensors and the search algorithm of one group."""
 
-from taichi_plume.agents.search import ALGORITHMS
+from pathlib import Path
+
+from taichi_plume.agents.own import OwnAlgorithm
+from taichi_plume.agents.search import ALGORITHMS, Algorithm
 from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import GroupRange, Swarm
 from taichi_plume.fields import Odour, Wind
+from taichi_plume.own_class import own_class
+from taichi_plume.robots import Own
 
 
 class Team:
     """Measures and acts for the robots of `group`, all its trials at once.
 
-    dim: of gas and wind. tick: control period [s].
+    dim: of gas and wind. tick: control period [s]. folder: of the scenario. own: class of an algorithm of the
+    user's that is not in a file.
     """
 
-    def __init__(self, swarm: Swarm, group: GroupRange, dim: int, tick: float):
+    def __init__(
+        self,
+        swarm: Swarm,
+        group: GroupRange,
+        dim: int,
+        tick: float,
+        folder: Path = Path(),
+        own: type | None = None,
+    ):
         self.group = group
         self.sensors = Sensors(swarm, group, dim, tick)
-        self.algorithm = ALGORITHMS[group.model.algorithm.kind](swarm, group, tick)
+        model = group.model.algorithm
+        self.algorithm: Algorithm
+        if isinstance(model, Own):
+            own = own or own_class(folder / model.file, model.name)
+            self.algorithm = OwnAlgorithm(swarm, group, own, model.parameters)
+        else:
+            self.algorithm = ALGORITHMS[model.kind](swarm, group, tick)
 
     @property
     def state_names(self) -> tuple[str, ...]:

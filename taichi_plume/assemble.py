@@ -1,5 +1,6 @@
 """Scenario -> Simulation: the one place that knows all parts."""
 
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 
@@ -35,10 +36,13 @@ from taichi_plume.winds import CfdWind, FrozenWind, PlaybackWind, SyntheticWind,
 MAPS = {"time_series": TimeSeriesMap, "inverse_distance": InverseDistanceMap}
 
 
-def assemble(scenario: Scenario, folder: Path = Path()) -> Simulation:
+def assemble(
+    scenario: Scenario, folder: Path = Path(), algorithms: Mapping[str, type] | None = None
+) -> Simulation:
     """The simulation of a checked scenario, at the begin of its warm-up; Taichi must have been started.
 
-    folder: where the scenario's meshes and films lie. Raises ScenarioError where robots do not fit.
+    folder: where the scenario's meshes and films lie. algorithms: own classes by the name of the group that they drive
+    (its algorithm is of kind own, see agents/own.py). Raises ScenarioError where robots do not fit.
     """
     scenario = completed(scenario, folder)
     obstacles = shapes(scenario, folder)
@@ -60,7 +64,10 @@ def assemble(scenario: Scenario, folder: Path = Path()) -> Simulation:
             for group in swarm.groups
             if group.model.wake
         ]
-    teams = [Team(swarm, group, grid.dim, scenario.tick) for group in swarm.groups]
+    own = algorithms or {}
+    teams = [
+        Team(swarm, group, grid.dim, scenario.tick, folder, own.get(group.name)) for group in swarm.groups
+    ]
     floor = (grid.extent[0], grid.extent[1])
     maps: list[Map] = [MAPS[m.kind](m, floor, max(1, swarm.trials)) for m in scenario.maps]
     sim = Simulation(scenario, grid, wind, gas, swarm, list(teams), maps, obstacles, air)

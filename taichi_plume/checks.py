@@ -30,6 +30,7 @@ def problems(scenario: Scenario, folder: Path) -> list[str]:
         scenario = completed(scenario, folder)
     for part in (checks_obstacles, checks_robots, checks_air):
         lines += part.problems(scenario, shapes)
+    lines += checks_robots.own_algorithms(scenario, folder)
     return [*lines, *_names(scenario), *_recording(scenario), *_fields(scenario)]
 
 

@@ -2,13 +2,15 @@
 
 from collections.abc import Iterator
 from math import inf, pi, sqrt
+from pathlib import Path
 
 import numpy as np
 from scipy import ndimage
 from scipy.spatial import cKDTree  # type: ignore[attr-defined]
 
 from taichi_plume.geometry import Shape, clearance_resolution
-from taichi_plume.robots import Group, StartArea, StartAt, StartLine
+from taichi_plume.own_class import OwnAlgorithmError, own_class
+from taichi_plume.robots import Group, Own, StartArea, StartAt, StartLine
 from taichi_plume.scenario import Scenario
 from taichi_plume.winds import UniformWind
 
@@ -17,6 +19,16 @@ RANDOM_PACKING = 0.547
 START_ROOM = 2e-3  # m, air around a body at the start
 NEIGHBOURS = 20  # of each robot, looked at for overlaps
 FREE_AREA_NODES = 200  # per axis, to measure the free area of a start rectangle
+
+
+def own_algorithms(scenario: Scenario, folder: Path) -> Iterator[str]:
+    """Files that hold no algorithm."""
+    for n, group in enumerate(scenario.robots):
+        if isinstance(group.algorithm, Own) and group.algorithm.file:
+            try:
+                own_class(folder / group.algorithm.file, group.algorithm.name)
+            except OwnAlgorithmError as error:
+                yield f"robots[{n}].algorithm.file: {error}"
 
 
 def problems(scenario: Scenario, shapes: list[Shape | None]) -> Iterator[str]:

@@ -1,6 +1,6 @@
 """The robots of a scenario: where they start, bodies, sensors, search algorithms."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
@@ -228,7 +228,19 @@ class EColi(Listening):
     """Largest turn before a run; a tumble turns by any angle."""
 
 
-Algorithm = Annotated[Casting | Spiral | EColi, Field(discriminator="kind")]
+class Own(Model):
+    """An algorithm of the user's own: a class in a Python file, in NumPy. See agents/own.py."""
+
+    kind: Literal["own"]
+    file: str = ""
+    """Path, relative to the scenario's folder; empty where the class is handed over in Python."""
+    name: str | None = None
+    """Of the class; unless given, the only one in the file that has an `act`."""
+    parameters: dict[str, Any] = Field(default_factory=dict)
+    """Keywords for the class."""
+
+
+Algorithm = Annotated[Casting | Spiral | EColi | Own, Field(discriminator="kind")]
 
 
 class Group(Model):

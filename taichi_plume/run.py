@@ -227,10 +227,13 @@ def _watch(
 
 def _explain(error: BaseException) -> tuple[str, str]:
     """Status and one line for an exception."""
+    from taichi_plume.own_class import OwnAlgorithmError
     from taichi_plume.simulation import UnstableError
 
     if isinstance(error, UnstableError):
         return "unstable", str(error)
+    if isinstance(error, OwnAlgorithmError):
+        return "failed", str(error)
     if isinstance(error, OSError) and error.errno in FULL:
         return "disk_full", f"{error.strerror}: {error.filename}" if error.filename else str(error)
     frames = traceback.extract_tb(error.__traceback__)

@@ -1,0 +1,112 @@
+"""An algorithm of the user's own, from a file or handed over, and what is said when it fails."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from taichi_plume import run
+from taichi_plume.assemble import assemble
+from taichi_plume.loading import ScenarioError, load_scenario
+
+UPWIND = """
+import numpy as np
+
+class Upwind:
+    STATE_NAMES = ("AWAY", "UPWIND")
+
+    def __init__(self, speed=0.1):
+        self.speed_wanted = speed
+
+    def act(self, robots):
+        robots.turn_to(np.arctan2(-robots.wind[:, 1], -robots.wind[:, 0]))
+        robots.speed[:] = self.speed_wanted
+        robots.state[:] = robots.wind_known
+"""
+
+SCENARIO = """
+duration: 4
+domain: {size: [4, 3], spacing: 0.1}
+wind: {kind: uniform, velocity: [0.5, 0]}
+gas: {kind: eulerian, sources: [{position: [0.5, 1.5], rate: 1 mg/s}]}
+robots:
+  - name: mine
+    count: 2
+    trials: 2
+    start: {kind: positions, positions: [[3, 1], [3, 2]], heading_deg: 90}
+    algorithm: {kind: own, file: upwind.py, parameters: {speed: 0.15}}
+    sensors: {wind: {kind: ideal}, gas: {kind: ideal}}
+"""
+
+
+@pytest.fixture
+def path(tmp_path, monkeypatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "upwind.py").write_text(UPWIND)
+    (tmp_path / "own.yaml").write_text(SCENARIO)
+    return tmp_path / "own.yaml"
+
+
+def test_it_drives_upwind(path):
+    sim = assemble(load_scenario(path), path.parent)
+    sim.run()
+    now = sim.swarm.snapshot()
+    moved = now["position"] - np.tile([[3, 1], [3, 2]], (2, 1))
+    assert moved[:, 0] == pytest.approx(-0.15 * 3.45, abs=0.06)  # half a second for the turn
+    assert sim.teams[0].state_names == ("AWAY", "UPWIND")
+    assert (now["state"] == 1).all()
+
+
+def test_a_class_can_be_handed_over(path):
+    class Circle:
+        def act(self, robots):
+            assert robots.trial.tolist() == [0, 0, 1, 1]
+            assert robots.robot.tolist() == [0, 1, 0, 1]
+            robots.speed, robots.turn_rate = 0.1, 0.5
+
+    scenario = load_scenario(path, ["robots.0.algorithm={kind: own}"])
+    sim = assemble(scenario, path.parent, {"mine": Circle})
+    sim.run()
+    assert sim.swarm.snapshot()["heading"] == pytest.approx(np.pi / 2 + 0.5 * 4 - 2 * np.pi, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        ("class A:\n  def act(self, robots)\n    pass", r"upwind.py, line 2: expected ':'"),
+        ("import nowhere", r"upwind.py, line 1: ModuleNotFoundError: No module named 'nowhere'"),
+        ("x = 1", r"holds not exactly one class with a method act; there are: none"),
+    ],
+)
+def test_a_file_without_an_algorithm(path, wrong, told):
+    (path.parent / "upwind.py").write_text(wrong)
+    with pytest.raises(ScenarioError, match=r"robots\[0\].algorithm.file: .*" + told):
+        load_scenario(path)
+
+
+def test_a_missing_file(path):
+    with pytest.raises(ScenarioError, match=r"gone.py: does not exist"):
+        load_scenario(path, ["robots.0.algorithm.file=gone.py"])
+
+
+@pytest.mark.parametrize(
+    ("act", "told"),
+    [
+        ("1 / (robots.t < 2)", "upwind.py, line 4: ZeroDivisionError"),
+        ("robots.speed = robots.reading[:3] * 0", "robots.speed has the shape (3,), not (4,)"),
+        ("robots.turn_rate[2] = float('nan')", "robots.turn_rate[2] is nan, not a finite number"),
+        ("robots.state[:] = 5", "robots.state must be whole numbers from 0 to 0"),
+    ],
+)
+def test_a_failure_is_told_and_what_was_computed_is_kept(path, capsys, act, told):
+    (path.parent / "upwind.py").write_text(f"\nclass A:\n  def act(self, robots):\n    {act}\n")
+    code = run.main(
+        [str(path), "--out", "out", "--set", "robots.0.algorithm.parameters={}", "--no-recording"]
+    )
+    assert code == 1
+    assert told in capsys.readouterr().err
+    kept = json.loads(Path("out/result.json").read_text())
+    assert kept["status"] == "failed"
+    assert told in kept["message"]
+    assert Path("out/robots.parquet").exists()
