@@ -90,6 +90,7 @@ class Swarm:
         self.groups = ranges(groups)
         self.clearance, self.seed = clearance, seed
         self.count = sum(group.size for group in self.groups)
+        self.start = np.array(positions, np.float32).reshape(-1, 2)  # where the robots begin [m]
         self.trials = max((group.trials for group in self.groups), default=0)
         n = max(1, self.count)  # Taichi has no empty fields
         self.position: Any = ti.Vector.field(2, ti.f32, n)
@@ -196,7 +197,8 @@ class Swarm:
         numbers: dict[str, np.ndarray] = {name: table[:, 4 + n].copy() for n, name in enumerate(names)}
         for name in ("state", "found", "blocked", "bumps", "acquisitions", "hits"):
             numbers[name] = numbers[name].astype(np.int32)
-        return {"position": table[:, :2].copy(), "wind": table[:, 2:4].copy(), **numbers}
+        places = {"start": self.start, "position": table[:, :2].copy()}
+        return {**places, "wind": table[:, 2:4].copy(), **numbers}
 
     @ti.kernel
     def _tabulate(self, table: ti.types.ndarray()):

@@ -295,8 +295,9 @@ def _groups(sim: Simulation) -> list[dict[str, Any]]:
         return []
     now = sim.swarm.snapshot()
     groups = []
+    sources = np.array([source.position[:2] for _, source in sim.scenario.sources]).reshape(-1, 2)
     for group in sim.swarm.groups:
-        trials = scores.trial_outcomes(group, now)
+        trials = scores.trial_outcomes(group, now, sources)
         times = [t for t, good in zip(trials["time_s"], trials["success"], strict=True) if good]
         paths = [p for p, good in zip(trials["path_m"], trials["success"], strict=True) if good]
         groups.append(
@@ -308,6 +309,7 @@ def _groups(sim: Simulation) -> list[dict[str, Any]]:
                 "success_rate": float(np.mean(trials["success"])),
                 "median_time_s": float(np.median(times)) if times else None,
                 "median_path_m": float(np.median(paths)) if paths else None,
+                "summary": scores.trial_summary(trials, sim.scenario.duration),
                 "per_trial": trials,
             }
         )
@@ -432,6 +434,9 @@ def summary(content: dict[str, Any]) -> list[tuple[str, str]]:
         if any(trials["success"]):
             text += f"; the first after {group['median_time_s']:.1f} s and {group['median_path_m']:.2f} m"
             text += " (median)" if group["trials"] > 1 else ""
+            rate = group["summary"]["success_rate"]
+            if group["trials"] > 1:
+                text += f"; success {100 * rate['mean']:.0f} % ({100 * rate['low']:.0f} to {100 * rate['high']:.0f} %)"
         lines.append((group["name"], text))
     for gas_map in content["maps"]:
         lines.append((f"{gas_map['kind'].replace('_', ' ')} map", _map_line(gas_map)))

@@ -5,6 +5,7 @@ from math import ceil
 from typing import Any
 
 import numpy as np
+from scipy import stats
 
 from taichi_plume import fields
 from taichi_plume.grid import block_mean
@@ -59,22 +60,65 @@ def map_score(estimate: np.ndarray, truth: np.ndarray) -> MapScore:
     return MapScore(mae, correlation, known)
 
 
-def trial_outcomes(group: Any, snapshot: dict[str, np.ndarray]) -> dict[str, Any]:
-    """Per trial of a group, as columns: success, robots that found a source, first time [s], paths [m].
+def trial_outcomes(group: Any, snapshot: dict[str, np.ndarray], sources: np.ndarray) -> dict[str, Any]:
+    """Per trial of a group, as columns; sources: (m, 2) [m].
 
-    path_m is that of the first robot to find a source, team_path_m that of all robots together.
+    success; found: robots that found a source; of the first of them time_s, path_m and overhead: its path over the
+    straight way to the nearest source; of the whole team team_path_m, acquisitions, hits, bumps; final_distance_m: of
+    the robot that ended nearest to a source.
     """
     span = slice(group.start, group.start + group.trials * group.count)
-    found = snapshot["found"][span].reshape(group.trials, group.count).astype(bool)
-    time = np.where(found, snapshot["found_time"][span].reshape(found.shape), np.inf)
-    path = snapshot["path_length"][span].reshape(found.shape)
-    first = time.argmin(axis=1)
+
+    def table(values: np.ndarray) -> np.ndarray:
+        return values[span].reshape(group.trials, group.count, *values.shape[1:])
+
+    def nearest(places: np.ndarray) -> np.ndarray:
+        apart = np.linalg.norm(places[..., None, :] - sources, axis=-1)
+        return apart.min(axis=-1, initial=np.inf)
+
+    found = table(snapshot["found"]).astype(bool)
+    time = np.where(found, table(snapshot["found_time"]), np.inf)
+    path = table(snapshot["path_length"])
     success = found.any(axis=1)
-    trials = np.arange(group.trials)
+    first = (np.arange(group.trials), time.argmin(axis=1))
+    straight = nearest(table(snapshot["start"]))[first]
+
+    def of_the_first(values: np.ndarray) -> list[float]:
+        return np.where(success, values, np.nan).tolist()
+
     return {
         "success": success.tolist(),
         "found": found.sum(axis=1).tolist(),
-        "time_s": np.where(success, time[trials, first], np.nan).tolist(),
-        "path_m": np.where(success, path[trials, first], np.nan).tolist(),
+        "time_s": of_the_first(time[first]),
+        "path_m": of_the_first(path[first]),
+        "overhead": of_the_first(path[first] / np.maximum(straight, 1e-9)),
         "team_path_m": path.sum(axis=1).tolist(),
+        **{name: table(snapshot[name]).sum(axis=1).tolist() for name in ("acquisitions", "hits", "bumps")},
+        "final_distance_m": nearest(table(snapshot["position"])).min(axis=1).tolist(),
     }
+
+
+def trial_summary(trials: dict[str, Any], duration: float) -> dict[str, Any]:
+    """What the trials of `trial_outcomes` tell of the algorithm, with intervals of 95 % confidence.
+
+    success_rate: Wilson's interval. The others over successful trials, with Student's interval of the mean; and
+    time_with_failures_s, of all trials, where a failure counts as `duration` [s].
+    """
+    success = np.array(trials["success"], bool)
+    rate = stats.binomtest(int(success.sum()), len(success)).proportion_ci(method="wilson")
+    told: dict[str, Any] = {
+        "success_rate": {"mean": float(success.mean()), "low": rate.low, "high": rate.high, "n": len(success)}
+    }
+    for name in ("time_s", "path_m", "overhead", "acquisitions", "hits", "bumps"):
+        told[name] = _mean_with_interval(np.array(trials[name], float)[success])
+    told["time_with_failures_s"] = _mean_with_interval(np.where(success, trials["time_s"], duration))
+    return told
+
+
+def _mean_with_interval(values: np.ndarray) -> dict[str, float | int | None]:
+    n = len(values)
+    if not n:
+        return {"mean": None, "low": None, "high": None, "n": 0}
+    mean = float(values.mean())
+    half = stats.t.ppf(0.975, n - 1) * values.std(ddof=1) / np.sqrt(n) if n > 1 else np.nan
+    return {"mean": mean, "low": float(mean - half), "high": float(mean + half), "n": n}

@@ -119,6 +119,9 @@ class FakeSwarm:
             "blocked": np.zeros(self.count, bool),
             "path_length": np.full(self.count, 0.2 * self.t),
             "found_time": np.where(found, self.find_at, np.nan),
+            "start": np.tile([3.0, 1.0], (self.count, 1)),
+            "resistance_ohm": np.full(self.count, 1e4),
+            **{name: np.full(self.count, 3) for name in ("acquisitions", "hits", "bumps")},
         }
 
 

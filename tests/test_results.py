@@ -262,11 +262,36 @@ def test_first_finder_counts():
         "found": np.array([1, 1, 1, 0, 0]),
         "found_time": np.array([1.0, 9.0, 4.0, np.nan, np.nan]),
         "path_length": np.array([1.0, 2.0, 3.0, 4.0, 5.0]),
+        "start": np.array([[0.0, 0], [1, 0], [1.5, 0], [2, 0], [3, 0]]),
+        "position": np.array([[0.0, 0], [0.3, 0.4], [0.2, 0], [2, 0], [1, 0]]),
+        "acquisitions": np.array([9, 1, 2, 3, 4]),
+        "hits": np.array([9, 1, 0, 0, 1]),
+        "bumps": np.array([9, 0, 0, 2, 1]),
     }
-    told = scores.trial_outcomes(group, snapshot)
+    told = scores.trial_outcomes(group, snapshot, np.array([[0.0, 0.0], [9.0, 9.0]]))
+    assert told["overhead"][0] == 2.0  # 3 m for 1.5 m
+    assert told["acquisitions"] == [3, 7]
+    assert told["hits"] == [1, 1]
+    assert told["bumps"] == [0, 3]
+    assert told["final_distance_m"] == pytest.approx([0.2, 1.0])
     assert told["success"] == [True, False]
     assert told["time_s"][0] == 4.0
     assert told["path_m"][0] == 3.0
     assert np.isnan(told["time_s"][1])
     assert told["team_path_m"] == [5.0, 9.0]
     assert told["found"] == [2, 0]
+
+
+def test_summary_has_the_intervals_of_the_textbooks():
+    """8 of 10: Wilson 0.490 to 0.943; times 1 to 8 s: 4.5 +- 2.365 sqrt(6/8) s."""
+    times = [*range(1, 9), None, None]
+    trials = {name: times for name in ("time_s", "path_m", "overhead", "acquisitions", "hits", "bumps")}
+    told = scores.trial_summary({"success": [True] * 8 + [False] * 2, **trials}, duration=100.0)
+    assert told["success_rate"]["low"] == pytest.approx(0.4902, abs=1e-3)
+    assert told["success_rate"]["high"] == pytest.approx(0.9433, abs=1e-3)
+    assert told["time_s"]["mean"] == 4.5
+    assert told["time_s"]["high"] - 4.5 == pytest.approx(2.3646 * np.sqrt(6.0 / 8), rel=1e-3)
+    assert told["time_s"]["n"] == 8
+    assert told["time_with_failures_s"]["mean"] == pytest.approx(23.6)
+    none = scores.trial_summary({"success": [False], **{key: [None] for key in trials}}, duration=1.0)
+    assert none["time_s"]["mean"] is None
