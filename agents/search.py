@@ -12,6 +12,8 @@ from typing import Protocol
 from taichi_plume.agents.casting import Casting
 from taichi_plume.agents.ecoli import EColi
 from taichi_plume.agents.spiral import Spiral
+from taichi_plume.agents.surge_cast import SurgeCast
+from taichi_plume.agents.surge_spiral import SurgeSpiral
 from taichi_plume.agents.swarm import GroupRange, Swarm
 
 
@@ -30,4 +32,10 @@ class Algorithm(Protocol):
         ...
 
 
-ALGORITHMS: dict[str, type[Algorithm]] = {"casting": Casting, "spiral": Spiral, "ecoli": EColi}
+ALGORITHMS: dict[str, type[Algorithm]] = {
+    "casting": Casting,
+    "surge_cast": SurgeCast,
+    "surge_spiral": SurgeSpiral,
+    "spiral": Spiral,
+    "ecoli": EColi,
+}

@@ -147,26 +147,50 @@ class Sensors(Model):
     wind: Anemometer = Anemometer(kind="ultrasonic")
 
 
-class Casting(Model):
-    """Upwind while in the plume, crosswind when it is lost (Lochmatter & Martinoli's family). See agents/casting.py."""
+class PlumeTracking(Model):
+    """What algorithms share that follow a plume upwind. See agents/tracking.py."""
 
-    kind: Literal["casting"]
+    kind: str
     speed: Speed | None = None
     """Unless given, the body's largest."""
     threshold_ppm: Positive = 5.0
     """Reading that means plume; it is left at 70 % of it."""
-    upwind_angle_deg: Annotated[float, Field(ge=0, le=80)] = 20.0
-    """Between the course in the plume and straight upwind."""
     lost_distance: Length = 0.3
     """Travelled without gas before the plume counts as lost [m]."""
-    cast_distance: Length = 0.6
-    """First crosswind search [m]; doubled at each failure."""
     find_step: Length = 0.3
     """Upwind step between sweeps of the plume finding [m]."""
     peak_fraction: Fraction = 0.7
     """Also out of the plume below this share of the last peak, so that a slow sensor notices; 0 switches it off."""
     wind_memory: Delay = 1.0
     """Time constant of the average of the measured wind direction [s]."""
+
+
+class Casting(PlumeTracking):
+    """Upwind while in the plume, crosswind when it is lost (Lochmatter & Martinoli's family). See agents/casting.py."""
+
+    kind: Literal["casting"]  # type: ignore[assignment]
+    upwind_angle_deg: Annotated[float, Field(ge=0, le=80)] = 20.0
+    """Between the course in the plume and straight upwind."""
+    cast_distance: Length = 0.6
+    """First crosswind search [m]; doubled at each failure."""
+
+
+class SurgeCast(PlumeTracking):
+    """Straight upwind in the plume, crosswind to both sides when it is lost. See agents/surge_cast.py."""
+
+    kind: Literal["surge_cast"]  # type: ignore[assignment]
+    cast_distance: Length = 0.4
+    """First crosswind search [m]; the next one goes back and as far to the other side, and each pair twice as far."""
+
+
+class SurgeSpiral(PlumeTracking):
+    """Straight upwind in the plume, along a spiral when it is lost. See agents/surge_spiral.py."""
+
+    kind: Literal["surge_spiral"]  # type: ignore[assignment]
+    gap: Length = 0.3
+    """Between two turns of the spiral [m]."""
+    turns: Positive = 4.0
+    """Of a spiral, before the search starts anew."""
 
 
 class Listening(Model):
@@ -240,7 +264,7 @@ class Own(Model):
     """Keywords for the class."""
 
 
-Algorithm = Annotated[Casting | Spiral | EColi | Own, Field(discriminator="kind")]
+Algorithm = Annotated[Casting | SurgeCast | SurgeSpiral | Spiral | EColi | Own, Field(discriminator="kind")]
 
 
 class Group(Model):

@@ -3,13 +3,23 @@
 import numpy as np
 import pytest
 import taichi as ti
+from pydantic import TypeAdapter
 
-from taichi_plume.agents.casting import FIND, IN_PLUME, LOST, SIDESTEP, UPWIND, Casting
+from taichi_plume.agents.casting import IN_PLUME, LOST, SIDESTEP, Casting
 from taichi_plume.agents.placement import place
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.team import Team
-from taichi_plume.robots import Anemometer, Body, Group, IdealGasSensor, MoxSensor, Sensors, StartArea
-from taichi_plume.robots import Casting as Model
+from taichi_plume.agents.tracking import FIND, UPWIND
+from taichi_plume.robots import (
+    Algorithm,
+    Anemometer,
+    Body,
+    Group,
+    IdealGasSensor,
+    MoxSensor,
+    Sensors,
+    StartArea,
+)
 from taichi_plume.species import SPECIES
 
 EXTENT = (4.0, 3.0)
@@ -78,16 +88,16 @@ class Plume:
 
 
 def search(
-    plume, seconds, arena=None, low=(2.8, 0.3), high=(3.7, 2.7), trials=60, gas=None, count=1, **model
+    plume, seconds, arena=None, low=(2.8, 0.3), high=(3.7, 2.7), trials=60, gas=None, kind="casting", **model
 ):
     """Run `trials` teams; returns the swarm, states (ticks, robots) and positions (ticks, robots, 2)."""
     arena = arena or Arena()
     group = Group(
         name="team",
-        count=count,
+        count=1,
         trials=trials,
         start=StartArea(kind="area", low=low, high=high),
-        algorithm=Model(kind="casting", **model),
+        algorithm=TypeAdapter(Algorithm).validate_python({"kind": kind, **model}),
         body=Body(),
         sensors=Sensors(gas=gas or IdealGasSensor(kind="ideal"), wind=Anemometer(kind="ultrasonic")),
         reach=0.3,

@@ -1,0 +1,63 @@
+"""Surge-cast: straight upwind while in the plume, ever wider crosswind casts when it is lost.
+
+After Lochmatter & Martinoli, "Theoretical analysis of three bio-inspired plume tracking algorithms", ICRA 2009,
+doi:10.1109/ROBOT.2009.5152521. FIND and UPWIND as in `tracking`, where U, V and s are told.
+
+SURGE  drive along U; out of the plume for lost_distance: CAST
+CAST   along s V to cast_distance from where it was lost, then as far to the other side; each pair of legs goes twice as
+       far; after PAIRS of them, or when blocked on both sides, FIND
+"""
+
+import taichi as ti
+
+from taichi_plume import robots
+from taichi_plume.agents.swarm import GroupRange, Swarm
+from taichi_plume.agents.tracking import FIND, PlumeTracker
+
+SURGE, CAST = range(2, 4)
+
+PAIRS = 3  # of legs without gas before the search starts anew
+
+
+@ti.data_oriented
+class SurgeCast(PlumeTracker):
+    """The surge-cast algorithm for the robots of one group. tick: control period [s]."""
+
+    STATE_NAMES: tuple[str, ...] = ("FIND", "UPWIND", "SURGE", "CAST")
+
+    def __init__(self, swarm: Swarm, group: GroupRange, tick: float):
+        model: robots.SurgeCast = group.model.algorithm
+        self.cast_distance = model.cast_distance
+        self.leg = ti.field(ti.i32, group.size)  # of the cast, from 0 on
+        self.length = ti.field(ti.f32, group.size)  # of the leg [m]
+        super().__init__(swarm, group, tick)
+
+    @ti.func
+    def _course(self, n):
+        """Unit vector along which the robot wants to drive."""
+        course = self._finding_course(n)
+        if self.swarm.state[self.start + n] == SURGE:
+            course = self.upwind[n]
+        return course
+
+    @ti.func
+    def _decide(self, n, dt):
+        """Change the state of robot n where the readings say so."""
+        state = self.swarm.state[self.start + n]
+        if state == SURGE:
+            if not self._in_plume(n) and (self._driven(n) >= self.lost_distance or self.bump[n] == 1):
+                self.leg[n], self.length[n] = 0, self.cast_distance
+                self._enter(n, CAST)
+        elif self._comes_upon_plume(n):
+            self._enter(n, SURGE)
+        elif state == CAST:
+            if self.bump[n] == 1 or self._driven(n) >= self.length[n]:
+                self.leg[n] += 1
+                self.side[n] = -self.side[n]
+                # back to the middle, and to the other side as far, or twice as far
+                here = self.cast_distance * (1 << ((self.leg[n] - 1) // 2))
+                there = self.cast_distance * (1 << (self.leg[n] // 2))
+                self.length[n] = here + there
+                self._enter(n, ti.select(self.leg[n] >= 2 * PAIRS, FIND, CAST))
+        else:
+            self._find(n)

@@ -1,0 +1,69 @@
+"""Surge-spiral: straight upwind while in the plume, along a spiral around where it was lost.
+
+After Lochmatter & Martinoli, "Theoretical analysis of three bio-inspired plume tracking algorithms", ICRA 2009,
+doi:10.1109/ROBOT.2009.5152521. FIND and UPWIND as in `tracking`, where U and s are told.
+
+SURGE   drive along U; out of the plume for lost_distance: SPIRAL
+SPIRAL  along r = gap phi / 2 pi, turning towards s; after so many turns, or when blocked, FIND
+"""
+
+from math import pi
+
+import taichi as ti
+
+from taichi_plume import robots
+from taichi_plume.agents.swarm import GroupRange, Swarm
+from taichi_plume.agents.tracking import FIND, STEER, PlumeTracker
+
+SURGE, SPIRAL = range(2, 4)
+
+
+@ti.data_oriented
+class SurgeSpiral(PlumeTracker):
+    """The surge-spiral algorithm for the robots of one group. tick: control period [s]."""
+
+    STATE_NAMES: tuple[str, ...] = ("FIND", "UPWIND", "SURGE", "SPIRAL")
+
+    def __init__(self, swarm: Swarm, group: GroupRange, tick: float):
+        model: robots.SurgeSpiral = group.model.algorithm
+        self.widening = model.gap / (2.0 * pi)  # dr/dphi [m]
+        self.most = 2.0 * pi * model.turns
+        self.phi = ti.field(ti.f32, group.size)  # angle gone round [rad]
+        self.began = ti.field(ti.f32, group.size)  # heading at the middle of the spiral [rad]
+        super().__init__(swarm, group, tick)
+
+    @ti.func
+    def _course(self, n):
+        """Unit vector along which the robot wants to drive."""
+        course = self._finding_course(n)
+        state = self.swarm.state[self.start + n]
+        if state == SURGE:
+            course = self.upwind[n]
+        elif state == SPIRAL:
+            # a spiral's tangent is turned by phi + atan(phi) from its first direction
+            phi = self.phi[n]
+            phi += self.speed * STEER / (self.widening * ti.sqrt(1.0 + phi**2))  # steering lags by so much
+            angle = self.began[n] + self.side[n] * (phi + ti.atan2(phi, 1.0))
+            course = ti.Vector([ti.cos(angle), ti.sin(angle)])
+        return course
+
+    @ti.func
+    def _decide(self, n, dt):
+        """Change the state of robot n where the readings say so."""
+        i = self.start + n
+        state = self.swarm.state[i]
+        if state == SURGE:
+            if not self._in_plume(n) and (self._driven(n) >= self.lost_distance or self.bump[n] == 1):
+                self.phi[n], self.began[n] = 0.0, self.swarm.heading[i]
+                self.side[n] = -self.side[n]
+                self._enter(n, SPIRAL)
+        elif self._comes_upon_plume(n):
+            self._enter(n, SURGE)
+        elif state == SPIRAL:
+            # ds = widening sqrt(1 + phi²) dphi
+            self.phi[n] += self._driven(n) / (self.widening * ti.sqrt(1.0 + self.phi[n] ** 2))
+            self.mark[n] = self.swarm.path_length[i]
+            if self.phi[n] > self.most or self.bump[n] == 1:
+                self._enter(n, FIND)
+        else:
+            self._find(n)

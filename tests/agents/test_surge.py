@@ -1,0 +1,80 @@
+"""Surge-cast and surge-spiral: up a steady plume, and where it is lost."""
+
+import numpy as np
+import pytest
+import taichi as ti
+from scipy.signal import find_peaks
+from test_casting import SOURCE, Plume, search
+
+from taichi_plume.agents import surge_cast, surge_spiral
+from taichi_plume.agents.surge_cast import CAST, SURGE
+from taichi_plume.agents.tracking import FIND, UPWIND
+
+
+@ti.data_oriented
+class Edge(Plume):
+    """Gas downwind of x = 2.5 m alone."""
+
+    @ti.func
+    def ppm(self, x, t):
+        return ti.Vector([ti.select(x[0] > 2.5, self.peak, 0.0)])
+
+
+@pytest.mark.parametrize("kind", ["surge_cast", "surge_spiral"])
+def test_the_source_is_found(kind):
+    swarm, states, tracks = search(Plume(200.0), 60, kind=kind)
+    found = swarm.found.to_numpy() == 1
+    assert found.mean() >= 0.9
+    straight = np.hypot(*(tracks[0] - SOURCE).T) - 0.3
+    assert np.median(swarm.path_length.to_numpy()[found] / straight[found]) < 2.0
+    assert {FIND, SURGE} <= set(np.unique(states))
+
+
+def test_surges_go_straight_upwind():
+    _, states, tracks = search(Plume(200.0), 20, kind="surge_cast")
+    steps = np.diff(tracks, axis=0)
+    steady = (np.lib.stride_tricks.sliding_window_view(states, 12, axis=0) == SURGE).all(-1)[:-1]
+    steps = steps[11:][steady[: len(steps) - 11]]
+    steps = steps[np.hypot(*steps.T) > 0.01]
+    assert len(steps) > 100
+    off = np.degrees(np.arctan2(steps[:, 1], -steps[:, 0]))
+    assert np.abs(off).mean() < 3  # the wind's own noise
+    assert off.mean() == pytest.approx(0, abs=1)
+
+
+def test_casts_reach_both_sides_twice_as_far_each_time():
+    """0.1, 0.2 and 0.4 m to either side of where the plume was lost, then the search starts anew."""
+    _, states, tracks = search(
+        Edge(100.0), 45, low=(2.7, 1.45), high=(2.9, 1.55), trials=10, kind="surge_cast", cast_distance=0.1
+    )
+    for of_robot, track in zip(states.T, tracks.transpose(1, 0, 2), strict=True):
+        lost = np.flatnonzero(of_robot == CAST)[0]
+        given_up = lost + np.flatnonzero(of_robot[lost:] != CAST)[0]
+        assert of_robot[given_up] == FIND
+        across = track[lost:given_up, 1] - track[lost, 1]
+        turns = np.sort(np.concatenate([find_peaks(way, prominence=0.1)[0] for way in (across, -across)]))
+        ends = across[turns] * np.sign(across[turns[0]])
+        assert ends == pytest.approx([0.1, -0.1, 0.2, -0.2, 0.4], abs=0.06)
+        assert across[-1] * np.sign(across[turns[0]]) == pytest.approx(-0.4, abs=0.06)
+
+
+def test_the_spiral_widens_by_its_gap():
+    """r = gap phi / 2 pi around the place where the plume was lost."""
+    gap = 0.3
+    _, states, tracks = search(
+        Edge(100.0), 60, low=(2.7, 1.45), high=(2.9, 1.55), trials=10, kind="surge_spiral", gap=gap, turns=2
+    )
+    for of_robot, track in zip(states.T, tracks.transpose(1, 0, 2), strict=True):
+        lost = np.flatnonzero(of_robot == surge_spiral.SPIRAL)[0]
+        over = lost + np.flatnonzero(of_robot[lost:] != surge_spiral.SPIRAL)[0]
+        arm = track[lost:over] - track[lost]
+        r = np.hypot(*arm.T)
+        phi = np.abs(np.unwrap(np.arctan2(arm[5:, 1], arm[5:, 0])))
+        turned = np.abs(phi - phi[0])
+        growth = np.polyfit(turned[20:], r[25:], 1)[0]
+        assert growth == pytest.approx(gap / (2 * np.pi), rel=0.15)
+
+
+def test_states_have_names():
+    assert surge_cast.SurgeCast.STATE_NAMES[UPWIND : CAST + 1] == ("UPWIND", "SURGE", "CAST")
+    assert surge_spiral.SurgeSpiral.STATE_NAMES[surge_spiral.SPIRAL] == "SPIRAL"
