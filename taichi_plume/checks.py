@@ -14,6 +14,7 @@ import psutil
 from scipy import ndimage
 from scipy.spatial import cKDTree  # type: ignore[attr-defined]
 
+from taichi_plume.checks_plumesim import plume_logs, point_plumes
 from taichi_plume.cut_cells import air_of
 from taichi_plume.gases import PlaybackGas
 from taichi_plume.geometry import MeshError, Shape, clearance_resolution, shape
@@ -70,7 +71,7 @@ def problems(scenario: Scenario, folder: Path) -> list[str]:
         if lines:
             return lines
     shapes, lines = _shapes(scenario, folder)
-    films = list(_films(scenario, folder, shapes))
+    films = [*_films(scenario, folder, shapes), *point_plumes(scenario, folder)]
     if films:
         return lines + films
     if any(isinstance(gas, PlaybackGas) for _, gas in scenario.gases):
@@ -83,7 +84,14 @@ def problems(scenario: Scenario, folder: Path) -> list[str]:
     lines += _heat(scenario, shapes)
     lines += _screens(scenario)
     openings = list(_openings(scenario, shapes)) or list(_net_inflow(scenario))
-    return lines + openings + list(_recording(scenario)) + list(_frozen(scenario)) + list(_fields(scenario))
+    return (
+        lines
+        + openings
+        + list(_recording(scenario))
+        + list(_frozen(scenario))
+        + list(_fields(scenario))
+        + list(plume_logs(scenario))
+    )
 
 
 def estimate(scenario: Scenario) -> dict[str, float]:
