@@ -13,6 +13,7 @@ import taichi as ti
 from taichi_plume.kernels import Template
 
 MOST_BINS = 65_536
+CORNER = 0.25  # weight of a lattice's last node half a cell beyond it along both axes
 SLACK = 1.001  # of a bin's width: the device sorts places into bins with f32
 
 
@@ -77,9 +78,11 @@ class PointCloud:
 
     @ti.func
     def between(self, x: Template):
-        """Sum of the values, each weighted by (1 - |dx|/reach)(1 - |dy|/reach); their mean where that is more than 1.
+        """Mean of the values, each weighted by (1 - |dx|/reach)(1 - |dy|/reach); towards zero where there is little
+        weight.
 
-        On a lattice of that spacing it is the bilinear interpolation.
+        On a lattice of that spacing it is the bilinear interpolation. Half a cell beyond the last nodes, where a domain
+        ends whose cells they are the middles of, it is still the mean, even in its corners.
         """
         total, share = ti.Vector.zero(ti.f32, self.values), 0.0
         left, right = self._bins(x, 0)
@@ -91,7 +94,7 @@ class PointCloud:
                 w = ti.max(1.0 - gap[0], 0.0) * ti.max(1.0 - gap[1], 0.0)
                 total += w * self.value[k]
                 share += w
-        return total / ti.max(share, 1.0)
+        return total / ti.max(share, CORNER)
 
     @ti.func
     def count(self, x: Template):

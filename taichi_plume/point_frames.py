@@ -20,7 +20,7 @@ import numpy as np
 from taichi_plume.gases import FluentGas
 from taichi_plume.winds import PlumeSimLog
 
-LARGEST_FILE = 256 << 20  # bytes of a log, or of all files of an export
+LARGEST_FILE = 128 << 20  # bytes of a log, or of all files of an export
 MOST_FRAMES = 100_000
 FARTHEST = 1e5  # m: beyond, f32 no longer tells cells of a centimetre apart
 LONGEST_TEXT = 40  # characters shown of a wrong line

@@ -504,7 +504,7 @@ class PointPlayback(Model):
     offset: Point2 = (0.0, 0.0)
     """Added to the points' places [m]."""
     interpolate: bool = False
-    """Read between points, to zero at a cell from the last ones: bilinear on a lattice as wide as the cell."""
+    """Read between points, bilinear on a lattice as wide as the cell; zero is reached at a cell from the last points."""
 
 
 class PlumeSimLog(PointPlayback):

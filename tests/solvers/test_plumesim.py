@@ -91,6 +91,13 @@ def test_between_points_of_a_lattice_it_is_bilinear():
     np.testing.assert_allclose(ppm(gas, POINTS), 3 + 10 * x + 4 * y + 20 * x * y, rtol=2e-5)
 
 
+def test_a_lattice_of_cells_is_read_up_to_the_walls():
+    place = np.array([[0.25, 0.25], [0.75, 0.25], [1.25, 0.25], [0.25, 0.75], [0.75, 0.75], [1.25, 0.75]])
+    known = PointFrames(Path("a"), 1.0, 0.5, place, np.zeros((6, 2)), np.full(6, 70.0), np.array([0, 6]))
+    model = gas_of(interpolate=True)
+    np.testing.assert_allclose(ppm(PointGas(model, model, known, EXTENT), POINTS), 70, rtol=1e-5)
+
+
 def test_between_scattered_points_nothing_jumps_and_nothing_exceeds():
     known = frames((400,), cell=0.1)
     model = gas_of(interpolate=True)
