@@ -19,12 +19,18 @@ from taichi_plume.winds import PlumeSimWind, PointPlayback
 STATIONS = 20  # of the meandering centre line
 TURN = 0.2  # standard deviation of its change of course per station, over their distance
 
+MOST_PERIODS = 1e15
 ROUNDING = 1.000001  # of a radius: what is as far counts
 
 
 def density_per_percent(gas: PercentGas) -> float:
     """Concentration [kg/m³] of one percent of the full scale."""
     return 0.01 * gas.full_scale_ppm / gas.vapour.ppm_per_density
+
+
+def periods(time: float, period: float) -> int:
+    """Whole periods in a time, however long."""
+    return floor(min(max(time / period, -MOST_PERIODS), MOST_PERIODS) + 1e-6)
 
 
 class PointFilm:
@@ -50,7 +56,7 @@ class PointFilm:
 
     def frame_at(self, t: float) -> int:
         """The frame of simulated time t [s]."""
-        n = floor((self.model.start + self.model.rate * t) / self.frames.period + 1e-6)
+        n = periods(self.model.start + self.model.rate * t, self.frames.period)
         return n % len(self.frames) if self.model.loop else min(max(n, 0), len(self.frames) - 1)
 
 
@@ -143,7 +149,7 @@ class ProgramPuff:
     def frame_at(self, t: float) -> int:
         """Number of the frame of simulated time t [s], from 1 on."""
         gas = self.gas
-        n = 1 + max(0, int((gas.start + t) / gas.period + 1e-6))
+        n = 1 + max(0, periods(gas.start + t, gas.period))
         return n if n <= gas.last else gas.repeat_from + (n - gas.last - 1) % (gas.last - gas.repeat_from + 1)
 
     def _show(self, t: float) -> None:

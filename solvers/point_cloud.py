@@ -13,6 +13,7 @@ import taichi as ti
 from taichi_plume.kernels import Template
 
 MOST_BINS = 65_536
+NEAREST, FARTHEST = 1e-6, 1e6  # m: a reach has to be between, as its square in f32
 CORNER = 0.25  # weight of a lattice's last node half a cell beyond it along both axes
 SLACK = 1.001  # of a bin's width: the device sorts places into bins with f32
 
@@ -25,8 +26,9 @@ class PointCloud:
     """
 
     def __init__(self, extent: tuple[float, ...], reach: float, values: int, room: int):
-        self.extent, self.reach, self.values = np.array(extent[:2]), reach, values
-        self.edge = max(SLACK * reach, sqrt(float(self.extent.prod()) / MOST_BINS))
+        self.extent, self.values = np.array(extent[:2]), values
+        self.reach = min(max(reach, NEAREST), FARTHEST)
+        self.edge = max(SLACK * self.reach, sqrt(float(self.extent.prod()) / MOST_BINS))
         self.bins = tuple(max(1, ceil(width / self.edge)) for width in self.extent)
         self.room = max(1, room)
         self.begin: Any = ti.field(ti.i32, prod(self.bins) + 1)

@@ -1,6 +1,7 @@
 """The gas of a scenario: its kinds, species and sources."""
 
 import re
+from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
@@ -13,10 +14,10 @@ from taichi_plume.vocabulary import (
     Diffusivity,
     Duration,
     Fraction,
+    FullScale,
     Length,
     Model,
     MolarMass,
-    NonNegative,
     Point,
     Point2,
     Positive,
@@ -105,7 +106,7 @@ class PlaybackGas(OneGas, Playback):
 class PercentGas(OneGas):
     """A plume that is known in percent of a full scale, as PlumeSim's are."""
 
-    full_scale_ppm: Positive = 100.0
+    full_scale_ppm: FullScale = 100.0
     """What 100 percent stand for."""
     sources: tuple[Target, ...] = ()
     """What the robots search for."""
@@ -135,12 +136,14 @@ class FluentGas(PercentGas, PointPlayback):
     @field_validator("files")
     @classmethod
     def _numbered(cls, files: str) -> str:
-        name = files.replace("\\", "/").rpartition("/")
-        if "%" in name[0] or not re.fullmatch(r"[^%]*%(0?[1-9])?d[^%]*", name[2]):
+        if not re.fullmatch(r"[^%]*%(0?[1-9])?d[^%]*", Path(files).name):
             raise PydanticCustomError(
                 "files", "must hold one number, such as plume%03d.txt, in the file's name"
             )
         return files
+
+
+Spread = Annotated[float, Field(ge=1e-6, le=1e6)]
 
 
 class PlumeSimPuff(PercentGas):
@@ -153,9 +156,9 @@ class PlumeSimPuff(PercentGas):
 
     kind: Literal["plumesim_gaussian"]
     release_point: Point2
-    diffusion: tuple[Positive, Positive] = (0.2, 0.005)
+    diffusion: tuple[Spread, Spread] = (0.2, 0.005)
     """Dx, Dy [m² per frame]."""
-    amount: Positive = 100.0
+    amount: Annotated[float, Field(gt=0, le=1e6)] = 100.0
     """Percent m² that are released."""
     cell: Length = 0.1
     """Distance of the nodes [m]."""
@@ -184,8 +187,8 @@ class PlumeSimMeander(PercentGas):
     release_point: Point2
     points: Annotated[int, Field(ge=20, le=1_000_000)] = 200
     """About so many."""
-    release_rate: NonNegative = 10.0
-    dispersion: NonNegative = 0.1
+    release_rate: Annotated[float, Field(ge=0, le=1e6)] = 10.0
+    dispersion: Annotated[float, Field(ge=0, le=1e3)] = 0.1
     """Points stray across by a standard deviation of dispersion release_rate (x - x0)."""
     radius: Length = 0.1
 

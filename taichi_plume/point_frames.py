@@ -23,6 +23,8 @@ from taichi_plume.winds import PlumeSimLog
 LARGEST_FILE = 128 << 20  # bytes of a log, or of all files of an export
 MOST_FRAMES = 100_000
 FARTHEST = 1e5  # m: beyond, f32 no longer tells cells of a centimetre apart
+FASTEST = 1e3  # m/s
+LARGEST_PERCENT = 1e6
 LONGEST_TEXT = 40  # characters shown of a wrong line
 LOG_COLUMNS = ("x", "y", "z", "wind speed", "wind direction", "chemical")
 FLUENT_COLUMNS = ("index", "x", "y", "chemical")
@@ -116,7 +118,8 @@ def read_log(path: Path) -> PointFrames:
     table = _table(path, lines, rows, LOG_COLUMNS)
     if not len(table):
         raise PointFileError(f"{path}: holds no points")
-    _check(path, rows, table[:, 3], "wind speed")
+    _check(path, rows, table[:, 3], "wind speed", FASTEST)
+    _check(path, rows, table[:, 5], "chemical", LARGEST_PERCENT)
     heights = table[:, 2]
     if np.ptp(heights) > 0:
         other = int(np.argmax(heights != heights[0]))
@@ -164,12 +167,19 @@ def read_fluent(
         lines = _lines(path, room)
         room -= sum(map(len, lines))
         tables.append(_table(path, lines, range(1, len(lines)), FLUENT_COLUMNS))
+        _check(
+            path,
+            range(1, len(lines)),
+            tables[-1][:, 3],
+            "chemical",
+            0.01 * LARGEST_PERCENT * (largest or np.inf),
+        )
         begin.append(begin[-1] + len(tables[-1]))
     table = np.concatenate(tables)
     if not len(table):
         raise PointFileError(f"{paths[0]}: holds no points")
     full = table[:, 3].max() if largest is None else largest
-    percent = 100.0 * table[:, 3] / full if full > 0 else table[:, 3]
+    percent = 100.0 * (table[:, 3] / full) if full > 0 else table[:, 3]
     return PointFrames(
         paths[0], period, cell, table[:, 1:3], np.zeros((len(table), 2)), percent, np.array(begin)
     )
@@ -198,7 +208,7 @@ def _lines(path: Path, room: int) -> list[str]:
 
 
 def _table(path: Path, lines: list[str], rows: Sequence[int], columns: tuple[str, ...]) -> np.ndarray:
-    """The numbers on the lines of these indices; all finite, places within reason, no chemical below zero."""
+    """The numbers on the lines of these indices; all finite, places within reason."""
     table = _parsed([lines[row] for row in rows], len(columns))
     if table is None:
         good, bad = 0, len(rows)  # lines that can be read, and with how many they no longer can
@@ -218,7 +228,6 @@ def _table(path: Path, lines: list[str], rows: Sequence[int], columns: tuple[str
         if beyond.any():
             row = rows[int(np.argmax(beyond))]
             raise _wrong(path, row + 1, f"{name} must be within {FARTHEST:g} m, got {_shown(lines[row])}")
-    _check(path, rows, table[:, columns.index("chemical")], "chemical")
     return table
 
 
@@ -235,10 +244,13 @@ def _parsed(lines: list[str], columns: int) -> np.ndarray | None:
     return table if table.shape[1] == columns else None
 
 
-def _check(path: Path, rows: Sequence[int], values: np.ndarray, name: str) -> None:
-    if (values < 0).any():
-        first = int(np.argmax(values < 0))
-        raise _wrong(path, rows[first] + 1, f"{name} must not be negative, got {values[first]:g}")
+def _check(path: Path, rows: Sequence[int], values: np.ndarray, name: str, most: float) -> None:
+    """Values of the lines of these indices have to be between 0 and `most`."""
+    wrong = (values < 0) | (values > most)
+    if wrong.any():
+        first = int(np.argmax(wrong))
+        limit = f"at most {most:g}" if values[first] > most else "not negative"
+        raise _wrong(path, rows[first] + 1, f"{name} must be {limit}, got {values[first]:g}")
 
 
 def _number(text: str) -> float | None:

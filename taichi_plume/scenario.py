@@ -13,7 +13,18 @@ from pydantic_core import PydanticCustomError
 from taichi_plume.gases import Gas, MixtureGas, PureGas, Source
 from taichi_plume.obstacles import Obstacle
 from taichi_plume.robots import Group
-from taichi_plume.vocabulary import Delay, Distance, Duration, Frequency, Length, Model, Positive, Tick, Time
+from taichi_plume.vocabulary import (
+    Delay,
+    Distance,
+    Duration,
+    Frequency,
+    FullScale,
+    Length,
+    Model,
+    Positive,
+    Tick,
+    Time,
+)
 from taichi_plume.winds import Wind
 
 
@@ -119,7 +130,7 @@ class PlumeLog(Model):
     """Time of the first frame [s]; negative in the warm-up."""
     cell: Length = 0.1
     """Distance of the nodes [m]."""
-    full_scale_ppm: Positive = 100.0
+    full_scale_ppm: FullScale = 100.0
     """What is written as 100 percent; more gas is written as more."""
     height: Distance = 0.1
     """Of the nodes, in 3-D [m]; the log itself is flat."""

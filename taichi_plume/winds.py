@@ -504,7 +504,7 @@ class PointPlayback(Model):
     offset: Point2 = (0.0, 0.0)
     """Added to the points' places [m]."""
     interpolate: bool = False
-    """Read between points, bilinear on a lattice as wide as the cell; zero is reached at a cell from the last points."""
+    """Read between points, bilinear on a lattice as wide as the cell; zero at a cell from the last of them."""
 
 
 class PlumeSimLog(PointPlayback):

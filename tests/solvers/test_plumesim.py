@@ -133,6 +133,20 @@ def test_frames_hold_until_the_next_one(keys, t, frame):
     assert wanted.any()
 
 
+@pytest.mark.parametrize("keys", [{"rate": 1e308}, {"rate": 1e-300}, {"start": -1e300, "loop": True}])
+@pytest.mark.parametrize("cell", [1e-300, 1e300])
+@pytest.mark.parametrize("interpolate", [False, True])
+def test_extremes_are_numbers_still(keys, cell, interpolate):
+    model = gas_of(interpolate=interpolate, **keys)
+    known = frames(cell=cell)
+    gas = PointGas(model, model, known, EXTENT)
+    gas.advance(1e5, 0.1)
+    seen = ppm(gas, np.concatenate([POINTS, known.place[:5]]))
+    assert np.isfinite(seen).all()
+    assert (seen >= 0).all()
+    assert gas.film.shown == gas.film.frame_at(1e5 + 0.1)
+
+
 # ---------------------------------------------------------------- the program's own plumes
 
 
