@@ -139,6 +139,7 @@ class ProgramPuff:
         self.gas, self.species = gas, gas.vapour
         self.release, self.cell = gas.release_point, gas.cell
         self.nodes = tuple(max(1, int(width / gas.cell + 1e-9)) for width in extent[:2])
+        self.lowest = tuple(1 - n if gas.all_around else 0 for n in self.nodes)
         self.spread = gas.diffusion
         self.peak = (
             density_per_percent(gas) * gas.amount / (4 * pi * sqrt(gas.diffusion[0] * gas.diffusion[1]))
@@ -170,7 +171,7 @@ class ProgramPuff:
         gap2, exponent = 0.0, 0.0
         for d in ti.static(range(2)):
             place = x[d] - self.release[d]
-            node = self.cell * ti.math.clamp(ti.round(place / self.cell), 0.0, self.nodes[d] - 1.0)
+            node = self.cell * ti.math.clamp(ti.round(place / self.cell), self.lowest[d], self.nodes[d] - 1.0)
             gap2 += (place - node) ** 2
             exponent -= node**2 / (4.0 * n * self.spread[d])
         return ti.select(gap2 < self.cell**2, self.peak / n * ti.exp(exponent), 0.0)

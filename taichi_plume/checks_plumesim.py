@@ -1,7 +1,7 @@
 """What is wrong with plumes of PlumeSim: files of points that are damaged or elsewhere, and what a log cannot hold."""
 
 from collections.abc import Iterator
-from math import floor, prod
+from math import prod
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +38,8 @@ def point_plumes(scenario: Scenario, folder: Path) -> Iterator[str]:
                     f"{path}.release_point: x = {x:g} m is at the domain's end, {extent[0]:g} m, and the plume goes on "
                     "from there; move it back"
                 )
+        if isinstance(model, PlumeSimPuff):
+            yield from _nodes(path, model.cell, extent)
     if isinstance(scenario.wind, PlumeSimWind):
         yield from _needs_flow(scenario)
 
@@ -92,13 +94,20 @@ def plume_logs(scenario: Scenario) -> Iterator[str]:
         )
     if model.start > scenario.duration:
         yield f"plumesim_log.start: {model.start:g} s is after the end at {scenario.duration:g} s; start it earlier"
-    nodes = prod(max(1, floor(width / model.cell)) for width in domain.extent[:2])
-    if nodes > MOST_NODES:
-        yield f"plumesim_log.cell: {model.cell:g} m makes {nodes} nodes, a log has at most {MOST_NODES}; raise it"
+    yield from _nodes("plumesim_log", model.cell, domain.extent)
     if domain.dim == 3 and model.height > domain.extent[2]:
         yield (
             f"plumesim_log.height: {model.height:g} m is above the ceiling; use at most {domain.extent[2]:g} m"
         )
+
+
+def _nodes(path: str, cell: float, extent: tuple[float, ...]) -> Iterator[str]:
+    """Nodes on the domain: some, and not too many."""
+    nodes = prod(width / cell for width in extent[:2])
+    if nodes > MOST_NODES:
+        yield f"{path}.cell: {cell:g} m makes {nodes:.3g} nodes, at most {MOST_NODES} are allowed; raise it"
+    if cell > min(extent[:2]):
+        yield f"{path}.cell: {cell:g} m is wider than the domain, {_box(extent)}; lower it"
 
 
 def _box(extent: tuple[float, ...]) -> str:

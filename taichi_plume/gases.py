@@ -162,6 +162,8 @@ class PlumeSimPuff(PercentGas):
     """Percent m² that are released."""
     cell: Length = 0.1
     """Distance of the nodes [m]."""
+    all_around: bool = False
+    """Nodes to the left of and below the release too, which the program has not."""
     period: Duration = 1.0
     """Time between frames [s]."""
     last: Count = 25

@@ -75,10 +75,7 @@ class PlumeLogger:
 def nodes(sim: Simulation, model: PlumeLog) -> np.ndarray:
     """Places (n, dim) of the log's nodes [m] in the air."""
     extent = sim.grid.extent
-    axes = [
-        (np.arange(max(1, int(width / model.cell + 1e-9))) + 0.5) * min(model.cell, width)
-        for width in extent[:2]
-    ]
+    axes = [(np.arange(int(width / model.cell + 1e-9)) + 0.5) * model.cell for width in extent[:2]]
     flat = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
     place = np.column_stack([flat, np.full(len(flat), model.height)]) if sim.grid.dim == 3 else flat
     solid = np.zeros(len(place), bool)

@@ -204,6 +204,15 @@ def test_bad_exports_are_told(folder, keys, fault):
         (["plumesim_log={rate: 3}"], "plumesim_log.rate: 3 frames per second"),
         (["tick=0.0125", "plumesim_log={rate: 80}"], "must be whole milliseconds"),
         (["plumesim_log={cell: 0.0001}"], "plumesim_log.cell: 0.0001 m makes"),
+        (["plumesim_log={cell: 0.6}"], "plumesim_log.cell: 0.6 m is wider than the domain"),
+        (
+            ["gas={kind: plumesim_gaussian, release_point: [0, 0], cell: 1e-300}"],
+            "gas.cell: 1e-300 m makes",
+        ),
+        (
+            ["gas={kind: plumesim_gaussian, release_point: [0, 0], cell: 1e300}"],
+            "gas.cell: 1e+300 m is wider",
+        ),
         (["plumesim_log={start: 5}"], "plumesim_log.start: 5 s is after the end"),
         (["gas.start=1.5"], "gas.start: 1.5 s is after the last frame"),
         (["gas.offset=[-2, 0]"], "no point of"),
