@@ -104,7 +104,7 @@ class PlaybackGas(OneGas, Playback):
 
 
 class PercentGas(OneGas):
-    """A plume that is known in percent of a full scale, as PlumeSim's are."""
+    """A plume that is known in percent of a full scale, as PlumeSim's are; in 3-D it is the same at every height."""
 
     full_scale_ppm: FullScale = 100.0
     """What 100 percent stand for."""

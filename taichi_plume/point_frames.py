@@ -142,11 +142,11 @@ def fluent_files(pattern: Path, frames: int | None) -> list[Path]:
     found: list[Path] = []
     while len(found) < (frames or MOST_FRAMES):
         path = pattern.with_name(pattern.name % (len(found) + 1))
-        if not path.is_file():
+        if not _is_file(path):
             after = pattern.with_name(pattern.name % (len(found) + 2))
             if frames is not None or not found:
                 raise PointFileError(f"{path}: does not exist; files are numbered from 1")
-            if after.is_file():
+            if _is_file(after):
                 raise PointFileError(f"{path}: does not exist, but {after.name} does")
             break
         found.append(path)
@@ -185,6 +185,13 @@ def read_fluent(
     )
 
 
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:  # a name that is too long, a folder that may not be read
+        return False
+
+
 # ---------------------------------------------------------------- lines and numbers
 
 
@@ -193,8 +200,8 @@ def _lines(path: Path, room: int) -> list[str]:
     try:
         with path.open("rb") as file:
             content = file.read(room + 1)
-    except OSError as error:
-        raise PointFileError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except (OSError, ValueError) as error:  # of a name with a zero byte
+        raise PointFileError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
     if len(content) > room:
         raise PointFileError(f"{path}: is too large; {LARGEST_FILE >> 20} MiB in all are read")
     try:

@@ -116,6 +116,8 @@ def test_what_is_no_text_is_told(folder):
         read_log(folder / "other")
     with pytest.raises(PointFileError, match="cannot be read: Is a directory"):
         read_log(folder)
+    with pytest.raises(PointFileError, match="cannot be read: .*null"):
+        read_log(folder / "a\0b")
 
 
 GOOD = (
@@ -179,6 +181,7 @@ def test_fluent_frames_are_numbered_files_in_percent_of_the_largest(folder):
             "files: plume%03d.txt, largest: 1e-9",
             "plume001.txt: line 2: chemical must be at most 1e-05, got 0.02",
         ),
+        (f"files: {'long' * 99}%d.txt", "longlong1.txt: does not exist"),
         ("files: plume%s%d.txt", "gas.files: must hold one number"),
         ("files: plume%9999999999d.txt", "gas.files: must hold one number"),
         ("files: plume%03d.txt, offset: [3, 0]", "no point of"),

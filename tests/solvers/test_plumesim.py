@@ -235,6 +235,7 @@ def test_a_log_adds_to_a_computed_plume_and_robots_find_its_source(tmp_path):
     (tmp_path / "plume.pslog").write_text(LOG)
     data = {
         "duration": 2,
+        "stop_early": False,
         "domain": {"size": [1.5, 1.0], "spacing": 0.05},
         "wind": {"kind": "uniform", "velocity": [0.3, 0]},
         "gas": {
@@ -260,6 +261,8 @@ def test_a_log_adds_to_a_computed_plume_and_robots_find_its_source(tmp_path):
                 "count": 1,
                 "start": {"kind": "positions", "positions": [[1.0, 0.5]], "heading_deg": 180},
                 "algorithm": {"kind": "casting", "upwind_angle_deg": 0},
+                "sensors": {"gas": {"kind": "ideal"}, "wind": {"kind": "ideal"}},
+                "reach": 0.45,
             }
         ],
     }
@@ -272,6 +275,7 @@ def test_a_log_adds_to_a_computed_plume_and_robots_find_its_source(tmp_path):
     assert logged.max() * scale == pytest.approx(20)
     assert computed.max() > 0
     assert sim.scenario.sources[0][0] == "gas.parts[0].sources[0]"
+    assert sim.swarm.all_found()
 
 
 def test_in_three_dimensions_it_is_the_same_at_every_height(tmp_path):
