@@ -116,7 +116,7 @@ def test_what_is_no_text_is_told(folder):
         read_log(folder / "other")
     with pytest.raises(PointFileError, match="cannot be read: Is a directory"):
         read_log(folder)
-    with pytest.raises(PointFileError, match="cannot be read: .*null"):
+    with pytest.raises(PointFileError, match=r"cannot be read: .*null"):
         read_log(folder / "a\0b")
 
 
