@@ -10,7 +10,9 @@ from scipy.spatial import cKDTree  # type: ignore[attr-defined]
 from taichi_plume.assemble import assemble
 from taichi_plume.fields import concentration_at, ppm_at, velocity_at
 from taichi_plume.gases import PlumeSimGas, PlumeSimMeander, PlumeSimPuff
+from taichi_plume.loading import load_scenario
 from taichi_plume.point_frames import PointFrames
+from taichi_plume.results import to_yaml
 from taichi_plume.scenario import Scenario
 from taichi_plume.solvers.plumesim import (
     PointFilm,
@@ -293,3 +295,22 @@ def test_in_three_dimensions_it_is_the_same_at_every_height(tmp_path):
         np.testing.assert_allclose(
             velocity_at(sim.wind, at, 0.0), [[0.4, 0, 0], [-0.2, 0, 0], [0, 0, 0]], atol=1e-7
         )
+
+
+def test_exports_of_fluent_are_played_by_a_run_and_by_its_resolved_scenario(tmp_path):
+    for n, value in enumerate((0.02, 0.04), start=1):
+        (tmp_path / f"smoke-{n}.txt").write_text(f"nodenumber,x,y,c\n1,0.5,0.5,{value}\n2,1.0,0.5,0.01\n")
+    data = {
+        "duration": 1,
+        "domain": {"size": [1.5, 1.0], "spacing": 0.1},
+        "wind": {"kind": "uniform", "velocity": [0.5, 0]},
+        "gas": {"kind": "fluent", "files": "smoke-%d.txt", "period": 0.4, "full_scale_ppm": 300},
+    }
+    again = tmp_path / "runs" / "a"
+    again.mkdir(parents=True)
+    (again / "scenario.yaml").write_text(to_yaml(Scenario.model_validate(data), tmp_path, again))
+    sim = assemble(load_scenario(again / "scenario.yaml"), again)
+    at = np.array([[0.45, 0.5], [1.0, 0.55], [0.75, 0.5]])
+    np.testing.assert_allclose(ppm_at(sim.gas, at, 0.0)[:, 0], [150, 75, 0], rtol=1e-6)
+    sim.run()
+    np.testing.assert_allclose(ppm_at(sim.gas, at, sim.t)[:, 0], [300, 75, 0], rtol=1e-6)
