@@ -13,11 +13,12 @@ from taichi_plume.agents.team import Team
 from taichi_plume.cut_cells import Air, air_of
 from taichi_plume.fields import Gas, Mixture, Wind
 from taichi_plume.film import Film, completed
-from taichi_plume.gases import PlaybackGas, PureGas
+from taichi_plume.gases import FluentGas, PlaybackGas, PlumeSimGas, PlumeSimMeander, PlumeSimPuff, PureGas
 from taichi_plume.geometry import ClearanceMap, shapes
 from taichi_plume.grid import Grid
 from taichi_plume.loading import ScenarioError
 from taichi_plume.obstacles import motion_of
+from taichi_plume.point_frames import frames_of
 from taichi_plume.rng import generator
 from taichi_plume.scenario import Scenario
 from taichi_plume.simulation import Map, Simulation
@@ -29,9 +30,10 @@ from taichi_plume.solvers.frozen import FrozenSolver
 from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.heat import HeatSolver
 from taichi_plume.solvers.playback import PlayedGas, PlayedWind
+from taichi_plume.solvers.plumesim import PointGas, PointWind, ProgramMeander, ProgramPuff
 from taichi_plume.solvers.synthetic import SyntheticSolver
 from taichi_plume.solvers.uniform import UniformSolver
-from taichi_plume.winds import CfdWind, FrozenWind, PlaybackWind, SyntheticWind, UniformWind
+from taichi_plume.winds import CfdWind, FrozenWind, PlaybackWind, PlumeSimWind, SyntheticWind, UniformWind
 
 MAPS = {"time_series": TimeSeriesMap, "inverse_distance": InverseDistanceMap}
 
@@ -51,7 +53,7 @@ def assemble(
     film = Film(folder / scenario.wind.file) if isinstance(scenario.wind, PlaybackWind) else None
     grid = Grid.of(scenario.domain, film.periodic if film else periodic_axes(openings, scenario.domain.dim))
     air = film.air() if film else air_of(standing, grid, opening_cells(openings, grid))
-    wind = _wind(scenario, film, grid, air)
+    wind = _wind(scenario, film, folder, grid, air)
     gas = Mixture([_gas(model, path, scenario, folder, grid, wind, air) for path, model in scenario.gases])
     swarm = _swarm(scenario, obstacles, grid)
     if isinstance(wind, FlowSolver):
@@ -76,7 +78,7 @@ def assemble(
     return sim
 
 
-def _wind(scenario: Scenario, film: Film | None, grid: Grid, air: Air) -> Wind:
+def _wind(scenario: Scenario, film: Film | None, folder: Path, grid: Grid, air: Air) -> Wind:
     """The wind; `film` is the one that is played back."""
     model, begin = scenario.wind, scenario.first_tick * scenario.tick
     if isinstance(model, UniformWind):
@@ -86,6 +88,8 @@ def _wind(scenario: Scenario, film: Film | None, grid: Grid, air: Air) -> Wind:
     if isinstance(model, PlaybackWind):
         assert film is not None
         return PlayedWind(model, film, grid, begin)
+    if isinstance(model, PlumeSimWind):
+        return PointWind(model, frames_of(model, folder), grid.extent, begin)
     if isinstance(model, FrozenWind):
         flow = FrozenSolver(model, grid, air, scenario.seed, begin)
     else:
@@ -109,6 +113,12 @@ def _gas(
     begin = scenario.first_tick * scenario.tick
     if isinstance(model, PlaybackGas):
         return PlayedGas(model, Film(folder / model.file), grid, begin)
+    if isinstance(model, PlumeSimGas | FluentGas):
+        return PointGas(model, model, frames_of(model, folder), grid.extent, begin)
+    if isinstance(model, PlumeSimPuff):
+        return ProgramPuff(model, grid.extent, begin)
+    if isinstance(model, PlumeSimMeander):
+        return ProgramMeander(model, grid.extent, scenario.seed, path)
     try:
         return EulerianSolver(model, grid, wind, air, begin, scenario.seed, path)
     except ValueError as error:

@@ -6,7 +6,14 @@ Every fault is one line: the YAML path, what is wrong, what would be right.
 from collections.abc import Iterator
 from pathlib import Path
 
-from taichi_plume import checks_air, checks_films, checks_obstacles, checks_robots, checks_size
+from taichi_plume import (
+    checks_air,
+    checks_films,
+    checks_obstacles,
+    checks_plumesim,
+    checks_robots,
+    checks_size,
+)
 from taichi_plume.gases import PlaybackGas
 from taichi_plume.scenario import Scenario
 
@@ -21,7 +28,10 @@ def problems(scenario: Scenario, folder: Path) -> list[str]:
         if lines:
             return lines
     shapes, lines = checks_obstacles.shapes_of(scenario, folder)
-    films = list(checks_films.problems(scenario, folder, shapes))
+    films = [
+        *checks_films.problems(scenario, folder, shapes),
+        *checks_plumesim.point_plumes(scenario, folder),
+    ]
     if films:
         return lines + films
     if any(isinstance(gas, PlaybackGas) for _, gas in scenario.gases):
@@ -31,6 +41,7 @@ def problems(scenario: Scenario, folder: Path) -> list[str]:
     for part in (checks_obstacles, checks_robots, checks_air):
         lines += part.problems(scenario, shapes)
     lines += checks_robots.own_algorithms(scenario, folder)
+    lines += checks_plumesim.plume_logs(scenario)
     return [*lines, *_names(scenario), *_recording(scenario), *_fields(scenario)]
 
 

@@ -23,7 +23,15 @@ from taichi_plume import __version__, disk, scores
 from taichi_plume.scenario import Scenario
 from taichi_plume.simulation import Every, Simulation
 
-FILES = ("scenario.yaml", "recording.rrd", "robots.parquet", "forces.csv", "fields.zarr", "result.json")
+FILES = (
+    "scenario.yaml",
+    "recording.rrd",
+    "robots.parquet",
+    "forces.csv",
+    "fields.zarr",
+    "plume.pslog",
+    "result.json",
+)
 MOST_ROWS = 2_000_000  # of robots.parquet: larger swarms are sampled less often
 ROW_GROUP = 50_000
 
@@ -94,7 +102,9 @@ def _moved(value: Any, source: Path, target: Path) -> Any:
     if not isinstance(value, dict):
         return value
     return {
-        key: os.path.relpath(source / part, target) if key == "file" else _moved(part, source, target)
+        key: os.path.relpath(source / part, target)
+        if key in ("file", "files")
+        else _moved(part, source, target)
         for key, part in value.items()
     }
 

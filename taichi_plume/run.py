@@ -217,6 +217,12 @@ def _watch(
         from taichi_plume.filming import Filming
 
         sim.observers.append(Filming(sim, out / "fields.zarr", sim.scenario.fields).observer())
+    if sim.scenario.plumesim_log is not None:
+        from taichi_plume.plume_log import PlumeLogger
+
+        log = PlumeLogger(sim, out / "plume.pslog", sim.scenario.plumesim_log)
+        closers.append(log.close)
+        sim.observers.append(log.observer())
     if not args.no_recording:
         from taichi_plume.recording import Recorder
 

@@ -13,7 +13,18 @@ from pydantic_core import PydanticCustomError
 from taichi_plume.gases import Gas, MixtureGas, PureGas, Source
 from taichi_plume.obstacles import Obstacle
 from taichi_plume.robots import Group
-from taichi_plume.vocabulary import Delay, Distance, Duration, Frequency, Length, Model, Positive, Tick, Time
+from taichi_plume.vocabulary import (
+    Delay,
+    Distance,
+    Duration,
+    Frequency,
+    FullScale,
+    Length,
+    Model,
+    Positive,
+    Tick,
+    Time,
+)
 from taichi_plume.winds import Wind
 
 
@@ -110,6 +121,21 @@ class Fields(Model):
     quantities: Annotated[tuple[Literal["wind", "gas"], ...], Field(min_length=1)] = ("wind", "gas")
 
 
+class PlumeLog(Model):
+    """What goes into plume.pslog: gas and wind on the nodes of a lattice, as a log of PlumeSim."""
+
+    rate: Frequency = 1.0
+    """Frames per simulated second."""
+    start: Time = 0.0
+    """Time of the first frame [s]; negative in the warm-up."""
+    cell: Length = 0.1
+    """Distance of the nodes [m]."""
+    full_scale_ppm: FullScale = 100.0
+    """What is written as 100 percent; more gas is written as more."""
+    height: Distance = 0.1
+    """Of the nodes, in 3-D [m]; the log itself is flat."""
+
+
 class Scenario(Model):
     """One experiment: everything that decides its outcome."""
 
@@ -132,6 +158,8 @@ class Scenario(Model):
     recording: Recording = Recording()
     fields: Fields | None = None
     """Unless given, no fields.zarr is written."""
+    plumesim_log: PlumeLog | None = None
+    """Unless given, no plume.pslog is written."""
 
     @property
     def gases(self) -> tuple[tuple[str, PureGas], ...]:

@@ -24,6 +24,7 @@ from taichi_plume.vocabulary import (
     Model,
     NonNegative,
     Point,
+    Point2,
     Positive,
     Power,
     Pressure,
@@ -487,6 +488,38 @@ class PlaybackWind(Playback):
     kind: Literal["playback"]
 
 
+class PointPlayback(Model):
+    """Frames of points, played back as PlumeSim does: each holds until the next one, and the last for good.
+
+    Points lie in a plane; in 3-D they are the same at every height. What is read at a place is the value of the nearest
+    point that is closer than the cell, else zero.
+    """
+
+    loop: bool = False
+    """Start again at the end."""
+    rate: Positive = 1.0
+    """Recorded seconds per simulated second; the recorded velocities stay as they are."""
+    start: Time = 0.0
+    """Recorded time [s] that is shown when the robots start."""
+    offset: Point2 = (0.0, 0.0)
+    """Added to the points' places [m]."""
+    interpolate: bool = False
+    """Read between points, bilinear on a lattice as wide as the cell; zero at a cell from the last of them."""
+
+
+class PlumeSimLog(PointPlayback):
+    """A log of PlumeSim: text; see point_frames.py. `plumesim_log` makes a run write one."""
+
+    file: Annotated[str, Field(min_length=1)]
+    """Its path, relative to the scenario's folder."""
+
+
+class PlumeSimWind(PlumeSimLog):
+    """The wind of a log, as sensors feel it; no gas on the grid can be carried by it."""
+
+    kind: Literal["plumesim_log"]
+
+
 class SyntheticWind(Model):
     """Weak convection of a closed room: random eddies and a slowly turning circulation; see solvers/synthetic.py.
 
@@ -523,5 +556,6 @@ class SyntheticWind(Model):
 
 
 Wind = Annotated[
-    CfdWind | UniformWind | FrozenWind | PlaybackWind | SyntheticWind, Field(discriminator="kind")
+    CfdWind | UniformWind | FrozenWind | PlaybackWind | SyntheticWind | PlumeSimWind,
+    Field(discriminator="kind"),
 ]

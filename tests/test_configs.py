@@ -77,6 +77,15 @@ def test_quiet_room_is_the_story_of_its_header(tmp_path):
     assert verified(tmp_path / "recording.rrd")
 
 
+def test_playback_is_the_story_of_its_header(tmp_path):
+    result = result_of("playback", tmp_path)
+    assert sum(result["groups"][0]["per_trial"]["found"]) >= 1
+    smooth = ("--set", "gas.interpolate=true", "--set", "wind.interpolate=true", "--no-recording")
+    more = result_of("playback", tmp_path / "smooth", *smooth)
+    assert sum(more["groups"][0]["per_trial"]["found"]) >= sum(result["groups"][0]["per_trial"]["found"])
+    assert verified(tmp_path / "recording.rrd")
+
+
 def test_a_seed_decides_everything(tmp_path):
     options = ("--no-recording", "--duration", "5", "--set", "warm_up=3")
     tables = {}

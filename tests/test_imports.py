@@ -19,6 +19,7 @@ APPLICATION = {
     "scene",
     "disk",
     "filming",
+    "plume_log",
 }
 FORBIDDEN = {
     "core": {"solvers", "agents", "validation"} | APPLICATION,

@@ -1,0 +1,117 @@
+"""Points in the plane with values, looked up on the device through bins (cell lists).
+
+The host sorts the points into the bins of a lattice (counting sort); bins are at least as wide as a look-up reaches, so
+that a look-up sees three by three of them, a row of three at a time.
+"""
+
+from math import ceil, prod, sqrt
+from typing import Any
+
+import numpy as np
+import taichi as ti
+
+from taichi_plume.kernels import Template
+
+MOST_BINS = 65_536
+NEAREST, FARTHEST = 1e-6, 1e6  # m: a reach has to be between, as its square in f32
+CORNER = 0.25  # weight of a lattice's last node half a cell beyond it along both axes
+SLACK = 1.001  # of a bin's width: the device sorts places into bins with f32
+
+
+@ti.data_oriented
+class PointCloud:
+    """Points that can be found from places in [0, extent] (x, y) [m].
+
+    reach [m]: points count below this distance; values: numbers per point; room: largest number of points.
+    """
+
+    def __init__(self, extent: tuple[float, ...], reach: float, values: int, room: int):
+        self.extent, self.values = np.array(extent[:2]), values
+        self.reach = min(max(reach, NEAREST), FARTHEST)
+        self.edge = max(SLACK * self.reach, sqrt(float(self.extent.prod()) / MOST_BINS))
+        self.bins = tuple(max(1, ceil(width / self.edge)) for width in self.extent)
+        self.room = max(1, room)
+        self.begin: Any = ti.field(ti.i32, prod(self.bins) + 1)
+        self.order: Any = ti.field(ti.i32, self.room)
+        self.place: Any = ti.Vector.field(2, ti.f32, self.room)
+        self.value: Any = ti.Vector.field(values, ti.f32, self.room)
+
+    def set(self, place: np.ndarray, value: np.ndarray) -> None:
+        """Take points (n, 2) with values (n, values) in place of those before; those out of reach are left out."""
+        near = np.flatnonzero(within_reach(place, self.extent, self.reach))
+        place, value = place[near], value[near]
+        column, row = (np.clip((place[:, d] / self.edge).astype(int), 0, self.bins[d] - 1) for d in range(2))
+        bins = row * self.bins[0] + column
+        sort = np.argsort(bins, kind="stable")
+        counts = np.bincount(bins, minlength=prod(self.bins))
+        self.begin.from_numpy(np.concatenate([[0], np.cumsum(counts)]).astype(np.int32))
+        self.order.from_numpy(self._filled(sort.astype(np.int32)))
+        self.place.from_numpy(self._filled(place[sort].astype(np.float32)))
+        self.value.from_numpy(self._filled(value[sort].astype(np.float32)))
+
+    def _filled(self, values: np.ndarray) -> np.ndarray:
+        """Values of as many points as there is room for."""
+        return np.concatenate([values, np.zeros((self.room - len(values), *values.shape[1:]), values.dtype)])
+
+    @ti.func
+    def _bins(self, x: Template, d: Template):
+        """First and last bin along axis d that may hold points near x."""
+        middle = ti.math.clamp(ti.cast(ti.floor(x[d] / self.edge), ti.i32), 0, self.bins[d] - 1)
+        return ti.max(middle - 1, 0), ti.min(middle + 1, self.bins[d] - 1)
+
+    @ti.func
+    def nearest(self, x: Template):
+        """Values of the nearest point closer than `reach`; of several as near, the one given first. Else zero."""
+        best, winner = ti.cast(self.reach * self.reach, ti.f32), -1
+        left, right = self._bins(x, 0)
+        low, high = self._bins(x, 1)
+        for row in range(low, high + 1):
+            first = self.begin[row * self.bins[0] + left]
+            for k in range(first, self.begin[row * self.bins[0] + right + 1]):
+                r2 = (self.place[k] - ti.Vector([x[0], x[1]])).norm_sqr()
+                if r2 < best or (
+                    winner >= 0 and r2 == best and self.order[k] < self.order[ti.max(winner, 0)]
+                ):
+                    best, winner = r2, k
+        result = ti.Vector.zero(ti.f32, self.values)
+        if winner >= 0:
+            result = self.value[winner]
+        return result
+
+    @ti.func
+    def between(self, x: Template):
+        """Mean of the values, each weighted by (1 - |dx|/reach)(1 - |dy|/reach); towards zero where there is little
+        weight.
+
+        On a lattice of that spacing it is the bilinear interpolation. Half a cell beyond the last nodes, where a domain
+        ends whose cells they are the middles of, it is still the mean, even in its corners.
+        """
+        total, share = ti.Vector.zero(ti.f32, self.values), 0.0
+        left, right = self._bins(x, 0)
+        low, high = self._bins(x, 1)
+        for row in range(low, high + 1):
+            first = self.begin[row * self.bins[0] + left]
+            for k in range(first, self.begin[row * self.bins[0] + right + 1]):
+                gap = ti.abs(self.place[k] - ti.Vector([x[0], x[1]])) / self.reach
+                w = ti.max(1.0 - gap[0], 0.0) * ti.max(1.0 - gap[1], 0.0)
+                total += w * self.value[k]
+                share += w
+        return total / ti.max(share, CORNER)
+
+    @ti.func
+    def count(self, x: Template):
+        """Number of points closer than `reach`."""
+        found = 0
+        left, right = self._bins(x, 0)
+        low, high = self._bins(x, 1)
+        for row in range(low, high + 1):
+            first = self.begin[row * self.bins[0] + left]
+            for k in range(first, self.begin[row * self.bins[0] + right + 1]):
+                if (self.place[k] - ti.Vector([x[0], x[1]])).norm_sqr() < self.reach * self.reach:
+                    found += 1
+        return found
+
+
+def within_reach(place: np.ndarray, extent: np.ndarray | tuple[float, ...], reach: float) -> np.ndarray:
+    """Which points (n, 2) can be found from [0, extent] (x, y)."""
+    return np.all((place > -reach) & (place < np.asarray(extent)[:2] + reach), axis=1)
