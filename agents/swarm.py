@@ -135,12 +135,17 @@ class Swarm:
         self.square = ti.field(ti.f32, n)  # 1 where the reach is half the edge of a square
         self.max_speed = ti.field(ti.f32, n)
         self.max_turn_rate = ti.field(ti.f32, n)
+        self.half_base = ti.field(ti.f32, n)  # between the wheels, 0 for a unicycle [m]
+        self.max_acceleration = ti.field(ti.f32, n)
+        self.speed = ti.field(ti.f32, n)  # forward, as commanded and limited [m/s]
         for field, value in (
             (self.radius, lambda group: group.body.radius),
             (self.reach, lambda group: group.reach),
             (self.square, lambda group: float(group.capture == "square")),
             (self.max_speed, lambda group: group.body.max_speed),
             (self.max_turn_rate, lambda group: np.radians(group.body.max_turn_rate_deg)),
+            (self.half_base, lambda group: 0.5 * (group.body.wheel_base or 0.0)),
+            (self.max_acceleration, lambda group: group.body.max_acceleration or np.inf),
         ):
             values = np.zeros(n, np.float32)
             for group in self.groups:
@@ -241,9 +246,8 @@ class Swarm:
     @ti.func
     def _drive(self, i, k, dt):
         """Move robot i of trial k: unicycle motion over dt, cut short and slid along what is in the way."""
-        limit, turn_limit = self.max_speed[i], self.max_turn_rate[i]
-        arc = ti.math.clamp(self.speed_command[i], -limit, limit) * dt
-        turn = ti.math.clamp(self.turn_rate_command[i], -turn_limit, turn_limit) * dt
+        speed, turn_rate = self._limited(i, dt)
+        arc, turn = speed * dt, turn_rate * dt
         chord = arc
         if ti.abs(turn) > 1e-3:  # below, the factor differs from 1 by less than f32 resolves
             chord *= ti.sin(0.5 * turn) / (0.5 * turn)
@@ -276,6 +280,21 @@ class Swarm:
         self.position[i] = p
         self.velocity[i] = (p - begin) / dt
         self.path_length[i] += path
+
+    @ti.func
+    def _limited(self, i, dt):
+        """Speed [m/s] and turn rate [rad/s] that the body of robot i makes of its commands."""
+        limit, turn_limit = self.max_speed[i], self.max_turn_rate[i]
+        speed = ti.math.clamp(self.speed_command[i], -limit, limit)
+        turn_rate = ti.math.clamp(self.turn_rate_command[i], -turn_limit, turn_limit)
+        # the outer wheel goes no faster than the robot can, in the same bend
+        outer = ti.abs(speed) + ti.abs(turn_rate) * self.half_base[i]
+        share = ti.select(outer > limit, limit / ti.max(outer, 1e-9), 1.0)
+        change = ti.math.clamp(
+            share * speed - self.speed[i], -self.max_acceleration[i] * dt, self.max_acceleration[i] * dt
+        )
+        self.speed[i] += change
+        return self.speed[i], share * turn_rate
 
     @ti.func
     def _trace(self, i, k, p, e, length):

@@ -2,7 +2,7 @@
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from taichi_plume.vocabulary import (
     Coordinate,
@@ -53,14 +53,38 @@ class StartArea(Model):
 Start = Annotated[StartAt | StartLine | StartArea, Field(discriminator="kind")]
 
 
-class Body(Model):
-    """A disc that drives like a unicycle. Defaults: a small indoor robot."""
+# Footprints, speeds and wheel bases from the makers' sheets and from the papers that used the robots: MOMO in Ferri et
+# al. 2009, the miniQ in Marjovi & Marques 2014 (its speed is our choice).
+BODIES: dict[str, dict[str, float]] = {
+    "free": {},
+    "momo": {"radius": 0.085, "height": 0.2, "max_speed": 0.2, "max_turn_rate_deg": 90.0},
+    "roomba_560": {"radius": 0.17, "height": 0.09, "max_speed": 0.5, "wheel_base": 0.235},
+    "miniq": {"radius": 0.05, "height": 0.1, "max_speed": 0.1, "wheel_base": 0.08},
+    "khepera_3": {"radius": 0.065, "height": 0.07, "max_speed": 0.5, "wheel_base": 0.088},
+}
 
+
+class Body(Model):
+    """A disc that drives like a unicycle or, with a wheel base, on two wheels. Defaults: a small indoor robot."""
+
+    kind: Literal["free", "momo", "roomba_560", "miniq", "khepera_3"] = "free"
+    """A robot whose figures are the defaults of the others."""
     radius: Length = 0.08
     height: Length = 0.15
     max_speed: TopSpeed = 0.2
     max_turn_rate_deg: Positive = 180.0
     """Degrees per second."""
+    wheel_base: Length | None = None
+    """Between the two wheels [m], of which none goes faster than max_speed: in a bend the robot is slower."""
+    max_acceleration: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    """Of the speed [m/s²]; unless given, it changes at once."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _figures(cls, data: Any) -> Any:
+        if isinstance(data, dict) and isinstance(data.get("kind"), str):
+            return BODIES.get(data["kind"], {}) | data
+        return data
 
 
 class GasSensor(Model):

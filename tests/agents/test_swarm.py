@@ -336,3 +336,37 @@ def test_velocity_is_what_was_driven():
     driven = (swarm.position.to_numpy() - before) / 0.1
     np.testing.assert_allclose(swarm.velocity.to_numpy(), driven, atol=1e-5)
     assert np.hypot(*driven.T) == pytest.approx(0.2, rel=1e-3)
+
+
+def one_robot(**body):
+    group = team(1).model_copy(update={"body": Body(**body)})
+    return swarm_at([(2.0, 1.5)], [0.0], groups=(group,))
+
+
+def test_outer_wheel_is_no_faster_than_the_robot():
+    """1 m/s and 2 rad/s on wheels 0.4 m apart: the outer one would do 1.4 m/s, so all is 1/1.4 of it."""
+    swarm = one_robot(max_speed=1.0, wheel_base=0.4, max_turn_rate_deg=1000)
+    command(swarm, 1.0, 2.0)
+    swarm.move(1, 0.1, 0.1)
+    assert swarm.heading.to_numpy()[0] == pytest.approx(2.0 / 1.4 * 0.1, rel=1e-5)
+    chord = 2 * (1.0 / 2.0) * np.sin(0.5 * 2.0 / 1.4 * 0.1)  # of a circle of radius v/w
+    assert np.hypot(*(swarm.position.to_numpy()[0] - (2.0, 1.5))) == pytest.approx(chord, rel=1e-4)
+
+
+def test_speed_changes_no_faster_than_it_can():
+    swarm = one_robot(max_speed=1.0, max_acceleration=0.5)
+    command(swarm, 1.0, 0.0)
+    for tick in range(10):
+        swarm.move(tick + 1, 0.1 * (tick + 1), 0.1)
+    # speeds 0.05, 0.1, ... 0.5 m/s for 0.1 s each
+    assert swarm.position.to_numpy()[0, 0] - 2.0 == pytest.approx(0.1 * 0.05 * 55, rel=1e-4)
+    command(swarm, 0.0, 0.0)
+    swarm.move(11, 1.1, 0.1)
+    assert swarm.velocity.to_numpy()[0, 0] == pytest.approx(0.45, rel=1e-4)
+
+
+def test_known_robots_bring_their_figures():
+    body = Body(kind="roomba_560", max_speed=0.3)
+    assert (body.radius, body.max_speed, body.wheel_base) == (0.17, 0.3, 0.235)
+    assert Body(kind="momo").max_turn_rate_deg == 90
+    assert Body() == Body(kind="free")
