@@ -11,6 +11,7 @@ from typing import Protocol
 
 from taichi_plume.agents.casting import Casting
 from taichi_plume.agents.ecoli import EColi
+from taichi_plume.agents.infotaxis import Infotaxis
 from taichi_plume.agents.spiral import Spiral
 from taichi_plume.agents.surge_cast import SurgeCast
 from taichi_plume.agents.surge_spiral import SurgeSpiral
@@ -38,4 +39,5 @@ ALGORITHMS: dict[str, type[Algorithm]] = {
     "surge_spiral": SurgeSpiral,
     "spiral": Spiral,
     "ecoli": EColi,
+    "infotaxis": Infotaxis,
 }

@@ -282,6 +282,7 @@ def _line(fault: Any, data: dict) -> str | None:
         "schedule",
         "source",
         "neighbourhood",
+        "infotaxis",
         "unit",
         "loss",
         "motion",

@@ -1,16 +1,20 @@
 """The robots of a scenario: where they start, bodies, sensors, search algorithms."""
 
+from math import sqrt
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
+from pydantic_core import PydanticCustomError
 
 from taichi_plume.vocabulary import (
     Coordinate,
     Count,
     Delay,
+    Diffusivity,
     Distance,
     Duration,
     Fraction,
+    Frequency,
     Length,
     Model,
     NonNegative,
@@ -276,6 +280,45 @@ class EColi(Listening):
     """Largest turn before a run; a tumble turns by any angle."""
 
 
+class Infotaxis(Listening):
+    """The way that is expected to tell most about the source (Vergassola et al. 2007). See agents/infotaxis.py."""
+
+    kind: Literal["infotaxis"]
+    acquisition: Duration = 2.0
+    threshold_ppm: Positive = 5.0
+    """Mean reading of an acquisition that counts as a detection."""
+    step: Length = 0.25
+    """Driven after each acquisition, unless it stays [m]."""
+    cell: Length = 0.1
+    """Edge of the cells of its map of beliefs [m]."""
+    rate: Frequency = 1.0
+    """Of the model that it believes in: detections per second close to the source."""
+    diffusivity: Annotated[Diffusivity, Field(gt=0)] = 0.05
+    """Of patches of gas [m²/s]."""
+    wind_speed: Speed = 0.5
+    """Mean [m/s]."""
+    lifetime: Duration = 10.0
+    """Of patches of gas [s]."""
+    size: Length = 0.05
+    """Of what detects them [m]."""
+
+    @property
+    def reach(self) -> float:
+        """How far patches get across the wind: lambda [m]."""
+        D, V, tau = self.diffusivity, self.wind_speed, self.lifetime
+        return sqrt(D * tau / (1.0 + V**2 * tau / (4.0 * D)))
+
+    @model_validator(mode="after")
+    def _small(self) -> "Infotaxis":
+        if self.size >= self.reach:
+            raise PydanticCustomError(
+                "infotaxis",
+                "size = {size} m must be below lambda = {reach} m; lower it, or raise diffusivity",
+                {"size": f"{self.size:g}", "reach": f"{self.reach:.3g}"},
+            )
+        return self
+
+
 class Own(Model):
     """An algorithm of the user's own: a class in a Python file, in NumPy. See agents/own.py."""
 
@@ -288,7 +331,9 @@ class Own(Model):
     """Keywords for the class."""
 
 
-Algorithm = Annotated[Casting | SurgeCast | SurgeSpiral | Spiral | EColi | Own, Field(discriminator="kind")]
+Algorithm = Annotated[
+    Casting | SurgeCast | SurgeSpiral | Spiral | EColi | Infotaxis | Own, Field(discriminator="kind")
+]
 
 
 class Group(Model):

@@ -1,0 +1,188 @@
+"""Infotaxis: drive where a detection, or none, is expected to tell most about where the source is.
+
+Vergassola, Villermaux & Shraiman, Nature 445 (2007) 406-409, doi:10.1038/nature05464.
+
+ACQUIRE  stand still; a mean reading at the threshold or above is a detection, and the belief is updated by it
+MOVE     drive by a step in one of four directions, or stay, whichever leaves the least entropy in the mean
+
+The belief is a map of probabilities over the cells of the search area. A source at a displacement r from the robot is
+detected with probability 1 - exp(-R(r) T) in an acquisition of T seconds; along and across the mean wind V
+
+    R = rate / ln(lambda/a) exp(-V r_along/2D) K0(|r|/lambda),  lambda = sqrt(D tau/(1 + V² tau/4D))
+
+for a searcher of size a in a plane with an effective diffusivity D and a lifetime tau of gas patches.
+"""
+
+from math import hypot, log, pi
+
+import numpy as np
+import taichi as ti
+from scipy.special import k0e
+
+from taichi_plume import robots
+from taichi_plume.agents.legs import Legs
+from taichi_plume.agents.swarm import GroupRange, Swarm, wrap
+from taichi_plume.rng import stream_id, uniform4
+
+ACQUIRE, MOVE = range(2)
+
+MOVES = 5  # to four sides, and none
+FINER = 2  # nodes of the table per cell
+LEAST = 1e-12  # probability that counts as none
+
+
+def detection_rate(model: robots.Infotaxis, along: np.ndarray, across: np.ndarray) -> np.ndarray:
+    """R [1/s] of a source at (along, across) [m] from the robot, `along` to where the wind blows."""
+    D, V, reach = model.diffusivity, model.wind_speed, model.reach
+    r = np.maximum(np.hypot(along, across), model.size)
+    return model.rate / log(reach / model.size) * np.exp(-V * along / (2.0 * D) - r / reach) * k0e(r / reach)
+
+
+@ti.data_oriented
+class Infotaxis:
+    """The infotaxis algorithm for the robots of one group, each with a belief of its own. tick: control period [s]."""
+
+    STATE_NAMES: tuple[str, ...] = ("ACQUIRE", "MOVE")
+
+    def __init__(self, swarm: Swarm, group: GroupRange, tick: float):
+        model: robots.Infotaxis = group.model.algorithm
+        self.swarm, self.start, self.size, self.first = swarm, group.start, group.size, group.first
+        self.seed, self.stream = swarm.seed, stream_id(f"group {group.number}/infotaxis")
+        self.legs = Legs(swarm, group, model.speed or group.model.body.max_speed)
+        self.threshold, self.step, self.cell = model.threshold_ppm, model.step, model.cell
+        self.settle = max(0, round(model.settle / tick))
+        self.between = max(1, round(model.sample_period / tick))
+        self.samples = max(1, round(model.acquisition / (self.between * tick)))
+        self.listening = self.settle + self.samples * self.between  # ticks
+        self.extent = tuple(float(length) for length in swarm.clearance.size)
+        self.cells = tuple(max(1, round(length / model.cell)) for length in self.extent)
+        self._tabulate(model)
+        n = self.size
+        self.belief = ti.field(ti.f32, (n, *self.cells))
+        self.belief.fill(1.0 / (self.cells[0] * self.cells[1]))
+        self.since = ti.field(ti.i32, n)  # ticks since standing still
+        self.sum = ti.field(ti.f32, n)  # of the samples [ppm]
+        self.downwind = ti.Vector.field(2, ti.f32, n)  # mean of the wind felt so far
+        self._begin()
+
+    def _tabulate(self, model: robots.Infotaxis) -> None:
+        """Probability of a detection over displacements of the source, along and across the wind."""
+        self.spacing = self.cell / FINER
+        self.half = int(np.ceil(hypot(*self.extent) / self.spacing)) + 1
+        places = (np.arange(2 * self.half + 1) - self.half) * self.spacing
+        rate = detection_rate(model, *np.meshgrid(places, places, indexing="ij"))
+        self.chance = ti.field(ti.f32, rate.shape)
+        self.chance.from_numpy(-np.expm1(-rate * model.acquisition).astype(np.float32))
+
+    def act(self, tick: int, t: float, dt: float) -> None:
+        """Turn the readings at time t [s] into commands for the next dt [s]."""
+        self._act(tick, dt)
+
+    @ti.kernel
+    def _begin(self):
+        for n in range(self.size):
+            self.swarm.state[self.start + n] = ACQUIRE
+
+    @ti.kernel
+    def _act(self, tick: int, dt: float):
+        for n in range(self.size):
+            i = self.start + n
+            if self.swarm.wind_known[i] == 1:
+                self.downwind[n] += self.swarm.wind[i]
+            if self.swarm.state[i] == ACQUIRE:
+                self.since[n] += 1
+                heard = self.since[n] - self.settle
+                if heard > 0 and heard % self.between == 0:
+                    self.sum[n] += self.swarm.reading[i]
+                if self.since[n] >= self.listening:
+                    detected = self.sum[n] / self.samples >= self.threshold
+                    self.swarm.acquisitions[i] += 1
+                    self.swarm.hits[i] += ti.cast(detected, ti.i32)
+                    self._learn(n, detected)
+                    self._choose(n, tick)
+            if self.swarm.state[i] == MOVE and not self.legs.advance(n, dt):
+                self.swarm.state[i] = ACQUIRE
+                self.since[n], self.sum[n] = 0, 0.0
+
+    @ti.func
+    def _wind_axis(self, n):
+        """Unit vector downwind; along x until wind is felt."""
+        v = self.downwind[n]
+        length = v.norm()
+        e = ti.Vector([1.0, 0.0])
+        if length > 0.0:
+            e = v / length
+        return e
+
+    @ti.func
+    def _chance_at(self, p, e, a, b):
+        """Probability that a robot at p detects a source in cell (a, b)."""
+        r = (ti.Vector([a, b]) + 0.5) * self.cell - p
+        along = (r[0] * e[0] + r[1] * e[1]) / self.spacing + self.half
+        across = (r[1] * e[0] - r[0] * e[1]) / self.spacing + self.half
+        k = ti.math.clamp(ti.cast(along + 0.5, ti.i32), 0, 2 * self.half)
+        m = ti.math.clamp(ti.cast(across + 0.5, ti.i32), 0, 2 * self.half)
+        return self.chance[k, m]
+
+    @ti.func
+    def _learn(self, n, detected):
+        """Bayes' rule."""
+        p, e = self.swarm.position[self.start + n], self._wind_axis(n)
+        total = 0.0
+        for a in range(self.cells[0]):
+            for b in range(self.cells[1]):
+                chance = self._chance_at(p, e, a, b)
+                now = self.belief[n, a, b] * ti.select(detected, chance, 1.0 - chance)
+                self.belief[n, a, b] = now
+                total += now
+        for a in range(self.cells[0]):
+            for b in range(self.cells[1]):
+                even = 1.0 / (self.cells[0] * self.cells[1])  # where nothing explains it: begin anew
+                self.belief[n, a, b] = ti.select(
+                    total > LEAST, self.belief[n, a, b] / ti.max(total, LEAST), even
+                )
+
+    @ti.func
+    def _expected_entropy(self, n, p):
+        """Mean entropy of the belief after an acquisition at p; none is left if the source is there."""
+        e = self._wind_axis(n)
+        hit, log_hit, log_none = 0.0, 0.0, 0.0
+        for a in range(self.cells[0]):
+            for b in range(self.cells[1]):
+                chance, now = self._chance_at(p, e, a, b), self.belief[n, a, b]
+                both, none = now * chance, now * (1.0 - chance)
+                hit += both
+                log_hit += both * ti.log(ti.max(both, LEAST))
+                log_none += none * ti.log(ti.max(none, LEAST))
+        miss = 1.0 - hit
+        of_both = hit * ti.log(ti.max(hit, LEAST)) + miss * ti.log(ti.max(miss, LEAST))
+        there = ti.math.clamp(ti.cast(p / self.cell, ti.i32), 0, ti.Vector(self.cells) - 1)
+        return (1.0 - self.belief[n, there[0], there[1]]) * (of_both - log_hit - log_none)
+
+    @ti.func
+    def _choose(self, n, tick):
+        """The step of least mean entropy; of equal ones any."""
+        i = self.start + n
+        here = self.swarm.position[i]
+        u = uniform4(ti.u32(self.seed), ti.u32(self.stream), self.first + n, tick, 0)
+        turn = ti.floor(u[0] * 4.0)
+        best, least = -1, 1e30
+        for k in range(MOVES):
+            move = ti.cast((k + turn) % 4, ti.i32)
+            angle = 0.5 * pi * move
+            target = here + self.step * ti.Vector([ti.cos(angle), ti.sin(angle)])
+            if k == MOVES - 1:
+                move, target = 4, here
+            room = self.swarm.radius[i]
+            for d in ti.static(range(2)):
+                room = ti.min(room, ti.min(target[d], self.extent[d] - target[d]))
+            if room == self.swarm.radius[i] or move == 4:
+                entropy = self._expected_entropy(n, target)
+                if entropy < least - 1e-6:
+                    best, least = move, entropy
+        if best == 4:
+            self.since[n], self.sum[n] = 0, 0.0
+        else:
+            turn_by = wrap(0.5 * pi * best - self.swarm.heading[i])
+            self.legs.begin(n, turn_by, self.step, ti.select(u[1] > 0.5, 1.0, -1.0))
+            self.swarm.state[i] = MOVE
