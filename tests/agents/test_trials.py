@@ -1,0 +1,50 @@
+"""A trial alone is the same trial as among many, to the bit."""
+
+import numpy as np
+import pytest
+
+from taichi_plume.assemble import assemble
+from taichi_plume.loading import load_scenario
+
+SCENARIO = """
+duration: 12
+seed: 4
+domain: {size: [4, 3], spacing: 0.1}
+wind: {kind: uniform, velocity: [0.5, 0]}
+gas: {kind: eulerian, sources: [{position: [0.5, 1.5], rate: 20 mg/s, start: -6}]}
+warm_up: 6
+stop_early: false
+robots:
+  - name: team
+    count: 2
+    trials: 5
+    start: {kind: area, low: [2, 0.5], high: [3.5, 2.5]}
+    algorithm: {kind: casting}
+    sensors: {gas: {kind: mox, spread: 1, drift: 0.05, noise: 0.01}, wind: {kind: ultrasonic}}
+"""
+
+ALGORITHMS = [
+    "{kind: casting}",
+    "{kind: surge_cast}",
+    "{kind: surge_spiral}",
+    "{kind: spiral, random: true, acquisition: 2}",
+    "{kind: ecoli}",
+    "{kind: infotaxis}",
+]
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_a_trial_alone(tmp_path, algorithm):
+    path = tmp_path / "trials.yaml"
+    path.write_text(SCENARIO)
+
+    def run(*overrides):
+        scenario = load_scenario(path, [f"robots.0.algorithm={algorithm}", *overrides])
+        sim = assemble(scenario, tmp_path)
+        sim.run()
+        return sim.swarm.snapshot()
+
+    many, alone = run(), run("robots.0.trials=1", "robots.0.first_trial=3")
+    for name in ("position", "heading", "reading_ppm", "resistance_ohm", "state", "path_length"):
+        np.testing.assert_array_equal(many[name][6:8], alone[name], err_msg=name)
+    assert (many["position"][4:6] != alone["position"]).any()
