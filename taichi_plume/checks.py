@@ -14,6 +14,7 @@ import psutil
 from scipy import ndimage
 from scipy.spatial import cKDTree  # type: ignore[attr-defined]
 
+from taichi_plume.checks_imports import imports
 from taichi_plume.cut_cells import air_of
 from taichi_plume.gases import PlaybackGas
 from taichi_plume.geometry import MeshError, Shape, clearance_resolution, shape
@@ -70,7 +71,7 @@ def problems(scenario: Scenario, folder: Path) -> list[str]:
         if lines:
             return lines
     shapes, lines = _shapes(scenario, folder)
-    films = list(_films(scenario, folder, shapes))
+    films = [*_films(scenario, folder, shapes), *imports(scenario, folder, shapes)]
     if films:
         return lines + films
     if any(isinstance(gas, PlaybackGas) for _, gas in scenario.gases):

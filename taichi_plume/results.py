@@ -24,6 +24,7 @@ from taichi_plume.scenario import Scenario
 from taichi_plume.simulation import Every, Simulation
 
 FILES = ("scenario.yaml", "recording.rrd", "robots.parquet", "forces.csv", "fields.zarr", "result.json")
+PATHS = ("file", "files", "occupancy")  # keys of a scenario
 MOST_ROWS = 2_000_000  # of robots.parquet: larger swarms are sampled less often
 ROW_GROUP = 50_000
 
@@ -94,7 +95,7 @@ def _moved(value: Any, source: Path, target: Path) -> Any:
     if not isinstance(value, dict):
         return value
     return {
-        key: os.path.relpath(source / part, target) if key == "file" else _moved(part, source, target)
+        key: os.path.relpath(source / part, target) if key in PATHS else _moved(part, source, target)
         for key, part in value.items()
     }
 
