@@ -32,6 +32,8 @@ def lattice_of(place: np.ndarray) -> tuple[list[np.ndarray], np.ndarray] | None:
         number = np.empty(len(x), int)
         number[order] = step
         axes.append(np.bincount(number, x) / np.bincount(number))
+        if np.abs(x - axes[-1][number]).max() > tie:
+            return None
         steps.append(number)
     shape = tuple(len(axis) for axis in axes)
     if min(shape) < 2 or np.prod([float(n) for n in shape]) != len(place):
@@ -90,18 +92,19 @@ class Interpolation:
         """Of the points at places (m, k): a row of each."""
         dim = places.shape[1]
         count = min(2**dim + 4, len(self.place))
-        distance, near = self.tree.query(places, k=range(1, count + 1))
+        distance, near = self.tree.query(places, k=range(1, count + 1), workers=-1)
         scale = np.maximum(distance[:, -1:], 1e-12)
         offset = (self.place[near] - places[:, None]) / scale[..., None]
         closeness = 1.0 / ((distance / scale) ** 2 + 1e-9)
         closeness /= closeness.sum(axis=1, keepdims=True)
         basis = np.concatenate([np.ones((*near.shape, 1)), offset], axis=-1)
-        moments = np.einsum("mp,mpi,mpj->mij", closeness, basis, basis)
+        weighted = closeness[..., None] * basis
+        moments = np.matrix_transpose(weighted) @ basis
         moments[:, range(1, dim + 1), range(1, dim + 1)] += 1e-9
         first = np.zeros((len(places), dim + 1, 1))
         first[:, 0] = 1.0
-        fit = np.linalg.solve(moments, first)[..., 0]
-        weights = closeness * np.einsum("mpi,mi->mp", basis, fit)
+        fit = np.linalg.solve(moments, first)
+        weights = (weighted @ fit)[..., 0]
         size = np.abs(weights).sum(axis=1, keepdims=True)
         share = np.minimum(1.0, (STEEPEST - 1.0) / np.maximum(size - 1.0, 1e-12))
         weights = closeness + share * (weights - closeness)

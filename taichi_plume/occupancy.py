@@ -155,12 +155,12 @@ def _mean(air: np.ndarray, overlaps: Sequence[np.ndarray | None]) -> np.ndarray:
 def _distance(points: np.ndarray, solid: np.ndarray, low: np.ndarray, size: float) -> np.ndarray:
     """Signed distance [m] of points to the surface of the cubes that are solid."""
     flat = points.reshape(-1, solid.ndim)
-    result = np.zeros(len(flat))
+    away = []
     for kind, sign in ((solid, 1.0), (~solid, -1.0)):
         centers = low + size * (np.argwhere(kind) + 0.5)
         if not len(centers):
             return np.full(points.shape[:-1], sign * FAR)
         _, nearest = cKDTree(centers).query(flat, k=range(1, min(NEIGHBOURS, len(centers)) + 1))
         beyond = np.maximum(np.abs(flat[:, None] - centers[nearest]) - size / 2, 0.0)
-        result += sign * np.linalg.norm(beyond, axis=-1).min(axis=1)
-    return result.reshape(points.shape[:-1])
+        away.append(np.linalg.norm(beyond, axis=-1).min(axis=1))
+    return np.where(away[0] > 0.0, away[0], -away[1]).reshape(points.shape[:-1])

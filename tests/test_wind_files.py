@@ -51,6 +51,7 @@ def test_eddy_viscosity_and_files_of_two_dimensions(tmp_path):
     path.write_text(table("nut,x,y,u,v", [1e-3 * SPEED[:, 0], PLACE[:, :2], SPEED[:, :2]]))
     points = read(path)
     assert points.place.shape == (8, 2)
+    assert points.eddy_viscosity is not None
     np.testing.assert_allclose(points.eddy_viscosity, 1e-3 * SPEED[:, 0])
 
 
