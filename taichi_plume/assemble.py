@@ -76,7 +76,8 @@ def assemble(scenario: Scenario, folder: Path = Path()) -> Simulation:
     teams = [Team(swarm, group, grid.dim, scenario.tick) for group in swarm.groups]
     floor = (grid.extent[0], grid.extent[1])
     maps: list[Map] = [MAPS[m.kind](m, floor, max(1, swarm.trials)) for m in scenario.maps]
-    sim = Simulation(scenario, grid, wind, gas, swarm, list(teams), maps, obstacles, air)
+    seen = [*obstacles, *([cubes] if cubes else [])]
+    sim = Simulation(scenario, grid, wind, gas, swarm, list(teams), maps, seen, air)
     if isinstance(wind, FlowSolver) and wind.area is not None:
         sim.forces = partial(forces, wind, air, len(obstacles))
     return sim

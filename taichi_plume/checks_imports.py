@@ -55,7 +55,8 @@ def imports(scenario: Scenario, folder: Path, shapes: list[Shape | None]) -> Ite
     if faults or None in shapes:
         yield from faults
         return
-    air = air_of(shapes, grid, left=site.cubes.shares(grid) if site.cubes else None)
+    # outlets lie in the walls, where the files have no points
+    air = air_of(shapes, grid, left=site.cubes.shares(grid, outlets=False) if site.cubes else None)
     yield from _without_wind(site, grid, air)
     if site.cubes:
         yield from _in_cubes(scenario, site)
@@ -99,6 +100,15 @@ def _outside(site: Site, axis: int, air: tuple[float, float], known: tuple[float
 def _in_cubes(scenario: Scenario, site: Site) -> Iterator[str]:
     """Sources and robots inside the obstacles of the occupancy grid."""
     file = site.wind.occupancy
+    if scenario.robots and scenario.domain.dim == 3:
+        floor = int((~site.cubes.solid).any(axis=(0, 1)).argmax())  # the lowest layer with air
+        low = site.cubes.low[2] + floor * site.cubes.size
+        if low > ROUNDING * scenario.domain.spacing:
+            yield (
+                f"wind.origin: the floor of {file} is {low:.4g} m above the domain's, where robots drive; give it "
+                f"{low + site.origin[2]:.6g} as its third number"
+            )
+            return
     for path, source in scenario.sources:
         place = np.array([source.position])
         if place.shape[1] == scenario.domain.dim and site.cubes.inside(place)[0]:

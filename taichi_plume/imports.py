@@ -49,12 +49,15 @@ class Site:
     def places(self, grid: Grid, face: int | None = None) -> list[np.ndarray]:
         """Coordinates in the files of the faces of an axis, or of cell centres, per axis of the points [m].
 
-        Other than along this axis there is one more beyond each end.
+        Other than along this axis there is one more beyond each end. What lies still farther from the points has the
+        coordinate where they end: there the flow goes on unchanged.
         """
-        axes = [
-            self.origin[a] + grid.dx * (np.arange(n + 1) if a == face else np.arange(-1, n + 1) + 0.5)
-            for a, n in enumerate(grid.shape)
-        ]
+        axes = []
+        for a, n in enumerate(grid.shape):
+            x = grid.dx * (np.arange(n + 1) if a == face else np.arange(-1, n + 1) + 0.5)
+            axes.append(
+                self.origin[a] + np.clip(x, self.low[a] - 0.5 * grid.dx, self.high[a] + 0.5 * grid.dx)
+            )
         if self.first.place.shape[1] > grid.dim:
             axes.append(np.array([self.height]))
         return axes

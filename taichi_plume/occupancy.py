@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy import ndimage
 from scipy.spatial import cKDTree  # type: ignore[attr-defined]
 
 from taichi_plume.cut_cells import SLIVER
@@ -27,17 +28,17 @@ NEIGHBOURS = 12  # cubes with the nearest centres, among which is the nearest cu
 
 @dataclass(frozen=True)
 class Occupancy:
-    """low: lower corner [m]; size: edge of a cube [m]; solid: bool per cube, axes (x, y, z)."""
+    """low: lower corner [m]; size: edge of a cube [m]; cubes: 0, 1 or 2 as in the file, axes (x, y, z)."""
 
     path: Path
     low: np.ndarray
     size: float
-    solid: np.ndarray
+    cubes: np.ndarray
 
     @property
     def high(self) -> np.ndarray:
         """Upper corner [m]."""
-        return self.low + self.size * np.array(self.solid.shape)
+        return self.low + self.size * np.array(self.cubes.shape)
 
 
 def read(path: Path) -> Occupancy:
@@ -78,7 +79,7 @@ def _cells(path: Path, lines: list[str], shape: tuple[int, ...]) -> np.ndarray:
             values = line.split()
             if len(values) != shape[1] or not set(values) <= {"0", "1", "2"}:
                 raise WindFileError(f"{path}: line {n}: must be {shape[1]} numbers of 0, 1 and 2")
-            rows.append(np.array(values) == "1")
+            rows.append(np.array(values, np.int8))
     wanted = [shape[0] * (layer + 1) for layer in range(shape[2])]
     if len(rows) != wanted[-1] or ends not in (wanted, wanted[:-1]):
         raise WindFileError(
@@ -100,9 +101,8 @@ class Cubes(Shape):
 
     def __init__(self, grid: Occupancy, dim: int, origin: np.ndarray, height: float):
         self.size = grid.size
-        self.solid = grid.solid
-        if dim == 2:
-            self.solid = self.solid[:, :, int((height - grid.low[2]) // grid.size)]
+        cubes = grid.cubes if dim == 3 else grid.cubes[:, :, int((height - grid.low[2]) // grid.size)]
+        self.solid, self.outlet = cubes == 1, cubes == 2
         self.low = grid.low[:dim] - origin[:dim]
         self.high = grid.high[:dim] - origin[:dim]
 
@@ -118,9 +118,12 @@ class Cubes(Shape):
         shadow = np.asarray(self.solid[:, :, max(begin, 0) : max(end, 0)].any(axis=2))
         return _distance(points, shadow, self.low[:2], self.size)
 
-    def shares(self, grid: Grid) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Shares of the cells and, per axis, of the faces of `grid` that are air; all of them beyond the cubes."""
-        air = np.pad(~self.solid, 1, constant_values=True)
+    def shares(self, grid: Grid, outlets: bool = True) -> tuple[np.ndarray, list[np.ndarray]]:
+        """Shares of the cells and, per axis, of the faces of `grid` that are air; all of them beyond the cubes.
+
+        outlets: whether these are air.
+        """
+        air = np.pad(~self.solid if outlets else ~(self.solid | self.outlet), 1, constant_values=True)
         edges = [
             low + self.size * np.arange(n + 1) for low, n in zip(self.low, self.solid.shape, strict=True)
         ]
@@ -135,6 +138,23 @@ class Cubes(Shape):
             both = np.take(air, below, axis=d) & np.take(air, above, axis=d)
             area.append(_mean(both, [None if a == d else o for a, o in enumerate(overlaps)]))
         return _mean(air, overlaps), area
+
+    def visible(self, extent: Sequence[float]) -> np.ndarray:
+        """Centres (n, dim) [m] of the cubes in a domain of `extent` [m] that one sees, without a ceiling, which would
+        hide the rest.
+        """
+        places = [
+            low + self.size * (np.arange(n) + 0.5) for low, n in zip(self.low, self.solid.shape, strict=True)
+        ]
+        within = [np.flatnonzero((x > 0.0) & (x < most)) for x, most in zip(places, extent, strict=True)]
+        solid = self.solid[np.ix_(*within)]
+        if solid.ndim == 3:
+            top = np.logical_and.accumulate(solid[:, :, ::-1], axis=2)[
+                :, :, ::-1
+            ]  # solid from here to the top
+            solid = solid & ~(top & ~top[:, :, :1])
+        seen = np.nonzero(solid & (ndimage.binary_erosion(solid) == 0))
+        return np.stack([x[w][n] for x, w, n in zip(places, within, seen, strict=True)], axis=-1)
 
 
 def _overlaps(cells: np.ndarray, cubes: np.ndarray) -> np.ndarray:

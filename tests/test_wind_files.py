@@ -137,8 +137,8 @@ def test_occupancy_grid(tmp_path):
     grid = occupancy.read(tmp_path / "occupancy.csv")
     assert grid.size == 0.5
     np.testing.assert_array_equal(grid.low, [-1, 0, 0.5])
-    np.testing.assert_array_equal(grid.solid[:, :, 0], [[1, 1], [0, 1], [0, 0]])
-    np.testing.assert_array_equal(grid.solid[:, :, 1], [[0, 0], [0, 0], [1, 0]])
+    np.testing.assert_array_equal(grid.cubes[:, :, 0], [[1, 1], [0, 1], [2, 0]])
+    np.testing.assert_array_equal(grid.cubes[:, :, 1], [[0, 0], [0, 0], [1, 0]])
 
 
 @pytest.mark.parametrize(

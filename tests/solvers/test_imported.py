@@ -219,7 +219,9 @@ def test_eddies_spread_the_gas(tmp_path):
 def test_shares_and_distances_of_cubes():
     rng = np.random.default_rng(4)
     solid = rng.uniform(size=(5, 4)) < 0.4
-    table = Occupancy(Path("o.csv"), np.zeros(3), 0.2, np.repeat(solid[:, :, None], 3, axis=2))
+    table = Occupancy(
+        Path("o.csv"), np.zeros(3), 0.2, np.repeat(solid[:, :, None], 3, axis=2).astype(np.int8)
+    )
     cubes = Cubes(table, 2, np.array([0.1, 0.0]), 0.3)
     volume, area = cubes.shares(Grid((4, 4), 0.2))
     np.testing.assert_allclose(volume, 0.5 * (~solid[:-1]).astype(float) + 0.5 * ~solid[1:], atol=1e-9)
@@ -236,6 +238,34 @@ def test_shares_and_distances_of_cubes():
     np.testing.assert_allclose(np.maximum(found, 0.0), away.min(axis=1), atol=1e-12)
     np.testing.assert_array_equal(inside, away.min(axis=1) == 0.0)
     assert inside.any()
+
+
+def test_walls_are_seen_and_ceilings_are_not():
+    cubes = np.zeros((7, 6, 5), np.int8)
+    cubes[:, :, 0] = cubes[:, :, 4] = 1  # below the domain, and the ceiling
+    cubes[2, :, :] = 1
+    cubes[4, 1:4, 1] = 1
+    cubes[0] = 1  # outside the domain
+    shape = Cubes(Occupancy(Path("o.csv"), np.zeros(3), 0.5, cubes), 3, np.array([0.5, 0.0, 0.5]), 0.0)
+    seen = np.round(shape.visible((3.0, 3.0, 2.0)) / 0.5 - 0.5).astype(int)
+    wall = [(1, y, z) for y in range(6) for z in range(4)]
+    assert sorted(map(tuple, seen)) == sorted([*wall, (3, 1, 0), (3, 2, 0), (3, 3, 0)])
+
+
+def test_air_goes_on_through_outlets_in_the_walls(tmp_path):
+    """Walls one cube thick around the points, with an opening at either end."""
+    write(tmp_path / "wind_0.csv", lambda x: np.tile([0.3, 0.0, 0.0], (len(x), 1)))
+    cubes = np.ones((10, 8, 2), int)
+    cubes[1:-1, 1:-1] = 0
+    cubes[[0, -1], 2:4] = 2
+    header = "#env_min(m) -5.2 1.8 0.5\n#env_max(m) -3.2 3.4 0.9\n#num_cells 10 8 2\n#cell_size(m) 0.2\n"
+    layers = ("\n".join(" ".join(map(str, row)) for row in cubes[:, :, z]) for z in range(2))
+    (tmp_path / "o.csv").write_text(header + "".join(f"{layer}\n;\n" for layer in layers))
+    sim = simulation(tmp_path, "wind.occupancy=o.csv", "domain.size=[2.0, 1.6, 0.4]", "wind.walls=[z-, z+]")
+    u = flux(sim)
+    np.testing.assert_allclose(u[0].sum(axis=(1, 2)), 0.3 * 4 * 4, rtol=1e-6)
+    for end in (0, -1):
+        np.testing.assert_allclose(u[0][end, 4:8], 0.3, rtol=1e-6)
 
 
 @pytest.fixture
@@ -273,10 +303,14 @@ ROBOT = "robots=[{{count: 1, start: {{kind: positions, positions: [{}]}}, algori
          r"gas\.sources\[0\]\.position: is inside an obstacle of o\.csv"),
         (["wind.occupancy=o.csv", ROBOT.format([0.55, 0.5])],
          r"robots\[0\]\.start\.positions\[0\]: touches an obstacle of o\.csv"),
+        (["wind.occupancy=floor.csv", ROBOT.format([0.2, 0.2])],
+         r"wind\.origin: the floor of floor\.csv is 0\.2 m above the domain's, .*; give it 0\.7 as its third number"),
         (["wind.file=wind_0.csv"], r"unknown key 'file'; did you mean 'files'"),
     ],
 )  # fmt: skip
 def test_faults_are_told_in_a_line(case, overrides, fault):
+    rows = ["1 1 1 1 1 1\n" * 8, "0 0 0 0 0 0\n" * 8]
+    (case / "floor.csv").write_text(TABLE + "".join(f"{layer};\n" for layer in rows))
     (case / "small.csv").write_text("#env_min(m) -5 2 0.5\n#env_max(m) -4.6 2.2 0.7\n#num_cells 2 1 1\n"
                                     "#cell_size(m) 0.2\n0\n0\n;\n")  # fmt: skip
     with pytest.raises(ScenarioError, match=fault) as raised:
