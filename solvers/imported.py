@@ -142,7 +142,8 @@ class ImportedFilm:
         if not np.array_equal(points.place, self._place):
             self._place, known = points.place, Interpolation(points.place)
             self._to_faces = [known.onto(self._site.places(self.grid, d)) for d in range(dim)]
-            self._to_cells = known.onto(self._site.places(self.grid))
+            if points.eddy_viscosity is not None:
+                self._to_cells = known.onto(self._site.places(self.grid))
         wide = [self._onto(self._to_faces[d], points.velocity[:, d]) for d in range(dim)]
         inner = [tuple(slice(None) if a == d else slice(1, -1) for a in range(dim)) for d in range(dim)]
         faces, correction, left = self._project([v[i] for v, i in zip(wide, inner, strict=True)])

@@ -38,6 +38,10 @@ def imports(scenario: Scenario, folder: Path, shapes: list[Shape | None]) -> Ite
     except WindFileError as error:
         yield f"wind.files: {error}"
         return
+    low, high = site.levels
+    if wind.height is not None and not low <= wind.height <= high:
+        yield f"wind.height: {wind.height:g} m is outside of the points of {site.first.path}, z {low:g} to {high:g} m"
+        return
     if wind.start > site.files[-1][0] and not wind.loop:
         yield (
             f"wind.start: {wind.start:g} s is after the last file, {site.files[-1][1]}, which shows "

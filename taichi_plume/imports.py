@@ -15,36 +15,51 @@ class Site:
     """Files with their times [s], and how the domain lies among their points.
 
     first: the points of the first file; low, high: corners of the box that they fill [m], from the domain's lower
-    corner; origin: that corner in the files [m]; height: z in the files of a 2-D run's section [m]; cubes: the
-    obstacles of the occupancy grid, if there is one.
+    corner; origin: that corner in the files [m]; height: z in the files of a 2-D run's section [m], levels: where
+    it may be; cubes: the obstacles of the occupancy grid, if there is one.
     """
 
     def __init__(self, wind: ImportedWind, dim: int, folder: Path):
         """Raises WindFileError."""
         self.wind = wind
         self.files = wind_files.find(folder, wind.files, wind.interval)
+        self.dim = dim
         self.first = wind_files.read(self.files[0][1])
+        self._check(self.first)
         known = Interpolation(self.first.place)
         grid = occupancy.read(folder / wind.occupancy) if wind.occupancy else None
         corner = known.low if grid is None else grid.low
         self.origin = np.array(wind.origin or corner[:dim])
         self.low, self.high = known.low[:dim] - self.origin, known.high[:dim] - self.origin
         self.slack = known.slack
-        z = self.first.place[:, -1]
-        self.height = (
-            (z.min() + z.max()) / 2 if wind.height is None else np.clip(wind.height, z.min(), z.max())
-        )
-        self.cubes = occupancy.Cubes(grid, dim, self.origin, float(self.height)) if grid else None
+        if self.first.place.shape[1] == 3:
+            self.levels = (known.low[2], known.high[2])
+        else:
+            self.levels = (grid.low[2], grid.high[2]) if grid else (0.0, 0.0)
+        self.height = float(np.mean(self.levels)) if wind.height is None else wind.height
+        self.cubes = occupancy.Cubes(grid, dim, self.origin, self.height) if grid else None
 
     def read(self, path: Path) -> Points:
-        """The points of a file, as many as the first one has. Raises WindFileError."""
+        """The points of a file, such as the first one has. Raises WindFileError."""
         points = wind_files.read(path)
-        if points.place.shape != self.first.place.shape:
-            raise WindFileError(
-                f"{path}: has {len(points.place)} points, but {self.first.path.name} has {len(self.first.place)}; "
-                "is it whole?"
-            )
+        self._check(points)
         return points
+
+    def _check(self, points: Points) -> None:
+        path, first = points.path, self.first
+        if points.place.shape[1] < self.dim:
+            raise WindFileError(f"{path}: names no column for z and w, which a 3-D run needs")
+        for a, x in enumerate(points.place.T[: self.dim]):
+            if np.ptp(x) == 0.0:
+                raise WindFileError(
+                    f"{path}: all its points have {'xyz'[a]} = {x[0]:g} m, too few for a {self.dim}-D run"
+                )
+        if points.kind != first.kind:
+            raise WindFileError(f"{path}: has other columns than {first.path.name}: z, w or nut")
+        if len(points.place) != len(first.place):
+            raise WindFileError(
+                f"{path}: has {len(points.place)} points, but {first.path.name} has {len(first.place)}; is it whole?"
+            )
 
     def places(self, grid: Grid, face: int | None = None) -> list[np.ndarray]:
         """Coordinates in the files of the faces of an axis, or of cell centres, per axis of the points [m].

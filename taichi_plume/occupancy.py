@@ -101,7 +101,15 @@ class Cubes(Shape):
 
     def __init__(self, grid: Occupancy, dim: int, origin: np.ndarray, height: float):
         self.size = grid.size
-        cubes = grid.cubes if dim == 3 else grid.cubes[:, :, int((height - grid.low[2]) // grid.size)]
+        cubes = grid.cubes
+        if dim == 2:
+            layer = int((height - grid.low[2]) // grid.size)
+            if not 0 <= layer < cubes.shape[2]:
+                raise WindFileError(
+                    f"{grid.path}: the section at z = {height:g} m is outside its z {grid.low[2]:g} to "
+                    f"{grid.high[2]:g} m"
+                )
+            cubes = cubes[:, :, layer]
         self.solid, self.outlet = cubes == 1, cubes == 2
         self.low = grid.low[:dim] - origin[:dim]
         self.high = grid.high[:dim] - origin[:dim]

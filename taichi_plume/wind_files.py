@@ -43,6 +43,11 @@ class Points:
     velocity: np.ndarray
     eddy_viscosity: np.ndarray | None
 
+    @property
+    def kind(self) -> tuple[int, bool]:
+        """Of what these are: number of dimensions, and whether there is an eddy viscosity."""
+        return self.place.shape[1], self.eddy_viscosity is not None
+
 
 def find(folder: Path, pattern: str, interval: float) -> list[tuple[float, Path]]:
     """The files that a pattern means, with their times [s], in order. Raises WindFileError."""

@@ -33,6 +33,7 @@ TABLE = """#env_min(m) -5 2 0.5
 #cell_size(m) 0.2
 """
 CLOSED = "wind.walls=[x-, x+, y-, y+, z-, z+]"
+FLAT = ["domain.size=[1.2, 1.0]", "gas.sources.0.position=[0.3, 0.6]", "wind.origin=[-4.8, 2.1]"]
 BLOCK = (slice(3, 5), slice(1, 4), slice(0, 1))  # cubes of the table's obstacle
 
 
@@ -196,14 +197,22 @@ def test_occupied_cubes_are_in_the_way(tmp_path):
 
 def test_a_section_of_three_dimensions(tmp_path):
     write(tmp_path / "wind_0.csv", swirl, (32, 24, 4))
-    flat = ["domain.size=[1.2, 1.0]", "gas.sources.0.position=[0.3, 0.6]", "wind.origin=[-4.8, 2.1]"]
     x = np.random.default_rng(6).uniform(0.0, 1.0, (50, 2))
-    # beyond the points the outermost ones count; unless a height is given, their middle
-    for height, z in ((0.75, 0.25), (3.0, 0.35), ("null", 0.2)):
-        sim = simulation(tmp_path, *flat, f"wind.height={height}")
+    for height, z in ((0.75, 0.25), (0.88, 0.38), ("null", 0.2)):  # unless a height is given, the middle
+        sim = simulation(tmp_path, *FLAT, f"wind.height={height}")
         wanted = swirl(np.column_stack([x + np.array([0.2, 0.1]), np.full(50, z)]))
         np.testing.assert_allclose(velocity_at(sim.wind, x, 0.0), wanted[:, :2], atol=0.01)  # dx²/8 |u''|
         assert divergence(sim) < 1e-5
+
+
+def test_a_section_meets_the_cubes_at_its_height(tmp_path):
+    write(tmp_path / "wind_0.csv", stream)
+    write_block(tmp_path / "o.csv")
+    for height, met in ((0.6, True), (0.8, False)):
+        sim = simulation(tmp_path, *FLAT, "wind.occupancy=o.csv", f"wind.height={height}")
+        x = sim.grid.centers() + np.array([0.2, 0.1])
+        block = (np.abs(x - [0.8, 0.5]) < [0.2, 0.3]).all(axis=-1)
+        np.testing.assert_array_equal(sim.air.solid, block & met)
 
 
 def test_eddies_spread_the_gas(tmp_path):
@@ -305,10 +314,22 @@ ROBOT = "robots=[{{count: 1, start: {{kind: positions, positions: [{}]}}, algori
          r"robots\[0\]\.start\.positions\[0\]: touches an obstacle of o\.csv"),
         (["wind.occupancy=floor.csv", ROBOT.format([0.2, 0.2])],
          r"wind\.origin: the floor of floor\.csv is 0\.2 m above the domain's, .*; give it 0\.7 as its third number"),
+        (["wind.files=flat.csv"], r"flat\.csv: names no column for z and w, which a 3-D run needs"),
+        (["wind.files=level.csv"], r"level\.csv: all its points have z = 0\.5 m, too few for a 3-D run"),
+        (["wind.files=mixed_%d.csv"], r"mixed_1\.csv: has other columns than mixed_0\.csv"),
+        ([*FLAT, "wind.height=3"], r"wind\.height: 3 m is outside of the points of .*wind_0\.csv, z 0\.5 to 0\.9 m"),
+        ([*FLAT, "wind.occupancy=low.csv"], r"low\.csv: the section at z = 0\.7 m is outside its z 0\.1 to 0\.5 m"),
         (["wind.file=wind_0.csv"], r"unknown key 'file'; did you mean 'files'"),
     ],
 )  # fmt: skip
 def test_faults_are_told_in_a_line(case, overrides, fault):
+    (case / "flat.csv").write_text("x,y,u,v\n" + "".join(f"{n % 3},{n // 3},0,0\n" for n in range(9)))
+    (case / "level.csv").write_text(
+        "x,y,z,u,v,w\n" + "".join(f"{n % 3},{n // 3},0.5,0,0,0\n" for n in range(9))
+    )
+    write(case / "mixed_0.csv", stream)
+    write(case / "mixed_1.csv", stream, extra=lambda x: x[:, 0])
+    (case / "low.csv").write_text((case / "o.csv").read_text().replace("0.5", "0.1").replace("0.9", "0.5"))
     rows = ["1 1 1 1 1 1\n" * 8, "0 0 0 0 0 0\n" * 8]
     (case / "floor.csv").write_text(TABLE + "".join(f"{layer};\n" for layer in rows))
     (case / "small.csv").write_text("#env_min(m) -5 2 0.5\n#env_max(m) -4.6 2.2 0.7\n#num_cells 2 1 1\n"
