@@ -15,8 +15,10 @@ from taichi_plume.film import Film, completed
 from taichi_plume.gases import FluentGas, PlaybackGas, PlumeSimGas, PlumeSimMeander, PlumeSimPuff, PureGas
 from taichi_plume.geometry import ClearanceMap, shapes
 from taichi_plume.grid import Grid
+from taichi_plume.imports import Site
 from taichi_plume.loading import ScenarioError
 from taichi_plume.obstacles import motion_of
+from taichi_plume.occupancy import Cubes
 from taichi_plume.point_frames import frames_of
 from taichi_plume.rng import generator
 from taichi_plume.scenario import Scenario
@@ -28,11 +30,21 @@ from taichi_plume.solvers.forces import forces
 from taichi_plume.solvers.frozen import FrozenSolver
 from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.heat import HeatSolver
+from taichi_plume.solvers.imported import ImportedFilm, ImportedFlow
 from taichi_plume.solvers.playback import PlayedGas, PlayedWind
 from taichi_plume.solvers.plumesim import PointGas, PointWind, ProgramMeander, ProgramPuff
 from taichi_plume.solvers.synthetic import SyntheticSolver
 from taichi_plume.solvers.uniform import UniformSolver
-from taichi_plume.winds import CfdWind, FrozenWind, PlaybackWind, PlumeSimWind, SyntheticWind, UniformWind
+from taichi_plume.wind_files import WindFileError
+from taichi_plume.winds import (
+    CfdWind,
+    FrozenWind,
+    ImportedWind,
+    PlaybackWind,
+    PlumeSimWind,
+    SyntheticWind,
+    UniformWind,
+)
 
 MAPS = {"time_series": TimeSeriesMap, "inverse_distance": InverseDistanceMap}
 
@@ -48,10 +60,19 @@ def assemble(scenario: Scenario, folder: Path = Path()) -> Simulation:
     openings = scenario.wind.openings if isinstance(scenario.wind, CfdWind) else ()
     film = Film(folder / scenario.wind.file) if isinstance(scenario.wind, PlaybackWind) else None
     grid = Grid.of(scenario.domain, film.periodic if film else periodic_axes(openings, scenario.domain.dim))
-    air = film.air() if film else air_of(standing, grid, opening_cells(openings, grid))
-    wind = _wind(scenario, film, folder, grid, air)
+    site = None
+    if isinstance(scenario.wind, ImportedWind):
+        site = Site(scenario.wind, scenario.domain.dim, folder)
+    cubes = site.cubes if site else None
+    if film:
+        air = film.air()
+    elif site:
+        air = air_of(standing, grid, left=cubes.shares(grid) if cubes else None)
+    else:
+        air = air_of(standing, grid, opening_cells(openings, grid))
+    wind = _wind(scenario, film, site, folder, grid, air)
     gas = Mixture([_gas(model, path, scenario, folder, grid, wind, air) for path, model in scenario.gases])
-    swarm = _swarm(scenario, obstacles, grid)
+    swarm = _swarm(scenario, obstacles, grid, cubes)
     if isinstance(wind, FlowSolver):
         _add_buoyancy(scenario, wind, gas, air)
         wind.resistances += [
@@ -65,14 +86,17 @@ def assemble(scenario: Scenario, folder: Path = Path()) -> Simulation:
     teams = [Team(swarm, group, grid.dim, scenario.tick) for group in swarm.groups]
     floor = (grid.extent[0], grid.extent[1])
     maps: list[Map] = [MAPS[m.kind](m, floor, max(1, swarm.trials)) for m in scenario.maps]
-    sim = Simulation(scenario, grid, wind, gas, swarm, list(teams), maps, obstacles, air)
+    seen = [*obstacles, *([cubes] if cubes else [])]
+    sim = Simulation(scenario, grid, wind, gas, swarm, list(teams), maps, seen, air)
     if isinstance(wind, FlowSolver) and wind.area is not None:
         sim.forces = partial(forces, wind, air, len(obstacles))
     return sim
 
 
-def _wind(scenario: Scenario, film: Film | None, folder: Path, grid: Grid, air: Air) -> Wind:
-    """The wind; `film` is the one that is played back."""
+def _wind(
+    scenario: Scenario, film: Film | None, site: Site | None, folder: Path, grid: Grid, air: Air
+) -> Wind:
+    """The wind; `film` is the one that is played back, `site` has the files of an imported one."""
     model, begin = scenario.wind, scenario.first_tick * scenario.tick
     if isinstance(model, UniformWind):
         return UniformSolver(model, grid)
@@ -83,6 +107,12 @@ def _wind(scenario: Scenario, film: Film | None, folder: Path, grid: Grid, air: 
         return PlayedWind(model, film, grid, begin)
     if isinstance(model, PlumeSimWind):
         return PointWind(model, frames_of(model, folder), grid.extent, begin)
+    if isinstance(model, ImportedWind):
+        assert site is not None
+        try:
+            return ImportedFlow(ImportedFilm(site, grid, air), model, grid, begin)
+        except WindFileError as error:
+            raise ScenarioError([f"wind.files: {error}"]) from None
     if isinstance(model, FrozenWind):
         flow = FrozenSolver(model, grid, air, scenario.seed, begin)
     else:
@@ -136,10 +166,11 @@ def _add_buoyancy(scenario: Scenario, flow: FlowSolver, gas: Mixture, air: Air) 
         flow.carried.append(heat)
 
 
-def _swarm(scenario: Scenario, obstacles: list, grid: Grid) -> Swarm:
-    """All robots at their places."""
+def _swarm(scenario: Scenario, obstacles: list, grid: Grid, cubes: Cubes | None) -> Swarm:
+    """All robots at their places; `cubes` stand in their way too."""
     height = max((group.body.height for group in scenario.robots), default=0.1)
-    clearance = ClearanceMap([s for s in obstacles if motion_of(s.model) is None], grid.extent, height)
+    standing = [s for s in obstacles if motion_of(s.model) is None] + ([cubes] if cubes else [])
+    clearance = ClearanceMap(standing, grid.extent, height)
     walkers = [
         s.model
         for s in obstacles

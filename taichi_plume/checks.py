@@ -9,6 +9,7 @@ from pathlib import Path
 from taichi_plume import (
     checks_air,
     checks_films,
+    checks_imports,
     checks_obstacles,
     checks_plumesim,
     checks_robots,
@@ -31,6 +32,7 @@ def problems(scenario: Scenario, folder: Path) -> list[str]:
     films = [
         *checks_films.problems(scenario, folder, shapes),
         *checks_plumesim.point_plumes(scenario, folder),
+        *checks_imports.imports(scenario, folder, shapes),
     ]
     if films:
         return lines + films

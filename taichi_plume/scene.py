@@ -14,6 +14,7 @@ import rerun as rr
 from taichi_plume import __version__, drawing
 from taichi_plume.gases import Source
 from taichi_plume.obstacles import Box, Cylinder, Prism, Sphere
+from taichi_plume.occupancy import Cubes
 from taichi_plume.results import to_yaml
 from taichi_plume.simulation import Simulation
 from taichi_plume.winds import Region, Window
@@ -86,6 +87,12 @@ def arena(sim: Simulation, stage: Stage) -> Entities:
 
 def _solid(shape: Any, stage: Stage) -> Any:
     """An obstacle; those of a flat arena are as high as its walls."""
+    if isinstance(shape, Cubes):
+        centers, half = shape.visible(stage.extent), [shape.size / 2] * 3
+        if centers.shape[1] == 2:
+            centers = np.column_stack([centers, np.full(len(centers), stage.height / 2)])
+            half[2] = stage.height / 2
+        return rr.Boxes3D(centers=centers, half_sizes=[half], fill_mode="solid", colors=GREY)
     model = shape.model
     if isinstance(model, Box):
         center, size = list(model.center), list(model.size)

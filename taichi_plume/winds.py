@@ -469,17 +469,22 @@ class FrozenWind(CfdWind):
     """The flow is averaged over so long before [s]; unless given, half of `after`."""
 
 
-class Playback(Model):
-    """A recorded run (see `fields`), linear in time between its frames; at its end the last one holds."""
+class Played(Model):
+    """Frames that were made before; at the end the last one holds."""
+
+    loop: bool = False
+    """Start again at the end."""
+    rate: Positive = 1.0
+    """Seconds of the frames per simulated second; their velocities stay as they are."""
+    start: Time = 0.0
+    """Time of the frames [s] that is shown when the robots start."""
+
+
+class Playback(Played):
+    """A recorded run (see `fields`), linear in time between its frames, also from the last one to the first."""
 
     file: Annotated[str, Field(min_length=1)]
     """Path of a fields.zarr, relative to the scenario's folder."""
-    loop: bool = False
-    """Start again at the end, blending the last frame into the first."""
-    rate: Positive = 1.0
-    """Recorded seconds per simulated second; the recorded velocities stay as they are."""
-    start: Time = 0.0
-    """Recorded time [s] that is shown when the robots start."""
 
 
 class PlaybackWind(Playback):
@@ -488,19 +493,13 @@ class PlaybackWind(Playback):
     kind: Literal["playback"]
 
 
-class PointPlayback(Model):
+class PointPlayback(Played):
     """Frames of points, played back as PlumeSim does: each holds until the next one, and the last for good.
 
     Points lie in a plane; in 3-D they are the same at every height. What is read at a place is the value of the nearest
     point that is closer than the cell, else zero.
     """
 
-    loop: bool = False
-    """Start again at the end."""
-    rate: Positive = 1.0
-    """Recorded seconds per simulated second; the recorded velocities stay as they are."""
-    start: Time = 0.0
-    """Recorded time [s] that is shown when the robots start."""
     offset: Point2 = (0.0, 0.0)
     """Added to the points' places [m]."""
     interpolate: bool = False
@@ -518,6 +517,36 @@ class PlumeSimWind(PlumeSimLog):
     """The wind of a log, as sensors feel it; no gas on the grid can be carried by it."""
 
     kind: Literal["plumesim_log"]
+
+
+class ImportedWind(Played):
+    """Air flow from elsewhere, such as OpenFOAM, ParaView, Fluent or GADEN; `wind_files` tells the formats.
+
+    Between its points it is linear, between its files linear in time. It is made divergence-free; through the faces of
+    the domain air goes as in the files, but for an even share that balances what comes in and what goes out.
+    """
+
+    kind: Literal["imported"]
+    files: Annotated[str, Field(min_length=1)]
+    """A file, relative to the scenario's folder, or several: %d stands for numbers that count up by one, such as in
+    wind_at_cell_centers_%d.csv, %g for times [s], such as in postProcessing/cloud/%g/points_U.xy."""
+    interval: Duration = 1.0
+    """Time from one numbered file to the next [s]; the first shows the time 0."""
+    origin: Point | None = None
+    """Where the domain's lower corner lies in the files [m]; unless given, the lower corner of the occupancy grid, or
+    without one that of the points."""
+    height: Coordinate | None = None
+    """z in the files of the section that a 2-D run takes [m]; unless given, the middle of the points."""
+    occupancy: Annotated[str, Field(min_length=1)] | None = None
+    """Path of an OccupancyGrid3D.csv of GADEN's: obstacles besides the scenario's own."""
+    walls: tuple[Face, ...] = ()
+    """Faces of the domain that let no air through."""
+    viscosity: Diffusivity = 1.56e-5
+    """Kinematic viscosity [m²/s]; the default is air at 25 °C."""
+    eddy_viscosity: Diffusivity | None = None
+    """Of the turbulence that the files do not resolve [m²/s]; unless given, their column nut, or none."""
+    schmidt: Positive = 0.7
+    """Turbulent Schmidt number: eddy viscosity over eddy diffusivity of gas."""
 
 
 class SyntheticWind(Model):
@@ -556,6 +585,6 @@ class SyntheticWind(Model):
 
 
 Wind = Annotated[
-    CfdWind | UniformWind | FrozenWind | PlaybackWind | SyntheticWind | PlumeSimWind,
+    CfdWind | UniformWind | FrozenWind | PlaybackWind | ImportedWind | SyntheticWind | PlumeSimWind,
     Field(discriminator="kind"),
 ]

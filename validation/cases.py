@@ -10,6 +10,7 @@ from taichi_plume.validation.cross_checks import fan, honeycombs, one_layer
 from taichi_plume.validation.flow_cases import kovasznay, taylor_green
 from taichi_plume.validation.gas_cases import gaussian_puff
 from taichi_plume.validation.heat_cases import conduction, heated_cavity
+from taichi_plume.validation.import_cases import IMPORT_CASES
 from taichi_plume.validation.jet import CORE, DECAY, SPREAD, fan_jet
 
 SECOND_ORDER = Expected(order=1.9)
@@ -253,5 +254,6 @@ _ALL = (
         slow=True,
         expected={"u / u_max, largest": Expected(tolerance=2e-6)},
     ),
+    *IMPORT_CASES,
 )
 CASES = {case.name: case for case in _ALL}
