@@ -12,7 +12,15 @@ from taichi_plume.agents.team import Team
 from taichi_plume.cut_cells import Air, air_of
 from taichi_plume.fields import Gas, Mixture, Wind
 from taichi_plume.film import Film, completed
-from taichi_plume.gases import PlaybackGas, PureGas
+from taichi_plume.gases import (
+    ClosedForm,
+    ContinuousGas,
+    GaussianPlumeGas,
+    GaussianPuffGas,
+    MeanderingGas,
+    PlaybackGas,
+    PureGas,
+)
 from taichi_plume.geometry import ClearanceMap, shapes
 from taichi_plume.grid import Grid
 from taichi_plume.loading import ScenarioError
@@ -28,6 +36,8 @@ from taichi_plume.solvers.frozen import FrozenSolver
 from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.heat import HeatSolver
 from taichi_plume.solvers.playback import PlayedGas, PlayedWind
+from taichi_plume.solvers.plumes import Plumes
+from taichi_plume.solvers.puffs import ContinuousPuffs, GaussianPuffs
 from taichi_plume.solvers.synthetic import SyntheticSolver
 from taichi_plume.solvers.uniform import UniformSolver
 from taichi_plume.winds import CfdWind, FrozenWind, PlaybackWind, SyntheticWind, UniformWind
@@ -73,7 +83,7 @@ def _wind(scenario: Scenario, film: Film | None, grid: Grid, air: Air) -> Wind:
     """The wind; `film` is the one that is played back."""
     model, begin = scenario.wind, scenario.first_tick * scenario.tick
     if isinstance(model, UniformWind):
-        return UniformSolver(model, grid)
+        return UniformSolver(model, grid, begin, scenario.seed)
     if isinstance(model, SyntheticWind):
         return SyntheticSolver(model, grid, air, begin, scenario.seed)
     if isinstance(model, PlaybackWind):
@@ -102,10 +112,24 @@ def _gas(
     begin = scenario.first_tick * scenario.tick
     if isinstance(model, PlaybackGas):
         return PlayedGas(model, Film(folder / model.file), grid, begin)
+    if isinstance(model, ClosedForm):
+        return _closed_form(model, path, scenario, grid, wind)
     try:
         return EulerianSolver(model, grid, wind, air, begin, scenario.seed, path)
     except ValueError as error:
         raise ScenarioError([f"{path}.{error}"]) from None
+
+
+def _closed_form(model: ClosedForm, path: str, scenario: Scenario, grid: Grid, wind: Wind) -> Gas:
+    """A gas that a formula tells; `path` is its place in the scenario."""
+    begin = scenario.first_tick * scenario.tick
+    assert isinstance(wind, UniformSolver)
+    if isinstance(model, GaussianPuffGas):
+        return GaussianPuffs(model, grid, wind, begin)
+    if isinstance(model, ContinuousGas):
+        return ContinuousPuffs(model, grid, wind, begin)
+    assert isinstance(model, GaussianPlumeGas | MeanderingGas)
+    return Plumes(model, grid, wind, begin, scenario.seed, path)
 
 
 def _add_buoyancy(scenario: Scenario, flow: FlowSolver, gas: Mixture, air: Air) -> None:

@@ -14,6 +14,7 @@ import psutil
 from scipy import ndimage
 from scipy.spatial import cKDTree  # type: ignore[attr-defined]
 
+from taichi_plume.checks_plumes import plume_problems
 from taichi_plume.cut_cells import air_of
 from taichi_plume.gases import PlaybackGas
 from taichi_plume.geometry import MeshError, Shape, clearance_resolution, shape
@@ -79,7 +80,7 @@ def problems(scenario: Scenario, folder: Path) -> list[str]:
         scenario = completed(scenario, folder)
     for part in (_obstacles, _sources, _robots):
         lines += part(scenario, shapes)
-    lines += [*_names(scenario), *_eddies(scenario)]
+    lines += [*_names(scenario), *_eddies(scenario), *plume_problems(scenario)]
     lines += _heat(scenario, shapes)
     lines += _screens(scenario)
     openings = list(_openings(scenario, shapes)) or list(_net_inflow(scenario))

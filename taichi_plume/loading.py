@@ -286,6 +286,7 @@ def _line(fault: Any, data: dict) -> str | None:
         "loss",
         "motion",
         "fan",
+        "spread",
     ):
         return where + fault["msg"]
     message = re.sub(r"^(Input|String|Value) should", "must", fault["msg"]).replace("valid string", "text")
