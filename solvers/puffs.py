@@ -50,8 +50,9 @@ def bell(low: float | None = None, high: float | None = None) -> Callable:
     def between_two(q, centre, variance):
         total = 0.0
         if variance < 0.25 * width**2:
+            near = centre - 2.0 * width * ti.round((centre - wall) / (2.0 * width))  # of all images
             for m in ti.static(range(-2, 3)):
-                total += before_one(q, centre + 2.0 * m * width, variance)
+                total += before_one(q, near + 2.0 * m * width, variance)
         else:
             total = 1.0
             for m in ti.static(range(1, 4)):

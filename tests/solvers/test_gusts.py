@@ -69,7 +69,7 @@ def test_the_air_moves_with_the_gusts():
 
 def test_gusts_are_as_strong_as_told():
     wind = windy((1.2, 0.0), intensity=0.2, time=0.1)
-    v = np.empty((4000, 2))
+    v = np.empty((1500, 2))
     for n in range(len(v)):
         wind.advance(0.3 * n - 2.0, 0.3)  # apart enough to be independent
         v[n] = velocity_at(wind, np.array([[0.5, 0.5]]), 0.0)[0]

@@ -40,11 +40,18 @@ def section(wind, gas, position, distance, span=4.0, dx=0.02, base=None):
     return flux, mean, (c[..., None] * (grid - mean) ** 2).sum(axes) / c.sum()
 
 
-VELOCITIES = [(0.7, 0.0), (-0.3, 0.5), (0.6, 0.0, 0.0), (0.3, -0.4, 0.2), (0.0, 0.0, 0.5)]
+INTENSITY, DIFFUSIVITY = {"intensity": [0.1, 0.07]}, {"diffusivity": [0.01, 0.004]}
 
 
-@pytest.mark.parametrize("velocity", VELOCITIES)
-@pytest.mark.parametrize("law", [{"intensity": [0.1, 0.07]}, {"diffusivity": [0.01, 0.004]}])
+@pytest.mark.parametrize(
+    ("velocity", "law"),
+    [
+        ((-0.3, 0.5), INTENSITY),
+        ((0.7, 0.0), DIFFUSIVITY),
+        ((0.3, -0.4, 0.2), INTENSITY),
+        ((0.0, 0.0, 0.5), DIFFUSIVITY),
+    ],
+)
 def test_the_mean_plume_carries_what_is_emitted(velocity, law):
     dim, position, far = len(velocity), (2.0, 2.0, 1.0)[: len(velocity)], 2.3
     law = {key: values[: dim - 1] for key, values in law.items()}
@@ -113,6 +120,23 @@ def test_the_meandering_plume_is_where_its_air_has_gone(velocity):
     np.testing.assert_allclose(mean, offset[1:], atol=2e-4)
     slopes = np.array([0.08, 0.06][: dim - 1])
     np.testing.assert_allclose(variance, 0.05**2 + (slopes * far) ** 2, rtol=1e-3)
+
+
+@pytest.mark.parametrize("slope", [0.02, 0.9])
+def test_a_channel_keeps_the_meandering_plume(slope):
+    """Thin and wide, and when the gusts would have swept it far beyond the walls."""
+    gusts = {"intensity": 3.0, "time": 5.0}
+    wind, gas = plume(
+        (0.5, 0.0), (1.0, 1.0), "meandering", gusts=gusts, walls=["y-", "y+"], width_slope=slope
+    )
+    y = (np.arange(2000) + 0.5) * 0.002  # the channel is 4 m wide
+    swept = 0.0
+    for n in range(30):
+        wind.advance(float(n), 1.0)
+        c = concentration_at(gas, np.stack([np.full_like(y, 5.5), y], axis=1), 0.0)
+        assert c.sum() * 0.002 * 0.5 * 0.5 == pytest.approx(Q, rel=1e-4)
+        swept = max(swept, abs(np.ptp([wind.displacement(n + 1.0 - age)[1] for age in (0.0, 9.0)])))
+    assert swept > 12.0
 
 
 def test_the_width_fluctuates_and_the_flux_does_not():
