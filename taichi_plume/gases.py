@@ -200,6 +200,9 @@ class MeanderingGas(ClosedForm):
     """Standard deviation of the logarithm of the width, which varies as the gusts do."""
 
 
+AnySource = Source | Release | PlumeSource
+"""What has a position and a radius: what the robots search for."""
+
 PureGas = Annotated[
     EulerianGas | PlaybackGas | GaussianPuffGas | ContinuousGas | GaussianPlumeGas | MeanderingGas,
     Field(discriminator="kind"),

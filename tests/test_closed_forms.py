@@ -47,7 +47,7 @@ def played(out, *options) -> np.ndarray:
     return np.asarray(film["gas_ethanol"])
 
 
-@pytest.mark.parametrize(("kind", "dim"), zip(KINDS, (2, 3, 2, 3), strict=True))
+@pytest.mark.parametrize(("kind", "dim"), list(zip(KINDS, (2, 3, 2, 3), strict=True)))
 def test_every_kind_runs(tmp_path, kind, dim):
     scenario(tmp_path / "s.yaml", {"kind": kind} | KINDS[kind], dim, kind in ("meandering", "gaussian_puff"))
     c = played(tmp_path / "a", "--duration", "2")
