@@ -3,8 +3,8 @@
     dv = -v/T dt + s sqrt(2/T) dW,  dY = v dt
 
 Drawn by the exact joint law of both increments (Gillespie 1996, doi:10.1103/PhysRevE.54.2084) at knots in time that no
-one's steps change. In between Y is the cubic that has v as its slope at the knots, which is the mean of all paths
-through them to the order that a steady noise dominates a short interval.
+one's steps change. In between Y is the cubic that has v as its slope at the knots: the mean of all paths through them,
+to leading order in the knots' interval over T.
 """
 
 from collections.abc import Sequence
