@@ -12,7 +12,19 @@ from taichi_plume.agents.team import Team
 from taichi_plume.cut_cells import Air, air_of
 from taichi_plume.fields import Gas, Mixture, Wind
 from taichi_plume.film import Film, completed
-from taichi_plume.gases import FluentGas, PlaybackGas, PlumeSimGas, PlumeSimMeander, PlumeSimPuff, PureGas
+from taichi_plume.gases import (
+    ClosedForm,
+    ContinuousGas,
+    FluentGas,
+    GaussianPlumeGas,
+    GaussianPuffGas,
+    MeanderingGas,
+    PlaybackGas,
+    PlumeSimGas,
+    PlumeSimMeander,
+    PlumeSimPuff,
+    PureGas,
+)
 from taichi_plume.geometry import ClearanceMap, shapes
 from taichi_plume.grid import Grid
 from taichi_plume.imports import Site
@@ -29,9 +41,11 @@ from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.forces import forces
 from taichi_plume.solvers.frozen import FrozenSolver
 from taichi_plume.solvers.gas import EulerianSolver
+from taichi_plume.solvers.gaussian_puffs import ContinuousPuffs, GaussianPuffs
 from taichi_plume.solvers.heat import HeatSolver
 from taichi_plume.solvers.imported import ImportedFilm, ImportedFlow
 from taichi_plume.solvers.playback import PlayedGas, PlayedWind
+from taichi_plume.solvers.plumes import Plumes
 from taichi_plume.solvers.plumesim import PointGas, PointWind, ProgramMeander, ProgramPuff
 from taichi_plume.solvers.synthetic import SyntheticSolver
 from taichi_plume.solvers.uniform import UniformSolver
@@ -99,7 +113,7 @@ def _wind(
     """The wind; `film` is the one that is played back, `site` has the files of an imported one."""
     model, begin = scenario.wind, scenario.first_tick * scenario.tick
     if isinstance(model, UniformWind):
-        return UniformSolver(model, grid)
+        return UniformSolver(model, grid, begin, scenario.seed)
     if isinstance(model, SyntheticWind):
         return SyntheticSolver(model, grid, air, begin, scenario.seed)
     if isinstance(model, PlaybackWind):
@@ -142,10 +156,24 @@ def _gas(
         return ProgramPuff(model, grid.extent, begin)
     if isinstance(model, PlumeSimMeander):
         return ProgramMeander(model, grid.extent, scenario.seed, path)
+    if isinstance(model, ClosedForm):
+        return _closed_form(model, path, scenario, grid, wind)
     try:
         return EulerianSolver(model, grid, wind, air, begin, scenario.seed, path)
     except ValueError as error:
         raise ScenarioError([f"{path}.{error}"]) from None
+
+
+def _closed_form(model: ClosedForm, path: str, scenario: Scenario, grid: Grid, wind: Wind) -> Gas:
+    """A gas that a formula tells; `path` is its place in the scenario."""
+    begin = scenario.first_tick * scenario.tick
+    assert isinstance(wind, UniformSolver)
+    if isinstance(model, GaussianPuffGas):
+        return GaussianPuffs(model, grid, wind, begin)
+    if isinstance(model, ContinuousGas):
+        return ContinuousPuffs(model, grid, wind, begin)
+    assert isinstance(model, GaussianPlumeGas | MeanderingGas)
+    return Plumes(model, grid, wind, begin, scenario.seed, path)
 
 
 def _add_buoyancy(scenario: Scenario, flow: FlowSolver, gas: Mixture, air: Air) -> None:

@@ -11,6 +11,7 @@ from taichi_plume import (
     checks_films,
     checks_imports,
     checks_obstacles,
+    checks_plumes,
     checks_plumesim,
     checks_robots,
     checks_size,
@@ -47,6 +48,7 @@ def problems(scenario: Scenario, folder: Path) -> list[str]:
         *_names(scenario),
         *_recording(scenario),
         *_fields(scenario),
+        *checks_plumes.plume_problems(scenario),
         *checks_plumesim.plume_logs(scenario),
     ]
 

@@ -8,6 +8,7 @@ import numpy as np
 from taichi_plume import __version__, disk
 from taichi_plume.fields import ppm_at
 from taichi_plume.film import GAS, VELOCITIES, NewFilm
+from taichi_plume.gases import Source
 from taichi_plume.scenario import Fields, Scenario
 from taichi_plume.simulation import Every, Simulation
 
@@ -87,9 +88,11 @@ def _origins(scenario: Scenario) -> dict[str, Any]:
     """Species and sources of every gas variable, as a scenario writes them."""
     origins: dict[str, Any] = {}
     for _, gas in scenario.gases:
-        written = gas.model_dump(mode="json", exclude_none=True, include={"species", "sources"})
+        written = gas.model_dump(mode="json", include={"species"})
         known = origins.setdefault(f"{GAS}{gas.vapour.name}", {"species": written["species"], "sources": []})
-        known["sources"] += written["sources"]
+        for source in gas.sources:
+            parts = source.model_dump(mode="json", exclude_none=True, include=set(Source.model_fields))
+            known["sources"].append({"rate": 0.0} | parts)  # a puff has no rate
     return origins
 
 

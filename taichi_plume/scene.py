@@ -12,7 +12,7 @@ import numpy as np
 import rerun as rr
 
 from taichi_plume import __version__, drawing
-from taichi_plume.gases import Source
+from taichi_plume.gases import AnySource
 from taichi_plume.obstacles import Box, Cylinder, Prism, Sphere
 from taichi_plume.occupancy import Cubes
 from taichi_plume.results import to_yaml
@@ -127,7 +127,7 @@ def _solid(shape: Any, stage: Stage) -> Any:
     return mesh(*drawing.faceted(shape.vertices, shape.triangles), GREY)
 
 
-def _source(source: Source, stage: Stage) -> Any:
+def _source(source: AnySource, stage: Stage) -> Any:
     position = [*source.position, *[stage.height / 2] * (3 - len(source.position))]
     radius = max(source.radius, 0.006 * stage.length)
     if len(stage.extent) == 2:

@@ -1,8 +1,9 @@
 """The air flow of a scenario: its kinds, and what a computed flow is driven and resisted by."""
 
-from math import pi, prod
+from math import hypot, pi, prod
 from typing import Annotated, Any, Literal, Self
 
+import numpy as np
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
@@ -452,11 +453,45 @@ class CfdWind(Model):
         return data
 
 
+class Gusts(Model):
+    """Gusts across a uniform wind, everywhere the same: an Ornstein-Uhlenbeck process, see solvers/gusts.py."""
+
+    intensity: NonNegative = 0.15
+    """Standard deviation of the horizontal crosswind over the mean speed."""
+    vertical: NonNegative = 0.0
+    """The same of the crosswind upward; 3-D only."""
+    time: Duration = 5.0
+    """Integral time: how long a gust lasts [s]."""
+
+    def deviations(self, dim: int) -> tuple[float, ...]:
+        """Of each crosswind over the mean speed."""
+        return (self.intensity, self.vertical)[: dim - 1]
+
+
 class UniformWind(Model):
-    """The same constant velocity everywhere; obstacles do not deflect it."""
+    """The same velocity everywhere, constant but for gusts; obstacles do not deflect it."""
 
     kind: Literal["uniform"]
     velocity: Annotated[tuple[Velocity, ...], Field(min_length=2, max_length=3)]
+    """Mean velocity [m/s]."""
+    gusts: Gusts | None = None
+    """Unless given, the wind is steady."""
+
+    @property
+    def speed(self) -> float:
+        """Of the mean velocity [m/s]."""
+        return hypot(*self.velocity)
+
+    @property
+    def frame(self) -> np.ndarray:
+        """Unit vectors along the mean wind, horizontally across it and, in 3-D, upward across both; x in still air."""
+        dim = len(self.velocity)
+        along = np.array(self.velocity) / self.speed if self.speed else np.eye(dim)[0]
+        level = hypot(*along[:2])
+        lateral = np.zeros(dim)
+        lateral[:2] = (-along[1] / level, along[0] / level) if level > 1e-9 else (0.0, 1.0)
+        rows = [along, lateral]
+        return np.array(rows if dim == 2 else [*rows, np.cross(along, lateral)])
 
 
 class FrozenWind(CfdWind):
