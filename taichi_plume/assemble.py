@@ -12,7 +12,7 @@ from taichi_plume.agents.team import Team
 from taichi_plume.cut_cells import Air, air_of
 from taichi_plume.fields import Gas, Mixture, Wind
 from taichi_plume.film import Film, completed
-from taichi_plume.gases import PlaybackGas, PureGas
+from taichi_plume.gases import PlaybackGas, PuffGas, PureGas
 from taichi_plume.geometry import ClearanceMap, shapes
 from taichi_plume.grid import Grid
 from taichi_plume.loading import ScenarioError
@@ -28,6 +28,7 @@ from taichi_plume.solvers.frozen import FrozenSolver
 from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.heat import HeatSolver
 from taichi_plume.solvers.playback import PlayedGas, PlayedWind
+from taichi_plume.solvers.puffs import PuffSolver
 from taichi_plume.solvers.synthetic import SyntheticSolver
 from taichi_plume.solvers.uniform import UniformSolver
 from taichi_plume.winds import CfdWind, FrozenWind, PlaybackWind, SyntheticWind, UniformWind
@@ -103,6 +104,8 @@ def _gas(
     if isinstance(model, PlaybackGas):
         return PlayedGas(model, Film(folder / model.file), grid, begin)
     try:
+        if isinstance(model, PuffGas):
+            return PuffSolver(model, grid, wind, air, begin, scenario.seed, path)
         return EulerianSolver(model, grid, wind, air, begin, scenario.seed, path)
     except ValueError as error:
         raise ScenarioError([f"{path}.{error}"]) from None

@@ -14,6 +14,7 @@ import psutil
 from scipy import ndimage
 from scipy.spatial import cKDTree  # type: ignore[attr-defined]
 
+from taichi_plume.checks_puffs import puffs
 from taichi_plume.cut_cells import air_of
 from taichi_plume.gases import PlaybackGas
 from taichi_plume.geometry import MeshError, Shape, clearance_resolution, shape
@@ -82,6 +83,7 @@ def problems(scenario: Scenario, folder: Path) -> list[str]:
     lines += [*_names(scenario), *_eddies(scenario)]
     lines += _heat(scenario, shapes)
     lines += _screens(scenario)
+    lines += puffs(scenario)
     openings = list(_openings(scenario, shapes)) or list(_net_inflow(scenario))
     return lines + openings + list(_recording(scenario)) + list(_frozen(scenario)) + list(_fields(scenario))
 
