@@ -18,6 +18,8 @@ from taichi_plume.grid import Grid
 from taichi_plume.kernels import Template, on_cpu
 from taichi_plume.solvers.level_set import LevelSet
 
+STEP = 2.0  # from the sizes of one list to those of the next
+WIDTH = 0.5  # of the cells, over how far the puffs of a list reach
 CELLS = 1 << 16  # of the finest list, at most
 BLOCK = 256  # cells per task of the parallel running sum
 FREE = 1e3  # m: distance of a puff from surfaces that it does not reach
@@ -75,14 +77,14 @@ class PuffList:
     def _make_cells(self, smallest: float) -> None:
         """Largest size, reach and cells of each list."""
         extent = np.array(self.grid.extent)
-        width = max(self.cutoff * smallest, (np.prod(extent) / CELLS) ** (1 / self.dim))
+        width = max(2.0 * WIDTH * self.cutoff * smallest, (np.prod(extent) / CELLS) ** (1 / self.dim))
         while np.prod(np.ceil(extent / width)) > CELLS:
-            width *= 1.05
-        sizes = [2.0 * width / self.cutoff]
+            width *= 1.02
+        sizes = [width / (WIDTH * self.cutoff)]
         while sizes[-1] < extent.max():  # a puff as large as the room is spread evenly over it
-            sizes.append(2.0 * sizes[-1])
+            sizes.append(STEP * sizes[-1])
         self.lists = len(sizes)
-        shapes = [np.ceil(extent / (0.5 * self.cutoff * size)).astype(int) for size in sizes]
+        shapes = [np.ceil(extent / (WIDTH * self.cutoff * size)).astype(int) for size in sizes]
         self.smallest_list, self.largest = sizes[0], sizes[-1]
         self.cells = sum(prod(map(int, shape)) for shape in shapes)
         self._size: Any = ti.field(ti.f32, self.lists)
@@ -92,6 +94,7 @@ class PuffList:
         self._first: Any = ti.field(ti.i32, self.lists + 1)
         self._first.from_numpy(np.cumsum([0, *(int(np.prod(shape)) for shape in shapes)]).astype(np.int32))
         self._start: Any = ti.field(ti.i32, self.cells + 1)  # of each cell in the order; the last: of none
+        self.farthest: Any = ti.field(ti.f32, ())  # that any puff reaches [m]
         self._cursor: Any = ti.field(ti.i32, self.cells)
         self._blocks: Any = ti.field(ti.i32, self.cells // BLOCK + 1)
 
@@ -111,11 +114,11 @@ class PuffList:
         self.new[self.variance][k] = variance
         self.new[self.mass][k] = mass
         self.new_number[k] = number
-        octave = ti.ceil(
-            ti.log(self.size(variance) / ti.static(self.smallest_list)) * ti.static(1 / np.log(2))
+        step = ti.ceil(
+            ti.log(self.size(variance) / ti.static(self.smallest_list)) * ti.static(1 / np.log(STEP))
         )
-        which = ti.math.clamp(ti.cast(octave, ti.i32), 0, ti.static(self.lists - 1))
-        width = 0.5 * self.cutoff * self._size[which]
+        which = ti.math.clamp(ti.cast(step, ti.i32), 0, ti.static(self.lists - 1))
+        width = WIDTH * self.cutoff * self._size[which]
         cell = 0
         for d in ti.static(range(self.dim - 1, -1, -1)):  # axis 0 runs fastest
             n = self._shape[which][d]
@@ -132,6 +135,11 @@ class PuffList:
             self._order_serially(count)
         else:
             self._order_in_parallel(count)
+        for _ in range(1):
+            self.farthest[None] = 0.0
+            for which in range(self.lists):
+                if not self.empty(which):
+                    self.farthest[None] = self.reach(which)
         for q in range(self._start[ti.static(self.cells)]):
             k = self._order[q]
             for column in ti.static(range(len(self.now))):
@@ -221,6 +229,53 @@ class PuffList:
             self._plane[ti.static(self.dim)][q] = away
 
     @ti.func
+    def in_front(self, q: ti.i32, p: Template):
+        """Distance of p from the plane of the surface next to puff q [m]; negative behind it."""
+        result = self._plane[ti.static(self.dim)][q]
+        for d in ti.static(range(self.dim)):
+            result += self._plane[d][q] * (p[d] - self.now[d][q])
+        return result
+
+    def merge(self) -> None:
+        """Make one puff of neighbours in the order, two by two, that overlap and see each other.
+
+        Mass, centre of mass, and variance about it, summed over the axes, stay as they are.
+        """
+        count = self.count
+        self._merge(count)
+        self._sort(count)
+
+    @ti.kernel
+    def _merge(self, count: ti.i32):
+        for pair in range((count + 1) // 2):
+            q, r = 2 * pair, ti.min(2 * pair + 1, count - 1)
+            a, b = self.place(q), self.place(r)
+            square, mean = (b - a).norm_sqr(), 0.5 * (self.now[self.variance][q] + self.now[self.variance][r])
+            joins = q < r and square < 2.0 * mean
+            share = 0.0
+            if joins:
+                share = self.now[self.mass][r] / (self.now[self.mass][q] + self.now[self.mass][r])
+            center = a + share * (b - a)
+            if ti.static(self.walled):
+                joins = joins and self.in_front(q, b) > 0.0 and self.in_front(r, a) > 0.0
+                joins = joins and self.surfaces.distance(center) > 0.0
+            for n in range(2):
+                k = q + n
+                if k < count:
+                    x, v = self.place(k), ti.Vector.zero(ti.f32, self.dim)
+                    variance, mass = self.now[self.variance][k], self.now[self.mass][k]
+                    for d in ti.static(range(self.dim)):
+                        v[d] = self.now[self.dim + d][k]
+                    if joins:
+                        x = center
+                        for d in ti.static(range(self.dim)):
+                            v[d] = (1.0 - share) * self.now[self.dim + d][q] + share * self.now[self.dim + d][r]
+                        variance = (1.0 - share) * self.now[self.variance][q] + share * self.now[self.variance][r]
+                        variance += share * (1.0 - share) * square / self.dim
+                        mass = (1 - n) * (self.now[self.mass][q] + self.now[self.mass][r])
+                    self.put(k, x, v, variance, mass, self.number[k], not joins or n == 0)
+
+    @ti.func
     def place(self, q: ti.i32):
         """Centre of puff q [m]."""
         x = ti.Vector.zero(ti.f32, self.dim)
@@ -267,10 +322,7 @@ class PuffList:
         y = square * self._per_area[q]
         result = self.gaussian(y)
         if ti.static(self.walled):
-            away = self._plane[ti.static(self.dim)][q]
-            before = away
-            for d in ti.static(range(self.dim)):
-                before += self._plane[d][q] * (p[d] - self.now[d][q])
+            away, before = self._plane[ti.static(self.dim)][q], self.in_front(q, p)
             mirrored = y + 4.0 * away * before * self._per_area[q]
             result = ti.select(before > 0.0, result + self.gaussian(mirrored), 0.0)
         return self._weight[q] * result
@@ -279,7 +331,7 @@ class PuffList:
     def near(self, p: Template, which: ti.i32):
         """Concentration [kg/m³] at a point [m], perhaps outside of the domain, of the puffs of one list."""
         reach = self.cutoff * self._size[which]
-        width = 0.5 * reach
+        width = WIDTH * reach
         shape = self._shape[which]
         low, rows = ti.Vector.zero(ti.i32, self.dim), ti.Vector.zero(ti.i32, self.dim)
         count = 1

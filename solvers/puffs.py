@@ -14,7 +14,7 @@ tangent plane: gas is neither lost nor does it leak through thin walls. Near edg
 behind the plane, and of two surfaces it knows the nearer one only.
 """
 
-from math import isfinite
+from math import ceil, isfinite
 from typing import Any
 
 import numpy as np
@@ -35,6 +35,7 @@ FLUCTUATION, GROWTH = 0.05, 1e-4  # m/s and m²/s in a wind without eddies
 RICHARDSON = 0.5  # constant of the distance of two particles
 STILL = 1e-4  # m/s: slower air does not go through a face
 GRAVITY = 9.81  # m/s²
+FULL = 0.95  # of the places: from then on puffs are merged
 DRAG = 1.0  # coefficient of a sinking puff
 TRIES = 1000  # to find air in a source's ball
 
@@ -64,27 +65,34 @@ class Portions:
         self.emission = Emission(source, begin, seed, name)
         self.rng = generator(seed, f"{name} puffs")
         self.pending = 0.0  # kg, emitted but not yet in a puff
-        self._next = begin + self._interval()
+        self._next = begin + self._intervals(1)[0]
 
-    def _interval(self) -> float:
-        return float(self.rng.exponential()) / self.rate if self.poisson else 1.0 / self.rate
+    def _intervals(self, n: int) -> np.ndarray:
+        return self.rng.exponential(1.0 / self.rate, n) if self.poisson else np.full(n, 1.0 / self.rate)
 
-    def puffs(self, t: float, dt: float) -> tuple[list[float], list[float], float]:
+    def _moments(self, end: float) -> np.ndarray:
+        """When puffs are let go up to `end` [s]."""
+        moments = [np.empty(0)]
+        while self._next <= end:
+            intervals = self._intervals(ceil((end - self._next) * self.rate) + 1)
+            ahead = self._next + np.cumsum(np.concatenate([[0.0], intervals]))
+            due = int(np.searchsorted(ahead, end, side="right"))
+            moments.append(ahead[:due])
+            self._next = ahead[min(due, len(intervals))]
+            if due > len(intervals):
+                moments[-1] = moments[-1][:-1]  # it is the first of the next lot
+        return np.concatenate(moments)
+
+    def puffs(self, t: float, dt: float) -> tuple[np.ndarray, np.ndarray, float]:
         """Moments [s] and masses [kg] of the puffs between t and t + dt, and all that is emitted meanwhile [kg]."""
-        moments, masses, before, emitted = [], [], t, 0.0
-        while self._next <= t + dt:
-            mass = self.emission.mass(before, self._next - before)
-            emitted += mass
-            self.pending += mass
-            before = self._next
-            if self.pending > 0.0:
-                moments.append(before)
-                masses.append(self.pending)
-                self.pending = 0.0
-            self._next += self._interval()
-        mass = self.emission.mass(before, t + dt - before)
-        self.pending += mass
-        return moments, masses, emitted + mass
+        moments = self._moments(t + dt)
+        emitted = self.emission.masses(np.concatenate([[t], moments, [t + dt]]))
+        masses = emitted[:-1].copy()
+        if len(masses):
+            masses[0] += self.pending
+            self.pending = 0.0
+        self.pending += emitted[-1]
+        return moments[masses > 0.0], masses[masses > 0.0], float(emitted.sum())
 
     def places(self, n: int, dim: int) -> np.ndarray:
         """Random places in the ball [m], (n, dim)."""
@@ -147,6 +155,9 @@ class PuffSolver:
 
     def advance(self, t: float, dt: float) -> None:
         """Move all puffs from t to t + dt, those that are released meanwhile from their own moment on."""
+        if self._count > FULL * self.most:
+            self.puffs.merge()
+            self._count = self.puffs.count
         first, born = self._born(t, dt)
         if len(first):
             self._put_new(self._count, self._released, first)
@@ -165,14 +176,14 @@ class PuffSolver:
             when, masses, emitted = portions.puffs(t, dt)
             self.emitted_kg += emitted
             if len(when) > free:  # what finds no place goes into the next puff
-                portions.pending += sum(masses[free:])
+                portions.pending += masses[free:].sum()
                 when, masses = when[:free], masses[:free]
             n = len(when)
             free -= n
             velocity = self.deviation * portions.rng.standard_normal((n, self.dim))
             variance = np.full(n, self.initial_size**2)
             rows.append(np.column_stack([self._places(portions, n), velocity, variance, masses]))
-            moments.append(np.array(when))
+            moments.append(when)
         return np.concatenate(rows).astype(np.float32), np.concatenate(moments)
 
     def _places(self, portions: Portions, n: int) -> np.ndarray:
@@ -216,9 +227,12 @@ class PuffSolver:
             way += dt * uphill
             if ti.static(self.sinks):
                 way[self.dim - 1] -= dt * self._fall(x, variance, t)
-            u = self.wind.velocity(x, t)
-            then = self.wind.velocity(self._inside(x + way + dt * u), t)
-            way += 0.5 * dt * (u + then)
+            drift, place = ti.Vector.zero(ti.f32, self.dim), x
+            for _ in range(2):  # Heun's method; a loop, as Taichi takes its time for every copy of the wind
+                u = self.wind.velocity(place, t)
+                drift += 0.5 * dt * u
+                place = self._inside(x + way + dt * u)
+            way += drift
             end, speed, stays = self._travel(x, way, v, t)
             if ti.static(self.inertial):
                 variance = (ti.pow(variance, 1.0 / 3.0) + self.growth * dt) ** 3
@@ -269,11 +283,17 @@ class PuffSolver:
         return y
 
     @ti.func
-    def _through(self, x: Template, d: Template, upper, t: float):
-        """Whether air goes through the domain's lower or upper d-face next to x."""
+    def _through(self, x: Template, face: ti.i32, t: float):
+        """Whether air goes through a face of the domain next to x; face: 2 d at the lower, 2 d + 1 at the upper end."""
         p = self._inside(x)
-        p[d] = ti.select(upper, ti.static(self.grid.extent[d]), 0.0)
-        return ti.abs(self.wind.velocity(p, t)[d]) > STILL
+        for d in ti.static(range(self.dim)):
+            p[d] = ti.select(face == 2 * d, 0.0, p[d])
+            p[d] = ti.select(face == 2 * d + 1, ti.static(self.grid.extent[d]), p[d])
+        u = self.wind.velocity(p, t)
+        speed = 0.0
+        for d in ti.static(range(self.dim)):
+            speed += ti.select(face // 2 == d, ti.abs(u[d]), 0.0)
+        return speed > STILL
 
     @ti.func
     def _travel(self, x: Template, way: Template, v: Template, t: float):
@@ -281,16 +301,19 @@ class PuffSolver:
         end, speed, stays = x + way, v, True
         if ti.static(self.walled):
             end, speed = self.surfaces.bounce(x, way, v)
+        face, share = -1, 1.0  # the first that is met, and where on the way
+        rest = end - x
         for d in ti.static([a for a in range(self.dim) if not self.grid.periodic[a]]):
             L = ti.static(self.grid.extent[d])
             if end[d] < 0.0 or end[d] > L:
-                upper = end[d] > L
-                face = ti.select(upper, L, 0.0)
-                crossing = x + (face - x[d]) / (end[d] - x[d]) * (end - x)
-                if self._through(crossing, d, upper, t):
-                    stays = False
-                end[d] = 2.0 * face - end[d]
+                wall = ti.select(end[d] > L, L, 0.0)
+                there = (wall - x[d]) / rest[d]
+                if there <= share:
+                    face, share = 2 * d + ti.cast(end[d] > L, ti.i32), there
+                end[d] = 2.0 * wall - end[d]
                 speed[d] = -speed[d]
+        if face >= 0:
+            stays = not self._through(x + share * rest, face, t)
         place = self._inside(end)
         if ti.static(self.walled):
             free = self.surfaces.distance(place) > 0.0  # or thrown back into an obstacle at the wall
@@ -321,11 +344,17 @@ class PuffSolver:
         Along each axis the images are x mirrored at closed faces, over and over, or shifted by the period.
         """
         below, above = ti.Vector.one(ti.i32, self.dim), ti.Vector.one(ti.i32, self.dim)  # closed faces
-        for d in ti.static([a for a in range(self.dim) if not self.grid.periodic[a]]):
-            for side in range(2):
-                if self._through(x, d, side == 1, t):
-                    below[d] *= side
-                    above[d] *= 1 - side
+        farthest = self.puffs.farthest[None]
+        for face in range(ti.static(2 * self.dim)):
+            away = 0.0
+            for d in ti.static(range(self.dim)):
+                L = ti.static(1e9 if self.grid.periodic[d] else self.grid.extent[d])
+                away += ti.select(face == 2 * d, x[d], 0.0) + ti.select(face == 2 * d + 1, L - x[d], 0.0)
+            if away < farthest:
+                if self._through(x, face, t):
+                    for d in ti.static([a for a in range(self.dim) if not self.grid.periodic[a]]):
+                        below[d] *= ti.cast(face != 2 * d, ti.i32)
+                        above[d] *= ti.cast(face != 2 * d + 1, ti.i32)
         total = 0.0
         for which in range(self.puffs.lists):
             if not self.puffs.empty(which):

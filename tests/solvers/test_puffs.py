@@ -133,10 +133,31 @@ def test_mass_is_accounted_for_in_a_turbulent_arena(shape):
 
 
 def test_a_closed_room_keeps_all_however_few_puffs_it_may_have():
-    gas = run(puffs_in((20, 20), release_rate=50, most=100, fluctuation=0.2), 10.0, 0.1)
-    assert gas.puffs.count <= 100
+    gas = run(puffs_in((20, 20), release_rate=50, most=200, fluctuation=0.1), 20.0, 0.1)
+    assert gas.puffs.count <= 200
     assert gas.budget()["outflow_kg"] == 0.0
     assert missing(gas) <= 1e-6
+    assert gas.portions[0].pending <= 0.1 * gas.emitted_kg  # there is room for more
+
+
+@pytest.mark.parametrize("walled", [False, True])
+def test_merging_keeps_mass_middle_and_spread(walled):
+    solid = np.zeros((40, 20), bool)
+    solid[20, 5:15] = walled
+    gas = run(puffs_in((40, 20), 0.2, solid, release_rate=100, source={"position": (0.8, 0.5)}), 3.0, 0.1)
+
+    def moments() -> np.ndarray:
+        """Mass, centre and variance about the origin, summed over the axes."""
+        puffs = state(gas)
+        mass = puffs[:, -1]
+        spread = (mass * ((puffs[:, :2] ** 2).sum(axis=1) + 2 * puffs[:, 4])).sum()
+        return np.array([mass.sum(), *(mass @ puffs[:, :2]), spread])
+
+    before, count = moments(), gas.puffs.count
+    gas.puffs.merge()
+    assert gas.puffs.count < 0.8 * count
+    np.testing.assert_allclose(moments(), before, rtol=1e-5)
+    assert gas.puffs.gone == 0.0
 
 
 def test_puffs_hold_what_their_source_emits():
