@@ -119,7 +119,7 @@ class LevelSet:
         met, bounces = 1, 0
         while met == 1 and bounces <= BOUNCES:
             begin, rest, s = last, end - last, 0.0
-            hit, length = begin, ti.max(rest.norm(), 1e-9)
+            hit, depth, length = begin, 0.0, ti.max(rest.norm(), 1e-9)
             met = 0
             while s <= 1.0 and met == 0:
                 q = begin + s * rest
@@ -129,11 +129,11 @@ class LevelSet:
                     free, least = SAFE * away / length, 0.5 * self.step / length
                     s = ti.select(s + free < 1.0, ti.min(s + ti.max(free, least), 1.0), 2.0)
                 else:
-                    hit = q
+                    hit, depth = q, away
                     met = 1
             if met == 1:
                 n = self.normal(hit)
-                deep = ti.math.dot(n, end - hit) + self.distance(hit)
+                deep = ti.math.dot(n, end - hit) + depth
                 end -= 2.0 * ti.min(deep, 0.0) * n
                 speed -= 2.0 * ti.min(ti.math.dot(speed, n), 0.0) * n
             bounces += 1

@@ -250,7 +250,10 @@ class PuffList:
         for pair in range((count + 1) // 2):
             q, r = 2 * pair, ti.min(2 * pair + 1, count - 1)
             a, b = self.place(q), self.place(r)
-            square, mean = (b - a).norm_sqr(), 0.5 * (self.now[self.variance][q] + self.now[self.variance][r])
+            square, mean = (
+                ti.math.dot(b - a, b - a),
+                0.5 * (self.now[self.variance][q] + self.now[self.variance][r]),
+            )
             joins = q < r and square < 2.0 * mean
             share = 0.0
             if joins:
@@ -269,8 +272,12 @@ class PuffList:
                     if joins:
                         x = center
                         for d in ti.static(range(self.dim)):
-                            v[d] = (1.0 - share) * self.now[self.dim + d][q] + share * self.now[self.dim + d][r]
-                        variance = (1.0 - share) * self.now[self.variance][q] + share * self.now[self.variance][r]
+                            v[d] = (1.0 - share) * self.now[self.dim + d][q] + share * self.now[self.dim + d][
+                                r
+                            ]
+                        variance = (1.0 - share) * self.now[self.variance][q] + share * self.now[
+                            self.variance
+                        ][r]
                         variance += share * (1.0 - share) * square / self.dim
                         mass = (1 - n) * (self.now[self.mass][q] + self.now[self.mass][r])
                     self.put(k, x, v, variance, mass, self.number[k], not joins or n == 0)

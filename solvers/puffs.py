@@ -151,6 +151,14 @@ class PuffSolver:
         self.emitted_kg = 0.0
         self._step = self._released = self._count = 0
 
+    def start_from(self, x: np.ndarray, mass: float) -> None:
+        """Add puffs at places (n, dim) [m] in the air, each of some mass [kg]; it counts as emitted."""
+        n = len(x)
+        velocity = self.deviation * generator(self.seed, "first puffs").standard_normal((n, self.dim))
+        rows = np.column_stack([x, velocity, np.full(n, self.initial_size**2), np.full(n, mass)])
+        self.emitted_kg += n * mass
+        self._put(rows.astype(np.float32), np.zeros(n), 0.0, 0.0)
+
     # ---------------------------------------------------------------- the step
 
     def advance(self, t: float, dt: float) -> None:
@@ -159,12 +167,16 @@ class PuffSolver:
             self.puffs.merge()
             self._count = self.puffs.count
         first, born = self._born(t, dt)
-        if len(first):
-            self._put_new(self._count, self._released, first)
-            self._released += len(first)
-        steps = joint_update(np.concatenate([[dt], t + dt - born]), self.time, self.deviation)
-        self._move(self._count, len(first), t + dt, self._step, steps.astype(np.float32))
-        self.puffs.sort(self._count + len(first))
+        self._put(first, t + dt - born, t + dt, dt)
+
+    def _put(self, rows: np.ndarray, ages: np.ndarray, t: float, dt: float) -> None:
+        """Take in new puffs of some ages [s], and move all to time t: the old by dt, the new by their ages."""
+        if len(rows):
+            self._put_new(self._count, self._released, rows)
+            self._released += len(rows)
+        steps = joint_update(np.concatenate([[dt], ages]), self.time, self.deviation)
+        self._move(self._count, len(rows), t, self._step, steps.astype(np.float32))
+        self.puffs.sort(self._count + len(rows))
         self._step += 1
         self._count = self.puffs.count
 
@@ -328,7 +340,7 @@ class PuffSolver:
         waiting = sum(portions.pending for portions in self.portions)
         return {
             "emitted_kg": self.emitted_kg,
-            "in_domain_kg": float(inside) + waiting,
+            "in_domain_kg": float(inside + waiting),
             "outflow_kg": self.puffs.gone,
         }
 
@@ -348,13 +360,13 @@ class PuffSolver:
         for face in range(ti.static(2 * self.dim)):
             away = 0.0
             for d in ti.static(range(self.dim)):
-                L = ti.static(1e9 if self.grid.periodic[d] else self.grid.extent[d])
+                L = ti.static(self.grid.extent[d])
                 away += ti.select(face == 2 * d, x[d], 0.0) + ti.select(face == 2 * d + 1, L - x[d], 0.0)
             if away < farthest:
-                if self._through(x, face, t):
-                    for d in ti.static([a for a in range(self.dim) if not self.grid.periodic[a]]):
-                        below[d] *= ti.cast(face != 2 * d, ti.i32)
-                        above[d] *= ti.cast(face != 2 * d + 1, ti.i32)
+                shut = 1 - ti.cast(self._through(x, face, t), ti.i32)
+                for d in ti.static([a for a in range(self.dim) if not self.grid.periodic[a]]):
+                    below[d] = ti.select(face == 2 * d, shut, below[d])
+                    above[d] = ti.select(face == 2 * d + 1, shut, above[d])
         total = 0.0
         for which in range(self.puffs.lists):
             if not self.puffs.empty(which):

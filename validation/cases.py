@@ -11,6 +11,7 @@ from taichi_plume.validation.flow_cases import kovasznay, taylor_green
 from taichi_plume.validation.gas_cases import gaussian_puff
 from taichi_plume.validation.heat_cases import conduction, heated_cavity
 from taichi_plume.validation.jet import CORE, DECAY, SPREAD, fan_jet
+from taichi_plume.validation.puff_cases import PUFF_CASES
 
 SECOND_ORDER = Expected(order=1.9)
 HALF_A_PERCENT = Expected(tolerance=0.005, at=32)  # of laminar profiles, cells across the duct
@@ -253,5 +254,6 @@ _ALL = (
         slow=True,
         expected={"u / u_max, largest": Expected(tolerance=2e-6)},
     ),
+    *PUFF_CASES,
 )
 CASES = {case.name: case for case in _ALL}
