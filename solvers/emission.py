@@ -25,8 +25,14 @@ class Emission:
 
     def mass(self, t: float, dt: float) -> float:
         """Mass emitted between t and t + dt [kg]."""
-        self._draw_until(t + dt)
-        while len(self.pulses) > 1 and self.pulses[0][1] < t:
+        return float(self.masses(np.array([t, t + dt]))[0])
+
+    def masses(self, times: np.ndarray) -> np.ndarray:
+        """Mass emitted between each two of the ascending times (n,): (n - 1,) [kg]."""
+        self._draw_until(times[-1])
+        while len(self.pulses) > 1 and self.pulses[0][1] < times[0]:
             self.pulses.pop(0)
-        on = sum(max(0.0, min(e, t + dt, self.stop) - max(b, t)) for b, e in self.pulses)
+        on = np.zeros(len(times) - 1)
+        for begin, end in self.pulses:
+            on += np.maximum(np.minimum(min(end, self.stop), times[1:]) - np.maximum(begin, times[:-1]), 0.0)
         return self.source.rate * on

@@ -23,6 +23,7 @@ from taichi_plume.gases import (
     PlumeSimGas,
     PlumeSimMeander,
     PlumeSimPuff,
+    PuffGas,
     PureGas,
 )
 from taichi_plume.geometry import ClearanceMap, shapes
@@ -47,6 +48,7 @@ from taichi_plume.solvers.imported import ImportedFilm, ImportedFlow
 from taichi_plume.solvers.playback import PlayedGas, PlayedWind
 from taichi_plume.solvers.plumes import Plumes
 from taichi_plume.solvers.plumesim import PointGas, PointWind, ProgramMeander, ProgramPuff
+from taichi_plume.solvers.puffs import PuffSolver
 from taichi_plume.solvers.synthetic import SyntheticSolver
 from taichi_plume.solvers.uniform import UniformSolver
 from taichi_plume.wind_files import WindFileError
@@ -159,6 +161,8 @@ def _gas(
     if isinstance(model, ClosedForm):
         return _closed_form(model, path, scenario, grid, wind)
     try:
+        if isinstance(model, PuffGas):
+            return PuffSolver(model, grid, wind, air, begin, scenario.seed, path)
         return EulerianSolver(model, grid, wind, air, begin, scenario.seed, path)
     except ValueError as error:
         raise ScenarioError([f"{path}.{error}"]) from None

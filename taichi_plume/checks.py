@@ -13,6 +13,7 @@ from taichi_plume import (
     checks_obstacles,
     checks_plumes,
     checks_plumesim,
+    checks_puffs,
     checks_robots,
     checks_size,
 )
@@ -49,6 +50,7 @@ def problems(scenario: Scenario, folder: Path) -> list[str]:
         *_recording(scenario),
         *_fields(scenario),
         *checks_plumes.plume_problems(scenario),
+        *checks_puffs.puffs(scenario),
         *checks_plumesim.plume_logs(scenario),
     ]
 

@@ -13,9 +13,11 @@ from taichi_plume.vocabulary import (
     Count,
     Diffusivities,
     Diffusivity,
+    Dissipation,
     Duration,
     Face,
     Fraction,
+    Frequency,
     FullScale,
     Intensities,
     Length,
@@ -27,6 +29,7 @@ from taichi_plume.vocabulary import (
     Point2,
     Positive,
     Rate,
+    Speed,
     Time,
 )
 from taichi_plume.winds import Playback, PlumeSimLog, PointPlayback
@@ -98,6 +101,53 @@ class EulerianGas(OneGas):
     convection: Convection = "koren"
     """Scheme of convection; weno5 keeps filaments sharper on the same grid and costs more."""
     sources: Annotated[tuple[Source, ...], Field(min_length=1)]
+
+
+class DiffusiveGrowth(Model):
+    """R² = R0² + rate t (Farrell et al. 2002, doi:10.1023/A:1016283702837)."""
+
+    kind: Literal["diffusive"]
+    rate: Diffusivity = 1e-4
+    """[m²/s]."""
+
+
+class InertialGrowth(Model):
+    """R^(2/3) = R0^(2/3) + (g epsilon/6)^(1/3) t: puffs among the eddies of the inertial range.
+
+    g = 0.5 is Richardson's constant: the mean square distance of two particles, 6 R², grows as g epsilon t³ (Ott & Mann
+    2000, doi:10.1017/S0022112000001658).
+    """
+
+    kind: Literal["inertial"]
+    dissipation: Dissipation = 1e-3
+    """Turbulent kinetic energy lost per time, epsilon [m²/s³]."""
+
+
+class PuffGas(OneGas):
+    """Turbulent puffs that the wind carries, see solvers/puffs.py."""
+
+    kind: Literal["puffs"]
+    sources: Annotated[tuple[Source, ...], Field(min_length=1)]
+    release_rate: Frequency = 50.0
+    """Puffs per second and source [1/s]; each holds what its source has emitted since the one before."""
+    poisson: bool = False
+    """Whether they come at random times rather than steadily."""
+    initial_size: Length = 0.01
+    """Standard deviation of a new puff [m]."""
+    fluctuation: Speed | None = None
+    """Standard deviation of each component of the velocity that the wind leaves out [m/s]; unless given 0.05 in a
+    uniform wind, which has no eddies, and 0 in the others, which have their own."""
+    fluctuation_time: Duration = 0.5
+    """Time over which it changes [s]."""
+    growth: Annotated[DiffusiveGrowth | InertialGrowth, Field(discriminator="kind")] | None = None
+    """By eddies smaller than a puff, besides what molecules and the wind's eddy viscosity do; unless given, diffusive
+    in a uniform wind and none in the others."""
+    buoyancy: bool = False
+    """Whether heavy gas sinks (3-D)."""
+    cutoff: Annotated[float, Field(ge=2, le=5)] = 3.5
+    """Standard deviations at which a puff ends."""
+    most: Annotated[Count, Field(ge=100)] = 200_000
+    """Puffs at a time: beyond, neighbours are merged."""
 
 
 class PlaybackGas(OneGas, Playback):
@@ -309,6 +359,7 @@ AnySource = Source | Release | PlumeSource
 
 PureGas = Annotated[
     EulerianGas
+    | PuffGas
     | PlaybackGas
     | GaussianPuffGas
     | ContinuousGas
@@ -331,6 +382,7 @@ class MixtureGas(Model):
 
 Gas = Annotated[
     EulerianGas
+    | PuffGas
     | PlaybackGas
     | GaussianPuffGas
     | ContinuousGas

@@ -13,6 +13,7 @@ from taichi_plume.validation.heat_cases import conduction, heated_cavity
 from taichi_plume.validation.import_cases import IMPORT_CASES
 from taichi_plume.validation.jet import CORE, DECAY, SPREAD, fan_jet
 from taichi_plume.validation.plume_cases import PLUME_CASES
+from taichi_plume.validation.puff_cases import PUFF_CASES
 
 SECOND_ORDER = Expected(order=1.9)
 HALF_A_PERCENT = Expected(tolerance=0.005, at=32)  # of laminar profiles, cells across the duct
@@ -257,5 +258,6 @@ _ALL = (
     ),
     *IMPORT_CASES,
     *PLUME_CASES,
+    *PUFF_CASES,
 )
 CASES = {case.name: case for case in _ALL}

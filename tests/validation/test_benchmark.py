@@ -3,7 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from taichi_plume.validation import benchmark
+from taichi_plume.validation import benchmark, puff_benchmark
 from taichi_plume.validation.benchmark import cluttered, right_sides, solve_pressure
 
 
@@ -33,3 +33,15 @@ def test_the_table_as_json(monkeypatch, capsys):
     rows = json.loads(capsys.readouterr().out)
     assert [row["N"] for row in rows] == [16, 16, 16]
     assert all(row["cells"] == 16**3 and row["iterations"] >= 1 for row in rows)
+
+
+def test_puffs_are_measured():
+    rows = [
+        *puff_benchmark.step("step", "cpu", puff_benchmark.in_room, 2000),
+        *puff_benchmark.query("query", "cpu", puff_benchmark.in_room, 2000),
+    ]
+    assert [type(row).__name__ for row in rows] == ["PuffStep", "PuffQuery", "PuffQuery"]
+    anywhere, in_plume = rows[1:]
+    assert 0 < rows[0].puffs <= 4000
+    assert in_plume.seeing > anywhere.seeing
+    assert all("puffs" in str(row) for row in rows)
