@@ -49,7 +49,7 @@ class EulerianSolver:
 
         @ti.func
         def add_sources(dt, k):
-            self.release.add_to(self.c)
+            self.release.add_to(self.c, self.transport.rest)
 
         self.transport = Transport(
             grid,

@@ -63,6 +63,15 @@ def listed(values: np.ndarray) -> Any:
     return field
 
 
+def double_field(count: int | None = None) -> Any:
+    """A number, or `count` of them, in f64, stored apart: beside 32-bit fields Vulkan would misplace them."""
+    field: Any = ti.field(ti.f64)
+    apart = ti.FieldsBuilder()
+    (apart if count is None else apart.dense(ti.i, count)).place(field)
+    apart.finalize()
+    return field
+
+
 def sweep(bodies: Sequence[Callable], outs: Sequence[Any], ranges: Sequence[tuple[int, int]]) -> Callable:
     """A pass, ti.func ``run(a, b)``, setting ``out[I] = body(I, a, b)`` per pair, I in `ranges`, (begin, end) per axis.
 
