@@ -14,6 +14,7 @@ import psutil
 from scipy import ndimage
 from scipy.spatial import cKDTree  # type: ignore[attr-defined]
 
+from taichi_plume.checks_dishes import dishes
 from taichi_plume.cut_cells import air_of
 from taichi_plume.gases import PlaybackGas
 from taichi_plume.geometry import MeshError, Shape, clearance_resolution, shape
@@ -78,6 +79,7 @@ def problems(scenario: Scenario, folder: Path) -> list[str]:
         from taichi_plume.film import completed
 
         scenario = completed(scenario, folder)
+    lines += dishes(scenario)
     for part in (_obstacles, _sources, _robots):
         lines += part(scenario, shapes)
     lines += [*_names(scenario), *_eddies(scenario)]
