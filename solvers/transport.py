@@ -58,6 +58,7 @@ class Transport:
         self.wind = wind
         self.diffusivity = diffusivity
         self.schmidt = schmidt
+        self.per_length = float(np.float32(1.0 / grid.dx))  # as the cells reckon it
         self.exchange_rate = exchange_rate
         self.inflow = tuple(inflow)
         self.q = grid.field()
@@ -76,6 +77,7 @@ class Transport:
     def _build(self, add_sources: Callable | None, face_value: Callable, exchange: Callable | None) -> None:
         """The formulas of a step, each swept over the cells."""
         q, rest, q0, rate = self.q, self.rest, self._start, self.rate
+        per_length = self.per_length
         u, a, nu, dx, dim = self.wind.u, self.wind.open, self.wind.nu, self.grid.dx, self.dim
         area, room, cut = self.wind.area, self.room, self.cut
         diffusivity, viscosity, schmidt = self.diffusivity, self.wind.viscosity, self.schmidt
@@ -102,28 +104,23 @@ class Transport:
             for d in ti.static(range(dim)):
                 total += ti.cast(face_flux(I, d), ti.f64)
                 total -= ti.cast(face_flux(I + ti.Vector.unit(dim, d, ti.i32), d), ti.f64)
+            net = k * ti.cast(total, ti.f32) * per_length
             if ti.static(cut):
-                total /= ti.max(room[I], 1e-3)
-            first = ti.select(k < 1.0, rate[I], 0.0)
-            return ti.cast(k * total / dx + (1.0 - k) * first, ti.f32)
+                net /= ti.max(room[I], 1e-3)
+            return net + (1.0 - k) * ti.select(k < 1.0, rate[I], 0.0)
 
         @ti.func
         def remember(I, dt, k):
             return q[I]
 
         @ti.func
-        def exactly(I, dt):
-            """q and rest after dt, in f64, which no compiler takes for what it is rounded to."""
-            change = ti.cast(dt, ti.f64) * ti.cast(rate[I], ti.f64)
-            return ti.cast(q0[I], ti.f64) + (ti.cast(rest[I], ti.f64) + change)
-
-        @ti.func
         def advanced(I, dt, k):
-            return ti.cast(exactly(I, dt), ti.f32)
-
-        @ti.func
-        def left_out(I, dt, k):
-            return ti.select(k < 1.0, ti.cast(exactly(I, dt) - ti.cast(q[I], ti.f64), ti.f32), rest[I])
+            """q, and what it leaves out; in f64, which no compiler takes for what it is rounded to."""
+            change = ti.cast(rest[I], ti.f64) + ti.cast(dt, ti.f64) * ti.cast(rate[I], ti.f64)
+            exact = ti.cast(q0[I], ti.f64) + change
+            rounded = ti.cast(exact, ti.f32)
+            left_out = ti.cast(exact - ti.cast(rounded, ti.f64), ti.f32)
+            return ti.Vector([rounded, ti.select(k < 1.0, left_out, rest[I])])
 
         @ti.func
         def fill_ghosts(dt, k):
@@ -143,7 +140,7 @@ class Transport:
             sweep([tendency], [rate], cells),
             *([exchange] if exchange else []),
             count_outflow,
-            sweep([advanced, left_out], [q, rest], cells),
+            sweep([advanced], [(q, rest)], cells),
             cells=count,
         )
 
@@ -228,4 +225,4 @@ class Transport:
     def outflow(self) -> float:
         """What has left through the domain's faces so far."""
         gone: Any = self._outflow[None]
-        return gone * self.grid.cell_volume / float(np.float32(self.grid.dx))  # as the cells reckon it
+        return gone * self.grid.cell_volume * self.per_length
