@@ -1,6 +1,7 @@
 """Two vapours on one grid, from the scenario to the files of a run."""
 
 import json
+from typing import Any
 
 import numpy as np
 import pytest
@@ -67,7 +68,7 @@ def test_a_run_tells_of_both(tmp_path):
     assert [part["emitted_kg"] for part in parts] == pytest.approx([6e-5, 8e-5])
     assert all(abs(part["relative_error"]) <= 1e-6 for part in (result["gas"], *parts))
     assert result["groups"][0]["per_trial"]["found"] == [2]  # one downwind of each
-    film = zarr.open(out / "fields.zarr", mode="r")
+    film: Any = zarr.open(out / "fields.zarr", mode="r")
     for name, part in zip(("gas_ethanol", "gas_acetone"), parts, strict=True):
         mass = np.asarray(film[name][-1], float).sum() * 0.05**2
         assert mass == pytest.approx(part["in_domain_kg"], rel=1e-3)

@@ -78,6 +78,7 @@ def test_an_emission_follows_the_wind_over_the_dish():
     source = Source.model_validate(
         {"position": (0.2, 0.2, 0.02), "dish": {"diameter": 0.085}, "start": 1.0, "stop": 2.0}
     )
+    assert source.dish is not None
     masses = {}
     for speed in (0.0, 0.1, 0.5):
         wind = UniformSolver(UniformWind(kind="uniform", velocity=(0.6 * speed, 0.8 * speed, 0.0)), grid)
