@@ -59,10 +59,10 @@ def joint_update(dt: np.ndarray, time: float, deviation: float) -> np.ndarray:
 class Portions:
     """When a source lets go of a puff, and what is in it: what it has emitted since the one before."""
 
-    def __init__(self, source: Source, gas: PuffGas, begin: float, seed: int, name: str):
+    def __init__(self, source: Source, gas: PuffGas, wind: Wind, begin: float, seed: int, name: str):
         self.source = source
         self.rate, self.poisson = gas.release_rate, gas.poisson
-        self.emission = Emission(source, begin, seed, name)
+        self.emission = Emission(source, begin, seed, name, gas.vapour, wind)
         self.rng = generator(seed, f"{name} puffs")
         self.pending = 0.0  # kg, emitted but not yet in a puff
         self._next = begin + self._intervals(1)[0]
@@ -141,7 +141,7 @@ class PuffSolver:
         self.puffs = PuffList(gas.most, gas.initial_size, gas.cutoff, grid, self.surfaces)
         self.seed, self.stream = seed, stream_id(f"{name} fluctuations")
         self.portions = [
-            Portions(s, gas, begin, seed, f"{name}.sources[{n}]") for n, s in enumerate(gas.sources)
+            Portions(s, gas, wind, begin, seed, f"{name}.sources[{n}]") for n, s in enumerate(gas.sources)
         ]
         for n, portions in enumerate(self.portions):
             if not len(self._places(portions, 1)):

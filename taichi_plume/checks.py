@@ -8,6 +8,7 @@ from pathlib import Path
 
 from taichi_plume import (
     checks_air,
+    checks_dishes,
     checks_films,
     checks_imports,
     checks_obstacles,
@@ -49,6 +50,7 @@ def problems(scenario: Scenario, folder: Path) -> list[str]:
         *_names(scenario),
         *_recording(scenario),
         *_fields(scenario),
+        *checks_dishes.dishes(scenario),
         *checks_plumes.plume_problems(scenario),
         *checks_puffs.puffs(scenario),
         *checks_plumesim.plume_logs(scenario),

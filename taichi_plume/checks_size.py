@@ -25,7 +25,8 @@ from taichi_plume.winds import (
     UniformWind,
 )
 
-BYTES_PER_CELL = {2: 260, 3: 200}  # all fields of a CFD run with gas
+BYTES_PER_CELL = {2: 264, 3: 204}  # all fields of a CFD run with one gas
+BYTES_PER_GAS = 16  # and cell, of every further gas
 BYTES_OF_FACTORS = 700  # per cell of a 2-D flow solved by sparse factors, at 10⁵ cells; it grows slowly
 BYTES_PER_ROBOT = 2000  # state, readings and a few minutes of track
 MOST_MAP_CELLS = 4_000_000
@@ -91,6 +92,7 @@ def _fall(heat: Heat, length: float) -> float:
 def _bytes(scenario: Scenario, cells: float) -> float:
     robots = sum(group.count * group.trials for group in scenario.robots)
     per_cell = BYTES_PER_CELL[scenario.domain.dim] + (BYTES_OF_FACTORS if _has_factors(scenario) else 0)
+    per_cell += BYTES_PER_GAS * (len(scenario.gases) - 1)
     return cells * per_cell + robots * BYTES_PER_ROBOT
 
 

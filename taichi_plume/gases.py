@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
-from taichi_plume.species import SPECIES, Species
+from taichi_plume.species import SPECIES, TEMPERATURE, Species
 from taichi_plume.vocabulary import (
     Convection,
     Count,
@@ -20,6 +20,7 @@ from taichi_plume.vocabulary import (
     Frequency,
     FullScale,
     Intensities,
+    LatentHeat,
     Length,
     Mass,
     Model,
@@ -28,8 +29,10 @@ from taichi_plume.vocabulary import (
     Point,
     Point2,
     Positive,
+    Pressure,
     Rate,
     Speed,
+    Temperature,
     Time,
 )
 from taichi_plume.winds import Playback, PlumeSimLog, PointPlayback
@@ -41,6 +44,10 @@ class OtherSpecies(Model):
     name: str = "gas"
     molar_mass: MolarMass
     diffusivity: Diffusivity
+    vapour_pressure: Pressure | None = None
+    """Over the liquid at the temperature of its dish [Pa]; for sources that are dishes."""
+    latent_heat: LatentHeat | None = None
+    """Of evaporation [J/kg]; for dishes that cool."""
 
 
 class Puffing(Model):
@@ -54,12 +61,26 @@ class Puffing(Model):
     """Durations are uniform in mean·(1 ± spread)."""
 
 
+class Dish(Model):
+    """A flat, open dish of liquid: the wind over it says how much evaporates; see solvers/evaporation.py."""
+
+    diameter: Length
+    temperature: Temperature = TEMPERATURE
+    """Of the air and, unless evaporation cools it, of the liquid [K]."""
+    cooling: bool = True
+    """Whether evaporation cools the liquid; otherwise something keeps its temperature."""
+    air_speed: Speed | None = None
+    """Of the air over the dish [m/s]; unless given, of the wind half a diameter above the source (in 2-D: there)."""
+
+
 class Source(Model):
-    """A ball (in 2-D a disc) that emits evenly over its volume."""
+    """A ball (in 2-D a disc) that emits evenly over its volume, with a given rate or what a dish gives off."""
 
     position: Point
-    rate: Rate
+    rate: Rate | None = None
     """Mass per time while it is on [kg/s]."""
+    dish: Dish | None = None
+    """Instead of a rate."""
     radius: Length = 0.05
     start: Time | None = None
     """First moment of emission [s]; unless given, the start of the warm-up."""
@@ -68,6 +89,9 @@ class Source(Model):
 
     @model_validator(mode="after")
     def _ordered(self) -> "Source":
+        if (self.rate is None) == (self.dish is None):
+            got = "neither" if self.dish is None else "both"
+            raise PydanticCustomError("source", "takes a rate or a dish, got {got}", {"got": got})
         if self.start is not None and self.stop is not None and self.stop <= self.start:
             raise PydanticCustomError("source", "stop must be later than start")
         return self
@@ -91,7 +115,7 @@ class OneGas(Model):
         """The species."""
         if isinstance(self.species, str):
             return SPECIES[self.species]
-        return Species(self.species.name, self.species.molar_mass, self.species.diffusivity)
+        return Species(**self.species.model_dump())
 
 
 class EulerianGas(OneGas):

@@ -44,6 +44,7 @@ Temperature = quantity("K", least=200, likely="degC", le=500)
 Power = quantity("W")
 HeatTransfer = quantity("W/m^2/K", gt=0)
 HeatCapacity = quantity("J/m^3/K", gt=0)
+LatentHeat = quantity("J/kg", gt=0, least=1e4, likely="MJ/kg")
 Expansion = quantity("1/K", ge=0)
 Fraction = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
 Real = Annotated[float, Field(allow_inf_nan=False)]

@@ -97,9 +97,9 @@ OBSTACLES = (
 )
 
 
-def arena(shape: tuple[int, ...], obstacles: bool) -> tuple[Grid, Air]:
+def arena(shape: tuple[int, ...], obstacles: bool, periodic: tuple[bool, ...] = ()) -> tuple[Grid, Air]:
     """The 4 x 3 (x 0.5) m odour arena, with two boxes and a pillar."""
-    grid = Grid(shape, 4.0 / shape[0], depth=0.5)
+    grid = Grid(shape, 4.0 / shape[0], depth=0.5, periodic=periodic)
     domain = Domain(size=grid.extent, spacing=grid.dx)
     bodies = [TypeAdapter(Obstacle).validate_python(o) for o in OBSTACLES] if obstacles else []
     return grid, air_of([shape_of(body, domain, Path()) for body in bodies], grid)

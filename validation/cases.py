@@ -7,6 +7,7 @@ from taichi_plume.validation.case import Case, Expected
 from taichi_plume.validation.cavity import cavity
 from taichi_plume.validation.channel_cases import couette_start, duct, poiseuille, poiseuille_start
 from taichi_plume.validation.cross_checks import fan, honeycombs, one_layer
+from taichi_plume.validation.dispersion_cases import DISPERSION_CASES
 from taichi_plume.validation.flow_cases import kovasznay, taylor_green
 from taichi_plume.validation.gas_cases import gaussian_puff
 from taichi_plume.validation.heat_cases import conduction, heated_cavity
@@ -187,6 +188,7 @@ _ALL = (
     _puff(2, 0.05),
     _puff(3, 0.0),
     _puff(3, 0.05),
+    *DISPERSION_CASES,
     Case(
         "conduction",
         "still air between a warm and a cold wall",
