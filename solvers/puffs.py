@@ -125,6 +125,7 @@ class PuffSolver:
         alone = isinstance(wind, UniformSolver)
         self.deviation = (FLUCTUATION if alone else 0.0) if gas.fluctuation is None else gas.fluctuation
         self.time = gas.fluctuation_time
+        self.fluctuates = self.deviation > 0.0
         self.inertial = isinstance(gas.growth, InertialGrowth)
         self.growth = GROWTH if alone else 0.0
         if isinstance(gas.growth, InertialGrowth):
@@ -225,15 +226,16 @@ class PuffSolver:
             x = self.puffs.place(k)
             v, way = ti.Vector.zero(ti.f32, self.dim), ti.Vector.zero(ti.f32, self.dim)
             number = self.puffs.number[k]
-            g = normal4(ti.u32(self.seed), ti.u32(self.stream), number, step, 0)
-            h = ti.Vector([g[2], g[3], 0.0])
-            if ti.static(self.dim == 3):
-                more = normal4(ti.u32(self.seed), ti.u32(self.stream), number, step, 1)
-                h = ti.Vector([g[3], more[0], more[1]])
-            for i in ti.static(range(self.dim)):
-                before = self.puffs.now[self.dim + i][k]
-                v[i] = a * before + b * g[i]
-                way[i] = c * before + d * g[i] + e * h[i]
+            if ti.static(self.fluctuates):
+                g = normal4(ti.u32(self.seed), ti.u32(self.stream), number, step, 0)
+                h = ti.Vector([g[2], g[3], 0.0])
+                if ti.static(self.dim == 3):
+                    more = normal4(ti.u32(self.seed), ti.u32(self.stream), number, step, 1)
+                    h = ti.Vector([g[3], more[0], more[1]])
+                for i in ti.static(range(self.dim)):
+                    before = self.puffs.now[self.dim + i][k]
+                    v[i] = a * before + b * g[i]
+                    way[i] = c * before + d * g[i] + e * h[i]
             variance, mass = self.puffs.now[self.puffs.variance][k], self.puffs.now[self.puffs.mass][k]
             K, uphill = self._eddy_diffusivity(x)
             way += dt * uphill
@@ -324,12 +326,12 @@ class PuffSolver:
                     face, share = 2 * d + ti.cast(end[d] > L, ti.i32), there
                 end[d] = 2.0 * wall - end[d]
                 speed[d] = -speed[d]
+        place = self._inside(end)
         if face >= 0:
             stays = not self._through(x + share * rest, face, t)
-        place = self._inside(end)
-        if ti.static(self.walled):
-            free = self.surfaces.distance(place) > 0.0  # or thrown back into an obstacle at the wall
-            place = ti.select(free, place, x)
+            if ti.static(self.walled):
+                free = self.surfaces.distance(place) > 0.0  # or thrown back into an obstacle at the wall
+                place = ti.select(free, place, x)
         return place, speed, stays
 
     # ---------------------------------------------------------------- what is known about the gas
