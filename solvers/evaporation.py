@@ -21,7 +21,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from taichi_plume.fields import velocity_at
-from taichi_plume.gases import Dish, Source
+from taichi_plume.sources import Dish, Source
 from taichi_plume.species import (
     AIR_HEAT_CAPACITY,
     AIR_HEAT_DIFFUSIVITY,

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from taichi_plume.gases import ContinuousGas, GaussianPuffGas
+from taichi_plume.closed_forms import ContinuousGas, GaussianPuffGas
 from taichi_plume.grid import Grid
 from taichi_plume.kernels import Template, listed
 from taichi_plume.solvers.uniform import UniformSolver

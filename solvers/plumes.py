@@ -13,7 +13,7 @@ widens as by diffusion, with the root of x.
 import numpy as np
 import taichi as ti
 
-from taichi_plume.gases import GaussianPlumeGas, MeanderingGas
+from taichi_plume.closed_forms import GaussianPlumeGas, MeanderingGas
 from taichi_plume.grid import Grid
 from taichi_plume.kernels import Template, listed
 from taichi_plume.rng import generator

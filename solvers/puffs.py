@@ -22,7 +22,7 @@ import taichi as ti
 
 from taichi_plume.cut_cells import Air
 from taichi_plume.fields import Wind, corner, corner_weight
-from taichi_plume.gases import InertialGrowth, PuffGas, Source
+from taichi_plume.gases import InertialGrowth, PuffGas
 from taichi_plume.grid import Grid
 from taichi_plume.kernels import Template
 from taichi_plume.rng import generator, normal4, stream_id
@@ -30,6 +30,7 @@ from taichi_plume.solvers.emission import Emission
 from taichi_plume.solvers.level_set import LevelSet
 from taichi_plume.solvers.puff_list import PuffList
 from taichi_plume.solvers.uniform import UniformSolver
+from taichi_plume.sources import Source
 
 FLUCTUATION, GROWTH = 0.05, 1e-4  # m/s and m²/s in a wind without eddies
 RICHARDSON = 0.5  # constant of the distance of two particles

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 import taichi as ti
 
-from taichi_plume.gases import Source
 from taichi_plume.grid import Grid, block_mean
 from taichi_plume.kernels import Template, double_field
-from taichi_plume.winds import Heater
+from taichi_plume.sources import Source
+from taichi_plume.warmth import Heater
 
 SAMPLES = 4  # per axis and cell, to measure how much of a cell a ball covers
 

@@ -9,29 +9,24 @@ from taichi_plume.agents.mapping import InverseDistanceMap, TimeSeriesMap
 from taichi_plume.agents.placement import Placed, place, placed
 from taichi_plume.agents.swarm import Swarm, disc_around
 from taichi_plume.agents.team import Team
-from taichi_plume.cut_cells import Air, air_of
-from taichi_plume.fields import Gas, Mixture, Wind
-from taichi_plume.film import Film, completed
-from taichi_plume.gases import (
+from taichi_plume.closed_forms import (
     ClosedForm,
     ContinuousGas,
-    FluentGas,
     GaussianPlumeGas,
     GaussianPuffGas,
     MeanderingGas,
-    PlaybackGas,
-    PlumeSimGas,
-    PlumeSimMeander,
-    PlumeSimPuff,
-    PuffGas,
-    PureGas,
 )
+from taichi_plume.cut_cells import Air, air_of
+from taichi_plume.fields import Gas, Mixture, Wind
+from taichi_plume.film import Film, completed
+from taichi_plume.gases import PlaybackGas, PuffGas, PureGas
 from taichi_plume.geometry import ClearanceMap, shapes
 from taichi_plume.grid import Grid
 from taichi_plume.imports import Site
 from taichi_plume.loading import ScenarioError
 from taichi_plume.obstacles import motion_of
 from taichi_plume.occupancy import Cubes
+from taichi_plume.plumesim_gases import FluentGas, PlumeSimGas, PlumeSimMeander, PlumeSimPuff
 from taichi_plume.point_frames import frames_of
 from taichi_plume.rng import generator
 from taichi_plume.scenario import Scenario

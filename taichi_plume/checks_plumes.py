@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from taichi_plume.gases import (
+from taichi_plume.closed_forms import (
     ClosedForm,
     ContinuousGas,
     GaussianPlumeGas,

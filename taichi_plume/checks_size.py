@@ -10,20 +10,10 @@ import psutil
 
 from taichi_plume.checks_air import buoyancy_of, openings_of, screens_of
 from taichi_plume.obstacles import Box, Obstacle, Sphere, motion_of
+from taichi_plume.openings import Fan, Jet, MovingWall, Outlet, Periodic, Region
 from taichi_plume.scenario import Domain, Scenario
-from taichi_plume.winds import (
-    CfdWind,
-    Fan,
-    FrozenWind,
-    Heat,
-    Jet,
-    MovingWall,
-    Outlet,
-    Periodic,
-    Region,
-    SyntheticWind,
-    UniformWind,
-)
+from taichi_plume.warmth import Heat
+from taichi_plume.winds import CfdWind, FrozenWind, SyntheticWind, UniformWind
 
 BYTES_PER_CELL = {2: 264, 3: 204}  # all fields of a CFD run with one gas
 BYTES_PER_GAS = 16  # and cell, of every further gas

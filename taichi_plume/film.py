@@ -25,8 +25,9 @@ from pydantic import ValidationError
 from zarr.codecs import BloscCodec, Crc32cCodec
 
 from taichi_plume.cut_cells import Air
-from taichi_plume.gases import MixtureGas, OtherSpecies, PlaybackGas, PureGas
+from taichi_plume.gases import MixtureGas, PlaybackGas, PureGas
 from taichi_plume.scenario import Scenario
+from taichi_plume.sources import OtherSpecies
 
 FORMAT = "taichi_plume film 2"
 TIMES = 4096  # per chunk

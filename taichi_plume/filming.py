@@ -8,9 +8,9 @@ import numpy as np
 from taichi_plume import __version__, disk
 from taichi_plume.fields import ppm_at
 from taichi_plume.film import GAS, VELOCITIES, NewFilm
-from taichi_plume.gases import Source
 from taichi_plume.scenario import Fields, Scenario
 from taichi_plume.simulation import Every, Simulation
+from taichi_plume.sources import Source
 
 
 class Filming:

@@ -21,16 +21,10 @@ import rerun as rr
 from taichi_plume import __version__, disk, drawing, fields, layout, scene, scores
 from taichi_plume.layout import TIME
 from taichi_plume.obstacles import motion_of
+from taichi_plume.openings import MovingWall
 from taichi_plume.scenario import Scenario
 from taichi_plume.simulation import Every, Simulation
-from taichi_plume.winds import (
-    ImportedWind,
-    MovingWall,
-    PlaybackWind,
-    PlumeSimWind,
-    SyntheticWind,
-    UniformWind,
-)
+from taichi_plume.winds import ImportedWind, PlaybackWind, PlumeSimWind, SyntheticWind, UniformWind
 
 MOST_ROBOTS = 50
 MOST_PIXELS = 400  # per axis of the slice

@@ -15,9 +15,9 @@ from taichi_plume import __version__, drawing
 from taichi_plume.gases import AnySource
 from taichi_plume.obstacles import Box, Cylinder, Prism, Sphere
 from taichi_plume.occupancy import Cubes
+from taichi_plume.openings import Region, Window
 from taichi_plume.results import to_yaml
 from taichi_plume.simulation import Simulation
-from taichi_plume.winds import Region, Window
 
 FLAT = 0.05  # height of the walls of a 2-D arena over its shorter side
 BODY = 0.009  # robots are drawn at least this large, over the arena's length

@@ -7,9 +7,10 @@ from math import pi
 import numpy as np
 from scipy.special import erfc, exp1, k0e
 
+from taichi_plume.closed_forms import ContinuousGas, GaussianPlumeGas, GaussianPuffGas
 from taichi_plume.cut_cells import Air
 from taichi_plume.fields import concentration_at
-from taichi_plume.gases import ContinuousGas, EulerianGas, GaussianPlumeGas, GaussianPuffGas
+from taichi_plume.gases import EulerianGas
 from taichi_plume.grid import Grid
 from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.gaussian_puffs import ContinuousPuffs, GaussianPuffs

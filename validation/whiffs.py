@@ -10,8 +10,8 @@ from math import erf, exp, log, pi, sqrt
 import numpy as np
 from scipy.optimize import brentq
 
+from taichi_plume.closed_forms import MeanderingGas
 from taichi_plume.fields import concentration_at
-from taichi_plume.gases import MeanderingGas
 from taichi_plume.grid import Grid
 from taichi_plume.solvers.plumes import Plumes
 from taichi_plume.solvers.uniform import UniformSolver

@@ -3,13 +3,14 @@ import pytest
 
 from taichi_plume.cut_cells import Air
 from taichi_plume.fields import concentration_at
-from taichi_plume.gases import EulerianGas, Source
+from taichi_plume.gases import EulerianGas
 from taichi_plume.grid import Grid
 from taichi_plume.solvers.emission import Emission
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.prescribed import PrescribedWind
 from taichi_plume.solvers.uniform import UniformSolver
+from taichi_plume.sources import Source
 from taichi_plume.species import SPECIES
 from taichi_plume.winds import CfdWind, UniformWind
 

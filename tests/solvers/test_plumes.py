@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from taichi_plume.closed_forms import GaussianPlumeGas, MeanderingGas
 from taichi_plume.fields import concentration_at, velocity_at
-from taichi_plume.gases import GaussianPlumeGas, MeanderingGas
 from taichi_plume.grid import Grid
 from taichi_plume.solvers.plumes import Plumes
 from taichi_plume.solvers.uniform import UniformSolver
