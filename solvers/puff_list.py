@@ -290,6 +290,27 @@ class PuffList:
             x[d] = self.now[d][q]
         return x
 
+    @ti.func
+    def alive(self):
+        """How many puffs there are."""
+        return self._start[ti.static(self.cells)]
+
+    @ti.func
+    def plane_distance(self, q: ti.i32):
+        """How far puff q is from the tangent plane of the next surface [m]; large where it reaches none."""
+        away = FREE
+        if ti.static(self.walled):
+            away = self._plane[ti.static(self.dim)][q]
+        return away
+
+    @ti.func
+    def plane_normal(self, q: ti.i32, d: Template):
+        """Component d of the plane's unit normal, away from the surface."""
+        n = 0.0
+        if ti.static(self.walled):
+            n = self._plane[d][q]
+        return n
+
     @property
     def count(self) -> int:
         """How many puffs there are."""

@@ -28,6 +28,7 @@ from taichi_plume.kernels import Template
 from taichi_plume.rng import generator, normal4, stream_id
 from taichi_plume.solvers.emission import Emission
 from taichi_plume.solvers.level_set import LevelSet
+from taichi_plume.solvers.puff_deposit import Deposit
 from taichi_plume.solvers.puff_list import PuffList
 from taichi_plume.solvers.uniform import UniformSolver
 from taichi_plume.sources import Source
@@ -150,6 +151,7 @@ class PuffSolver:
                     f"sources[{n}].position: is not in the air: an obstacle fills its cell or seals it off; "
                     "move it by a cell or lower domain.spacing"
                 )
+        self._air, self._deposit = air, None  # fields that most runs do not need
         self.emitted_kg = 0.0
         self._step = self._released = self._count = 0
 
@@ -298,7 +300,7 @@ class PuffSolver:
         return y
 
     @ti.func
-    def _through(self, x: Template, face: ti.i32, t: float):
+    def air_goes_through(self, x: Template, face: ti.i32, t: float):
         """Whether air goes through a face of the domain next to x; face: 2 d at the lower, 2 d + 1 at the upper end."""
         p = self._inside(x)
         for d in ti.static(range(self.dim)):
@@ -329,13 +331,19 @@ class PuffSolver:
                 speed[d] = -speed[d]
         place = self._inside(end)
         if face >= 0:
-            stays = not self._through(x + share * rest, face, t)
+            stays = not self.air_goes_through(x + share * rest, face, t)
             if ti.static(self.walled):
                 free = self.surfaces.distance(place) > 0.0  # or thrown back into an obstacle at the wall
                 place = ti.select(free, place, x)
         return place, speed, stays
 
     # ---------------------------------------------------------------- what is known about the gas
+
+    def cells(self, t: float) -> np.ndarray:
+        """Mean concentration of every cell [kg/m³] at the present time t [s], of the grid's shape."""
+        if self._deposit is None:
+            self._deposit = Deposit(self, self._air)
+        return self._deposit.cells(t)
 
     def budget(self) -> dict[str, float]:
         """Mass emitted, in the domain and gone through its faces [kg]."""
@@ -366,7 +374,7 @@ class PuffSolver:
                 L = ti.static(self.grid.extent[d])
                 away += ti.select(face == 2 * d, x[d], 0.0) + ti.select(face == 2 * d + 1, L - x[d], 0.0)
             if away < farthest:
-                shut = 1 - ti.cast(self._through(x, face, t), ti.i32)
+                shut = 1 - ti.cast(self.air_goes_through(x, face, t), ti.i32)
                 for d in ti.static([a for a in range(self.dim) if not self.grid.periodic[a]]):
                     below[d] = ti.select(face == 2 * d, shut, below[d])
                     above[d] = ti.select(face == 2 * d + 1, shut, above[d])
