@@ -343,7 +343,7 @@ def _well_mixed(dim: int) -> Case:
         "stays uniform",
         partial(well_mixed, dim=dim),
         coarse=(40,),
-        fine=(80,) if dim == 2 else (40,),
+        fine=(40, 80) if dim == 2 else (20, 40),
         slow=dim == 3,
         expected={norm: Expected(tolerance=1e-5) for norm in ("c, steady flow", "c, unsteady flow")},
     )
@@ -356,7 +356,7 @@ def _mass_budget(name: str, dim: int, end: float, coarse: int, fine: int, slow: 
         "conservation of mass",
         partial(mass_budget, dim=dim, end=end),
         coarse=(coarse,),
-        fine=(fine,),
+        fine=(fine // 2, fine),
         slow=slow,
         expected={"mass": EXACT, "below 0": NONE},
     )
