@@ -74,6 +74,7 @@ def test_frozen_room_serves_five_hundred_trials(tmp_path):
     assert abs(result["gas"]["relative_error"]) <= 1e-5
 
 
+@pytest.mark.slow
 def test_quiet_room_is_the_story_of_its_header(tmp_path):
     result = result_of("quiet_room", tmp_path)
     assert abs(result["gas"]["relative_error"]) <= 1e-5
@@ -94,6 +95,7 @@ def test_playback_is_the_story_of_its_header(tmp_path):
     assert verified(tmp_path / "recording.rrd")
 
 
+@pytest.mark.slow
 def test_a_seed_decides_everything(tmp_path):
     options = ("--no-recording", "--duration", "5", "--set", "warm_up=3")
     tables = {}

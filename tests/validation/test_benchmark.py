@@ -18,6 +18,7 @@ def test_right_sides_can_be_solved():
         assert np.all(values[solid] == 0.0)
 
 
+@pytest.mark.slow
 def test_the_pressure_is_solved_as_told():
     rows = solve_pressure(24, "cpu")
     assert [row.right_side for row in rows] == ["random", "smooth", "both"]
@@ -27,6 +28,7 @@ def test_the_pressure_is_solved_as_told():
         assert row.residual <= 3 * row.tolerance  # reckoned anew from the solution, with its rounding
 
 
+@pytest.mark.slow
 def test_the_table_as_json(monkeypatch, capsys):
     monkeypatch.setattr(benchmark, "SIDES", (16,))
     assert benchmark.main(["--pressure", "--json"]) == 0
