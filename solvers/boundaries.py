@@ -17,9 +17,20 @@ from scipy.ndimage import gaussian_filter
 
 from taichi_plume.grid import Grid, block_mean
 from taichi_plume.kernels import Template
+from taichi_plume.openings import (
+    Fan,
+    Honeycomb,
+    Inlet,
+    Jet,
+    MovingWall,
+    Opening,
+    Outlet,
+    Periodic,
+    Region,
+    Slip,
+)
 from taichi_plume.rng import generator
 from taichi_plume.solvers.fans import CurvedFan
-from taichi_plume.winds import Fan, Honeycomb, Inlet, Jet, MovingWall, Opening, Outlet, Periodic, Region, Slip
 
 AIR_DENSITY = 1.184  # kg/m³ at 25 °C
 HORIZON = 1.0  # s: a step is never longer

@@ -1,16 +1,37 @@
 """When and how much a source emits."""
 
+from typing import Any
+
 import numpy as np
 
-from taichi_plume.gases import Source
 from taichi_plume.rng import generator
+from taichi_plume.solvers.evaporation import Evaporation, speed_over
+from taichi_plume.sources import Source
+from taichi_plume.species import Species
+
+INTERVAL = 0.1  # s: how often a dish feels the wind
 
 
 class Emission:
-    """When a source emits: its start and stop, and pulses of random length."""
+    """When a source emits: its start and stop, and pulses of random length; and its rate, which may be a dish's."""
 
-    def __init__(self, source: Source, begin: float, seed: int, name: str):
+    def __init__(
+        self,
+        source: Source,
+        begin: float,
+        seed: int,
+        name: str,
+        species: Species | None = None,
+        wind: Any = None,
+    ):
+        """species: what is in a dish; wind: over it, a `fields.Wind`."""
         self.source = source
+        self.wind = wind
+        self.evaporation = None
+        if source.dish is not None:
+            assert species is not None, f"{name} is a dish of nothing"
+            self.evaporation = Evaporation(source.dish, species)
+        self._dish_rate, self._due = 0.0, -np.inf
         self.start = begin if source.start is None else source.start
         self.stop = np.inf if source.stop is None else source.stop
         self.rng = generator(seed, name)
@@ -25,8 +46,26 @@ class Emission:
 
     def mass(self, t: float, dt: float) -> float:
         """Mass emitted between t and t + dt [kg]."""
-        self._draw_until(t + dt)
-        while len(self.pulses) > 1 and self.pulses[0][1] < t:
+        return float(self.masses(np.array([t, t + dt]))[0])
+
+    def masses(self, times: np.ndarray) -> np.ndarray:
+        """Mass emitted between each two of the ascending times (n,): (n - 1,) [kg]."""
+        self._draw_until(times[-1])
+        while len(self.pulses) > 1 and self.pulses[0][1] < times[0]:
             self.pulses.pop(0)
-        on = sum(max(0.0, min(e, t + dt, self.stop) - max(b, t)) for b, e in self.pulses)
-        return self.source.rate * on
+        on = np.zeros(len(times) - 1)
+        for begin, end in self.pulses:
+            on += np.maximum(np.minimum(min(end, self.stop), times[1:]) - np.maximum(begin, times[:-1]), 0.0)
+        return self._rate(times[0]) * on if on.any() else on
+
+    def _rate(self, t: float) -> float:
+        """Mass per time [kg/s] at time t [s]."""
+        if self.evaporation is None or self.source.dish is None:
+            return self.source.rate or 0.0
+        if t >= self._due - 1e-9:
+            speed = self.source.dish.air_speed
+            if speed is None:
+                speed = speed_over(self.source, self.wind, t)
+            self._dish_rate = self.evaporation.rate(speed)
+            self._due = t + INTERVAL
+        return self._dish_rate

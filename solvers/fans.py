@@ -13,7 +13,7 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume.kernels import Template
-from taichi_plume.winds import FanCurve
+from taichi_plume.openings import FanCurve
 
 LEAST = 0.05  # of the free speed: below, the resistance counts as linear
 

@@ -43,13 +43,16 @@ class EulerianSolver:
         self.air = grid.field()
         self.air.from_numpy(grid.pad((~air.solid).astype(np.float32)))
         self.emitted_kg = 0.0
-        self.emissions = [Emission(s, begin, seed, f"{name}.sources[{n}]") for n, s in enumerate(gas.sources)]
+        self.emissions = [
+            Emission(source, begin, seed, f"{name}.sources[{n}]", self.species, wind)
+            for n, source in enumerate(gas.sources)
+        ]
         room = np.where(air.solid, 0.0, 1.0) if wind.area is None else air.room
         self.release = Release("sources", gas.sources, grid, room)
 
         @ti.func
         def add_sources(dt, k):
-            self.release.add_to(self.c)
+            self.release.add_to(self.c, self.transport.rest)
 
         self.transport = Transport(
             grid,
@@ -90,6 +93,10 @@ class EulerianSolver:
             "in_domain_kg": self.transport.inside(),
             "outflow_kg": self.transport.outflow(),
         }
+
+    def cells(self, t: float) -> np.ndarray:
+        """Concentration of every cell [kg/m³], of the grid's shape; the time is the solver's own."""
+        return self.grid.read(self.c)
 
     def is_finite(self) -> bool:
         """Whether every concentration is a number."""

@@ -13,13 +13,14 @@ import taichi as ti
 
 from taichi_plume.cut_cells import Air
 from taichi_plume.grid import Grid
-from taichi_plume.kernels import listed
+from taichi_plume.kernels import double_field, listed
+from taichi_plume.openings import Jet, Outlet
 from taichi_plume.solvers.boundaries import Patch
 from taichi_plume.solvers.convection import FACE_VALUES
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.release import Release
 from taichi_plume.solvers.transport import Transport
-from taichi_plume.winds import Heat, Jet, Outlet, TemperedSurface
+from taichi_plume.warmth import Heat, TemperedSurface
 
 
 @ti.data_oriented
@@ -35,20 +36,17 @@ class HeatSolver:
         self.heaters_joule = 0.0
         self._air = ~air.solid
         self.release = Release("heaters", heat.heaters, grid, air.room) if heat.heaters else None
-        self._from_surfaces = ti.field(ti.f64)
-        apart = ti.FieldsBuilder()  # beside 32-bit fields Vulkan would misplace it
-        apart.place(self._from_surfaces)
-        apart.finalize()
+        self._from_surfaces = double_field()
         rate, gain = self._surfaces(heat, flow, air)
         self._list_surface_cells(rate, gain, air.room)
 
         @ti.func
         def add_sources(dt, k):
-            self.release.add_to(self.theta)
+            self.release.add_to(self.theta, self.transport.rest)
 
         @ti.func
         def exchange(dt, k):
-            self._exchange(0.5 * dt)  # Heun's method is the mean of two Euler steps
+            self._exchange(dt, k)
 
         schmidt = heat.prandtl_turbulent
         self.transport = Transport(
@@ -137,13 +135,15 @@ class HeatSolver:
             self.transport.step(h)
 
     @ti.func
-    def _exchange(self, dt: float):
-        """Add to the rate what the surfaces give, and count it over dt."""
+    def _exchange(self, dt: float, k: float):
+        """Add k times what the surfaces give to the rate, and count half a step of it: Heun's method is the mean of two
+        Euler steps.
+        """
         for n in range(self._rate.shape[0]):
             I = self._cell[n]
             given = self._gain[n] - self._rate[n] * self.theta[I]
-            self.transport.rate[I] += given
-            self._from_surfaces[None] += ti.cast(given * self._room[n] * dt, ti.f64)
+            self.transport.rate[I] += k * given
+            self._from_surfaces[None] += 0.5 * ti.cast(dt, ti.f64) * ti.cast(given * self._room[n], ti.f64)
 
     # ---------------------------------------------------------------- what is known about it
 

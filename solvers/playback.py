@@ -6,17 +6,53 @@ Two frames are on the device; the next one is read from the disk meanwhile.
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import taichi as ti
 
+from taichi_plume.cut_cells import Air
 from taichi_plume.fields import sample_cells, sample_faces
 from taichi_plume.film import VELOCITIES, Film
 from taichi_plume.gases import PlaybackGas
 from taichi_plume.grid import Grid
 from taichi_plume.kernels import Template
-from taichi_plume.winds import Playback, PlaybackWind
+from taichi_plume.winds import ImportedWind, PlaybackWind, Played
+
+
+class Frames(Protocol):
+    """What can be played: a `Film`, or frames in memory with the same meaning."""
+
+    times: np.ndarray
+    """Of the frames, ascending [s]."""
+    attributes: dict[str, Any]
+    """viscosity and schmidt, where there is a wind."""
+
+    @property
+    def interval(self) -> float:
+        """Time between frames [s]; infinite where there is but one."""
+        ...
+
+    def frame(self, n: int, names: list[str]) -> dict[str, np.ndarray]:
+        """Variables of frame n, axes (x, y, z)."""
+        ...
+
+
+class WindFrames(Frames, Protocol):
+    """Frames of a wind."""
+
+    @property
+    def wind(self) -> list[str]:
+        """Names of the wind's variables."""
+        ...
+
+    def still(self, name: str) -> np.ndarray:
+        """A variable that does not change, axes (x, y, z)."""
+        ...
+
+    def air(self) -> Air:
+        """The air that it blows through."""
+        ...
 
 
 class Projector:
@@ -27,7 +63,7 @@ class Projector:
     """
 
     def __init__(
-        self, film: Film, model: Playback, grid: Grid, names: list[str], margin: int, prepare: Callable
+        self, film: Frames, model: Played, grid: Grid, names: list[str], margin: int, prepare: Callable
     ):
         self.film, self.model, self.grid, self.names, self.margin = film, model, grid, names, margin
         self.prepare = prepare
@@ -77,9 +113,11 @@ class Projector:
 
 @ti.data_oriented
 class PlayedWind:
-    """A recorded flow; satisfies `fields.Wind` and carries gas on the grid like a flow solver."""
+    """A flow that was recorded or made elsewhere; satisfies `fields.Wind` and carries gas on the grid like a flow
+    solver.
+    """
 
-    def __init__(self, wind: PlaybackWind, film: Film, grid: Grid, begin: float = 0.0):
+    def __init__(self, wind: PlaybackWind | ImportedWind, film: WindFrames, grid: Grid, begin: float = 0.0):
         self.grid = grid
         self.dim = grid.dim
         names = film.wind
@@ -156,6 +194,10 @@ class PlayedGas:
     def advance(self, t: float, dt: float) -> None:
         """Show the time t + dt."""
         self.film.show(t + dt)
+
+    def cells(self, t: float) -> np.ndarray:
+        """Concentration of every cell [kg/m³], of the grid's shape; the time is the player's own."""
+        return self.grid.read(self.c)
 
     def is_finite(self) -> bool:
         """Frames were looked at when they were read."""

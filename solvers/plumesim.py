@@ -9,8 +9,8 @@ from math import floor, pi, sqrt
 import numpy as np
 import taichi as ti
 
-from taichi_plume.gases import PercentGas, PlumeSimMeander, PlumeSimPuff
 from taichi_plume.kernels import Template
+from taichi_plume.plumesim_gases import PercentGas, PlumeSimMeander, PlumeSimPuff
 from taichi_plume.point_frames import PointFrames
 from taichi_plume.rng import generator
 from taichi_plume.solvers.point_cloud import PointCloud, within_reach

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 import taichi as ti
 
-from taichi_plume.gases import Source
 from taichi_plume.grid import Grid, block_mean
-from taichi_plume.kernels import Template
-from taichi_plume.winds import Heater
+from taichi_plume.kernels import Template, double_field
+from taichi_plume.sources import Source
+from taichi_plume.warmth import Heater
 
 SAMPLES = 4  # per axis and cell, to measure how much of a cell a ball covers
 
@@ -28,15 +28,15 @@ class Release:
         for n, ball in enumerate(balls):
             where, share = self._cells_of(f"{name}[{n}]", ball, room)
             cells.append(where + grid.ghost)
-            shares.append(share / room[tuple(where.T)])
+            shares.append(share / (room[tuple(where.T)] * grid.cell_volume))
             owner.append(np.full(len(where), n))
         count = sum(len(c) for c in cells)
         self._cell = ti.Vector.field(grid.dim, ti.i32, count)
-        self._share = ti.field(ti.f32, count)
+        self._share = double_field(count)  # per volume that stores
         self._owner = ti.field(ti.i32, count)
-        self._amount = ti.field(ti.f32, len(balls))
+        self._amount = double_field(len(balls))
         self._cell.from_numpy(np.concatenate(cells).astype(np.int32))
-        self._share.from_numpy(np.concatenate(shares).astype(np.float32))
+        self._share.from_numpy(np.concatenate(shares))
         self._owner.from_numpy(np.concatenate(owner).astype(np.int32))
 
     def _cells_of(self, path: str, ball: Source | Heater, room: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -66,12 +66,15 @@ class Release:
         """What each ball releases at the next `add_to`."""
         if amounts != self._amounts:
             self._amounts = amounts
-            self._amount.from_numpy(np.array(amounts, np.float32))
+            self._amount.from_numpy(np.array(amounts, float))
 
     @ti.func
-    def add_to(self, q: Template):
-        """Raise q, an amount per volume, in the balls' cells."""
+    def add_to(self, q: Template, rest: Template):
+        """Raise q, an amount per volume, in the balls' cells; `rest` is what rounding has left out of it."""
         for _ in range(1):  # balls may share cells
             for n in range(self._owner.shape[0]):
-                amount = self._amount[self._owner[n]] * self._share[n]  # over the cell's room
-                q[self._cell[n]] += amount / ti.static(self.grid.cell_volume)
+                I = self._cell[n]
+                held = ti.cast(q[I], ti.f64) + ti.cast(rest[I], ti.f64)
+                held += self._amount[self._owner[n]] * self._share[n]
+                q[I] = ti.cast(held, ti.f32)
+                rest[I] = ti.cast(held - ti.cast(ti.cast(held, ti.f32), ti.f64), ti.f32)

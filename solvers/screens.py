@@ -13,7 +13,7 @@ import taichi as ti
 
 from taichi_plume.grid import Grid
 from taichi_plume.kernels import Template, listed
-from taichi_plume.winds import Screen
+from taichi_plume.openings import Screen
 
 
 @ti.func

@@ -4,7 +4,8 @@
 
 Finite volumes with the flow's own face velocities, so a well-mixed quantity stays well mixed; the Koren limiter and
 steps short enough that no cell gives away more than it holds make no new extrema. Every face's flux is seen alike from
-both sides.
+both sides and a cell's fluxes are summed in f64; what f32 cannot hold of q is kept beside it, so that the total
+is conserved however many steps are taken and however little each one changes.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,7 +17,7 @@ import taichi as ti
 
 from taichi_plume.cut_cells import Air
 from taichi_plume.grid import Grid
-from taichi_plume.kernels import Template, launch, sweep
+from taichi_plume.kernels import Template, double_field, launch, sweep
 
 FULLEST = (
     0.49  # largest share of a cell's volume that flows out in one stage; 1/2 empties it at the steepest slope
@@ -30,10 +31,13 @@ class Transport:
     wind: offers u, open, area (face fields; area None where no obstacle is), nu (viscosity with eddies, or None),
     viscosity, and the maxima max_viscosity [m²/s] and outflow_rate (flow out of a cell over its volume [1/s]).
     diffusivity [m²/s]: of still air; schmidt: eddy viscosity over eddy diffusivity.
-    add_sources: a pass (see `kernels.launch`) that adds to q what a step of length a brings.
+    add_sources: a pass (see `kernels.launch`) that adds to q and `rest` what a step of length a brings.
     face_value: of `convection.POSITIVE_FACE_VALUES`.
-    exchange: a pass that adds to `rate` what a stage exchanges with surfaces, at most exchange_rate [1/s] times q.
+    exchange: a pass that adds to `rate` k times what a stage exchanges with surfaces, at most exchange_rate [1/s]
+    times q.
     inflow: q of the air that comes in, a field over the two faces of each axis; clean air unless given.
+
+    Fields: q; rest, what rounding has left out of q; rate [1/s], the mean tendency of the step's stages so far.
     """
 
     def __init__(
@@ -54,9 +58,11 @@ class Transport:
         self.wind = wind
         self.diffusivity = diffusivity
         self.schmidt = schmidt
+        self.per_length = float(np.float32(1.0 / grid.dx))  # as the cells reckon it
         self.exchange_rate = exchange_rate
         self.inflow = tuple(inflow)
         self.q = grid.field()
+        self.rest = grid.field()
         self.room: Any = None  # share of each cell's volume that stores q
         self.cut = wind.area is not None
         if self.cut:
@@ -64,16 +70,14 @@ class Transport:
             self.room.from_numpy(grid.pad(air.room.astype(np.float32)))
         # a solver of the flow lends fields that it does not need meanwhile
         self._start, self.rate = getattr(wind, "scratch", None) or (grid.field(), grid.field())
-        self._outflow = ti.field(ti.f64)
-        apart = ti.FieldsBuilder()  # beside 32-bit fields Vulkan would misplace it
-        apart.place(self._outflow)
-        apart.finalize()
+        self._outflow = double_field()
         self._sides = [tuple(2 if a == d else n for a, n in enumerate(grid.shape)) for d in range(grid.dim)]
         self._build(add_sources, face_value, exchange)
 
     def _build(self, add_sources: Callable | None, face_value: Callable, exchange: Callable | None) -> None:
         """The formulas of a step, each swept over the cells."""
-        q, q0, rate = self.q, self._start, self.rate
+        q, rest, q0, rate = self.q, self.rest, self._start, self.rate
+        per_length = self.per_length
         u, a, nu, dx, dim = self.wind.u, self.wind.open, self.wind.nu, self.grid.dx, self.dim
         area, room, cut = self.wind.area, self.room, self.cut
         diffusivity, viscosity, schmidt = self.diffusivity, self.wind.viscosity, self.schmidt
@@ -95,20 +99,28 @@ class Transport:
 
         @ti.func
         def tendency(I, dt, k):
-            total = 0.0
+            """Mean of the first stage's (k = 1) and the second's (k = 1/2): Heun's method."""
+            total = ti.cast(0.0, ti.f64)
             for d in ti.static(range(dim)):
-                total += face_flux(I, d) - face_flux(I + ti.Vector.unit(dim, d, ti.i32), d)
+                total += ti.cast(face_flux(I, d), ti.f64)
+                total -= ti.cast(face_flux(I + ti.Vector.unit(dim, d, ti.i32), d), ti.f64)
+            net = k * ti.cast(total, ti.f32) * per_length
             if ti.static(cut):
-                total /= ti.max(room[I], 1e-3)
-            return total / dx
+                net /= ti.max(room[I], 1e-3)
+            return net + (1.0 - k) * ti.select(k < 1.0, rate[I], 0.0)
 
         @ti.func
         def remember(I, dt, k):
             return q[I]
 
         @ti.func
-        def heun(I, dt, k):  # k = 1 in the first stage, where q = q0, and 1/2 in the second
-            return q0[I] + k * ((q[I] - q0[I]) + dt * rate[I])
+        def advanced(I, dt, k):
+            """q, and what it leaves out; in f64, which no compiler takes for what it is rounded to."""
+            change = ti.cast(rest[I], ti.f64) + ti.cast(dt, ti.f64) * ti.cast(rate[I], ti.f64)
+            exact = ti.cast(q0[I], ti.f64) + change
+            rounded = ti.cast(exact, ti.f32)
+            left_out = ti.cast(exact - ti.cast(rounded, ti.f64), ti.f32)
+            return ti.Vector([rounded, ti.select(k < 1.0, left_out, rest[I])])
 
         @ti.func
         def fill_ghosts(dt, k):
@@ -128,13 +140,14 @@ class Transport:
             sweep([tendency], [rate], cells),
             *([exchange] if exchange else []),
             count_outflow,
-            sweep([heun], [q], cells),
+            sweep([advanced], [(q, rest)], cells),
             cells=count,
         )
 
     def start_from(self, function: Callable[[np.ndarray], np.ndarray]) -> None:
         """Set q from a function of points (..., dim) [m]."""
         self.q.from_numpy(self.grid.pad(function(self.grid.centers()).astype(np.float32)))
+        self.rest.fill(0.0)
 
     # ---------------------------------------------------------------- the step
 
@@ -181,8 +194,7 @@ class Transport:
                 D = ti.Vector.unit(self.dim, d, ti.i32)
                 face = J + ti.static(self.grid.ghost) + D * J[d] * (ti.static(self.grid.shape[d]) - 1)
                 flux = self.face_flux(face, d) * (2 * J[d] - 1)
-                area = ti.static(self.grid.cell_volume / self.grid.dx)
-                self._outflow[None] += ti.cast(flux * area * dt, ti.f64)
+                self._outflow[None] += ti.cast(flux, ti.f64) * ti.cast(dt, ti.f64)
 
     # ---------------------------------------------------------------- what is known about q
 
@@ -191,10 +203,10 @@ class Transport:
         total = ti.cast(0.0, ti.f64)
         for J in ti.grouped(ti.ndrange(*self.grid.shape)):
             I = J + ti.static(self.grid.ghost)
-            stored = self.q[I]
+            stored = ti.cast(self.q[I], ti.f64)
             if ti.static(self.cut):
                 stored *= self.room[I]
-            total += ti.cast(stored, ti.f64)
+            total += stored
         return total
 
     @ti.kernel
@@ -213,4 +225,4 @@ class Transport:
     def outflow(self) -> float:
         """What has left through the domain's faces so far."""
         gone: Any = self._outflow[None]
-        return gone
+        return gone * self.grid.cell_volume * self.per_length

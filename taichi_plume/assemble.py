@@ -10,14 +10,24 @@ from taichi_plume.agents.mapping import InverseDistanceMap, TimeSeriesMap
 from taichi_plume.agents.placement import Placed, place, placed
 from taichi_plume.agents.swarm import Swarm, disc_around
 from taichi_plume.agents.team import Team
+from taichi_plume.closed_forms import (
+    ClosedForm,
+    ContinuousGas,
+    GaussianPlumeGas,
+    GaussianPuffGas,
+    MeanderingGas,
+)
 from taichi_plume.cut_cells import Air, air_of
 from taichi_plume.fields import Gas, Mixture, Wind
 from taichi_plume.film import Film, completed
-from taichi_plume.gases import FluentGas, PlaybackGas, PlumeSimGas, PlumeSimMeander, PlumeSimPuff, PureGas
+from taichi_plume.gases import PlaybackGas, PuffGas, PureGas
 from taichi_plume.geometry import ClearanceMap, shapes
 from taichi_plume.grid import Grid
+from taichi_plume.imports import Site
 from taichi_plume.loading import ScenarioError
 from taichi_plume.obstacles import motion_of
+from taichi_plume.occupancy import Cubes
+from taichi_plume.plumesim_gases import FluentGas, PlumeSimGas, PlumeSimMeander, PlumeSimPuff
 from taichi_plume.point_frames import frames_of
 from taichi_plume.rng import generator
 from taichi_plume.scenario import Scenario
@@ -28,12 +38,25 @@ from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.forces import forces
 from taichi_plume.solvers.frozen import FrozenSolver
 from taichi_plume.solvers.gas import EulerianSolver
+from taichi_plume.solvers.gaussian_puffs import ContinuousPuffs, GaussianPuffs
 from taichi_plume.solvers.heat import HeatSolver
+from taichi_plume.solvers.imported import ImportedFilm, ImportedFlow
 from taichi_plume.solvers.playback import PlayedGas, PlayedWind
+from taichi_plume.solvers.plumes import Plumes
 from taichi_plume.solvers.plumesim import PointGas, PointWind, ProgramMeander, ProgramPuff
+from taichi_plume.solvers.puffs import PuffSolver
 from taichi_plume.solvers.synthetic import SyntheticSolver
 from taichi_plume.solvers.uniform import UniformSolver
-from taichi_plume.winds import CfdWind, FrozenWind, PlaybackWind, PlumeSimWind, SyntheticWind, UniformWind
+from taichi_plume.wind_files import WindFileError
+from taichi_plume.winds import (
+    CfdWind,
+    FrozenWind,
+    ImportedWind,
+    PlaybackWind,
+    PlumeSimWind,
+    SyntheticWind,
+    UniformWind,
+)
 
 MAPS = {"time_series": TimeSeriesMap, "inverse_distance": InverseDistanceMap}
 
@@ -52,10 +75,19 @@ def assemble(
     openings = scenario.wind.openings if isinstance(scenario.wind, CfdWind) else ()
     film = Film(folder / scenario.wind.file) if isinstance(scenario.wind, PlaybackWind) else None
     grid = Grid.of(scenario.domain, film.periodic if film else periodic_axes(openings, scenario.domain.dim))
-    air = film.air() if film else air_of(standing, grid, opening_cells(openings, grid))
-    wind = _wind(scenario, film, folder, grid, air)
+    site = None
+    if isinstance(scenario.wind, ImportedWind):
+        site = Site(scenario.wind, scenario.domain.dim, folder)
+    cubes = site.cubes if site else None
+    if film:
+        air = film.air()
+    elif site:
+        air = air_of(standing, grid, left=cubes.shares(grid) if cubes else None)
+    else:
+        air = air_of(standing, grid, opening_cells(openings, grid))
+    wind = _wind(scenario, film, site, folder, grid, air)
     gas = Mixture([_gas(model, path, scenario, folder, grid, wind, air) for path, model in scenario.gases])
-    swarm = _swarm(scenario, obstacles, grid)
+    swarm = _swarm(scenario, obstacles, grid, cubes)
     if isinstance(wind, FlowSolver):
         _add_buoyancy(scenario, wind, gas, air)
         wind.resistances += [
@@ -72,17 +104,20 @@ def assemble(
     ]
     floor = (grid.extent[0], grid.extent[1])
     maps: list[Map] = [MAPS[m.kind](m, floor, max(1, swarm.trials)) for m in scenario.maps]
-    sim = Simulation(scenario, grid, wind, gas, swarm, list(teams), maps, obstacles, air)
+    seen = [*obstacles, *([cubes] if cubes else [])]
+    sim = Simulation(scenario, grid, wind, gas, swarm, list(teams), maps, seen, air)
     if isinstance(wind, FlowSolver) and wind.area is not None:
         sim.forces = partial(forces, wind, air, len(obstacles))
     return sim
 
 
-def _wind(scenario: Scenario, film: Film | None, folder: Path, grid: Grid, air: Air) -> Wind:
-    """The wind; `film` is the one that is played back."""
+def _wind(
+    scenario: Scenario, film: Film | None, site: Site | None, folder: Path, grid: Grid, air: Air
+) -> Wind:
+    """The wind; `film` is the one that is played back, `site` has the files of an imported one."""
     model, begin = scenario.wind, scenario.first_tick * scenario.tick
     if isinstance(model, UniformWind):
-        return UniformSolver(model, grid)
+        return UniformSolver(model, grid, begin, scenario.seed)
     if isinstance(model, SyntheticWind):
         return SyntheticSolver(model, grid, air, begin, scenario.seed)
     if isinstance(model, PlaybackWind):
@@ -90,6 +125,12 @@ def _wind(scenario: Scenario, film: Film | None, folder: Path, grid: Grid, air: 
         return PlayedWind(model, film, grid, begin)
     if isinstance(model, PlumeSimWind):
         return PointWind(model, frames_of(model, folder), grid.extent, begin)
+    if isinstance(model, ImportedWind):
+        assert site is not None
+        try:
+            return ImportedFlow(ImportedFilm(site, grid, air), model, grid, begin)
+        except WindFileError as error:
+            raise ScenarioError([f"wind.files: {error}"]) from None
     if isinstance(model, FrozenWind):
         flow = FrozenSolver(model, grid, air, scenario.seed, begin)
     else:
@@ -119,10 +160,26 @@ def _gas(
         return ProgramPuff(model, grid.extent, begin)
     if isinstance(model, PlumeSimMeander):
         return ProgramMeander(model, grid.extent, scenario.seed, path)
+    if isinstance(model, ClosedForm):
+        return _closed_form(model, path, scenario, grid, wind)
     try:
+        if isinstance(model, PuffGas):
+            return PuffSolver(model, grid, wind, air, begin, scenario.seed, path)
         return EulerianSolver(model, grid, wind, air, begin, scenario.seed, path)
     except ValueError as error:
         raise ScenarioError([f"{path}.{error}"]) from None
+
+
+def _closed_form(model: ClosedForm, path: str, scenario: Scenario, grid: Grid, wind: Wind) -> Gas:
+    """A gas that a formula tells; `path` is its place in the scenario."""
+    begin = scenario.first_tick * scenario.tick
+    assert isinstance(wind, UniformSolver)
+    if isinstance(model, GaussianPuffGas):
+        return GaussianPuffs(model, grid, wind, begin)
+    if isinstance(model, ContinuousGas):
+        return ContinuousPuffs(model, grid, wind, begin)
+    assert isinstance(model, GaussianPlumeGas | MeanderingGas)
+    return Plumes(model, grid, wind, begin, scenario.seed, path)
 
 
 def _add_buoyancy(scenario: Scenario, flow: FlowSolver, gas: Mixture, air: Air) -> None:
@@ -148,10 +205,11 @@ def _start_numbers(seed: int, group: int, trial: int) -> np.random.Generator:
     return generator(seed, f"start of group {group}, trial {trial}")
 
 
-def _swarm(scenario: Scenario, obstacles: list, grid: Grid) -> Swarm:
-    """All robots at their places."""
+def _swarm(scenario: Scenario, obstacles: list, grid: Grid, cubes: Cubes | None) -> Swarm:
+    """All robots at their places; `cubes` stand in their way too."""
     height = max((group.body.height for group in scenario.robots), default=0.1)
-    clearance = ClearanceMap([s for s in obstacles if motion_of(s.model) is None], grid.extent, height)
+    standing = [s for s in obstacles if motion_of(s.model) is None] + ([cubes] if cubes else [])
+    clearance = ClearanceMap(standing, grid.extent, height)
     walkers = [
         s.model
         for s in obstacles

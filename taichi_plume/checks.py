@@ -8,9 +8,13 @@ from pathlib import Path
 
 from taichi_plume import (
     checks_air,
+    checks_dishes,
     checks_films,
+    checks_imports,
     checks_obstacles,
+    checks_plumes,
     checks_plumesim,
+    checks_puffs,
     checks_robots,
     checks_size,
 )
@@ -31,6 +35,7 @@ def problems(scenario: Scenario, folder: Path) -> list[str]:
     films = [
         *checks_films.problems(scenario, folder, shapes),
         *checks_plumesim.point_plumes(scenario, folder),
+        *checks_imports.imports(scenario, folder, shapes),
     ]
     if films:
         return lines + films
@@ -41,8 +46,16 @@ def problems(scenario: Scenario, folder: Path) -> list[str]:
     for part in (checks_obstacles, checks_robots, checks_air):
         lines += part.problems(scenario, shapes)
     lines += checks_robots.own_algorithms(scenario, folder)
-    lines += checks_plumesim.plume_logs(scenario)
-    return [*lines, *_names(scenario), *_recording(scenario), *_fields(scenario)]
+    return [
+        *lines,
+        *_names(scenario),
+        *_recording(scenario),
+        *_fields(scenario),
+        *checks_dishes.dishes(scenario),
+        *checks_plumes.plume_problems(scenario),
+        *checks_puffs.puffs(scenario),
+        *checks_plumesim.plume_logs(scenario),
+    ]
 
 
 def _names(scenario: Scenario) -> Iterator[str]:

@@ -7,12 +7,8 @@ import numpy as np
 
 from taichi_plume.checks_obstacles import in_the_air, span
 from taichi_plume.geometry import Shape
-from taichi_plume.scenario import Domain, Scenario
-from taichi_plume.winds import (
-    Buoyancy,
-    CfdWind,
+from taichi_plume.openings import (
     Fan,
-    FrozenWind,
     Jet,
     MovingWall,
     Opening,
@@ -20,10 +16,12 @@ from taichi_plume.winds import (
     Periodic,
     Region,
     Screen,
-    SyntheticWind,
     Vent,
     Window,
 )
+from taichi_plume.scenario import Domain, Scenario
+from taichi_plume.warmth import Buoyancy
+from taichi_plume.winds import CfdWind, FrozenWind, SyntheticWind
 
 
 def problems(scenario: Scenario, shapes: list[Shape | None]) -> Iterator[str]:

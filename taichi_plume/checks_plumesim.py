@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from taichi_plume.gases import EulerianGas, FluentGas, PlumeSimGas, PlumeSimMeander, PlumeSimPuff
+from taichi_plume.gases import EulerianGas
+from taichi_plume.plumesim_gases import FluentGas, PlumeSimGas, PlumeSimMeander, PlumeSimPuff
 from taichi_plume.point_frames import PointFileError, PointFrames, frames_of
 from taichi_plume.scenario import Scenario
 from taichi_plume.winds import PlumeSimWind, PointPlayback

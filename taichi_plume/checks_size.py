@@ -10,22 +10,13 @@ import psutil
 
 from taichi_plume.checks_air import buoyancy_of, openings_of, screens_of
 from taichi_plume.obstacles import Box, Obstacle, Sphere, motion_of
+from taichi_plume.openings import Fan, Jet, MovingWall, Outlet, Periodic, Region
 from taichi_plume.scenario import Domain, Scenario
-from taichi_plume.winds import (
-    CfdWind,
-    Fan,
-    FrozenWind,
-    Heat,
-    Jet,
-    MovingWall,
-    Outlet,
-    Periodic,
-    Region,
-    SyntheticWind,
-    UniformWind,
-)
+from taichi_plume.warmth import Heat
+from taichi_plume.winds import CfdWind, FrozenWind, SyntheticWind, UniformWind
 
-BYTES_PER_CELL = {2: 260, 3: 200}  # all fields of a CFD run with gas
+BYTES_PER_CELL = {2: 264, 3: 204}  # all fields of a CFD run with one gas
+BYTES_PER_GAS = 16  # and cell, of every further gas
 BYTES_OF_FACTORS = 700  # per cell of a 2-D flow solved by sparse factors, at 10⁵ cells; it grows slowly
 BYTES_PER_ROBOT = 2000  # state, readings and a few minutes of track
 MOST_MAP_CELLS = 4_000_000
@@ -91,6 +82,7 @@ def _fall(heat: Heat, length: float) -> float:
 def _bytes(scenario: Scenario, cells: float) -> float:
     robots = sum(group.count * group.trials for group in scenario.robots)
     per_cell = BYTES_PER_CELL[scenario.domain.dim] + (BYTES_OF_FACTORS if _has_factors(scenario) else 0)
+    per_cell += BYTES_PER_GAS * (len(scenario.gases) - 1)
     return cells * per_cell + robots * BYTES_PER_ROBOT
 
 

@@ -89,17 +89,25 @@ class Air:
         return result
 
 
-def air_of(shapes: Sequence[Shape | None], grid: Grid, open_cells: np.ndarray | None = None) -> Air:
+def air_of(
+    shapes: Sequence[Shape | None],
+    grid: Grid,
+    open_cells: np.ndarray | None = None,
+    left: tuple[np.ndarray, list[np.ndarray]] | None = None,
+) -> Air:
     """The air that is left around shapes; None stands for one that is not there, but is counted.
 
     open_cells: bool of grid.shape, cells at an opening; unless given, all cells at the domain's faces. Air
     is kept where it is the largest connected part or reaches an open cell: what obstacles seal off counts as filled.
+    left: shares of the cells and of the faces per axis that other obstacles leave.
     """
     distance, nearest = _distances(shapes, grid)
     volume, _ = _share(distance, tuple(range(grid.dim)))
     faces = [_share(distance, tuple(a for a in range(grid.dim) if a != d)) for d in range(grid.dim)]
     area, away = [share for share, _ in faces], [mean for _, mean in faces]
     body = nearest[(slice(FINER // 2, None, FINER),) * grid.dim]
+    if left is not None:
+        volume, area = volume * left[0], [a * b for a, b in zip(area, left[1], strict=True)]
     air = _closed(volume, area, away, body, grid)
     regions = air.regions()
     if regions.max() > 1:

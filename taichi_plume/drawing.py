@@ -5,7 +5,7 @@ from math import ceil, cos, floor, hypot, log10, pi, radians, sin, tan
 
 import numpy as np
 
-from taichi_plume.winds import Window
+from taichi_plume.openings import Window
 
 ROBOTS = np.array(
     [

@@ -25,8 +25,9 @@ from pydantic import ValidationError
 from zarr.codecs import BloscCodec, Crc32cCodec
 
 from taichi_plume.cut_cells import Air
-from taichi_plume.gases import MixtureGas, OtherSpecies, PlaybackGas, PureGas
+from taichi_plume.gases import MixtureGas, PlaybackGas, PureGas
 from taichi_plume.scenario import Scenario
+from taichi_plume.sources import OtherSpecies
 
 FORMAT = "taichi_plume film 2"
 TIMES = 4096  # per chunk
@@ -188,7 +189,7 @@ class Film:
         """Time between frames [s]; infinite where there is but one."""
         return float(np.median(np.diff(self.times))) if len(self.times) > 1 else np.inf
 
-    @cached_property
+    @property
     def wind(self) -> list[str]:
         """Names of the wind's variables; empty where none was recorded."""
         names = [*VELOCITIES[: len(self.shape)], *(["viscosity"] if "viscosity" in self.arrays else [])]

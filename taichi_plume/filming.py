@@ -6,10 +6,11 @@ from typing import Any
 import numpy as np
 
 from taichi_plume import __version__, disk
-from taichi_plume.fields import ppm_at
+from taichi_plume.fields import concentration_at
 from taichi_plume.film import GAS, VELOCITIES, NewFilm
 from taichi_plume.scenario import Fields, Scenario
 from taichi_plume.simulation import Every, Simulation
+from taichi_plume.sources import Source
 
 
 class Filming:
@@ -66,14 +67,14 @@ class Filming:
 
     def _gas(self, sim: Simulation) -> dict[str, np.ndarray]:
         """Concentration of each species [kg/m³]."""
-        live: Any = sim.gas.gases[0]
-        if len(sim.gas.gases) == 1 and hasattr(live, "c"):
-            return {f"{GAS}{live.species.name}": sim.grid.read(live.c).T}
-        ppm = ppm_at(sim.gas, sim.grid.centers(), sim.t)
-        return {
-            f"{GAS}{species.name}": ppm[..., n].T / species.ppm_per_density
-            for n, species in enumerate(sim.gas.species)
+        frame = {
+            f"{GAS}{species.name}": np.zeros(sim.grid.shape[::-1], np.float32) for species in sim.gas.species
         }
+        for gas in sim.gas.gases:
+            cells = getattr(gas, "cells", None)  # means over the cells, where a gas knows them
+            c = cells(sim.t) if cells else concentration_at(gas, sim.grid.centers(), sim.t)
+            frame[f"{GAS}{gas.species.name}"] += c.T
+        return frame
 
     def _wind(self, sim: Simulation) -> dict[str, np.ndarray]:
         grid = sim.grid
@@ -87,9 +88,11 @@ def _origins(scenario: Scenario) -> dict[str, Any]:
     """Species and sources of every gas variable, as a scenario writes them."""
     origins: dict[str, Any] = {}
     for _, gas in scenario.gases:
-        written = gas.model_dump(mode="json", exclude_none=True, include={"species", "sources"})
+        written = gas.model_dump(mode="json", include={"species"})
         known = origins.setdefault(f"{GAS}{gas.vapour.name}", {"species": written["species"], "sources": []})
-        known["sources"] += written["sources"]
+        for source in gas.sources:
+            parts = source.model_dump(mode="json", exclude_none=True, include=set(Source.model_fields))
+            known["sources"].append({"rate": 0.0} | parts)  # a puff has no rate
     return origins
 
 

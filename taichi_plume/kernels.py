@@ -63,11 +63,20 @@ def listed(values: np.ndarray) -> Any:
     return field
 
 
+def double_field(count: int | None = None) -> Any:
+    """A number, or `count` of them, in f64, stored apart: beside 32-bit fields Vulkan would misplace them."""
+    field: Any = ti.field(ti.f64)
+    apart = ti.FieldsBuilder()
+    (apart if count is None else apart.dense(ti.i, count)).place(field)
+    apart.finalize()
+    return field
+
+
 def sweep(bodies: Sequence[Callable], outs: Sequence[Any], ranges: Sequence[tuple[int, int]]) -> Callable:
     """A pass, ti.func ``run(a, b)``, setting ``out[I] = body(I, a, b)`` per pair, I in `ranges`, (begin, end) per axis.
 
     body: ti.func of an index vector and two scalars, without stores and with `ti.select` for `if`; it may read `out` at
-    I only.
+    I only. Where `out` is a tuple of fields, it returns a vector with a value for each.
 
     On a CPU a row is cut into strips: 32 values are computed into registers, then stored. LLVM vectorises loops
     only while they store nothing global, so this is up to five times faster than storing cell by cell.
@@ -78,7 +87,8 @@ def sweep(bodies: Sequence[Callable], outs: Sequence[Any], ranges: Sequence[tupl
     rows = tuple(reversed(ranges[1:]))  # last axis slowest
     flat = prod(b - a for a, b in rows) < FEW_ROWS
     pairs = tuple(range(len(bodies)))
-    bodies, outs = tuple(bodies), tuple(outs)
+    bodies = tuple(bodies)
+    outs = tuple(out if isinstance(out, tuple) else (out,) for out in outs)
 
     @ti.func
     def index(row: Template, i):
@@ -93,11 +103,17 @@ def sweep(bodies: Sequence[Callable], outs: Sequence[Any], ranges: Sequence[tupl
         first = begin + k * STRIP
         count = ti.min(STRIP, end - first)
         for q in ti.static(pairs):
-            values = ti.Vector([0.0] * STRIP)
+            values = ti.Vector([0.0] * STRIP * ti.static(len(outs[q])))
             for n in range(count):
-                values[n] = bodies[q](index(row, first + n), a, b)
-            for n in range(count):
-                outs[q][index(row, first + n)] = values[n]
+                if ti.static(len(outs[q]) == 1):
+                    values[n] = bodies[q](index(row, first + n), a, b)
+                else:
+                    several = bodies[q](index(row, first + n), a, b)
+                    for m in ti.static(range(len(outs[q]))):
+                        values[n + STRIP * m] = several[m]
+            for m in ti.static(range(len(outs[q]))):
+                for n in range(count):
+                    outs[q][m][index(row, first + n)] = values[n + STRIP * m]
 
     @ti.func
     def by_strip(a, b):
@@ -115,7 +131,12 @@ def sweep(bodies: Sequence[Callable], outs: Sequence[Any], ranges: Sequence[tupl
         for J in ti.grouped(ti.ndrange(*rows, (begin, end))):
             I = index(J, J[dim - 1])
             for q in ti.static(pairs):
-                outs[q][I] = bodies[q](I, a, b)
+                if ti.static(len(outs[q]) == 1):
+                    outs[q][0][I] = bodies[q](I, a, b)
+                else:
+                    several = bodies[q](I, a, b)
+                    for m in ti.static(range(len(outs[q]))):
+                        outs[q][m][I] = several[m]
 
     if not on_cpu():
         return by_cell

@@ -288,6 +288,7 @@ def _line(fault: Any, data: dict) -> str | None:
         "motion",
         "fan",
         "files",
+        "spread",
     ):
         return where + fault["msg"]
     message = re.sub(r"^(Input|String|Value) should", "must", fault["msg"]).replace("valid string", "text")

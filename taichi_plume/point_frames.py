@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from taichi_plume.gases import FluentGas
+from taichi_plume.plumesim_gases import FluentGas
 from taichi_plume.winds import PlumeSimLog
 
 LARGEST_FILE = 128 << 20  # bytes of a log, or of all files of an export

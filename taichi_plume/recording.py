@@ -21,9 +21,10 @@ import rerun as rr
 from taichi_plume import __version__, disk, drawing, fields, layout, scene, scores
 from taichi_plume.layout import TIME
 from taichi_plume.obstacles import motion_of
+from taichi_plume.openings import MovingWall
 from taichi_plume.scenario import Scenario
 from taichi_plume.simulation import Every, Simulation
-from taichi_plume.winds import MovingWall, PlaybackWind, PlumeSimWind, SyntheticWind, UniformWind
+from taichi_plume.winds import ImportedWind, PlaybackWind, PlumeSimWind, SyntheticWind, UniformWind
 
 MOST_ROBOTS = 50
 MOST_PIXELS = 400  # per axis of the slice
@@ -392,7 +393,7 @@ def _schedule(scenario: Scenario) -> list[tuple[float, str]]:
 def _top_speed(sim: Simulation) -> float:
     """Largest prescribed or recorded speed [m/s]: the arrows' full length."""
     wind = sim.scenario.wind
-    if isinstance(wind, PlaybackWind | PlumeSimWind):
+    if isinstance(wind, PlaybackWind | PlumeSimWind | ImportedWind):
         return getattr(sim.wind, "top_speed", 0.0) or 0.1
     speeds = [hypot(*wind.velocity)] if isinstance(wind, UniformWind) else []
     if isinstance(wind, SyntheticWind):

@@ -32,6 +32,7 @@ FILES = (
     "plume.pslog",
     "result.json",
 )
+PATHS = ("file", "files", "occupancy")  # keys of a scenario
 MOST_ROWS = 2_000_000  # of robots.parquet: larger swarms are sampled less often
 ROW_GROUP = 50_000
 
@@ -102,9 +103,7 @@ def _moved(value: Any, source: Path, target: Path) -> Any:
     if not isinstance(value, dict):
         return value
     return {
-        key: os.path.relpath(source / part, target)
-        if key in ("file", "files")
-        else _moved(part, source, target)
+        key: os.path.relpath(source / part, target) if key in PATHS else _moved(part, source, target)
         for key, part in value.items()
     }
 

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from taichi_plume.gases import Gas, MixtureGas, PureGas, Source
+from taichi_plume.gases import AnySource, Gas, MixtureGas, PureGas
 from taichi_plume.obstacles import Obstacle
 from taichi_plume.robots import Group
 from taichi_plume.vocabulary import (
@@ -169,10 +169,10 @@ class Scenario(Model):
         return (("gas", self.gas),)
 
     @property
-    def sources(self) -> tuple[tuple[str, Source], ...]:
+    def sources(self) -> tuple[tuple[str, AnySource], ...]:
         """Every source of every gas, with its path in the scenario."""
         return tuple(
-            (f"{path}.sources[{n}]", source)
+            (f"{path}.{gas.sources_key}[{n}]", source)
             for path, gas in self.gases
             for n, source in enumerate(gas.sources)
         )

@@ -12,11 +12,12 @@ import numpy as np
 import rerun as rr
 
 from taichi_plume import __version__, drawing
-from taichi_plume.gases import Source
+from taichi_plume.gases import AnySource
 from taichi_plume.obstacles import Box, Cylinder, Prism, Sphere
+from taichi_plume.occupancy import Cubes
+from taichi_plume.openings import Region, Window
 from taichi_plume.results import to_yaml
 from taichi_plume.simulation import Simulation
-from taichi_plume.winds import Region, Window
 
 FLAT = 0.05  # height of the walls of a 2-D arena over its shorter side
 BODY = 0.009  # robots are drawn at least this large, over the arena's length
@@ -86,6 +87,12 @@ def arena(sim: Simulation, stage: Stage) -> Entities:
 
 def _solid(shape: Any, stage: Stage) -> Any:
     """An obstacle; those of a flat arena are as high as its walls."""
+    if isinstance(shape, Cubes):
+        centers, half = shape.visible(stage.extent), [shape.size / 2] * 3
+        if centers.shape[1] == 2:
+            centers = np.column_stack([centers, np.full(len(centers), stage.height / 2)])
+            half[2] = stage.height / 2
+        return rr.Boxes3D(centers=centers, half_sizes=[half], fill_mode="solid", colors=GREY)
     model = shape.model
     if isinstance(model, Box):
         center, size = list(model.center), list(model.size)
@@ -120,7 +127,7 @@ def _solid(shape: Any, stage: Stage) -> Any:
     return mesh(*drawing.faceted(shape.vertices, shape.triangles), GREY)
 
 
-def _source(source: Source, stage: Stage) -> Any:
+def _source(source: AnySource, stage: Stage) -> Any:
     position = [*source.position, *[stage.height / 2] * (3 - len(source.position))]
     radius = max(source.radius, 0.006 * stage.length)
     if len(stage.extent) == 2:

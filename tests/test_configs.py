@@ -42,6 +42,14 @@ def test_casting_room_is_the_story_of_the_readme(tmp_path):
 
 
 @pytest.mark.slow
+def test_puffs_arena_is_the_story_of_its_header(tmp_path):
+    result = result_of("puffs_arena", tmp_path)
+    assert sum(result["groups"][0]["per_trial"]["found"]) >= 1
+    assert abs(result["gas"]["relative_error"]) <= 1e-6
+    assert verified(tmp_path / "recording.rrd")
+
+
+@pytest.mark.slow
 def test_arena_3d_conserves_the_gas(tmp_path):
     result = result_of("arena_3d", tmp_path)
     assert result["simulated_s"] == pytest.approx(70.0)
@@ -66,6 +74,7 @@ def test_frozen_room_serves_five_hundred_trials(tmp_path):
     assert abs(result["gas"]["relative_error"]) <= 1e-5
 
 
+@pytest.mark.slow
 def test_quiet_room_is_the_story_of_its_header(tmp_path):
     result = result_of("quiet_room", tmp_path)
     assert abs(result["gas"]["relative_error"]) <= 1e-5
@@ -86,6 +95,7 @@ def test_playback_is_the_story_of_its_header(tmp_path):
     assert verified(tmp_path / "recording.rrd")
 
 
+@pytest.mark.slow
 def test_a_seed_decides_everything(tmp_path):
     options = ("--no-recording", "--duration", "5", "--set", "warm_up=3")
     tables = {}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from taichi_plume import drawing
-from taichi_plume.winds import Fan
+from taichi_plume.openings import Fan
 
 
 def volume(vertices: np.ndarray, triangles: np.ndarray) -> float:

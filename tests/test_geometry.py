@@ -7,12 +7,13 @@ import pytest
 import taichi as ti
 
 from taichi_plume import geometry
-from taichi_plume.gases import EulerianGas, Source
+from taichi_plume.gases import EulerianGas
 from taichi_plume.geometry import ClearanceMap, MeshError, Solid, shape
 from taichi_plume.grid import Grid
 from taichi_plume.kernels import Template
 from taichi_plume.obstacles import Box, Cylinder, Mesh, Prism, Sphere
 from taichi_plume.scenario import Domain, Scenario
+from taichi_plume.sources import Source
 from taichi_plume.winds import CfdWind
 
 ROOM = Domain(size=(4.0, 3.0, 1.0), spacing=0.1)

@@ -3,7 +3,8 @@ import yaml
 
 from taichi_plume.loading import MOST_LINES, ScenarioError, load_scenario
 from taichi_plume.obstacles import Box
-from taichi_plume.winds import CfdWind, Fan, Region
+from taichi_plume.openings import Fan, Region
+from taichi_plume.winds import CfdWind
 
 
 @pytest.fixture(autouse=True)

@@ -2,9 +2,10 @@
 
 python -m taichi_plume.validation.benchmark [NAMES] [--pressure] [--json] [--arch ARCH] [--seconds S]
 
-A step is the flow with its eddy viscosity and one gas, as a run takes it. With --pressure, only the pressure is solved,
-of cubes of N³ cells with obstacles: how its iterations grow with N. Every figure is a rate on a machine that may
-be shared: compare the ratios to the bandwidth, and rates of one run with each other.
+A step is the flow with its eddy viscosity and one gas, as a run takes it; puffs are measured by themselves. With
+--pressure, only the pressure is solved, of cubes of N³ cells with obstacles: how its iterations grow with N. Every
+figure is a rate on a machine that may be shared: compare the ratios to the bandwidth, and rates of one run with each
+other.
 """
 
 import argparse
@@ -12,7 +13,7 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from math import prod
@@ -34,6 +35,7 @@ from taichi_plume.scenario import Domain
 from taichi_plume.solvers.boundaries import periodic_axes
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.gas import EulerianSolver
+from taichi_plume.validation import puff_benchmark
 from taichi_plume.winds import CfdWind
 
 ARENA = (
@@ -56,6 +58,14 @@ class Measured:
     first_step_s: float
     bytes_per_cell: float
     bandwidth: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.case:16} {self.cells:8,} cells  {self.Mcell_steps_per_s:6.2f} Mcell-steps/s  "
+            f"{self.ms_per_step:7.2f} ms/step  {self.pressure_iterations:4.1f} iterations  "
+            f"first step {self.first_step_s:5.1f} s  {self.bytes_per_cell:5.0f} B/cell  "
+            f"bandwidth {self.bandwidth:4.1f} GB/s"
+        )
 
 
 def bandwidth(size: int = 1 << 24) -> float:
@@ -87,9 +97,9 @@ OBSTACLES = (
 )
 
 
-def arena(shape: tuple[int, ...], obstacles: bool) -> tuple[Grid, Air]:
+def arena(shape: tuple[int, ...], obstacles: bool, periodic: tuple[bool, ...] = ()) -> tuple[Grid, Air]:
     """The 4 x 3 (x 0.5) m odour arena, with two boxes and a pillar."""
-    grid = Grid(shape, 4.0 / shape[0], depth=0.5)
+    grid = Grid(shape, 4.0 / shape[0], depth=0.5, periodic=periodic)
     domain = Domain(size=grid.extent, spacing=grid.dx)
     bodies = [TypeAdapter(Obstacle).validate_python(o) for o in OBSTACLES] if obstacles else []
     return grid, air_of([shape_of(body, domain, Path()) for body in bodies], grid)
@@ -141,6 +151,22 @@ CASES: dict[str, Callable[[], tuple[FlowSolver, Callable[[], None]]]] = {
 }
 
 
+# ---------------------------------------------------------------- puffs
+
+
+def _arena_puffs(puffs: int) -> puff_benchmark.PuffSolver:
+    return puff_benchmark.in_arena(*arena((80, 60, 10), True), ARENA, puffs)
+
+
+PUFF_CASES: dict[str, Callable[[str], Sequence[Any]]] = {
+    "puffs_step": lambda arch: puff_benchmark.step("puffs_step", arch, _arena_puffs),
+    "puffs_query": lambda arch: [
+        *puff_benchmark.query("puffs_query room", arch, puff_benchmark.in_room),
+        *puff_benchmark.query("puffs_query arena", arch, _arena_puffs),
+    ],
+}
+
+
 # ---------------------------------------------------------------- the pressure alone
 
 
@@ -161,6 +187,12 @@ class Solved:
     """
     ms: float
     Mcell_per_s: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.N:4}³ {self.right_side:7} {self.solver:12} {self.iterations:3} iterations to "
+            f"{self.residual:.1e}  {self.ms:8.1f} ms  {self.Mcell_per_s:6.2f} Mcells/s"
+        )
 
 
 def cluttered(n: int) -> tuple[Grid, np.ndarray]:
@@ -257,8 +289,9 @@ def measure(name: str, arch: str, seconds: float) -> Measured:
 
 def main(argv: list[str] | None = None) -> int:
     """Measure the named cases, or all of them."""
+    known = [*CASES, *PUFF_CASES]
     parser = argparse.ArgumentParser(prog="python -m taichi_plume.validation.benchmark", description=__doc__)
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(CASES)}")
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(known)}")
     parser.add_argument(
         "--pressure", action="store_true", help="iterations of the pressure solver against N instead"
     )
@@ -266,31 +299,22 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--seconds", type=float, default=8.0, help="per case (default: 8)")
     parser.add_argument("--json", action="store_true", help="print JSON")
     args = parser.parse_args(argv)
-    unknown = [name for name in args.names if name not in CASES]
+    unknown = [name for name in args.names if name not in known]
     if unknown:
-        print(f"unknown case {unknown[0]!r}; known: {', '.join(CASES)}", file=sys.stderr)
+        print(f"unknown case {unknown[0]!r}; known: {', '.join(known)}", file=sys.stderr)
         return 2
     rows: list[Any] = []
-    for n in SIDES if args.pressure else ():
-        for solved in solve_pressure(n, args.arch):
-            rows.append(solved)
-            if not args.json:
-                print(
-                    f"{solved.N:4}³ {solved.right_side:7} {solved.solver:12} {solved.iterations:3} iterations to "
-                    f"{solved.residual:.1e}  {solved.ms:8.1f} ms  {solved.Mcell_per_s:6.2f} Mcells/s",
-                    flush=True,
-                )
-    for name in () if args.pressure else args.names or CASES:
-        row = measure(name, args.arch, args.seconds)
-        rows.append(row)
+
+    def tell(found: Sequence[Any]) -> None:
+        rows.extend(found)
         if not args.json:
-            print(
-                f"{row.case:16} {row.cells:8,} cells  {row.Mcell_steps_per_s:6.2f} Mcell-steps/s  "
-                f"{row.ms_per_step:7.2f} ms/step  {row.pressure_iterations:4.1f} iterations  "
-                f"first step {row.first_step_s:5.1f} s  {row.bytes_per_cell:5.0f} B/cell  "
-                f"bandwidth {row.bandwidth:4.1f} GB/s",
-                flush=True,
-            )
+            for row in found:
+                print(row, flush=True)
+
+    for n in SIDES if args.pressure else ():
+        tell(solve_pressure(n, args.arch))
+    for name in () if args.pressure else args.names or known:
+        tell(PUFF_CASES[name](args.arch) if name in PUFF_CASES else [measure(name, args.arch, args.seconds)])
     if args.json:
         print(json.dumps([asdict(row) for row in rows], indent=2))
     return 0

@@ -7,10 +7,14 @@ from taichi_plume.validation.case import Case, Expected
 from taichi_plume.validation.cavity import cavity
 from taichi_plume.validation.channel_cases import couette_start, duct, poiseuille, poiseuille_start
 from taichi_plume.validation.cross_checks import fan, honeycombs, one_layer
+from taichi_plume.validation.dispersion_cases import DISPERSION_CASES
 from taichi_plume.validation.flow_cases import kovasznay, taylor_green
 from taichi_plume.validation.gas_cases import gaussian_puff
 from taichi_plume.validation.heat_cases import conduction, heated_cavity
+from taichi_plume.validation.import_cases import IMPORT_CASES
 from taichi_plume.validation.jet import CORE, DECAY, SPREAD, fan_jet
+from taichi_plume.validation.plume_cases import PLUME_CASES
+from taichi_plume.validation.puff_cases import PUFF_CASES
 
 SECOND_ORDER = Expected(order=1.9)
 HALF_A_PERCENT = Expected(tolerance=0.005, at=32)  # of laminar profiles, cells across the duct
@@ -184,6 +188,7 @@ _ALL = (
     _puff(2, 0.05),
     _puff(3, 0.0),
     _puff(3, 0.05),
+    *DISPERSION_CASES,
     Case(
         "conduction",
         "still air between a warm and a cold wall",
@@ -253,5 +258,8 @@ _ALL = (
         slow=True,
         expected={"u / u_max, largest": Expected(tolerance=2e-6)},
     ),
+    *IMPORT_CASES,
+    *PLUME_CASES,
+    *PUFF_CASES,
 )
 CASES = {case.name: case for case in _ALL}

@@ -11,6 +11,7 @@ from taichi_plume.kernels import Template
 from taichi_plume.solvers.convection import FACE_VALUES
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.gas import EulerianSolver
+from taichi_plume.solvers.prescribed import PrescribedWind
 from taichi_plume.validation.flow_cases import advance, faces, laminar_flow, periodic, rms, velocities
 from taichi_plume.winds import CfdWind
 
@@ -81,18 +82,7 @@ def carried(scheme: str, start, turns: float = 1.0) -> tuple[np.ndarray, np.ndar
     """Gas before and after a ride with air that turns as a solid body, 48² cells of 1 m / 48."""
     n = 48
     grid = Grid((n, n), 1.0 / n)
-
-    class Turning:
-        nu, area, viscosity, max_viscosity, schmidt = None, None, 0.0, 0.0, 1.0
-
-    wind = Turning()
-    wind.u, wind.open = grid.faces_field(), grid.faces_field()
-    place = (np.arange(n + 6) - 3 + 0.5) / n - 0.5
-    wind.u[0].from_numpy(np.broadcast_to(-place, (n + 6, n + 6)).astype(np.float32))
-    wind.u[1].from_numpy(np.broadcast_to(place[:, None], (n + 6, n + 6)).astype(np.float32))
-    for field in wind.open:
-        field.fill(1.0)
-    wind.outflow_rate = 1.0 * n
+    wind = PrescribedWind(lambda x: np.stack([0.5 - x[..., 1], x[..., 0] - 0.5], axis=-1), grid)
     species = {"molar_mass": 0.046, "diffusivity": 0.0}
     model = EulerianGas.model_validate(
         {

@@ -9,7 +9,8 @@ from taichi_plume.scenario import Scenario
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.heat import HeatSolver
-from taichi_plume.winds import CfdWind, Heat
+from taichi_plume.warmth import Heat
+from taichi_plume.winds import CfdWind
 
 
 def closed_box(shape, dx=0.05, openings=(), **more) -> FlowSolver:

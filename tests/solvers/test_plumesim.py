@@ -9,8 +9,8 @@ from scipy.spatial import cKDTree  # type: ignore[attr-defined]
 
 from taichi_plume.assemble import assemble
 from taichi_plume.fields import concentration_at, ppm_at, velocity_at
-from taichi_plume.gases import PlumeSimGas, PlumeSimMeander, PlumeSimPuff
 from taichi_plume.loading import load_scenario
+from taichi_plume.plumesim_gases import PlumeSimGas, PlumeSimMeander, PlumeSimPuff
 from taichi_plume.point_frames import PointFrames
 from taichi_plume.results import to_yaml
 from taichi_plume.scenario import Scenario

@@ -3,7 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from taichi_plume.validation import benchmark
+from taichi_plume.validation import benchmark, puff_benchmark
 from taichi_plume.validation.benchmark import cluttered, right_sides, solve_pressure
 
 
@@ -18,6 +18,7 @@ def test_right_sides_can_be_solved():
         assert np.all(values[solid] == 0.0)
 
 
+@pytest.mark.slow
 def test_the_pressure_is_solved_as_told():
     rows = solve_pressure(24, "cpu")
     assert [row.right_side for row in rows] == ["random", "smooth", "both"]
@@ -27,9 +28,22 @@ def test_the_pressure_is_solved_as_told():
         assert row.residual <= 3 * row.tolerance  # reckoned anew from the solution, with its rounding
 
 
+@pytest.mark.slow
 def test_the_table_as_json(monkeypatch, capsys):
     monkeypatch.setattr(benchmark, "SIDES", (16,))
     assert benchmark.main(["--pressure", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
     assert [row["N"] for row in rows] == [16, 16, 16]
     assert all(row["cells"] == 16**3 and row["iterations"] >= 1 for row in rows)
+
+
+def test_puffs_are_measured():
+    rows = [
+        *puff_benchmark.step("step", "cpu", puff_benchmark.in_room, 2000),
+        *puff_benchmark.query("query", "cpu", puff_benchmark.in_room, 2000),
+    ]
+    assert [type(row).__name__ for row in rows] == ["PuffStep", "PuffQuery", "PuffQuery"]
+    anywhere, in_plume = rows[1:]
+    assert 0 < rows[0].puffs <= 4000
+    assert in_plume.seeing > anywhere.seeing
+    assert all("puffs" in str(row) for row in rows)

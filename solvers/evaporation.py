@@ -1,0 +1,88 @@
+"""How much evaporates from an open dish, given the wind over it.
+
+    m = Sh D/d A (p M / R T_f) ln(1/(1 - x_s)),    Sh³ = (0.664 Re^1/2 Sc^1/3)³ + (8/pi)³
+
+d and A: diameter and area of the dish. In a wind the dish is a plate with a laminar boundary layer; in still air it is
+a disc flush with the floor, which gives off 4 D (d/2) c_s. The logarithm is the flow that the vapour itself makes away
+from the liquid; x_s is the share of vapour in the air at the surface, which is saturated. D grows as T^1.75 and is
+taken, like the density, at the mean T_f of surface and air.
+
+The heat that evaporation takes comes by radiation and, as the vapour goes, through the air:
+
+    L m/A = (h_rad + Nu k/d) (T - T_s),    Nu as Sh with the Prandtl number
+
+The air far away counts as clean; that heavy vapour flows over the rim, and rims themselves, are left out.
+"""
+
+from math import log1p, pi
+from typing import Any
+
+import numpy as np
+from scipy.optimize import brentq
+
+from taichi_plume.fields import velocity_at
+from taichi_plume.sources import Dish, Source
+from taichi_plume.species import (
+    AIR_HEAT_CAPACITY,
+    AIR_HEAT_DIFFUSIVITY,
+    AIR_VISCOSITY,
+    GAS_CONSTANT,
+    PRESSURE,
+    TEMPERATURE,
+    Species,
+)
+
+RADIATION = 5.5  # W/(m² K) between a wet surface and a room a few kelvin warmer: 4 sigma T³ times 0.95
+
+
+def speed_over(source: Source, wind: Any, t: float) -> float:
+    """Speed [m/s] of the wind, a `fields.Wind`, over a source's dish: beyond its boundary layer, half a diameter up.
+
+    In 2-D, at the dish itself.
+    """
+    assert source.dish is not None
+    point = np.array([source.position])
+    point[0, 2:] += 0.5 * source.dish.diameter
+    return float(np.linalg.norm(velocity_at(wind, point, t)))
+
+
+class Evaporation:
+    """The mass that a dish of liquid gives off."""
+
+    def __init__(self, dish: Dish, species: Species):
+        self.dish = dish
+        self.species = species
+
+    def _transfer(self, speed: float, diffusivity: float) -> float:
+        """Sherwood or Nusselt number of the dish in air of some speed [m/s]."""
+        reynolds = speed * self.dish.diameter / AIR_VISCOSITY
+        forced = 0.664 * reynolds**0.5 * (AIR_VISCOSITY / diffusivity) ** (1 / 3)
+        return (forced**3 + (8.0 / pi) ** 3) ** (1 / 3)
+
+    def flux(self, speed: float, surface: float) -> float:
+        """Mass [kg/(m² s)] that evaporates in air of some speed [m/s] from a surface of some temperature [K]."""
+        film = 0.5 * (surface + self.dish.temperature)
+        D = self.species.diffusivity * (film / TEMPERATURE) ** 1.75
+        share = self.species.saturation(surface, self.dish.temperature) / PRESSURE
+        pure = PRESSURE * self.species.molar_mass / (GAS_CONSTANT * film)  # kg/m³ of vapour alone
+        return self._transfer(speed, D) * D / self.dish.diameter * pure * -log1p(-share)
+
+    def surface(self, speed: float) -> float:
+        """Temperature [K] of the liquid's surface in air of some speed [m/s]."""
+        warm = self.dish.temperature
+        if not self.dish.cooling:
+            return warm
+        assert self.species.latent_heat is not None, self.species.name
+        latent = self.species.latent_heat
+        conductivity = AIR_HEAT_DIFFUSIVITY * AIR_HEAT_CAPACITY
+        air = self._transfer(speed, AIR_HEAT_DIFFUSIVITY) * conductivity / self.dish.diameter
+
+        def surplus(surface: float) -> float:
+            return (RADIATION + air) * (warm - surface) - latent * self.flux(speed, surface)
+
+        found: Any = brentq(surplus, 0.5 * warm, warm)
+        return found
+
+    def rate(self, speed: float) -> float:
+        """Mass per time [kg/s] that evaporates in air of some speed [m/s]."""
+        return self.flux(speed, self.surface(speed)) * 0.25 * pi * self.dish.diameter**2

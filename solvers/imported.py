@@ -1,0 +1,184 @@
+"""Air flow from elsewhere, put on our grid and made divergence-free, frame by frame."""
+
+from collections.abc import Callable, Sequence
+from math import sqrt
+from typing import Any
+
+import numpy as np
+import taichi as ti
+
+from taichi_plume.cut_cells import Air
+from taichi_plume.film import VELOCITIES
+from taichi_plume.grid import Grid
+from taichi_plume.imports import Site
+from taichi_plume.interpolation import Interpolation
+from taichi_plume.solvers.playback import PlayedWind
+from taichi_plume.solvers.pressure import pressure_solver
+from taichi_plume.wind_files import Points
+from taichi_plume.winds import ImportedWind
+
+LEFT = 1e-6  # divergence that may be left, over the largest |u|/dx
+ROUNDS = 8  # of the pressure solver, in single precision, on what was left
+
+
+class Projection:
+    """Makes face velocities divergence-free: the nearest such flow with the same air through the domain's faces.
+
+    walls: names of faces of the domain that let nothing through.
+    """
+
+    def __init__(self, grid: Grid, air: Air, walls: Sequence[str] = ()):
+        self.grid = grid
+        self.area = [area.astype(float) for area in air.area]
+        self.regions = air.regions()
+        self.inside = []
+        for d, area in enumerate(self.area):
+            along = np.moveaxis(area, d, 0)
+            for end, name in ((0, f"{'xyz'[d]}-"), (-1, f"{'xyz'[d]}+")):
+                if name in walls:
+                    along[end] = 0.0
+            inside = np.moveaxis(area.copy(), d, 0)
+            inside[0] = inside[-1] = 0.0
+            self.inside.append(np.moveaxis(inside, 0, d))
+        self.solver = pressure_solver(tuple(grid.pad_faces(a, d) for d, a in enumerate(self.inside)), grid)
+        self._b, self._phi = grid.field(), grid.field()
+
+    def _net_inflow(self, u: list[np.ndarray]) -> np.ndarray:
+        """Into each cell, over a face's area [m/s]."""
+        flux = [a * v for a, v in zip(self.area, u, strict=True)]
+        return np.sum(
+            [np.delete(f, -1, axis=d) - np.delete(f, 0, axis=d) for d, f in enumerate(flux)], axis=0
+        )
+
+    def _balance(self, u: list[np.ndarray]) -> None:
+        """What flows into each connected part of the air flows out: both change by a factor, towards their mean."""
+        flows = np.zeros((2, self.regions.max() + 1))  # in, out
+        sides = []
+        for d, v in enumerate(u):
+            for end, inward in ((0, 1.0), (-1, -1.0)):
+                face = np.moveaxis(v, d, 0)[end]  # a view
+                flux = inward * face * np.moveaxis(self.area[d], d, 0)[end]
+                region = np.moveaxis(self.regions, d, 0)[end]
+                np.add.at(flows[0], region, np.maximum(flux, 0.0))
+                np.add.at(flows[1], region, np.maximum(-flux, 0.0))
+                sides.append((face, region, (flux < 0.0).astype(int)))
+        mean = np.where((flows > 0.0).all(axis=0), flows.mean(axis=0), 0.0)
+        factor = mean / np.maximum(flows, 1e-30)
+        for face, region, out in sides:
+            face *= factor[out, region]
+
+    def __call__(self, u: list[np.ndarray]) -> tuple[list[np.ndarray], float, float]:
+        """The flow in single precision; what was changed of it where air is (root mean square over that of u); the
+        divergence left over the largest |u|/dx.
+        """
+        air = [area > 0.0 for area in self.area]
+        given = np.concatenate([v[o] for v, o in zip(u, air, strict=True)])
+        u = [np.where(o, v, 0.0) for v, o in zip(u, air, strict=True)]
+        self._balance(u)
+        fastest = max(max(float(np.abs(v).max()) for v in u), 1e-6)
+        for _ in range(ROUNDS):
+            net = self._net_inflow(u)
+            most = float(np.abs(net).max())
+            if most < LEFT * fastest:
+                break
+            self.grid.write(self._b, net / most)  # single precision is enough for what is left
+            self.solver.solve(self._b, self._phi, 1e-4)
+            phi = most * self.grid.read(self._phi).astype(float)
+            for d, v in enumerate(u):
+                open_ = np.moveaxis(self.inside[d], d, 0)[1:-1] > 0.0
+                np.moveaxis(v, d, 0)[1:-1] -= open_ * np.diff(np.moveaxis(phi, d, 0), axis=0)
+        u = [v.astype(np.float32) for v in u]
+        changed = np.concatenate([v[o] for v, o in zip(u, air, strict=True)]) - given
+        left = float(np.abs(self._net_inflow(u)).max()) / fastest
+        return u, sqrt(np.mean(changed**2) / max(np.mean(given**2), 1e-30)), left
+
+
+class ImportedFilm:
+    """The frames of an imported wind, with the interface of a `Film`; all of them in memory.
+
+    correction: what making a frame divergence-free changed at most, root mean square over that of the velocity;
+    max_divergence: what is left, over the largest |u|/dx.
+    """
+
+    gas: tuple[str, ...] = ()
+
+    def __init__(self, site: Site, grid: Grid, air: Air):
+        """Raises WindFileError."""
+        self.grid, self._air, self._site = grid, air, site
+        wind = site.wind
+        self.times = np.array([time for time, _ in site.files])
+        self.attributes: dict[str, Any] = {"viscosity": wind.viscosity, "schmidt": wind.schmidt}
+        self._project = Projection(grid, air, wind.walls)
+        self._frames: list[dict[str, np.ndarray]] = []
+        self.correction = self.max_divergence = 0.0
+        self._place = np.empty(0)
+        for _, path in site.files:
+            frame, correction, left = self._frame(site.read(path))
+            self._frames.append(frame)
+            self.correction = max(self.correction, correction)
+            self.max_divergence = max(self.max_divergence, left)
+        self.wind = list(self._frames[0])
+
+    @property
+    def interval(self) -> float:
+        """Time between frames [s]; infinite where there is but one."""
+        return float(np.median(np.diff(self.times))) if len(self.times) > 1 else np.inf
+
+    def still(self, name: str) -> np.ndarray:
+        """Variable open_u and so on: the faces inside the domain that let air through."""
+        return self._project.inside[VELOCITIES.index(name.removeprefix("open_"))] > 0.0
+
+    def air(self) -> Air:
+        """The air of the domain."""
+        return self._air
+
+    def frame(self, n: int, names: list[str]) -> dict[str, np.ndarray]:
+        """Variables of frame n, axes (x, y, z)."""
+        return {name: self._frames[n][name] for name in names}
+
+    def _frame(self, points: Points) -> tuple[dict[str, np.ndarray], float, float]:
+        """The variables, the correction, and the divergence left."""
+        dim, wind = self.grid.dim, self._site.wind
+        if not np.array_equal(points.place, self._place):
+            self._place, known = points.place, Interpolation(points.place)
+            self._to_faces = [known.onto(self._site.places(self.grid, d)) for d in range(dim)]
+            if points.eddy_viscosity is not None:
+                self._to_cells = known.onto(self._site.places(self.grid))
+        wide = [self._onto(self._to_faces[d], points.velocity[:, d]) for d in range(dim)]
+        inner = [tuple(slice(None) if a == d else slice(1, -1) for a in range(dim)) for d in range(dim)]
+        faces, correction, left = self._project([v[i] for v, i in zip(wide, inner, strict=True)])
+        for v, i, u in zip(wide, inner, faces, strict=True):
+            v[i] = u
+        frame: dict[str, np.ndarray] = dict(zip(VELOCITIES, wide, strict=False))
+        if wind.eddy_viscosity is not None:
+            frame["viscosity"] = np.full(
+                [n + 2 for n in self.grid.shape], wind.viscosity + wind.eddy_viscosity
+            )
+        elif points.eddy_viscosity is not None:
+            eddies = self._onto(self._to_cells, points.eddy_viscosity)
+            frame["viscosity"] = wind.viscosity + np.maximum(eddies, 0.0)
+        return {name: values.astype(np.float32) for name, values in frame.items()}, correction, left
+
+    def _onto(self, interpolate: Callable, values: np.ndarray) -> np.ndarray:
+        """Values at the points on the grid, without the axis along which a 2-D run cuts."""
+        result = np.array(interpolate(values))
+        return result[..., 0] if result.ndim > self.grid.dim else result
+
+
+@ti.data_oriented
+class ImportedFlow(PlayedWind):
+    """A flow from elsewhere; satisfies `fields.Wind` and carries gas on the grid like a flow solver."""
+
+    def __init__(self, film: ImportedFilm, wind: ImportedWind, grid: Grid, begin: float = 0.0):
+        super().__init__(wind, film, grid, begin)
+        self.correction, self.max_divergence = film.correction, film.max_divergence
+
+    def diagnostics(self) -> dict[str, float]:
+        """Of all frames: what making them divergence-free changed at most, rms over that of the velocity; what is left
+        of the divergence, over the largest |u|/dx; the largest speed [m/s].
+        """
+        return {
+            "correction": self.correction,
+            "max_divergence": self.max_divergence,
+            "max_speed": self.top_speed,
+        }

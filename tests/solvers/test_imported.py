@@ -1,0 +1,388 @@
+"""Air flow from elsewhere: on our grid, free of divergence, around the obstacles, in time; what is refused."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from taichi_plume import run
+from taichi_plume.assemble import assemble
+from taichi_plume.cut_cells import air_of
+from taichi_plume.fields import velocity_at
+from taichi_plume.grid import Grid
+from taichi_plume.imports import Site
+from taichi_plume.interpolation import Interpolation
+from taichi_plume.loading import ScenarioError, load_scenario
+from taichi_plume.occupancy import Cubes, Occupancy
+from taichi_plume.simulation import Simulation
+from taichi_plume.solvers.imported import ImportedFilm, Projection
+from taichi_plume.winds import ImportedWind
+
+SIZE = (1.6, 1.2, 0.4)
+LOW = (-5.0, 2.0, 0.5)  # the room's corner in the files
+ROOM = """
+duration: 3
+domain: {size: [1.6, 1.2, 0.4], spacing: 0.1}
+wind: {kind: imported, files: wind_%d.csv}
+gas: {kind: eulerian, sources: [{position: [0.3, 0.6, 0.2], rate: 10 mg/s}]}
+"""
+TABLE = """#env_min(m) -5 2 0.5
+#env_max(m) -3.4 3.2 0.9
+#num_cells 8 6 2
+#cell_size(m) 0.2
+"""
+CLOSED = "wind.walls=[x-, x+, y-, y+, z-, z+]"
+FLAT = ["domain.size=[1.2, 1.0]", "gas.sources.0.position=[0.3, 0.6]", "wind.origin=[-4.8, 2.1]"]
+BLOCK = (slice(3, 5), slice(1, 4), slice(0, 1))  # cubes of the table's obstacle
+
+
+def swirl(x: np.ndarray) -> np.ndarray:
+    """A flow in the closed room without divergence, at points from its corner on [m]."""
+    turned = np.pi * x / SIZE
+    s, c = np.sin(turned), np.cos(turned)
+    u = np.stack([0.4 * s[:, 0] * c[:, 1], -0.3 * c[:, 0] * s[:, 1], 0 * x[:, 0]], axis=1)
+    return u * (1 + x[:, 2:])
+
+
+def stream(x: np.ndarray) -> np.ndarray:
+    """Faster in the middle, along x, and one third more comes out than in."""
+    u = 0.3 * np.sin(np.pi * x[:, 1] / SIZE[1]) * (1 + x[:, 0] / SIZE[0] / 3)
+    return np.stack([u, 0 * u, 0 * u], axis=1)
+
+
+def write(path: Path, flow, cells=(16, 12, 4), extra=None, scale=1.0) -> None:
+    """Points at the centres of a mesh that fills the room, in no order."""
+    axes = [(np.arange(n) + 0.5) * size / n for n, size in zip(cells, SIZE, strict=True)]
+    x = np.random.default_rng(5).permutation(np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3))
+    columns, header = [scale * flow(x), x + LOW], '"U:0","U:1","U:2","Points:0","Points:1","Points:2"'
+    if extra is not None:
+        columns.append(extra(x)[:, None])
+        header += ',"nut"'
+    np.savetxt(path, np.hstack(columns), fmt="%.7g", delimiter=",", header=header, comments="")
+
+
+def write_block(path: Path) -> None:
+    solid = np.zeros((8, 6, 2), int)
+    solid[BLOCK] = 1
+    layers = ("\n".join(" ".join(map(str, row)) for row in solid[:, :, z]) for z in range(2))
+    path.write_text(TABLE + "".join(f"{layer}\n;\n" for layer in layers))
+
+
+def simulation(folder: Path, *overrides: str) -> Simulation:
+    (folder / "room.yaml").write_text(ROOM)
+    scenario = load_scenario(folder / "room.yaml", overrides)
+    return assemble(scenario, folder)
+
+
+def flux(sim: Simulation) -> list[np.ndarray]:
+    """Velocity through every face, times the share of it that is air."""
+    wind, grid = sim.wind, sim.grid
+    result = []
+    for d, field in enumerate(wind.u):
+        inner = tuple(slice(b, e + (a == d)) for a, (b, e) in enumerate(grid.cells))
+        result.append(field.to_numpy()[inner].astype(float) * sim.air.area[d])
+    return result
+
+
+def divergence(sim: Simulation) -> float:
+    """Largest net flow out of a cell over the largest one through a face."""
+    u = flux(sim)
+    return float(
+        np.abs(sum(np.diff(v, axis=d) for d, v in enumerate(u))).max() / max(np.abs(v).max() for v in u)
+    )
+
+
+def test_projection_leaves_the_part_without_divergence():
+    """Helmholtz: a curl and a gradient, both without flow through the faces of the box, come apart."""
+    grid = Grid((10, 8), 0.1)
+    rng = np.random.default_rng(2)
+    psi = np.pad(rng.standard_normal((9, 7)), 1)
+    potential = rng.standard_normal((10, 8))
+    curl = [np.diff(psi, axis=1), -np.diff(psi, axis=0)]
+    gradient = [np.pad(np.diff(potential, axis=d), [(int(a == d),) * 2 for a in range(2)]) for d in range(2)]
+    u, correction, left = Projection(grid, air_of([], grid))(
+        [c + g for c, g in zip(curl, gradient, strict=True)]
+    )
+    for found, wanted in zip(u, curl, strict=True):
+        np.testing.assert_allclose(found, wanted, atol=3e-6)
+
+    def square(parts):
+        return sum((part**2).sum() for part in parts)
+
+    assert correction == pytest.approx(
+        np.sqrt(square(gradient) / square([c + g for c, g in zip(curl, gradient, strict=True)])), rel=1e-5
+    )
+    assert left < 1e-6
+
+
+def test_what_comes_in_goes_out():
+    grid = Grid((12, 6), 0.1)
+    project = Projection(grid, air_of([], grid))
+    u = [np.broadcast_to(np.linspace(0.5, 0.7, 13)[:, None], (13, 6)).copy(), np.zeros((12, 7))]
+    found, _, _ = project(u)
+    np.testing.assert_allclose(found[0], 0.6, rtol=1e-6)
+    nowhere, _, _ = project([u[0] - 0.6, u[1]])  # out on both sides
+    assert np.abs(nowhere[0]).max() < 1e-6
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_linear_fields_are_exact_on_and_off_a_lattice(dim):
+    rng = np.random.default_rng(3)
+    lattice = np.stack(np.meshgrid(*[np.cumsum(rng.uniform(0.5, 1.5, 6)) for _ in range(dim)]), axis=-1)
+    lattice = rng.permutation(lattice.reshape(-1, dim))
+    slope = np.array([0.3, -0.2, 0.5])[:dim]
+    wanted = [np.linspace(lattice[:, a].min() - 0.3, lattice[:, a].max() + 0.2, 9) for a in range(dim)]
+    exact = sum(s * x for s, x in zip(slope, np.meshgrid(*wanted, indexing="ij"), strict=True))
+    for place, tolerance in ((lattice, 1e-9), (lattice + rng.uniform(-0.2, 0.2, lattice.shape), 1e-6)):
+        known = Interpolation(place)
+        assert (known.lattice is None) == (place is not lattice)
+        found = known.onto(wanted)(place @ slope + 1.0)
+        inside = (slice(1, -1),) * dim  # far beyond the points it is rather their mean
+        np.testing.assert_allclose(found[inside], exact[inside] + 1.0, atol=tolerance)
+        assert np.abs(found - exact - 1.0).max() < (1e-9 if place is lattice else 0.5)
+
+
+def test_well_mixed_gas_stays_well_mixed(tmp_path):
+    write(tmp_path / "wind_0.csv", swirl)
+    write(tmp_path / "wind_1.csv", swirl, scale=-0.5)
+    sim = simulation(
+        tmp_path,
+        CLOSED,
+        "gas.sources.0.rate=0",
+        "obstacles=[{kind: sphere, center: [0.9, 0.5, 0.2], radius: 0.22}]",
+    )
+    gas = sim.gas.gases[0]
+    gas.start_from(lambda x: np.ones(x.shape[:-1]))
+    sim.run()
+    assert divergence(sim) < 1e-5
+    c = sim.grid.read(gas.c)[~sim.air.solid]
+    np.testing.assert_allclose(c, 1.0, rtol=1e-5)
+    assert sim.wind.diagnostics()["max_speed"] > 0.2
+    assert 0.01 < sim.wind.diagnostics()["correction"] < 0.5
+
+
+def test_files_follow_one_another(tmp_path):
+    for n, scale in enumerate([1.0, 2.0, 0.5]):
+        write(tmp_path / f"wind_{n + 4}.csv", swirl, scale=scale)
+    sim = simulation(tmp_path, "wind.interval=0.5", CLOSED)
+    x = np.array([[0.45, 0.33, 0.2], [0.7, 0.9, 0.1]])
+    once = velocity_at(sim.wind, x, 0.0)
+    np.testing.assert_allclose(once, swirl(x), atol=0.02)
+    for t, scale in ((0.25, 1.5), (0.5, 2.0), (0.9, 0.8), (2.0, 0.5)):
+        sim.wind.advance(t - 0.05, 0.05)
+        np.testing.assert_allclose(velocity_at(sim.wind, x, t), scale * once, atol=2e-6)
+
+
+def test_occupied_cubes_are_in_the_way(tmp_path):
+    write(tmp_path / "wind_0.csv", stream, (23, 17, 5))
+    write_block(tmp_path / "o.csv")
+    sim = simulation(tmp_path, "wind.occupancy=o.csv", "wind.walls=[z-, z+]")
+    cells = tuple(slice(2 * s.start, 2 * s.stop) for s in BLOCK)
+    assert sim.air.solid[cells].all()
+    assert sim.air.solid.sum() == 8 * np.prod([s.stop - s.start for s in BLOCK])
+    u = flux(sim)
+    for d, v in enumerate(u):
+        around = tuple(slice(s.start, s.stop + (a == d)) for a, s in enumerate(cells))
+        assert np.abs(v[around]).max() == 0.0
+    through = u[0].sum(axis=(1, 2))
+    np.testing.assert_allclose(through, through[0], rtol=1e-6)
+    # the mean of what came in and what went out
+    y = (np.arange(12) + 0.5) / 12
+    assert through[0] == pytest.approx(0.3 * 7 / 6 * 4 * np.sin(np.pi * y).sum(), rel=0.01)
+    assert divergence(sim) < 1e-5
+    assert np.abs(u[1]).max() > 0.02, "around the block"
+    assert np.abs(u[2][:, :, [0, -1]]).max() == 0.0
+
+
+def test_a_section_of_three_dimensions(tmp_path):
+    write(tmp_path / "wind_0.csv", swirl, (32, 24, 4))
+    x = np.random.default_rng(6).uniform(0.0, 1.0, (50, 2))
+    for height, z in ((0.75, 0.25), (0.88, 0.38), ("null", 0.2)):  # unless a height is given, the middle
+        sim = simulation(tmp_path, *FLAT, f"wind.height={height}")
+        wanted = swirl(np.column_stack([x + np.array([0.2, 0.1]), np.full(50, z)]))
+        np.testing.assert_allclose(velocity_at(sim.wind, x, 0.0), wanted[:, :2], atol=0.01)  # dx²/8 |u''|
+        assert divergence(sim) < 1e-5
+
+
+def test_a_section_meets_the_cubes_at_its_height(tmp_path):
+    write(tmp_path / "wind_0.csv", stream)
+    write_block(tmp_path / "o.csv")
+    for height, met in ((0.6, True), (0.8, False)):
+        sim = simulation(tmp_path, *FLAT, "wind.occupancy=o.csv", f"wind.height={height}")
+        x = sim.grid.centers() + np.array([0.2, 0.1])
+        block = (np.abs(x - [0.8, 0.5]) < [0.2, 0.3]).all(axis=-1)
+        np.testing.assert_array_equal(sim.air.solid, block & met)
+
+
+def test_eddies_spread_the_gas(tmp_path):
+    write(tmp_path / "wind_0.csv", swirl, extra=lambda x: 1e-3 * (1 + x[:, 0]))
+    sim = simulation(tmp_path)
+    nu = sim.grid.read(sim.wind.nu)
+    np.testing.assert_allclose(nu, 1.56e-5 + 1e-3 * (1 + sim.grid.centers()[..., 0]), rtol=1e-5)
+    sim = simulation(tmp_path, "wind.eddy_viscosity=5e-4")
+    np.testing.assert_allclose(sim.grid.read(sim.wind.nu), 5.156e-4, rtol=1e-6)
+    assert sim.wind.max_viscosity == pytest.approx(5.156e-4)
+
+
+def test_shares_and_distances_of_cubes():
+    rng = np.random.default_rng(4)
+    solid = rng.uniform(size=(5, 4)) < 0.4
+    table = Occupancy(
+        Path("o.csv"), np.zeros(3), 0.2, np.repeat(solid[:, :, None], 3, axis=2).astype(np.int8)
+    )
+    cubes = Cubes(table, 2, np.array([0.1, 0.0]), 0.3)
+    volume, area = cubes.shares(Grid((4, 4), 0.2))
+    np.testing.assert_allclose(volume, 0.5 * (~solid[:-1]).astype(float) + 0.5 * ~solid[1:], atol=1e-9)
+    np.testing.assert_array_equal(area[0], ~solid)
+    lower = ~solid[:, :-1] & ~solid[:, 1:]
+    np.testing.assert_allclose(area[1][:, 1:-1], 0.5 * lower[:-1] + 0.5 * lower[1:], atol=1e-9)
+    points = rng.uniform(-0.3, 1.1, (300, 2))
+    low = 0.2 * np.argwhere(solid) - [0.1, 0.0]
+    away = np.linalg.norm(
+        np.maximum(np.maximum(low - points[:, None], points[:, None] - low - 0.2), 0), axis=-1
+    )
+    inside = cubes.inside(points)
+    found = cubes.horizontal_distance(points, 0.0, 0.1)
+    np.testing.assert_allclose(np.maximum(found, 0.0), away.min(axis=1), atol=1e-12)
+    np.testing.assert_array_equal(inside, away.min(axis=1) == 0.0)
+    assert inside.any()
+
+
+def test_walls_are_seen_and_ceilings_are_not():
+    cubes = np.zeros((7, 6, 5), np.int8)
+    cubes[:, :, 0] = cubes[:, :, 4] = 1  # below the domain, and the ceiling
+    cubes[2, :, :] = 1
+    cubes[4, 1:4, 1] = 1
+    cubes[0] = 1  # outside the domain
+    shape = Cubes(Occupancy(Path("o.csv"), np.zeros(3), 0.5, cubes), 3, np.array([0.5, 0.0, 0.5]), 0.0)
+    seen = np.round(shape.visible((3.0, 3.0, 2.0)) / 0.5 - 0.5).astype(int)
+    wall = [(1, y, z) for y in range(6) for z in range(4)]
+    assert sorted(map(tuple, seen)) == sorted([*wall, (3, 1, 0), (3, 2, 0), (3, 3, 0)])
+
+
+def test_air_goes_on_through_outlets_in_the_walls(tmp_path):
+    """Walls one cube thick around the points, with an opening at either end."""
+    write(tmp_path / "wind_0.csv", lambda x: np.tile([0.3, 0.0, 0.0], (len(x), 1)))
+    cubes = np.ones((10, 8, 2), int)
+    cubes[1:-1, 1:-1] = 0
+    cubes[[0, -1], 2:4] = 2
+    header = "#env_min(m) -5.2 1.8 0.5\n#env_max(m) -3.2 3.4 0.9\n#num_cells 10 8 2\n#cell_size(m) 0.2\n"
+    layers = ("\n".join(" ".join(map(str, row)) for row in cubes[:, :, z]) for z in range(2))
+    (tmp_path / "o.csv").write_text(header + "".join(f"{layer}\n;\n" for layer in layers))
+    sim = simulation(tmp_path, "wind.occupancy=o.csv", "domain.size=[2.0, 1.6, 0.4]", "wind.walls=[z-, z+]")
+    u = flux(sim)
+    np.testing.assert_allclose(u[0].sum(axis=(1, 2)), 0.3 * 4 * 4, rtol=1e-6)
+    for end in (0, -1):
+        np.testing.assert_allclose(u[0][end, 4:8], 0.3, rtol=1e-6)
+
+
+@pytest.fixture
+def case(tmp_path, monkeypatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    for n in range(3):
+        write(tmp_path / f"wind_{n}.csv", stream)
+    write_block(tmp_path / "o.csv")
+    (tmp_path / "room.yaml").write_text(ROOM)
+    return tmp_path
+
+
+SMALL = "wind.occupancy=small.csv"
+ROBOT = "robots=[{{count: 1, start: {{kind: positions, positions: [{}]}}, algorithm: {{kind: casting}}}}]"
+
+
+@pytest.mark.parametrize(
+    ("overrides", "fault"),
+    [
+        (["wind.files=no_%d.csv"], r"wind\.files: .*no_%d\.csv: there is no such file"),
+        (["domain.size=[1.7, 1.2, 0.4]"],
+         r"domain\.size\[0\]: in the files its air reaches from x = -5 to -3\.3 m, "
+         r"but the points of .*wind_0\.csv stand for air only from -5 to -3\.4 m; use at most 1\.6 m"),
+        (["wind.origin=[-5, 2.1, 0.5]"],
+         r"domain\.size\[1\]: .* from y = 2\.1 to 3\.3 m, but .* only from 2 to 3\.2 m"),
+        (["wind.origin=[-5, 2]"], r"wind\.origin: has 2 numbers, a 3-D run takes 3 here"),
+        (["wind.height=0.6"], r"wind\.height: is for 2-D runs"),
+        (["wind.start=3"], r"wind\.start: 3 s is after the last file, .*wind_2\.csv, which shows 2 s"),
+        (["wind.walls=[z-]", "domain.size=[1.6, 1.2]", "gas.sources.0.position=[0.3, 0.6]"],
+         r"wind\.walls\[0\]: 'z-' does not exist in a 2-D run"),
+        (["wind.walls=[up]"], r"wind\.walls\[0\]: got 'up'"),
+        (["wind.occupancy=none.csv"], r"wind\.files: .*none\.csv: cannot be read: No such file"),
+        ([SMALL], r"domain\.size\[0\]: .*, but small\.csv has cells only from -5 to -4\.6 m"),
+        (["wind.occupancy=o.csv", "gas.sources.0.position=[0.7, 0.5, 0.1]"],
+         r"gas\.sources\[0\]\.position: is inside an obstacle of o\.csv"),
+        (["wind.occupancy=o.csv", ROBOT.format([0.55, 0.5])],
+         r"robots\[0\]\.start\.positions\[0\]: touches an obstacle of o\.csv"),
+        (["wind.occupancy=floor.csv", ROBOT.format([0.2, 0.2])],
+         r"wind\.origin: the floor of floor\.csv is 0\.2 m above the domain's, .*; give it 0\.7 as its third number"),
+        (["wind.files=flat.csv"], r"flat\.csv: names no column for z and w, which a 3-D run needs"),
+        (["wind.files=level.csv"], r"level\.csv: all its points have z = 0\.5 m, too few for a 3-D run"),
+        (["wind.files=mixed_%d.csv"], r"mixed_1\.csv: has other columns than mixed_0\.csv"),
+        ([*FLAT, "wind.height=3"], r"wind\.height: 3 m is outside of the points of .*wind_0\.csv, z 0\.5 to 0\.9 m"),
+        ([*FLAT, "wind.occupancy=low.csv"], r"low\.csv: the section at z = 0\.7 m is outside its z 0\.1 to 0\.5 m"),
+        (["wind.file=wind_0.csv"], r"unknown key 'file'; did you mean 'files'"),
+    ],
+)  # fmt: skip
+def test_faults_are_told_in_a_line(case, overrides, fault):
+    (case / "flat.csv").write_text("x,y,u,v\n" + "".join(f"{n % 3},{n // 3},0,0\n" for n in range(9)))
+    (case / "level.csv").write_text(
+        "x,y,z,u,v,w\n" + "".join(f"{n % 3},{n // 3},0.5,0,0,0\n" for n in range(9))
+    )
+    write(case / "mixed_0.csv", stream)
+    write(case / "mixed_1.csv", stream, extra=lambda x: x[:, 0])
+    (case / "low.csv").write_text((case / "o.csv").read_text().replace("0.5", "0.1").replace("0.9", "0.5"))
+    rows = ["1 1 1 1 1 1\n" * 8, "0 0 0 0 0 0\n" * 8]
+    (case / "floor.csv").write_text(TABLE + "".join(f"{layer};\n" for layer in rows))
+    (case / "small.csv").write_text("#env_min(m) -5 2 0.5\n#env_max(m) -4.6 2.2 0.7\n#num_cells 2 1 1\n"
+                                    "#cell_size(m) 0.2\n0\n0\n;\n")  # fmt: skip
+    with pytest.raises(ScenarioError, match=fault) as raised:
+        load_scenario(case / "room.yaml", overrides)
+    assert not any("\n" in line for line in raised.value.lines)
+
+
+def test_a_broken_file_in_the_middle_ends_the_run_before_it_begins(case, capsys):
+    lines = (case / "wind_1.csv").read_text().splitlines()
+    for text, fault in (
+        (lines[:-5], "has 763 points, but wind_0.csv has 768; is it whole?"),
+        (
+            [*lines[:7], lines[7].rsplit(",", 4)[0], *lines[8:]],
+            "line 8: has 2 columns, not 6; is the file whole?",
+        ),
+    ):
+        (case / "wind_1.csv").write_text("\n".join(text))
+        assert run.main(["room.yaml", "--no-recording", "--quiet"]) == 2
+        told = capsys.readouterr().err
+        assert told.startswith("wind.files: ")
+        assert f"wind_1.csv: {fault}" in told
+        assert told.count("\n") == 1
+        assert not any(Path("runs").glob("*/result.json"))
+
+
+def test_a_run_from_the_command_line(case):
+    robots = ROBOT.format("[1.3, 0.3]")
+    sets = ["wind.occupancy=o.csv", "wind.loop=true", robots, "duration=2"]
+    command = [
+        "room.yaml",
+        "--quiet",
+        "--out",
+        "out/first",
+        *(word for one in sets for word in ("--set", one)),
+    ]
+    assert run.main(command) == 0
+    result = json.loads(Path("out/first/result.json").read_text())
+    assert result["status"] == "completed"
+    assert result["flow"]["max_divergence"] < 1e-5
+    assert 0.0 < result["flow"]["correction"] < 0.5
+    assert abs(result["gas"]["relative_error"]) < 1e-5
+    assert (Path("out/first") / "recording.rrd").exists()
+    assert run.main(["out/first/scenario.yaml", "--check"]) == 0
+
+
+def test_films_of_imported_air_can_be_played(case):
+    first = ["room.yaml", "--quiet", "--no-recording", "--out", "first", "--set", "fields={rate: 10}"]
+    assert run.main([*first, "--set", "duration=0.5"]) == 0
+    wind = "wind={kind: playback, file: first/fields.zarr}"
+    scenario = load_scenario("room.yaml", [wind])
+    sim = assemble(scenario, case)
+    assert divergence(sim) < 1e-5
+    film = ImportedFilm(Site(ImportedWind(kind="imported", files="wind_0.csv"), 3, case), sim.grid, sim.air)
+    np.testing.assert_array_equal(sim.grid.read(sim.wind.u[0], 1)[1:], film.frame(0, ["u"])["u"])

@@ -1,0 +1,91 @@
+"""Gases that a formula tells, from the YAML file to the run directory."""
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+import zarr
+
+from taichi_plume import run
+
+SOURCE = {"position": [0.6, 1.0, 0.2], "rate": "5 mg/s"}
+KINDS = {
+    "continuous": {"diffusivity": 0.01, "sources": [SOURCE]},
+    "gaussian_plume": {"intensity": 0.1, "sources": [SOURCE]},
+    "meandering": {"width_fluctuation": 0.2, "sources": [SOURCE]},
+    "gaussian_puff": {
+        "diffusivity": 0.005,
+        "releases": [{"position": [0.6, 1.0, 0.2], "mass": "5 mg", "time": t} for t in (-1, 0.5, 30)],
+    },
+}
+
+
+def scenario(path, gas, dim, gusts):
+    size = [3.0, 2.0, 0.8][:dim]
+    flat = json.loads(json.dumps(gas).replace("0.6, 1.0, 0.2", "0.6, 1.0")) if dim == 2 else gas
+    wind = {"kind": "uniform", "velocity": [0.5, 0.0, 0.0][:dim]} | ({"gusts": {"time": 1}} if gusts else {})
+    robots = [
+        {
+            "name": "one",
+            "count": 1,
+            "start": {"kind": "positions", "positions": [[1.2, 1.0]]},
+            "algorithm": {"kind": "casting"},
+            "reach": 0.3,
+        }
+    ]
+    content = {"duration": 30, "warm_up": 2, "domain": {"size": size, "spacing": 0.1}, "wind": wind}
+    fields = {"rate": 1, "start": -2}
+    path.write_text(yaml.safe_dump(content | {"gas": flat, "robots": robots, "fields": fields}))
+    return path
+
+
+def played(out, *options) -> np.ndarray:
+    assert run.main([str(out.parent / "s.yaml"), "--out", str(out), "--quiet", *options]) == 0
+    film: Any = zarr.open_group(out / "fields.zarr", mode="r")
+    return np.asarray(film["gas_ethanol"])
+
+
+@pytest.mark.parametrize(("kind", "dim"), list(zip(KINDS, (2, 3, 2, 3), strict=True)))
+def test_every_kind_runs(tmp_path, kind, dim):
+    scenario(tmp_path / "s.yaml", {"kind": kind} | KINDS[kind], dim, kind in ("meandering", "gaussian_puff"))
+    c = played(tmp_path / "a", "--duration", "2")
+    assert np.isfinite(c).all()
+    assert (c.max(axis=tuple(range(1, c.ndim))) > 0).sum() >= len(c) - 1  # puffs come after a second
+    steady = kind in ("continuous", "gaussian_plume")
+    assert np.array_equal(c[0], c[-1]) == steady
+    assert json.loads((tmp_path / "a" / "result.json").read_text())["gas"] == {}
+
+
+def test_a_robot_finds_where_a_puff_came_from(tmp_path):
+    puffs = [{"position": [0.6, 1.0], "mass": "20 mg", "time": 0.5 * n} for n in range(60)]
+    gas = {"kind": "gaussian_puff", "diffusivity": 0.002, "releases": puffs}
+    scenario(tmp_path / "s.yaml", gas, 2, gusts=True)
+    played(tmp_path / "a")
+    assert json.loads((tmp_path / "a" / "result.json").read_text())["groups"][0]["success_rate"] == 1.0
+
+
+def test_a_film_of_puffs_can_be_played(tmp_path):
+    scenario(tmp_path / "s.yaml", {"kind": "gaussian_puff"} | KINDS["gaussian_puff"], 2, gusts=True)
+    first = played(tmp_path / "a", "--duration", "2")
+    again = played(
+        tmp_path / "b",
+        "--duration",
+        "2",
+        "--set",
+        "gas={kind: playback, file: a/fields.zarr}",
+        "--set",
+        "fields.rate=1",
+    )
+    np.testing.assert_allclose(again, first, rtol=1e-6)
+
+
+def test_a_part_of_a_mixture(tmp_path):
+    parts = [{"kind": kind} | KINDS[kind] for kind in ("continuous", "gaussian_plume")]
+    scenario(tmp_path / "s.yaml", parts[0], 3, gusts=False)
+    one = played(tmp_path / "a", "--duration", "1")
+    scenario(tmp_path / "s.yaml", {"kind": "mixture", "parts": parts}, 3, gusts=False)
+    both = played(tmp_path / "b", "--duration", "1")
+    assert np.all(both >= one * (1 - 1e-6))
+    assert both.max() > 1.5 * one.max()

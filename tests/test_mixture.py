@@ -1,0 +1,75 @@
+"""Two vapours on one grid, from the scenario to the files of a run."""
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+import zarr
+
+from taichi_plume.assemble import assemble
+from taichi_plume.fields import ppm_at
+from taichi_plume.run import main
+from taichi_plume.scenario import Scenario
+from taichi_plume.species import SPECIES
+
+
+def source(y: float, rate: float, **more) -> dict:
+    return {"position": [0.4, y], "rate": rate, "radius": 0.1} | more
+
+
+def scenario(**more) -> dict:
+    robots = {
+        "name": "team",
+        "count": 2,
+        "start": {"kind": "line", "begin": [0.9, 0.25], "end": [0.9, 0.75]},
+        "algorithm": {"kind": "casting", "threshold_ppm": 1.0},
+        "sensors": {"gas": {"kind": "mox", "model": "mics5524"}, "wind": {"kind": "ultrasonic"}},
+    }
+    parts = [
+        {"kind": "eulerian", "species": "ethanol", "sources": [source(0.25, 2e-6), source(0.3, 1e-6)]},
+        {"kind": "eulerian", "species": "acetone", "sources": [source(0.75, 4e-6)]},
+    ]
+    openings = [{"kind": "inlet", "face": "x-", "speed": 0.2}, {"kind": "outlet", "face": "x+"}]
+    return {
+        "duration": 2.0,
+        "domain": {"size": [1.6, 1.0], "spacing": 0.05},
+        "wind": {"kind": "cfd", "openings": openings},
+        "gas": {"kind": "mixture", "parts": parts},
+        "robots": [robots],
+    } | more
+
+
+def test_each_part_has_its_budget_and_its_ppm():
+    sim = assemble(Scenario.model_validate(scenario(stop_early=False)))
+    assert [species.name for species in sim.gas.species] == ["ethanol", "acetone"]
+    sim.run()
+    budgets = [gas.budget() for gas in sim.gas.gases]
+    for budget, rate in zip(budgets, (3e-6, 4e-6), strict=True):
+        assert budget["emitted_kg"] == pytest.approx(2.0 * rate)
+        assert budget["in_domain_kg"] + budget["outflow_kg"] == pytest.approx(2.0 * rate, rel=1e-6)
+    ppm = ppm_at(sim.gas, sim.grid.centers(), sim.t)
+    for k, (species, budget) in enumerate(zip(sim.gas.species, budgets, strict=True)):
+        total = ppm[..., k].astype(float).sum() * sim.grid.cell_volume / SPECIES[species.name].ppm_per_density
+        assert total == pytest.approx(budget["in_domain_kg"], rel=1e-5)
+    lower, upper = ppm_at(sim.gas, np.array([[0.5, 0.25], [0.5, 0.75]]), sim.t)
+    assert lower[0] > 100.0 * lower[1]
+    assert upper[1] > 100.0 * upper[0]
+
+
+def test_a_run_tells_of_both(tmp_path):
+    path, out = tmp_path / "both.yaml", tmp_path / "out"
+    path.write_text(yaml.safe_dump(scenario(fields={"rate": 2.0}, duration=20.0, stop_early=False)))
+    assert main([str(path), "--out", str(out), "--arch", "cpu", "--quiet"]) == 0
+    result = json.loads((out / "result.json").read_text())
+    parts = result["gas"]["parts"]
+    assert [part["species"] for part in parts] == ["ethanol", "acetone"]
+    assert [part["emitted_kg"] for part in parts] == pytest.approx([6e-5, 8e-5])
+    assert all(abs(part["relative_error"]) <= 1e-6 for part in (result["gas"], *parts))
+    assert result["groups"][0]["per_trial"]["found"] == [2]  # one downwind of each
+    film: Any = zarr.open(out / "fields.zarr", mode="r")
+    for name, part in zip(("gas_ethanol", "gas_acetone"), parts, strict=True):
+        mass = np.asarray(film[name][-1], float).sum() * 0.05**2
+        assert mass == pytest.approx(part["in_domain_kg"], rel=1e-3)
+    assert (out / "recording.rrd").stat().st_size > 10_000

@@ -1,0 +1,88 @@
+"""Air flow from elsewhere against the function that it was made from."""
+
+from functools import partial
+from math import pi
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from taichi_plume.cut_cells import air_of
+from taichi_plume.fields import velocity_at
+from taichi_plume.grid import Grid
+from taichi_plume.imports import Site
+from taichi_plume.solvers.imported import ImportedFilm, ImportedFlow
+from taichi_plume.validation.case import Answer, Case, Curve, Expected
+from taichi_plume.winds import ImportedWind
+
+HEADER = '"U:0","U:1","U:2","Points:0","Points:1","Points:2"'
+
+
+def vortices(x: np.ndarray) -> np.ndarray:
+    """A flow free of divergence at points (..., 2 or 3) [m], of a period of 1 m (Taylor and Green; Arnold, Beltrami and
+    Childress).
+    """
+    turned = 2.0 * pi * x + [0.3, 0.7, 1.1][: x.shape[-1]]
+    s, c = np.sin(turned), np.cos(turned)
+    if x.shape[-1] == 2:
+        return np.stack([s[..., 0] * c[..., 1] + 0.5, -c[..., 0] * s[..., 1]], axis=-1)
+    return np.stack(
+        [s[..., 2] + c[..., 1], 0.7 * (s[..., 0] + c[..., 2]), 0.5 * (s[..., 1] + c[..., 0])], axis=-1
+    )
+
+
+def imported_wind(n: int, dim: int, jitter: float) -> Answer:
+    """A box 1 m wide of n cells per metre, from points 0.8 of their spacing apart.
+
+    jitter: how far the points lie from a lattice at most, over their distance; they come in no order.
+    """
+    rng = np.random.default_rng(1)
+    m = 5 * n // 4
+    places = np.stack(np.meshgrid(*[np.arange(m) + 0.5] * dim, indexing="ij"), axis=-1).reshape(-1, dim)
+    places = rng.permutation((places + rng.uniform(-jitter, jitter, places.shape)) / m)
+    missing = np.zeros((len(places), 3 - dim))
+    columns = np.hstack([vortices(places), missing, places, missing])
+    model = ImportedWind(kind="imported", files="wind.csv", origin=(0.0,) * dim)
+    grid = Grid((n,) * dim, 1.0 / n)
+    with TemporaryDirectory() as folder:
+        np.savetxt(Path(folder) / "wind.csv", columns, fmt="%.8g", delimiter=",", header=HEADER, comments="")
+        film = ImportedFilm(Site(model, dim, Path(folder)), grid, air_of([], grid))
+    wind = ImportedFlow(film, model, grid)
+    points = rng.uniform(0.0, 1.0, (4000, dim))
+    exact = vortices(points)
+    error = velocity_at(wind, points, 0.0) - exact
+    found = wind.diagnostics()
+    line = np.full((101, dim), 0.5)
+    line[:, 0] = np.linspace(0.0, 1.0, 101)
+    return {
+        "u / u_max, rms": float(np.sqrt(np.mean(error**2)) / np.abs(exact).max()),
+        "correction": found["correction"],
+        "divergence": found["max_divergence"],
+        "velocity across the line": Curve(
+            "x [m]", "v [m/s]", line[:, 0], velocity_at(wind, line, 0.0)[:, 1], vortices(line)[:, 1]
+        ),
+    }
+
+
+def _case(
+    name: str, about: str, dim: int, jitter: float, coarse: tuple[int, ...], fine: tuple[int, ...]
+) -> Case:
+    return Case(
+        name,
+        about,
+        "the flow that was written",
+        partial(imported_wind, dim=dim, jitter=jitter),
+        coarse=coarse,
+        fine=fine,
+        expected={
+            "u / u_max, rms": Expected(order=1.9),
+            "correction": Expected(order=1.9),
+            "divergence": Expected(tolerance=1e-5),  # single precision
+        },
+    )
+
+
+IMPORT_CASES = (
+    _case("imported_wind", "air flow from a lattice of points", 2, 0.0, (16, 32), (32, 64, 128)),
+    _case("imported_wind_mesh", "air flow from points in disorder", 3, 0.25, (12, 24), (16, 32, 64)),
+)

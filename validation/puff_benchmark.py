@@ -1,0 +1,136 @@
+"""How fast puffs are: a whole step of many, and the concentration at many points among them."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import taichi as ti
+
+from taichi_plume import kernels
+from taichi_plume.cut_cells import Air
+from taichi_plume.fields import concentration_at
+from taichi_plume.gases import PuffGas
+from taichi_plume.grid import Grid
+from taichi_plume.solvers.flow import FlowSolver
+from taichi_plume.solvers.puffs import PuffSolver
+from taichi_plume.solvers.uniform import UniformSolver
+from taichi_plume.winds import CfdWind, UniformWind
+
+STEP = 0.05  # s
+LONGEST = 30.0  # s, to fill the room
+QUERIES = 1000
+REPEATS = 15
+
+
+@dataclass(frozen=True)
+class PuffStep:
+    """A whole step: release, motion, walls, sorting."""
+
+    case: str
+    puffs: int
+    ms_per_step: float
+    cpu_ms_per_step: float
+    first_step_s: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.case:18} {self.puffs:7,} puffs  {self.ms_per_step:7.2f} ms/step "
+            f"({self.cpu_ms_per_step:.2f} of CPU time)  "
+            f"first step {self.first_step_s:5.1f} s"
+        )
+
+
+@dataclass(frozen=True)
+class PuffQuery:
+    """The concentration at some points at once; seeing: puffs that reach a point, on average."""
+
+    case: str
+    where: str
+    puffs: int
+    queries: int
+    seeing: float
+    ms: float
+    cpu_ms: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.case:18} {self.puffs:7,} puffs  {self.ms:7.2f} ms ({self.cpu_ms:.2f} of CPU time) for "
+            f"{self.queries:,} points {self.where}, "
+            f"each reached by {self.seeing:,.0f} puffs"
+        )
+
+
+def filled(gas: PuffSolver, puffs: int) -> tuple[float, float]:
+    """Let the sources release until there are so many puffs: the time then [s], and what the first step took [s]."""
+    begin = time.perf_counter()
+    gas.advance(0.0, STEP)
+    ti.sync()
+    first, t = time.perf_counter() - begin, STEP
+    while gas.puffs.count < puffs and t < LONGEST:
+        gas.advance(t, STEP)
+        t += STEP
+    return t, first
+
+
+def in_arena(grid: Grid, air: Air, openings: tuple, puffs: int) -> PuffSolver:
+    """Puffs in the still picture of a computed flow, with a little fluctuation of their own."""
+    flow = FlowSolver(CfdWind.model_validate({"kind": "cfd", "openings": openings}), grid, air)
+    for _ in range(50):
+        flow.advance(0.0, flow.stable_dt())
+    source = {"position": (0.6, 1.3, 0.1), "rate": 2e-5}
+    model = {"kind": "puffs", "sources": [source], "release_rate": puffs / 5.0, "most": 2 * puffs}
+    return PuffSolver(PuffGas.model_validate(model | {"fluctuation": 0.05}), grid, flow, air)
+
+
+def in_room(puffs: int) -> PuffSolver:
+    """Puffs in a room of 10 x 6 x 2.6 m with a wind of 0.5 m/s."""
+    grid = Grid((100, 60, 26), 0.1)
+    wind = UniformSolver(UniformWind(kind="uniform", velocity=(0.5, 0.0, 0.0)), grid)
+    source = {"position": (1.0, 3.0, 1.3), "rate": 2e-5}
+    model = {"kind": "puffs", "sources": [source], "release_rate": puffs / 17.0, "most": 2 * puffs}
+    return PuffSolver(PuffGas.model_validate(model), grid, wind, Air.of(np.zeros(grid.shape, bool), grid))
+
+
+def median_ms(work: Callable[[int], object]) -> tuple[float, float]:
+    """Median time of a piece of work, called with its number: on the wall, and of all CPU cores together [ms]."""
+    times = []
+    for n in range(REPEATS):
+        begin = time.perf_counter(), time.process_time()
+        work(n)
+        ti.sync()
+        times.append((time.perf_counter() - begin[0], time.process_time() - begin[1]))
+    wall, cpu = 1e3 * np.median(times, axis=0)
+    return float(wall), float(cpu)
+
+
+def step(case: str, arch: str, make: Callable[[int], PuffSolver], puffs: int = 100_000) -> list[PuffStep]:
+    """A whole step."""
+    kernels.start(arch)
+    gas = make(puffs)
+    t, first = filled(gas, puffs)
+    ms = median_ms(lambda n: gas.advance(t + n * STEP, STEP))
+    return [PuffStep(case, gas.puffs.count, *ms, first)]
+
+
+def query(case: str, arch: str, make: Callable[[int], PuffSolver], puffs: int = 200_000) -> list[PuffQuery]:
+    """The concentration at points anywhere, and at places of puffs."""
+    kernels.start(arch)
+    gas = make(puffs)
+    filled(gas, puffs)
+    count = gas.puffs.count
+    centers = np.column_stack([gas.puffs.column(d) for d in range(3)])
+    reach = 3.5 * np.sqrt(gas.puffs.column(gas.puffs.variance))
+    rng = np.random.default_rng(0)
+    places = {
+        "anywhere": rng.random((QUERIES, 3)) * gas.grid.extent,
+        "in the plume": centers[rng.integers(count, size=QUERIES)],
+    }
+    rows = []
+    for where, points in places.items():
+        flat = points.astype(np.float32)
+        concentration_at(gas, flat, 0.0)  # compiles
+        seeing = [(np.linalg.norm(centers - p, axis=1) < reach).sum() for p in points[:50]]
+        ms = median_ms(lambda n, flat=flat: concentration_at(gas, flat, 0.0))
+        rows.append(PuffQuery(case, where, count, QUERIES, float(np.mean(seeing)), *ms))
+    return rows
