@@ -10,11 +10,15 @@ fast; NumPy on ``swarm.reading.to_numpy()[group.slice]`` works as well.
 from typing import Protocol
 
 from taichi_plume.agents.casting import Casting
+from taichi_plume.agents.dapso import Dapso
 from taichi_plume.agents.ecoli import EColi
+from taichi_plume.agents.lineup import LineUp
+from taichi_plume.agents.random_walk import RandomWalk
 from taichi_plume.agents.spiral import Spiral
 from taichi_plume.agents.surge_cast import SurgeCast
 from taichi_plume.agents.surge_spiral import SurgeSpiral
 from taichi_plume.agents.swarm import GroupRange, Swarm
+from taichi_plume.agents.sweep import Sweep
 
 
 class Algorithm(Protocol):
@@ -38,4 +42,8 @@ ALGORITHMS: dict[str, type[Algorithm]] = {
     "surge_spiral": SurgeSpiral,
     "spiral": Spiral,
     "ecoli": EColi,
+    "dapso": Dapso,
+    "lineup": LineUp,
+    "sweep": Sweep,
+    "random_walk": RandomWalk,
 }

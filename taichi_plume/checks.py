@@ -13,6 +13,7 @@ from taichi_plume import (
     checks_plumesim,
     checks_robots,
     checks_size,
+    checks_teams,
 )
 from taichi_plume.gases import PlaybackGas
 from taichi_plume.scenario import Scenario
@@ -42,6 +43,7 @@ def problems(scenario: Scenario, folder: Path) -> list[str]:
         lines += part.problems(scenario, shapes)
     lines += checks_robots.own_algorithms(scenario, folder)
     lines += checks_plumesim.plume_logs(scenario)
+    lines += checks_teams.problems(scenario)
     return [*lines, *_names(scenario), *_recording(scenario), *_fields(scenario)]
 
 
