@@ -6,6 +6,8 @@ Constriction: Clerc & Kennedy, IEEE Trans. Evolutionary Computation 6 (2002) 58-
 
 MEASURE  stand still and take the mean reading f, then choose a way point
 DRIVE    go there by `potential`; there, after way_point_timeout, or when there is no way: MEASURE
+EXPLORE  neither the robot nor its neighbours know of gas: drive to a random place; there, or at a reading of
+         threshold_ppm on the way: MEASURE (our addition: with 0 it never comes to that)
 
 With x: the robot's place, p: the best it has measured at, f(p) that reading, which fades with age,
 
@@ -14,7 +16,7 @@ With x: the robot's place, p: the best it has measured at, f(p) that reading, wh
     w = x + v, kept off walls and obstacles;    v <- w - x
 
 r1, r2: uniform in (0, 1) per component. Then it tells its team p and f(p). After `restart_after` steps in a row shorter
-than restart_step it forgets all that it knows and drives to a random place.
+than restart_step it forgets all that it knows and drives to a random place, whatever it smells on the way.
 """
 
 import cmath
@@ -27,7 +29,7 @@ from taichi_plume.agents.radio import Radio
 from taichi_plume.agents.swarm import GroupRange, Swarm
 from taichi_plume.rng import stream_id, uniform4
 
-MEASURE, DRIVE = range(2)
+MEASURE, DRIVE, EXPLORE = range(3)
 
 UNKNOWN = -1.0  # ppm, f(p) of a robot that knows of no place
 
@@ -41,7 +43,7 @@ def constriction(phi: float, kappa: float = 1.0) -> float:
 class Dapso:
     """The DAPSO algorithm for the robots of one group. tick: control period [s]."""
 
-    STATE_NAMES: tuple[str, ...] = ("MEASURE", "DRIVE")
+    STATE_NAMES: tuple[str, ...] = ("MEASURE", "DRIVE", "EXPLORE")
 
     def __init__(self, swarm: Swarm, group: GroupRange, tick: float):
         model = group.model.algorithm
@@ -56,6 +58,7 @@ class Dapso:
         self.fading = 0.0 if model.memory is None else 1.0 / model.memory  # 1/s
         self.longest = model.longest_step
         self.tolerance, self.timeout = model.way_point_tolerance, model.way_point_timeout
+        self.threshold = model.threshold_ppm
         self.restart_after, self.restart_step = model.restart_after, model.restart_step
         self.near = model.neighbourhood
         self.settle = max(0, round(model.settle / tick))  # ticks
@@ -101,14 +104,24 @@ class Dapso:
                     self._learn(n, t)
                     self._choose(n, tick, t)
                     self.potential.begin(n)
-                    self.swarm.state[i], self.since[n] = DRIVE, 0
-            if self.swarm.state[i] == DRIVE:
-                over = self.potential.is_over(n, self.way_point[n], self.tolerance)
-                if over or self.since[n] * dt >= self.timeout:
+                    self.since[n] = 0
+            if self.swarm.state[i] != MEASURE:
+                if self._is_there(n, dt):
                     self.potential.stand(n)
                     self.swarm.state[i], self.since[n], self.sum[n] = MEASURE, 0, 0.0
                 else:
                     self.potential.drive(n, self.way_point[n], dt)
+
+    @ti.func
+    def _is_there(self, n, dt):
+        """Whether it is time to measure."""
+        i = self.start + n
+        there = self.potential.is_over(n, self.way_point[n], self.tolerance)
+        if self.swarm.state[i] == DRIVE:
+            there = there or self.since[n] * dt >= self.timeout
+        else:
+            there = there or self.swarm.reading[i] >= self.threshold
+        return there
 
     @ti.func
     def _learn(self, n, t):
@@ -124,22 +137,27 @@ class Dapso:
 
     @ti.func
     def _choose(self, n, tick, t):
-        """The next way point."""
-        x, p = self.swarm.position[self.start + n], self.best_place[n]
-        g = self._best_known(n, tick, t)
+        """The next way point, and the state to drive there."""
+        i = self.start + n
+        x, p = self.swarm.position[i], self.best_place[n]
+        most, g = self._best_known(n, tick, t)
         self.goal[n] = g
         u = uniform4(ti.u32(self.seed), ti.u32(self.stream), self.first + n, tick, 0)
         r1, r2 = ti.Vector([u[0], u[1]]), ti.Vector([u[2], u[3]])
         v = self.chi * (self.step[n] + self.phi1 * r1 * (p - x) + self.phi2 * r2 * (g - x))
-        v = self._shortened(v)
-        w = self.potential.clear(x + v)
+        w = self.potential.clear(x + self._shortened(v))
         self.radio.say(n, self.best[n], p)
         self.short[n] = ti.select((w - x).norm() < self.restart_step, self.short[n] + 1, 0)
-        if self.restart_after > 0 and self.short[n] >= self.restart_after:
+        restarts = self.restart_after > 0 and self.short[n] >= self.restart_after
+        explores = most < self.threshold
+        if restarts or explores:
             u = uniform4(ti.u32(self.seed), ti.u32(self.stream), self.first + n, tick, 1)
             w = self.potential.clear(self._inside(ti.Vector([u[0], u[1]])))
-            self.best[n], self.short[n] = UNKNOWN, 0
+            self.short[n] = 0
+        if restarts:
+            self.best[n] = UNKNOWN
             self.radio.forget(n)
+        self.swarm.state[i] = ti.select(explores, EXPLORE, DRIVE)
         self.way_point[n] = w
         self.step[n] = self._shortened(w - x)
 
@@ -155,14 +173,14 @@ class Dapso:
 
     @ti.func
     def _best_known(self, n, tick, t):
-        """g: where the best reading is that robot n and its neighbours know of."""
+        """The best reading that robot n and its neighbours know of, and g, where that was."""
         best, g = self.best[n], self.best_place[n]
         for m in range(self.count):
             if self.radio.has_heard(n, m) and self._is_neighbour(n, m, tick, t):
                 f = self._told(n, m, t)
                 if f > best:
                     best, g = f, self.radio.place[n, m]
-        return g
+        return best, g
 
     @ti.func
     def _told(self, n, m, t):

@@ -13,7 +13,8 @@ SWEEP  b moves on; where an end of the line comes to the margin, it goes back: w
 WAIT   as SWEEP, but the line stands until stragglers are there
 
 A lone robot sweeps likewise, and after each sweep steps by `stagger` upwind (from the margin on downwind, and so on).
-The line is one: its robots know of each other whatever the range of their messages.
+Places beyond the margin, as in a wind askew to the walls, are brought back to it. The line is one: its robots know of
+each other whatever the range of their messages.
 """
 
 from math import cos, radians, sin
@@ -29,6 +30,7 @@ FEEL, FORM, SWEEP, WAIT = range(4)
 
 MOST_SLANT = 0.5  # of the width of the sweep that the line may take across it
 PROGRESS = 0.02  # m
+STILL = 1e-3  # m/s
 FAR = 1e9  # m
 
 
@@ -189,13 +191,11 @@ class LineUp:
     @ti.func
     def _is_awaited(self, n, dt):
         """Whether robot n is off its place, but may still come."""
-        off = (self.place(n) - self.swarm.position[self.start + n]).norm()
-        result = 0
-        if off <= self.tolerance:
+        i = self.start + n
+        off = (self.place(n) - self.swarm.position[i]).norm()
+        comes = off <= self.tolerance or off < self.least[n] - PROGRESS
+        if comes and self.swarm.velocity[i].norm() > STILL:  # not that the line comes to it
             self.late[n], self.least[n] = 0.0, off
         else:
-            if off < self.least[n] - PROGRESS:
-                self.late[n], self.least[n] = 0.0, off
             self.late[n] += dt
-            result = ti.cast(self.late[n] <= self.patience, ti.i32)
-        return result
+        return ti.cast(off > self.tolerance and self.late[n] <= self.patience, ti.i32)

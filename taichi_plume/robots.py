@@ -279,6 +279,8 @@ class Dapso(Listening):
 
     kind: Literal["dapso"]
     acquisition: Duration = 2.0
+    threshold_ppm: NonNegative = 1.0
+    """While the best reading known is smaller, the robot explores: it drives to random places; 0: never."""
     phi1: NonNegative = 2.05
     """Strength of the pull to the best place of the robot itself."""
     phi2: NonNegative = 2.05

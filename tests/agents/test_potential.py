@@ -91,7 +91,8 @@ def test_two_that_meet_pass_at_a_distance(offset):
 def test_eight_that_change_places_across_a_circle_keep_their_gaps():
     angles = np.arange(8) * np.pi / 4
     ring = 1.1 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    couriers = Couriers(ring + [2, 1.5], -ring + [2, 1.5], trials=2)
+    middle = np.array([2, 1.5])
+    couriers = Couriers(middle + ring, middle - ring, trials=2)
     tracks = couriers.go(90)
     assert arrived(couriers, tracks).all()
     assert min(least_gap(tracks, i, j) for i in range(8) for j in range(i)) > AVOIDANCE / 4
