@@ -9,8 +9,6 @@ SWEEP    along lane after lane; where an obstacle stands at a lane's end, on fro
 DONE     stand at the end, unless the sweep is to be repeated backwards
 """
 
-from math import ceil
-
 import numpy as np
 import taichi as ti
 
@@ -33,10 +31,12 @@ class Sweep:
         self.swarm, self.start, self.size = swarm, group.start, group.size
         self.repeat = model.repeat
         self.potential = Potential(swarm, group, model.speed, model.avoidance)
+        size = swarm.clearance.size
+        axis, number = model.lanes(size, group.count)
         ways = [
             way
             for team in swarm.start[group.slice].reshape(group.trials, group.count, 2)
-            for way in lanes(team, swarm.clearance.size, model.lane, model.along, self.potential.room)
+            for way in lanes(team, size, axis, number, self.potential.room)
         ]
         n = self.size
         self.way = ti.Vector.field(2, ti.f32, (n, max(map(len, ways))))  # way points [m]
@@ -81,20 +81,14 @@ class Sweep:
         self.potential.begin(n)
 
 
-def lane_count(size: tuple[float, float], lane: float, along: str | None, robots: int) -> tuple[int, int]:
-    """The axis that lanes run along, and how many there are: each robot has one."""
-    axis = int(size[1] > size[0]) if along is None else "xy".index(along)
-    return axis, max(ceil(size[1 - axis] / lane - 1e-9), robots)
-
-
 def lanes(
-    team: np.ndarray, size: tuple[float, float], lane: float, along: str | None, room: float
+    team: np.ndarray, size: tuple[float, float], axis: int, number: int, room: float
 ) -> list[np.ndarray]:
-    """The way points (k, 2) [m] of each robot of a team that stands at `team` (robots, 2) [m]; size: of the floor [m].
+    """The way points (k, 2) [m] of each robot of a team that stands at `team` (robots, 2) [m].
 
-    room: from a lane's ends to the walls [m].
+    size: of the floor [m]. axis, number: along which the lanes run, and how many there are. room: from a lane's ends to
+    the walls [m].
     """
-    axis, number = lane_count(size, lane, along, len(team))
     across = (np.arange(number) + 0.5) * size[1 - axis] / number
     ends = np.array([room, size[axis] - room])
     ways: list[np.ndarray] = [np.empty((0, 2))] * len(team)

@@ -40,9 +40,7 @@ def _messages(path: str, group: Group) -> Iterator[str]:
 
 
 def _lanes(path: str, group: Group, model: Sweep, size: tuple[float, ...]) -> Iterator[str]:
-    from taichi_plume.agents.sweep import lane_count
-
-    axis, number = lane_count((size[0], size[1]), model.lane, model.along, group.count)
+    axis, number = model.lanes(size, group.count)
     width = size[1 - axis]
     if model.lane > width:
         yield (

@@ -1,5 +1,6 @@
 """The robots of a scenario: where they start, bodies, sensors, search algorithms."""
 
+from math import ceil
 from typing import Annotated, Any, Literal
 
 from pydantic import Field
@@ -347,6 +348,11 @@ class Sweep(Model):
     """Whether robots go back the way they came at the end, again and again; otherwise they stay there."""
     avoidance: Length = 0.05
     """Air to others and to walls below which they push the robot away [m]."""
+
+    def lanes(self, size: tuple[float, ...], robots: int) -> tuple[int, int]:
+        """The axis along which they run, and how many cover a floor of this size [m]: at least one per robot."""
+        axis = int(size[1] > size[0]) if self.along is None else "xy".index(self.along)
+        return axis, max(ceil(size[1 - axis] / self.lane - 1e-9), robots)
 
 
 class RandomWalk(Model):

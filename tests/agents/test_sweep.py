@@ -36,8 +36,9 @@ def farthest(points, size, room, axis):
 @pytest.mark.parametrize("along", [None, "x", "y"])
 def test_lanes_cover_the_floor(size, count, along):
     team = np.random.default_rng(count).uniform(0.3, 1.0, (count, 2))
-    ways = lanes(team, size, 0.4, along, 0.1)
-    axis = int(size[1] > size[0]) if along is None else "xy".index(along)
+    axis, number = Sweep(kind="sweep", lane=0.4, along=along).lanes(size, count)
+    assert axis == {"x": 0, "y": 1, None: int(np.argmax(size))}[along]
+    ways = lanes(team, size, axis, number, 0.1)
     points = np.concatenate([along_way(way) for way in ways])
     assert farthest(points, size, 0.1, axis) < 0.2 + 1e-3
     used = np.concatenate([way[::2, 1 - axis] for way in ways])
@@ -52,7 +53,7 @@ def test_lanes_cover_the_floor(size, count, along):
 
 def test_blocks_and_first_corners_are_near():
     team = np.array([[3.8, 2.8], [0.2, 0.2], [3.8, 1.4]])
-    ways = lanes(team, (4.0, 3.0), 0.25, None, 0.1)
+    ways = lanes(team, (4.0, 3.0), 0, 12, 0.1)
     assert ways[0][0] == pytest.approx((3.9, 2.875))
     assert ways[1][0] == pytest.approx((0.1, 0.125))
     assert ways[2][0, 0] == pytest.approx(3.9)
