@@ -7,7 +7,8 @@ Constriction: Clerc & Kennedy, IEEE Trans. Evolutionary Computation 6 (2002) 58-
 MEASURE  stand still and take the mean reading f, then choose a way point
 DRIVE    go there by `potential`; there, after way_point_timeout, or when there is no way: MEASURE
 EXPLORE  neither the robot nor its neighbours know of gas: drive to a random place; there, or at a reading of
-         threshold_ppm on the way: MEASURE (our addition: with 0 it never comes to that)
+         threshold_ppm on the way: MEASURE. Not in the paper, and with 0 never; so do Li, Li, Lee & Zhang, PLoS ONE 9
+         (2014) e111970, in their hybrid
 
 With x: the robot's place, p: the best it has measured at, f(p) that reading, which fades with age,
 

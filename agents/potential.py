@@ -28,7 +28,7 @@ NEAR = 0.05  # m from the way point that count as there
 PATIENCE = 3.0  # s without way
 WAY = 0.1  # of what the robot could drive in PATIENCE; less is no way
 ESCAPE = 2.0  # s of the first escape
-TRIES = 2  # escapes after which a way point counts as out of reach
+TRIES = 2  # escapes; if these were in vain, a way point counts as out of reach
 PUSHES = 4  # out of obstacles, of a way point
 
 
@@ -65,7 +65,7 @@ class Potential:
     def is_over(self, n, goal, tolerance):
         """Whether the robot is within `tolerance` [m] of its way point, or will not get there."""
         apart = self.swarm.position[self.start + n] - goal
-        return apart.norm() <= tolerance or self.tries[n] >= TRIES
+        return apart.norm() <= tolerance or self.tries[n] > TRIES
 
     @ti.func
     def clear(self, place):

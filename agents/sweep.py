@@ -5,7 +5,7 @@ The systematic search that Turduev, Cabrita, Kırtay, Gazi & Marques, Autonomous
 the block there, and each begins at the nearest corner of its own.
 
 TRANSIT  drive to the begin of the first lane
-SWEEP    along lane after lane; where an obstacle stands at a lane's end, on from the nearest free place
+SWEEP    along lane after lane, around what stands in it and back; a lane's end in an obstacle is the next free place
 DONE     stand at the end, unless the sweep is to be repeated backwards
 """
 
@@ -17,6 +17,8 @@ from taichi_plume.agents.potential import NEAR, Potential
 from taichi_plume.agents.swarm import GroupRange, Swarm
 
 TRANSIT, SWEEP, DONE = range(3)
+
+AHEAD = 0.3  # m of the lane ahead of the robot, where it heads for
 
 
 @ti.data_oriented
@@ -58,14 +60,25 @@ class Sweep:
     def _act(self, dt: float):
         for n in range(self.size):
             i = self.start + n
-            goal = self.potential.clear(self.way[n, self.next[n]])
-            if self.swarm.state[i] != DONE and self.potential.is_over(n, goal, NEAR):
+            end = self.potential.clear(self.way[n, self.next[n]])
+            if self.swarm.state[i] != DONE and self.potential.is_over(n, end, NEAR):
                 self._proceed(n)
-                goal = self.potential.clear(self.way[n, self.next[n]])
             if self.swarm.state[i] == DONE:
                 self.potential.stand(n)
             else:
-                self.potential.drive(n, goal, dt)
+                self.potential.drive(n, self.potential.clear(self._goal(n)), dt)
+
+    @ti.func
+    def _goal(self, n):
+        """The way point; on a lane, at most AHEAD from the robot."""
+        goal = self.way[n, self.next[n]]
+        if self.swarm.state[self.start + n] == SWEEP:
+            begin = self.way[n, self.next[n] - self.order[n]]
+            length = (goal - begin).norm()
+            along = (goal - begin) / length
+            way = (self.swarm.position[self.start + n] - begin).dot(along) + AHEAD
+            goal = begin + ti.math.clamp(way, 0.0, length) * along
+        return goal
 
     @ti.func
     def _proceed(self, n):
