@@ -56,7 +56,7 @@ class Dapso:
         self.potential = Potential(swarm, group, model.speed, model.avoidance)
         self.phi1, self.phi2 = model.phi1, model.phi2
         self.chi = constriction(model.phi1 + model.phi2, model.kappa)
-        self.fading = 0.0 if model.memory is None else 1.0 / model.memory  # 1/s
+        self.fading = 1.0 / model.memory if model.memory > 0 else 0.0  # 1/s
         self.longest = model.longest_step
         self.tolerance, self.timeout = model.way_point_tolerance, model.way_point_timeout
         self.threshold = model.threshold_ppm

@@ -290,8 +290,8 @@ class Dapso(Listening):
     """Of the constriction chi; less lets steps shorten sooner."""
     longest_step: Length = 0.5
     """From way point to way point [m]."""
-    memory: Duration | None = 60.0
-    """In which a best reading fades by 1/e [s], as gas comes and goes; `null`: never."""
+    memory: Delay = 60.0
+    """Time constant with which a best reading fades [s], as gas comes and goes; 0: it does not."""
     neighbourhood: Annotated[SearchSpace | FunctionValue | RandomMates, Field(discriminator="kind")] = (
         SearchSpace(kind="search_space")
     )
@@ -388,8 +388,8 @@ Algorithm = Annotated[
 class Communication(Model):
     """Messages between the robots of a team, for algorithms that use them."""
 
-    range: Length | None = 1.5
-    """How far a message reaches [m]; `null`: everywhere."""
+    range: Length | None = None
+    """How far a message reaches [m]; unless given, everywhere."""
     loss: Fraction = 0.0
     """Probability that a robot misses a message."""
 

@@ -18,7 +18,7 @@ def team(count, algorithm, more=""):
     "override",
     [
         team(5, "kind: dapso"),
-        team(1, "kind: dapso, memory: null, neighbourhood: {kind: random}"),
+        team(1, "kind: dapso, memory: 0, neighbourhood: {kind: random}"),
         team(5, "kind: dapso", ", communication: {range: null, loss: 1}"),
         team(4, "kind: lineup"),
         team(1, "kind: lineup, margin: 1.4 m"),

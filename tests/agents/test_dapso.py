@@ -92,7 +92,7 @@ def test_the_mean_of_a_step_follows_from_its_law():
     """Gas only at first: p is the start, x = p + v, so that on average the next v is chi (1 - phi/2) v."""
     trials = 400
     run = Run(
-        quick(memory=None, restart_after=0),
+        quick(memory=0, restart_after=0),
         Script([9.0] + [0.0] * 99, 0.6),
         ((5, 5),),
         trials,
@@ -111,7 +111,7 @@ def test_the_mean_of_a_step_follows_from_its_law():
     assert np.mean(across) == pytest.approx(0, abs=4 * np.std(across) / np.sqrt(len(across)))
 
 
-@pytest.mark.parametrize(("memory", "takes_it"), [(10.0, True), (None, False)])
+@pytest.mark.parametrize(("memory", "takes_it"), [(10.0, True), (0, False)])
 def test_best_readings_fade(memory, takes_it):
     """10 ppm fade to 5 ppm in memory ln 2 = 6.9 s; from then on a place with 5 ppm is the best."""
     run = Run(quick(memory=memory), Script([10.0] + [5.0] * 9, 1.0), reach=0)
@@ -167,7 +167,7 @@ def test_teams_cooperate_as_far_as_messages_reach(communication, cooperate):
 def test_neighbourhoods(neighbourhood, listens):
     """Robot 0 has seen 10 ppm; the others, 0.4 m and more away, tell of these:"""
     told = [0.0, 30.0, 50.0, 11.0, 14.0]
-    run = swarm_on_hill(1, neighbourhood=neighbourhood, memory=None)
+    run = swarm_on_hill(1, neighbourhood=neighbourhood, memory=0)
     algorithm = run.team.algorithm
     algorithm.radio.value.from_numpy(np.tile(np.array(told, np.float32), (5, 1)))
     algorithm.radio.sender.from_numpy(
