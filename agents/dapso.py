@@ -5,7 +5,7 @@ gas maps by Turduev, Cabrita, Kırtay, Gazi & Marques, Autonomous Agents and Mul
 Constriction: Clerc & Kennedy, IEEE Trans. Evolutionary Computation 6 (2002) 58-73. Constants are our choice.
 
 MEASURE  stand still and take the mean reading f, then choose a way point
-DRIVE    go there by `potential`; there, after way_point_timeout, or when there is no way: MEASURE
+DRIVE    go there by `potential`; there, after way_point_timeout, or where others are in the way: MEASURE
 EXPLORE  neither the robot nor its neighbours know of gas: drive to a random place; there, or at a reading of
          threshold_ppm on the way: MEASURE. Not in the paper, and with 0 never; so do Li, Li, Lee & Zhang, PLoS ONE 9
          (2014) e111970, in their hybrid
@@ -119,7 +119,7 @@ class Dapso:
         i = self.start + n
         there = self.potential.is_over(n, self.way_point[n], self.tolerance)
         if self.swarm.state[i] == DRIVE:
-            there = there or self.since[n] * dt >= self.timeout
+            there = there or self.since[n] * dt >= self.timeout or self.potential.tries[n] > 0
         else:
             there = there or self.swarm.reading[i] >= self.threshold
         return there
