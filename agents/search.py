@@ -3,19 +3,24 @@
 To add one: write a class with this protocol in a file of its own, its parameters as a model with a `kind` in
 robots.py, and enter it in ALGORITHMS. For the robots of its own group it reads the swarm's `reading`,
 `wind`, `wind_known`, `blocked`, `heading` and `path_length` (and `position`, if the robots are to have
-positioning) and writes `speed_command`, `turn_rate_command` and `state`. A Taichi kernel over the group is
-fast; NumPy on ``swarm.reading.to_numpy()[group.slice]`` works as well.
+positioning) and writes `speed_command`, `turn_rate_command` and `state`. `legs` and `potential` drive for it, and
+`radio` carries messages between the robots of a team. A Taichi kernel over the group is fast; NumPy on
+``swarm.reading.to_numpy()[group.slice]`` works as well.
 """
 
 from typing import Protocol
 
 from taichi_plume.agents.casting import Casting
+from taichi_plume.agents.dapso import Dapso
 from taichi_plume.agents.ecoli import EColi
 from taichi_plume.agents.infotaxis import Infotaxis
+from taichi_plume.agents.lineup import LineUp
+from taichi_plume.agents.random_walk import RandomWalk
 from taichi_plume.agents.spiral import Spiral
 from taichi_plume.agents.surge_cast import SurgeCast
 from taichi_plume.agents.surge_spiral import SurgeSpiral
 from taichi_plume.agents.swarm import GroupRange, Swarm
+from taichi_plume.agents.sweep import Sweep
 
 
 class Algorithm(Protocol):
@@ -40,4 +45,8 @@ ALGORITHMS: dict[str, type[Algorithm]] = {
     "spiral": Spiral,
     "ecoli": EColi,
     "infotaxis": Infotaxis,
+    "dapso": Dapso,
+    "lineup": LineUp,
+    "sweep": Sweep,
+    "random_walk": RandomWalk,
 }

@@ -17,6 +17,7 @@ from taichi_plume import (
     checks_puffs,
     checks_robots,
     checks_size,
+    checks_teams,
 )
 from taichi_plume.gases import PlaybackGas
 from taichi_plume.scenario import Scenario
@@ -55,6 +56,7 @@ def problems(scenario: Scenario, folder: Path) -> list[str]:
         *checks_plumes.plume_problems(scenario),
         *checks_puffs.puffs(scenario),
         *checks_plumesim.plume_logs(scenario),
+        *checks_teams.problems(scenario),
     ]
 
 

@@ -1,6 +1,6 @@
 """The robots of a scenario: where they start, bodies, sensors, search algorithms."""
 
-from math import sqrt
+from math import ceil, sqrt
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
@@ -319,6 +319,120 @@ class Infotaxis(Listening):
         return self
 
 
+class SearchSpace(Model):
+    """A robot listens to those that were near it when it heard them."""
+
+    kind: Literal["search_space"]
+    distance: Length = 1.5
+
+
+class FunctionValue(Model):
+    """A robot listens to those whose best readings are most like its own."""
+
+    kind: Literal["function_value"]
+    number: Count = 2
+
+
+class RandomMates(Model):
+    """At each way point a robot listens to others at random."""
+
+    kind: Literal["random"]
+    probability: Fraction = 0.5
+    """Of each."""
+
+
+class Dapso(Listening):
+    """Particle swarm optimisation by robots without a common clock (Akat & Gazi 2008). See agents/dapso.py."""
+
+    kind: Literal["dapso"]
+    acquisition: Duration = 2.0
+    threshold_ppm: NonNegative = 1.0
+    """While the best reading known is smaller, the robot explores: it drives to random places; 0: never."""
+    phi1: NonNegative = 2.05
+    """Strength of the pull to the best place of the robot itself."""
+    phi2: NonNegative = 2.05
+    """Strength of the pull to the best place that its neighbours told of."""
+    kappa: Annotated[float, Field(gt=0, le=1)] = 1.0
+    """Of the constriction chi; less lets steps shorten sooner."""
+    longest_step: Length = 0.5
+    """From way point to way point [m]."""
+    memory: Delay = 60.0
+    """Time constant with which a best reading fades [s], as gas comes and goes; 0: it does not."""
+    neighbourhood: Annotated[SearchSpace | FunctionValue | RandomMates, Field(discriminator="kind")] = (
+        SearchSpace(kind="search_space")
+    )
+    """Whose best places count, of the team mates that were in range (see `communication`)."""
+    way_point_tolerance: Length = 0.05
+    way_point_timeout: Duration = 15.0
+    """After it the robot measures where it is [s]."""
+    restart_after: Annotated[int, Field(ge=0, le=1_000_000)] = 3
+    """So many short steps in a row: the robot forgets all and drives to a random place; 0: never."""
+    restart_step: Length = 0.05
+    """Shorter than it is a short step [m]."""
+    avoidance: Length = 0.2
+    """Air to others and to walls below which they push the robot away [m]."""
+
+
+class LineUp(Model):
+    """A diagonal line of robots that sweeps across the wind (Marjovi & Marques 2014). See agents/lineup.py."""
+
+    kind: Literal["lineup"]
+    speed: Speed | None = None
+    """Of a robot that takes its place; unless given, the body's largest."""
+    line_speed: TopSpeed = 0.1
+    """Of the line across the wind [m/s]."""
+    wind_direction_deg: Real | None = None
+    """Where the air goes, from the x axis to the left; unless given, the team measures it at the start."""
+    listen: Duration = 5.0
+    """Time for which it measures the wind [s]."""
+    spacing: Length | None = None
+    """Between neighbours, along the wind [m]; unless given, the line reaches from margin to margin."""
+    stagger: Distance = 0.3
+    """Between neighbours, across the wind [m]; of a lone robot, its step along the wind after each sweep."""
+    mirror: bool = False
+    """Whether the line forms anew before it goes back, so that the same end leads."""
+    margin: Length = 0.3
+    """From the walls to the line [m]."""
+    tolerance: Length = 0.15
+    """The line waits for robots that are farther than this from their places [m]."""
+    patience: Delay = 10.0
+    """Time without progress after which it no longer waits for a robot [s]."""
+    avoidance: Length = 0.1
+    """Air to others and to walls below which they push the robot away [m]."""
+
+
+class Sweep(Model):
+    """Parallel lanes to and fro, shared out between the robots of a team. See agents/sweep.py."""
+
+    kind: Literal["sweep"]
+    speed: Speed | None = None
+    lane: Length = 0.3
+    """Largest width of a lane [m]."""
+    along: Literal["x", "y"] | None = None
+    """Unless given, the longer side of the floor."""
+    repeat: bool = True
+    """Whether robots go back the way they came at the end, again and again; otherwise they stay there."""
+    avoidance: Length = 0.05
+    """Air to others and to walls below which they push the robot away [m]."""
+
+    def lanes(self, size: tuple[float, ...], robots: int) -> tuple[int, int]:
+        """The axis along which they run, and how many cover a floor of this size [m]: at least one per robot."""
+        axis = int(size[1] > size[0]) if self.along is None else "xy".index(self.along)
+        return axis, max(ceil(size[1 - axis] / self.lane - 1e-9), robots)
+
+
+class RandomWalk(Model):
+    """Straight legs in random directions. See agents/random_walk.py."""
+
+    kind: Literal["random_walk"]
+    speed: Speed | None = None
+    leg: Length = 1.0
+    leg_spread: Fraction = 0.5
+    """Each leg is leg (1 ± leg_spread), drawn uniformly."""
+    turn_angle_deg: Annotated[float, Field(ge=0, le=180)] = 180.0
+    """Largest turn between legs; after a bump it is 180°."""
+
+
 class Own(Model):
     """An algorithm of the user's own: a class in a Python file, in NumPy. See agents/own.py."""
 
@@ -332,8 +446,28 @@ class Own(Model):
 
 
 Algorithm = Annotated[
-    Casting | SurgeCast | SurgeSpiral | Spiral | EColi | Infotaxis | Own, Field(discriminator="kind")
+    Casting
+    | SurgeCast
+    | SurgeSpiral
+    | Spiral
+    | EColi
+    | Infotaxis
+    | Dapso
+    | LineUp
+    | Sweep
+    | RandomWalk
+    | Own,
+    Field(discriminator="kind"),
 ]
+
+
+class Communication(Model):
+    """Messages between the robots of a team, for algorithms that use them."""
+
+    range: Length | None = None
+    """How far a message reaches [m]; unless given, everywhere."""
+    loss: Fraction = 0.0
+    """Probability that a robot misses a message."""
 
 
 class Group(Model):
@@ -348,6 +482,7 @@ class Group(Model):
     algorithm: Algorithm
     body: Body = Body()
     sensors: Sensors = Sensors()
+    communication: Communication = Communication()
     reach: Distance = 0.35
     """A robot whose centre comes this close to a source has found it and stops [m]; the robot itself does not know."""
     capture: Literal["disc", "square"] = "disc"

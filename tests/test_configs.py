@@ -67,6 +67,14 @@ def test_fan_array_follows_its_schedule(tmp_path):
 
 
 @pytest.mark.slow
+def test_dapso_arena_is_the_story_of_its_header(tmp_path):
+    result = result_of("dapso_arena", tmp_path)
+    assert result["groups"][0]["success_rate"] == 1.0
+    assert result["groups"][0]["per_trial"]["acquisitions"][0] > 20
+    assert verified(tmp_path / "recording.rrd")
+
+
+@pytest.mark.slow
 def test_frozen_room_serves_five_hundred_trials(tmp_path):
     result = result_of("frozen_room", tmp_path, "--no-recording")
     assert result["groups"][0]["success_rate"] > 0.9

@@ -1,0 +1,140 @@
+"""Driving to a way point among team mates, walls and obstacles by artificial potentials.
+
+Khatib, "Real-time obstacle avoidance for manipulators and mobile robots", Int. J. Robotics Research 5 (1986) 90-98,
+doi:10.1177/027836498600500106, with a pull of bounded strength; scales are our choice. At x, on the way to w,
+
+    F = (w - x) / max(|w - x|, SOFT) + Σ k (1/d - 1/d0) / d² n,      k = d0³ / 4
+
+summed over the robots of the trial, the moving obstacles and the next surface that are closer than d0; d: air between
+the two [m], n: unit vector away. With this k the push at d0/2 holds off the full pull. The robot turns to F, and the
+better it faces it the faster it drives.
+
+A robot that makes no way for PATIENCE is in a local minimum: for a while it follows the tangent of the push, left and
+right by turns and each time for twice as long.
+"""
+
+from typing import Any
+
+import numpy as np
+import taichi as ti
+
+from taichi_plume.agents.swarm import GroupRange, Swarm, wrap
+
+SOFT = 0.1  # m from the way point at which the pull begins to fade
+ROUNDING = 1e-5  # m
+CLOSE = 0.005  # m, the least air that the push reckons with
+STEER = 0.4  # s in which the robot tries to turn to its course
+NEAR = 0.05  # m from the way point that count as there
+PATIENCE = 3.0  # s without way
+WAY = 0.1  # of what the robot could drive in PATIENCE; less is no way
+ESCAPE = 2.0  # s of the first escape
+TRIES = 2  # escapes; if these were in vain, a way point counts as out of reach
+PUSHES = 4  # out of obstacles, of a way point
+
+
+@ti.data_oriented
+class Potential:
+    """Commands for a group's robots: `begin` with each new way point, then `drive` each tick.
+
+    speed [m/s], unless given the body's largest; avoidance: d0 [m]. Way points should be `room` [m] away from what
+    stands, or the push would keep the robot from them; low and high: corners of the floor where they are.
+    """
+
+    def __init__(self, swarm: Swarm, group: GroupRange, speed: float | None, avoidance: float):
+        self.swarm, self.start, self.count = swarm, group.start, group.count
+        self.speed = group.model.body.max_speed if speed is None else speed
+        self.avoidance, self.stiffness = avoidance, avoidance**3 / 4  # k
+        self.room = group.model.body.radius + avoidance
+        self.low = (self.room, self.room)
+        self.high = (swarm.clearance.size[0] - self.room, swarm.clearance.size[1] - self.room)
+        self.least_way = WAY * self.speed * PATIENCE  # m
+        n = group.size
+        self.mark: Any = ti.Vector.field(2, ti.f32, n)  # where it last made way [m]
+        self.idle = ti.field(ti.f32, n)  # time since then [s]
+        self.tries = ti.field(ti.i32, n)  # escapes since `begin`
+        self.escape = ti.field(ti.f32, n)  # what is left of the present escape [s]
+        self.mark.fill(np.inf)
+
+    @ti.func
+    def begin(self, n):
+        """Robot n of the group has a new way point."""
+        self.mark[n] = self.swarm.position[self.start + n]
+        self.idle[n], self.escape[n], self.tries[n] = 0.0, 0.0, 0
+
+    @ti.func
+    def is_over(self, n, goal, tolerance):
+        """Whether the robot is within `tolerance` [m] of its way point, or will not get there."""
+        apart = self.swarm.position[self.start + n] - goal
+        return apart.norm() <= tolerance or self.tries[n] > TRIES
+
+    @ti.func
+    def clear(self, place):
+        """The place [m], or one near it that a robot can get to."""
+        low, high = ti.Vector([self.low[0], self.low[1]]), ti.Vector([self.high[0], self.high[1]])
+        w = ti.math.clamp(place, low, high)
+        for _ in range(PUSHES):
+            lacking = self.room - self.swarm.clearance.distance(w)
+            if lacking > ROUNDING:
+                w += lacking * self.swarm.clearance.normal(w)
+        return ti.math.clamp(w, low, high)
+
+    @ti.func
+    def drive(self, n, goal, dt: float):
+        """Command the next tick of dt [s] towards `goal` [m]."""
+        i = self.start + n
+        way = goal - self.swarm.position[i]
+        distance = way.norm()
+        self._watch(n, distance, dt)
+        pull = way / ti.max(distance, SOFT)
+        push = self._push(i, n // self.count)
+        if self.escape[n] > 0.0 and push.norm() > 0.0:
+            side = ti.select(self.tries[n] % 2 == 1, 1.0, -1.0)
+            pull = side * ti.Vector([-push[1], push[0]]) / push.norm()
+        force = pull + push
+        error = wrap(ti.atan2(force[1], force[0]) - self.swarm.heading[i])
+        speed = self.speed * ti.min(1.0, force.norm()) * ti.max(0.0, ti.cos(error))
+        self.swarm.speed_command[i] = ti.min(speed, distance / dt)
+        self.swarm.turn_rate_command[i] = error / ti.max(dt, STEER)
+
+    @ti.func
+    def stand(self, n):
+        """Command a stop."""
+        self.swarm.speed_command[self.start + n] = 0.0
+        self.swarm.turn_rate_command[self.start + n] = 0.0
+
+    @ti.func
+    def _watch(self, n, distance, dt):
+        """Notice local minima."""
+        x = self.swarm.position[self.start + n]
+        self.escape[n] -= dt
+        self.idle[n] += dt
+        if distance < NEAR or self.escape[n] > 0.0 or (x - self.mark[n]).norm() > self.least_way:
+            self.mark[n] = x
+            self.idle[n] = 0.0
+        elif self.idle[n] >= PATIENCE:
+            self.escape[n] = ESCAPE * 2.0 ** ti.min(self.tries[n], 10)
+            self.tries[n] += 1
+            self.idle[n] = 0.0
+
+    @ti.func
+    def _push(self, i, k):
+        """The sum of all that keeps robot i of trial k away."""
+        x, radius = self.swarm.position[i], self.swarm.radius[i]
+        push = self._strength(self.swarm.clearance.distance(x) - radius) * self.swarm.clearance.normal(x)
+        for m in range(self.swarm.team_size[k]):
+            j = self.swarm.members[k, m]
+            if j != i:
+                push += self._push_of(x - self.swarm.position[j], radius + self.swarm.radius[j])
+        for w in range(self.swarm.walker_count):
+            push += self._push_of(x - self.swarm.discs[w], radius + self.swarm.disc_radius[w])
+        return push
+
+    @ti.func
+    def _push_of(self, apart, radii):
+        d = apart.norm()
+        return self._strength(d - radii) * apart / ti.max(d, CLOSE)
+
+    @ti.func
+    def _strength(self, gap):
+        d = ti.max(gap, CLOSE)
+        return ti.max(self.stiffness * (1.0 / d - 1.0 / self.avoidance) / d**2, 0.0)

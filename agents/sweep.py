@@ -1,0 +1,118 @@
+"""Sweep: lanes to and fro over the whole floor, shared out between the robots of a team, whatever is smelt.
+
+The systematic search that Turduev, Cabrita, Kırtay, Gazi & Marques, Autonomous Agents and Multi-Agent Systems 28 (2014)
+72-100, compare swarms with. Each robot has a block of neighbouring lanes; who is farthest to one side at the start has
+the block there, and each begins at the nearest corner of its own.
+
+TRANSIT  drive to the begin of the first lane
+SWEEP    along lane after lane, around what stands in it and back; a lane's end in an obstacle is the next free place
+DONE     stand at the end, unless the sweep is to be repeated backwards
+"""
+
+import numpy as np
+import taichi as ti
+
+from taichi_plume import robots
+from taichi_plume.agents.potential import NEAR, Potential
+from taichi_plume.agents.swarm import GroupRange, Swarm
+
+TRANSIT, SWEEP, DONE = range(3)
+
+AHEAD = 0.3  # m of the lane ahead of the robot, where it heads for
+
+
+@ti.data_oriented
+class Sweep:
+    """A sweep by the robots of one group, each trial for itself. tick: control period [s]."""
+
+    STATE_NAMES: tuple[str, ...] = ("TRANSIT", "SWEEP", "DONE")
+
+    def __init__(self, swarm: Swarm, group: GroupRange, tick: float):
+        model = group.model.algorithm
+        assert isinstance(model, robots.Sweep)
+        self.swarm, self.start, self.size = swarm, group.start, group.size
+        self.repeat = model.repeat
+        self.potential = Potential(swarm, group, model.speed, model.avoidance)
+        size = swarm.clearance.size
+        axis, number = model.lanes(size, group.count)
+        ways = [
+            way
+            for team in swarm.start[group.slice].reshape(group.trials, group.count, 2)
+            for way in lanes(team, size, axis, number, self.potential.room)
+        ]
+        n = self.size
+        self.way = ti.Vector.field(2, ti.f32, (n, max(map(len, ways))))  # way points [m]
+        self.length = ti.field(ti.i32, n)  # how many of them there are
+        self.next = ti.field(ti.i32, n)  # number of the present one
+        self.order = ti.field(ti.i32, n)  # +1: forwards, -1: back
+        table = np.zeros((*self.way.shape, 2), np.float32)
+        for row, way in zip(table, ways, strict=True):
+            row[: len(way)] = way
+        self.way.from_numpy(table)
+        self.length.from_numpy(np.array([len(way) for way in ways], np.int32))
+        self.order.fill(1)
+
+    def act(self, tick: int, t: float, dt: float) -> None:
+        """Command the next dt [s]."""
+        self._act(dt)
+
+    @ti.kernel
+    def _act(self, dt: float):
+        for n in range(self.size):
+            i = self.start + n
+            end = self.potential.clear(self.way[n, self.next[n]])
+            if self.swarm.state[i] != DONE and self.potential.is_over(n, end, NEAR):
+                self._proceed(n)
+            if self.swarm.state[i] == DONE:
+                self.potential.stand(n)
+            else:
+                self.potential.drive(n, self.potential.clear(self._goal(n)), dt)
+
+    @ti.func
+    def _goal(self, n):
+        """The way point; on a lane, at most AHEAD from the robot."""
+        goal = self.way[n, self.next[n]]
+        if self.swarm.state[self.start + n] == SWEEP:
+            begin = self.way[n, self.next[n] - self.order[n]]
+            length = (goal - begin).norm()
+            along = (goal - begin) / length
+            way = (self.swarm.position[self.start + n] - begin).dot(along) + AHEAD
+            goal = begin + ti.math.clamp(way, 0.0, length) * along
+        return goal
+
+    @ti.func
+    def _proceed(self, n):
+        """On to the next way point, or back to the one before."""
+        following = self.next[n] + self.order[n]
+        state = SWEEP
+        if following < 0 or following == self.length[n]:
+            self.order[n] = -self.order[n]
+            following = self.next[n] + self.order[n]
+            state = ti.select(self.repeat, SWEEP, DONE)
+        self.swarm.state[self.start + n] = state
+        self.next[n] = following
+        self.potential.begin(n)
+
+
+def lanes(
+    team: np.ndarray, size: tuple[float, float], axis: int, number: int, room: float
+) -> list[np.ndarray]:
+    """The way points (k, 2) [m] of each robot of a team that stands at `team` (robots, 2) [m].
+
+    size: of the floor [m]. axis, number: along which the lanes run, and how many there are. room: from a lane's ends to
+    the walls [m].
+    """
+    across = (np.arange(number) + 0.5) * size[1 - axis] / number
+    ends = np.array([room, size[axis] - room])
+    ways: list[np.ndarray] = [np.empty((0, 2))] * len(team)
+    order = np.argsort(team[:, 1 - axis], kind="stable")
+    for robot, block in zip(order, np.array_split(across, len(team)), strict=True):
+        if abs(block[-1] - team[robot, 1 - axis]) < abs(block[0] - team[robot, 1 - axis]):
+            block = block[::-1]
+        first = int(abs(ends - team[robot, axis]).argmin())
+        way = np.empty((len(block), 2, 2))  # lane, end, axis
+        way[:, :, 1 - axis] = block[:, None]
+        way[0::2, :, axis] = ends[[first, 1 - first]]
+        way[1::2, :, axis] = ends[[1 - first, first]]
+        ways[robot] = way.reshape(-1, 2)
+    return ways

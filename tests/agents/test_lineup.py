@@ -1,0 +1,140 @@
+"""The line-up: its geometry, speed, turns and patience."""
+
+import numpy as np
+import pytest
+import taichi as ti
+
+from taichi_plume.agents.lineup import FEEL, FORM, SWEEP, WAIT
+from taichi_plume.robots import LineUp
+from taichi_plume.species import SPECIES
+from tests.agents.arena import TICK, Run
+
+FLOOR = (4.0, 3.0)
+CORNER = ((0.3, 0.3), (0.6, 0.3), (0.3, 0.6), (0.6, 0.6))
+
+
+@ti.data_oriented
+class Draught:
+    """Clean air that moves."""
+
+    species = (SPECIES["ethanol"],)
+
+    def __init__(self, u=0.7, v=0.0):
+        self.u, self.v = u, v
+
+    @ti.func
+    def ppm(self, x, t):
+        return ti.Vector([0.0])
+
+    @ti.func
+    def velocity(self, x, t):
+        return ti.Vector([self.u, self.v])
+
+
+def lined_up(positions=CORNER, wind=(0.7, 0.0), size=FLOOR, trials=1, **keys):
+    return Run(LineUp(kind="lineup", **keys), Draught(*wind), positions, trials, size)
+
+
+def test_the_line_is_diagonal_with_equal_gaps():
+    """From margin to margin along the wind, 0.3 m from each to the next across it; the robots keep their order."""
+    states, places = lined_up().go(70)
+    first = np.flatnonzero(states[:, 0] == SWEEP)[0]
+    line = places[first + 50]
+    line = line[np.argsort(line[:, 0])]
+    gaps = np.diff(line, axis=0)
+    assert gaps[:, 0] == pytest.approx([3.4 / 3] * 3, abs=0.02)
+    assert gaps[:, 1] == pytest.approx([-0.3] * 3, abs=0.02)  # the upwind end leads to the far side
+    assert np.linalg.norm(gaps, axis=1) == pytest.approx([np.hypot(3.4 / 3, 0.3)] * 3, abs=0.02)
+    assert line[:, 0].mean() == pytest.approx(2.0, abs=0.02)
+    assert (np.argsort(places[first + 50][:, 0]) == np.argsort(np.array(CORNER)[:, 0], kind="stable")).all()
+
+
+def test_it_moves_at_its_speed_from_margin_to_margin():
+    states, places = lined_up(line_speed=0.08).go(150)
+    sweeping = (states == SWEEP).all(axis=1)
+    middle = places[:, :, 1].mean(axis=1)
+    steps = np.diff(middle)[sweeping[1:] & sweeping[:-1]]
+    assert np.median(np.abs(steps)) / TICK == pytest.approx(0.08, rel=0.02)
+    assert places[:, :, 1].min() == pytest.approx(0.3, abs=0.06)
+    assert places[:, :, 1].max() == pytest.approx(2.7, abs=0.06)
+    turns = np.count_nonzero(np.diff(np.sign(steps[np.abs(steps) > 1e-3])))
+    assert turns >= 2
+    order = states[np.flatnonzero(np.diff(states[:, 0], prepend=-1)), 0]
+    assert order[:3].tolist() == [FEEL, FORM, SWEEP]
+
+
+@pytest.mark.parametrize("mirror", [False, True])
+def test_the_line_mirrors_itself_where_told(mirror):
+    run = lined_up(mirror=mirror)
+    states, places = run.go(110)
+    middle = places[:, :, 1].mean(axis=1)
+    sweeping = (states == SWEEP).all(axis=1)[1:]
+    back = np.flatnonzero(sweeping & (np.diff(middle) < -0.005))
+    line = places[back[30]]
+    tilt = np.sign(np.diff(line[np.argsort(line[:, 0])][:, 1]))
+    assert (tilt == (1 if mirror else -1)).all()
+    forms = np.count_nonzero(np.diff((states[:, 0] == FORM).astype(int)) == 1)
+    assert (forms > 1) == mirror
+
+
+@pytest.mark.parametrize("angle", [90, 180, 30])
+@pytest.mark.parametrize("told", [True, False])
+def test_the_line_lies_along_the_wind(angle, told):
+    """Told or measured; across the wind neighbours are staggered by 0.3 m."""
+    w = np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle))])
+    wind, keys = ((0.0, 0.0), {"wind_direction_deg": angle}) if told else (tuple(0.5 * w), {})
+    run = lined_up(((2.0, 1.5), (2.5, 1.5), (1.5, 1.5), (1.0, 1.4)), wind, spacing=0.6, **keys)
+    states, places = run.go(70)
+    assert (states == FEEL).any() == (not told)
+    across = (places - [2.0, 1.5]) @ [-w[1], w[0]]
+    in_the_middle = (states[:, 0] == SWEEP) & (np.abs(across.mean(axis=1)) < 0.05)
+    line = places[np.flatnonzero(in_the_middle)[0]]
+    line = line[np.argsort(line @ w)]
+    assert np.diff(line @ w) == pytest.approx([0.6] * 3, abs=0.05)
+    assert np.abs(np.diff(line @ [-w[1], w[0]])) == pytest.approx([0.3] * 3, abs=0.05)
+
+
+def test_it_waits_for_a_straggler_but_not_for_ever():
+    run = lined_up(patience=6.0)
+    states, _ = run.go(60)
+    assert states[-1, 0] == SWEEP
+    run.swarm.found[2] = 1  # it stands
+    states, places = run.go(60)
+    waiting = states[:, 0] == WAIT
+    assert waiting.sum() * TICK == pytest.approx(6.0, abs=1.0)
+    others = places[:, [0, 1, 3]]
+    stand = np.flatnonzero(waiting)[-1]
+    assert np.abs(others[stand] - others[stand - 20]).max() < 0.01
+    assert np.abs(others[-1] - others[stand]).max() > 0.5
+
+
+def test_in_a_narrow_room_the_line_is_less_slanted():
+    states, places = lined_up(size=(4.0, 1.4), stagger=0.5).go(80)
+    assert (states == SWEEP).any()
+    line = places[np.flatnonzero(states[:, 0] == SWEEP)[0] + 20]
+    assert np.abs(np.diff(line[np.argsort(line[:, 0])][:, 1])) == pytest.approx([0.4 / 3] * 3, abs=0.02)
+    assert places[:, :, 1].max() < 1.1 + 0.06
+
+
+def test_a_lone_robot_steps_upwind_after_each_sweep():
+    _, places = lined_up(((2.0, 0.5),), line_speed=0.2, size=(3.0, 1.2)).go(200)
+    x, y = places[300:, 0].T
+    assert y.min() < 0.36
+    assert y.max() > 0.84
+    levels = np.unique(np.round((2.7 - x[np.abs(y - 0.6) < 0.02]) / 0.3, 1))
+    assert levels == pytest.approx(np.round(levels), abs=0.11)
+    assert len(np.unique(np.round(levels))) >= 4
+
+
+def test_without_wind_the_line_lies_along_x():
+    states, places = lined_up(wind=(0.0, 0.0)).go(60)
+    line = places[np.flatnonzero(states[:, 0] == SWEEP)[0] + 20]
+    assert np.diff(np.sort(line[:, 0])) == pytest.approx([3.4 / 3] * 3, abs=0.03)
+
+
+def test_trials_are_independent_and_nobody_touches():
+    _, places = lined_up(trials=3).go(60)
+    _, alone = lined_up(trials=1).go(60)
+    assert (alone == places[:, :4]).all()
+    apart = np.linalg.norm(places[:, :4, None] - places[:, None, :4], axis=-1) + 9 * np.eye(4)
+    assert apart.min() > 2 * 0.085
