@@ -9,6 +9,8 @@ SWEEP    along lane after lane, around what stands in it and back; a lane's end 
 DONE     stand at the end, unless the sweep is to be repeated backwards
 """
 
+from typing import Any
+
 import numpy as np
 import taichi as ti
 
@@ -41,7 +43,7 @@ class Sweep:
             for way in lanes(team, size, axis, number, self.potential.room)
         ]
         n = self.size
-        self.way = ti.Vector.field(2, ti.f32, (n, max(map(len, ways))))  # way points [m]
+        self.way: Any = ti.Vector.field(2, ti.f32, (n, max(map(len, ways))))  # way points [m]
         self.length = ti.field(ti.i32, n)  # how many of them there are
         self.next = ti.field(ti.i32, n)  # number of the present one
         self.order = ti.field(ti.i32, n)  # +1: forwards, -1: back
