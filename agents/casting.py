@@ -30,7 +30,8 @@ class Casting(PlumeTracker):
     STATE_NAMES: tuple[str, ...] = ("FIND", "UPWIND", "IN_PLUME", "LOST", "SIDESTEP")
 
     def __init__(self, swarm: Swarm, group: GroupRange, tick: float):
-        model: robots.Casting = group.model.algorithm
+        model = group.model.algorithm
+        assert isinstance(model, robots.Casting)
         self.angle, self.cast_distance = radians(model.upwind_angle_deg), model.cast_distance
         self.cast = ti.field(ti.f32, group.size)  # length of the present sweep [m]
         self.failed = ti.field(ti.i32, group.size)  # sweeps without gas

@@ -27,7 +27,8 @@ class EColi:
     STATE_NAMES: tuple[str, ...] = ("ACQUIRE", "RUN", "TUMBLE")
 
     def __init__(self, swarm: Swarm, group: GroupRange, tick: float):
-        model: robots.EColi = group.model.algorithm
+        model = group.model.algorithm
+        assert isinstance(model, robots.EColi)
         self.swarm, self.start, self.size, self.first = swarm, group.start, group.size, group.first
         self.seed, self.stream = swarm.seed, stream_id(f"group {group.number}/e. coli")
         self.legs = Legs(swarm, group, model.speed or group.model.body.max_speed)

@@ -45,7 +45,8 @@ class Infotaxis:
     STATE_NAMES: tuple[str, ...] = ("ACQUIRE", "MOVE")
 
     def __init__(self, swarm: Swarm, group: GroupRange, tick: float):
-        model: robots.Infotaxis = group.model.algorithm
+        model = group.model.algorithm
+        assert isinstance(model, robots.Infotaxis)
         self.swarm, self.start, self.size, self.first = swarm, group.start, group.size, group.first
         self.seed, self.stream = swarm.seed, stream_id(f"group {group.number}/infotaxis")
         self.legs = Legs(swarm, group, model.speed or group.model.body.max_speed)

@@ -128,7 +128,7 @@ class Sensors:
         way = before - goal
         y = goal + way * (1.0 - ti.select(rises, self.rise.share, self.decay.share))
         self.signal[n] = y
-        self.swarm.true_ppm[i] = ppm.sum()
+        self.swarm.true_ppm[i] = ppm.sum()  # type: ignore[misc]
         if ti.static(self.averages):
             self.sum[n] += goal + way * ti.select(rises, self.rise.rest, self.decay.rest)
         g = ti.Vector.zero(ti.f32, 4)

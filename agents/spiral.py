@@ -39,7 +39,8 @@ class Spiral:
     STATE_NAMES: tuple[str, ...] = ("ARM", "ACQUIRE", "ESCAPE")
 
     def __init__(self, swarm: Swarm, group: GroupRange, tick: float):
-        model: robots.Spiral = group.model.algorithm
+        model = group.model.algorithm
+        assert isinstance(model, robots.Spiral)
         self.swarm, self.start, self.size, self.first = swarm, group.start, group.size, group.first
         self.seed, self.stream = swarm.seed, stream_id(f"group {group.number}/spiral")
         self.legs = Legs(swarm, group, model.speed or group.model.body.max_speed)

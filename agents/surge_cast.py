@@ -26,7 +26,8 @@ class SurgeCast(PlumeTracker):
     STATE_NAMES: tuple[str, ...] = ("FIND", "UPWIND", "SURGE", "CAST")
 
     def __init__(self, swarm: Swarm, group: GroupRange, tick: float):
-        model: robots.SurgeCast = group.model.algorithm
+        model = group.model.algorithm
+        assert isinstance(model, robots.SurgeCast)
         self.cast_distance = model.cast_distance
         self.leg = ti.field(ti.i32, group.size)  # of the cast, from 0 on
         self.length = ti.field(ti.f32, group.size)  # of the leg [m]

@@ -25,7 +25,8 @@ class SurgeSpiral(PlumeTracker):
     STATE_NAMES: tuple[str, ...] = ("FIND", "UPWIND", "SURGE", "SPIRAL")
 
     def __init__(self, swarm: Swarm, group: GroupRange, tick: float):
-        model: robots.SurgeSpiral = group.model.algorithm
+        model = group.model.algorithm
+        assert isinstance(model, robots.SurgeSpiral)
         self.widening = model.gap / (2.0 * pi)  # dr/dphi [m]
         self.most = 2.0 * pi * model.turns
         self.phi = ti.field(ti.f32, group.size)  # angle gone round [rad]

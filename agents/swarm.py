@@ -238,7 +238,9 @@ class Swarm:
                     self.bumps[i] += ti.cast(self.blocked[i] > before, ti.i32)
                     for s in range(self.source_count):
                         apart = self.position[i] - self.sources[s]
-                        distance = ti.select(self.square[i] > 0.0, ti.abs(apart).max(), apart.norm())
+                        distance = ti.select(
+                            self.square[i] > 0.0, ti.max(ti.abs(apart[0]), ti.abs(apart[1])), apart.norm()
+                        )
                         if distance <= self.reach[i]:
                             self.found[i] = 1
                             self.found_time[i] = t

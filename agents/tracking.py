@@ -35,7 +35,8 @@ class PlumeTracker:
     """
 
     def __init__(self, swarm: Swarm, group: GroupRange, tick: float):
-        model: robots.PlumeTracking = group.model.algorithm
+        model = group.model.algorithm
+        assert isinstance(model, robots.PlumeTracking)
         self.swarm, self.start, self.size = swarm, group.start, group.size
         self.seed, self.first = swarm.seed, group.first
         self.stream = stream_id(f"group {group.number}/{model.kind}")

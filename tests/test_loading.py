@@ -124,11 +124,14 @@ def test_a_good_file_loads(tmp_path):
         ("gas.sources.0.rate=.nan", "gas.sources[0].rate: got nan: must be a finite number"),
         (f"gas.sources.0.rate=1{'0' * 400}", "gas.sources[0].rate: got 10000000000"),
         ("gas.sources=[]", "gas.sources: must have at least 1 item, got 0"),
-        ("robots.0.algorithm.kind=castin", "robots[0].algorithm.kind: got 'castin'; did you mean 'casting'?"),
+        (
+            "robots.0.algorithm.kind=castin",
+            "robots[0].algorithm: unknown kind 'castin'; did you mean 'casting'?",
+        ),
         ("robots.0.count=1.5", "robots[0].count: got 1.5: must be a valid integer"),
         (
             "robots.0.sensors.gas={noise: 0}",
-            "robots[0].sensors.gas: missing key 'kind'; known kinds: mox, ideal",
+            "robots[0].sensors.gas: missing key 'kind'; known kinds: mox, pid, ideal",
         ),
         ("name=a b", "name: got 'a b': must be at most 64 letters, digits, "),
         ("duration=null", "duration: got nothing: must be a number or a text with a unit of s"),
