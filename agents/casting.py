@@ -14,7 +14,7 @@ from math import radians
 
 import taichi as ti
 
-from taichi_plume import robots
+from taichi_plume import algorithms
 from taichi_plume.agents.swarm import GroupRange, Swarm
 from taichi_plume.agents.tracking import FIND, PATIENCE, PlumeTracker
 
@@ -31,7 +31,7 @@ class Casting(PlumeTracker):
 
     def __init__(self, swarm: Swarm, group: GroupRange, tick: float):
         model = group.model.algorithm
-        assert isinstance(model, robots.Casting)
+        assert isinstance(model, algorithms.Casting)
         self.angle, self.cast_distance = radians(model.upwind_angle_deg), model.cast_distance
         self.cast = ti.field(ti.f32, group.size)  # length of the present sweep [m]
         self.failed = ti.field(ti.i32, group.size)  # sweeps without gas

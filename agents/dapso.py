@@ -24,7 +24,7 @@ import cmath
 
 import taichi as ti
 
-from taichi_plume import robots
+from taichi_plume import algorithms
 from taichi_plume.agents.potential import Potential
 from taichi_plume.agents.radio import Radio
 from taichi_plume.agents.swarm import GroupRange, Swarm
@@ -48,7 +48,7 @@ class Dapso:
 
     def __init__(self, swarm: Swarm, group: GroupRange, tick: float):
         model = group.model.algorithm
-        assert isinstance(model, robots.Dapso)
+        assert isinstance(model, algorithms.Dapso)
         self.swarm, self.start, self.size, self.count = swarm, group.start, group.size, group.count
         self.seed, self.first = swarm.seed, group.first
         self.stream = stream_id(f"group {group.number}/dapso")

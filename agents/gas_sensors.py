@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from taichi_plume.robots import IdealGasSensor, MoxSensor, PidSensor
+from taichi_plume.sensor_models import IdealGasSensor, MoxSensor, PidSensor
 from taichi_plume.species import Species
 
 LN10 = log(10.0)

@@ -19,7 +19,7 @@ import numpy as np
 import taichi as ti
 from scipy.special import k0e
 
-from taichi_plume import robots
+from taichi_plume import algorithms
 from taichi_plume.agents.legs import Legs
 from taichi_plume.agents.swarm import GroupRange, Swarm, wrap
 from taichi_plume.rng import stream_id, uniform4
@@ -31,7 +31,7 @@ FINER = 2  # nodes of the table per cell
 LEAST = 1e-12  # probability that counts as none
 
 
-def detection_rate(model: robots.Infotaxis, along: np.ndarray, across: np.ndarray) -> np.ndarray:
+def detection_rate(model: algorithms.Infotaxis, along: np.ndarray, across: np.ndarray) -> np.ndarray:
     """R [1/s] of a source at (along, across) [m] from the robot, `along` to where the wind blows."""
     D, V, reach = model.diffusivity, model.wind_speed, model.reach
     r = np.maximum(np.hypot(along, across), model.size)
@@ -46,7 +46,7 @@ class Infotaxis:
 
     def __init__(self, swarm: Swarm, group: GroupRange, tick: float):
         model = group.model.algorithm
-        assert isinstance(model, robots.Infotaxis)
+        assert isinstance(model, algorithms.Infotaxis)
         self.swarm, self.start, self.size, self.first = swarm, group.start, group.size, group.first
         self.seed, self.stream = swarm.seed, stream_id(f"group {group.number}/infotaxis")
         self.legs = Legs(swarm, group, model.speed or group.model.body.max_speed)
@@ -66,7 +66,7 @@ class Infotaxis:
         self.downwind = ti.Vector.field(2, ti.f32, n)  # mean of the wind felt so far
         self._begin()
 
-    def _tabulate(self, model: robots.Infotaxis) -> None:
+    def _tabulate(self, model: algorithms.Infotaxis) -> None:
         """Probability of a detection over displacements of the source, along and across the wind."""
         self.spacing = self.cell / FINER
         self.half = int(np.ceil(hypot(*self.extent) / self.spacing)) + 1

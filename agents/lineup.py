@@ -22,7 +22,7 @@ from typing import Any
 
 import taichi as ti
 
-from taichi_plume import robots
+from taichi_plume import algorithms
 from taichi_plume.agents.potential import Potential
 from taichi_plume.agents.swarm import GroupRange, Swarm
 
@@ -42,7 +42,7 @@ class LineUp:
 
     def __init__(self, swarm: Swarm, group: GroupRange, tick: float):
         model = group.model.algorithm
-        assert isinstance(model, robots.LineUp)
+        assert isinstance(model, algorithms.LineUp)
         self.swarm, self.start, self.count, self.trials = swarm, group.start, group.count, group.trials
         self.potential = Potential(swarm, group, model.speed, model.avoidance)
         self.line_speed, self.mirror = model.line_speed, model.mirror

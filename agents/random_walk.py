@@ -8,7 +8,7 @@ from math import pi, radians
 
 import taichi as ti
 
-from taichi_plume import robots
+from taichi_plume import algorithms
 from taichi_plume.agents.legs import DRIVE, Legs
 from taichi_plume.agents.swarm import GroupRange, Swarm
 from taichi_plume.rng import stream_id, uniform4
@@ -24,7 +24,7 @@ class RandomWalk:
 
     def __init__(self, swarm: Swarm, group: GroupRange, tick: float):
         model = group.model.algorithm
-        assert isinstance(model, robots.RandomWalk)
+        assert isinstance(model, algorithms.RandomWalk)
         self.swarm, self.start, self.size, self.first = swarm, group.start, group.size, group.first
         self.seed, self.stream = swarm.seed, stream_id(f"group {group.number}/random walk")
         self.legs = Legs(swarm, group, group.model.body.max_speed if model.speed is None else model.speed)

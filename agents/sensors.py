@@ -17,7 +17,7 @@ from taichi_plume.agents.swarm import GroupRange, Swarm
 from taichi_plume.fields import Odour, Wind
 from taichi_plume.kernels import Template
 from taichi_plume.rng import generator, normal4, stream_id
-from taichi_plume.robots import GasSensor, IdealGasSensor, MoxSensor, PidSensor
+from taichi_plume.sensor_models import GasSensor, IdealGasSensor, MoxSensor, PidSensor
 
 # Thresholds: Ishida, Workshop on Robotic Olfaction, ICRA 2007, quoted by Ferri et al., Robotics and
 # Autonomous Systems 57 (2009) 393-402. Noise and lag: our choice.

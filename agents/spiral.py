@@ -18,7 +18,7 @@ from math import pi
 import numpy as np
 import taichi as ti
 
-from taichi_plume import robots
+from taichi_plume import algorithms
 from taichi_plume.agents.legs import Legs
 from taichi_plume.agents.swarm import GroupRange, Swarm
 from taichi_plume.rng import stream_id, uniform4
@@ -40,7 +40,7 @@ class Spiral:
 
     def __init__(self, swarm: Swarm, group: GroupRange, tick: float):
         model = group.model.algorithm
-        assert isinstance(model, robots.Spiral)
+        assert isinstance(model, algorithms.Spiral)
         self.swarm, self.start, self.size, self.first = swarm, group.start, group.size, group.first
         self.seed, self.stream = swarm.seed, stream_id(f"group {group.number}/spiral")
         self.legs = Legs(swarm, group, model.speed or group.model.body.max_speed)

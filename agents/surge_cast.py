@@ -10,7 +10,7 @@ CAST   along s V to cast_distance from where it was lost, then as far to the oth
 
 import taichi as ti
 
-from taichi_plume import robots
+from taichi_plume import algorithms
 from taichi_plume.agents.swarm import GroupRange, Swarm
 from taichi_plume.agents.tracking import FIND, PlumeTracker
 
@@ -27,7 +27,7 @@ class SurgeCast(PlumeTracker):
 
     def __init__(self, swarm: Swarm, group: GroupRange, tick: float):
         model = group.model.algorithm
-        assert isinstance(model, robots.SurgeCast)
+        assert isinstance(model, algorithms.SurgeCast)
         self.cast_distance = model.cast_distance
         self.leg = ti.field(ti.i32, group.size)  # of the cast, from 0 on
         self.length = ti.field(ti.f32, group.size)  # of the leg [m]

@@ -11,7 +11,7 @@ from math import pi
 
 import taichi as ti
 
-from taichi_plume import robots
+from taichi_plume import algorithms
 from taichi_plume.agents.swarm import GroupRange, Swarm
 from taichi_plume.agents.tracking import FIND, STEER, PlumeTracker
 
@@ -26,7 +26,7 @@ class SurgeSpiral(PlumeTracker):
 
     def __init__(self, swarm: Swarm, group: GroupRange, tick: float):
         model = group.model.algorithm
-        assert isinstance(model, robots.SurgeSpiral)
+        assert isinstance(model, algorithms.SurgeSpiral)
         self.widening = model.gap / (2.0 * pi)  # dr/dphi [m]
         self.most = 2.0 * pi * model.turns
         self.phi = ti.field(ti.f32, group.size)  # angle gone round [rad]

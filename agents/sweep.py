@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from taichi_plume import robots
+from taichi_plume import algorithms
 from taichi_plume.agents.potential import NEAR, Potential
 from taichi_plume.agents.swarm import GroupRange, Swarm
 
@@ -31,7 +31,7 @@ class Sweep:
 
     def __init__(self, swarm: Swarm, group: GroupRange, tick: float):
         model = group.model.algorithm
-        assert isinstance(model, robots.Sweep)
+        assert isinstance(model, algorithms.Sweep)
         self.swarm, self.start, self.size = swarm, group.start, group.size
         self.repeat = model.repeat
         self.potential = Potential(swarm, group, model.speed, model.avoidance)

@@ -14,7 +14,7 @@ from math import expm1
 
 import taichi as ti
 
-from taichi_plume import robots
+from taichi_plume import algorithms
 from taichi_plume.agents.swarm import GroupRange, Swarm, wrap
 from taichi_plume.rng import stream_id, uniform4
 
@@ -36,7 +36,7 @@ class PlumeTracker:
 
     def __init__(self, swarm: Swarm, group: GroupRange, tick: float):
         model = group.model.algorithm
-        assert isinstance(model, robots.PlumeTracking)
+        assert isinstance(model, algorithms.PlumeTracking)
         self.swarm, self.start, self.size = swarm, group.start, group.size
         self.seed, self.first = swarm.seed, group.first
         self.stream = stream_id(f"group {group.number}/{model.kind}")

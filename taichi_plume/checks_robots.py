@@ -8,9 +8,10 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import cKDTree  # type: ignore[attr-defined]
 
+from taichi_plume.algorithms import Own
 from taichi_plume.geometry import Shape, clearance_resolution
 from taichi_plume.own_class import OwnAlgorithmError, own_class
-from taichi_plume.robots import Group, Own, StartArea, StartAt, StartLine
+from taichi_plume.robots import Group, StartArea, StartAt, StartLine
 from taichi_plume.scenario import Scenario
 from taichi_plume.winds import UniformWind
 

@@ -2,8 +2,9 @@
 
 from collections.abc import Iterator
 
+from taichi_plume.algorithms import Dapso, LineUp, Sweep
 from taichi_plume.checks_robots import START_ROOM
-from taichi_plume.robots import Dapso, Group, LineUp, Sweep
+from taichi_plume.robots import Group
 from taichi_plume.scenario import Scenario
 
 MOST_PAIRS = 20_000_000  # of robots that remember each other's messages: half a gigabyte

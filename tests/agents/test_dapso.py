@@ -5,7 +5,8 @@ import pytest
 import taichi as ti
 
 from taichi_plume.agents.dapso import DRIVE, EXPLORE, MEASURE, constriction
-from taichi_plume.robots import Communication, Dapso, FunctionValue, RandomMates, RandomWalk, SearchSpace
+from taichi_plume.algorithms import Dapso, FunctionValue, RandomMates, RandomWalk, SearchSpace
+from taichi_plume.robots import Communication
 from taichi_plume.species import SPECIES
 from tests.agents.arena import TICK, Run, Script
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from taichi_plume.agents.ecoli import ACQUIRE, RUN, TUMBLE
-from taichi_plume.robots import EColi
+from taichi_plume.algorithms import EColi
 from tests.agents.arena import TICK, Run, Script
 
 

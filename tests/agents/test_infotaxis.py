@@ -6,9 +6,9 @@ import taichi as ti
 from scipy.special import k0
 
 from taichi_plume.agents.infotaxis import detection_rate
+from taichi_plume.algorithms import Infotaxis
 from taichi_plume.kernels import Template
 from taichi_plume.rng import uniform4
-from taichi_plume.robots import Infotaxis
 from tests.agents.arena import Run, Script
 
 MODEL = Infotaxis(kind="infotaxis", cell=0.15)

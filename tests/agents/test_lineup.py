@@ -5,7 +5,7 @@ import pytest
 import taichi as ti
 
 from taichi_plume.agents.lineup import FEEL, FORM, SWEEP, WAIT
-from taichi_plume.robots import LineUp
+from taichi_plume.algorithms import LineUp
 from taichi_plume.species import SPECIES
 from tests.agents.arena import TICK, Run
 

@@ -6,9 +6,10 @@ import taichi as ti
 
 from taichi_plume.agents.potential import NEAR, Potential
 from taichi_plume.agents.swarm import Swarm
+from taichi_plume.algorithms import RandomWalk
 from taichi_plume.geometry import ClearanceMap, UprightBox
 from taichi_plume.obstacles import Box
-from taichi_plume.robots import Body, Group, RandomWalk, StartAt
+from taichi_plume.robots import Body, Group, StartAt
 
 TICK = 0.1
 RADIUS, SPEED, AVOIDANCE = 0.05, 0.2, 0.2

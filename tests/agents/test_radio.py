@@ -6,8 +6,9 @@ import taichi as ti
 
 from taichi_plume.agents.radio import NEVER, Radio
 from taichi_plume.agents.swarm import Swarm
+from taichi_plume.algorithms import RandomWalk
 from taichi_plume.geometry import ClearanceMap
-from taichi_plume.robots import Communication, Group, RandomWalk, StartAt
+from taichi_plume.robots import Communication, Group, StartAt
 
 
 @ti.data_oriented

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from taichi_plume.agents.random_walk import BUMP, WALK
-from taichi_plume.robots import RandomWalk
+from taichi_plume.algorithms import RandomWalk
 from tests.agents.arena import TICK, Run, Script
 
 AIR = [0.0]

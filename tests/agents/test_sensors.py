@@ -6,17 +6,10 @@ import taichi as ti
 
 from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import Swarm
-from taichi_plume.robots import (
-    Anemometer,
-    Body,
-    Casting,
-    Group,
-    IdealGasSensor,
-    MoxSensor,
-    PidSensor,
-    StartAt,
-)
-from taichi_plume.robots import Sensors as SensorModels
+from taichi_plume.algorithms import Casting
+from taichi_plume.robots import Body, Group, StartAt
+from taichi_plume.sensor_models import Anemometer, IdealGasSensor, MoxSensor, PidSensor
+from taichi_plume.sensor_models import Sensors as SensorModels
 from taichi_plume.species import SPECIES
 
 TICK = 0.1

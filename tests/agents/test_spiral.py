@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import find_peaks
 
 from taichi_plume.agents.spiral import ACQUIRE, ARM, ESCAPE
-from taichi_plume.robots import Spiral
+from taichi_plume.algorithms import Spiral
 from tests.agents.arena import TICK, Run, Script
 
 
