@@ -2,8 +2,8 @@
 
 python -m taichi_plume.validation.benchmark [NAMES] [--pressure] [--json] [--arch ARCH] [--seconds S]
 
-A step is the flow with its eddy viscosity and one gas, as a run takes it; puffs are measured by themselves. With
---pressure, only the pressure is solved, of cubes of N³ cells with obstacles: how its iterations grow with N. Every
+A step is the flow with its eddy viscosity and one gas, as a run takes it; puffs and robots are measured by themselves.
+With --pressure, only the pressure is solved, of cubes of N³ cells with obstacles: how its iterations grow with N. Every
 figure is a rate on a machine that may be shared: compare the ratios to the bandwidth, and rates of one run with each
 other.
 """
@@ -35,7 +35,7 @@ from taichi_plume.scenario import Domain
 from taichi_plume.solvers.boundaries import periodic_axes
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.gas import EulerianSolver
-from taichi_plume.validation import puff_benchmark
+from taichi_plume.validation import puff_benchmark, robot_benchmark
 from taichi_plume.winds import CfdWind
 
 ARENA = (
@@ -151,18 +151,21 @@ CASES: dict[str, Callable[[], tuple[FlowSolver, Callable[[], None]]]] = {
 }
 
 
-# ---------------------------------------------------------------- puffs
+# ---------------------------------------------------------------- puffs and robots
 
 
 def _arena_puffs(puffs: int) -> puff_benchmark.PuffSolver:
     return puff_benchmark.in_arena(*arena((80, 60, 10), True), ARENA, puffs)
 
 
-PUFF_CASES: dict[str, Callable[[str], Sequence[Any]]] = {
+OTHER_CASES: dict[str, Callable[[str], Sequence[Any]]] = {
     "puffs_step": lambda arch: puff_benchmark.step("puffs_step", arch, _arena_puffs),
     "puffs_query": lambda arch: [
         *puff_benchmark.query("puffs_query room", arch, puff_benchmark.in_room),
         *puff_benchmark.query("puffs_query arena", arch, _arena_puffs),
+    ],
+    "robots": lambda arch: [
+        robot_benchmark.ticks("robots", arch, algorithm) for algorithm in ("casting", "spiral")
     ],
 }
 
@@ -289,7 +292,7 @@ def measure(name: str, arch: str, seconds: float) -> Measured:
 
 def main(argv: list[str] | None = None) -> int:
     """Measure the named cases, or all of them."""
-    known = [*CASES, *PUFF_CASES]
+    known = [*CASES, *OTHER_CASES]
     parser = argparse.ArgumentParser(prog="python -m taichi_plume.validation.benchmark", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(known)}")
     parser.add_argument(
@@ -314,7 +317,9 @@ def main(argv: list[str] | None = None) -> int:
     for n in SIDES if args.pressure else ():
         tell(solve_pressure(n, args.arch))
     for name in () if args.pressure else args.names or known:
-        tell(PUFF_CASES[name](args.arch) if name in PUFF_CASES else [measure(name, args.arch, args.seconds)])
+        tell(
+            OTHER_CASES[name](args.arch) if name in OTHER_CASES else [measure(name, args.arch, args.seconds)]
+        )
     if args.json:
         print(json.dumps([asdict(row) for row in rows], indent=2))
     return 0

@@ -3,7 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from taichi_plume.validation import benchmark, puff_benchmark
+from taichi_plume.validation import benchmark, puff_benchmark, robot_benchmark
 from taichi_plume.validation.benchmark import cluttered, right_sides, solve_pressure
 
 
@@ -47,3 +47,12 @@ def test_puffs_are_measured():
     assert 0 < rows[0].puffs <= 4000
     assert in_plume.seeing > anywhere.seeing
     assert all("puffs" in str(row) for row in rows)
+
+
+def test_robots_are_measured():
+    row = robot_benchmark.ticks("robots", "cpu", "spiral", 300)
+    assert row.robots == 300
+    assert row.Mrobot_steps_per_s == pytest.approx(
+        0.3 / (row.measure_ms + row.act_ms + row.move_ms), rel=1e-6
+    )
+    assert "spiral" in str(row)

@@ -1,0 +1,84 @@
+"""How fast robots are: sensors in a 3-D gas on the grid, a search algorithm and motion; each robot is a trial."""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+import taichi as ti
+from pydantic import TypeAdapter
+
+from taichi_plume import kernels
+from taichi_plume.agents.swarm import Swarm
+from taichi_plume.agents.team import Team
+from taichi_plume.algorithms import Algorithm
+from taichi_plume.cut_cells import Air
+from taichi_plume.fields import Mixture
+from taichi_plume.gases import EulerianGas
+from taichi_plume.geometry import ClearanceMap
+from taichi_plume.grid import Grid
+from taichi_plume.robots import Group, StartAt
+from taichi_plume.solvers.flow import FlowSolver
+from taichi_plume.solvers.gas import EulerianSolver
+from taichi_plume.winds import CfdWind
+
+TICK = 0.1  # s
+WARM_UP = 5  # ticks
+TICKS = 30
+OPENINGS = ({"kind": "honeycomb", "face": "x-", "speed": 0.7}, {"kind": "honeycomb", "face": "x+"})
+
+
+@dataclass(frozen=True)
+class RobotTick:
+    """One tick of many robots: medians of its parts [ms]."""
+
+    case: str
+    algorithm: str
+    robots: int
+    measure_ms: float
+    act_ms: float
+    move_ms: float
+    Mrobot_steps_per_s: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.case:16} {self.robots:8,} robots, {self.algorithm:12} "
+            f"{self.Mrobot_steps_per_s:6.2f} Mrobot-steps/s  measure {self.measure_ms:.2f}, "
+            f"act {self.act_ms:.2f}, move {self.move_ms:.2f} ms"
+        )
+
+
+def ticks(case: str, arch: str, algorithm: str, robots: int = 100_000) -> RobotTick:
+    """Ticks of robots with MiCS-5524 sensors all over the empty arena of 4 x 3 x 0.52 m, 0.04 m cells."""
+    kernels.start(arch)
+    grid = Grid((100, 75, 13), 0.04)
+    air = Air.of(np.zeros(grid.shape, bool), grid)
+    wind = FlowSolver(CfdWind.model_validate({"kind": "cfd", "openings": OPENINGS}), grid, air)
+    source = {"position": (0.6, 1.5, 0.1), "rate": 2e-5}
+    model = EulerianGas.model_validate({"kind": "eulerian", "sources": [source]})
+    gas = Mixture([EulerianSolver(model, grid, wind, air)])
+    group = Group(
+        count=1,
+        trials=robots,
+        start=StartAt(kind="positions", positions=((1.0, 1.0),)),
+        algorithm=TypeAdapter(Algorithm).validate_python({"kind": algorithm}),
+    )
+    rng = np.random.default_rng(0)
+    places = rng.uniform((0.2, 0.2), (3.8, 2.8), (robots, 2))
+    arena = ClearanceMap([], grid.extent, 0.15)
+    swarm = Swarm((group,), places, rng.uniform(-3.0, 3.0, robots), arena, np.array([[0.6, 1.5]]), 1)
+    team = Team(swarm, swarm.groups[0], 3, TICK)
+    parts = []
+    for tick in range(1, WARM_UP + TICKS + 1):
+        t = tick * TICK
+        moments = [time.perf_counter()]
+        for work in (
+            lambda t=t, tick=tick: team.measure(gas, wind, tick, t),
+            lambda t=t, tick=tick: team.act(tick, t, TICK),
+            lambda t=t, tick=tick: swarm.move(tick, t, TICK),
+        ):
+            work()
+            ti.sync()
+            moments.append(time.perf_counter())
+        parts.append(np.diff(moments))
+    measure, act, move = (1e3 * np.median(parts[WARM_UP:], axis=0)).tolist()
+    return RobotTick(case, algorithm, robots, measure, act, move, robots / (measure + act + move) / 1e3)
