@@ -182,7 +182,7 @@ class RobotTable:
             now["position"][:, 1],
             now["heading"],
             now["reading_ppm"],
-            now["resistance_ohm"],
+            pa.array(now["resistance_ohm"], from_pandas=True),  # null where a sensor has none
             now["true_ppm"],
             now["wind"][:, 0],
             now["wind"][:, 1],
