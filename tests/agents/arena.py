@@ -39,13 +39,21 @@ class Run:
     """A group in an empty arena, tick by tick."""
 
     def __init__(
-        self, algorithm, gas, positions=((1.5, 1.0),), trials=1, size=(3.0, 2.1), sources=(), **keys
+        self,
+        algorithm,
+        gas,
+        positions=((1.5, 1.0),),
+        trials=1,
+        size=(3.0, 2.1),
+        sources=(),
+        heading_deg=0.0,
+        **keys,
     ):
         group = Group(
             name="team",
             count=len(positions),
             trials=trials,
-            start=StartAt(kind="positions", positions=tuple(positions), heading_deg=0),
+            start=StartAt(kind="positions", positions=tuple(positions), heading_deg=heading_deg),
             algorithm=algorithm,
             body=Body(radius=0.085, max_speed=0.2, max_turn_rate_deg=90),
             sensors=Sensors(gas=IdealGasSensor(kind="ideal", period=0.5), wind=Anemometer(kind="ideal")),

@@ -118,6 +118,7 @@ def test_random_spiral_needs_as_many_acquisitions_as_published():
         Spiral(kind="spiral", random=True),
         Script([0.0], 1.0),
         positions=((0.6, 1.05),),
+        heading_deg=90.0,  # across the way to the source, as in the paper
         trials=600,
         sources=[source],
         reach=0.185,
