@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from arena import TICK, Run, Script
 
 from taichi_plume.agents.ecoli import ACQUIRE, RUN, TUMBLE
 from taichi_plume.algorithms import EColi
-from tests.agents.arena import TICK, Run, Script
 
 
 def steps(run, seconds):

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 import taichi as ti
+from arena import Run, Script
 from scipy.special import k0
 
 from taichi_plume.agents.infotaxis import detection_rate
 from taichi_plume.algorithms import Infotaxis
 from taichi_plume.kernels import Template
 from taichi_plume.rng import uniform4
-from tests.agents.arena import Run, Script
 
 MODEL = Infotaxis(kind="infotaxis", cell=0.15)
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 import taichi as ti
+from arena import TICK, Run
 
 from taichi_plume.agents.lineup import FEEL, FORM, SWEEP, WAIT
 from taichi_plume.algorithms import LineUp
 from taichi_plume.species import SPECIES
-from tests.agents.arena import TICK, Run
 
 FLOOR = (4.0, 3.0)
 CORNER = ((0.3, 0.3), (0.6, 0.3), (0.3, 0.6), (0.6, 0.6))

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from arena import TICK, Run, Script
 
 from taichi_plume.agents.random_walk import BUMP, WALK
 from taichi_plume.algorithms import RandomWalk
-from tests.agents.arena import TICK, Run, Script
 
 AIR = [0.0]
 

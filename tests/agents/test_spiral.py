@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from arena import TICK, Run, Script
 from scipy.signal import find_peaks
 
 from taichi_plume.agents.spiral import ACQUIRE, ARM, ESCAPE
 from taichi_plume.algorithms import Spiral
-from tests.agents.arena import TICK, Run, Script
 
 
 def acquisitions(states):

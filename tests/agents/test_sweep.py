@@ -4,12 +4,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from arena import Run, Script
 from scipy.spatial import cKDTree
 
 from taichi_plume.agents.potential import NEAR
 from taichi_plume.agents.sweep import DONE, SWEEP, TRANSIT, lanes
 from taichi_plume.algorithms import Sweep
-from tests.agents.arena import Run, Script
 
 ROOM = 0.085 + 0.05
 
