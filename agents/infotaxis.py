@@ -55,7 +55,8 @@ class Infotaxis:
         self.between = max(1, round(model.sample_period / tick))
         self.samples = max(1, round(model.acquisition / (self.between * tick)))
         self.listening = self.settle + self.samples * self.between  # ticks
-        self.extent = tuple(float(length) for length in swarm.clearance.size)
+        self.low, high = swarm.clearance.low, swarm.clearance.high
+        self.extent = tuple(high[d] - self.low[d] for d in range(2))
         self.cells = tuple(max(1, round(length / model.cell)) for length in self.extent)
         self._tabulate(model)
         n = self.size
@@ -116,6 +117,11 @@ class Infotaxis:
         return e
 
     @ti.func
+    def _place(self, n):
+        """Of robot n, from the lower corner of the search area on [m]."""
+        return self.swarm.position[self.start + n] - ti.Vector(self.low)
+
+    @ti.func
     def _chance_at(self, p, e, a, b):
         """Probability that a robot at p detects a source in cell (a, b)."""
         r = (ti.Vector([a, b]) + 0.5) * self.cell - p
@@ -128,7 +134,7 @@ class Infotaxis:
     @ti.func
     def _learn(self, n, detected):
         """Bayes' rule."""
-        p, e = self.swarm.position[self.start + n], self._wind_axis(n)
+        p, e = self._place(n), self._wind_axis(n)
         total = 0.0
         for a in range(self.cells[0]):
             for b in range(self.cells[1]):
@@ -164,7 +170,7 @@ class Infotaxis:
     def _choose(self, n, tick):
         """The step of least mean entropy; of equal ones any."""
         i = self.start + n
-        here = self.swarm.position[i]
+        here = self._place(n)
         u = uniform4(ti.u32(self.seed), ti.u32(self.stream), self.first + n, tick, 0)
         turn = ti.floor(u[0] * 4.0)
         best, least = -1, 1e30

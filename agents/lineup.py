@@ -20,6 +20,7 @@ each other whatever the range of their messages.
 from math import cos, radians, sin
 from typing import Any
 
+import numpy as np
 import taichi as ti
 
 from taichi_plume import algorithms
@@ -48,9 +49,9 @@ class LineUp:
         self.line_speed, self.mirror = model.line_speed, model.mirror
         self.spacing, self.stagger = model.spacing or 0.0, model.stagger
         self.tolerance, self.patience = model.tolerance, model.patience
-        width, length = swarm.clearance.size
-        self.middle = (width / 2, length / 2)
-        self.half = (width / 2 - model.margin, length / 2 - model.margin)  # of where the line may be [m]
+        low, high = np.array(swarm.clearance.low), np.array(swarm.clearance.high)
+        self.middle = tuple((low + high) / 2)
+        self.half = tuple((high - low) / 2 - model.margin)  # of where the line may be [m]
         self.feeling = max(1, round(model.listen / tick))  # ticks
         self.mode = ti.field(ti.i32, self.trials)
         self.wind: Any = ti.Vector.field(

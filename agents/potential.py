@@ -45,8 +45,8 @@ class Potential:
         self.speed = group.model.body.max_speed if speed is None else speed
         self.avoidance, self.stiffness = avoidance, avoidance**3 / 4  # k
         self.room = group.model.body.radius + avoidance
-        self.low = (self.room, self.room)
-        self.high = (swarm.clearance.size[0] - self.room, swarm.clearance.size[1] - self.room)
+        self.low = tuple(edge + self.room for edge in swarm.clearance.low)
+        self.high = tuple(edge - self.room for edge in swarm.clearance.high)
         self.least_way = WAY * self.speed * PATIENCE  # m
         n = group.size
         self.mark: Any = ti.Vector.field(2, ti.f32, n)  # where it last made way [m]

@@ -35,12 +35,12 @@ class Sweep:
         self.swarm, self.start, self.size = swarm, group.start, group.size
         self.repeat = model.repeat
         self.potential = Potential(swarm, group, model.speed, model.avoidance)
-        size = swarm.clearance.size
-        axis, number = model.lanes(size, group.count)
+        low, high = np.array(swarm.clearance.low), np.array(swarm.clearance.high)
+        axis, number = model.lanes(high - low, group.count)
         ways = [
-            way
+            low + way
             for team in swarm.start[group.slice].reshape(group.trials, group.count, 2)
-            for way in lanes(team, size, axis, number, self.potential.room)
+            for way in lanes(team - low, high - low, axis, number, self.potential.room)
         ]
         n = self.size
         self.way: Any = ti.Vector.field(2, ti.f32, (n, max(map(len, ways))))  # way points [m]
@@ -96,13 +96,11 @@ class Sweep:
         self.potential.begin(n)
 
 
-def lanes(
-    team: np.ndarray, size: tuple[float, float], axis: int, number: int, room: float
-) -> list[np.ndarray]:
+def lanes(team: np.ndarray, size: np.ndarray, axis: int, number: int, room: float) -> list[np.ndarray]:
     """The way points (k, 2) [m] of each robot of a team that stands at `team` (robots, 2) [m].
 
-    size: of the floor [m]. axis, number: along which the lanes run, and how many there are. room: from a lane's ends to
-    the walls [m].
+    size: of the floor, from the origin on [m]. axis, number: along which the lanes run, and how many there are. room:
+    from a lane's ends to the walls [m].
     """
     across = (np.arange(number) + 0.5) * size[1 - axis] / number
     ends = np.array([room, size[axis] - room])

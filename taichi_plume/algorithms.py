@@ -1,8 +1,10 @@
 """The search algorithms of a scenario and their parameters."""
 
+from collections.abc import Sequence
 from math import ceil, sqrt
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
@@ -264,7 +266,7 @@ class Sweep(Model):
     avoidance: Length = 0.05
     """Air to others and to walls below which they push the robot away [m]."""
 
-    def lanes(self, size: tuple[float, ...], robots: int) -> tuple[int, int]:
+    def lanes(self, size: Sequence[float] | np.ndarray, robots: int) -> tuple[int, int]:
         """The axis along which they run, and how many cover a floor of this size [m]: at least one per robot."""
         axis = int(size[1] > size[0]) if self.along is None else "xy".index(self.along)
         return axis, max(ceil(size[1 - axis] / self.lane - 1e-9), robots)

@@ -209,7 +209,8 @@ def _swarm(scenario: Scenario, obstacles: list, grid: Grid, cubes: Cubes | None)
     """All robots at their places; `cubes` stand in their way too."""
     height = max((group.body.height for group in scenario.robots), default=0.1)
     standing = [s for s in obstacles if motion_of(s.model) is None] + ([cubes] if cubes else [])
-    clearance = ClearanceMap(standing, grid.extent, height)
+    floor = scenario.floor
+    clearance = ClearanceMap(standing, floor.high, height, low=floor.low)
     walkers = [
         s.model
         for s in obstacles

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree  # type: ignore[attr-defined]
 from taichi_plume.algorithms import Own
 from taichi_plume.geometry import Shape, clearance_resolution
 from taichi_plume.own_class import OwnAlgorithmError, own_class
-from taichi_plume.robots import Group, StartArea, StartAt, StartLine
+from taichi_plume.robots import Arena, Group, StartArea, StartAt, StartLine
 from taichi_plume.scenario import Scenario
 from taichi_plume.winds import UniformWind
 
@@ -34,23 +34,28 @@ def own_algorithms(scenario: Scenario, folder: Path) -> Iterator[str]:
 
 def problems(scenario: Scenario, shapes: list[Shape | None]) -> Iterator[str]:
     """What is wrong with the robots' bodies, sensors and places."""
-    domain = scenario.domain
-    width = min(domain.extent[:2])
+    domain, floor = scenario.domain, scenario.floor
+    if scenario.arena is not None:
+        reason = _arena(scenario.arena, domain.extent)
+        if reason:
+            yield reason
+            return
+    width = min(floor.size)
     names: list[tuple[str, int]] = []
     discs: list[tuple[np.ndarray, float]] = []
     for n, group in enumerate(scenario.robots):
         path = f"robots[{n}]"
         if 2 * group.body.radius > width:
             yield (
-                f"{path}.body.radius: a robot {2 * group.body.radius:g} m wide does not fit in a domain "
+                f"{path}.body.radius: a robot {2 * group.body.radius:g} m wide does not fit on a floor "
                 f"{width:g} m wide; make the body smaller"
             )
             continue
-        most = int(domain.extent[0] * domain.extent[1] / (pi * group.body.radius**2))
+        most = int(floor.size[0] * floor.size[1] / (pi * group.body.radius**2))
         if group.count > most:
             yield (
-                f"{path}.count: {group.count} robots of radius {group.body.radius:g} m do not fit in "
-                f"the domain; use fewer than {most} or a smaller body"
+                f"{path}.count: {group.count} robots of radius {group.body.radius:g} m do not fit on "
+                f"the floor; use fewer than {most} or a smaller body"
             )
             continue
         if group.wake:
@@ -76,6 +81,18 @@ def problems(scenario: Scenario, shapes: list[Shape | None]) -> Iterator[str]:
         discs.append((places, group.body.radius))
     if discs:
         yield from _too_close(names, discs)
+
+
+def _arena(arena: Arena, extent: tuple[float, ...]) -> str | None:
+    """What is wrong with the part of the floor for the robots."""
+    for axis in range(2):
+        low, high = arena.low[axis], arena.high[axis]
+        if not 0 <= low < high <= extent[axis] + 1e-9:
+            return (
+                f"arena: along {'xy'[axis]} low must be below high, both on the floor from 0 to {extent[axis]:g} m, "
+                f"got {low:g} and {high:g} m"
+            )
+    return None
 
 
 def _wake(path: str, group: Group, scenario: Scenario) -> Iterator[str]:
@@ -127,12 +144,13 @@ def _clearance(
 
     Robots know obstacles by their clearance map, which gives away a little more.
     """
-    size = np.array(scenario.domain.extent[:2])
+    low, high = np.array(scenario.floor.low), np.array(scenario.floor.high)
+    name = "wall" if scenario.arena is None else "edge of the arena"
     for axis in range(2):
-        for side, distance in (("-", places[..., axis]), ("+", size[axis] - places[..., axis])):
-            wall = f"the wall {'xy'[axis]}{side}"
+        for side, distance in (("-", places[..., axis] - low[axis]), ("+", high[axis] - places[..., axis])):
+            wall = f"the {name} {'xy'[axis]}{side}"
             yield wall, f"behind {wall}", distance, START_ROOM
-    room = START_ROOM + sqrt(2) * clearance_resolution(scenario.domain.extent)
+    room = START_ROOM + sqrt(2) * clearance_resolution(scenario.floor.size)
     for n, one in enumerate(shapes):
         if one is not None:
             distance = one.horizontal_distance(places, 0.0, height)

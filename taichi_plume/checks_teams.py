@@ -12,7 +12,7 @@ MOST_PAIRS = 20_000_000  # of robots that remember each other's messages: half a
 
 def problems(scenario: Scenario) -> Iterator[str]:
     """What is wrong with the algorithms of teams."""
-    size = scenario.domain.extent[:2]
+    size = scenario.floor.size
     for n, group in enumerate(scenario.robots):
         path, model = f"robots[{n}]", group.algorithm
         if isinstance(model, Dapso | LineUp | Sweep):

@@ -251,25 +251,28 @@ def clearance_resolution(extent: tuple[float, ...]) -> float:
 
 @ti.data_oriented
 class ClearanceMap:
-    """How far a point of the floor is from the next wall of the arena or obstacle: never more than the truth.
+    """How far a point of the floor is from the next edge of it or obstacle: never more than the truth.
 
     Obstacles count as far as they reach between the floor and `body_height` [m]. Their distances are kept on
     nodes `resolution` [m] apart. As a distance changes by at most the way walked, the bilinear value exceeds
-    the truth by no more than resolution/√2 (at the middle of four nodes), which is taken off. Walls: exact.
+    the truth by no more than resolution/√2 (at the middle of four nodes), which is taken off. Edges: exact.
+    low, high: corners of the floor [m].
     """
 
     def __init__(
         self,
         shapes: list[Shape],
-        extent: tuple[float, ...],
+        high: tuple[float, ...],
         body_height: float,
         resolution: float | None = None,
+        low: tuple[float, ...] = (0.0, 0.0),
     ):
-        self.size = (float(extent[0]), float(extent[1]))
-        resolution = resolution or clearance_resolution(extent)
-        self.resolution = resolution if shapes else max(self.size)
-        self.nodes = tuple(max(2, ceil(length / self.resolution - 1e-9) + 1) for length in self.size)
-        axes = [np.arange(n) * self.resolution for n in self.nodes]
+        self.low, self.high = (float(low[0]), float(low[1])), (float(high[0]), float(high[1]))
+        size = (self.high[0] - self.low[0], self.high[1] - self.low[1])
+        resolution = resolution or clearance_resolution(size)
+        self.resolution = resolution if shapes else max(size)
+        self.nodes = tuple(max(2, ceil(length / self.resolution - 1e-9) + 1) for length in size)
+        axes = [low + np.arange(n) * self.resolution for low, n in zip(self.low, self.nodes, strict=True)]
         points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
         self._values = np.full(self.nodes, FAR)
         for one in shapes:
@@ -298,27 +301,27 @@ class ClearanceMap:
     def distance_at(self, points: np.ndarray) -> np.ndarray:
         """What `distance` gives [m], for points (..., 2) on the host."""
         points = np.asarray(points, float)
-        walls = np.minimum(points, np.array(self.size) - points).min(axis=-1)
-        where = points.reshape(-1, 2).T / self.resolution
+        walls = np.minimum(points - np.array(self.low), np.array(self.high) - points).min(axis=-1)
+        where = (points - np.array(self.low)).reshape(-1, 2).T / self.resolution
         standing = ndimage.map_coordinates(self._values, where, order=1, mode="nearest")
         return np.minimum(walls, standing.reshape(walls.shape))
 
     @ti.func
     def _wall(self, p):
-        """Distance [m] to the next wall of the arena and its normal."""
-        result = ti.Vector([p[0], 1.0, 0.0])
-        if self.size[0] - p[0] < result[0]:
-            result = ti.Vector([self.size[0] - p[0], -1.0, 0.0])
-        if p[1] < result[0]:
-            result = ti.Vector([p[1], 0.0, 1.0])
-        if self.size[1] - p[1] < result[0]:
-            result = ti.Vector([self.size[1] - p[1], 0.0, -1.0])
+        """Distance [m] to the next edge of the floor and its normal."""
+        result = ti.Vector([p[0] - self.low[0], 1.0, 0.0])
+        if self.high[0] - p[0] < result[0]:
+            result = ti.Vector([self.high[0] - p[0], -1.0, 0.0])
+        if p[1] - self.low[1] < result[0]:
+            result = ti.Vector([p[1] - self.low[1], 0.0, 1.0])
+        if self.high[1] - p[1] < result[0]:
+            result = ti.Vector([self.high[1] - p[1], 0.0, -1.0])
         return result
 
     @ti.func
     def _obstacle(self, p):
         """Distance [m] to the next obstacle, or a little less, and its gradient."""
-        I, w = corner(p, (0.0, 0.0), self.resolution, 0, self.nodes)
+        I, w = corner(p, self.low, self.resolution, 0, self.nodes)
         v00, v10 = self.values[I[0], I[1]], self.values[I[0] + 1, I[1]]
         v01, v11 = self.values[I[0], I[1] + 1], self.values[I[0] + 1, I[1] + 1]
         lower, upper = v00 + w[0] * (v10 - v00), v01 + w[0] * (v11 - v01)

@@ -73,6 +73,18 @@ class Body(Model):
         return data
 
 
+class Arena(Model):
+    """Part of the floor that the robots do not leave: its edges stop them as walls do, air passes them."""
+
+    low: Point2
+    high: Point2
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Edges [m]."""
+        return self.high[0] - self.low[0], self.high[1] - self.low[1]
+
+
 class Communication(Model):
     """Messages between the robots of a team, for algorithms that use them."""
 

@@ -12,7 +12,7 @@ from pydantic_core import PydanticCustomError
 
 from taichi_plume.gases import AnySource, Gas, MixtureGas, PureGas
 from taichi_plume.obstacles import Obstacle
-from taichi_plume.robots import Group
+from taichi_plume.robots import Arena, Group
 from taichi_plume.vocabulary import (
     Delay,
     Distance,
@@ -153,6 +153,8 @@ class Scenario(Model):
     wind: Wind
     obstacles: tuple[Obstacle, ...] = ()
     gas: Gas
+    arena: Arena | None = None
+    """Where robots may be; unless given, on the whole floor."""
     robots: tuple[Group, ...] = ()
     maps: tuple[Map, ...] = ()
     recording: Recording = Recording()
@@ -160,6 +162,11 @@ class Scenario(Model):
     """Unless given, no fields.zarr is written."""
     plumesim_log: PlumeLog | None = None
     """Unless given, no plume.pslog is written."""
+
+    @property
+    def floor(self) -> Arena:
+        """Where robots may be."""
+        return self.arena or Arena(low=(0.0, 0.0), high=self.domain.extent[:2])
 
     @property
     def gases(self) -> tuple[tuple[str, PureGas], ...]:

@@ -18,6 +18,7 @@ from taichi_plume.occupancy import Cubes
 from taichi_plume.openings import Region, Window
 from taichi_plume.results import to_yaml
 from taichi_plume.simulation import Simulation
+from taichi_plume.vocabulary import Point2
 
 FLAT = 0.05  # height of the walls of a 2-D arena over its shorter side
 BODY = 0.009  # robots are drawn at least this large, over the arena's length
@@ -57,11 +58,12 @@ class Stage:
 
 
 def arena(sim: Simulation, stage: Stage) -> Entities:
-    """Floor, edges, obstacles, sources, openings and screens."""
+    """Floor, edges, the robots' part of it, obstacles, sources, openings and screens."""
     (lx, ly), h = stage.extent[:2], stage.height
 
-    def ring(z: float) -> list[list[float]]:
-        return [[0, 0, z], [lx, 0, z], [lx, ly, z], [0, ly, z], [0, 0, z]]
+    def ring(z: float, low: Point2 = (0, 0), high: Point2 = (lx, ly)) -> list[list[float]]:
+        (x0, y0), (x1, y1) = low, high
+        return [[x0, y0, z], [x1, y0, z], [x1, y1, z], [x0, y1, z], [x0, y0, z]]
 
     yield "/", rr.ViewCoordinates.RIGHT_HAND_Z_UP
     posts = [[[x, y, 0], [x, y, h]] for x in (0, lx) for y in (0, ly)]
@@ -74,6 +76,9 @@ def arena(sim: Simulation, stage: Stage) -> Entities:
         colors=FLOOR,
     )
     yield "world/floor", below
+    if sim.scenario.arena is not None:
+        edges = ring(stage.lift, sim.scenario.arena.low, sim.scenario.arena.high)
+        yield "world/arena", rr.LineStrips3D([edges], colors=LINES, radii=rr.Radius.ui_points(1.5))
     for n, shape in enumerate(sim.obstacles):
         yield f"world/obstacles/{n}", _solid(shape, stage)
     for n, source in enumerate(source for _, source in sim.scenario.sources):
