@@ -25,6 +25,7 @@ import cmath
 import taichi as ti
 
 from taichi_plume import algorithms
+from taichi_plume.agents.acquisition import Acquisition
 from taichi_plume.agents.potential import Potential
 from taichi_plume.agents.radio import Radio
 from taichi_plume.agents.swarm import GroupRange, Swarm
@@ -62,13 +63,9 @@ class Dapso:
         self.threshold = model.threshold_ppm
         self.restart_after, self.restart_step = model.restart_after, model.restart_step
         self.near = model.neighbourhood
-        self.settle = max(0, round(model.settle / tick))  # ticks
-        self.between = max(1, round(model.sample_period / tick))
-        self.samples = max(1, round(model.acquisition / (self.between * tick)))
-        self.listening = self.settle + self.samples * self.between
+        self.acquisition = Acquisition(swarm, group, model, tick)
         n = self.size
-        self.since = ti.field(ti.i32, n)  # ticks in the present state
-        self.sum = ti.field(ti.f32, n)  # of the samples [ppm]
+        self.under_way = ti.field(ti.i32, n)  # ticks since the last acquisition
         self.step = ti.Vector.field(2, ti.f32, n)  # v [m]
         self.way_point = ti.Vector.field(2, ti.f32, n)  # w [m]
         self.best = ti.field(ti.f32, n)  # f(p) at the last update [ppm]
@@ -95,22 +92,19 @@ class Dapso:
     def _act(self, tick: int, t: float, dt: float):
         for n in range(self.size):
             i = self.start + n
-            self.since[n] += 1
             if self.swarm.state[i] == MEASURE:
                 self.potential.stand(n)
-                heard = self.since[n] - self.settle
-                if heard > 0 and heard % self.between == 0:
-                    self.sum[n] += self.swarm.reading[i]
-                if self.since[n] >= self.listening:
+                if self.acquisition.listen(n):
                     self._learn(n, t)
                     self._choose(n, tick, t)
                     self.potential.begin(n)
-                    self.since[n] = 0
+                    self.under_way[n] = 0
             if self.swarm.state[i] != MEASURE:
                 if self._is_there(n, dt):
                     self.potential.stand(n)
-                    self.swarm.state[i], self.since[n], self.sum[n] = MEASURE, 0, 0.0
+                    self.swarm.state[i] = MEASURE
                 else:
+                    self.under_way[n] += 1
                     self.potential.drive(n, self.way_point[n], dt)
 
     @ti.func
@@ -119,7 +113,7 @@ class Dapso:
         i = self.start + n
         there = self.potential.is_over(n, self.way_point[n], self.tolerance)
         if self.swarm.state[i] == DRIVE:
-            there = there or self.since[n] * dt >= self.timeout or self.potential.tries[n] > 0
+            there = there or self.under_way[n] * dt >= self.timeout or self.potential.tries[n] > 0
         else:
             there = there or self.swarm.reading[i] >= self.threshold
         return there
@@ -128,10 +122,9 @@ class Dapso:
     def _learn(self, n, t):
         """Keep the best of what it measured."""
         i = self.start + n
-        f = self.sum[n] / self.samples
+        f = self.acquisition.mean(n)
         self.best[n] *= ti.exp(-self.fading * (t - self.best_time[n]))
         self.best_time[n] = t
-        self.swarm.acquisitions[i] += 1
         if f >= self.best[n]:
             self.best[n], self.best_place[n] = f, self.swarm.position[i]
             self.swarm.hits[i] += 1

@@ -20,6 +20,7 @@ import taichi as ti
 from scipy.special import k0e
 
 from taichi_plume import algorithms
+from taichi_plume.agents.acquisition import Acquisition
 from taichi_plume.agents.legs import Legs
 from taichi_plume.agents.swarm import GroupRange, Swarm, wrap
 from taichi_plume.rng import stream_id, uniform4
@@ -51,18 +52,13 @@ class Infotaxis:
         self.seed, self.stream = swarm.seed, stream_id(f"group {group.number}/infotaxis")
         self.legs = Legs(swarm, group, model.speed or group.model.body.max_speed)
         self.threshold, self.step, self.cell = model.threshold_ppm, model.step, model.cell
-        self.settle = max(0, round(model.settle / tick))
-        self.between = max(1, round(model.sample_period / tick))
-        self.samples = max(1, round(model.acquisition / (self.between * tick)))
-        self.listening = self.settle + self.samples * self.between  # ticks
+        self.acquisition = Acquisition(swarm, group, model, tick)
         self.extent = tuple(float(length) for length in swarm.clearance.size)
         self.cells = tuple(max(1, round(length / model.cell)) for length in self.extent)
         self._tabulate(model)
         n = self.size
         self.belief = ti.field(ti.f32, (n, *self.cells))
         self.belief.fill(1.0 / (self.cells[0] * self.cells[1]))
-        self.since = ti.field(ti.i32, n)  # ticks since standing still
-        self.sum = ti.field(ti.f32, n)  # of the samples [ppm]
         self.downwind = ti.Vector.field(2, ti.f32, n)  # mean of the wind felt so far
         self._begin()
 
@@ -91,19 +87,13 @@ class Infotaxis:
             if self.swarm.wind_known[i] == 1:
                 self.downwind[n] += self.swarm.wind[i]
             if self.swarm.state[i] == ACQUIRE:
-                self.since[n] += 1
-                heard = self.since[n] - self.settle
-                if heard > 0 and heard % self.between == 0:
-                    self.sum[n] += self.swarm.reading[i]
-                if self.since[n] >= self.listening:
-                    detected = self.sum[n] / self.samples >= self.threshold
-                    self.swarm.acquisitions[i] += 1
+                if self.acquisition.listen(n):
+                    detected = self.acquisition.mean(n) >= self.threshold
                     self.swarm.hits[i] += ti.cast(detected, ti.i32)
                     self._learn(n, detected)
                     self._choose(n, tick)
             if self.swarm.state[i] == MOVE and not self.legs.advance(n, dt):
                 self.swarm.state[i] = ACQUIRE
-                self.since[n], self.sum[n] = 0, 0.0
 
     @ti.func
     def _wind_axis(self, n):
@@ -181,9 +171,7 @@ class Infotaxis:
                 entropy = self._expected_entropy(n, target)
                 if entropy < least - 1e-6:
                     best, least = move, entropy
-        if best == 4:
-            self.since[n], self.sum[n] = 0, 0.0
-        else:
+        if best != 4:
             turn_by = wrap(0.5 * pi * best - self.swarm.heading[i])
             self.legs.begin(n, turn_by, self.step, ti.select(u[1] > 0.5, 1.0, -1.0))
             self.swarm.state[i] = MOVE
