@@ -32,7 +32,7 @@ class EColi:
         assert isinstance(model, algorithms.EColi)
         self.swarm, self.start, self.size, self.first = swarm, group.start, group.size, group.first
         self.seed, self.stream = swarm.seed, stream_id(f"group {group.number}/e. coli")
-        self.legs = Legs(swarm, group, model.speed or group.model.body.max_speed)
+        self.legs = Legs(swarm, group, model.speed)
         self.step, self.scatter = model.step, model.step_spread
         self.run_angle = radians(model.run_angle_deg)
         self.acquisition = Acquisition(swarm, group, model, tick)

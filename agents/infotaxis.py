@@ -50,7 +50,7 @@ class Infotaxis:
         assert isinstance(model, algorithms.Infotaxis)
         self.swarm, self.start, self.size, self.first = swarm, group.start, group.size, group.first
         self.seed, self.stream = swarm.seed, stream_id(f"group {group.number}/infotaxis")
-        self.legs = Legs(swarm, group, model.speed or group.model.body.max_speed)
+        self.legs = Legs(swarm, group, model.speed)
         self.threshold, self.step, self.cell = model.threshold_ppm, model.step, model.cell
         self.acquisition = Acquisition(swarm, group, model, tick)
         self.extent = tuple(float(length) for length in swarm.clearance.size)

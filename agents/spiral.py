@@ -44,7 +44,7 @@ class Spiral:
         assert isinstance(model, algorithms.Spiral)
         self.swarm, self.start, self.size, self.first = swarm, group.start, group.size, group.first
         self.seed, self.stream = swarm.seed, stream_id(f"group {group.number}/spiral")
-        self.legs = Legs(swarm, group, model.speed or group.model.body.max_speed)
+        self.legs = Legs(swarm, group, model.speed)
         self.minimum, self.delta = model.minimum_ppm, model.delta * model.minimum_ppm
         self.random, self.strict = model.random, model.strict_minimum
         self.k_mean, self.k_peak = model.mean_weight, model.peak_weight

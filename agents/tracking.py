@@ -40,7 +40,7 @@ class PlumeTracker:
         self.swarm, self.start, self.size = swarm, group.start, group.size
         self.seed, self.first = swarm.seed, group.first
         self.stream = stream_id(f"group {group.number}/{model.kind}")
-        self.speed = group.model.body.max_speed if model.speed is None else model.speed
+        self.speed = group.speed(model.speed)
         self.threshold, self.peak_fraction = model.threshold_ppm, model.peak_fraction
         self.lost_distance, self.find_step = model.lost_distance, model.find_step
         self.averaging = -expm1(-tick / model.wind_memory) if model.wind_memory > 0 else 1.0
