@@ -141,16 +141,14 @@ class PlayedWind:
 
     def _prepare(self, frame: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], tuple[float, ...]]:
         """Values with a ghost layer; largest flow out of a cell over its volume [1/s], viscosity and speed."""
-        values, out, speed = dict(frame), 0.0, 0.0
+        values, faces = dict(frame), []
         for d, name in enumerate(self.speed_names):
             u = frame[name]
             values[name] = np.pad(u, [(int(a == d), 0) for a in range(self.dim)])
-            faces = u[tuple(slice(None) if a == d else slice(1, -1) for a in range(self.dim))]
-            low, high = np.delete(faces, -1, axis=d), np.delete(faces, 0, axis=d)
-            out = out + np.maximum(high, 0.0) - np.minimum(low, 0.0)
-            speed = max(speed, float(np.abs(faces).max()))
+            faces.append(u[tuple(slice(None) if a == d else slice(1, -1) for a in range(self.dim))])
+        speed = max(float(np.abs(u).max()) for u in faces)
         viscosity = float(frame["viscosity"].max()) if "viscosity" in frame else self.viscosity
-        return values, (float(np.max(out)) / self.grid.dx, viscosity, speed)
+        return values, (self.grid.largest_outflow(faces), viscosity, speed)
 
     def _show(self, t: float) -> None:
         self.film.show(t)
