@@ -28,11 +28,6 @@ class Frames(Protocol):
     attributes: dict[str, Any]
     """viscosity and schmidt, where there is a wind."""
 
-    @property
-    def interval(self) -> float:
-        """Time between frames [s]; infinite where there is but one."""
-        ...
-
     def frame(self, n: int, names: list[str]) -> dict[str, np.ndarray]:
         """Variables of frame n, axes (x, y, z)."""
         ...
@@ -68,7 +63,8 @@ class Projector:
         self.film, self.model, self.grid, self.names, self.margin = film, model, grid, names, margin
         self.prepare = prepare
         self.first = film.times[0]
-        self.period = film.times[-1] + film.interval - self.first
+        steps = np.diff(film.times)
+        self.period = film.times[-1] - self.first + (np.median(steps) if len(steps) else np.inf)
         self.ends = np.append(film.times[1:], self.first + self.period if model.loop else np.inf)
         self.now = {name: grid.field() for name in names}
         self._goal = {name: grid.field() for name in names}
