@@ -12,7 +12,7 @@ from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.prescribed import PrescribedWind
 from taichi_plume.validation.benchmark import ARENA, arena
-from taichi_plume.validation.case import Answer, Case, Curve, Expected
+from taichi_plume.validation.case import SECOND_ORDER, Answer, Case, Curve, Expected
 from taichi_plume.validation.flow_cases import periodic, rms
 from taichi_plume.winds import CfdWind
 
@@ -273,7 +273,6 @@ def mass_budget(n: int, dim: int, end: float) -> Answer:
 
 # ---------------------------------------------------------------- the table
 
-SECOND_ORDER = Expected(order=1.9)
 NONE = Expected(tolerance=0.0)
 EXACT = Expected(tolerance=1e-6)  # what f32 can tell of sums over many cells, and better than that
 

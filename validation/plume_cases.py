@@ -16,7 +16,7 @@ from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.gaussian_puffs import ContinuousPuffs, GaussianPuffs
 from taichi_plume.solvers.plumes import Plumes
 from taichi_plume.solvers.uniform import UniformSolver
-from taichi_plume.validation.case import Answer, Case, Curve, Expected
+from taichi_plume.validation.case import SECOND_ORDER, Answer, Case, Curve, Expected
 from taichi_plume.validation.flow_cases import rms
 from taichi_plume.validation.whiffs import meander, whiffs
 from taichi_plume.winds import UniformWind
@@ -227,7 +227,6 @@ def plume_on_the_grid(n: int) -> Answer:
 
 
 EXACT = Expected(tolerance=1e-4)  # what 32 bits leave of a sum of exponentials
-SECOND_ORDER = Expected(order=1.9)
 SEVERAL_SIGMA = Expected(tolerance=4.0)  # one of 16,000 fails by chance
 
 
