@@ -29,9 +29,7 @@ def gas_in(
     model = {"kind": "eulerian", "convection": convection, "sources": [source]}
     if diffusivity is not None:
         model["species"] = {"molar_mass": 0.046, "diffusivity": diffusivity}
-    return EulerianSolver(
-        EulerianGas.model_validate(model), grid, wind, air or Air.of(np.zeros(grid.shape, bool), grid)
-    )
+    return EulerianSolver(EulerianGas.model_validate(model), grid, wind, air or Air.everywhere(grid))
 
 
 def ride(gas: EulerianSolver, span: float, longest: float) -> None:
