@@ -10,11 +10,10 @@ so that a slow sensor notices in time. Into it: reading at the threshold or more
 in use) up by 15 % from the smallest since the loss.
 """
 
-from math import expm1
-
 import taichi as ti
 
 from taichi_plume import algorithms
+from taichi_plume.agents.sensors import Lag
 from taichi_plume.agents.swarm import GroupRange, Swarm, wrap
 from taichi_plume.rng import stream_id, uniform4
 
@@ -43,7 +42,7 @@ class PlumeTracker:
         self.speed = group.speed(model.speed)
         self.threshold, self.peak_fraction = model.threshold_ppm, model.peak_fraction
         self.lost_distance, self.find_step = model.lost_distance, model.find_step
-        self.averaging = -expm1(-tick / model.wind_memory) if model.wind_memory > 0 else 1.0
+        self.averaging = Lag(model.wind_memory, tick).share
         n = self.size
         self.wind = ti.Vector.field(2, ti.f32, n)  # average of the measured wind [m/s]
         self.upwind = ti.Vector.field(2, ti.f32, n)  # U; the first heading until wind is felt

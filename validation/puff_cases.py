@@ -78,8 +78,7 @@ def sampled_mass(n: int, boxed: bool) -> Answer:
     )
     for k in range(40):
         gas.advance(0.1 * k, 0.1)
-    axes = [(np.arange(round(length * n)) + 0.5) / n for length in grid.extent]
-    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    points = Grid(tuple(round(length * n) for length in grid.extent), 1 / n).centers()
     c = concentration_at(gas, points, 4.0).astype(float)
     released = gas.emitted_kg - gas.portions[0].pending
     inside = solid[tuple((points[..., d] / grid.dx).astype(int) for d in range(3))]
