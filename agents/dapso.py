@@ -62,7 +62,7 @@ class Dapso:
         self.tolerance, self.timeout = model.way_point_tolerance, model.way_point_timeout
         self.threshold = model.threshold_ppm
         self.restart_after, self.restart_step = model.restart_after, model.restart_step
-        self.near = model.neighbourhood
+        self.neighbourhood = model.neighbourhood
         self.acquisition = Acquisition(swarm, group, model, tick)
         n = self.size
         self.under_way = ti.field(ti.i32, n)  # ticks since the last acquisition
@@ -185,18 +185,18 @@ class Dapso:
     def _is_neighbour(self, n, m, tick, t):
         """Whether robot n now listens to robot m of its team, of which it has heard."""
         result = 0
-        if ti.static(self.near.kind == "search_space"):
+        if ti.static(self.neighbourhood.kind == "search_space"):
             apart = self.radio.sender[n, m] - self.swarm.position[self.start + n]
-            result = ti.cast(apart.norm() <= ti.static(self.near.distance), ti.i32)
-        elif ti.static(self.near.kind == "function_value"):
+            result = ti.cast(apart.norm() <= ti.static(self.neighbourhood.distance), ti.i32)
+        elif ti.static(self.neighbourhood.kind == "function_value"):
             apart = ti.abs(self._told(n, m, t) - self.best[n])
             closer = 0
             for k in range(self.count):
                 if k != m and self.radio.has_heard(n, k):
                     other = ti.abs(self._told(n, k, t) - self.best[n])
                     closer += ti.cast(other < apart or (other == apart and k < m), ti.i32)
-            result = ti.cast(closer < ti.static(self.near.number), ti.i32)
+            result = ti.cast(closer < ti.static(self.neighbourhood.number), ti.i32)
         else:
             u = uniform4(ti.u32(self.seed), ti.u32(self.stream), self.first + n, tick, 2 + m)
-            result = ti.cast(u[0] < ti.static(self.near.probability), ti.i32)
+            result = ti.cast(u[0] < ti.static(self.neighbourhood.probability), ti.i32)
         return result

@@ -1,7 +1,7 @@
 """Legs of a path: turn on the spot, drive a length; at a bump back off, turn aside and drive what is left.
 
-The motions of SPIRAL, E. coli and sweeps. What happens at a bump is that of Ferri et al., Robotics and Autonomous
-Systems 57 (2009) 393-402: back, rotate by 90°, go the remaining distance.
+The motions of SPIRAL, E. coli, infotaxis and the random walk. What happens at a bump is that of Ferri et al., Robotics
+and Autonomous Systems 57 (2009) 393-402: back, rotate by 90°, go the remaining distance.
 """
 
 from math import pi

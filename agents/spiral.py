@@ -106,7 +106,8 @@ class Spiral:
     def _is_peak(self, n, k, mean):
         """Whether sample k is a local maximum above the mean; of a plateau the first one."""
         after = k + 1
-        while after < self.samples and self.heard[n, after] == self.heard[n, k]:
+        last = self.samples - 1  # `and` works out both sides
+        while after <= last and self.heard[n, ti.min(after, last)] == self.heard[n, k]:
             after += 1
         peak = k > 0 and after < self.samples and self.heard[n, k] > mean
         if peak:

@@ -125,8 +125,8 @@ class PlumeTracker:
         return self.swarm.path_length[self.start + n] - self.mark[n]
 
     @ti.func
-    def _in_plume(self, n):
-        """Whether a robot that is in the plume still smells it, and from when on it no longer does."""
+    def _still_smells(self, n):
+        """Whether a robot that is in the plume still smells it; marks where it does."""
         c = self.swarm.reading[self.start + n]
         self.peak[n] = ti.max(self.peak[n], c)
         self.trough[n] = c
