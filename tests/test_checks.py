@@ -380,7 +380,7 @@ FAULTS = [
     ),
     ("arena={low: [1, 1], high: [5, 2]}", "arena: along x", "got 1 and 5 m"),
     ("arena={low: [1, 2], high: [3, 1]}", "arena: along y", "got 2 and 1 m"),
-    ("arena={low: [1.2, 1], high: [3, 2]}", "robots[0].start: robot 0", "the edge of the arena x-"),
+    ("arena={low: [1.05, 0.5], high: [3, 2.5]}", "robots[0].start: robot 0", "the edge of the arena x-"),
     ("robots.0.body.height=0.6", "robots[0].body.height: 0.6 m is above the ceiling", "at most 0.5 m"),
     (
         "robots.0.sensors.gas={kind: ideal, height: 1}",
