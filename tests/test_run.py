@@ -98,6 +98,7 @@ def test_it_can_be_run_again_as_it_is(scenario):
     assert not (Path("again") / "recording.rrd").exists()
 
 
+@pytest.mark.slow
 def test_its_air_can_be_played_back(scenario):
     starts = "robots.0.start.positions=[[0.8, 0.75], [1.5, 1]]"
     common = ["--no-recording", "--quiet", "--set", "warm_up=2", "--set", starts]

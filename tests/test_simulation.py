@@ -147,6 +147,7 @@ def test_a_run_is_whole_ticks():
     assert sim.gas.gases[0].budget()["emitted_kg"] == pytest.approx(0.6e-6)
 
 
+@pytest.mark.slow
 def test_walkers_wakes_screens_and_fan_curves_work_together():
     openings = [
         {"kind": "fan", "face": "x-", "curve": {"pressure": 1.0, "flow": 0.5}},
@@ -187,6 +188,7 @@ def test_walkers_wakes_screens_and_fan_curves_work_together():
     assert budget["in_domain_kg"] + budget["outflow_kg"] == pytest.approx(budget["emitted_kg"], rel=1e-4)
 
 
+@pytest.mark.slow
 def test_an_obstacle_that_moves_has_no_force_of_its_own():
     moving = {
         "kind": "cylinder",

@@ -158,6 +158,7 @@ _ALL = (
         cylinder,
         coarse=(10,),
         fine=(10, 20),
+        slow=True,
         expected={
             "drag coefficient": Expected(tolerance=0.03, at=20),
             "pressure drop": Expected(tolerance=0.03, at=20),

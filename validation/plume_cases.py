@@ -260,6 +260,7 @@ def _walls(dim: int) -> Case:
         partial(puff_between_walls, dim=dim),
         coarse=(24, 48),
         fine=(32, 64, 128)[: 5 - dim],
+        slow=dim == 3,
         expected={
             "images, c / c_max": EXACT,
             "grid, c / c_max, rms": SECOND_ORDER,
@@ -291,6 +292,7 @@ PLUME_CASES = (
         plume_on_the_grid,
         coarse=(20, 40),
         fine=(20, 40, 80),
+        slow=True,
         expected={
             # a mean over a cell for its middle, and diffusion on the grid, err by (1/24 + 1/12) (dx/s)² where the plume
             # is s = 0.13 m wide; how the source's cell and the limiter there err keeps the order from being seen

@@ -100,6 +100,7 @@ def test_a_resistant_outlet_evens_out_the_outflow():
     assert spread[1] < 0.5 * spread[0]
 
 
+@pytest.mark.slow
 def test_equal_seeds_blow_equal_gusts():
     def gusts(seed: int) -> np.ndarray:
         grid, solid = room((40, 30))

@@ -208,6 +208,7 @@ def height_of_gas(**buoyancy) -> float:
     return float((c * sim.grid.centers()[..., 1]).sum() / c.sum())
 
 
+@pytest.mark.slow
 def test_acetone_sinks_when_the_scenario_says_so():
     assert height_of_gas() == pytest.approx(0.5, abs=1e-5)
     assert height_of_gas(buoyancy={"gravity": [0, -9.81]}) < 0.4

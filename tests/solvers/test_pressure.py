@@ -65,6 +65,7 @@ def test_both_solvers_agree():
     np.testing.assert_allclose(iterated[air], direct[air], atol=1e-4 * np.abs(direct).max())
 
 
+@pytest.mark.slow
 def test_iterations_hardly_grow_with_the_grid():
     iterations = []
     for n in (16, 32):

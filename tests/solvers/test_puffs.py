@@ -52,6 +52,7 @@ def missing(gas: PuffSolver) -> float:
 
 
 @pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.slow
 def test_the_sum_is_that_of_gaussians_and_their_images(dim):
     """All sizes at once in a closed box; the reference adds up every puff and every image, in NumPy."""
     gas = puffs_in((20, 16, 12)[:dim], release_rate=100, growth={"kind": "diffusive", "rate": 2e-3})
@@ -102,6 +103,7 @@ def test_gas_does_not_leak_through_a_thin_wall():
 
 
 @pytest.mark.parametrize("shape", [(40, 30), pytest.param((20, 15, 5), marks=pytest.mark.slow)])
+@pytest.mark.slow
 def test_mass_is_accounted_for_in_a_turbulent_arena(shape):
     grid = Grid(shape, 4.0 / shape[0], depth=0.5)
     solid = np.zeros(shape, bool)
@@ -231,6 +233,7 @@ def digest() -> str:
     return hashlib.sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in parts)).hexdigest()
 
 
+@pytest.mark.slow
 def test_results_are_the_same_on_one_and_two_threads():
     outputs = [
         subprocess.run(
@@ -241,6 +244,7 @@ def test_results_are_the_same_on_one_and_two_threads():
     assert outputs[0] == outputs[1]
 
 
+@pytest.mark.slow
 def test_heavy_puffs_sink_and_light_ones_rise():
     heights = []
     for molar_mass in (0.058, 0.002):
@@ -254,6 +258,7 @@ def test_heavy_puffs_sink_and_light_ones_rise():
 
 
 @pytest.mark.parametrize("shape", [(40, 30), (24, 16, 16)])
+@pytest.mark.slow
 def test_cells_hold_all_that_was_released(shape):
     """Close to a floor and to a box, in a closed room; no cell of the box has any."""
     solid = np.zeros(shape, bool)

@@ -50,6 +50,7 @@ def test_the_pressure_drop_is_that_of_its_loss_coefficient(screen, drop):
     np.testing.assert_allclose(flow.grid.inner(flow.u[0].to_numpy()), SPEED, rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_it_straightens_an_oblique_stream():
     """Periodic across, so that nothing but the screen turns the air."""
     flow = duct((48, 8), {"at": 1.2}, walls=[{"kind": "periodic", "axis": "y"}])
@@ -62,6 +63,7 @@ def test_it_straightens_an_oblique_stream():
     assert v[26:].max() < 0.05 * v[10]
 
 
+@pytest.mark.slow
 def test_it_takes_the_swirl_out_of_a_jet():
     fan = {"kind": "fan", "face": "x-", "center": [0.4, 0.4], "diameter": 0.5, "speed": SPEED, "swirl": 0.4}
     flow = duct((12, 10, 10), {"at": 0.36}, 0.08, inlet=fan)
@@ -74,6 +76,7 @@ def test_it_takes_the_swirl_out_of_a_jet():
     assert flow.diagnostics()["max_divergence"] < 1e-4
 
 
+@pytest.mark.slow
 def test_the_air_goes_round_a_screen_that_covers_half_the_duct():
     flow = duct((60, 20), {"center": [0.25], "size": [0.5], "loss_coefficient": 10.0})
     advance(flow, 4.0)
@@ -82,6 +85,7 @@ def test_the_air_goes_round_a_screen_that_covers_half_the_duct():
     np.testing.assert_allclose(u.sum(axis=1), 20 * SPEED, rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_a_screen_in_a_disc_leaves_the_rest_alone():
     flow = duct((32, 16, 16), {"center": [0.4, 0.4], "diameter": 0.4})
     (screen,) = flow.resistances

@@ -59,6 +59,7 @@ def test_no_cell_gains_air_and_no_surface_lets_it_through(shape):
 
 
 @pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.slow
 def test_the_speed_is_as_asked(shape):
     squares = []
     for seed in range(3):
@@ -70,6 +71,7 @@ def test_the_speed_is_as_asked(shape):
 
 
 @pytest.mark.parametrize("shape", [(15, 10), (12, 8, 5)])
+@pytest.mark.slow
 def test_the_circulation_is_as_asked(shape):
     grid, solid, wind = room(shape, speed=0.0, modes=1, circulation_time=1.0)
     squares = []
@@ -79,6 +81,7 @@ def test_the_circulation_is_as_asked(shape):
     assert np.sqrt(np.mean(squares)) == pytest.approx(0.015, rel=0.2)  # 120 draws tell no more
 
 
+@pytest.mark.slow
 def test_large_eddies_hold_the_energy():
     """E(k) ~ k^(-5/3) between the longest and the shortest wave, and next to nothing beyond."""
     k = 2 * np.pi * np.fft.fftfreq(176, 0.05)

@@ -48,6 +48,7 @@ def test_vreman_is_the_second_invariant(dim):
 
 
 @pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.slow
 def test_vreman_leaves_laminar_shear_alone(dim):
     shear = np.zeros((dim, dim))
     shear[0, 1] = 3.0

@@ -37,6 +37,7 @@ def test_the_table_as_json(monkeypatch, capsys):
     assert all(row["cells"] == 16**3 and row["iterations"] >= 1 for row in rows)
 
 
+@pytest.mark.slow
 def test_puffs_are_measured():
     rows = [
         *puff_benchmark.step("step", "cpu", puff_benchmark.in_room, 2000),
@@ -49,6 +50,7 @@ def test_puffs_are_measured():
     assert all("puffs" in str(row) for row in rows)
 
 
+@pytest.mark.slow
 def test_robots_are_measured():
     row = robot_benchmark.ticks("robots", "cpu", "spiral", 300)
     assert row.robots == 300
