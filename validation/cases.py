@@ -1,4 +1,4 @@
-"""The table of cases: what is solved, against what, how finely, and what the errors must be."""
+"""The table of cases: what is solved, against what, how finely, and what the errors must be; and of experiments."""
 
 from functools import partial
 
@@ -8,6 +8,7 @@ from taichi_plume.validation.cavity import cavity
 from taichi_plume.validation.channel_cases import couette_start, duct, poiseuille, poiseuille_start
 from taichi_plume.validation.cross_checks import fan, honeycombs, one_layer
 from taichi_plume.validation.dispersion_cases import DISPERSION_CASES
+from taichi_plume.validation.experiment import Experiment
 from taichi_plume.validation.flow_cases import kovasznay, taylor_green
 from taichi_plume.validation.gas_cases import gaussian_puff
 from taichi_plume.validation.heat_cases import conduction, heated_cavity
@@ -262,4 +263,4 @@ _ALL = (
     *PLUME_CASES,
     *PUFF_CASES,
 )
-CASES = {case.name: case for case in _ALL}
+CASES: dict[str, Case | Experiment] = {case.name: case for case in _ALL}
