@@ -239,25 +239,20 @@ def _print_result(result: dict[str, Any], console: Console) -> None:
         )
         order = "" if row["order"] is None else f"{row['order']:.2f}"
         console.print(_line(row["norm"], errors, order, row["expected"] or "", VERDICTS[row["met"]]))
-    if "rows" in result:
-        console.print(
-            _row("condition", "mean, 95 % interval", "published", "expected", ("", "")), style="dim"
-        )
+    last = None
     for row in result.get("rows", ()):
-        name = f"{row['condition']}, {row['quantity']}"
-        console.print(
-            _row(name, mean_with_interval(row), row["published"], row["expected"] or "", VERDICTS[row["met"]])
-        )
+        if row["condition"] != last:
+            console.print(f"  {row['condition']}", style="italic")
+            last = row["condition"]
+        published = f"published: {row['published']}" if row["published"] else ""
+        told = f"    {row['quantity']:26}  {mean_with_interval(row):43}  {published:35}  {row['expected'] or '':15}  "
+        console.print(Text.assemble(told, VERDICTS[row["met"]]))
     if result["message"]:
         console.print(Text.assemble("  ", VERDICTS[False], f": {result['message']}"))
 
 
 def _line(norm: str, errors: str, order: str, expected: str, verdict: tuple[str, str]) -> Text:
     return Text.assemble(f"  {norm:28}  {errors:43}  {order:>5}  {expected:28}  ", verdict)
-
-
-def _row(name: str, found: str, published: str, expected: str, verdict: tuple[str, str]) -> Text:
-    return Text.assemble(f"  {name:46}  {found:32}  {published:20}  {expected:10}  ", verdict)
 
 
 if __name__ == "__main__":

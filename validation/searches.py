@@ -15,7 +15,8 @@ from taichi_plume.simulation import Every, Simulation
 from taichi_plume.validation.experiment import Mean, Tracks
 
 SHOWN = 6  # ways in a picture
-QUANTITIES = {"success": "success_rate", "time [s]": "time_s", "path / straight way": "overhead"}
+WAY = "path / straight way"
+QUANTITIES = {"success": "success_rate", "time [s]": "time_s", WAY: "overhead"}
 
 
 def scenario_of(data: dict[str, Any], folder: Path = Path()) -> Scenario:
@@ -71,9 +72,9 @@ class Searches:
 def searches(
     airs: Iterable[dict[str, Any]], trials: Sequence[int], title: str, folder: Path = Path()
 ) -> dict[str, Mean | Tracks]:
-    """Run the first group of scenarios in so many trials each; Taichi must have been started."""
+    """Run the first group of scenarios in so many trials each; Taichi must have been started. title: of the picture."""
     found, scenario = Searches(), None
-    for data, count in zip(airs, trials, strict=False):
+    for data, count in zip(airs, trials, strict=True):
         group = data["robots"][0] | {"trials": count}
         scenario = scenario_of(data | {"robots": [group]}, folder)
         found.add(assemble(scenario, folder))
