@@ -4,7 +4,7 @@ After Lochmatter & Martinoli, "Tracking odor plumes in a laminar wind field with
 ISER 2008. FIND and UPWIND as in `tracking`, where U, V and s are told.
 
 IN_PLUME  drive along U turned by upwind_angle towards s; out of the plume for lost_distance: other side,
-          LOST; blocked for PATIENCE: SIDESTEP
+          LOST; blocked for PATIENCE: in the plume SIDESTEP, out of it other side, LOST
 LOST      sweep along s V, back to where the plume was; after cast_distance, or blocked: other side, twice as
           far; after CASTS sweeps FIND
 SIDESTEP  along s V by lost_distance, then IN_PLUME; blocked for PATIENCE: other side
@@ -53,12 +53,13 @@ class Casting(PlumeTracker):
         state = self.swarm.state[self.start + n]
         if state == IN_PLUME:
             smells = self._still_smells(n)
-            if not smells and self._driven(n) >= self.lost_distance:
+            blocked = self.stuck[n] > PATIENCE
+            if not smells and (blocked or self._driven(n) >= self.lost_distance):
                 self.side[n] = -self.side[n]
                 self.cast[n] = self.cast_distance
                 self.failed[n] = 0
                 self._enter(n, LOST)
-            elif self.stuck[n] > PATIENCE:
+            elif blocked:
                 self._enter(n, SIDESTEP)
         elif state == SIDESTEP:
             c = self.swarm.reading[self.start + n]

@@ -1,4 +1,5 @@
-"""The command: ``python -m taichi_plume.validation [NAMES]`` solves cases with known answers and judges the errors.
+"""The command: ``python -m taichi_plume.validation [NAMES]`` solves cases with known answers and judges the errors, and
+repeats published experiments.
 
 Exit code 0: all as expected; 1: one is not; 2: no such case.
 """
@@ -18,7 +19,9 @@ from rich.console import Console
 from rich.text import Text
 
 if TYPE_CHECKING:
-    from taichi_plume.validation.case import Case, Curve
+    from taichi_plume.validation.case import Case
+    from taichi_plume.validation.experiment import Experiment
+    from taichi_plume.validation.report import Pictures
 
 VERDICTS = {True: ("met", "green"), False: ("NOT MET", "bold red"), None: ("", "")}
 
@@ -36,7 +39,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"no case '{name}'; {hint}", file=sys.stderr)
     if unknown:
         return 2
-    cases = [case for name, case in CASES.items() if not args.names or name in args.names]
+    cases: list[Case | Experiment] = [
+        case for name, case in CASES.items() if not args.names or name in args.names
+    ]
     if args.list:
         _print_list(cases)
         return 0
@@ -51,11 +56,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         if args.out:
             args.out.mkdir(parents=True, exist_ok=True)
-        report, curves = _examine(cases, args, backend)
+        report, pictures = _examine(cases, args, backend)
         text = json.dumps(report, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
         if args.out:
             (args.out / "report.json").write_text(text, encoding="utf-8")
-            (args.out / "report.html").write_text(page(report, curves), encoding="utf-8")
+            (args.out / "report.html").write_text(page(report, pictures), encoding="utf-8")
     except OSError as error:
         print(f"the report could not be written: {error}", file=sys.stderr)
         return 1
@@ -70,9 +75,13 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="python -m taichi_plume.validation",
-        description="Solve cases with known answers and judge the errors; all of them take some minutes.",
+        description="Solve cases with known answers, repeat published experiments, and judge what comes out; "
+        "all of them take some minutes.",
     )
     parser.add_argument("names", nargs="*", metavar="NAMES", help="cases (default: all)")
+    parser.add_argument(
+        "--trials", type=_count, metavar="N", help="of every experiment, for a quick look (default: its own)"
+    )
     parser.add_argument("--list", action="store_true", help="only tell what there is")
     parser.add_argument("--out", type=Path, metavar="DIR", help="write report.html and report.json there")
     parser.add_argument("--json", action="store_true", help="print the report as JSON")
@@ -85,26 +94,34 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     return parser.parse_args(argv)
 
 
+def _count(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"must be a whole number from 1 on, got '{text}'")
+    return int(text)
+
+
 def _examine(
-    cases: list["Case"], args: argparse.Namespace, backend: str
-) -> tuple[dict[str, Any], dict[str, dict[str, "Curve"]]]:
+    cases: list["Case | Experiment"], args: argparse.Namespace, backend: str
+) -> tuple[dict[str, Any], dict[str, "Pictures"]]:
     """Solve the cases finely and tell of each. One that cannot be solved counts as failed, and the others go on.
 
-    Returns the report, and the curves of each case.
+    Returns the report, and the pictures of each case.
     """
     import platform
 
     import taichi as ti
 
     from taichi_plume import __version__
+    from taichi_plume.validation.case import Case
 
     begin, waiting = perf_counter(), Console(stderr=True)
     console = Console(highlight=False, soft_wrap=True, quiet=args.json)
-    console.print(_line("error", "at resolution", "order", "expected", ("verdict", "")), style="bold")
-    results, curves = [], {}
+    if any(isinstance(case, Case) for case in cases):
+        console.print(_line("error", "at resolution", "order", "expected", ("verdict", "")), style="bold")
+    results, pictures = [], {}
     for case in cases:
-        with waiting.status(f"{case.name} at {', '.join(map(str, case.fine))}"):
-            found, curves[case.name] = _result(case, args.arch)
+        with waiting.status(f"{case.name}, {_size(case, args.trials)}"):
+            found, pictures[case.name] = _result(case, args)
             results.append(found)
         _print_result(results[-1], console)
     wall = round(perf_counter() - begin, 1)
@@ -122,62 +139,114 @@ def _examine(
         "wall_s": wall,
         "cases": results,
     }
-    return report, curves
+    return report, pictures
 
 
-def _result(case: "Case", arch: str) -> tuple[dict[str, Any], dict[str, "Curve"]]:
-    from taichi_plume.validation.case import examine
+def _size(case: "Case | Experiment", trials: int | None) -> str:
+    from taichi_plume.validation.case import Case
+
+    return " ".join(map(str, case.fine)) if isinstance(case, Case) else f"{trials or case.trials} trials"
+
+
+def _result(case: "Case | Experiment", args: argparse.Namespace) -> tuple[dict[str, Any], "Pictures"]:
+    from taichi_plume.validation.case import Case
 
     begin = perf_counter()
-    findings, curves, message = [], {}, ""
+    found, verdicts, pictures, message = {}, [], {}, ""
     try:
-        findings, curves = examine(case, case.fine, arch)
+        if isinstance(case, Case):
+            found, verdicts, pictures = _norms(case, args.arch)
+        else:
+            found, verdicts, pictures = _rows(case, args.trials or case.trials, args.arch)
     except Exception as error:
         message = f"{type(error).__name__}: {error}"
     result = {
         "name": case.name,
         "about": case.about,
         "reference": case.reference,
-        "passed": not message and all(finding.met is not False for finding in findings),
+        "passed": not message and all(met is not False for met in verdicts),
         "message": message,
         "wall_s": round(perf_counter() - begin, 1),
-        "norms": [
-            {
-                "norm": finding.norm,
-                "errors": {str(n): _number(error) for n, error in finding.errors.items()},
-                "order": _number(finding.order),
-                "expected": str(finding.expected) if finding.expected else None,
-                "met": finding.met,
-            }
-            for finding in findings
-        ],
+        **found,
     }
-    return result, curves
+    return result, pictures
 
 
-def _number(value: float) -> float | None:
-    return value if isfinite(value) else None
+def _norms(case: "Case", arch: str) -> tuple[dict[str, Any], list[bool | None], "Pictures"]:
+    """What a case comes to, the verdicts and the pictures."""
+    from taichi_plume.validation.case import examine
+
+    findings, curves = examine(case, case.fine, arch)
+    norms = [
+        {
+            "norm": finding.norm,
+            "errors": {str(n): _number(error) for n, error in finding.errors.items()},
+            "order": _number(finding.order),
+            "expected": str(finding.expected) if finding.expected else None,
+            "met": finding.met,
+        }
+        for finding in findings
+    ]
+    return {"norms": norms}, [finding.met for finding in findings], curves
+
+
+def _rows(
+    experiment: "Experiment", trials: int, arch: str
+) -> tuple[dict[str, Any], list[bool | None], "Pictures"]:
+    """What an experiment comes to, the verdicts and the pictures."""
+    from taichi_plume.validation.experiment import examine
+
+    rows, pictures = examine(experiment, trials, arch)
+    table = [
+        {
+            "condition": row.condition,
+            "quantity": row.quantity,
+            "mean": _number(row.found.mean),
+            "low": _number(row.found.low),
+            "high": _number(row.found.high),
+            "n": row.found.n,
+            "published": row.published,
+            "expected": str(row.expected) if row.expected else None,
+            "met": row.met,
+        }
+        for row in rows
+    ]
+    return {"rows": table}, [row.met for row in rows], pictures
+
+
+def _number(value: float | None) -> float | None:
+    return value if value is not None and isfinite(value) else None
 
 
 # ---------------------------------------------------------------- for a person
 
 
-def _print_list(cases: list["Case"]) -> None:
+def _print_list(cases: list["Case | Experiment"]) -> None:
     console = Console(highlight=False, soft_wrap=True)
     for case in cases:
-        sizes = " ".join(map(str, case.fine))
-        console.print(f"{case.name:16}  {sizes:9}  {case.about} ({case.reference})", markup=False)
+        size = _size(case, None)
+        console.print(f"{case.name:16}  {size:10}  {case.about} ({case.reference})", markup=False)
 
 
 def _print_result(result: dict[str, Any], console: Console) -> None:
+    from taichi_plume.validation.report import mean_with_interval
+
     title = f"  {result['about']} ({result['reference']}), {result['wall_s']:.0f} s"
     console.print(Text.assemble((result["name"], "bold"), title))
-    for row in result["norms"]:
+    for row in result.get("norms", ()):
         errors = "  ".join(
             f"{n}: {'-' if error is None else format(error, '.2e')}" for n, error in row["errors"].items()
         )
         order = "" if row["order"] is None else f"{row['order']:.2f}"
         console.print(_line(row["norm"], errors, order, row["expected"] or "", VERDICTS[row["met"]]))
+    last = None
+    for row in result.get("rows", ()):
+        if row["condition"] != last:
+            console.print(f"  {row['condition']}", style="italic")
+            last = row["condition"]
+        published = f"published: {row['published']}" if row["published"] else ""
+        told = f"    {row['quantity']:26}  {mean_with_interval(row):43}  {published:35}  {row['expected'] or '':15}  "
+        console.print(Text.assemble(told, VERDICTS[row["met"]]))
     if result["message"]:
         console.print(Text.assemble("  ", VERDICTS[False], f": {result['message']}"))
 

@@ -1,4 +1,4 @@
-"""The table of cases: what is solved, against what, how finely, and what the errors must be."""
+"""The table of cases: what is solved, against what, how finely, and what the errors must be; and of experiments."""
 
 from functools import partial
 
@@ -8,12 +8,14 @@ from taichi_plume.validation.cavity import cavity
 from taichi_plume.validation.channel_cases import couette_start, duct, poiseuille, poiseuille_start
 from taichi_plume.validation.cross_checks import fan, honeycombs, one_layer
 from taichi_plume.validation.dispersion_cases import DISPERSION_CASES
+from taichi_plume.validation.experiment import Experiment
 from taichi_plume.validation.flow_cases import kovasznay, taylor_green
 from taichi_plume.validation.gas_cases import gaussian_puff
 from taichi_plume.validation.heat_cases import conduction, heated_cavity
 from taichi_plume.validation.import_cases import IMPORT_CASES
 from taichi_plume.validation.jet import CORE, DECAY, SPREAD, fan_jet
 from taichi_plume.validation.plume_cases import PLUME_CASES
+from taichi_plume.validation.plumesim_cases import PLUMESIM_CASES
 from taichi_plume.validation.puff_cases import PUFF_CASES
 
 HALF_A_PERCENT = Expected(tolerance=0.005, at=32)  # of laminar profiles, cells across the duct
@@ -261,5 +263,6 @@ _ALL = (
     *IMPORT_CASES,
     *PLUME_CASES,
     *PUFF_CASES,
+    *PLUMESIM_CASES,
 )
-CASES = {case.name: case for case in _ALL}
+CASES: dict[str, Case | Experiment] = {case.name: case for case in _ALL}

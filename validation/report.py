@@ -1,4 +1,6 @@
-"""The report of a validation as one HTML page: verdicts, norms, and plots of convergence and of what was computed."""
+"""The report of a validation as one HTML page: verdicts, norms and means, and plots of convergence and of what was
+computed.
+"""
 
 import base64
 import io
@@ -9,6 +11,10 @@ from typing import Any
 import numpy as np
 
 from taichi_plume.validation.case import Curve
+from taichi_plume.validation.experiment import Tracks
+
+Pictures = Mapping[str, Curve | Tracks]
+"""By title."""
 
 INK = {True: "#2e7d32", False: "#c62828", None: "#777"}
 WORD = {True: "met", False: "NOT MET", None: ""}
@@ -21,8 +27,8 @@ th { font-weight: 600; border-bottom: 1px solid #bbb } .about { color: #555 }
 """
 
 
-def page(report: dict[str, Any], curves: Mapping[str, Mapping[str, Curve]]) -> str:
-    """The page of a report (see `__main__`), with the curves of each case by its name."""
+def page(report: dict[str, Any], pictures: Mapping[str, Pictures]) -> str:
+    """The page of a report (see `__main__`), with the pictures of each case by its name."""
     versions = ", ".join(f"{name} {version}" for name, version in report["versions"].items())
     verdict = "all as expected" if report["passed"] else "not all as expected"
     index = "".join(_index_row(case) for case in report["cases"])
@@ -32,7 +38,7 @@ def page(report: dict[str, Any], curves: Mapping[str, Mapping[str, Curve]]) -> s
         f"<p>{len(report['cases'])} cases in {report['wall_s']:.0f} s on {escape(report['backend'])}: "
         f"<b>{verdict}</b></p><p class=about>{escape(versions)}</p>"
         f"<table><tr><th>case</th><th>what</th><th>against</th><th>verdict</th></tr>{index}</table>"
-        + "".join(_case(case, curves.get(case["name"], {})) for case in report["cases"])
+        + "".join(_case(case, pictures.get(case["name"], {})) for case in report["cases"])
         + "</html>\n"
     )
 
@@ -49,43 +55,71 @@ def _verdict(met: bool | None) -> str:
     return f'<span style="color:{INK[met]}">{WORD[met]}</span>'
 
 
-def _case(case: dict[str, Any], curves: Mapping[str, Curve]) -> str:
-    sizes = list(dict.fromkeys(n for row in case["norms"] for n in row["errors"]))
-    head = "".join(f"<th>{title}</th>" for title in ["error", *map(_at, sizes), "order", "expected", ""])
-    rows = "".join(_row(row, sizes) for row in case["norms"])
+def mean_with_interval(row: dict[str, Any]) -> str:
+    """What an experiment found."""
+    if row["mean"] is None:
+        return "-"
+    interval = "" if row["low"] is None else f" ({row['low']:.3g} to {row['high']:.3g})"
+    return f"{row['mean']:.3g}{interval}, n = {row['n']}"
+
+
+def _case(case: dict[str, Any], pictures: Pictures) -> str:
     name, about = escape(case["name"]), f"{case['about']} ({case['reference']}), {case['wall_s']:.0f} s"
     message = f'<p style="color:{INK[False]}">{escape(case["message"])}</p>' if case["message"] else ""
-    table = f"<table><tr>{head}</tr>{rows}</table>" if rows else ""
-    picture = _picture(case, curves)
+    table = _norms(case.get("norms", [])) + _means(case.get("rows", []))
+    picture = _picture(case, pictures)
     image = f'<img alt="plots of {name}" src="data:image/svg+xml;base64,{picture}">' if picture else ""
     return f'<h2 id="{name}">{name}</h2><p class=about>{escape(about)}</p>{message}{table}{image}'
+
+
+def _norms(rows: list[dict[str, Any]]) -> str:
+    sizes = list(dict.fromkeys(n for row in rows for n in row["errors"]))
+    return _table(["error", *map(_at, sizes), "order", "expected", ""], [_norm(row, sizes) for row in rows])
+
+
+def _means(rows: list[dict[str, Any]]) -> str:
+    """The table of an experiment; a condition is named once."""
+    lines, last = [], ""
+    for row in rows:
+        first = "" if row["condition"] == last else row["condition"]
+        last = row["condition"]
+        told = [first, row["quantity"], mean_with_interval(row), row["published"], row["expected"] or ""]
+        lines.append([*map(escape, told), _verdict(row["met"])])
+    return _table(["condition", "quantity", "mean, 95 % interval", "published", "expected", ""], lines)
+
+
+def _table(titles: list[str], lines: list[list[str]]) -> str:
+    """A table of cells that are HTML already; nothing where there are no lines."""
+    head = "".join(f"<th>{title}</th>" for title in titles)
+    rows = ("<tr>" + "".join(f"<td>{cell}</td>" for cell in line) + "</tr>" for line in lines)
+    return f"<table><tr>{head}</tr>{''.join(rows)}</table>" if lines else ""
 
 
 def _at(size: str) -> str:
     return f"at {escape(size)}"
 
 
-def _row(row: dict[str, Any], sizes: list[str]) -> str:
+def _norm(row: dict[str, Any], sizes: list[str]) -> list[str]:
     errors = [row["errors"].get(n) for n in sizes]
-    cells = [
+    return [
         escape(row["norm"]),
         *("-" if error is None else f"{error:.2e}" for error in errors),
         "" if row["order"] is None else f"{row['order']:.2f}",
         escape(row["expected"] or ""),
         _verdict(row["met"]),
     ]
-    return "<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>"
 
 
 # ---------------------------------------------------------------- plots
 
 
-def _picture(case: dict[str, Any], curves: Mapping[str, Curve]) -> str:
-    """An SVG picture in base64: errors over resolution where an order is expected, and every curve. Empty if none."""
+def _picture(case: dict[str, Any], pictures: Pictures) -> str:
+    """An SVG in base64: errors over resolution where an order is expected, curves, tracks. Empty if there is none."""
     from matplotlib.figure import Figure  # half a second, which a run without a report need not wait for
 
-    converging = [row for row in case["norms"] if row["order"] is not None and len(row["errors"]) > 1]
-    panels = len(curves) + bool(converging)
+    norms = case.get("norms", [])
+    converging = [row for row in norms if row["order"] is not None and len(row["errors"]) > 1]
+    panels = len(pictures) + bool(converging)
     if not panels:
         return ""
     columns = min(panels, 3)
@@ -96,8 +130,11 @@ def _picture(case: dict[str, Any], curves: Mapping[str, Curve]) -> str:
         left_over.remove()
     if converging:
         _convergence(axes.pop(0), converging)
-    for axis, (title, curve) in zip(axes, curves.items(), strict=False):
-        _curve(axis, title, curve)
+    for axis, (title, picture) in zip(axes, pictures.items(), strict=False):
+        if isinstance(picture, Tracks):
+            _tracks(axis, title, picture)
+        else:
+            _curve(axis, title, picture)
     file = io.BytesIO()
     figure.savefig(file, format="svg")
     return base64.b64encode(file.getvalue()).decode()
@@ -128,3 +165,12 @@ def _curve(axis: Any, title: str, curve: Curve) -> None:
         axis.set_yscale("log")
     axis.legend(fontsize=7)
     axis.grid(alpha=0.3)
+
+
+def _tracks(axis: Any, title: str, tracks: Tracks) -> None:
+    for way in tracks.ways:
+        axis.plot(*way.T, linewidth=0.8)
+        axis.plot(*way[0], "ko", markersize=3)
+    axis.plot(*tracks.source, "k*", markersize=9)
+    axis.set(xlim=(0.0, tracks.size[0]), ylim=(0.0, tracks.size[1]), aspect="equal", title=title)
+    axis.set(xlabel="x [m]", ylabel="y [m]")

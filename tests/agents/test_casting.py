@@ -171,6 +171,29 @@ def test_a_box_in_the_plume_is_passed(peak_fraction):
     assert swarm.found.to_numpy().mean() >= 0.9
 
 
+def test_a_robot_out_of_the_plume_that_meets_the_upwind_wall_turns_back():
+    """It leaves a strip of gas at 45 degrees and comes to the wall before the distance that tells it is lost."""
+
+    @ti.data_oriented
+    class Strip(Plume):
+        @ti.func
+        def ppm(self, x, t):
+            return ti.Vector([ti.select(ti.abs(x[1] - 1.5) < 0.3, self.peak, 0.0)])
+
+    model = {"upwind_angle_deg": 45, "lost_distance": 2.0, "cast_distance": 2.0}
+    swarm, states, tracks = search(Strip(100.0), 25, low=(1.0, 1.4), high=(1.2, 1.6), trials=20, **model)
+    on_their_way = swarm.found.to_numpy() == 0
+    assert on_their_way.sum() > 10
+    for of_robot, track in zip(states.T[on_their_way], tracks.swapaxes(0, 1)[on_their_way], strict=True):
+        lost = np.flatnonzero(of_robot == LOST)[0]
+        again = lost + np.flatnonzero(of_robot[lost:] == IN_PLUME)[0]
+        assert SIDESTEP not in of_robot[:again]
+        assert track[lost, 0] < 0.1
+        off = np.abs(track[:again, 1] - 1.5)
+        assert 0.8 < off.max() < 1.4  # the corner is 1.42 m off
+        assert off[-1] < 0.35
+
+
 def test_a_lost_plume_is_sought_on_both_sides_then_given_up():
     """Where the gas ends for good: four sweeps, each twice as long as the last, then FIND."""
 

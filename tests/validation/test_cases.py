@@ -1,17 +1,39 @@
-"""Every case of the validation at its coarse resolutions, by the same verdict as the command's."""
+"""Every case of the validation at its coarse resolutions, by the same verdict as the command's, and every experiment
+with a few trials, which must not refute what is expected of many.
+"""
 
 import pytest
 
-from taichi_plume.validation.case import examine
+from taichi_plume.validation import experiment
+from taichi_plume.validation.case import Case, examine
 from taichi_plume.validation.cases import CASES
+from taichi_plume.validation.experiment import Experiment
 
 
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=pytest.mark.slow if case.slow else ()) for name, case in CASES.items()],
-)
+def of_kind(kind):
+    """The names of the cases, marked where they are slow."""
+    return [
+        pytest.param(name, marks=pytest.mark.slow if case.slow else ())
+        for name, case in CASES.items()
+        if isinstance(case, kind)
+    ]
+
+
+@pytest.mark.parametrize("name", of_kind(Experiment))
+def test_experiment_is_as_expected(name):
+    case = CASES[name]
+    assert isinstance(case, Experiment)
+    rows, _ = experiment.examine(case, case.few)
+    wrong = [
+        f"{row.condition}, {row.quantity}: {row.found}, not {row.expected}" for row in rows if row.refuted
+    ]
+    assert not wrong
+
+
+@pytest.mark.parametrize("name", of_kind(Case))
 def test_case_is_as_expected(name):
     case = CASES[name]
+    assert isinstance(case, Case)
     findings, _ = examine(case, case.coarse)
     assert any(finding.met is not None for finding in findings)
     wrong = [f"{f.norm}: {f.errors}, expected {f.expected}" for f in findings if f.met is False]

@@ -10,6 +10,7 @@ import pytest
 from taichi_plume.validation.__main__ import main
 from taichi_plume.validation.case import Answer, Case, Curve, Expected
 from taichi_plume.validation.cases import CASES
+from taichi_plume.validation.experiment import Condition, Experiment, Mean, Range, Tracks
 
 
 def unsolvable(n: int) -> dict[str, float]:
@@ -24,6 +25,24 @@ def parabola(n: int) -> Answer:
 GOOD = Case("good", "n^-2", "closed form", parabola, (8,), (8, 16), {"u": Expected(order=1.9)})
 BAD = replace(GOOD, name="bad", expected={"u": Expected(tolerance=1e-9)})
 BROKEN = replace(GOOD, name="broken", solve=unsolvable)
+
+
+def walk(trials: int) -> dict[str, Mean | Tracks]:
+    way = np.array([[1.0, 1.0], [2.0, 0.5]])
+    return {
+        "success": Mean(0.9, 0.8, 0.95, trials),
+        "time [s]": Mean(None, None, None, 0),
+        "ways <here>": Tracks((4.0, 3.0), (0.1, 1.5), (way,)),
+    }
+
+
+STROLL = Experiment(
+    "stroll",
+    "a made-up search",
+    "none",
+    (Condition("a < b", walk, published={"time [s]": "35 s"}, expected={"success": Range(least=0.8)}),),
+    trials=50,
+)
 
 
 @pytest.fixture
@@ -77,3 +96,40 @@ def test_a_failure_is_told_and_the_others_go_on(table, capsys):
     assert "NOT MET" in shown
     assert "not met: broken, bad" in shown
     assert "no steady" in shown
+
+
+@pytest.fixture
+def experiments(monkeypatch):
+    monkeypatch.setattr("taichi_plume.validation.cases.CASES", {"stroll": STROLL})
+
+
+@pytest.mark.parametrize(("option", "trials"), [((), 50), (("--trials", "7"), 7)])
+def test_an_experiment_is_reported(experiments, tmp_path, capsys, option, trials):
+    assert main(["--out", str(tmp_path), *option]) == 0
+    shown = capsys.readouterr().out
+    assert "0.9 (0.8 to 0.95)" in shown
+    (case,) = json.loads((tmp_path / "report.json").read_text())["cases"]
+    success, time = case["rows"]
+    assert success == {
+        "condition": "a < b",
+        "quantity": "success",
+        "mean": 0.9,
+        "low": 0.8,
+        "high": 0.95,
+        "n": trials,
+        "published": "",
+        "expected": ">= 0.8",
+        "met": True,
+    }
+    assert (time["mean"], time["published"], time["met"]) == (None, "35 s", None)
+    page = (tmp_path / "report.html").read_text()
+    assert "a &lt; b" in page
+    (picture,) = re.findall(r"svg\+xml;base64,([^\"]*)", page)
+    assert b"ways" in base64.b64decode(picture)
+
+
+def test_trials_must_be_a_number(capsys):
+    with pytest.raises(SystemExit) as end:
+        main(["--trials", "0"])
+    assert end.value.code == 2
+    assert "must be a whole number from 1 on, got '0'" in capsys.readouterr().err

@@ -1,0 +1,66 @@
+from math import nan
+
+import numpy as np
+import pytest
+
+from taichi_plume.validation.case import Curve
+from taichi_plume.validation.experiment import Condition, Experiment, Mean, Range, Row, examine
+
+LINE = Curve("x", "y", np.zeros(2), np.zeros(2), np.zeros(2))
+
+
+@pytest.mark.parametrize(
+    ("expected", "mean", "met"),
+    [
+        (Range(least=0.95), 0.95, True),
+        (Range(least=0.95), 0.94, False),
+        (Range(most=30.0), 29.0, True),
+        (Range(most=30.0), 31.0, False),
+        (Range(2.0, 3.0), 2.5, True),
+        (Range(2.0, 3.0), 3.5, False),
+        (Range(least=0.0), nan, False),
+        (Range(least=0.0), None, False),
+    ],
+)
+def test_the_verdict_is_of_the_mean(expected, mean, met):
+    row = Row("", "", Mean(mean, 0.0, 100.0, 10), "", expected)
+    assert row.met is met
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "refuted"),
+    [(0.4, 0.96, False), (0.4, 0.94, True), (None, None, True), (nan, nan, False)],
+)
+def test_few_trials_refute_only_what_their_interval_leaves_out(low, high, refuted):
+    assert Row("", "", Mean(0.7, low, high, 4), "", Range(least=0.95)).refuted is refuted
+    assert Row("", "", Mean(0.7, low, high, 4), "", None).refuted is False
+
+
+def test_ranges_read_as_they_are_meant():
+    assert [str(Range(least=0.95)), str(Range(most=30.0)), str(Range(2.0, 3.0))] == [
+        ">= 0.95",
+        "<= 30",
+        "2 to 3",
+    ]
+
+
+def of(**keys):
+    told = {"time [s]": Mean(30.0, 28.0, 32.0, 5), "ways": LINE}
+    calls = []
+    condition = Condition("calm", lambda n: calls.append(n) or told, **keys)
+    return Experiment("made_up", "", "", (condition,)), calls
+
+
+def test_every_quantity_of_a_condition_makes_a_row():
+    experiment, calls = of(published={"time [s]": "29 s"}, expected={"time [s]": Range(most=31.0)})
+    (row,), pictures = examine(experiment, 5)
+    assert calls == [5]
+    assert (row.condition, row.quantity, row.published, row.met) == ("calm", "time [s]", "29 s", True)
+    assert pictures == {"ways": LINE}
+
+
+@pytest.mark.parametrize("where", ["published", "expected"])
+def test_what_is_expected_of_no_quantity_is_refused(where):
+    experiment, _ = of(**{where: {"pace": Range() if where == "expected" else "1"}})
+    with pytest.raises(KeyError, match="pace"):
+        examine(experiment, 5)

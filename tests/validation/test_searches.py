@@ -1,0 +1,73 @@
+"""Trials of a search spread over airs, and the experiment of PlumeSim as the configs tell it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from taichi_plume import load_scenario
+from taichi_plume.loading import ScenarioError
+from taichi_plume.point_frames import PointFrames, read_fluent
+from taichi_plume.validation.experiment import Mean, Tracks
+from taichi_plume.validation.plumesim_cases import LAMINAR, PLUME, arena, export, in_airs
+from taichi_plume.validation.searches import WAY, scenario_of, searches, spread
+
+CONFIG = Path(__file__).parents[2] / "configs" / "plumesim_casting.yaml"
+
+
+@pytest.mark.parametrize(
+    ("trials", "airs", "shares"), [(200, 5, [40] * 5), (7, 3, [3, 2, 2]), (2, 5, [1, 1]), (4, 1, [4])]
+)
+def test_trials_are_spread_evenly(trials, airs, shares):
+    assert spread(trials, airs) == shares
+
+
+def test_the_config_is_the_experiment_of_the_validation():
+    ours, theirs = scenario_of(arena(LAMINAR, PLUME)), load_scenario(CONFIG)
+    assert ours == theirs
+
+
+def test_what_is_wrong_with_a_scenario_is_told():
+    with pytest.raises(ScenarioError, match=r"gas.sources\[0\]"):
+        scenario_of(arena(LAMINAR, PLUME | {"sources": [{"position": [9.0, 1.5], "rate": 1e-6}]}))
+
+
+def test_trials_of_all_airs_come_together():
+    told = in_airs(5, arena(LAMINAR, PLUME) | {"duration": 60.0}, "ways", airs=2)
+    success, time, way, tracks = (told[name] for name in ("success", "time [s]", WAY, "ways"))
+    assert isinstance(success, Mean)
+    assert isinstance(time, Mean)
+    assert isinstance(way, Mean)
+    assert isinstance(tracks, Tracks)
+    assert (success.mean, success.n) == (1.0, 5)
+    assert way.mean is not None
+    assert way.mean > 0.9  # they stop 0.35 m before the source, 3.6 m away
+    assert time.mean is not None
+    assert time.mean > 3.0 / 0.2
+    assert len(tracks.ways) == 5
+    for track in tracks.ways:
+        assert np.hypot(*(track[-1] - tracks.source)) == pytest.approx(0.35, abs=0.03)
+        assert (track[0] > (3.5, 0.2)).all()
+    assert len({tuple(track[0]) for track in tracks.ways}) == 5
+
+
+def test_failures_are_shown_first():
+    """Two seconds are too short for all."""
+    told = searches([arena(LAMINAR, PLUME) | {"duration": 2.0}], [4], "ways")
+    success, time, tracks = told["success"], told["time [s]"], told["ways"]
+    assert isinstance(success, Mean)
+    assert isinstance(time, Mean)
+    assert isinstance(tracks, Tracks)
+    assert (success.mean, time.mean) == (0.0, None)
+    assert len(tracks.ways) == 3
+
+
+def test_exported_frames_are_read_again(tmp_path):
+    rng = np.random.default_rng(1)
+    place, percent = rng.uniform(0.0, 3.0, (7, 2)), rng.uniform(0.0, 100.0, 7)
+    frames = PointFrames(tmp_path, 1.0, 0.1, place, np.zeros((7, 2)), percent, np.array([0, 4, 7]))
+    export(frames, tmp_path)
+    again = read_fluent(tmp_path / "plume%03d.txt", None, 1.0, 0.1, 100.0)
+    assert again.begin.tolist() == [0, 4, 7]
+    np.testing.assert_allclose(again.place, place, rtol=1e-4)
+    np.testing.assert_allclose(again.percent, percent, rtol=1e-5)

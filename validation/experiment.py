@@ -1,0 +1,128 @@
+"""What an experiment is: searches or maps repeated in trials under several conditions, and what they come to."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from math import inf
+
+import numpy as np
+
+from taichi_plume import kernels
+from taichi_plume.validation.case import Curve
+
+
+@dataclass(frozen=True)
+class Mean:
+    """Of something over n trials, between `low` and `high` with 95 % confidence; None where no trial tells of it."""
+
+    mean: float | None
+    low: float | None
+    high: float | None
+    n: int
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """Ways of robots seen from above, for the report to draw. size: of the arena [m]; ways: (k, 2) [m] each."""
+
+    size: tuple[float, float]
+    source: tuple[float, float]
+    ways: tuple[np.ndarray, ...]
+
+
+@dataclass(frozen=True)
+class Range:
+    """Where a mean has to lie."""
+
+    least: float = -inf
+    most: float = inf
+
+    def met(self, mean: float | None) -> bool:
+        """Whether a mean lies there."""
+        return mean is not None and self.least <= mean <= self.most
+
+    def __str__(self) -> str:
+        if self.most == inf:
+            return f">= {self.least:g}"
+        return f"<= {self.most:g}" if self.least == -inf else f"{self.least:g} to {self.most:g}"
+
+
+Told = Mapping[str, Mean | Curve | Tracks]
+"""Means by quantity, and pictures by title."""
+
+
+@dataclass(frozen=True)
+class Condition:
+    """One set-up of an experiment. `run` takes a number of trials; `published` and `expected` go by quantity."""
+
+    name: str
+    run: Callable[[int], Told]
+    published: Mapping[str, str] = field(default_factory=dict)
+    expected: Mapping[str, Range] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """Conditions that are compared with what was published. A quantity that is not expected is told, not judged.
+
+    The command runs `trials` of each condition, tests `few`.
+    """
+
+    name: str
+    about: str
+    reference: str
+    conditions: tuple[Condition, ...]
+    trials: int = 200
+    few: int = 4
+    slow: bool = False
+    """Whether the few trials take longer than a few seconds."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One quantity under one condition: what was found beside what was published and the verdict."""
+
+    condition: str
+    quantity: str
+    found: Mean
+    published: str
+    expected: Range | None
+
+    @property
+    def met(self) -> bool | None:
+        """Whether it is as expected; None where nothing is."""
+        return None if self.expected is None else self.expected.met(self.found.mean)
+
+    @property
+    def refuted(self) -> bool:
+        """Whether the whole interval lies outside of what is expected: few trials cannot say more."""
+        if self.expected is None:
+            return False
+        low, high = self.found.low, self.found.high
+        return low is None or high is None or high < self.expected.least or low > self.expected.most
+
+
+def examine(
+    experiment: Experiment, trials: int, arch: str = "cpu"
+) -> tuple[list[Row], dict[str, Curve | Tracks]]:
+    """Run so many trials of every condition, each with a fresh Taichi. Returns all rows, and pictures by title."""
+    rows: list[Row] = []
+    pictures: dict[str, Curve | Tracks] = {}
+    for condition in experiment.conditions:
+        kernels.start(arch)
+        told = condition.run(trials)
+        means = {name: part for name, part in told.items() if isinstance(part, Mean)}
+        pictures |= {name: part for name, part in told.items() if not isinstance(part, Mean)}
+        unknown = (condition.published.keys() | condition.expected.keys()) - means.keys()
+        if unknown:
+            raise KeyError(f"{experiment.name}, {condition.name} has no quantity {sorted(unknown)}")
+        rows += [
+            Row(
+                condition.name,
+                name,
+                mean,
+                condition.published.get(name, ""),
+                condition.expected.get(name),
+            )
+            for name, mean in means.items()
+        ]
+    return rows, pictures

@@ -1,0 +1,164 @@
+"""PlumeSim's experiment: a Roomba casts for a leak of ethanol in the arena, in air and in PlumeSim's kinds of plumes.
+
+Cabrita, Sousa & Marques, "Player/Stage simulation of olfactory experiments", IROS 2010. Published is that the
+simulated, the hybrid and the real robot went to the source in a zigzag along similar ways (figure 13; one run each), no
+figures. Arena, robot, wind and the make of the sensor are the paper's; what it does not tell of casting and of the
+plumes is ours. Its simulated robots read the plume as it is, which `at once` stands for.
+
+Trials differ in their starts within 25 cm, headings and noise, and in the air where it is random: an equal share of
+them in each of several airs. The intervals take all trials as independent, which those in one air are only in part.
+"""
+
+from collections.abc import Callable
+from functools import cache, partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from taichi_plume.assemble import assemble
+from taichi_plume.plume_log import PlumeLogger
+from taichi_plume.point_frames import PointFrames, read_log
+from taichi_plume.validation.experiment import Condition, Experiment, Range, Told
+from taichi_plume.validation.searches import WAY, scenario_of, searches, spread
+
+AIRS = 5
+SOURCE = (0.05, 1.5)  # its disc touches the middle of the left wall
+SCALE = 100.0  # ppm, about what there is at the source; 5 % of it is the threshold
+RECORDED = 120  # s, of the log
+LOG, FRAMES = "plume.pslog", "plume%03d.txt"
+ROOMBA = {
+    "name": "roomba",
+    "count": 1,
+    "start": {"kind": "area", "low": [3.55, 0.25], "high": [3.8, 0.5]},
+    "algorithm": {"kind": "casting", "speed": 0.2, "threshold_ppm": 0.05 * SCALE},
+    "body": {"kind": "roomba_560"},
+    "sensors": {"gas": {"kind": "mox", "model": "tgs2620"}, "wind": {"kind": "ultrasonic"}},
+}
+AT_ONCE = ROOMBA | {"sensors": {"gas": {"kind": "ideal"}, "wind": {"kind": "ultrasonic"}}}
+LAMINAR = {"kind": "uniform", "velocity": [0.5, 0.0]}
+LEAK = {"position": SOURCE, "rate": 6e-6, "radius": 0.05}
+PLUME = {"kind": "gaussian_plume", "intensity": 0.075, "walls": ["y-", "y+"], "sources": [LEAK]}
+GRID_GAS = {"kind": "eulerian", "sources": [LEAK | {"position": [0.06, 1.5]}]}  # on cells of 4 cm
+TURBULENT = {
+    "kind": "cfd",
+    "openings": [
+        {"kind": "honeycomb", "face": "x-", "speed": 0.5, "turbulence_intensity": 0.075},
+        {"kind": "honeycomb", "face": "x+"},
+    ],
+}
+GUSTS = LAMINAR | {"gusts": {"intensity": 0.15, "time": 1.0}}
+TARGET = {"full_scale_ppm": SCALE, "sources": [{"position": SOURCE}]}
+PUFF = {"kind": "plumesim_gaussian", "release_point": [0.0, 1.5], **TARGET}
+POINTS = {"kind": "plumesim_meandering", "release_point": [0.0, 1.5], **TARGET}
+POINTS |= {"dispersion": 0.005, "release_rate": 20.0}  # of the program's example
+
+
+def arena(wind: dict[str, Any], gas: dict[str, Any], robot: dict[str, Any] = ROOMBA) -> dict[str, Any]:
+    """The scenario, as a YAML file would tell it."""
+    return {
+        "name": "plumesim_casting",
+        "seed": 1,
+        "duration": 180.0,
+        "warm_up": 24.0 if gas["kind"] == "eulerian" else 0.0,  # the air is renewed three times
+        "domain": {"size": [4.0, 3.0], "spacing": 0.04, "depth": 0.5},
+        "wind": wind,
+        "gas": gas,
+        "robots": [robot],
+    }
+
+
+def in_airs(trials: int, data: dict[str, Any], title: str, airs: int = 1) -> Told:
+    """Trials spread over airs of different seeds."""
+    shares = spread(trials, airs)
+    return searches([data | {"seed": k + 1} for k in range(len(shares))], shares, title)
+
+
+# ---------------------------------------------------------------- plumes from files
+
+
+@cache
+def recorded() -> bytes:
+    """The turbulent plume as a log of PlumeSim."""
+    lattice = {"rate": 1.0, "cell": 0.1, "full_scale_ppm": SCALE}
+    data = arena(TURBULENT, GRID_GAS) | {"robots": [], "duration": RECORDED, "plumesim_log": lattice}
+    scenario = scenario_of(data)
+    assert scenario.plumesim_log is not None
+    sim = assemble(scenario)
+    with TemporaryDirectory() as folder:
+        log = PlumeLogger(sim, Path(folder) / LOG, scenario.plumesim_log)
+        sim.observers.append(log.observer())
+        sim.run()
+        log.close()
+        return log.path.read_bytes()
+
+
+def export(frames: PointFrames, folder: Path) -> None:
+    """Write frames as Fluent would, without their wind."""
+    for k in range(len(frames)):
+        points = frames.frame(k)
+        rows = zip(frames.place[points], frames.percent[points], strict=True)
+        lines = [f"{n},{x:.5g},{y:.5g},{c:.6g}\n" for n, ((x, y), c) in enumerate(rows, 1)]
+        text = "nodenumber,x-coordinate,y-coordinate,ethanol\n" + "".join(lines)
+        (folder / (FRAMES % (k + 1))).write_text(text, encoding="ascii")
+
+
+def from_log(trials: int, title: str, robot: dict[str, Any]) -> Told:
+    """Wind and gas of a log."""
+    log = {"kind": "plumesim_log", "file": LOG}
+    with TemporaryDirectory() as folder:
+        (Path(folder) / LOG).write_bytes(recorded())
+        return searches([arena(log, log | TARGET, robot)], [trials], title, Path(folder))
+
+
+def from_fluent(trials: int, title: str, robot: dict[str, Any]) -> Told:
+    """Gas of files as Fluent writes them, in the wind that the scenario tells."""
+    files = {"kind": "fluent", "files": FRAMES, "largest": SCALE, **TARGET}
+    with TemporaryDirectory() as folder:
+        (Path(folder) / LOG).write_bytes(recorded())
+        export(read_log(Path(folder) / LOG), Path(folder))
+        return searches([arena(LAMINAR, files, robot)], [trials], title, Path(folder))
+
+
+# ---------------------------------------------------------------- the experiment
+
+ALIKE = {WAY: "alike in program and arena"}
+CLEAN = PLUME | {"sources": [LEAK | {"rate": 0.0}]}
+
+
+def _air(name: str, airs: int, wind: dict[str, Any], gas: dict[str, Any], **keys: Any) -> Condition:
+    title = f"{name}, {airs} {'airs' if airs > 1 else 'air'}"
+    return Condition(title, partial(in_airs, data=arena(wind, gas), title=title, airs=airs), **keys)
+
+
+def _both(name: str, run: Callable[..., Told], **keys: Any) -> tuple[Condition, Condition]:
+    """A condition with the lagging sensor, and with one that reads the plume at once as PlumeSim's robots do."""
+    quick = f"{name}, at once"
+    return (
+        Condition(name, partial(run, title=name, robot=ROOMBA)),
+        Condition(quick, partial(run, title=quick, robot=AT_ONCE), **keys),
+    )
+
+
+def _program(trials: int, title: str, robot: dict[str, Any], gas: dict[str, Any], airs: int) -> Told:
+    return in_airs(trials, arena(LAMINAR, gas, robot), title, airs)
+
+
+PLUMESIM_CASES = (
+    Experiment(
+        "plumesim_casting",
+        "a Roomba casts for a leak at the upwind wall, 3.6 m away",
+        "Cabrita, Sousa & Marques 2010, figure 13",
+        (
+            _air("mean plume", 1, LAMINAR, PLUME, published=ALIKE, expected={"success": Range(least=0.95)}),
+            _air("clean air, for comparison", 1, LAMINAR, CLEAN),
+            _air("laminar thread", 1, LAMINAR, GRID_GAS),
+            _air("turbulent arena", AIRS, TURBULENT, GRID_GAS),
+            _air("meandering, eq 3", AIRS, GUSTS, {"kind": "meandering", "sources": [LEAK]}),
+            *_both("PSGaussian, 1 air", partial(_program, gas=PUFF, airs=1)),
+            *_both(f"PSMeandering, {AIRS} airs", partial(_program, gas=POINTS, airs=AIRS)),
+            *_both("PSLog, 1 air", from_log),
+            *_both("PSFluent, 1 air", from_fluent, published=ALIKE),
+        ),
+        slow=True,
+    ),
+)

@@ -1,0 +1,82 @@
+"""Searches of one group of robots for an experiment: trials in one or several airs, and what they come to."""
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from taichi_plume.assemble import assemble
+from taichi_plume.checks import problems
+from taichi_plume.loading import ScenarioError
+from taichi_plume.scenario import Scenario
+from taichi_plume.scores import trial_outcomes, trial_summary
+from taichi_plume.simulation import Every, Simulation
+from taichi_plume.validation.experiment import Mean, Tracks
+
+SHOWN = 6  # ways in a picture
+WAY = "path / straight way"
+QUANTITIES = {"success": "success_rate", "time [s]": "time_s", WAY: "overhead"}
+
+
+def scenario_of(data: dict[str, Any], folder: Path = Path()) -> Scenario:
+    """The checked scenario that `data` tells as a YAML file would. Raises ScenarioError."""
+    scenario = Scenario.model_validate(data)
+    faults = problems(scenario, folder)
+    if faults:
+        raise ScenarioError(faults)
+    return scenario
+
+
+def spread(trials: int, airs: int) -> list[int]:
+    """How many trials each air has: as even as can be, and none without."""
+    shares = [trials // airs + (k < trials % airs) for k in range(airs)]
+    return [share for share in shares if share]
+
+
+class Searches:
+    """Trials of the first group of several runs, one after the other."""
+
+    def __init__(self) -> None:
+        self.columns: dict[str, list[Any]] = {}
+        self.ways: list[np.ndarray] = []
+
+    def add(self, sim: Simulation) -> None:
+        """Run a simulation and take in its trials."""
+        group = sim.swarm.groups[0]
+        places: list[np.ndarray] = []
+        sim.observers.append(
+            Every(0.5, lambda sim: places.append(sim.swarm.position.to_numpy()[group.slice]))
+        )
+        sim.run()
+        sources = np.array([source.position[:2] for _, source in sim.scenario.sources])
+        told = trial_outcomes(group, sim.swarm.snapshot(), sources)
+        for name, values in told.items():
+            self.columns.setdefault(name, []).extend(values)
+        self.ways += list(np.stack(places, axis=1))
+
+    def told(self, scenario: Scenario, title: str) -> dict[str, Mean | Tracks]:
+        """The means over all trials, and the ways of the first: where some failed, half of them are failures."""
+        summary = trial_summary(self.columns, scenario.duration)
+        size, (_, source) = scenario.domain.extent[:2], scenario.sources[0]
+        good = np.array(self.columns["success"], bool)
+        lost = np.flatnonzero(~good)[: SHOWN // 2]
+        shown = [*lost, *np.flatnonzero(good)[: SHOWN - len(lost)]]
+        ways = tuple(self.ways[k] for k in shown)
+        return {
+            **{name: Mean(**summary[key]) for name, key in QUANTITIES.items()},
+            title: Tracks((size[0], size[1]), (source.position[0], source.position[1]), ways),
+        }
+
+
+def searches(
+    airs: Iterable[dict[str, Any]], trials: Sequence[int], title: str, folder: Path = Path()
+) -> dict[str, Mean | Tracks]:
+    """Run the first group of scenarios in so many trials each; Taichi must have been started. title: of the picture."""
+    found, scenario = Searches(), None
+    for data, count in zip(airs, trials, strict=True):
+        group = data["robots"][0] | {"trials": count}
+        scenario = scenario_of(data | {"robots": [group]}, folder)
+        found.add(assemble(scenario, folder))
+    assert scenario is not None
+    return found.told(scenario, title)
