@@ -110,12 +110,13 @@ def trial_summary(trials: dict[str, Any], duration: float) -> dict[str, Any]:
         "success_rate": {"mean": float(success.mean()), "low": rate.low, "high": rate.high, "n": len(success)}
     }
     for name in ("time_s", "path_m", "overhead", "acquisitions", "hits", "bumps"):
-        told[name] = _mean_with_interval(np.array(trials[name], float)[success])
-    told["time_with_failures_s"] = _mean_with_interval(np.where(success, trials["time_s"], duration))
+        told[name] = mean_with_interval(np.array(trials[name], float)[success])
+    told["time_with_failures_s"] = mean_with_interval(np.where(success, trials["time_s"], duration))
     return told
 
 
-def _mean_with_interval(values: np.ndarray) -> dict[str, float | int | None]:
+def mean_with_interval(values: np.ndarray) -> dict[str, float | int | None]:
+    """Mean, Student's interval of 95 % confidence and number of values; None where there are too few."""
     n = len(values)
     if not n:
         return {"mean": None, "low": None, "high": None, "n": 0}

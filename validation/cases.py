@@ -17,6 +17,7 @@ from taichi_plume.validation.jet import CORE, DECAY, SPREAD, fan_jet
 from taichi_plume.validation.plume_cases import PLUME_CASES
 from taichi_plume.validation.plumesim_cases import PLUMESIM_CASES
 from taichi_plume.validation.puff_cases import PUFF_CASES
+from taichi_plume.validation.spiral_cases import SPIRAL_CASES
 
 HALF_A_PERCENT = Expected(tolerance=0.005, at=32)  # of laminar profiles, cells across the duct
 AIR_BALANCE = {
@@ -264,5 +265,6 @@ _ALL = (
     *PLUME_CASES,
     *PUFF_CASES,
     *PLUMESIM_CASES,
+    *SPIRAL_CASES,
 )
 CASES: dict[str, Case | Experiment] = {case.name: case for case in _ALL}
