@@ -56,7 +56,7 @@ class Searches:
         self.ways += list(np.stack(places, axis=1))
 
     def told(self, scenario: Scenario, title: str) -> dict[str, Mean | Tracks]:
-        """The means over all trials, and the ways of some from all airs: half of them of failures, if there are so many."""
+        """The means over all trials, and some ways from all airs: up to half of them of failures."""
         summary = trial_summary(self.columns, scenario.duration)
         size, (_, source) = scenario.domain.extent[:2], scenario.sources[0]
         good = np.array(self.columns["success"], bool)
