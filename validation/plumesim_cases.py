@@ -6,7 +6,8 @@ figures. Arena, robot, wind and the make of the sensor are the paper's; what it 
 plumes is ours. Its simulated robots read the plume as it is, which `at once` stands for.
 
 Trials differ in their starts within 25 cm, headings and noise, and in the air where it is random: an equal share of
-them in each of several airs. The intervals take all trials as independent, which those in one air are only in part.
+them in each of several airs. The intervals take all trials as independent, which those in one air are only in part:
+of the five lines that PSMeandering draws one leaves the arena through a side wall, and nobody finds its source.
 """
 
 from collections.abc import Callable
@@ -22,9 +23,10 @@ from taichi_plume.validation.experiment import Condition, Experiment, Range, Tol
 from taichi_plume.validation.searches import WAY, scenario_of, searches, spread
 
 AIRS = 5
+LIMIT = 90.0  # s; without gas no sweep comes as far (see the control), so who is there by then was led by the plume
 SOURCE = (0.05, 1.5)  # its disc touches the middle of the left wall
 SCALE = 100.0  # ppm, about what there is at the source; 5 % of it is the threshold
-RECORDED = 120  # s, of the log
+RECORDED = 120.0  # s, of the log
 LOG, FRAMES = "plume.pslog", "plume%03d.txt"
 ROOMBA = {
     "name": "roomba",
@@ -58,7 +60,7 @@ def arena(wind: dict[str, Any], gas: dict[str, Any], robot: dict[str, Any] = ROO
     return {
         "name": "plumesim_casting",
         "seed": 1,
-        "duration": 180.0,
+        "duration": LIMIT,
         "warm_up": 24.0 if gas["kind"] == "eulerian" else 0.0,  # the air is renewed three times
         "domain": {"size": [4.0, 3.0], "spacing": 0.04, "depth": 0.5},
         "wind": wind,
@@ -150,7 +152,8 @@ PLUMESIM_CASES = (
         "Cabrita, Sousa & Marques 2010, figure 13",
         (
             _air("mean plume", 1, LAMINAR, PLUME, published=ALIKE, expected={"success": Range(least=0.95)}),
-            _air("clean air, for comparison", 1, LAMINAR, CLEAN),
+            # from x = 3.55 to 0.40 m by steps of 0.3 m, with nine sweeps of 2.66 m between them at 0.2 m/s: 120 s
+            _air("clean air, a control", 1, LAMINAR, CLEAN, expected={"success": Range(most=0.0)}),
             _air("laminar thread", 1, LAMINAR, GRID_GAS),
             _air("turbulent arena", AIRS, TURBULENT, GRID_GAS),
             _air("meandering, eq 3", AIRS, GUSTS, {"kind": "meandering", "sources": [LEAK]}),

@@ -56,17 +56,22 @@ class Searches:
         self.ways += list(np.stack(places, axis=1))
 
     def told(self, scenario: Scenario, title: str) -> dict[str, Mean | Tracks]:
-        """The means over all trials, and the ways of the first: where some failed, half of them are failures."""
+        """The means over all trials, and some ways from all airs: up to half of them of failures."""
         summary = trial_summary(self.columns, scenario.duration)
         size, (_, source) = scenario.domain.extent[:2], scenario.sources[0]
         good = np.array(self.columns["success"], bool)
-        lost = np.flatnonzero(~good)[: SHOWN // 2]
-        shown = [*lost, *np.flatnonzero(good)[: SHOWN - len(lost)]]
+        lost = _some(np.flatnonzero(~good), SHOWN // 2)
+        shown = [*lost, *_some(np.flatnonzero(good), SHOWN - len(lost))]
         ways = tuple(self.ways[k] for k in shown)
         return {
             **{name: Mean(**summary[key]) for name, key in QUANTITIES.items()},
             title: Tracks((size[0], size[1]), (source.position[0], source.position[1]), ways),
         }
+
+
+def _some(numbers: np.ndarray, most: int) -> np.ndarray:
+    """At most so many of them, evenly."""
+    return numbers[np.linspace(0, len(numbers) - 1, min(most, len(numbers))).astype(int)]
 
 
 def searches(
