@@ -52,7 +52,7 @@ class Casting(PlumeTracker):
         """Change the state of robot n where the readings say so."""
         state = self.swarm.state[self.start + n]
         if state == IN_PLUME:
-            smells = self._in_plume(n)
+            smells = self._still_smells(n)
             if not smells and self._driven(n) >= self.lost_distance:
                 self.side[n] = -self.side[n]
                 self.cast[n] = self.cast_distance

@@ -25,6 +25,7 @@ import cmath
 import taichi as ti
 
 from taichi_plume import algorithms
+from taichi_plume.agents.acquisition import Acquisition
 from taichi_plume.agents.potential import Potential
 from taichi_plume.agents.radio import Radio
 from taichi_plume.agents.swarm import GroupRange, Swarm
@@ -61,14 +62,10 @@ class Dapso:
         self.tolerance, self.timeout = model.way_point_tolerance, model.way_point_timeout
         self.threshold = model.threshold_ppm
         self.restart_after, self.restart_step = model.restart_after, model.restart_step
-        self.near = model.neighbourhood
-        self.settle = max(0, round(model.settle / tick))  # ticks
-        self.between = max(1, round(model.sample_period / tick))
-        self.samples = max(1, round(model.acquisition / (self.between * tick)))
-        self.listening = self.settle + self.samples * self.between
+        self.neighbourhood = model.neighbourhood
+        self.acquisition = Acquisition(swarm, group, model, tick)
         n = self.size
-        self.since = ti.field(ti.i32, n)  # ticks in the present state
-        self.sum = ti.field(ti.f32, n)  # of the samples [ppm]
+        self.under_way = ti.field(ti.i32, n)  # ticks since the last acquisition
         self.step = ti.Vector.field(2, ti.f32, n)  # v [m]
         self.way_point = ti.Vector.field(2, ti.f32, n)  # w [m]
         self.best = ti.field(ti.f32, n)  # f(p) at the last update [ppm]
@@ -95,22 +92,19 @@ class Dapso:
     def _act(self, tick: int, t: float, dt: float):
         for n in range(self.size):
             i = self.start + n
-            self.since[n] += 1
             if self.swarm.state[i] == MEASURE:
                 self.potential.stand(n)
-                heard = self.since[n] - self.settle
-                if heard > 0 and heard % self.between == 0:
-                    self.sum[n] += self.swarm.reading[i]
-                if self.since[n] >= self.listening:
+                if self.acquisition.listen(n):
                     self._learn(n, t)
                     self._choose(n, tick, t)
                     self.potential.begin(n)
-                    self.since[n] = 0
+                    self.under_way[n] = 0
             if self.swarm.state[i] != MEASURE:
                 if self._is_there(n, dt):
                     self.potential.stand(n)
-                    self.swarm.state[i], self.since[n], self.sum[n] = MEASURE, 0, 0.0
+                    self.swarm.state[i] = MEASURE
                 else:
+                    self.under_way[n] += 1
                     self.potential.drive(n, self.way_point[n], dt)
 
     @ti.func
@@ -119,7 +113,7 @@ class Dapso:
         i = self.start + n
         there = self.potential.is_over(n, self.way_point[n], self.tolerance)
         if self.swarm.state[i] == DRIVE:
-            there = there or self.since[n] * dt >= self.timeout or self.potential.tries[n] > 0
+            there = there or self.under_way[n] * dt >= self.timeout or self.potential.tries[n] > 0
         else:
             there = there or self.swarm.reading[i] >= self.threshold
         return there
@@ -128,10 +122,9 @@ class Dapso:
     def _learn(self, n, t):
         """Keep the best of what it measured."""
         i = self.start + n
-        f = self.sum[n] / self.samples
+        f = self.acquisition.mean(n)
         self.best[n] *= ti.exp(-self.fading * (t - self.best_time[n]))
         self.best_time[n] = t
-        self.swarm.acquisitions[i] += 1
         if f >= self.best[n]:
             self.best[n], self.best_place[n] = f, self.swarm.position[i]
             self.swarm.hits[i] += 1
@@ -192,18 +185,18 @@ class Dapso:
     def _is_neighbour(self, n, m, tick, t):
         """Whether robot n now listens to robot m of its team, of which it has heard."""
         result = 0
-        if ti.static(self.near.kind == "search_space"):
+        if ti.static(self.neighbourhood.kind == "search_space"):
             apart = self.radio.sender[n, m] - self.swarm.position[self.start + n]
-            result = ti.cast(apart.norm() <= ti.static(self.near.distance), ti.i32)
-        elif ti.static(self.near.kind == "function_value"):
+            result = ti.cast(apart.norm() <= ti.static(self.neighbourhood.distance), ti.i32)
+        elif ti.static(self.neighbourhood.kind == "function_value"):
             apart = ti.abs(self._told(n, m, t) - self.best[n])
             closer = 0
             for k in range(self.count):
                 if k != m and self.radio.has_heard(n, k):
                     other = ti.abs(self._told(n, k, t) - self.best[n])
                     closer += ti.cast(other < apart or (other == apart and k < m), ti.i32)
-            result = ti.cast(closer < ti.static(self.near.number), ti.i32)
+            result = ti.cast(closer < ti.static(self.neighbourhood.number), ti.i32)
         else:
             u = uniform4(ti.u32(self.seed), ti.u32(self.stream), self.first + n, tick, 2 + m)
-            result = ti.cast(u[0] < ti.static(self.near.probability), ti.i32)
+            result = ti.cast(u[0] < ti.static(self.neighbourhood.probability), ti.i32)
         return result

@@ -13,6 +13,7 @@ from math import pi, radians
 import taichi as ti
 
 from taichi_plume import algorithms
+from taichi_plume.agents.acquisition import Acquisition
 from taichi_plume.agents.legs import Legs
 from taichi_plume.agents.swarm import GroupRange, Swarm
 from taichi_plume.rng import stream_id, uniform4
@@ -31,17 +32,11 @@ class EColi:
         assert isinstance(model, algorithms.EColi)
         self.swarm, self.start, self.size, self.first = swarm, group.start, group.size, group.first
         self.seed, self.stream = swarm.seed, stream_id(f"group {group.number}/e. coli")
-        self.legs = Legs(swarm, group, model.speed or group.model.body.max_speed)
+        self.legs = Legs(swarm, group, model.speed)
         self.step, self.scatter = model.step, model.step_spread
         self.run_angle = radians(model.run_angle_deg)
-        self.settle = max(0, round(model.settle / tick))  # ticks
-        self.between = max(1, round(model.sample_period / tick))
-        self.samples = max(1, round(model.acquisition / (self.between * tick)))
-        self.listening = self.settle + self.samples * self.between
-        n = self.size
-        self.since = ti.field(ti.i32, n)  # ticks since standing still
-        self.sum = ti.field(ti.f32, n)  # of the samples [ppm]
-        self.before = ti.field(ti.f32, n)  # mean of the acquisition before [ppm]
+        self.acquisition = Acquisition(swarm, group, model, tick)
+        self.before = ti.field(ti.f32, self.size)  # mean of the acquisition before [ppm]
         self.before.fill(float("inf"))
 
     def act(self, tick: int, t: float, dt: float) -> None:
@@ -53,24 +48,18 @@ class EColi:
         for n in range(self.size):
             i = self.start + n
             if self.swarm.state[i] == ACQUIRE:
-                self.since[n] += 1
-                heard = self.since[n] - self.settle
-                if heard > 0 and heard % self.between == 0:
-                    self.sum[n] += self.swarm.reading[i]
-                if self.since[n] >= self.listening:
+                if self.acquisition.listen(n):
                     self._choose(n, tick)
             if self.swarm.state[i] != ACQUIRE and not self.legs.advance(n, dt):
                 self.swarm.state[i] = ACQUIRE
-                self.since[n], self.sum[n] = 0, 0.0
 
     @ti.func
     def _choose(self, n, tick):
         """Run or tumble."""
         i = self.start + n
-        mean = self.sum[n] / self.samples
+        mean = self.acquisition.mean(n)
         rose = mean > self.before[n]
         self.before[n] = mean
-        self.swarm.acquisitions[i] += 1
         self.swarm.hits[i] += ti.cast(rose, ti.i32)
         u = uniform4(ti.u32(self.seed), ti.u32(self.stream), self.first + n, tick, 0)
         self.swarm.state[i] = ti.select(rose, RUN, TUMBLE)

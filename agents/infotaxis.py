@@ -20,13 +20,14 @@ import taichi as ti
 from scipy.special import k0e
 
 from taichi_plume import algorithms
+from taichi_plume.agents.acquisition import Acquisition
 from taichi_plume.agents.legs import Legs
 from taichi_plume.agents.swarm import GroupRange, Swarm, wrap
 from taichi_plume.rng import stream_id, uniform4
 
 ACQUIRE, MOVE = range(2)
 
-MOVES = 5  # to four sides, and none
+STAY = 4  # after the moves 0 to 3, each by 90° more to the left
 FINER = 2  # nodes of the table per cell
 LEAST = 1e-12  # probability that counts as none
 
@@ -49,20 +50,15 @@ class Infotaxis:
         assert isinstance(model, algorithms.Infotaxis)
         self.swarm, self.start, self.size, self.first = swarm, group.start, group.size, group.first
         self.seed, self.stream = swarm.seed, stream_id(f"group {group.number}/infotaxis")
-        self.legs = Legs(swarm, group, model.speed or group.model.body.max_speed)
+        self.legs = Legs(swarm, group, model.speed)
         self.threshold, self.step, self.cell = model.threshold_ppm, model.step, model.cell
-        self.settle = max(0, round(model.settle / tick))
-        self.between = max(1, round(model.sample_period / tick))
-        self.samples = max(1, round(model.acquisition / (self.between * tick)))
-        self.listening = self.settle + self.samples * self.between  # ticks
+        self.acquisition = Acquisition(swarm, group, model, tick)
         self.extent = tuple(float(length) for length in swarm.clearance.size)
         self.cells = tuple(max(1, round(length / model.cell)) for length in self.extent)
         self._tabulate(model)
         n = self.size
         self.belief = ti.field(ti.f32, (n, *self.cells))
         self.belief.fill(1.0 / (self.cells[0] * self.cells[1]))
-        self.since = ti.field(ti.i32, n)  # ticks since standing still
-        self.sum = ti.field(ti.f32, n)  # of the samples [ppm]
         self.downwind = ti.Vector.field(2, ti.f32, n)  # mean of the wind felt so far
         self._begin()
 
@@ -91,19 +87,13 @@ class Infotaxis:
             if self.swarm.wind_known[i] == 1:
                 self.downwind[n] += self.swarm.wind[i]
             if self.swarm.state[i] == ACQUIRE:
-                self.since[n] += 1
-                heard = self.since[n] - self.settle
-                if heard > 0 and heard % self.between == 0:
-                    self.sum[n] += self.swarm.reading[i]
-                if self.since[n] >= self.listening:
-                    detected = self.sum[n] / self.samples >= self.threshold
-                    self.swarm.acquisitions[i] += 1
+                if self.acquisition.listen(n):
+                    detected = self.acquisition.mean(n) >= self.threshold
                     self.swarm.hits[i] += ti.cast(detected, ti.i32)
                     self._learn(n, detected)
                     self._choose(n, tick)
             if self.swarm.state[i] == MOVE and not self.legs.advance(n, dt):
                 self.swarm.state[i] = ACQUIRE
-                self.since[n], self.sum[n] = 0, 0.0
 
     @ti.func
     def _wind_axis(self, n):
@@ -168,22 +158,20 @@ class Infotaxis:
         u = uniform4(ti.u32(self.seed), ti.u32(self.stream), self.first + n, tick, 0)
         turn = ti.floor(u[0] * 4.0)
         best, least = -1, 1e30
-        for k in range(MOVES):
+        for k in range(STAY + 1):
             move = ti.cast((k + turn) % 4, ti.i32)
             angle = 0.5 * pi * move
             target = here + self.step * ti.Vector([ti.cos(angle), ti.sin(angle)])
-            if k == MOVES - 1:
-                move, target = 4, here
+            if k == STAY:
+                move, target = STAY, here
             room = self.swarm.radius[i]
             for d in ti.static(range(2)):
                 room = ti.min(room, ti.min(target[d], self.extent[d] - target[d]))
-            if room == self.swarm.radius[i] or move == 4:
+            if room == self.swarm.radius[i] or move == STAY:
                 entropy = self._expected_entropy(n, target)
                 if entropy < least - 1e-6:
                     best, least = move, entropy
-        if best == 4:
-            self.since[n], self.sum[n] = 0, 0.0
-        else:
+        if best != STAY:
             turn_by = wrap(0.5 * pi * best - self.swarm.heading[i])
             self.legs.begin(n, turn_by, self.step, ti.select(u[1] > 0.5, 1.0, -1.0))
             self.swarm.state[i] = MOVE

@@ -1,7 +1,7 @@
 """Legs of a path: turn on the spot, drive a length; at a bump back off, turn aside and drive what is left.
 
-The motions of SPIRAL, E. coli and sweeps. What happens at a bump is that of Ferri et al., Robotics and Autonomous
-Systems 57 (2009) 393-402: back, rotate by 90°, go the remaining distance.
+The motions of SPIRAL, E. coli, infotaxis and the random walk. What happens at a bump is that of Ferri et al., Robotics
+and Autonomous Systems 57 (2009) 393-402: back, rotate by 90°, go the remaining distance.
 """
 
 from math import pi
@@ -21,11 +21,11 @@ NEAR = 1e-4  # m, and rad: as good as there
 class Legs:
     """The legs of a group's robots: `begin` one, then `advance` each tick until it is no longer under way.
 
-    speed [m/s]; robots turn as fast as their bodies can.
+    speed [m/s], unless given the body's largest; robots turn as fast as their bodies can.
     """
 
-    def __init__(self, swarm: Swarm, group: GroupRange, speed: float):
-        self.swarm, self.start, self.speed = swarm, group.start, speed
+    def __init__(self, swarm: Swarm, group: GroupRange, speed: float | None):
+        self.swarm, self.start, self.speed = swarm, group.start, group.speed(speed)
         n = group.size
         self.phase = ti.field(ti.i32, n)
         self.course = ti.field(ti.f32, n)  # heading to turn to [rad]

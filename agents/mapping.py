@@ -65,11 +65,6 @@ class SnapMap:
         self.offsets.from_numpy(np.array([entry[:3] for entry in neighbours], np.int32))
         self.closeness.from_numpy(np.array([entry[3] for entry in neighbours], np.float32))
 
-    def centers(self) -> np.ndarray:
-        """Cell centres [m], shape (nx, ny, 2)."""
-        axes = [(np.arange(n) + 0.5) * self.cell for n in self.shape]
-        return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-
     def estimate(self) -> np.ndarray:
         """S for the running snap [ppm], (trials, nx, ny); NaN where nothing is known."""
         return _ratio(self.numerator.to_numpy(), self.denominator.to_numpy())

@@ -42,7 +42,7 @@ class Potential:
 
     def __init__(self, swarm: Swarm, group: GroupRange, speed: float | None, avoidance: float):
         self.swarm, self.start, self.count = swarm, group.start, group.count
-        self.speed = group.model.body.max_speed if speed is None else speed
+        self.speed = group.speed(speed)
         self.avoidance, self.stiffness = avoidance, avoidance**3 / 4  # k
         self.room = group.model.body.radius + avoidance
         self.low = (self.room, self.room)

@@ -27,7 +27,7 @@ class RandomWalk:
         assert isinstance(model, algorithms.RandomWalk)
         self.swarm, self.start, self.size, self.first = swarm, group.start, group.size, group.first
         self.seed, self.stream = swarm.seed, stream_id(f"group {group.number}/random walk")
-        self.legs = Legs(swarm, group, group.model.body.max_speed if model.speed is None else model.speed)
+        self.legs = Legs(swarm, group, model.speed)
         self.leg, self.scatter = model.leg, model.leg_spread
         self.turn = radians(model.turn_angle_deg)
 

@@ -19,6 +19,7 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume import algorithms
+from taichi_plume.agents.acquisition import Acquisition
 from taichi_plume.agents.legs import Legs
 from taichi_plume.agents.swarm import GroupRange, Swarm
 from taichi_plume.rng import stream_id, uniform4
@@ -43,17 +44,15 @@ class Spiral:
         assert isinstance(model, algorithms.Spiral)
         self.swarm, self.start, self.size, self.first = swarm, group.start, group.size, group.first
         self.seed, self.stream = swarm.seed, stream_id(f"group {group.number}/spiral")
-        self.legs = Legs(swarm, group, model.speed or group.model.body.max_speed)
+        self.legs = Legs(swarm, group, model.speed)
         self.minimum, self.delta = model.minimum_ppm, model.delta * model.minimum_ppm
         self.random, self.strict = model.random, model.strict_minimum
         self.k_mean, self.k_peak = model.mean_weight, model.peak_weight
         self.above_mean = model.peak_height == "above_mean"
         self.escape_length = model.escape_length
-        self.settle = max(0, round(model.settle / tick))
-        self.between = max(1, round(model.sample_period / tick))  # ticks from sample to sample
-        self.samples = max(3, round(model.acquisition / (self.between * tick)))
-        self.window = max(1, round(model.peak_window / (self.between * tick)))
-        self.listening = self.settle + self.samples * self.between  # ticks
+        self.acquisition = Acquisition(swarm, group, model, tick, least=3)
+        self.heard, self.samples = self.acquisition.heard, self.acquisition.samples
+        self.window = max(1, round(model.peak_window / (self.acquisition.between * tick)))  # samples
         self.arm_count = len(model.arms)
         self.arms = ti.field(ti.f32, self.arm_count)
         self.arms.from_numpy(np.array(model.arms, np.float32))
@@ -64,8 +63,6 @@ class Spiral:
         self.index = ti.field(ti.f32, n)  # last PI [ppm]
         self.misses = ti.field(ti.i32, n)  # in a row
         self.low = ti.field(ti.i32, n)  # of them below half of the threshold, in a row
-        self.since = ti.field(ti.i32, n)  # ticks since standing still
-        self.heard = ti.field(ti.f32, (n, self.samples))  # ppm
         self._begin()
 
     def act(self, tick: int, t: float, dt: float) -> None:
@@ -85,8 +82,7 @@ class Spiral:
         for n in range(self.size):
             i = self.start + n
             if self.swarm.state[i] == ACQUIRE:
-                self._listen(n)
-                if self.since[n] >= self.listening:
+                if self.acquisition.listen(n):
                     self._judge(n, tick)
             if self.swarm.state[i] != ACQUIRE and not self.legs.advance(n, dt):
                 if self.swarm.state[i] == ESCAPE:
@@ -94,7 +90,6 @@ class Spiral:
                     self.legs.advance(n, dt)
                 else:
                     self.swarm.state[i] = ACQUIRE
-                    self.since[n] = 0
 
     @ti.func
     def _uniform(self, n, tick):
@@ -108,17 +103,11 @@ class Spiral:
         self.legs.begin(n, 0.0, self.arms[0], self.sense[n])
 
     @ti.func
-    def _listen(self, n):
-        self.since[n] += 1
-        heard = self.since[n] - self.settle
-        if heard > 0 and heard % self.between == 0:
-            self.heard[n, heard // self.between - 1] = self.swarm.reading[self.start + n]
-
-    @ti.func
     def _is_peak(self, n, k, mean):
         """Whether sample k is a local maximum above the mean; of a plateau the first one."""
         after = k + 1
-        while after < self.samples and self.heard[n, after] == self.heard[n, k]:
+        last = self.samples - 1  # `and` works out both sides
+        while after <= last and self.heard[n, ti.min(after, last)] == self.heard[n, k]:
             after += 1
         peak = k > 0 and after < self.samples and self.heard[n, k] > mean
         if peak:
@@ -128,9 +117,7 @@ class Spiral:
     @ti.func
     def _proximity_index(self, n):
         """PI [ppm] of what was heard."""
-        mean = 0.0
-        for k in range(self.samples):
-            mean += self.heard[n, k] / self.samples
+        mean = self.acquisition.mean(n)
         peaks, found = 0.0, 0
         for w in range((self.samples + self.window - 1) // self.window):
             largest = 0.0
@@ -149,7 +136,6 @@ class Spiral:
         if ti.static(self.random):
             index = self._uniform(n, tick)[0]
         self.index[n] = index
-        self.swarm.acquisitions[i] += 1
         needed = self.threshold[n]
         if ti.static(self.strict):
             needed = ti.max(needed, self.minimum)

@@ -46,7 +46,7 @@ class SurgeCast(PlumeTracker):
         """Change the state of robot n where the readings say so."""
         state = self.swarm.state[self.start + n]
         if state == SURGE:
-            if not self._in_plume(n) and (self._driven(n) >= self.lost_distance or self.bump[n] == 1):
+            if not self._still_smells(n) and (self._driven(n) >= self.lost_distance or self.bump[n] == 1):
                 self.leg[n], self.length[n] = 0, self.cast_distance
                 self._enter(n, CAST)
         elif self._comes_upon_plume(n):

@@ -54,7 +54,7 @@ class SurgeSpiral(PlumeTracker):
         i = self.start + n
         state = self.swarm.state[i]
         if state == SURGE:
-            if not self._in_plume(n) and (self._driven(n) >= self.lost_distance or self.bump[n] == 1):
+            if not self._still_smells(n) and (self._driven(n) >= self.lost_distance or self.bump[n] == 1):
                 self.phi[n], self.began[n] = 0.0, self.swarm.heading[i]
                 self.side[n] = -self.side[n]
                 self._enter(n, SPIRAL)

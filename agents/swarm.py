@@ -49,6 +49,10 @@ class GroupRange:
         """Number of its first robot among all trials there could be: random streams count by it."""
         return self.model.first_trial * self.count
 
+    def speed(self, wanted: float | None) -> float:
+        """What is wanted, or else the body's largest [m/s]."""
+        return self.model.body.max_speed if wanted is None else wanted
+
     @property
     def slice(self) -> slice:
         """The group's part of an array over the swarm."""

@@ -10,11 +10,10 @@ so that a slow sensor notices in time. Into it: reading at the threshold or more
 in use) up by 15 % from the smallest since the loss.
 """
 
-from math import expm1
-
 import taichi as ti
 
 from taichi_plume import algorithms
+from taichi_plume.agents.sensors import Lag
 from taichi_plume.agents.swarm import GroupRange, Swarm, wrap
 from taichi_plume.rng import stream_id, uniform4
 
@@ -40,10 +39,10 @@ class PlumeTracker:
         self.swarm, self.start, self.size = swarm, group.start, group.size
         self.seed, self.first = swarm.seed, group.first
         self.stream = stream_id(f"group {group.number}/{model.kind}")
-        self.speed = group.model.body.max_speed if model.speed is None else model.speed
+        self.speed = group.speed(model.speed)
         self.threshold, self.peak_fraction = model.threshold_ppm, model.peak_fraction
         self.lost_distance, self.find_step = model.lost_distance, model.find_step
-        self.averaging = -expm1(-tick / model.wind_memory) if model.wind_memory > 0 else 1.0
+        self.averaging = Lag(model.wind_memory, tick).share
         n = self.size
         self.wind = ti.Vector.field(2, ti.f32, n)  # average of the measured wind [m/s]
         self.upwind = ti.Vector.field(2, ti.f32, n)  # U; the first heading until wind is felt
@@ -126,8 +125,8 @@ class PlumeTracker:
         return self.swarm.path_length[self.start + n] - self.mark[n]
 
     @ti.func
-    def _in_plume(self, n):
-        """Whether a robot that is in the plume still smells it, and from when on it no longer does."""
+    def _still_smells(self, n):
+        """Whether a robot that is in the plume still smells it; marks where it does."""
         c = self.swarm.reading[self.start + n]
         self.peak[n] = ti.max(self.peak[n], c)
         self.trough[n] = c

@@ -119,11 +119,6 @@ class ImportedFilm:
             self.max_divergence = max(self.max_divergence, left)
         self.wind = list(self._frames[0])
 
-    @property
-    def interval(self) -> float:
-        """Time between frames [s]; infinite where there is but one."""
-        return float(np.median(np.diff(self.times))) if len(self.times) > 1 else np.inf
-
     def still(self, name: str) -> np.ndarray:
         """Variable open_u and so on: the faces inside the domain that let air through."""
         return self._project.inside[VELOCITIES.index(name.removeprefix("open_"))] > 0.0

@@ -28,11 +28,6 @@ class Frames(Protocol):
     attributes: dict[str, Any]
     """viscosity and schmidt, where there is a wind."""
 
-    @property
-    def interval(self) -> float:
-        """Time between frames [s]; infinite where there is but one."""
-        ...
-
     def frame(self, n: int, names: list[str]) -> dict[str, np.ndarray]:
         """Variables of frame n, axes (x, y, z)."""
         ...
@@ -68,7 +63,8 @@ class Projector:
         self.film, self.model, self.grid, self.names, self.margin = film, model, grid, names, margin
         self.prepare = prepare
         self.first = film.times[0]
-        self.period = film.times[-1] + film.interval - self.first
+        steps = np.diff(film.times)
+        self.period = film.times[-1] - self.first + (np.median(steps) if len(steps) else np.inf)
         self.ends = np.append(film.times[1:], self.first + self.period if model.loop else np.inf)
         self.now = {name: grid.field() for name in names}
         self._goal = {name: grid.field() for name in names}
@@ -141,16 +137,14 @@ class PlayedWind:
 
     def _prepare(self, frame: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], tuple[float, ...]]:
         """Values with a ghost layer; largest flow out of a cell over its volume [1/s], viscosity and speed."""
-        values, out, speed = dict(frame), 0.0, 0.0
+        values, faces = dict(frame), []
         for d, name in enumerate(self.speed_names):
             u = frame[name]
             values[name] = np.pad(u, [(int(a == d), 0) for a in range(self.dim)])
-            faces = u[tuple(slice(None) if a == d else slice(1, -1) for a in range(self.dim))]
-            low, high = np.delete(faces, -1, axis=d), np.delete(faces, 0, axis=d)
-            out = out + np.maximum(high, 0.0) - np.minimum(low, 0.0)
-            speed = max(speed, float(np.abs(faces).max()))
+            faces.append(u[tuple(slice(None) if a == d else slice(1, -1) for a in range(self.dim))])
+        speed = max(float(np.abs(u).max()) for u in faces)
         viscosity = float(frame["viscosity"].max()) if "viscosity" in frame else self.viscosity
-        return values, (float(np.max(out)) / self.grid.dx, viscosity, speed)
+        return values, (self.grid.largest_outflow(faces), viscosity, speed)
 
     def _show(self, t: float) -> None:
         self.film.show(t)

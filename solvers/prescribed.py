@@ -20,12 +20,11 @@ class PrescribedWind:
         self.u = grid.faces_field()
         self.open = grid.faces_field()
         index = np.stack(np.meshgrid(*map(np.arange, grid.padded), indexing="ij"), axis=-1) - grid.ghost
-        out = np.zeros(grid.shape)  # of each cell
+        faces = []
         for d, field in enumerate(self.u):
             middle = np.where(np.arange(grid.dim) == d, 0.0, 0.5)
             u = velocity((index + middle) * grid.dx)[..., d]
             field.from_numpy(u.astype(np.float32))
             self.open[d].fill(1.0)
-            low, high = grid.inner(u), grid.inner(np.roll(u, -1, axis=d))
-            out += np.maximum(high, 0.0) - np.minimum(low, 0.0)
-        self.outflow_rate = float(out.max()) / grid.dx
+            faces.append(u[tuple(slice(a, b + (axis == d)) for axis, (a, b) in enumerate(grid.cells))])
+        self.outflow_rate = grid.largest_outflow(faces)

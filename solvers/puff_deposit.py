@@ -72,7 +72,7 @@ class Deposit:
             n = ti.static(self.grid.shape[d])
             first[d] = ti.math.clamp(ti.cast(ti.floor((x[d] - REACH * s) / dx), ti.i32), 0, n - 1)
             last = ti.math.clamp(ti.cast(ti.floor((x[d] + REACH * s) / dx), ti.i32), 0, n - 1)
-            if ti.static(self.grid.periodic[d]):  # noqa: SIM102 (the first is settled at compile time)
+            if ti.static(self.grid.periodic[d]):  # settled at compile time
                 if x[d] < REACH * s or ti.static(self.grid.extent[d]) - x[d] < REACH * s:
                     first[d], last = 0, n - 1
             size[d] = last - first[d] + 1

@@ -15,7 +15,7 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume.grid import Grid
-from taichi_plume.kernels import Template, on_cpu
+from taichi_plume.kernels import Template, double_field, on_cpu
 from taichi_plume.solvers.level_set import LevelSet
 
 STEP = 2.0  # from the sizes of one list to those of the next
@@ -65,10 +65,7 @@ class PuffList:
         self._cell: Any = ti.field(ti.i32, most)  # of each new puff; -1: gone
         self._order: Any = ti.field(ti.i32, most)
         self._rough_order: Any = None if on_cpu() else ti.field(ti.i32, most)
-        self._gone: Any = ti.field(ti.f64)  # kg
-        apart = ti.FieldsBuilder()  # beside 32-bit fields Vulkan would misplace it
-        apart.place(self._gone)
-        apart.finalize()
+        self._gone = double_field()  # kg
         self._powers, self._squarings = exponential(0.5 * cutoff**2)
         self._unit = sqrt(2.0 * pi) ** -grid.dim / share_within(cutoff, grid.dim)
         if grid.dim == 2:

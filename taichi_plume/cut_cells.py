@@ -76,6 +76,11 @@ class Air:
         faces = [np.ones(_faces(grid, d)) for d in range(grid.dim)]
         return _closed(1.0 - solid, faces, [0.5 * a for a in faces], np.zeros(grid.shape, np.int32), grid)
 
+    @staticmethod
+    def everywhere(grid: Grid) -> "Air":
+        """No obstacles."""
+        return Air.of(np.zeros(grid.shape, bool), grid)
+
     def surface(self) -> np.ndarray:
         """Vector area of the surface in each cell, out of the air, over a face's area: shape (*grid.shape, dim)."""
         sides = [np.delete(a, -1, axis=d) - np.delete(a, 0, axis=d) for d, a in enumerate(self.area)]

@@ -131,15 +131,18 @@ def sample_cells(c: Template, air: Template, x: Template, dx: float, ghost: ti.i
     return total / ti.max(share, 1e-6)
 
 
+@ti.func
+def _point(points: Template, n, dim: Template):
+    """Row n as a vector."""
+    return ti.Vector([points[n, d] for d in ti.static(range(dim))])
+
+
 @ti.kernel
 def _concentration_at(
     gas: Template, dim: Template, points: ti.types.ndarray(), t: float, out: ti.types.ndarray()
 ):
     for n in range(out.shape[0]):
-        x = ti.Vector.zero(ti.f32, dim)
-        for d in ti.static(range(dim)):
-            x[d] = points[n, d]
-        out[n] = gas.concentration(x, t)
+        out[n] = gas.concentration(_point(points, n, dim), t)
 
 
 @ti.kernel
@@ -147,10 +150,7 @@ def _velocity_at(
     wind: Template, dim: Template, points: ti.types.ndarray(), t: float, out: ti.types.ndarray()
 ):
     for n in range(out.shape[0]):
-        x = ti.Vector.zero(ti.f32, dim)
-        for d in ti.static(range(dim)):
-            x[d] = points[n, d]
-        u = wind.velocity(x, t)
+        u = wind.velocity(_point(points, n, dim), t)
         for d in ti.static(range(dim)):
             out[n, d] = u[d]
 
@@ -158,10 +158,7 @@ def _velocity_at(
 @ti.kernel
 def _ppm_at(gas: Template, dim: Template, points: ti.types.ndarray(), t: float, out: ti.types.ndarray()):
     for n in range(out.shape[0]):
-        x = ti.Vector.zero(ti.f32, dim)
-        for d in ti.static(range(dim)):
-            x[d] = points[n, d]
-        ppm = gas.ppm(x, t)
+        ppm = gas.ppm(_point(points, n, dim), t)
         for s in ti.static(range(len(gas.species))):
             out[n, s] = ppm[s]
 

@@ -185,11 +185,6 @@ class Film:
             )
 
     @property
-    def interval(self) -> float:
-        """Time between frames [s]; infinite where there is but one."""
-        return float(np.median(np.diff(self.times))) if len(self.times) > 1 else np.inf
-
-    @property
     def wind(self) -> list[str]:
         """Names of the wind's variables; empty where none was recorded."""
         names = [*VELOCITIES[: len(self.shape)], *(["viscosity"] if "viscosity" in self.arrays else [])]

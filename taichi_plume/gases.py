@@ -98,30 +98,7 @@ AnySource = Source | Release | PlumeSource
 """What has a position and a radius: what the robots search for."""
 
 
-PureGas = Annotated[
-    EulerianGas
-    | PuffGas
-    | PlaybackGas
-    | GaussianPuffGas
-    | ContinuousGas
-    | GaussianPlumeGas
-    | MeanderingGas
-    | PlumeSimGas
-    | FluentGas
-    | PlumeSimPuff
-    | PlumeSimMeander,
-    Field(discriminator="kind"),
-]
-
-
-class MixtureGas(Model):
-    """Several gases at once, of any kinds and species; what they have in common adds up."""
-
-    kind: Literal["mixture"]
-    parts: Annotated[tuple[PureGas, ...], Field(min_length=1, max_length=16)]
-
-
-Gas = Annotated[
+PureGas = (
     EulerianGas
     | PuffGas
     | PlaybackGas
@@ -133,6 +110,16 @@ Gas = Annotated[
     | FluentGas
     | PlumeSimPuff
     | PlumeSimMeander
-    | MixtureGas,
-    Field(discriminator="kind"),
-]
+)
+
+
+class MixtureGas(Model):
+    """Several gases at once, of any kinds and species; what they have in common adds up."""
+
+    kind: Literal["mixture"]
+    parts: Annotated[
+        tuple[Annotated[PureGas, Field(discriminator="kind")], ...], Field(min_length=1, max_length=16)
+    ]
+
+
+Gas = Annotated[PureGas | MixtureGas, Field(discriminator="kind")]

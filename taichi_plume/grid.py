@@ -142,6 +142,14 @@ class Grid:
         passes = [sweep([toward(f, g)], [f], everywhere) for f, g in zip(fields, goals, strict=True)]
         return launch(*passes, cells=prod(self.padded))
 
+    def largest_outflow(self, faces: Sequence[np.ndarray]) -> float:
+        """Largest flow out of a cell over its volume [1/s] of the velocities [m/s] on the faces of each axis."""
+        out = sum(
+            np.maximum(np.delete(u, 0, axis=d), 0.0) - np.minimum(np.delete(u, -1, axis=d), 0.0)
+            for d, u in enumerate(faces)
+        )
+        return float(np.max(out)) / self.dx
+
     def centers(self) -> np.ndarray:
         """Cell centres [m], shape (*shape, dim)."""
         axes = [(np.arange(n) + 0.5) * self.dx for n in self.shape]

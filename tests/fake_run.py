@@ -219,7 +219,7 @@ def simulation(model: Scenario) -> Simulation:
     ]
     source = model.gas.sources[0].position
     wind = FakeWind(grid, 0.9)
-    air = Air.of(np.zeros(grid.shape, bool), grid)
+    air = Air.everywhere(grid)
     obstacles = [_shape(o) for o in model.obstacles]
     sim = Simulation(model, grid, wind, Mixture([FakeGas(grid, source)]), swarm, teams, [], obstacles, air)
     sim.maps += [FakeMap(m.kind, m.cell, sim) for m in model.maps]

@@ -22,15 +22,13 @@ def test_sampling_is_exact_for_linear_fields(dim):
     model = EulerianGas.model_validate(
         {"kind": "eulerian", "sources": [{"position": (0.5,) * dim, "rate": 0.0}]}
     )
-    gas = EulerianSolver(model, grid, wind, Air.of(np.zeros(shape, bool), grid))
+    gas = EulerianSolver(model, grid, wind, Air.everywhere(grid))
     gas.start_from(lambda x: 2.0 + x @ slopes)
     np.testing.assert_allclose(concentration_at(gas, points, 0.0), 2.0 + points @ slopes, rtol=1e-5)
     np.testing.assert_allclose(velocity_at(wind, points, 0.0), 0.2, rtol=1e-6)
 
     faces = tuple({"kind": "outlet", "face": axis + side} for axis in "xyz"[:dim] for side in "-+")
-    flow = FlowSolver(
-        CfdWind.model_validate({"kind": "cfd", "openings": faces}), grid, Air.of(np.zeros(shape, bool), grid)
-    )
+    flow = FlowSolver(CfdWind.model_validate({"kind": "cfd", "openings": faces}), grid, Air.everywhere(grid))
     gradient = np.diag([1.0, -1.0, 0.0][:dim]) + 0.5 * np.eye(dim, k=1)  # free of divergence
 
     def linear(x: np.ndarray) -> np.ndarray:

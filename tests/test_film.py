@@ -68,7 +68,7 @@ def test_what_was_written_is_read(tmp_path):
     frames = new_film(tmp_path / "fields.zarr")
     film = Film(tmp_path / "fields.zarr")
     np.testing.assert_array_equal(film.times, [0.0, 0.5, 1.0])
-    assert (film.shape, film.dx, film.interval) == (SHAPE, DX, 0.5)
+    assert (film.shape, film.dx) == (SHAPE, DX)
     for n, frame in enumerate(frames):
         for name, values in film.frame(n, [*film.wind, *film.gas]).items():
             np.testing.assert_array_equal(values, frame[name].T)

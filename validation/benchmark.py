@@ -129,7 +129,7 @@ def periodic_step(shape: tuple[int, ...]) -> tuple[FlowSolver, Callable[[], None
         {"kind": "cfd", "viscosity": 1e-3, "turbulence": {"kind": "none"}, "openings": openings}
     )
     grid = Grid(shape, 2 * np.pi / shape[0], periodic=periodic_axes(wind.openings, len(shape)))
-    flow = FlowSolver(wind, grid, Air.of(np.zeros(shape, bool), grid))
+    flow = FlowSolver(wind, grid, Air.everywhere(grid))
     rng = np.random.default_rng(0)
     k = rng.integers(1, 4, (3, 3))
 

@@ -39,6 +39,9 @@ class Expected:
         return ", ".join(parts)
 
 
+SECOND_ORDER = Expected(order=1.9)
+
+
 @dataclass(frozen=True)
 class Curve:
     """Something computed beside its reference, for the report to plot: arrays of one shape."""

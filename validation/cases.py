@@ -3,7 +3,7 @@
 from functools import partial
 
 from taichi_plume.validation.body_cases import cylinder, oblique_channel, pipe
-from taichi_plume.validation.case import Case, Expected
+from taichi_plume.validation.case import SECOND_ORDER, Case, Expected
 from taichi_plume.validation.cavity import cavity
 from taichi_plume.validation.channel_cases import couette_start, duct, poiseuille, poiseuille_start
 from taichi_plume.validation.cross_checks import fan, honeycombs, one_layer
@@ -16,7 +16,6 @@ from taichi_plume.validation.jet import CORE, DECAY, SPREAD, fan_jet
 from taichi_plume.validation.plume_cases import PLUME_CASES
 from taichi_plume.validation.puff_cases import PUFF_CASES
 
-SECOND_ORDER = Expected(order=1.9)
 HALF_A_PERCENT = Expected(tolerance=0.005, at=32)  # of laminar profiles, cells across the duct
 AIR_BALANCE = {
     "inflow": Expected(tolerance=1e-5),

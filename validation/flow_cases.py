@@ -30,7 +30,7 @@ def laminar_flow(
         }
     )
     grid = Grid(shape, dx, periodic=periodic_axes(wind.openings, len(shape)))
-    return FlowSolver(wind, grid, Air.of(np.zeros(shape, bool), grid))
+    return FlowSolver(wind, grid, Air.everywhere(grid))
 
 
 def advance(flow: FlowSolver, end: float, begin: float = 0.0) -> None:

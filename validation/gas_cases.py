@@ -36,7 +36,7 @@ def gaussian_puff(n: int, dim: int = 2, speed: float = 0.0) -> Errors:
             "sources": [{"position": (0.5,) * dim, "rate": 0.0}],
         }
     )
-    gas = EulerianSolver(model, grid, wind, Air.of(np.zeros(shape, bool), grid))
+    gas = EulerianSolver(model, grid, wind, Air.everywhere(grid))
     gas.start_from(lambda x: exact(x, 0.0))
     gas.advance(0.0, end)
     points, reference = grid.centers(), exact(grid.centers(), end)

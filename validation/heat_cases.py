@@ -16,7 +16,7 @@ WARM_AND_COLD = [{"face": "x-", "temperature": 300.5}, {"face": "x+", "temperatu
 def heated(flow: FlowSolver, gravity: tuple[float, ...] = (), **heat) -> HeatSolver:
     """Give a flow a temperature of 300 K, with walls and heaters as in a scenario."""
     model = Heat.model_validate({"reference": 300.0, **heat})
-    solver = HeatSolver(model, flow.grid, flow, Air.of(np.zeros(flow.grid.shape, bool), flow.grid))
+    solver = HeatSolver(model, flow.grid, flow, Air.everywhere(flow.grid))
     if any(gravity):
         flow.lift.append((solver.theta, tuple(-g * model.volume_expansion for g in gravity)))
     flow.carried.append(solver)

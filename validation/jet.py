@@ -37,7 +37,7 @@ def mean_jet(n: int, averaged: float = AVERAGED, turbulence: str = "vreman") -> 
         {"kind": "cfd", "viscosity": 2e-5, "turbulence": {"kind": turbulence}, "openings": [fan, *still]}
     )
     grid = Grid((LENGTH * n, WIDTH * n, WIDTH * n), 1.0 / n)
-    flow = FlowSolver(wind, grid, Air.of(np.zeros(grid.shape, bool), grid))
+    flow = FlowSolver(wind, grid, Air.everywhere(grid))
     advance(flow, SETTLE)
     mean = np.zeros(grid.shape)
     samples = round(averaged / SAMPLE)

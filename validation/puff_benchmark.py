@@ -89,7 +89,7 @@ def in_room(puffs: int) -> PuffSolver:
     wind = UniformSolver(UniformWind(kind="uniform", velocity=(0.5, 0.0, 0.0)), grid)
     source = {"position": (1.0, 3.0, 1.3), "rate": 2e-5}
     model = {"kind": "puffs", "sources": [source], "release_rate": puffs / 17.0, "most": 2 * puffs}
-    return PuffSolver(PuffGas.model_validate(model), grid, wind, Air.of(np.zeros(grid.shape, bool), grid))
+    return PuffSolver(PuffGas.model_validate(model), grid, wind, Air.everywhere(grid))
 
 
 def median_ms(work: Callable[[int], object]) -> tuple[float, float]:

@@ -25,7 +25,7 @@ POMPY = {5: 0.40, 10: 0.29, 20: 0.18, 50: 0.12}  # m, of pompy 0.1.1 with its ow
 def puffs_in(grid: Grid, speed: float, solid: np.ndarray | None = None, **keys) -> PuffSolver:
     """Puffs of one source in a uniform wind along x."""
     wind = UniformSolver(UniformWind(kind="uniform", velocity=(speed,) + (0.0,) * (grid.dim - 1)), grid)
-    air = Air.of(np.zeros(grid.shape, bool) if solid is None else solid, grid)
+    air = Air.everywhere(grid) if solid is None else Air.of(solid, grid)
     return PuffSolver(PuffGas.model_validate({"kind": "puffs"} | keys), grid, wind, air)
 
 
@@ -78,8 +78,7 @@ def sampled_mass(n: int, boxed: bool) -> Answer:
     )
     for k in range(40):
         gas.advance(0.1 * k, 0.1)
-    axes = [(np.arange(round(length * n)) + 0.5) / n for length in grid.extent]
-    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    points = Grid(tuple(round(length * n) for length in grid.extent), 1 / n).centers()
     c = concentration_at(gas, points, 4.0).astype(float)
     released = gas.emitted_kg - gas.portions[0].pending
     inside = solid[tuple((points[..., d] / grid.dx).astype(int) for d in range(3))]

@@ -53,7 +53,7 @@ def ticks(case: str, arch: str, algorithm: str, robots: int = 100_000) -> RobotT
     """Ticks of robots with MiCS-5524 sensors all over the empty arena of 4 x 3 x 0.52 m, 0.04 m cells."""
     kernels.start(arch)
     grid = Grid((100, 75, 13), 0.04)
-    air = Air.of(np.zeros(grid.shape, bool), grid)
+    air = Air.everywhere(grid)
     wind = FlowSolver(CfdWind.model_validate({"kind": "cfd", "openings": OPENINGS}), grid, air)
     source = {"position": (0.6, 1.5, 0.1), "rate": 2e-5}
     model = EulerianGas.model_validate({"kind": "eulerian", "sources": [source]})

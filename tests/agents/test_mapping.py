@@ -165,4 +165,3 @@ def test_a_neighbourhood_without_any_snap_is_refused():
 def test_cells_cover_the_floor():
     gas_map = InverseDistanceMap(IdwMap(kind="inverse_distance", cell=0.4), (2.0, 1.5), 1)
     assert gas_map.shape == (5, 4)
-    assert gas_map.centers()[4, 3] == pytest.approx([1.8, 1.4])

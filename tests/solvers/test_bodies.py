@@ -23,7 +23,7 @@ ENDS = [{"kind": "outlet", "face": "x-"}, {"kind": "outlet", "face": "x+"}]
 def still_air(shape=(60, 40), dx=0.05, openings=ENDS, solid=None, **more) -> FlowSolver:
     wind = CfdWind.model_validate({"kind": "cfd", "openings": openings, **more})
     grid = Grid(shape, dx)
-    return FlowSolver(wind, grid, Air.of(np.zeros(shape, bool) if solid is None else solid, grid))
+    return FlowSolver(wind, grid, Air.everywhere(grid) if solid is None else Air.of(solid, grid))
 
 
 def moving(flow: FlowSolver, path: list, **outline) -> MovingObstacle:
@@ -167,7 +167,7 @@ def test_robots_on_a_floor_plan_have_the_drag_of_their_height():
     grid = Grid((60, 40), 0.05, depth=depth, periodic=(True, True))
     openings = [{"kind": "periodic", "axis": axis} for axis in "xy"]
     wind = CfdWind.model_validate({"kind": "cfd", "openings": openings, "turbulence": {"kind": "none"}})
-    flow = FlowSolver(wind, grid, Air.of(np.zeros(grid.shape, bool), grid))
+    flow = FlowSolver(wind, grid, Air.everywhere(grid))
     flow.start_from(lambda points: np.zeros_like(points) + np.array([0.4, 0.3]))
     place, velocity = (ti.Vector.field(2, ti.f32, 1) for _ in range(2))
     place.from_numpy(np.array([[1.51, 1.02]], np.float32))

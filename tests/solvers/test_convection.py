@@ -92,7 +92,7 @@ def carried(scheme: str, start, turns: float = 1.0) -> tuple[np.ndarray, np.ndar
             "sources": [{"position": (0.5, 0.5), "rate": 0}],
         }
     )
-    gas = EulerianSolver(model, grid, wind, Air.of(np.zeros(grid.shape, bool), grid))
+    gas = EulerianSolver(model, grid, wind, Air.everywhere(grid))
     gas.start_from(start)
     before = grid.inner(gas.c.to_numpy()).astype(float)
     for step in range(20):

@@ -18,7 +18,7 @@ def duct(curve: dict, loss: float, length: float = 2.0, dx: float = 0.05, **more
     outlet = {"kind": "honeycomb", "face": "x+", "loss_coefficient": loss}
     wind = CfdWind.model_validate({"kind": "cfd", "openings": [fan, outlet, *WALLS], "viscosity": 1e-2})
     grid = Grid((round(length / dx), round(WIDTH / dx)), dx, depth=DEPTH)
-    return FlowSolver(wind, grid, Air.of(np.zeros(grid.shape, bool), grid))
+    return FlowSolver(wind, grid, Air.everywhere(grid))
 
 
 def flow_rate(flow: FlowSolver) -> float:

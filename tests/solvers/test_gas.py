@@ -60,7 +60,7 @@ def test_no_mass_is_lost_in_thousands_of_steps():
 
     keys = {"position": (0.3, 0.4), "rate": 2e-5, "radius": 0.1, "stop": 10.0}
     model = EulerianGas.model_validate({"kind": "eulerian", "sources": [keys, keys | {"rate": 1e-6}]})
-    gas = EulerianSolver(model, grid, PrescribedWind(roll, grid), Air.of(np.zeros(grid.shape, bool), grid))
+    gas = EulerianSolver(model, grid, PrescribedWind(roll, grid), Air.everywhere(grid))
     for n in range(4000):
         gas.advance(0.01 * n, 0.01)
     budget = gas.budget()
@@ -99,7 +99,7 @@ def test_a_layer_of_cells_is_the_plane_gas():
                 "sources": [{"position": (1.0, 1.0, 0.05)[: len(shape)], "rate": 1e-5, "radius": 0.15}],
             }
         )
-        gas = EulerianSolver(model, grid, wind, Air.of(np.zeros(shape, bool), grid))
+        gas = EulerianSolver(model, grid, wind, Air.everywhere(grid))
         for n in range(20):
             gas.advance(0.1 * n, 0.1)
         fields.append(grid.inner(gas.c.to_numpy()).reshape(40, 30))

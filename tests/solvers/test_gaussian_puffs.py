@@ -184,7 +184,7 @@ def test_gas_on_the_grid_goes_with_the_same_gusts():
     puff = GaussianPuffs(GaussianPuffGas.model_validate(data), grid, wind)
     source = {"position": (2.0, 4.5), "rate": 0.0}
     model = {"kind": "eulerian", "species": species, "sources": [source]}
-    air = Air.of(np.zeros(grid.shape, bool), grid)
+    air = Air.everywhere(grid)
     gas = EulerianSolver(EulerianGas.model_validate(model), grid, wind, air)
     gas.start_from(lambda x: concentration_at(puff, x, 0.0))
     for n in range(20):

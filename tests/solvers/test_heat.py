@@ -18,13 +18,13 @@ def closed_box(shape, dx=0.05, openings=(), **more) -> FlowSolver:
         {"kind": "cfd", "turbulence": {"kind": "none"}, "openings": list(openings), **more}
     )
     grid = Grid(shape, dx, depth=0.4)
-    return FlowSolver(wind, grid, Air.of(np.zeros(shape, bool), grid))
+    return FlowSolver(wind, grid, Air.everywhere(grid))
 
 
 def add_heat(flow, gravity=(), solid=None, **keys) -> HeatSolver:
     model = Heat.model_validate({"reference": 300.0, **keys})
-    solid = np.zeros(flow.grid.shape, bool) if solid is None else solid
-    heat = HeatSolver(model, flow.grid, flow, Air.of(solid, flow.grid))
+    air = Air.everywhere(flow.grid) if solid is None else Air.of(solid, flow.grid)
+    heat = HeatSolver(model, flow.grid, flow, air)
     if gravity:
         flow.lift.append((heat.theta, tuple(-g / 300.0 for g in gravity)))
     flow.carried.append(heat)
@@ -134,7 +134,7 @@ def test_heavy_gas_falls_as_it_should_at_first():
     wind = CfdWind.model_validate({"kind": "cfd", "turbulence": {"kind": "none"}})
     periodic = [{"kind": "periodic", "axis": axis} for axis in "xy"]
     grid = Grid(shape, 0.05, periodic=(True, True))
-    empty = Air.of(np.zeros(shape, bool), grid)
+    empty = Air.everywhere(grid)
     flow = FlowSolver(wind.model_copy(update={"openings": tuple_of(periodic)}), grid, empty)
     gas = EulerianSolver(
         EulerianGas.model_validate(

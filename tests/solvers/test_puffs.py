@@ -26,7 +26,7 @@ def puffs_in(shape, velocity=0.0, solid=None, dx=0.05, periodic=(), source=None,
     one = SOURCE | (source or {})
     one["position"] = one["position"][:dim]
     model = PuffGas.model_validate({"kind": "puffs", "sources": [one]} | keys)
-    return PuffSolver(model, grid, wind, Air.of(np.zeros(shape, bool) if solid is None else solid, grid))
+    return PuffSolver(model, grid, wind, Air.everywhere(grid) if solid is None else Air.of(solid, grid))
 
 
 def run(gas: PuffSolver, end: float, dt: float, begin: float = 0.0) -> PuffSolver:

@@ -29,7 +29,7 @@ def duct(shape, screen: dict, dx: float = 0.05, inlet: dict | None = None, walls
         }
     )
     grid = Grid(shape, dx, periodic=periodic_axes(wind.openings, len(shape)))
-    return FlowSolver(wind, grid, Air.of(np.zeros(shape, bool), grid))
+    return FlowSolver(wind, grid, Air.everywhere(grid))
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ def eddy_viscosity(kind: str, gradient: np.ndarray, constant: float) -> float:
     wind = CfdWind.model_validate(
         {"kind": "cfd", "viscosity": 1e-5, "turbulence": turbulence, "openings": openings}
     )
-    flow = FlowSolver(wind, grid, Air.of(np.zeros(grid.shape, bool), grid))
+    flow = FlowSolver(wind, grid, Air.everywhere(grid))
     index = np.stack(np.meshgrid(*map(np.arange, grid.padded), indexing="ij"), axis=-1) - grid.ghost - 4
     for d, field in enumerate(flow.u):
         places = (index + np.where(np.arange(dim) == d, 0.0, 0.5)) * grid.dx
