@@ -6,7 +6,7 @@ the concentration and are zero in clean air.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import log, sqrt
+from math import exp, log, sqrt
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,11 @@ from taichi_plume.species import Species
 
 LN10 = log(10.0)
 SPREAD_OF_B = 0.08  # of unit to unit: our choice
+# ln R per kelvin and per ln of the relative humidity: order of magnitude of the maker's plots of the TGS sensors
+LN_R_PER_KELVIN = -0.015
+LN_R_PER_LN_HUMIDITY = -0.25
+CALIBRATED_AT = (293.15, 0.65)  # K, relative humidity
+WARMING = 900.0  # s, time constant after a cold start: our choice
 INJECTED = np.geomspace(5.0, 1000.0, 14)  # ppm, of a calibration
 ISOBUTYLENE = "isobutylene"
 
@@ -91,6 +96,13 @@ class MoxLaw:
             self.k.from_numpy(np.array([[*fit.k, fit.x_low] for fit in fits], np.float32))
         self.load = sensor.load or self.model.load
         self.steps = 2.0**sensor.bits - 1.0 if sensor.bits else 0.0
+        warmer = (sensor.air_temperature or CALIBRATED_AT[0]) - CALIBRATED_AT[0]
+        damper = log((sensor.air_humidity or CALIBRATED_AT[1]) / CALIBRATED_AT[1])
+        self.room = -(LN_R_PER_KELVIN * warmer + LN_R_PER_LN_HUMIDITY * damper)
+
+    def offset(self, t: float) -> float:
+        """What room and heater add to y at time t [s], in any gas; the calibration knows nothing of it."""
+        return self.room + self.sensor.cold_start * exp(-t / WARMING)
 
     def weights(self, species: Sequence[Species]) -> list[float]:
         """How much a ppm of each species counts."""
@@ -133,6 +145,10 @@ class LinearLaw:
     def __init__(self, sensor: PidSensor | IdealGasSensor):
         self.sensor = sensor
         self.limit = sensor.detection_limit_ppm if isinstance(sensor, PidSensor) else 0.0
+
+    def offset(self, t: float) -> float:
+        """What is added to y in any gas: nothing."""
+        return 0.0
 
     def weights(self, species: Sequence[Species]) -> list[float]:
         """How much a ppm of each species counts."""

@@ -1,9 +1,9 @@
 """What a robot measures: gas with a lagging, noisy sensor, and wind with an anemometer that has a threshold.
 
 Gas: the law of `gas_sensors` makes a signal y of the concentration, which follows it with separate time constants for
-rise and decay, solved exactly over a tick. A reading takes y at its moment, or its mean since the reading before, with
-drift and white noise, and is what the sensor's calibration makes of that, in ppm and never negative. Between readings
-the last one is held.
+rise and decay, solved exactly over a tick; a share of it may decay more slowly. A reading takes y at its moment, or its
+mean since the reading before, with drift, white noise and what room and heater add, and is what the sensor's
+calibration makes of that, in ppm and never negative. Between readings the last one is held.
 """
 
 from math import expm1, sqrt
@@ -62,6 +62,8 @@ class Sensors:
         self.drift = gas.drift * sqrt(tick / HOUR) if isinstance(gas, MoxSensor) else 0.0
         rise, decay = self._time_constants(gas)
         self.rise, self.decay = Lag(rise, tick), Lag(decay, tick)
+        self.slow_share = gas.slow_share if isinstance(gas, MoxSensor) else 0.0
+        self.slow_decay = Lag(gas.slow_decay_time, tick) if isinstance(gas, MoxSensor) else self.decay
         self.hold = max(1, round(gas.period / tick))  # ticks per reading
         self.averages = gas.averaged > 1
         self.threshold = WIND_THRESHOLD[wind.kind] if wind.threshold is None else wind.threshold
@@ -71,6 +73,7 @@ class Sensors:
         if wind.noise is not None or wind.kind == "ideal":
             self.wind_noise, self.wind_noise_relative = wind.noise or 0.0, 0.0
         self.signal = ti.field(ti.f32, self.size)  # y of each robot, clean air at the start
+        self.slow = ti.field(ti.f32, self.size)  # the same for its slow part
         self.sum = ti.field(ti.f32, self.size)  # of the tick means since the last reading
         self.baseline = ti.field(ti.f32, self.size)  # what y has drifted
         self.felt: Any = ti.Vector.field(2, ti.f32, self.size)  # wind behind the lag [m/s]
@@ -87,12 +90,12 @@ class Sensors:
 
     def measure(self, gas: Odour, wind: Wind, tick: int, t: float) -> None:
         """Update the group's readings at tick `tick` (from 1 on), time t [s]."""
-        self._sense(gas, wind, tick, t)
+        self._sense(gas, wind, tick, t, self.law.offset(t))
 
     @ti.kernel
-    def _sense(self, gas: Template, wind: Template, tick: int, t: float):
+    def _sense(self, gas: Template, wind: Template, tick: int, t: float, offset: float):
         for n in range(self.size):
-            self._smell(gas, n, tick, t)
+            self._smell(gas, n, tick, t, offset)
             self._feel(wind, n, tick, t)
 
     @ti.func
@@ -116,21 +119,29 @@ class Sensors:
         return normal4(ti.u32(self.seed), stream, self.first + n, tick, 0)
 
     @ti.func
-    def _smell(self, gas: Template, n, tick, t):
+    def _follow(self, signal: Template, n, goal, decay: Template):
+        """Let a signal follow its goal for a tick; what it is then, and was in the mean."""
+        rises = goal > signal[n]
+        way = signal[n] - goal
+        signal[n] = goal + way * (1.0 - ti.select(rises, self.rise.share, decay.share))
+        return signal[n], goal + way * ti.select(rises, self.rise.rest, decay.rest)
+
+    @ti.func
+    def _smell(self, gas: Template, n, tick, t, offset):
         i = self.start + n
         ppm = ti.max(gas.ppm(self._at(n, self.gas_height, self.ahead), t), 0.0)
         smelt = 0.0
         for s, weight in ti.static(enumerate(self.law.weights(gas.species))):
             smelt += weight * ppm[s]
         goal = self.law.response(n, smelt)
-        before = self.signal[n]
-        rises = goal > before
-        way = before - goal
-        y = goal + way * (1.0 - ti.select(rises, self.rise.share, self.decay.share))
-        self.signal[n] = y
+        y, mean = self._follow(self.signal, n, goal, self.decay)
+        if ti.static(self.slow_share > 0.0):
+            slow, slow_mean = self._follow(self.slow, n, goal, self.slow_decay)
+            y += self.slow_share * (slow - y)
+            mean += self.slow_share * (slow_mean - mean)
         self.swarm.true_ppm[i] = ppm.sum()  # type: ignore[misc]
         if ti.static(self.averages):
-            self.sum[n] += goal + way * ti.select(rises, self.rise.rest, self.decay.rest)
+            self.sum[n] += mean
         g = ti.Vector.zero(ti.f32, 4)
         due = (tick - 1) % self.hold == 0
         if ti.static(self.drift > 0.0):
@@ -142,7 +153,7 @@ class Sensors:
             if ti.static(self.averages):
                 y = self.sum[n] / ti.min(tick, self.hold)
                 self.sum[n] = 0.0
-            r = self.law.resistance(n, y + self.baseline[n] + self.noise * g[0])
+            r = self.law.resistance(n, y + self.baseline[n] + self.noise * g[0] + offset)
             self.swarm.reading[i] = self.law.ppm(n, r)
             if ti.static(self.is_mox):
                 self.swarm.resistance[i] = r

@@ -9,6 +9,9 @@ ESCAPE   all arms were in vain: turn by a multiple of 45° and drive away, then 
 HIT (PI >= threshold): it becomes the threshold, and a new spiral begins straight on. MISS: the next arm; five in a row,
 or three below half of the threshold, lower it to the minimum less delta. ESCAPE sets it back to the minimum.
 
+At a bump the rest of the leg turns aside: as the spiral turns, or to the side of the place where, of those remembered,
+the highest PI was heard.
+
 PI = k_mean mu + k_peak P of a record with peaks, 2 mu of one without. mu: mean [ppm]; P: sum over windows of the
 largest peak in each; a peak is a local maximum above mu.
 """
@@ -30,6 +33,7 @@ MISSES = 5  # in a row, that lower the threshold
 LOW_MISSES = 3  # in a row and below LOW of it, that do so too
 LOW = 0.5
 TURNS = 8  # directions of an escape
+REMEMBERED = 10  # acquisitions
 FLAT = 2.0  # weight of the mean of a record without a peak
 
 
@@ -57,6 +61,13 @@ class Spiral:
         self.arms = ti.field(ti.f32, self.arm_count)
         self.arms.from_numpy(np.array(model.arms, np.float32))
         n = self.size
+        self.by_gradient = model.bump_side == "gradient"
+        slots = (n if self.by_gradient else 1, REMEMBERED)
+        self.indices = ti.field(
+            ti.f32, slots
+        )  # of the last acquisitions [ppm], negative where there was none
+        self.places = ti.Vector.field(2, ti.f32, slots)  # where they were [m]
+        self.indices.fill(-1.0)
         self.arm = ti.field(ti.i32, n)  # of the present spiral, from 0 on
         self.sense = ti.field(ti.f32, n)  # +1: turns left, -1: right
         self.threshold = ti.field(ti.f32, n)  # T_PI [ppm]
@@ -84,6 +95,9 @@ class Spiral:
             if self.swarm.state[i] == ACQUIRE:
                 if self.acquisition.listen(n):
                     self._judge(n, tick)
+            if ti.static(self.by_gradient):
+                if self.swarm.blocked[i] == 1:
+                    self.legs.aside[n] = self._better_side(n)
             if self.swarm.state[i] != ACQUIRE and not self.legs.advance(n, dt):
                 if self.swarm.state[i] == ESCAPE:
                     self._set_out(n)
@@ -101,6 +115,19 @@ class Spiral:
         self.arm[n] = 0
         self.swarm.state[self.start + n] = ARM
         self.legs.begin(n, 0.0, self.arms[0], self.sense[n])
+
+    @ti.func
+    def _better_side(self, n):
+        """+1: the highest index was heard to the left of the robot's line of travel, -1: to the right."""
+        i = self.start + n
+        best, place = 0.0, self.swarm.position[i]
+        for k in range(REMEMBERED):
+            if self.indices[n, k] > best:
+                best, place = self.indices[n, k], self.places[n, k]
+        apart = place - self.swarm.position[i]
+        heading = self.swarm.heading[i]
+        left = ti.cos(heading) * apart[1] - ti.sin(heading) * apart[0]
+        return ti.select(left > 0.0, 1.0, ti.select(left < 0.0, -1.0, self.sense[n]))
 
     @ti.func
     def _is_peak(self, n, k, mean):
@@ -136,6 +163,9 @@ class Spiral:
         if ti.static(self.random):
             index = self._uniform(n, tick)[0]
         self.index[n] = index
+        if ti.static(self.by_gradient):
+            slot = (self.swarm.acquisitions[i] - 1) % REMEMBERED
+            self.indices[n, slot], self.places[n, slot] = index, self.swarm.position[i]
         needed = self.threshold[n]
         if ti.static(self.strict):
             needed = ti.max(needed, self.minimum)

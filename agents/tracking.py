@@ -110,13 +110,13 @@ class PlumeTracker:
     @ti.func
     def _feel_bumper(self, n, dt):
         i = self.start + n
-        heading = self.swarm.heading[i]
-        facing = ti.Vector([ti.cos(heading), ti.sin(heading)]).dot(self._course(n))
-        touches = self.swarm.blocked[i] == 1
-        self.bump[n] = ti.cast(touches and facing > ON_COURSE, ti.i32)
-        if self.bump[n] == 1:
-            self.stuck[n] += dt
-        elif not touches:
+        self.bump[n] = 0
+        if self.swarm.blocked[i] == 1:
+            heading = self.swarm.heading[i]
+            if ti.Vector([ti.cos(heading), ti.sin(heading)]).dot(self._course(n)) > ON_COURSE:
+                self.bump[n] = 1
+                self.stuck[n] += dt
+        else:
             self.stuck[n] = 0.0
 
     @ti.func

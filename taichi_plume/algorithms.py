@@ -112,6 +112,8 @@ class Spiral(Listening):
     """Lengths of a spiral's arms [m]."""
     escape_length: Length = 0.75
     """Way to the place of a new spiral when all arms were in vain [m]."""
+    bump_side: Literal["spiral", "gradient"] = "spiral"
+    """Where it turns at a bump: as the spiral does, or to the side of the best of the last 10 acquisitions."""
     strict_minimum: bool = False
     """Whether no index below the minimum is a hit, even with a lowered threshold."""
     random: bool = False

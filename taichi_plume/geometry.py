@@ -321,7 +321,7 @@ class ClearanceMap:
     @ti.func
     def _obstacle(self, p):
         """Distance [m] to the next obstacle, or a little less, and its gradient."""
-        I, w = corner(p, self.low, self.resolution, 0, self.nodes)
+        I, w = corner(p - ti.Vector(self.low), (0.0, 0.0), self.resolution, 0, self.nodes)
         v00, v10 = self.values[I[0], I[1]], self.values[I[0] + 1, I[1]]
         v01, v11 = self.values[I[0], I[1] + 1], self.values[I[0] + 1, I[1] + 1]
         lower, upper = v00 + w[0] * (v10 - v00), v01 + w[0] * (v11 - v01)

@@ -10,11 +10,13 @@ from taichi_plume.vocabulary import (
     Delay,
     Distance,
     Duration,
+    Fraction,
     Model,
     NonNegative,
     Positive,
     Resistance,
     Speed,
+    Temperature,
 )
 
 
@@ -52,6 +54,16 @@ class MoxSensor(GasSensor):
     """Differences between units over those of the data sheet: R_air over its range, the exponent b by 8 %."""
     drift: NonNegative = 0.0
     """Random walk of ln R_air, in the root of an hour; data sheets would allow about 0.02."""
+    slow_share: Fraction = 0.0
+    """Of the signal that recovers by `slow_decay_time`, the rest by `decay_time`; 0.4 with 5 s and 40 s is common."""
+    slow_decay_time: Duration = 40.0
+    """Time constant of the slow part of the recovery [s]; without a `slow_share` there is none."""
+    cold_start: NonNegative = 0.0
+    """What ln R lacks when the sensor is switched on, at t = 0; it dies away with 15 min. 0.2 is common."""
+    air_temperature: Temperature | None = None
+    """Of the room [K]: R falls by 1.5 % per kelvin. Unless given 20 degC, at which R_air and calibration were taken."""
+    air_humidity: Annotated[float, Field(ge=0.05, le=1)] | None = None
+    """Relative, as a share: R goes with its power -0.25. Unless given 0.65, as for R_air and calibration."""
     bits: Annotated[int, Field(ge=4, le=24)] | None = None
     """Resolution of the converter that reads the voltage over `load`; unless given, it does not round."""
     load: Resistance | None = None

@@ -171,6 +171,20 @@ def test_clearance_without_obstacles_is_the_distance_to_the_walls():
     np.testing.assert_allclose(clearance.distance_at(np.array([4.5, 1.0])), -0.5)
 
 
+def test_clearance_of_a_part_of_the_floor():
+    column = shape(Cylinder(kind="cylinder", center=(2.0, 1.5), radius=0.5), ROOM, Path())
+    low, high = np.array([0.7, 0.4]), np.array([3.1, 2.8])
+    p = random_points(dim=2)
+    p = p[((p > low) & (p < high)).all(axis=1)]
+    edges = np.minimum(p - low, high - p).min(axis=1)
+    truth = np.minimum(edges, np.hypot(*(p - [2.0, 1.5]).T) - 0.5)
+    clearance = ClearanceMap([column], tuple(high), 0.2, low=tuple(low))
+    distance, _ = sample(clearance, p)
+    np.testing.assert_allclose(clearance.distance_at(p), distance, atol=1e-5)
+    assert (distance <= truth + 1e-5).all()
+    assert (distance >= truth - sqrt(2) * clearance.resolution - 1e-5).all()
+
+
 def test_robots_pass_under_what_is_above_them():
     table = shape(Box(kind="box", center=(2.0, 1.5, 0.5), size=(2.0, 2.0, 0.1)), ROOM, Path())
     under = np.array([[2.0, 1.5]])

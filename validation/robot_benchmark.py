@@ -29,7 +29,7 @@ OPENINGS = ({"kind": "honeycomb", "face": "x-", "speed": 0.7}, {"kind": "honeyco
 
 @dataclass(frozen=True)
 class RobotTick:
-    """One tick of many robots: medians of its parts [ms]."""
+    """One tick of many robots: medians of its parts [ms], and the time of all cores per robot [us]."""
 
     case: str
     algorithm: str
@@ -38,12 +38,14 @@ class RobotTick:
     act_ms: float
     move_ms: float
     Mrobot_steps_per_s: float
+    cpu_us: float
+    """Of a robot-step; on a machine that is busy otherwise it tells more than the time that passes."""
 
     def __str__(self) -> str:
         return (
             f"{self.case:16} {self.robots:8,} robots, {self.algorithm:12} "
             f"{self.Mrobot_steps_per_s:6.2f} Mrobot-steps/s  measure {self.measure_ms:.2f}, "
-            f"act {self.act_ms:.2f}, move {self.move_ms:.2f} ms"
+            f"act {self.act_ms:.2f}, move {self.move_ms:.2f} ms, {self.cpu_us:.3f} us of CPU"
         )
 
 
@@ -68,7 +70,10 @@ def ticks(case: str, arch: str, algorithm: str, robots: int = 100_000) -> RobotT
     swarm = Swarm((group,), places, rng.uniform(-3.0, 3.0, robots), arena, np.array([[0.6, 1.5]]), 1)
     team = Team(swarm, swarm.groups[0], 3, TICK)
     parts = []
+    cpu = 0.0
     for tick in range(1, WARM_UP + TICKS + 1):
+        if tick == WARM_UP + 1:
+            cpu = time.process_time()
         t = tick * TICK
         moments = [time.perf_counter()]
         for work in (
@@ -81,4 +86,6 @@ def ticks(case: str, arch: str, algorithm: str, robots: int = 100_000) -> RobotT
             moments.append(time.perf_counter())
         parts.append(np.diff(moments))
     measure, act, move = (1e3 * np.median(parts[WARM_UP:], axis=0)).tolist()
-    return RobotTick(case, algorithm, robots, measure, act, move, robots / (measure + act + move) / 1e3)
+    cpu = (time.process_time() - cpu) / TICKS / robots
+    rate = robots / (measure + act + move) / 1e3
+    return RobotTick(case, algorithm, robots, measure, act, move, rate, 1e6 * cpu)

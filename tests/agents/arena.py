@@ -46,7 +46,7 @@ class Run:
         trials=1,
         size=(3.0, 2.1),
         sources=(),
-        heading_deg=0.0,
+        heading_deg: float | None = 0.0,
         low=(0.0, 0.0),
         **keys,
     ):

@@ -132,6 +132,57 @@ def test_mox_step_response(model):
     assert swarm.true_ppm.to_numpy()[0] == 0
 
 
+@pytest.mark.parametrize("averaged", [1, 5])
+def test_recovery_by_two_exponentials(averaged):
+    """10 s of 50 ppm, then clean air: 60 % of what was reached decays with 5 s, 40 % with 40 s."""
+    mox = MoxSensor(
+        kind="mox", noise=0, decay_time=5, slow_share=0.4, slow_decay_time=40, period=0.5, averaged=averaged
+    )
+    swarm, (sensors,) = robots(group(mox))
+    air = Air()
+    series(sensors, swarm, air, 1, 1)
+    r_air = swarm.resistance.to_numpy()[0].astype(float)
+    air.level[None] = 50.0
+    series(sensors, swarm, air, 2, 100)
+    air.level[None] = 0.0
+    seen = []
+    for tick in range(102, 1102):
+        sensors.measure(air, air, tick, tick * TICK)
+        seen.append(np.log(r_air / swarm.resistance.to_numpy()[0].astype(float)))
+    steady = MOX["mics5524"][1] * np.log1p(50.0 / MOX["mics5524"][0])
+    reached = steady * (1 - np.exp(-10.0 / 1.5))
+    end = TICK * np.arange(5, 1001, 5)  # the readings come 0.5 s, 1.0 s, ... after the gas has gone
+    begin = end - 0.5 if averaged > 1 else end - 1e-6  # of the time that a reading is the mean of
+    fast, slow = (tau * (np.exp(-begin / tau) - np.exp(-end / tau)) / (end - begin) for tau in (5.0, 40.0))
+    np.testing.assert_allclose(seen[4::5], reached * (0.6 * fast + 0.4 * slow), atol=1e-4 * steady)
+
+
+def resistance(t=1.0, **keys):
+    """Of a noiseless sensor in clean air at time t [s]."""
+    swarm, (sensors,) = robots(group(MoxSensor(kind="mox", noise=0, **keys)))
+    air = Air()
+    sensors.measure(air, air, 1, t)
+    return float(swarm.resistance.to_numpy()[0]), float(swarm.reading.to_numpy()[0])
+
+
+def test_resistance_falls_with_warmth_and_humidity():
+    usual, reading = resistance()
+    assert reading == 0
+    assert resistance(air_temperature=293.15, air_humidity=0.65) == (usual, 0)
+    warm, reading = resistance(air_temperature="30 degC")
+    assert warm == pytest.approx(usual * 0.8607, rel=1e-4)  # 1.5 % per kelvin
+    assert reading > 0  # taken for gas
+    dry, reading = resistance(air_humidity=0.325)
+    assert dry == pytest.approx(usual * 1.18921, rel=1e-4)  # the fourth root of 2
+    assert reading == 0
+
+
+def test_a_cold_sensor_warms_up():
+    usual, _ = resistance()
+    falls = [np.log(usual / resistance(t, cold_start=0.2)[0]) for t in (1e-3, 900.0, 1800.0, 1e5)]
+    np.testing.assert_allclose(falls, [0.2, 0.2 / np.e, 0.2 / np.e**2, 0.0], atol=1e-5)
+
+
 @pytest.mark.parametrize("model", MOX)
 def test_reading_is_the_inverse_of_the_law(model):
     """Without lag each model reads 50 ppm in 50 ppm."""

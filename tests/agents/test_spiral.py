@@ -37,6 +37,46 @@ def test_bump_backs_off_turns_and_drives_the_rest():
     assert run.swarm.bumps.to_numpy()[0] == 1
 
 
+def turns_at_bumps(side):
+    """Of each bump in 90 s of 16 robots: way it turns to (+1 left), side of the best of the last 10 acquisitions."""
+    levels = np.random.default_rng(7).uniform(0.5, 5.0, 300)
+    model = Spiral(kind="spiral", minimum_ppm=1, arms=(0.7,) * 6, settle=0, acquisition=1.5, bump_side=side)
+    run = Run(model, Script(levels, 0.5), trials=16, heading_deg=None)
+    indices, places, bumps = ([[] for _ in range(16)] for _ in range(3))
+    seen = []
+    before = run.swarm.snapshot()
+    for tick in range(900):
+        run.go(TICK)
+        now = run.swarm.snapshot()
+        heard = run.team.algorithm.index.to_numpy()
+        for n in range(16):
+            if now["acquisitions"][n] > before["acquisitions"][n]:
+                indices[n].append(heard[n])
+                places[n].append(before["position"][n])
+            if now["bumps"][n] > before["bumps"][n]:
+                bumps[n].append(tick)
+                if len(indices[n]) > 0:
+                    apart = places[n][-10:][np.argmax(indices[n][-10:])] - now["position"][n]
+                    heading = now["heading"][n]
+                    left = np.cos(heading) * apart[1] - np.sin(heading) * apart[0]
+                    seen.append((tick, n, heading, left))
+        before = now
+        # 0.5 s of backing off and 1 s of turning by 90°: then it has turned, unless its leg was over
+        for when, n, heading, left in seen:
+            turn = np.sin(now["heading"][n] - heading)
+            if when == tick - 16 and bumps[n][-1] == when and abs(left) > 0.01 and abs(turn) > 0.9:
+                yield np.sign(turn), np.sign(left)
+
+
+def test_a_bump_turns_to_the_side_of_the_best_acquisition():
+    turned, better = np.array(list(turns_at_bumps("gradient"))).T
+    assert len(turned) > 50
+    assert {*better} == {1, -1}
+    assert (turned == better).all()
+    turned, better = np.array(list(turns_at_bumps("spiral"))).T
+    assert (turned != better).any()
+
+
 @pytest.mark.parametrize("above_mean", [False, True])
 def test_proximity_index(above_mean):
     """60 random samples: mean and the largest local maximum above it in each window of ten."""
