@@ -128,7 +128,7 @@ class Infotaxis:
     @ti.func
     def _learn(self, n, detected):
         """Bayes' rule."""
-        p, e = self.swarm.position[self.start + n], self._wind_axis(n)
+        p, e = self.swarm.believed_position[self.start + n], self._wind_axis(n)
         total = 0.0
         for a in range(self.cells[0]):
             for b in range(self.cells[1]):
@@ -164,7 +164,7 @@ class Infotaxis:
     def _choose(self, n, tick):
         """The step of least mean entropy; of equal ones any."""
         i = self.start + n
-        here = self.swarm.position[i]
+        here = self.swarm.believed_position[i]
         u = uniform4(ti.u32(self.seed), ti.u32(self.stream), self.first + n, tick, 0)
         turn = ti.floor(u[0] * 4.0)
         best, least = -1, 1e30
@@ -184,6 +184,6 @@ class Infotaxis:
         if best == 4:
             self.since[n], self.sum[n] = 0, 0.0
         else:
-            turn_by = wrap(0.5 * pi * best - self.swarm.heading[i])
+            turn_by = wrap(0.5 * pi * best - self.swarm.believed_heading[i])
             self.legs.begin(n, turn_by, self.step, ti.select(u[1] > 0.5, 1.0, -1.0))
             self.swarm.state[i] = MOVE
