@@ -15,7 +15,7 @@ the robot is told of the way that it really goes.
 """
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import taichi as ti
@@ -23,15 +23,12 @@ import taichi as ti
 from taichi_plume.rng import generator, normal4, stream_id
 from taichi_plume.robots import Odometry as Model
 
-if TYPE_CHECKING:
-    from taichi_plume.agents.swarm import GroupRange
-
 
 @ti.data_oriented
 class Odometry:
-    """The odometers of all robots, `count` of them in these groups; those of groups without errors tell the truth."""
+    """The odometers of all `count` robots. groups: the swarm's ranges; only robots of those with `odometry` err."""
 
-    def __init__(self, groups: "Sequence[GroupRange]", count: int, seed: int):
+    def __init__(self, groups: Sequence[Any], count: int, seed: int):
         self.seed = seed
         kept = np.zeros((count, 3), np.float32)
         variances = np.zeros((count, 4), np.float32)
@@ -63,7 +60,7 @@ class Odometry:
         return turn, 1.0 + kept[0], ti.sqrt(k[2] * ti.abs(s) + k[3] * ti.abs(w)) * g[1]
 
 
-def _drawn(model: Model, group: "GroupRange", seed: int) -> np.ndarray:
+def _drawn(model: Model, group: Any, seed: int) -> np.ndarray:
     """a, b and c [rad/m] of each robot of the group, (size, 3)."""
     trials = [
         generator(seed, f"group {group.number}/wheels of trial {group.model.first_trial + k}")

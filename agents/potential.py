@@ -86,7 +86,7 @@ class Potential:
         distance = way.norm()
         self._watch(n, distance, dt)
         pull = way / ti.max(distance, SOFT)
-        push = self.swarm.as_believed(i, self._push(i, n // self.count))
+        push = self.swarm.as_believed(i, self._push(i, n // self.count))  # type: ignore[misc]
         if self.escape[n] > 0.0 and push.norm() > 0.0:
             side = ti.select(self.tries[n] % 2 == 1, 1.0, -1.0)
             pull = side * ti.Vector([-push[1], push[0]]) / push.norm()

@@ -331,36 +331,28 @@ class Recorder:
             robot.changes.clear()
         if not robot.samples:
             return
-        t, *pose, reading, believed_x, believed_y, believed_heading = np.array(robot.samples).T
+        columns = np.array(robot.samples).T
+        t, reading = columns[0], columns[4]
         robot.samples.clear()
         time = [_times(t)]
-        self._send_way(robot, "robots", "trails", time, *pose)
+        self._send_way(robot, "robots", "trails", time, columns[1:4])
         if robot.reckons:
-            way = (believed_x, believed_y, believed_heading)
-            self._send_way(robot, "believed", "believed_trails", time, *way)
+            self._send_way(robot, "believed", "believed_trails", time, columns[5:8])
         self.stream.send_columns(f"sensors/{robot.name}", time, rr.Scalars.columns(scalars=reading))
         if robot is self.robots[0]:
             for threshold in self.thresholds:
                 level = rr.Scalars.columns(scalars=np.full(len(t), threshold))
                 self.stream.send_columns(_threshold(threshold), time, level)
 
-    def _send_way(
-        self,
-        robot: Robot,
-        poses: str,
-        trails: str,
-        time: list,
-        x: np.ndarray,
-        y: np.ndarray,
-        heading: np.ndarray,
-    ) -> None:
-        """Poses, and the steps between them as a trail, to the robot's entities below these two."""
+    def _send_way(self, robot: Robot, poses: str, trails: str, time: list, way: np.ndarray) -> None:
+        """Poses (3, n), and the steps between them as a trail, to the robot's entities below these two."""
+        x, y, heading = way
         place = np.column_stack([x, y, np.full(len(x), 2 * self.stage.lift)])
         turn = np.column_stack([0 * x, 0 * x, np.sin(heading / 2), np.cos(heading / 2)])
         pose = rr.Transform3D.columns(translation=place, quaternion=turn)
         self.stream.send_columns(f"{poses}/{robot.name}", time, pose)
-        path = np.vstack([robot.last.get(trails, place[0]), place])
-        robot.last[trails] = place[-1]
+        path = np.vstack([robot.last.get(trails, place[:1]), place])
+        robot.last[trails] = place[-1:]
         steps = rr.LineStrips3D.columns(strips=list(np.stack([path[:-1], path[1:]], axis=1)))
         self.stream.send_columns(f"{trails}/{robot.name}", time, steps)
 
