@@ -86,13 +86,13 @@ class Potential:
         distance = way.norm()
         self._watch(n, distance, dt)
         pull = way / ti.max(distance, SOFT)
-        push = self.swarm.as_believed(i, self._push(i, n // self.count))  # type: ignore[misc]
+        push = self.swarm.as_believed(i, self._push(i, n // self.count))
         if self.escape[n] > 0.0 and push.norm() > 0.0:
             side = ti.select(self.tries[n] % 2 == 1, 1.0, -1.0)
             pull = side * ti.Vector([-push[1], push[0]]) / push.norm()
         force = pull + push
         error = wrap(ti.atan2(force[1], force[0]) - self.swarm.believed_heading[i])
-        speed = self.speed * ti.min(1.0, force.norm()) * ti.max(0.0, ti.cos(error))
+        speed = self.speed * ti.min(1.0, force.norm()) * ti.max(0.0, ti.cos(error))  # type: ignore[misc]
         self.swarm.speed_command[i] = ti.min(speed, distance / dt)
         self.swarm.turn_rate_command[i] = error / ti.max(dt, STEER)
 
