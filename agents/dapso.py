@@ -85,7 +85,7 @@ class Dapso:
         for n in range(self.size):
             self.best[n] = UNKNOWN
             u = uniform4(ti.u32(self.seed), ti.u32(self.stream), self.first + n, 0, 0)
-            inwards = self._inside(ti.Vector([u[0], u[1]])) - self.swarm.position[self.start + n]
+            inwards = self._inside(ti.Vector([u[0], u[1]])) - self.swarm.believed_position[self.start + n]
             self.step[n] = u[2] * self.longest * inwards / ti.max(inwards.norm(), 1e-6)
 
     @ti.kernel
@@ -126,14 +126,14 @@ class Dapso:
         self.best[n] *= ti.exp(-self.fading * (t - self.best_time[n]))
         self.best_time[n] = t
         if f >= self.best[n]:
-            self.best[n], self.best_place[n] = f, self.swarm.position[i]
+            self.best[n], self.best_place[n] = f, self.swarm.believed_position[i]
             self.swarm.hits[i] += 1
 
     @ti.func
     def _choose(self, n, tick, t):
         """The next way point, and the state to drive there."""
         i = self.start + n
-        x, p = self.swarm.position[i], self.best_place[n]
+        x, p = self.swarm.believed_position[i], self.best_place[n]
         most, g = self._best_known(n, tick, t)
         self.goal[n] = g
         u = uniform4(ti.u32(self.seed), ti.u32(self.stream), self.first + n, tick, 0)
@@ -186,7 +186,7 @@ class Dapso:
         """Whether robot n now listens to robot m of its team, of which it has heard."""
         result = 0
         if ti.static(self.neighbourhood.kind == "search_space"):
-            apart = self.radio.sender[n, m] - self.swarm.position[self.start + n]
+            apart = self.radio.sender[n, m] - self.swarm.believed_position[self.start + n]
             result = ti.cast(apart.norm() <= ti.static(self.neighbourhood.distance), ti.i32)
         elif ti.static(self.neighbourhood.kind == "function_value"):
             apart = ti.abs(self._told(n, m, t) - self.best[n])

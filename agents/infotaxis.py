@@ -109,7 +109,7 @@ class Infotaxis:
     @ti.func
     def _place(self, n):
         """Of robot n, from the lower corner of the search area on [m]."""
-        return self.swarm.position[self.start + n] - ti.Vector(self.low)
+        return self.swarm.believed_position[self.start + n] - ti.Vector(self.low)
 
     @ti.func
     def _chance_at(self, p, e, a, b):
@@ -178,6 +178,6 @@ class Infotaxis:
                 if entropy < least - 1e-6:
                     best, least = move, entropy
         if best != STAY:
-            turn_by = wrap(0.5 * pi * best - self.swarm.heading[i])
+            turn_by = wrap(0.5 * pi * best - self.swarm.believed_heading[i])
             self.legs.begin(n, turn_by, self.step, ti.select(u[1] > 0.5, 1.0, -1.0))
             self.swarm.state[i] = MOVE

@@ -15,6 +15,7 @@ REST, TURN, DRIVE, BACK = range(4)
 BACK_OFF = 0.1  # m
 MOST_BUMPS = 6  # of a leg, which then is over
 NEAR = 1e-4  # m, and rad: as good as there
+NEAR_BY_WHEELS = 2e-3  # rad; the noise of an odometer hardly lets a robot turn more finely
 
 
 @ti.data_oriented
@@ -26,6 +27,7 @@ class Legs:
 
     def __init__(self, swarm: Swarm, group: GroupRange, speed: float | None):
         self.swarm, self.start, self.speed = swarm, group.start, group.speed(speed)
+        self.near = NEAR_BY_WHEELS if group.model.odometry else NEAR
         n = group.size
         self.phase = ti.field(ti.i32, n)
         self.course = ti.field(ti.f32, n)  # heading to turn to [rad]
@@ -37,7 +39,7 @@ class Legs:
     @ti.func
     def begin(self, n, turn, length, aside):
         """Robot n of the group turns by `turn` [rad] and drives `length` [m]."""
-        self.course[n] = wrap(self.swarm.heading[self.start + n] + turn)
+        self.course[n] = wrap(self.swarm.believed_heading[self.start + n] + turn)
         self.length[n], self.aside[n] = length, aside
         self.bumps[n] = 0
         self.phase[n] = TURN
@@ -46,7 +48,7 @@ class Legs:
     def advance(self, n, dt: float):
         """Command the next tick of dt [s]; returns whether the leg is still under way."""
         i = self.start + n
-        driven = self.swarm.path_length[i] - self.mark[n]
+        driven = self.swarm.odometer[i] - self.mark[n]
         bump = self.swarm.blocked[i] == 1
         if self.phase[n] == DRIVE:
             if bump:
@@ -56,13 +58,13 @@ class Legs:
             elif driven > self.length[n] - NEAR:
                 self._enter(n, REST)
         elif self.phase[n] == BACK and (bump or driven > BACK_OFF - NEAR):
-            self.course[n] = wrap(self.swarm.heading[i] + 0.5 * pi * self.aside[n])
+            self.course[n] = wrap(self.swarm.believed_heading[i] + 0.5 * pi * self.aside[n])
             self._enter(n, TURN)
-        off = wrap(self.course[n] - self.swarm.heading[i])
-        if self.phase[n] == TURN and ti.abs(off) < NEAR:
+        off = wrap(self.course[n] - self.swarm.believed_heading[i])
+        if self.phase[n] == TURN and ti.abs(off) < self.near:
             self._enter(n, DRIVE)
         speed, turn = 0.0, 0.0
-        driven = self.swarm.path_length[i] - self.mark[n]
+        driven = self.swarm.odometer[i] - self.mark[n]
         if self.phase[n] == TURN:
             turn = off / dt
         elif self.phase[n] == DRIVE:
@@ -75,4 +77,4 @@ class Legs:
     @ti.func
     def _enter(self, n, phase):
         self.phase[n] = phase
-        self.mark[n] = self.swarm.path_length[self.start + n]
+        self.mark[n] = self.swarm.odometer[self.start + n]

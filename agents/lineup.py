@@ -140,11 +140,11 @@ class LineUp:
         side = 0.0
         for m in range(self.count):
             n = k * self.count + m
-            x = self.swarm.position[self.start + n]
+            x = self.swarm.believed_position[self.start + n]
             side += (x - ti.Vector([self.middle[0], self.middle[1]])).dot(ti.Vector([-w[1], w[0]]))
             self.rank[n] = 0
             for other in range(self.count):
-                behind = (self.swarm.position[self.start + k * self.count + other] - x).dot(w)
+                behind = (self.swarm.believed_position[self.start + k * self.count + other] - x).dot(w)
                 self.rank[n] += ti.cast(behind < 0.0 or (behind == 0.0 and other < m), ti.i32)
         self.way[k] = ti.select(side > 0.0, -1.0, 1.0)
         self.tilt[k] = self.way[k]
@@ -193,7 +193,7 @@ class LineUp:
     def _is_awaited(self, n, dt):
         """Whether robot n is off its place, but may still come."""
         i = self.start + n
-        off = (self.place(n) - self.swarm.position[i]).norm()
+        off = (self.place(n) - self.swarm.believed_position[i]).norm()
         comes = off <= self.tolerance or off < self.least[n] - PROGRESS
         if comes and self.swarm.velocity[i].norm() > STILL:  # not that the line comes to it
             self.late[n], self.least[n] = 0.0, off

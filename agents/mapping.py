@@ -2,7 +2,7 @@
 
 Marjovi & Marques, "Multi-Robot Odor Distribution Mapping in Realistic Time-Variant Conditions", ICRA 2014,
 with its equation numbers. Time is cut into snaps of `window` seconds. In snap k the samples (x_i, C_i) of all
-robots of a trial give, in cell j,
+robots of a trial, at the places x_i where they believe to be, give in cell j
 
     w_ij = max(|x_j - x_i|, min_distance)^-power                                                (2)
     C_j(k) = Σ_i w_ij C_i / Σ_i w_ij,      W_j(k) = Σ_i w_ij                                    (1) (3)
@@ -80,7 +80,7 @@ class SnapMap:
             self._close()  # nothing came in since it ended
         _accumulate(
             self.weighted, self.weights, self.snaps % self.depth, swarm.members, swarm.team_size,
-            swarm.position, swarm.reading, self.cell, self.power, self.min_distance,
+            swarm.believed_position, swarm.reading, self.cell, self.power, self.min_distance,
         )  # fmt: skip
         while self.snaps < int((t + slack) / self.window):
             self._close()

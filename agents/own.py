@@ -25,7 +25,8 @@ class Robots:
     """What an algorithm may know of its robots, and what it tells them, as arrays over the n robots.
 
     Read: `reading` [ppm]; `wind` (n, 2) [m/s], zero where it is not `wind_known`; `position` (n, 2) [m], `heading`
-    [rad]; `blocked`, the bumper; `path_length` [m]; `trial` and `robot`, numbers of each; `t`, `dt` [s].
+    [rad] and `path_length` [m], with errors where the group has `odometry`; `blocked`, the bumper; `trial` and
+    `robot`, numbers of each; `t`, `dt` [s].
     Write: `speed` [m/s]; `turn_rate` [rad/s]; `state`, whole numbers that index the algorithm's STATE_NAMES.
     """
 
@@ -98,11 +99,11 @@ class OwnAlgorithm:
         for n in range(self.size):
             i = self.start + n
             known[n, 0] = self.swarm.reading[i]
-            known[n, 1] = self.swarm.heading[i]
-            known[n, 2] = self.swarm.path_length[i]
+            known[n, 1] = self.swarm.believed_heading[i]
+            known[n, 2] = self.swarm.odometer[i]
             for d in ti.static(range(2)):
                 known[n, 3 + d] = self.swarm.wind[i][d]
-                known[n, 5 + d] = self.swarm.position[i][d]
+                known[n, 5 + d] = self.swarm.believed_position[i][d]
             known[n, 7] = self.swarm.wind_known[i]
             known[n, 8] = self.swarm.blocked[i]
 

@@ -58,13 +58,13 @@ class Potential:
     @ti.func
     def begin(self, n):
         """Robot n of the group has a new way point."""
-        self.mark[n] = self.swarm.position[self.start + n]
+        self.mark[n] = self.swarm.believed_position[self.start + n]
         self.idle[n], self.escape[n], self.tries[n] = 0.0, 0.0, 0
 
     @ti.func
     def is_over(self, n, goal, tolerance):
         """Whether the robot is within `tolerance` [m] of its way point, or will not get there."""
-        apart = self.swarm.position[self.start + n] - goal
+        apart = self.swarm.believed_position[self.start + n] - goal
         return apart.norm() <= tolerance or self.tries[n] > TRIES
 
     @ti.func
@@ -82,17 +82,17 @@ class Potential:
     def drive(self, n, goal, dt: float):
         """Command the next tick of dt [s] towards `goal` [m]."""
         i = self.start + n
-        way = goal - self.swarm.position[i]
+        way = goal - self.swarm.believed_position[i]
         distance = way.norm()
         self._watch(n, distance, dt)
         pull = way / ti.max(distance, SOFT)
-        push = self._push(i, n // self.count)
+        push = self.swarm.as_believed(i, self._push(i, n // self.count))
         if self.escape[n] > 0.0 and push.norm() > 0.0:
             side = ti.select(self.tries[n] % 2 == 1, 1.0, -1.0)
             pull = side * ti.Vector([-push[1], push[0]]) / push.norm()
         force = pull + push
-        error = wrap(ti.atan2(force[1], force[0]) - self.swarm.heading[i])
-        speed = self.speed * ti.min(1.0, force.norm()) * ti.max(0.0, ti.cos(error))
+        error = wrap(ti.atan2(force[1], force[0]) - self.swarm.believed_heading[i])
+        speed = self.speed * ti.min(1.0, force.norm()) * ti.max(0.0, ti.cos(error))  # type: ignore[misc]
         self.swarm.speed_command[i] = ti.min(speed, distance / dt)
         self.swarm.turn_rate_command[i] = error / ti.max(dt, STEER)
 
@@ -105,7 +105,7 @@ class Potential:
     @ti.func
     def _watch(self, n, distance, dt):
         """Notice local minima."""
-        x = self.swarm.position[self.start + n]
+        x = self.swarm.believed_position[self.start + n]
         self.escape[n] -= dt
         self.idle[n] += dt
         if distance < NEAR or self.escape[n] > 0.0 or (x - self.mark[n]).norm() > self.least_way:

@@ -1,7 +1,7 @@
 """What the robots of a team tell each other: short messages that reach those in range, unless they are lost.
 
-A robot says a value and the place it belongs to; with them go its own place and the time. Of each team mate the others
-keep what they heard last.
+A robot says a value and the place it belongs to; with them go the time and where it believes to be. Of each team mate
+the others keep what they heard last.
 """
 
 from typing import Any
@@ -66,9 +66,10 @@ class Radio:
         for n, m in self.value:
             other = n - n % self.count + m
             if other != n and self.speaks[other] == 1:
-                place = self.swarm.position[self.start + other]
-                near = (self.swarm.position[self.start + n] - place).norm() <= self.range
+                apart = self.swarm.position[self.start + n] - self.swarm.position[self.start + other]
+                near = apart.norm() <= self.range
                 u = uniform4(ti.u32(self.seed), ti.u32(self.stream), self.first + n, tick, m)
                 if near and u[0] > self.loss:
                     self.value[n, m], self.place[n, m] = self.said_value[other], self.said_place[other]
-                    self.sender[n, m], self.time[n, m] = place, t
+                    self.sender[n, m] = self.swarm.believed_position[self.start + other]
+                    self.time[n, m] = t

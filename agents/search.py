@@ -2,8 +2,9 @@
 
 To add one: write a class with this protocol in a file of its own, its parameters as a model with a `kind` in
 algorithms.py, and enter it in ALGORITHMS. For the robots of its own group it reads the swarm's `reading`,
-`wind`, `wind_known`, `blocked`, `heading` and `path_length` (and `position`, if the robots are to have
-positioning) and writes `speed_command`, `turn_rate_command` and `state`. `legs` and `potential` drive for it,
+`wind`, `wind_known`, `blocked`, `believed_heading` and `odometer` (and `believed_position`, if the robots are to have
+positioning) and writes `speed_command`, `turn_rate_command` and `state`. True poses are not for it: what a robot senses
+around it, such as walls and mates, it puts into its map by `swarm.as_believed`. `legs` and `potential` drive for it,
 `acquisition` listens, and `radio` carries messages between the robots of a team. A Taichi kernel over the group is
 fast; NumPy on ``swarm.reading.to_numpy()[group.slice]`` works as well.
 """

@@ -177,7 +177,7 @@ class Sensors:
         self.swarm.wind_known[i] = ti.cast(known, ti.i32)
         self.swarm.wind[i] = ti.Vector([0.0, 0.0])
         if known:
-            self.swarm.wind[i] = across + noise * ti.Vector([g[0], g[1]])
+            self.swarm.wind[i] = self.swarm.as_believed(i, across + noise * ti.Vector([g[0], g[1]]))
 
 
 def _law(gas: MoxSensor | PidSensor | IdealGasSensor, group: GroupRange, seed: int) -> MoxLaw | LinearLaw:

@@ -120,12 +120,12 @@ class Spiral:
     def _better_side(self, n):
         """+1: the highest index was heard to the left of the robot's line of travel, -1: to the right."""
         i = self.start + n
-        best, place = 0.0, self.swarm.position[i]
+        best, place = 0.0, self.swarm.believed_position[i]
         for k in range(REMEMBERED):
             if self.indices[n, k] > best:
                 best, place = self.indices[n, k], self.places[n, k]
-        apart = place - self.swarm.position[i]
-        heading = self.swarm.heading[i]
+        apart = place - self.swarm.believed_position[i]
+        heading = self.swarm.believed_heading[i]
         left = ti.cos(heading) * apart[1] - ti.sin(heading) * apart[0]
         return ti.select(left > 0.0, 1.0, ti.select(left < 0.0, -1.0, self.sense[n]))
 
@@ -165,7 +165,7 @@ class Spiral:
         self.index[n] = index
         if ti.static(self.by_gradient):
             slot = (self.swarm.acquisitions[i] - 1) % REMEMBERED
-            self.indices[n, slot], self.places[n, slot] = index, self.swarm.position[i]
+            self.indices[n, slot], self.places[n, slot] = index, self.swarm.believed_position[i]
         needed = self.threshold[n]
         if ti.static(self.strict):
             needed = ti.max(needed, self.minimum)

@@ -55,7 +55,7 @@ class SurgeSpiral(PlumeTracker):
         state = self.swarm.state[i]
         if state == SURGE:
             if not self._still_smells(n) and (self._driven(n) >= self.lost_distance or self.bump[n] == 1):
-                self.phi[n], self.began[n] = 0.0, self.swarm.heading[i]
+                self.phi[n], self.began[n] = 0.0, self.swarm.believed_heading[i]
                 self.side[n] = -self.side[n]
                 self._enter(n, SPIRAL)
         elif self._comes_upon_plume(n):
@@ -63,7 +63,7 @@ class SurgeSpiral(PlumeTracker):
         elif state == SPIRAL:
             # ds = widening sqrt(1 + phi²) dphi
             self.phi[n] += self._driven(n) / (self.widening * ti.sqrt(1.0 + self.phi[n] ** 2))
-            self.mark[n] = self.swarm.path_length[i]
+            self.mark[n] = self.swarm.odometer[i]
             if self.phi[n] > self.most or self.bump[n] == 1:
                 self._enter(n, FIND)
         else:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
+from taichi_plume.agents.odometry import Odometry
 from taichi_plume.obstacles import Box, Obstacle, motion_of
 from taichi_plume.robots import Group
 
@@ -78,8 +79,9 @@ class Swarm:
     2) [m], known to the referee, not to the robots. walkers: obstacles that move, of which the robots feel the disc
     around the footprint; one that walks into a robot does not push it: the robot can only drive away.
 
-    Algorithms read `reading` [ppm], `wind` [m/s], `wind_known`, `blocked` (the bumper), `heading` [rad],
-    `path_length` [m] (odometry) and write `speed_command` [m/s], `turn_rate_command` [rad/s] and `state`.
+    Algorithms read `reading` [ppm], `wind` [m/s], `wind_known`, `blocked` (the bumper), where the robot believes to be,
+    `believed_position` [m], `believed_heading` [rad] and `odometer` [m], and write `speed_command` [m/s],
+    `turn_rate_command` [rad/s] and `state`. Without errors of odometry the beliefs are the truth: the same fields.
     """
 
     def __init__(
@@ -133,6 +135,18 @@ class Swarm:
         if self.count:
             self.position.from_numpy(np.asarray(positions, np.float32))
             self.heading.from_numpy(np.asarray(headings, np.float32))
+        self._fill_beliefs(n)
+
+    def _fill_beliefs(self, n: int) -> None:
+        self.reckons = any(group.model.odometry for group in self.groups)
+        self.believed_position: Any = self.position
+        self.believed_heading, self.odometer = self.heading, self.path_length
+        if self.reckons:
+            self.odometry = Odometry(self.groups, n, self.seed)
+            self.believed_position = ti.Vector.field(2, ti.f32, n)
+            self.believed_heading, self.odometer = ti.field(ti.f32, n), ti.field(ti.f32, n)
+            self.believed_position.copy_from(self.position)
+            self.believed_heading.copy_from(self.heading)
 
     def _fill_bodies(self, n: int) -> None:
         self.radius = ti.field(ti.f32, n)
@@ -179,7 +193,7 @@ class Swarm:
         if self.walkers:
             places = [motion.place(center, t) for motion, center in self.walkers]
             self.discs.from_numpy(np.array(places, np.float32))
-        self._move(t, dt)
+        self._move(tick, t, dt)
 
     def all_found(self) -> bool:
         """Whether every robot of every trial has found a source."""
@@ -187,7 +201,7 @@ class Swarm:
 
     def snapshot(self) -> dict[str, np.ndarray]:
         """What recordings and results keep, as arrays over the robots; SI units, readings in ppm."""
-        table = np.empty((self.count, 16), np.float32)
+        table = np.empty((self.count, 20), np.float32)
         if self.count:
             self._tabulate(table)
         names = (
@@ -203,12 +217,14 @@ class Swarm:
             "bumps",
             "acquisitions",
             "hits",
+            "believed_heading",
+            "odometer",
         )
         numbers: dict[str, np.ndarray] = {name: table[:, 4 + n].copy() for n, name in enumerate(names)}
         for name in ("state", "found", "blocked", "bumps", "acquisitions", "hits"):
             numbers[name] = numbers[name].astype(np.int32)
-        places = {"start": self.start, "position": table[:, :2].copy()}
-        return {**places, "wind": table[:, 2:4].copy(), **numbers}
+        pairs = {"position": table[:, :2], "wind": table[:, 2:4], "believed_position": table[:, 18:]}
+        return {"start": self.start, **{name: pair.copy() for name, pair in pairs.items()}, **numbers}
 
     @ti.kernel
     def _tabulate(self, table: ti.types.ndarray()):
@@ -217,6 +233,7 @@ class Swarm:
             for d in ti.static(range(2)):
                 table[i, d] = self.position[i][d]
                 table[i, 2 + d] = self.wind[i][d]
+                table[i, 18 + d] = self.believed_position[i][d]
             table[i, 4] = self.heading[i]
             table[i, 5] = self.reading[i]
             table[i, 6] = self.true_ppm[i]
@@ -229,9 +246,11 @@ class Swarm:
             table[i, 13] = self.bumps[i]
             table[i, 14] = self.acquisitions[i]
             table[i, 15] = self.hits[i]
+            table[i, 16] = self.believed_heading[i]
+            table[i, 17] = self.odometer[i]
 
     @ti.kernel
-    def _move(self, t: float, dt: float):
+    def _move(self, tick: int, t: float, dt: float):
         for k in range(self.trials):
             for m in range(self.team_size[k]):
                 i = self.members[k, m]
@@ -239,7 +258,7 @@ class Swarm:
                 self.blocked[i] = 0
                 self.velocity[i] = ti.Vector([0.0, 0.0])
                 if self.found[i] == 0:
-                    self._drive(i, k, dt)
+                    self._drive(i, k, tick, dt)
                     self.bumps[i] += ti.cast(self.blocked[i] > before, ti.i32)
                     for s in range(self.source_count):
                         apart = self.position[i] - self.sources[s]
@@ -251,7 +270,7 @@ class Swarm:
                             self.found_time[i] = t
 
     @ti.func
-    def _drive(self, i, k, dt):
+    def _drive(self, i, k, tick, dt):
         """Move robot i of trial k: unicycle motion over dt, cut short and slid along what is in the way."""
         speed, turn_rate = self._limited(i, dt)
         arc, turn = speed * dt, turn_rate * dt
@@ -287,6 +306,33 @@ class Swarm:
         self.position[i] = p
         self.velocity[i] = (p - begin) / dt
         self.path_length[i] += path
+        if ti.static(self.reckons):
+            self._reckon(i, tick, turn, ti.select(arc < 0.0, -path, path), p - begin)
+
+    @ti.func
+    def _reckon(self, i, tick, turn, way, moved):
+        """What robot i believes after a turn [rad] and a way, negative backwards, that took it by `moved` [m]."""
+        if self.odometry.errs[i] == 1:
+            told, scale, stray = self.odometry.told(i, tick, turn, way)
+            heading = self.believed_heading[i]
+            self.believed_heading[i] = wrap(heading + told)
+            course = heading + 0.5 * told  # as the chord of its arc
+            off = course - (self.heading[i] - 0.5 * turn)
+            ahead = ti.Vector([ti.cos(course), ti.sin(course)])
+            self.believed_position[i] += scale * turned(moved, off) + stray * ahead
+            self.odometer[i] += scale * ti.abs(way) + ti.select(way < 0.0, -stray, stray)
+        else:
+            self.believed_position[i] = self.position[i]
+            self.believed_heading[i] = self.heading[i]
+            self.odometer[i] = self.path_length[i]
+
+    @ti.func
+    def as_believed(self, i, v):
+        """A vector v that robot i senses, as it puts it into its map: turned by the error of its heading."""
+        result = v
+        if ti.static(self.reckons):
+            result = turned(v, self.believed_heading[i] - self.heading[i])
+        return result
 
     @ti.func
     def _limited(self, i, dt):
@@ -368,6 +414,13 @@ def disc_around(obstacle: Obstacle) -> float:
     if isinstance(obstacle, Box):
         return hypot(*obstacle.size[:2]) / 2
     return obstacle.radius
+
+
+@ti.func
+def turned(v, angle):
+    """The vector v turned left by `angle` [rad]."""
+    c, s = ti.cos(angle), ti.sin(angle)
+    return ti.Vector([c * v[0] - s * v[1], s * v[0] + c * v[1]])
 
 
 @ti.func

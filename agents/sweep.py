@@ -78,7 +78,7 @@ class Sweep:
             begin = self.way[n, self.next[n] - self.order[n]]
             length = (goal - begin).norm()
             along = (goal - begin) / length
-            way = (self.swarm.position[self.start + n] - begin).dot(along) + AHEAD
+            way = (self.swarm.believed_position[self.start + n] - begin).dot(along) + AHEAD
             goal = begin + ti.math.clamp(way, 0.0, length) * along
         return goal
 

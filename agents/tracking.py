@@ -63,7 +63,7 @@ class PlumeTracker:
     def _begin(self):
         for n in range(self.size):
             i = self.start + n
-            heading = self.swarm.heading[i]
+            heading = self.swarm.believed_heading[i]
             self.upwind[n] = ti.Vector([ti.cos(heading), ti.sin(heading)])
             u = uniform4(ti.u32(self.seed), ti.u32(self.stream), self.first + n, 0, 0)
             self.side[n] = ti.select(u.x > 0.5, 1.0, -1.0)  # type: ignore[operator]
@@ -112,7 +112,7 @@ class PlumeTracker:
         i = self.start + n
         self.bump[n] = 0
         if self.swarm.blocked[i] == 1:
-            heading = self.swarm.heading[i]
+            heading = self.swarm.believed_heading[i]
             if ti.Vector([ti.cos(heading), ti.sin(heading)]).dot(self._course(n)) > ON_COURSE:
                 self.bump[n] = 1
                 self.stuck[n] += dt
@@ -122,7 +122,7 @@ class PlumeTracker:
     @ti.func
     def _driven(self, n):
         """Way [m] since the begin of the leg; in the plume, since the last gas."""
-        return self.swarm.path_length[self.start + n] - self.mark[n]
+        return self.swarm.odometer[self.start + n] - self.mark[n]
 
     @ti.func
     def _still_smells(self, n):
@@ -132,7 +132,7 @@ class PlumeTracker:
         self.trough[n] = c
         smells = c >= LEAVE * self.threshold and c >= self.peak_fraction * self.peak[n]
         if smells:
-            self.mark[n] = self.swarm.path_length[self.start + n]
+            self.mark[n] = self.swarm.odometer[self.start + n]
         return smells
 
     @ti.func
@@ -162,7 +162,7 @@ class PlumeTracker:
     @ti.func
     def _enter(self, n, state):
         self.swarm.state[self.start + n] = state
-        self.mark[n] = self.swarm.path_length[self.start + n]
+        self.mark[n] = self.swarm.odometer[self.start + n]
         self.stuck[n] = 0.0
 
     @ti.func
@@ -170,6 +170,6 @@ class PlumeTracker:
         """Turn towards the course; the less it faces it, the slower it drives."""
         i = self.start + n
         course = self._course(n)
-        error = wrap(ti.atan2(course.y, course.x) - self.swarm.heading[i])
+        error = wrap(ti.atan2(course.y, course.x) - self.swarm.believed_heading[i])
         self.swarm.turn_rate_command[i] = error / ti.max(dt, STEER)
         self.swarm.speed_command[i] = self.speed * ti.max(0.0, ti.cos(error))

@@ -45,6 +45,11 @@ FIELD_OF_VIEW = radians(55)  # of the viewer's camera, over the height of its pa
 # ---------------------------------------------------------------- colours
 
 
+def pale(color: tuple[int, ...]) -> tuple[int, ...]:
+    """The colour halfway to white."""
+    return tuple((part + 255) // 2 for part in color)
+
+
 def logarithmic(values: np.ndarray, low: float, high: float) -> np.ndarray:
     """Place of `values` on a logarithmic scale from `low` (0) to `high` (1); NaN stays NaN."""
     place = (np.log10(np.maximum(values, low * 1e-6)) - log10(low)) / (log10(high) - log10(low))

@@ -15,19 +15,22 @@ MOST_LANES = 12  # behaviour lanes and entries of a legend that one can still re
 BACKGROUND = (24, 26, 32)
 
 
-def blueprint(sim: Simulation, stage: Stage, robots: list[str]) -> rrb.Blueprint:
-    """What the viewer shows of a run, with the recorded robots of these names.
+def blueprint(sim: Simulation, stage: Stage, robots: list[str], ghosts: list[str]) -> rrb.Blueprint:
+    """What the viewer shows of a run, with the recorded robots of these names; ghosts: those with a believed pose.
 
     On the left the arena above sensors and behaviour, on the right views from above, errors and events.
     """
     flat = sim.grid.dim == 2
-    trails = _recent([f"/trails/{name}" for name in robots])
+    lines = [f"/trails/{name}" for name in robots] + [f"/believed_trails/{name}" for name in ghosts]
+    trails = _recent(lines)
     lx, ly = sim.grid.extent[:2]
     side = 0.03 * stage.length  # room for labels
     box = [[x, y, z] for x in (-side, lx + side) for y in (0.0, ly) for z in (0.0, stage.height)]
     legend = -0.15 * stage.length
     framed = np.array([*box, [0.2 * lx, legend, 0.0], [0.8 * lx, legend, 0.0]])
     world = ["/world/**", "/robots/**", "/trails/**"]
+    if ghosts:
+        world += ["/believed/**", "/believed_trails/**"]
 
     def arena(name: str, contents: list[str], aspect: float, elevation_deg: float) -> rrb.Spatial3DView:
         position, target, up = drawing.camera(framed, aspect, elevation_deg)

@@ -45,9 +45,12 @@ class Robot:
     """Names of the algorithm's states, and "found" at the end."""
     state: int = -1
     samples: list[tuple[float, ...]] = field(default_factory=list)
-    """(time, x, y, heading, reading) each."""
+    """(time, x, y, heading, reading, believed x, y and heading) each."""
     changes: list[tuple[float, str]] = field(default_factory=list)
-    last: tuple[float, float] | None = None
+    last: dict[str, np.ndarray] = field(default_factory=dict)
+    """Where each of its trails ends."""
+    reckons: bool = False
+    """Whether it has but its odometry to know where it is."""
 
 
 class Recorder:
@@ -81,7 +84,8 @@ class Recorder:
         self.stream = rr.RecordingStream(
             "taichi_plume", recording_id=f"{scenario.name}-{scenario.seed}", batcher_config=batches
         )
-        blueprint = layout.blueprint(sim, self.stage, [robot.name for robot in self.robots])
+        ghosts = [robot.name for robot in self.robots if robot.reckons]
+        blueprint = layout.blueprint(sim, self.stage, [robot.name for robot in self.robots], ghosts)
         try:
             self.stream.save(self.path, default_blueprint=blueprint)
         except RuntimeError as error:
@@ -125,6 +129,11 @@ class Recorder:
             )
             trail = rr.LineStrips3D.from_fields(colors=robot.color, radii=rr.Radius.ui_points(1.8))
             yield f"trails/{robot.name}", trail
+            if robot.reckons:
+                pale = drawing.pale(robot.color)
+                yield f"believed/{robot.name}", scene.ghost(model.body.radius, pale, self.stage)
+                trail = rr.LineStrips3D.from_fields(colors=pale, radii=rr.Radius.ui_points(1.0))
+                yield f"believed_trails/{robot.name}", trail
             yield f"sensors/{robot.name}", rr.SeriesLines(colors=robot.color, names=robot.name, widths=1.6)
             yield f"states/{robot.name}", scene.lanes(robot.states)
         for threshold in self.thresholds:
@@ -228,7 +237,8 @@ class Recorder:
             k = robot.index
             x, y = (float(v) for v in now["position"][k])
             reading = float(now["reading_ppm"][k])
-            robot.samples.append((sim.t, x, y, float(now["heading"][k]), reading))
+            believed = (*(float(v) for v in now["believed_position"][k]), float(now["believed_heading"][k]))
+            robot.samples.append((sim.t, x, y, float(now["heading"][k]), reading, *believed))
             state = len(robot.states) - 1 if now["found"][k] else int(now["state"][k])
             if state != robot.state:
                 name = robot.states[state]
@@ -321,23 +331,30 @@ class Recorder:
             robot.changes.clear()
         if not robot.samples:
             return
-        t, x, y, heading, reading = np.array(robot.samples).T
+        columns = np.array(robot.samples).T
+        t, reading = columns[0], columns[4]
         robot.samples.clear()
         time = [_times(t)]
-        place = np.column_stack([x, y, np.full(len(t), 2 * self.stage.lift)])
-        turn = np.column_stack([0 * t, 0 * t, np.sin(heading / 2), np.cos(heading / 2)])
-        pose = rr.Transform3D.columns(translation=place, quaternion=turn)
-        self.stream.send_columns(f"robots/{robot.name}", time, pose)
+        self._send_way(robot, "robots", "trails", time, columns[1:4])
+        if robot.reckons:
+            self._send_way(robot, "believed", "believed_trails", time, columns[5:8])
         self.stream.send_columns(f"sensors/{robot.name}", time, rr.Scalars.columns(scalars=reading))
         if robot is self.robots[0]:
             for threshold in self.thresholds:
                 level = rr.Scalars.columns(scalars=np.full(len(t), threshold))
                 self.stream.send_columns(_threshold(threshold), time, level)
-        before = place[:1] if robot.last is None else np.array([[*robot.last, place[0, 2]]])
-        path = np.vstack([before, place])
-        robot.last = (x[-1], y[-1])
+
+    def _send_way(self, robot: Robot, poses: str, trails: str, time: list, way: np.ndarray) -> None:
+        """Poses (3, n), and the steps between them as a trail, to the robot's entities below these two."""
+        x, y, heading = way
+        place = np.column_stack([x, y, np.full(len(x), 2 * self.stage.lift)])
+        turn = np.column_stack([0 * x, 0 * x, np.sin(heading / 2), np.cos(heading / 2)])
+        pose = rr.Transform3D.columns(translation=place, quaternion=turn)
+        self.stream.send_columns(f"{poses}/{robot.name}", time, pose)
+        path = np.vstack([robot.last.get(trails, place[:1]), place])
+        robot.last[trails] = place[-1:]
         steps = rr.LineStrips3D.columns(strips=list(np.stack([path[:-1], path[1:]], axis=1)))
-        self.stream.send_columns(f"trails/{robot.name}", time, steps)
+        self.stream.send_columns(f"{trails}/{robot.name}", time, steps)
 
     def close(self) -> None:
         """Send the rest and finish the file; it stays readable whatever happened before."""
@@ -376,7 +393,8 @@ def _recorded_robots(sim: Simulation) -> list[Robot]:
         for i in range(min(group.count, share)):
             name = part if group.count == 1 else f"{part}-{i}"
             color = tuple(int(v) for v in drawing.ROBOTS[len(robots) % len(drawing.ROBOTS)])
-            robots.append(Robot(group.start + i, name, color, states))
+            reckons = group.model.odometry is not None
+            robots.append(Robot(group.start + i, name, color, states, reckons=reckons))
     return robots[:MOST_ROBOTS]
 
 

@@ -158,6 +158,9 @@ class RobotTable:
                 ],
                 ("wind_x", pa.float32()),
                 ("wind_y", pa.float32()),
+                ("believed_x", pa.float32()),
+                ("believed_y", pa.float32()),
+                ("believed_heading", pa.float32()),
                 ("state", names),
                 ("found", pa.bool_()),
             ]
@@ -186,6 +189,9 @@ class RobotTable:
             now["true_ppm"],
             now["wind"][:, 0],
             now["wind"][:, 1],
+            now["believed_position"][:, 0],
+            now["believed_position"][:, 1],
+            now["believed_heading"],
             pa.DictionaryArray.from_arrays(state, self.state_names),
             now["found"].astype(bool),
         ]

@@ -6,7 +6,18 @@ from pydantic import Field, model_validator
 
 from taichi_plume.algorithms import Algorithm
 from taichi_plume.sensor_models import Sensors
-from taichi_plume.vocabulary import Count, Distance, Fraction, Length, Model, Point2, Positive, Real, TopSpeed
+from taichi_plume.vocabulary import (
+    Count,
+    Distance,
+    Fraction,
+    Length,
+    Model,
+    NonNegative,
+    Point2,
+    Positive,
+    Real,
+    TopSpeed,
+)
 
 
 class StartAt(Model):
@@ -94,6 +105,33 @@ class Communication(Model):
     """Probability that a robot misses a message."""
 
 
+Slight = Annotated[float, Field(ge=0, le=0.2, allow_inf_nan=False)]
+
+
+class Odometry(Model):
+    """Errors of robots that know their pose from their wheels alone; at the start they know it exactly.
+
+    It is the group's and not the body's: the same robot is followed by cameras in one arena and by none in another. The
+    first three are a robot's own for the whole run, normally distributed over the robots; the others are random, and
+    their variance grows with the distance driven and the angle turned. Defaults: a small indoor robot, not calibrated.
+    """
+
+    distance_scale: Slight = 0.01
+    """Relative error of distances, from the size of the wheels."""
+    turn_scale: Slight = 0.01
+    """Relative error of angles turned, from the distance between the wheels."""
+    veer_deg: NonNegative = 0.5
+    """Angle per metre that it turns without knowing [degrees], from wheels of unequal size."""
+    distance_noise: Distance = 0.01
+    """Standard deviation of the distance after a metre driven [m]."""
+    turning_distance_noise: Distance = 0.005
+    """Standard deviation of the distance after a full turn [m]."""
+    heading_noise_deg: NonNegative = 1.0
+    """Standard deviation of the heading after a metre driven [degrees]."""
+    turn_noise_deg: NonNegative = 2.0
+    """Standard deviation of the heading after a full turn [degrees]."""
+
+
 class Group(Model):
     """Robots of one kind. `trials` independent copies of the team run at once in the same air."""
 
@@ -107,6 +145,8 @@ class Group(Model):
     body: Body = Body()
     sensors: Sensors = Sensors()
     communication: Communication = Communication()
+    odometry: Odometry | None = None
+    """Unless given, robots know exactly where they are, as if cameras told them."""
     reach: Distance = 0.35
     """A robot whose centre comes this close to a source has found it and stops [m]; the robot itself does not know."""
     capture: Literal["disc", "square"] = "disc"

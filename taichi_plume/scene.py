@@ -167,6 +167,15 @@ def body(radius: float, height: float, color: tuple[int, ...], stage: Stage) -> 
     return mesh(*drawing.robot_mesh(grown, max(height * grown / radius, 0.5 * grown)), color)
 
 
+def ghost(radius: float, color: tuple[int, ...], stage: Stage) -> rr.LineStrips3D:
+    """Where a robot believes to be: the outline of its body, with a line to the front."""
+    grown = max(radius, BODY * stage.length)
+    angles = np.linspace(0, 2 * np.pi, 33)
+    ring = grown * np.column_stack([np.cos(angles), np.sin(angles), 0 * angles])
+    front = [[0, 0, 0], [1.6 * grown, 0, 0]]
+    return rr.LineStrips3D([ring, front], colors=color, radii=rr.Radius.ui_points(1.2))
+
+
 def lanes(states: tuple[str, ...]) -> rr.StateConfiguration:
     """Colours of a robot's states, of which the last is "found"."""
     colors = np.resize(drawing.STATES, len(states))
@@ -225,6 +234,8 @@ def about(sim: Simulation, backend: str, recorded: int) -> Entities:
     robots = "none"
     if sim.swarm.count:
         robots = f"{recorded} of {sim.swarm.count} recorded (of several trials the first)"
+        if any(group.odometry for group in scenario.robots):
+            robots += "; pale outlines and trails: where they believe to be"
     facts = {
         "arena": " x ".join(f"{length:g}" for length in grid.extent) + " m",
         "cells": " x ".join(str(n) for n in grid.shape) + f" = {prod(grid.shape):,} of {grid.dx:g} m",

@@ -108,9 +108,13 @@ class FakeSwarm:
         y = ly * (0.5 + 0.35 * np.sin(0.5 * self.t + member))
         found = (member == 0) & (self.t >= self.find_at)
         reading = 20 * np.abs(np.sin(self.t + member))
+        heading = np.pi + np.cos(0.5 * self.t + member)
         return {
             "position": np.stack([x, y], -1),
-            "heading": np.pi + np.cos(0.5 * self.t + member),
+            "heading": heading,
+            "believed_position": np.stack([x + 0.03, y - 0.1], -1),
+            "believed_heading": heading + 0.4,
+            "odometer": np.full(self.count, 0.21 * self.t),
             "reading_ppm": reading,
             "true_ppm": reading + 1,
             "wind": np.tile([0.3, 0.0], (self.count, 1)),

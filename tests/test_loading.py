@@ -115,6 +115,11 @@ def test_a_good_file_loads(tmp_path):
             "recording.range_ppm=[1 ppm, 9]",
             "recording.range_ppm[0]: got '1 ppm': must be a plain number, such",
         ),
+        (
+            "robots.0.odometry={distance_scale: 1.01}",
+            "robots[0].odometry.distance_scale: got 1.01: must be less than or equal to 0.2",
+        ),
+        ("robots.0.odometry={veer: 2}", "robots[0].odometry: unknown key 'veer'; did you mean 'veer_deg'?"),
         ("robots.0.algorithm={}", "robots[0].algorithm: missing key 'kind'; known kinds: casting"),
         (
             "robots.0.sensors.wind={noise: 0}",

@@ -106,6 +106,37 @@ def test_robots_are_where_they_were(tmp_path):
         assert reading[0] == pytest.approx(now["reading_ppm"][2])
 
 
+def test_where_robots_believe_to_be_is_seen_beside_where_they_are(tmp_path):
+    start = {"kind": "area", "low": [3, 0.5], "high": [3.8, 2.5]}
+    one = {"count": 2, "start": start, "algorithm": {"kind": "casting"}}
+    robots = [{"name": "wheels", "odometry": {}, **one}, {"name": "cameras", **one}]
+    path = recorded(
+        fake_run.simulation(fake_run.scenario(2, duration=3, maps=[], robots=robots)), tmp_path / "a.rrd"
+    )
+    ghosts = {
+        "/believed/wheels-0",
+        "/believed/wheels-1",
+        "/believed_trails/wheels-0",
+        "/believed_trails/wheels-1",
+    }
+    assert {entity for entity in entities(path) if "believed" in entity} == ghosts
+    t, places = column(path, "/believed/wheels-1", "Transform3D:translation")
+    _, truth = column(path, "/robots/wheels-1", "Transform3D:translation")
+    assert len(t) == 31
+    off = np.array(places)[:, 0, :2] - np.array(truth)[:, 0, :2]
+    assert off == pytest.approx(np.tile([0.03, -0.1], (31, 1)), abs=1e-5)
+    turns = [
+        column(path, f"/{kind}/wheels-1", "Transform3D:quaternion")[1] for kind in ("believed", "robots")
+    ]
+    halves = [np.arctan2(*np.array(turn)[:, 0, 2:].T) for turn in turns]
+    assert np.cos(2 * (halves[0] - halves[1]) - 0.4) == pytest.approx(np.ones(31), abs=1e-6)
+    t, steps = column(path, "/believed_trails/wheels-1", "LineStrips3D:strips")
+    ends = np.array([step[0][1] for step in steps])
+    begins = np.array([step[0][0] for step in steps])
+    assert ends[:, :2] == pytest.approx(np.array(places)[:, 0, :2], abs=1e-5)
+    assert begins[1:] == pytest.approx(ends[:-1], abs=1e-5)  # without gaps, over the flushes too
+
+
 def test_what_moves_is_seen_moving_and_screens_are_seen(tmp_path):
     motion = {"path": [[1, 1.5, 2.5], [2, 2.5, 2.5]]}
     walker = {"kind": "cylinder", "center": [1.5, 1.5], "radius": 0.2, "motion": motion}

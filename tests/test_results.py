@@ -110,6 +110,8 @@ def test_table_holds_what_the_swarm_was(tmp_path):
     assert rows["true_ppm"][n] == pytest.approx(now["true_ppm"][6])
     assert rows["heading"][n] == pytest.approx(now["heading"][6])
     assert rows["wind_x"][n] == pytest.approx(0.3)
+    assert (rows["believed_x"][n], rows["believed_y"][n]) == pytest.approx(tuple(now["believed_position"][6]))
+    assert rows["believed_heading"][n] == pytest.approx(now["believed_heading"][6])
     assert rows["state"][n] == ("search", "surge")[now["state"][6]]
     assert [rows["found"][95 * 8 + i] for i in range(8)] == [i % 4 == 0 for i in range(8)]
 

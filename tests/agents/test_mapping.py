@@ -21,7 +21,7 @@ class Robots:
     def __init__(self, seed):
         self.rng = np.random.default_rng(seed)
         n = TRIALS * COUNT
-        self.position = ti.Vector.field(2, ti.f32, n)
+        self.believed_position = ti.Vector.field(2, ti.f32, n)
         self.reading = ti.field(ti.f32, n)
         self.members = ti.field(ti.i32, (TRIALS, COUNT + 1))
         self.team_size = ti.field(ti.i32, TRIALS)
@@ -33,7 +33,7 @@ class Robots:
 
     def wander(self):
         self.where = np.clip(self.where + self.rng.normal(0, 0.1, self.where.shape), 0.0, EXTENT)
-        self.position.from_numpy(self.where.astype(np.float32))
+        self.believed_position.from_numpy(self.where.astype(np.float32))
         self.reading.from_numpy(self.rng.exponential(20.0, len(self.where)).astype(np.float32))
 
 
@@ -47,7 +47,10 @@ def run(gas_map, seconds, pause=(np.inf, np.inf)):
         if pause[0] < t <= pause[1]:
             continue
         gas_map.update(robots, tick, t, DT)
-        where, readings = robots.position.to_numpy().astype(float), robots.reading.to_numpy().astype(float)
+        where, readings = (
+            robots.believed_position.to_numpy().astype(float),
+            robots.reading.to_numpy().astype(float),
+        )
         for i in range(TRIALS * COUNT):
             snaps[int(np.ceil(t / WINDOW)) - 1].append((i // COUNT, *where[i], readings[i]))
     return snaps

@@ -71,6 +71,21 @@ def test_a_class_can_be_handed_over(path):
     assert sim.swarm.snapshot()["heading"] == pytest.approx(np.pi / 2 + 0.5 * 4 - 2 * np.pi, abs=1e-3)
 
 
+def test_it_is_told_what_the_odometers_say(path):
+    class Circle:
+        def act(self, robots):
+            self.seen = robots.position.copy(), robots.heading.copy(), robots.path_length.copy()
+            robots.speed, robots.turn_rate = 0.1 * (robots.t < 3.05), 0.0  # it stands before it is looked at
+
+    scenario = load_scenario(path, ["robots.0.algorithm={kind: own}", "robots.0.odometry={veer_deg: 20}"])
+    sim = assemble(scenario, path.parent, {"mine": Circle})
+    sim.run()
+    now, seen = sim.swarm.snapshot(), sim.teams[0].algorithm.algorithm.seen  # type: ignore[attr-defined]
+    for what, name in zip(seen, ("position", "heading", "odometer"), strict=True):
+        np.testing.assert_array_equal(what, now[name if name == "odometer" else f"believed_{name}"])
+    assert (np.abs(seen[0] - now["position"]) > 1e-4).any(axis=1).all()
+
+
 @pytest.mark.parametrize(
     ("wrong", "told"),
     [

@@ -20,6 +20,7 @@ robots:
     trials: 5
     start: {kind: area, low: [2, 0.5], high: [3.5, 2.5]}
     algorithm: {kind: casting}
+    odometry: {veer_deg: 5}
     sensors: {gas: {kind: mox, spread: 1, drift: 0.05, noise: 0.01}, wind: {kind: ultrasonic}}
 """
 
@@ -45,6 +46,7 @@ def test_a_trial_alone(tmp_path, algorithm):
         return sim.swarm.snapshot()
 
     many, alone = run(), run("robots.0.trials=1", "robots.0.first_trial=3")
-    for name in ("position", "heading", "reading_ppm", "resistance_ohm", "state", "path_length"):
+    poses = ("position", "heading", "path_length", "believed_position", "believed_heading", "odometer")
+    for name in (*poses, "reading_ppm", "resistance_ohm", "wind", "state"):
         np.testing.assert_array_equal(many[name][6:8], alone[name], err_msg=name)
     assert (many["position"][4:6] != alone["position"]).any()

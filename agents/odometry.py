@@ -1,0 +1,81 @@
+"""Dead reckoning: what a robot's wheels tell it of its motion, with errors that a robot keeps and with random ones.
+
+Systematic errors after Borenstein & Feng, IEEE Trans. Robotics and Automation 12 (1996) 869-880,
+doi:10.1109/70.544770: wheels of another size (a), another distance between them (b) and wheels of unequal size (c).
+Random ones as in the odometry motion model of Thrun, Burgard & Fox, Probabilistic Robotics (2005), section 5.4: a turn
+and a way each make errors of heading and of way. Of a tick in which a robot turns by w [rad] and drives s [m]
+(backwards s < 0) it is told
+
+    w' = (1 + b) w + c s + N(0, k1 |w| + k2 |s|)
+    s' = (1 + a) s + N(0, k3 |s| + k4 |w|)
+
+Variances grow with |w| and |s|, not with their squares as in the book: so errors do not depend on the tick (as in
+Kleeman, Odometry error covariance estimation for two wheel robot vehicles, 1995). Wheels do not slip: at contact
+the robot is told of the way that it really goes.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import taichi as ti
+
+from taichi_plume.rng import generator, normal4, stream_id
+from taichi_plume.robots import Odometry as Model
+
+
+@ti.data_oriented
+class Odometry:
+    """The odometers of all `count` robots. groups: the swarm's ranges; only robots of those with `odometry` err."""
+
+    def __init__(self, groups: Sequence[Any], count: int, seed: int):
+        self.seed = seed
+        kept = np.zeros((count, 3), np.float32)
+        variances = np.zeros((count, 4), np.float32)
+        errs, numbers, streams = (np.zeros(count, kind) for kind in (np.int32, np.int32, np.uint32))
+        for group in groups:
+            model = group.model.odometry
+            if model is None:
+                continue
+            kept[group.slice] = _drawn(model, group, seed)
+            variances[group.slice] = _variances(model)
+            errs[group.slice] = 1
+            numbers[group.slice] = group.first + np.arange(group.size)
+            streams[group.slice] = stream_id(f"group {group.number}/odometry")
+        self.errs = ti.field(ti.i32, count)
+        self.number = ti.field(ti.i32, count)  # of the robot in its group, among all trials there could be
+        self.stream = ti.field(ti.u32, count)
+        self.kept: Any = ti.Vector.field(3, ti.f32, count)  # a, b [1], c [rad/m]
+        self.variances: Any = ti.Vector.field(4, ti.f32, count)  # k1 [rad], k2 [rad²/m], k3 [m], k4 [m²/rad]
+        fields = (self.errs, self.number, self.stream, self.kept, self.variances)
+        for field, values in zip(fields, (errs, numbers, streams, kept, variances), strict=True):
+            field.from_numpy(values)
+
+    @ti.func
+    def told(self, i, tick, w, s):
+        """Of robot i, which errs: the turn w' [rad], 1 + a, and the random part of the way s' [m]."""
+        g = normal4(ti.u32(self.seed), self.stream[i], self.number[i], tick, 0)
+        kept, k = self.kept[i], self.variances[i]
+        turn = (1.0 + kept[1]) * w + kept[2] * s + ti.sqrt(k[0] * ti.abs(w) + k[1] * ti.abs(s)) * g[0]
+        return turn, 1.0 + kept[0], ti.sqrt(k[2] * ti.abs(s) + k[3] * ti.abs(w)) * g[1]
+
+
+def _drawn(model: Model, group: Any, seed: int) -> np.ndarray:
+    """a, b and c [rad/m] of each robot of the group, (size, 3)."""
+    trials = [
+        generator(seed, f"group {group.number}/wheels of trial {group.model.first_trial + k}")
+        for k in range(group.trials)
+    ]
+    deviations = (model.distance_scale, model.turn_scale, np.radians(model.veer_deg))
+    return np.concatenate([rng.normal(0.0, deviations, (group.count, 3)) for rng in trials])
+
+
+def _variances(model: Model) -> tuple[float, float, float, float]:
+    """k1 to k4."""
+    circle = 2.0 * np.pi
+    return (
+        np.radians(model.turn_noise_deg) ** 2 / circle,
+        np.radians(model.heading_noise_deg) ** 2,
+        model.distance_noise**2,
+        model.turning_distance_noise**2 / circle,
+    )

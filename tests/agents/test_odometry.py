@@ -1,0 +1,360 @@
+"""Beliefs drift as their variances say, whatever the tick; what is sensed and refereed stays true."""
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import taichi as ti
+from arena import Run, Script
+
+from taichi_plume.agents.potential import Potential
+from taichi_plume.agents.radio import Radio
+from taichi_plume.agents.sensors import Sensors
+from taichi_plume.agents.swarm import Swarm
+from taichi_plume.algorithms import RandomWalk, Spiral, SurgeCast
+from taichi_plume.geometry import ClearanceMap
+from taichi_plume.robots import Body, Communication, Group, Odometry, StartAt
+from taichi_plume.sensor_models import Anemometer, IdealGasSensor
+from taichi_plume.sensor_models import Sensors as SensorModels
+
+EXACT = dict.fromkeys(Odometry.model_fields, 0.0)
+MANY = 4000  # robots: a variance is estimated to sqrt(2/MANY) = 2.2 % of it
+TOLERANCE = 5 * np.sqrt(2 / MANY)
+SIZE = 30.0
+
+
+def group(odometry, trials=1, count=1, name="team", **keys):
+    return Group(
+        name=name,
+        count=count,
+        trials=trials,
+        start=StartAt(kind="positions", positions=((1, 1),)),
+        algorithm=RandomWalk(kind="random_walk"),
+        body=Body(max_speed=1.0, max_turn_rate_deg=360.0),
+        sensors=SensorModels(gas=IdealGasSensor(kind="ideal"), wind=Anemometer(kind="ideal")),
+        odometry=odometry,
+        **keys,
+    )
+
+
+def swarm_of(*groups, seed=3, where=(SIZE / 2, SIZE / 2), heading=0.0):
+    """Every team's robots 1 m apart along y, from `where` on."""
+    places = [
+        (where[0], where[1] + i + n)
+        for n, one in enumerate(groups)
+        for _ in range(one.trials)
+        for i in range(one.count)
+    ]
+    arena = ClearanceMap([], (SIZE, SIZE, 1.0), 1.0)
+    return Swarm(groups, np.array(places), np.full(len(places), heading), arena, np.empty((0, 2)), seed)
+
+
+def drive(swarm, speed, turn_rate, seconds, tick, first=0):
+    """Constant commands; returns the number of the last tick."""
+    swarm.speed_command.fill(speed)
+    swarm.turn_rate_command.fill(turn_rate)
+    last = first + round(seconds / tick)
+    for n in range(first + 1, last + 1):
+        swarm.move(n, n * tick, tick)
+    return last
+
+
+def errors(swarm):
+    """Believed minus true position (n, 2), heading, way."""
+    now = {name: value.astype(float) for name, value in swarm.snapshot().items()}
+    heading = now["believed_heading"] - now["heading"]
+    heading -= 2 * np.pi * np.round(heading / (2 * np.pi))
+    return now["believed_position"] - now["position"], heading, now["odometer"] - now["path_length"]
+
+
+# ---------------------------------------------------------------- random errors
+
+
+@pytest.mark.parametrize(("tick", "speed"), [(0.05, 1.0), (0.5, -1.0)])
+def test_straight_ways(tick, speed):
+    length, way, heading = 6.0, 0.02, np.radians(0.8)
+    model = Odometry(**EXACT | {"distance_noise": way, "heading_noise_deg": 0.8})
+    swarm = swarm_of(group(model, MANY))
+    drive(swarm, speed, 0.0, length, tick)
+    place, turned, driven = errors(swarm)
+    aside = place[:, 1]
+    assert np.var(turned) == pytest.approx(heading**2 * length, rel=TOLERANCE)
+    assert np.var(driven) == pytest.approx(way**2 * length, rel=TOLERANCE)
+    # along a straight line the heading is a random walk and the error aside its integral
+    assert np.var(aside) == pytest.approx(heading**2 * length**3 / 3, rel=TOLERANCE)
+    covariance = heading**2 * length**2 / 2 * np.sign(speed)
+    deviation = heading**2 * length**2 * np.sqrt((1 / 3 + 1 / 4) / MANY)
+    assert np.mean(aside * turned) == pytest.approx(covariance, abs=5 * deviation)
+    # E cos of the heading at s is exp(-k s/2): the believed end lies a little short
+    k = heading**2
+    short = (1 - np.exp(-k * length / 2)) / (k / 2) - length
+    assert np.mean(place[:, 0]) * np.sign(speed) == pytest.approx(short, abs=5 * way * np.sqrt(length / MANY))
+    assert np.abs([turned.mean() / turned.std(), driven.mean() / driven.std()]).max() < 5 / np.sqrt(MANY)
+
+
+@pytest.mark.parametrize("tick", [0.05, 0.5])
+def test_turns_on_the_spot(tick):
+    turns, heading, way = 1.5, np.radians(3.0), 0.02
+    model = Odometry(**EXACT | {"turn_noise_deg": 3.0, "turning_distance_noise": way})
+    swarm = swarm_of(group(model, MANY))
+    drive(swarm, 0.0, -np.pi, 2 * turns, tick)
+    place, turned, driven = errors(swarm)
+    assert np.var(turned) == pytest.approx(heading**2 * turns, rel=TOLERANCE)
+    assert np.var(driven) == pytest.approx(way**2 * turns, rel=TOLERANCE)
+    assert np.var(place, axis=0).sum() == pytest.approx(way**2 * turns, rel=2 * TOLERANCE)
+
+
+def test_who_stands_does_not_drift():
+    swarm = swarm_of(group(Odometry(), 10))
+    drive(swarm, 0.0, 0.0, 5.0, 0.5)
+    place, turned, driven = errors(swarm)
+    assert not place.any()
+    assert not turned.any()
+    assert not driven.any()
+
+
+# ---------------------------------------------------------------- systematic errors
+
+
+def test_scale():
+    swarm = swarm_of(group(Odometry(**EXACT | {"distance_scale": 0.05}), MANY))
+    last = drive(swarm, 1.0, 0.0, 3.0, 0.1)
+    (first, _), turned, driven = errors(swarm)[0].T, *errors(swarm)[1:]
+    scale = driven / 3.0
+    assert np.std(scale) == pytest.approx(0.05, rel=TOLERANCE)
+    assert abs(scale.mean()) < 5 * 0.05 / np.sqrt(MANY)
+    rounding = 2 * 1e-6  # m a tick, half of the last bit of two places
+    assert first == pytest.approx(3.0 * scale, abs=30 * rounding)
+    assert not turned.any()
+    drive(swarm, 1.0, 0.0, 4.0, 0.1, last)
+    place, _, driven = errors(swarm)
+    assert place[:, 0] == pytest.approx(7.0 * scale, abs=70 * rounding)
+    assert driven == pytest.approx(7.0 * scale, abs=70 * rounding)
+
+
+def test_scale_of_turns():
+    swarm = swarm_of(group(Odometry(**EXACT | {"turn_scale": 0.05}), MANY))
+    drive(swarm, 0.0, 1.0, 2.0, 0.1)
+    scale = errors(swarm)[1] / 2.0
+    assert np.std(scale) == pytest.approx(0.05, rel=TOLERANCE)
+    drive(swarm, 0.0, -1.0, 3.0, 0.1, 20)
+    assert errors(swarm)[1] == pytest.approx(-scale, abs=1e-5)
+    assert not errors(swarm)[0].any()
+
+
+def test_unequal_wheels_bend_the_way_that_is_believed():
+    tick = 0.1
+    swarm = swarm_of(group(Odometry(**EXACT | {"veer_deg": 5.0}), MANY), heading=0.5)
+    last = drive(swarm, 1.0, 0.0, 5.0, tick)
+    place, turned, _ = errors(swarm)
+    bend = turned / 5.0  # rad/m
+    assert np.std(bend) == pytest.approx(np.radians(5.0), rel=TOLERANCE)
+    # a circle of this curvature, whose chord points half of the angle aside
+    chord, course = 2 / bend * np.sin(turned / 2), 0.5 + turned / 2
+    believed = chord[:, None] * np.column_stack([np.cos(course), np.sin(course)])
+    straight = 5.0 * np.array([np.cos(0.5), np.sin(0.5)])
+    # with chords of `tick` metres each, (1 - (bend tick)²/24) as long
+    assert place + straight == pytest.approx(believed, abs=5.0 * (np.abs(bend).max() * tick) ** 2 / 24 + 1e-4)
+    drive(swarm, -1.0, 0.0, 5.0, tick, last)
+    place, turned, _ = errors(swarm)
+    assert np.abs(place).max() < 2e-4  # all the way back, but for rounding
+    assert np.abs(turned).max() < 1e-5
+
+
+def test_ways_along_a_wall_are_those_really_gone():
+    swarm = swarm_of(group(Odometry(**EXACT), 1), where=(SIZE / 2, 0.2), heading=-0.5)
+    drive(swarm, 0.5, 0.0, 4.0, 0.1)
+    assert swarm.snapshot()["blocked"].any()
+    place, turned, driven = errors(swarm)
+    assert np.abs(place).max() < 1e-5
+    assert turned == 0
+    assert driven == pytest.approx(0, abs=1e-5)
+
+
+# ---------------------------------------------------------------- none
+
+
+def test_without_odometry_the_belief_is_the_truth():
+    swarm = swarm_of(group(None, 5))
+    assert swarm.believed_position is swarm.position
+    assert swarm.believed_heading is swarm.heading
+    assert swarm.odometer is swarm.path_length
+
+
+def test_who_has_none_beside_others_that_have():
+    mixed = swarm_of(group(Odometry(), 5, name="wheels"), group(None, 5, name="cameras"))
+    alone = swarm_of(group(None, 5), group(None, 5, name="cameras"))
+    for swarm in (mixed, alone):
+        drive(swarm, 0.7, 0.3, 4.0, 0.1)
+    now, before = mixed.snapshot(), alone.snapshot()
+    for name in ("position", "heading"):
+        np.testing.assert_array_equal(now[name], before[name])
+        np.testing.assert_array_equal(now[f"believed_{name}"][5:], before[name][5:])
+        assert (now[f"believed_{name}"][:5] != now[name][:5]).all()
+    np.testing.assert_array_equal(now["odometer"][5:], before["path_length"][5:])
+
+
+# ---------------------------------------------------------------- what is sensed
+
+
+@ti.data_oriented
+class Breeze(Script):
+    """Wind along (0.3, 0.1) m/s."""
+
+    @ti.func
+    def velocity(self, x, t):
+        return ti.Vector([0.3, 0.1])
+
+
+def mistaken(off: Any = 0.0, shift=(0.0, 0.0), **keys):
+    """Robots that believe in a heading turned by `off` and a place moved by `shift`."""
+    swarm = swarm_of(group(Odometry(**EXACT), **keys))
+    swarm.believed_heading.from_numpy(swarm.heading.to_numpy() + np.float32(off))
+    swarm.believed_position.from_numpy(swarm.position.to_numpy() + np.float32(shift))
+    return swarm
+
+
+def test_wind_is_turned_by_the_error_of_the_heading():
+    off = np.array([0.0, 0.4, -2.0])
+    swarm = mistaken(off=off, count=3)
+    air: Any = Breeze([1.0], 1.0)
+    Sensors(swarm, swarm.groups[0], 2, 0.1).measure(air, air, 1, 0.1)
+    ratio = swarm.wind.to_numpy() @ [1, 1j] / (0.3 + 0.1j)
+    assert np.abs(ratio) == pytest.approx(np.ones(3), rel=1e-6)
+    assert np.angle(ratio) == pytest.approx(off, abs=1e-6)
+
+
+def test_upwind_is_upwind_whatever_the_belief():
+    model = SurgeCast(kind="surge_cast", threshold_ppm=1.0, peak_fraction=0.0, wind_memory=0.0)
+    run = Run(model, Breeze([50.0], 1.0), ((20, 15),), size=(SIZE, SIZE), odometry=Odometry(**EXACT))
+    run.swarm.believed_heading.fill(1.0)
+    _, places = run.go(20)
+    moved = places[-1, 0] - places[100, 0]
+    assert np.arctan2(*moved[::-1]) == pytest.approx(np.arctan2(-0.1, -0.3), abs=1e-3)
+    assert np.hypot(*moved) == pytest.approx(0.2 * 9.9, rel=1e-3)
+
+
+@ti.data_oriented
+class Courier:
+    """A robot near a corner and a mate, on the way to a goal; returns its commands."""
+
+    def __init__(self, off, shift):
+        one = group(Odometry(**EXACT), count=2)
+        arena = ClearanceMap([], (SIZE, SIZE, 1.0), 0.1)
+        self.swarm = Swarm(
+            (one,), np.array([[0.2, 0.25], [0.45, 0.3]]), np.full(2, 0.3), arena, np.empty((0, 2)), 3
+        )
+        turn = np.array([[np.cos(off), -np.sin(off)], [np.sin(off), np.cos(off)]])
+        believed = self.swarm.position.to_numpy() + np.float32(shift)
+        goal = believed[0] + turn @ np.array([0.5, 0.2])
+        self.swarm.believed_heading.fill(0.3 + off)
+        self.swarm.believed_position.from_numpy(believed.astype(np.float32))
+        self.goal = [float(v) for v in goal]
+        self.potential = Potential(self.swarm, self.swarm.groups[0], None, 0.3)
+
+    @ti.kernel
+    def drive(self, x: float, y: float):
+        for _ in range(1):
+            self.potential.drive(0, ti.Vector([x, y]), 0.1)
+
+    def commands(self):
+        self.drive(*self.goal)
+        return self.swarm.speed_command[0], self.swarm.turn_rate_command[0]
+
+
+def test_walls_and_mates_are_where_they_truly_are():
+    """A map that is turned and moved as a whole makes no difference to what lies around the robot."""
+    wanted = Courier(0.0, (0.0, 0.0)).commands()
+    assert Courier(0.8, (0.3, 2.0)).commands() == pytest.approx(wanted, abs=1e-5)
+
+
+@ti.data_oriented
+class Speaker:
+    def __init__(self, swarm):
+        self.radio = Radio(swarm, swarm.groups[0])
+
+    @ti.kernel
+    def say(self):
+        for _ in range(1):
+            self.radio.say(1, 5.0, ti.Vector([1.0, 2.0]))
+
+
+def test_a_message_tells_where_the_sender_believes_to_be():
+    swarm = mistaken(shift=(0.0, 7.0), count=2, communication=Communication(range=1.5))
+    speaker = Speaker(swarm)
+    speaker.say()
+    speaker.radio.deliver(1, 0.1)  # 1 m apart, in truth
+    assert swarm.position.to_numpy()[1] == pytest.approx([15, 16])
+    assert speaker.radio.sender.to_numpy()[0, 1] == pytest.approx([15, 23])
+
+
+def test_the_source_is_found_where_it_is():
+    one = group(Odometry(**EXACT), reach=0.25)
+    arena = ClearanceMap([], (SIZE, SIZE, 1.0), 1.0)
+    swarm = Swarm((one,), np.array([[5.0, 5.0]]), np.zeros(1), arena, np.array([[6.0, 5.0]]), 3)
+    swarm.believed_position.fill(0.0)
+    drive(swarm, 1.0, 0.0, 2.0, 0.1)
+    now = swarm.snapshot()
+    assert now["found"][0] == 1
+    assert now["position"][0] == pytest.approx([5.8, 5.0], abs=1e-5)
+    assert now["believed_position"][0] == pytest.approx([0.8, 0.0], abs=1e-5)
+
+
+# ---------------------------------------------------------------- robots that live with it
+
+
+@pytest.mark.slow
+def test_turns_come_to_an_end_with_a_bad_odometer():
+    """Spirals take but little longer: the robots do not dither about their courses."""
+    model = Spiral(kind="spiral", arms=(0.3, 0.3, 0.3), settle=0.5, acquisition=1, minimum_ppm=100)
+    counts = {}
+    for name, odometry in (("none", None), ("bad", Odometry(turn_noise_deg=15.0))):
+        run = Run(model, Script([0.0], 1.0), ((5, 5),), 100, (10.0, 10.0), odometry=odometry)
+        run.go(30)
+        counts[name] = run.swarm.acquisitions.to_numpy().mean()
+    assert counts["bad"] > 0.75 * counts["none"] > 3  # it may need a second more of every five
+
+
+def test_a_trial_alone():
+    many = swarm_of(group(Odometry(), 6, count=2), group(Odometry(), 6, count=3, name="others"))
+    alone = swarm_of(
+        group(Odometry(), 1, count=2, first_trial=4),
+        group(Odometry(), 1, count=3, first_trial=4, name="others"),
+    )
+    for swarm in (many, alone):
+        drive(swarm, 0.7, 0.3, 4.0, 0.1)
+    rows = [*range(8, 10), *range(12 + 12, 12 + 15)]
+    now, then = many.snapshot(), alone.snapshot()
+    for name in ("position", "believed_position", "believed_heading", "odometer"):
+        np.testing.assert_array_equal(now[name][rows], then[name], err_msg=name)
+    assert len(np.unique(then["odometer"])) == 5
+    assert len(np.unique(now["odometer"])) == 30
+
+
+PROGRAM = """
+import hashlib, sys
+import taichi as ti
+sys.path.insert(0, {folder!r})
+ti.init(ti.cpu, cpu_max_num_threads=int(sys.argv[1]), log_level=ti.ERROR)
+from test_odometry import Odometry, drive, group, swarm_of
+swarm = swarm_of(group(Odometry(), 2000))
+drive(swarm, 0.7, 0.3, 4.0, 0.1)
+now = swarm.snapshot()
+print(hashlib.sha256(b"".join(now[name].tobytes() for name in sorted(now))).hexdigest())
+"""
+
+
+@pytest.mark.slow
+def test_results_are_the_same_on_one_and_two_threads():
+    program = PROGRAM.format(folder=str(Path(__file__).parent))
+    one, two = (
+        subprocess.run(
+            [sys.executable, "-c", program, str(threads)], capture_output=True, text=True, check=True
+        )
+        for threads in (1, 2)
+    )
+    assert one.stdout == two.stdout
+    assert len(one.stdout.split()[-1]) == 64
