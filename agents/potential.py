@@ -41,7 +41,7 @@ class Potential:
     """
 
     def __init__(self, swarm: Swarm, group: GroupRange, speed: float | None, avoidance: float):
-        self.swarm, self.start, self.count = swarm, group.start, group.count
+        self.swarm, self.start, self.count, self.row = swarm, group.start, group.count, group.row
         self.speed = group.speed(speed)
         self.avoidance, self.stiffness = avoidance, avoidance**3 / 4  # k
         self.room = group.model.body.radius + avoidance
@@ -86,7 +86,7 @@ class Potential:
         distance = way.norm()
         self._watch(n, distance, dt)
         pull = way / ti.max(distance, SOFT)
-        push = self.swarm.as_believed(i, self._push(i, n // self.count))
+        push = self.swarm.as_believed(i, self._push(i, self.row + n // self.count))
         if self.escape[n] > 0.0 and push.norm() > 0.0:
             side = ti.select(self.tries[n] % 2 == 1, 1.0, -1.0)
             pull = side * ti.Vector([-push[1], push[0]]) / push.norm()

@@ -30,7 +30,8 @@ FREE = 0.9  # share of a commanded move below which the bumper feels contact
 class GroupRange:
     """Where a group lies in the swarm: robot i of trial k has index start + k count + i.
 
-    number: of the group in the scenario, from 0 on; its random streams are named by it, as names may repeat.
+    number: of the group in the scenario, from 0 on; its random streams are named by it, as names may repeat. row: of
+    its first trial in the swarm's `members`.
     """
 
     number: int
@@ -39,6 +40,7 @@ class GroupRange:
     count: int
     trials: int
     model: Group
+    row: int = 0
 
     @property
     def size(self) -> int:
@@ -60,12 +62,13 @@ class GroupRange:
         return slice(self.start, self.start + self.size)
 
 
-def ranges(groups: tuple[Group, ...]) -> list[GroupRange]:
-    """The groups one after the other."""
-    result, start = [], 0
+def ranges(groups: tuple[Group, ...], rivals: bool) -> list[GroupRange]:
+    """The groups one after the other; those of rivals have trials of their own."""
+    result, start, row = [], 0, 0
     for number, group in enumerate(groups):
-        result.append(GroupRange(number, group.name, start, group.count, group.trials, group))
+        result.append(GroupRange(number, group.name, start, group.count, group.trials, group, row))
         start += result[-1].size
+        row += group.trials if rivals else 0
     return result
 
 
@@ -77,7 +80,8 @@ class Swarm:
     clearance: its ti.funcs ``distance(p)`` and ``normal(p)`` give a lower bound of the distance [m] from p to
     the next wall or obstacle, and the unit vector away from it. sources: (m,
     2) [m], known to the referee, not to the robots. walkers: obstacles that move, of which the robots feel the disc
-    around the footprint; one that walks into a robot does not push it: the robot can only drive away.
+    around the footprint; one that walks into a robot does not push it: the robot can only drive away. rivals:
+    whether groups neither see nor touch each other.
 
     Algorithms read `reading` [ppm], `wind` [m/s], `wind_known`, `blocked` (the bumper), where the robot believes to be,
     `believed_position` [m], `believed_heading` [rad] and `odometer` [m], and write `speed_command` [m/s],
@@ -93,12 +97,13 @@ class Swarm:
         sources: np.ndarray,
         seed: int,
         walkers: Sequence[Obstacle] = (),
+        rivals: bool = False,
     ):
-        self.groups = ranges(groups)
+        self.groups = ranges(groups, rivals)
         self.clearance, self.seed = clearance, seed
         self.count = sum(group.size for group in self.groups)
         self.start = np.array(positions, np.float32).reshape(-1, 2)  # where the robots begin [m]
-        self.trials = max((group.trials for group in self.groups), default=0)
+        self.trials = max((group.row + group.trials for group in self.groups), default=0)
         n = max(1, self.count)  # Taichi has no empty fields
         self.position: Any = ti.Vector.field(2, ti.f32, n)
         self.velocity: Any = ti.Vector.field(2, ti.f32, n)
@@ -172,9 +177,14 @@ class Swarm:
             field.from_numpy(values)
 
     def _fill_members(self) -> None:
-        """members[k, :team_size[k]]: the robots of trial k, of all groups that have so many trials."""
+        """members[k, :team_size[k]]: the robots of trial k, of all groups that have part in it."""
         teams = [
-            [g.start + k * g.count + i for g in self.groups if k < g.trials for i in range(g.count)]
+            [
+                g.start + (k - g.row) * g.count + i
+                for g in self.groups
+                if 0 <= k - g.row < g.trials
+                for i in range(g.count)
+            ]
             for k in range(self.trials)
         ]
         sizes = np.array([len(team) for team in teams] or [0], np.int32)

@@ -227,7 +227,8 @@ def _swarm(scenario: Scenario, obstacles: list, grid: Grid, cubes: Cubes | None)
             where, heading = place(group, draws, clearance.distance_at, occupied)
         except ValueError as error:
             raise ScenarioError([f"robots[{n}].start: {error}"]) from None
-        occupied.append(placed(group, where))
+        if not scenario.rivals:
+            occupied.append(placed(group, where))
         positions.append(where)
         headings.append(heading)
     sources = np.array([source.position[:2] for _, source in scenario.sources])
@@ -239,4 +240,5 @@ def _swarm(scenario: Scenario, obstacles: list, grid: Grid, cubes: Cubes | None)
         sources,
         scenario.seed,
         walkers,
+        scenario.rivals,
     )

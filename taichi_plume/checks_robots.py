@@ -79,6 +79,9 @@ def problems(scenario: Scenario, shapes: list[Shape | None]) -> Iterator[str]:
         yield from _found_at_once(path, group, places, scenario)
         names += [(path, k) for k in range(group.count)]
         discs.append((places, group.body.radius))
+        if scenario.rivals:
+            yield from _too_close(names, discs)
+            names, discs = [], []
     if discs:
         yield from _too_close(names, discs)
 

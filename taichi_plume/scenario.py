@@ -156,6 +156,8 @@ class Scenario(Model):
     arena: Arena | None = None
     """Where robots may be; unless given, on the whole floor."""
     robots: tuple[Group, ...] = ()
+    rivals: bool = False
+    """Whether each group searches as if the others were not there: to compare them in the same air."""
     maps: tuple[Map, ...] = ()
     recording: Recording = Recording()
     fields: Fields | None = None

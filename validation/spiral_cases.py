@@ -90,6 +90,7 @@ def room(air: int, opened: float, robots: list[dict[str, Any]], duration: float)
             ],
         },
         "robots": robots,
+        "rivals": True,
     }
 
 

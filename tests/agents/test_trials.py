@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from taichi_plume.assemble import assemble
-from taichi_plume.loading import load_scenario
+from taichi_plume.loading import ScenarioError, load_scenario
 
 SCENARIO = """
 duration: 12
@@ -50,3 +50,36 @@ def test_a_trial_alone(tmp_path, algorithm):
     for name in (*poses, "reading_ppm", "resistance_ohm", "wind", "state"):
         np.testing.assert_array_equal(many[name][6:8], alone[name], err_msg=name)
     assert (many["position"][4:6] != alone["position"]).any()
+
+
+RIVALS = """
+  - name: rivals
+    count: 2
+    trials: 3
+    start: {kind: positions, positions: [[2, 1], [2, 2]], heading_deg: 0}
+    algorithm: {kind: sweep}
+    sensors: {gas: {kind: ideal}}
+  - name: others
+    count: 2
+    trials: 3
+    start: {kind: positions, positions: [[2, 1], [2, 2]], heading_deg: 0}
+    algorithm: {kind: sweep}
+    sensors: {gas: {kind: ideal}}
+"""
+
+
+def test_rivals_search_as_if_they_were_alone(tmp_path):
+    path = tmp_path / "rivals.yaml"
+
+    def run(robots, rivals):
+        path.write_text(SCENARIO[: SCENARIO.index("robots:")] + "robots:" + robots + f"rivals: {rivals}\n")
+        sim = assemble(load_scenario(path), tmp_path)
+        sim.run()
+        return sim.swarm.snapshot()["position"]
+
+    together = run(RIVALS, "true")
+    alone = run(RIVALS[: RIVALS.index("  - name: others")], "false")
+    np.testing.assert_array_equal(together[:6], alone)
+    np.testing.assert_array_equal(together[6:], alone)
+    with pytest.raises(ScenarioError, match="too close"):
+        run(RIVALS, "false")
