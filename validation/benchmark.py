@@ -35,7 +35,7 @@ from taichi_plume.scenario import Domain
 from taichi_plume.solvers.boundaries import periodic_axes
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.gas import EulerianSolver
-from taichi_plume.validation import puff_benchmark, robot_benchmark
+from taichi_plume.validation import puff_benchmark, robot_benchmark, trial_benchmark
 from taichi_plume.winds import CfdWind
 
 ARENA = (
@@ -167,6 +167,7 @@ OTHER_CASES: dict[str, Callable[[str], Sequence[Any]]] = {
     "robots": lambda arch: [
         robot_benchmark.ticks("robots", arch, algorithm) for algorithm in ("casting", "spiral")
     ],
+    "spiral_trials": lambda arch: trial_benchmark.spiral_trials("spiral_trials", arch),
 }
 
 

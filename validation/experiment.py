@@ -64,7 +64,7 @@ class Condition:
 class Experiment:
     """Conditions that are compared with what was published. A quantity that is not expected is told, not judged.
 
-    The command runs `trials` of each condition, tests `few`.
+    The command runs `trials` of each condition, tests `few`; with 0 it is too long for them.
     """
 
     name: str

@@ -3,7 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from taichi_plume.validation import benchmark, puff_benchmark, robot_benchmark
+from taichi_plume.validation import benchmark, puff_benchmark, robot_benchmark, trial_benchmark
 from taichi_plume.validation.benchmark import cluttered, right_sides, solve_pressure
 
 
@@ -58,3 +58,11 @@ def test_robots_are_measured():
         0.3 / (row.measure_ms + row.act_ms + row.move_ms), rel=1e-6
     )
     assert "spiral" in str(row)
+
+
+@pytest.mark.slow
+def test_trials_in_a_recorded_room_are_measured():
+    (row,) = trial_benchmark.spiral_trials("trials", "cpu", 40, recorded=10.0, limit=100.0)
+    assert row.trials == 40
+    assert row.robot_steps == pytest.approx(40 * 100 / 0.25, rel=0.3)  # hardly one has found it yet
+    assert "40 trials" in str(row)

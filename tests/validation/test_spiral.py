@@ -1,0 +1,50 @@
+"""The SPIRAL room as the experiment and the config tell it, and what its trials come to."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from taichi_plume import load_scenario
+from taichi_plume.validation import spiral_cases
+from taichi_plume.validation.searches import scenario_of
+from taichi_plume.validation.spiral_cases import OPENED, SPIRAL_CASES, at, momo, ratio, room
+
+CONFIG = Path(__file__).parents[2] / "configs" / "spiral_room.yaml"
+
+
+def test_the_config_is_the_experiment_of_the_validation():
+    theirs = load_scenario(CONFIG)
+    robot = momo(
+        "momo", 1, at(180), {"kind": "spiral", "minimum_ppm": theirs.robots[0].algorithm.minimum_ppm}
+    )
+    ours = scenario_of(room(0, OPENED, [robot], theirs.duration))
+    assert ours.model_copy(update={"recording": theirs.recording, "rivals": False}) == theirs
+
+
+def test_ratios_of_means_have_an_interval():
+    rng = np.random.default_rng(0)
+    a, b = rng.normal(30.0, 3.0, 400), rng.normal(10.0, 1.0, 400)
+    found = ratio(a, b)
+    assert found.mean == pytest.approx(a.mean() / b.mean())
+    # the relative variances of the means add up
+    half = 1.96 * found.mean * np.hypot(a.std() / a.mean(), b.std() / b.mean()) / 20.0
+    assert found.low == pytest.approx(found.mean - half, rel=0.01)
+    assert found.high == pytest.approx(found.mean + half, rel=0.01)
+
+
+@pytest.mark.slow
+def test_every_row_has_its_trials(monkeypatch):
+    monkeypatch.setattr(spiral_cases, "AIRS", 1)
+    monkeypatch.setattr(spiral_cases, "OPENED", 60.0)
+    monkeypatch.setattr(spiral_cases, "HOUR", 150.0)
+    monkeypatch.setattr(spiral_cases, "least_index", lambda: 1.0)
+    (experiment,) = SPIRAL_CASES
+    told = {condition.name: condition.run(6) for condition in experiment.conditions}
+    quick, slow = told["E. coli 3 s, 180 cm"], told["random SPIRAL, 180 cm"]
+    assert quick["acquisitions"].mean > 15  # of 3 s, and 5 s of driving and turning
+    assert 3 <= slow["acquisitions"].mean <= 4.5  # of 31 s, and 5
+    assert all(told[row.name]["success"].n == 6 for row in experiment.conditions[:-1])
+    ratios = experiment.conditions[-1]
+    assert ratios.published.keys() >= ratios.expected.keys()
+    assert told[ratios.name].keys() > ratios.expected.keys()

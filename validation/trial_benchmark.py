@@ -1,0 +1,73 @@
+"""How long many trials of SPIRAL take, from the first to the end of the last, in a room that was recorded before."""
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from taichi_plume import kernels
+from taichi_plume.assemble import assemble
+from taichi_plume.filming import Filming
+from taichi_plume.scores import trial_outcomes
+from taichi_plume.validation.searches import scenario_of
+from taichi_plume.validation.spiral_cases import HOUR, OPENED, SOURCE, at, momo, room
+
+RECORDED = 600.0  # s, shown again and again
+FILM = "room.zarr"
+
+
+@dataclass(frozen=True)
+class Trials:
+    """Trials of a search to their end, and how long the room took to be recorded."""
+
+    case: str
+    trials: int
+    success: float
+    mean_s: float
+    robot_steps: float
+    recording_wall_s: float
+    wall_s: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.case:16} {self.trials:8,} trials in {self.wall_s:.0f} s ({self.robot_steps / 1e6:.0f} million "
+            f"robot-steps; {self.success:.1%} found in {self.mean_s:.0f} s), recorded in {self.recording_wall_s:.0f} s"
+        )
+
+
+def spiral_trials(
+    case: str, arch: str, trials: int = 10_000, recorded: float = RECORDED, limit: float = HOUR
+) -> list[Trials]:
+    """SPIRAL from 180 cm, until all have found the dish or the time is over [s]."""
+    with TemporaryDirectory() as folder:
+        begin = time.perf_counter()
+        kernels.start(arch)
+        fields = {"rate": 1.0, "quantities": ["wind", "gas"]}
+        sim = assemble(scenario_of(room(0, OPENED, [], recorded) | {"fields": fields}))
+        assert sim.scenario.fields is not None
+        sim.observers.append(Filming(sim, Path(folder) / FILM, sim.scenario.fields).observer())
+        sim.run()
+        middle = time.perf_counter()
+        kernels.start(arch)
+        film = {"kind": "playback", "file": FILM, "loop": True}
+        group = momo("SPIRAL", trials, at(180), {"kind": "spiral", "minimum_ppm": 6.0})
+        played = room(0, 0.0, [group], limit) | {"wind": film, "gas": film}
+        sim = assemble(scenario_of(played, Path(folder)), Path(folder))
+        sim.run()
+        end = time.perf_counter()
+    told = trial_outcomes(sim.swarm.groups[0], sim.swarm.snapshot(), np.array([SOURCE]))
+    good = [t for t, found in zip(told["time_s"], told["success"], strict=True) if found]
+    steps = sum(good) / sim.dt + (trials - len(good)) * sim.tick
+    return [
+        Trials(
+            case,
+            trials,
+            len(good) / trials,
+            sum(good) / max(1, len(good)),
+            steps,
+            middle - begin,
+            end - middle,
+        )
+    ]
