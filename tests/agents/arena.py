@@ -66,15 +66,19 @@ class Run:
         self.team = Team(self.swarm, self.swarm.groups[0], 2, TICK)
         self.gas, self.tick = gas, 0
 
+    def step(self):
+        """One tick."""
+        self.tick += 1
+        t = self.tick * TICK
+        self.team.measure(self.gas, self.gas, self.tick, t)
+        self.team.act(self.tick, t, TICK)
+        self.swarm.move(self.tick, t, TICK)
+
     def go(self, seconds):
         """Run on; returns the state of each robot at each tick, and its position."""
         states, places = [], []
         for _ in range(round(seconds / TICK)):
-            self.tick += 1
-            t = self.tick * TICK
-            self.team.measure(self.gas, self.gas, self.tick, t)
-            self.team.act(self.tick, t, TICK)
-            self.swarm.move(self.tick, t, TICK)
+            self.step()
             states.append(self.swarm.state.to_numpy())
             places.append(self.swarm.position.to_numpy())
         return np.array(states), np.array(places)

@@ -164,7 +164,8 @@ def test_random_spiral_needs_as_many_acquisitions_as_published():
         reach=0.185,
         capture="square",
     )
-    run.go(3600 * 2)
+    for _ in range(round(2 * 3600 / TICK)):
+        run.step()
     now = run.swarm.snapshot()
     found = now["found"] > 0
     assert found.mean() > 0.99
