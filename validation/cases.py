@@ -7,6 +7,7 @@ from taichi_plume.validation.case import SECOND_ORDER, Case, Expected
 from taichi_plume.validation.cavity import cavity
 from taichi_plume.validation.channel_cases import couette_start, duct, poiseuille, poiseuille_start
 from taichi_plume.validation.cross_checks import fan, honeycombs, one_layer
+from taichi_plume.validation.dapso_cases import DAPSO_CASES
 from taichi_plume.validation.dispersion_cases import DISPERSION_CASES
 from taichi_plume.validation.experiment import Experiment
 from taichi_plume.validation.flow_cases import kovasznay, taylor_green
@@ -266,5 +267,6 @@ _ALL = (
     *PUFF_CASES,
     *PLUMESIM_CASES,
     *SPIRAL_CASES,
+    *DAPSO_CASES,
 )
 CASES: dict[str, Case | Experiment] = {case.name: case for case in _ALL}

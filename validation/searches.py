@@ -85,3 +85,12 @@ def searches(
         found.add(assemble(scenario, folder))
     assert scenario is not None
     return found.told(scenario, title)
+
+
+def contest(data: dict[str, Any], folder: Path = Path()) -> dict[str, dict[str, list[Any]]]:
+    """Run a scenario with its groups as rivals; returns the columns of `trial_outcomes` by the names of the groups."""
+    sim = assemble(scenario_of(data | {"rivals": True}, folder), folder)
+    sim.run()
+    snapshot = sim.swarm.snapshot()
+    sources = np.array([source.position[:2] for _, source in sim.scenario.sources])
+    return {group.name: trial_outcomes(group, snapshot, sources) for group in sim.swarm.groups}

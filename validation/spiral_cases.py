@@ -1,8 +1,8 @@
 """The SPIRAL room: four algorithms look for a dish of ethanol in a closed room without a fan, from two distances.
 
 Ferri, Caselli, Mattoli, Mondini, Mazzolai & Dario, Robotics and Autonomous Systems 57 (2009) 393-402, table 2. Arena,
-dish, distances, robot, sensor and algorithms are the paper's. It does not tell of the room around the arena: ours, as in
-configs/spiral_room.yaml, has 50 m³ of air that drifts about at a few cm/s, see solvers/synthetic.py. All algorithms
+dish, distances, robot, sensor and algorithms are the paper's. It does not tell of the room around the arena: ours, that
+of configs/spiral_room.yaml, has 50 m³ of air that drifts about at a few cm/s, see solvers/synthetic.py. All algorithms
 search the same airs, an equal share of the trials each. As in the paper a session has four trials, after which the room
 is aired: the first begins 5 minutes after the dish was opened, each other one SESSION seconds later and in more vapour.
 
@@ -21,9 +21,9 @@ from scipy.stats import bootstrap
 
 from taichi_plume.agents.spiral import Spiral
 from taichi_plume.assemble import assemble
-from taichi_plume.scores import mean_with_interval, trial_outcomes, trial_summary
+from taichi_plume.scores import mean_with_interval, trial_summary
 from taichi_plume.validation.experiment import Condition, Experiment, Mean, Range, Told
-from taichi_plume.validation.searches import scenario_of, spread
+from taichi_plume.validation.searches import contest, scenario_of, spread
 
 OPENED = 300.0  # s before the first trial
 SESSION = 460.0  # s from trial to trial: the published mean of SPIRAL, and a minute
@@ -55,7 +55,7 @@ Columns = Mapping[str, np.ndarray]
 
 def at(distance: int) -> dict[str, Any]:
     """Start at so many centimetres from the dish, across the way to it."""
-    place = [SOURCE[0] - distance / 100, SOURCE[1]]
+    place = [round(SOURCE[0] - distance / 100, 2), SOURCE[1]]
     return {"kind": "positions", "positions": [place], "heading_deg": 90}
 
 
@@ -100,7 +100,6 @@ def room(air: int, opened: float, robots: list[dict[str, Any]], duration: float)
             ],
         },
         "robots": robots,
-        "rivals": True,
     }
 
 
@@ -126,18 +125,13 @@ def least_index() -> float:
 @cache
 def table(trials: int) -> dict[tuple[str, int], Columns]:
     """What `trial_outcomes` tells of every algorithm and distance, over the trials of all rooms."""
-    rows = [(name, distance) for name in ALGORITHMS for distance in DISTANCES]
     algorithms = spiral_of(least_index())
-    columns: dict[tuple[str, int], dict[str, list[Any]]] = {row: {} for row in rows}
+    columns: dict[tuple[str, int], dict[str, list[Any]]] = {row: {} for row in TABLE_2}
     for air, share in enumerate(spread(trials, AIRS)):
-        robots = [
-            momo(f"{name} {distance}", share, at(distance), algorithms[name]) for name, distance in rows
-        ]
-        sim = assemble(scenario_of(room(air, OPENED + air * SESSION, robots, HOUR)))
-        sim.run()
-        snapshot = sim.swarm.snapshot()
-        for row, group in zip(rows, sim.swarm.groups, strict=True):
-            for name, values in trial_outcomes(group, snapshot, np.array([SOURCE])).items():
+        robots = [momo(f"{row}", share, at(row[1]), algorithms[row[0]]) for row in TABLE_2]
+        found = contest(room(air, OPENED + air * SESSION, robots, HOUR))
+        for row, told in zip(TABLE_2, found.values(), strict=True):
+            for name, values in told.items():
                 columns[row].setdefault(name, []).extend(values)
     return {row: {name: np.array(values) for name, values in told.items()} for row, told in columns.items()}
 

@@ -8,6 +8,7 @@ import pytest
 from taichi_plume import load_scenario
 from taichi_plume.loading import ScenarioError
 from taichi_plume.point_frames import PointFrames, read_fluent
+from taichi_plume.validation import dapso_cases
 from taichi_plume.validation.experiment import Mean, Tracks
 from taichi_plume.validation.plumesim_cases import LAMINAR, PLUME, arena, export, in_airs
 from taichi_plume.validation.searches import WAY, scenario_of, searches, spread
@@ -25,6 +26,13 @@ def test_trials_are_spread_evenly(trials, airs, shares):
 def test_the_config_is_the_experiment_of_the_validation():
     ours, theirs = scenario_of(arena(LAMINAR, PLUME)), load_scenario(CONFIG)
     assert ours == theirs
+
+
+def test_the_arena_of_dapso_is_that_of_the_config():
+    theirs = load_scenario(CONFIG.with_name("dapso_arena.yaml"))
+    robots = [dapso_cases.team("team", 1, dapso_cases.TEAMS["DAPSO"])]
+    ours = scenario_of(dapso_cases.arena(robots))
+    assert ours.model_copy(update={"maps": theirs.maps}) == theirs
 
 
 def test_what_is_wrong_with_a_scenario_is_told():

@@ -19,7 +19,7 @@ def test_the_config_is_the_experiment_of_the_validation():
         "momo", 1, at(180), {"kind": "spiral", "minimum_ppm": theirs.robots[0].algorithm.minimum_ppm}
     )
     ours = scenario_of(room(0, OPENED, [robot], theirs.duration))
-    assert ours.model_copy(update={"recording": theirs.recording, "rivals": False}) == theirs
+    assert ours.model_copy(update={"recording": theirs.recording}) == theirs
 
 
 def test_ratios_of_means_have_an_interval():
