@@ -60,6 +60,19 @@ def map_score(estimate: np.ndarray, truth: np.ndarray) -> MapScore:
     return MapScore(mae, correlation, known)
 
 
+def peak_distance(estimate: np.ndarray, cell: float, sources: np.ndarray) -> np.ndarray:
+    """Distance [m] from the largest value of each of the maps (trials, nx, ny) to the nearest of the sources (m, 2) [m].
+
+    NaN where a map knows nothing or there is no source.
+    """
+    trials, _, ny = estimate.shape
+    known = np.isfinite(estimate)
+    peak = np.where(known, estimate, -np.inf).reshape(trials, -1).argmax(axis=1)
+    place = (np.stack([peak // ny, peak % ny], axis=-1) + 0.5) * cell
+    apart = np.linalg.norm(place[:, None] - sources, axis=-1).min(axis=1, initial=np.inf)
+    return np.where(known.any(axis=(1, 2)) & np.isfinite(apart), apart, np.nan)
+
+
 def trial_outcomes(group: Any, snapshot: dict[str, np.ndarray], sources: np.ndarray) -> dict[str, Any]:
     """Per trial of a group, as columns; sources: (m, 2) [m].
 
