@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import taichi as ti
 
-from taichi_plume.agents.mapping import InverseDistanceMap, TimeSeriesMap
-from taichi_plume.scenario import IdwMap
-from taichi_plume.scenario import TimeSeriesMap as TimeSeriesModel
+from taichi_plume import map_models
+from taichi_plume.agents.inverse_distance import InverseDistanceMap
+from taichi_plume.agents.time_series import TimeSeriesMap
 
 EXTENT = (2.0, 1.5)
 CELL, WINDOW, DT = 0.25, 5.0, 0.5
@@ -101,7 +101,7 @@ def same(ours, reference):
 @pytest.mark.parametrize("pause", [(np.inf, np.inf), (20.0, 30.0)], ids=["steady", "pause"])
 def test_time_series_map_is_eq_1_to_8(alpha, pause):
     """45 s; with the pause, snaps 5 and 6 have no samples."""
-    gas_map = TimeSeriesMap(TimeSeriesModel(kind="time_series", alpha=alpha), EXTENT, TRIALS)
+    gas_map = TimeSeriesMap(map_models.TimeSeriesMap(kind="time_series", alpha=alpha), EXTENT, TRIALS)
     assert np.isnan(gas_map.estimate()).all()
     snaps = run(gas_map, 45.0, pause)
     assert gas_map.snaps == 9
@@ -123,7 +123,7 @@ def test_time_series_map_is_eq_1_to_8(alpha, pause):
 
 def test_nothing_is_known_right_after_an_empty_snap_when_the_neighbourhood_is_short():
     """alpha = 0.4 reaches one snap back: unknown, not zero."""
-    gas_map = TimeSeriesMap(TimeSeriesModel(kind="time_series", alpha=0.4), EXTENT, TRIALS)
+    gas_map = TimeSeriesMap(map_models.TimeSeriesMap(kind="time_series", alpha=0.4), EXTENT, TRIALS)
     robots: Any = Robots(1)
     robots.wander()
     gas_map.update(robots, 10, 5.0, DT)
@@ -136,7 +136,7 @@ def test_nothing_is_known_right_after_an_empty_snap_when_the_neighbourhood_is_sh
 
 @pytest.mark.parametrize("power", [1.0, 2.0, 3.5])
 def test_inverse_distance_map_is_eq_1_to_3_of_the_last_snap(power):
-    model = IdwMap(kind="inverse_distance", power=power, min_distance=0.05)
+    model = map_models.InverseDistanceMap(kind="inverse_distance", power=power, min_distance=0.05)
     gas_map = InverseDistanceMap(model, EXTENT, TRIALS)
     snaps = run(gas_map, 17.0)  # 2 s into the fourth snap
     for trial in range(TRIALS):
@@ -155,16 +155,18 @@ def test_inverse_distance_map_is_eq_1_to_3_of_the_last_snap(power):
 )
 def test_reach_of_the_neighbourhood(alpha, lags, entries):
     """Counted by hand from eq 4 and 5, beta = 0.5, 5 s and 0.25 m; a distance of exactly beta is outside."""
-    gas_map = TimeSeriesMap(TimeSeriesModel(kind="time_series", alpha=alpha), EXTENT, 1)
+    gas_map = TimeSeriesMap(map_models.TimeSeriesMap(kind="time_series", alpha=alpha), EXTENT, 1)
     assert gas_map.depth == lags + 1
     assert len(gas_map.closeness.to_numpy()) == entries
 
 
 def test_a_neighbourhood_without_any_snap_is_refused():
     with pytest.raises(ValueError, match="sees no past snap"):
-        TimeSeriesModel(kind="time_series", alpha=0.4, window=20.0)
+        map_models.TimeSeriesMap(kind="time_series", alpha=0.4, window=20.0)
 
 
 def test_cells_cover_the_floor():
-    gas_map = InverseDistanceMap(IdwMap(kind="inverse_distance", cell=0.4), (2.0, 1.5), 1)
+    gas_map = InverseDistanceMap(
+        map_models.InverseDistanceMap(kind="inverse_distance", cell=0.4), (2.0, 1.5), 1
+    )
     assert gas_map.shape == (5, 4)
