@@ -20,6 +20,7 @@ import pyarrow.parquet as pq
 import yaml
 
 from taichi_plume import __version__, disk, scores
+from taichi_plume.map_scores import MapScores, MapSeries
 from taichi_plume.scenario import Scenario
 from taichi_plume.simulation import Every, Simulation
 
@@ -252,8 +253,10 @@ class ForceTable:
 # ---------------------------------------------------------------- the result
 
 
-def result(sim: Simulation, status: str, message: str, backend: str) -> dict[str, Any]:
-    """What came of a run, ready for `write_result`."""
+def result(
+    sim: Simulation, status: str, message: str, backend: str, map_scores: MapScores | None = None
+) -> dict[str, Any]:
+    """What came of a run, ready for `write_result`; map_scores: of its maps over time."""
     cells = prod(sim.grid.shape)
     steps = cells * sim.steps
     return {
@@ -272,7 +275,10 @@ def result(sim: Simulation, status: str, message: str, backend: str) -> dict[str
         "gas": _budget(sim),
         "obstacles": _obstacles(sim),
         "groups": _groups(sim),
-        "maps": [_map(sim, n) for n in range(len(sim.maps))],
+        "maps": [
+            _map(sim, n) | (_over_time(map_scores.series[n]) if map_scores else {})
+            for n in range(len(sim.maps))
+        ],
     }
 
 
@@ -353,6 +359,13 @@ def _map(sim: Simulation, n: int) -> dict[str, Any]:
             "error_ppm": [_mean(errors) for _, errors in forecasts],
         },
     }
+
+
+def _over_time(series: MapSeries) -> dict[str, Any]:
+    """Scores of a map against the mean of the gas (see map_scores), over time the mean of all trials."""
+    last = {name: values[-1].tolist() for name, values in series.values.items() if values}
+    means = {name: [_mean(value) for value in values] for name, values in series.values.items()}
+    return {"mean_gas": {"time_s": series.time, **means, "per_trial_at_end": last}}
 
 
 def _mean(values: np.ndarray) -> float | None:
@@ -466,4 +479,9 @@ def _map_line(gas_map: dict[str, Any]) -> str:
     )
     if gas_map["correlation"] is not None:
         text += f", correlation {gas_map['correlation']:.2f}"
+    over_time = gas_map.get("mean_gas", {})
+    if over_time.get("time_s") and over_time["error_ppm"][-1] is not None:
+        text += f"; from the mean of the gas {over_time['error_ppm'][-1]:.3g} ppm"
+        if over_time["peak_distance_m"][-1] is not None:
+            text += f", its peak {over_time['peak_distance_m'][-1]:.2f} m from a source"
     return text
