@@ -30,7 +30,9 @@ class MapSeries:
         self.shape: tuple[int, int] = np.shape(getattr(self.map, "estimate")())[1:]  # noqa: B009
         self.sources = np.array([source.position[:2] for _, source in sim.scenario.sources]).reshape(-1, 2)
         groups = sim.swarm.groups if sim.swarm.count else []
-        self.trial = np.concatenate([[], *(np.repeat(np.arange(g.trials), g.count) for g in groups)]).astype(int)
+        self.trial = np.concatenate([[], *(np.repeat(np.arange(g.trials), g.count) for g in groups)]).astype(
+            int
+        )
         self.sum, self.looks, self.rows = np.zeros(self.shape), 0, 0
         self.time: list[float] = []
         self.values: dict[str, list[np.ndarray]] = {name: [] for name in NAMES}

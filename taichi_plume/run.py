@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from taichi_plume.map_scores import MapScores
     from taichi_plume.scenario import Scenario
     from taichi_plume.simulation import Simulation
 

@@ -61,7 +61,7 @@ def map_score(estimate: np.ndarray, truth: np.ndarray) -> MapScore:
 
 
 def peak_distance(estimate: np.ndarray, cell: float, sources: np.ndarray) -> np.ndarray:
-    """Distance [m] from the peak of each of the maps (trials, nx, ny) to the nearest of the sources (m, 2) [m], (trials,).
+    """Distance [m] from the peaks of maps (trials, nx, ny) to the nearest of the sources (m, 2) [m], (trials,).
 
     NaN where a map knows nothing or there is no source.
     """
@@ -74,7 +74,7 @@ def peak_distance(estimate: np.ndarray, cell: float, sources: np.ndarray) -> np.
 
 
 def surprise(reading: np.ndarray, mean: np.ndarray, variance: np.ndarray) -> np.ndarray:
-    """Negative logarithm of a normal density at readings [ppm]; NaN where mean or variance are unknown or it is zero."""
+    """Negative logarithm of a normal density at readings [ppm]; NaN where the mean or a variance is unknown."""
     known = np.isfinite(mean) & (variance > 0)
     v = np.where(known, variance, 1.0)
     return np.where(known, 0.5 * np.log(2 * np.pi * v) + (reading - mean) ** 2 / (2 * v), np.nan)

@@ -18,14 +18,15 @@ import numpy as np
 from scipy.stats import bootstrap
 
 from taichi_plume.assemble import assemble
-from taichi_plume.scores import mean_with_interval, peak_distance
-from taichi_plume.simulation import Every, Simulation
+from taichi_plume.map_scores import MapScores
+from taichi_plume.scores import mean_with_interval
+from taichi_plume.simulation import Simulation
 from taichi_plume.validation.experiment import Condition, Experiment, Lines, Mean, Range, Told
 from taichi_plume.validation.searches import scenario_of, spread
 
 DURATION = 300.0  # s; alpha = 0.98 looks back 250 s
 SETTLED = 30.0  # s; errors count from then on
-WINDOW = 5.0  # s, of a snap
+SCORES = ("error_ppm", "peak_distance_m")
 TEAMS = 3  # in an air
 ALPHAS = (0.4, 0.6, 0.8, 0.9, 0.95, 0.98)
 PURE = "pure interpolation"
@@ -83,50 +84,67 @@ def arena(source: tuple[float, float], navigation: str, air: int = 0, teams: int
     }
 
 
-def maps_of(sim: Simulation) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Run a simulation. Returns the ends of the snaps that count [s], and of every map and team, (maps, snaps, teams),
-    the forecast error [ppm] and the distance from the map's peak to the source [m].
-    """
-    maps: list[Any] = list(sim.maps)
-    sources = np.array([source.position[:2] for _, source in sim.scenario.sources])
-    peaks: list[list[np.ndarray]] = []
+Scored = tuple[np.ndarray, ...]
+"""Ends of the snaps that count [s], and (maps, snaps, teams) each: forecast error, error against the true mean [ppm],
+distance of the peak from the source [m].
+"""
 
-    def look(sim: Simulation) -> None:
-        if sim.t > SETTLED + 0.5 * WINDOW:
-            peaks.append([peak_distance(one.estimate(), one.cell, sources) for one in maps])
 
-    sim.observers.append(Every(WINDOW, look))
+def scored(sim: Simulation) -> Scored:
+    """Run a simulation; how its maps fare."""
+    judge = MapScores(sim)
+    sim.observers.append(judge.observer())
     sim.run()
-    time = np.array([t for t, _ in maps[0].errors])
-    errors = np.array([[error for _, error in one.errors] for one in maps])
-    counted = time > SETTLED + 0.5 * WINDOW
-    return time[counted], errors[:, counted], np.moveaxis(np.array(peaks), 0, 1)
+    forecasts = [getattr(one, "errors") for one in sim.maps]  # noqa: B009  what the clock knows of a map is less
+    time = np.array([t for t, _ in forecasts[0]])
+    counted = time > SETTLED + 1e-6
+    rows = np.searchsorted(judge.series[0].time, time[counted] - 1e-3)
+    return (
+        time[counted],
+        np.array([[error for _, error in one] for one in forecasts])[:, counted],
+        *(np.array([np.array(one.values[name])[rows] for one in judge.series]) for name in SCORES),
+    )
 
 
 def mapped(trials: int, source: tuple[float, float], navigation: str, title: str) -> Told:
     """What the maps of so many teams come to."""
     runs = [
-        maps_of(assemble(scenario_of(arena(source, navigation, air, teams))))
+        scored(assemble(scenario_of(arena(source, navigation, air, teams))))
         for air, teams in enumerate(spread(trials, ceil(trials / TEAMS)))
     ]
     time = runs[0][0]
-    errors, peaks = (np.concatenate([run[n] for run in runs], axis=-1) for n in (1, 2))
-    means = errors.mean(axis=1)  # (maps, teams)
-    series = dict(zip((PURE, *(f"alpha {alpha:g}" for alpha in ALPHAS)), errors.mean(axis=-1), strict=True))
-    shares = [over(mean, means[0]) for mean in means[1:]]
+    errors, off, peaks = (np.concatenate([run[n] for run in runs], axis=-1) for n in (1, 2, 3))
+    names = (PURE, *(f"alpha {alpha:g}" for alpha in ALPHAS))
+    forecast, distance, peak = errors.mean(axis=1), off.mean(axis=1), peaks.mean(axis=1)  # (maps, teams)
+    shares = [over(mean, forecast[0]) for mean in forecast[1:]]
+    from_truth = [over(mean, distance[0]) for mean in distance[1:]]
     best = 1 + ALPHAS.index(BEST)
     return {
-        f"{PURE} [ppm]": Mean(**mean_with_interval(means[0])),
+        f"{PURE} [ppm]": Mean(**mean_with_interval(forecast[0])),
         **{error_of(alpha): share for alpha, share in zip(ALPHAS, shares, strict=True)},
-        "alpha of the least error": least(means[1:]),
-        f"peak to source, alpha {BEST:g} [m]": Mean(**mean_with_interval(peaks[best].mean(axis=0))),
-        f"peak to source, {PURE} [m]": Mean(**mean_with_interval(peaks[0].mean(axis=0))),
-        f"Error over time, {title}": Lines("t [s]", "MAE [ppm]", time, series),
-        f"Mean error, {title}": Lines(
-            "alpha", f"MAE / that of the {PURE}", np.array(ALPHAS),
-            {"mean": np.array([share.mean for share in shares]), PURE: np.ones(len(ALPHAS))},
+        "alpha of the least error": least(forecast[1:]),
+        **{from_truth_of(alpha): share for alpha, share in zip(ALPHAS, from_truth, strict=True)},
+        f"peak to source, alpha {BEST:g} [m]": Mean(**mean_with_interval(peak[best])),
+        f"peak to source, {PURE} [m]": Mean(**mean_with_interval(peak[0])),
+        f"Forecast error, {title}": Lines(
+            "t [s]", "MAE [ppm]", time, dict(zip(names, errors.mean(axis=-1), strict=True))
         ),
-    }  # fmt: skip
+        f"Mean errors, {title}": Lines(
+            "alpha",
+            f"over that of the {PURE}",
+            np.array(ALPHAS),
+            {
+                "forecast (eq 8)": np.array([share.mean for share in shares]),
+                "from the true mean": np.array([share.mean for share in from_truth]),
+                PURE: np.ones(len(ALPHAS)),
+            },
+        ),
+    }
+
+
+def from_truth_of(alpha: float) -> str:
+    """Name of a relative error against the true mean of the gas."""
+    return f"from the true mean, alpha {alpha:g} / {PURE}"
 
 
 def error_of(alpha: float) -> str:
