@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from taichi_plume.agents.inverse_distance import InverseDistanceMap
+from taichi_plume.agents.kernel_dm import KernelMap
 from taichi_plume.agents.mapping import Mapper
 from taichi_plume.agents.placement import Placed, place, placed
 from taichi_plume.agents.swarm import Swarm, disc_around
@@ -61,7 +62,7 @@ from taichi_plume.winds import (
     UniformWind,
 )
 
-MAPS = {"time_series": TimeSeriesMap, "inverse_distance": InverseDistanceMap}
+MAPS = {"time_series": TimeSeriesMap, "inverse_distance": InverseDistanceMap, "kernel_dmv": KernelMap}
 
 
 def assemble(

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from taichi_plume.vocabulary import Duration, Length, Model, Positive
+from taichi_plume.vocabulary import Count, Delay, Duration, Length, Model, Positive
 
 
 class TimeSeriesMap(Model):
@@ -48,4 +48,24 @@ class InverseDistanceMap(Model):
     min_distance: Length | None = None
 
 
-Map = Annotated[TimeSeriesMap | InverseDistanceMap, Field(discriminator="kind")]
+class KernelMap(Model):
+    """Mean and variance by Gaussian weights (Kernel DM+V: Lilienthal et al., IROS 2009)."""
+
+    kind: Literal["kernel_dmv"]
+    cell: Length = 0.1
+    """Edge of the cells [m]."""
+    sigma: Length = 0.25
+    """Width of the kernel [m]: how far a reading tells of the gas around it."""
+    sigma_omega: Positive = 5.0
+    """Readings taken in the middle of a cell that make its confidence 1 - 1/e; with few, the mean of all counts."""
+    memory: Duration | None = None
+    """Age at which a reading counts 1/e of a fresh one [s] (TD Kernel DM+V: Asadi et al. 2011); unless given, all count
+    alike. One minute is a good begin."""
+    wind_stretch: Delay = 0.0
+    """Widening of the kernel along the wind that a robot feels, per wind speed [s] (Kernel DM+V/W: Reggente &
+    Lilienthal 2009); 0.25 s suits winds of 0.7 m/s."""
+    exact: Count = 2000
+    """Latest readings of a trial for which the variance is reckoned anew as the mean changes."""
+
+
+Map = Annotated[TimeSeriesMap | InverseDistanceMap | KernelMap, Field(discriminator="kind")]

@@ -4,42 +4,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-import taichi as ti
+from readers import EXTENT, TRIALS, Readers, same
 
 from taichi_plume import map_models
 from taichi_plume.agents.inverse_distance import InverseDistanceMap
 from taichi_plume.agents.time_series import TimeSeriesMap
 
-EXTENT = (2.0, 1.5)
 CELL, WINDOW, DT = 0.25, 5.0, 0.5
-TRIALS, COUNT = 2, 3
-
-
-class Robots:
-    """What a map sees of a swarm: robots jumping about, those of trial k at k COUNT ..."""
-
-    def __init__(self, seed):
-        self.rng = np.random.default_rng(seed)
-        n = TRIALS * COUNT
-        self.believed_position = ti.Vector.field(2, ti.f32, n)
-        self.reading = ti.field(ti.f32, n)
-        self.members = ti.field(ti.i32, (TRIALS, COUNT + 1))
-        self.team_size = ti.field(ti.i32, TRIALS)
-        self.team_size.fill(COUNT)
-        self.members.fill(-1)
-        for i in range(n):
-            self.members[i // COUNT, i % COUNT] = i
-        self.where = self.rng.uniform(0, EXTENT, (n, 2))
-
-    def wander(self):
-        self.where = np.clip(self.where + self.rng.normal(0, 0.1, self.where.shape), 0.0, EXTENT)
-        self.believed_position.from_numpy(self.where.astype(np.float32))
-        self.reading.from_numpy(self.rng.exponential(20.0, len(self.where)).astype(np.float32))
 
 
 def run(gas_map, seconds, pause=(np.inf, np.inf)):
     """Feed the map, but during `pause`; returns the samples of each snap: lists of (trial, x, y, reading)."""
-    robots = Robots(4)
+    robots = Readers(4)
     snaps: list[list[tuple]] = [[] for _ in range(round(seconds / WINDOW) + 1)]
     for tick in range(1, round(seconds / DT) + 1):
         robots.wander()
@@ -47,12 +23,7 @@ def run(gas_map, seconds, pause=(np.inf, np.inf)):
         if pause[0] < t <= pause[1]:
             continue
         gas_map.update(robots, tick, t, DT)
-        where, readings = (
-            robots.believed_position.to_numpy().astype(float),
-            robots.reading.to_numpy().astype(float),
-        )
-        for i in range(TRIALS * COUNT):
-            snaps[int(np.ceil(t / WINDOW)) - 1].append((i // COUNT, *where[i], readings[i]))
+        snaps[int(np.ceil(t / WINDOW)) - 1] += [tuple(row[:4]) for row in robots.rows(t)]
     return snaps
 
 
@@ -91,12 +62,6 @@ def forecast(snaps, now, trial, alpha, beta):
     return S, total
 
 
-def same(ours, reference):
-    """Equal to 1e-5 relative, and unknown in the same cells."""
-    assert (np.isnan(ours) == np.isnan(reference)).all()
-    assert ours == pytest.approx(reference, rel=1e-5, nan_ok=True)
-
-
 @pytest.mark.parametrize("alpha", [0.4, 0.9, 0.98])
 @pytest.mark.parametrize("pause", [(np.inf, np.inf), (20.0, 30.0)], ids=["steady", "pause"])
 def test_time_series_map_is_eq_1_to_8(alpha, pause):
@@ -124,7 +89,7 @@ def test_time_series_map_is_eq_1_to_8(alpha, pause):
 def test_nothing_is_known_right_after_an_empty_snap_when_the_neighbourhood_is_short():
     """alpha = 0.4 reaches one snap back: unknown, not zero."""
     gas_map = TimeSeriesMap(map_models.TimeSeriesMap(kind="time_series", alpha=0.4), EXTENT, TRIALS)
-    robots: Any = Robots(1)
+    robots: Any = Readers(1)
     robots.wander()
     gas_map.update(robots, 10, 5.0, DT)
     assert np.isfinite(gas_map.estimate()).all()
