@@ -376,7 +376,7 @@ def _mean(values: np.ndarray) -> float | None:
 
 def write_result(folder: Path, content: dict[str, Any]) -> None:
     """Write `result.json` so that a reader sees all of it or none; what is no number becomes null."""
-    text = json.dumps(_plain(content), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+    text = json.dumps(plain(content), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
     part = folder / "result.json.part"
     try:
         with part.open("w", encoding="utf-8") as file:
@@ -388,15 +388,16 @@ def write_result(folder: Path, content: dict[str, Any]) -> None:
         part.unlink(missing_ok=True)
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
+    """What JSON can hold; what is no number becomes None."""
     if isinstance(value, dict):
-        return {str(key): _plain(part) for key, part in value.items()}
+        return {str(key): plain(part) for key, part in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(part) for part in value]
+        return [plain(part) for part in value]
     if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
+        return plain(value.tolist())
     if isinstance(value, np.generic):
-        return _plain(value.item())
+        return plain(value.item())
     if isinstance(value, float) and not isfinite(value):
         return None
     return value
