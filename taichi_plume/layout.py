@@ -66,12 +66,14 @@ def blueprint(sim: Simulation, stage: Stage, robots: list[str], ghosts: list[str
     shares = [tall, 0.45 * (1 - tall), 0.55 * (1 - tall)][: 1 + len(plots)]
     left = rrb.Vertical(main, *plots, row_shares=shares)
 
-    aspect = _aspect((1 - wide) / 2 if sim.maps else 1 - wide, 0.45, bars=3 if sim.maps else 1)
+    aspect = _aspect(1 - wide, 0.5, bars=2 if sim.maps else 1)
     above: list[Any] = [] if flat else [arena("From above", ground, aspect, 90.0)]
+    aspect = _aspect((1 - wide) / 2, 0.5, bars=3)  # of a map beside the truth
+    unnamed = [f"- /world/openings/{n}/name" for n in range(len(getattr(sim.scenario.wind, "openings", ())))]
     for n, gas_map in enumerate(sim.scenario.maps):
         pictures = {}
         for what in ESTIMATES:
-            seen = [*world, f"/maps/{n}/{what}", f"/legend/{what}/**"]
+            seen = [*world, *unnamed, f"/maps/{n}/{what}", f"/legend/{what}/**"]
             pictures[what] = arena(what.capitalize(), seen, aspect, 90.0)
         truth = pictures.pop("truth")
         name = gas_map.kind.replace("_", " ").capitalize()

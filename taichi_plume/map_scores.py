@@ -44,9 +44,9 @@ class MapSeries:
         """Mean of the true gas [ppm], (nx, ny)."""
         return self.sum / max(1, self.looks)
 
-    def sample(self, sim: Simulation) -> None:
-        """Look at the gas and the readings and, where a snap has ended, score the map."""
-        self.sum += scores.true_gas(sim, self.cell, self.shape)
+    def sample(self, sim: Simulation, gas: np.ndarray) -> None:
+        """Take in the true gas [ppm], (nx, ny), and the readings and, where a snap has ended, score the map."""
+        self.sum += gas
         self.looks += 1
         if self.forecast and len(self.trial):
             now = sim.swarm.snapshot()
@@ -99,5 +99,9 @@ class MapScores:
 
     def sample(self, sim: Simulation) -> None:
         """Look at every map."""
+        gas: dict[tuple, np.ndarray] = {}  # maps often share their cells
         for series in self.series:
-            series.sample(sim)
+            cells = (series.cell, series.shape)
+            if cells not in gas:
+                gas[cells] = scores.true_gas(sim, *cells)
+            series.sample(sim, gas[cells])

@@ -1,8 +1,8 @@
 """Gas maps of recorded readings: ``python -m taichi_plume.maps READINGS --kind time_series --size 4 3 --out DIR``.
 
 READINGS is the robots.parquet of a run, or a CSV file with the columns t [s], x, y [m] and reading [ppm], and where the
-map uses it wind_x, wind_y [m/s]; where there are several, --trial chooses one. Parameters of the map have the names they
-have in a scenario: --cell 0.25 --alpha 0.9. The readings go through the very maps that robots make online. In DIR:
+map uses it wind_x, wind_y [m/s]; where there are several trials, --trial chooses one. Parameters of the map have their
+names in a scenario: --cell 0.25 --alpha 0.9. The readings go through the very maps that robots make online. In DIR:
 
     map.csv      x, y [m] of each cell's middle, ppm, weight and, where the map tells it, variance_ppm2
     map.png      the same, seen from above
