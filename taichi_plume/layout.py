@@ -68,7 +68,7 @@ def blueprint(sim: Simulation, stage: Stage, robots: list[str], ghosts: list[str
 
     aspect = _aspect(1 - wide, 0.5, bars=2 if sim.maps else 1)
     above: list[Any] = [] if flat else [arena("From above", ground, aspect, 90.0)]
-    aspect = _aspect((1 - wide) / 2, 0.5, bars=3)  # of a map beside the truth
+    aspect = _aspect((1 - wide) / 2, 0.5, bars=2)  # of a map beside the truth
     unnamed = [f"- /world/openings/{n}/name" for n in range(len(getattr(sim.scenario.wind, "openings", ())))]
     for n, gas_map in enumerate(sim.scenario.maps):
         pictures = {}
