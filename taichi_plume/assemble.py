@@ -1,11 +1,13 @@
 """Scenario -> Simulation: the one place that knows all parts."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
+from taichi_plume import map_models
+from taichi_plume.agents.gmrf import MarkovMap
 from taichi_plume.agents.inverse_distance import InverseDistanceMap
 from taichi_plume.agents.kernel_dm import KernelMap
 from taichi_plume.agents.mapping import Mapper
@@ -107,7 +109,9 @@ def assemble(
         Team(swarm, group, grid.dim, scenario.tick, folder, own.get(group.name)) for group in swarm.groups
     ]
     floor = (grid.extent[0], grid.extent[1])
-    maps = [mapper(m, floor, max(1, swarm.trials)) for m in scenario.maps]
+    maps = [
+        mapper(m, floor, max(1, swarm.trials), swarm.clearance.obstacle_distance_at) for m in scenario.maps
+    ]
     seen = [*obstacles, *([cubes] if cubes else [])]
     sim = Simulation(scenario, grid, wind, gas, swarm, list(teams), list(maps), seen, air)
     if isinstance(wind, FlowSolver) and wind.area is not None:
@@ -204,8 +208,18 @@ def _add_buoyancy(scenario: Scenario, flow: FlowSolver, gas: Mixture, air: Air) 
         flow.carried.append(heat)
 
 
-def mapper(model: Map, extent: tuple[float, float], trials: int) -> Mapper:
-    """The online map of a model, over a floor of that extent [m]."""
+def mapper(
+    model: Map,
+    extent: tuple[float, float],
+    trials: int,
+    obstacle_distance: Callable[[np.ndarray], np.ndarray],
+) -> Mapper:
+    """The online map of a model, over a floor of that extent [m].
+
+    obstacle_distance: of points (..., 2) [m], the distance [m] to the next obstacle, negative inside.
+    """
+    if isinstance(model, map_models.MarkovMap):
+        return MarkovMap(model, extent, trials, obstacle_distance)
     return MAPS[model.kind](model, extent, trials)
 
 

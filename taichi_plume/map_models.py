@@ -68,4 +68,20 @@ class KernelMap(Model):
     """Latest readings of a trial for which the variance is reckoned anew as the mean changes."""
 
 
-Map = Annotated[TimeSeriesMap | InverseDistanceMap | KernelMap, Field(discriminator="kind")]
+class MarkovMap(Model):
+    """Gaussian Markov random field with obstacles (Monroy et al., Autonomous Robots 2016)."""
+
+    kind: Literal["gmrf"]
+    cell: Length = 0.1
+    """Edge of the cells [m]."""
+    lambda_prior: Positive = 0.01
+    """Precision of the difference of neighbouring cells [1/ppm²]: less lets the map vary more."""
+    lambda_observation: Positive = 10.0
+    """Precision of a fresh reading [1/ppm²]; the mean depends on the two by their ratio alone."""
+    memory: Duration | None = 60.0
+    """Age at which a reading counts no more, after steady loss [s]; null: readings count for ever."""
+    window: Duration = 1.0
+    """Time between updates [s]; readings within it are of the same age."""
+
+
+Map = Annotated[TimeSeriesMap | InverseDistanceMap | KernelMap | MarkovMap, Field(discriminator="kind")]
