@@ -32,6 +32,8 @@ COLUMNS = {
     "reading": ("reading_ppm", "reading"),
     "wind_x": ("wind_x",),
     "wind_y": ("wind_y",),
+    "heading": ("heading",),
+    "believed_heading": ("believed_heading",),
 }
 """Of which names the first that a file has is taken."""
 NEEDED = 4
@@ -45,7 +47,7 @@ class ReadingsError(ValueError):
 
 @dataclass(frozen=True)
 class Readings:
-    """In order of time: t (n,) [s], place (n, 2) [m], reading (n,) [ppm], wind (n, 2) [m/s]."""
+    """In order of time: t (n,) [s], place (n, 2) [m], reading (n,) [ppm], wind (n, 2) [m/s], zero if unknown."""
 
     t: np.ndarray
     place: np.ndarray
@@ -62,35 +64,6 @@ class GasMap:
     weight: np.ndarray
     variance: np.ndarray | None
     scores: dict[str, Any]
-
-
-class Feed:
-    """What maps see of a swarm, from recorded readings: at any time those of one team, of at most `most` robots."""
-
-    def __init__(self, most: int):
-        import taichi as ti
-
-        self.believed_position: Any = ti.Vector.field(2, ti.f32, most)
-        self.wind: Any = ti.Vector.field(2, ti.f32, most)
-        self.reading = ti.field(ti.f32, most)
-        self.members = ti.field(ti.i32, (1, most))
-        self.team_size = ti.field(ti.i32, 1)
-        self.members.from_numpy(np.arange(most, dtype=np.int32)[None])
-        self.most = most
-
-    def show(self, readings: Readings, rows: slice) -> None:
-        """Let the robots be where these readings were taken."""
-        count = rows.stop - rows.start
-
-        def padded(values: np.ndarray) -> np.ndarray:
-            return np.concatenate([values[rows], np.zeros((self.most - count, *values.shape[1:]))]).astype(
-                np.float32
-            )
-
-        self.believed_position.from_numpy(padded(readings.place))
-        self.wind.from_numpy(padded(readings.wind))
-        self.reading.from_numpy(padded(readings.reading))
-        self.team_size.fill(count)
 
 
 # ---------------------------------------------------------------- from Python
@@ -118,19 +91,20 @@ def read(path: Path, trial: int = 0) -> Readings:
         has = ", ".join(table.column_names)
         raise ReadingsError(f"{path}: has no column {', '.join(missing)}; it has {has}")
     n = table.num_rows
-    t, x, y, reading, u, v = (np.zeros(n) if one is None else one for one in columns.values())
+    t, x, y, reading, u, v, heading, believed = (
+        np.zeros(n) if one is None else one for one in columns.values()
+    )
     for name, values in (("t", t), ("x", x), ("y", y)):
         if not np.isfinite(values).all():
             row = int(np.flatnonzero(~np.isfinite(values))[0])
             raise ReadingsError(f"{path}: {name} of row {row + 1} is not a number")
-    if path.suffix == ".parquet":
-        kept = t > 0.0  # at 0 s nothing has been measured yet
-        t, x, y, reading, u, v = (values[kept] for values in (t, x, y, reading, u, v))
-    if not len(t):
+    off = believed - heading  # robots take the wind for turned by it
+    wind = np.column_stack([u * np.cos(off) - v * np.sin(off), u * np.sin(off) + v * np.cos(off)])
+    kept = t > 0.0 if path.suffix == ".parquet" else np.ones(n, bool)  # at 0 s nothing has been measured yet
+    if not kept.any():
         raise ReadingsError(f"{path}: has no readings")
-    order = np.argsort(t, kind="stable")
-    place, wind = np.column_stack([x, y]), np.nan_to_num(np.column_stack([u, v]))
-    return Readings(t[order], place[order], reading[order], wind[order])
+    order = np.flatnonzero(kept)[np.argsort(t[kept], kind="stable")]
+    return Readings(t[order], np.column_stack([x, y])[order], reading[order], np.nan_to_num(wind)[order])
 
 
 def _column(path: Path, table: Any, names: tuple[str, ...]) -> np.ndarray | None:
@@ -151,6 +125,7 @@ def map_of(
     Snaps are cut at multiples of their window since the time 0; those before the first reading are left out.
     Raises ReadingsError where no reading lies on the floor.
     """
+    from taichi_plume.agents.recorded import RecordedTeam
     from taichi_plume.assemble import mapper
     from taichi_plume.scores import peak_distance, surprise
 
@@ -158,13 +133,13 @@ def map_of(
     on = ((readings.place >= 0.0) & (readings.place <= size)).all(axis=1)
     if not (on & told).any():
         raise ReadingsError(f"no reading lies on the floor of {size[0]:g} x {size[1]:g} m from the origin on")
-    gas_map: Any = mapper(model, size, 1)
+    gas_map: Any = mapper(model, size, 1, lambda points: np.full(np.shape(points)[:-1], np.inf))
     window = float(getattr(gas_map, "window", PERIOD))
     begin = window * np.floor((readings.t[0] - 1e-9) / window)
     times, starts = np.unique(readings.t, return_index=True)
     ends = np.append(starts[1:], len(readings.t))
     dt = float(np.diff(times).min()) if len(times) > 1 else window
-    feed = Feed(int((ends - starts).max()))
+    team = RecordedTeam(int((ends - starts).max()))
     shape, knows = np.shape(gas_map.estimate())[1:], hasattr(gas_map, "variance")
     cells = np.clip((readings.place / gas_map.cell).astype(int), 0, np.array(shape) - 1)
     forecast, period, nlpd = None, 0, []
@@ -176,12 +151,12 @@ def map_of(
             at = cells[rows][:, 0], cells[rows][:, 1]
             found = surprise(readings.reading[rows], forecast[0][at], forecast[1][at])
             nlpd += found[on[rows] & np.isfinite(found)].tolist()
-        feed.show(readings, rows)
-        gas_map.update(feed, tick, float(time), dt)
+        team.show(readings.place[rows], readings.wind[rows], readings.reading[rows])
+        gas_map.update(team, tick, float(time), dt)
     estimate, weight = np.asarray(gas_map.estimate()), np.asarray(gas_map.weight())
     errors = [(float(t + begin), float(error[0])) for t, error in gas_map.errors]
     counted = [error for _, error in errors if isfinite(error)]
-    peak = scores_of_peak(estimate[0], gas_map.cell)
+    peak = _peak(estimate[0], gas_map.cell)
     if sources is not None:
         peak["to_source_m"] = float(peak_distance(estimate, gas_map.cell, sources)[0])
     scores = {
@@ -193,12 +168,13 @@ def map_of(
         "forecast_error_ppm": float(np.mean(counted)) if counted else None,
         "forecast": {"time_s": [t for t, _ in errors], "error_ppm": [error for _, error in errors]},
         "nlpd": float(np.mean(nlpd)) if nlpd else None,
+        "nlpd_median": float(np.median(nlpd)) if nlpd else None,
     }
     variance = np.asarray(gas_map.variance())[0] if knows else None
     return GasMap(gas_map.cell, estimate[0], weight[0], variance, scores)
 
 
-def scores_of_peak(estimate: np.ndarray, cell: float) -> dict[str, float | None]:
+def _peak(estimate: np.ndarray, cell: float) -> dict[str, float | None]:
     """Where the largest estimate is [m], and how large [ppm]; None where the map knows nothing."""
     if not np.isfinite(estimate).any():
         return {"x_m": None, "y_m": None, "ppm": None}
