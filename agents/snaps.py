@@ -1,25 +1,21 @@
 """Maps made of snaps: what `time_series` and `inverse_distance` share.
 
-Marjovi & Marques, "Multi-Robot Odor Distribution Mapping in Realistic Time-Variant Conditions", ICRA 2014,
-with its equation numbers. Time is cut into snaps of `window` seconds. In snap k the samples (x_i, C_i) of all
-robots of a trial, at the places x_i where they believe to be, give in cell j
+Marjovi & Marques, "Multi-Robot Odor Distribution Mapping in Realistic Time-Variant Conditions", ICRA 2014, with its
+equation numbers. Time is cut into snaps of `window` seconds. In snap k the samples (x_i, C_i) of all robots of a trial,
+at the places x_i where they believe to be, give in cell j
 
     w_ij = max(|x_j - x_i|, min_distance)^-power                                                (2)
     C_j(k) = Σ_i w_ij C_i / Σ_i w_ij,      W_j(k) = Σ_i w_ij                                    (1) (3)
 
-and the past snaps forecast the next one, t, from the neighbourhood N_j in space and time (i: cells),
+What is known of the past forecasts the running snap t as S_j(t), judged when that snap ends by
 
-    Dist = α |x_j - x_i| + (1 - α) T,      T = 0.1 (t - k) window       (in m and s)            (4)
-    N_j = {(i, k): Dist < β, k < t},       U = 1 / Dist                                         (5) (7)
-    S_j(t) = Σ_N C W U / Σ_N W U                                                                (6)
     MAE(t) = mean over j of |S_j(t) - C_j(t)|                                                   (8)
 
-Kept per snap are A = C W = Σ w C_i and B = W. N_j is the same for every cell, so it is a list of (lag,
-offset, U), made once; the snaps it reaches back to live in a ring buffer. T >= 0.1 window, so that U is never
-infinite.
+Kept of a snap are A = C W = Σ w C_i and B = W.
 """
 
 from math import ceil
+from typing import Any
 
 import numpy as np
 import taichi as ti
@@ -27,122 +23,132 @@ import taichi as ti
 from taichi_plume import map_models as models
 from taichi_plume.agents.mapping import counts, ratio, shape
 from taichi_plume.agents.swarm import Swarm
-from taichi_plume.kernels import Template
-
-Stencil = list[tuple[int, int, int, float]]
-"""(lag in snaps, offset in cells along x and y, weight) of each member of a cell's neighbourhood."""
+from taichi_plume.kernels import STRIP, Template
 
 
 class SnapMap:
-    """What both maps share: snaps, interpolation, forecast from a neighbourhood, and its error.
+    """Snaps, their interpolation, and the error of the forecast, which a subclass makes in `_forecast`.
 
-    extent: size of the floor [m], covered by nx × ny cells of edge `cell` [m] from the origin on. Axis 0 of
-    every array is the trial. `snaps` counts the closed snaps; `errors` holds (time [s], MAE [ppm] (trials,))
-    of each but the first, over the cells that had been forecast; NaN where there were none, or no samples.
+    extent: size of the floor [m]. `snaps` counts the ended snaps; `errors` holds the MAE of each but the first, over
+    the cells that had been forecast; NaN where there were none, or no samples.
     """
+
+    kept = 1
+    """Snaps whose samples are kept, with the running one."""
 
     def __init__(
         self,
         model: models.TimeSeriesMap | models.InverseDistanceMap,
         extent: tuple[float, float],
         trials: int,
-        neighbours: Stencil,
     ):
         self.model, self.cell, self.window, self.power = model, model.cell, model.window, model.power
         self.min_distance = model.cell / 2 if model.min_distance is None else model.min_distance
         self.extent = ti.math.vec2(extent)
         self.shape = shape(extent, model.cell)
+        self.trials = trials
         self.snaps = 0
         self.errors: list[tuple[float, np.ndarray]] = []
-        self.depth = 1 + max(lag for lag, *_ in neighbours)  # the running snap and those the forecast needs
-        # Ring buffer over snaps: snap n (from 0 on) has slot n % depth.
-        self.weighted = ti.field(ti.f32, (trials, self.depth, *self.shape))  # A [ppm / m^power]
-        self.weights = ti.field(ti.f32, (trials, self.depth, *self.shape))  # B [1 / m^power]
-        self.numerator = ti.field(ti.f32, (trials, *self.shape))  # of S for the running snap
-        self.denominator = ti.field(ti.f32, (trials, *self.shape))
-        self.offsets = ti.Vector.field(3, ti.i32, len(neighbours))
-        self.closeness = ti.field(ti.f32, len(neighbours))
-        self.offsets.from_numpy(np.array([entry[:3] for entry in neighbours], np.int32))
-        self.closeness.from_numpy(np.array([entry[3] for entry in neighbours], np.float32))
+        cells = (trials, *self.shape)
+        self.weighted = ti.field(ti.f32, cells)  # A of the last snap [ppm / m^power]
+        self.weights = ti.field(ti.f32, cells)  # B [1 / m^power]
+        self.numerator = ti.field(ti.f32, cells)  # of S for the running snap
+        self.denominator = ti.field(ti.f32, cells)
+        self.samples: Any = None  # (x [m], y [m], C [ppm]) of snap n, from 0 on, at [trial, n % kept]
+        self.taken = ti.field(ti.i32, (trials, self.kept))
 
     def estimate(self) -> np.ndarray:
         """S for the running snap [ppm], (trials, nx, ny); NaN where nothing is known."""
         return ratio(self.numerator.to_numpy(), self.denominator.to_numpy())
 
     def weight(self) -> np.ndarray:
-        """Σ W U, the weight behind `estimate`, (trials, nx, ny)."""
+        """The sum of weights behind `estimate`, (trials, nx, ny)."""
         return self.denominator.to_numpy()
 
     def update(self, swarm: Swarm, tick: int, t: float, dt: float) -> None:
         """Take in the readings at time t [s]; the tick that reaches a multiple of the window ends a snap."""
+        if self.samples is None:
+            most = swarm.members.shape[1] * (ceil(self.window / dt) + 1)
+            self.samples = ti.Vector.field(3, ti.f32, (self.trials, self.kept, most))
         slack = 1e-6 * dt  # t carries rounding
         while self.snaps < ceil((t - slack) / self.window) - 1:
             self._close()  # nothing came in since it ended
-        _accumulate(
-            self.weighted, self.weights, self.snaps % self.depth, swarm.members, swarm.team_size,
-            swarm.believed_position, swarm.reading, self.extent, self.cell, self.power, self.min_distance,
+        _gather(
+            self.samples, self.taken, self.snaps % self.kept, swarm.members, swarm.team_size,
+            swarm.believed_position, swarm.reading, self.extent,
         )  # fmt: skip
         while self.snaps < int((t + slack) / self.window):
             self._close()
 
     def _close(self) -> None:
         """End the running snap: judge its forecast, then make the next."""
-        slot = self.snaps % self.depth
+        _interpolate(
+            self.samples, self.taken, self.snaps % self.kept, self.cell, self.min_distance**2, 0.5 * self.power,
+            int(self.power == 2.0), self.weighted, self.weights,
+        )  # fmt: skip
         if self.snaps > 0:
-            truth = ratio(self.weighted.to_numpy()[:, slot], self.weights.to_numpy()[:, slot])
+            truth = ratio(self.weighted.to_numpy(), self.weights.to_numpy())
             deviation = np.abs(self.estimate() - truth)
             known = np.isfinite(deviation)
             mae = ratio(np.where(known, deviation, 0.0).sum(axis=(1, 2)), known.sum(axis=(1, 2)))
             self.errors.append(((self.snaps + 1) * self.window, mae))
+        self._forecast()
         self.snaps += 1
-        _clear(self.weighted, self.weights, self.snaps % self.depth)
-        _forecast(
-            self.weighted, self.weights, self.snaps, self.depth, self.offsets, self.closeness,
-            self.numerator, self.denominator,
-        )  # fmt: skip
+        _forget(self.taken, self.snaps % self.kept)
+
+    def _forecast(self) -> None:
+        """Write both sums of S for the snap after number `snaps`, which has just ended."""
+        raise NotImplementedError
 
 
 @ti.kernel
-def _accumulate(
-    weighted: Template, weights: Template, slot: int, members: Template, team_size: Template,
-    position: Template, reading: Template, extent: ti.math.vec2, cell: float, power: float, min_distance: float,
+def _gather(
+    samples: Template, taken: Template, slot: int, members: Template, team_size: Template, position: Template,
+    reading: Template, extent: ti.math.vec2,
 ):  # fmt: skip
-    """Add one sample of every robot to the sums A and B of its trial's running snap."""
-    for k, i, j in ti.ndrange(weights.shape[0], weights.shape[2], weights.shape[3]):
-        center = (ti.Vector([i, j]) + 0.5) * cell
-        a = weighted[k, slot, i, j]
-        b = weights[k, slot, i, j]
+    """Note one sample of every robot in its trial's running snap."""
+    for k in team_size:
+        n = taken[k, slot]
         for m in range(team_size[k]):
             robot = members[k, m]
             if counts(reading[robot], position[robot], extent):
-                w = ti.max((position[robot] - center).norm(), min_distance) ** -power
-                a += w * reading[robot]
-                b += w
-        weighted[k, slot, i, j] = a
-        weights[k, slot, i, j] = b
+                if n < samples.shape[2]:
+                    samples[k, slot, n] = ti.Vector([position[robot][0], position[robot][1], reading[robot]])
+                    n += 1
+        taken[k, slot] = n
 
 
 @ti.kernel
-def _clear(weighted: Template, weights: Template, slot: int):
-    for k, i, j in ti.ndrange(weights.shape[0], weights.shape[2], weights.shape[3]):
-        weighted[k, slot, i, j] = 0.0
-        weights[k, slot, i, j] = 0.0
+def _forget(taken: Template, slot: int):
+    for k in range(taken.shape[0]):
+        taken[k, slot] = 0
 
 
 @ti.kernel
-def _forecast(
-    weighted: Template, weights: Template, snap: int, depth: int, offsets: Template, closeness: Template,
-    numerator: Template, denominator: Template,
+def _interpolate(
+    samples: Template, taken: Template, slot: int, cell: float, least: float, half_power: float, squared: Template,
+    weighted: Template, weights: Template,
 ):  # fmt: skip
-    """Both sums of eq 6 for snap number `snap`; cells beyond the edge contribute nothing."""
-    for k, i, j in numerator:
-        a = 0.0
-        b = 0.0
-        for n in range(closeness.shape[0]):
-            lag, x, y = offsets[n][0], i + offsets[n][1], j + offsets[n][2]
-            if lag <= snap and 0 <= x < numerator.shape[1] and 0 <= y < numerator.shape[2]:
-                slot = (snap - lag) % depth
-                a += closeness[n] * weighted[k, slot, x, y]
-                b += closeness[n] * weights[k, slot, x, y]
-        numerator[k, i, j] = a
-        denominator[k, i, j] = b
+    """The sums A and B of a snap, along y in strips that fit into registers; least: shortest distance² [m²]."""
+    nx, ny = ti.static(weights.shape[1], weights.shape[2])
+    for k, i, strip in ti.ndrange(weights.shape[0], nx, (ny + STRIP - 1) // STRIP):
+        first = strip * STRIP
+        a = ti.Vector([0.0] * STRIP)
+        b = ti.Vector([0.0] * STRIP)
+        for n in range(taken[k, slot]):
+            sample = samples[k, slot, n]
+            dx = (i + 0.5) * cell - sample[0]
+            begin = (first + 0.5) * cell - sample[1]
+            for s in range(STRIP):
+                dy = begin + s * cell
+                r2 = ti.max(dx * dx + dy * dy, least)
+                w = 0.0
+                if ti.static(squared):
+                    w = 1.0 / r2
+                else:
+                    w = r2**-half_power
+                a[s] += w * sample[2]
+                b[s] += w
+        for s in range(ti.min(STRIP, ny - first)):
+            weighted[k, i, first + s] = a[s]
+            weights[k, i, first + s] = b[s]

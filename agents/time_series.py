@@ -1,18 +1,73 @@
-"""Gas map from a neighbourhood in space and time: eq 4-7 of `snaps`."""
+"""Gas map from a neighbourhood in space and time: eq 4-7 of Marjovi & Marques, ICRA 2014 (see `snaps`).
+
+The past snaps k forecast the next one, t, from the neighbourhood N_j in space and time,
+
+    Dist = α |x_j - x_i| + (1 - α) T,      T = time_scale (t - k) window       (in m and s)     (4)
+    N_j = {(i, k): Dist < β, k < t},       U = 1 / Dist                                         (5) (7)
+    S_j(t) = Σ_N C W U / Σ_N W U                                                                (6)
+
+where i counts the cells, with their C and W, or with `raw_samples` the samples, with their readings and W = 1. Of cells
+N_j is the same everywhere, so it is a list of (lag, offset, U), made once. The snaps it reaches back to live in a ring
+buffer: no run is too long. T >= time_scale window, so that U is never infinite.
+"""
 
 from math import hypot
+from typing import Any
+
+import numpy as np
+import taichi as ti
 
 from taichi_plume import map_models as models
-from taichi_plume.agents.snaps import SnapMap, Stencil
+from taichi_plume.agents.snaps import SnapMap
+from taichi_plume.kernels import STRIP, Template
 
 BORDER = 1e-9  # Dist = β is outside, whatever the rounding
 
+Stencil = list[tuple[int, int, int, float]]
+"""(lag in snaps, offset in cells along x and y, weight) of each member of a cell's neighbourhood."""
+
 
 class TimeSeriesMap(SnapMap):
-    """Forecast from the neighbourhood in space and time, eq 1-7."""
+    """Forecast from the neighbourhood in space and time."""
 
     def __init__(self, model: models.TimeSeriesMap, extent: tuple[float, float], trials: int):
-        super().__init__(model, extent, trials, neighbourhood(model))
+        neighbours = neighbourhood(model)
+        self.depth = max(lag for lag, *_ in neighbours)
+        self.kept = self.depth + 1 if model.raw_samples else 1
+        super().__init__(model, extent, trials)
+        self.lag_age = (1 - model.alpha) * model.time_scale * model.window  # what a lag adds to Dist
+        if model.raw_samples:
+            return
+        self.margin = max(max(abs(x), abs(y)) for _, x, y, _ in neighbours)
+        # Snap n has slot n % depth. Cells beyond the edge hold zeros: they contribute nothing.
+        rows = self.shape[0] + 2 * self.margin
+        columns = -(-self.shape[1] // STRIP) * STRIP + 2 * self.margin
+        self.past_weighted = ti.field(ti.f32, (trials, self.depth, rows, columns))
+        self.past_weights = ti.field(ti.f32, (trials, self.depth, rows, columns))
+        self.offsets: Any = ti.Vector.field(3, ti.i32, len(neighbours))
+        self.closeness = ti.field(ti.f32, len(neighbours))
+        self.offsets.from_numpy(np.array([entry[:3] for entry in neighbours], np.int32))
+        self.closeness.from_numpy(np.array([entry[3] for entry in neighbours], np.float32))
+
+    def _forecast(self) -> None:
+        if self.model.raw_samples:
+            _from_samples(
+                self.samples, self.taken, self.snaps + 1, self.kept, self.cell, self.model.alpha, self.model.beta - BORDER,
+                self.lag_age, self.numerator, self.denominator,
+            )  # fmt: skip
+            return
+        _keep(
+            self.weighted,
+            self.weights,
+            self.snaps % self.depth,
+            self.margin,
+            self.past_weighted,
+            self.past_weights,
+        )
+        _from_cells(
+            self.past_weighted, self.past_weights, self.snaps + 1, self.offsets, self.closeness, self.margin,
+            self.numerator, self.denominator,
+        )  # fmt: skip
 
 
 def neighbourhood(model: models.TimeSeriesMap) -> Stencil:
@@ -28,3 +83,63 @@ def neighbourhood(model: models.TimeSeriesMap) -> Stencil:
                     result.append((lag, dx, dy, 1 / dist))
         lag += 1
     return result
+
+
+@ti.kernel
+def _keep(
+    weighted: Template,
+    weights: Template,
+    slot: int,
+    margin: int,
+    past_weighted: Template,
+    past_weights: Template,
+):
+    for k, i, j in weights:
+        past_weighted[k, slot, margin + i, margin + j] = weighted[k, i, j]
+        past_weights[k, slot, margin + i, margin + j] = weights[k, i, j]
+
+
+@ti.kernel
+def _from_cells(
+    weighted: Template, weights: Template, snap: int, offsets: Template, closeness: Template, margin: int,
+    numerator: Template, denominator: Template,
+):  # fmt: skip
+    """Both sums of eq 6 for snap number `snap`, along y in strips that fit into registers."""
+    nx, ny = ti.static(numerator.shape[1], numerator.shape[2])
+    for k, i, strip in ti.ndrange(numerator.shape[0], nx, (ny + STRIP - 1) // STRIP):
+        first = strip * STRIP
+        a = ti.Vector([0.0] * STRIP)
+        b = ti.Vector([0.0] * STRIP)
+        for n in range(closeness.shape[0]):
+            lag, x, y = offsets[n][0], margin + i + offsets[n][1], margin + first + offsets[n][2]
+            if lag <= snap:
+                slot = (snap - lag) % weights.shape[1]
+                U = closeness[n]
+                for s in range(STRIP):
+                    a[s] += U * weighted[k, slot, x, y + s]
+                    b[s] += U * weights[k, slot, x, y + s]
+        for s in range(ti.min(STRIP, ny - first)):
+            numerator[k, i, first + s] = a[s]
+            denominator[k, i, first + s] = b[s]
+
+
+@ti.kernel
+def _from_samples(
+    samples: Template, taken: Template, snap: int, kept: int, cell: float, alpha: float, beta: float, lag_age: float,
+    numerator: Template, denominator: Template,
+):  # fmt: skip
+    """The same from the samples themselves."""
+    for k, i, j in numerator:
+        center = (ti.Vector([i, j]) + 0.5) * cell
+        a = 0.0
+        b = 0.0
+        for lag in range(1, ti.min(snap + 1, kept)):
+            slot = (snap - lag) % kept
+            for n in range(taken[k, slot]):
+                sample = samples[k, slot, n]
+                dist = alpha * (ti.Vector([sample[0], sample[1]]) - center).norm() + lag_age * lag
+                if dist < beta:
+                    a += sample[2] / dist
+                    b += 1.0 / dist
+        numerator[k, i, j] = a
+        denominator[k, i, j] = b

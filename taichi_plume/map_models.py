@@ -13,6 +13,7 @@ class TimeSeriesMap(Model):
 
     kind: Literal["time_series"]
     cell: Length = 0.25
+    """Edge of the cells [m]."""
     alpha: Annotated[float, Field(gt=0, lt=1)] = 0.9
     """Weight of distance against age in the neighbourhood."""
     beta: Positive = 0.5
@@ -25,6 +26,8 @@ class TimeSeriesMap(Model):
     """Distances below it count as it [m]; unless given, half a cell."""
     time_scale: Positive = 0.1
     """Distance that a second of age counts as [m/s]."""
+    raw_samples: bool = False
+    """Whether the neighbourhood is one of samples, rather than of interpolated cells."""
 
     @model_validator(mode="after")
     def _has_neighbours(self) -> "TimeSeriesMap":
@@ -43,9 +46,13 @@ class InverseDistanceMap(Model):
 
     kind: Literal["inverse_distance"]
     cell: Length = 0.25
+    """Edge of the cells [m]."""
     window: Duration = 5.0
+    """Length of a snap [s]."""
     power: Positive = 2.0
+    """Exponent of the inverse distance."""
     min_distance: Length | None = None
+    """Distances below it count as it [m]; unless given, half a cell."""
 
 
 class KernelMap(Model):

@@ -10,6 +10,7 @@ from taichi_plume.map_models import Map
 
 KINDS = [
     {"kind": "time_series"},
+    {"kind": "time_series", "raw_samples": True},
     {"kind": "inverse_distance"},
     {"kind": "kernel_dmv"},
     {"kind": "kernel_dmv", "memory": 60, "wind_stretch": 0.25},
@@ -85,7 +86,7 @@ def test_no_gas_is_known_to_be_none(keys):
     assert (estimate[np.isfinite(estimate)] == 0).all()
 
 
-@pytest.mark.parametrize("keys", KINDS[2:4], ids=["kernel", "kernel with memory and wind"])
+@pytest.mark.parametrize("keys", KINDS[3:5], ids=["kernel", "kernel with memory and wind"])
 def test_cells_out_of_reach_are_unknown(keys):
     gas_map, robots = made(keys), Readers(1, trials=1, count=1)
     show(gas_map, robots, [[0.125, 0.125]], [5.0])

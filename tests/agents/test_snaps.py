@@ -121,7 +121,7 @@ def test_inverse_distance_map_is_eq_1_to_3_of_the_last_snap(power):
 def test_reach_of_the_neighbourhood(alpha, lags, entries):
     """Counted by hand from eq 4 and 5, beta = 0.5, 5 s and 0.25 m; a distance of exactly beta is outside."""
     gas_map = TimeSeriesMap(map_models.TimeSeriesMap(kind="time_series", alpha=alpha), EXTENT, 1)
-    assert gas_map.depth == lags + 1
+    assert gas_map.depth == lags
     assert len(gas_map.closeness.to_numpy()) == entries
 
 
@@ -135,3 +135,22 @@ def test_cells_cover_the_floor():
         map_models.InverseDistanceMap(kind="inverse_distance", cell=0.4), (2.0, 1.5), 1
     )
     assert gas_map.shape == (5, 4)
+
+
+def test_raw_samples_take_the_place_of_cells():
+    """Eq 6 with i over the samples of the past snaps, each with W = 1."""
+    model = map_models.TimeSeriesMap(kind="time_series", alpha=0.8, raw_samples=True)
+    gas_map = TimeSeriesMap(model, EXTENT, TRIALS)
+    snaps = run(gas_map, 37.0, pause=(20.0, 25.0))
+    for trial in range(TRIALS):
+        above, below = np.zeros(48), np.zeros(48)
+        for k in range(7):
+            for number, x, y, reading in snaps[k]:
+                dist = 0.8 * np.hypot(*(np.array(cells()) - (x, y)).T) + 0.2 * 0.1 * (7 - k) * WINDOW
+                near = (dist < 0.5) & (number == trial)
+                above[near] += reading / dist[near]
+                below[near] += 1 / dist[near]
+        S = np.where(below > 0, above / np.where(below > 0, below, 1), np.nan)
+        assert 0 < np.isfinite(S).sum() < 48
+        same(gas_map.estimate()[trial].ravel(), S)
+        same(gas_map.weight()[trial].ravel(), below)
