@@ -76,7 +76,7 @@ def arena(source: tuple[float, float], navigation: str, air: int = 0, teams: int
         "gas": {
             "kind": "eulerian",
             "species": "acetone",
-            "sources": [{"position": source, "rate": 2e-5, "radius": 0.0625}],
+            "sources": [{"position": source, "rate": "20 mg/s", "radius": 0.0625}],
         },
         "robots": [
             ROBOTS[navigation]
