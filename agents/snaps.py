@@ -23,7 +23,9 @@ import taichi as ti
 from taichi_plume import map_models as models
 from taichi_plume.agents.mapping import counts, ratio, shape
 from taichi_plume.agents.swarm import Swarm
-from taichi_plume.kernels import STRIP, Template
+from taichi_plume.kernels import Template
+
+WIDEST = 64  # cells that are worked out together; more no longer fit into registers
 
 
 class SnapMap:
@@ -46,6 +48,7 @@ class SnapMap:
         self.min_distance = model.cell / 2 if model.min_distance is None else model.min_distance
         self.extent = ti.math.vec2(extent)
         self.shape = shape(extent, model.cell)
+        self.strip = min(WIDEST, 8 * ceil(self.shape[1] / 8))  # whole registers
         self.trials = trials
         self.snaps = 0
         self.errors: list[tuple[float, np.ndarray]] = []
@@ -54,6 +57,7 @@ class SnapMap:
         self.weights = ti.field(ti.f32, cells)  # B [1 / m^power]
         self.numerator = ti.field(ti.f32, cells)  # of S for the running snap
         self.denominator = ti.field(ti.f32, cells)
+        self.mae = ti.field(ti.f32, trials)  # of the last forecast [ppm]
         self.samples: Any = None  # (x [m], y [m], C [ppm]) of snap n, from 0 on, at [trial, n % kept]
         self.taken = ti.field(ti.i32, (trials, self.kept))
 
@@ -83,15 +87,12 @@ class SnapMap:
     def _close(self) -> None:
         """End the running snap: judge its forecast, then make the next."""
         _interpolate(
-            self.samples, self.taken, self.snaps % self.kept, self.cell, self.min_distance**2, 0.5 * self.power,
-            int(self.power == 2.0), self.weighted, self.weights,
+            self.strip, int(self.power == 2.0), self.samples, self.taken, self.snaps % self.kept, self.cell,
+            self.min_distance**2, 0.5 * self.power, self.weighted, self.weights,
         )  # fmt: skip
         if self.snaps > 0:
-            truth = ratio(self.weighted.to_numpy(), self.weights.to_numpy())
-            deviation = np.abs(self.estimate() - truth)
-            known = np.isfinite(deviation)
-            mae = ratio(np.where(known, deviation, 0.0).sum(axis=(1, 2)), known.sum(axis=(1, 2)))
-            self.errors.append(((self.snaps + 1) * self.window, mae))
+            _judge(self.numerator, self.denominator, self.weighted, self.weights, self.mae)
+            self.errors.append(((self.snaps + 1) * self.window, self.mae.to_numpy()))
         self._forecast()
         self.snaps += 1
         _forget(self.taken, self.snaps % self.kept)
@@ -126,20 +127,20 @@ def _forget(taken: Template, slot: int):
 
 @ti.kernel
 def _interpolate(
-    samples: Template, taken: Template, slot: int, cell: float, least: float, half_power: float, squared: Template,
-    weighted: Template, weights: Template,
+    strip: Template, squared: Template, samples: Template, taken: Template, slot: int, cell: float, least: float,
+    half_power: float, weighted: Template, weights: Template,
 ):  # fmt: skip
     """The sums A and B of a snap, along y in strips that fit into registers; least: shortest distance² [m²]."""
     nx, ny = ti.static(weights.shape[1], weights.shape[2])
-    for k, i, strip in ti.ndrange(weights.shape[0], nx, (ny + STRIP - 1) // STRIP):
-        first = strip * STRIP
-        a = ti.Vector([0.0] * STRIP)
-        b = ti.Vector([0.0] * STRIP)
+    for k, i, part in ti.ndrange(weights.shape[0], nx, (ny + strip - 1) // strip):
+        first = part * strip
+        a = ti.Vector([0.0] * strip)
+        b = ti.Vector([0.0] * strip)
         for n in range(taken[k, slot]):
             sample = samples[k, slot, n]
             dx = (i + 0.5) * cell - sample[0]
             begin = (first + 0.5) * cell - sample[1]
-            for s in range(STRIP):
+            for s in range(strip):
                 dy = begin + s * cell
                 r2 = ti.max(dx * dx + dy * dy, least)
                 w = 0.0
@@ -149,6 +150,24 @@ def _interpolate(
                     w = r2**-half_power
                 a[s] += w * sample[2]
                 b[s] += w
-        for s in range(ti.min(STRIP, ny - first)):
+        for s in range(ti.min(strip, ny - first)):
             weighted[k, i, first + s] = a[s]
             weights[k, i, first + s] = b[s]
+
+
+@ti.kernel
+def _judge(numerator: Template, denominator: Template, weighted: Template, weights: Template, mae: Template):
+    """Eq 8 for each trial, over the cells that both know; not a number where there are none."""
+    for k in mae:
+        total = 0.0
+        cells = 0
+        for i in range(weights.shape[1]):
+            row = 0.0  # apart, or rounding would add up
+            for j in range(weights.shape[2]):
+                if denominator[k, i, j] > 0.0 and weights[k, i, j] > 0.0:
+                    row += ti.abs(
+                        numerator[k, i, j] / denominator[k, i, j] - weighted[k, i, j] / weights[k, i, j]
+                    )
+                    cells += 1
+            total += row
+        mae[k] = ti.select(cells > 0, total / ti.max(cells, 1), ti.math.nan)

@@ -19,7 +19,7 @@ import taichi as ti
 
 from taichi_plume import map_models as models
 from taichi_plume.agents.snaps import SnapMap
-from taichi_plume.kernels import STRIP, Template
+from taichi_plume.kernels import Template
 
 BORDER = 1e-9  # Dist = β is outside, whatever the rounding
 
@@ -41,19 +41,25 @@ class TimeSeriesMap(SnapMap):
         self.margin = max(max(abs(x), abs(y)) for _, x, y, _ in neighbours)
         # Snap n has slot n % depth. Cells beyond the edge hold zeros: they contribute nothing.
         rows = self.shape[0] + 2 * self.margin
-        columns = -(-self.shape[1] // STRIP) * STRIP + 2 * self.margin
+        columns = -(-self.shape[1] // self.strip) * self.strip + 2 * self.margin
         self.past_weighted = ti.field(ti.f32, (trials, self.depth, rows, columns))
         self.past_weights = ti.field(ti.f32, (trials, self.depth, rows, columns))
-        self.offsets: Any = ti.Vector.field(3, ti.i32, len(neighbours))
-        self.closeness = ti.field(ti.f32, len(neighbours))
-        self.offsets.from_numpy(np.array([entry[:3] for entry in neighbours], np.int32))
-        self.closeness.from_numpy(np.array([entry[3] for entry in neighbours], np.float32))
+        # By its symmetry a quadrant is enough; what lies on an axis is met twice, at the origin four times.
+        quadrant = [
+            (lag, x, y, U / ((1 + (x == 0)) * (1 + (y == 0))))
+            for lag, x, y, U in neighbours
+            if x >= 0 and y >= 0
+        ]
+        self.offsets: Any = ti.Vector.field(3, ti.i32, len(quadrant))
+        self.closeness = ti.field(ti.f32, len(quadrant))
+        self.offsets.from_numpy(np.array([entry[:3] for entry in quadrant], np.int32))
+        self.closeness.from_numpy(np.array([entry[3] for entry in quadrant], np.float32))
 
     def _forecast(self) -> None:
         if self.model.raw_samples:
             _from_samples(
-                self.samples, self.taken, self.snaps + 1, self.kept, self.cell, self.model.alpha, self.model.beta - BORDER,
-                self.lag_age, self.numerator, self.denominator,
+                self.samples, self.taken, self.snaps + 1, self.kept, self.cell, self.model.alpha,
+                self.model.beta - BORDER, self.lag_age, self.numerator, self.denominator,
             )  # fmt: skip
             return
         _keep(
@@ -65,8 +71,8 @@ class TimeSeriesMap(SnapMap):
             self.past_weights,
         )
         _from_cells(
-            self.past_weighted, self.past_weights, self.snaps + 1, self.offsets, self.closeness, self.margin,
-            self.numerator, self.denominator,
+            self.strip, self.past_weighted, self.past_weights, self.snaps + 1, self.offsets, self.closeness,
+            self.margin, self.numerator, self.denominator,
         )  # fmt: skip
 
 
@@ -101,24 +107,36 @@ def _keep(
 
 @ti.kernel
 def _from_cells(
-    weighted: Template, weights: Template, snap: int, offsets: Template, closeness: Template, margin: int,
-    numerator: Template, denominator: Template,
+    strip: Template, weighted: Template, weights: Template, snap: int, offsets: Template, closeness: Template,
+    margin: int, numerator: Template, denominator: Template,
 ):  # fmt: skip
     """Both sums of eq 6 for snap number `snap`, along y in strips that fit into registers."""
     nx, ny = ti.static(numerator.shape[1], numerator.shape[2])
-    for k, i, strip in ti.ndrange(numerator.shape[0], nx, (ny + STRIP - 1) // STRIP):
-        first = strip * STRIP
-        a = ti.Vector([0.0] * STRIP)
-        b = ti.Vector([0.0] * STRIP)
+    for k, i, part in ti.ndrange(numerator.shape[0], nx, (ny + strip - 1) // strip):
+        first = part * strip
+        a = ti.Vector([0.0] * strip)
+        b = ti.Vector([0.0] * strip)
         for n in range(closeness.shape[0]):
-            lag, x, y = offsets[n][0], margin + i + offsets[n][1], margin + first + offsets[n][2]
+            lag, dx, dy = offsets[n][0], offsets[n][1], offsets[n][2]
             if lag <= snap:
                 slot = (snap - lag) % weights.shape[1]
+                left, right = margin + i - dx, margin + i + dx
+                below, above = margin + first - dy, margin + first + dy
                 U = closeness[n]
-                for s in range(STRIP):
-                    a[s] += U * weighted[k, slot, x, y + s]
-                    b[s] += U * weights[k, slot, x, y + s]
-        for s in range(ti.min(STRIP, ny - first)):
+                for s in range(strip):
+                    a[s] += U * (
+                        weighted[k, slot, left, below + s]
+                        + weighted[k, slot, left, above + s]
+                        + weighted[k, slot, right, below + s]
+                        + weighted[k, slot, right, above + s]
+                    )
+                    b[s] += U * (
+                        weights[k, slot, left, below + s]
+                        + weights[k, slot, left, above + s]
+                        + weights[k, slot, right, below + s]
+                        + weights[k, slot, right, above + s]
+                    )
+        for s in range(ti.min(strip, ny - first)):
             numerator[k, i, first + s] = a[s]
             denominator[k, i, first + s] = b[s]
 

@@ -8,7 +8,7 @@ from readers import EXTENT, TRIALS, Readers, same
 
 from taichi_plume import map_models
 from taichi_plume.agents.inverse_distance import InverseDistanceMap
-from taichi_plume.agents.time_series import TimeSeriesMap
+from taichi_plume.agents.time_series import TimeSeriesMap, neighbourhood
 
 CELL, WINDOW, DT = 0.25, 5.0, 0.5
 
@@ -120,9 +120,9 @@ def test_inverse_distance_map_is_eq_1_to_3_of_the_last_snap(power):
 )
 def test_reach_of_the_neighbourhood(alpha, lags, entries):
     """Counted by hand from eq 4 and 5, beta = 0.5, 5 s and 0.25 m; a distance of exactly beta is outside."""
-    gas_map = TimeSeriesMap(map_models.TimeSeriesMap(kind="time_series", alpha=alpha), EXTENT, 1)
-    assert gas_map.depth == lags
-    assert len(gas_map.closeness.to_numpy()) == entries
+    stencil = neighbourhood(map_models.TimeSeriesMap(kind="time_series", alpha=alpha))
+    assert max(lag for lag, *_ in stencil) == lags
+    assert len(stencil) == entries
 
 
 def test_a_neighbourhood_without_any_snap_is_refused():
