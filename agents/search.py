@@ -15,6 +15,7 @@ from taichi_plume.agents.casting import Casting
 from taichi_plume.agents.dapso import Dapso
 from taichi_plume.agents.ecoli import EColi
 from taichi_plume.agents.infotaxis import Infotaxis
+from taichi_plume.agents.least_known import LeastKnown
 from taichi_plume.agents.lineup import LineUp
 from taichi_plume.agents.random_walk import RandomWalk
 from taichi_plume.agents.spiral import Spiral
@@ -49,5 +50,6 @@ ALGORITHMS: dict[str, type[Algorithm]] = {
     "dapso": Dapso,
     "lineup": LineUp,
     "sweep": Sweep,
+    "least_known": LeastKnown,
     "random_walk": RandomWalk,
 }

@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
+from taichi_plume.map_models import TimeSeriesMap
 from taichi_plume.vocabulary import (
     Count,
     Delay,
@@ -274,6 +275,23 @@ class Sweep(Model):
         return axis, max(ceil(size[1 - axis] / self.lane - 1e-9), robots)
 
 
+class LeastKnown(Model):
+    """To the places that a map of the team's readings knows least (after Marjovi & Marques, ICRA 2014). See
+    agents/least_known.py.
+    """
+
+    kind: Literal["least_known"]
+    speed: Speed | None = None
+    map: TimeSeriesMap = TimeSeriesMap(kind="time_series")
+    """Whose weights count; what it has forgotten is not known."""
+    share: Annotated[float, Field(gt=0, le=1)] = 0.1
+    """Of all cells, those that count as the least known; the robot goes to the nearest of them."""
+    apart: Length = 0.5
+    """Least distance of a way point from the robot and from those of its team mates [m]."""
+    avoidance: Length = 0.1
+    """Air to others and to walls below which they push the robot away [m]."""
+
+
 class RandomWalk(Model):
     """Straight legs in random directions. See agents/random_walk.py."""
 
@@ -308,6 +326,7 @@ Algorithm = Annotated[
     | Dapso
     | LineUp
     | Sweep
+    | LeastKnown
     | RandomWalk
     | Own,
     Field(discriminator="kind"),

@@ -1,15 +1,20 @@
 """Scenario -> Simulation: the one place that knows all parts."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from taichi_plume.agents.mapping import InverseDistanceMap, TimeSeriesMap
+from taichi_plume import map_models
+from taichi_plume.agents.gmrf import MarkovMap
+from taichi_plume.agents.inverse_distance import InverseDistanceMap
+from taichi_plume.agents.kernel_dm import KernelMap
+from taichi_plume.agents.mapping import Mapper
 from taichi_plume.agents.placement import Placed, place, placed
 from taichi_plume.agents.swarm import Swarm, disc_around
 from taichi_plume.agents.team import Team
+from taichi_plume.agents.time_series import TimeSeriesMap
 from taichi_plume.closed_forms import (
     ClosedForm,
     ContinuousGas,
@@ -25,13 +30,14 @@ from taichi_plume.geometry import ClearanceMap, shapes
 from taichi_plume.grid import Grid
 from taichi_plume.imports import Site
 from taichi_plume.loading import ScenarioError
+from taichi_plume.map_models import Map
 from taichi_plume.obstacles import motion_of
 from taichi_plume.occupancy import Cubes
 from taichi_plume.plumesim_gases import FluentGas, PlumeSimGas, PlumeSimMeander, PlumeSimPuff
 from taichi_plume.point_frames import frames_of
 from taichi_plume.rng import generator
 from taichi_plume.scenario import Scenario
-from taichi_plume.simulation import Map, Simulation
+from taichi_plume.simulation import Simulation
 from taichi_plume.solvers.bodies import MovingObstacle, Wake
 from taichi_plume.solvers.boundaries import opening_cells, periodic_axes
 from taichi_plume.solvers.flow import FlowSolver
@@ -58,7 +64,7 @@ from taichi_plume.winds import (
     UniformWind,
 )
 
-MAPS = {"time_series": TimeSeriesMap, "inverse_distance": InverseDistanceMap}
+MAPS = {"time_series": TimeSeriesMap, "inverse_distance": InverseDistanceMap, "kernel_dmv": KernelMap}
 
 
 def assemble(
@@ -103,9 +109,11 @@ def assemble(
         Team(swarm, group, grid.dim, scenario.tick, folder, own.get(group.name)) for group in swarm.groups
     ]
     floor = (grid.extent[0], grid.extent[1])
-    maps: list[Map] = [MAPS[m.kind](m, floor, max(1, swarm.trials)) for m in scenario.maps]
+    maps = [
+        mapper(m, floor, max(1, swarm.trials), swarm.clearance.obstacle_distance_at) for m in scenario.maps
+    ]
     seen = [*obstacles, *([cubes] if cubes else [])]
-    sim = Simulation(scenario, grid, wind, gas, swarm, list(teams), maps, seen, air)
+    sim = Simulation(scenario, grid, wind, gas, swarm, list(teams), list(maps), seen, air)
     if isinstance(wind, FlowSolver) and wind.area is not None:
         sim.forces = partial(forces, wind, air, len(obstacles))
     return sim
@@ -198,6 +206,21 @@ def _add_buoyancy(scenario: Scenario, flow: FlowSolver, gas: Mixture, air: Air) 
             raise ScenarioError([f"wind.buoyancy.heat.{error}"]) from None
         flow.lift.append((heat.theta, tuple(-g * buoyancy.heat.volume_expansion for g in gravity)))
         flow.carried.append(heat)
+
+
+def mapper(
+    model: Map,
+    extent: tuple[float, float],
+    trials: int,
+    obstacle_distance: Callable[[np.ndarray], np.ndarray],
+) -> Mapper:
+    """The online map of a model, over a floor of that extent [m].
+
+    obstacle_distance: of points (..., 2) [m], the distance [m] to the next obstacle, negative inside.
+    """
+    if isinstance(model, map_models.MarkovMap):
+        return MarkovMap(model, extent, trials, obstacle_distance)
+    return MAPS[model.kind](model, extent, trials)
 
 
 def _start_numbers(seed: int, group: int, trial: int) -> np.random.Generator:

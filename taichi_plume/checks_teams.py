@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from taichi_plume.algorithms import Dapso, LineUp, Sweep
+from taichi_plume.algorithms import Dapso, LeastKnown, LineUp, Sweep
 from taichi_plume.checks_robots import START_ROOM
 from taichi_plume.robots import Group
 from taichi_plume.scenario import Scenario
@@ -15,7 +15,7 @@ def problems(scenario: Scenario) -> Iterator[str]:
     size = scenario.floor.size
     for n, group in enumerate(scenario.robots):
         path, model = f"robots[{n}]", group.algorithm
-        if isinstance(model, Dapso | LineUp | Sweep):
+        if isinstance(model, Dapso | LeastKnown | LineUp | Sweep):
             room = group.body.radius + model.avoidance
             if 2 * room >= min(size):
                 yield (

@@ -302,9 +302,13 @@ class ClearanceMap:
         """What `distance` gives [m], for points (..., 2) on the host."""
         points = np.asarray(points, float)
         walls = np.minimum(points - np.array(self.low), np.array(self.high) - points).min(axis=-1)
-        where = (points - np.array(self.low)).reshape(-1, 2).T / self.resolution
+        return np.minimum(walls, self.obstacle_distance_at(points))
+
+    def obstacle_distance_at(self, points: np.ndarray) -> np.ndarray:
+        """The same from obstacles alone, for points (..., 2) anywhere; off the floor, what it is at its next point."""
+        where = (np.asarray(points, float) - np.array(self.low)).reshape(-1, 2).T / self.resolution
         standing = ndimage.map_coordinates(self._values, where, order=1, mode="nearest")
-        return np.minimum(walls, standing.reshape(walls.shape))
+        return standing.reshape(points.shape[:-1])
 
     @ti.func
     def _wall(self, p):

@@ -12,6 +12,14 @@ from taichi_plume.simulation import Simulation
 TIME = "sim_time"
 TRAIL = 30.0  # s
 MOST_LANES = 12  # behaviour lanes and entries of a legend that one can still read
+MAP_SERIES = {
+    "map_errors": "error_ppm",
+    "map_correlations": "correlation",
+    "map_peaks": "peak_distance_m",
+    "map_surprises": "nlpd",
+}
+"""Where the scores of maps are (see `map_scores`), the error first."""
+MAP_TITLES = ("Error [ppm]", "Correlation", "Peak to source [m]", "NLPD of the next readings")
 BACKGROUND = (24, 26, 32)
 
 
@@ -46,7 +54,7 @@ def blueprint(sim: Simulation, stage: Stage, robots: list[str], ghosts: list[str
 
     ground = [*world, "/gas/slice", "/wind", "/legend/gas/**"]
     plots = _plots(robots)
-    wide = 0.62 if sim.maps or not flat else 0.72
+    wide = 0.5 if sim.maps and flat else 0.62 if not flat else 0.72
     tall = 1.0
     if plots:
         tall = float(np.clip(1.9 * wide * (ly - legend) / (lx + 2 * side), 0.35, 0.6)) if flat else 0.6
@@ -58,14 +66,18 @@ def blueprint(sim: Simulation, stage: Stage, robots: list[str], ghosts: list[str
     shares = [tall, 0.45 * (1 - tall), 0.55 * (1 - tall)][: 1 + len(plots)]
     left = rrb.Vertical(main, *plots, row_shares=shares)
 
-    aspect = _aspect(1 - wide, 0.5, bars=3 if sim.maps else 1)
+    aspect = _aspect(1 - wide, 0.5, bars=2 if sim.maps else 1)
     above: list[Any] = [] if flat else [arena("From above", ground, aspect, 90.0)]
+    aspect = _aspect((1 - wide) / 2, 0.5, bars=2)  # of a map beside the truth
+    unnamed = [f"- /world/openings/{n}/name" for n in range(len(getattr(sim.scenario.wind, "openings", ())))]
     for n, gas_map in enumerate(sim.scenario.maps):
-        pictures = []
+        pictures = {}
         for what in ESTIMATES:
-            seen = [*world, f"/maps/{n}/{what}", f"/legend/{what}/**"]
-            pictures.append(arena(what.capitalize(), seen, aspect, 90.0))
-        above.append(rrb.Tabs(*pictures, active_tab=0, name=gas_map.kind.replace("_", " ").capitalize()))
+            seen = [*world, *unnamed, f"/maps/{n}/{what}", f"/legend/{what}/**"]
+            pictures[what] = arena(what.capitalize(), seen, aspect, 90.0)
+        truth = pictures.pop("truth")
+        name = gas_map.kind.replace("_", " ").capitalize()
+        above.append(rrb.Horizontal(rrb.Tabs(*pictures.values(), active_tab=0), rrb.Tabs(truth), name=name))
     parts: list[Any] = []
     shares = []
     if above:
@@ -73,7 +85,11 @@ def blueprint(sim: Simulation, stage: Stage, robots: list[str], ghosts: list[str
         parts.append(rrb.Tabs(*above, active_tab=first, name="Maps"))
         shares.append(0.5)
     if sim.maps:
-        parts.append(_series("/map_errors", "Map error [ppm]", len(sim.maps) <= MOST_LANES))
+        kinds = list(zip(MAP_SERIES, MAP_TITLES, strict=True))
+        if not any(hasattr(gas_map, "variance") for gas_map in sim.maps):
+            kinds.pop()
+        scored = [_series(f"/{origin}", title, len(sim.maps) <= MOST_LANES) for origin, title in kinds]
+        parts.append(rrb.Tabs(*scored, active_tab=0, name="Scores"))
         shares.append(0.2)
     columns = rrb.TextLogColumns(timeline_columns=[TIME], text_log_columns=["loglevel", "body"])
     events = rrb.TextLogView(origin="/events", name="Events", columns=columns)

@@ -50,7 +50,7 @@ def load_scenario(path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
     try:
         scenario = Scenario.model_validate(data)
     except ValidationError as error:
-        raise ScenarioError([f"{path}: {line}" for line in _explain(error, data)]) from None
+        raise ScenarioError([f"{path}: {line}" for line in explain(error, data)]) from None
     from taichi_plume.checks import (
         problems,  # takes a second to import, which a misspelt key need not wait for
     )
@@ -208,7 +208,8 @@ def _override(data: dict, override: str) -> None:
 # ---------------------------------------------------------------- what pydantic found
 
 
-def _explain(error: ValidationError, data: dict) -> list[str]:
+def explain(error: ValidationError, data: dict) -> list[str]:
+    """What is wrong with `data`, a line per fault."""
     faults = error.errors(include_url=False)
     nameless = [
         _walk(fault["loc"], data)

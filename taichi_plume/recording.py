@@ -18,8 +18,9 @@ from typing import Any
 import numpy as np
 import rerun as rr
 
-from taichi_plume import __version__, disk, drawing, fields, layout, scene, scores
+from taichi_plume import __version__, disk, drawing, fields, layout, scene
 from taichi_plume.layout import TIME
+from taichi_plume.map_scores import MapScores
 from taichi_plume.obstacles import motion_of
 from taichi_plume.openings import MovingWall
 from taichi_plume.scenario import Scenario
@@ -59,7 +60,9 @@ class Recorder:
     Raises OSError, from the constructor or an observer, as soon as the disk has no room for more.
     """
 
-    def __init__(self, sim: Simulation, path: Path, backend: str = "cpu"):
+    def __init__(
+        self, sim: Simulation, path: Path, backend: str = "cpu", map_scores: MapScores | None = None
+    ):
         self.path = Path(path)
         scenario = sim.scenario
         self.rates = scenario.recording
@@ -74,7 +77,10 @@ class Recorder:
         }
         """(time, x, y) of the way of each moving obstacle since the last flush."""
         self.maps: list[Any] = list(sim.maps)
-        self.forecasts = [0] * len(self.maps)  # of each map's errors, sent so far
+        self.own_scores = MapScores(sim) if map_scores is None else None
+        self.map_series = (map_scores or self.own_scores or MapScores(sim)).series
+        self.sent = [{"forecast": 0, "rows": 0} for _ in self.maps]
+        """Of each map's errors and scores."""
         self.good_size = self.largest_batch = 0  # bytes
         self.open = True
         disk.require_room(self.path)
@@ -110,6 +116,7 @@ class Recorder:
             Every(1 / self.rates.wind_rate, self.picture_wind, warm_up=True),
             Every(SAMPLE_PERIOD, self.sample_robots),
             Every(SAMPLE_PERIOD, self.sample_obstacles, warm_up=True),
+            *([self.own_scores.observer()] if self.own_scores else []),
             Every(1.0, self.picture_maps),
             Every(1.0, self.flush, warm_up=True),
         ]
@@ -144,10 +151,11 @@ class Recorder:
             faint = (color * 0.6).astype(np.uint8)
             name = model.kind.replace("_", " ")
             yield f"map_errors/{n}_mae", rr.SeriesLines(colors=color, names=f"{name}: error", widths=2.0)
-            yield (
-                f"map_errors/{n}_forecast",
-                rr.SeriesLines(colors=faint, names=f"{name}: forecast", widths=1.4),
-            )
+            faint_line = rr.SeriesLines(colors=faint, names=f"{name}: forecast", widths=1.4)
+            yield f"map_errors/{n}_forecast", faint_line
+            for origin in layout.MAP_SERIES:
+                if origin != "map_errors":
+                    yield f"{origin}/{n}", rr.SeriesLines(colors=color, names=name, widths=2.0)
 
     def _set_up_pictures(self, sim: Simulation) -> None:
         """Where gas and wind are sampled, and what never changes in their pictures."""
@@ -260,34 +268,46 @@ class Recorder:
             samples.append((sim.t, x - one.center[0], y - one.center[1]))
 
     def picture_maps(self, sim: Simulation) -> None:
-        """Estimate, weight and error of the first trial's maps, and their errors as series."""
+        """Estimate, weight, truth and error of the first trial's maps, and their scores as series."""
         self.stream.set_time(TIME, duration=sim.t)
         for n, gas_map in enumerate(self.maps):
             estimate = np.asarray(gas_map.estimate())[0]
             weight = np.asarray(gas_map.weight(), float)[0]
-            truth = scores.true_gas(sim, gas_map.cell, estimate.shape)
+            truth = self.map_series[n].truth
             low, high = self.rates.range_ppm
             ratio = np.maximum(estimate, low) / np.maximum(truth, low)
             places = {
                 "estimate": drawing.logarithmic(estimate, low, high),
+                "truth": drawing.logarithmic(truth, low, high),
                 "weight": drawing.logarithmic(np.where(weight > 0, weight, np.nan), *scene.WEIGHTS),
                 "error": drawing.logarithmic(ratio, *scene.RATIOS),
             }
             for name, palette in scene.ESTIMATES.items():
                 pixels = drawing.rows(drawing.painted(places[name], palette))
                 self.stream.log(f"maps/{n}/{name}", rr.GridMap.from_fields(data=pixels))
-            error = float(scores.map_score(estimate[None], truth).mae[0])
-            if np.isfinite(error):
-                self.stream.log(f"map_errors/{n}_mae", rr.Scalars(error))
-            forecasts = gas_map.errors
-            fresh = [(t, float(errors[0])) for t, errors in forecasts[self.forecasts[n] :]]
-            self.forecasts[n] = len(forecasts)
-            fresh = [(t, error) for t, error in fresh if np.isfinite(error)]
-            if fresh:
-                times, errors = zip(*fresh, strict=True)
-                self.stream.send_columns(
-                    f"map_errors/{n}_forecast", [_times(times)], rr.Scalars.columns(scalars=errors)
-                )
+            self._send_scores(n)
+
+    def _send_scores(self, n: int) -> None:
+        """What is new of a map's scores."""
+        series, sent = self.map_series[n], self.sent[n]
+        forecasts = self.maps[n].errors
+        fresh = forecasts[sent["forecast"] :]
+        self._send_series(f"map_errors/{n}_forecast", [t for t, _ in fresh], [error for _, error in fresh])
+        times = series.time[sent["rows"] :]
+        for name, entity in zip(
+            layout.MAP_SERIES.values(), (f"map_errors/{n}_mae", *_numbered(n)), strict=True
+        ):
+            self._send_series(entity, times, series.values[name][sent["rows"] :])
+        sent["forecast"], sent["rows"] = len(forecasts), len(series.time)
+
+    def _send_series(self, entity: str, times: list[float], values: list[np.ndarray]) -> None:
+        """The first trial's values that are numbers."""
+        known = [
+            (t, float(value[0])) for t, value in zip(times, values, strict=True) if np.isfinite(value[0])
+        ]
+        if known:
+            t, scalars = zip(*known, strict=True)
+            self.stream.send_columns(entity, [_times(t)], rr.Scalars.columns(scalars=scalars))
 
     def flush(self, sim: Simulation) -> None:
         """Send what was gathered and bring it to the disk. Raises OSError when there is no room."""
@@ -432,6 +452,11 @@ def _top_speed(sim: Simulation) -> float:
 
 def _times(t: Any) -> rr.TimeColumn:
     return rr.TimeColumn(TIME, duration=t)
+
+
+def _numbered(n: int) -> list[str]:
+    """Entities of the scores of map n other than its error."""
+    return [f"{origin}/{n}" for origin in layout.MAP_SERIES if origin != "map_errors"]
 
 
 def _part(name: str) -> str:

@@ -20,6 +20,7 @@ import pyarrow.parquet as pq
 import yaml
 
 from taichi_plume import __version__, disk, scores
+from taichi_plume.map_scores import MapScores, MapSeries
 from taichi_plume.scenario import Scenario
 from taichi_plume.simulation import Every, Simulation
 
@@ -252,8 +253,10 @@ class ForceTable:
 # ---------------------------------------------------------------- the result
 
 
-def result(sim: Simulation, status: str, message: str, backend: str) -> dict[str, Any]:
-    """What came of a run, ready for `write_result`."""
+def result(
+    sim: Simulation, status: str, message: str, backend: str, map_scores: MapScores | None = None
+) -> dict[str, Any]:
+    """What came of a run, ready for `write_result`; map_scores: of its maps over time."""
     cells = prod(sim.grid.shape)
     steps = cells * sim.steps
     return {
@@ -272,7 +275,10 @@ def result(sim: Simulation, status: str, message: str, backend: str) -> dict[str
         "gas": _budget(sim),
         "obstacles": _obstacles(sim),
         "groups": _groups(sim),
-        "maps": [_map(sim, n) for n in range(len(sim.maps))],
+        "maps": [
+            _map(sim, n) | (_over_time(map_scores.series[n]) if map_scores else {})
+            for n in range(len(sim.maps))
+        ],
     }
 
 
@@ -355,6 +361,13 @@ def _map(sim: Simulation, n: int) -> dict[str, Any]:
     }
 
 
+def _over_time(series: MapSeries) -> dict[str, Any]:
+    """Scores of a map against the mean of the gas (see map_scores), over time the mean of all trials."""
+    last = {name: values[-1].tolist() for name, values in series.values.items() if values}
+    means = {name: [_mean(value) for value in values] for name, values in series.values.items()}
+    return {"mean_gas": {"time_s": series.time, **means, "per_trial_at_end": last}}
+
+
 def _mean(values: np.ndarray) -> float | None:
     """Mean of what is known."""
     known = values[np.isfinite(values)]
@@ -363,7 +376,7 @@ def _mean(values: np.ndarray) -> float | None:
 
 def write_result(folder: Path, content: dict[str, Any]) -> None:
     """Write `result.json` so that a reader sees all of it or none; what is no number becomes null."""
-    text = json.dumps(_plain(content), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+    text = json.dumps(plain(content), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
     part = folder / "result.json.part"
     try:
         with part.open("w", encoding="utf-8") as file:
@@ -375,15 +388,16 @@ def write_result(folder: Path, content: dict[str, Any]) -> None:
         part.unlink(missing_ok=True)
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
+    """What JSON can hold; what is no number becomes None."""
     if isinstance(value, dict):
-        return {str(key): _plain(part) for key, part in value.items()}
+        return {str(key): plain(part) for key, part in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(part) for part in value]
+        return [plain(part) for part in value]
     if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
+        return plain(value.tolist())
     if isinstance(value, np.generic):
-        return _plain(value.item())
+        return plain(value.item())
     if isinstance(value, float) and not isfinite(value):
         return None
     return value
@@ -466,4 +480,9 @@ def _map_line(gas_map: dict[str, Any]) -> str:
     )
     if gas_map["correlation"] is not None:
         text += f", correlation {gas_map['correlation']:.2f}"
+    over_time = gas_map.get("mean_gas", {})
+    if over_time.get("time_s") and over_time["error_ppm"][-1] is not None:
+        text += f"; from the mean of the gas {over_time['error_ppm'][-1]:.3g} ppm"
+        if over_time["peak_distance_m"][-1] is not None:
+            text += f", its peak {over_time['peak_distance_m'][-1]:.2f} m from a source"
     return text

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from taichi_plume.map_scores import MapScores
     from taichi_plume.scenario import Scenario
     from taichi_plume.simulation import Simulation
 
@@ -117,6 +118,7 @@ def _run(scenario: "Scenario", args: argparse.Namespace) -> int:
 
     from taichi_plume import kernels, results
     from taichi_plume.loading import ScenarioError
+    from taichi_plume.map_scores import MapScores
 
     console = Console(stderr=True)
     try:
@@ -137,9 +139,10 @@ def _run(scenario: "Scenario", args: argparse.Namespace) -> int:
             traceback.print_exc()
         print(f"failed before the run began: {_explain(error)[1]}", file=sys.stderr)
         return 1
-    status, message, code = _simulate(sim, backend, out, args, console)
+    map_scores = MapScores(sim)
+    status, message, code = _simulate(sim, map_scores, backend, out, args, console)
     try:
-        content = results.result(sim, status, message, backend)
+        content = results.result(sim, status, message, backend, map_scores)
     except Exception as error:  # a simulation too broken to tell
         if not code:
             (status, message), code = _explain(error), 1
@@ -165,14 +168,19 @@ def _assemble(scenario: "Scenario", args: argparse.Namespace) -> "Simulation":
 
 
 def _simulate(
-    sim: "Simulation", backend: str, out: Path, args: argparse.Namespace, console: Any
+    sim: "Simulation",
+    map_scores: "MapScores",
+    backend: str,
+    out: Path,
+    args: argparse.Namespace,
+    console: Any,
 ) -> tuple[str, str, int]:
     """Run to the end and close all files. Returns status, message and exit code."""
     status, message, code = "completed", "", 0
     closers: list[Callable[[], None]] = []
     with _terminable():
         try:
-            _watch(sim, backend, out, args, closers)
+            _watch(sim, map_scores, backend, out, args, closers)
             with ExitStack() as stack:
                 if console.is_terminal and not args.quiet:
                     from taichi_plume.progress import ProgressBar
@@ -199,12 +207,18 @@ def _simulate(
 
 
 def _watch(
-    sim: "Simulation", backend: str, out: Path, args: argparse.Namespace, closers: list[Callable[[], None]]
+    sim: "Simulation",
+    map_scores: "MapScores",
+    backend: str,
+    out: Path,
+    args: argparse.Namespace,
+    closers: list[Callable[[], None]],
 ) -> None:
     """Open the run's files and let the simulation feed them."""
     from taichi_plume import results
 
     results.write_scenario(out, sim.scenario, args.scenario.resolve().parent, backend)
+    sim.observers.append(map_scores.observer())
     if sim.swarm.count:
         table = results.RobotTable(sim, out / "robots.parquet")
         closers.append(table.close)
@@ -226,7 +240,7 @@ def _watch(
     if not args.no_recording:
         from taichi_plume.recording import Recorder
 
-        recorder = Recorder(sim, out / "recording.rrd", backend)
+        recorder = Recorder(sim, out / "recording.rrd", backend, map_scores)
         closers.append(recorder.close)
         sim.observers += recorder.observers()
 

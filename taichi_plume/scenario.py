@@ -7,10 +7,10 @@ Cross-field checks that need geometry live in `checks`; reading YAML in `loading
 from math import ceil
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import Field
 
 from taichi_plume.gases import AnySource, Gas, MixtureGas, PureGas
+from taichi_plume.map_models import Map
 from taichi_plume.obstacles import Obstacle
 from taichi_plume.robots import Arena, Group
 from taichi_plume.vocabulary import (
@@ -52,49 +52,6 @@ class Domain(Model):
     def extent(self) -> tuple[float, ...]:
         """Extent per axis in whole cells [m]."""
         return tuple(n * self.spacing for n in self.shape)
-
-
-class TimeSeriesMap(Model):
-    """Spatio-temporal gas map (Marjovi & Marques, ICRA 2014, eq 1-7)."""
-
-    kind: Literal["time_series"]
-    cell: Length = 0.25
-    alpha: Annotated[float, Field(gt=0, lt=1)] = 0.9
-    """Weight of distance against age in the neighbourhood."""
-    beta: Positive = 0.5
-    """Size of the neighbourhood."""
-    window: Duration = 5.0
-    """Length of a snap [s]."""
-    power: Positive = 2.0
-    """Exponent of the inverse distance."""
-    min_distance: Length | None = None
-    """Distances below it count as it [m]; unless given, half a cell."""
-    time_scale: Positive = 0.1
-    """Distance that a second of age counts as [m/s]."""
-
-    @model_validator(mode="after")
-    def _has_neighbours(self) -> "TimeSeriesMap":
-        age = (1.0 - self.alpha) * self.time_scale * self.window
-        if age >= self.beta:
-            raise PydanticCustomError(
-                "neighbourhood",
-                "sees no past snap: (1 - alpha) time_scale window = {age} must be below beta = {beta}",
-                {"age": f"{age:g}", "beta": f"{self.beta:g}"},
-            )
-        return self
-
-
-class IdwMap(Model):
-    """Inverse-distance interpolation of each snap's readings (Marjovi & Marques, ICRA 2014, eq 1-3)."""
-
-    kind: Literal["inverse_distance"]
-    cell: Length = 0.25
-    window: Duration = 5.0
-    power: Positive = 2.0
-    min_distance: Length | None = None
-
-
-Map = Annotated[TimeSeriesMap | IdwMap, Field(discriminator="kind")]
 
 
 class Recording(Model):

@@ -22,7 +22,12 @@ from taichi_plume.vocabulary import Point2
 
 FLAT = 0.05  # height of the walls of a 2-D arena over its shorter side
 BODY = 0.009  # robots are drawn at least this large, over the arena's length
-ESTIMATES = {"estimate": drawing.VIRIDIS, "weight": drawing.EMBER, "error": drawing.BLUE_RED}
+ESTIMATES = {
+    "estimate": drawing.VIRIDIS,
+    "truth": drawing.VIRIDIS,
+    "weight": drawing.EMBER,
+    "error": drawing.BLUE_RED,
+}
 """What is shown of a map, with its palette."""
 WEIGHTS = (10.0, 1e6)
 RATIOS = (0.01, 100.0)  # estimate over truth
@@ -197,8 +202,9 @@ def legends(sim: Simulation, stage: Stage) -> Entities:
         ratios = [(at, f"{label} x") for at, label in drawing.decades(*RATIOS)]
         weights = drawing.decades(*WEIGHTS)
         yield from _legend("estimate", "estimate [ppm]", scale, drawing.VIRIDIS, stage)
+        yield from _legend("truth", "true mean since the start [ppm]", scale, drawing.VIRIDIS, stage)
         yield from _legend("weight", "weight of the estimate", weights, drawing.EMBER, stage)
-        yield from _legend("error", "estimate over truth", ratios, drawing.BLUE_RED, stage)
+        yield from _legend("error", "estimate over true mean", ratios, drawing.BLUE_RED, stage)
 
 
 def _legend(name: str, title: str, scale: list[tuple[float, str]], palette: Any, stage: Stage) -> Entities:

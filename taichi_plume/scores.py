@@ -60,6 +60,26 @@ def map_score(estimate: np.ndarray, truth: np.ndarray) -> MapScore:
     return MapScore(mae, correlation, known)
 
 
+def peak_distance(estimate: np.ndarray, cell: float, sources: np.ndarray) -> np.ndarray:
+    """Distance [m] from the peaks of maps (trials, nx, ny) to the nearest of the sources (m, 2) [m], (trials,).
+
+    NaN where a map knows nothing or there is no source.
+    """
+    trials, _, ny = estimate.shape
+    known = np.isfinite(estimate)
+    peak = np.where(known, estimate, -np.inf).reshape(trials, -1).argmax(axis=1)
+    place = (np.stack([peak // ny, peak % ny], axis=-1) + 0.5) * cell
+    apart = np.linalg.norm(place[:, None] - sources, axis=-1).min(axis=1, initial=np.inf)
+    return np.where(known.any(axis=(1, 2)) & np.isfinite(apart), apart, np.nan)
+
+
+def surprise(reading: np.ndarray, mean: np.ndarray, variance: np.ndarray) -> np.ndarray:
+    """Negative logarithm of a normal density at readings [ppm]; NaN where the mean or a variance is unknown."""
+    known = np.isfinite(mean) & (variance > 0)
+    v = np.where(known, variance, 1.0)
+    return np.where(known, 0.5 * np.log(2 * np.pi * v) + (reading - mean) ** 2 / (2 * v), np.nan)
+
+
 def trial_outcomes(group: Any, snapshot: dict[str, np.ndarray], sources: np.ndarray) -> dict[str, Any]:
     """Per trial of a group, as columns; sources: (m, 2) [m].
 

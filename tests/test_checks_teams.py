@@ -42,6 +42,11 @@ def test_good_teams_have_no_problems(tmp_path, override):
             "lower it",
         ),
         (
+            team(2, "kind: least_known, avoidance: 1.45"),
+            "robots[0].algorithm.avoidance: nowhere is 1.53 m to all walls",
+            "lower it",
+        ),
+        (
             team(40, "kind: dapso", ", trials: 20000"),
             "robots[0].count: 40 robots in 20000 trials would keep 3.2e+07 messages",
             "2e+07",

@@ -75,6 +75,18 @@ def test_dapso_arena_is_the_story_of_its_header(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("name", ["odor_mapping_dapso", "odor_mapping_lineup"])
+def test_odor_mapping_scores_its_maps(name, tmp_path):
+    result = result_of(name, tmp_path)
+    for gas_map in result["maps"]:
+        scores = gas_map["mean_gas"]
+        assert scores["time_s"] == pytest.approx(5.0 * np.arange(1, 61))
+        assert None not in scores["error_ppm"]
+        assert None not in scores["peak_distance_m"]
+    assert verified(tmp_path / "recording.rrd")
+
+
+@pytest.mark.slow
 def test_frozen_room_serves_five_hundred_trials(tmp_path):
     result = result_of("frozen_room", tmp_path, "--no-recording")
     assert result["groups"][0]["success_rate"] > 0.9

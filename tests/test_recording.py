@@ -13,7 +13,7 @@ import pyarrow as pa
 import pytest
 import rerun as rr
 
-from taichi_plume import disk, scores
+from taichi_plume import disk
 from taichi_plume.recording import Recorder
 from taichi_plume.simulation import Simulation
 
@@ -74,7 +74,7 @@ def test_everything_is_there(dim, tmp_path):
     assert {f"/robots/team-{i}" for i in range(4)} <= there
     assert "/robots/team-4" not in there  # of two trials the first
     assert {f"/world/obstacles/{n}" for n in range(5)} <= there
-    assert {f"/maps/{n}/{what}" for n in (0, 1) for what in ("estimate", "weight", "error")} <= there
+    assert {f"/maps/{n}/{what}" for n in (0, 1) for what in ("estimate", "truth", "weight", "error")} <= there
     assert {"/world/openings/0", "/world/openings/1", "/wind", "/gas/slice", "/about", "/events"} <= there
     assert ("/gas/volume" in there) == (dim == 3)
     t, _ = column(path, "/gas/slice", "GridMap:data")
@@ -189,13 +189,16 @@ def test_found_source_and_changes_are_events(tmp_path):
     assert all(a != b for a, b in pairwise(names))
 
 
-def test_map_error_is_half_the_truth(tmp_path):
+def test_scores_of_maps_are_series(tmp_path):
     sim = fake_run.simulation(fake_run.scenario(2, duration=6))
-    path = recorded(sim, tmp_path / "a.rrd")
-    fake: Any = sim.maps[0]
-    truth = scores.true_gas(sim, 0.25, fake.shape)[fake.seen]
-    _, errors = column(path, "/map_errors/0_mae", "Scalars:scalars")
-    assert errors[-1][0] == pytest.approx(0.5 * truth.mean(), rel=1e-4)
+    recorder = record(sim, tmp_path / "a.rrd")
+    sim.run()
+    recorder.close()
+    path, values = recorder.path, recorder.map_series[0].values
+    for origin, name in (("map_errors/0_mae", "error_ppm"), ("map_peaks/0", "peak_distance_m")):
+        t, scalars = column(path, f"/{origin}", "Scalars:scalars")
+        assert list(t) == [5.0]
+        assert scalars[0][0] == pytest.approx(values[name][0][0])
     t, forecasts = column(path, "/map_errors/0_forecast", "Scalars:scalars")
     assert list(t) == [5.0]
     assert forecasts[0][0] == pytest.approx(10 / 6)

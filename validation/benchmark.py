@@ -2,7 +2,7 @@
 
 python -m taichi_plume.validation.benchmark [NAMES] [--pressure] [--json] [--arch ARCH] [--seconds S]
 
-A step is the flow with its eddy viscosity and one gas, as a run takes it; puffs and robots are measured by themselves.
+A step is the flow with its eddy viscosity and one gas, as a run takes it; puffs, robots and maps are measured by themselves.
 With --pressure, only the pressure is solved, of cubes of N³ cells with obstacles: how its iterations grow with N. Every
 figure is a rate on a machine that may be shared: compare the ratios to the bandwidth, and rates of one run with each
 other.
@@ -35,7 +35,7 @@ from taichi_plume.scenario import Domain
 from taichi_plume.solvers.boundaries import periodic_axes
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.gas import EulerianSolver
-from taichi_plume.validation import puff_benchmark, robot_benchmark, trial_benchmark
+from taichi_plume.validation import map_benchmark, puff_benchmark, robot_benchmark, trial_benchmark
 from taichi_plume.winds import CfdWind
 
 ARENA = (
@@ -151,7 +151,7 @@ CASES: dict[str, Callable[[], tuple[FlowSolver, Callable[[], None]]]] = {
 }
 
 
-# ---------------------------------------------------------------- puffs and robots
+# ---------------------------------------------------------------- puffs, robots and maps
 
 
 def _arena_puffs(puffs: int) -> puff_benchmark.PuffSolver:
@@ -168,6 +168,7 @@ OTHER_CASES: dict[str, Callable[[str], Sequence[Any]]] = {
         robot_benchmark.ticks("robots", arch, algorithm) for algorithm in ("casting", "spiral")
     ],
     "spiral_trials": lambda arch: trial_benchmark.spiral_trials("spiral_trials", arch),
+    "maps": map_benchmark.maps,
 }
 
 

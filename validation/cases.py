@@ -15,6 +15,7 @@ from taichi_plume.validation.gas_cases import gaussian_puff
 from taichi_plume.validation.heat_cases import conduction, heated_cavity
 from taichi_plume.validation.import_cases import IMPORT_CASES
 from taichi_plume.validation.jet import CORE, DECAY, SPREAD, fan_jet
+from taichi_plume.validation.mapping_cases import MAPPING_CASES
 from taichi_plume.validation.plume_cases import PLUME_CASES
 from taichi_plume.validation.plumesim_cases import PLUMESIM_CASES
 from taichi_plume.validation.puff_cases import PUFF_CASES
@@ -268,5 +269,6 @@ _ALL = (
     *PLUMESIM_CASES,
     *SPIRAL_CASES,
     *DAPSO_CASES,
+    *MAPPING_CASES,
 )
 CASES: dict[str, Case | Experiment] = {case.name: case for case in _ALL}

@@ -30,6 +30,19 @@ class Tracks:
 
 
 @dataclass(frozen=True)
+class Lines:
+    """Several quantities over one, for the report to draw: arrays of one shape by name."""
+
+    x_label: str
+    y_label: str
+    x: np.ndarray
+    lines: Mapping[str, np.ndarray]
+
+
+Picture = Curve | Tracks | Lines
+
+
+@dataclass(frozen=True)
 class Range:
     """Where a mean has to lie."""
 
@@ -46,7 +59,7 @@ class Range:
         return f"<= {self.most:g}" if self.least == -inf else f"{self.least:g} to {self.most:g}"
 
 
-Told = Mapping[str, Mean | Curve | Tracks]
+Told = Mapping[str, Mean | Picture]
 """Means by quantity, and pictures by title."""
 
 
@@ -101,12 +114,10 @@ class Row:
         return low is None or high is None or high < self.expected.least or low > self.expected.most
 
 
-def examine(
-    experiment: Experiment, trials: int, arch: str = "cpu"
-) -> tuple[list[Row], dict[str, Curve | Tracks]]:
+def examine(experiment: Experiment, trials: int, arch: str = "cpu") -> tuple[list[Row], dict[str, Picture]]:
     """Run so many trials of every condition, each with a fresh Taichi. Returns all rows, and pictures by title."""
     rows: list[Row] = []
-    pictures: dict[str, Curve | Tracks] = {}
+    pictures: dict[str, Picture] = {}
     for condition in experiment.conditions:
         kernels.start(arch)
         told = condition.run(trials)

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from taichi_plume.validation.case import Curve
-from taichi_plume.validation.experiment import Tracks
+from taichi_plume.validation.experiment import Lines, Picture, Tracks
 
-Pictures = Mapping[str, Curve | Tracks]
+Pictures = Mapping[str, Picture]
 """By title."""
 
 INK = {True: "#2e7d32", False: "#c62828", None: "#777"}
@@ -133,6 +133,8 @@ def _picture(case: dict[str, Any], pictures: Pictures) -> str:
     for axis, (title, picture) in zip(axes, pictures.items(), strict=False):
         if isinstance(picture, Tracks):
             _tracks(axis, title, picture)
+        elif isinstance(picture, Lines):
+            _lines(axis, title, picture)
         else:
             _curve(axis, title, picture)
     file = io.BytesIO()
@@ -163,6 +165,14 @@ def _curve(axis: Any, title: str, curve: Curve) -> None:
         axis.set_xscale("log")
     if curve.log_y:
         axis.set_yscale("log")
+    axis.legend(fontsize=7)
+    axis.grid(alpha=0.3)
+
+
+def _lines(axis: Any, title: str, picture: Lines) -> None:
+    for name, values in picture.lines.items():
+        axis.plot(picture.x, values, ".-", markersize=3, linewidth=1, label=name)
+    axis.set(xlabel=picture.x_label, ylabel=picture.y_label, title=title)
     axis.legend(fontsize=7)
     axis.grid(alpha=0.3)
 

@@ -1,170 +1,110 @@
-"""The maps against a literal reading of eq 1-8, with loops over snaps and cells in float64."""
-
-from typing import Any
+"""What holds for every gas map: what it does not know it says, whatever the robots do."""
 
 import numpy as np
 import pytest
-import taichi as ti
+from pydantic import TypeAdapter
+from readers import EXTENT, Readers, same
 
-from taichi_plume.agents.mapping import InverseDistanceMap, TimeSeriesMap
-from taichi_plume.scenario import IdwMap
-from taichi_plume.scenario import TimeSeriesMap as TimeSeriesModel
+from taichi_plume.assemble import mapper
+from taichi_plume.map_models import Map
 
-EXTENT = (2.0, 1.5)
-CELL, WINDOW, DT = 0.25, 5.0, 0.5
-TRIALS, COUNT = 2, 3
-
-
-class Robots:
-    """What a map sees of a swarm: robots jumping about, those of trial k at k COUNT ..."""
-
-    def __init__(self, seed):
-        self.rng = np.random.default_rng(seed)
-        n = TRIALS * COUNT
-        self.believed_position = ti.Vector.field(2, ti.f32, n)
-        self.reading = ti.field(ti.f32, n)
-        self.members = ti.field(ti.i32, (TRIALS, COUNT + 1))
-        self.team_size = ti.field(ti.i32, TRIALS)
-        self.team_size.fill(COUNT)
-        self.members.fill(-1)
-        for i in range(n):
-            self.members[i // COUNT, i % COUNT] = i
-        self.where = self.rng.uniform(0, EXTENT, (n, 2))
-
-    def wander(self):
-        self.where = np.clip(self.where + self.rng.normal(0, 0.1, self.where.shape), 0.0, EXTENT)
-        self.believed_position.from_numpy(self.where.astype(np.float32))
-        self.reading.from_numpy(self.rng.exponential(20.0, len(self.where)).astype(np.float32))
+KINDS = [
+    {"kind": "time_series"},
+    {"kind": "time_series", "raw_samples": True},
+    {"kind": "inverse_distance"},
+    {"kind": "kernel_dmv"},
+    {"kind": "kernel_dmv", "memory": 60, "wind_stretch": 0.25},
+    {"kind": "gmrf", "window": 5},
+]
+every_kind = pytest.mark.parametrize("keys", KINDS, ids=lambda keys: " ".join(map(str, keys.values())))
+DT = 0.5
+WINDOW = 10  # ticks
 
 
-def run(gas_map, seconds, pause=(np.inf, np.inf)):
-    """Feed the map, but during `pause`; returns the samples of each snap: lists of (trial, x, y, reading)."""
-    robots = Robots(4)
-    snaps: list[list[tuple]] = [[] for _ in range(round(seconds / WINDOW) + 1)]
-    for tick in range(1, round(seconds / DT) + 1):
-        robots.wander()
-        t = tick * DT
-        if pause[0] < t <= pause[1]:
-            continue
-        gas_map.update(robots, tick, t, DT)
-        where, readings = (
-            robots.believed_position.to_numpy().astype(float),
-            robots.reading.to_numpy().astype(float),
-        )
-        for i in range(TRIALS * COUNT):
-            snaps[int(np.ceil(t / WINDOW)) - 1].append((i // COUNT, *where[i], readings[i]))
-    return snaps
+def made(keys, trials=1):
+    model = TypeAdapter(Map).validate_python({**keys, "cell": 0.25})
+    return mapper(model, EXTENT, trials, lambda points: np.full(points.shape[:-1], np.inf))
 
 
-def cells():
-    return [((i + 0.5) * CELL, (j + 0.5) * CELL) for i in range(8) for j in range(6)]
+def show(gas_map, robots, where, readings, ticks=range(1, WINDOW + 1)):
+    """Robots that stay where they are, for a window."""
+    robots.show(where, readings)
+    for tick in ticks:
+        gas_map.update(robots, tick, tick * DT, DT)
 
 
-def interpolated(samples, trial, power=2.0, shortest=CELL / 2):
-    """Eq 1-3 in every cell: C and W."""
-    C, W = [], []
-    for x, y in cells():
-        weights = [max(np.hypot(x - a, y - b), shortest) ** -power for k, a, b, _ in samples if k == trial]
-        values = [c for k, _, _, c in samples if k == trial]
-        W.append(sum(weights))
-        total = sum(w * c for w, c in zip(weights, values, strict=True))
-        C.append(total / sum(weights) if weights else np.nan)
-    return np.array(C), np.array(W)
+def layers(gas_map):
+    """All that it tells."""
+    return [getattr(gas_map, name)() for name in ("estimate", "weight", "variance") if hasattr(gas_map, name)]
 
 
-def forecast(snaps, now, trial, alpha, beta):
-    """Eq 4-7 for snap number `now` from all before it."""
-    place = np.array(cells())
-    past = [(k, *interpolated(snaps[k], trial)) for k in range(now)]
-    S, total = np.full(len(place), np.nan), np.zeros(len(place))
-    for j, here in enumerate(place):
-        above = below = 0.0
-        for k, C, W in past:
-            for i, there in enumerate(place):
-                dist = alpha * np.hypot(*(here - there)) + (1 - alpha) * 0.1 * (now - k) * WINDOW
-                if dist < beta - 1e-9 and W[i] > 0:
-                    above += C[i] * W[i] / dist
-                    below += W[i] / dist
-        total[j] = below
-        if below > 0:
-            S[j] = above / below
-    return S, total
-
-
-def same(ours, reference):
-    """Equal to 1e-5 relative, and unknown in the same cells."""
-    assert (np.isnan(ours) == np.isnan(reference)).all()
-    assert ours == pytest.approx(reference, rel=1e-5, nan_ok=True)
-
-
-@pytest.mark.parametrize("alpha", [0.4, 0.9, 0.98])
-@pytest.mark.parametrize("pause", [(np.inf, np.inf), (20.0, 30.0)], ids=["steady", "pause"])
-def test_time_series_map_is_eq_1_to_8(alpha, pause):
-    """45 s; with the pause, snaps 5 and 6 have no samples."""
-    gas_map = TimeSeriesMap(TimeSeriesModel(kind="time_series", alpha=alpha), EXTENT, TRIALS)
+@every_kind
+def test_without_readings_nothing_is_known(keys):
+    gas_map, robots = made(keys, 2), Readers(1)
+    robots.team_size.fill(0)
     assert np.isnan(gas_map.estimate()).all()
-    snaps = run(gas_map, 45.0, pause)
-    assert gas_map.snaps == 9
-    assert gas_map.estimate().shape == (TRIALS, 8, 6)
-    for trial in range(TRIALS):
-        S, weight = forecast(snaps, 9, trial, alpha, 0.5)
-        same(gas_map.estimate()[trial].ravel(), S)
-        same(gas_map.weight()[trial].ravel(), weight)
-    errors = dict(gas_map.errors)
-    assert list(errors) == pytest.approx([10, 15, 20, 25, 30, 35, 40, 45])
-    for snap in (1, 4, 7, 8):
-        for trial in range(TRIALS):
-            S, _ = forecast(snaps, snap, trial, alpha, 0.5)
-            C, _ = interpolated(snaps[snap], trial)
-            off = np.abs(S - C)
-            expected = np.nan if np.isnan(off).all() else np.nanmean(off)
-            assert errors[(snap + 1) * WINDOW][trial] == pytest.approx(expected, rel=1e-5, nan_ok=True)
-
-
-def test_nothing_is_known_right_after_an_empty_snap_when_the_neighbourhood_is_short():
-    """alpha = 0.4 reaches one snap back: unknown, not zero."""
-    gas_map = TimeSeriesMap(TimeSeriesModel(kind="time_series", alpha=0.4), EXTENT, TRIALS)
-    robots: Any = Robots(1)
-    robots.wander()
-    gas_map.update(robots, 10, 5.0, DT)
-    assert np.isfinite(gas_map.estimate()).all()
-    gas_map.update(robots, 24, 12.0, DT)  # in the third snap; the second stayed empty
-    assert gas_map.snaps == 2
+    show(gas_map, robots, robots.where, np.ones(6))
+    assert gas_map.estimate().shape == (2, 8, 6)
     assert np.isnan(gas_map.estimate()).all()
     assert (gas_map.weight() == 0).all()
+    if hasattr(gas_map, "variance"):
+        assert np.isnan(gas_map.variance()).all()
 
 
-@pytest.mark.parametrize("power", [1.0, 2.0, 3.5])
-def test_inverse_distance_map_is_eq_1_to_3_of_the_last_snap(power):
-    model = IdwMap(kind="inverse_distance", power=power, min_distance=0.05)
-    gas_map = InverseDistanceMap(model, EXTENT, TRIALS)
-    snaps = run(gas_map, 17.0)  # 2 s into the fourth snap
-    for trial in range(TRIALS):
-        C, W = interpolated(snaps[2], trial, power, 0.05)
-        same(gas_map.estimate()[trial].ravel(), C)
-        same(gas_map.weight()[trial].ravel(), W)
-    times = [time for time, _ in gas_map.errors]
-    assert times == [10, 15]
-    before, after = interpolated(snaps[1], 1, power, 0.05)[0], interpolated(snaps[2], 1, power, 0.05)[0]
-    assert gas_map.errors[-1][1][1] == pytest.approx(np.abs(before - after).mean(), rel=1e-5)
+@every_kind
+@pytest.mark.parametrize("wrong", [np.nan, 50.0], ids=["not a number", "off the map"])
+def test_what_is_no_reading_is_left_out(keys, wrong):
+    """A third robot reads NaN, or believes to be off the map: it might as well not be there."""
+    with_it, without = made(keys), made(keys)
+    two, three = Readers(1, trials=1, count=2), Readers(1, trials=1, count=3)
+    where = [[0.3, 0.4], [1.6, 1.1], [1.0, 0.7]]
+    if wrong > 0:
+        where[2] = [1.0, -0.01]
+    show(without, two, where[:2], [4.0, 9.0])
+    show(with_it, three, where, [4.0, 9.0, wrong])
+    for a, b in zip(layers(with_it), layers(without), strict=True):
+        same(a, b)
 
 
-@pytest.mark.parametrize(
-    ("alpha", "lags", "entries"),
-    [(0.4, 1, 9), (0.5, 1, 9), (0.6, 2, 10), (0.8, 4, 20), (0.9, 9, 41), (0.98, 49, 209)],
-)
-def test_reach_of_the_neighbourhood(alpha, lags, entries):
-    """Counted by hand from eq 4 and 5, beta = 0.5, 5 s and 0.25 m; a distance of exactly beta is outside."""
-    gas_map = TimeSeriesMap(TimeSeriesModel(kind="time_series", alpha=alpha), EXTENT, 1)
-    assert gas_map.depth == lags + 1
-    assert len(gas_map.closeness.to_numpy()) == entries
+@every_kind
+def test_one_robot_that_stands_still_tells_its_reading(keys):
+    """Where the map knows anything it is that reading, at the corner of the floor too."""
+    gas_map, robots = made(keys), Readers(1, trials=1, count=1)
+    show(gas_map, robots, [EXTENT], [12.0])
+    estimate = gas_map.estimate()[0]
+    assert estimate[-1, -1] == pytest.approx(12.0, rel=1e-5)
+    np.testing.assert_allclose(estimate[np.isfinite(estimate)], 12.0, rtol=1e-5)
+    assert (np.isnan(estimate) == (gas_map.weight()[0] == 0)).all()
 
 
-def test_a_neighbourhood_without_any_snap_is_refused():
-    with pytest.raises(ValueError, match="sees no past snap"):
-        TimeSeriesModel(kind="time_series", alpha=0.4, window=20.0)
+@every_kind
+def test_no_gas_is_known_to_be_none(keys):
+    gas_map, robots = made(keys), Readers(1, trials=1)
+    show(gas_map, robots, robots.where, np.zeros(3))
+    estimate = gas_map.estimate()
+    assert np.isfinite(estimate).any()
+    assert (estimate[np.isfinite(estimate)] == 0).all()
 
 
-def test_cells_cover_the_floor():
-    gas_map = InverseDistanceMap(IdwMap(kind="inverse_distance", cell=0.4), (2.0, 1.5), 1)
-    assert gas_map.shape == (5, 4)
+@pytest.mark.parametrize("keys", KINDS[3:5], ids=["kernel", "kernel with memory and wind"])
+def test_cells_out_of_reach_are_unknown(keys):
+    gas_map, robots = made(keys), Readers(1, trials=1, count=1)
+    show(gas_map, robots, [[0.125, 0.125]], [5.0])
+    assert np.isfinite(gas_map.estimate()[0, :4, 0]).all()  # 0.75 m
+    assert np.isnan(gas_map.estimate()[0, 4:]).all()  # 1 m, four times sigma
+    assert (gas_map.weight()[0, 4:] == 0).all()
+
+
+@every_kind
+def test_trials_do_not_see_each_other(keys):
+    """The second trial alone gives what it gives beside the first; its robots lose their readings for a while."""
+    both, alone = made(keys, 2), made(keys)
+    six, three = Readers(1), Readers(1, trials=1)
+    rng = np.random.default_rng(3)
+    for tick in range(1, 3 * WINDOW + 1):
+        where, readings = rng.uniform(0, EXTENT, (6, 2)), rng.exponential(20.0, 6)
+        readings[3:] *= np.where(8 < tick < 14, np.nan, 1.0)
+        show(both, six, where, readings, [tick])
+        show(alone, three, where[3:], readings[3:], [tick])
+    for a, b in zip(layers(both), layers(alone), strict=True):
+        same(a[1], b[0], 1e-6)

@@ -1,0 +1,212 @@
+"""Gas map as a Gaussian Markov random field, which obstacles cut.
+
+Monroy, Blanco & Gonzalez-Jimenez, Autonomous Robots 2016. The map is what makes
+
+    Σ_links λ_p (m_i - m_j)²  +  Σ_readings λ_o(s) (m_k - z)²,      λ_o(s) = λ_o (1 - s / memory) until that is zero
+
+least. Links join cells that share an edge, unless an obstacle stands between their centres; k is the cell in which a
+reading z of age s was taken. Hence H m = g, with H_ii = λ_p links_i + Σ λ_o, H_ij = -λ_p, g_i = Σ λ_o z, and the
+variance is the diagonal of H⁻¹. Cells that no chain of links joins to a reading are unknown.
+
+Column by column, H is block tridiagonal, and blocks are joined by diagonal matrices: elimination forward, with the
+inverses P of the blocks kept, gives the mean, and on the way back the blocks of the inverse on the diagonal:
+G_i = P_i + (λ_p P_i R_i) G_i+1 (λ_p R_i P_i), where R_i holds the links from column i to the next. Exact, for all
+trials at once, and no slower in time: readings are summed by cell and window, and dropped when they count no more.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from math import ceil
+
+import numpy as np
+import taichi as ti
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from taichi_plume import map_models as models
+from taichi_plume.agents.mapping import counts, shape
+from taichi_plume.agents.swarm import Swarm
+from taichi_plume.kernels import Template
+
+LOOKS = 16  # parts of the way between two centres at whose ends an obstacle is looked for
+
+Window = tuple[float, np.ndarray, np.ndarray, np.ndarray]
+"""End [s] of a window, and of the cells with readings in it: flat indices, numbers of readings, their sums [ppm]."""
+
+
+class MarkovMap:
+    """Mean and variance of the gas in each cell, solved for when they are asked for.
+
+    obstacle_distance: of points (..., 2) [m], the distance [m] to the next obstacle, negative inside.
+    """
+
+    def __init__(
+        self,
+        model: models.MarkovMap,
+        extent: tuple[float, float],
+        trials: int,
+        obstacle_distance: Callable[[np.ndarray], np.ndarray],
+    ):
+        self.model, self.cell = model, model.cell
+        self.extent = ti.math.vec2(extent)
+        self.shape = shape(extent, model.cell)
+        self.errors: list[tuple[float, np.ndarray]] = []
+        self.count = ti.field(ti.f32, (trials, *self.shape))  # readings of the running window
+        self.total = ti.field(ti.f32, (trials, *self.shape))  # their sum [ppm]
+        self.ended = 0  # windows
+        self.past: deque[Window] = deque()
+        self.links = _links(self.shape, model.cell, obstacle_distance)
+        self.region = _regions(self.links)
+        self._solved: tuple[np.ndarray, np.ndarray] | None = None
+
+    def update(self, swarm: Swarm, tick: int, t: float, dt: float) -> None:
+        """Take in the readings at time t [s]; the tick that reaches a multiple of the window ends it."""
+        slack = 1e-6 * dt  # t carries rounding
+        self._end_windows(ceil((t - slack) / self.model.window) - 1)  # nothing came in since they ended
+        _collect(swarm.members, swarm.team_size, swarm.believed_position, swarm.reading, self.extent, self.cell,
+                 self.count, self.total)  # fmt: skip
+        self._end_windows(int((t + slack) / self.model.window))
+
+    def estimate(self) -> np.ndarray:
+        """Mean at the end of the last window [ppm], (trials, nx, ny); NaN where no reading reaches."""
+        return self._solution()[0]
+
+    def variance(self) -> np.ndarray:
+        """How far the mean may be off [ppm²], (trials, nx, ny); NaN where no reading reaches."""
+        return self._solution()[1]
+
+    def weight(self) -> np.ndarray:
+        """1 / variance [1/ppm²], (trials, nx, ny)."""
+        return np.nan_to_num(1.0 / self.variance(), nan=0.0)
+
+    def _end_windows(self, number: int) -> None:
+        """End windows until `number` have ended, the running one first."""
+        if number <= self.ended:
+            return
+        time = (self.ended + 1) * self.model.window
+        self.ended = number
+        self._solved = None
+        count = self.count.to_numpy().ravel()
+        cells = np.flatnonzero(count)
+        if len(cells):
+            self.past.append((time, cells, count[cells], self.total.to_numpy().ravel()[cells].astype(float)))
+            self.count.fill(0)
+            self.total.fill(0)
+        if self.model.memory is None:
+            self._merge()
+        else:
+            while self.past and number * self.model.window - self.past[0][0] >= self.model.memory:
+                self.past.popleft()
+
+    def _merge(self) -> None:
+        """One window of all: none fades."""
+        if len(self.past) > 1:
+            count, total = self._information()
+            cells = np.flatnonzero(count)
+            self.past = deque([(self.past[-1][0], cells, count.ravel()[cells], total.ravel()[cells])])
+
+    def _information(self) -> tuple[np.ndarray, np.ndarray]:
+        """Number and sum [ppm] of the readings in each cell, by how much they still count, (trials, nx, ny) each."""
+        count, total = np.zeros(self.count.shape), np.zeros(self.count.shape)
+        for time, cells, n, z in self.past:
+            share = 1.0
+            if self.model.memory is not None:
+                share -= (self.ended * self.model.window - time) / self.model.memory
+            count.ravel()[cells] += share * n
+            total.ravel()[cells] += share * z
+        return count, total
+
+    def _solution(self) -> tuple[np.ndarray, np.ndarray]:
+        """Mean and variance."""
+        if self._solved is None:
+            count, total = self._information()
+            trials = len(count)
+            number = np.arange(trials)[:, None, None] * (self.region.max() + 1) + self.region
+            known = (np.bincount(number.ravel(), count.ravel()) > 0)[number]
+            precision = self.model.lambda_observation * count + ~known  # or H were singular
+            mean, variance = _solve(
+                precision, self.model.lambda_observation * total, self.links, self.model.lambda_prior
+            )
+            self._solved = np.where(known, mean, np.nan), np.where(known, variance, np.nan)
+        return self._solved
+
+
+def _links(
+    cells: tuple[int, int], cell: float, obstacle_distance: Callable[[np.ndarray], np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Whether the way from a cell to the next along x (nx - 1, ny), and along y (nx, ny - 1), is free."""
+    axes = [(np.arange(n) + 0.5) * cell for n in cells]
+    centers = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    share = np.linspace(0.0, 1.0, LOOKS + 1)[:, None, None, None]
+    along_x = (1 - share) * centers[:-1] + share * centers[1:]
+    along_y = (1 - share) * centers[:, :-1] + share * centers[:, 1:]
+    return (obstacle_distance(along_x) > 0).all(axis=0), (obstacle_distance(along_y) > 0).all(axis=0)
+
+
+def _regions(links: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    """Numbers (nx, ny), the same for cells that a chain of links joins."""
+    nx, ny = links[1].shape[0], links[0].shape[1]
+    cell = np.arange(nx * ny).reshape(nx, ny)
+    ends = [
+        np.concatenate([cell[:-1][links[0]], cell[:, :-1][links[1]]]),
+        np.concatenate([cell[1:][links[0]], cell[:, 1:][links[1]]]),
+    ]
+    graph = coo_array((np.ones(len(ends[0])), tuple(ends)), shape=(nx * ny, nx * ny))
+    return connected_components(graph, directed=False)[1].reshape(nx, ny)
+
+
+def _solve(
+    precision: np.ndarray, g: np.ndarray, links: tuple[np.ndarray, np.ndarray], lambda_prior: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """H⁻¹ g and the diagonal of H⁻¹, where H is the links' matrix and `precision` on its diagonal; (trials, nx, ny)."""
+    trials, nx, ny = precision.shape
+    if ny > nx:  # the blocks are as large as a column
+        flipped = (links[1].T, links[0].T)
+        x, v = _solve(precision.swapaxes(1, 2), g.swapaxes(1, 2), flipped, lambda_prior)
+        return x.swapaxes(1, 2), v.swapaxes(1, 2)
+    across, within = lambda_prior * links[0], lambda_prior * links[1]
+    diagonal = precision.copy()
+    diagonal[:, :-1] += across
+    diagonal[:, 1:] += across
+    diagonal[:, :, :-1] += within
+    diagonal[:, :, 1:] += within
+    row = np.arange(ny)
+    P, y = np.empty((nx, trials, ny, ny)), g.copy()
+    for i in range(nx):
+        block = np.zeros((trials, ny, ny))
+        block[:, row, row] = diagonal[:, i]
+        block[:, row[:-1], row[1:]] = block[:, row[1:], row[:-1]] = -within[i]
+        if i > 0:
+            block -= across[i - 1][:, None] * P[i - 1] * across[i - 1]
+            y[:, i] += across[i - 1] * _times(P[i - 1], y[:, i - 1])
+        P[i] = np.linalg.inv(block)
+    x, variance = np.empty_like(g), np.empty_like(g)
+    G = P[-1]
+    x[:, -1], variance[:, -1] = _times(G, y[:, -1]), G[:, row, row]
+    for i in range(nx - 2, -1, -1):
+        x[:, i] = _times(P[i], y[:, i] + across[i] * x[:, i + 1])
+        joined = P[i] * across[i]
+        G = P[i] + joined @ G @ joined.swapaxes(1, 2)
+        variance[:, i] = G[:, row, row]
+    return x, variance
+
+
+def _times(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """(trials, n, n) times (trials, n)."""
+    return (matrix @ vector[..., None])[..., 0]
+
+
+@ti.kernel
+def _collect(
+    members: Template, team_size: Template, position: Template, reading: Template, extent: ti.math.vec2, cell: float,
+    count: Template, total: Template,
+):  # fmt: skip
+    """Add the readings of each trial's robots to their cells."""
+    for k in team_size:
+        for m in range(team_size[k]):
+            robot = members[k, m]
+            if counts(reading[robot], position[robot], extent):
+                I = ti.floor(position[robot] / cell, ti.i32)
+                x, y = ti.min(I[0], count.shape[1] - 1), ti.min(I[1], count.shape[2] - 1)
+                count[k, x, y] += 1.0
+                total[k, x, y] += reading[robot]

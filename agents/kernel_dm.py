@@ -1,0 +1,208 @@
+"""Gas map of mean and variance by Gaussian weights: Kernel DM+V and its kin.
+
+Lilienthal, Reggente, Trincavelli, Blanco & Gonzalez, IROS 2009 (DM+V); Asadi et al. 2011 (older readings count less);
+Reggente & Lilienthal 2009 (DM+V/W: stretched along the wind). A reading r_i of age s_i, taken at x_i in wind u_i, has
+in the cell k around x_k the weight
+
+    K_ik = exp(-s_i / memory - (d_along² / a² + d_across² / b²) / 2),   d = x_k - x_i,   0 beyond 4 (a, b)
+    a = sigma + wind_stretch |u_i|,     b = sigma² / a
+
+with d along and across u_i; a = b = sigma without wind. Mean, confidence and variance are
+
+    Ω_k = Σ_i K_ik,                              α_k = 1 - exp(-Ω_k² / σ_Ω²)
+    m_k = α_k Σ_i K_ik r_i / Ω_k + (1 - α_k) r0,      r0 = mean of all r_i
+    v_k = α_k Σ_i K_ik q_i / Ω_k + (1 - α_k) v0,      v0 = mean of all q_i,      q_i = (r_i - m_k(i))²
+
+where k(i) is the cell of x_i and means are weighted by age too. K is 1 at no distance: the papers' constant factor is
+the same for all readings, as a b = sigma², and goes into σ_Ω.
+
+Ω and Σ K r are kept as sums, which fade with time: exact for any length of run. The q_i change with the map: they are
+reckoned anew for the `exact` latest readings of a trial, while an older reading keeps the one it had when it became
+older. Runs with fewer readings have the exact variance.
+"""
+
+from math import exp
+from typing import Any
+
+import numpy as np
+import taichi as ti
+
+from taichi_plume import map_models as models
+from taichi_plume.agents.mapping import counts, ratio, shape
+from taichi_plume.agents.swarm import Swarm
+from taichi_plume.kernels import STRIP, Template
+
+CUT_OFF = 4.0  # in widths of the kernel
+
+
+@ti.dataclass
+class Sample:
+    """A reading [ppm], where it was taken [m], and the axes of its kernel, each over its width [1/m]."""
+
+    place: ti.math.vec2
+    along: ti.math.vec2
+    across: ti.math.vec2
+    reading: ti.f32
+    time: ti.f32
+
+
+@ti.data_oriented
+class KernelMap:
+    """Mean and variance of the gas in each cell."""
+
+    def __init__(self, model: models.KernelMap, extent: tuple[float, float], trials: int):
+        self.model, self.cell, self.exact = model, model.cell, model.exact
+        self.extent = ti.math.vec2(extent)
+        self.shape = shape(extent, model.cell)
+        self.errors: list[tuple[float, np.ndarray]] = []
+        self.fading = 0.0 if model.memory is None else 1.0 / model.memory  # 1/s
+        self.time = 0.0  # of the last update [s]
+        self.parts = -(-self.shape[1] // STRIP)  # of a column of cells
+        self.weights = ti.field(ti.f32, (trials, *self.shape))  # Ω
+        self.weighted = ti.field(ti.f32, (trials, *self.shape))  # Σ K r [ppm]
+        self.old = ti.field(ti.f32, (trials, *self.shape))  # Σ K q of readings that are not kept [ppm²]
+        self.squares = ti.field(ti.f32, (trials, *self.shape))  # Σ K q of all of them
+        # Σ of the weights of age, times 1, r, and q of the readings that are not kept
+        self.totals: Any = ti.Vector.field(3, ti.f32, trials)
+        # A trial's latest readings: number n, from 0 on, has slot n % exact. `left` is what was there before.
+        self.kept: Any = Sample.field(shape=(trials, self.exact))
+        self.left: Any = Sample.field(shape=(trials, self.exact))
+        self.deviation = ti.field(ti.f32, (trials, self.exact))  # q times the weight of its age [ppm²]
+        self.begin = ti.field(ti.i32, trials)  # number of the first reading that is being taken in
+        self.end = ti.field(ti.i32, trials)
+
+    def update(self, swarm: Swarm, tick: int, t: float, dt: float) -> None:
+        """Take in the readings at time t [s]."""
+        fade = exp(-self.fading * (t - self.time))
+        self.time = t
+        for first in range(0, swarm.members.shape[1], self.exact):  # no more at once than there are slots
+            self._take_in(swarm, first, t, fade if first == 0 else 1.0)
+
+    def estimate(self) -> np.ndarray:
+        """Mean [ppm], (trials, nx, ny); NaN beyond the reach of every reading."""
+        totals = self.totals.to_numpy().astype(float)
+        return self._blend(self.weighted.to_numpy(), ratio(totals[:, 1], totals[:, 0]))
+
+    def variance(self) -> np.ndarray:
+        """Variance of readings about the mean [ppm²], (trials, nx, ny); NaN beyond the reach of every reading."""
+        self._judge(self.time)
+        totals = self.totals.to_numpy().astype(float)
+        deviation = totals[:, 2] + self.deviation.to_numpy().sum(axis=1, dtype=float)
+        return self._blend(self.squares.to_numpy(), ratio(deviation, totals[:, 0]))
+
+    def weight(self) -> np.ndarray:
+        """The confidence α, from 0 to 1, (trials, nx, ny)."""
+        return -np.expm1(-((self.weights.to_numpy().astype(float) / self.model.sigma_omega) ** 2))
+
+    def _blend(self, sums: np.ndarray, prior: np.ndarray) -> np.ndarray:
+        """What the readings around a cell tell, and as far as those are few, what all of them do, (trials,)."""
+        trust = self.weight()
+        return trust * ratio(sums, self.weights.to_numpy()) + (1.0 - trust) * prior[:, None, None]
+
+    @ti.kernel
+    def _take_in(self, swarm: Template, first: int, t: float, fade: float):
+        """Let all weights fade and add the readings of each trial's robots from number `first` on, as slots allow."""
+        for k in self.begin:
+            self.totals[k] *= fade
+            n = self.end[k]
+            self.begin[k] = n
+            for m in range(first, ti.min(swarm.team_size[k], first + self.exact)):
+                i = swarm.members[k, m]
+                if counts(swarm.reading[i], swarm.believed_position[i], self.extent):
+                    slot = n % self.exact
+                    if n >= self.exact:
+                        left = self.kept[k, slot]
+                        q = self._weight_of_age(left, t) * self._deviation(k, left)
+                        self.left[k, slot] = left
+                        self.deviation[k, slot] = q
+                        self.totals[k][2] += q
+                    self.kept[k, slot] = self._sample(swarm, i, t)
+                    n += 1
+            self.end[k] = n
+            for at in range(self.begin[k], n):  # after all that left have been judged by the same map
+                self.totals[k] += ti.Vector([1.0, self.kept[k, at % self.exact].reading, 0.0])
+        for k, x, part in ti.ndrange(self.weights.shape[0], self.shape[0], self.parts):
+            y0 = part * STRIP
+            weights = ti.Vector([0.0] * STRIP)
+            weighted = ti.Vector([0.0] * STRIP)
+            old = ti.Vector([0.0] * STRIP)
+            for n in range(self.begin[k], self.end[k]):
+                slot = n % self.exact
+                sample = self.kept[k, slot]
+                for s in range(STRIP):
+                    w = self._kernel(sample, x, y0 + s)
+                    weights[s] += w
+                    weighted[s] += w * sample.reading
+                if n >= self.exact:
+                    left = self.left[k, slot]
+                    deviation = self.deviation[k, slot]
+                    for s in range(STRIP):
+                        old[s] += self._kernel(left, x, y0 + s) * deviation
+            for s in range(ti.min(STRIP, self.shape[1] - y0)):
+                y = y0 + s
+                self.weights[k, x, y] = fade * self.weights[k, x, y] + weights[s]
+                self.weighted[k, x, y] = fade * self.weighted[k, x, y] + weighted[s]
+                self.old[k, x, y] = fade * self.old[k, x, y] + old[s]
+
+    @ti.kernel
+    def _judge(self, t: float):
+        """Reckon the deviations of the kept readings anew, and their sum in each cell."""
+        for k, slot in self.deviation:
+            self.deviation[k, slot] = 0.0
+            if slot < self.end[k]:
+                sample = self.kept[k, slot]
+                self.deviation[k, slot] = self._weight_of_age(sample, t) * self._deviation(k, sample)
+        for k, x, part in ti.ndrange(self.squares.shape[0], self.shape[0], self.parts):
+            y0 = part * STRIP
+            total = ti.Vector([0.0] * STRIP)
+            for slot in range(ti.min(self.end[k], self.exact)):
+                sample = self.kept[k, slot]
+                deviation = self.deviation[k, slot]
+                for s in range(STRIP):
+                    total[s] += self._kernel(sample, x, y0 + s) * deviation
+            for s in range(ti.min(STRIP, self.shape[1] - y0)):
+                self.squares[k, x, y0 + s] = self.old[k, x, y0 + s] + total[s]
+
+    @ti.func
+    def _sample(self, swarm: Template, i, t):
+        """The reading of robot i."""
+        along = ti.Vector([1.0, 0.0])
+        width = self.model.sigma
+        if ti.static(self.model.wind_stretch > 0.0):
+            wind = swarm.as_believed(i, swarm.wind[i])
+            speed = wind.norm()
+            if swarm.wind_known[i] == 1 and speed > 0.0:
+                along = wind / speed
+                width += self.model.wind_stretch * speed
+        across = ti.Vector([-along[1], along[0]]) * width / self.model.sigma**2
+        return Sample(swarm.believed_position[i], along / width, across, swarm.reading[i], t)
+
+    @ti.func
+    def _kernel(self, sample, x, y):
+        """K of a fresh reading in cell (x, y)."""
+        d = (ti.Vector([x, y]) + 0.5) * self.cell - sample.place
+        r2 = d.dot(sample.along) ** 2 + d.dot(sample.across) ** 2
+        # exp(-r2 / 2) as the 16th power of a Taylor series, which unlike exp fits into vector registers: within 2e-6
+        z = -r2 / 32.0
+        series = 1.0
+        for n in ti.static(range(7, 0, -1)):
+            series = 1.0 + series * z * ti.static(1.0 / n)
+        for _ in ti.static(range(4)):
+            series *= series
+        return ti.select(r2 < CUT_OFF**2, series, 0.0)
+
+    @ti.func
+    def _weight_of_age(self, sample, t):
+        return ti.exp(-self.fading * (t - sample.time))
+
+    @ti.func
+    def _deviation(self, k, sample):
+        """Square of how far the reading is from the mean of its cell [ppm²]."""
+        I = ti.min(ti.floor(sample.place / self.cell, ti.i32), ti.Vector(self.shape) - 1)
+        weight = self.weights[k, I[0], I[1]]
+        prior = self.totals[k][1] / self.totals[k][0]
+        trust = 1.0 - ti.exp(-((weight / self.model.sigma_omega) ** 2))
+        mean = prior
+        if weight > 0.0:
+            mean += trust * (self.weighted[k, I[0], I[1]] / weight - prior)
+        return (sample.reading - mean) ** 2

@@ -1,0 +1,163 @@
+"""Gas map from a neighbourhood in space and time: eq 4-7 of Marjovi & Marques, ICRA 2014 (see `snaps`).
+
+The past snaps k forecast the next one, t, from the neighbourhood N_j in space and time,
+
+    Dist = α |x_j - x_i| + (1 - α) T,      T = time_scale (t - k) window       (in m and s)     (4)
+    N_j = {(i, k): Dist < β, k < t},       U = 1 / Dist                                         (5) (7)
+    S_j(t) = Σ_N C W U / Σ_N W U                                                                (6)
+
+where i counts the cells, with their C and W, or with `raw_samples` the samples, with their readings and W = 1. Of cells
+N_j is the same everywhere, so it is a list of (lag, offset, U), made once. The snaps it reaches back to live in a ring
+buffer: no run is too long. T >= time_scale window, so that U is never infinite.
+"""
+
+from math import hypot
+from typing import Any
+
+import numpy as np
+import taichi as ti
+
+from taichi_plume import map_models as models
+from taichi_plume.agents.snaps import SnapMap
+from taichi_plume.kernels import Template
+
+BORDER = 1e-9  # Dist = β is outside, whatever the rounding
+
+Stencil = list[tuple[int, int, int, float]]
+"""(lag in snaps, offset in cells along x and y, weight) of each member of a cell's neighbourhood."""
+
+
+class TimeSeriesMap(SnapMap):
+    """Forecast from the neighbourhood in space and time."""
+
+    def __init__(self, model: models.TimeSeriesMap, extent: tuple[float, float], trials: int):
+        neighbours = neighbourhood(model)
+        self.depth = max(lag for lag, *_ in neighbours)
+        self.kept = self.depth + 1 if model.raw_samples else 1
+        super().__init__(model, extent, trials)
+        self.lag_age = (1 - model.alpha) * model.time_scale * model.window  # what a lag adds to Dist
+        if model.raw_samples:
+            return
+        self.margin = max(max(abs(x), abs(y)) for _, x, y, _ in neighbours)
+        # Snap n has slot n % depth. Cells beyond the edge hold zeros: they contribute nothing.
+        rows = self.shape[0] + 2 * self.margin
+        columns = -(-self.shape[1] // self.strip) * self.strip + 2 * self.margin
+        self.past_weighted = ti.field(ti.f32, (trials, self.depth, rows, columns))
+        self.past_weights = ti.field(ti.f32, (trials, self.depth, rows, columns))
+        # By its symmetry a quadrant is enough; what lies on an axis is met twice, at the origin four times.
+        quadrant = [
+            (lag, x, y, U / ((1 + (x == 0)) * (1 + (y == 0))))
+            for lag, x, y, U in neighbours
+            if x >= 0 and y >= 0
+        ]
+        self.offsets: Any = ti.Vector.field(3, ti.i32, len(quadrant))
+        self.closeness = ti.field(ti.f32, len(quadrant))
+        self.offsets.from_numpy(np.array([entry[:3] for entry in quadrant], np.int32))
+        self.closeness.from_numpy(np.array([entry[3] for entry in quadrant], np.float32))
+
+    def _forecast(self) -> None:
+        if self.model.raw_samples:
+            _from_samples(
+                self.samples, self.taken, self.snaps + 1, self.kept, self.cell, self.model.alpha,
+                self.model.beta - BORDER, self.lag_age, self.numerator, self.denominator,
+            )  # fmt: skip
+            return
+        _keep(
+            self.weighted,
+            self.weights,
+            self.snaps % self.depth,
+            self.margin,
+            self.past_weighted,
+            self.past_weights,
+        )
+        _from_cells(
+            self.strip, self.past_weighted, self.past_weights, self.snaps + 1, self.offsets, self.closeness,
+            self.margin, self.numerator, self.denominator,
+        )  # fmt: skip
+
+
+def neighbourhood(model: models.TimeSeriesMap) -> Stencil:
+    """Eq 4, 5 and 7 for every lag and offset inside."""
+    reach = int(model.beta / model.alpha / model.cell) + 1
+    result: Stencil = []
+    lag = 1
+    while (age := (1 - model.alpha) * model.time_scale * lag * model.window) < model.beta - BORDER:
+        for dx in range(-reach, reach + 1):
+            for dy in range(-reach, reach + 1):
+                dist = model.alpha * model.cell * hypot(dx, dy) + age
+                if dist < model.beta - BORDER:
+                    result.append((lag, dx, dy, 1 / dist))
+        lag += 1
+    return result
+
+
+@ti.kernel
+def _keep(
+    weighted: Template,
+    weights: Template,
+    slot: int,
+    margin: int,
+    past_weighted: Template,
+    past_weights: Template,
+):
+    for k, i, j in weights:
+        past_weighted[k, slot, margin + i, margin + j] = weighted[k, i, j]
+        past_weights[k, slot, margin + i, margin + j] = weights[k, i, j]
+
+
+@ti.kernel
+def _from_cells(
+    strip: Template, weighted: Template, weights: Template, snap: int, offsets: Template, closeness: Template,
+    margin: int, numerator: Template, denominator: Template,
+):  # fmt: skip
+    """Both sums of eq 6 for snap number `snap`, along y in strips that fit into registers."""
+    nx, ny = ti.static(numerator.shape[1], numerator.shape[2])
+    for k, i, part in ti.ndrange(numerator.shape[0], nx, (ny + strip - 1) // strip):
+        first = part * strip
+        a = ti.Vector([0.0] * strip)
+        b = ti.Vector([0.0] * strip)
+        for n in range(closeness.shape[0]):
+            lag, dx, dy = offsets[n][0], offsets[n][1], offsets[n][2]
+            if lag <= snap:
+                slot = (snap - lag) % weights.shape[1]
+                left, right = margin + i - dx, margin + i + dx
+                below, above = margin + first - dy, margin + first + dy
+                U = closeness[n]
+                for s in range(strip):
+                    a[s] += U * (
+                        weighted[k, slot, left, below + s]
+                        + weighted[k, slot, left, above + s]
+                        + weighted[k, slot, right, below + s]
+                        + weighted[k, slot, right, above + s]
+                    )
+                    b[s] += U * (
+                        weights[k, slot, left, below + s]
+                        + weights[k, slot, left, above + s]
+                        + weights[k, slot, right, below + s]
+                        + weights[k, slot, right, above + s]
+                    )
+        for s in range(ti.min(strip, ny - first)):
+            numerator[k, i, first + s] = a[s]
+            denominator[k, i, first + s] = b[s]
+
+
+@ti.kernel
+def _from_samples(
+    samples: Template, taken: Template, snap: int, kept: int, cell: float, alpha: float, beta: float, lag_age: float,
+    numerator: Template, denominator: Template,
+):  # fmt: skip
+    """The same from the samples themselves."""
+    for k, i, j in numerator:
+        center = (ti.Vector([i, j]) + 0.5) * cell
+        a = 0.0
+        b = 0.0
+        for lag in range(1, ti.min(snap + 1, kept)):
+            slot = (snap - lag) % kept
+            for n in range(taken[k, slot]):
+                sample = samples[k, slot, n]
+                dist = alpha * (ti.Vector([sample[0], sample[1]]) - center).norm() + lag_age * lag
+                if dist < beta:
+                    a += sample[2] / dist
+                    b += 1.0 / dist
+        numerator[k, i, j] = a
+        denominator[k, i, j] = b

@@ -1,0 +1,107 @@
+"""How the gas maps of a run fare over time, by what only the simulation knows.
+
+The truth is the gas in the cells of a map, averaged over the time since the robots started: a map that does not forget
+tends to it. Each time a snap ends (or PERIOD has gone by, where a map has none) every trial of a map gets
+
+    error_ppm        mean of |estimate - truth| over the cells it knows
+    correlation      of both over these cells
+    peak_distance_m  from the largest estimate to the nearest source
+    nlpd             mean of ½ ln(2π v) + (r - m)² / 2v over the readings r since the last time, with the estimate m and
+                     the variance v of then: what the map made of them before it had taken them in. NaN without variance
+"""
+
+import numpy as np
+
+from taichi_plume import scores
+from taichi_plume.simulation import Every, Simulation
+
+PERIOD = 5.0  # s
+LOOKS = 1.0  # s, between looks at the true gas and at the readings
+NAMES = ("error_ppm", "correlation", "peak_distance_m", "nlpd")
+
+
+class MapSeries:
+    """The scores of one map: `time` [s], and in `values` a list of (trials,) by name."""
+
+    def __init__(self, sim: Simulation, number: int):
+        self.map = sim.maps[number]
+        self.cell: float = getattr(self.map, "cell")  # noqa: B009  what the clock knows of a map is less
+        self.window: float = getattr(self.map, "window", PERIOD)
+        self.shape: tuple[int, int] = np.shape(getattr(self.map, "estimate")())[1:]  # noqa: B009
+        self.sources = np.array([source.position[:2] for _, source in sim.scenario.sources]).reshape(-1, 2)
+        groups = sim.swarm.groups if sim.swarm.count else []
+        self.trial = np.concatenate([[], *(np.repeat(np.arange(g.trials), g.count) for g in groups)]).astype(
+            int
+        )
+        self.sum, self.looks, self.rows = np.zeros(self.shape), 0, 0
+        self.time: list[float] = []
+        self.values: dict[str, list[np.ndarray]] = {name: [] for name in NAMES}
+        self.forecast: tuple[np.ndarray, np.ndarray] | None = None
+        self.surprises: list[np.ndarray] = []
+
+    @property
+    def truth(self) -> np.ndarray:
+        """Mean of the true gas [ppm], (nx, ny)."""
+        return self.sum / max(1, self.looks)
+
+    def sample(self, sim: Simulation, gas: np.ndarray) -> None:
+        """Take in the true gas [ppm], (nx, ny), and the readings and, where a snap has ended, score the map."""
+        self.sum += gas
+        self.looks += 1
+        if self.forecast and len(self.trial):
+            now = sim.swarm.snapshot()
+            self.surprises.append(self._surprise(now["believed_position"], now["reading_ppm"]))
+        if int((sim.t + 1e-6) / self.window) > self.rows:
+            self.rows = int((sim.t + 1e-6) / self.window)
+            self._score(sim.t)
+
+    def _score(self, t: float) -> None:
+        estimate = np.asarray(getattr(self.map, "estimate")())  # noqa: B009
+        score = scores.map_score(estimate, self.truth)
+        nlpd = np.full(len(estimate), np.nan)
+        if self.surprises:
+            all_of_them = np.concatenate(self.surprises, axis=1)
+            told = np.isfinite(all_of_them)
+            count = told.sum(axis=1)
+            total = np.where(told, all_of_them, 0.0).sum(axis=1)
+            nlpd = np.where(count > 0, total / np.maximum(count, 1), np.nan)
+        peak = scores.peak_distance(estimate, self.cell, self.sources)
+        self.time.append(t)
+        for name, value in zip(NAMES, (score.mae, score.correlation, peak, nlpd), strict=True):
+            self.values[name].append(value)
+        self.surprises = []
+        if hasattr(self.map, "variance"):
+            self.forecast = estimate, np.asarray(getattr(self.map, "variance")())  # noqa: B009
+
+    def _surprise(self, place: np.ndarray, reading: np.ndarray) -> np.ndarray:
+        """Negative logarithm of the density at each trial's readings, (trials, most robots); NaN where unknown."""
+        assert self.forecast
+        mean, variance = self.forecast
+        cell = np.clip((place / self.cell).astype(int), 0, np.array(self.shape) - 1)
+        m, v = (part[self.trial, cell[:, 0], cell[:, 1]].astype(float) for part in (mean, variance))
+        told = scores.surprise(reading, m, v)
+        result = np.full((len(mean), np.bincount(self.trial).max()), np.nan)
+        for trial in range(len(mean)):
+            own = told[self.trial == trial]
+            result[trial, : len(own)] = own
+        return result
+
+
+class MapScores:
+    """The scores of all maps of a run, a `MapSeries` each. Add `observer()` to the simulation's."""
+
+    def __init__(self, sim: Simulation):
+        self.series = [MapSeries(sim, n) for n in range(len(sim.maps))]
+
+    def observer(self) -> Every:
+        """What the simulation has to call, before whoever wants the scores of the same time."""
+        return Every(LOOKS, self.sample)
+
+    def sample(self, sim: Simulation) -> None:
+        """Look at every map."""
+        gas: dict[tuple, np.ndarray] = {}  # maps often share their cells
+        for series in self.series:
+            cells = (series.cell, series.shape)
+            if cells not in gas:
+                gas[cells] = scores.true_gas(sim, *cells)
+            series.sample(sim, gas[cells])

@@ -1,0 +1,121 @@
+"""The Markov field against a dense solution of its normal equations, and what obstacles and time do to it."""
+
+import numpy as np
+import pytest
+from readers import EXTENT, TRIALS, Readers, centers, same
+
+from taichi_plume import map_models
+from taichi_plume.agents.gmrf import MarkovMap
+from taichi_plume.geometry import ClearanceMap, shape
+from taichi_plume.obstacles import Box
+from taichi_plume.scenario import Domain
+
+DT, CELL = 0.5, 0.25
+
+
+def model(**keys):
+    return map_models.MarkovMap.model_validate({"kind": "gmrf", "cell": CELL, **keys})
+
+
+def nothing(points):
+    """Distance to no obstacle."""
+    return np.full(points.shape[:-1], np.inf)
+
+
+def wall(points):
+    """A wall of 2 cm at x = 1 m, open above y = 1 m."""
+    return np.maximum(np.abs(points[..., 0] - 1.0) - 0.01, points[..., 1] - 1.0)
+
+
+def closed(points):
+    """The same from end to end."""
+    return np.abs(points[..., 0] - 1.0) - 0.01
+
+
+def literal(rows, now, extent, obstacle, lambda_p=0.01, lambda_o=10.0, memory=60.0, window=1.0):
+    """Mean and variance from a dense matrix, link by link and reading by reading."""
+    cells = np.rint(np.array(extent) / CELL).astype(int)
+    place = centers(cells, CELL)
+    H, g = np.zeros((len(place), len(place))), np.zeros(len(place))
+    for i, a in enumerate(place):
+        for j, b in enumerate(place):
+            between = a + np.linspace(0, 1, 101)[:, None] * (b - a)
+            if i < j and np.hypot(*(a - b)) < 1.01 * CELL and obstacle(between).min() > 0:
+                H[[i, j], [i, j]] += lambda_p
+                H[[i, j], [j, i]] -= lambda_p
+    for row in rows:
+        age = now - np.ceil(row[6] / window) * window
+        precision = lambda_o * (1 - age / memory)
+        if precision > 0:
+            i, j = np.minimum((row[1:3] // CELL).astype(int), cells - 1)
+            H[i * cells[1] + j, i * cells[1] + j] += precision
+            g[i * cells[1] + j] += precision * row[3]
+    inverse = np.linalg.inv(H)
+    return (inverse @ g).reshape(cells), np.diag(inverse).reshape(cells)
+
+
+def run(gas_map, robots, seconds):
+    rows = []
+    for tick in range(1, round(seconds / DT) + 1):
+        robots.wander()
+        gas_map.update(robots, tick, tick * DT, DT)
+        rows.append(robots.rows(tick * DT))
+    return np.concatenate(rows)
+
+
+@pytest.mark.parametrize("extent", [(2.0, 1.5), (1.0, 2.25)], ids=["long", "high"])
+@pytest.mark.parametrize(
+    ("keys", "obstacle"),
+    [({}, nothing), ({"memory": 5.0, "window": 2.0, "lambda_prior": 0.3}, wall), ({"memory": None}, wall)],
+)
+def test_mean_and_variance_solve_the_normal_equations(extent, keys, obstacle):
+    gas_map = MarkovMap(model(**keys), extent, TRIALS, obstacle)
+    rows = run(gas_map, Readers(2, extent=extent), 12.0)
+    keys = {name.replace("prior", "p"): np.inf if value is None else value for name, value in keys.items()}
+    for trial in range(TRIALS):
+        mean, variance = literal(rows[rows[:, 0] == trial], 12.0, extent, obstacle, **keys)
+        same(gas_map.estimate()[trial], mean)
+        same(gas_map.variance()[trial], variance)
+        same(gas_map.weight()[trial], 1 / variance)
+
+
+def test_behind_a_wall_nothing_is_known():
+    gas_map = MarkovMap(model(), EXTENT, 1, closed)
+    robots = Readers(1, trials=1, count=2)
+    robots.show([[0.2, 0.3], [0.6, 1.2]], [10.0, 30.0])
+    gas_map.update(robots, 2, 1.0, DT)
+    known = np.isfinite(gas_map.estimate()[0])
+    assert known[:4].all()
+    assert not known[4:].any()
+    assert (gas_map.weight()[0][4:] == 0).all()
+    assert ((gas_map.estimate()[0][:4] > 9.9) & (gas_map.estimate()[0][:4] < 30.1)).all()
+
+
+def test_readings_are_forgotten():
+    gas_map = MarkovMap(model(memory=10.0), EXTENT, 1, nothing)
+    robots = Readers(1, trials=1)
+    robots.wander()
+    gas_map.update(robots, 2, 1.0, DT)
+    early = gas_map.variance()
+    robots.show(robots.where, [np.nan] * 3)
+    gas_map.update(robots, 12, 6.0, DT)
+    assert np.isfinite(gas_map.estimate()).all()
+    assert (gas_map.variance() > early).all()
+    gas_map.update(robots, 22, 11.0, DT)
+    assert np.isnan(gas_map.estimate()).all()
+    assert not gas_map.past
+
+
+def test_obstacles_of_a_scenario_cut_the_links():
+    """A box over four cells: they are unknown, and all around them is not."""
+    box = Box(kind="box", center=(1.0, 0.75), size=(0.6, 0.6))
+    arena = ClearanceMap([shape(box, Domain(size=EXTENT, spacing=0.05), None)], EXTENT, 0.1)  # type: ignore[arg-type]
+    gas_map = MarkovMap(model(), EXTENT, 1, arena.obstacle_distance_at)
+    robots = Readers(1, trials=1, count=1)
+    robots.show([[0.1, 0.1]], [7.0])
+    gas_map.update(robots, 2, 1.0, DT)
+    unknown = np.isnan(gas_map.estimate()[0])
+    inside = np.abs(centers((8, 6), CELL) - (1.0, 0.75)).max(axis=1).reshape(8, 6) < 0.3
+    assert inside.sum() == 4
+    assert (unknown == inside).all()
+    np.testing.assert_allclose(gas_map.estimate()[0][~unknown], 7.0, rtol=1e-6)

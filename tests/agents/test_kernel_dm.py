@@ -1,0 +1,89 @@
+"""Kernel DM+V and its kin against the papers' definitions, sample by sample in float64."""
+
+import numpy as np
+import pytest
+from readers import EXTENT, TRIALS, Readers, centers, same
+
+from taichi_plume import map_models
+from taichi_plume.agents.kernel_dm import KernelMap
+
+DT = 0.5
+
+
+def model(**keys):
+    return map_models.KernelMap.model_validate({"kind": "kernel_dmv", **keys})
+
+
+def run(gas_map, robots, ticks, begin=1):
+    """Feed the map; returns all rows that it was shown."""
+    rows = []
+    for tick in range(begin, begin + ticks):
+        robots.wander()
+        gas_map.update(robots, tick, tick * DT, DT)
+        rows.append(robots.rows(tick * DT))
+    return np.concatenate(rows)
+
+
+def gaussian(point, row, sigma, gamma):
+    """The weight without age of a row's reading at a point, by the rotated covariance matrix."""
+    d, wind = point - row[1:3], row[4:6]
+    speed = np.hypot(*wind)
+    a, b = sigma + gamma * speed, sigma / (1 + gamma * speed / sigma)
+    angle = np.arctan2(wind[1], wind[0])
+    R = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    q = d @ R @ np.diag([a**-2, b**-2]) @ R.T @ d
+    return np.exp(-q / 2) * (q < 16)
+
+
+def literal(rows, shape, cell, sigma=0.25, sigma_omega=5.0, memory=np.inf, gamma=0.0):
+    """Mean, variance and confidence in every cell, (nx, ny) each."""
+    age = np.exp(-(rows[:, 6].max() - rows[:, 6]) / memory)
+    reading = rows[:, 3]
+    K = np.array([[gaussian(point, row, sigma, gamma) for row in rows] for point in centers(shape, cell)])
+    K *= age
+    total = K.sum(axis=1)
+    trust = 1 - np.exp(-((total / sigma_omega) ** 2))
+    r0 = (age * reading).sum() / age.sum()
+    safe = np.where(total > 0, total, np.nan)
+    mean = trust * (K @ reading) / safe + (1 - trust) * r0
+    i, j = np.minimum(np.floor(rows[:, 1:3] / cell).astype(int), np.array(shape) - 1).T
+    q = (reading - mean.reshape(shape)[i, j]) ** 2
+    variance = trust * (K @ q) / safe + (1 - trust) * (age * q).sum() / age.sum()
+    return mean.reshape(shape), variance.reshape(shape), trust.reshape(shape)
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [{}, {"memory": 6.0}, {"wind_stretch": 0.25}, {"memory": 10.0, "wind_stretch": 0.4, "sigma_omega": 2.0}],
+    ids=["DM+V", "TD", "W", "TD and W"],
+)
+def test_mean_variance_and_confidence_are_the_papers(keys):
+    gas_map = KernelMap(model(cell=0.2, sigma=0.15, **keys), EXTENT, TRIALS)
+    rows = run(gas_map, Readers(3), 40)
+    keys = {("gamma" if name == "wind_stretch" else name): value for name, value in keys.items()}
+    assert gas_map.estimate().shape == (TRIALS, 10, 8)
+    for trial in range(TRIALS):
+        mean, variance, trust = literal(rows[rows[:, 0] == trial], (10, 8), 0.2, 0.15, **keys)
+        same(gas_map.estimate()[trial], mean)
+        same(gas_map.variance()[trial], variance)
+        known = np.isfinite(mean)
+        same(gas_map.weight()[trial][known], trust[known])
+        assert (gas_map.weight()[trial][~known] == 0).all()
+
+
+def test_only_the_variance_knows_how_many_readings_are_kept():
+    """A short memory for single readings, and for less than a tick of them: means agree; the variance of readings that
+    scatter about a settled mean does to some percent.
+    """
+    maps = [KernelMap(model(cell=0.25, exact=exact), EXTENT, 1) for exact in (1000, 60, 2)]
+    robots = Readers(5, trials=1)
+    for tick in range(1, 200):
+        robots.wander()
+        for one in maps:
+            one.update(robots, tick, tick * DT, DT)
+    whole, short, least = maps
+    same(short.estimate(), whole.estimate())
+    same(least.estimate(), whole.estimate())
+    same(short.variance(), whole.variance(), 0.05)
+    same(least.variance(), whole.variance(), 0.1)
+    assert not np.allclose(short.variance(), whole.variance(), rtol=1e-5)

@@ -1,0 +1,68 @@
+"""Ways by the weights of a map: to what it knows least."""
+
+import numpy as np
+import pytest
+from arena import TICK, Run, Script
+from numpy.testing import assert_array_equal
+
+from taichi_plume.algorithms import LeastKnown, RandomWalk
+
+AIR = [0.0]
+CORNER = ((3.4, 0.4), (3.7, 0.4), (3.4, 0.8), (3.7, 0.8))
+SIZE = (4.0, 3.0)
+
+
+def visited(algorithm, seconds):
+    """Share of the squares of 0.5 m in which a robot has been, in each of 4 trials, and their ages at the end [s]."""
+    _, tracks = Run(algorithm, Script(AIR, 1.0), CORNER, 4, SIZE).go(seconds)
+    i, j = np.moveaxis((tracks / 0.5).astype(int), -1, 0)
+    last = np.zeros((4, 8, 6))
+    for tick in range(len(tracks)):
+        last[np.repeat(np.arange(4), 4), i[tick], j[tick]] = (tick + 1) * TICK
+    return (last > 0).mean(axis=(1, 2)), seconds - last
+
+
+def test_the_floor_is_covered_better_than_by_a_random_walk():
+    shares, ages = visited(LeastKnown(kind="least_known"), 120)
+    walked, walked_ages = visited(RandomWalk(kind="random_walk"), 120)
+    assert shares.min() > walked.max()
+    assert shares.min() > 0.9
+    assert ages.mean() < 0.8 * walked_ages.mean()
+
+
+def test_team_mates_go_to_different_places():
+    run = Run(LeastKnown(kind="least_known", apart=0.6), Script(AIR, 1.0), CORNER, 3, SIZE)
+    for _ in range(8):
+        run.go(5)
+        goal = getattr(run.team.algorithm, "goal").to_numpy().reshape(3, 4, 2)  # noqa: B009
+        apart = np.linalg.norm(goal[:, :, None] - goal[:, None], axis=-1) + 9.0 * np.eye(4)
+        assert apart.min() >= 0.6 - 1e-5
+
+
+def test_the_next_way_point_is_of_the_least_known():
+    run = Run(LeastKnown(kind="least_known", share=0.2), Script(AIR, 1.0), ((1.0, 1.0),), 1, SIZE)
+    run.go(60)
+    algorithm: object = run.team.algorithm
+    assert hasattr(algorithm, "_choose")
+    weight = np.arange(len(algorithm.places), dtype=float)  # type: ignore[attr-defined]
+    goal = np.zeros((1, 2))
+    algorithm._choose(weight, np.array([[1.0, 1.0]]), goal, np.ones(1))  # type: ignore[attr-defined]
+    chosen = np.flatnonzero((algorithm.places == goal[0]).all(axis=1))  # type: ignore[attr-defined]
+    assert chosen[0] <= 0.2 * len(weight)
+
+
+def test_a_trial_alone_is_the_same_as_among_many():
+    """They differ in the robots' headings at the start."""
+    options = {"size": SIZE, "heading_deg": None}
+    _, among = Run(LeastKnown(kind="least_known"), Script(AIR, 1.0), CORNER, 3, **options).go(30)
+    _, alone = Run(LeastKnown(kind="least_known"), Script(AIR, 1.0), CORNER, 1, first_trial=2, **options).go(
+        30
+    )
+    assert_array_equal(alone[:, :4], among[:, 8:12])
+    assert (among[-1, :4] != among[-1, 8:12]).any()
+
+
+@pytest.mark.parametrize("share", [0.0, 1.1])
+def test_shares_are_shares(share):
+    with pytest.raises(ValueError, match="share"):
+        LeastKnown(kind="least_known", share=share)

@@ -1,0 +1,68 @@
+"""The mapping experiment: its statistics, and that the configs tell the same."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from taichi_plume import load_scenario
+from taichi_plume.validation import mapping_cases
+from taichi_plume.validation.case import Curve
+from taichi_plume.validation.experiment import Lines, Mean
+from taichi_plume.validation.mapping_cases import ALPHAS, arena, least, mapped, over
+from taichi_plume.validation.report import page
+from taichi_plume.validation.searches import scenario_of
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+
+
+@pytest.mark.parametrize(
+    ("name", "source", "navigation"),
+    [("dapso", (1.7, 2.0), "DAPSO"), ("lineup", (2.5, 1.2), "line-up")],
+)
+def test_the_configs_are_conditions_of_the_experiment(name, source, navigation):
+    ours = scenario_of(arena(source, navigation))
+    theirs = load_scenario(CONFIGS / f"odor_mapping_{name}.yaml")
+    shown = {key: getattr(theirs, key) for key in ("name", "maps", "recording")}
+    assert ours.model_copy(update=shown) == theirs
+
+
+def test_ratios_are_of_the_same_teams():
+    rng = np.random.default_rng(3)
+    reference = rng.uniform(1.0, 50.0, 12)
+    ratio = over(0.8 * reference, reference)
+    assert ratio.mean == pytest.approx(0.8)
+    assert (ratio.low, ratio.high) == pytest.approx((0.8, 0.8))
+    assert over(np.array([3.0]), np.array([2.0])) == Mean(1.5, None, None, 1)
+
+
+def test_the_least_error_is_where_the_mean_is_least():
+    errors = np.ones((len(ALPHAS), 8))
+    errors[2] = 0.5
+    errors[4, 0] = 0.1
+    found = least(errors)
+    assert (found.mean, found.low, found.high) == (ALPHAS[2],) * 3
+
+
+def test_a_short_run_tells_everything(monkeypatch):
+    """Ten seconds after the errors begin to count."""
+    monkeypatch.setattr(mapping_cases, "DURATION", 40.0)
+    told = mapped(2, (1.7, 2.0), "DAPSO", "here")
+    means = {name: part for name, part in told.items() if isinstance(part, Mean)}
+    assert len(means) == 1 + len(ALPHAS) + 1 + len(ALPHAS) + 2
+    assert {mean.n for mean in means.values()} == {2}
+    (condition, *_) = mapping_cases.MAPPING_CASES[0].conditions
+    assert condition.published.keys() | condition.expected.keys() <= means.keys()
+    errors = told["Forecast error, here"]
+    assert isinstance(errors, Lines)
+    assert errors.x == pytest.approx([35.0, 40.0])
+    assert {len(values) for values in errors.lines.values()} == {2}
+
+
+def test_lines_are_drawn():
+    x = np.arange(3.0)
+    case = {"name": "maps", "about": "", "reference": "", "wall_s": 1.0, "passed": True, "message": ""}
+    report = {"passed": True, "cases": [case], "wall_s": 1.0, "backend": "cpu", "versions": {}}
+    drawn = page(report, {"maps": {"errors": Lines("t", "MAE", x, {"one": x, "two": 2 * x})}})
+    assert drawn.count("<img") == 1
+    assert drawn != page(report, {"maps": {"errors": Curve("t", "MAE", x, x, x)}})

@@ -1,0 +1,227 @@
+"""Maps of gas that time series forecast: the experiment of Marjovi & Marques, ICRA 2014, figures 9 and 10.
+
+Arena, wind, sources, robots, sensors, maps and the measure of the error (eq 8) are the paper's. It tells neither how
+long a run took, how fast the robots drove, how often they read their sensors, nor of its navigation more than the
+names: these are ours, as is the air, seen from above (2-D) on cells of 6 cm, with the gusts of 0.1 m/s that the paper
+tells of. Robots do not stop at the source. All maps see the same readings.
+
+The paper normalises its mean errors in a way it does not tell; ours are over that of the pure interpolation. A run of
+it was one; ours are several airs with a few teams in each, and the intervals take all teams as independent, which those
+in one air are only in part.
+
+Published is that by eq 8 every time series forecasts better than the pure interpolation, and best with alpha = 0.9. Of
+the paper's four conditions this comes out here for one only, the line and (2.5, 1.2), but for alpha = 0.4, and best is
+another alpha. It is told beside ours, not judged: eq 8 compares with an interpolation of the readings to come, and the
+more of the last readings is still in them, the better the last interpolation forecasts them. Robots of 0.1 m/s drive
+half a metre in a snap, and a MiCS-5524 needs several snaps to forget gas; so two conditions are the same with robots of
+0.3 m/s whose sensors have no lag: there alphas of 0.6 to 0.9 do forecast better. Judged is what the method is for:
+whether the map with the published alpha is nearer to the true gas, its mean since the start, than the pure
+interpolation. No map has its peak at the source, but 0.6 to 1 m from it.
+"""
+
+from functools import partial
+from math import ceil
+from typing import Any
+
+import numpy as np
+from scipy.stats import bootstrap
+
+from taichi_plume.assemble import assemble
+from taichi_plume.map_scores import MapScores
+from taichi_plume.scores import mean_with_interval
+from taichi_plume.simulation import Simulation
+from taichi_plume.validation.experiment import Condition, Experiment, Lines, Mean, Range, Told
+from taichi_plume.validation.searches import scenario_of, spread
+
+DURATION = 300.0  # s; alpha = 0.98 looks back 250 s
+SETTLED = 30.0  # s; errors count from then on
+SCORES = ("error_ppm", "peak_distance_m")
+TEAMS = 4  # in an air
+ALPHAS = (0.4, 0.6, 0.8, 0.9, 0.95, 0.98)
+PURE = "pure interpolation"
+BEST = 0.9  # in the paper
+SOURCES = ((1.7, 2.0), (2.5, 1.2))
+MINIQ = {"body": {"kind": "miniq"}, "sensors": {"gas": {"kind": "mox", "model": "mics5524"}}}
+QUICK = {"body": {"kind": "miniq", "max_speed": 0.3}, "sensors": {"gas": {"kind": "ideal"}}}
+LINEUP = {"kind": "lineup", "wind_direction_deg": 0.0}
+ROBOTS: dict[str, dict[str, Any]] = {
+    "DAPSO": MINIQ | {"count": 5, "algorithm": {"kind": "dapso"}},
+    "line-up": MINIQ | {"count": 4, "algorithm": LINEUP},
+    "quick DAPSO": QUICK | {"count": 5, "algorithm": {"kind": "dapso"}},
+    "quick line-up": QUICK | {"count": 4, "algorithm": LINEUP | {"line_speed": 0.3}},
+}
+MAPS = [{"kind": "inverse_distance"}, *({"kind": "time_series", "alpha": alpha} for alpha in ALPHAS)]
+
+
+def arena(source: tuple[float, float], navigation: str, air: int = 0, teams: int = 1) -> dict[str, Any]:
+    """The scenario, as a YAML file would tell it."""
+    return {
+        "name": "odor_mapping",
+        "seed": air + 1,
+        "duration": DURATION,
+        "warm_up": 15.0,  # the air is renewed 2.6 times
+        "tick": 0.2,
+        "domain": {"size": [4.0, 3.0], "spacing": 0.0625, "depth": 0.5},
+        "wind": {
+            "kind": "cfd",
+            "openings": [
+                {
+                    "kind": "honeycomb",
+                    "face": "x-",
+                    "speed": 0.7,
+                    "turbulence_intensity": 0.14,
+                    "turbulence_length": 0.3,
+                },
+                {"kind": "honeycomb", "face": "x+"},
+            ],
+        },
+        "gas": {
+            "kind": "eulerian",
+            "species": "acetone",
+            "sources": [{"position": source, "rate": "20 mg/s", "radius": 0.0625}],
+        },
+        "robots": [
+            ROBOTS[navigation]
+            | {
+                "name": "team",
+                "trials": teams,
+                "start": {"kind": "area", "low": [3.0, 0.2], "high": [3.8, 0.9]},
+                "reach": 0.0,
+            }
+        ],
+        "maps": MAPS,
+    }
+
+
+Scored = tuple[np.ndarray, ...]
+"""Ends of the snaps that count [s], and (maps, snaps, teams) each: forecast error, error against the true mean [ppm],
+distance of the peak from the source [m].
+"""
+
+
+def scored(sim: Simulation) -> Scored:
+    """Run a simulation; how its maps fare."""
+    judge = MapScores(sim)
+    sim.observers.append(judge.observer())
+    sim.run()
+    forecasts = [getattr(one, "errors") for one in sim.maps]  # noqa: B009  what the clock knows of a map is less
+    time = np.array([t for t, _ in forecasts[0]])
+    counted = time > SETTLED + 1e-6
+    rows = np.searchsorted(judge.series[0].time, time[counted] - 1e-3)
+    return (
+        time[counted],
+        np.array([[error for _, error in one] for one in forecasts])[:, counted],
+        *(np.array([np.array(one.values[name])[rows] for one in judge.series]) for name in SCORES),
+    )
+
+
+def mapped(trials: int, source: tuple[float, float], navigation: str, title: str) -> Told:
+    """What the maps of so many teams come to."""
+    runs = [
+        scored(assemble(scenario_of(arena(source, navigation, air, teams))))
+        for air, teams in enumerate(spread(trials, ceil(trials / TEAMS)))
+    ]
+    time = runs[0][0]
+    errors, off, peaks = (np.concatenate([run[n] for run in runs], axis=-1) for n in (1, 2, 3))
+    names = (PURE, *(f"alpha {alpha:g}" for alpha in ALPHAS))
+    forecast, distance, peak = errors.mean(axis=1), off.mean(axis=1), peaks.mean(axis=1)  # (maps, teams)
+    shares = [over(mean, forecast[0]) for mean in forecast[1:]]
+    from_truth = [over(mean, distance[0]) for mean in distance[1:]]
+    best = 1 + ALPHAS.index(BEST)
+    return {
+        f"{PURE} [ppm]": _mean(forecast[0]),
+        **{error_of(alpha): share for alpha, share in zip(ALPHAS, shares, strict=True)},
+        "alpha of the least error": least(forecast[1:]),
+        **{from_truth_of(alpha): share for alpha, share in zip(ALPHAS, from_truth, strict=True)},
+        f"peak to source, alpha {BEST:g} [m]": _mean(peak[best]),
+        f"peak to source, {PURE} [m]": _mean(peak[0]),
+        f"Forecast error, {title}": Lines(
+            "t [s]", "MAE [ppm]", time, dict(zip(names, errors.mean(axis=-1), strict=True))
+        ),
+        f"Mean errors, {title}": Lines(
+            "alpha",
+            f"over that of the {PURE}",
+            np.array(ALPHAS),
+            {
+                "forecast (eq 8)": np.array([share.mean for share in shares]),
+                "from the true mean": np.array([share.mean for share in from_truth]),
+                PURE: np.ones(len(ALPHAS)),
+            },
+        ),
+    }
+
+
+def from_truth_of(alpha: float) -> str:
+    """Name of a relative error against the true mean of the gas."""
+    return f"from the true mean, alpha {alpha:g} / {PURE}"
+
+
+def error_of(alpha: float) -> str:
+    """Name of a relative error."""
+    return f"error, alpha {alpha:g} / {PURE}"
+
+
+def over(errors: np.ndarray, reference: np.ndarray) -> Mean:
+    """Of the mean errors of the same teams, with a bootstrapped interval."""
+
+    def ratio(a: np.ndarray, b: np.ndarray, axis: int = -1) -> np.ndarray:
+        return a.mean(axis=axis) / b.mean(axis=axis)
+
+    return _resampled((errors, reference), ratio)
+
+
+def least(errors: np.ndarray) -> Mean:
+    """Where over all teams the mean error is least, (alphas, teams), with a bootstrapped interval."""
+
+    def argmin(*parts: np.ndarray, axis: int = -1) -> np.ndarray:
+        return np.array(ALPHAS)[np.stack([part.mean(axis=axis) for part in parts]).argmin(axis=0)]
+
+    return _resampled(tuple(errors), argmin)
+
+
+def _mean(values: np.ndarray) -> Mean:
+    told = mean_with_interval(values)
+    return Mean(told["mean"], told["low"], told["high"], len(values))
+
+
+def _resampled(data: tuple[np.ndarray, ...], statistic: Any) -> Mean:
+    n, mean = len(data[0]), float(statistic(*data))
+    if n < 2:
+        return Mean(mean, None, None, n)
+    rng = np.random.default_rng(1)
+    found = bootstrap(
+        data, statistic, paired=True, vectorized=True, n_resamples=2000, method="percentile", rng=rng
+    )
+    return Mean(mean, float(found.confidence_interval.low), float(found.confidence_interval.high), n)
+
+
+def _condition(navigation: str, source: tuple[float, float]) -> Condition:
+    title = f"{navigation}, source ({source[0]:g}, {source[1]:g})"
+    return Condition(
+        title,
+        partial(mapped, source=source, navigation=navigation, title=title),
+        published={
+            **{error_of(alpha): "below 1" for alpha in ALPHAS},
+            "alpha of the least error": f"{BEST:g}",
+            f"peak to source, alpha {BEST:g} [m]": "always at the source",
+            f"peak to source, {PURE} [m]": "not there",
+        },
+        expected={from_truth_of(BEST): Range(most=1.0)},
+    )
+
+
+CASES = [
+    *((navigation, source) for navigation in ("DAPSO", "line-up") for source in SOURCES),
+    *((navigation, SOURCES[0]) for navigation in ("quick DAPSO", "quick line-up")),
+]
+MAPPING_CASES = (
+    Experiment(
+        "odor_mapping",
+        "five robots or a line of four map the gas of a leak in wind",
+        "Marjovi & Marques 2014, figures 9 and 10",
+        tuple(_condition(*case) for case in CASES),
+        trials=12,
+        few=2,
+        slow=True,
+    ),
+)
