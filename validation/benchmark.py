@@ -2,10 +2,10 @@
 
 python -m taichi_plume.validation.benchmark [NAMES] [--pressure] [--json] [--arch ARCH] [--seconds S]
 
-A step is the flow with its eddy viscosity and one gas, as a run takes it; puffs, robots and maps are measured by themselves.
-With --pressure, only the pressure is solved, of cubes of N³ cells with obstacles: how its iterations grow with N. Every
-figure is a rate on a machine that may be shared: compare the ratios to the bandwidth, and rates of one run with each
-other.
+A step is the flow with its eddy viscosity and one gas, as a run takes it; puffs, robots and maps are measured by
+themselves. With --pressure, only the pressure is solved, of cubes of N³ cells with obstacles: how its iterations grow
+with N. Every figure is a rate on a machine that may be shared: compare the ratios to the bandwidth, and rates of one
+run with each other.
 """
 
 import argparse
