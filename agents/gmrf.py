@@ -17,6 +17,7 @@ trials at once, and no slower in time: readings are summed by cell and window, a
 from collections import deque
 from collections.abc import Callable
 from math import ceil
+from typing import Any
 
 import numpy as np
 import taichi as ti
@@ -25,7 +26,6 @@ from scipy.sparse.csgraph import connected_components
 
 from taichi_plume import map_models as models
 from taichi_plume.agents.mapping import counts, shape
-from taichi_plume.agents.swarm import Swarm
 from taichi_plume.kernels import Template
 
 LOOKS = 16  # parts of the way between two centres at whose ends an obstacle is looked for
@@ -59,7 +59,7 @@ class MarkovMap:
         self.region = _regions(self.links)
         self._solved: tuple[np.ndarray, np.ndarray] | None = None
 
-    def update(self, swarm: Swarm, tick: int, t: float, dt: float) -> None:
+    def update(self, swarm: Any, tick: int, t: float, dt: float) -> None:
         """Take in the readings at time t [s]; the tick that reaches a multiple of the window ends it."""
         slack = 1e-6 * dt  # t carries rounding
         self._end_windows(ceil((t - slack) / self.model.window) - 1)  # nothing came in since they ended
@@ -140,7 +140,7 @@ def _links(
     share = np.linspace(0.0, 1.0, LOOKS + 1)[:, None, None, None]
     along_x = (1 - share) * centers[:-1] + share * centers[1:]
     along_y = (1 - share) * centers[:, :-1] + share * centers[:, 1:]
-    return (obstacle_distance(along_x) > 0).all(axis=0), (obstacle_distance(along_y) > 0).all(axis=0)
+    return obstacle_distance(along_x).min(axis=0) > 0, obstacle_distance(along_y).min(axis=0) > 0
 
 
 def _regions(links: tuple[np.ndarray, np.ndarray]) -> np.ndarray:

@@ -29,7 +29,6 @@ import taichi as ti
 
 from taichi_plume import map_models as models
 from taichi_plume.agents.mapping import counts, ratio, shape
-from taichi_plume.agents.swarm import Swarm
 from taichi_plume.kernels import STRIP, Template
 
 CUT_OFF = 4.0  # in widths of the kernel
@@ -68,10 +67,10 @@ class KernelMap:
         self.kept: Any = Sample.field(shape=(trials, self.exact))
         self.left: Any = Sample.field(shape=(trials, self.exact))
         self.deviation = ti.field(ti.f32, (trials, self.exact))  # q times the weight of its age [ppm²]
-        self.begin = ti.field(ti.i32, trials)  # number of the first reading that is being taken in
-        self.end = ti.field(ti.i32, trials)
+        self.begin: Any = ti.field(ti.i32, trials)  # number of the first reading that is being taken in
+        self.end: Any = ti.field(ti.i32, trials)
 
-    def update(self, swarm: Swarm, tick: int, t: float, dt: float) -> None:
+    def update(self, swarm: Any, tick: int, t: float, dt: float) -> None:
         """Take in the readings at time t [s]."""
         fade = exp(-self.fading * (t - self.time))
         self.time = t

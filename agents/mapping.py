@@ -3,6 +3,9 @@
 A map sees what robots know: readings, the wind they feel, and where they believe to be. It covers the floor with square
 cells from the origin on, for every trial by itself; axis 0 of every array is the trial. Readings that are not a number,
 and those of robots that believe to be off the map, are left out.
+
+What they see is a swarm, or anything with its `members`, `team_size`, `believed_position` and `reading`; `wind`,
+`wind_known` and `as_believed` too where a kernel follows the wind.
 """
 
 from math import ceil

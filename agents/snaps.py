@@ -22,7 +22,6 @@ import taichi as ti
 
 from taichi_plume import map_models as models
 from taichi_plume.agents.mapping import counts, ratio, shape
-from taichi_plume.agents.swarm import Swarm
 from taichi_plume.kernels import Template
 
 WIDEST = 64  # cells that are worked out together; more no longer fit into registers
@@ -69,7 +68,7 @@ class SnapMap:
         """The sum of weights behind `estimate`, (trials, nx, ny)."""
         return self.denominator.to_numpy()
 
-    def update(self, swarm: Swarm, tick: int, t: float, dt: float) -> None:
+    def update(self, swarm: Any, tick: int, t: float, dt: float) -> None:
         """Take in the readings at time t [s]; the tick that reaches a multiple of the window ends a snap."""
         if self.samples is None:
             most = swarm.members.shape[1] * (ceil(self.window / dt) + 1)

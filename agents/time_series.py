@@ -155,7 +155,8 @@ def _from_samples(
             slot = (snap - lag) % kept
             for n in range(taken[k, slot]):
                 sample = samples[k, slot, n]
-                dist = alpha * (ti.Vector([sample[0], sample[1]]) - center).norm() + lag_age * lag
+                d = ti.Vector([sample[0], sample[1]]) - center
+                dist = alpha * ti.math.length(d) + lag_age * lag
                 if dist < beta:
                     a += sample[2] / dist
                     b += 1.0 / dist

@@ -9,6 +9,7 @@ from math import ceil, floor, hypot, log10, prod, sqrt
 import psutil
 
 from taichi_plume.checks_air import buoyancy_of, openings_of, screens_of
+from taichi_plume.map_models import MarkovMap
 from taichi_plume.obstacles import Box, Obstacle, Sphere, motion_of
 from taichi_plume.openings import Fan, Jet, MovingWall, Outlet, Periodic, Region
 from taichi_plume.scenario import Domain, Scenario
@@ -20,6 +21,7 @@ BYTES_PER_GAS = 16  # and cell, of every further gas
 BYTES_OF_FACTORS = 700  # per cell of a 2-D flow solved by sparse factors, at 10⁵ cells; it grows slowly
 BYTES_PER_ROBOT = 2000  # state, readings and a few minutes of track
 MOST_MAP_CELLS = 4_000_000
+MOST_FIELD_COLUMN = 400  # cells: its third power is the work of an update
 CELL_STEPS_PER_SECOND = {2: 1.5e6, 3: 2e6}  # rough: wind and gas on a few CPU cores
 GUST = 3.5  # largest sum of |u| over the axes, over the largest prescribed speed: 1.2 to 3.7 in the shipped scenarios
 ROUNDING = 0.1  # of an extent: more is a scenario for another domain than the one written
@@ -190,6 +192,11 @@ def sizes(scenario: Scenario) -> Iterator[str]:
             yield (
                 f"maps[{n}].cell: {gas_map.cell:g} m makes more than {MOST_MAP_CELLS} map cells; "
                 f"use {_round_up(sqrt(area / MOST_MAP_CELLS)):g} m or more"
+            )
+        elif isinstance(gas_map, MarkovMap) and min(domain.size[:2]) / gas_map.cell > MOST_FIELD_COLUMN:
+            yield (
+                f"maps[{n}].cell: {gas_map.cell:g} m is too fine for a Markov field, which takes {MOST_FIELD_COLUMN} "
+                f"cells along the shorter side; use {_round_up(min(domain.size[:2]) / MOST_FIELD_COLUMN):g} m or more"
             )
     for axis, (extent, n) in enumerate(zip(domain.size, domain.shape, strict=True)):
         if n < 2:

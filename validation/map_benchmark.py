@@ -14,25 +14,24 @@ from taichi_plume.agents.mapping import Mapper
 from taichi_plume.assemble import mapper
 from taichi_plume.map_models import Map
 
-TICK = 0.1  # s
 WINDOW = 5.0  # s
 WARM_UP = 12  # windows, the first minute
 LATE = 720  # windows, an hour
-ROBOTS = 5  # of a trial: 250 readings per window
+READINGS = 250  # per window and trial: of 5 robots at 10 Hz, say
 MEASURED = 8  # windows
 
 
 class Robots:
-    """What a map sees of robots that jump about the floor."""
+    """What a map sees of robots that jump about the floor, `team` in each trial."""
 
-    def __init__(self, trials: int, extent: tuple[float, float]):
-        n = trials * ROBOTS
+    def __init__(self, trials: int, team: int, extent: tuple[float, float]):
+        n = trials * team
         self.rng, self.extent = np.random.default_rng(0), extent
         self.believed_position: Any = ti.Vector.field(2, ti.f32, n)
         self.reading, self.wind_known = ti.field(ti.f32, n), ti.field(ti.i32, n)
-        self.members, self.team_size = ti.field(ti.i32, (trials, ROBOTS)), ti.field(ti.i32, trials)
-        self.members.from_numpy(np.arange(n, dtype=np.int32).reshape(trials, ROBOTS))
-        self.team_size.fill(ROBOTS)
+        self.members, self.team_size = ti.field(ti.i32, (trials, team)), ti.field(ti.i32, trials)
+        self.members.from_numpy(np.arange(n, dtype=np.int32).reshape(trials, team))
+        self.team_size.fill(team)
 
     def wander(self) -> None:
         """Be and read anything."""
@@ -43,11 +42,12 @@ class Robots:
 
 @dataclass(frozen=True)
 class MapCost:
-    """Of a window of 5 s, 50 updates, and of asking for the estimate at its end: medians [ms] of what passes and of the
-    time of all cores; `last_` of the tick that ends the window.
+    """Of a window of 5 s with 250 readings of a trial, and of asking for the estimate at its end: medians [ms] of what
+    passes and of the time of all cores; `last_` of the tick that ends the window.
     """
 
     case: str
+    ticks: int
     cells: tuple[int, int]
     trials: int
     minute: int
@@ -60,8 +60,8 @@ class MapCost:
     def __str__(self) -> str:
         size = f"{self.cells[0]} x {self.cells[1]} cells x {self.trials}"
         return (
-            f"{self.case:28} {size:22} minute {self.minute:2}  window {self.window_ms:7.2f} ms "
-            f"({self.cpu_ms:7.2f} of CPU), its last tick {self.last_ms:6.2f} ({self.last_cpu_ms:6.2f} of CPU), "
+            f"{self.case:20} {size:22} minute {self.minute:2}  {self.ticks:2} ticks {self.window_ms:7.2f} ms "
+            f"({self.cpu_ms:7.2f} of CPU), the last {self.last_ms:6.2f} ({self.last_cpu_ms:6.2f} of CPU), "
             f"estimate {self.estimate_ms:6.2f} ms"
         )
 
@@ -75,53 +75,53 @@ def _timed(work: Callable[[], object]) -> np.ndarray:
     return 1e3 * np.array([time.perf_counter() - begin, time.process_time() - cpu])
 
 
-def cost(case: str, arch: str, keys: dict, extent: tuple[float, float], trials: int) -> list[MapCost]:
-    """In the first minute and, for single trials, after an hour of 5 robots at 10 Hz."""
+def cost(
+    case: str, arch: str, keys: dict, extent: tuple[float, float], trials: int, ticks: int = 50
+) -> list[MapCost]:
+    """In the first minute and, for single trials, after an hour."""
     kernels.start(arch)
     model = TypeAdapter(Map).validate_python(keys)
     one = mapper(model, extent, trials, lambda points: np.full(points.shape[:-1], np.inf))
-    robots = Robots(trials, extent)
+    robots = Robots(trials, READINGS // ticks, extent)
     result = []
     window = 0
     for until, minute in ((WARM_UP, 1), (LATE, 60)):
         if minute > 1 and trials > 1:
             break
         while window < until - MEASURED:
-            _window(one, robots, window)
+            _window(one, robots, window, ticks)
             window += 1
         parts = []
         for _ in range(MEASURED):
-            parts.append(_window(one, robots, window))
+            parts.append(_window(one, robots, window, ticks))
             window += 1
-        whole, last, asked = np.median(parts, axis=0)
+        spent = np.median(parts, axis=0).ravel()[:5].tolist()
         cells = one.estimate().shape[1:]
-        result.append(MapCost(case, cells, trials, minute, *whole, *last, asked[0]))
+        result.append(MapCost(case, ticks, cells, trials, minute, *spent))
     return result
 
 
-def _window(one: Mapper, robots: Robots, number: int) -> np.ndarray:
+def _window(one: Mapper, robots: Robots, number: int, ticks: int) -> np.ndarray:
     """Times of all updates of a window, of the last of them, and of the estimate, (3, 2) [ms]."""
-    first = round(number * WINDOW / TICK)
-    ticks = round(WINDOW / TICK)
+    first, dt = number * ticks, WINDOW / ticks
     spent = []
     for tick in range(first + 1, first + ticks + 1):
         robots.wander()
-        spent.append(_timed(lambda tick=tick: one.update(robots, tick, tick * TICK, TICK)))
+        spent.append(_timed(lambda tick=tick: one.update(robots, tick, tick * dt, dt)))
     return np.array([np.sum(spent, axis=0), spent[-1], _timed(one.estimate)])
 
 
-CASES: dict[str, tuple[dict, tuple[float, float], int]] = {
-    "time series": ({"kind": "time_series", "cell": 0.05}, (4.0, 3.0), 1),
-    "time series, trials": ({"kind": "time_series", "cell": 0.25}, (4.0, 3.0), 1000),
-    "kernel": ({"kind": "kernel_dmv", "cell": 0.05}, (4.0, 3.0), 1),
-    "Markov field": ({"kind": "gmrf", "cell": 0.05}, (4.0, 3.0), 1),
+ARENA = (4.0, 3.0)  # m
+FINE, COARSE = 0.05, 0.25  # m: 80 x 60 and 16 x 12 cells
+CASES: dict[str, tuple[dict, tuple[float, float], int, int]] = {
+    "time series": ({"kind": "time_series", "cell": FINE}, ARENA, 1, 50),
+    "time series, trials": ({"kind": "time_series", "cell": COARSE}, ARENA, 1000, 50),
+    "kernel": ({"kind": "kernel_dmv", "cell": FINE}, ARENA, 1, 50),
+    "kernel, at once": ({"kind": "kernel_dmv", "cell": FINE}, ARENA, 1, 1),
+    "Markov field": ({"kind": "gmrf", "cell": FINE}, ARENA, 1, 50),
 }
 
 
 def maps(arch: str) -> list[MapCost]:
     """All cases."""
-    return [
-        row
-        for case, (keys, extent, trials) in CASES.items()
-        for row in cost(case, arch, keys, extent, trials)
-    ]
+    return [row for case, about in CASES.items() for row in cost(case, arch, *about)]

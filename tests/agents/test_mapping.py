@@ -104,7 +104,7 @@ def test_trials_do_not_see_each_other(keys):
     for tick in range(1, 3 * WINDOW + 1):
         where, readings = rng.uniform(0, EXTENT, (6, 2)), rng.exponential(20.0, 6)
         readings[3:] *= np.where(8 < tick < 14, np.nan, 1.0)
-        show(both, six, where, readings, [tick])
-        show(alone, three, where[3:], readings[3:], [tick])
+        show(both, six, where, readings, range(tick, tick + 1))
+        show(alone, three, where[3:], readings[3:], range(tick, tick + 1))
     for a, b in zip(layers(both), layers(alone), strict=True):
         same(a[1], b[0], 1e-6)
