@@ -125,7 +125,8 @@ class Scenario(Model):
     @property
     def floor(self) -> Arena:
         """Where robots may be."""
-        return self.arena or Arena(low=(0.0, 0.0), high=self.domain.extent[:2])
+        width, length = self.domain.extent[:2]
+        return self.arena or Arena(low=(0.0, 0.0), high=(width, length))
 
     @property
     def gases(self) -> tuple[tuple[str, PureGas], ...]:

@@ -135,7 +135,7 @@ def trial_summary(trials: dict[str, Any], duration: float) -> dict[str, Any]:
     return told
 
 
-def mean_with_interval(values: np.ndarray) -> dict[str, float | int | None]:
+def mean_with_interval(values: np.ndarray) -> dict[str, Any]:
     """Mean, Student's interval of 95 % confidence and number of values; None where there are too few."""
     n = len(values)
     if not n:

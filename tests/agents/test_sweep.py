@@ -53,7 +53,7 @@ def test_lanes_cover_the_floor(size, count, along):
 
 def test_blocks_and_first_corners_are_near():
     team = np.array([[3.8, 2.8], [0.2, 0.2], [3.8, 1.4]])
-    ways = lanes(team, (4.0, 3.0), 0, 12, 0.1)
+    ways = lanes(team, np.array([4.0, 3.0]), 0, 12, 0.1)
     assert ways[0][0] == pytest.approx((3.9, 2.875))
     assert ways[1][0] == pytest.approx((0.1, 0.125))
     assert ways[2][0, 0] == pytest.approx(3.9)
