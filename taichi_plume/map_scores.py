@@ -10,6 +10,8 @@ tends to it. Each time a snap ends (or PERIOD has gone by, where a map has none)
                      the variance v of then: what the map made of them before it had taken them in. NaN without variance
 """
 
+from typing import Any
+
 import numpy as np
 
 from taichi_plume import scores
@@ -24,15 +26,15 @@ class MapSeries:
     """The scores of one map: `time` [s], and in `values` a list of (trials,) by name."""
 
     def __init__(self, sim: Simulation, number: int):
-        self.map = sim.maps[number]
-        self.cell: float = getattr(self.map, "cell")  # noqa: B009  what the clock knows of a map is less
+        self.map: Any = sim.maps[number]  # a Mapper, of which the clock knows less
+        self.cell: float = self.map.cell
         self.window: float = getattr(self.map, "window", PERIOD)
-        self.shape: tuple[int, int] = np.shape(getattr(self.map, "estimate")())[1:]  # noqa: B009
+        self.shape: tuple[int, int] = np.shape(self.map.estimate())[1:]
         self.sources = np.array([source.position[:2] for _, source in sim.scenario.sources]).reshape(-1, 2)
         groups = sim.swarm.groups if sim.swarm.count else []
-        self.trial = np.concatenate([[], *(np.repeat(np.arange(g.trials), g.count) for g in groups)]).astype(
-            int
-        )
+        self.trial = np.concatenate(
+            [[], *(np.repeat(g.row + np.arange(g.trials), g.count) for g in groups)]
+        ).astype(int)
         self.sum, self.looks, self.rows = np.zeros(self.shape), 0, 0
         self.time: list[float] = []
         self.values: dict[str, list[np.ndarray]] = {name: [] for name in NAMES}
@@ -56,7 +58,7 @@ class MapSeries:
             self._score(sim.t)
 
     def _score(self, t: float) -> None:
-        estimate = np.asarray(getattr(self.map, "estimate")())  # noqa: B009
+        estimate = np.asarray(self.map.estimate())
         score = scores.map_score(estimate, self.truth)
         nlpd = np.full(len(estimate), np.nan)
         if self.surprises:
@@ -71,7 +73,7 @@ class MapSeries:
             self.values[name].append(value)
         self.surprises = []
         if hasattr(self.map, "variance"):
-            self.forecast = estimate, np.asarray(getattr(self.map, "variance")())  # noqa: B009
+            self.forecast = estimate, np.asarray(self.map.variance())
 
     def _surprise(self, place: np.ndarray, reading: np.ndarray) -> np.ndarray:
         """Negative logarithm of the density at each trial's readings, (trials, most robots); NaN where unknown."""

@@ -122,9 +122,9 @@ def least_index() -> float:
         far = momo("far", FAR_PLACES, FAR, {"kind": "spiral", "arms": [1e-3]})
         sim = assemble(scenario_of(room(air, OPENED, [far], 35.0)))
         sim.run()
-        spiral = getattr(sim.teams[0], "algorithm")  # noqa: B009
-        assert isinstance(spiral, Spiral)
-        found.append(spiral.index.to_numpy())
+        team: Any = sim.teams[0]
+        assert isinstance(team.algorithm, Spiral)
+        found.append(team.algorithm.index.to_numpy())
     return float(np.mean(found))
 
 

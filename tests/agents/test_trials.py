@@ -5,6 +5,7 @@ import pytest
 
 from taichi_plume.assemble import assemble
 from taichi_plume.loading import ScenarioError, load_scenario
+from taichi_plume.map_scores import MapScores
 
 SCENARIO = """
 duration: 12
@@ -83,3 +84,29 @@ def test_rivals_search_as_if_they_were_alone(tmp_path):
     np.testing.assert_array_equal(together[6:], alone)
     with pytest.raises(ScenarioError, match="too close"):
         run(RIVALS, "false")
+
+
+def test_rivals_have_maps_of_their_own(tmp_path):
+    path = tmp_path / "rivals.yaml"
+
+    def run(robots, rivals):
+        maps = "maps: [{kind: kernel_dmv, cell: 0.25}]\n"
+        path.write_text(
+            SCENARIO[: SCENARIO.index("robots:")] + "robots:" + robots + f"rivals: {rivals}\n" + maps
+        )
+        sim = assemble(load_scenario(path), tmp_path)
+        scores = MapScores(sim)
+        sim.observers.append(scores.observer())
+        sim.run()
+        return sim.maps[0].estimate(), scores.series[0].values
+
+    (together, told), (alone, ours) = (
+        run(RIVALS, "true"),
+        run(RIVALS[: RIVALS.index("  - name: others")], "false"),
+    )
+    assert together.shape[0] == 6
+    np.testing.assert_array_equal(together[:3], alone)
+    np.testing.assert_array_equal(together[3:], alone)
+    for name, values in ours.items():
+        np.testing.assert_allclose(np.array(told[name])[:, 3:], values, rtol=1e-6, err_msg=name)
+    assert np.isfinite(np.array(told["nlpd"])[1:]).all()
