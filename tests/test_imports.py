@@ -14,6 +14,8 @@ APPLICATION = {
     "assemble",
     "progress",
     "scores",
+    "map_scores",
+    "maps",
     "drawing",
     "layout",
     "scene",
