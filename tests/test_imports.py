@@ -33,7 +33,7 @@ FORBIDDEN = {
 
 def sources() -> dict[str, list[Path]]:
     core = [p for p in (ROOT / PACKAGE).glob("*.py") if p.stem not in APPLICATION | {"__init__"}]
-    shown = [ROOT / PACKAGE / f"{name}.py" for name in APPLICATION - {"assemble", "run"}]
+    shown = [ROOT / PACKAGE / f"{name}.py" for name in APPLICATION - {"assemble", "run", "maps"}]
     return {
         "core": core,
         "solvers": list((ROOT / "solvers").glob("*.py")),
