@@ -66,6 +66,7 @@ def test_a_robot_finds_where_a_puff_came_from(tmp_path):
     assert json.loads((tmp_path / "a" / "result.json").read_text())["groups"][0]["success_rate"] == 1.0
 
 
+@pytest.mark.slow
 def test_a_film_of_puffs_can_be_played(tmp_path):
     scenario(tmp_path / "s.yaml", {"kind": "gaussian_puff"} | KINDS["gaussian_puff"], 2, gusts=True)
     first = played(tmp_path / "a", "--duration", "2")
@@ -81,6 +82,7 @@ def test_a_film_of_puffs_can_be_played(tmp_path):
     np.testing.assert_allclose(again, first, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_part_of_a_mixture(tmp_path):
     parts = [{"kind": kind} | KINDS[kind] for kind in ("continuous", "gaussian_plume")]
     scenario(tmp_path / "s.yaml", parts[0], 3, gusts=False)

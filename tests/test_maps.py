@@ -30,6 +30,7 @@ maps:
 """
 
 
+@pytest.mark.slow
 def test_readings_of_a_run_give_the_maps_of_the_run(tmp_path):
     path = tmp_path / "readings.yaml"
     path.write_text(SCENARIO)

@@ -47,6 +47,7 @@ def wind_and_gas(sim: Simulation, place: np.ndarray) -> tuple[np.ndarray, np.nda
     return velocity_at(sim.wind, place, sim.t), ppm_at(sim.gas, place, sim.t)[:, 0]
 
 
+@pytest.mark.slow
 def test_a_run_is_played_back_to_the_printed_digits(tmp_path, monkeypatch):
     """The same wind and gas on the nodes, at the frames' times."""
     (tmp_path / "live.yaml").write_text(LIVE)

@@ -30,6 +30,7 @@ def small(**changes) -> Simulation:
     return assemble(Scenario.model_validate(model | changes))
 
 
+@pytest.mark.slow
 def test_the_warm_up_comes_before_zero_and_robots_wait():
     sim = small()
     seen = []
@@ -56,6 +57,7 @@ def test_observers_keep_their_cadence_and_see_the_end():
     np.testing.assert_allclose(calls["seldom"], [0, 0.7, 1.0], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_it_ends_when_all_have_found_a_source():
     start = {"kind": "positions", "positions": [[0.28, 0.4]]}
     robots = [{"count": 1, "start": start, "algorithm": {"kind": "casting"}, "reach": 0.1}]
@@ -88,6 +90,7 @@ def test_without_robots_it_runs_to_the_end():
     assert sim.t == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_uniform_wind_carries_the_gas():
     sim = small(wind={"kind": "uniform", "velocity": [0.5, 0.0]}, robots=[], warm_up=0.0)
     sim.run()
@@ -99,6 +102,7 @@ def test_uniform_wind_carries_the_gas():
 WALL = {"kind": "box", "center": [0.5, 0.4], "size": [0.2, 1.0]}
 
 
+@pytest.mark.slow
 def test_air_that_cannot_leave_is_refused():
     with pytest.raises(ScenarioError, match=r"wind.openings\[0\]: its air has no way to an outlet"):
         small(obstacles=[WALL], robots=[])

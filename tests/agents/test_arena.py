@@ -19,6 +19,7 @@ def tracks(kind, low, seconds=60):
 
 
 @pytest.mark.parametrize("kind", ["random_walk", "sweep", "lineup", "infotaxis", "dapso", "spiral"])
+@pytest.mark.slow
 def test_an_arena_is_a_room_of_its_own(kind):
     within, room = tracks(kind, LOW), tracks(kind, (0.0, 0.0))
     assert np.abs(within - room).max() < 0.02  # places are rounded elsewhere

@@ -230,6 +230,7 @@ def test_after_short_steps_it_starts_anew_anywhere():
     assert share.std(axis=0) == pytest.approx([1 / 12**0.5] * 2, rel=0.2)
 
 
+@pytest.mark.slow
 def test_teams_climb_a_hill_and_beat_a_random_walk():
     """40 teams of five from the corner, 2.8 m from the top; after 150 s most of each team crowds around it.
 
@@ -267,6 +268,7 @@ def test_it_explores_until_it_smells():
     assert (states == DRIVE).any(axis=0).all()
 
 
+@pytest.mark.slow
 def test_a_trial_alone_is_the_same_as_among_many():
     keys = {"communication": Communication(range=2.0, loss=0.2), "reach": 0}
     model = Dapso(kind="dapso", neighbourhood=RandomMates(kind="random"))

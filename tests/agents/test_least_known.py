@@ -22,6 +22,7 @@ def visited(algorithm, seconds):
     return (last > 0).mean(axis=(1, 2)), seconds - last
 
 
+@pytest.mark.slow
 def test_the_floor_is_covered_better_than_by_a_random_walk():
     shares, ages = visited(LeastKnown(kind="least_known"), 120)
     walked, walked_ages = visited(RandomWalk(kind="random_walk"), 120)

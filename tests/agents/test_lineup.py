@@ -132,6 +132,7 @@ def test_without_wind_the_line_lies_along_x():
     assert np.diff(np.sort(line[:, 0])) == pytest.approx([3.4 / 3] * 3, abs=0.03)
 
 
+@pytest.mark.slow
 def test_trials_are_independent_and_nobody_touches():
     _, places = lined_up(trials=3).go(60)
     _, alone = lined_up(trials=1).go(60)

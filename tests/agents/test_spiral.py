@@ -68,6 +68,7 @@ def turns_at_bumps(side):
                 yield np.sign(turn), np.sign(left)
 
 
+@pytest.mark.slow
 def test_a_bump_turns_to_the_side_of_the_best_acquisition():
     turned, better = np.array(list(turns_at_bumps("gradient"))).T
     assert len(turned) > 50

@@ -36,6 +36,7 @@ ALGORITHMS = [
 
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
+@pytest.mark.slow
 def test_a_trial_alone(tmp_path, algorithm):
     path = tmp_path / "trials.yaml"
     path.write_text(SCENARIO)
@@ -69,6 +70,7 @@ RIVALS = """
 """
 
 
+@pytest.mark.slow
 def test_rivals_search_as_if_they_were_alone(tmp_path):
     path = tmp_path / "rivals.yaml"
 

@@ -71,6 +71,7 @@ def test_a_body_that_starts_at_once_gives_the_air_its_momentum():
     assert np.abs(u[2:4]).max() < 0.01 * U  # far from it the air is at rest
 
 
+@pytest.mark.slow
 def test_at_rest_it_has_the_wake_of_an_obstacle_of_cells():
     """Re = 40: the same length of the eddy, the same drag, within what the staircase leaves open at this spacing."""
     found = {}
@@ -145,6 +146,7 @@ def pair(flow: FlowSolver, velocities: list) -> tuple:
     return place, velocity
 
 
+@pytest.mark.slow
 def test_bodies_that_touch_share_the_faces_between_them():
     """Side by side they move apart: each drags its own air, and equal runs are equal bit by bit."""
     runs = []

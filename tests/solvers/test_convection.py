@@ -60,6 +60,7 @@ def test_a_uniform_field_stays_to_the_bit(scheme):
     assert np.all(reconstructed(scheme, np.full(16, 0.3), 1.0) == np.float32(0.3))
 
 
+@pytest.mark.slow
 def test_weno5_decays_vortices_more_exactly():
     """Taylor-Green vortices on 16² cells, short steps so that the error of space shows."""
     viscosity, end, error = 1e-3, 2.0, {}

@@ -43,6 +43,7 @@ def test_solid_cells_hold_still():
         assert np.all(np.roll(u, -1, axis=d)[solid] == 0.0)
 
 
+@pytest.mark.slow
 def test_a_fan_blows_what_it_is_told_along_its_schedule():
     grid = Grid((24, 20, 16), 0.05)
     fan = {
@@ -60,6 +61,7 @@ def test_a_fan_blows_what_it_is_told_along_its_schedule():
     assert flow_rate() == pytest.approx(0.0, abs=1e-7)
 
 
+@pytest.mark.slow
 def test_the_swirl_turns_the_right_way():
     """Right-handed about the jet: above the axis of a jet along +x the air moves towards -y."""
     grid = Grid((16, 20, 20), 0.05)
@@ -72,6 +74,7 @@ def test_the_swirl_turns_the_right_way():
     assert w[14, 10] > 0.05 > -0.05 > w[5, 10]
 
 
+@pytest.mark.slow
 def test_a_moving_wall_drags_the_air():
     """Couette flow: linear between a wall at rest and one that slides."""
     n = 16
@@ -87,6 +90,7 @@ def test_a_moving_wall_drags_the_air():
     np.testing.assert_allclose(grid.inner(flow.u[0].to_numpy())[4], y, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_a_resistant_outlet_evens_out_the_outflow():
     """The larger the loss coefficient, the more uniform the flow through the honeycomb."""
     spread = []

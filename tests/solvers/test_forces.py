@@ -12,6 +12,7 @@ from taichi_plume.validation.flow_cases import advance, periodic
 from taichi_plume.winds import CfdWind
 
 
+@pytest.mark.slow
 def test_bodies_take_what_drives_the_air():
     """In a periodic box at rest in the mean, the drag is the driving force on all the air."""
     grid = Grid((40, 40), 0.025, depth=0.2, periodic=(True, True))

@@ -40,6 +40,7 @@ def fields_of(flow: FlowSolver) -> list[np.ndarray]:
     return [field.to_numpy().astype(float) for field in (*flow.u, flow.nu)]
 
 
+@pytest.mark.slow
 def test_flow_becomes_its_mean(solid, monkeypatch):
     states = []  # after each step, as the flow solver leaves it
     step = FlowSolver.advance

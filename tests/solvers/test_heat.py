@@ -42,6 +42,7 @@ def run(flow, end, *others):
 
 
 @pytest.mark.parametrize("shape", [(20, 24), (10, 8, 12)])
+@pytest.mark.slow
 def test_a_heater_in_a_closed_box_warms_all_its_air(shape):
     flow = closed_box(shape)
     dim = len(shape)
@@ -57,6 +58,7 @@ def test_a_heater_in_a_closed_box_warms_all_its_air(shape):
     assert theta.min() > -1e-6
 
 
+@pytest.mark.slow
 def test_all_heat_is_accounted_for_with_warm_walls_bodies_and_openings():
     shape = (24, 20)
     solid = np.zeros(shape, bool)
@@ -97,6 +99,7 @@ def test_walls_give_what_their_transfer_says_and_openings_are_no_walls():
     assert flow.max_speed == 0.0
 
 
+@pytest.mark.slow
 def test_layered_air_waves_and_turned_over_it_falls():
     speeds = []
     nudge, slope = 0.1, 40.0

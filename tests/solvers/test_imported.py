@@ -143,6 +143,7 @@ def test_linear_fields_are_exact_on_and_off_a_lattice(dim):
         assert np.abs(found - exact - 1.0).max() < (1e-9 if place is lattice else 0.5)
 
 
+@pytest.mark.slow
 def test_well_mixed_gas_stays_well_mixed(tmp_path):
     write(tmp_path / "wind_0.csv", swirl)
     write(tmp_path / "wind_1.csv", swirl, scale=-0.5)

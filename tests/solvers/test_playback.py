@@ -82,6 +82,7 @@ def played(live, *overrides: str) -> Simulation:
     return assemble(scenario, live.folder)
 
 
+@pytest.mark.slow
 def test_wind_and_gas_are_those_that_were_recorded(live):
     sim = played(live, "gas={kind: playback, file: fields.zarr}")
     again = watched(sim)

@@ -233,6 +233,7 @@ def test_the_meander_has_the_programs_statistics():
 LOG = "1000,2,0.2\n+0 2\n0.5,0.5,0,0.4,0,50\n1.0,0.5,0,0.2,3.14159265,100\n+1 1\n0.5,0.5,0,0.4,0,20\n"
 
 
+@pytest.mark.slow
 def test_a_log_adds_to_a_computed_plume_and_robots_find_its_source(tmp_path):
     (tmp_path / "plume.pslog").write_text(LOG)
     data = {

@@ -57,6 +57,7 @@ def test_the_equations_are_met(method, shape, obstacle, outlet, periodic):
     assert np.abs(residual[air.ravel(order="F")]).max() < 1e-3 * np.abs(b).max()
 
 
+@pytest.mark.slow
 def test_both_solvers_agree():
     grid, faces, b, air = problem((37, 23, 11), True, True)
     openness = Openness.of(faces, grid)

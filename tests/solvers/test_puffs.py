@@ -75,6 +75,7 @@ def test_the_sum_is_that_of_gaussians_and_their_images(dim):
 
 
 @pytest.mark.parametrize(("shape", "spacing"), [((40, 30), 0.0125), ((24, 16, 16), 0.025)])
+@pytest.mark.slow
 def test_sampled_gas_is_what_was_released(shape, spacing):
     """A source close to a floor and to a box, and a time at which no puff has left."""
     solid = np.zeros(shape, bool)
@@ -92,6 +93,7 @@ def test_sampled_gas_is_what_was_released(shape, spacing):
     assert c[blocks].sum() * volume <= 5e-3 * inside
 
 
+@pytest.mark.slow
 def test_gas_does_not_leak_through_a_thin_wall():
     solid = np.zeros((40, 20), bool)
     solid[20] = True
@@ -273,6 +275,7 @@ def test_cells_hold_all_that_was_released(shape):
 
 
 @pytest.mark.parametrize("periodic", [(), (False, True, False)])
+@pytest.mark.slow
 def test_cells_are_means_of_what_is_sampled(periodic):
     """Puffs of many sizes: 4 x 4 x 4 samples per cell; some air goes out at the end."""
     place = {"position": (0.3, 0.1, 0.4)}

@@ -42,6 +42,7 @@ def duct(shape, screen: dict, dx: float = 0.05, inlet: dict | None = None, walls
         ({"cell": 0.008}, 0.5 * SPEED**2 * (1.2 + 60.2 * 1.56e-5 * 0.05 / (0.008**2 * SPEED))),
     ],
 )
+@pytest.mark.slow
 def test_the_pressure_drop_is_that_of_its_loss_coefficient(screen, drop):
     flow = duct((48, 6), screen)
     advance(flow, 3.0)

@@ -103,6 +103,7 @@ def test_large_eddies_hold_the_energy():
 
 
 @pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.slow
 def test_the_air_forgets_in_5_to_20_s(shape):
     grid, _, wind = room(shape)
     rng = np.random.default_rng(0)

@@ -31,6 +31,7 @@ def traceless(dim: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.slow
 def test_smagorinsky_is_the_strain_rate(dim):
     gradient = traceless(dim)
     strain = (gradient + gradient.T) / 2
@@ -39,6 +40,7 @@ def test_smagorinsky_is_the_strain_rate(dim):
 
 
 @pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.slow
 def test_vreman_is_the_second_invariant(dim):
     """The sum of the 2 x 2 principal minors is the second coefficient of the characteristic polynomial."""
     gradient = traceless(dim)

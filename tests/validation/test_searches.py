@@ -40,6 +40,7 @@ def test_what_is_wrong_with_a_scenario_is_told():
         scenario_of(arena(LAMINAR, PLUME | {"sources": [{"position": [9.0, 1.5], "rate": 1e-6}]}))
 
 
+@pytest.mark.slow
 def test_trials_of_all_airs_come_together():
     told = in_airs(5, arena(LAMINAR, PLUME) | {"duration": 60.0}, "ways", airs=2)
     success, time, way, tracks = (told[name] for name in ("success", "time [s]", WAY, "ways"))
