@@ -92,7 +92,7 @@ def _origins(scenario: Scenario) -> dict[str, Any]:
         known = origins.setdefault(f"{GAS}{gas.vapour.name}", {"species": written["species"], "sources": []})
         for source in gas.sources:
             parts = source.model_dump(mode="json", exclude_none=True, include=set(Source.model_fields))
-            known["sources"].append({"rate": 0.0} | parts)  # a puff has no rate
+            known["sources"].append(parts if "dish" in parts else {"rate": 0.0} | parts)  # a puff has no rate
     return origins
 
 

@@ -90,6 +90,6 @@ DAPSO_CASES = (
             for name in TEAMS
         ),
         trials=100,
-        slow=True,
+        few=0,
     ),
 )

@@ -162,6 +162,6 @@ PLUMESIM_CASES = (
             *_both("PSLog, 1 air", from_log),
             *_both("PSFluent, 1 air", from_fluent, published=ALIKE),
         ),
-        slow=True,
+        few=0,
     ),
 )
