@@ -87,7 +87,7 @@ class FakeSwarm:
         start = 0
         for model in self.scenario.robots:
             group = SimpleNamespace(
-                name=model.name, start=start, count=model.count, trials=model.trials, model=model
+                name=model.name, start=start, count=model.count, trials=model.trials, model=model, row=0
             )
             self.groups.append(group)
             start += model.count * model.trials
