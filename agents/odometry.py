@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from taichi_plume.rng import generator, normal4, stream_id
+from taichi_plume.rng import normal4, stream_id
 from taichi_plume.robots import Odometry as Model
 
 
@@ -62,12 +62,10 @@ class Odometry:
 
 def _drawn(model: Model, group: Any, seed: int) -> np.ndarray:
     """a, b and c [rad/m] of each robot of the group, (size, 3)."""
-    trials = [
-        generator(seed, f"group {group.number}/wheels of trial {group.model.first_trial + k}")
-        for k in range(group.trials)
-    ]
     deviations = (model.distance_scale, model.turn_scale, np.radians(model.veer_deg))
-    return np.concatenate([rng.normal(0.0, deviations, (group.count, 3)) for rng in trials])
+    return np.concatenate(
+        [rng.normal(0.0, deviations, (group.count, 3)) for rng in group.generators(seed, "wheels")]
+    )
 
 
 def _variances(model: Model) -> tuple[float, float, float, float]:

@@ -16,7 +16,7 @@ from taichi_plume.agents.gas_sensors import LinearLaw, MoxLaw
 from taichi_plume.agents.swarm import GroupRange, Swarm
 from taichi_plume.fields import Odour, Wind
 from taichi_plume.kernels import Template
-from taichi_plume.rng import generator, normal4, stream_id
+from taichi_plume.rng import normal4, stream_id
 from taichi_plume.sensor_models import GasSensor, IdealGasSensor, MoxSensor, PidSensor
 
 # Thresholds: Ishida, Workshop on Robotic Olfaction, ICRA 2007, quoted by Ferri et al., Robotics and
@@ -183,8 +183,5 @@ class Sensors:
 def _law(gas: MoxSensor | PidSensor | IdealGasSensor, group: GroupRange, seed: int) -> MoxLaw | LinearLaw:
     if not isinstance(gas, MoxSensor):
         return LinearLaw(gas)
-    units = [
-        generator(seed, f"group {group.number}/units of trial {group.model.first_trial + k}")
-        for k in range(group.trials)
-    ]
+    units = group.generators(seed, "units")
     return MoxLaw(gas, np.concatenate([rng.uniform(-1.0, 1.0, (group.count, 2)) for rng in units]))

@@ -16,6 +16,7 @@ import taichi as ti
 
 from taichi_plume.agents.odometry import Odometry
 from taichi_plume.obstacles import Box, Obstacle, motion_of
+from taichi_plume.rng import generator
 from taichi_plume.robots import Group
 
 SKIN = 1e-3  # m, air kept around a body: far more than the rounding of its position
@@ -55,6 +56,13 @@ class GroupRange:
     def speed(self, wanted: float | None) -> float:
         """What is wanted, or else the body's largest [m/s]."""
         return self.model.body.max_speed if wanted is None else wanted
+
+    def generators(self, seed: int, name: str) -> list[np.random.Generator]:
+        """What is drawn once for the robots of each trial, the same for a trial alone and among others."""
+        first = self.model.first_trial
+        return [
+            generator(seed, f"group {self.number}/{name} of trial {first + k}") for k in range(self.trials)
+        ]
 
     @property
     def slice(self) -> slice:
