@@ -129,12 +129,12 @@ def mapped(trials: int, source: tuple[float, float], navigation: str, title: str
     from_truth = [over(mean, distance[0]) for mean in distance[1:]]
     best = 1 + ALPHAS.index(BEST)
     return {
-        f"{PURE} [ppm]": _mean(forecast[0]),
+        f"{PURE} [ppm]": Mean(**mean_with_interval(forecast[0])),
         **{error_of(alpha): share for alpha, share in zip(ALPHAS, shares, strict=True)},
         "alpha of the least error": least(forecast[1:]),
         **{from_truth_of(alpha): share for alpha, share in zip(ALPHAS, from_truth, strict=True)},
-        f"peak to source, alpha {BEST:g} [m]": _mean(peak[best]),
-        f"peak to source, {PURE} [m]": _mean(peak[0]),
+        f"peak to source, alpha {BEST:g} [m]": Mean(**mean_with_interval(peak[best])),
+        f"peak to source, {PURE} [m]": Mean(**mean_with_interval(peak[0])),
         f"Forecast error, {title}": Lines(
             "t [s]", "MAE [ppm]", time, dict(zip(names, errors.mean(axis=-1), strict=True))
         ),
@@ -177,11 +177,6 @@ def least(errors: np.ndarray) -> Mean:
         return np.array(ALPHAS)[np.stack([part.mean(axis=axis) for part in parts]).argmin(axis=0)]
 
     return _resampled(tuple(errors), argmin)
-
-
-def _mean(values: np.ndarray) -> Mean:
-    told = mean_with_interval(values)
-    return Mean(told["mean"], told["low"], told["high"], len(values))
 
 
 def _resampled(data: tuple[np.ndarray, ...], statistic: Any) -> Mean:

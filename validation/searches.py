@@ -34,6 +34,13 @@ def spread(trials: int, airs: int) -> list[int]:
     return [share for share in shares if share]
 
 
+def outcomes(sim: Simulation) -> dict[str, dict[str, list[Any]]]:
+    """The columns of `trial_outcomes` of a finished run, by the names of its groups."""
+    snapshot = sim.swarm.snapshot()
+    sources = np.array([source.position[:2] for _, source in sim.scenario.sources])
+    return {group.name: trial_outcomes(group, snapshot, sources) for group in sim.swarm.groups}
+
+
 class Searches:
     """Trials of the first group of several runs, one after the other."""
 
@@ -49,9 +56,7 @@ class Searches:
             Every(0.5, lambda sim: places.append(sim.swarm.position.to_numpy()[group.slice]))
         )
         sim.run()
-        sources = np.array([source.position[:2] for _, source in sim.scenario.sources])
-        told = trial_outcomes(group, sim.swarm.snapshot(), sources)
-        for name, values in told.items():
+        for name, values in outcomes(sim)[group.name].items():
             self.columns.setdefault(name, []).extend(values)
         self.ways += list(np.stack(places, axis=1))
 
@@ -91,6 +96,4 @@ def contest(data: dict[str, Any], folder: Path = Path()) -> dict[str, dict[str, 
     """Run a scenario with its groups as rivals; returns the columns of `trial_outcomes` by the names of the groups."""
     sim = assemble(scenario_of(data | {"rivals": True}, folder), folder)
     sim.run()
-    snapshot = sim.swarm.snapshot()
-    sources = np.array([source.position[:2] for _, source in sim.scenario.sources])
-    return {group.name: trial_outcomes(group, snapshot, sources) for group in sim.swarm.groups}
+    return outcomes(sim)

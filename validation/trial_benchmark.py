@@ -5,14 +5,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import numpy as np
-
 from taichi_plume import kernels
 from taichi_plume.assemble import assemble
 from taichi_plume.filming import Filming
-from taichi_plume.scores import trial_outcomes
-from taichi_plume.validation.searches import scenario_of
-from taichi_plume.validation.spiral_cases import HOUR, OPENED, SOURCE, at, momo, room
+from taichi_plume.validation.searches import outcomes, scenario_of
+from taichi_plume.validation.spiral_cases import HOUR, OPENED, at, momo, room
 
 RECORDED = 600.0  # s, shown again and again
 FILM = "room.zarr"
@@ -57,7 +54,7 @@ def spiral_trials(
         sim = assemble(scenario_of(played, Path(folder)), Path(folder))
         sim.run()
         end = time.perf_counter()
-    told = trial_outcomes(sim.swarm.groups[0], sim.swarm.snapshot(), np.array([SOURCE]))
+    told = outcomes(sim)["SPIRAL"]
     good = [t for t, found in zip(told["time_s"], told["success"], strict=True) if found]
     steps = sum(good) / sim.dt + (trials - len(good)) * sim.tick
     return [
