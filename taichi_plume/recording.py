@@ -77,8 +77,9 @@ class Recorder:
         }
         """(time, x, y) of the way of each moving obstacle since the last flush."""
         self.maps: list[Any] = list(sim.maps)
-        self.own_scores = MapScores(sim) if map_scores is None else None
-        self.map_series = (map_scores or self.own_scores or MapScores(sim)).series
+        scores = map_scores or MapScores(sim)
+        self.own_scores = None if map_scores else scores
+        self.map_series = scores.series
         self.sent = [{"forecast": 0, "rows": 0} for _ in self.maps]
         """Of each map's errors and scores."""
         self.good_size = self.largest_batch = 0  # bytes
