@@ -24,6 +24,7 @@ class Surfaces:
         self.u, self.area, self.nu, self.viscosity = flow.u, flow.area, flow.nu, flow.viscosity
         self.eddies = flow.eddies
         vectors = np.stack([grid.pad(part) for part in np.moveaxis(air.surface(), -1, 0)], axis=-1)
+        self._count: list[int] = []  # faces of each axis
         self._cell: list[Any] = []
         self._rate: list[Any] = []  # surface over (distance times stored volume), in cells
         self._stored: list[Any] = []  # volume that stores the momentum of the face, in cells
@@ -42,6 +43,7 @@ class Surfaces:
             distance = np.maximum(grid.pad_faces(air.distance[d], d)[where], NEAREST)
             normal = (upper + lower)[where]
             normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-6)
+            self._count.append(len(cell))
             self._cell.append(listed(cell))
             self._rate.append(listed(size[where] / (distance * stored)))
             self._stored.append(listed(stored))
@@ -73,7 +75,7 @@ class Surfaces:
     def slow(self, rate: Template, dt: float):
         """Take friction off the rates of change of u [m/s²]; implicit, as it is stiff close to a surface."""
         for d in ti.static(range(self.dim)):
-            for k in range(self._rate[d].shape[0]):
+            for k in range(ti.static(self._count[d])):
                 I, f, along = self._friction(d, k)
                 rate[d][I] = (rate[d][I] - f * along) / (1.0 + dt * f)
 
@@ -81,6 +83,6 @@ class Surfaces:
     def add_loss(self, loss: Template):
         """Add the momentum that friction takes [m/s² of a whole cell]."""
         for d in ti.static(range(self.dim)):
-            for k in range(self._rate[d].shape[0]):
+            for k in range(ti.static(self._count[d])):
                 I, f, along = self._friction(d, k)
                 loss[d][I] = loss[d][I] + self._stored[d][k] * f * along

@@ -40,7 +40,8 @@ def start(arch: str = "cpu", debug: bool = False) -> str:
     """
     backend = {"auto": ti.gpu, "cpu": ti.cpu, "cuda": ti.cuda, "vulkan": ti.vulkan, "metal": ti.metal}[arch]
     with contextlib.redirect_stdout(io.StringIO()):  # "[Taichi] Starting on arch=..."
-        ti.init(arch=backend, default_fp=ti.f32, default_ip=ti.i32, log_level=ti.ERROR, debug=debug)
+        checks = {"debug": True} if debug else {}  # unless told, Taichi's own TI_DEBUG decides
+        ti.init(arch=backend, default_fp=ti.f32, default_ip=ti.i32, log_level=ti.ERROR, **checks)
     if on_cpu() and arch not in ("auto", "cpu"):
         raise RuntimeError(f"no {arch} device was found; use --arch cpu or auto")
     return "cpu" if on_cpu() else ti.cfg.arch.name
