@@ -48,6 +48,7 @@ class MarkovMap:
         obstacle_distance: Callable[[np.ndarray], np.ndarray],
     ):
         self.model, self.cell = model, model.cell
+        self.noise = 1.0 / model.lambda_observation  # ppm², of a reading
         self.extent = ti.math.vec2(extent)
         self.shape = shape(extent, model.cell)
         self.errors: list[tuple[float, np.ndarray]] = []
@@ -59,7 +60,7 @@ class MarkovMap:
         self.region = _regions(self.links)
         self._solved: tuple[np.ndarray, np.ndarray] | None = None
 
-    def update(self, swarm: Any, tick: int, t: float, dt: float) -> None:
+    def update(self, swarm: Any, t: float, dt: float) -> None:
         """Take in the readings at time t [s]; the tick that reaches a multiple of the window ends it."""
         slack = 1e-6 * dt  # t carries rounding
         self._end_windows(ceil((t - slack) / self.model.window) - 1)  # nothing came in since they ended

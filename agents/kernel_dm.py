@@ -49,6 +49,8 @@ class Sample:
 class KernelMap:
     """Mean and variance of the gas in each cell."""
 
+    noise = 0.0
+
     def __init__(self, model: models.KernelMap, extent: tuple[float, float], trials: int):
         self.model, self.cell, self.exact = model, model.cell, model.exact
         self.extent = ti.math.vec2(extent)
@@ -70,7 +72,7 @@ class KernelMap:
         self.begin: Any = ti.field(ti.i32, trials)  # number of the first reading that is being taken in
         self.end: Any = ti.field(ti.i32, trials)
 
-    def update(self, swarm: Any, tick: int, t: float, dt: float) -> None:
+    def update(self, swarm: Any, t: float, dt: float) -> None:
         """Take in the readings at time t [s]."""
         fade = exp(-self.fading * (t - self.time))
         self.time = t

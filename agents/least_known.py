@@ -46,7 +46,7 @@ class LeastKnown:
 
     def act(self, tick: int, t: float, dt: float) -> None:
         """Command the next dt [s]."""
-        self.map.update(self.swarm, tick, t, dt)
+        self.map.update(self.swarm, t, dt)
         self._ask()
         asks = self.asks.to_numpy().reshape(self.trials, self.count)
         if asks.any() and len(self.places):

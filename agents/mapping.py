@@ -27,7 +27,7 @@ class Mapper(Protocol):
     cell: float
     errors: list[tuple[float, np.ndarray]]
 
-    def update(self, swarm: Any, tick: int, t: float, dt: float) -> None:
+    def update(self, swarm: Any, t: float, dt: float) -> None:
         """Take in the readings at time t [s], the end of a tick of dt [s]."""
         ...
 
@@ -41,7 +41,13 @@ class Mapper(Protocol):
 
 
 class Uncertain(Mapper, Protocol):
-    """A map that knows how far readings scatter about its estimate, or how far that may be off."""
+    """A map that tells how sure it is.
+
+    A reading to come has the variance ``variance() + noise`` about the estimate. Where the method reckons with what
+    readings scatter, noise [ppm²] is 0; else variance() is how far the estimate may be off.
+    """
+
+    noise: float
 
     def variance(self) -> np.ndarray:
         """Variance [ppm²], (trials, nx, ny); NaN where nothing is known."""

@@ -68,7 +68,7 @@ class SnapMap:
         """The sum of weights behind `estimate`, (trials, nx, ny)."""
         return self.denominator.to_numpy()
 
-    def update(self, swarm: Any, tick: int, t: float, dt: float) -> None:
+    def update(self, swarm: Any, t: float, dt: float) -> None:
         """Take in the readings at time t [s]; the tick that reaches a multiple of the window ends a snap."""
         if self.samples is None:
             most = swarm.members.shape[1] * (ceil(self.window / dt) + 1)

@@ -143,7 +143,7 @@ def map_of(
     shape, knows = np.shape(gas_map.estimate())[1:], hasattr(gas_map, "variance")
     cells = np.clip((readings.place / gas_map.cell).astype(int), 0, np.array(shape) - 1)
     forecast, period, nlpd = None, 0, []
-    for tick, (time, first, last) in enumerate(zip(times - begin, starts, ends, strict=True), 1):
+    for time, first, last in zip(times - begin, starts, ends, strict=True):
         if knows and int((time - 1e-9) / window) > period:
             forecast, period = (gas_map.estimate()[0], gas_map.variance()[0]), int((time - 1e-9) / window)
         rows = slice(int(first), int(last))
@@ -152,7 +152,7 @@ def map_of(
             found = surprise(readings.reading[rows], forecast[0][at], forecast[1][at])
             nlpd += found[on[rows] & np.isfinite(found)].tolist()
         team.show(readings.place[rows], readings.wind[rows], readings.reading[rows])
-        gas_map.update(team, tick, float(time), dt)
+        gas_map.update(team, float(time), dt)
     estimate, weight = np.asarray(gas_map.estimate()), np.asarray(gas_map.weight())
     errors = [(float(t + begin), float(error[0])) for t, error in gas_map.errors]
     counted = [error for _, error in errors if isfinite(error)]

@@ -33,7 +33,7 @@ class Team(Protocol):
 class Map(Protocol):
     """An online gas map: sees readings and positions alone."""
 
-    def update(self, swarm: Any, tick: int, t: float, dt: float) -> None:
+    def update(self, swarm: Any, t: float, dt: float) -> None:
         """Take in this tick's readings."""
         ...
 
@@ -139,7 +139,7 @@ class Simulation:
             team.act(self.tick, self.t, self.dt)
         self.swarm.move(self.tick, self.t, self.dt)
         for gas_map in self.maps:
-            gas_map.update(self.swarm, self.tick, self.t, self.dt)
+            gas_map.update(self.swarm, self.t, self.dt)
 
     def _advance_air(self, t: float, dt: float) -> None:
         """Wind and gas over one tick, interleaved so that the gas sees each step's flow."""

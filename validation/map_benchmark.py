@@ -107,7 +107,7 @@ def _window(one: Mapper, robots: Robots, number: int, ticks: int) -> np.ndarray:
     spent = []
     for tick in range(first + 1, first + ticks + 1):
         robots.wander()
-        spent.append(_timed(lambda tick=tick: one.update(robots, tick, tick * dt, dt)))
+        spent.append(_timed(lambda tick=tick: one.update(robots, tick * dt, dt)))
     return np.array([np.sum(spent, axis=0), spent[-1], _timed(one.estimate)])
 
 

@@ -58,7 +58,7 @@ def run(gas_map, robots, seconds):
     rows = []
     for tick in range(1, round(seconds / DT) + 1):
         robots.wander()
-        gas_map.update(robots, tick, tick * DT, DT)
+        gas_map.update(robots, tick * DT, DT)
         rows.append(robots.rows(tick * DT))
     return np.concatenate(rows)
 
@@ -83,7 +83,7 @@ def test_behind_a_wall_nothing_is_known():
     gas_map = MarkovMap(model(), EXTENT, 1, closed)
     robots = Readers(1, trials=1, count=2)
     robots.show([[0.2, 0.3], [0.6, 1.2]], [10.0, 30.0])
-    gas_map.update(robots, 2, 1.0, DT)
+    gas_map.update(robots, 1.0, DT)
     known = np.isfinite(gas_map.estimate()[0])
     assert known[:4].all()
     assert not known[4:].any()
@@ -95,13 +95,13 @@ def test_readings_are_forgotten():
     gas_map = MarkovMap(model(memory=10.0), EXTENT, 1, nothing)
     robots = Readers(1, trials=1)
     robots.wander()
-    gas_map.update(robots, 2, 1.0, DT)
+    gas_map.update(robots, 1.0, DT)
     early = gas_map.variance()
     robots.show(robots.where, [np.nan] * 3)
-    gas_map.update(robots, 12, 6.0, DT)
+    gas_map.update(robots, 6.0, DT)
     assert np.isfinite(gas_map.estimate()).all()
     assert (gas_map.variance() > early).all()
-    gas_map.update(robots, 22, 11.0, DT)
+    gas_map.update(robots, 11.0, DT)
     assert np.isnan(gas_map.estimate()).all()
     assert not gas_map.past
 
@@ -113,7 +113,7 @@ def test_obstacles_of_a_scenario_cut_the_links():
     gas_map = MarkovMap(model(), EXTENT, 1, arena.obstacle_distance_at)
     robots = Readers(1, trials=1, count=1)
     robots.show([[0.1, 0.1]], [7.0])
-    gas_map.update(robots, 2, 1.0, DT)
+    gas_map.update(robots, 1.0, DT)
     unknown = np.isnan(gas_map.estimate()[0])
     inside = np.abs(centers((8, 6), CELL) - (1.0, 0.75)).max(axis=1).reshape(8, 6) < 0.3
     assert inside.sum() == 4

@@ -19,7 +19,7 @@ def run(gas_map, robots, ticks, begin=1):
     rows = []
     for tick in range(begin, begin + ticks):
         robots.wander()
-        gas_map.update(robots, tick, tick * DT, DT)
+        gas_map.update(robots, tick * DT, DT)
         rows.append(robots.rows(tick * DT))
     return np.concatenate(rows)
 
@@ -80,7 +80,7 @@ def test_only_the_variance_knows_how_many_readings_are_kept():
     for tick in range(1, 200):
         robots.wander()
         for one in maps:
-            one.update(robots, tick, tick * DT, DT)
+            one.update(robots, tick * DT, DT)
     whole, short, least = maps
     same(short.estimate(), whole.estimate())
     same(least.estimate(), whole.estimate())

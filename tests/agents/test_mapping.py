@@ -30,7 +30,7 @@ def show(gas_map, robots, where, readings, ticks=range(1, WINDOW + 1)):
     """Robots that stay where they are, for a window."""
     robots.show(where, readings)
     for tick in ticks:
-        gas_map.update(robots, tick, tick * DT, DT)
+        gas_map.update(robots, tick * DT, DT)
 
 
 def layers(gas_map):

@@ -22,7 +22,7 @@ def run(gas_map, seconds, pause=(np.inf, np.inf)):
         t = tick * DT
         if pause[0] < t <= pause[1]:
             continue
-        gas_map.update(robots, tick, t, DT)
+        gas_map.update(robots, t, DT)
         snaps[int(np.ceil(t / WINDOW)) - 1] += [tuple(row[:4]) for row in robots.rows(t)]
     return snaps
 
@@ -91,9 +91,9 @@ def test_nothing_is_known_right_after_an_empty_snap_when_the_neighbourhood_is_sh
     gas_map = TimeSeriesMap(map_models.TimeSeriesMap(kind="time_series", alpha=0.4), EXTENT, TRIALS)
     robots: Any = Readers(1)
     robots.wander()
-    gas_map.update(robots, 10, 5.0, DT)
+    gas_map.update(robots, 5.0, DT)
     assert np.isfinite(gas_map.estimate()).all()
-    gas_map.update(robots, 24, 12.0, DT)  # in the third snap; the second stayed empty
+    gas_map.update(robots, 12.0, DT)  # in the third snap; the second stayed empty
     assert gas_map.snaps == 2
     assert np.isnan(gas_map.estimate()).all()
     assert (gas_map.weight() == 0).all()
