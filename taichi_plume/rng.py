@@ -50,7 +50,7 @@ def philox(seed: ti.u32, stream: ti.u32, index: ti.i32, tick: ti.i32, draw: ti.i
 def uniform4(seed: ti.u32, stream: ti.u32, index: ti.i32, tick: ti.i32, draw: ti.i32):
     """Four numbers uniform in (0, 1)."""
     x = philox(seed, stream, index, tick, draw)
-    return (ti.cast(x >> 8, ti.f32) + 0.5) * (1.0 / 16777216.0)
+    return (ti.cast(x >> ti.u32(8), ti.f32) + 0.5) * (1.0 / 16777216.0)
 
 
 @ti.func
