@@ -126,14 +126,14 @@ def map_of(
     Raises ReadingsError where no reading lies on the floor.
     """
     from taichi_plume.agents.recorded import RecordedTeam
-    from taichi_plume.assemble import mapper
+    from taichi_plume.assemble import mappers
     from taichi_plume.scores import peak_distance, surprise
 
     told = np.isfinite(readings.reading)
     on = ((readings.place >= 0.0) & (readings.place <= size)).all(axis=1)
     if not (on & told).any():
         raise ReadingsError(f"no reading lies on the floor of {size[0]:g} x {size[1]:g} m from the origin on")
-    gas_map: Any = mapper(model, size, 1, lambda points: np.full(np.shape(points)[:-1], np.inf))
+    gas_map: Any = mappers([model], size, 1, lambda points: np.full(np.shape(points)[:-1], np.inf))[0]
     window = float(getattr(gas_map, "window", PERIOD))
     begin = window * np.floor((readings.t[0] - 1e-9) / window)
     times, starts = np.unique(readings.t, return_index=True)

@@ -11,7 +11,7 @@ from pydantic import TypeAdapter
 
 from taichi_plume import kernels
 from taichi_plume.agents.mapping import Mapper
-from taichi_plume.assemble import mapper
+from taichi_plume.assemble import mappers
 from taichi_plume.map_models import Map
 
 WINDOW = 5.0  # s
@@ -81,7 +81,7 @@ def cost(
     """In the first minute and, for single trials, after an hour."""
     kernels.start(arch)
     model = TypeAdapter(Map).validate_python(keys)
-    one = mapper(model, extent, trials, lambda points: np.full(points.shape[:-1], np.inf))
+    [one] = mappers([model], extent, trials, lambda points: np.full(points.shape[:-1], np.inf))
     robots = Robots(trials, READINGS // ticks, extent)
     result = []
     window = 0
