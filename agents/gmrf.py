@@ -60,7 +60,7 @@ class MarkovMap:
         # a reading beside an obstacle in whose cell the centre is not free counts for the next cell
         self.counted_in = np.arange(free.size).reshape(self.shape)
         if free.any():
-            nearest = distance_transform_edt(~free, return_distances=False, return_indices=True)
+            nearest: Any = distance_transform_edt(~free, return_distances=False, return_indices=True)
             self.counted_in = np.ravel_multi_index(tuple(nearest), self.shape)
         self.links = _links(self.shape, model.cell, obstacle_distance)
         self.region = _regions(self.links)

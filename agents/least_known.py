@@ -67,8 +67,11 @@ class LeastKnown:
         clearance, step = self.swarm.clearance, self.potential.room / 2
         nodes = [np.arange(a, b, step) for a, b in zip(clearance.low, clearance.high, strict=True)]
         free = clearance.distance_at(np.stack(np.meshgrid(*nodes, indexing="ij"), axis=-1))
-        region, _ = ndimage.label(free >= self.potential.room)
-        nearest = ndimage.distance_transform_edt(region == 0, return_distances=False, return_indices=True)
+        labelled: Any = ndimage.label(free >= self.potential.room)
+        region = labelled[0]
+        nearest: Any = ndimage.distance_transform_edt(
+            region == 0, return_distances=False, return_indices=True
+        )
         at = np.rint((points - np.array(clearance.low)) / step).astype(int)
         at = np.clip(at, 0, np.array(region.shape) - 1)
         return region[tuple(nearest)][at[:, 0], at[:, 1]]

@@ -68,7 +68,8 @@ def double_field(shape: tuple[int, ...] = ()) -> Any:
     """A number, or numbers of a shape, in f64, stored apart: beside 32-bit fields Vulkan would misplace them."""
     field: Any = ti.field(ti.f64)
     apart = ti.FieldsBuilder()
-    (apart.dense(ti.axes(*range(len(shape))), shape) if shape else apart).place(field)
+    axes: Any = range(len(shape))
+    (apart.dense(ti.axes(*axes), shape) if shape else apart).place(field)
     apart.finalize()
     return field
 
