@@ -65,8 +65,8 @@ def check_gas(sim: "Simulation") -> None:
 class Simulation:
     """One run. Time t = tick dt is 0 when the robots start; the warm-up has negative ticks.
 
-    A tick: wind and gas advance together in steps the wind can take, then the robots measure, act and move,
-    then the maps, then what is due.
+    A tick: wind and gas advance together in steps the wind can take, and the robots move as they were told; then
+    they measure, then the maps, then they act, then what is due.
     """
 
     scenario: Scenario
@@ -126,13 +126,13 @@ class Simulation:
         self.tick += 1
         if self.tick <= 0:
             return  # the robots are not there yet
+        self.swarm.move(self.tick, self.t, self.dt)
         for team in self.teams:
             team.measure(self.gas, self.wind, self.tick, self.t)
-        for team in self.teams:
-            team.act(self.tick, self.t, self.dt)
-        self.swarm.move(self.tick, self.t, self.dt)
         for gas_map in self.maps:
             gas_map.update(self.swarm, self.t, self.dt)
+        for team in self.teams:
+            team.act(self.tick, self.t, self.dt)
 
     def _advance_air(self, t: float, dt: float) -> None:
         """Wind and gas over one tick, interleaved so that the gas sees each step's flow."""
