@@ -1,4 +1,4 @@
-"""What every online gas map offers, and what they share.
+"""What online gas maps (protocol `Mapper` of simulation.py) share.
 
 A map sees what robots know: readings, the wind they feel, and where they believe to be. It covers the floor with square
 cells from the origin on, for every trial by itself; axis 0 of every array is the trial. Readings that are no finite
@@ -9,51 +9,11 @@ What they see is a swarm, or anything with its `members`, `team_size`, `believed
 """
 
 from math import ceil, floor
-from typing import Any, Protocol
 
 import numpy as np
 import taichi as ti
 
 from taichi_plume.kernels import Template
-
-
-class Mapper(Protocol):
-    """An online gas map of all trials.
-
-    cell: edge of its cells [m]. errors: (time [s], mean error [ppm] (trials,)) of each forecast that has been judged by
-    the readings after it; none where the method makes none.
-
-    Where the method tells how sure it is, there is also ``variance()`` (trials, nx, ny) [ppm²], see `Uncertain`.
-    """
-
-    cell: float
-    errors: list[tuple[float, np.ndarray]]
-
-    def update(self, swarm: Any, t: float, dt: float) -> None:
-        """Take in the readings at time t [s], the end of a tick of dt [s]."""
-        ...
-
-    def estimate(self) -> np.ndarray:
-        """Concentration [ppm], (trials, nx, ny); NaN where nothing is known."""
-        ...
-
-    def weight(self) -> np.ndarray:
-        """What stands behind the estimate, (trials, nx, ny), in the method's own measure; 0 where nothing is known."""
-        ...
-
-
-class Uncertain(Mapper, Protocol):
-    """A map that tells how sure it is.
-
-    A reading to come has the variance ``variance() + noise`` about the estimate. Where the method reckons with what
-    readings scatter, noise [ppm²] is 0; else variance() is how far the estimate may be off.
-    """
-
-    noise: float
-
-    def variance(self) -> np.ndarray:
-        """Variance [ppm²], (trials, nx, ny); NaN where nothing is known."""
-        ...
 
 
 def shape(extent: tuple[float, float], cell: float) -> tuple[int, int]:

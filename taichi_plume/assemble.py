@@ -10,7 +10,6 @@ from taichi_plume import map_models
 from taichi_plume.agents.gmrf import MarkovMap
 from taichi_plume.agents.inverse_distance import InverseDistanceMap
 from taichi_plume.agents.kernel_dm import KernelMap
-from taichi_plume.agents.mapping import Mapper
 from taichi_plume.agents.placement import Placed, place, placed
 from taichi_plume.agents.snaps import Snaps
 from taichi_plume.agents.swarm import Swarm, disc_around
@@ -38,7 +37,7 @@ from taichi_plume.plumesim_gases import FluentGas, PlumeSimGas, PlumeSimMeander,
 from taichi_plume.point_frames import frames_of
 from taichi_plume.rng import generator
 from taichi_plume.scenario import Scenario
-from taichi_plume.simulation import Simulation
+from taichi_plume.simulation import Mapper, Simulation
 from taichi_plume.solvers.bodies import MovingObstacle, Wake
 from taichi_plume.solvers.boundaries import opening_cells, periodic_axes
 from taichi_plume.solvers.flow import FlowSolver

@@ -8,7 +8,6 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from taichi_plume.agents.mapping import Mapper
 from taichi_plume.cut_cells import Air
 from taichi_plume.fields import Mixture, Odour, Wind
 from taichi_plume.grid import Grid
@@ -28,6 +27,45 @@ class Team(Protocol):
 
     def act(self, tick: int, t: float, dt: float) -> None:
         """Turn readings into commands."""
+        ...
+
+
+class Mapper(Protocol):
+    """An online gas map of all trials.
+
+    cell: edge of its cells [m]. errors: (time [s], mean error [ppm] (trials,)) of each forecast that has been judged by
+    the readings after it; none where the method makes none.
+
+    Where the method tells how sure it is, there is also ``variance()`` (trials, nx, ny) [ppm²], see `Uncertain`.
+    """
+
+    cell: float
+    errors: list[tuple[float, np.ndarray]]
+
+    def update(self, swarm: Any, t: float, dt: float) -> None:
+        """Take in the readings at time t [s], the end of a tick of dt [s]."""
+        ...
+
+    def estimate(self) -> np.ndarray:
+        """Concentration [ppm], (trials, nx, ny); NaN where nothing is known."""
+        ...
+
+    def weight(self) -> np.ndarray:
+        """What stands behind the estimate, (trials, nx, ny), in the method's own measure; 0 where nothing is known."""
+        ...
+
+
+class Uncertain(Mapper, Protocol):
+    """A map that tells how sure it is.
+
+    A reading to come has the variance ``variance() + noise`` about the estimate. Where the method reckons with what
+    readings scatter, noise [ppm²] is 0; else variance() is how far the estimate may be off.
+    """
+
+    noise: float
+
+    def variance(self) -> np.ndarray:
+        """Variance [ppm²], (trials, nx, ny); NaN where nothing is known."""
         ...
 
 

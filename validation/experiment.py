@@ -1,10 +1,11 @@
 """What an experiment is: searches or maps repeated in trials under several conditions, and what they come to."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import inf
 
 import numpy as np
+from scipy.stats import bootstrap
 
 from taichi_plume import kernels
 from taichi_plume.validation.case import Curve
@@ -57,6 +58,36 @@ class Range:
         if self.most == inf:
             return f">= {self.least:g}"
         return f"<= {self.most:g}" if self.least == -inf else f"{self.least:g} to {self.most:g}"
+
+
+def resampled(data: Sequence[np.ndarray], statistic: Callable[..., np.ndarray], paired: bool = True) -> Mean:
+    """A statistic of samples, each (n,), with the percentile interval of a bootstrap (Efron 1979,
+    doi:10.1214/aos/1176344552).
+
+    statistic: of arrays, along an `axis`. paired: whether the n-th of all samples belong together.
+    """
+    n, mean = len(data[0]), float(statistic(*data))
+    if n < 2:
+        return Mean(mean, None, None, n)
+    found = bootstrap(
+        data,
+        statistic,
+        paired=paired,
+        vectorized=True,
+        n_resamples=2000,
+        method="percentile",
+        rng=np.random.default_rng(1),
+    )
+    return Mean(mean, float(found.confidence_interval.low), float(found.confidence_interval.high), n)
+
+
+def ratio(a: np.ndarray, b: np.ndarray, paired: bool = True) -> Mean:
+    """Of the means of two samples, (n,) each."""
+
+    def of_means(a: np.ndarray, b: np.ndarray, axis: int = -1) -> np.ndarray:
+        return a.mean(axis=axis) / b.mean(axis=axis)
+
+    return resampled((a, b), of_means, paired)
 
 
 Told = Mapping[str, Mean | Picture]

@@ -11,9 +11,9 @@ import taichi as ti
 from pydantic import TypeAdapter
 
 from taichi_plume import kernels
-from taichi_plume.agents.mapping import Mapper
 from taichi_plume.assemble import mappers
 from taichi_plume.map_models import Map
+from taichi_plume.simulation import Mapper
 
 WINDOW = 5.0  # s
 WARM_UP = 12  # windows, the first minute

@@ -23,13 +23,21 @@ from functools import cache, partial
 from typing import Any
 
 import numpy as np
-from scipy.stats import bootstrap
 
 from taichi_plume.assemble import assemble
 from taichi_plume.map_scores import MapScores
 from taichi_plume.scores import mean_with_interval
 from taichi_plume.simulation import Simulation
-from taichi_plume.validation.experiment import Condition, Experiment, Lines, Mean, Range, Told
+from taichi_plume.validation.experiment import (
+    Condition,
+    Experiment,
+    Lines,
+    Mean,
+    Range,
+    Told,
+    ratio,
+    resampled,
+)
 from taichi_plume.validation.searches import scenario_of
 
 DURATION = 300.0  # s; alpha = 0.98 looks back 250 s
@@ -133,8 +141,8 @@ def mapped(trials: int, source: tuple[float, float], navigation: str, title: str
     forecast, distance, correlation, peak = (
         np.nanmean(part, axis=1) for part in (errors, off, alike, peaks)
     )  # (maps, teams)
-    shares = [over(mean, forecast[0]) for mean in forecast[1:]]
-    from_truth = [over(mean, distance[0]) for mean in distance[1:]]
+    shares = [ratio(mean, forecast[0]) for mean in forecast[1:]]
+    from_truth = [ratio(mean, distance[0]) for mean in distance[1:]]
     best = 1 + ALPHAS.index(BEST)
     return {
         f"{PURE} [ppm]": Mean(**mean_with_interval(forecast[0])),
@@ -171,33 +179,13 @@ def error_of(alpha: float) -> str:
     return f"error, alpha {alpha:g} / {PURE}"
 
 
-def over(errors: np.ndarray, reference: np.ndarray) -> Mean:
-    """Of the mean errors of the same teams, with a bootstrapped interval."""
-
-    def ratio(a: np.ndarray, b: np.ndarray, axis: int = -1) -> np.ndarray:
-        return a.mean(axis=axis) / b.mean(axis=axis)
-
-    return _resampled((errors, reference), ratio)
-
-
 def least(errors: np.ndarray) -> Mean:
     """Where over all teams the mean error is least, (alphas, teams), with a bootstrapped interval."""
 
     def argmin(*parts: np.ndarray, axis: int = -1) -> np.ndarray:
         return np.array(ALPHAS)[np.stack([part.mean(axis=axis) for part in parts]).argmin(axis=0)]
 
-    return _resampled(tuple(errors), argmin)
-
-
-def _resampled(data: tuple[np.ndarray, ...], statistic: Any) -> Mean:
-    n, mean = len(data[0]), float(statistic(*data))
-    if n < 2:
-        return Mean(mean, None, None, n)
-    rng = np.random.default_rng(1)
-    found = bootstrap(
-        data, statistic, paired=True, vectorized=True, n_resamples=2000, method="percentile", rng=rng
-    )
-    return Mean(mean, float(found.confidence_interval.low), float(found.confidence_interval.high), n)
+    return resampled(tuple(errors), argmin)
 
 
 def _condition(navigation: str, source: tuple[float, float]) -> Condition:

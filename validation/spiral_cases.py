@@ -23,12 +23,11 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from scipy.stats import bootstrap
 
 from taichi_plume.agents.spiral import Spiral
 from taichi_plume.assemble import assemble
 from taichi_plume.scores import mean_with_interval, trial_summary
-from taichi_plume.validation.experiment import Condition, Experiment, Mean, Range, Told
+from taichi_plume.validation.experiment import Condition, Experiment, Mean, Range, Told, ratio
 from taichi_plume.validation.searches import contest, scenario_of, spread
 
 OPENED = 300.0  # s before the first trial
@@ -175,23 +174,12 @@ def order(trials: int) -> Told:
     for distance in DISTANCES:
         for quick, slow in pairwise(RANKING):
             told[longer(quick, slow, distance)] = ratio(
-                times(rows[slow, distance]), times(rows[quick, distance])
+                times(rows[slow, distance]), times(rows[quick, distance]), paired=False
             )
-        counts = [rows[name, distance]["acquisitions"] for name in ("SPIRAL", "random SPIRAL")]
-        told[fewer(distance)] = ratio(*counts)
+        counts = [np.array(rows[name, distance]["acquisitions"]) for name in ("SPIRAL", "random SPIRAL")]
+        told[fewer(distance)] = ratio(*counts, paired=False)
     told["least index of a hit [ppm]"] = Mean(least_index(), None, None, AIRS * FAR_PLACES)
     return told
-
-
-def ratio(a: np.ndarray, b: np.ndarray) -> Mean:
-    """Of the means of two samples, with a bootstrapped interval."""
-
-    def of_means(a: np.ndarray, b: np.ndarray, axis: int = -1) -> np.ndarray:
-        return a.mean(axis=axis) / b.mean(axis=axis)
-
-    found = bootstrap((a, b), of_means, n_resamples=2000, rng=np.random.default_rng(1))
-    interval = found.confidence_interval
-    return Mean(float(of_means(a, b)), float(interval.low), float(interval.high), len(a))
 
 
 def _row(name: str, distance: int) -> Condition:

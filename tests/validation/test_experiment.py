@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from taichi_plume.validation.case import Curve
-from taichi_plume.validation.experiment import Condition, Experiment, Mean, Range, Row, examine
+from taichi_plume.validation.experiment import Condition, Experiment, Mean, Range, Row, examine, ratio
 
 LINE = Curve("x", "y", np.zeros(2), np.zeros(2), np.zeros(2))
 
@@ -64,3 +64,22 @@ def test_what_is_expected_of_no_quantity_is_refused(where):
     experiment, _ = of(**{where: {"pace": Range() if where == "expected" else "1"}})
     with pytest.raises(KeyError, match="pace"):
         examine(experiment, 5)
+
+
+def test_ratios_of_means_have_an_interval():
+    rng = np.random.default_rng(0)
+    a, b = rng.normal(30.0, 3.0, 400), rng.normal(10.0, 1.0, 400)
+    found = ratio(a, b, paired=False)
+    assert found.mean is not None
+    assert found.mean == pytest.approx(a.mean() / b.mean())
+    # the relative variances of the means add up
+    half = 1.96 * found.mean * np.hypot(a.std() / a.mean(), b.std() / b.mean()) / 20.0
+    assert found.low == pytest.approx(found.mean - half, rel=0.01)
+    assert found.high == pytest.approx(found.mean + half, rel=0.01)
+
+
+def test_ratios_of_pairs_know_that_they_are_pairs():
+    reference = np.random.default_rng(3).uniform(1.0, 50.0, 12)
+    found = ratio(0.8 * reference, reference)
+    assert (found.mean, found.low, found.high) == pytest.approx((0.8, 0.8, 0.8))
+    assert ratio(np.array([3.0]), np.array([2.0])) == Mean(1.5, None, None, 1)

@@ -9,7 +9,7 @@ from taichi_plume import load_scenario
 from taichi_plume.validation import mapping_cases
 from taichi_plume.validation.case import Curve
 from taichi_plume.validation.experiment import Lines, Mean
-from taichi_plume.validation.mapping_cases import ALPHAS, arena, least, mapped, over
+from taichi_plume.validation.mapping_cases import ALPHAS, arena, least, mapped
 from taichi_plume.validation.report import page
 from taichi_plume.validation.searches import scenario_of
 
@@ -26,15 +26,6 @@ def test_the_configs_are_conditions_of_the_experiment(name, source, navigation):
     shown = {key: getattr(theirs, key) for key in ("name", "maps", "recording", "rivals")}
     team = ours.robots[0].model_copy(update={"name": theirs.robots[0].name})
     assert ours.model_copy(update={**shown, "robots": (team,)}) == theirs
-
-
-def test_ratios_are_of_the_same_teams():
-    rng = np.random.default_rng(3)
-    reference = rng.uniform(1.0, 50.0, 12)
-    ratio = over(0.8 * reference, reference)
-    assert ratio.mean == pytest.approx(0.8)
-    assert (ratio.low, ratio.high) == pytest.approx((0.8, 0.8))
-    assert over(np.array([3.0]), np.array([2.0])) == Mean(1.5, None, None, 1)
 
 
 def test_the_least_error_is_where_the_mean_is_least():
