@@ -82,6 +82,7 @@ class FakeSwarm:
     find_at: float = 8.0
     t: float = 0.0
     groups: list[Any] = field(default_factory=list)
+    clearance = SimpleNamespace(distance_at=lambda points: np.ones(points.shape[:-1]))
 
     def __post_init__(self) -> None:
         start = 0
@@ -140,10 +141,10 @@ class FakeMap:
         self.seen = np.zeros(self.shape, bool)
         self.errors: list[tuple[float, np.ndarray]] = []
 
-    def update(self, swarm: Any, tick: int, t: float, dt: float) -> None:
+    def update(self, swarm: Any, t: float, dt: float) -> None:
         i, j = (swarm.snapshot()["position"][0] / self.cell).astype(int)
         self.seen[max(0, i - 1) : i + 2, max(0, j - 1) : j + 2] = True
-        if tick % 50 == 0:
+        if round(t / dt) % 50 == 0:
             self.errors.append((t, np.full(self.trials, 10.0 / (1 + t))))
 
     def estimate(self) -> np.ndarray:
