@@ -77,15 +77,13 @@ def map_of(
     _check_size(model, size)
     counted = _counted(readings, size)
     window = float(getattr(model, "window", PERIOD))
-    begin = window * np.floor(readings.t[0] / window)
+    begin = window * np.floor((readings.t[0] + 0.5 * 10.0**-FINEST) / window)
     t = np.round(readings.t - begin, FINEST)
     _check_clock(readings, t, window)
     times, starts, robots = np.unique(t, return_index=True, return_counts=True)
     most = int(robots.max())
     team = RecordedTeam(most)
-    dt = window / ceil(
-        np.bincount(_number(t, window)).max() / most
-    )  # by which maps tell how many readings may come
+    dt = window / ceil(np.bincount(_number(t, window)).max() / most)  # maps have room for so many readings
     gas_map: Any = mapper(model, size, 1, lambda points: np.full(np.shape(points)[:-1], np.inf))
 
     def take_in(first: int, last: int, time: float) -> None:
@@ -148,7 +146,7 @@ def _check_size(model: "Map", size: tuple[float, float]) -> None:
     if model.cell < finest:
         raise ReadingsError(
             f"cell: {model.cell:g} m is too fine for a floor of {size[0]:g} x {size[1]:g} m: a {model.kind} map takes "
-            f"{limit}; use {1.01 * finest:.2g} m or more"
+            f"{limit}; use {1.1 * finest:.2g} m or more"
         )
 
 
