@@ -263,7 +263,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"{out}: cannot be written: {error.strerror or error}", file=sys.stderr)
         return 1
     peak = gas_map.scores["peak"]
-    print(f"peak {peak['ppm']:.3g} ppm at ({peak['x_m']:.2f}, {peak['y_m']:.2f}) m")
+    if peak["ppm"] is None:
+        print("knows no cell: its last readings are too old")
+    else:
+        print(f"peak {peak['ppm']:.3g} ppm at ({peak['x_m']:.2f}, {peak['y_m']:.2f}) m")
     print(f"{out}: {', '.join(FILES)}")
     return 0
 

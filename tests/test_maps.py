@@ -344,6 +344,15 @@ def test_what_lies_in_the_folder_is_kept_unless_by_force(tmp_path, capsys):
         assert error.count("\n") == 1
 
 
+def test_readings_that_are_too_old_make_an_empty_map(tmp_path, capsys):
+    path = log(tmp_path / "a.csv", [(1, 0.5, 0.5, 5.0), (99, 0.5, 0.5, "nan")])
+    command = ["--kind", "gmrf", str(path), "--size", "1", "1", "--out", str(tmp_path / "out")]
+    assert maps.main(command) == 0
+    assert capsys.readouterr().out.startswith("knows no cell")
+    scores = json.loads((tmp_path / "out" / "scores.json").read_text())
+    assert (scores["known_fraction"], scores["peak"]["ppm"], scores["nlpd"]) == (0.0, None, None)
+
+
 @pytest.mark.slow
 def test_a_picture_of_a_long_floor_is_no_larger(tmp_path):
     path = log(tmp_path / "a.csv", [(1, 0.5, 0.5, 5.0), (9, 0.5, 0.5, 5.0)])
