@@ -16,16 +16,16 @@ trials at once, and no slower in time: readings are summed by cell and window, a
 
 from collections import deque
 from collections.abc import Callable
-from math import ceil
 from typing import Any
 
 import numpy as np
 import taichi as ti
+from scipy.ndimage import distance_transform_edt
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from taichi_plume import map_models as models
-from taichi_plume.agents.mapping import counts, shape
+from taichi_plume.agents.mapping import cell_of, centers, counts, shape, windows
 from taichi_plume.kernels import Template
 
 LOOKS = 16  # parts of the way between two centres at whose ends an obstacle is looked for
@@ -56,17 +56,23 @@ class MarkovMap:
         self.total = ti.field(ti.f32, (trials, *self.shape))  # their sum [ppm]
         self.ended = 0  # windows
         self.past: deque[Window] = deque()
+        free = obstacle_distance(centers(self.shape, model.cell)) > 0
+        # a reading beside an obstacle in whose cell the centre is not free counts for the next cell
+        self.counted_in = np.arange(free.size).reshape(self.shape)
+        if free.any():
+            nearest: Any = distance_transform_edt(~free, return_distances=False, return_indices=True)
+            self.counted_in = np.ravel_multi_index(tuple(nearest), self.shape)
         self.links = _links(self.shape, model.cell, obstacle_distance)
         self.region = _regions(self.links)
         self._solved: tuple[np.ndarray, np.ndarray] | None = None
 
     def update(self, swarm: Any, t: float, dt: float) -> None:
         """Take in the readings at time t [s]; the tick that reaches a multiple of the window ends it."""
-        slack = 1e-6 * dt  # t carries rounding
-        self._end_windows(ceil((t - slack) / self.model.window) - 1)  # nothing came in since they ended
+        before, now = windows(t, self.model.window, dt)
+        self._end_windows(before)  # nothing came in since they ended
         _collect(swarm.members, swarm.team_size, swarm.believed_position, swarm.reading, self.extent, self.cell,
-                 self.count, self.total)  # fmt: skip
-        self._end_windows(int((t + slack) / self.model.window))
+                 self.shape, self.count, self.total)  # fmt: skip
+        self._end_windows(now)
 
     def estimate(self) -> np.ndarray:
         """Mean at the end of the last window [ppm], (trials, nx, ny); NaN where no reading reaches."""
@@ -87,10 +93,10 @@ class MarkovMap:
         time = (self.ended + 1) * self.model.window
         self.ended = number
         self._solved = None
-        count = self.count.to_numpy().ravel()
+        count, total = (self._moved(values.to_numpy()) for values in (self.count, self.total))
         cells = np.flatnonzero(count)
         if len(cells):
-            self.past.append((time, cells, count[cells], self.total.to_numpy().ravel()[cells].astype(float)))
+            self.past.append((time, cells, count[cells], total[cells]))
             self.count.fill(0)
             self.total.fill(0)
         if self.model.memory is None:
@@ -98,6 +104,12 @@ class MarkovMap:
         else:
             while self.past and number * self.model.window - self.past[0][0] >= self.model.memory:
                 self.past.popleft()
+
+    def _moved(self, values: np.ndarray) -> np.ndarray:
+        """Sums (trials, nx, ny) with what lies in cells that are not free counted where it counts, flat."""
+        trials, cells = len(values), self.counted_in.size
+        into = np.arange(trials)[:, None] * cells + self.counted_in.ravel()
+        return np.bincount(into.ravel(), values.ravel(), minlength=trials * cells)
 
     def _merge(self) -> None:
         """One window of all: none fades."""
@@ -136,11 +148,10 @@ def _links(
     cells: tuple[int, int], cell: float, obstacle_distance: Callable[[np.ndarray], np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Whether the way from a cell to the next along x (nx - 1, ny), and along y (nx, ny - 1), is free."""
-    axes = [(np.arange(n) + 0.5) * cell for n in cells]
-    centers = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    place = centers(cells, cell)
     share = np.linspace(0.0, 1.0, LOOKS + 1)[:, None, None, None]
-    along_x = (1 - share) * centers[:-1] + share * centers[1:]
-    along_y = (1 - share) * centers[:, :-1] + share * centers[:, 1:]
+    along_x = (1 - share) * place[:-1] + share * place[1:]
+    along_y = (1 - share) * place[:, :-1] + share * place[:, 1:]
     return obstacle_distance(along_x).min(axis=0) > 0, obstacle_distance(along_y).min(axis=0) > 0
 
 
@@ -200,14 +211,13 @@ def _times(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
 @ti.kernel
 def _collect(
     members: Template, team_size: Template, position: Template, reading: Template, extent: ti.math.vec2, cell: float,
-    count: Template, total: Template,
+    shape: Template, count: Template, total: Template,
 ):  # fmt: skip
     """Add the readings of each trial's robots to their cells."""
     for k in team_size:
         for m in range(team_size[k]):
             robot = members[k, m]
             if counts(reading[robot], position[robot], extent):
-                I = ti.floor(position[robot] / cell, ti.i32)
-                x, y = ti.min(I[0], count.shape[1] - 1), ti.min(I[1], count.shape[2] - 1)
-                count[k, x, y] += 1.0
-                total[k, x, y] += reading[robot]
+                I = cell_of(position[robot], cell, shape)
+                count[k, I[0], I[1]] += 1.0
+                total[k, I[0], I[1]] += reading[robot]

@@ -1,11 +1,35 @@
 """Gas map of the last snap's samples alone, by inverse distance: eq 1-3 of `snaps`."""
 
-from taichi_plume.agents.snaps import SnapMap
+import taichi as ti
+
+from taichi_plume import map_models as models
+from taichi_plume.agents.snaps import SnapMap, Snaps
+from taichi_plume.kernels import Template
 
 
 class InverseDistanceMap(SnapMap):
     """The last snap as it was, S(t) = C(t - 1): what the time series is compared with."""
 
+    def __init__(
+        self,
+        model: models.InverseDistanceMap,
+        extent: tuple[float, float],
+        trials: int,
+        snaps: Snaps | None = None,
+    ):
+        super().__init__(model, extent, trials, snaps)
+        self.snaps.add(self)
+
     def _forecast(self) -> None:
-        self.numerator.copy_from(self.weighted)
-        self.denominator.copy_from(self.weights)
+        snaps = self.snaps
+        slot = (snaps.ended - 1) % snaps.depth
+        _copy(snaps.weighted, snaps.weights, slot, snaps.margin, self.numerator, self.denominator)
+
+
+@ti.kernel
+def _copy(
+    weighted: Template, weights: Template, slot: int, margin: int, numerator: Template, denominator: Template
+):
+    for k, i, j in numerator:
+        numerator[k, i, j] = weighted[k, slot, margin + i, margin + j]
+        denominator[k, i, j] = weights[k, slot, margin + i, margin + j]

@@ -28,8 +28,8 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume import map_models as models
-from taichi_plume.agents.mapping import counts, ratio, shape
-from taichi_plume.kernels import STRIP, Template
+from taichi_plume.agents.mapping import cell_of, counts, ratio, shape
+from taichi_plume.kernels import STRIP, Template, double_field
 
 CUT_OFF = 4.0  # in widths of the kernel
 
@@ -59,12 +59,13 @@ class KernelMap:
         self.fading = 0.0 if model.memory is None else 1.0 / model.memory  # 1/s
         self.time = 0.0  # of the last update [s]
         self.parts = -(-self.shape[1] // STRIP)  # of a column of cells
-        self.weights = ti.field(ti.f32, (trials, *self.shape))  # Ω
-        self.weighted = ti.field(ti.f32, (trials, *self.shape))  # Σ K r [ppm]
-        self.old = ti.field(ti.f32, (trials, *self.shape))  # Σ K q of readings that are not kept [ppm²]
+        # sums that grow with the run are in f64, or their rounding would
+        self.weights = double_field((trials, *self.shape))  # Ω
+        self.weighted = double_field((trials, *self.shape))  # Σ K r [ppm]
+        self.old = double_field((trials, *self.shape))  # Σ K q of readings that are not kept [ppm²]
         self.squares = ti.field(ti.f32, (trials, *self.shape))  # Σ K q of all of them
         # Σ of the weights of age, times 1, r, and q of the readings that are not kept
-        self.totals: Any = ti.Vector.field(3, ti.f32, trials)
+        self.totals = double_field((trials, 3))
         # A trial's latest readings: number n, from 0 on, has slot n % exact. `left` is what was there before.
         self.kept: Any = Sample.field(shape=(trials, self.exact))
         self.left: Any = Sample.field(shape=(trials, self.exact))
@@ -81,19 +82,19 @@ class KernelMap:
 
     def estimate(self) -> np.ndarray:
         """Mean [ppm], (trials, nx, ny); NaN beyond the reach of every reading."""
-        totals = self.totals.to_numpy().astype(float)
+        totals = self.totals.to_numpy()
         return self._blend(self.weighted.to_numpy(), ratio(totals[:, 1], totals[:, 0]))
 
     def variance(self) -> np.ndarray:
         """Variance of readings about the mean [ppm²], (trials, nx, ny); NaN beyond the reach of every reading."""
         self._judge(self.time)
-        totals = self.totals.to_numpy().astype(float)
+        totals = self.totals.to_numpy()
         deviation = totals[:, 2] + self.deviation.to_numpy().sum(axis=1, dtype=float)
         return self._blend(self.squares.to_numpy(), ratio(deviation, totals[:, 0]))
 
     def weight(self) -> np.ndarray:
         """The confidence α, from 0 to 1, (trials, nx, ny)."""
-        return -np.expm1(-((self.weights.to_numpy().astype(float) / self.model.sigma_omega) ** 2))
+        return -np.expm1(-((self.weights.to_numpy() / self.model.sigma_omega) ** 2))
 
     def _blend(self, sums: np.ndarray, prior: np.ndarray) -> np.ndarray:
         """What the readings around a cell tell, and as far as those are few, what all of them do, (trials,)."""
@@ -101,10 +102,11 @@ class KernelMap:
         return trust * ratio(sums, self.weights.to_numpy()) + (1.0 - trust) * prior[:, None, None]
 
     @ti.kernel
-    def _take_in(self, swarm: Template, first: int, t: float, fade: float):
+    def _take_in(self, swarm: Template, first: int, t: float, fade: ti.f64):
         """Let all weights fade and add the readings of each trial's robots from number `first` on, as slots allow."""
         for k in self.begin:
-            self.totals[k] *= fade
+            for m in ti.static(range(3)):
+                self.totals[k, m] *= fade
             n = self.end[k]
             self.begin[k] = n
             for m in range(first, ti.min(swarm.team_size[k], first + self.exact)):
@@ -116,12 +118,13 @@ class KernelMap:
                         q = self._weight_of_age(left, t) * self._deviation(k, left)
                         self.left[k, slot] = left
                         self.deviation[k, slot] = q
-                        self.totals[k][2] += q
+                        self.totals[k, 2] += q
                     self.kept[k, slot] = self._sample(swarm, i, t)
                     n += 1
             self.end[k] = n
             for at in range(self.begin[k], n):  # after all that left have been judged by the same map
-                self.totals[k] += ti.Vector([1.0, self.kept[k, at % self.exact].reading, 0.0])
+                self.totals[k, 0] += 1.0
+                self.totals[k, 1] += self.kept[k, at % self.exact].reading
         for k, x, part in ti.ndrange(self.weights.shape[0], self.shape[0], self.parts):
             y0 = part * STRIP
             weights = ti.Vector([0.0] * STRIP)
@@ -170,7 +173,7 @@ class KernelMap:
         along = ti.Vector([1.0, 0.0])
         width = self.model.sigma
         if ti.static(self.model.wind_stretch > 0.0):
-            wind = swarm.as_believed(i, swarm.wind[i])
+            wind = swarm.wind[i]
             speed = wind.norm()
             if swarm.wind_known[i] == 1 and speed > 0.0:
                 along = wind / speed
@@ -199,11 +202,11 @@ class KernelMap:
     @ti.func
     def _deviation(self, k, sample):
         """Square of how far the reading is from the mean of its cell [ppm²]."""
-        I = ti.min(ti.floor(sample.place / self.cell, ti.i32), ti.Vector(self.shape) - 1)
+        I = cell_of(sample.place, self.cell, self.shape)
         weight = self.weights[k, I[0], I[1]]
-        prior = self.totals[k][1] / self.totals[k][0]
+        prior = self.totals[k, 1] / self.totals[k, 0]
         trust = 1.0 - ti.exp(-((weight / self.model.sigma_omega) ** 2))
         mean = prior
         if weight > 0.0:
             mean += trust * (self.weighted[k, I[0], I[1]] / weight - prior)
-        return (sample.reading - mean) ** 2
+        return ti.cast((sample.reading - mean) ** 2, ti.f32)

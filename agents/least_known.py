@@ -2,9 +2,9 @@
 
 Marjovi & Marques, ICRA 2014, propose to send robots by the overall weights of their map, Σ W U of eq 6, "to the regions
 with less recent information"; how is our choice. The map is a `TimeSeriesMap` of the readings of the whole team, which
-share them whatever the range of their messages. A robot that needs a way point takes, of the least known `share` of all
-cells where robots can be, the nearest that is `apart` from itself and from the way points of its team mates. What it
-smells plays no part.
+share them whatever the range of their messages. A robot that needs a way point takes, of the least known `share` of
+all cells that it can get to, the nearest that is `apart` from itself, from the way points of its team mates, and from
+the one that it has given up, if it has. What it smells plays no part.
 
 DRIVE  to the way point by `potential`; there, or where others are in the way, the next one
 """
@@ -13,8 +13,10 @@ from typing import Any
 
 import numpy as np
 import taichi as ti
+from scipy import ndimage
 
 from taichi_plume import algorithms
+from taichi_plume.agents.mapping import centers
 from taichi_plume.agents.potential import NEAR, Potential
 from taichi_plume.agents.swarm import GroupRange, Swarm
 from taichi_plume.agents.time_series import TimeSeriesMap
@@ -32,14 +34,15 @@ class LeastKnown:
         model = group.model.algorithm
         assert isinstance(model, algorithms.LeastKnown)
         self.swarm, self.start, self.size = swarm, group.start, group.size
-        self.count, self.trials = group.count, group.trials
+        self.count, self.trials, self.row = group.count, group.trials, group.row
         self.share, self.apart = model.share, model.apart
         self.potential = Potential(swarm, group, model.speed, model.avoidance)
         self.map = TimeSeriesMap(model.map, swarm.clearance.high, swarm.trials)
-        axes = [(np.arange(n) + 0.5) * self.map.cell for n in self.map.shape]
-        centers = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-        self.free = swarm.clearance.distance_at(centers) >= self.potential.room
-        self.places = centers[self.free]  # (cells, 2) [m]
+        place = centers(self.map.shape, self.map.cell)
+        self.free = swarm.clearance.distance_at(place) >= self.potential.room
+        self.places = place[self.free]  # (cells, 2) [m]
+        self.region = self._regions(self.places)
+        self.home = self._regions(swarm.start[group.slice]).reshape(self.trials, self.count)
         self.goal: Any = ti.Vector.field(2, ti.f32, self.size)  # way points [m]
         self.asks = ti.field(ti.i32, self.size)  # whether the robot needs another one
         self.goal.from_numpy(swarm.start[group.slice])
@@ -52,24 +55,48 @@ class LeastKnown:
         if asks.any() and len(self.places):
             goal = self.goal.to_numpy().reshape(self.trials, self.count, 2)
             believed = self.swarm.believed_position.to_numpy()[self.start : self.start + self.size]
-            weight = self.map.weight()[:, self.free]
+            weight = self.map.weight()[self.row : self.row + self.trials, self.free]
             for k in np.flatnonzero(asks.any(axis=1)):
-                self._choose(weight[k], believed.reshape(goal.shape)[k], goal[k], asks[k])
+                self._choose(weight[k], believed.reshape(goal.shape)[k], goal[k], asks[k], self.home[k])
             self.goal.from_numpy(goal.reshape(-1, 2))
             self._begin()
         self._drive(dt)
 
-    def _choose(self, weight: np.ndarray, place: np.ndarray, goal: np.ndarray, asks: np.ndarray) -> None:
-        """Give the robots of a trial that ask another way point in `goal`; weight: of the cells they can get to."""
-        least = np.quantile(weight, self.share)
-        known = weight > least + TIE * weight.max()
+    def _regions(self, points: np.ndarray) -> np.ndarray:
+        """Numbers (n,) of points (n, 2) [m] of the floor, the same where robots get from one to the other."""
+        clearance, step = self.swarm.clearance, self.potential.room / 2
+        nodes = [np.arange(a, b, step) for a, b in zip(clearance.low, clearance.high, strict=True)]
+        free = clearance.distance_at(np.stack(np.meshgrid(*nodes, indexing="ij"), axis=-1))
+        labelled: Any = ndimage.label(free >= self.potential.room)
+        region = labelled[0]
+        nearest: Any = ndimage.distance_transform_edt(
+            region == 0, return_distances=False, return_indices=True
+        )
+        at = np.rint((points - np.array(clearance.low)) / step).astype(int)
+        at = np.clip(at, 0, np.array(region.shape) - 1)
+        return region[tuple(nearest)][at[:, 0], at[:, 1]]
+
+    def _choose(
+        self, weight: np.ndarray, place: np.ndarray, goal: np.ndarray, asks: np.ndarray, region: np.ndarray
+    ) -> None:
+        """Give the robots of a trial that ask, (count,), another way point in `goal`, (count, 2) [m].
+
+        weight: (cells,). place: where the robots believe to be, (count, 2) [m]; region: where they can get to,
+        (count,).
+        """
         for robot in np.flatnonzero(asks):
-            distance = np.linalg.norm(self.places - place[robot], axis=-1)
-            mates = np.delete(goal, robot, axis=0)
-            near = (np.linalg.norm(self.places[:, None] - mates, axis=-1) < self.apart).any(axis=1)
+            there = np.flatnonzero(self.region == region[robot])
+            if not len(there):
+                continue
+            least = np.quantile(weight[there], self.share)
+            known = weight[there] > least + TIE * weight.max()
+            distance = np.linalg.norm(self.places[there] - place[robot], axis=-1)
+            given_up = np.linalg.norm(goal[robot] - place[robot]) > NEAR
+            avoided = goal if given_up else np.delete(goal, robot, axis=0)
+            near = (np.linalg.norm(self.places[there, None] - avoided, axis=-1) < self.apart).any(axis=1)
             near |= distance < self.apart
             rank = np.lexsort((distance, known, near))  # the last counts most
-            goal[robot] = self.places[rank[0]]
+            goal[robot] = self.places[there[rank[0]]]
 
     @ti.kernel
     def _ask(self):

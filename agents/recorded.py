@@ -6,7 +6,6 @@ import numpy as np
 import taichi as ti
 
 
-@ti.data_oriented
 class RecordedTeam:
     """What maps see of a swarm: at any time one team of at most `most` robots, with the names of `Swarm`."""
 
@@ -19,11 +18,6 @@ class RecordedTeam:
         self.members = ti.field(ti.i32, (1, most))
         self.team_size = ti.field(ti.i32, 1)
         self.members.from_numpy(np.arange(most, dtype=np.int32)[None])
-
-    @ti.func
-    def as_believed(self, i, v):
-        """The winds shown are what robots believe already."""
-        return v
 
     def show(self, place: np.ndarray, wind: np.ndarray, reading: np.ndarray) -> None:
         """Let so many robots be at places (n, 2) [m] and read (n,) [ppm] in winds (n, 2) [m/s], zero if unknown."""

@@ -1,4 +1,4 @@
-"""Maps made of snaps: what `time_series` and `inverse_distance` share.
+"""Snaps, and the maps made of them: what `time_series` and `inverse_distance` share.
 
 Marjovi & Marques, "Multi-Robot Odor Distribution Mapping in Realistic Time-Variant Conditions", ICRA 2014, with its
 equation numbers. Time is cut into snaps of `window` seconds. In snap k the samples (x_i, C_i) of all robots of a trial,
@@ -11,7 +11,8 @@ What is known of the past forecasts the running snap t as S_j(t), judged when th
 
     MAE(t) = mean over j of |S_j(t) - C_j(t)|                                                   (8)
 
-Kept of a snap are A = C W = Σ w C_i and B = W.
+Kept of a snap are A = C W = Σ w C_i and B = W. Maps that differ in what they make of the snaps alone, in alpha say,
+share them.
 """
 
 from math import ceil
@@ -21,44 +22,93 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume import map_models as models
-from taichi_plume.agents.mapping import counts, ratio, shape
+from taichi_plume.agents.mapping import counts, ratio, shape, windows
 from taichi_plume.kernels import Template
 
 WIDEST = 64  # cells that are worked out together; more no longer fit into registers
 
 
-class SnapMap:
-    """Snaps, their interpolation, and the error of the forecast, which a subclass makes in `_forecast`.
+class Snaps:
+    """The samples of the latest snaps and what they tell of each cell.
 
-    extent: size of the floor [m]. `snaps` counts the ended snaps; `errors` holds the MAE of each but the first, over
-    the cells that had been forecast; NaN where there were none, or no samples.
+    extent: size of the floor [m]. `ended` counts the ended snaps. Number n, from 0 on, has its samples (x [m], y [m],
+    C [ppm]) at ``samples[trial, n % kept]``, `taken` of them, and ``weighted[trial, n % depth]`` and `weights` hold A
+    [ppm / m^power] and B [1 / m^power], (nx, ny) and on every side `margin` cells of zeros: no cells, no weight.
     """
 
-    kept = 1
-    """Snaps whose samples are kept, with the running one."""
-
-    def __init__(
-        self,
-        model: models.TimeSeriesMap | models.InverseDistanceMap,
-        extent: tuple[float, float],
-        trials: int,
-    ):
-        self.model, self.cell, self.window, self.power = model, model.cell, model.window, model.power
+    def __init__(self, model: models.Snaps, extent: tuple[float, float], trials: int):
+        self.cell, self.window, self.power = model.cell, model.window, model.power
         self.min_distance = model.cell / 2 if model.min_distance is None else model.min_distance
-        self.extent = ti.math.vec2(extent)
+        self.extent, self.trials = ti.math.vec2(extent), trials
         self.shape = shape(extent, model.cell)
         self.strip = min(WIDEST, 8 * ceil(self.shape[1] / 8))  # whole registers
-        self.trials = trials
-        self.snaps = 0
+        self.ended = 0
+        self.time = 0.0  # of the last update [s]
+        self.maps: list[SnapMap] = []
+        self.kept, self.depth, self.margin = 1, 1, 0  # what the maps need
+        self.samples: Any = None
+
+    def add(self, one: "SnapMap", kept: int = 1, depth: int = 1, margin: int = 0) -> None:
+        """Tell a map of the end of each snap; before the first update. kept, depth, margin: what it needs at least."""
+        self.maps.append(one)
+        self.kept, self.depth = max(self.kept, kept), max(self.depth, depth)
+        self.margin = max(self.margin, margin)
+
+    def update(self, swarm: Any, t: float, dt: float) -> None:
+        """Take in the readings at time t [s], once; the tick that reaches a multiple of the window ends a snap."""
+        if self.samples is None:
+            self._allocate(swarm.members.shape[1] * (ceil(self.window / dt) + 1))
+        elif t <= self.time:
+            return  # another map has seen to it
+        self.time = t
+        before, now = windows(t, self.window, dt)
+        while self.ended < before:
+            self._close()  # nothing came in since it ended
+        _gather(
+            self.samples, self.taken, self.ended % self.kept, swarm.members, swarm.team_size,
+            swarm.believed_position, swarm.reading, self.extent,
+        )  # fmt: skip
+        if self.ended < now:
+            self._close()
+
+    def _allocate(self, most: int) -> None:
+        """Make room for so many samples a snap."""
+        self.samples = ti.Vector.field(3, ti.f32, (self.trials, self.kept, most))
+        self.taken = ti.field(ti.i32, (self.trials, self.kept))
+        rows = self.shape[0] + 2 * self.margin
+        columns = -(-self.shape[1] // self.strip) * self.strip + 2 * self.margin
+        self.weighted = ti.field(ti.f32, (self.trials, self.depth, rows, columns))
+        self.weights = ti.field(ti.f32, (self.trials, self.depth, rows, columns))
+
+    def _close(self) -> None:
+        """End the running snap."""
+        _interpolate(
+            self.strip, int(self.power == 2.0), self.samples, self.taken, self.ended % self.kept, self.cell,
+            self.min_distance**2, 0.5 * self.power, self.shape, self.margin, self.ended % self.depth, self.weighted,
+            self.weights,
+        )  # fmt: skip
+        self.ended += 1
+        for one in self.maps:
+            one.close()
+        _forget(self.taken, self.ended % self.kept)
+
+
+class SnapMap:
+    """What is forecast of the running snap, which a subclass makes in `_forecast`, and how far that was off.
+
+    snaps: those of other maps, to share. `errors` holds the MAE of each snap but the first, over the cells that had
+    been forecast; NaN where there were none, or no samples.
+    """
+
+    def __init__(
+        self, model: models.Snaps, extent: tuple[float, float], trials: int, snaps: Snaps | None = None
+    ):
+        self.snaps = snaps or Snaps(model, extent, trials)
+        self.cell, self.window, self.shape = model.cell, model.window, self.snaps.shape
         self.errors: list[tuple[float, np.ndarray]] = []
-        cells = (trials, *self.shape)
-        self.weighted = ti.field(ti.f32, cells)  # A of the last snap [ppm / m^power]
-        self.weights = ti.field(ti.f32, cells)  # B [1 / m^power]
-        self.numerator = ti.field(ti.f32, cells)  # of S for the running snap
-        self.denominator = ti.field(ti.f32, cells)
+        self.numerator = ti.field(ti.f32, (trials, *self.shape))  # of S for the running snap
+        self.denominator = ti.field(ti.f32, (trials, *self.shape))
         self.mae = ti.field(ti.f32, trials)  # of the last forecast [ppm]
-        self.samples: Any = None  # (x [m], y [m], C [ppm]) of snap n, from 0 on, at [trial, n % kept]
-        self.taken = ti.field(ti.i32, (trials, self.kept))
 
     def estimate(self) -> np.ndarray:
         """S for the running snap [ppm], (trials, nx, ny); NaN where nothing is known."""
@@ -69,35 +119,22 @@ class SnapMap:
         return self.denominator.to_numpy()
 
     def update(self, swarm: Any, t: float, dt: float) -> None:
-        """Take in the readings at time t [s]; the tick that reaches a multiple of the window ends a snap."""
-        if self.samples is None:
-            most = swarm.members.shape[1] * (ceil(self.window / dt) + 1)
-            self.samples = ti.Vector.field(3, ti.f32, (self.trials, self.kept, most))
-        slack = 1e-6 * dt  # t carries rounding
-        while self.snaps < ceil((t - slack) / self.window) - 1:
-            self._close()  # nothing came in since it ended
-        _gather(
-            self.samples, self.taken, self.snaps % self.kept, swarm.members, swarm.team_size,
-            swarm.believed_position, swarm.reading, self.extent,
-        )  # fmt: skip
-        while self.snaps < int((t + slack) / self.window):
-            self._close()
+        """Take in the readings at time t [s]."""
+        self.snaps.update(swarm, t, dt)
 
-    def _close(self) -> None:
-        """End the running snap: judge its forecast, then make the next."""
-        _interpolate(
-            self.strip, int(self.power == 2.0), self.samples, self.taken, self.snaps % self.kept, self.cell,
-            self.min_distance**2, 0.5 * self.power, self.weighted, self.weights,
-        )  # fmt: skip
-        if self.snaps > 0:
-            _judge(self.numerator, self.denominator, self.weighted, self.weights, self.mae)
-            self.errors.append(((self.snaps + 1) * self.window, self.mae.to_numpy()))
+    def close(self) -> None:
+        """A snap has ended: judge its forecast, then make the next."""
+        snaps = self.snaps
+        if snaps.ended > 1:
+            slot = (snaps.ended - 1) % snaps.depth
+            _judge(
+                self.numerator, self.denominator, snaps.weighted, snaps.weights, slot, snaps.margin, self.mae
+            )
+            self.errors.append((snaps.ended * self.window, self.mae.to_numpy()))
         self._forecast()
-        self.snaps += 1
-        _forget(self.taken, self.snaps % self.kept)
 
     def _forecast(self) -> None:
-        """Write both sums of S for the snap after number `snaps`, which has just ended."""
+        """Write both sums of S for the snap after the one that has ended."""
         raise NotImplementedError
 
 
@@ -127,10 +164,12 @@ def _forget(taken: Template, slot: int):
 @ti.kernel
 def _interpolate(
     strip: Template, squared: Template, samples: Template, taken: Template, slot: int, cell: float, least: float,
-    half_power: float, weighted: Template, weights: Template,
+    half_power: float, shape: Template, margin: Template, kept: int, weighted: Template, weights: Template,
 ):  # fmt: skip
-    """The sums A and B of a snap, along y in strips that fit into registers; least: shortest distance² [m²]."""
-    nx, ny = ti.static(weights.shape[1], weights.shape[2])
+    """The sums A and B of a snap, kept in that slot, along y in strips that fit into registers; least: shortest
+    distance² [m²].
+    """
+    nx, ny = ti.static(shape[0], shape[1])
     for k, i, part in ti.ndrange(weights.shape[0], nx, (ny + strip - 1) // strip):
         first = part * strip
         a = ti.Vector([0.0] * strip)
@@ -150,23 +189,26 @@ def _interpolate(
                 a[s] += w * sample[2]
                 b[s] += w
         for s in range(ti.min(strip, ny - first)):
-            weighted[k, i, first + s] = a[s]
-            weights[k, i, first + s] = b[s]
+            weighted[k, kept, margin + i, margin + first + s] = a[s]
+            weights[k, kept, margin + i, margin + first + s] = b[s]
 
 
 @ti.kernel
-def _judge(numerator: Template, denominator: Template, weighted: Template, weights: Template, mae: Template):
+def _judge(
+    numerator: Template, denominator: Template, weighted: Template, weights: Template, slot: int, margin: Template,
+    mae: Template,
+):  # fmt: skip
     """Eq 8 for each trial, over the cells that both know; not a number where there are none."""
     for k in mae:
         total = 0.0
         cells = 0
-        for i in range(weights.shape[1]):
+        for i in range(numerator.shape[1]):
             row = 0.0  # apart, or rounding would add up
-            for j in range(weights.shape[2]):
-                if denominator[k, i, j] > 0.0 and weights[k, i, j] > 0.0:
-                    row += ti.abs(
-                        numerator[k, i, j] / denominator[k, i, j] - weighted[k, i, j] / weights[k, i, j]
-                    )
+            for j in range(numerator.shape[2]):
+                W = weights[k, slot, margin + i, margin + j]
+                if denominator[k, i, j] > 0.0 and W > 0.0:
+                    C = weighted[k, slot, margin + i, margin + j] / W
+                    row += ti.abs(numerator[k, i, j] / denominator[k, i, j] - C)
                     cells += 1
             total += row
         mae[k] = ti.select(cells > 0, total / ti.max(cells, 1), ti.math.nan)

@@ -12,14 +12,13 @@ buffer: no run is too long. T >= time_scale window, so that U is never infinite.
 """
 
 from math import hypot
-from typing import Any
 
 import numpy as np
 import taichi as ti
 
 from taichi_plume import map_models as models
-from taichi_plume.agents.snaps import SnapMap
-from taichi_plume.kernels import Template
+from taichi_plume.agents.snaps import SnapMap, Snaps
+from taichi_plume.kernels import Template, listed
 
 BORDER = 1e-9  # Dist = β is outside, whatever the rounding
 
@@ -30,55 +29,49 @@ Stencil = list[tuple[int, int, int, float]]
 class TimeSeriesMap(SnapMap):
     """Forecast from the neighbourhood in space and time."""
 
-    def __init__(self, model: models.TimeSeriesMap, extent: tuple[float, float], trials: int):
-        neighbours = neighbourhood(model)
+    def __init__(
+        self,
+        model: models.TimeSeriesMap,
+        extent: tuple[float, float],
+        trials: int,
+        snaps: Snaps | None = None,
+    ):
+        super().__init__(model, extent, trials, snaps)
+        self.model = model
+        neighbours = neighbourhood(model, max(self.shape) - 1)
         self.depth = max(lag for lag, *_ in neighbours)
-        self.kept = self.depth + 1 if model.raw_samples else 1
-        super().__init__(model, extent, trials)
-        self.lag_age = (1 - model.alpha) * model.time_scale * model.window  # what a lag adds to Dist
         if model.raw_samples:
+            self.snaps.add(self, kept=self.depth + 1)
             return
-        self.margin = max(max(abs(x), abs(y)) for _, x, y, _ in neighbours)
-        # Snap n has slot n % depth. Cells beyond the edge hold zeros: they contribute nothing.
-        rows = self.shape[0] + 2 * self.margin
-        columns = -(-self.shape[1] // self.strip) * self.strip + 2 * self.margin
-        self.past_weighted = ti.field(ti.f32, (trials, self.depth, rows, columns))
-        self.past_weights = ti.field(ti.f32, (trials, self.depth, rows, columns))
+        margin = max(max(abs(x), abs(y)) for _, x, y, _ in neighbours)
+        self.snaps.add(self, depth=self.depth, margin=margin)
         # By its symmetry a quadrant is enough; what lies on an axis is met twice, at the origin four times.
         quadrant = [
             (lag, x, y, U / ((1 + (x == 0)) * (1 + (y == 0))))
             for lag, x, y, U in neighbours
             if x >= 0 and y >= 0
         ]
-        self.offsets: Any = ti.Vector.field(3, ti.i32, len(quadrant))
-        self.closeness = ti.field(ti.f32, len(quadrant))
-        self.offsets.from_numpy(np.array([entry[:3] for entry in quadrant], np.int32))
-        self.closeness.from_numpy(np.array([entry[3] for entry in quadrant], np.float32))
+        self.offsets = listed(np.array([entry[:3] for entry in quadrant]))
+        self.closeness = listed(np.array([entry[3] for entry in quadrant]))
 
     def _forecast(self) -> None:
-        if self.model.raw_samples:
+        model, snaps = self.model, self.snaps
+        if model.raw_samples:
+            lag_age = (1 - model.alpha) * model.time_scale * model.window  # what a lag adds to Dist
             _from_samples(
-                self.samples, self.taken, self.snaps + 1, self.kept, self.cell, self.model.alpha,
-                self.model.beta - BORDER, self.lag_age, self.numerator, self.denominator,
+                snaps.samples, snaps.taken, snaps.ended, self.depth, self.cell, model.alpha, model.beta - BORDER,
+                lag_age, self.numerator, self.denominator,
             )  # fmt: skip
             return
-        _keep(
-            self.weighted,
-            self.weights,
-            self.snaps % self.depth,
-            self.margin,
-            self.past_weighted,
-            self.past_weights,
-        )
         _from_cells(
-            self.strip, self.past_weighted, self.past_weights, self.snaps + 1, self.offsets, self.closeness,
-            self.margin, self.numerator, self.denominator,
+            snaps.strip, snaps.weighted, snaps.weights, snaps.ended, self.offsets, self.closeness, snaps.margin,
+            self.numerator, self.denominator,
         )  # fmt: skip
 
 
-def neighbourhood(model: models.TimeSeriesMap) -> Stencil:
-    """Eq 4, 5 and 7 for every lag and offset inside."""
-    reach = int(model.beta / model.alpha / model.cell) + 1
+def neighbourhood(model: models.TimeSeriesMap, farthest: int) -> Stencil:
+    """Eq 4, 5 and 7 for every lag and offset inside; farthest: offset [cells] that a map of this size can use."""
+    reach = min(farthest, int(model.beta / model.alpha / model.cell) + 1)
     result: Stencil = []
     lag = 1
     while (age := (1 - model.alpha) * model.time_scale * lag * model.window) < model.beta - BORDER:
@@ -89,20 +82,6 @@ def neighbourhood(model: models.TimeSeriesMap) -> Stencil:
                     result.append((lag, dx, dy, 1 / dist))
         lag += 1
     return result
-
-
-@ti.kernel
-def _keep(
-    weighted: Template,
-    weights: Template,
-    slot: int,
-    margin: int,
-    past_weighted: Template,
-    past_weights: Template,
-):
-    for k, i, j in weights:
-        past_weighted[k, slot, margin + i, margin + j] = weighted[k, i, j]
-        past_weights[k, slot, margin + i, margin + j] = weights[k, i, j]
 
 
 @ti.kernel
@@ -143,16 +122,16 @@ def _from_cells(
 
 @ti.kernel
 def _from_samples(
-    samples: Template, taken: Template, snap: int, kept: int, cell: float, alpha: float, beta: float, lag_age: float,
+    samples: Template, taken: Template, snap: int, depth: int, cell: float, alpha: float, beta: float, lag_age: float,
     numerator: Template, denominator: Template,
 ):  # fmt: skip
-    """The same from the samples themselves."""
+    """The same from the samples themselves, of `depth` snaps."""
     for k, i, j in numerator:
         center = (ti.Vector([i, j]) + 0.5) * cell
         a = 0.0
         b = 0.0
-        for lag in range(1, ti.min(snap + 1, kept)):
-            slot = (snap - lag) % kept
+        for lag in range(1, ti.min(snap, depth) + 1):
+            slot = (snap - lag) % taken.shape[1]
             for n in range(taken[k, slot]):
                 sample = samples[k, slot, n]
                 d = ti.Vector([sample[0], sample[1]]) - center

@@ -32,9 +32,9 @@ class Release:
             owner.append(np.full(len(where), n))
         count = sum(len(c) for c in cells)
         self._cell = ti.Vector.field(grid.dim, ti.i32, count)
-        self._share = double_field(count)  # per volume that stores
+        self._share = double_field((count,))  # per volume that stores
         self._owner = ti.field(ti.i32, count)
-        self._amount = double_field(len(balls))
+        self._amount = double_field((len(balls),))
         self._cell.from_numpy(np.concatenate(cells).astype(np.int32))
         self._share.from_numpy(np.concatenate(shares))
         self._owner.from_numpy(np.concatenate(owner).astype(np.int32))

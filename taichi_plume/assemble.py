@@ -1,6 +1,6 @@
 """Scenario -> Simulation: the one place that knows all parts."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from taichi_plume.agents.inverse_distance import InverseDistanceMap
 from taichi_plume.agents.kernel_dm import KernelMap
 from taichi_plume.agents.mapping import Mapper
 from taichi_plume.agents.placement import Placed, place, placed
+from taichi_plume.agents.snaps import Snaps
 from taichi_plume.agents.swarm import Swarm, disc_around
 from taichi_plume.agents.team import Team
 from taichi_plume.agents.time_series import TimeSeriesMap
@@ -64,7 +65,7 @@ from taichi_plume.winds import (
     UniformWind,
 )
 
-MAPS = {"time_series": TimeSeriesMap, "inverse_distance": InverseDistanceMap, "kernel_dmv": KernelMap}
+SNAP_MAPS = {"time_series": TimeSeriesMap, "inverse_distance": InverseDistanceMap}
 
 
 def assemble(
@@ -109,11 +110,9 @@ def assemble(
         Team(swarm, group, grid.dim, scenario.tick, folder, own.get(group.name)) for group in swarm.groups
     ]
     floor = (grid.extent[0], grid.extent[1])
-    maps = [
-        mapper(m, floor, max(1, swarm.trials), swarm.clearance.obstacle_distance_at) for m in scenario.maps
-    ]
+    maps = mappers(scenario.maps, floor, max(1, swarm.trials), swarm.clearance.obstacle_distance_at)
     seen = [*obstacles, *([cubes] if cubes else [])]
-    sim = Simulation(scenario, grid, wind, gas, swarm, list(teams), list(maps), seen, air)
+    sim = Simulation(scenario, grid, wind, gas, swarm, list(teams), maps, seen, air)
     if isinstance(wind, FlowSolver) and wind.area is not None:
         sim.forces = partial(forces, wind, air, len(obstacles))
     return sim
@@ -208,19 +207,29 @@ def _add_buoyancy(scenario: Scenario, flow: FlowSolver, gas: Mixture, air: Air) 
         flow.carried.append(heat)
 
 
-def mapper(
-    model: Map,
+def mappers(
+    models: Sequence[Map],
     extent: tuple[float, float],
     trials: int,
     obstacle_distance: Callable[[np.ndarray], np.ndarray],
-) -> Mapper:
-    """The online map of a model, over a floor of that extent [m].
+) -> list[Mapper]:
+    """The online maps of the models, over a floor of that extent [m]; those of the same snaps share them.
 
     obstacle_distance: of points (..., 2) [m], the distance [m] to the next obstacle, negative inside.
     """
-    if isinstance(model, map_models.MarkovMap):
-        return MarkovMap(model, extent, trials, obstacle_distance)
-    return MAPS[model.kind](model, extent, trials)
+    snaps: dict[tuple, Snaps] = {}
+
+    def made(model: Map) -> Mapper:
+        if isinstance(model, map_models.MarkovMap):
+            return MarkovMap(model, extent, trials, obstacle_distance)
+        if isinstance(model, map_models.KernelMap):
+            return KernelMap(model, extent, trials)
+        alike = tuple(getattr(model, name) for name in map_models.Snaps.model_fields)
+        if alike not in snaps:
+            snaps[alike] = Snaps(model, extent, trials)
+        return SNAP_MAPS[model.kind](model, extent, trials, snaps[alike])
+
+    return [made(model) for model in models]
 
 
 def _start_numbers(seed: int, group: int, trial: int) -> np.random.Generator:

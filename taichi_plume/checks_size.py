@@ -9,7 +9,7 @@ from math import ceil, floor, hypot, log10, prod, sqrt
 import psutil
 
 from taichi_plume.checks_air import buoyancy_of, openings_of, screens_of
-from taichi_plume.map_models import MarkovMap
+from taichi_plume.map_models import KernelMap, Map, MarkovMap, TimeSeriesMap
 from taichi_plume.obstacles import Box, Obstacle, Sphere, motion_of
 from taichi_plume.openings import Fan, Jet, MovingWall, Outlet, Periodic, Region
 from taichi_plume.scenario import Domain, Scenario
@@ -86,6 +86,21 @@ def _bytes(scenario: Scenario, cells: float) -> float:
     per_cell = BYTES_PER_CELL[scenario.domain.dim] + (BYTES_OF_FACTORS if _has_factors(scenario) else 0)
     per_cell += BYTES_PER_GAS * (len(scenario.gases) - 1)
     return cells * per_cell + robots * BYTES_PER_ROBOT
+
+
+def _bytes_of_map(gas_map: Map, domain: Domain, trials: int) -> float:
+    """Of its fields, and of what it is solved with."""
+    long, short = sorted((extent / gas_map.cell for extent in domain.size[:2]), reverse=True)
+    each = 40.0 * long * short
+    if isinstance(gas_map, MarkovMap):
+        each += 8.0 * long * short**2  # a block for each column
+    elif isinstance(gas_map, KernelMap):
+        each += 70.0 * gas_map.exact
+    elif isinstance(gas_map, TimeSeriesMap) and not gas_map.raw_samples:
+        lags = gas_map.beta / ((1.0 - gas_map.alpha) * gas_map.time_scale * gas_map.window)
+        margin = 2.0 * min(long, gas_map.beta / gas_map.alpha / gas_map.cell)
+        each += 8.0 * lags * (long + margin) * (short + margin)
+    return trials * each
 
 
 def _has_factors(scenario: Scenario) -> bool:
@@ -186,6 +201,7 @@ def sizes(scenario: Scenario) -> Iterator[str]:
                 f"{_memory(free)} are free; a spacing of {_round_up(fits):g} m fits"
             )
         return
+    trials = (sum if scenario.rivals else max)([group.trials for group in scenario.robots] or [1])
     for n, gas_map in enumerate(scenario.maps):
         area = domain.size[0] * domain.size[1]
         if area / gas_map.cell > MOST_MAP_CELLS * gas_map.cell:
@@ -197,6 +213,11 @@ def sizes(scenario: Scenario) -> Iterator[str]:
             yield (
                 f"maps[{n}].cell: {gas_map.cell:g} m is too fine for a Markov field, which takes {MOST_FIELD_COLUMN} "
                 f"cells along the shorter side; use {_round_up(min(domain.size[:2]) / MOST_FIELD_COLUMN):g} m or more"
+            )
+        elif (of_map := _bytes_of_map(gas_map, domain, trials)) > free:
+            yield (
+                f"maps[{n}]: needs {_memory(of_map)} of memory for all trials, {_memory(free)} are free; "
+                "make its cells larger, or lower the trials"
             )
     for axis, (extent, n) in enumerate(zip(domain.size, domain.shape, strict=True)):
         if n < 2:

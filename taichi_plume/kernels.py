@@ -64,11 +64,12 @@ def listed(values: np.ndarray) -> Any:
     return field
 
 
-def double_field(count: int | None = None) -> Any:
-    """A number, or `count` of them, in f64, stored apart: beside 32-bit fields Vulkan would misplace them."""
+def double_field(shape: tuple[int, ...] = ()) -> Any:
+    """A number, or numbers of a shape, in f64, stored apart: beside 32-bit fields Vulkan would misplace them."""
     field: Any = ti.field(ti.f64)
     apart = ti.FieldsBuilder()
-    (apart if count is None else apart.dense(ti.i, count)).place(field)
+    axes: Any = range(len(shape))
+    (apart.dense(ti.axes(*axes), shape) if shape else apart).place(field)
     apart.finalize()
     return field
 

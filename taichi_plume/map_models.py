@@ -8,22 +8,27 @@ from pydantic_core import PydanticCustomError
 from taichi_plume.vocabulary import Count, Delay, Duration, Length, Model, Positive
 
 
-class TimeSeriesMap(Model):
-    """Spatio-temporal gas map (Marjovi & Marques, ICRA 2014, eq 1-7)."""
+class Snaps(Model):
+    """Readings of a window each, and what they tell of the cells of a map."""
 
-    kind: Literal["time_series"]
     cell: Length = 0.25
     """Edge of the cells [m]."""
-    alpha: Annotated[float, Field(gt=0, lt=1)] = 0.9
-    """Weight of distance against age in the neighbourhood."""
-    beta: Positive = 0.5
-    """Size of the neighbourhood."""
     window: Duration = 5.0
     """Length of a snap [s]."""
     power: Positive = 2.0
     """Exponent of the inverse distance."""
     min_distance: Length | None = None
     """Distances below it count as it [m]; unless given, half a cell."""
+
+
+class TimeSeriesMap(Snaps):
+    """Spatio-temporal gas map (Marjovi & Marques, ICRA 2014, eq 1-7)."""
+
+    kind: Literal["time_series"]
+    alpha: Annotated[float, Field(gt=0, lt=1)] = 0.9
+    """Weight of distance against age in the neighbourhood."""
+    beta: Positive = 0.5
+    """Size of the neighbourhood."""
     time_scale: Positive = 0.1
     """Distance that a second of age counts as [m/s]."""
     raw_samples: bool = False
@@ -41,18 +46,10 @@ class TimeSeriesMap(Model):
         return self
 
 
-class InverseDistanceMap(Model):
+class InverseDistanceMap(Snaps):
     """Inverse-distance interpolation of each snap's readings (Marjovi & Marques, ICRA 2014, eq 1-3)."""
 
     kind: Literal["inverse_distance"]
-    cell: Length = 0.25
-    """Edge of the cells [m]."""
-    window: Duration = 5.0
-    """Length of a snap [s]."""
-    power: Positive = 2.0
-    """Exponent of the inverse distance."""
-    min_distance: Length | None = None
-    """Distances below it count as it [m]; unless given, half a cell."""
 
 
 class KernelMap(Model):

@@ -71,7 +71,7 @@ def map_of(
     end the running snap goes into the map as well, but its forecast is not judged. Raises ReadingsError.
     """
     from taichi_plume.agents.recorded import RecordedTeam
-    from taichi_plume.assemble import mapper
+    from taichi_plume.assemble import mappers
     from taichi_plume.scores import Prediction, forecast_error, peak_distance
 
     _check_size(model, size)
@@ -84,7 +84,7 @@ def map_of(
     most = int(robots.max())
     team = RecordedTeam(most)
     dt = window / ceil(np.bincount(_number(t, window)).max() / most)  # maps have room for so many readings
-    gas_map: Any = mapper(model, size, 1, lambda points: np.full(np.shape(points)[:-1], np.inf))
+    gas_map: Any = mappers([model], size, 1, lambda points: np.full(np.shape(points)[:-1], np.inf))[0]
 
     def take_in(first: int, last: int, time: float) -> None:
         rows = slice(first, last)

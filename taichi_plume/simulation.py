@@ -8,6 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from taichi_plume.agents.mapping import Mapper
 from taichi_plume.cut_cells import Air
 from taichi_plume.fields import Mixture, Odour, Wind
 from taichi_plume.grid import Grid
@@ -27,14 +28,6 @@ class Team(Protocol):
 
     def act(self, tick: int, t: float, dt: float) -> None:
         """Turn readings into commands."""
-        ...
-
-
-class Map(Protocol):
-    """An online gas map: sees readings and positions alone."""
-
-    def update(self, swarm: Any, t: float, dt: float) -> None:
-        """Take in this tick's readings."""
         ...
 
 
@@ -82,7 +75,7 @@ class Simulation:
     gas: Mixture
     swarm: Any
     teams: list[Team]
-    maps: list[Map]
+    maps: list[Mapper]
     obstacles: list[Any]
     air: Air
     forces: Callable[[], np.ndarray] | None = None

@@ -147,6 +147,11 @@ FAULTS = [
     ("domain.size=[4, 3, 0.12]", "domain.size[2]: 0.12 m in cells of 0.05 m becomes 0.1 m", "such as 0.06 m"),
     ("maps.0.cell=1 mm", "maps[0].cell: 0.001 m makes more than", "use 0.0018 m or more"),
     ("maps=[{kind: gmrf, cell: 5 mm}]", "maps[0].cell: 0.005 m is too fine", "use 0.0075 m or more"),
+    (
+        "maps=[{kind: time_series, cell: 2 mm, alpha: 0.995}]",
+        "maps[0]: needs 8.1 GB of memory for all trials, 3 GB are free",
+        "lower the trials",
+    ),
     ("robots.0.trials=1000000", "robots: 2000000 robots", "lower count or trials"),
     # obstacles and sources
     ("obstacles.0.center=[9, 1, 0.1]", "obstacles[0]: lies outside the domain: x 8.8 to 9.2 m", "x 0 to 4 m"),

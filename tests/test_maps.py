@@ -11,7 +11,7 @@ from scipy import stats
 from taichi_plume import kernels, maps, results
 from taichi_plume.agents.gmrf import MarkovMap as MarkovMapper
 from taichi_plume.agents.recorded import RecordedTeam
-from taichi_plume.assemble import assemble, mapper
+from taichi_plume.assemble import assemble, mappers
 from taichi_plume.loading import load_scenario
 from taichi_plume.map_models import InverseDistanceMap, KernelMap, MarkovMap, TimeSeriesMap
 
@@ -193,12 +193,17 @@ def test_windows_of_a_field_are_cut_as_in_a_run(tmp_path):
 
 def test_times_that_all_but_agree_need_no_more_room(tmp_path, monkeypatch):
     made: list[Any] = []
-    monkeypatch.setattr("taichi_plume.assemble.mapper", lambda *args: made.append(mapper(*args)) or made[0])
+
+    def spy(*args: Any) -> list[Any]:
+        made.extend(mappers(*args))
+        return made
+
+    monkeypatch.setattr("taichi_plume.assemble.mappers", spy)
     rows = [(k + late, 0.5, 0.5, 5.0 + k) for k in range(1, 12) for late in (0.0, 1e-7, 3e-6)]
     gas_map = maps.map_of(
         maps.read(log(tmp_path / "a.csv", rows)), InverseDistanceMap(kind="inverse_distance"), (1.0, 1.0)
     )
-    assert made[0].samples.shape[2] < 50
+    assert made[0].snaps.samples.shape[2] < 50
     np.testing.assert_allclose(gas_map.estimate, (15 + 3 * 16) / 4, rtol=1e-6)  # from 10.000003 s on
 
 

@@ -48,6 +48,7 @@ class Run:
         sources=(),
         heading_deg: float | None = 0.0,
         low=(0.0, 0.0),
+        obstacles=(),
         **keys,
     ):
         group = Group(
@@ -60,7 +61,7 @@ class Run:
             sensors=Sensors(gas=IdealGasSensor(kind="ideal", period=0.5), wind=Anemometer(kind="ideal")),
             **keys,
         )
-        arena = ClearanceMap([], (low[0] + size[0], low[1] + size[1]), 0.1, low=low)
+        arena = ClearanceMap(list(obstacles), (low[0] + size[0], low[1] + size[1]), 0.1, low=low)
         where, headings = place(group, np.random.default_rng, arena.distance_at)
         self.swarm = Swarm((group,), where, headings, arena, np.array(sources).reshape(-1, 2), seed=1)
         self.team = Team(self.swarm, self.swarm.groups[0], 2, TICK)

@@ -7,7 +7,6 @@ EXTENT = (2.0, 1.5)
 TRIALS, COUNT = 2, 3
 
 
-@ti.data_oriented
 class Readers:
     """What a map sees of a swarm: those of trial k are the robots k count ..., in a wind of about 0.7 m/s."""
 
@@ -26,11 +25,6 @@ class Readers:
             self.members[i // count, i % count] = i
         self.trial = np.arange(n) // count
         self.where = self.rng.uniform(0, extent, (n, 2))
-
-    @ti.func
-    def as_believed(self, i, v):
-        """Their compasses are right."""
-        return v
 
     def wander(self):
         """Go on and read something."""

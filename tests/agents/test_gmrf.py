@@ -91,6 +91,21 @@ def test_behind_a_wall_nothing_is_known():
     assert ((gas_map.estimate()[0][:4] > 9.9) & (gas_map.estimate()[0][:4] < 30.1)).all()
 
 
+def test_a_reading_beside_an_obstacle_counts():
+    """Its cell's centre is inside the box: the next free cell takes it."""
+
+    def box(points):
+        return np.abs(points - (1.125, 0.625)).max(axis=-1) - 0.2
+
+    gas_map = MarkovMap(model(), EXTENT, 1, box)
+    robots = Readers(1, trials=1, count=1)
+    robots.show([[1.235, 0.84]], [7.0])
+    gas_map.update(robots, 1.0, DT)
+    mean, variance = gas_map.estimate()[0], gas_map.variance()[0]
+    assert np.isfinite(mean).sum() == 47
+    assert np.nanargmin(variance) == np.ravel_multi_index((4, 3), (8, 6))
+
+
 def test_readings_are_forgotten():
     gas_map = MarkovMap(model(memory=10.0), EXTENT, 1, nothing)
     robots = Readers(1, trials=1)

@@ -71,6 +71,48 @@ def test_mean_variance_and_confidence_are_the_papers(keys):
         assert (gas_map.weight()[trial][~known] == 0).all()
 
 
+@pytest.mark.parametrize(("memory", "exact"), [(np.inf, 16), (8.0, 16), (8.0, 7)])
+def test_readings_that_are_not_kept_have_the_deviation_of_their_last_tick(memory, exact):
+    """The definition in float64, with the deviations that readings had when they became older than the latest."""
+    keys = {} if memory == np.inf else {"memory": memory}
+    gas_map, robots = KernelMap(model(cell=0.2, exact=exact, **keys), EXTENT, 1), Readers(4, trials=1)
+    rows, frozen = np.empty((0, 7)), []
+
+    def cell_means(now):
+        """Weights (cells, readings), trust (cells,), age weights, prior, and each reading's q."""
+        age = np.exp(-(now - rows[:, 6]) / memory)
+        K = np.array([[gaussian(p, row, 0.25, 0.0) for row in rows] for p in centers((10, 8), 0.2)]) * age
+        total = np.maximum(K.sum(axis=1), 1e-300)
+        trust = 1 - np.exp(-((total / 5.0) ** 2))
+        r0 = (age * rows[:, 3]).sum() / age.sum()
+        mean = trust * (K @ rows[:, 3]) / total + (1 - trust) * r0
+        i, j = np.minimum(np.floor(rows[:, 1:3] / 0.2).astype(int), (9, 7)).T
+        return K, total, trust, age, (rows[:, 3] - mean.reshape(10, 8)[i, j]) ** 2
+
+    for tick in range(1, 16):
+        robots.wander()
+        new = robots.rows(tick * DT)
+        if len(rows):
+            q = cell_means((tick - 1) * DT)[-1]
+            frozen += q[len(frozen) : max(len(frozen), len(rows) + len(new) - exact)].tolist()
+        gas_map.update(robots, tick * DT, DT)
+        rows = np.concatenate([rows, new])
+    K, total, trust, age, q = cell_means(15 * DT)
+    q[: len(frozen)] = frozen
+    assert len(frozen) == 45 - exact
+    variance = trust * (K @ q) / total + (1 - trust) * (age * q).sum() / age.sum()
+    same(gas_map.variance()[0].ravel(), np.where(total > 1e-300, variance, np.nan))
+
+
+def test_sums_of_a_long_run_are_exact():
+    """An hour and more of a steady reading: its mean stays what it is."""
+    gas_map, robots = KernelMap(model(exact=10), EXTENT, 1), Readers(5, trials=1, count=250)
+    robots.show(robots.where, np.full(250, 12.3))
+    for tick in range(1, 801):
+        gas_map.update(robots, tick * DT, DT)
+    same(gas_map.estimate(), np.full((1, 20, 15), np.float64(np.float32(12.3))), 1e-6)
+
+
 def test_only_the_variance_knows_how_many_readings_are_kept():
     """A short memory for single readings, and for less than a tick of them: means agree; the variance of readings that
     scatter about a settled mean does to some percent.

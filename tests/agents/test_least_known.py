@@ -6,6 +6,9 @@ from arena import TICK, Run, Script
 from numpy.testing import assert_array_equal
 
 from taichi_plume.algorithms import LeastKnown, RandomWalk
+from taichi_plume.geometry import shape
+from taichi_plume.obstacles import Box
+from taichi_plume.scenario import Domain
 
 AIR = [0.0]
 CORNER = ((3.4, 0.4), (3.7, 0.4), (3.4, 0.8), (3.7, 0.8))
@@ -47,7 +50,8 @@ def test_the_next_way_point_is_of_the_least_known():
     assert hasattr(algorithm, "_choose")
     weight = np.arange(len(algorithm.places), dtype=float)  # type: ignore[attr-defined]
     goal = np.zeros((1, 2))
-    algorithm._choose(weight, np.array([[1.0, 1.0]]), goal, np.ones(1))  # type: ignore[attr-defined]
+    here = np.array([[1.0, 1.0]])
+    algorithm._choose(weight, here, goal, np.ones(1), algorithm.home[0])  # type: ignore[attr-defined]
     chosen = np.flatnonzero((algorithm.places == goal[0]).all(axis=1))  # type: ignore[attr-defined]
     assert chosen[0] <= 0.2 * len(weight)
 
@@ -61,6 +65,32 @@ def test_a_trial_alone_is_the_same_as_among_many():
     )
     assert_array_equal(alone[:, :4], among[:, 8:12])
     assert (among[-1, :4] != among[-1, 8:12]).any()
+
+
+def test_what_cannot_be_reached_is_left_alone():
+    """A wall from end to end: the floor behind it is known least, and nobody goes there."""
+    wall = Box(kind="box", center=(2.5, 1.5), size=(0.1, 3.0))
+    standing = shape(wall, Domain(size=SIZE, spacing=0.05), None)  # type: ignore[arg-type]
+    places = ((0.4, 0.4), (0.9, 0.4), (0.4, 0.9))
+    run = Run(LeastKnown(kind="least_known"), Script(AIR, 1.0), places, 2, SIZE, obstacles=(standing,))
+    for _ in range(10):
+        run.go(4)
+        goal = getattr(run.team.algorithm, "goal").to_numpy()  # noqa: B009
+        assert goal[:, 0].max() < 2.4
+
+
+def test_each_trial_goes_by_its_own_map():
+    """Among rivals a group's trials have other rows of the map than their numbers."""
+    run = Run(LeastKnown(kind="least_known"), Script(AIR, 1.0), CORNER, 2, SIZE)
+    algorithm = run.team.algorithm
+    weights = np.ones((3, *algorithm.map.shape))  # type: ignore[attr-defined]
+    weights[1, :4], weights[2, 12:] = 0.0, 0.0  # each knows one end of the floor less
+    algorithm.row = 1  # type: ignore[attr-defined]
+    algorithm.map.weight = lambda: weights  # type: ignore[attr-defined]
+    run.go(1)
+    goal = algorithm.goal.to_numpy().reshape(2, 4, 2)  # type: ignore[attr-defined]
+    assert (goal[0, :, 0] < 1.0).all()
+    assert (goal[1, :, 0] > 3.0).all()
 
 
 @pytest.mark.parametrize("share", [0.0, 1.1])

@@ -5,7 +5,7 @@ import pytest
 from pydantic import TypeAdapter
 from readers import EXTENT, Readers, same
 
-from taichi_plume.assemble import mapper
+from taichi_plume.assemble import mappers
 from taichi_plume.map_models import Map
 
 KINDS = [
@@ -23,7 +23,7 @@ WINDOW = 10  # ticks
 
 def made(keys, trials=1):
     model = TypeAdapter(Map).validate_python({**keys, "cell": 0.25})
-    return mapper(model, EXTENT, trials, lambda points: np.full(points.shape[:-1], np.inf))
+    return mappers([model], EXTENT, trials, lambda points: np.full(points.shape[:-1], np.inf))[0]
 
 
 def show(gas_map, robots, where, readings, ticks=range(1, WINDOW + 1)):
@@ -52,16 +52,21 @@ def test_without_readings_nothing_is_known(keys):
 
 
 @every_kind
-@pytest.mark.parametrize("wrong", [np.nan, 50.0], ids=["not a number", "off the map"])
-def test_what_is_no_reading_is_left_out(keys, wrong):
-    """A third robot reads NaN, or believes to be off the map: it might as well not be there."""
+@pytest.mark.parametrize(
+    ("place", "reading"),
+    [
+        ((1.0, 0.7), np.nan),
+        ((1.0, 0.7), np.inf),
+        *((place, 50.0) for place in ((1.0, -0.01), (-0.01, 1.0), (1.0, 1.51), (2.01, 1.0))),
+    ],
+)
+def test_what_is_no_reading_is_left_out(keys, place, reading):
+    """A third robot reads no number, or believes to be off the map: it might as well not be there."""
     with_it, without = made(keys), made(keys)
     two, three = Readers(1, trials=1, count=2), Readers(1, trials=1, count=3)
-    where = [[0.3, 0.4], [1.6, 1.1], [1.0, 0.7]]
-    if wrong > 0:
-        where[2] = [1.0, -0.01]
+    where = [(0.3, 0.4), (1.6, 1.1), place]
     show(without, two, where[:2], [4.0, 9.0])
-    show(with_it, three, where, [4.0, 9.0, wrong])
+    show(with_it, three, where, [4.0, 9.0, reading])
     for a, b in zip(layers(with_it), layers(without), strict=True):
         same(a, b)
 
@@ -97,9 +102,12 @@ def test_cells_out_of_reach_are_unknown(keys):
 
 @every_kind
 def test_trials_do_not_see_each_other(keys):
-    """The second trial alone gives what it gives beside the first; its robots lose their readings for a while."""
+    """The second trial alone gives what it gives beside the first, which has one robot only; its own lose their
+    readings for a while.
+    """
     both, alone = made(keys, 2), made(keys)
     six, three = Readers(1), Readers(1, trials=1)
+    six.team_size.from_numpy(np.array([1, 3], np.int32))
     rng = np.random.default_rng(3)
     for tick in range(1, 3 * WINDOW + 1):
         where, readings = rng.uniform(0, EXTENT, (6, 2)), rng.exponential(20.0, 6)

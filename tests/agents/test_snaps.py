@@ -9,6 +9,7 @@ from readers import EXTENT, TRIALS, Readers, same
 from taichi_plume import map_models
 from taichi_plume.agents.inverse_distance import InverseDistanceMap
 from taichi_plume.agents.time_series import TimeSeriesMap, neighbourhood
+from taichi_plume.assemble import mappers
 
 CELL, WINDOW, DT = 0.25, 5.0, 0.5
 
@@ -43,7 +44,7 @@ def interpolated(samples, trial, power=2.0, shortest=CELL / 2):
     return np.array(C), np.array(W)
 
 
-def forecast(snaps, now, trial, alpha, beta):
+def forecast(snaps, now, trial, alpha, beta, time_scale=0.1):
     """Eq 4-7 for snap number `now` from all before it."""
     place = np.array(cells())
     past = [(k, *interpolated(snaps[k], trial)) for k in range(now)]
@@ -52,7 +53,7 @@ def forecast(snaps, now, trial, alpha, beta):
         above = below = 0.0
         for k, C, W in past:
             for i, there in enumerate(place):
-                dist = alpha * np.hypot(*(here - there)) + (1 - alpha) * 0.1 * (now - k) * WINDOW
+                dist = alpha * np.hypot(*(here - there)) + (1 - alpha) * time_scale * (now - k) * WINDOW
                 if dist < beta - 1e-9 and W[i] > 0:
                     above += C[i] * W[i] / dist
                     below += W[i] / dist
@@ -69,7 +70,7 @@ def test_time_series_map_is_eq_1_to_8(alpha, pause):
     gas_map = TimeSeriesMap(map_models.TimeSeriesMap(kind="time_series", alpha=alpha), EXTENT, TRIALS)
     assert np.isnan(gas_map.estimate()).all()
     snaps = run(gas_map, 45.0, pause)
-    assert gas_map.snaps == 9
+    assert gas_map.snaps.ended == 9
     assert gas_map.estimate().shape == (TRIALS, 8, 6)
     for trial in range(TRIALS):
         S, weight = forecast(snaps, 9, trial, alpha, 0.5)
@@ -86,6 +87,44 @@ def test_time_series_map_is_eq_1_to_8(alpha, pause):
             assert errors[(snap + 1) * WINDOW][trial] == pytest.approx(expected, rel=1e-5, nan_ok=True)
 
 
+def test_scales_and_ticks_are_free():
+    """A large neighbourhood in which age counts twice as much, ticks that do not divide the window, a smaller team."""
+    model = map_models.TimeSeriesMap(kind="time_series", alpha=0.8, beta=0.9, time_scale=0.2)
+    gas_map, robots = TimeSeriesMap(model, EXTENT, TRIALS), Readers(9)
+    robots.team_size.from_numpy(np.array([3, 1], np.int32))
+    snaps: list[list[tuple]] = [[] for _ in range(6)]
+    for tick in range(1, 38):
+        robots.wander()
+        gas_map.update(robots, t := 0.7 * tick, 0.7)
+        snaps[int(np.ceil(t / WINDOW)) - 1] += [tuple(row[:4]) for row in robots.rows(t)[:4]]
+    for trial in range(TRIALS):
+        S, weight = forecast(snaps, 5, trial, 0.8, 0.9, 0.2)
+        same(gas_map.estimate()[trial].ravel(), S)
+        same(gas_map.weight()[trial].ravel(), weight)
+
+
+def test_maps_that_share_snaps_are_what_they_are_alone():
+    """With neighbourhoods, and so buffers, of different sizes; each is told the readings, in any order."""
+    kinds = [
+        map_models.TimeSeriesMap(kind="time_series", alpha=0.95),
+        map_models.InverseDistanceMap(kind="inverse_distance"),
+        map_models.TimeSeriesMap(kind="time_series", alpha=0.6, raw_samples=True),
+        map_models.TimeSeriesMap(kind="time_series", alpha=0.4, beta=0.7),
+    ]
+    together = mappers(kinds, EXTENT, TRIALS, lambda points: points)
+    alone = [mappers([one], EXTENT, TRIALS, lambda points: points)[0] for one in kinds]
+    assert len({id(getattr(one, "snaps")) for one in together}) == 1  # noqa: B009
+    robots = Readers(6)
+    for tick in range(1, 70):
+        robots.wander()
+        for one in [*together[::-1], *alone]:
+            one.update(robots, tick * DT, DT)
+    for a, b in zip(together, alone, strict=True):
+        np.testing.assert_array_equal(a.estimate(), b.estimate())
+        np.testing.assert_array_equal(a.weight(), b.weight())
+        np.testing.assert_array_equal([e for _, e in a.errors], [e for _, e in b.errors])
+
+
 def test_nothing_is_known_right_after_an_empty_snap_when_the_neighbourhood_is_short():
     """alpha = 0.4 reaches one snap back: unknown, not zero."""
     gas_map = TimeSeriesMap(map_models.TimeSeriesMap(kind="time_series", alpha=0.4), EXTENT, TRIALS)
@@ -94,7 +133,7 @@ def test_nothing_is_known_right_after_an_empty_snap_when_the_neighbourhood_is_sh
     gas_map.update(robots, 5.0, DT)
     assert np.isfinite(gas_map.estimate()).all()
     gas_map.update(robots, 12.0, DT)  # in the third snap; the second stayed empty
-    assert gas_map.snaps == 2
+    assert gas_map.snaps.ended == 2
     assert np.isnan(gas_map.estimate()).all()
     assert (gas_map.weight() == 0).all()
 
@@ -120,7 +159,7 @@ def test_inverse_distance_map_is_eq_1_to_3_of_the_last_snap(power):
 )
 def test_reach_of_the_neighbourhood(alpha, lags, entries):
     """Counted by hand from eq 4 and 5, beta = 0.5, 5 s and 0.25 m; a distance of exactly beta is outside."""
-    stencil = neighbourhood(map_models.TimeSeriesMap(kind="time_series", alpha=alpha))
+    stencil = neighbourhood(map_models.TimeSeriesMap(kind="time_series", alpha=alpha), 15)
     assert max(lag for lag, *_ in stencil) == lags
     assert len(stencil) == entries
 

@@ -21,10 +21,11 @@ CONFIGS = Path(__file__).parents[2] / "configs"
     [("dapso", (1.7, 2.0), "DAPSO"), ("lineup", (2.5, 1.2), "line-up")],
 )
 def test_the_configs_are_conditions_of_the_experiment(name, source, navigation):
-    ours = scenario_of(arena(source, navigation))
+    ours = scenario_of(arena(source, [navigation]))
     theirs = load_scenario(CONFIGS / f"odor_mapping_{name}.yaml")
-    shown = {key: getattr(theirs, key) for key in ("name", "maps", "recording")}
-    assert ours.model_copy(update=shown) == theirs
+    shown = {key: getattr(theirs, key) for key in ("name", "maps", "recording", "rivals")}
+    team = ours.robots[0].model_copy(update={"name": theirs.robots[0].name})
+    assert ours.model_copy(update={**shown, "robots": (team,)}) == theirs
 
 
 def test_ratios_are_of_the_same_teams():
@@ -47,9 +48,10 @@ def test_the_least_error_is_where_the_mean_is_least():
 def test_a_short_run_tells_everything(monkeypatch):
     """Ten seconds after the errors begin to count."""
     monkeypatch.setattr(mapping_cases, "DURATION", 40.0)
+    mapping_cases.in_all.cache_clear()
     told = mapped(2, (1.7, 2.0), "DAPSO", "here")
     means = {name: part for name, part in told.items() if isinstance(part, Mean)}
-    assert len(means) == 1 + len(ALPHAS) + 1 + len(ALPHAS) + 2
+    assert len(means) == 1 + len(ALPHAS) + 1 + len(ALPHAS) + 4
     assert {mean.n for mean in means.values()} == {2}
     (condition, *_) = mapping_cases.MAPPING_CASES[0].conditions
     assert condition.published.keys() | condition.expected.keys() <= means.keys()
@@ -57,6 +59,8 @@ def test_a_short_run_tells_everything(monkeypatch):
     assert isinstance(errors, Lines)
     assert errors.x == pytest.approx([35.0, 40.0])
     assert {len(values) for values in errors.lines.values()} == {2}
+    others = mapped(2, (1.7, 2.0), "line-up", "here")
+    assert others["pure interpolation [ppm]"] != told["pure interpolation [ppm]"]
 
 
 def test_lines_are_drawn():
