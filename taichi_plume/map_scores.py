@@ -3,11 +3,12 @@
 The truth is the gas in the cells of a map, averaged over the time since the robots started: a map that does not forget
 tends to it. Each time a snap ends (or PERIOD has gone by, where a map has none) every trial of a map gets
 
-    error_ppm        mean of |estimate - truth| over the cells it knows
+    error_ppm        mean of |estimate - truth| over the cells it knows and a robot can measure
     correlation      of both over these cells
     peak_distance_m  from the largest estimate to the nearest source
-    nlpd             mean of ½ ln(2π v) + (r - m)² / 2v over the readings r since the last time, with the estimate m and
-                     the variance v of then: what the map made of them before it had taken them in. NaN without variance
+    nlpd             mean of ½ ln(2π v) + (r - m)² / 2v over the readings r since the last time, with the estimate m of
+                     then and the variance v of a reading about it: what the map made of them before it had taken them
+                     in. NaN without variance
 """
 
 from typing import Any
@@ -32,14 +33,16 @@ class MapSeries:
         self.shape: tuple[int, int] = np.shape(self.map.estimate())[1:]
         self.sources = np.array([source.position[:2] for _, source in sim.scenario.sources]).reshape(-1, 2)
         groups = sim.swarm.groups if sim.swarm.count else []
+        self.extent = (sim.grid.extent[0], sim.grid.extent[1])
+        self.measurable = scores.measurable(sim, self.cell, self.shape)
         self.trial = np.concatenate(
             [[], *(np.repeat(g.row + np.arange(g.trials), g.count) for g in groups)]
         ).astype(int)
         self.sum, self.looks, self.rows = np.zeros(self.shape), 0, 0
         self.time: list[float] = []
         self.values: dict[str, list[np.ndarray]] = {name: [] for name in NAMES}
-        self.forecast: tuple[np.ndarray, np.ndarray] | None = None
-        self.surprises: list[np.ndarray] = []
+        self.prediction: scores.Prediction | None = None
+        self.surprises: list[np.ndarray] = []  # of each robot's reading, at each look since then
 
     @property
     def truth(self) -> np.ndarray:
@@ -50,43 +53,35 @@ class MapSeries:
         """Take in the true gas [ppm], (nx, ny), and the readings and, where a snap has ended, score the map."""
         self.sum += gas
         self.looks += 1
-        if self.forecast and len(self.trial):
+        if self.prediction and len(self.trial):
             now = sim.swarm.snapshot()
-            self.surprises.append(self._surprise(now["believed_position"], now["reading_ppm"]))
+            told = self.prediction.surprise(self.trial, now["believed_position"], now["reading_ppm"])
+            self.surprises.append(told)
         if int((sim.t + 1e-6) / self.window) > self.rows:
             self.rows = int((sim.t + 1e-6) / self.window)
             self._score(sim.t)
 
     def _score(self, t: float) -> None:
         estimate = np.asarray(self.map.estimate())
-        score = scores.map_score(estimate, self.truth)
-        nlpd = np.full(len(estimate), np.nan)
-        if self.surprises:
-            all_of_them = np.concatenate(self.surprises, axis=1)
-            told = np.isfinite(all_of_them)
-            count = told.sum(axis=1)
-            total = np.where(told, all_of_them, 0.0).sum(axis=1)
-            nlpd = np.where(count > 0, total / np.maximum(count, 1), np.nan)
+        score = scores.map_score(estimate, np.where(self.measurable, self.truth, np.nan))
         peak = scores.peak_distance(estimate, self.cell, self.sources)
         self.time.append(t)
-        for name, value in zip(NAMES, (score.mae, score.correlation, peak, nlpd), strict=True):
+        values = score.mae, score.correlation, peak, self._nlpd(len(estimate))
+        for name, value in zip(NAMES, values, strict=True):
             self.values[name].append(value)
         self.surprises = []
-        if hasattr(self.map, "variance"):
-            self.forecast = estimate, np.asarray(self.map.variance())
+        self.prediction = scores.Prediction.of(self.map, self.extent)
 
-    def _surprise(self, place: np.ndarray, reading: np.ndarray) -> np.ndarray:
-        """Negative logarithm of the density at each trial's readings, (trials, most robots); NaN where unknown."""
-        assert self.forecast
-        mean, variance = self.forecast
-        cell = np.clip((place / self.cell).astype(int), 0, np.array(self.shape) - 1)
-        m, v = (part[self.trial, cell[:, 0], cell[:, 1]].astype(float) for part in (mean, variance))
-        told = scores.surprise(reading, m, v)
-        result = np.full((len(mean), np.bincount(self.trial).max()), np.nan)
-        for trial in range(len(mean)):
-            own = told[self.trial == trial]
-            result[trial, : len(own)] = own
-        return result
+    def _nlpd(self, trials: int) -> np.ndarray:
+        """Mean surprise of each trial since the last time, (trials,)."""
+        if not self.surprises:
+            return np.full(trials, np.nan)
+        all_of_them = np.array(self.surprises)
+        told = np.isfinite(all_of_them)
+        total = np.where(told, all_of_them, 0.0).sum(axis=0)
+        return scores.mean_of(
+            np.bincount(self.trial, total, trials), np.bincount(self.trial, told.sum(axis=0), trials)
+        )
 
 
 class MapScores:

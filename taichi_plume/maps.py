@@ -1,63 +1,59 @@
 """Gas maps of recorded readings: ``python -m taichi_plume.maps READINGS --kind time_series --size 4 3 --out DIR``.
 
-READINGS is the robots.parquet of a run, or a CSV file with the columns t [s], x, y [m] and reading [ppm], and where the
-map uses it wind_x, wind_y [m/s]; where there are several trials, --trial chooses one. Parameters of the map have their
-names in a scenario: --cell 0.25 --alpha 0.9. The readings go through the very maps that robots make online. In DIR:
+READINGS is the robots.parquet of a run or a CSV file (see `readings`). Parameters of the map have their names in a
+scenario: ``--cell 0.25 --alpha 0.9``; ``--kind gmrf --help`` lists those of a kind. The readings go through the very
+maps that robots make online. In DIR:
 
     map.csv      x, y [m] of each cell's middle, ppm, weight and, where the map tells it, variance_ppm2
     map.png      the same, seen from above
-    scores.json  forecast_error_ppm (eq 8 of Marjovi & Marques) of maps that forecast; nlpd of maps with a variance, of
-                 the readings of each PERIOD before they are taken in; the peak
+    scores.json  see `GasMap.scores`
+
+From Python::
+
+    readings = read("readings.csv")
+    kernels.start("cpu")
+    gas_map = map_of(readings, KernelMap(kind="kernel_dmv"), size=(4.0, 3.0))
 """
 
-import argparse
 import json
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from math import isfinite
+from math import ceil, isfinite, sqrt
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from taichi_plume.map_options import arguments
+from taichi_plume.readings import Readings, ReadingsError, read
+
 if TYPE_CHECKING:
     from taichi_plume.map_models import Map
 
-COLUMNS = {
-    "t": ("t",),
-    "x": ("believed_x", "x"),
-    "y": ("believed_y", "y"),
-    "reading": ("reading_ppm", "reading"),
-    "wind_x": ("wind_x",),
-    "wind_y": ("wind_y",),
-    "heading": ("heading",),
-    "believed_heading": ("believed_heading",),
-}
-"""Of which names the first that a file has is taken."""
-NEEDED = 4
 FILES = ("map.csv", "map.png", "scores.json")
-PERIOD = 5.0  # s
-
-
-class ReadingsError(ValueError):
-    """Readings or parameters that no map can be made of; the message is one line."""
-
-
-@dataclass(frozen=True)
-class Readings:
-    """In order of time: t (n,) [s], place (n, 2) [m], reading (n,) [ppm], wind (n, 2) [m/s], zero if unknown."""
-
-    t: np.ndarray
-    place: np.ndarray
-    reading: np.ndarray
-    wind: np.ndarray
+PERIOD = 5.0  # s, between scores of maps that have no snaps, as in map_scores
+MOST_WINDOWS = 100_000  # more, at 5 s six days, is a clock that jumped
+FINEST = 6  # decimals of a time [s] that count: a Unix time has no more
+MOST_OBLONG = 4.0  # of a picture
 
 
 @dataclass(frozen=True)
 class GasMap:
-    """A finished map: estimate [ppm], weight and variance [ppm²] or None, (nx, ny), with cells of `cell` [m]."""
+    """A finished map: estimate [ppm], weight and variance [ppm²] or None, (nx, ny), with cells of `cell` [m].
+
+    estimate and variance are NaN where nothing is known. scores:
+
+        kind, readings, left_out    of the map; how many went into it, and how many are no number or off the floor
+        known_fraction              share of the cells that have an estimate
+        peak                        x_m, y_m and ppm of the largest estimate; to_source_m, if sources are known
+        forecast_error_ppm          mean of eq 8 (see agents/snaps), from 30 s after the first reading on; or None
+        forecast                    time_s and error_ppm of each snap that was forecast
+        nlpd, nlpd_median           of the readings of each PERIOD, or snap, by the map before it (see map_scores); or
+                                    None, where the map tells no variance
+    """
 
     cell: float
     estimate: np.ndarray
@@ -66,112 +62,117 @@ class GasMap:
     scores: dict[str, Any]
 
 
-# ---------------------------------------------------------------- from Python
-
-
-def read(path: Path, trial: int = 0) -> Readings:
-    """Readings of a file (see above). Raises ReadingsError."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-    import pyarrow.csv
-    import pyarrow.parquet as pq
-
-    try:
-        table = pq.read_table(path) if path.suffix == ".parquet" else pa.csv.read_csv(path)
-    except (pa.ArrowException, OSError) as error:
-        reason = getattr(error, "strerror", None) or str(error).splitlines()[0]
-        raise ReadingsError(f"{path}: cannot be read: {reason}") from None
-    if "trial" in table.column_names:
-        table = table.filter(pc.equal(table["trial"], trial))
-        if not table.num_rows:
-            raise ReadingsError(f"{path}: has no trial {trial}")
-    columns = {name: _column(path, table, names) for name, names in COLUMNS.items()}
-    missing = [name for name in list(COLUMNS)[:NEEDED] if columns[name] is None]
-    if missing:
-        has = ", ".join(table.column_names)
-        raise ReadingsError(f"{path}: has no column {', '.join(missing)}; it has {has}")
-    n = table.num_rows
-    t, x, y, reading, u, v, heading, believed = (
-        np.zeros(n) if one is None else one for one in columns.values()
-    )
-    for name, values in (("t", t), ("x", x), ("y", y)):
-        if not np.isfinite(values).all():
-            row = int(np.flatnonzero(~np.isfinite(values))[0])
-            raise ReadingsError(f"{path}: {name} of row {row + 1} is not a number")
-    off = believed - heading  # robots take the wind for turned by it
-    wind = np.column_stack([u * np.cos(off) - v * np.sin(off), u * np.sin(off) + v * np.cos(off)])
-    kept = t > 0.0 if path.suffix == ".parquet" else np.ones(n, bool)  # at 0 s nothing has been measured yet
-    if not kept.any():
-        raise ReadingsError(f"{path}: has no readings")
-    order = np.flatnonzero(kept)[np.argsort(t[kept], kind="stable")]
-    return Readings(t[order], np.column_stack([x, y])[order], reading[order], np.nan_to_num(wind)[order])
-
-
-def _column(path: Path, table: Any, names: tuple[str, ...]) -> np.ndarray | None:
-    name = next((name for name in names if name in table.column_names), None)
-    if name is None:
-        return None
-    try:
-        return table[name].cast("float64").to_numpy()
-    except Exception:  # Arrow tells of a cast in many ways
-        raise ReadingsError(f"{path}: column {name} is not of numbers") from None
-
-
 def map_of(
     readings: Readings, model: "Map", size: tuple[float, float], sources: np.ndarray | None = None
 ) -> GasMap:
     """The map of readings on a floor of this size [m]; Taichi must have been started. sources: (m, 2) [m], if known.
 
-    Snaps are cut at multiples of their window since the time 0; those before the first reading are left out.
-    Raises ReadingsError where no reading lies on the floor.
+    Snaps are cut at multiples of their window since the time 0; those before the first reading are left out. At the
+    end the running snap goes into the map as well, but its forecast is not judged. Raises ReadingsError.
     """
     from taichi_plume.agents.recorded import RecordedTeam
     from taichi_plume.assemble import mappers
-    from taichi_plume.scores import peak_distance, surprise
+    from taichi_plume.scores import Prediction, forecast_error, peak_distance
 
-    told = np.isfinite(readings.reading)
-    on = ((readings.place >= 0.0) & (readings.place <= size)).all(axis=1)
-    if not (on & told).any():
-        raise ReadingsError(f"no reading lies on the floor of {size[0]:g} x {size[1]:g} m from the origin on")
+    _check_size(model, size)
+    counted = _counted(readings, size)
+    window = float(getattr(model, "window", PERIOD))
+    begin = window * np.floor((readings.t[0] + 0.5 * 10.0**-FINEST) / window)
+    t = np.round(readings.t - begin, FINEST)
+    _check_clock(readings, t, window)
+    times, starts, robots = np.unique(t, return_index=True, return_counts=True)
+    most = int(robots.max())
+    team = RecordedTeam(most)
+    dt = window / ceil(np.bincount(_number(t, window)).max() / most)  # maps have room for so many readings
     gas_map: Any = mappers([model], size, 1, lambda points: np.full(np.shape(points)[:-1], np.inf))[0]
-    window = float(getattr(gas_map, "window", PERIOD))
-    begin = window * np.floor((readings.t[0] - 1e-9) / window)
-    times, starts = np.unique(readings.t, return_index=True)
-    ends = np.append(starts[1:], len(readings.t))
-    dt = float(np.diff(times).min()) if len(times) > 1 else window
-    team = RecordedTeam(int((ends - starts).max()))
-    shape, knows = np.shape(gas_map.estimate())[1:], hasattr(gas_map, "variance")
-    cells = np.clip((readings.place / gas_map.cell).astype(int), 0, np.array(shape) - 1)
-    forecast, period, nlpd = None, 0, []
-    for time, first, last in zip(times - begin, starts, ends, strict=True):
-        if knows and int((time - 1e-9) / window) > period:
-            forecast, period = (gas_map.estimate()[0], gas_map.variance()[0]), int((time - 1e-9) / window)
-        rows = slice(int(first), int(last))
-        if forecast:
-            at = cells[rows][:, 0], cells[rows][:, 1]
-            found = surprise(readings.reading[rows], forecast[0][at], forecast[1][at])
-            nlpd += found[on[rows] & np.isfinite(found)].tolist()
+
+    def take_in(first: int, last: int, time: float) -> None:
+        rows = slice(first, last)
         team.show(readings.place[rows], readings.wind[rows], readings.reading[rows])
-        gas_map.update(team, float(time), dt)
+        gas_map.update(team, time, dt)
+
+    period = float(getattr(gas_map, "window", PERIOD))
+    prediction, ended, surprises = None, 0, []
+    for time, number, first, count in zip(times, _number(times, period), starts, robots, strict=True):
+        last = first + count
+        if number > ended:
+            ended = number
+            take_in(0, 0, ended * period)
+            prediction = Prediction.of(gas_map, size)
+        if prediction:
+            surprises.append(prediction.surprise(0, readings.place[first:last], readings.reading[first:last]))
+        take_in(first, last, float(time))
+    if hasattr(model, "window"):
+        take_in(0, 0, float(_number(times[-1], window) + 1) * window)
+    errors = [(time, error) for time, error in gas_map.errors if time <= times[-1] + 10.0**-FINEST]
     estimate, weight = np.asarray(gas_map.estimate()), np.asarray(gas_map.weight())
-    errors = [(float(t + begin), float(error[0])) for t, error in gas_map.errors]
-    counted = [error for _, error in errors if isfinite(error)]
+    settled = float(forecast_error(errors, 1, times[0])[0])
+    nlpd = np.concatenate(surprises or [np.empty(0)])
+    nlpd = nlpd[np.isfinite(nlpd)]
     peak = _peak(estimate[0], gas_map.cell)
     if sources is not None:
         peak["to_source_m"] = float(peak_distance(estimate, gas_map.cell, sources)[0])
     scores = {
         "kind": model.kind,
-        "readings": int((on & told).sum()),
-        "left_out": int((~(on & told)).sum()),
+        "readings": int(counted.sum()),
+        "left_out": int((~counted).sum()),
         "known_fraction": float(np.isfinite(estimate).mean()),
         "peak": peak,
-        "forecast_error_ppm": float(np.mean(counted)) if counted else None,
-        "forecast": {"time_s": [t for t, _ in errors], "error_ppm": [error for _, error in errors]},
-        "nlpd": float(np.mean(nlpd)) if nlpd else None,
-        "nlpd_median": float(np.median(nlpd)) if nlpd else None,
+        "forecast_error_ppm": settled if isfinite(settled) else None,
+        "forecast": {
+            "time_s": [float(time + begin) for time, _ in errors],
+            "error_ppm": [float(error[0]) for _, error in errors],
+        },
+        "nlpd": float(nlpd.mean()) if nlpd.size else None,
+        "nlpd_median": float(np.median(nlpd)) if nlpd.size else None,
     }
-    variance = np.asarray(gas_map.variance())[0] if knows else None
+    variance = np.asarray(gas_map.variance())[0] if hasattr(gas_map, "variance") else None
     return GasMap(gas_map.cell, estimate[0], weight[0], variance, scores)
+
+
+def _number(t: np.ndarray, window: float) -> np.ndarray:
+    """Number, from 0 on, of the window that a time [s] belongs to: the one it ends, if it ends one."""
+    return np.maximum(np.ceil(t / window - 1e-9), 1.0).astype(int) - 1
+
+
+def _check_size(model: "Map", size: tuple[float, float]) -> None:
+    from taichi_plume.checks_size import MOST_FIELD_COLUMN, MOST_MAP_CELLS
+
+    finest, limit = sqrt(size[0]) * sqrt(size[1] / MOST_MAP_CELLS), f"{MOST_MAP_CELLS} cells"
+    if model.kind == "gmrf":
+        column = min(size) / MOST_FIELD_COLUMN
+        if column > finest:
+            finest, limit = column, f"{MOST_FIELD_COLUMN} cells along the shorter side"
+    if model.cell < finest:
+        raise ReadingsError(
+            f"cell: {model.cell:g} m is too fine for a floor of {size[0]:g} x {size[1]:g} m: a {model.kind} map takes "
+            f"{limit}; use {1.1 * finest:.2g} m or more"
+        )
+
+
+def _counted(readings: Readings, size: tuple[float, float]) -> np.ndarray:
+    """Which readings go into a map of this size [m]."""
+    told = np.isfinite(readings.reading)
+    if not told.any():
+        raise ReadingsError(f"none of the {len(told)} readings is a number")
+    counted = ((readings.place >= 0.0) & (readings.place <= size)).all(axis=1) & told
+    if not counted.any():
+        low, high = readings.place[told].min(axis=0), readings.place[told].max(axis=0)
+        raise ReadingsError(
+            f"no reading lies on the floor of {size[0]:g} x {size[1]:g} m from the origin on; they reach from "
+            f"({low[0]:g}, {low[1]:g}) to ({high[0]:g}, {high[1]:g}) m"
+        )
+    return counted
+
+
+def _check_clock(readings: Readings, t: np.ndarray, window: float) -> None:
+    if t[-1] / window <= MOST_WINDOWS:
+        return
+    n = int(np.diff(t).argmax()) + 1
+    raise ReadingsError(
+        f"row {readings.row[n]}: t = {readings.t[n]:.10g} s is {t[n] - t[n - 1]:.3g} s after the time before it: a map "
+        f"takes {MOST_WINDOWS} windows of {window:g} s; correct the clock or cut the log"
+    )
 
 
 def _peak(estimate: np.ndarray, cell: float) -> dict[str, float | None]:
@@ -209,11 +210,14 @@ def _draw(gas_map: GasMap, readings: Readings, size: tuple[float, float], path: 
     pictures = {"estimate [ppm]": gas_map.estimate, "weight, as power of ten": _log(gas_map.weight)}
     if gas_map.variance is not None:
         pictures["standard deviation [ppm]"] = np.sqrt(gas_map.variance)
-    figure = Figure(figsize=(5.2 * len(pictures), 1.2 + 4.4 * size[1] / size[0]), layout="constrained")
+    oblong = min(max(size[1] / size[0], 1 / MOST_OBLONG), MOST_OBLONG)
+    aspect = "equal" if oblong == size[1] / size[0] else "auto"
+    figure = Figure(figsize=(5.2 * len(pictures), 1.2 + 4.4 * oblong), layout="constrained")
     axes = figure.subplots(1, len(pictures), squeeze=False)[0]
     nx, ny = gas_map.estimate.shape
+    extent = (0, nx * gas_map.cell, 0, ny * gas_map.cell)
     for axis, (title, values) in zip(axes, pictures.items(), strict=True):
-        picture = axis.imshow(values.T, origin="lower", extent=(0, nx * gas_map.cell, 0, ny * gas_map.cell))
+        picture = axis.imshow(values.T, origin="lower", extent=extent, aspect=aspect)
         figure.colorbar(picture, ax=axis, shrink=0.8)
         axis.plot(*readings.place.T, ".", color="white", markersize=1, alpha=0.4)
         axis.set(xlim=(0, size[0]), ylim=(0, size[1]), xlabel="x [m]", ylabel="y [m]", title=title)
@@ -229,85 +233,42 @@ def _log(values: np.ndarray) -> np.ndarray:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` (without the program's name) and return its exit code."""
-    parser = argparse.ArgumentParser(
-        prog="python -m taichi_plume.maps",
-        description="Make a gas map of recorded readings. Other options are the map's parameters, as --cell 0.25.",
-        allow_abbrev=False,
-    )
-    parser.add_argument("readings", type=Path, help="robots.parquet of a run, or a CSV with t, x, y, reading")
-    parser.add_argument("--kind", default="time_series", help="of the map (default: time_series)")
-    parser.add_argument(
-        "--size", type=_length, nargs=2, required=True, metavar=("LX", "LY"), help="of the floor [m]"
-    )
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="where the map goes")
-    parser.add_argument("--trial", type=int, default=0, metavar="N", help="of several (default: the first)")
-    parser.add_argument(
-        "--source",
-        type=float,
-        nargs=2,
-        action="append",
-        metavar=("X", "Y"),
-        help="a source [m], to score the peak",
-    )
-    args, others = parser.parse_known_args(argv)
     os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
     try:
-        model = _model(args.kind, others)
-        readings = read(args.readings, args.trial)
+        args, model = arguments(sys.argv[1:] if argv is None else argv)
         from taichi_plume import kernels
+        from taichi_plume.results import RunFolderError, run_folder
 
-        kernels.start("cpu")
-        size = (args.size[0], args.size[1])
-        gas_map = map_of(readings, model, size, np.array(args.source) if args.source else None)
+        try:
+            out = run_folder("", args.out, args.force, files=FILES)
+        except RunFolderError as error:
+            raise ReadingsError(str(error)) from None
+        try:
+            readings = read(args.readings, args.trial, args.group)
+            kernels.start("cpu")
+            gas_map = map_of(readings, model, args.size, np.array(args.source) if args.source else None)
+        except BaseException:
+            with suppress(OSError):
+                out.rmdir()  # unless something is in it
+            raise
     except ReadingsError as error:
         print(error, file=sys.stderr)
         return 2
+    except KeyboardInterrupt:
+        print("interrupted before the map was made", file=sys.stderr)
+        return 130
     try:
-        args.out.mkdir(parents=True, exist_ok=True)
-        write(gas_map, readings, size, args.out)
+        write(gas_map, readings, args.size, out)
     except OSError as error:
-        print(f"{args.out}: cannot be written: {error.strerror or error}", file=sys.stderr)
+        print(f"{out}: cannot be written: {error.strerror or error}", file=sys.stderr)
         return 1
     peak = gas_map.scores["peak"]
-    print(
-        f"peak {peak['ppm']:.3g} ppm at ({peak['x_m']:.2f}, {peak['y_m']:.2f}) m"
-        if peak["ppm"] is not None
-        else "knows no cell"
-    )
-    print(f"{args.out}: {', '.join(FILES)}")
+    if peak["ppm"] is None:
+        print("knows no cell: its last readings are too old")
+    else:
+        print(f"peak {peak['ppm']:.3g} ppm at ({peak['x_m']:.2f}, {peak['y_m']:.2f}) m")
+    print(f"{out}: {', '.join(FILES)}")
     return 0
-
-
-def _length(text: str) -> float:
-    value = float(text)
-    if not 0.0 < value <= 1e4:
-        raise argparse.ArgumentTypeError(f"must be a length in m, got '{text}'")
-    return value
-
-
-def _model(kind: str, options: list[str]) -> "Map":
-    """The model of a map with these parameters. Raises ReadingsError."""
-    import yaml
-    from pydantic import TypeAdapter, ValidationError
-
-    from taichi_plume.loading import explain
-    from taichi_plume.map_models import Map
-
-    data: dict[str, Any] = {"kind": kind}
-    left = [part for option in options for part in option.split("=", 1)] if options else []
-    while left:
-        name = left.pop(0)
-        if not name.startswith("--") or not left:
-            raise ReadingsError(f"{name}: parameters of the map go by --name value")
-        try:
-            data[name[2:].replace("-", "_")] = yaml.safe_load(left.pop(0))
-        except yaml.YAMLError:
-            raise ReadingsError(f"{name}: has a value that cannot be read") from None
-    adapter: TypeAdapter[Map] = TypeAdapter(Map)
-    try:
-        return adapter.validate_python(data)
-    except ValidationError as error:
-        raise ReadingsError("; ".join(explain(error, data))) from None
 
 
 if __name__ == "__main__":

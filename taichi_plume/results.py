@@ -9,6 +9,7 @@ import os
 import platform
 import shutil
 import tempfile
+from collections.abc import Sequence
 from importlib.metadata import version
 from math import ceil, isfinite, prod
 from pathlib import Path
@@ -42,10 +43,16 @@ class RunFolderError(ValueError):
     """A run directory that cannot be used."""
 
 
-def run_folder(name: str, out: Path | None = None, force: bool = False, runs: Path = Path("runs")) -> Path:
+def run_folder(
+    name: str,
+    out: Path | None = None,
+    force: bool = False,
+    runs: Path = Path("runs"),
+    files: Sequence[str] = FILES,
+) -> Path:
     """Make and return `out`, or the first free ``runs/<name>-<n>``; raises RunFolderError.
 
-    One that holds files is refused, unless by `force` what an earlier run left there is removed.
+    One that holds files is refused, unless by `force` those `files` that an earlier run left there are removed.
     """
     try:
         if out is None:
@@ -62,7 +69,7 @@ def run_folder(name: str, out: Path | None = None, force: bool = False, runs: Pa
             pass  # now, rather than after minutes of compiling
         if not force and any(out.iterdir()):
             raise RunFolderError(f"{out}: is not empty; choose another --out or add --force to overwrite")
-        for file in FILES:
+        for file in files:
             if (out / file).is_dir():
                 shutil.rmtree(out / file)
             else:
@@ -341,7 +348,9 @@ def _map(sim: Simulation, n: int) -> dict[str, Any]:
     gas_map: Any = sim.maps[n]
     estimate = np.asarray(gas_map.estimate())
     truth = scores.true_gas(sim, gas_map.cell, estimate.shape[1:])
-    score = scores.map_score(estimate, truth)
+    measurable = scores.measurable(sim, gas_map.cell, estimate.shape[1:])
+    score = scores.map_score(estimate, np.where(measurable, truth, np.nan))
+    forecast_error = scores.forecast_error(gas_map.errors, len(estimate))
     forecasts = [(t, np.asarray(errors, float)) for t, errors in gas_map.errors]
     return {
         "kind": sim.scenario.maps[n].kind,
@@ -349,10 +358,12 @@ def _map(sim: Simulation, n: int) -> dict[str, Any]:
         "mae_ppm": _mean(score.mae),
         "correlation": _mean(score.correlation),
         "known_fraction": _mean(score.known),
+        "forecast_error_ppm": _mean(forecast_error),
         "per_trial": {
             "mae_ppm": score.mae.tolist(),
             "correlation": score.correlation.tolist(),
             "known_fraction": score.known.tolist(),
+            "forecast_error_ppm": forecast_error.tolist(),
         },
         "forecast": {
             "time_s": [t for t, _ in forecasts],

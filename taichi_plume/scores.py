@@ -12,13 +12,14 @@ from taichi_plume.grid import block_mean
 from taichi_plume.simulation import Simulation
 
 SAMPLES = 4  # per axis of a map cell, at most
+SETTLED = 30.0  # s: forecasts count from then on, as in Marjovi & Marques
 
 
 @dataclass(frozen=True)
 class MapScore:
     """A map against the true gas, per trial over the cells it knows; NaN where it knows none.
 
-    mae [ppm], correlation (Pearson; NaN where one of the two is constant), known: share of cells.
+    mae [ppm], correlation (Pearson; NaN where one of the two is constant), known: share of the cells.
     """
 
     mae: np.ndarray
@@ -38,6 +39,13 @@ def true_gas(sim: Simulation, cell: float, shape: tuple[int, int]) -> np.ndarray
     return block_mean(ppm, n)
 
 
+def measurable(sim: Simulation, cell: float, shape: tuple[int, int]) -> np.ndarray:
+    """Whether a robot could be at the middle of each map cell, (nx, ny): not inside what stands, nor off the arena."""
+    axes = [(np.arange(count) + 0.5) * cell for count in shape]
+    centers = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    return sim.swarm.clearance.distance_at(centers) > 0.0
+
+
 def sensor_height(sim: Simulation) -> float:
     """Height of the first group's gas sensors [m]."""
     groups = sim.scenario.robots
@@ -45,12 +53,16 @@ def sensor_height(sim: Simulation) -> float:
 
 
 def map_score(estimate: np.ndarray, truth: np.ndarray) -> MapScore:
-    """Score of estimates (trials, nx, ny) [ppm], NaN where unknown, against the truth (nx, ny) [ppm]."""
+    """Score of estimates (trials, nx, ny) [ppm], NaN where unknown, against the truth (nx, ny) [ppm].
+
+    Cells where the truth is NaN do not count.
+    """
+    counted = np.isfinite(truth)
     trials = len(estimate)
     mae, correlation, known = np.full(trials, np.nan), np.full(trials, np.nan), np.zeros(trials)
     for k in range(trials):
-        cells = np.isfinite(estimate[k])
-        known[k] = cells.mean()
+        cells = np.isfinite(estimate[k]) & counted
+        known[k] = cells.sum() / max(1, counted.sum())
         if not cells.any():
             continue
         a, b = estimate[k][cells].astype(float), truth[cells].astype(float)
@@ -73,11 +85,55 @@ def peak_distance(estimate: np.ndarray, cell: float, sources: np.ndarray) -> np.
     return np.where(known.any(axis=(1, 2)) & np.isfinite(apart), apart, np.nan)
 
 
-def surprise(reading: np.ndarray, mean: np.ndarray, variance: np.ndarray) -> np.ndarray:
-    """Negative logarithm of a normal density at readings [ppm]; NaN where the mean or a variance is unknown."""
-    known = np.isfinite(mean) & (variance > 0)
-    v = np.where(known, variance, 1.0)
-    return np.where(known, 0.5 * np.log(2 * np.pi * v) + (reading - mean) ** 2 / (2 * v), np.nan)
+@dataclass(frozen=True)
+class Prediction:
+    """What a map expects of readings in its cells: mean [ppm] and variance [ppm²], (trials, nx, ny), of the same floor.
+
+    cell: edge of the cells; extent: size of the floor [m].
+    """
+
+    mean: np.ndarray
+    variance: np.ndarray
+    cell: float
+    extent: tuple[float, float]
+
+    @classmethod
+    def of(cls, gas_map: Any, extent: tuple[float, float]) -> "Prediction | None":
+        """That of a map on a floor of this extent [m]; None where the map tells no variance."""
+        if not hasattr(gas_map, "variance"):
+            return None
+        variance = np.asarray(gas_map.variance(), float) + gas_map.noise
+        return cls(np.asarray(gas_map.estimate(), float), variance, gas_map.cell, extent)
+
+    def surprise(self, trial: np.ndarray | int, place: np.ndarray, reading: np.ndarray) -> np.ndarray:
+        """Negative logarithm of the normal density at each reading (n,) [ppm], taken at places (n, 2) [m] in a trial.
+
+        NaN for what a map leaves out: no numbers, and places off the floor; and where nothing was known.
+        """
+        on = ((place >= 0.0) & (place <= self.extent)).all(axis=1) & np.isfinite(reading)
+        cell = np.where(on[:, None], place / self.cell, 0.0).astype(int)
+        at = trial, *np.minimum(cell, np.array(self.mean.shape[1:]) - 1).T
+        mean, variance = self.mean[at], self.variance[at]
+        counted = on & np.isfinite(mean) & (variance > 0)
+        v = np.where(counted, variance, 1.0)
+        off = np.where(counted, reading - mean, 0.0)
+        return np.where(counted, 0.5 * np.log(2 * np.pi * v) + off**2 / (2 * v), np.nan)
+
+
+def forecast_error(errors: list[tuple[float, np.ndarray]], trials: int, begin: float = 0.0) -> np.ndarray:
+    """Mean of a map's forecast errors [ppm] (eq 8, see agents/snaps) of each trial, (trials,).
+
+    Those count that were judged later than SETTLED after `begin` [s]; NaN where there are none.
+    """
+    late = [error for t, error in errors if t > begin + SETTLED + 1e-6]
+    table = np.array(late, float).reshape(-1, trials)
+    told = np.isfinite(table)
+    return mean_of(np.where(told, table, 0.0).sum(axis=0), told.sum(axis=0))
+
+
+def mean_of(total: np.ndarray, count: np.ndarray) -> np.ndarray:
+    """total / count, NaN where there is nothing to count."""
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
 def trial_outcomes(group: Any, snapshot: dict[str, np.ndarray], sources: np.ndarray) -> dict[str, Any]:

@@ -82,6 +82,7 @@ class FakeSwarm:
     find_at: float = 8.0
     t: float = 0.0
     groups: list[Any] = field(default_factory=list)
+    clearance = SimpleNamespace(distance_at=lambda points: np.ones(points.shape[:-1]))
 
     def __post_init__(self) -> None:
         start = 0

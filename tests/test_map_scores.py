@@ -39,7 +39,10 @@ def test_the_truth_is_the_mean_since_the_start():
 
 
 def test_readings_are_judged_by_what_the_map_said_before_them():
-    """A map that says 7 ± 2 ppm from 5 s on, and the truth later, of two trials of four robots."""
+    """A map that says 7 ± 2 ppm from 5 s on, of readings that scatter by 3 ppm, of two trials of four robots.
+
+    The last of the robots believes to be off the map.
+    """
     sim: Any = fake_run.simulation(fake_run.scenario(2, duration=10))
     fake = sim.maps[0]
     says = {5.0: (7.0, 4.0)}
@@ -47,15 +50,60 @@ def test_readings_are_judged_by_what_the_map_said_before_them():
     def told(n: int) -> np.ndarray:
         return np.full((fake.trials, *fake.shape), says.get(round(sim.t, 6), (1e6, 1e-6))[n])
 
-    fake.estimate, fake.variance = lambda: told(0), lambda: told(1)
+    fake.estimate, fake.variance, fake.noise = lambda: told(0), lambda: told(1), 9.0
+    snapshot = sim.swarm.snapshot
+
+    def strayed() -> dict[str, np.ndarray]:
+        now = snapshot()
+        now["believed_position"][7] = [4.001, 1.0]
+        return now
+
+    sim.swarm.snapshot = strayed
     readings = []
     sim.observers.append(Every(1.0, lambda sim: readings.append(sim.swarm.snapshot()["reading_ppm"])))
     judge, _ = scored(sim)
     first, second = judge.series[0].values["nlpd"]
     assert np.isnan(first).all(), "nothing had been forecast"
-    later = np.array(readings[6:]).reshape(5, 2, 4)
-    expected = -stats.norm(7.0, 2.0).logpdf(later).mean(axis=(0, 2))
-    np.testing.assert_allclose(second, expected, rtol=1e-6)
+    later = np.array(readings[6:])
+    expected = -stats.norm(7.0, np.sqrt(13.0)).logpdf(later)
+    np.testing.assert_allclose(second, [expected[:, :4].mean(), expected[:, 4:7].mean()], rtol=1e-6)
+
+
+def test_what_a_map_leaves_out_is_no_surprise():
+    mean, variance = np.array([[[1.0, 2.0], [np.nan, 4.0]]]), np.array([[[1.0, 4.0], [1.0, 0.0]]])
+    expects = scores.Prediction(mean, variance, 0.5, (0.9, 1.0))
+    place = np.array([[0.1, 0.1], [0.4, 1.0], [0.9, 0.1], [0.9, 0.9], [0.95, 0.1], [-0.1, 0.1], [np.nan, 0]])
+    told = expects.surprise(0, np.tile(place, (2, 1)), np.repeat([3.0, np.inf], len(place)))
+    assert told[:2] == pytest.approx(-stats.norm([1.0, 2.0], [1.0, 2.0]).logpdf(3.0))
+    assert np.isnan(told[2:]).all()
+
+
+def test_forecasts_count_once_the_maps_have_settled():
+    errors = [(t, np.array([t, np.nan, np.nan])) for t in (25.0, 30.0, 35.0, 40.0)]
+    errors.append((45.0, np.array([np.nan, 3.0, np.nan])))
+    np.testing.assert_allclose(scores.forecast_error(errors, 3), [37.5, 3.0, np.nan])
+    np.testing.assert_allclose(scores.forecast_error(errors, 3, begin=6.0), [40.0, 3.0, np.nan])
+    assert np.isnan(scores.forecast_error(errors[:2], 3)).all()
+    assert np.isnan(scores.forecast_error([], 2)).all()
+
+
+def test_cells_that_no_robot_can_measure_do_not_count():
+    """A map that knows half the truth, and far too much where there is no way to."""
+    sim: Any = fake_run.simulation(fake_run.scenario(2, duration=6))
+    sim.swarm.clearance = SimpleNamespace(distance_at=lambda points: 2.0 - points[..., 0])
+    one, free = sim.maps[0], np.arange(sim.maps[0].shape[0])[:, None] < 8
+    half = one.estimate
+    one.estimate = lambda: np.where(free, np.nan_to_num(half()), 1e6)
+    judge, truths = scored(sim)
+    told = results.result(sim, "completed", "", "cpu", judge)["maps"][0]
+    expected = np.abs(truths[-1] / 2 - truths[-1])[:8]
+    seen = one.seen[:8]
+    assert told["mae_ppm"] == pytest.approx(np.where(seen, expected, truths[-1][:8]).mean())
+    assert told["known_fraction"] == 1.0
+    assert told["mean_gas"]["error_ppm"][0] < 1e3
+    one.estimate = lambda: np.where(free, np.nan, np.full_like(half(), 1e6))
+    told = results.result(sim, "completed", "", "cpu")["maps"][0]
+    assert (told["mae_ppm"], told["known_fraction"]) == (None, 0.0)
 
 
 def test_peaks():
@@ -90,3 +138,13 @@ def test_without_robots_maps_are_scored_all_the_same():
     sim.observers.append(judge.observer())
     sim.run()
     assert judge.series[0].values["error_ppm"][0][0] > 0
+
+
+def test_the_result_tells_the_settled_forecast():
+    sim: Any = fake_run.simulation(fake_run.scenario(2, duration=1))
+    sim.run()
+    sim.maps[0].errors = [(t, np.array([t, np.nan])) for t in (30.0, 35.0, 40.0)]
+    told, unsettled = results.result(sim, "completed", "", "cpu")["maps"]
+    assert told["forecast_error_ppm"] == pytest.approx(37.5)
+    assert told["per_trial"]["forecast_error_ppm"] == pytest.approx([37.5, np.nan], nan_ok=True)
+    assert unsettled["forecast_error_ppm"] is None

@@ -1,17 +1,24 @@
 """Maps of recorded readings: those of a run are the maps that its robots made."""
 
 import json
+import struct
+from typing import Any
 
 import numpy as np
 import pytest
+from scipy import stats
 
-from taichi_plume import maps, run
-from taichi_plume.map_models import InverseDistanceMap, KernelMap
+from taichi_plume import kernels, maps, results
+from taichi_plume.agents.gmrf import MarkovMap as MarkovMapper
+from taichi_plume.agents.recorded import RecordedTeam
+from taichi_plume.assemble import assemble, mappers
+from taichi_plume.loading import load_scenario
+from taichi_plume.map_models import InverseDistanceMap, KernelMap, MarkovMap, TimeSeriesMap
 
 SCENARIO = """
 name: readings
 seed: 3
-duration: 17
+duration: 20
 domain: {size: [2.0, 1.5], spacing: 0.05, depth: 0.5}
 wind: {kind: uniform, velocity: [0.4, 0.0]}
 gas: {kind: gaussian_plume, intensity: 0.1, sources: [{position: [0.3, 0.7], rate: 1.0e-6, radius: 0.05}]}
@@ -27,31 +34,70 @@ robots:
 maps:
   - {kind: time_series, alpha: 0.9}
   - {kind: kernel_dmv, cell: 0.1, wind_stretch: 0.25}
+  - {kind: gmrf, cell: 0.25, window: 2}
+  - {kind: inverse_distance}
 """
 
 
-@pytest.mark.slow
-def test_readings_of_a_run_give_the_maps_of_the_run(tmp_path):
-    path = tmp_path / "readings.yaml"
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """A run to its end with its robots.parquet, and what its second trial's maps told."""
+    kernels.start("cpu")
+    path = tmp_path_factory.mktemp("run") / "readings.yaml"
     path.write_text(SCENARIO)
-    assert run.main([str(path), "--out", str(tmp_path / "run"), "--quiet", "--no-recording"]) == 0
-    online = json.loads((tmp_path / "run" / "result.json").read_text())["maps"]
-    table = str(tmp_path / "run" / "robots.parquet")
-    for number, options in enumerate(
-        (["--alpha", "0.9"], ["--kind=kernel_dmv", "--cell=0.1", "--wind-stretch=0.25"])
-    ):
-        out = tmp_path / str(number)
-        size = ["--size", "2", "1.5", "--source", "0.3", "0.7", "--trial", "1"]
-        assert maps.main([table, *size, *options, "--out", str(out)]) == 0
-        scores = json.loads((out / "scores.json").read_text())
-        assert scores["readings"] > 100
-        peak = online[number]["mean_gas"]["per_trial_at_end"]["peak_distance_m"][1]
-        if number == 0:  # its last snap ended with the last score
-            assert scores["peak"]["to_source_m"] == pytest.approx(peak, abs=1e-6)
-        assert (out / "map.png").read_bytes()[:4] == b"\x89PNG"
-        rows = np.genfromtxt(out / "map.csv", delimiter=",", names=True)
-        assert rows["ppm"][np.isfinite(rows["ppm"])].max() == pytest.approx(scores["peak"]["ppm"], rel=1e-6)
-        assert ("variance_ppm2" in (rows.dtype.names or ())) == (number == 1)
+    sim = assemble(load_scenario(path))
+    table = results.RobotTable(sim, path.with_name("robots.parquet"))
+    sim.observers.append(table.observer())
+    sim.run()
+    table.close()
+    told = []
+    for gas_map in sim.maps:
+        one: Any = gas_map
+        variance = one.variance()[1] if hasattr(one, "variance") else None
+        errors = [(t, error[1]) for t, error in one.errors]
+        told.append((one.estimate()[1], one.weight()[1], variance, errors))
+    return sim.scenario, table.path, told
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", range(4))
+def test_readings_of_a_run_give_the_maps_of_the_run(recorded, number):
+    scenario, table, told = recorded
+    estimate, weight, variance, errors = told[number]
+    gas_map = maps.map_of(maps.read(table, trial=1), scenario.maps[number], (2.0, 1.5))
+    assert np.isfinite(estimate).any()
+    np.testing.assert_array_equal(gas_map.estimate, estimate)
+    np.testing.assert_array_equal(gas_map.weight, weight)
+    assert (gas_map.variance is None) == (variance is None)
+    if variance is not None:
+        np.testing.assert_array_equal(gas_map.variance, variance)
+    assert gas_map.scores["forecast"] == {
+        "time_s": [t for t, _ in errors],
+        "error_ppm": [e for _, e in errors],
+    }
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [0, 1])
+def test_the_command_writes_map_picture_and_scores(recorded, number, tmp_path, capsys):
+    _, table, told = recorded
+    options = (["--alpha", "0.9"], ["--kind=kernel_dmv", "--cell=10cm", "--wind-stretch=0.25"])[number]
+    out = tmp_path / "out"
+    where = ["--size", "2 m", "1.5", "--source", "0.3", "70 cm", "--trial", "1", "--group", "walkers"]
+    assert maps.main([*options, str(table), *where, "--out", str(out)]) == 0
+    scores = json.loads((out / "scores.json").read_text())
+    assert scores["readings"] == 600
+    rows = np.genfromtxt(out / "map.csv", delimiter=",", names=True)
+    columns = [rows[name].reshape(told[number][0].shape) for name in ("ppm", "weight")]
+    for column, expected in zip(columns, told[number], strict=False):
+        np.testing.assert_allclose(column, expected, rtol=1e-5)
+    assert ("variance_ppm2" in (rows.dtype.names or ())) == (number == 1)
+    best = np.nanargmax(rows["ppm"])
+    assert scores["peak"]["to_source_m"] == pytest.approx(
+        np.hypot(rows["x"][best] - 0.3, rows["y"][best] - 0.7), rel=1e-5
+    )
+    assert (out / "map.png").read_bytes()[:4] == b"\x89PNG"
+    assert capsys.readouterr().out.startswith(f"peak {scores['peak']['ppm']:.3g} ppm at (")
 
 
 def log(path, rows, header="t,x,y,reading"):
@@ -62,14 +108,112 @@ def log(path, rows, header="t,x,y,reading"):
 def test_even_readings_make_an_even_map_whatever_the_clock_says(tmp_path):
     begin = 1.7e9 + 3.0
     rng = np.random.default_rng(1)
-    rows = [(begin + k, *rng.uniform(0.0, 1.0, 2).round(3), 12.5) for k in range(20)]
-    rows += [(begin + 4.0, 7.0, 0.5, 99.0), (begin + 4.0, 0.5, 0.5, "nan")]
+    rows = [(begin + k, *rng.uniform(0.0, 1.0, 2).round(3), 12.5) for k in range(40)]
+    rows += [(begin + 4.0, 7.0, 0.5, 99.0), (begin + 4.0, 0.5, 0.5, "nan"), (begin + 5.0, 0.5, 0.5, "inf")]
     readings = maps.read(log(tmp_path / "a.csv", rows))
     gas_map = maps.map_of(readings, InverseDistanceMap(kind="inverse_distance"), (1.0, 1.0))
     np.testing.assert_allclose(gas_map.estimate, 12.5, rtol=1e-6)
     assert gas_map.scores["forecast_error_ppm"] == pytest.approx(0.0, abs=1e-5)
     assert gas_map.scores["forecast"]["time_s"][0] == pytest.approx(1.7e9 + 10.0)
-    assert (gas_map.scores["readings"], gas_map.scores["left_out"]) == (20, 2)
+    assert (gas_map.scores["readings"], gas_map.scores["left_out"]) == (40, 3)
+
+
+MODELS = (
+    TimeSeriesMap(kind="time_series", window=1.7),
+    TimeSeriesMap(kind="time_series", window=1.7, raw_samples=True),
+    KernelMap(kind="kernel_dmv", cell=0.25, memory=10.0),
+    MarkovMap(kind="gmrf", cell=0.25, window=1.7),
+)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_what_the_clock_shows_does_not_matter(model, tmp_path):
+    """Two robots read five times a second, and so at the ends of snaps; 1.7e9 s is a multiple of all windows."""
+    rng = np.random.default_rng(5)
+    rows = [(k / 5, *rng.uniform(0, 1, 2), rng.uniform(0, 90)) for k in range(184) for _ in range(2)]
+    early = maps.map_of(maps.read(log(tmp_path / "a.csv", rows)), model, (1.0, 1.0))
+    late = maps.map_of(
+        maps.read(log(tmp_path / "b.csv", [(t + 1.7e9, *row) for t, *row in rows])), model, (1.0, 1.0)
+    )
+    np.testing.assert_array_equal(late.estimate, early.estimate)
+    np.testing.assert_array_equal(late.weight, early.weight)
+    assert late.scores["readings"] == 368
+    for name in ("forecast_error_ppm", "nlpd", "nlpd_median"):
+        assert late.scores[name] == early.scores[name]
+    assert late.scores["forecast"]["error_ppm"] == early.scores["forecast"]["error_ppm"]
+
+
+def test_a_reading_where_windows_meet_begins_the_first(tmp_path):
+    rows = [(0.3 + 0.05 * k, 0.5, 0.5, 5.0) for k in range(9)]  # 0.3 / 0.1 is a little less than 3
+    model = InverseDistanceMap(kind="inverse_distance", window=0.1)
+    scores = maps.map_of(maps.read(log(tmp_path / "a.csv", rows)), model, (1.0, 1.0)).scores
+    assert scores["forecast"]["time_s"] == pytest.approx([0.5, 0.6, 0.7])
+
+
+def test_forecasts_count_from_30_s_after_the_first_reading(tmp_path):
+    rows = [(7.5 + k, 0.5, 0.5, 0.1 * k**2) for k in range(42)]
+    model = InverseDistanceMap(kind="inverse_distance", window=4.0)
+    scores = maps.map_of(maps.read(log(tmp_path / "a.csv", rows)), model, (1.0, 1.0)).scores
+    forecast = scores["forecast"]
+    assert forecast["time_s"] == pytest.approx([12, 16, 20, 24, 28, 32, 36, 40, 44, 48])
+    assert scores["forecast_error_ppm"] == pytest.approx(np.mean(forecast["error_ppm"][-3:]))
+    assert forecast["error_ppm"][-1] != pytest.approx(forecast["error_ppm"][-4])
+    short = maps.map_of(maps.read(log(tmp_path / "b.csv", rows[:30])), model, (1.0, 1.0))
+    assert short.scores["forecast_error_ppm"] is None
+
+
+def test_the_last_readings_are_in_the_map(tmp_path):
+    """A snap that the log does not end: 10 s of 5 ppm, then 2 s of 80."""
+    rows = [(0.5 * k, 0.5, 0.5, 5.0 if k <= 20 else 80.0) for k in range(1, 25)]
+    gas_map = maps.map_of(
+        maps.read(log(tmp_path / "a.csv", rows)), InverseDistanceMap(kind="inverse_distance"), (1.0, 1.0)
+    )
+    np.testing.assert_allclose(gas_map.estimate, 80.0, rtol=1e-6)
+    assert gas_map.scores["forecast"] == {"time_s": [10.0], "error_ppm": [pytest.approx(0.0, abs=1e-5)]}
+    model = MarkovMap(kind="gmrf", cell=1.0, window=5.0, memory=None)
+    gas_map = maps.map_of(maps.read(tmp_path / "a.csv"), model, (1.0, 1.0))
+    assert gas_map.estimate.item() == pytest.approx((20 * 5.0 + 4 * 80.0) / 24)
+
+
+def test_windows_of_a_field_are_cut_as_in_a_run(tmp_path):
+    """Against the map of readings told one by one since 0 s, in a log that begins at 6 s."""
+    model = MarkovMap(kind="gmrf", cell=0.25, window=2.0, memory=20.0)
+    rng = np.random.default_rng(4)
+    rows = [(6.25 + 0.5 * k, *rng.uniform(0, 1, 2), rng.uniform(0, 90)) for k in range(24)]
+    gas_map = maps.map_of(maps.read(log(tmp_path / "a.csv", rows)), model, (1.0, 1.0))
+    expected = MarkovMapper(model, (1.0, 1.0), 1, lambda points: np.full(np.shape(points)[:-1], np.inf))
+    team = RecordedTeam(1)
+    for t, x, y, reading in [*rows, (18.0, 0.5, 0.5, np.nan)]:
+        team.show(np.array([[x, y]]), np.zeros((1, 2)), np.array([reading]))
+        expected.update(team, t, 0.5)
+    np.testing.assert_allclose(gas_map.estimate, expected.estimate()[0], rtol=1e-9)
+    assert gas_map.variance is not None
+    np.testing.assert_allclose(gas_map.variance, expected.variance()[0], rtol=1e-9)
+
+
+def test_times_that_all_but_agree_need_no_more_room(tmp_path, monkeypatch):
+    made: list[Any] = []
+
+    def spy(*args: Any) -> list[Any]:
+        made.extend(mappers(*args))
+        return made
+
+    monkeypatch.setattr("taichi_plume.assemble.mappers", spy)
+    rows = [(k + late, 0.5, 0.5, 5.0 + k) for k in range(1, 12) for late in (0.0, 1e-7, 3e-6)]
+    gas_map = maps.map_of(
+        maps.read(log(tmp_path / "a.csv", rows)), InverseDistanceMap(kind="inverse_distance"), (1.0, 1.0)
+    )
+    assert made[0].snaps.samples.shape[2] < 50
+    np.testing.assert_allclose(gas_map.estimate, (15 + 3 * 16) / 4, rtol=1e-6)  # from 10.000003 s on
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_a_clock_that_jumps_is_refused(model, tmp_path):
+    rows = [(1.7e9, 0.5, 0.5, 5.0), (1.0, 0.5, 0.5, 5.0), (2.0, 0.5, 0.5, 5.0)]
+    with pytest.raises(
+        maps.ReadingsError, match=r"^row 1: t = 1700000000 s is 1\.7e\+09 s after the time before"
+    ):
+        maps.map_of(maps.read(log(tmp_path / "a.csv", rows)), model, (1.0, 1.0))
 
 
 def test_a_variance_is_judged_by_the_readings_to_come(tmp_path):
@@ -82,21 +226,68 @@ def test_a_variance_is_judged_by_the_readings_to_come(tmp_path):
     assert gas_map.scores["nlpd"] == pytest.approx(entropy, abs=0.15)  # five standard errors of 550 readings
 
 
+def test_a_mean_is_judged_with_the_scatter_of_readings(tmp_path):
+    """The mean of one cell is soon known far better than any reading to come."""
+    rng = np.random.default_rng(3)
+    rows = [(0.1 * k, 0.5, 0.5, 50.0 + 4.0 * rng.standard_normal()) for k in range(1, 601)]
+    model = MarkovMap(kind="gmrf", cell=1.0, lambda_observation=1.0 / 16.0, memory=None)
+    scores = maps.map_of(maps.read(log(tmp_path / "a.csv", rows)), model, (1.0, 1.0)).scores
+    entropy = 0.5 * np.log(2 * np.pi * np.e * 16.0)
+    assert scores["nlpd"] == pytest.approx(entropy, abs=0.15)  # five standard errors
+    assert scores["nlpd_median"] < scores["nlpd"]
+
+
+def test_what_ended_before_is_known_of_the_readings_to_come(tmp_path):
+    """A field of one cell is the mean m of n readings, each ± 2 ppm: the next is m ± 2 (1 + 1/n)^½."""
+    values = np.array([3.0, 9.0, 4.0, 8.0, 1.0, 7.0, 2.0, 5.0])
+    rows = [(0.5 + k, 0.5, 0.5, value) for k, value in enumerate(values)]
+    model = MarkovMap(kind="gmrf", cell=1.0, lambda_observation=0.25, memory=None)
+    scores = maps.map_of(maps.read(log(tmp_path / "a.csv", rows)), model, (1.0, 1.0)).scores
+    known, to_come = values[:5], values[5:]  # at 5 s
+    surprises = -stats.norm(known.mean(), 2.0 * np.sqrt(1.2)).logpdf(to_come)
+    assert scores["nlpd"] == pytest.approx(surprises.mean(), rel=1e-5)
+    assert scores["nlpd_median"] == pytest.approx(np.median(surprises), rel=1e-5)
+
+
+GOOD = "t,x,y,reading\n1,0,0,2\n"
+
+
 @pytest.mark.parametrize(
     ("text", "options", "told"),
     [
-        ("t,x,y,reading\n", [], "no readings"),
         ("t,x,reading\n1,0,2\n", [], "no column y; it has t, x, reading"),
-        ("t,x,y,reading\n1,0,a,2\n", [], "column y is not of numbers"),
-        ("t,x,y,reading\n1,0,nan,2\n", [], "y of row 1 is not a number"),
-        ("t,x,y,reading\n1,9,9,2\n", [], "no reading lies on the floor of 2 x 1 m"),
-        ("t,x,y,reading,trial\n1,0,0,2,0\n", ["--trial", "3"], "no trial 3"),
-        ("t,x,y,reading\n1,0\n", [], "cannot be read"),
         (None, [], "cannot be read"),
-        ("t,x,y,reading\n1,0,0,2\n", ["--alpha", "2"], "alpha: got 2: must be less than 1"),
-        ("t,x,y,reading\n1,0,0,2\n", ["--alfa", "2"], "did you mean 'alpha'"),
-        ("t,x,y,reading\n1,0,0,2\n", ["--alpha"], "--alpha"),
-        ("t,x,y,reading\n1,0,0,2\n", ["--kind", "nose"], "unknown kind 'nose'"),
+        (
+            "t,x,y,reading\n1,8,9,2\n",
+            [],
+            "no reading lies on the floor of 2 x 1 m from the origin on; they reach from (8",
+        ),
+        ("t,x,y,reading\n1,0,0,nan\n2,0,0,\n", [], "none of the 2 readings is a number"),
+        (GOOD, ["--trial", "3"], "no column trial"),
+        (GOOD, ["--group", "a"], "no column group"),
+        (GOOD, ["--alpha", "2"], "alpha: got '2': must be less than 1"),
+        (GOOD, ["--alpha", "-1"], "alpha: got '-1': must be greater than 0"),
+        (GOOD, ["--cell", "2 kg"], "cell: got '2 kg': must have a unit that converts to m"),
+        (GOOD, ["--alfa", "2"], "did you mean '--alpha'?"),
+        (GOOD, ["--sigma", "2"], "unexpected '--sigma'"),
+        (GOOD, ["--alpha"], "--alpha: expected one argument"),
+        (GOOD, ["--alpha", "0.9", "b.csv"], "unexpected 'b.csv'"),
+        (GOOD, ["--kind", "nose"], "unknown kind 'nose'; known kinds: time_series, inverse_distance"),
+        (GOOD, ["--kind", "grmf"], "did you mean 'gmrf'?"),
+        (GOOD, ["--size", "a", "2"], "--size: got 'a': must be a number or a text with a unit of m"),
+        (GOOD, ["--size", "0", "2"], "--size: got '0': must be above 0"),
+        (GOOD, ["--size", "nan", "2"], "--size: got 'nan': must be a finite number"),
+        (GOOD, ["--source", "nan", "1"], "--source: got 'nan': must be a finite number"),
+        (
+            GOOD,
+            ["--cell", "1e-5"],
+            "cell: 1e-05 m is too fine for a floor of 2 x 1 m: a time_series map takes 4000000",
+        ),
+        (
+            GOOD,
+            ["--kind", "gmrf", "--size", "40", "40", "--cell", "0.02"],
+            "cell: 0.02 m is too fine for a floor of 40 x 40 m: a gmrf map takes 400 cells along the shorter side; use",
+        ),
     ],
 )
 def test_what_is_wrong_is_told_in_one_line(text, options, told, tmp_path, capsys):
@@ -108,3 +299,69 @@ def test_what_is_wrong_is_told_in_one_line(text, options, told, tmp_path, capsys
     assert told in error
     assert error.count("\n") == 1
     assert not (tmp_path / "out").exists()
+
+
+def test_options_that_are_missing(capsys):
+    assert maps.main(["a.csv", "--out", "a"]) == 2
+    assert "required: --size" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("kind", ["time_series", "inverse_distance", "kernel_dmv", "gmrf"])
+def test_help_tells_the_parameters_of_a_kind(kind, capsys):
+    with pytest.raises(SystemExit) as caught:
+        maps.main(["--kind", kind, "--help"])
+    assert caught.value.code == 0
+    told = capsys.readouterr().out
+    assert ("--raw-samples" in told) == (kind == "time_series")
+    assert ("--lambda-prior" in told) == (kind == "gmrf")
+
+
+@pytest.mark.slow
+def test_options_may_come_first(tmp_path):
+    path = log(tmp_path / "a.csv", [(k, 0.1 * k, 0.5, 5.0) for k in range(10)])
+    out = ["--size", "1", "1", "--out", str(tmp_path / "out")]
+    assert maps.main(["--raw-samples", "--alpha", "0.98", str(path), *out]) == 0
+    rows = np.genfromtxt(tmp_path / "out" / "map.csv", delimiter=",", names=True)
+    model = TimeSeriesMap(kind="time_series", alpha=0.98, raw_samples=True)
+    expected = maps.map_of(maps.read(path), model, (1.0, 1.0)).weight
+    np.testing.assert_allclose(rows["weight"], expected.ravel(), rtol=1e-5)
+
+
+def test_what_lies_in_the_folder_is_kept_unless_by_force(tmp_path, capsys):
+    path = log(tmp_path / "a.csv", [(1, 0.5, 0.5, 5.0), (9, 0.5, 0.5, 5.0)])
+    out = tmp_path / "out"
+    command = [str(path), "--size", "1", "1", "--out", str(out)]
+    assert maps.main(command) == 0
+    (out / "robots.parquet").touch()
+    before = (out / "map.csv").read_bytes()
+    assert maps.main([*command, "--cell", "0.5"]) == 2
+    assert "is not empty; choose another --out or add --force" in capsys.readouterr().err
+    assert (out / "map.csv").read_bytes() == before
+    assert maps.main([*command, "--cell", "0.5", "--force"]) == 0
+    assert (out / "map.csv").read_bytes() != before
+    assert (out / "robots.parquet").exists(), "what is no map is none of our business"
+    for wrong in (path, path / "out"):
+        capsys.readouterr()
+        assert maps.main(["missing.csv", "--size", "1", "1", "--out", str(wrong)]) == 2
+        error = capsys.readouterr().err
+        assert error.startswith(str(path))
+        assert "missing.csv" not in error, "the folder is looked at first"
+        assert error.count("\n") == 1
+
+
+def test_readings_that_are_too_old_make_an_empty_map(tmp_path, capsys):
+    path = log(tmp_path / "a.csv", [(1, 0.5, 0.5, 5.0), (99, 0.5, 0.5, "nan")])
+    command = ["--kind", "gmrf", str(path), "--size", "1", "1", "--out", str(tmp_path / "out")]
+    assert maps.main(command) == 0
+    assert capsys.readouterr().out.startswith("knows no cell")
+    scores = json.loads((tmp_path / "out" / "scores.json").read_text())
+    assert (scores["known_fraction"], scores["peak"]["ppm"], scores["nlpd"]) == (0.0, None, None)
+
+
+@pytest.mark.slow
+def test_a_picture_of_a_long_floor_is_no_larger(tmp_path):
+    path = log(tmp_path / "a.csv", [(1, 0.5, 0.5, 5.0), (9, 0.5, 0.5, 5.0)])
+    out = tmp_path / "out"
+    assert maps.main([str(path), "--size", "2", "3000", "--cell", "1", "--out", str(out)]) == 0
+    width, height = struct.unpack(">2I", (out / "map.png").read_bytes()[16:24])
+    assert max(width, height) < 4000
