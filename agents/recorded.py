@@ -5,12 +5,14 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
+Rows = ti.types.ndarray(dtype=ti.f32, ndim=2)
 
+
+@ti.data_oriented
 class RecordedTeam:
     """What maps see of a swarm: at any time one team of at most `most` robots, with the names of `Swarm`."""
 
     def __init__(self, most: int):
-        self.most = most
         self.believed_position: Any = ti.Vector.field(2, ti.f32, most)
         self.wind: Any = ti.Vector.field(2, ti.f32, most)
         self.wind_known = ti.field(ti.i32, most)
@@ -21,13 +23,15 @@ class RecordedTeam:
 
     def show(self, place: np.ndarray, wind: np.ndarray, reading: np.ndarray) -> None:
         """Let so many robots be at places (n, 2) [m] and read (n,) [ppm] in winds (n, 2) [m/s], zero if unknown."""
-        self.believed_position.from_numpy(self._padded(place))
-        self.wind.from_numpy(self._padded(wind))
-        self.wind_known.from_numpy((self._padded(wind) != 0.0).any(axis=1).astype(np.int32))
-        self.reading.from_numpy(self._padded(reading))
-        self.team_size.fill(len(reading))
+        rows = np.zeros((max(1, len(reading)), 5), np.float32)  # Taichi takes no empty arrays
+        rows[: len(reading)] = np.column_stack([place, wind, reading])
+        self._show(rows, len(reading))
 
-    def _padded(self, values: np.ndarray) -> np.ndarray:
-        result = np.zeros((self.most, *values.shape[1:]), np.float32)
-        result[: len(values)] = values
-        return result
+    @ti.kernel
+    def _show(self, rows: Rows, count: int):
+        self.team_size[0] = count
+        for n in range(count):
+            self.believed_position[n] = ti.Vector([rows[n, 0], rows[n, 1]])
+            self.wind[n] = ti.Vector([rows[n, 2], rows[n, 3]])
+            self.wind_known[n] = ti.cast(rows[n, 2] != 0.0 or rows[n, 3] != 0.0, ti.i32)
+            self.reading[n] = rows[n, 4]

@@ -26,7 +26,7 @@ import numpy as np
 
 from taichi_plume.assemble import assemble
 from taichi_plume.map_scores import MapScores
-from taichi_plume.scores import mean_with_interval
+from taichi_plume.scores import SETTLED, mean_with_interval
 from taichi_plume.simulation import Simulation
 from taichi_plume.validation.experiment import (
     Condition,
@@ -41,7 +41,6 @@ from taichi_plume.validation.experiment import (
 from taichi_plume.validation.searches import scenario_of
 
 DURATION = 300.0  # s; alpha = 0.98 looks back 250 s
-SETTLED = 30.0  # s; errors count from then on
 SCORES = ("error_ppm", "correlation", "peak_distance_m")
 ALPHAS = (0.4, 0.6, 0.8, 0.9, 0.95, 0.98)
 PURE = "pure interpolation"
