@@ -271,13 +271,24 @@ def test_signals_end_a_run_in_order(scenario, number):
         "--out",
         "out",
     ]
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=scenario.parent)
-    recording = scenario.parent / "out" / "recording.rrd"
-    while process.poll() is None and not recording.exists():
-        time.sleep(0.1)
-    time.sleep(1.0)
-    process.send_signal(number)
-    _, told = process.communicate(timeout=30)
+    process = subprocess.Popen(
+        command,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=scenario.parent,
+        preexec_fn=lambda: signal.signal(
+            signal.SIGINT, signal.SIG_DFL
+        ),  # a shell's background jobs ignore it
+    )
+    try:
+        recording = scenario.parent / "out" / "recording.rrd"
+        while process.poll() is None and not recording.exists():
+            time.sleep(0.1)
+        time.sleep(1.0)
+        process.send_signal(number)
+        _, told = process.communicate(timeout=30)
+    finally:
+        process.kill()
     assert process.returncode == 130, told
     assert result(scenario.parent / "out")["status"] == "interrupted"
     readable(scenario.parent / "out")
