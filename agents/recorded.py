@@ -5,8 +5,6 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-Rows = ti.types.ndarray(dtype=ti.f32, ndim=2)
-
 
 @ti.data_oriented
 class RecordedTeam:
@@ -28,7 +26,7 @@ class RecordedTeam:
         self._show(rows, len(reading))
 
     @ti.kernel
-    def _show(self, rows: Rows, count: int):
+    def _show(self, rows: ti.types.ndarray(), count: int):
         self.team_size[0] = count
         for n in range(count):
             self.believed_position[n] = ti.Vector([rows[n, 0], rows[n, 1]])
