@@ -36,6 +36,7 @@ def test_the_least_error_is_where_the_mean_is_least():
     assert (found.mean, found.low, found.high) == (ALPHAS[2],) * 3
 
 
+@pytest.mark.slow
 def test_a_short_run_tells_everything(monkeypatch):
     """Ten seconds after the errors begin to count."""
     monkeypatch.setattr(mapping_cases, "DURATION", 40.0)
