@@ -2,28 +2,16 @@
 
 import taichi as ti
 
-from taichi_plume import map_models as models
-from taichi_plume.agents.snaps import SnapMap, Snaps
+from taichi_plume.agents.snaps import SnapMap
 from taichi_plume.kernels import Template
 
 
 class InverseDistanceMap(SnapMap):
     """The last snap as it was, S(t) = C(t - 1): what the time series is compared with."""
 
-    def __init__(
-        self,
-        model: models.InverseDistanceMap,
-        extent: tuple[float, float],
-        trials: int,
-        snaps: Snaps | None = None,
-    ):
-        super().__init__(model, extent, trials, snaps)
-        self.snaps.add(self)
-
     def _forecast(self) -> None:
         snaps = self.snaps
-        slot = (snaps.ended - 1) % snaps.depth
-        _copy(snaps.weighted, snaps.weights, slot, snaps.margin, self.numerator, self.denominator)
+        _copy(snaps.weighted, snaps.weights, snaps.last, snaps.margin, self.numerator, self.denominator)
 
 
 @ti.kernel

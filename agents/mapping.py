@@ -21,12 +21,6 @@ def shape(extent: tuple[float, float], cell: float) -> tuple[int, int]:
     return ceil(extent[0] / cell - 1e-6), ceil(extent[1] / cell - 1e-6)
 
 
-def centers(cells: tuple[int, int], cell: float) -> np.ndarray:
-    """Of the cells (nx, ny) of a map, (nx, ny, 2) [m]."""
-    axes = [(np.arange(n) + 0.5) * cell for n in cells]
-    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-
-
 def ratio(numerator: np.ndarray, denominator: np.ndarray) -> np.ndarray:
     """numerator / denominator, NaN where the denominator is zero."""
     known = denominator > 0

@@ -44,13 +44,17 @@ class Snaps:
         self.strip = min(WIDEST, 8 * ceil(self.shape[1] / 8))  # whole registers
         self.ended = 0
         self.time = 0.0  # of the last update [s]
-        self.maps: list[SnapMap] = []
+        self.maps: list[SnapMap] = []  # are told when a snap ends
         self.kept, self.depth, self.margin = 1, 1, 0  # what the maps need
         self.samples: Any = None
 
-    def add(self, one: "SnapMap", kept: int = 1, depth: int = 1, margin: int = 0) -> None:
-        """Tell a map of the end of each snap; before the first update. kept, depth, margin: what it needs at least."""
-        self.maps.append(one)
+    @property
+    def last(self) -> int:
+        """Slot of A and B of the last snap."""
+        return (self.ended - 1) % self.depth
+
+    def need(self, kept: int = 1, depth: int = 1, margin: int = 0) -> None:
+        """Keep at least so much; before the first update."""
         self.kept, self.depth = max(self.kept, kept), max(self.depth, depth)
         self.margin = max(self.margin, margin)
 
@@ -104,6 +108,7 @@ class SnapMap:
         self, model: models.Snaps, extent: tuple[float, float], trials: int, snaps: Snaps | None = None
     ):
         self.snaps = snaps or Snaps(model, extent, trials)
+        self.snaps.maps.append(self)
         self.cell, self.window, self.shape = model.cell, model.window, self.snaps.shape
         self.errors: list[tuple[float, np.ndarray]] = []
         self.numerator = ti.field(ti.f32, (trials, *self.shape))  # of S for the running snap
@@ -126,10 +131,9 @@ class SnapMap:
         """A snap has ended: judge its forecast, then make the next."""
         snaps = self.snaps
         if snaps.ended > 1:
-            slot = (snaps.ended - 1) % snaps.depth
             _judge(
-                self.numerator, self.denominator, snaps.weighted, snaps.weights, slot, snaps.margin, self.mae
-            )
+                self.numerator, self.denominator, snaps.weighted, snaps.weights, snaps.last, snaps.margin, self.mae,
+            )  # fmt: skip
             self.errors.append((snaps.ended * self.window, self.mae.to_numpy()))
         self._forecast()
 

@@ -41,10 +41,10 @@ class TimeSeriesMap(SnapMap):
         neighbours = neighbourhood(model, max(self.shape) - 1)
         self.depth = max(lag for lag, *_ in neighbours)
         if model.raw_samples:
-            self.snaps.add(self, kept=self.depth + 1)
+            self.snaps.need(kept=self.depth + 1)
             return
         margin = max(max(abs(x), abs(y)) for _, x, y, _ in neighbours)
-        self.snaps.add(self, depth=self.depth, margin=margin)
+        self.snaps.need(depth=self.depth, margin=margin)
         # By its symmetry a quadrant is enough; what lies on an axis is met twice, at the origin four times.
         quadrant = [
             (lag, x, y, U / ((1 + (x == 0)) * (1 + (y == 0))))

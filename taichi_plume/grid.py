@@ -28,6 +28,12 @@ def _write(field: Template, ghost: Template, values: ti.types.ndarray()):
         field[ti.Vector([J[J.n - 1 - d] + ghost for d in ti.static(range(J.n))])] = values[J]
 
 
+def centers(cells: Sequence[int], edge: float) -> np.ndarray:
+    """Of so many cells along each axis from the origin on, (*cells, dim) [m]; edge: of a cell [m]."""
+    axes = [(np.arange(n) + 0.5) * edge for n in cells]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+
+
 def block_mean(values: np.ndarray, n: int | tuple[int, ...]) -> np.ndarray:
     """Mean over blocks of n entries (per axis, or the same for all), of which every length is a multiple."""
     blocks = (n,) * values.ndim if isinstance(n, int) else n
@@ -152,5 +158,4 @@ class Grid:
 
     def centers(self) -> np.ndarray:
         """Cell centres [m], shape (*shape, dim)."""
-        axes = [(np.arange(n) + 0.5) * self.dx for n in self.shape]
-        return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+        return centers(self.shape, self.dx)

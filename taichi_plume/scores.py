@@ -8,7 +8,7 @@ import numpy as np
 from scipy import stats
 
 from taichi_plume import fields
-from taichi_plume.grid import block_mean
+from taichi_plume.grid import block_mean, centers
 from taichi_plume.simulation import Simulation
 
 SAMPLES = 4  # per axis of a map cell, at most
@@ -41,9 +41,7 @@ def true_gas(sim: Simulation, cell: float, shape: tuple[int, int]) -> np.ndarray
 
 def measurable(sim: Simulation, cell: float, shape: tuple[int, int]) -> np.ndarray:
     """Whether a robot could be at the middle of each map cell, (nx, ny): not inside what stands, nor off the arena."""
-    axes = [(np.arange(count) + 0.5) * cell for count in shape]
-    centers = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    return sim.swarm.clearance.distance_at(centers) > 0.0
+    return sim.swarm.clearance.distance_at(centers(shape, cell)) > 0.0
 
 
 def sensor_height(sim: Simulation) -> float:
