@@ -14,9 +14,9 @@ from math import radians
 
 import taichi as ti
 
-from taichi_plume import algorithms
 from taichi_plume.agents.swarm import GroupRange, Swarm
 from taichi_plume.agents.tracking import FIND, PATIENCE, PlumeTracker
+from taichi_plume.scenario import algorithms
 
 IN_PLUME, LOST, SIDESTEP = range(2, 5)
 

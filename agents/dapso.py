@@ -24,12 +24,12 @@ import cmath
 
 import taichi as ti
 
-from taichi_plume import algorithms
 from taichi_plume.agents.acquisition import Acquisition
 from taichi_plume.agents.potential import Potential
 from taichi_plume.agents.radio import Radio
 from taichi_plume.agents.swarm import GroupRange, Swarm
-from taichi_plume.rng import stream_id, uniform4
+from taichi_plume.grid.rng import stream_id, uniform4
+from taichi_plume.scenario import algorithms
 
 MEASURE, DRIVE, EXPLORE = range(3)
 

@@ -12,11 +12,11 @@ from math import pi, radians
 
 import taichi as ti
 
-from taichi_plume import algorithms
 from taichi_plume.agents.acquisition import Acquisition
 from taichi_plume.agents.legs import Legs
 from taichi_plume.agents.swarm import GroupRange, Swarm
-from taichi_plume.rng import stream_id, uniform4
+from taichi_plume.grid.rng import stream_id, uniform4
+from taichi_plume.scenario import algorithms
 
 ACQUIRE, RUN, TUMBLE = range(3)
 

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from taichi_plume.sensor_models import IdealGasSensor, MoxSensor, PidSensor
-from taichi_plume.species import Species
+from taichi_plume.scenario.sensors import IdealGasSensor, MoxSensor, PidSensor
+from taichi_plume.scenario.species import Species
 
 LN10 = log(10.0)
 SPREAD_OF_B = 0.08  # of unit to unit: our choice

@@ -24,10 +24,10 @@ from scipy.ndimage import distance_transform_edt
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from taichi_plume import map_models as models
 from taichi_plume.agents.mapping import cell_of, counts, shape, windows
-from taichi_plume.grid import centers
-from taichi_plume.kernels import Template
+from taichi_plume.grid.grid import centers
+from taichi_plume.grid.kernels import Template
+from taichi_plume.scenario import maps as models
 
 LOOKS = 16  # parts of the way between two centres at whose ends an obstacle is looked for
 

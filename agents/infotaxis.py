@@ -19,11 +19,11 @@ import numpy as np
 import taichi as ti
 from scipy.special import k0e
 
-from taichi_plume import algorithms
 from taichi_plume.agents.acquisition import Acquisition
 from taichi_plume.agents.legs import Legs
 from taichi_plume.agents.swarm import GroupRange, Swarm, wrap
-from taichi_plume.rng import stream_id, uniform4
+from taichi_plume.grid.rng import stream_id, uniform4
+from taichi_plume.scenario import algorithms
 
 ACQUIRE, MOVE = range(2)
 

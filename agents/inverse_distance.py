@@ -3,7 +3,7 @@
 import taichi as ti
 
 from taichi_plume.agents.snaps import SnapMap
-from taichi_plume.kernels import Template
+from taichi_plume.grid.kernels import Template
 
 
 class InverseDistanceMap(SnapMap):

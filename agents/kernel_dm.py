@@ -27,9 +27,9 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from taichi_plume import map_models as models
 from taichi_plume.agents.mapping import cell_of, counts, ratio, shape
-from taichi_plume.kernels import STRIP, Template, double_field
+from taichi_plume.grid.kernels import STRIP, Template, double_field
+from taichi_plume.scenario import maps as models
 
 CUT_OFF = 4.0  # in widths of the kernel
 

@@ -15,11 +15,11 @@ import numpy as np
 import taichi as ti
 from scipy import ndimage
 
-from taichi_plume import algorithms
 from taichi_plume.agents.potential import NEAR, Potential
 from taichi_plume.agents.swarm import GroupRange, Swarm
 from taichi_plume.agents.time_series import TimeSeriesMap
-from taichi_plume.grid import centers
+from taichi_plume.grid.grid import centers
+from taichi_plume.scenario import algorithms
 
 TIE = 1e-6  # of the largest weight: cells as little known as each other
 

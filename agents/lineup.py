@@ -23,9 +23,9 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from taichi_plume import algorithms
 from taichi_plume.agents.potential import Potential
 from taichi_plume.agents.swarm import GroupRange, Swarm
+from taichi_plume.scenario import algorithms
 
 FEEL, FORM, SWEEP, WAIT = range(4)
 

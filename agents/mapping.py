@@ -13,7 +13,7 @@ from math import ceil, floor
 import numpy as np
 import taichi as ti
 
-from taichi_plume.kernels import Template
+from taichi_plume.grid.kernels import Template
 
 
 def shape(extent: tuple[float, float], cell: float) -> tuple[int, int]:

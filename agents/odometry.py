@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from taichi_plume.rng import normal4, stream_id
-from taichi_plume.robots import Odometry as Model
+from taichi_plume.grid.rng import normal4, stream_id
+from taichi_plume.scenario.robots import Odometry as Model
 
 
 @ti.data_oriented

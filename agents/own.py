@@ -18,7 +18,7 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume.agents.swarm import GroupRange, Swarm
-from taichi_plume.own_class import OwnAlgorithmError, told
+from taichi_plume.files.own_class import OwnAlgorithmError, told
 
 
 class Robots:

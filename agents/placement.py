@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from taichi_plume.agents.swarm import SKIN
-from taichi_plume.robots import Group, StartArea, StartAt
+from taichi_plume.scenario.robots import Group, StartArea, StartAt
 
 DRAWS = 20_000  # random places tried per trial before an area counts as full
 ROOM = 2 * SKIN  # m, air around a body at the start

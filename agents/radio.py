@@ -9,7 +9,7 @@ from typing import Any
 import taichi as ti
 
 from taichi_plume.agents.swarm import GroupRange, Swarm
-from taichi_plume.rng import stream_id, uniform4
+from taichi_plume.grid.rng import stream_id, uniform4
 
 NEVER = -1.0  # s, time of a message that has not come
 UNLIMITED = 1e9  # m

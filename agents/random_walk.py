@@ -8,10 +8,10 @@ from math import pi, radians
 
 import taichi as ti
 
-from taichi_plume import algorithms
 from taichi_plume.agents.legs import DRIVE, Legs
 from taichi_plume.agents.swarm import GroupRange, Swarm
-from taichi_plume.rng import stream_id, uniform4
+from taichi_plume.grid.rng import stream_id, uniform4
+from taichi_plume.scenario import algorithms
 
 WALK, BUMP = range(2)
 

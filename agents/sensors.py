@@ -14,10 +14,10 @@ import taichi as ti
 
 from taichi_plume.agents.gas_sensors import LinearLaw, MoxLaw
 from taichi_plume.agents.swarm import GroupRange, Swarm
-from taichi_plume.fields import Odour, Wind
-from taichi_plume.kernels import Template
-from taichi_plume.rng import normal4, stream_id
-from taichi_plume.sensor_models import GasSensor, IdealGasSensor, MoxSensor, PidSensor
+from taichi_plume.grid.fields import Odour, Wind
+from taichi_plume.grid.kernels import Template
+from taichi_plume.grid.rng import normal4, stream_id
+from taichi_plume.scenario.sensors import GasSensor, IdealGasSensor, MoxSensor, PidSensor
 
 # Thresholds: Ishida, Workshop on Robotic Olfaction, ICRA 2007, quoted by Ferri et al., Robotics and
 # Autonomous Systems 57 (2009) 393-402. Noise and lag: our choice.

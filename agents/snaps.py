@@ -21,9 +21,9 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from taichi_plume import map_models as models
 from taichi_plume.agents.mapping import counts, ratio, shape, windows
-from taichi_plume.kernels import Template
+from taichi_plume.grid.kernels import Template
+from taichi_plume.scenario import maps as models
 
 WIDEST = 64  # cells that are worked out together; more no longer fit into registers
 

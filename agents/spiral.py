@@ -21,11 +21,11 @@ from math import pi
 import numpy as np
 import taichi as ti
 
-from taichi_plume import algorithms
 from taichi_plume.agents.acquisition import Acquisition
 from taichi_plume.agents.legs import Legs
 from taichi_plume.agents.swarm import GroupRange, Swarm
-from taichi_plume.rng import stream_id, uniform4
+from taichi_plume.grid.rng import stream_id, uniform4
+from taichi_plume.scenario import algorithms
 
 ARM, ACQUIRE, ESCAPE = range(3)
 

@@ -10,9 +10,9 @@ CAST   along s V to cast_distance from where it was lost, then as far to the oth
 
 import taichi as ti
 
-from taichi_plume import algorithms
 from taichi_plume.agents.swarm import GroupRange, Swarm
 from taichi_plume.agents.tracking import FIND, PlumeTracker
+from taichi_plume.scenario import algorithms
 
 SURGE, CAST = range(2, 4)
 

@@ -11,9 +11,9 @@ from math import pi
 
 import taichi as ti
 
-from taichi_plume import algorithms
 from taichi_plume.agents.swarm import GroupRange, Swarm
 from taichi_plume.agents.tracking import FIND, STEER, PlumeTracker
+from taichi_plume.scenario import algorithms
 
 SURGE, SPIRAL = range(2, 4)
 

@@ -15,9 +15,9 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume.agents.odometry import Odometry
-from taichi_plume.obstacles import Box, Obstacle, motion_of
-from taichi_plume.rng import generator
-from taichi_plume.robots import Group
+from taichi_plume.grid.rng import generator
+from taichi_plume.scenario.obstacles import Box, Obstacle, motion_of
+from taichi_plume.scenario.robots import Group
 
 SKIN = 1e-3  # m, air kept around a body: far more than the rounding of its position
 TOUCH = 1e-4  # m, steps shorter than this are contact

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from taichi_plume import algorithms
 from taichi_plume.agents.potential import NEAR, Potential
 from taichi_plume.agents.swarm import GroupRange, Swarm
+from taichi_plume.scenario import algorithms
 
 TRANSIT, SWEEP, DONE = range(3)
 

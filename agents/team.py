@@ -6,9 +6,9 @@ from taichi_plume.agents.own import OwnAlgorithm
 from taichi_plume.agents.search import ALGORITHMS, Algorithm
 from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import GroupRange, Swarm
-from taichi_plume.algorithms import Own
-from taichi_plume.fields import Odour, Wind
-from taichi_plume.own_class import own_class
+from taichi_plume.files.own_class import own_class
+from taichi_plume.grid.fields import Odour, Wind
+from taichi_plume.scenario.algorithms import Own
 
 
 class Team:

@@ -16,9 +16,9 @@ from math import hypot
 import numpy as np
 import taichi as ti
 
-from taichi_plume import map_models as models
 from taichi_plume.agents.snaps import SnapMap, Snaps
-from taichi_plume.kernels import Template, listed
+from taichi_plume.grid.kernels import Template, listed
+from taichi_plume.scenario import maps as models
 
 BORDER = 1e-9  # Dist = β is outside, whatever the rounding
 

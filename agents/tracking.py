@@ -12,10 +12,10 @@ in use) up by 15 % from the smallest since the loss.
 
 import taichi as ti
 
-from taichi_plume import algorithms
 from taichi_plume.agents.sensors import Lag
 from taichi_plume.agents.swarm import GroupRange, Swarm, wrap
-from taichi_plume.rng import stream_id, uniform4
+from taichi_plume.grid.rng import stream_id, uniform4
+from taichi_plume.scenario import algorithms
 
 FIND, UPWIND = range(2)
 

@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from taichi_plume.grid import Grid
-from taichi_plume.kernels import Template
-from taichi_plume.obstacles import Box, Cylinder, Obstacle, Sphere
-from taichi_plume.robots import Body
+from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.kernels import Template
+from taichi_plume.scenario.obstacles import Box, Cylinder, Obstacle, Sphere
+from taichi_plume.scenario.robots import Body
 from taichi_plume.solvers.boundaries import HORIZON
 
 SOLID = 0.999  # largest share: 1 has an infinite rate

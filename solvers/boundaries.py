@@ -15,9 +15,10 @@ import numpy as np
 import taichi as ti
 from scipy.ndimage import gaussian_filter
 
-from taichi_plume.grid import Grid, block_mean
-from taichi_plume.kernels import Template
-from taichi_plume.openings import (
+from taichi_plume.grid.grid import Grid, block_mean
+from taichi_plume.grid.kernels import Template
+from taichi_plume.grid.rng import generator
+from taichi_plume.scenario.openings import (
     Fan,
     Honeycomb,
     Inlet,
@@ -29,7 +30,6 @@ from taichi_plume.openings import (
     Region,
     Slip,
 )
-from taichi_plume.rng import generator
 from taichi_plume.solvers.fans import CurvedFan
 
 AIR_DENSITY = 1.184  # kg/m³ at 25 °C

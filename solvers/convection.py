@@ -8,7 +8,7 @@ number 0.8, by 0.01 % at 0.4.
 
 import taichi as ti
 
-from taichi_plume.kernels import Template
+from taichi_plume.grid.kernels import Template
 
 
 @ti.func

@@ -8,7 +8,7 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
-from taichi_plume.grid import Grid
+from taichi_plume.grid.grid import Grid
 from taichi_plume.solvers.poisson import Openness
 
 

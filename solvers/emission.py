@@ -4,10 +4,10 @@ from typing import Any
 
 import numpy as np
 
-from taichi_plume.rng import generator
+from taichi_plume.grid.rng import generator
+from taichi_plume.scenario.sources import Source
+from taichi_plume.scenario.species import Species
 from taichi_plume.solvers.evaporation import Evaporation, speed_over
-from taichi_plume.sources import Source
-from taichi_plume.species import Species
 
 INTERVAL = 0.1  # s: how often a dish feels the wind
 

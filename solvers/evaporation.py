@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
-from taichi_plume.fields import velocity_at
-from taichi_plume.sources import Dish, Source
-from taichi_plume.species import (
+from taichi_plume.grid.fields import velocity_at
+from taichi_plume.scenario.sources import Dish, Source
+from taichi_plume.scenario.species import (
     AIR_HEAT_CAPACITY,
     AIR_HEAT_DIFFUSIVITY,
     AIR_VISCOSITY,

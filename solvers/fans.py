@@ -12,8 +12,8 @@ p the kinematic pressure less what accelerates the air already. Implicit in U, f
 import numpy as np
 import taichi as ti
 
-from taichi_plume.kernels import Template
-from taichi_plume.openings import FanCurve
+from taichi_plume.grid.kernels import Template
+from taichi_plume.scenario.openings import FanCurve
 
 LEAST = 0.05  # of the free speed: below, the resistance counts as linear
 

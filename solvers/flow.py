@@ -14,17 +14,17 @@ from typing import Any, Protocol
 import numpy as np
 import taichi as ti
 
-from taichi_plume.cut_cells import Air
-from taichi_plume.fields import sample_faces
-from taichi_plume.grid import Grid
-from taichi_plume.kernels import Template, launch, sweep
+from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.fields import sample_faces
+from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.kernels import Template, launch, sweep
+from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.boundaries import Boundaries
 from taichi_plume.solvers.convection import FACE_VALUES
 from taichi_plume.solvers.pressure import pressure_solver
 from taichi_plume.solvers.screens import ScreenResistance
 from taichi_plume.solvers.surfaces import Surfaces
 from taichi_plume.solvers.turbulence import MODELS
-from taichi_plume.winds import CfdWind
 
 HUGE = 1e6  # m/s: no flow of ours is as fast
 

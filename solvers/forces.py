@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from taichi_plume.cut_cells import Air
+from taichi_plume.grid.cut_cells import Air
+from taichi_plume.scenario.species import AIR_DENSITY
 from taichi_plume.solvers.flow import FlowSolver
-from taichi_plume.species import AIR_DENSITY
 
 
 def forces(flow: FlowSolver, air: Air, count: int) -> np.ndarray:

@@ -2,10 +2,10 @@
 
 import taichi as ti
 
-from taichi_plume.cut_cells import Air
-from taichi_plume.grid import Grid
+from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.grid import Grid
+from taichi_plume.scenario.winds import FrozenWind
 from taichi_plume.solvers.flow import FlowSolver
-from taichi_plume.winds import FrozenWind
 
 
 @ti.data_oriented

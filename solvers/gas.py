@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from taichi_plume.cut_cells import Air
-from taichi_plume.fields import sample_cells
-from taichi_plume.gases import EulerianGas
-from taichi_plume.grid import Grid
-from taichi_plume.kernels import Template
+from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.fields import sample_cells
+from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.kernels import Template
+from taichi_plume.scenario.gases import EulerianGas
 from taichi_plume.solvers.convection import POSITIVE_FACE_VALUES
 from taichi_plume.solvers.emission import Emission
 from taichi_plume.solvers.release import Release

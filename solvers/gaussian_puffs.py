@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from taichi_plume.closed_forms import ContinuousGas, GaussianPuffGas
-from taichi_plume.grid import Grid
-from taichi_plume.kernels import Template, listed
+from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.kernels import Template, listed
+from taichi_plume.scenario.closed_forms import ContinuousGas, GaussianPuffGas
+from taichi_plume.scenario.vocabulary import Face
 from taichi_plume.solvers.uniform import UniformSolver
-from taichi_plume.vocabulary import Face
 
 FAINT = 16.0  # exp(-FAINT) of the largest part of an integral is left out
 NODES = 32  # of an integral over the logarithm of the age

@@ -15,7 +15,7 @@ import numpy as np
 import taichi as ti
 from scipy.signal import lfilter
 
-from taichi_plume.kernels import Template
+from taichi_plume.grid.kernels import Template
 
 KNOTS_PER_TIME = 20  # in between v lacks 0.6 % of its variance, Y 0.1 % of s T
 KNOTS_PER_REACH = 50  # where the gusts are slower than what is told of them

@@ -11,16 +11,16 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from taichi_plume.cut_cells import Air
-from taichi_plume.grid import Grid
-from taichi_plume.kernels import double_field, listed
-from taichi_plume.openings import Jet, Outlet
+from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.kernels import double_field, listed
+from taichi_plume.scenario.heat import Heat, TemperedSurface
+from taichi_plume.scenario.openings import Jet, Outlet
 from taichi_plume.solvers.boundaries import Patch
 from taichi_plume.solvers.convection import FACE_VALUES
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.release import Release
 from taichi_plume.solvers.transport import Transport
-from taichi_plume.warmth import Heat, TemperedSurface
 
 
 @ti.data_oriented

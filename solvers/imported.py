@@ -7,15 +7,15 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from taichi_plume.cut_cells import Air
-from taichi_plume.film import VELOCITIES
-from taichi_plume.grid import Grid
-from taichi_plume.imports import Site
-from taichi_plume.interpolation import Interpolation
+from taichi_plume.files.film import VELOCITIES
+from taichi_plume.files.site import Site
+from taichi_plume.files.wind_points import Points
+from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.interpolation import Interpolation
+from taichi_plume.scenario.winds import ImportedWind
 from taichi_plume.solvers.playback import PlayedWind
 from taichi_plume.solvers.pressure import pressure_solver
-from taichi_plume.wind_files import Points
-from taichi_plume.winds import ImportedWind
 
 LEFT = 1e-6  # divergence that may be left, over the largest |u|/dx
 ROUNDS = 8  # of the pressure solver, in single precision, on what was left

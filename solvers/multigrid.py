@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from taichi_plume.grid import Grid
-from taichi_plume.kernels import FEW_CELLS, STRIP, Template, listed, on_cpu
+from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.kernels import FEW_CELLS, STRIP, Template, listed, on_cpu
 from taichi_plume.solvers.poisson import Openness
 
 OMEGA = 0.8  # damping of the Jacobi sweeps

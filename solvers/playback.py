@@ -11,13 +11,13 @@ from typing import Any, Protocol
 import numpy as np
 import taichi as ti
 
-from taichi_plume.cut_cells import Air
-from taichi_plume.fields import sample_cells, sample_faces
-from taichi_plume.film import VELOCITIES, Film
-from taichi_plume.gases import PlaybackGas
-from taichi_plume.grid import Grid
-from taichi_plume.kernels import Template
-from taichi_plume.winds import ImportedWind, PlaybackWind, Played
+from taichi_plume.files.film import VELOCITIES, Film
+from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.fields import sample_cells, sample_faces
+from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.kernels import Template
+from taichi_plume.scenario.gases import PlaybackGas
+from taichi_plume.scenario.winds import ImportedWind, PlaybackWind, Played
 
 
 class Frames(Protocol):

@@ -13,10 +13,10 @@ widens as by diffusion, with the root of x.
 import numpy as np
 import taichi as ti
 
-from taichi_plume.closed_forms import GaussianPlumeGas, MeanderingGas
-from taichi_plume.grid import Grid
-from taichi_plume.kernels import Template, listed
-from taichi_plume.rng import generator
+from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.kernels import Template, listed
+from taichi_plume.grid.rng import generator
+from taichi_plume.scenario.closed_forms import GaussianPlumeGas, MeanderingGas
 from taichi_plume.solvers.gaussian_puffs import bells
 from taichi_plume.solvers.gusts import OrnsteinUhlenbeck
 from taichi_plume.solvers.uniform import UniformSolver, memory

@@ -9,12 +9,12 @@ from math import floor, pi, sqrt
 import numpy as np
 import taichi as ti
 
-from taichi_plume.kernels import Template
-from taichi_plume.plumesim_gases import PercentGas, PlumeSimMeander, PlumeSimPuff
-from taichi_plume.point_frames import PointFrames
-from taichi_plume.rng import generator
+from taichi_plume.files.point_frames import PointFrames
+from taichi_plume.grid.kernels import Template
+from taichi_plume.grid.rng import generator
+from taichi_plume.scenario.plumesim import PercentGas, PlumeSimMeander, PlumeSimPuff
+from taichi_plume.scenario.winds import PlumeSimWind, PointPlayback
 from taichi_plume.solvers.point_cloud import PointCloud, within_reach
-from taichi_plume.winds import PlumeSimWind, PointPlayback
 
 STATIONS = 20  # of the meandering centre line
 TURN = 0.2  # standard deviation of its change of course per station, over their distance

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from taichi_plume.kernels import Template
+from taichi_plume.grid.kernels import Template
 
 MOST_BINS = 65_536
 NEAREST, FARTHEST = 1e-6, 1e6  # m: a reach has to be between, as its square in f32

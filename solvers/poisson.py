@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from taichi_plume.grid import Grid
+from taichi_plume.grid.grid import Grid
 
 
 def three_axes(shape: tuple[int, ...]) -> tuple[int, int, int]:

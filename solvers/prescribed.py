@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from taichi_plume.grid import Grid
+from taichi_plume.grid.grid import Grid
 
 
 class PrescribedWind:

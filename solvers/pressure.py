@@ -4,8 +4,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from taichi_plume.grid import Grid
-from taichi_plume.kernels import on_cpu
+from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.kernels import on_cpu
 from taichi_plume.solvers.direct import FastTransforms, SparseFactors
 from taichi_plume.solvers.multigrid import Multigrid
 from taichi_plume.solvers.poisson import Openness

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from taichi_plume.cut_cells import Air
-from taichi_plume.kernels import on_cpu
+from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.kernels import on_cpu
 
 REACH = 4.0  # standard deviations to either side that are looked at
 LEAST = 0.01  # share of a cell that is air, below which it gets no gas of its own

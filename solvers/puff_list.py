@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from taichi_plume.grid import Grid
-from taichi_plume.kernels import Template, double_field, on_cpu
-from taichi_plume.solvers.level_set import LevelSet
+from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.kernels import Template, double_field, on_cpu
+from taichi_plume.grid.level_set import LevelSet
 
 STEP = 2.0  # from the sizes of one list to those of the next
 WIDTH = 0.5  # of the cells, over how far the puffs of a list reach

@@ -20,18 +20,18 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from taichi_plume.cut_cells import Air
-from taichi_plume.fields import Wind, corner, corner_weight
-from taichi_plume.gases import InertialGrowth, PuffGas
-from taichi_plume.grid import Grid
-from taichi_plume.kernels import Template
-from taichi_plume.rng import generator, normal4, stream_id
+from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.fields import Wind, corner, corner_weight
+from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.kernels import Template
+from taichi_plume.grid.level_set import LevelSet
+from taichi_plume.grid.rng import generator, normal4, stream_id
+from taichi_plume.scenario.gases import InertialGrowth, PuffGas
+from taichi_plume.scenario.sources import Source
 from taichi_plume.solvers.emission import Emission
-from taichi_plume.solvers.level_set import LevelSet
 from taichi_plume.solvers.puff_deposit import Deposit
 from taichi_plume.solvers.puff_list import PuffList
 from taichi_plume.solvers.uniform import UniformSolver
-from taichi_plume.sources import Source
 
 FLUCTUATION, GROWTH = 0.05, 1e-4  # m/s and m²/s in a wind without eddies
 RICHARDSON = 0.5  # constant of the distance of two particles

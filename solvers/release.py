@@ -5,10 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 import taichi as ti
 
-from taichi_plume.grid import Grid, block_mean
-from taichi_plume.kernels import Template, double_field
-from taichi_plume.sources import Source
-from taichi_plume.warmth import Heater
+from taichi_plume.grid.grid import Grid, block_mean
+from taichi_plume.grid.kernels import Template, double_field
+from taichi_plume.scenario.heat import Heater
+from taichi_plume.scenario.sources import Source
 
 SAMPLES = 4  # per axis and cell, to measure how much of a cell a ball covers
 

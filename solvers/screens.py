@@ -11,9 +11,9 @@ from collections.abc import Sequence
 import numpy as np
 import taichi as ti
 
-from taichi_plume.grid import Grid
-from taichi_plume.kernels import Template, listed
-from taichi_plume.openings import Screen
+from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.kernels import Template, listed
+from taichi_plume.scenario.openings import Screen
 
 
 @ti.func

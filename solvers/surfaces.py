@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from taichi_plume.cut_cells import Air
-from taichi_plume.kernels import Template, listed
+from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.kernels import Template, listed
 
 NEAREST = 0.05  # cells: no distance from a surface counts as less
 

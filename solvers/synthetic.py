@@ -14,12 +14,12 @@ import numpy as np
 import taichi as ti
 from scipy.ndimage import distance_transform_edt
 
-from taichi_plume.cut_cells import Air
-from taichi_plume.fields import sample_faces
-from taichi_plume.grid import Grid
-from taichi_plume.kernels import Template, launch, sweep
-from taichi_plume.rng import generator
-from taichi_plume.winds import SyntheticWind
+from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.fields import sample_faces
+from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.kernels import Template, launch, sweep
+from taichi_plume.grid.rng import generator
+from taichi_plume.scenario.winds import SyntheticWind
 
 FRAMES_PER_PERIOD = 16  # of the fastest wave: linear in between, it loses 2 % of its amplitude
 DRAWS = 16  # of the phases, to measure the speed of unit waves

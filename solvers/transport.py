@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from taichi_plume.cut_cells import Air
-from taichi_plume.grid import Grid
-from taichi_plume.kernels import Template, double_field, launch, sweep
+from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.kernels import Template, double_field, launch, sweep
 
 FULLEST = (
     0.49  # largest share of a cell's volume that flows out in one stage; 1/2 empties it at the steepest slope

@@ -2,7 +2,7 @@
 
 import taichi as ti
 
-from taichi_plume.kernels import Template
+from taichi_plume.grid.kernels import Template
 
 
 @ti.func

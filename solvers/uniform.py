@@ -3,11 +3,11 @@
 import numpy as np
 import taichi as ti
 
-from taichi_plume.grid import Grid
-from taichi_plume.kernels import Template
-from taichi_plume.rng import generator
+from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.kernels import Template
+from taichi_plume.grid.rng import generator
+from taichi_plume.scenario.winds import UniformWind
 from taichi_plume.solvers.gusts import OrnsteinUhlenbeck
-from taichi_plume.winds import UniformWind
 
 LONGEST_TICK = 1.0  # s
 

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from taichi_plume import map_models
 from taichi_plume.agents.gmrf import MarkovMap
 from taichi_plume.agents.inverse_distance import InverseDistanceMap
 from taichi_plume.agents.kernel_dm import KernelMap
@@ -15,28 +14,40 @@ from taichi_plume.agents.snaps import Snaps
 from taichi_plume.agents.swarm import Swarm, disc_around
 from taichi_plume.agents.team import Team
 from taichi_plume.agents.time_series import TimeSeriesMap
-from taichi_plume.closed_forms import (
+from taichi_plume.files.film import Film, completed
+from taichi_plume.files.gaden import Cubes
+from taichi_plume.files.point_frames import frames_of
+from taichi_plume.files.site import Site
+from taichi_plume.files.wind_points import WindFileError
+from taichi_plume.grid.clearance import ClearanceMap
+from taichi_plume.grid.cut_cells import Air, air_of
+from taichi_plume.grid.fields import Gas, Mixture, Wind
+from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.rng import generator
+from taichi_plume.scenario import maps as map_models
+from taichi_plume.scenario.closed_forms import (
     ClosedForm,
     ContinuousGas,
     GaussianPlumeGas,
     GaussianPuffGas,
     MeanderingGas,
 )
-from taichi_plume.cut_cells import Air, air_of
-from taichi_plume.fields import Gas, Mixture, Wind
-from taichi_plume.film import Film, completed
-from taichi_plume.gases import PlaybackGas, PuffGas, PureGas
-from taichi_plume.geometry import ClearanceMap, shapes
-from taichi_plume.grid import Grid
-from taichi_plume.imports import Site
-from taichi_plume.loading import ScenarioError
-from taichi_plume.map_models import Map
-from taichi_plume.obstacles import motion_of
-from taichi_plume.occupancy import Cubes
-from taichi_plume.plumesim_gases import FluentGas, PlumeSimGas, PlumeSimMeander, PlumeSimPuff
-from taichi_plume.point_frames import frames_of
-from taichi_plume.rng import generator
-from taichi_plume.scenario import Scenario
+from taichi_plume.scenario.gases import PlaybackGas, PuffGas, PureGas
+from taichi_plume.scenario.loading import ScenarioError
+from taichi_plume.scenario.maps import Map
+from taichi_plume.scenario.obstacles import motion_of
+from taichi_plume.scenario.plumesim import FluentGas, PlumeSimGas, PlumeSimMeander, PlumeSimPuff
+from taichi_plume.scenario.resources import shapes
+from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.scenario.winds import (
+    CfdWind,
+    FrozenWind,
+    ImportedWind,
+    PlaybackWind,
+    PlumeSimWind,
+    SyntheticWind,
+    UniformWind,
+)
 from taichi_plume.simulation import Mapper, Simulation
 from taichi_plume.solvers.bodies import MovingObstacle, Wake
 from taichi_plume.solvers.boundaries import opening_cells, periodic_axes
@@ -53,16 +64,6 @@ from taichi_plume.solvers.plumesim import PointGas, PointWind, ProgramMeander, P
 from taichi_plume.solvers.puffs import PuffSolver
 from taichi_plume.solvers.synthetic import SyntheticSolver
 from taichi_plume.solvers.uniform import UniformSolver
-from taichi_plume.wind_files import WindFileError
-from taichi_plume.winds import (
-    CfdWind,
-    FrozenWind,
-    ImportedWind,
-    PlaybackWind,
-    PlumeSimWind,
-    SyntheticWind,
-    UniformWind,
-)
 
 SNAP_MAPS = {"time_series": TimeSeriesMap, "inverse_distance": InverseDistanceMap}
 

@@ -10,10 +10,10 @@ from typing import NoReturn, get_args
 from pydantic import ValidationError
 from pydantic_core import PydanticCustomError
 
-from taichi_plume.loading import explain
-from taichi_plume.map_models import Map
-from taichi_plume.quantities import parse
-from taichi_plume.readings import ReadingsError
+from taichi_plume.files.readings import ReadingsError
+from taichi_plume.scenario.loading import explain
+from taichi_plume.scenario.maps import Map
+from taichi_plume.scenario.quantities import parse
 
 LARGEST_FLOOR = 1e4  # m
 

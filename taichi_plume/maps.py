@@ -27,11 +27,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from taichi_plume.files.readings import Readings, ReadingsError, read
 from taichi_plume.map_options import arguments
-from taichi_plume.readings import Readings, ReadingsError, read
 
 if TYPE_CHECKING:
-    from taichi_plume.map_models import Map
+    from taichi_plume.scenario.maps import Map
 
 FILES = ("map.csv", "map.png", "scores.json")
 PERIOD = 5.0  # s, between scores of maps that have no snaps, as in map_scores
@@ -136,7 +136,7 @@ def _number(t: np.ndarray, window: float) -> np.ndarray:
 
 
 def _check_size(model: "Map", size: tuple[float, float]) -> None:
-    from taichi_plume.checks_size import MOST_FIELD_COLUMN, MOST_MAP_CELLS
+    from taichi_plume.scenario.size import MOST_FIELD_COLUMN, MOST_MAP_CELLS
 
     finest, limit = sqrt(size[0]) * sqrt(size[1] / MOST_MAP_CELLS), f"{MOST_MAP_CELLS} cells"
     if model.kind == "gmrf":
@@ -185,7 +185,7 @@ def _peak(estimate: np.ndarray, cell: float) -> dict[str, float | None]:
 
 def write(gas_map: GasMap, readings: Readings, size: tuple[float, float], folder: Path) -> None:
     """Write FILES into an existing folder."""
-    from taichi_plume.results import plain
+    from taichi_plume.files.result import plain
 
     nx, ny = gas_map.estimate.shape
     i, j = np.meshgrid(np.arange(nx), np.arange(ny), indexing="ij")
@@ -236,8 +236,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
     try:
         args, model = arguments(sys.argv[1:] if argv is None else argv)
-        from taichi_plume import kernels
-        from taichi_plume.results import RunFolderError, run_folder
+        from taichi_plume.files.run_folder import RunFolderError, run_folder
+        from taichi_plume.grid import kernels
 
         try:
             out = run_folder("", args.out, args.force, files=FILES)

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from taichi_plume.map_scores import MapScores
-    from taichi_plume.scenario import Scenario
+    from taichi_plume.scenario.scenario import Scenario
     from taichi_plume.simulation import Simulation
 
 FULL = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT)
@@ -30,7 +30,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` (without the program's name) and return its exit code."""
     args = _arguments(argv)
     os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
-    from taichi_plume.loading import ScenarioError, load_scenario
+    from taichi_plume.scenario.loading import ScenarioError, load_scenario
 
     overrides = list(args.set)
     for key in ("seed", "duration"):
@@ -94,8 +94,8 @@ def _reader_may_leave() -> Iterator[None]:
 
 
 def _print_check(scenario: "Scenario") -> None:
-    from taichi_plume.checks_size import estimate
-    from taichi_plume.results import to_yaml
+    from taichi_plume.files.run_folder import to_yaml
+    from taichi_plume.scenario.size import estimate
 
     size = estimate(scenario)
     print(to_yaml(scenario), end="")
@@ -116,15 +116,17 @@ def _run(scenario: "Scenario", args: argparse.Namespace) -> int:
     """Assemble and run; keep what there is, whatever ends it."""
     from rich.console import Console
 
-    from taichi_plume import kernels, results
-    from taichi_plume.loading import ScenarioError
+    from taichi_plume import summary
+    from taichi_plume.files import result, run_folder
+    from taichi_plume.grid import kernels
     from taichi_plume.map_scores import MapScores
+    from taichi_plume.scenario.loading import ScenarioError
 
     console = Console(stderr=True)
     try:
         backend = kernels.start(args.arch)
-        out = results.run_folder(scenario.name, args.out, args.force)
-    except (RuntimeError, results.RunFolderError) as error:
+        out = run_folder.run_folder(scenario.name, args.out, args.force)
+    except (RuntimeError, run_folder.RunFolderError) as error:
         print(error, file=sys.stderr)
         return 2
     try:
@@ -142,13 +144,13 @@ def _run(scenario: "Scenario", args: argparse.Namespace) -> int:
     map_scores = MapScores(sim)
     status, message, code = _simulate(sim, map_scores, backend, out, args, console)
     try:
-        content = results.result(sim, status, message, backend, map_scores)
+        content = result.result(sim, status, message, backend, map_scores)
     except Exception as error:  # a simulation too broken to tell
         if not code:
             (status, message), code = _explain(error), 1
         content = {"name": scenario.name, "status": status, "message": message}
     try:
-        results.write_result(out, content)
+        result.write_result(out, content)
     except OSError as error:
         print(f"result.json could not be written: {error}", file=sys.stderr)
         code = code or 1
@@ -157,7 +159,7 @@ def _run(scenario: "Scenario", args: argparse.Namespace) -> int:
         print(f"{status}: {message}\nkept in {out}: {kept}", file=sys.stderr)
     elif not args.quiet:
         with _reader_may_leave():
-            results.print_summary(content, out)
+            summary.print_summary(content, out)
     return code
 
 
@@ -215,30 +217,30 @@ def _watch(
     closers: list[Callable[[], None]],
 ) -> None:
     """Open the run's files and let the simulation feed them."""
-    from taichi_plume import results
+    from taichi_plume.files import forces_table, robots_table, run_folder
 
-    results.write_scenario(out, sim.scenario, args.scenario.resolve().parent, backend)
+    run_folder.write_scenario(out, sim.scenario, args.scenario.resolve().parent, backend)
     sim.observers.append(map_scores.observer())
     if sim.swarm.count:
-        table = results.RobotTable(sim, out / "robots.parquet")
+        table = robots_table.RobotTable(sim, out / "robots.parquet")
         closers.append(table.close)
         sim.observers.append(table.observer())
     if sim.forces is not None:
-        forces = results.ForceTable(sim, out / "forces.csv")
+        forces = forces_table.ForceTable(sim, out / "forces.csv")
         closers.append(forces.close)
         sim.observers.append(forces.observer())
     if sim.scenario.fields is not None:
-        from taichi_plume.filming import Filming
+        from taichi_plume.files.filming import Filming
 
         sim.observers.append(Filming(sim, out / "fields.zarr", sim.scenario.fields).observer())
     if sim.scenario.plumesim_log is not None:
-        from taichi_plume.plume_log import PlumeLogger
+        from taichi_plume.files.plume_log import PlumeLogger
 
         log = PlumeLogger(sim, out / "plume.pslog", sim.scenario.plumesim_log)
         closers.append(log.close)
         sim.observers.append(log.observer())
     if not args.no_recording:
-        from taichi_plume.recording import Recorder
+        from taichi_plume.record.recorder import Recorder
 
         recorder = Recorder(sim, out / "recording.rrd", backend, map_scores)
         closers.append(recorder.close)
@@ -247,7 +249,7 @@ def _watch(
 
 def _explain(error: BaseException) -> tuple[str, str]:
     """Status and one line for an exception."""
-    from taichi_plume.own_class import OwnAlgorithmError
+    from taichi_plume.files.own_class import OwnAlgorithmError
     from taichi_plume.simulation import UnstableError
 
     if isinstance(error, UnstableError):

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from taichi_plume import fields
-from taichi_plume.grid import block_mean, centers
+from taichi_plume.grid import fields
+from taichi_plume.grid.grid import block_mean, centers
 from taichi_plume.simulation import Simulation
 
 SAMPLES = 4  # per axis of a map cell, at most

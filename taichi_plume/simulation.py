@@ -8,10 +8,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from taichi_plume.cut_cells import Air
-from taichi_plume.fields import Mixture, Odour, Wind
-from taichi_plume.grid import Grid
-from taichi_plume.scenario import Scenario
+from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.fields import Mixture, Odour, Wind
+from taichi_plume.grid.grid import Grid
+from taichi_plume.scenario.scenario import Scenario
 
 
 class UnstableError(RuntimeError):

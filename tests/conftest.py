@@ -2,7 +2,7 @@
 
 import pytest
 
-from taichi_plume import kernels
+from taichi_plume.grid import kernels
 
 
 @pytest.fixture(autouse=True)

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from taichi_plume.cut_cells import Air
-from taichi_plume.fields import Mixture
-from taichi_plume.grid import Grid
-from taichi_plume.obstacles import Mesh
-from taichi_plume.scenario import Scenario
+from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.fields import Mixture
+from taichi_plume.grid.grid import Grid
+from taichi_plume.scenario.obstacles import Mesh
+from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.scenario.species import SPECIES
 from taichi_plume.simulation import Simulation
-from taichi_plume.species import SPECIES
 
 
 @ti.data_oriented

@@ -1,86 +1,75 @@
-"""Which part may know which: the README's picture, kept by walking the imports."""
+"""Which room may know which: each states it in its `MAY_IMPORT`, kept by walking the imports."""
 
 import ast
+import subprocess
+import sys
+from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parent.parent
 PACKAGE = "taichi_plume"
-APPLICATION = {
-    "recording",
-    "results",
-    "run",
-    "assemble",
-    "progress",
-    "scores",
-    "map_scores",
-    "maps",
-    "drawing",
-    "layout",
-    "scene",
-    "disk",
-    "filming",
-    "plume_log",
+ROOMS = {
+    folder.name: folder
+    for folder in [*(ROOT / PACKAGE).iterdir(), *ROOT.iterdir()]
+    if (folder / "__init__.py").exists() and not folder.is_symlink() and folder.name != PACKAGE
 }
-FORBIDDEN = {
-    "core": {"solvers", "agents", "validation"} | APPLICATION,
-    "solvers": {"agents", "validation", "simulation"} | APPLICATION,
-    "agents": {"solvers", "validation", "simulation"} | APPLICATION,
-    "recording": {"solvers", "agents", "validation", "assemble", "run"},
-}
+FREE = {"validation"}  # it looks at everything, as the application at the top of the package does
 
 
-def sources() -> dict[str, list[Path]]:
-    core = [p for p in (ROOT / PACKAGE).glob("*.py") if p.stem not in APPLICATION | {"__init__"}]
-    shown = [ROOT / PACKAGE / f"{name}.py" for name in APPLICATION - {"assemble", "run", "maps"}]
-    return {
-        "core": core,
-        "solvers": list((ROOT / "solvers").glob("*.py")),
-        "agents": list((ROOT / "agents").glob("*.py")),
-        "recording": [path for path in shown if path.exists()],
-    }
+def modules(node: ast.AST, path: Path) -> list[str]:
+    """The dotted names that a statement imports."""
+    if isinstance(node, ast.Import):
+        return [alias.name for alias in node.names]
+    if isinstance(node, ast.ImportFrom):
+        assert node.level == 0, f"{path.name}: a relative import"
+        return [f"{node.module}.{alias.name}" for alias in node.names]
+    return []
 
 
-def imported(path: Path) -> set[str]:
-    """The parts of our package that a file imports, at its top or anywhere inside."""
-    parts = set()
+def imported(path: Path) -> Iterator[str]:
+    """What a file imports, at its top or anywhere inside."""
     for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.Import):
-            names = [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path.name}: a relative import"
-            names = [f"{node.module}.{alias.name}" for alias in node.names]
-        else:
-            continue
-        for name in names:
-            assert name.split(".")[0] not in {"solvers", "agents", "validation"}, (
-                f"{path.name}: imports {name}"
+        yield from modules(node, path)
+
+
+def test_there_are_rooms():
+    assert {"grid", "scenario", "files", "record", "solvers", "agents", "validation"} <= set(ROOMS)
+
+
+@pytest.mark.parametrize("room", sorted(set(ROOMS) - FREE))
+def test_rooms_look_only_where_they_may(room):
+    may = import_module(f"{PACKAGE}.{room}").MAY_IMPORT
+    for path in ROOMS[room].rglob("*.py"):
+        for name in imported(path):
+            first, _, rest = name.partition(".")
+            assert first not in ROOMS, (
+                f"{path.relative_to(ROOT)}: {name} is a second name of {PACKAGE}.{name}"
             )
-            if name.startswith(PACKAGE + "."):
-                parts.add(name.split(".")[1])
-    return parts
-
-
-@pytest.mark.parametrize("layer", FORBIDDEN)
-def test_parts_look_only_where_they_may(layer):
-    files = sources()[layer]
-    assert files
-    for path in files:
-        wrong = imported(path) & FORBIDDEN[layer]
-        assert not wrong, f"{path.relative_to(ROOT)} imports {sorted(wrong)}"
+            part = rest.split(".")[0]
+            known = first != PACKAGE or part in (room, *may) or part.startswith("__")
+            assert known, f"{path.relative_to(ROOT)} imports {name}; {room} may import {may}"
 
 
 def test_only_the_recording_knows_rerun():
-    for path in [
-        *(ROOT / PACKAGE).glob("*.py"),
-        *(ROOT / "solvers").glob("*.py"),
-        *(ROOT / "agents").glob("*.py"),
-    ]:
-        tree = ast.parse(path.read_text())
-        names = {
-            alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names
-        }
-        names |= {node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
-        if any(name.split(".")[0] == "rerun" for name in names):
-            assert path.stem in {"recording", "scene", "layout", "drawing"}
+    for path in [*(ROOT / PACKAGE).glob("*.py"), *(p for room in ROOMS.values() for p in room.rglob("*.py"))]:
+        if ROOMS["record"] not in path.parents:
+            assert not any(name.split(".")[0] == "rerun" for name in imported(path)), path
+
+
+@pytest.mark.parametrize(
+    ("module", "heavy"),
+    [
+        ("taichi_plume", {"taichi", "numpy", "pydantic"}),
+        ("taichi_plume.scenario.scenario", {"taichi", "open3d", "matplotlib", "rerun", "zarr"}),
+        ("taichi_plume.assemble", {"open3d", "matplotlib", "rerun"}),
+    ],
+)
+def test_heavy_packages_are_imported_only_where_used(module, heavy):
+    code = f"import sys, {module}; print(*(set({sorted(heavy)}) & sys.modules.keys()))"
+    loaded = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT
+    )
+    assert loaded.stdout.split() == []

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from taichi_plume import results, scores
+from taichi_plume import scores
+from taichi_plume.files import result
 from taichi_plume.map_scores import MapScores
 from taichi_plume.simulation import Every
 
@@ -95,14 +96,14 @@ def test_cells_that_no_robot_can_measure_do_not_count():
     half = one.estimate
     one.estimate = lambda: np.where(free, np.nan_to_num(half()), 1e6)
     judge, truths = scored(sim)
-    told = results.result(sim, "completed", "", "cpu", judge)["maps"][0]
+    told = result.result(sim, "completed", "", "cpu", judge)["maps"][0]
     expected = np.abs(truths[-1] / 2 - truths[-1])[:8]
     seen = one.seen[:8]
     assert told["mae_ppm"] == pytest.approx(np.where(seen, expected, truths[-1][:8]).mean())
     assert told["known_fraction"] == 1.0
     assert told["mean_gas"]["error_ppm"][0] < 1e3
     one.estimate = lambda: np.where(free, np.nan, np.full_like(half(), 1e6))
-    told = results.result(sim, "completed", "", "cpu")["maps"][0]
+    told = result.result(sim, "completed", "", "cpu")["maps"][0]
     assert (told["mae_ppm"], told["known_fraction"]) == (None, 0.0)
 
 
@@ -120,7 +121,7 @@ def test_peaks():
 def test_the_result_tells_the_series():
     sim = fake_run.simulation(fake_run.scenario(2, duration=6))
     judge, _ = scored(sim)
-    told = results.result(sim, "completed", "", "cpu", judge)["maps"][0]["mean_gas"]
+    told = result.result(sim, "completed", "", "cpu", judge)["maps"][0]["mean_gas"]
     assert told["time_s"] == pytest.approx([5.0])
     assert told["error_ppm"] == pytest.approx([judge.series[0].values["error_ppm"][0].mean()])
     assert told["nlpd"] == [None]
@@ -144,7 +145,7 @@ def test_the_result_tells_the_settled_forecast():
     sim: Any = fake_run.simulation(fake_run.scenario(2, duration=1))
     sim.run()
     sim.maps[0].errors = [(t, np.array([t, np.nan])) for t in (30.0, 35.0, 40.0)]
-    told, unsettled = results.result(sim, "completed", "", "cpu")["maps"]
+    told, unsettled = result.result(sim, "completed", "", "cpu")["maps"]
     assert told["forecast_error_ppm"] == pytest.approx(37.5)
     assert told["per_trial"]["forecast_error_ppm"] == pytest.approx([37.5, np.nan], nan_ok=True)
     assert unsettled["forecast_error_ppm"] is None

@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from taichi_plume import kernels, maps, results
+from taichi_plume import maps
 from taichi_plume.agents.gmrf import MarkovMap as MarkovMapper
 from taichi_plume.agents.recorded import RecordedTeam
 from taichi_plume.assemble import assemble, mappers
-from taichi_plume.loading import load_scenario
-from taichi_plume.map_models import InverseDistanceMap, KernelMap, MarkovMap, TimeSeriesMap
+from taichi_plume.files import robots_table
+from taichi_plume.grid import kernels
+from taichi_plume.scenario.loading import load_scenario
+from taichi_plume.scenario.maps import InverseDistanceMap, KernelMap, MarkovMap, TimeSeriesMap
 
 SCENARIO = """
 name: readings
@@ -46,7 +48,7 @@ def recorded(tmp_path_factory):
     path = tmp_path_factory.mktemp("run") / "readings.yaml"
     path.write_text(SCENARIO)
     sim = assemble(load_scenario(path))
-    table = results.RobotTable(sim, path.with_name("robots.parquet"))
+    table = robots_table.RobotTable(sim, path.with_name("robots.parquet"))
     sim.observers.append(table.observer())
     sim.run()
     table.close()

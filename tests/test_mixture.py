@@ -9,10 +9,10 @@ import yaml
 import zarr
 
 from taichi_plume.assemble import assemble
-from taichi_plume.fields import ppm_at
+from taichi_plume.grid.fields import ppm_at
 from taichi_plume.run import main
-from taichi_plume.scenario import Scenario
-from taichi_plume.species import SPECIES
+from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.scenario.species import SPECIES
 
 
 def source(y: float, rate: float, **more) -> dict:

@@ -11,7 +11,9 @@ import pyarrow.parquet as pq
 import pytest
 import rerun as rr
 
-from taichi_plume import assemble, disk, kernels, run
+from taichi_plume import assemble, run
+from taichi_plume.files import disk
+from taichi_plume.grid import kernels
 from taichi_plume.simulation import Every, UnstableError
 
 SCENARIO = """

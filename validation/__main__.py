@@ -45,7 +45,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if args.list:
         _print_list(cases)
         return 0
-    from taichi_plume import kernels
+    from taichi_plume.grid import kernels
     from taichi_plume.validation.report import page
 
     try:

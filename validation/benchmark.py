@@ -25,18 +25,18 @@ import psutil
 import taichi as ti
 from pydantic import TypeAdapter
 
-from taichi_plume import kernels
-from taichi_plume.cut_cells import Air, air_of
-from taichi_plume.gases import EulerianGas
-from taichi_plume.geometry import shape as shape_of
-from taichi_plume.grid import Grid
-from taichi_plume.obstacles import Obstacle
-from taichi_plume.scenario import Domain
+from taichi_plume.grid import kernels
+from taichi_plume.grid.cut_cells import Air, air_of
+from taichi_plume.grid.grid import Grid
+from taichi_plume.scenario.domain import Domain
+from taichi_plume.scenario.gases import EulerianGas
+from taichi_plume.scenario.obstacles import Obstacle
+from taichi_plume.scenario.resources import shape as shape_of
+from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.boundaries import periodic_axes
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.validation import map_benchmark, puff_benchmark, robot_benchmark, trial_benchmark
-from taichi_plume.winds import CfdWind
 
 ARENA = (
     {"kind": "honeycomb", "face": "x-", "speed": 0.7},

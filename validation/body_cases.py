@@ -4,15 +4,15 @@ from math import pi, sqrt
 
 import numpy as np
 
-from taichi_plume.cut_cells import Air, air_of
-from taichi_plume.geometry import Ball, Shape
-from taichi_plume.grid import Grid
-from taichi_plume.obstacles import Sphere
+from taichi_plume.grid.cut_cells import Air, air_of
+from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.shapes import Ball, Shape
+from taichi_plume.scenario.obstacles import Sphere
+from taichi_plume.scenario.species import AIR_DENSITY
+from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.forces import forces
-from taichi_plume.species import AIR_DENSITY
 from taichi_plume.validation.flow_cases import Errors, advance, periodic
-from taichi_plume.winds import CfdWind
 
 LAMINAR = {"kind": "cfd", "turbulence": {"kind": "none"}}
 

@@ -6,7 +6,7 @@ from math import inf, isfinite, log, nan
 
 import numpy as np
 
-from taichi_plume import kernels
+from taichi_plume.grid import kernels
 
 
 @dataclass(frozen=True)

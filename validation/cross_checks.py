@@ -4,11 +4,11 @@ from math import pi
 
 import numpy as np
 
-from taichi_plume.cut_cells import Air
-from taichi_plume.grid import Grid
+from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.grid import Grid
+from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.validation.flow_cases import Errors, advance, velocities
-from taichi_plume.winds import CfdWind
 
 SLIP = [{"kind": "slip", "face": face} for face in ("z-", "z+")]
 

@@ -5,16 +5,16 @@ from math import ceil, pi, sqrt
 
 import numpy as np
 
-from taichi_plume.cut_cells import Air
-from taichi_plume.gases import EulerianGas
-from taichi_plume.grid import Grid
+from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.grid import Grid
+from taichi_plume.scenario.gases import EulerianGas
+from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.prescribed import PrescribedWind
 from taichi_plume.validation.benchmark import ARENA, arena
 from taichi_plume.validation.case import SECOND_ORDER, Answer, Case, Curve, Expected
 from taichi_plume.validation.flow_cases import periodic, rms
-from taichi_plume.winds import CfdWind
 
 SHORT = {"koren": 0.4, "weno5": 0.2}
 """Courant numbers; Heun's method lets short waves of weno5 grow from 0.4 on."""

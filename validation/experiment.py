@@ -7,7 +7,7 @@ from math import inf
 import numpy as np
 from scipy.stats import bootstrap
 
-from taichi_plume import kernels
+from taichi_plume.grid import kernels
 from taichi_plume.validation.case import Curve
 
 

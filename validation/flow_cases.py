@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from taichi_plume.cut_cells import Air
-from taichi_plume.grid import Grid
+from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.grid import Grid
+from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.boundaries import periodic_axes
 from taichi_plume.solvers.flow import FlowSolver
-from taichi_plume.winds import CfdWind
 
 Errors = dict[str, float]
 STEADY = 2e-5  # largest change of u, over its maximum, within the time that counts

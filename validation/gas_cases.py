@@ -4,13 +4,13 @@ from math import pi
 
 import numpy as np
 
-from taichi_plume.cut_cells import Air
-from taichi_plume.gases import EulerianGas
-from taichi_plume.grid import Grid
+from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.grid import Grid
+from taichi_plume.scenario.gases import EulerianGas
+from taichi_plume.scenario.winds import UniformWind
 from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.uniform import UniformSolver
 from taichi_plume.validation.flow_cases import Errors, rms
-from taichi_plume.winds import UniformWind
 
 
 def gaussian_puff(n: int, dim: int = 2, speed: float = 0.0) -> Errors:

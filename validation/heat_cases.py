@@ -4,11 +4,11 @@ from math import pi
 
 import numpy as np
 
-from taichi_plume.cut_cells import Air
+from taichi_plume.grid.cut_cells import Air
+from taichi_plume.scenario.heat import Heat
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.heat import HeatSolver
 from taichi_plume.validation.flow_cases import Errors, laminar_flow, rms, settle, velocities
-from taichi_plume.warmth import Heat
 
 WARM_AND_COLD = [{"face": "x-", "temperature": 300.5}, {"face": "x+", "temperature": 299.5}]
 

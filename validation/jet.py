@@ -10,11 +10,11 @@ with eight, averaged over 80 s, Vreman's makes it a little too wide (core 5.0 d,
 
 import numpy as np
 
-from taichi_plume.cut_cells import Air
-from taichi_plume.grid import Grid
+from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.grid import Grid
+from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.validation.flow_cases import Errors, advance
-from taichi_plume.winds import CfdWind
 
 LENGTH, WIDTH = 16, 8  # of the box, in diameters
 SETTLE = 60.0  # s, until the jet has reached the far end and left its first eddies there

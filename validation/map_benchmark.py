@@ -10,9 +10,9 @@ import numpy as np
 import taichi as ti
 from pydantic import TypeAdapter
 
-from taichi_plume import kernels
 from taichi_plume.assemble import mappers
-from taichi_plume.map_models import Map
+from taichi_plume.grid import kernels
+from taichi_plume.scenario.maps import Map
 from taichi_plume.simulation import Mapper
 
 WINDOW = 5.0  # s

@@ -7,11 +7,12 @@ from math import pi
 import numpy as np
 from scipy.special import erfc, exp1, k0e
 
-from taichi_plume.closed_forms import ContinuousGas, GaussianPlumeGas, GaussianPuffGas
-from taichi_plume.cut_cells import Air
-from taichi_plume.fields import concentration_at
-from taichi_plume.gases import EulerianGas
-from taichi_plume.grid import Grid
+from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.fields import concentration_at
+from taichi_plume.grid.grid import Grid
+from taichi_plume.scenario.closed_forms import ContinuousGas, GaussianPlumeGas, GaussianPuffGas
+from taichi_plume.scenario.gases import EulerianGas
+from taichi_plume.scenario.winds import UniformWind
 from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.gaussian_puffs import ContinuousPuffs, GaussianPuffs
 from taichi_plume.solvers.plumes import Plumes
@@ -19,7 +20,6 @@ from taichi_plume.solvers.uniform import UniformSolver
 from taichi_plume.validation.case import SECOND_ORDER, Answer, Case, Curve, Expected
 from taichi_plume.validation.flow_cases import rms
 from taichi_plume.validation.whiffs import meander, whiffs
-from taichi_plume.winds import UniformWind
 
 Q, D, U = 1e-5, 0.01, 0.5  # kg/s, m²/s, m/s
 POINT = 1e-4  # m, a radius that is as good as none

@@ -7,15 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 import taichi as ti
 
-from taichi_plume import kernels
-from taichi_plume.cut_cells import Air
-from taichi_plume.fields import concentration_at
-from taichi_plume.gases import PuffGas
-from taichi_plume.grid import Grid
+from taichi_plume.grid import kernels
+from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.fields import concentration_at
+from taichi_plume.grid.grid import Grid
+from taichi_plume.scenario.gases import PuffGas
+from taichi_plume.scenario.winds import CfdWind, UniformWind
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.puffs import PuffSolver
 from taichi_plume.solvers.uniform import UniformSolver
-from taichi_plume.winds import CfdWind, UniformWind
 
 STEP = 0.05  # s
 LONGEST = 30.0  # s, to fill the room

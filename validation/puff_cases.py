@@ -5,17 +5,17 @@ from itertools import pairwise
 
 import numpy as np
 
-from taichi_plume.cut_cells import Air
-from taichi_plume.fields import concentration_at
-from taichi_plume.gases import EulerianGas, PuffGas
-from taichi_plume.grid import Grid
+from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.fields import concentration_at
+from taichi_plume.grid.grid import Grid
+from taichi_plume.scenario.gases import EulerianGas, PuffGas
+from taichi_plume.scenario.winds import CfdWind, SyntheticWind, UniformWind
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.puffs import PuffSolver
 from taichi_plume.solvers.synthetic import SyntheticSolver
 from taichi_plume.solvers.uniform import UniformSolver
 from taichi_plume.validation.case import Answer, Case, Curve, Expected
-from taichi_plume.winds import CfdWind, SyntheticWind, UniformWind
 
 STEPS = (5, 10, 20, 50)  # per second: 0.2 s to 0.02 s
 GADEN = {5: 0.123, 10: 0.089, 20: 0.065, 50: 0.037}  # m, measured of gaden_core 2025-07 in the same wind

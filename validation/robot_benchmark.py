@@ -7,19 +7,19 @@ import numpy as np
 import taichi as ti
 from pydantic import TypeAdapter
 
-from taichi_plume import kernels
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.team import Team
-from taichi_plume.algorithms import Algorithm
-from taichi_plume.cut_cells import Air
-from taichi_plume.fields import Mixture
-from taichi_plume.gases import EulerianGas
-from taichi_plume.geometry import ClearanceMap
-from taichi_plume.grid import Grid
-from taichi_plume.robots import Group, StartAt
+from taichi_plume.grid import kernels
+from taichi_plume.grid.clearance import ClearanceMap
+from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.fields import Mixture
+from taichi_plume.grid.grid import Grid
+from taichi_plume.scenario.algorithms import Algorithm
+from taichi_plume.scenario.gases import EulerianGas
+from taichi_plume.scenario.robots import Group, StartAt
+from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.gas import EulerianSolver
-from taichi_plume.winds import CfdWind
 
 TICK = 0.1  # s
 WARM_UP = 5  # ticks

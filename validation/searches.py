@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from taichi_plume.assemble import assemble
-from taichi_plume.checks import problems
-from taichi_plume.loading import ScenarioError
-from taichi_plume.scenario import Scenario
+from taichi_plume.scenario.checks import problems
+from taichi_plume.scenario.loading import ScenarioError
+from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scores import trial_outcomes, trial_summary
 from taichi_plume.simulation import Every, Simulation
 from taichi_plume.validation.experiment import Mean, Tracks

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from taichi_plume import kernels
 from taichi_plume.assemble import assemble
-from taichi_plume.filming import Filming
+from taichi_plume.files.filming import Filming
+from taichi_plume.grid import kernels
 from taichi_plume.validation.searches import outcomes, scenario_of
 from taichi_plume.validation.spiral_cases import HOUR, OPENED, at, momo, room
 

@@ -10,13 +10,13 @@ from math import erf, exp, log, pi, sqrt
 import numpy as np
 from scipy.optimize import brentq
 
-from taichi_plume.closed_forms import MeanderingGas
-from taichi_plume.fields import concentration_at
-from taichi_plume.grid import Grid
+from taichi_plume.grid.fields import concentration_at
+from taichi_plume.grid.grid import Grid
+from taichi_plume.scenario.closed_forms import MeanderingGas
+from taichi_plume.scenario.winds import UniformWind
 from taichi_plume.solvers.plumes import Plumes
 from taichi_plume.solvers.uniform import UniformSolver
 from taichi_plume.validation.case import Answer, Curve
-from taichi_plume.winds import UniformWind
 
 U, Q = 1.0, 1e-3  # m/s, kg/s
 SEED = 1

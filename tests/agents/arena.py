@@ -6,10 +6,10 @@ import taichi as ti
 from taichi_plume.agents.placement import place
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.team import Team
-from taichi_plume.geometry import ClearanceMap
-from taichi_plume.robots import Body, Group, StartAt
-from taichi_plume.sensor_models import Anemometer, IdealGasSensor, Sensors
-from taichi_plume.species import SPECIES
+from taichi_plume.grid.clearance import ClearanceMap
+from taichi_plume.scenario.robots import Body, Group, StartAt
+from taichi_plume.scenario.sensors import Anemometer, IdealGasSensor, Sensors
+from taichi_plume.scenario.species import SPECIES
 
 TICK = 0.1
 

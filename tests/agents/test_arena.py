@@ -5,7 +5,7 @@ import pytest
 from arena import Run, Script
 from pydantic import TypeAdapter
 
-from taichi_plume.algorithms import Algorithm
+from taichi_plume.scenario.algorithms import Algorithm
 
 LOW = (1.0, 0.5)  # of the part, exact in f32
 PLACES = ((0.5, 0.5), (1.5, 1.0), (2.5, 1.5))

@@ -6,9 +6,9 @@ import taichi as ti
 from arena import TICK, Run, Script
 
 from taichi_plume.agents.dapso import DRIVE, EXPLORE, MEASURE, constriction
-from taichi_plume.algorithms import Dapso, FunctionValue, RandomMates, RandomWalk, SearchSpace
-from taichi_plume.robots import Communication
-from taichi_plume.species import SPECIES
+from taichi_plume.scenario.algorithms import Dapso, FunctionValue, RandomMates, RandomWalk, SearchSpace
+from taichi_plume.scenario.robots import Communication
+from taichi_plume.scenario.species import SPECIES
 
 TOP = (3.0, 2.2)
 CORNER = ((0.4, 0.4), (0.8, 0.4), (0.4, 0.8), (0.8, 0.8), (1.2, 0.4))

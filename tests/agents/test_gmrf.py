@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from readers import EXTENT, TRIALS, Readers, centers, same
 
-from taichi_plume import map_models
 from taichi_plume.agents.gmrf import MarkovMap
-from taichi_plume.geometry import ClearanceMap, shape
-from taichi_plume.obstacles import Box
-from taichi_plume.scenario import Domain
+from taichi_plume.grid.clearance import ClearanceMap
+from taichi_plume.scenario import maps as map_models
+from taichi_plume.scenario.domain import Domain
+from taichi_plume.scenario.obstacles import Box
+from taichi_plume.scenario.resources import shape
 
 DT, CELL = 0.5, 0.25
 

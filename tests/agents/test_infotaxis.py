@@ -7,9 +7,9 @@ from arena import Run, Script
 from scipy.special import k0
 
 from taichi_plume.agents.infotaxis import detection_rate
-from taichi_plume.algorithms import Infotaxis
-from taichi_plume.kernels import Template
-from taichi_plume.rng import uniform4
+from taichi_plume.grid.kernels import Template
+from taichi_plume.grid.rng import uniform4
+from taichi_plume.scenario.algorithms import Infotaxis
 
 MODEL = Infotaxis(kind="infotaxis", cell=0.15)
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from readers import EXTENT, TRIALS, Readers, centers, same
 
-from taichi_plume import map_models
 from taichi_plume.agents.kernel_dm import KernelMap
+from taichi_plume.scenario import maps as map_models
 
 DT = 0.5
 

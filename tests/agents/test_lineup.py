@@ -6,8 +6,8 @@ import taichi as ti
 from arena import TICK, Run
 
 from taichi_plume.agents.lineup import FEEL, FORM, SWEEP, WAIT
-from taichi_plume.algorithms import LineUp
-from taichi_plume.species import SPECIES
+from taichi_plume.scenario.algorithms import LineUp
+from taichi_plume.scenario.species import SPECIES
 
 FLOOR = (4.0, 3.0)
 CORNER = ((0.3, 0.3), (0.6, 0.3), (0.3, 0.6), (0.6, 0.6))

@@ -6,7 +6,7 @@ from pydantic import TypeAdapter
 from readers import EXTENT, Readers, same
 
 from taichi_plume.assemble import mappers
-from taichi_plume.map_models import Map
+from taichi_plume.scenario.maps import Map
 
 KINDS = [
     {"kind": "time_series"},

@@ -12,11 +12,12 @@ import pytest
 
 from taichi_plume.agents.placement import Placed, place, placed
 from taichi_plume.agents.swarm import SKIN, Swarm
-from taichi_plume.algorithms import Casting
-from taichi_plume.geometry import ClearanceMap, shape
-from taichi_plume.obstacles import Box, Cylinder, Mesh, Prism, Sphere
-from taichi_plume.robots import Body, Group, StartArea
-from taichi_plume.scenario import Domain
+from taichi_plume.grid.clearance import ClearanceMap
+from taichi_plume.scenario.algorithms import Casting
+from taichi_plume.scenario.domain import Domain
+from taichi_plume.scenario.obstacles import Box, Cylinder, Mesh, Prism, Sphere
+from taichi_plume.scenario.resources import shape
+from taichi_plume.scenario.robots import Body, Group, StartArea
 
 # What is met is approached to SKIN, others are passed at half of it; the rest is for rounding (4 um at 60 m)
 AIR = 0.4 * SKIN

@@ -8,7 +8,7 @@ import pytest
 
 from taichi_plume import run
 from taichi_plume.assemble import assemble
-from taichi_plume.loading import ScenarioError, load_scenario
+from taichi_plume.scenario.loading import ScenarioError, load_scenario
 
 UPWIND = """
 import numpy as np

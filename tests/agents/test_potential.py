@@ -6,10 +6,11 @@ import taichi as ti
 
 from taichi_plume.agents.potential import NEAR, Potential
 from taichi_plume.agents.swarm import Swarm
-from taichi_plume.algorithms import RandomWalk
-from taichi_plume.geometry import ClearanceMap, UprightBox
-from taichi_plume.obstacles import Box
-from taichi_plume.robots import Body, Group, StartAt
+from taichi_plume.grid.clearance import ClearanceMap
+from taichi_plume.grid.shapes import UprightBox
+from taichi_plume.scenario.algorithms import RandomWalk
+from taichi_plume.scenario.obstacles import Box
+from taichi_plume.scenario.robots import Body, Group, StartAt
 
 TICK = 0.1
 RADIUS, SPEED, AVOIDANCE = 0.05, 0.2, 0.2

@@ -6,9 +6,9 @@ import taichi as ti
 
 from taichi_plume.agents.radio import NEVER, Radio
 from taichi_plume.agents.swarm import Swarm
-from taichi_plume.algorithms import RandomWalk
-from taichi_plume.geometry import ClearanceMap
-from taichi_plume.robots import Communication, Group, StartAt
+from taichi_plume.grid.clearance import ClearanceMap
+from taichi_plume.scenario.algorithms import RandomWalk
+from taichi_plume.scenario.robots import Communication, Group, StartAt
 
 
 @ti.data_oriented

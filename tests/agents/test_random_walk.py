@@ -5,7 +5,7 @@ import pytest
 from arena import TICK, Run, Script
 
 from taichi_plume.agents.random_walk import BUMP, WALK
-from taichi_plume.algorithms import RandomWalk
+from taichi_plume.scenario.algorithms import RandomWalk
 
 AIR = [0.0]
 

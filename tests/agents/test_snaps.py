@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from readers import EXTENT, TRIALS, Readers, same
 
-from taichi_plume import map_models
 from taichi_plume.agents.inverse_distance import InverseDistanceMap
 from taichi_plume.agents.time_series import TimeSeriesMap, neighbourhood
 from taichi_plume.assemble import mappers
+from taichi_plume.scenario import maps as map_models
 
 CELL, WINDOW, DT = 0.25, 5.0, 0.5
 

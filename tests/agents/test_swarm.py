@@ -6,9 +6,9 @@ import taichi as ti
 
 from taichi_plume.agents.placement import Placed, place, placed
 from taichi_plume.agents.swarm import SKIN, Swarm
-from taichi_plume.algorithms import Casting
-from taichi_plume.obstacles import Cylinder
-from taichi_plume.robots import Body, Group, StartArea, StartAt, StartLine
+from taichi_plume.scenario.algorithms import Casting
+from taichi_plume.scenario.obstacles import Cylinder
+from taichi_plume.scenario.robots import Body, Group, StartArea, StartAt, StartLine
 
 EXTENT = (4.0, 3.0)
 NOWHERE = np.empty((0, 2))

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from taichi_plume.agents.potential import NEAR
 from taichi_plume.agents.sweep import DONE, SWEEP, TRANSIT, lanes
-from taichi_plume.algorithms import Sweep
+from taichi_plume.scenario.algorithms import Sweep
 
 ROOM = 0.085 + 0.05
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from taichi_plume.assemble import assemble
-from taichi_plume.loading import ScenarioError, load_scenario
 from taichi_plume.map_scores import MapScores
+from taichi_plume.scenario.loading import ScenarioError, load_scenario
 
 SCENARIO = """
 duration: 12

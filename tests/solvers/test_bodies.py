@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 import taichi as ti
 
-from taichi_plume.cut_cells import Air
-from taichi_plume.geometry import shape
-from taichi_plume.grid import Grid
-from taichi_plume.kernels import Template
-from taichi_plume.obstacles import Box, Cylinder, Sphere
-from taichi_plume.robots import Body
-from taichi_plume.scenario import Domain
+from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.kernels import Template
+from taichi_plume.scenario.domain import Domain
+from taichi_plume.scenario.obstacles import Box, Cylinder, Sphere
+from taichi_plume.scenario.resources import shape
+from taichi_plume.scenario.robots import Body
+from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.bodies import Bodies, MovingObstacle, Wake
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.validation.flow_cases import advance, velocities
-from taichi_plume.winds import CfdWind
 
 MODELS = {"cylinder": Cylinder, "box": Box, "sphere": Sphere}
 ENDS = [{"kind": "outlet", "face": "x-"}, {"kind": "outlet", "face": "x+"}]

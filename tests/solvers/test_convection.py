@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 import taichi as ti
 
-from taichi_plume.cut_cells import Air
-from taichi_plume.gases import EulerianGas
-from taichi_plume.grid import Grid
-from taichi_plume.kernels import Template
+from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.kernels import Template
+from taichi_plume.scenario.gases import EulerianGas
+from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.convection import FACE_VALUES
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.prescribed import PrescribedWind
 from taichi_plume.validation.flow_cases import advance, faces, laminar_flow, periodic, rms, velocities
-from taichi_plume.winds import CfdWind
 
 SCHEMES = ("koren", "weno5")
 

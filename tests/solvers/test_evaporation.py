@@ -2,16 +2,16 @@ import numpy as np
 import pytest
 import yaml
 
-from taichi_plume.checks import problems
-from taichi_plume.grid import Grid
-from taichi_plume.loading import ScenarioError, load_scenario
-from taichi_plume.scenario import Scenario
+from taichi_plume.grid.grid import Grid
+from taichi_plume.scenario.checks import problems
+from taichi_plume.scenario.loading import ScenarioError, load_scenario
+from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.scenario.sources import Dish, Source
+from taichi_plume.scenario.species import SPECIES, TEMPERATURE, Species
+from taichi_plume.scenario.winds import UniformWind
 from taichi_plume.solvers.emission import Emission
 from taichi_plume.solvers.evaporation import Evaporation
 from taichi_plume.solvers.uniform import UniformSolver
-from taichi_plume.sources import Dish, Source
-from taichi_plume.species import SPECIES, TEMPERATURE, Species
-from taichi_plume.winds import UniformWind
 
 ETHANOL = SPECIES["ethanol"]
 

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from taichi_plume.cut_cells import Air
-from taichi_plume.grid import Grid
+from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.grid import Grid
+from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.validation.flow_cases import advance
-from taichi_plume.winds import CfdWind
 
 RHO = 1.184
 WIDTH, DEPTH = 0.4, 0.5

@@ -1,15 +1,15 @@
 import numpy as np
 import pytest
 
-from taichi_plume.cut_cells import air_of
-from taichi_plume.geometry import Ball
-from taichi_plume.grid import Grid
-from taichi_plume.obstacles import Sphere
+from taichi_plume.grid.cut_cells import air_of
+from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.shapes import Ball
+from taichi_plume.scenario.obstacles import Sphere
+from taichi_plume.scenario.species import AIR_DENSITY
+from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.forces import forces
-from taichi_plume.species import AIR_DENSITY
 from taichi_plume.validation.flow_cases import advance, periodic
-from taichi_plume.winds import CfdWind
 
 
 @pytest.mark.slow

@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
-from taichi_plume.cut_cells import Air
-from taichi_plume.gases import EulerianGas
-from taichi_plume.grid import Grid
+from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.grid import Grid
+from taichi_plume.scenario.gases import EulerianGas
+from taichi_plume.scenario.winds import FrozenWind
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.frozen import FrozenSolver
 from taichi_plume.solvers.gas import EulerianSolver
-from taichi_plume.winds import FrozenWind
 
 SHAPE = (24, 16)
 GRID = Grid(SHAPE, 0.05)

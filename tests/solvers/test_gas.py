@@ -1,18 +1,18 @@
 import numpy as np
 import pytest
 
-from taichi_plume.cut_cells import Air
-from taichi_plume.fields import concentration_at
-from taichi_plume.gases import EulerianGas
-from taichi_plume.grid import Grid
+from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.fields import concentration_at
+from taichi_plume.grid.grid import Grid
+from taichi_plume.scenario.gases import EulerianGas
+from taichi_plume.scenario.sources import Source
+from taichi_plume.scenario.species import SPECIES
+from taichi_plume.scenario.winds import CfdWind, UniformWind
 from taichi_plume.solvers.emission import Emission
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.prescribed import PrescribedWind
 from taichi_plume.solvers.uniform import UniformSolver
-from taichi_plume.sources import Source
-from taichi_plume.species import SPECIES
-from taichi_plume.winds import CfdWind, UniformWind
 
 
 def arena(shape=(40, 30), rate=2e-5, seed=0, **source):

@@ -7,15 +7,15 @@ import pytest
 from scipy import integrate
 from scipy.special import erfc, exp1, k0e
 
-from taichi_plume.closed_forms import ContinuousGas, GaussianPuffGas
-from taichi_plume.cut_cells import Air
-from taichi_plume.fields import concentration_at
-from taichi_plume.gases import EulerianGas
-from taichi_plume.grid import Grid
+from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.fields import concentration_at
+from taichi_plume.grid.grid import Grid
+from taichi_plume.scenario.closed_forms import ContinuousGas, GaussianPuffGas
+from taichi_plume.scenario.gases import EulerianGas
+from taichi_plume.scenario.winds import UniformWind
 from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.gaussian_puffs import ContinuousPuffs, GaussianPuffs
 from taichi_plume.solvers.uniform import UniformSolver
-from taichi_plume.winds import UniformWind
 
 Q, D, POINT = 2e-5, 0.01, 1e-5  # kg/s, m²/s, m: a radius that is as good as none
 

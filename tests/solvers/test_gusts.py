@@ -2,12 +2,12 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from taichi_plume.fields import velocity_at
-from taichi_plume.grid import Grid
-from taichi_plume.rng import generator
+from taichi_plume.grid.fields import velocity_at
+from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.rng import generator
+from taichi_plume.scenario.winds import UniformWind
 from taichi_plume.solvers.gusts import OrnsteinUhlenbeck
 from taichi_plume.solvers.uniform import UniformSolver
-from taichi_plume.winds import UniformWind
 
 
 def windy(velocity=(0.5, 0.0), shape=(20, 10), seed=3, begin=-2.0, **gusts):

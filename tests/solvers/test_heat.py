@@ -2,15 +2,15 @@ import numpy as np
 import pytest
 
 from taichi_plume.assemble import assemble
-from taichi_plume.cut_cells import Air
-from taichi_plume.gases import EulerianGas
-from taichi_plume.grid import Grid
-from taichi_plume.scenario import Scenario
+from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.grid import Grid
+from taichi_plume.scenario.gases import EulerianGas
+from taichi_plume.scenario.heat import Heat
+from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.heat import HeatSolver
-from taichi_plume.warmth import Heat
-from taichi_plume.winds import CfdWind
 
 
 def closed_box(shape, dx=0.05, openings=(), **more) -> FlowSolver:

@@ -8,16 +8,16 @@ import pytest
 
 from taichi_plume import run
 from taichi_plume.assemble import assemble
-from taichi_plume.cut_cells import air_of
-from taichi_plume.fields import velocity_at
-from taichi_plume.grid import Grid
-from taichi_plume.imports import Site
-from taichi_plume.interpolation import Interpolation
-from taichi_plume.loading import ScenarioError, load_scenario
-from taichi_plume.occupancy import Cubes, Occupancy
+from taichi_plume.files.gaden import Cubes, Occupancy
+from taichi_plume.files.site import Site
+from taichi_plume.grid.cut_cells import air_of
+from taichi_plume.grid.fields import velocity_at
+from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.interpolation import Interpolation
+from taichi_plume.scenario.loading import ScenarioError, load_scenario
+from taichi_plume.scenario.winds import ImportedWind
 from taichi_plume.simulation import Simulation
 from taichi_plume.solvers.imported import ImportedFilm, Projection
-from taichi_plume.winds import ImportedWind
 
 SIZE = (1.6, 1.2, 0.4)
 LOW = (-5.0, 2.0, 0.5)  # the room's corner in the files

@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 from test_film import DX, SHAPE, new_film
 
-from taichi_plume import kernels
 from taichi_plume.assemble import assemble
-from taichi_plume.fields import concentration_at, velocity_at
-from taichi_plume.film import Film
-from taichi_plume.filming import Filming
-from taichi_plume.gases import PlaybackGas
-from taichi_plume.grid import Grid
-from taichi_plume.loading import load_scenario
+from taichi_plume.files.film import Film
+from taichi_plume.files.filming import Filming
+from taichi_plume.grid import kernels
+from taichi_plume.grid.fields import concentration_at, velocity_at
+from taichi_plume.grid.grid import Grid
+from taichi_plume.scenario.gases import PlaybackGas
+from taichi_plume.scenario.loading import load_scenario
+from taichi_plume.scenario.winds import PlaybackWind
 from taichi_plume.simulation import Every, Simulation
 from taichi_plume.solvers.playback import PlayedGas, PlayedWind
-from taichi_plume.winds import PlaybackWind
 
 LIVE = """
 seed: 3

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from taichi_plume.closed_forms import GaussianPlumeGas, MeanderingGas
-from taichi_plume.fields import concentration_at, velocity_at
-from taichi_plume.grid import Grid
+from taichi_plume.grid.fields import concentration_at, velocity_at
+from taichi_plume.grid.grid import Grid
+from taichi_plume.scenario.closed_forms import GaussianPlumeGas, MeanderingGas
+from taichi_plume.scenario.winds import UniformWind
 from taichi_plume.solvers.plumes import Plumes
 from taichi_plume.solvers.uniform import UniformSolver
-from taichi_plume.winds import UniformWind
 
 Q = 3e-5  # kg/s
 GUSTS = {"intensity": 0.2, "time": 1.5}

@@ -8,12 +8,13 @@ import pytest
 from scipy.spatial import cKDTree  # type: ignore[attr-defined]
 
 from taichi_plume.assemble import assemble
-from taichi_plume.fields import concentration_at, ppm_at, velocity_at
-from taichi_plume.loading import load_scenario
-from taichi_plume.plumesim_gases import PlumeSimGas, PlumeSimMeander, PlumeSimPuff
-from taichi_plume.point_frames import PointFrames
-from taichi_plume.results import to_yaml
-from taichi_plume.scenario import Scenario
+from taichi_plume.files.point_frames import PointFrames
+from taichi_plume.files.run_folder import to_yaml
+from taichi_plume.grid.fields import concentration_at, ppm_at, velocity_at
+from taichi_plume.scenario.loading import load_scenario
+from taichi_plume.scenario.plumesim import PlumeSimGas, PlumeSimMeander, PlumeSimPuff
+from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.scenario.winds import PlumeSimWind
 from taichi_plume.solvers.plumesim import (
     PointFilm,
     PointGas,
@@ -22,7 +23,6 @@ from taichi_plume.solvers.plumesim import (
     ProgramPuff,
     meandering_points,
 )
-from taichi_plume.winds import PlumeSimWind
 
 EXTENT = (1.5, 1.0)
 RNG = np.random.default_rng(3)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from taichi_plume.grid import Grid
+from taichi_plume.grid.grid import Grid
 from taichi_plume.solvers.direct import FastTransforms, SparseFactors
 from taichi_plume.solvers.multigrid import Multigrid
 from taichi_plume.solvers.poisson import Openness

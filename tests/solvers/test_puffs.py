@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from taichi_plume.cut_cells import Air
-from taichi_plume.fields import concentration_at
-from taichi_plume.gases import PuffGas
-from taichi_plume.grid import Grid
+from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.fields import concentration_at
+from taichi_plume.grid.grid import Grid
+from taichi_plume.scenario.gases import PuffGas
+from taichi_plume.scenario.winds import CfdWind, UniformWind
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.puffs import PuffSolver, joint_update
 from taichi_plume.solvers.uniform import UniformSolver
-from taichi_plume.winds import CfdWind, UniformWind
 
 SOURCE = {"position": (0.3, 0.5, 0.5), "rate": 1e-5, "radius": 0.02}
 

@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
-from taichi_plume.cut_cells import Air
-from taichi_plume.fields import velocity_at
-from taichi_plume.gases import EulerianGas
-from taichi_plume.grid import Grid
+from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.fields import velocity_at
+from taichi_plume.grid.grid import Grid
+from taichi_plume.scenario.gases import EulerianGas
+from taichi_plume.scenario.winds import SyntheticWind
 from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.synthetic import SyntheticSolver
-from taichi_plume.winds import SyntheticWind
 
 SHAPES = [(60, 42), (30, 21, 12)]
 

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from taichi_plume.cut_cells import Air
-from taichi_plume.grid import Grid
+from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.grid import Grid
+from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
-from taichi_plume.winds import CfdWind
 
 
 def eddy_viscosity(kind: str, gradient: np.ndarray, constant: float) -> float:

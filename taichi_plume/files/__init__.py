@@ -1,0 +1,3 @@
+"""The formats that are read and written, one file each."""
+
+MAY_IMPORT: tuple[str, ...] = ("grid", "map_scores", "scenario", "scores", "simulation")

@@ -1,0 +1,105 @@
+"""Films a run: writes wind and gas to the run directory as they come, for xarray and for later runs to play back."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from taichi_plume import __version__
+from taichi_plume.files import disk
+from taichi_plume.files.film import GAS, VELOCITIES, NewFilm
+from taichi_plume.grid.fields import concentration_at
+from taichi_plume.scenario.outputs import Fields
+from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.scenario.sources import Source
+from taichi_plume.simulation import Every, Simulation
+
+
+class Filming:
+    """Writes the film `path` of what `scenario.fields` asks for. Raises OSError as soon as the disk has no room.
+
+    Of the wind it takes the fields u, open and nu (or None), as a flow solver's.
+    """
+
+    def __init__(self, sim: Simulation, path: Path, model: Fields):
+        self.path, self.model = path, model
+        self.wind: Any = sim.wind if "wind" in model.quantities else None
+        scenario, grid = sim.scenario, sim.grid
+        attributes: dict[str, Any] = {
+            "title": scenario.name,
+            "source": f"taichi_plume {__version__}",
+            "seed": scenario.seed,
+            "depth": grid.depth,
+            "periodic": list(grid.periodic),
+        }
+        still: dict[str, np.ndarray] = {"air": sim.air.volume.T.astype(np.float32)}
+        moving = []
+        if self.wind is not None:
+            if not hasattr(self.wind, "u"):
+                kind = scenario.wind.kind
+                raise ValueError(
+                    f"fields.quantities: a wind of kind {kind} has no face velocities; leave out wind"
+                )
+            self.speed_names = VELOCITIES[: grid.dim]
+            moving += self.speed_names
+            moving += ["viscosity"] if self.wind.nu is not None else []
+            attributes |= {"viscosity": self.wind.viscosity, "schmidt": self.wind.schmidt}
+            for d, name in enumerate(self.speed_names):
+                still[f"open_{name}"] = (_faces(grid.read(self.wind.open[d], 1), d, 1).T > 0).astype(np.int8)
+                still[f"area_{name}"] = sim.air.area[d].T.astype(np.float32)
+        if "gas" in model.quantities:
+            moving += [f"{GAS}{species.name}" for species in sim.gas.species]
+            attributes["gases"] = _origins(scenario)
+        disk.require_room(path)
+        self.film = NewFilm(path, grid.shape, grid.dx, attributes, moving, still)
+
+    def observer(self) -> Every:
+        """What the simulation has to call."""
+        return Every(1 / self.model.rate, self.shoot, warm_up=True)
+
+    def shoot(self, sim: Simulation) -> None:
+        """Add a frame, once the film has started."""
+        if sim.t < self.model.start - 1e-9 * sim.dt:
+            return
+        frame = self._wind(sim) if self.wind is not None else {}
+        if "gas" in self.model.quantities:
+            frame |= self._gas(sim)
+        disk.require_room(self.path, sum(values.nbytes for values in frame.values()))
+        self.film.append(sim.t, frame)
+
+    def _gas(self, sim: Simulation) -> dict[str, np.ndarray]:
+        """Concentration of each species [kg/m³]."""
+        frame = {
+            f"{GAS}{species.name}": np.zeros(sim.grid.shape[::-1], np.float32) for species in sim.gas.species
+        }
+        for gas in sim.gas.gases:
+            cells = getattr(gas, "cells", None)  # means over the cells, where a gas knows them
+            c = cells(sim.t) if cells else concentration_at(gas, sim.grid.centers(), sim.t)
+            frame[f"{GAS}{gas.species.name}"] += c.T
+        return frame
+
+    def _wind(self, sim: Simulation) -> dict[str, np.ndarray]:
+        grid = sim.grid
+        frame = {name: _faces(grid.read(self.wind.u[d], 1), d).T for d, name in enumerate(self.speed_names)}
+        if self.wind.nu is not None:  # zero before the first step
+            frame["viscosity"] = np.maximum(grid.read(self.wind.nu, 1), np.float32(self.wind.viscosity)).T
+        return frame
+
+
+def _origins(scenario: Scenario) -> dict[str, Any]:
+    """Species and sources of every gas variable, as a scenario writes them."""
+    origins: dict[str, Any] = {}
+    for _, gas in scenario.gases:
+        written = gas.model_dump(mode="json", include={"species"})
+        known = origins.setdefault(f"{GAS}{gas.vapour.name}", {"species": written["species"], "sources": []})
+        for source in gas.sources:
+            parts = source.model_dump(mode="json", exclude_none=True, include=set(Source.model_fields))
+            known["sources"].append(parts if "dish" in parts else {"rate": 0.0} | parts)  # a puff has no rate
+    return origins
+
+
+def _faces(values: np.ndarray, d: int, margin: int = 0) -> np.ndarray:
+    """The domain's d-faces, from values with a ghost layer all round; `margin` layers less along the other axes."""
+    index = [slice(margin, n - margin) for n in values.shape]
+    index[d] = slice(1, None)
+    return values[tuple(index)]

@@ -1,0 +1,119 @@
+"""The run directory: which files it holds, and the resolved scenario in it, which can be run again as it is."""
+
+import datetime
+import os
+import platform
+import shutil
+import tempfile
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from taichi_plume import __version__
+from taichi_plume.scenario.scenario import Scenario
+
+FILES = (
+    "scenario.yaml",
+    "recording.rrd",
+    "robots.parquet",
+    "forces.csv",
+    "fields.zarr",
+    "plume.pslog",
+    "result.json",
+)
+PATHS = ("file", "files", "occupancy")  # keys of a scenario
+
+
+class RunFolderError(ValueError):
+    """A run directory that cannot be used."""
+
+
+def run_folder(
+    name: str,
+    out: Path | None = None,
+    force: bool = False,
+    runs: Path = Path("runs"),
+    files: Sequence[str] = FILES,
+) -> Path:
+    """Make and return `out`, or the first free ``runs/<name>-<n>``; raises RunFolderError.
+
+    One that holds files is refused, unless by `force` those `files` that an earlier run left there are removed.
+    """
+    try:
+        if out is None:
+            return _next_folder(name, runs)
+        if out.is_file():
+            raise RunFolderError(f"{out}: is a file; --out takes a folder")
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RunFolderError(
+            f"{error.filename or out or runs}: cannot be made: {error.strerror or error}"
+        ) from None
+    try:
+        with tempfile.NamedTemporaryFile(dir=out):
+            pass  # now, rather than after minutes of compiling
+        if not force and any(out.iterdir()):
+            raise RunFolderError(f"{out}: is not empty; choose another --out or add --force to overwrite")
+        for file in files:
+            if (out / file).is_dir():
+                shutil.rmtree(out / file)
+            else:
+                (out / file).unlink(missing_ok=True)
+    except OSError as error:
+        raise RunFolderError(f"{out}: cannot be written to: {error.strerror or error}") from None
+    return out
+
+
+def _next_folder(name: str, runs: Path) -> Path:
+    n = 1
+    while True:
+        folder = runs / f"{name}-{n}"
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            n += 1
+            continue
+        return folder
+
+
+# ---------------------------------------------------------------- the scenario
+
+
+def to_yaml(scenario: Scenario, source: Path = Path(), target: Path | None = None) -> str:
+    """The scenario with every default written out.
+
+    Paths of files, relative to `source`, are written relative to `target` when one is given.
+    """
+    data = scenario.model_dump(mode="json", exclude_none=True)
+    if target is not None:
+        data = _moved(data, source.resolve(), target.resolve())
+    return yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=100)
+
+
+def _moved(value: Any, source: Path, target: Path) -> Any:
+    if isinstance(value, list):
+        return [_moved(part, source, target) for part in value]
+    if not isinstance(value, dict):
+        return value
+    return {
+        key: os.path.relpath(source / part, target) if key in PATHS else _moved(part, source, target)
+        for key, part in value.items()
+    }
+
+
+def write_scenario(folder: Path, scenario: Scenario, source: Path, backend: str) -> None:
+    """Write `scenario.yaml`, versions, backend and seed above it; `source` is the folder of the original."""
+    now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+    packages = ("taichi", "numpy", "rerun-sdk")
+    versions = ", ".join(f"{name} {version(name)}" for name in packages)
+    header = (
+        f"# Every default written out. Again: python -m taichi_plume.run {folder / 'scenario.yaml'}\n"
+        f"# started: {now}\n"
+        f"# backend: {backend}\n"
+        f"# seed: {scenario.seed}\n"
+        f"# taichi_plume {__version__}, {versions}, Python {platform.python_version()}, {platform.system()}\n"
+    )
+    (folder / "scenario.yaml").write_text(header + to_yaml(scenario, source, folder), encoding="utf-8")

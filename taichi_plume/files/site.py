@@ -1,0 +1,79 @@
+"""Where the files of an imported wind lie in the domain."""
+
+from pathlib import Path
+
+import numpy as np
+
+from taichi_plume.files import gaden as occupancy
+from taichi_plume.files import wind_points as wind_files
+from taichi_plume.files.wind_points import Points, WindFileError
+from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.interpolation import Interpolation
+from taichi_plume.scenario.winds import ImportedWind
+
+
+class Site:
+    """Files with their times [s], and how the domain lies among their points.
+
+    first: the points of the first file; low, high: corners of the box that they fill [m], from the domain's lower
+    corner; origin: that corner in the files [m]; height: z in the files of a 2-D run's section [m], levels: where
+    it may be; cubes: the obstacles of the occupancy grid, if there is one.
+    """
+
+    def __init__(self, wind: ImportedWind, dim: int, folder: Path):
+        """Raises WindFileError."""
+        self.wind = wind
+        self.files = wind_files.find(folder, wind.files, wind.interval)
+        self.dim = dim
+        self.first = wind_files.read(self.files[0][1])
+        self._check(self.first)
+        known = Interpolation(self.first.place)
+        grid = occupancy.read(folder / wind.occupancy) if wind.occupancy else None
+        corner = known.low if grid is None else grid.low
+        self.origin = np.array(wind.origin or corner[:dim])
+        self.low, self.high = known.low[:dim] - self.origin, known.high[:dim] - self.origin
+        self.slack = known.slack
+        if self.first.place.shape[1] == 3:
+            self.levels = (known.low[2], known.high[2])
+        else:
+            self.levels = (grid.low[2], grid.high[2]) if grid else (0.0, 0.0)
+        self.height = float(np.mean(self.levels)) if wind.height is None else wind.height
+        self.cubes = occupancy.Cubes(grid, dim, self.origin, self.height) if grid else None
+
+    def read(self, path: Path) -> Points:
+        """The points of a file, such as the first one has. Raises WindFileError."""
+        points = wind_files.read(path)
+        self._check(points)
+        return points
+
+    def _check(self, points: Points) -> None:
+        path, first = points.path, self.first
+        if points.place.shape[1] < self.dim:
+            raise WindFileError(f"{path}: names no column for z and w, which a 3-D run needs")
+        for a, x in enumerate(points.place.T[: self.dim]):
+            if np.ptp(x) == 0.0:
+                raise WindFileError(
+                    f"{path}: all its points have {'xyz'[a]} = {x[0]:g} m, too few for a {self.dim}-D run"
+                )
+        if points.kind != first.kind:
+            raise WindFileError(f"{path}: has other columns than {first.path.name}: z, w or nut")
+        if len(points.place) != len(first.place):
+            raise WindFileError(
+                f"{path}: has {len(points.place)} points, but {first.path.name} has {len(first.place)}; is it whole?"
+            )
+
+    def places(self, grid: Grid, face: int | None = None) -> list[np.ndarray]:
+        """Coordinates in the files of the faces of an axis, or of cell centres, per axis of the points [m].
+
+        Other than along this axis there is one more beyond each end. What lies still farther from the points has the
+        coordinate where they end: there the flow goes on unchanged.
+        """
+        axes = []
+        for a, n in enumerate(grid.shape):
+            x = grid.dx * (np.arange(n + 1) if a == face else np.arange(-1, n + 1) + 0.5)
+            axes.append(
+                self.origin[a] + np.clip(x, self.low[a] - 0.5 * grid.dx, self.high[a] + 0.5 * grid.dx)
+            )
+        if self.first.place.shape[1] > grid.dim:
+            axes.append(np.array([self.height]))
+        return axes

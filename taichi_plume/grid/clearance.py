@@ -1,0 +1,103 @@
+"""How far a robot on the floor is from the next surface."""
+
+from math import ceil, sqrt
+
+import numpy as np
+import taichi as ti
+from scipy import ndimage
+
+from taichi_plume.grid.fields import corner
+from taichi_plume.grid.shapes import Shape
+
+CLEARANCE_STEP = 0.01  # m, the finest grid of a clearance map
+CLEARANCE_NODES = 400_000
+FAR = 1e6  # m, clearance where there is no obstacle
+
+
+def clearance_resolution(extent: tuple[float, ...]) -> float:
+    """Spacing [m] of the nodes of a clearance map, which may tell up to √2 times this less than is free."""
+    return max(CLEARANCE_STEP, sqrt(extent[0] * extent[1] / CLEARANCE_NODES))
+
+
+@ti.data_oriented
+class ClearanceMap:
+    """How far a point of the floor is from the next edge of it or obstacle: never more than the truth.
+
+    Obstacles count as far as they reach between the floor and `body_height` [m]. Their distances are kept on
+    nodes `resolution` [m] apart. As a distance changes by at most the way walked, the bilinear value exceeds
+    the truth by no more than resolution/√2 (at the middle of four nodes), which is taken off. Edges: exact.
+    low, high: corners of the floor [m].
+    """
+
+    def __init__(
+        self,
+        shapes: list[Shape],
+        high: tuple[float, ...],
+        body_height: float,
+        resolution: float | None = None,
+        low: tuple[float, ...] = (0.0, 0.0),
+    ):
+        self.low, self.high = (float(low[0]), float(low[1])), (float(high[0]), float(high[1]))
+        size = (self.high[0] - self.low[0], self.high[1] - self.low[1])
+        resolution = resolution or clearance_resolution(size)
+        self.resolution = resolution if shapes else max(size)
+        self.nodes = tuple(max(2, ceil(length / self.resolution - 1e-9) + 1) for length in size)
+        axes = [low + np.arange(n) * self.resolution for low, n in zip(self.low, self.nodes, strict=True)]
+        points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+        self._values = np.full(self.nodes, FAR)
+        for one in shapes:
+            self._values = np.minimum(self._values, one.horizontal_distance(points, 0.0, body_height))
+        self._values -= self.resolution / sqrt(2)
+        self.values = ti.field(ti.f32, self.nodes)
+        self.values.from_numpy(self._values.astype(np.float32))
+
+    @ti.func
+    def distance(self, p):
+        """Distance [m] from p (x, y) to the next surface, or a little less; negative inside an obstacle."""
+        return ti.min(self._wall(p)[0], self._obstacle(p)[0])
+
+    @ti.func
+    def normal(self, p):
+        """Unit vector away from the surface next to p."""
+        wall = self._wall(p)
+        obstacle = self._obstacle(p)
+        gradient = ti.Vector([obstacle[1], obstacle[2]])
+        steepness = gradient.norm()
+        away = ti.Vector([wall[1], wall[2]])
+        if obstacle[0] < wall[0] and steepness > 1e-6:
+            away = gradient / steepness
+        return away
+
+    def distance_at(self, points: np.ndarray) -> np.ndarray:
+        """What `distance` gives [m], for points (..., 2) on the host."""
+        points = np.asarray(points, float)
+        walls = np.minimum(points - np.array(self.low), np.array(self.high) - points).min(axis=-1)
+        return np.minimum(walls, self.obstacle_distance_at(points))
+
+    def obstacle_distance_at(self, points: np.ndarray) -> np.ndarray:
+        """The same from obstacles alone, for points (..., 2) anywhere; off the floor, what it is at its next point."""
+        where = (np.asarray(points, float) - np.array(self.low)).reshape(-1, 2).T / self.resolution
+        standing = ndimage.map_coordinates(self._values, where, order=1, mode="nearest")
+        return standing.reshape(points.shape[:-1])
+
+    @ti.func
+    def _wall(self, p):
+        """Distance [m] to the next edge of the floor and its normal."""
+        result = ti.Vector([p[0] - self.low[0], 1.0, 0.0])
+        if self.high[0] - p[0] < result[0]:
+            result = ti.Vector([self.high[0] - p[0], -1.0, 0.0])
+        if p[1] - self.low[1] < result[0]:
+            result = ti.Vector([p[1] - self.low[1], 0.0, 1.0])
+        if self.high[1] - p[1] < result[0]:
+            result = ti.Vector([self.high[1] - p[1], 0.0, -1.0])
+        return result
+
+    @ti.func
+    def _obstacle(self, p):
+        """Distance [m] to the next obstacle, or a little less, and its gradient."""
+        I, w = corner(p - ti.Vector(self.low), (0.0, 0.0), self.resolution, 0, self.nodes)
+        v00, v10 = self.values[I[0], I[1]], self.values[I[0] + 1, I[1]]
+        v01, v11 = self.values[I[0], I[1] + 1], self.values[I[0] + 1, I[1] + 1]
+        lower, upper = v00 + w[0] * (v10 - v00), v01 + w[0] * (v11 - v01)
+        along_x = (1.0 - w[1]) * (v10 - v00) + w[1] * (v11 - v01)
+        return ti.Vector([lower + w[1] * (upper - lower), along_x, upper - lower])

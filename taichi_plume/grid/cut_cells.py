@@ -1,0 +1,222 @@
+"""How much of every cell and face is air, where the surfaces of obstacles cut through the grid.
+
+The signed distance to the surfaces is taken as linear between nodes half a cell apart: the shares are of second order
+in the spacing, exact where a plane surface runs along the cells. What is thinner than half a cell may be missed.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
+
+from taichi_plume.grid.grid import Grid, block_mean
+from taichi_plume.grid.shapes import Shape
+
+TIE = 1e-4  # cells: a cell centre this close to a surface counts as outside, whatever the rounding
+FINER = 2  # nodes per cell and axis
+SECTIONS = 8  # per axis, to integrate a share between nodes
+SLIVER = 0.02  # shares below are closed
+
+
+@dataclass(frozen=True)
+class Air:
+    """Shares that are air: `volume` of the cells, grid.shape; `area` of the faces per axis, one more along that axis.
+
+    distance: mean distance [cells] of a face's open part from the nearest surface, arrays like area.
+    body: number of the obstacle that is next to the cell, -1 where none is near; periodic: per axis.
+    """
+
+    volume: np.ndarray
+    area: tuple[np.ndarray, ...]
+    distance: tuple[np.ndarray, ...]
+    body: np.ndarray
+    periodic: tuple[bool, ...]
+
+    @property
+    def solid(self) -> np.ndarray:
+        """Which cells hold no air, bool of grid.shape."""
+        return self.volume == 0.0
+
+    @property
+    def empty(self) -> bool:
+        """Whether there is no obstacle at all."""
+        return all(bool(np.all(area == 1.0)) for area in self.area)
+
+    @property
+    def room(self) -> np.ndarray:
+        """Volume share that a cell counts as storing, grid.shape: as though it were as wide as its widest face.
+
+        However little of a cell is air, it then does not shorten the step.
+        """
+        return np.maximum(self.volume, _widest(list(self.area), self.volume.ndim))
+
+    def regions(self) -> np.ndarray:
+        """Number of the connected part of the air that each cell belongs to, from 1 on; 0 in solid cells."""
+        number = np.arange(self.volume.size).reshape(self.volume.shape)
+        links = []
+        for d, area in enumerate(
+            self.area
+        ):  # where an axis does not wrap round, its first face leads nowhere
+            lower = np.moveaxis(np.roll(number, 1, axis=d), d, 0)
+            upper, leads = np.moveaxis(number, d, 0), np.moveaxis(area, d, 0)[:-1] > 0.0
+            leads[0] &= self.periodic[d]
+            links.append(np.stack([lower[leads], upper[leads]]))
+        i, j = np.concatenate(links, axis=1)
+        graph = csr_array((np.ones(len(i), np.int8), (i, j)), shape=(number.size, number.size))
+        labels = connected_components(graph, directed=False)[1].reshape(number.shape)
+        result = np.zeros(number.shape, int)
+        result[~self.solid] = np.unique(labels[~self.solid], return_inverse=True)[1] + 1
+        return result
+
+    @staticmethod
+    def of(solid: np.ndarray, grid: Grid) -> "Air":
+        """Obstacles of whole cells: solid, bool of grid.shape."""
+        faces = [np.ones(_faces(grid, d)) for d in range(grid.dim)]
+        return _closed(1.0 - solid, faces, [0.5 * a for a in faces], np.zeros(grid.shape, np.int32), grid)
+
+    @staticmethod
+    def everywhere(grid: Grid) -> "Air":
+        """No obstacles."""
+        return Air.of(np.zeros(grid.shape, bool), grid)
+
+    def surface(self) -> np.ndarray:
+        """Vector area of the surface in each cell, out of the air, over a face's area: shape (*grid.shape, dim)."""
+        sides = [np.delete(a, -1, axis=d) - np.delete(a, 0, axis=d) for d, a in enumerate(self.area)]
+        result = np.stack(sides, axis=-1)
+        for d, wraps in enumerate(self.periodic):
+            if not wraps:  # what an opening or a wall of the domain covers is none of the obstacle's
+                for cells, full in ((0, 1.0), (-1, -1.0)):
+                    edge = np.moveaxis(result, d, 0)[cells]
+                    closed = np.moveaxis(self.area[d], d, 0)[cells] == 0.0
+                    edge[..., d] += np.where(closed & (np.moveaxis(self.volume, d, 0)[cells] > 0), full, 0.0)
+        return result
+
+
+def air_of(
+    shapes: Sequence[Shape | None],
+    grid: Grid,
+    open_cells: np.ndarray | None = None,
+    left: tuple[np.ndarray, list[np.ndarray]] | None = None,
+) -> Air:
+    """The air that is left around shapes; None stands for one that is not there, but is counted.
+
+    open_cells: bool of grid.shape, cells at an opening; unless given, all cells at the domain's faces. Air
+    is kept where it is the largest connected part or reaches an open cell: what obstacles seal off counts as filled.
+    left: shares of the cells and of the faces per axis that other obstacles leave.
+    """
+    distance, nearest = _distances(shapes, grid)
+    volume, _ = _share(distance, tuple(range(grid.dim)))
+    faces = [_share(distance, tuple(a for a in range(grid.dim) if a != d)) for d in range(grid.dim)]
+    area, away = [share for share, _ in faces], [mean for _, mean in faces]
+    body = nearest[(slice(FINER // 2, None, FINER),) * grid.dim]
+    if left is not None:
+        volume, area = volume * left[0], [a * b for a, b in zip(area, left[1], strict=True)]
+    air = _closed(volume, area, away, body, grid)
+    regions = air.regions()
+    if regions.max() > 1:
+        reached = np.zeros(grid.shape, bool)
+        for d, area in enumerate(air.area):
+            for end in (0, -1):
+                np.moveaxis(reached, d, 0)[end] |= np.moveaxis(area, d, 0)[end] > 0.0
+        if open_cells is not None:
+            reached &= open_cells
+        kept = np.union1d(regions[reached], 1 + np.bincount(regions.ravel())[1:].argmax())
+        volume = np.where(np.isin(regions, kept), air.volume, 0.0)
+        air = _closed(volume, list(air.area), away, body, grid)
+    return air
+
+
+def _faces(grid: Grid, d: int) -> tuple[int, ...]:
+    return tuple(n + (a == d) for a, n in enumerate(grid.shape))
+
+
+def _distances(shapes: Sequence[Shape | None], grid: Grid) -> tuple[np.ndarray, np.ndarray]:
+    """Signed distance [cells] of the nodes to the nearest surface, at most 2, and the number of its shape."""
+    nodes, step = tuple(FINER * n + 1 for n in grid.shape), grid.dx / FINER
+    distance, nearest = np.full(nodes, 2.0, np.float32), np.full(nodes, -1, np.int32)
+    for number, one in enumerate(shapes):
+        if one is None:
+            continue
+        first = np.clip(np.floor(one.low / step) - FINER, 0, nodes).astype(int)
+        last = np.clip(np.ceil(one.high / step) + FINER + 1, 0, nodes).astype(int)
+        block = tuple(slice(a, b) for a, b in zip(first, last, strict=True))
+        axes = [np.arange(a, b) * step for a, b in zip(first, last, strict=True)]
+        points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+        if points.size:
+            here = one.signed_distance(points) / grid.dx
+            closer = here < distance[block]
+            distance[block] = np.where(closer, here, distance[block])
+            nearest[block] = np.where(closer, number, nearest[block])
+    distance[np.abs(distance) < TIE] = 0.0  # on the surface, whatever the rounding
+    return distance, nearest
+
+
+def _share(distance: np.ndarray, axes: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Of the faces or cells that span `axes`: the share where the distance is positive, and its mean there."""
+    across = [a for a in range(distance.ndim) if a not in axes]
+    ends = [
+        (slice(None, -1), slice(1, None)) if a in axes else (slice(None, None, FINER),)
+        for a in range(distance.ndim)
+    ]
+    corners = [distance[index] for index in product(*ends)]  # of every part, axis 0 slowest
+    low, high, total = corners[0], corners[0], np.zeros_like(corners[0])
+    for corner in corners:
+        low, high = np.minimum(low, corner), np.maximum(high, corner)
+        total += np.maximum(corner, 0.0) / len(corners)
+    share = np.where(high <= 0.0, np.float32(0.0), np.float32(1.0))
+    cut = (low < 0.0) & (high > 0.0)
+    values = np.stack([corner[cut] for corner in corners], axis=-1)
+    share[cut], total[cut] = _integrate(values.reshape(-1, *[2] * len(axes)))
+    parts = tuple(1 if a in across else FINER for a in range(distance.ndim))
+    share, total = block_mean(share, parts), block_mean(total, parts)
+    mean = total / np.maximum(share, 1e-6)
+    return np.where(share < SLIVER, 0.0, np.where(share > 1.0 - TIE, 1.0, share)), mean
+
+
+def _integrate(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Share of positive values, and their integral, of cells (n, 2, ...) linear between their corners.
+
+    Exact along the last axis.
+    """
+    if corners.ndim == 2:
+        size = np.maximum(np.abs(corners).sum(axis=1), 1e-30)
+        positive = np.maximum(corners, 0.0)
+        share = positive.sum(axis=1) / size
+        return share, 0.5 * share * positive.sum(axis=1)
+    places = (np.arange(SECTIONS) + 0.5) / SECTIONS
+    sections = [_integrate((1.0 - s) * corners[:, 0] + s * corners[:, 1]) for s in places]
+    return np.mean([share for share, _ in sections], axis=0), np.mean(
+        [total for _, total in sections], axis=0
+    )
+
+
+def _closed(
+    volume: np.ndarray, area: list[np.ndarray], distance: list[np.ndarray], body: np.ndarray, grid: Grid
+) -> Air:
+    """Air whose faces lead from air to air; cells without an open face are solid.
+
+    The domain's own faces are open or closed as a whole: by half of the cell behind.
+    """
+    volume = volume.astype(np.float32)
+    area = [a.astype(np.float32) for a in area]
+    for _ in range(2):  # cells without faces close their neighbours' faces
+        for d in range(grid.dim):
+            faces, cells = np.moveaxis(area[d], d, 0), np.moveaxis(volume, d, 0)
+            faces[1:-1] *= (cells[1:] > 0.0) & (cells[:-1] > 0.0)
+            if grid.periodic[d]:
+                faces[0] = np.minimum(faces[0], faces[-1]) * ((cells[0] > 0.0) & (cells[-1] > 0.0))
+                faces[-1] = faces[0]
+            else:
+                faces[0], faces[-1] = cells[0] >= 0.5, cells[-1] >= 0.5
+        widest = _widest(area, grid.dim)
+        volume = np.where(widest > 0.0, np.maximum(volume, SLIVER), 0.0)
+    return Air(volume, tuple(area), tuple(distance), body, grid.periodic)
+
+
+def _widest(area: list[np.ndarray], dim: int) -> np.ndarray:
+    """The largest share of a cell's faces."""
+    sides = [np.delete(area[d], end, axis=d) for d in range(dim) for end in (0, -1)]
+    return np.max(sides, axis=0)

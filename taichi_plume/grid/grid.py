@@ -1,0 +1,160 @@
+"""The staggered (MAC) grid: shape, spacing, ghost layers, allocation of fields.
+
+Cell I covers [(I - ghost) dx, (I - ghost + 1) dx]. A face field of axis d holds at index I the value on the lower
+d-face of cell I. Fields store axis 0 contiguously, where the domain is usually longest.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import prod
+from typing import Any
+
+import numpy as np
+import taichi as ti
+
+from taichi_plume.grid.kernels import Template, launch, sweep
+
+
+@ti.kernel
+def _read(field: Template, ghost: Template, values: ti.types.ndarray()):
+    for J in ti.grouped(values):
+        values[J] = field[ti.Vector([J[J.n - 1 - d] + ghost for d in ti.static(range(J.n))])]
+
+
+@ti.kernel
+def _write(field: Template, ghost: Template, values: ti.types.ndarray()):
+    for J in ti.grouped(values):
+        field[ti.Vector([J[J.n - 1 - d] + ghost for d in ti.static(range(J.n))])] = values[J]
+
+
+def centers(cells: Sequence[int], edge: float) -> np.ndarray:
+    """Of so many cells along each axis from the origin on, (*cells, dim) [m]; edge: of a cell [m]."""
+    axes = [(np.arange(n) + 0.5) * edge for n in cells]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+
+
+def block_mean(values: np.ndarray, n: int | tuple[int, ...]) -> np.ndarray:
+    """Mean over blocks of n entries (per axis, or the same for all), of which every length is a multiple."""
+    blocks = (n,) * values.ndim if isinstance(n, int) else n
+    split = values.reshape(
+        [m for length, b in zip(values.shape, blocks, strict=True) for m in (length // b, b)]
+    )
+    return split.mean(axis=tuple(range(1, split.ndim, 2)))
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Cells of edge `dx` [m]: `shape` of them per axis, inside `ghost` layers. Two axes mean a slab of `depth` [m]."""
+
+    shape: tuple[int, ...]
+    dx: float
+    depth: float = 1.0
+    ghost: int = 3
+    periodic: tuple[bool, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.periodic:
+            object.__setattr__(self, "periodic", (False,) * self.dim)
+
+    @staticmethod
+    def of(domain: Any, periodic: tuple[bool, ...] = ()) -> "Grid":
+        """The grid of a scenario's domain, which has `shape`, `spacing` and `depth`."""
+        return Grid(domain.shape, domain.spacing, domain.depth, periodic=periodic)
+
+    @property
+    def dim(self) -> int:
+        """2 or 3."""
+        return len(self.shape)
+
+    @property
+    def extent(self) -> tuple[float, ...]:
+        """Size of the domain [m]."""
+        return tuple(n * self.dx for n in self.shape)
+
+    @property
+    def padded(self) -> tuple[int, ...]:
+        """Shape with ghost layers."""
+        return tuple(n + 2 * self.ghost for n in self.shape)
+
+    @property
+    def cell_volume(self) -> float:
+        """Volume of a cell [m³]; in 2-D, of its column through the slab."""
+        return self.dx**self.dim * (self.depth if self.dim == 2 else 1.0)
+
+    @property
+    def cells(self) -> tuple[tuple[int, int], ...]:
+        """(begin, end) of the inner cells per axis."""
+        return tuple((self.ghost, self.ghost + n) for n in self.shape)
+
+    @property
+    def faces(self) -> tuple[tuple[int, int], ...]:
+        """(begin, end) of the lower faces of inner cells and of the domain's upper faces, for any axis."""
+        return tuple((begin, end + 1) for begin, end in self.cells)
+
+    def field(self, shape: tuple[int, ...] = (), dtype: Any = ti.f32) -> Any:
+        """A scalar field over the padded grid (or `shape`), axis 0 contiguous."""
+        return ti.field(dtype, shape=shape or self.padded, order="kji"[-self.dim :])
+
+    def faces_field(self) -> tuple[Any, ...]:
+        """One scalar face field per axis."""
+        return tuple(self.field() for _ in self.shape)
+
+    def inner(self, padded: np.ndarray) -> np.ndarray:
+        """The view of a padded array without its ghost layers."""
+        return padded[tuple(slice(begin, end) for begin, end in self.cells)]
+
+    def pad(self, inner: np.ndarray) -> np.ndarray:
+        """`inner` with ghost layers that repeat the edge, or wrap round on periodic axes."""
+        for axis, wrap in enumerate(self.periodic):
+            width = [(self.ghost, self.ghost) if a == axis else (0, 0) for a in range(self.dim)]
+            inner = np.pad(inner, width, mode="wrap" if wrap else "edge")
+        return inner
+
+    def pad_faces(self, faces: np.ndarray, d: int) -> np.ndarray:
+        """Face values of axis d, one more than cells along it, on the padded grid; ghost layers as of `pad`."""
+        if self.periodic[d]:
+            return self.pad(np.delete(faces, -1, axis=d))  # the last face is the first one again
+        for axis, wrap in enumerate(self.periodic):
+            width = [(0, 0)] * self.dim
+            width[axis] = (self.ghost, self.ghost - (axis == d))
+            faces = np.pad(faces, width, mode="wrap" if wrap else "edge")
+        return faces
+
+    def read(self, field: Any, margin: int = 0) -> np.ndarray:
+        """The inner values of a padded field and `margin` ghost layers; much faster than `to_numpy`.
+
+        Shape `shape`, larger by twice the margin; axis 0 contiguous.
+        """
+        values = np.empty([n + 2 * margin for n in reversed(self.shape)], np.float32)
+        _read(field, self.ghost - margin, values)
+        return values.T
+
+    def write(self, field: Any, values: np.ndarray, margin: int = 0) -> None:
+        """Set the inner values of a padded field and `margin` ghost layers; the layers beyond stay."""
+        _write(field, self.ghost - margin, np.ascontiguousarray(values.T, np.float32))
+
+    def blending(self, fields: Sequence[Any], goals: Sequence[Any]) -> Callable[[float], None]:
+        """A kernel that moves fields by a share of the way to their goals, ghost layers too; by 1, to the bit."""
+
+        def toward(field: Any, goal: Any) -> Callable:
+            @ti.func
+            def body(I, share, _):
+                return (1.0 - share) * field[I] + share * goal[I]
+
+            return body
+
+        everywhere = [(0, n) for n in self.padded]
+        passes = [sweep([toward(f, g)], [f], everywhere) for f, g in zip(fields, goals, strict=True)]
+        return launch(*passes, cells=prod(self.padded))
+
+    def largest_outflow(self, faces: Sequence[np.ndarray]) -> float:
+        """Largest flow out of a cell over its volume [1/s] of the velocities [m/s] on the faces of each axis."""
+        out = sum(
+            np.maximum(np.delete(u, 0, axis=d), 0.0) - np.minimum(np.delete(u, -1, axis=d), 0.0)
+            for d, u in enumerate(faces)
+        )
+        return float(np.max(out)) / self.dx
+
+    def centers(self) -> np.ndarray:
+        """Cell centres [m], shape (*shape, dim)."""
+        return centers(self.shape, self.dx)

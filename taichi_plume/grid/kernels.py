@@ -1,0 +1,172 @@
+"""How our kernels run: start-up, the Template alias, and the sweep that turns a cell formula into a fast kernel."""
+
+import contextlib
+import io
+from collections.abc import Callable, Sequence
+from math import prod
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import taichi as ti
+from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
+
+if TYPE_CHECKING:
+    Template = Any
+else:
+    Template = ti.template()
+"""Annotation of compile-time arguments: fields, axes, objects with `ti.func` methods."""
+
+# Of compiled kernels on disk. With Taichi's own 100 MB a dozen scenarios, or the tests, throw out each other's.
+CACHE_BYTES = 2_000_000_000
+STRIP = 32  # cells per strip; 100 and more are six times slower (LLVM stops using registers)
+FEW_CELLS = 32_000  # up to here one thread is done before a second one has woken up
+FEW_ROWS = 2000  # Taichi gives a CPU thread 512 iterations at least: with fewer rows, strips are tasks too
+
+
+def _position(self: Any, node: Any) -> str:
+    """File and line for Taichi's messages, and the line's text.
+
+    Taichi itself also underlines the place, for every node of every kernel: a quarter of the time that tracing takes.
+    """
+    line = node.lineno + self.lineno_offset
+    return f'File "{self.file}", line {line}, in {self.func.func.__name__}:\n{self.src[node.lineno - 1].strip()}\n'
+
+
+ASTTransformerContext.get_pos_info = _position
+
+
+def start(arch: str = "cpu", debug: bool = False) -> str:
+    """Initialise Taichi on `arch` (auto, cpu, cuda, vulkan, metal) and return the backend it chose.
+
+    Raises RuntimeError where the machine has no such device.
+    """
+    backend = {"auto": ti.gpu, "cpu": ti.cpu, "cuda": ti.cuda, "vulkan": ti.vulkan, "metal": ti.metal}[arch]
+    with contextlib.redirect_stdout(io.StringIO()):  # "[Taichi] Starting on arch=..."
+        checks = {"debug": True} if debug else {}  # unless told, Taichi's own TI_DEBUG decides
+        ti.init(
+            arch=backend,
+            default_fp=ti.f32,
+            default_ip=ti.i32,
+            log_level=ti.ERROR,
+            offline_cache_max_size_of_files=CACHE_BYTES,
+            **checks,
+        )
+    if on_cpu() and arch not in ("auto", "cpu"):
+        raise RuntimeError(f"no {arch} device was found; use --arch cpu or auto")
+    return "cpu" if on_cpu() else ti.cfg.arch.name
+
+
+def on_cpu() -> bool:
+    """Whether kernels run on the CPU."""
+    return ti.cfg.arch in (ti.x64, ti.arm64)
+
+
+def listed(values: np.ndarray) -> Any:
+    """A field of the numbers (n,) or rows (n, dim), whole or f32; of one zero where there are none: Taichi has no empty
+    fields.
+    """
+    dtype = (ti.i32, np.int32) if np.issubdtype(values.dtype, np.integer) else (ti.f32, np.float32)
+    n = max(1, len(values))
+    field: Any = ti.field(dtype[0], n) if values.ndim == 1 else ti.Vector.field(values.shape[1], dtype[0], n)
+    if len(values):
+        field.from_numpy(values.astype(dtype[1]))
+    return field
+
+
+def double_field(shape: tuple[int, ...] = ()) -> Any:
+    """A number, or numbers of a shape, in f64, stored apart: beside 32-bit fields Vulkan would misplace them."""
+    field: Any = ti.field(ti.f64)
+    apart = ti.FieldsBuilder()
+    axes: Any = range(len(shape))
+    (apart.dense(ti.axes(*axes), shape) if shape else apart).place(field)
+    apart.finalize()
+    return field
+
+
+def sweep(bodies: Sequence[Callable], outs: Sequence[Any], ranges: Sequence[tuple[int, int]]) -> Callable:
+    """A pass, ti.func ``run(a, b)``, setting ``out[I] = body(I, a, b)`` per pair, I in `ranges`, (begin, end) per axis.
+
+    body: ti.func of an index vector and two scalars, without stores and with `ti.select` for `if`; it may read `out` at
+    I only. Where `out` is a tuple of fields, it returns a vector with a value for each.
+
+    On a CPU a row is cut into strips: 32 values are computed into registers, then stored. LLVM vectorises loops
+    only while they store nothing global, so this is up to five times faster than storing cell by cell.
+    """
+    dim = len(ranges)
+    begin, end = ranges[0]  # axis 0 is contiguous in memory
+    strips = -(-(end - begin) // STRIP)
+    rows = tuple(reversed(ranges[1:]))  # last axis slowest
+    flat = prod(b - a for a, b in rows) < FEW_ROWS
+    pairs = tuple(range(len(bodies)))
+    bodies = tuple(bodies)
+    outs = tuple(out if isinstance(out, tuple) else (out,) for out in outs)
+
+    @ti.func
+    def index(row: Template, i):
+        I = ti.Vector.zero(ti.i32, dim)
+        I[0] = i
+        for d in ti.static(range(1, dim)):
+            I[d] = row[dim - 1 - d]
+        return I
+
+    @ti.func
+    def strip(row: Template, k, a, b):
+        first = begin + k * STRIP
+        count = ti.min(STRIP, end - first)
+        for q in ti.static(pairs):
+            values = ti.Vector([0.0] * STRIP * ti.static(len(outs[q])))
+            for n in range(count):
+                if ti.static(len(outs[q]) == 1):
+                    values[n] = bodies[q](index(row, first + n), a, b)
+                else:
+                    several = bodies[q](index(row, first + n), a, b)
+                    for m in ti.static(range(len(outs[q]))):
+                        values[n + STRIP * m] = several[m]
+            for m in ti.static(range(len(outs[q]))):
+                for n in range(count):
+                    outs[q][m][index(row, first + n)] = values[n + STRIP * m]
+
+    @ti.func
+    def by_strip(a, b):
+        for J in ti.grouped(ti.ndrange(*rows, strips)):
+            strip(J, J[dim - 1], a, b)
+
+    @ti.func
+    def by_row(a, b):
+        for J in ti.grouped(ti.ndrange(*rows)):
+            for k in range(strips):
+                strip(J, k, a, b)
+
+    @ti.func
+    def by_cell(a, b):
+        for J in ti.grouped(ti.ndrange(*rows, (begin, end))):
+            I = index(J, J[dim - 1])
+            for q in ti.static(pairs):
+                if ti.static(len(outs[q]) == 1):
+                    outs[q][0][I] = bodies[q](I, a, b)
+                else:
+                    several = bodies[q](I, a, b)
+                    for m in ti.static(range(len(outs[q]))):
+                        outs[q][m][I] = several[m]
+
+    if not on_cpu():
+        return by_cell
+    return by_strip if flat else by_row
+
+
+def launch(*passes: Callable, cells: int) -> Callable[..., None]:
+    """One kernel ``run(a=0, b=0)`` of several passes in order; a pass's loop is parallel unless there are few cells."""
+
+    @ti.kernel
+    def parallel(a: ti.f32, b: ti.f32):
+        for one in ti.static(passes):
+            one(a, b)
+
+    @ti.kernel
+    def serial(a: ti.f32, b: ti.f32):
+        for _ in range(1):
+            for one in ti.static(passes):
+                one(a, b)
+
+    kernel = serial if on_cpu() and cells <= FEW_CELLS else parallel
+    return lambda a=0.0, b=0.0: kernel(a, b)

@@ -1,0 +1,189 @@
+"""Closed bodies from mesh files (STL, OBJ, PLY), read and measured by open3d."""
+
+import ctypes
+from functools import cache
+from math import inf
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from taichi_plume.grid.shapes import Shape, rotation
+
+CHUNK = 1 << 18  # points handed to open3d at a time
+SKIN = 1e-5  # m: a section this far from the height asked for does not run within a level face
+
+
+class MeshError(ValueError):
+    """A mesh file that is missing, unreadable or not closed."""
+
+
+class Solid(Shape):
+    """Closed bodies from a mesh file: their union, scaled, then turned about the vertical, then moved.
+
+    vertices: (n, 3) [m] and triangles: (m, 3) indices, as placed in the domain. In 2-D the shape is the
+    section of the bodies at one height, with distances in the plane.
+    """
+
+    def __init__(self, model: Any, dim: int, folder: Path):
+        self.model = model
+        self.vertices, self.triangles, body = _read_mesh(folder / model.file)
+        self.vertices = model.scale * self.vertices
+        self.vertices[:, :2] = self.vertices[:, :2] @ rotation(model.yaw_deg).T
+        self.vertices += np.array(model.translate)
+        low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
+        self.low, self.high = low[:dim], high[:dim]
+        self._slice = (model.section + SKIN, model.section + SKIN)
+        if dim == 2 and not low[2] < self._slice[0] < high[2]:
+            raise MeshError(
+                f"{model.file}: section {model.section:g} m does not cut it, it lies at z {low[2]:.4g} to "
+                f"{high[2]:.4g} m; give a section in between"
+            )
+        # A scene per body: where bodies of one scene overlap, the ray count that decides on inside is wrong.
+        self._bodies = [self.triangles[body == n] for n in range(body.max() + 1)]
+        self._scenes = [_scene(self.vertices, triangles) for triangles in self._bodies]
+
+    def signed_distance(self, points: np.ndarray) -> np.ndarray:
+        """Distance [m] of points (..., dim) to the surface, negative inside."""
+        if points.shape[-1] == 2:
+            return self._shadow_distance(points, *self._slice)
+        return _nearest(self._scenes, points, "compute_signed_distance")
+
+    def horizontal_distance(self, points: np.ndarray, low: float, high: float) -> np.ndarray:
+        """Distance [m] from points (..., 2) to the shadow of the part between these heights.
+
+        Inside the shadow of a body it is the distance to the next edge of a triangle, negative.
+        """
+        if len(self.low) == 2:
+            return self._shadow_distance(points, *self._slice)
+        return self._shadow_distance(points, low + SKIN, high - SKIN)
+
+    def inside(self, points: np.ndarray, tie: float = 0.0) -> np.ndarray:
+        """Whether points (..., dim) lie below the surface, also when moved by `tie` [m] to either side."""
+        if points.shape[-1] == 2:
+            points = _at_height(points, self._slice[0])
+        nudge = tie * np.array([1.0, 0.8, 0.6])  # along no likely face
+        return self._occupied(points + nudge) & self._occupied(points - nudge)
+
+    def _occupied(self, points: np.ndarray) -> np.ndarray:
+        return -_nearest(self._scenes, points, "compute_occupancy", sign=-1.0) > 0.5
+
+    def _shadow_distance(self, points: np.ndarray, low: float, high: float) -> np.ndarray:
+        """Distance [m] to the nearest edge of a triangle cut to the layer: some of these make the outline."""
+        shadow = np.full(points.shape[:-1], inf)
+        for scene, triangles in zip(self._scenes, self._bodies, strict=True):
+            edges = _edges_between(self.vertices[triangles], low, high)
+            if not len(edges):
+                continue
+            foot = _at_height(points, low)
+            covered = _nearest([scene], foot, "compute_occupancy") > 0.5
+            if high > low:
+                covered |= _blocked_upwards(scene, foot, high - low)
+            distance = _nearest([_curtain(edges)], _at_height(points, 0.0), "compute_distance")
+            shadow = np.minimum(shadow, np.where(covered, -distance, distance))
+        return shadow
+
+
+@cache
+def _open3d() -> Any:
+    """The open3d module: 2 s to import and 100 MB, so only for scenarios with meshes."""
+    import libusb_package
+
+    # open3d links libusb for its cameras; a machine without it gets the one from the Python package
+    ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
+    import open3d
+
+    return open3d
+
+
+def _at_height(points: np.ndarray, z: float) -> np.ndarray:
+    return np.concatenate([points, np.full((*points.shape[:-1], 1), z)], axis=-1)
+
+
+def _read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Vertices (n, 3), triangles (m, 3) and the number of the body that each triangle belongs to (m,)."""
+    if path.is_dir():
+        raise MeshError(f"{path.name}: is a folder; give an STL, OBJ or PLY file in it")
+    if not path.is_file():
+        raise MeshError(f"{path.name}: no such file in {path.parent}")
+    o3d = _open3d()
+    with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
+        mesh = o3d.io.read_triangle_mesh(str(path))
+    mesh.remove_duplicated_vertices()  # in an STL every triangle has its own
+    mesh.remove_degenerate_triangles()
+    mesh.remove_unreferenced_vertices()
+    if not len(mesh.triangles):
+        raise MeshError(f"{path.name}: no triangles in it; STL, OBJ and PLY files are read")
+    if not np.isfinite(np.asarray(mesh.vertices)).all():
+        raise MeshError(f"{path.name}: some coordinates are not finite")
+    body = np.asarray(mesh.cluster_connected_triangles()[0])
+    vertices, triangles = np.asarray(mesh.vertices).copy(), np.asarray(mesh.triangles).copy()
+    # not is_watertight(): that also looks for self-intersections, in quadratic time
+    gaps = np.asarray(mesh.get_non_manifold_edges(allow_boundary_edges=False))
+    if len(gaps):
+        holed = body[(triangles == gaps[0, 0]).any(axis=1)].min()
+        here = np.isin(gaps[:, 0], triangles[body == holed])
+        x, y, z = vertices[gaps[here][0]].mean(axis=0)
+        raise MeshError(
+            f"{path.name}: body {holed} is not watertight: {here.sum()} open or non-manifold edges, "
+            f"first near ({x:.3f}, {y:.3f}, {z:.3f}) in the file's coordinates; close it in a mesh editor"
+        )
+    return vertices, triangles, body
+
+
+def _scene(vertices: np.ndarray, triangles: np.ndarray) -> Any:
+    o3d = _open3d()
+    scene = o3d.t.geometry.RaycastingScene()
+    scene.add_triangles(
+        o3d.core.Tensor(vertices.astype(np.float32)), o3d.core.Tensor(triangles.astype(np.uint32))
+    )
+    return scene
+
+
+def _nearest(scenes: list[Any], points: np.ndarray, query: str, sign: float = 1.0) -> np.ndarray:
+    """The least of sign·query over the scenes at points (..., 3)."""
+    flat = points.reshape(-1, 3).astype(np.float32)
+    least = np.full(len(flat), inf)
+    for begin in range(0, len(flat), CHUNK):
+        part = slice(begin, begin + CHUNK)
+        for scene in scenes:
+            answer = getattr(scene, query)(_open3d().core.Tensor(flat[part])).numpy()
+            least[part] = np.minimum(least[part], sign * answer)
+    return least.reshape(points.shape[:-1])
+
+
+def _blocked_upwards(scene: Any, points: np.ndarray, length: float) -> np.ndarray:
+    """Whether a surface lies within `length` [m] above points (..., 3)."""
+    flat = points.reshape(-1, 3)
+    rays = np.concatenate([flat, np.broadcast_to([0.0, 0.0, 1.0], flat.shape)], axis=1).astype(np.float32)
+    blocked = scene.test_occlusions(_open3d().core.Tensor(rays), tnear=0.0, tfar=length)
+    return blocked.numpy().reshape(points.shape[:-1])
+
+
+def _edges_between(corners: np.ndarray, low: float, high: float) -> np.ndarray:
+    """Edges (n, 2, 2) in the plane of the triangles (m, 3, 3) cut to low <= z <= high."""
+    start, way = corners, np.roll(corners, -1, axis=1) - corners
+    rise = way[..., 2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        at_low, at_high = (low - start[..., 2]) / rise, (high - start[..., 2]) / rise
+    level = (start[..., 2] >= low) & (start[..., 2] <= high)
+    enter = np.where(rise == 0, 0.0, np.clip(np.minimum(at_low, at_high), 0.0, 1.0))
+    leave = np.where(rise == 0, level, np.clip(np.maximum(at_low, at_high), 0.0, 1.0))
+    kept = leave > enter
+    ends = [start[kept][:, :2] + share[kept][:, None] * way[kept][:, :2] for share in (enter, leave)]
+    edges = [np.stack(ends, axis=1)]
+    for z, share in ((low, at_low), (high, at_high)):
+        above = corners[..., 2] >= z
+        crosses = above != np.roll(above, -1, axis=1)  # two edges of a triangle that the plane cuts
+        where = start[crosses][:, :2] + share[crosses][:, None] * way[crosses][:, :2]
+        edges.append(where.reshape(-1, 2, 2))
+    edges = np.concatenate(edges)
+    return edges[(edges[:, 0] != edges[:, 1]).any(axis=1)]
+
+
+def _curtain(edges: np.ndarray) -> Any:
+    """A scene in which the distance of a point at z = 0 is that to the nearest of the edges (n, 2, 2)."""
+    bottom, top = _at_height(edges, -1.0), _at_height(edges, 1.0)
+    corners = np.concatenate([bottom, top], axis=1).reshape(-1, 3)
+    first = 4 * np.arange(len(edges))[:, None]
+    return _scene(corners, np.concatenate([first + np.array(corner) for corner in ((0, 1, 2), (1, 3, 2))]))

@@ -1,0 +1,143 @@
+"""Obstacles as signed distances.
+
+Distances are in m, negative inside; points are (..., 2) in a 2-D run and (..., 3) in a 3-D run. Those of
+the primitives are exact. What a robot on the ground can touch of a shape is its shadow: the part between
+two heights, seen from above.
+"""
+
+from abc import ABC, abstractmethod
+from math import cos, inf, radians, sin, sqrt
+from typing import Any
+
+import numpy as np
+
+
+class Shape(ABC):
+    """An obstacle. `model` is its section of the scenario, `low` and `high` (dim,) its bounding box [m]."""
+
+    model: Any
+    low: np.ndarray
+    high: np.ndarray
+
+    @abstractmethod
+    def signed_distance(self, points: np.ndarray) -> np.ndarray:
+        """Distance [m] of points (..., dim) to the surface, negative inside."""
+
+    @abstractmethod
+    def horizontal_distance(self, points: np.ndarray, low: float, high: float) -> np.ndarray:
+        """Distance [m] from points (..., 2) to the shadow of the part with low < z < high; infinite if none.
+
+        In a 2-D run heights do not matter.
+        """
+
+    def inside(self, points: np.ndarray, tie: float = 0.0) -> np.ndarray:
+        """Whether points (..., dim) lie more than `tie` [m] below the surface."""
+        return self.signed_distance(points) < -tie
+
+
+class Upright(Shape):
+    """A footprint, in 3-D drawn out from z = `base` to `top` [m]."""
+
+    def __init__(self, model: Any, dim: int, low: np.ndarray, high: np.ndarray, base: float, top: float):
+        self.model, self.base, self.top = model, base, top
+        self.low = np.append(low, base)[:dim]
+        self.high = np.append(high, top)[:dim]
+
+    @abstractmethod
+    def footprint_distance(self, points: np.ndarray) -> np.ndarray:
+        """Signed distance [m] of points (..., 2) to the outline of the footprint."""
+
+    def signed_distance(self, points: np.ndarray) -> np.ndarray:
+        """Distance [m] of points (..., dim) to the surface, negative inside."""
+        across = self.footprint_distance(points[..., :2])
+        if len(self.low) == 2:
+            return across
+        along = np.maximum(self.base - points[..., 2], points[..., 2] - self.top)
+        outside = np.hypot(np.maximum(across, 0.0), np.maximum(along, 0.0))
+        return outside + np.minimum(np.maximum(across, along), 0.0)
+
+    def horizontal_distance(self, points: np.ndarray, low: float, high: float) -> np.ndarray:
+        """Distance [m] from points (..., 2) to the footprint, if the shape reaches between these heights."""
+        if len(self.low) == 3 and (self.base >= high or self.top <= low):
+            return np.full(points.shape[:-1], inf)
+        return self.footprint_distance(points)
+
+
+class UprightBox(Upright):
+    """A box turned about the vertical."""
+
+    def __init__(self, model: Any, dim: int):
+        self.center = np.array(model.center[:2])
+        self.half = np.array(model.size[:2]) / 2
+        self.axes = rotation(model.yaw_deg)
+        reach = np.abs(self.axes) @ self.half
+        z, height = (model.center[2], model.size[2]) if dim == 3 else (0.0, 0.0)
+        super().__init__(model, dim, self.center - reach, self.center + reach, z - height / 2, z + height / 2)
+
+    def footprint_distance(self, points: np.ndarray) -> np.ndarray:
+        """Signed distance [m] to the rectangle."""
+        beyond = np.abs((points - self.center) @ self.axes) - self.half
+        return np.linalg.norm(np.maximum(beyond, 0.0), axis=-1) + np.minimum(beyond.max(axis=-1), 0.0)
+
+
+class UprightCylinder(Upright):
+    """A cylinder with a vertical axis."""
+
+    def __init__(self, model: Any, dim: int, ceiling: float):
+        self.center, self.radius = np.array(model.center), model.radius
+        top = ceiling if model.height is None else model.base + model.height
+        low, high = self.center - self.radius, self.center + self.radius
+        super().__init__(model, dim, low, high, model.base, top)
+
+    def footprint_distance(self, points: np.ndarray) -> np.ndarray:
+        """Signed distance [m] to the circle."""
+        return np.linalg.norm(points - self.center, axis=-1) - self.radius
+
+
+class UprightPrism(Upright):
+    """A prism over a simple polygon, in either sense of rotation."""
+
+    def __init__(self, model: Any, dim: int, ceiling: float):
+        self.vertices = np.array(model.vertices)
+        top = ceiling if model.height is None else model.base + model.height
+        super().__init__(model, dim, self.vertices.min(axis=0), self.vertices.max(axis=0), model.base, top)
+
+    def footprint_distance(self, points: np.ndarray) -> np.ndarray:
+        """Signed distance [m] to the polygon; inside is where a ray to the right crosses it oddly often."""
+        squared = np.full(points.shape[:-1], inf)
+        odd = np.zeros(points.shape[:-1], bool)
+        x, y = points[..., 0], points[..., 1]
+        for a, b in zip(self.vertices, np.roll(self.vertices, -1, axis=0), strict=True):
+            side = b - a
+            along = np.clip((points - a) @ side / max(side @ side, 1e-300), 0.0, 1.0)
+            squared = np.minimum(squared, ((points - a - along[..., None] * side) ** 2).sum(axis=-1))
+            if a[1] != b[1]:
+                odd ^= ((a[1] > y) != (b[1] > y)) & (x < a[0] + (y - a[1]) * side[0] / side[1])
+        return np.where(odd, -1.0, 1.0) * np.sqrt(squared)
+
+
+class Ball(Shape):
+    """A sphere, in 2-D a disc."""
+
+    def __init__(self, model: Any, dim: int):
+        self.model = model
+        self.center, self.radius = np.array(model.center[:dim]), model.radius
+        self.low, self.high = self.center - self.radius, self.center + self.radius
+
+    def signed_distance(self, points: np.ndarray) -> np.ndarray:
+        """Distance [m] of points (..., dim) to the surface, negative inside."""
+        return np.linalg.norm(points - self.center, axis=-1) - self.radius
+
+    def horizontal_distance(self, points: np.ndarray, low: float, high: float) -> np.ndarray:
+        """Distance [m] from points (..., 2) to the widest disc between these heights."""
+        z = self.center[2] if len(self.center) == 3 else low
+        squared = self.radius**2 - (z - np.clip(z, low, high)) ** 2
+        if squared <= 0:
+            return np.full(points.shape[:-1], inf)
+        return np.linalg.norm(points - self.center[:2], axis=-1) - sqrt(squared)
+
+
+def rotation(yaw_deg: float) -> np.ndarray:
+    """Columns: the axes of a body turned about the vertical."""
+    c, s = cos(radians(yaw_deg)), sin(radians(yaw_deg))
+    return np.array([[c, -s], [s, c]])

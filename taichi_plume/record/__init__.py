@@ -1,0 +1,3 @@
+"""The rerun recording; nothing else knows rerun."""
+
+MAY_IMPORT: tuple[str, ...] = ("files", "grid", "map_scores", "scenario", "scores", "simulation")

@@ -1,0 +1,253 @@
+"""Shapes, colours and cameras of the recording as plain arrays: what to draw, not how it is stored."""
+
+from collections.abc import Sequence
+from math import ceil, cos, floor, hypot, log10, pi, radians, sin, tan
+
+import numpy as np
+
+from taichi_plume.scenario.openings import Window
+
+ROBOTS = np.array(
+    [
+        [66, 165, 245],
+        [255, 167, 38],
+        [102, 187, 106],
+        [236, 64, 122],
+        [171, 130, 255],
+        [38, 198, 218],
+        [255, 238, 88],
+        [239, 108, 88],
+        [174, 213, 129],
+        [144, 164, 255],
+    ],
+    np.uint8,
+)
+"""One colour per robot, round and round."""
+STATES = np.array(
+    [0x546E7AFF, 0xFFB300FF, 0x29B6F6FF, 0xAB47BCFF, 0x66BB6AFF, 0xEC407AFF, 0x8D6E63FF, 0x26A69AFF],
+    np.uint32,
+)
+FOUND = 0xE53935FF
+OPENINGS = {
+    "fan": (79, 195, 247),
+    "inlet": (79, 195, 247),
+    "honeycomb": (255, 213, 79),
+    "perforated": (255, 213, 79),
+    "outlet": (129, 199, 132),
+    "slip": (144, 164, 174),
+    "wall": (206, 147, 216),
+}
+VIRIDIS = ((68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (253, 231, 37))
+EMBER = ((24, 26, 32), (78, 52, 46), (191, 97, 44), (255, 183, 77), (255, 245, 200))
+BLUE_RED = ((33, 102, 172), (103, 169, 207), (236, 239, 241), (239, 138, 98), (178, 24, 43))
+FIELD_OF_VIEW = radians(55)  # of the viewer's camera, over the height of its panel
+
+# ---------------------------------------------------------------- colours
+
+
+def pale(color: tuple[int, ...]) -> tuple[int, ...]:
+    """The colour halfway to white."""
+    return tuple((part + 255) // 2 for part in color)
+
+
+def logarithmic(values: np.ndarray, low: float, high: float) -> np.ndarray:
+    """Place of `values` on a logarithmic scale from `low` (0) to `high` (1); NaN stays NaN."""
+    place = (np.log10(np.maximum(values, low * 1e-6)) - log10(low)) / (log10(high) - log10(low))
+    return np.clip(place, 0.0, 1.0)
+
+
+def decades(low: float, high: float) -> list[tuple[float, str]]:
+    """Place on the logarithmic scale and label of each power of ten from `low` to `high`."""
+    powers = range(ceil(log10(low) - 1e-9), floor(log10(high) + 1e-9) + 1)
+    labels = [f"{10.0**n:g}" if -4 < n < 4 else f"1e{n}" for n in powers]
+    return [
+        (float(logarithmic(np.array(10.0**n), low, high)), text)
+        for n, text in zip(powers, labels, strict=True)
+    ]
+
+
+def painted(places: np.ndarray, palette: Sequence[Sequence[int]]) -> np.ndarray:
+    """RGBA bytes (..., 4) of `places` in 0..1 on a palette; NaN is transparent."""
+    known = np.isfinite(places)
+    at = np.where(known, places, 0.0) * (len(palette) - 1)
+    rgb = [np.interp(at, np.arange(len(palette)), channel) for channel in np.transpose(palette)]
+    return np.stack([*rgb, np.where(known, 255.0, 0.0)], axis=-1).round().astype(np.uint8)
+
+
+def rows(image: np.ndarray) -> bytes:
+    """Bytes of image[ix, iy, ...] as the viewer wants them: rows of constant y, the largest y first."""
+    return np.ascontiguousarray(np.swapaxes(image, 0, 1)[::-1]).tobytes()
+
+
+# ---------------------------------------------------------------- solids
+
+
+def robot_mesh(radius: float, height: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A disc drawn out to a nose along +x: vertices (n, 3) [m], triangles (m, 3), normals (n, 3)."""
+    nose = 1.7 * radius
+    side = np.arccos(radius / nose)  # where the nose's flanks touch the disc
+    angle = np.linspace(side, 2 * pi - side, 24)
+    outline = radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    return prism_mesh(np.vstack([[nose, 0.0], outline]), 0.0, height)
+
+
+def prism_mesh(outline: np.ndarray, base: float, top: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A vertical prism over a simple polygon (n, 2): vertices, triangles and normals as in `robot_mesh`."""
+    x, y = outline.T
+    if np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y) < 0:
+        outline = outline[::-1]  # counter-clockwise
+    n = len(outline)
+    following = np.roll(outline, -1, axis=0)
+    along = following - outline
+    outward = np.stack([along[:, 1], -along[:, 0], np.zeros(n)], axis=-1)
+    outward /= np.maximum(np.linalg.norm(outward, axis=-1, keepdims=True), 1e-12)
+
+    def at(points: np.ndarray, z: float) -> np.ndarray:
+        return np.column_stack([points, np.full(n, z)])
+
+    faces = ears(outline)
+    corners = [at(outline, base), at(following, base), at(following, top), at(outline, top)]
+    i = np.arange(n)
+    sides = np.vstack([np.stack([i, i + n, i + 2 * n], -1), np.stack([i, i + 2 * n, i + 3 * n], -1)])
+    vertices = np.vstack([*corners, at(outline, top), at(outline, base)])
+    triangles = np.vstack([sides, faces + 4 * n, faces[:, ::-1] + 5 * n])
+    up = np.tile([0.0, 0.0, 1.0], (n, 1))
+    return vertices, triangles, np.vstack([outward, outward, outward, outward, up, -up])
+
+
+def faceted(vertices: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A mesh whose triangles share no vertices, so that its edges show: as in `robot_mesh`."""
+    corners = np.asarray(vertices, float)[np.asarray(triangles)]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-30)
+    return corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3), np.repeat(normals, 3, axis=0)
+
+
+def ears(outline: np.ndarray) -> np.ndarray:
+    """Triangles (n - 2, 3) of a simple counter-clockwise polygon (n, 2), by clipping ears."""
+    left = list(range(len(outline)))
+    triangles = []
+    k = misses = 0
+    while len(left) > 3 and misses < len(left):
+        k %= len(left)
+        a, b, c = left[k - 1], left[k], left[(k + 1) % len(left)]
+        if _is_ear(outline, left, a, b, c):
+            triangles.append((a, b, c))
+            del left[k]
+            misses = 0
+        else:
+            k += 1
+            misses += 1
+    return np.array([*triangles, left[:3]])
+
+
+def _is_ear(outline: np.ndarray, left: list[int], a: int, b: int, c: int) -> bool:
+    p, q, r = outline[a], outline[b], outline[c]
+    if _cross(p, q, r) <= 0:
+        return False
+    others = outline[[i for i in left if i not in (a, b, c)]]
+    inside = (_cross(p, q, others) >= 0) & (_cross(q, r, others) >= 0) & (_cross(r, p, others) >= 0)
+    return not np.any(inside)
+
+
+def _cross(p: np.ndarray, q: np.ndarray, r: np.ndarray) -> np.ndarray:
+    """Twice the area of the triangles p, q, r; positive when they turn left."""
+    return (q[0] - p[0]) * (r[..., 1] - p[1]) - (q[1] - p[1]) * (r[..., 0] - p[0])
+
+
+# ---------------------------------------------------------------- openings
+
+
+def opening(region: Window, extent: Sequence[float], height: float) -> np.ndarray:
+    """Outline (n, 3) [m] of an opening or a screen on its plane; `height` [m] is that of the walls, in 2-D too."""
+    low, high = region_bounds(region, extent, height)
+    if region.diameter is not None and region.center is not None and len(region.center) == 2:
+        angle = np.linspace(0, 2 * pi, 48, endpoint=False)
+        flat = np.array(region.center) + region.diameter / 2 * np.stack([np.cos(angle), np.sin(angle)], -1)
+    else:
+        flat = np.array([[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]])
+    return on_plane(flat, region, (*extent[:2], height))
+
+
+def region_bounds(region: Window, extent: Sequence[float], height: float) -> tuple[np.ndarray, np.ndarray]:
+    """Lower and upper corner [m] of a region in its plane's own two axes."""
+    axis = region.normal
+    sides = np.array([length for d, length in enumerate((*extent[:2], height)) if d != axis])
+    low, high = np.zeros(2), sides.copy()
+    if region.center is not None:
+        size = region.size or (region.diameter or 0.0,) * len(region.center)
+        for d, (middle, length) in enumerate(zip(region.center, size, strict=True)):
+            low[d], high[d] = max(0.0, middle - length / 2), min(sides[d], middle + length / 2)
+    return low, high
+
+
+def on_plane(flat: np.ndarray, region: Window, size: tuple[float, ...]) -> np.ndarray:
+    """Points (n, 3) on the region's plane in the box 0..size, from points (n, 2) in the plane's own axes."""
+    return np.insert(flat, region.normal, region.level(size), axis=-1)
+
+
+def comb(region: Window, extent: Sequence[float], height: float) -> list[np.ndarray]:
+    """The cells of a honeycomb as hexagons (7, 3) [m] within its region; in 2-D as short bars."""
+    low, high = region_bounds(region, extent, height)
+    size = (*extent[:2], height)
+    if len(extent) == 2:
+        bars = np.linspace(low[0], high[0], 2 + ceil(24 * (high[0] - low[0]) / max(extent)))
+        return [on_plane(np.array([[s, low[1]], [s, high[1]]]), region, size) for s in bars]
+    edge = max(min(high - low) / 8, max(high - low) / 40)
+    angle = pi / 6 + np.arange(7) * pi / 3
+    hexagon = edge * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    step = np.array([edge * 3**0.5, edge * 1.5])
+    count = np.maximum(1, ((high - low) / step).astype(int))
+    cells = []
+    for j in range(count[1]):
+        for i in range(count[0]):
+            middle = low + step * (np.array([i, j]) + 0.5 + [0.5 * (j % 2), 0.0])
+            if np.all(middle + step / 2 <= high + 1e-9):
+                cells.append(on_plane(middle + hexagon, region, size))
+    return cells
+
+
+# ---------------------------------------------------------------- cameras
+
+
+def camera(
+    points: np.ndarray, aspect: float, elevation_deg: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Position, target [m] and up of a camera that just frames points (n, 3), looking along +y and down.
+
+    aspect: width over height of its panel; elevation_deg: above the ground, 90 looks straight down.
+    """
+    e = radians(elevation_deg)
+    forward = np.array([0.0, cos(e), -sin(e)])
+    up = np.array([0.0, sin(e), cos(e)])
+    right = np.array([1.0, 0.0, 0.0])
+    half_height = tan(FIELD_OF_VIEW / 2)
+    target = (points.min(axis=0) + points.max(axis=0)) / 2
+    distance = 0.0
+    for _ in range(
+        20
+    ):  # what is near looks larger: move the target until top and bottom have the same margin
+        offsets = points - target
+        depth, height = offsets @ forward, offsets @ up
+        distance = max(
+            np.max(np.abs(offsets @ right) / (half_height * aspect) - depth),
+            np.max(np.abs(height) / half_height - depth),
+        )
+        seen = height / (distance + depth)
+        target = target + 0.5 * distance * (seen.max() + seen.min()) / 2 * up
+    return target - 1.03 * distance * forward, target, up
+
+
+def lattice(extent: Sequence[float], counts: Sequence[int]) -> np.ndarray:
+    """Centres [m] of `counts` equal cells of the box 0..extent, (*counts, dim)."""
+    axes = [(np.arange(n) + 0.5) * length / n for length, n in zip(extent, counts, strict=True)]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+
+
+def arrow_places(extent: Sequence[float], height: float) -> tuple[np.ndarray, float]:
+    """Where wind arrows stand, (n, dim) [m], and the distance between them [m]."""
+    step = hypot(*extent[:2]) / 26
+    places = lattice(extent[:2], [max(1, round(length / step)) for length in extent[:2]]).reshape(-1, 2)
+    if len(extent) == 3:
+        places = np.column_stack([places, np.full(len(places), height)])
+    return places, step

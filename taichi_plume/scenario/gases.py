@@ -1,0 +1,125 @@
+"""The gas of a scenario: its kinds, and mixtures of them."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from taichi_plume.scenario.closed_forms import (
+    ContinuousGas,
+    GaussianPlumeGas,
+    GaussianPuffGas,
+    MeanderingGas,
+    PlumeSource,
+    Release,
+)
+from taichi_plume.scenario.plumesim import FluentGas, PlumeSimGas, PlumeSimMeander, PlumeSimPuff
+from taichi_plume.scenario.sources import OneGas, OtherSpecies, Source
+from taichi_plume.scenario.vocabulary import (
+    Convection,
+    Count,
+    Diffusivity,
+    Dissipation,
+    Duration,
+    Frequency,
+    Length,
+    Model,
+    Speed,
+)
+from taichi_plume.scenario.winds import Playback
+
+
+class EulerianGas(OneGas):
+    """Convection and diffusion of a concentration on the grid."""
+
+    kind: Literal["eulerian"]
+    convection: Convection = "koren"
+    """Scheme of convection; weno5 keeps filaments sharper on the same grid and costs more."""
+    sources: Annotated[tuple[Source, ...], Field(min_length=1)]
+
+
+class DiffusiveGrowth(Model):
+    """R² = R0² + rate t (Farrell et al. 2002, doi:10.1023/A:1016283702837)."""
+
+    kind: Literal["diffusive"]
+    rate: Diffusivity = 1e-4
+    """[m²/s]."""
+
+
+class InertialGrowth(Model):
+    """R^(2/3) = R0^(2/3) + (g epsilon/6)^(1/3) t: puffs among the eddies of the inertial range.
+
+    g = 0.5 is Richardson's constant: the mean square distance of two particles, 6 R², grows as g epsilon t³ (Ott & Mann
+    2000, doi:10.1017/S0022112000001658).
+    """
+
+    kind: Literal["inertial"]
+    dissipation: Dissipation = 1e-3
+    """Turbulent kinetic energy lost per time, epsilon [m²/s³]."""
+
+
+class PuffGas(OneGas):
+    """Turbulent puffs that the wind carries, see solvers/puffs.py."""
+
+    kind: Literal["puffs"]
+    sources: Annotated[tuple[Source, ...], Field(min_length=1)]
+    release_rate: Frequency = 50.0
+    """Puffs per second and source [1/s]; each holds what its source has emitted since the one before."""
+    poisson: bool = False
+    """Whether they come at random times rather than steadily."""
+    initial_size: Length = 0.01
+    """Standard deviation of a new puff [m]."""
+    fluctuation: Speed | None = None
+    """Standard deviation of each component of the velocity that the wind leaves out [m/s]; unless given 0.05 in a
+    uniform wind, which has no eddies, and 0 in the others, which have their own."""
+    fluctuation_time: Duration = 0.5
+    """Time over which it changes [s]."""
+    growth: Annotated[DiffusiveGrowth | InertialGrowth, Field(discriminator="kind")] | None = None
+    """By eddies smaller than a puff, besides what molecules and the wind's eddy viscosity do; unless given, diffusive
+    in a uniform wind and none in the others."""
+    buoyancy: bool = False
+    """Whether heavy gas sinks (3-D)."""
+    cutoff: Annotated[float, Field(ge=2, le=5)] = 3.5
+    """Standard deviations at which a puff ends."""
+    most: Annotated[Count, Field(ge=100)] = 200_000
+    """Puffs at a time: beyond, neighbours are merged."""
+
+
+class PlaybackGas(OneGas, Playback):
+    """One species of a recorded run's gas."""
+
+    kind: Literal["playback"]
+    species: Literal["ethanol", "acetone"] | OtherSpecies | None = None  # type: ignore[assignment]
+    """Unless given, the recorded one."""
+    sources: tuple[Source, ...] = ()
+    """What the robots search for; unless given, the recorded ones."""
+
+
+AnySource = Source | Release | PlumeSource
+"""What has a position and a radius: what the robots search for."""
+
+
+PureGas = (
+    EulerianGas
+    | PuffGas
+    | PlaybackGas
+    | GaussianPuffGas
+    | ContinuousGas
+    | GaussianPlumeGas
+    | MeanderingGas
+    | PlumeSimGas
+    | FluentGas
+    | PlumeSimPuff
+    | PlumeSimMeander
+)
+
+
+class MixtureGas(Model):
+    """Several gases at once, of any kinds and species; what they have in common adds up."""
+
+    kind: Literal["mixture"]
+    parts: Annotated[
+        tuple[Annotated[PureGas, Field(discriminator="kind")], ...], Field(min_length=1, max_length=16)
+    ]
+
+
+Gas = Annotated[PureGas | MixtureGas, Field(discriminator="kind")]

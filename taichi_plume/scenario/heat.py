@@ -1,0 +1,94 @@
+"""What makes the air of a scenario rise and sink: heaters, warm surfaces, heavy gas."""
+
+from typing import Annotated
+
+from pydantic import Field, model_validator
+from pydantic_core import PydanticCustomError
+
+from taichi_plume.scenario.openings import Region
+from taichi_plume.scenario.vocabulary import (
+    Acceleration,
+    Diffusivity,
+    Expansion,
+    HeatCapacity,
+    HeatTransfer,
+    Length,
+    Model,
+    Point,
+    Positive,
+    Power,
+    Temperature,
+)
+
+
+class Heater(Model):
+    """A ball (in 2-D a disc) that warms the air evenly over its volume: a person, a computer, a lamp."""
+
+    position: Point
+    power: Power
+    """Heat that goes into the air [W], without what is radiated: half of a person's 100 W. Negative cools."""
+    radius: Length = 0.1
+
+
+class TemperedSurface(Model):
+    """A surface that keeps its temperature whatever the air does."""
+
+    temperature: Temperature
+    transfer: HeatTransfer | None = None
+    """Heat given to the air per area and kelvin [W/(m² K)]; unless given, conduction across half a cell. Cells of a
+    room's size are thicker than the film of air at its walls, which passes 1 to 4 W/(m² K)."""
+
+
+class TemperedWall(TemperedSurface, Region):
+    """A face of the domain, or a region of it, with a temperature; where an opening is, there is no wall."""
+
+
+class TemperedObstacle(TemperedSurface):
+    """An obstacle with a temperature."""
+
+    number: Annotated[int, Field(ge=0)]
+    """Its place in `obstacles`, counted from 0."""
+
+
+class Heat(Model):
+    """Temperature of the air. Walls and obstacles that are not named let no heat through."""
+
+    reference: Temperature = 298.15
+    """Of the air at the start, of the still air outside and of what comes in [K]."""
+    expansion: Expansion | None = None
+    """Relative change of the volume per kelvin [1/K]; unless given, an ideal gas's: 1/reference."""
+    diffusivity: Diffusivity = 2.2e-5
+    """Of heat in still air [m²/s]."""
+    prandtl_turbulent: Positive = 0.85
+    """Eddy viscosity over eddy diffusivity of heat."""
+    capacity: HeatCapacity = 1191.0
+    """Heat per volume and kelvin, density times c_p [J/(m³ K)]; the default is air at 25 °C."""
+    walls: tuple[TemperedWall, ...] = ()
+    obstacles: tuple[TemperedObstacle, ...] = ()
+    heaters: tuple[Heater, ...] = ()
+
+    @property
+    def volume_expansion(self) -> float:
+        """Relative change of the volume per kelvin [1/K]."""
+        return 1.0 / self.reference if self.expansion is None else self.expansion
+
+
+class Buoyancy(Model):
+    """Weight of what makes air lighter or heavier (Boussinesq): rho/rho0 = 1 - (T - T0)/T0 + (M/M_air - 1) x."""
+
+    gravity: Annotated[tuple[Acceleration, ...], Field(min_length=2, max_length=3)] | None = None
+    """[m/s²]; in 3-D (0, 0, -9.81) unless given. A 2-D run is a view from above unless it is given."""
+    solutal: bool = True
+    """Whether the gas weighs: x is its mole fraction, M its molar mass."""
+    heat: Heat | None = None
+    """Whether temperature counts, and what warms the air."""
+
+    def pull(self, dim: int) -> tuple[float, ...]:
+        """Gravity [m/s²] in `dim` dimensions."""
+        return self.gravity or (0.0,) * (dim - 1) + (-9.81,)
+
+    @model_validator(mode="after")
+    def _acts(self) -> "Buoyancy":
+        if not self.solutal and self.heat is None:
+            raise PydanticCustomError("buoyancy", "has no effect: give heat, or leave out solutal: false")
+        return self

@@ -1,0 +1,347 @@
+"""From a YAML file to a checked Scenario; whatever is wrong with the file is told in one line per fault."""
+
+import difflib
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import ValidationError
+
+from taichi_plume.scenario.gases import PlaybackGas
+from taichi_plume.scenario.scenario import Scenario
+
+LARGEST_FILE = 1 << 20  # bytes
+LARGEST_TREE = 1_000_000  # nodes once aliases are written out; without any, 1 MiB has no room for so many
+MOST_LINES = 20
+LONGEST_VALUE = 48  # characters shown of what was got
+
+_NO_KIND = "\0"  # stands for a missing kind, so that pydantic lists the known ones
+
+
+class ScenarioError(ValueError):
+    """A scenario that cannot be run. `lines`: one per fault, with the YAML path first."""
+
+    def __init__(self, lines: Sequence[str]):
+        more = len(lines) - MOST_LINES
+        self.lines = [*lines[:MOST_LINES], f"... and {more} more"] if more > 0 else list(lines)
+        super().__init__("\n".join(self.lines))
+
+
+def load_scenario(path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
+    """The checked scenario of a YAML file with overrides such as ``robots.0.count=3``. Raises ScenarioError."""
+    path = Path(path)
+    try:
+        data = _parse(_read(path))
+    except _LineError as fault:
+        raise ScenarioError([f"{path}: {fault}"]) from None
+    if data is None:
+        raise ScenarioError([f"{path}: is empty; a scenario needs at least duration, domain, wind and gas"])
+    if not isinstance(data, dict):
+        raise ScenarioError([f"{path}: must be a mapping (key: value), got {_shown(data)}"])
+    if overrides:
+        data = _apart(data)
+    for override in overrides:
+        try:
+            _override(data, override)
+        except _LineError as fault:
+            raise ScenarioError([f"override '{override}': {fault}"]) from None
+    try:
+        scenario = Scenario.model_validate(data)
+    except ValidationError as error:
+        raise ScenarioError([f"{path}: {line}" for line in explain(error, data)]) from None
+    from taichi_plume.scenario.checks import (
+        problems,  # takes a second to import, which a misspelt key need not wait for
+    )
+
+    folder = path.resolve().parent
+    faults = problems(scenario, folder)
+    if faults:
+        raise ScenarioError([f"{path}: {fault}" for fault in faults])
+    if not any(isinstance(gas, PlaybackGas) for _, gas in scenario.gases):
+        return scenario
+    from taichi_plume.files.film import completed
+
+    return completed(scenario, folder)
+
+
+class _LineError(Exception):
+    """One line about a file or an override."""
+
+
+# ---------------------------------------------------------------- YAML
+
+
+def _read(path: Path) -> str:
+    try:
+        with path.open("rb") as file:
+            content = file.read(LARGEST_FILE + 1)
+    except OSError as error:
+        raise _LineError(f"cannot be read: {error.strerror or error}") from None
+    if len(content) > LARGEST_FILE:
+        raise _LineError(f"is larger than {LARGEST_FILE >> 20} MiB; is it a scenario?")
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        raise _LineError(f"line {line}: is not UTF-8 text") from None
+
+
+def _parse(text: str) -> Any:
+    """The one YAML document in `text`, as dicts, lists and scalars."""
+    loader = None
+    try:
+        loader = yaml.SafeLoader(text)
+        node = loader.get_single_node()
+        if node is None:
+            return None
+        _check_tree(node)
+        return loader.construct_document(node)
+    except yaml.MarkedYAMLError as error:
+        what = " ".join(str(error.problem or error.context).split())
+        place = _place(error.problem_mark or error.context_mark)
+        if what.startswith(r"found character '\t'"):
+            raise _LineError(f"{place}indent with spaces, not tabs") from None
+        if what == "mapping values are not allowed here":
+            what += "; check the indentation, or quote a text that contains ': '"
+        raise _LineError(f"{place}not YAML: {what}") from None
+    except yaml.reader.ReaderError as error:
+        line = text.count("\n", 0, error.position) + 1
+        raise _LineError(f"line {line}: not YAML: {error.reason}") from None
+    except RecursionError:
+        raise _LineError("is nested too deeply") from None
+    except ValueError as error:  # a date such as 2024-13-01
+        raise _LineError(f"not YAML: {error}") from None
+    finally:
+        if loader:
+            loader.dispose()
+
+
+def _place(mark: Any) -> str:
+    return f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
+
+
+def _check_tree(root: yaml.Node) -> None:
+    """Refuse duplicate keys, and aliases that grow beyond bounds or contain themselves."""
+    sizes: dict[int, int] = {}
+    open_nodes: set[int] = set()
+
+    def size(node: yaml.Node) -> int:
+        if isinstance(node, yaml.ScalarNode):
+            return 1
+        if id(node) in open_nodes:
+            raise _LineError(f"{_place(node.start_mark)}an alias contains itself")
+        if id(node) not in sizes:
+            open_nodes.add(id(node))
+            if isinstance(node, yaml.MappingNode):
+                _check_keys(node)
+                parts = [part for pair in node.value for part in pair]
+            else:
+                parts = node.value
+            sizes[id(node)] = 1 + sum(size(part) for part in parts)
+            open_nodes.remove(id(node))
+        if sizes[id(node)] > LARGEST_TREE:
+            raise _LineError(
+                f"{_place(node.start_mark)}aliases expand to more than {LARGEST_TREE} values; use fewer"
+            )
+        return sizes[id(node)]
+
+    size(root)
+
+
+def _check_keys(mapping: yaml.MappingNode) -> None:
+    lines: dict[tuple[str, str], int] = {}
+    for key, _ in mapping.value:
+        if not isinstance(key, yaml.ScalarNode):
+            continue
+        name = (key.tag, key.value)
+        if name in lines:
+            raise _LineError(
+                f"{_place(key.start_mark)}duplicate key '{key.value}', first on line {lines[name]}; "
+                "remove one"
+            )
+        lines[name] = key.start_mark.line + 1
+
+
+# ---------------------------------------------------------------- overrides
+
+
+def _apart(value: Any) -> Any:
+    """A copy in which aliased parts are separate, so that an override changes one place."""
+    if isinstance(value, dict):
+        return {key: _apart(part) for key, part in value.items()}
+    if isinstance(value, list):
+        return [_apart(part) for part in value]
+    return value
+
+
+def _override(data: dict, override: str) -> None:
+    """Put ``path.to.key=value`` into data; ``robots.0.count`` and ``robots[0].count`` are the same."""
+    path, equals, text = override.partition("=")
+    parts = re.sub(r"\[(\d+)\]", r".\1", path.strip()).split(".")
+    if not equals or not all(parts):
+        raise _LineError("must be path.to.key=value, such as robots.0.count=3")
+    value = _parse(text)
+    place: Any = data
+    for n, part in enumerate(parts):
+        key: Any = part
+        above = _path(parts[:n]) or "the scenario"
+        if isinstance(place, list):
+            if not part.isdecimal():
+                raise _LineError(f"{above} is a list: '{part}' must be the index of an item")
+            if int(part) >= len(place):
+                items = f"{len(place)} item{'s' * (len(place) != 1)}"
+                raise _LineError(f"{above} has {items}, the first is 0: there is no {part}")
+            key = int(part)
+        elif not isinstance(place, dict):
+            raise _LineError(f"{above} is {_shown(place)}: it has no '{part}' in it")
+        elif part.isdecimal() and part not in place:
+            raise _LineError(f"{above} is no list: it has no item {part}")
+        if n == len(parts) - 1:
+            place[key] = value
+        elif isinstance(place, dict) and (part not in place or place[part] is None):
+            place[key] = [] if parts[n + 1].isdecimal() else {}  # a section left to its defaults
+        place = place[key]
+
+
+# ---------------------------------------------------------------- what pydantic found
+
+
+def explain(error: ValidationError, data: dict) -> list[str]:
+    """What is wrong with `data`, a line per fault."""
+    faults = error.errors(include_url=False)
+    nameless = [
+        _walk(fault["loc"], data)
+        for fault in faults
+        if fault["type"] == "union_tag_not_found"
+        or (fault["type"] == "missing" and fault["loc"][-1] == "kind")
+    ]
+    if nameless:
+        data = _apart(data)
+        for steps in nameless:
+            _at(data, steps)["kind"] = _NO_KIND
+        try:
+            Scenario.model_validate(data)
+        except ValidationError as again:
+            faults = again.errors(include_url=False)
+    lines = []
+    for fault in faults:
+        line = _line(fault, data)
+        if line and line not in lines:
+            lines.append(line)
+    return lines
+
+
+def _line(fault: Any, data: dict) -> str | None:
+    """`path: what is wrong` for one pydantic error; None where another error says it better."""
+    kind, got, context = fault["type"], fault["input"], fault.get("ctx", {})
+    steps = _walk(fault["loc"], data, absent=kind == "missing")
+    member = fault["loc"][-1] if fault["loc"] else ""
+    if kind == "missing":
+        parent, key = _path(steps[:-1]), steps[-1]
+        if isinstance(key, int):
+            return f"{parent}: too few numbers: item {key} is missing"
+        return f"{parent}: missing key '{key}'" if parent else f"missing key '{key}'"
+    where = f"{_path(steps)}: " if steps else ""
+    if kind == "model_type" and isinstance(member, str) and member[:1].isupper():
+        return None  # a section where there may also be a name: the list of names says it
+    if kind == "literal_error":
+        if isinstance(got, dict) and str(member).startswith("literal["):
+            return None  # a section where there may also be a name
+        names = re.findall(r"'((?:[^'\\]|\\.)*)'", context["expected"])
+        if got == _NO_KIND:
+            parent = f"{_path(steps[:-1])}: " if steps[:-1] else ""
+            return f"{parent}missing key 'kind'; known kinds: {', '.join(names)}"
+        return f"{where}got {_shown(got)}; {_meant(got, names)}allowed: {', '.join(names)}"
+    if kind == "union_tag_invalid":
+        names = re.findall(r"'([^']*)'", context["expected_tags"])
+        if context["tag"] == _NO_KIND:
+            return f"{where}missing key 'kind'; known kinds: {', '.join(names)}"
+        tag = context["tag"]
+        return f"{where}unknown kind '{tag}'; {_meant(tag, names)}known kinds: {', '.join(names)}"
+    if kind in ("model_type", "model_attributes_type", "dict_type"):
+        return f"{where}must be a mapping (key: value), got {_shown(got)}"
+    if kind == "tuple_type":
+        return f"{where}must be a list, got {_shown(got)}"
+    if kind == "string_pattern_mismatch":
+        letters = "at most 64 letters, digits, '_', '.' or '-', the first a letter or digit"
+        return f"{where}got {_shown(got)}: must be {letters}"
+    if kind in ("too_long", "too_short"):
+        bound = "at most" if kind == "too_long" else "at least"
+        limit = context.get("max_length", context.get("min_length"))
+        if kind == "too_short" and len(got) >= limit:
+            return None  # pydantic leaves out items that have faults of their own
+        return f"{where}must have {bound} {limit} item{'s' * (limit > 1)}, got {len(got)}"
+    if kind in ("float_parsing", "float_type"):
+        key = next((step for step in reversed(steps) if isinstance(step, str)), "")
+        such = " of degrees, such as 90" if key.endswith("_deg") else ", such as 0.08"
+        return f"{where}got {_shown(got)}: must be a plain number{such}"
+    if kind in (
+        "unknown_key",
+        "region",
+        "schedule",
+        "source",
+        "neighbourhood",
+        "infotaxis",
+        "unit",
+        "loss",
+        "motion",
+        "fan",
+        "files",
+        "spread",
+    ):
+        return where + fault["msg"]
+    message = re.sub(r"^(Input|String|Value) should", "must", fault["msg"]).replace("valid string", "text")
+    return f"{where}got {_shown(got)}: {message}"
+
+
+def _walk(location: tuple[int | str, ...], data: Any, absent: bool = False) -> list[int | str]:
+    """The YAML path of an error: pydantic's location without the names of union members in it.
+
+    absent: the last step is a key that is missing.
+    """
+    steps: list[int | str] = []
+    place = data
+    told = None  # the section whose kind was the step before
+    for n, step in enumerate(location):
+        if isinstance(place, dict):
+            if place.get("kind") == step and place is not told:
+                told = place  # a section may have a key of the same name
+                continue
+            if step not in place and not (absent and n == len(location) - 1):
+                continue  # the model's name
+            place = place.get(step)
+        elif isinstance(place, (list, tuple)) and isinstance(step, int):
+            place = place[step] if step < len(place) else None
+        else:
+            continue
+        steps.append(step)
+    return steps
+
+
+def _at(data: Any, steps: Sequence[int | str]) -> Any:
+    for step in steps:
+        data = data[step]
+    return data
+
+
+def _path(steps: Sequence[int | str]) -> str:
+    """``wind.openings[0].speed`` for ["wind", "openings", 0, "speed"]."""
+    text = ""
+    for step in steps:
+        if isinstance(step, int) or step.isdecimal():
+            text += f"[{step}]"
+        else:
+            text += f".{step}" if text else step
+    return text
+
+
+def _meant(got: Any, names: Sequence[str]) -> str:
+    close = difflib.get_close_matches(str(got), names, n=1)
+    return f"did you mean '{close[0]}'? " if close else ""
+
+
+def _shown(value: Any) -> str:
+    text = "nothing" if value is None else repr(value)
+    return text if len(text) <= LONGEST_VALUE else text[: LONGEST_VALUE - 3] + "..."

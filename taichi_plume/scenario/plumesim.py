@@ -1,0 +1,104 @@
+"""The plumes of PlumeSim and Fluent in a scenario: known in percent of a full scale."""
+
+import re
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, field_validator, model_validator
+from pydantic_core import PydanticCustomError
+
+from taichi_plume.scenario.sources import OneGas, Target
+from taichi_plume.scenario.vocabulary import Count, Duration, FullScale, Length, Point2, Positive, Time
+from taichi_plume.scenario.winds import PlumeSimLog, PointPlayback
+
+
+class PercentGas(OneGas):
+    """A plume that is known in percent of a full scale, as PlumeSim's are; in 3-D it is the same at every height."""
+
+    full_scale_ppm: FullScale = 100.0
+    """What 100 percent stand for."""
+    sources: tuple[Target, ...] = ()
+    """What the robots search for."""
+
+
+class PlumeSimGas(PercentGas, PlumeSimLog):
+    """The plume of a log of PlumeSim."""
+
+    kind: Literal["plumesim_log"]
+
+
+class FluentGas(PercentGas, PointPlayback):
+    """A plume computed by Fluent, exported as text, one file per frame; see point_frames.py."""
+
+    kind: Literal["fluent"]
+    files: Annotated[str, Field(min_length=1)]
+    """Path of the files, relative to the scenario's folder, such as plume%03d.txt for plume001.txt and so on."""
+    frames: Count | None = None
+    """Number of files; unless given, all there are."""
+    period: Duration = 1.0
+    """Time between frames [s]."""
+    cell: Length = 0.1
+    """Points count up to this distance [m]."""
+    largest: Positive | None = None
+    """Concentration that counts as 100 percent; unless given, the largest in the files."""
+
+    @field_validator("files")
+    @classmethod
+    def _numbered(cls, files: str) -> str:
+        if not re.fullmatch(r"[^%]*%(0?[1-9])?d[^%]*", Path(files).name):
+            raise PydanticCustomError(
+                "files", "must hold one number, such as plume%03d.txt, in the file's name"
+            )
+        return files
+
+
+Spread = Annotated[float, Field(ge=1e-6, le=1e6)]
+
+
+class PlumeSimPuff(PercentGas):
+    """PlumeSim's Gaussian plume: a puff that spreads, frame by frame, on nodes to the right of and above its release.
+
+    Percent = amount/(4 pi sqrt(Dx Dy) n) exp(-(dx²/Dx + dy²/Dy)/(4 n)) with the number n of the frame: 1, 2, ... last,
+    then again from `repeat_from`. A reading is that of the nearest node that is closer than the cell, else zero. The
+    program has a wind of 0.5 m/s along x with it.
+    """
+
+    kind: Literal["plumesim_gaussian"]
+    release_point: Point2
+    diffusion: tuple[Spread, Spread] = (0.2, 0.005)
+    """Dx, Dy [m² per frame]."""
+    amount: Annotated[float, Field(gt=0, le=1e6)] = 100.0
+    """Percent m² that are released."""
+    cell: Length = 0.1
+    """Distance of the nodes [m]."""
+    all_around: bool = False
+    """Nodes to the left of and below the release too, which the program has not."""
+    period: Duration = 1.0
+    """Time between frames [s]."""
+    last: Count = 25
+    repeat_from: Count = 20
+    start: Time = 0.0
+    """Time since the release [s] when the robots start."""
+
+    @model_validator(mode="after")
+    def _returns(self) -> "PlumeSimPuff":
+        if self.repeat_from > self.last:
+            raise PydanticCustomError("source", "repeat_from must not be above last")
+        return self
+
+
+class PlumeSimMeander(PercentGas):
+    """PlumeSim's meandering plume: points strewn about a random line along x, once for the whole run.
+
+    A reading is the number of points within the radius, as a share of that one radius downwind of the release, 100
+    percent at most. The program has a wind of 0.5 m/s along x with it.
+    """
+
+    kind: Literal["plumesim_meandering"]
+    release_point: Point2
+    points: Annotated[int, Field(ge=20, le=1_000_000)] = 200
+    """About so many."""
+    release_rate: Annotated[float, Field(ge=0, le=1e6)] = 10.0
+    dispersion: Annotated[float, Field(ge=0, le=1e3)] = 0.1
+    """Points stray across by a standard deviation of dispersion release_rate (x - x0)."""
+    radius: Length = 0.1

@@ -1,0 +1,103 @@
+"""Where gas comes from: species, sources and dishes of a scenario, and what every gas of one species has."""
+
+from typing import ClassVar, Literal
+
+from pydantic import model_validator
+from pydantic_core import PydanticCustomError
+
+from taichi_plume.scenario.species import SPECIES, TEMPERATURE, Species
+from taichi_plume.scenario.vocabulary import (
+    Diffusivity,
+    Duration,
+    Fraction,
+    LatentHeat,
+    Length,
+    Model,
+    MolarMass,
+    Point,
+    Pressure,
+    Rate,
+    Speed,
+    Temperature,
+    Time,
+)
+
+
+class OtherSpecies(Model):
+    """A vapour that is not in the table."""
+
+    name: str = "gas"
+    molar_mass: MolarMass
+    diffusivity: Diffusivity
+    vapour_pressure: Pressure | None = None
+    """Over the liquid at the temperature of its dish [Pa]; for sources that are dishes."""
+    latent_heat: LatentHeat | None = None
+    """Of evaporation [J/kg]; for dishes that cool."""
+
+
+class Puffing(Model):
+    """A source that is on and off by turns; the durations are drawn anew each time."""
+
+    pulse: Duration
+    """Mean duration of an emission [s]."""
+    pause: Duration
+    """Mean time between emissions [s]."""
+    spread: Fraction = 0.5
+    """Durations are uniform in mean·(1 ± spread)."""
+
+
+class Dish(Model):
+    """A flat, open dish of liquid: the wind over it says how much evaporates; see solvers/evaporation.py."""
+
+    diameter: Length
+    temperature: Temperature = TEMPERATURE
+    """Of the air and, unless evaporation cools it, of the liquid [K]."""
+    cooling: bool = True
+    """Whether evaporation cools the liquid; otherwise something keeps its temperature."""
+    air_speed: Speed | None = None
+    """Of the air over the dish [m/s]; unless given, of the wind half a diameter above the source (in 2-D: there)."""
+
+
+class Source(Model):
+    """A ball (in 2-D a disc) that emits evenly over its volume, with a given rate or what a dish gives off."""
+
+    position: Point
+    rate: Rate | None = None
+    """Mass per time while it is on [kg/s]."""
+    dish: Dish | None = None
+    """Instead of a rate."""
+    radius: Length = 0.05
+    start: Time | None = None
+    """First moment of emission [s]; unless given, the start of the warm-up."""
+    stop: Time | None = None
+    puffing: Puffing | None = None
+
+    @model_validator(mode="after")
+    def _ordered(self) -> "Source":
+        if (self.rate is None) == (self.dish is None):
+            got = "neither" if self.dish is None else "both"
+            raise PydanticCustomError("source", "takes a rate or a dish, got {got}", {"got": got})
+        if self.start is not None and self.stop is not None and self.stop <= self.start:
+            raise PydanticCustomError("source", "stop must be later than start")
+        return self
+
+
+class Target(Source):
+    """A source of a plume that is given: robots search for it, here it emits nothing."""
+
+    rate: Rate = 0.0
+
+
+class OneGas(Model):
+    """What every gas of one species has."""
+
+    sources_key: ClassVar[str] = "sources"
+    """Where a scenario lists what the robots search for."""
+    species: Literal["ethanol", "acetone"] | OtherSpecies = "ethanol"
+
+    @property
+    def vapour(self) -> Species:
+        """The species."""
+        if isinstance(self.species, str):
+            return SPECIES[self.species]
+        return Species(**self.species.model_dump())

@@ -1,0 +1,83 @@
+"""What every section of a scenario is made of: kinds of numbers with units, and the frozen model."""
+
+import difflib
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic_core import PydanticCustomError
+
+from taichi_plume.scenario.quantities import quantity
+
+
+def per_axis(number: Any) -> Any:
+    """The annotated type of one `number` for all axes, or of a list of one per axis."""
+    return Annotated[
+        tuple[number, ...],
+        Field(min_length=1, max_length=3),
+        BeforeValidator(
+            lambda value: value if isinstance(value, list | tuple) else (value,),
+            json_schema_input_type=number | list[number],
+        ),
+    ]
+
+
+Coordinate = quantity("m")
+Length = quantity("m", gt=0)
+Distance = quantity("m", ge=0)
+Duration = quantity("s", gt=0)
+Time = quantity("s")
+Delay = quantity("s", ge=0)
+Speed = quantity("m/s", ge=0)
+Velocity = quantity("m/s")
+Acceleration = quantity("m/s^2")
+Rate = quantity("kg/s", ge=0, most=1, likely="mg/s")
+Mass = quantity("kg", ge=0, most=1, likely="mg")
+Frequency = quantity("1/s", gt=0)
+MolarMass = quantity("kg/mol", gt=0, most=1, likely="g/mol")
+Pressure = quantity("Pa", gt=0)
+FlowRate = quantity("m^3/s", gt=0, most=1000, likely="m^3/h")
+TopSpeed = quantity("m/s", gt=0)
+Tick = quantity("s", gt=0, le=1)
+Diffusivity = quantity("m^2/s", ge=0)
+Dissipation = quantity("m^2/s^3", gt=0)
+Temperature = quantity("K", least=200, likely="degC", le=500)
+Power = quantity("W")
+HeatTransfer = quantity("W/m^2/K", gt=0)
+HeatCapacity = quantity("J/m^3/K", gt=0)
+Resistance = quantity("ohm", gt=0)
+LatentHeat = quantity("J/kg", gt=0, least=1e4, likely="MJ/kg")
+Expansion = quantity("1/K", ge=0)
+Fraction = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
+Real = Annotated[float, Field(allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+FullScale = Annotated[float, Field(ge=1e-6, le=1e6, allow_inf_nan=False)]
+Count = Annotated[int, Field(ge=1, le=1_000_000)]
+Point = Annotated[tuple[Coordinate, ...], Field(min_length=2, max_length=3)]
+Point2 = tuple[Coordinate, Coordinate]
+Convection = Literal["koren", "weno5"]
+Face = Literal["x-", "x+", "y-", "y+", "z-", "z+"]
+Diffusivities = per_axis(Diffusivity)
+Intensities = per_axis(NonNegative)
+
+
+class Model(BaseModel):
+    """A frozen section of a scenario that names its keys when one is misspelt."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _known_keys(cls, data: Any) -> Any:
+        if isinstance(data, dict):
+            allowed = list(cls.model_fields)
+            for key in data:
+                if key not in allowed:
+                    close = difflib.get_close_matches(str(key), allowed, n=1)
+                    hint = f"did you mean '{close[0]}'? " if close else ""
+                    raise PydanticCustomError(
+                        "unknown_key",
+                        "unknown key '{key}'; {hint}allowed: {allowed}",
+                        {"key": str(key), "hint": hint, "allowed": ", ".join(allowed)},
+                    )
+        return data

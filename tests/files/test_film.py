@@ -1,0 +1,182 @@
+"""Films on disk: what they hold, what is kept of an interrupted one, and what is said of bad ones."""
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import zarr
+
+from taichi_plume.files.film import Film, FilmError, NewFilm, dimensions
+from taichi_plume.scenario.loading import ScenarioError, load_scenario
+
+SHAPE, DX = (6, 5, 4), 0.1
+PLAY = """
+duration: 2
+domain: {size: [0.6, 0.5, 0.4], spacing: 0.1}
+wind: {kind: playback, file: fields.zarr}
+gas: {kind: playback, file: fields.zarr}
+"""
+
+
+def size_of(name: str, shape: tuple[int, ...] = SHAPE) -> tuple[int, ...]:
+    """Extent of a variable (x, y, z), told from the names of its dimensions."""
+    more = {"": 0, "face": 1, "ghost": 2}
+    return tuple(
+        n + more[d.partition("_")[2]] for n, d in zip(shape, dimensions(name, len(shape))[::-1], strict=True)
+    )
+
+
+def opened(path: Path) -> Any:
+    return zarr.open_group(path, mode="r+")
+
+
+def new_film(path: Path, frames: int = 3) -> list[dict[str, np.ndarray]]:
+    """A film of noise; returns its frames, axes (z, y, x)."""
+    rng = np.random.default_rng(5)
+    moving = ["u", "v", "w", "gas_acetone"]
+    names = ["air", *(kind + name for kind in ("open_", "area_") for name in "uvw")]
+    still = {name: np.ones(size_of(name)[::-1], np.float32) for name in names}
+    facts = {
+        "depth": 1.0,
+        "periodic": [False] * 3,
+        "viscosity": 1e-5,
+        "schmidt": 1.0,
+        "gases": {
+            "gas_acetone": {
+                "species": "acetone",
+                "sources": [{"position": [0.3, 0.2, 0.2], "rate": 1e-5}],
+            }
+        },
+    }
+    film = NewFilm(path, SHAPE, DX, facts, moving, still)
+    shown = [{name: rng.random(size_of(name)[::-1], np.float32) for name in moving} for _ in range(frames)]
+    for n, frame in enumerate(shown):
+        film.append(0.5 * n, frame)
+    return shown
+
+
+@pytest.fixture
+def path(tmp_path) -> Path:
+    new_film(tmp_path / "fields.zarr")
+    (tmp_path / "play.yaml").write_text(PLAY)
+    return tmp_path / "fields.zarr"
+
+
+def test_what_was_written_is_read(tmp_path):
+    frames = new_film(tmp_path / "fields.zarr")
+    film = Film(tmp_path / "fields.zarr")
+    np.testing.assert_array_equal(film.times, [0.0, 0.5, 1.0])
+    assert (film.shape, film.dx) == (SHAPE, DX)
+    for n, frame in enumerate(frames):
+        for name, values in film.frame(n, [*film.wind, *film.gas]).items():
+            np.testing.assert_array_equal(values, frame[name].T)
+
+
+def test_dimensions_have_names_coordinates_and_units(path):
+    group = opened(path)
+    arrays = dict(group.arrays())
+    for name, array in arrays.items():
+        for length, dimension in zip(array.shape, array.metadata.dimension_names, strict=True):
+            assert arrays[dimension].shape == (length,), f"{name} along {dimension}"
+        assert array.attrs["units"]
+    assert arrays["u"].metadata.dimension_names == ("time", "z_ghost", "y_ghost", "x_face")
+    np.testing.assert_allclose(arrays["x_face"], np.linspace(0, 0.6, 7), atol=1e-12)
+    np.testing.assert_allclose(arrays["z_ghost"], [-0.05, 0.05, 0.15, 0.25, 0.35, 0.45])
+    assert arrays["gas_acetone"].chunks == (1, 4, 5, 6)
+
+
+def test_interrupted_film_keeps_its_frames(path):
+    group = opened(path)
+    group["u"].resize((4, *group["u"].shape[1:]))  # a frame was begun
+    group["u"][3] = 1.0
+    assert len(Film(path).times) == 3
+    group["time"].resize((4,))  # and its time not yet written
+    assert len(Film(path).times) == 3
+
+
+def cut(file: str):
+    def damage(path: Path) -> None:
+        content = (path / file).read_bytes()
+        (path / file).write_bytes(content[: len(content) // 2])
+
+    return damage
+
+
+def replaced(key: str, value: object):
+    def damage(path: Path) -> None:
+        opened(path).attrs[key] = value
+
+    return damage
+
+
+def emptied(path: Path) -> None:
+    opened(path)["time"].resize((0,))
+
+
+@pytest.mark.parametrize(
+    ("damage", "fault"),
+    [
+        (shutil.rmtree, "does not exist"),
+        (cut("zarr.json"), "is no zarr group"),
+        (lambda path: (path / "zarr.json").unlink(), "is no zarr group"),
+        (replaced("format", "another"), "was not written by a run of ours"),
+        (replaced("shape", "wide"), "is damaged"),
+        (cut("u/zarr.json"), "is damaged"),
+        (cut("time/c/0"), "is damaged: Stored and computed checksum do not match"),
+        (cut("u/c/2/0/0/0"), "frame 2 of u (t = 1 s) is damaged"),
+        (lambda path: (path / "v/c/1/0/0/0").unlink(), "v has 2 of 3 frames"),
+        (lambda path: shutil.rmtree(path / "w"), "w is missing"),
+        (lambda path: shutil.rmtree(path / "open_v"), "open_v is missing"),
+        (lambda path: (path / "air/c/0/0/0").unlink(), "air has 0 of 1 frames"),
+        (emptied, "holds no frame"),
+    ],
+)
+def test_bad_films_are_told_in_a_line(path, damage, fault):
+    damage(path)
+    with pytest.raises(ScenarioError) as told:
+        load_scenario(path.parent / "play.yaml")
+    lines = [line for line in told.value.lines if "wind.file" in line]
+    assert len(lines) == 1
+    assert str(path) in lines[0]
+    assert fault in lines[0]
+    assert "\n" not in lines[0]
+
+
+def test_damage_in_the_middle_is_found_when_it_is_read(path):
+    cut("gas_acetone/c/1/0/0/0")(path)
+    film = Film(path)
+    film.frame(1, film.wind)
+    with pytest.raises(FilmError, match=r"frame 1 of gas_acetone \(t = 0.5 s\) is damaged"):
+        film.frame(1, film.gas)
+
+
+@pytest.mark.parametrize(
+    ("override", "fault"),
+    [
+        ("domain.spacing=0.05", "use size: [0.6, 0.5, 0.4], spacing: 0.1"),
+        ("domain.size=[0.5, 0.5, 0.4]", "5 x 5 x 4 cells of 0.1 m, but"),
+        ("gas.start=1.1", "gas.start: 1.1 s is after the last frame"),
+        ("gas.species=argon", "gas.species"),
+        ("wind.rate=0", "wind.rate"),
+        ("obstacles=[{kind: sphere, center: [0.3, 0.3, 0.2], radius: 0.1}]", "cells are not as in"),
+    ],
+)  # fmt: skip
+def test_what_does_not_fit_the_film_is_told(path, override, fault):
+    with pytest.raises(ScenarioError) as told:
+        load_scenario(path.parent / "play.yaml", [override])
+    assert fault in str(told.value)
+
+
+def test_film_without_the_quantity(path):
+    shutil.rmtree(path / "gas_acetone")
+    with pytest.raises(ScenarioError, match="holds no gas, only wind"):
+        load_scenario(path.parent / "play.yaml")
+
+
+def test_species_and_sources_come_from_the_film(path):
+    gas = load_scenario(path.parent / "play.yaml").gas
+    assert (gas.species, gas.sources[0].position) == ("acetone", (0.3, 0.2, 0.2))
+    other = load_scenario(path.parent / "play.yaml", ["gas.species=ethanol"]).gas
+    assert (other.species, other.sources) == ("ethanol", gas.sources)

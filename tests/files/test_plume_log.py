@@ -1,0 +1,152 @@
+"""Logs that runs write: what is in them, how they are played back, and what is kept of an interrupted one."""
+
+import errno
+import json
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from taichi_plume import run
+from taichi_plume.assemble import assemble
+from taichi_plume.files import disk
+from taichi_plume.files.plume_log import PlumeLogger
+from taichi_plume.files.point_frames import read_log
+from taichi_plume.grid.fields import ppm_at, velocity_at
+from taichi_plume.scenario.loading import load_scenario
+from taichi_plume.scenario.outputs import PlumeLog
+from taichi_plume.simulation import Every, Simulation
+
+LIVE = """
+name: live
+seed: 3
+duration: 1.5
+warm_up: 1
+domain: {size: [1.2, 0.8], spacing: 0.05, depth: 0.5}
+wind:
+  kind: cfd
+  openings:
+    - {kind: honeycomb, face: x-, speed: 0.7, turbulence_intensity: 0.1}
+    - {kind: honeycomb, face: x+}
+obstacles: [{kind: cylinder, center: [0.5, 0.35], radius: 0.1}]
+gas: {kind: eulerian, species: acetone, sources: [{position: [0.3, 0.4], rate: 10 mg/s, start: -1}]}
+plumesim_log: {rate: 2, start: -0.5, cell: 0.08, full_scale_ppm: 400}
+"""
+PLAY = """
+duration: 1.5
+domain: {size: [1.2, 0.8], spacing: 0.05}
+wind: {kind: plumesim_log, file: run/plume.pslog, start: 0.5}
+gas: {kind: plumesim_log, file: run/plume.pslog, start: 0.5, species: acetone, full_scale_ppm: 400}
+"""
+
+HALF_DIGIT = 5.1e-4  # of four: the largest relative error of a printed number, 1.0005 as 1.000
+
+
+def wind_and_gas(sim: Simulation, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return velocity_at(sim.wind, place, sim.t), ppm_at(sim.gas, place, sim.t)[:, 0]
+
+
+@pytest.mark.slow
+def test_a_run_is_played_back_to_the_printed_digits(tmp_path, monkeypatch):
+    """The same wind and gas on the nodes, at the frames' times."""
+    (tmp_path / "live.yaml").write_text(LIVE)
+    (tmp_path / "play.yaml").write_text(PLAY)
+    seen: dict[int, Any] = {}
+    live = run._assemble
+
+    def watched(*arguments: Any) -> Simulation:
+        sim = live(*arguments)
+        grid = 0.08 * (np.stack(np.meshgrid(np.arange(15), np.arange(10), indexing="ij"), -1) + 0.5)
+        flat = grid.reshape(-1, 2)
+        place = flat[np.linalg.norm(flat - [0.5, 0.35], axis=1) > 0.1]
+        sim.observers.append(
+            Every(0.1, lambda s: seen.update({s.tick: (place, *wind_and_gas(s, place))}), warm_up=True)
+        )
+        return sim
+
+    monkeypatch.setattr(run, "_assemble", watched)
+    assert (
+        run.main([str(tmp_path / "live.yaml"), "--out", str(tmp_path / "run"), "--quiet", "--no-recording"])
+        == 0
+    )
+    frames = read_log(tmp_path / "run" / "plume.pslog")
+    assert (len(frames), frames.period, frames.cell) == (5, 0.5, 0.08)
+    again = assemble(load_scenario(tmp_path / "play.yaml"), tmp_path)
+    for tick in range(16):
+        place, u, ppm = seen[tick - tick % 5]
+        assert len(place) == len(frames.place) / 5
+        speed = np.abs(u).max()
+        there = wind_and_gas(again, place)
+        np.testing.assert_allclose(there[0], u, atol=2 * HALF_DIGIT * speed)  # of speed and of direction
+        np.testing.assert_allclose(there[1], ppm, rtol=HALF_DIGIT, atol=4e-6)
+        assert ppm.max() > 10
+        if tick < 15:
+            again.advance()
+
+
+def short(tmp_path: Path, **keys: Any) -> tuple[Simulation, PlumeLogger]:
+    (tmp_path / "live.yaml").write_text(LIVE)
+    scenario = load_scenario(
+        tmp_path / "live.yaml", ["wind={kind: uniform, velocity: [0, -0.3]}", "obstacles=[]"]
+    )
+    sim = assemble(scenario, tmp_path)
+    return sim, PlumeLogger(sim, tmp_path / "plume.pslog", PlumeLog(**keys))
+
+
+def test_the_file_is_whole_after_every_frame(tmp_path):
+    sim, log = short(tmp_path, rate=5, start=-0.8)
+    sim.observers.append(log.observer())
+    sim.observe()
+    assert (tmp_path / "plume.pslog").read_text() == f"200,{0:9d},0.1\n"
+    for _ in range(9):
+        sim.advance()
+        sim.observe()
+    frames = read_log(tmp_path / "plume.pslog")  # not closed
+    assert len(frames) == 4  # at -0.8, -0.6, -0.4 and -0.2 s
+    np.testing.assert_allclose(frames.wind[:, 1], -0.3, rtol=1e-4)
+    np.testing.assert_allclose(frames.wind[:, 0], 0, atol=1e-4)
+    log.close()
+
+
+def test_a_full_disk_is_told_and_the_frames_before_are_kept(tmp_path, monkeypatch):
+    usage = SimpleNamespace(free=10 * disk.RESERVE)
+    monkeypatch.setattr(disk.shutil, "disk_usage", lambda _: usage)
+    (tmp_path / "live.yaml").write_text(LIVE)
+    live = run._assemble
+
+    def filling(*arguments: Any) -> Simulation:
+        sim = live(*arguments)
+        sim.observers.append(
+            Every(0.1, lambda s: setattr(usage, "free", disk.RESERVE - 1) if s.tick > 3 else None)
+        )
+        return sim
+
+    monkeypatch.setattr(run, "_assemble", filling)
+    out = tmp_path / "run"
+    assert run.main([str(tmp_path / "live.yaml"), "--out", str(out), "--quiet", "--no-recording"]) == 1
+    assert json.loads((out / "result.json").read_text())["status"] == "disk_full"
+    assert len(read_log(out / "plume.pslog")) == 2
+    with pytest.raises(OSError, match="full") as caught:
+        short(tmp_path)
+    assert caught.value.errno == errno.ENOSPC
+
+
+def test_in_three_dimensions_the_log_is_a_slice(tmp_path):
+    text = LIVE.replace("[1.2, 0.8]", "[1.2, 0.8, 0.4]").replace("[0.3, 0.4]", "[0.3, 0.4, 0.1]")
+    (tmp_path / "live.yaml").write_text(text)
+    scenario = load_scenario(
+        tmp_path / "live.yaml", ["wind={kind: uniform, velocity: [0.2, 0, 0.1]}", "obstacles=[]"]
+    )
+    sim = assemble(scenario, tmp_path)
+    for _ in range(5):
+        sim.advance()
+    log = PlumeLogger(sim, tmp_path / "plume.pslog", PlumeLog(start=-0.5, height=0.25))
+    log.add(sim)
+    log.close()
+    frames = read_log(tmp_path / "plume.pslog")
+    at = np.column_stack([frames.place, np.full(len(frames.place), 0.25)])
+    np.testing.assert_allclose(frames.percent, ppm_at(sim.gas, at, sim.t)[:, 0], rtol=HALF_DIGIT, atol=1e-6)
+    np.testing.assert_allclose(frames.wind, np.tile([0.2, 0.0], (len(at), 1)), atol=1e-5)
+    assert frames.percent.max() > 1

@@ -1,0 +1,240 @@
+"""Plumes as files of points: what is read of them, and what is said of bad ones."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from taichi_plume.files.point_frames import PointFileError, frames_of, read_fluent, read_log
+from taichi_plume.scenario.loading import ScenarioError, load_scenario
+from taichi_plume.scenario.winds import PlumeSimWind
+
+LOG = """500,3,0.1
++1 2
+0.1,0.2,0,0.5,0,12.5
+0.2,0.2,0,0.25,1.5707963,100
++2 0
++7 1
+0.3,0.4,0,1e-1,-0.5,0
+"""
+PLAY = """
+duration: 2
+domain: {size: [0.6, 0.5], spacing: 0.1}
+wind: {kind: uniform, velocity: [0.5, 0]}
+gas: {kind: plumesim_log, file: plume.pslog}
+"""
+FLUENT = "nodenumber, x-coordinate, y-coordinate, acetone\n1,0.1,0.2,0.02\n2,0.2,0.2,0.08\n"
+
+
+@pytest.fixture(autouse=True)
+def taichi():
+    """No kernel runs here."""
+
+
+@pytest.fixture
+def folder(tmp_path) -> Path:
+    (tmp_path / "plume.pslog").write_text(LOG)
+    (tmp_path / "play.yaml").write_text(PLAY)
+    (tmp_path / "plume001.txt").write_text(FLUENT)
+    (tmp_path / "plume002.txt").write_text("titles\n1,0.3,0.1,0.04\n")
+    return tmp_path
+
+
+@pytest.mark.parametrize("ending", ["\n", "\r\n"])
+def test_what_a_log_says_is_read(tmp_path, ending):
+    path = tmp_path / "plume.pslog"
+    path.write_bytes(LOG.replace("\n", ending).encode() + b"\n \n")
+    frames = read_log(path)
+    assert (len(frames), frames.period, frames.cell) == (3, 0.5, 0.1)
+    np.testing.assert_array_equal(frames.begin, [0, 2, 2, 3])
+    np.testing.assert_array_equal(frames.place, [[0.1, 0.2], [0.2, 0.2], [0.3, 0.4]])
+    np.testing.assert_array_equal(frames.percent, [12.5, 100, 0])
+    np.testing.assert_allclose(frames.wind[:2], [[0.5, 0], [0, 0.25]], atol=1e-7)
+    np.testing.assert_allclose(np.linalg.norm(frames.wind[2]), 0.1)
+
+
+def replaced(line: int, text: str) -> str:
+    lines: list[str] = list(LOG.splitlines())
+    lines[line - 1] = text
+    return "\n".join(lines)
+
+
+@pytest.mark.parametrize(
+    ("content", "fault"),
+    [
+        ("", "is empty"),
+        (" \n\n", "is empty"),
+        ("500,3\n", "line 1: must be period_ms"),
+        (replaced(1, "500,3,0.1,7"), "line 1: must be period_ms"),
+        (replaced(1, "0,3,0.1"), "line 1: the period must be above 0, got 0"),
+        (replaced(1, "500,0,0.1"), "line 1: the number of frames must be above 0"),
+        (replaced(1, "500,3,nan"), "line 1: the cell size must be above 0, got nan"),
+        (replaced(1, "500,3,inf"), "line 1: the cell size must be above 0, got inf"),
+        (replaced(1, "500,999999999,0.1"), "line 1: 999999999 frames are more than"),
+        (replaced(1, "500,4,0.1"), "ends after 3 of 4 frames, at line 7"),
+        (replaced(1, "500,2,0.1"), "line 6: must be the end after 2 frames, got '+7 1'"),
+        (replaced(2, "+1 3"), "line 5: frame +1 ends here, with 2 of 3 points, by '+2 0'"),
+        (replaced(2, "+1 1"), "line 4: must begin frame 2 with '+number points'"),
+        (replaced(2, "+1 many"), "line 2: must begin frame 1"),
+        (replaced(3, "0.1,0.2,0,0.5,0"), "line 3: must be x,y,z,wind speed,wind direction,chemical"),
+        (replaced(4, "0.1,0.2,0,0.5,0,1,1"), "line 4: must be x,y,z"),
+        (replaced(4, "0.1,0.2,0,0.5,zero,1"), "line 4: must be x,y,z"),
+        (replaced(4, ""), "line 4: must be x,y,z"),
+        (replaced(4, "0.1,0.2,0,0.5,nan,1"), "line 4: must be finite"),
+        (replaced(7, "0.1,1e400,0,0.5,0,1"), "line 7: must be finite"),
+        (replaced(7, "0.1,-1e9,0,0.5,0,1"), "line 7: y must be within 100000 m"),
+        (replaced(7, "0.3,0.4,0,0.1,0,-1"), "line 7: chemical must be not negative, got -1"),
+        (replaced(7, "0.3,0.4,0,0.1,0,1e300"), "line 7: chemical must be at most 1e+06, got 1e+300"),
+        (replaced(7, "0.3,0.4,0,1e5,0,1"), "line 7: wind speed must be at most 1000, got 100000"),
+        (replaced(7, "0.3,0.4,0,-0.1,0,1"), "line 7: wind speed must be not negative"),
+        (replaced(7, "0.3,0.4,0.5,0.1,0,1"), "line 7: z = 0.5, others 0; a log is of one height"),
+        (replaced(6, "+2 1"), "line 6: frame +2 comes after +2; numbers of frames must ascend"),
+        (replaced(6, "+7 5"), "ends at line 7, with 1 of the 5 points of frame +7"),
+        ("500,1,0.1\n+1 0\n", "holds no points"),
+    ],
+)
+def test_bad_logs_are_told_in_one_line_before_anything_runs(folder, content, fault):
+    path = folder / "plume.pslog"
+    path.write_text(content)
+    with pytest.raises(PointFileError) as caught:
+        read_log(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert fault in str(caught.value)
+    with pytest.raises(ScenarioError) as checked:
+        load_scenario(folder / "play.yaml")
+    assert len(checked.value.lines) == 1
+    assert f"gas.file: {caught.value}" in checked.value.lines[0]
+
+
+def test_what_is_no_text_is_told(folder):
+    (folder / "plume.pslog").write_bytes(LOG.encode().replace(b"0.25", b"\xc2\xb5"))
+    with pytest.raises(PointFileError, match=r"line 4: is not plain text"):
+        read_log(folder / "plume.pslog")
+    with pytest.raises(PointFileError, match="cannot be read: No such file"):
+        read_log(folder / "other")
+    with pytest.raises(PointFileError, match="cannot be read: Is a directory"):
+        read_log(folder)
+    with pytest.raises(PointFileError, match=r"cannot be read: .*null"):
+        read_log(folder / "a\0b")
+
+
+GOOD = (
+    "\n".join(["200,8,0.1", *(f"+{n} 9\n" + 9 * f"0.{n},0.2,0,0.5,0.1,7.{n}\n" for n in range(8))])
+).replace("\n\n", "\n")
+
+
+@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    cut=st.integers(0, len(GOOD)),
+    changes=st.lists(
+        st.tuples(st.integers(0, len(GOOD) - 1), st.sampled_from(b"0123456789+-.,eE \n\tnaif\x00\xff_#")),
+        max_size=3,
+    ),
+)
+def test_damaged_logs_load_or_are_told_in_one_line(tmp_path, cut, changes):
+    content = bytearray(GOOD.encode())
+    for place, byte in changes:
+        content[place] = byte
+    path = tmp_path / "plume.pslog"
+    path.write_bytes(content[:cut] if cut % 3 else content)
+    try:
+        frames = read_log(path)
+    except PointFileError as error:
+        told = str(error)
+    else:
+        told = None
+    if told is not None:
+        assert told.startswith(f"{path}: ")
+        assert "\n" not in told
+        return
+    assert frames.begin[-1] == len(frames.place) == len(frames.wind) == len(frames.percent)
+    for values in (frames.place, frames.wind, frames.percent):
+        assert np.isfinite(values).all()
+    assert (frames.percent >= 0).all()
+
+
+# ---------------------------------------------------------------- Fluent
+
+
+def test_fluent_frames_are_numbered_files_in_percent_of_the_largest(folder):
+    frames = read_fluent(folder / "plume%03d.txt", None, 2.0, 0.1, None)
+    assert (len(frames), frames.period, frames.cell) == (2, 2.0, 0.1)
+    np.testing.assert_array_equal(frames.begin, [0, 2, 3])
+    np.testing.assert_allclose(frames.percent, [25, 100, 50])
+    np.testing.assert_array_equal(frames.place[2], [0.3, 0.1])
+    given_scale = read_fluent(folder / "plume%03d.txt", 1, 2.0, 0.1, 0.4)
+    np.testing.assert_allclose(given_scale.percent, [5, 20])
+
+
+@pytest.mark.parametrize(
+    ("keys", "fault"),
+    [
+        ("files: plume%03d.txt, frames: 3", "plume003.txt: does not exist; files are numbered from 1"),
+        ("files: smoke%03d.txt", "smoke001.txt: does not exist"),
+        ("files: bad%d.txt", "bad1.txt: line 3: must be index,x,y,chemical, got '2,0.1'"),
+        ("files: gap%d.txt", "gap2.txt: does not exist, but gap3.txt does"),
+        ("files: empty%d.txt", "empty1.txt: holds no points"),
+        ("files: plume.txt", "gas.files: must hold one number"),
+        (
+            "files: plume%03d.txt, largest: 1e-9",
+            "plume001.txt: line 2: chemical must be at most 1e-05, got 0.02",
+        ),
+        (f"files: {'long' * 99}%d.txt", "longlong1.txt: does not exist"),
+        ("files: plume%s%d.txt", "gas.files: must hold one number"),
+        ("files: plume%9999999999d.txt", "gas.files: must hold one number"),
+        ("files: plume%03d.txt, offset: [3, 0]", "no point of"),
+        ("files: plume%03d.txt, start: 2", "gas.start: 2 s is after the last frame"),
+    ],
+)
+def test_bad_exports_are_told(folder, keys, fault):
+    (folder / "bad1.txt").write_text("titles\n1,0.1,0.1,0.1\n2,0.1\n")
+    (folder / "gap1.txt").write_text(FLUENT)
+    (folder / "gap3.txt").write_text(FLUENT)
+    (folder / "empty1.txt").write_text("titles\n")
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario(folder / "play.yaml", [f"gas={{kind: fluent, {keys}}}"])
+    assert len(caught.value.lines) == 1
+    assert fault in caught.value.lines[0]
+
+
+@pytest.mark.parametrize(
+    ("overrides", "fault"),
+    [
+        (["gas={kind: eulerian, sources: [{position: [0.3, 0.2], rate: 1e-6}]}"], "gas.kind: a wind of kind"),
+        (["fields={}"], "fields.quantities: a wind of kind plumesim_log has no velocities"),
+        (["plumesim_log={rate: 3}"], "plumesim_log.rate: 3 frames per second"),
+        (["tick=0.0125", "plumesim_log={rate: 80}"], "must be whole milliseconds"),
+        (["plumesim_log={cell: 0.0001}"], "plumesim_log.cell: 0.0001 m makes"),
+        (["plumesim_log={cell: 0.6}"], "plumesim_log.cell: 0.6 m is wider than the domain"),
+        (
+            ["gas={kind: plumesim_gaussian, release_point: [0, 0], cell: 1e-300}"],
+            "gas.cell: 1e-300 m makes",
+        ),
+        (
+            ["gas={kind: plumesim_gaussian, release_point: [0, 0], cell: 1e300}"],
+            "gas.cell: 1e+300 m is wider",
+        ),
+        (["plumesim_log={start: 5}"], "plumesim_log.start: 5 s is after the end"),
+        (["gas.start=1.5"], "gas.start: 1.5 s is after the last frame"),
+        (["gas.offset=[-2, 0]"], "no point of"),
+        (
+            ["gas={kind: plumesim_gaussian, release_point: [1, 0.2]}"],
+            "gas.release_point: (1, 0.2) m is outside",
+        ),
+        (["gas={kind: plumesim_meandering, release_point: [0.55, 0.2]}"], "gas.release_point: x = 0.55 m"),
+        (["gas={kind: plumesim_gaussian, release_point: [0, 0], last: 3}"], "gas: repeat_from must not be"),
+    ],
+)
+def test_what_does_not_go_together_is_told(folder, overrides, fault):
+    wind = "wind={kind: plumesim_log, file: plume.pslog}"
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario(folder / "play.yaml", [wind, *overrides])
+    assert len(caught.value.lines) == 1
+    assert fault in caught.value.lines[0]
+
+
+def test_files_lie_beside_the_scenario(folder):
+    model = PlumeSimWind.model_validate({"kind": "plumesim_log", "file": "plume.pslog"})
+    assert len(frames_of(model, folder)) == 3

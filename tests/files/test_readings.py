@@ -1,0 +1,114 @@
+"""Readings from files: what real logs look like, and what is wrong with some."""
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from taichi_plume.files.readings import ReadingsError, read
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "t,x,y,reading\n2,0.5,1,7\n1,0,1,6\n",
+        "t, x, y, reading\r\n2, 0.5, 1, 7\r\n1, 0, 1, 6\r\n",
+        "\ufefft;x;y;reading\n2;0.5;1;7\n1;0;1;6\n",
+        'a\ty\t"x"\treading\tt\ta\t\t\n-\t1\t0.5\t7\t2\t°\t\t\nb\t1\t0\t6\t1\t\t\t\n',
+        "t,x,y,reading,believed_z,trial,group\n2,0.5,1,7,,0,\n1,0,1,6,,0,b\n9,9,9,9,,1,b\n",
+    ],
+)
+def test_logs_of_all_sorts(text, tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text(text, encoding="utf-8", newline="")
+    readings = read(str(path))
+    assert readings.t.tolist() == [1.0, 2.0]
+    assert readings.place.tolist() == [[0.0, 1.0], [0.5, 1.0]]
+    assert readings.reading.tolist() == [6.0, 7.0]
+    assert readings.wind.tolist() == [[0.0, 0.0]] * 2
+    assert readings.row.tolist() == [2, 1]
+
+
+def test_what_is_no_finite_number_is_no_reading(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("t,x,y,reading,wind_x,wind_y\n1,0,0,inf,nan,1\n2,0,0,-inf,inf,2\n3,0,0,,,\n4,0,0,5,1,2\n")
+    readings = read(path)
+    np.testing.assert_array_equal(readings.reading, [np.nan, np.nan, np.nan, 5.0])
+    np.testing.assert_array_equal(readings.wind, [[0.0, 1.0], [0.0, 2.0], [0.0, 0.0], [1.0, 2.0]])
+
+
+def run_table(path):
+    """Two groups of a robot and two trials each, as a run writes them, at 0 and 1 s."""
+    n = np.arange(8)
+    columns = {
+        "t": np.repeat([0.0, 1.0], 4),
+        "group": pa.array(["red", "red", "blue", "blue"] * 2).dictionary_encode(),
+        "trial": np.tile([0, 1], 4).astype(np.int32),
+        "x": n + 0.5,
+        "y": n * 0.0,
+        "heading": n * 0.0,
+        "believed_heading": n * 0.0 + 0.5,
+        "believed_x": n * 1.0,
+        "believed_y": n * 2.0,
+        "reading_ppm": n * 10.0,
+        "wind_x": n * 0.0 + 0.25,
+        "wind_y": n * 0.0,
+    }
+    pq.write_table(pa.table(columns), path)
+    return path
+
+
+def test_a_run_tells_what_its_robots_believed(tmp_path):
+    """The wind of a run is in the frame of the robots' beliefs already."""
+    readings = read(run_table(tmp_path / "robots.parquet"), trial=1)
+    assert readings.t.tolist() == [1.0, 1.0], "nothing has been measured at 0 s"
+    assert readings.place.tolist() == [[5.0, 10.0], [7.0, 14.0]]
+    assert readings.wind.tolist() == [[0.25, 0.0]] * 2
+    assert readings.row.tolist() == [6, 8]
+
+
+def test_one_group_of_many(tmp_path):
+    path = run_table(tmp_path / "robots.parquet")
+    assert read(path, group="blue").reading.tolist() == [60.0]
+    assert read(path, 1, "red").reading.tolist() == [50.0]
+    with pytest.raises(ReadingsError, match=r"has no group 'green'; it has blue, red$"):
+        read(path, group="green")
+
+
+@pytest.mark.parametrize(
+    ("content", "chosen", "told"),
+    [
+        (b"t,x,y,reading\n", {}, "has no readings"),
+        (b"", {}, "line 1 is empty; it must name the columns t, x, y, reading"),
+        (b"t,x,reading\n1,0,2\n", {}, "has no column y; it has t, x, reading"),
+        (b"1,0,0,2\n2,0,0,2\n", {}, "has no column t, x, y, reading; it has 1, 0, 0, 2"),
+        (b"t,x,y,reading,\xb0C\n1,0,0,2,3\n", {}, "line 1 is not UTF-8 text"),
+        (b"t,x,y,reading\n1,0,0,2\n1,0,a,2\n", {}, "y of row 2 must be a number, got 'a'"),
+        (b"t;x;y;reading\n1;0,5;0;2\n", {}, "x of row 1 must be a number, got '0,5'"),
+        (b"t,x,y,reading\n1,0,0,2\n1,0,nan,2\n", {}, "y of row 2 is not a number"),
+        (b"t,x,y,x,reading\n1,0,0,0,2\n", {}, "has several columns 'x'"),
+        (b"t,x,y,reading,trial\n1,0,0,2,first\n", {}, "trial of row 1 must be a number, got 'first'"),
+        (b"t,x,y,reading,trial\n1,0,0,2,true\n", {}, "trial of row 1 must be a number, got True"),
+        (b"t,x,y,reading,trial\n1,0,0,2,\n", {}, "has no readings"),
+        (b"t,x,y,reading,trial\n1,0,0,2,4\n", {"trial": 3}, "has no trial 3; the first is 4, the last 4"),
+        (b"t,x,y,reading\n1,0,0,2\n", {"trial": 0}, "has no column trial, so there is no trial 0"),
+        (b"t,x,y,reading\n1,0,0,2\n", {"group": "a"}, "has no column group, so there is no group 'a'"),
+        (b"t,x,y,reading\n1,0\n", {}, "cannot be read: CSV parse error: Expected 4 columns, got 2: 1,0"),
+        (None, {}, "cannot be read: No such file or directory"),
+    ],
+)
+def test_what_is_wrong_is_told_in_one_line(content, chosen, told, tmp_path):
+    path = tmp_path / "a.csv"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(ReadingsError) as caught:
+        read(path, **chosen)
+    assert str(caught.value).startswith(f"{path}: {told}")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_parquet_that_is_none(tmp_path):
+    path = tmp_path / "a.parquet"
+    path.write_bytes(b"t,x,y,reading\n")
+    with pytest.raises(ReadingsError, match=r"a\.parquet: cannot be read: "):
+        read(path)

@@ -1,0 +1,300 @@
+import errno
+import json
+import os
+from pathlib import Path
+from types import SimpleNamespace
+
+import fake_run
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+import yaml
+
+from taichi_plume import scores, summary
+from taichi_plume.files import disk, result, robots_table, run_folder
+from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.simulation import Every, Simulation, UnstableError
+
+
+def run_with_table(tmp_path: Path, **changes):
+    sim = fake_run.simulation(fake_run.scenario(2, maps=[], **changes))
+    table = robots_table.RobotTable(sim, tmp_path / "robots.parquet")
+    sim.observers.append(table.observer())
+    return sim, table
+
+
+# ---------------------------------------------------------------- folders
+
+
+def test_next_free_folder(tmp_path):
+    runs = tmp_path / "runs"
+    made = [run_folder.run_folder("a", runs=runs) for _ in range(2)]
+    made[0].rmdir()
+    again = run_folder.run_folder("a", runs=runs)
+    assert [folder.name for folder in made] == ["a-1", "a-2"]
+    assert again.name == "a-1"
+
+
+def test_full_folder_is_refused_and_force_replaces_our_files_alone(tmp_path):
+    (tmp_path / "result.json").write_text("{}")
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(run_folder.RunFolderError, match="not empty"):
+        run_folder.run_folder("a", tmp_path)
+    assert (tmp_path / "result.json").exists()
+    run_folder.run_folder("a", tmp_path, force=True)
+    assert [file.name for file in tmp_path.iterdir()] == ["notes.txt"]
+
+
+def test_folder_that_cannot_be_made(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(run_folder.RunFolderError, match="cannot be made"):
+        run_folder.run_folder("a", tmp_path / "file" / "run")
+    with pytest.raises(run_folder.RunFolderError, match="file: is a file; --out takes a folder"):
+        run_folder.run_folder("a", tmp_path / "file", force=True)
+
+
+def test_folder_that_cannot_be_written_to(tmp_path, monkeypatch):
+    (tmp_path / "result.json").write_text("{}")
+
+    def refused(dir):
+        raise PermissionError(errno.EACCES, "Permission denied", f"{dir}/tmp123")
+
+    monkeypatch.setattr(run_folder.tempfile, "NamedTemporaryFile", refused)
+    with pytest.raises(run_folder.RunFolderError) as caught:
+        run_folder.run_folder("a", tmp_path, force=True)
+    assert str(caught.value) == f"{tmp_path}: cannot be written to: Permission denied"
+    assert (tmp_path / "result.json").exists()
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="a folder in which not even root may write")
+def test_proc_cannot_be_written_to():
+    with pytest.raises(run_folder.RunFolderError, match=r"^/proc/self: cannot be written to: \w"):
+        run_folder.run_folder("a", Path("/proc/self"))
+
+
+# ---------------------------------------------------------------- scenario.yaml
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_resolved_scenario_is_the_same_scenario(dim, tmp_path):
+    model = fake_run.scenario(dim)
+    source, target = tmp_path / "configs", tmp_path / "runs" / "a"
+    target.mkdir(parents=True)
+    run_folder.write_scenario(target, model, source, "cpu")
+    text = (target / "scenario.yaml").read_text()
+    again = Scenario.model_validate(yaml.safe_load(text))
+    mesh, mesh_again = model.obstacles[-1], again.obstacles[-1]
+    assert (target / mesh_again.file).resolve() == (source / mesh.file).resolve()  # type: ignore[union-attr]
+    assert again.model_copy(update={"obstacles": model.obstacles}) == model
+    assert "# backend: cpu" in text
+    assert "# seed: 7" in text
+    assert "tolerance:" in text  # a default
+
+
+# ---------------------------------------------------------------- robots.parquet
+
+
+def test_table_holds_what_the_swarm_was(tmp_path):
+    sim, table = run_with_table(tmp_path, duration=10)
+    kept = {}
+    sim.observers.append(Every(0.1, lambda s: kept.__setitem__(s.tick, s.swarm.snapshot())))
+    sim.run()
+    table.close()
+    rows = pq.read_table(tmp_path / "robots.parquet").to_pydict()
+    assert len(rows["t"]) == 101 * 8
+    n = 95 * 8 + 4 + 2  # tick 95, trial 1, robot 2
+    now = kept[95]
+    assert rows["t"][n] == pytest.approx(9.5)
+    assert (rows["group"][n], rows["trial"][n], rows["robot"][n]) == ("team", 1, 2)
+    assert (rows["x"][n], rows["y"][n]) == pytest.approx(tuple(now["position"][6]))
+    assert rows["reading_ppm"][n] == pytest.approx(now["reading_ppm"][6])
+    assert rows["true_ppm"][n] == pytest.approx(now["true_ppm"][6])
+    assert rows["heading"][n] == pytest.approx(now["heading"][6])
+    assert rows["wind_x"][n] == pytest.approx(0.3)
+    assert (rows["believed_x"][n], rows["believed_y"][n]) == pytest.approx(tuple(now["believed_position"][6]))
+    assert rows["believed_heading"][n] == pytest.approx(now["believed_heading"][6])
+    assert rows["state"][n] == ("search", "surge")[now["state"][6]]
+    assert [rows["found"][95 * 8 + i] for i in range(8)] == [i % 4 == 0 for i in range(8)]
+
+
+def test_states_are_those_of_the_robots_own_group(tmp_path):
+    start = {"kind": "area", "low": [3, 0.5], "high": [3.8, 2.5]}
+    robots = [
+        {"name": name, "count": 2, "start": start, "algorithm": {"kind": "casting"}} for name in ("a", "b")
+    ]
+    sim = fake_run.simulation(fake_run.scenario(2, maps=[], robots=robots, duration=1))
+    sim.teams[1].state_names = ("one", "two", "three")  # type: ignore[attr-defined]
+    table = robots_table.RobotTable(sim, tmp_path / "robots.parquet")
+    table.sample(sim)
+    table.close()
+    rows = pq.read_table(tmp_path / "robots.parquet").to_pydict()
+    state = sim.swarm.snapshot()["state"]
+    names = ["search", "surge"], ["one", "two", "three"]
+    assert rows["state"] == [names[i // 2][state[i]] for i in range(4)]
+    assert rows["group"] == ["a", "a", "b", "b"]
+
+
+def test_table_is_readable_after_a_failure(tmp_path, monkeypatch):
+    monkeypatch.setattr(robots_table, "ROW_GROUP", 80)
+    sim, table = run_with_table(tmp_path, duration=10)
+
+    def break_down(sim: Simulation) -> None:
+        if sim.t > 2:
+            raise UnstableError("broken")
+
+    sim.observers.append(Every(3.0, break_down))
+    with pytest.raises(UnstableError):
+        sim.run()
+    table.close()
+    file = pq.ParquetFile(tmp_path / "robots.parquet")
+    assert file.num_row_groups > 1
+    assert file.read().column("t").to_numpy().max() == pytest.approx(3.0)
+
+
+def test_full_disk_is_noticed_before_it_is_full(tmp_path, monkeypatch):
+    monkeypatch.setattr(robots_table, "ROW_GROUP", 80)
+    sim, table = run_with_table(tmp_path, duration=10)
+    usage = SimpleNamespace(free=10 * disk.RESERVE)
+    monkeypatch.setattr(disk.shutil, "disk_usage", lambda _: usage)
+    sim.observers.insert(0, Every(5.0, lambda s: setattr(usage, "free", 0 if s.t > 4 else usage.free)))
+    with pytest.raises(OSError, match="full") as caught:
+        sim.run()
+    assert caught.value.errno == errno.ENOSPC
+    usage.free = 10 * disk.RESERVE
+    table.close()
+    assert pq.read_table(tmp_path / "robots.parquet").column("t").to_numpy().max() > 4
+
+
+@pytest.mark.skipif(os.name == "nt", reason="no limit on file sizes")
+def test_limit_on_file_sizes(tmp_path, monkeypatch):
+    monkeypatch.setattr(disk, "largest_file", lambda: disk.FILE_RESERVE + 1000.0)
+    disk.require_room(tmp_path / "new", 1000)
+    with pytest.raises(OSError, match="file sizes") as caught:
+        disk.require_room(tmp_path / "new", 1001)
+    assert caught.value.errno == errno.EFBIG
+
+
+def test_large_swarms_are_sampled_less_often(tmp_path, monkeypatch):
+    monkeypatch.setattr(robots_table, "MOST_ROWS", 100)
+    sim, table = run_with_table(tmp_path, duration=10)
+    sim.run()
+    table.close()
+    assert pq.ParquetFile(tmp_path / "robots.parquet").metadata.num_rows <= 2 * 100
+
+
+# ---------------------------------------------------------------- result.json
+
+
+def test_result(tmp_path):
+    sim = fake_run.simulation(fake_run.scenario(2, duration=9, warm_up=1))
+    sim.run()
+    result.write_result(tmp_path, result.result(sim, "completed", "", "cpu"))
+    told = json.loads((tmp_path / "result.json").read_text(), parse_constant=pytest.fail)
+    assert (told["status"], told["seed"], told["backend"]) == ("completed", 7, "cpu")
+    assert told["cells"] == 80 * 60
+    assert told["simulated_s"] == pytest.approx(10)
+    assert told["steps"] == 100
+    assert told["gas"]["relative_error"] == pytest.approx(0.05)  # 2 emitted, 1.9 found again
+    (group,) = told["groups"]
+    assert group["success_rate"] == 1
+    assert group["per_trial"]["time_s"] == [8, 8]
+    assert group["per_trial"]["found"] == [1, 1]
+    assert group["per_trial"]["path_m"] == pytest.approx([1.8, 1.8])
+    assert group["per_trial"]["team_path_m"] == pytest.approx([7.2, 7.2])
+    series, _ = told["maps"]
+    assert series["kind"] == "time_series"
+    assert series["correlation"] == pytest.approx(1)
+    assert series["forecast"] == {"time_s": [5.0], "error_ppm": [pytest.approx(10 / 6)]}
+    assert [file.name for file in tmp_path.iterdir()] == ["result.json"]
+
+
+def test_warm_up_counts_in_whole_ticks(tmp_path):
+    sim = fake_run.simulation(fake_run.scenario(2, duration=2, warm_up=0.25, tick=0.1))
+    sim.run()
+    told = result.result(sim, "completed", "", "cpu")
+    assert told["simulated_s"] == pytest.approx(told["steps"] * 0.1) == pytest.approx(2.3)
+
+
+def test_failed_search_is_null(tmp_path):
+    sim = fake_run.simulation(fake_run.scenario(2, duration=2))
+    sim.run()
+    result.write_result(tmp_path, result.result(sim, "completed", "", "cpu"))
+    (group,) = json.loads((tmp_path / "result.json").read_text())["groups"]
+    assert group["per_trial"]["success"] == [False, False]
+    assert group["per_trial"]["time_s"] == [None, None]
+    assert group["median_time_s"] is None
+
+
+def test_result_is_replaced_at_once(tmp_path):
+    result.write_result(tmp_path, {"n": 1, "x": float("nan"), "y": [np.float32("inf"), np.arange(2)]})
+    with pytest.raises(TypeError):
+        result.write_result(tmp_path, {"n": 2, "x": object()})
+    assert json.loads((tmp_path / "result.json").read_text()) == {"n": 1, "x": None, "y": [None, [0, 1]]}
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_summary_tells_the_outcome(tmp_path, capsys):
+    sim = fake_run.simulation(fake_run.scenario(2, duration=9))
+    sim.run()
+    content = result.result(sim, "completed", "", "cpu")
+    (tmp_path / "recording.rrd").touch()
+    summary.print_summary(content, tmp_path)
+    told = capsys.readouterr().out
+    assert "in 2 of 2 trials at least one" in " ".join(told.split())
+    assert f"rerun {tmp_path / 'recording.rrd'}" in told.replace("\n", "")
+
+
+# ---------------------------------------------------------------- scores
+
+
+def test_map_score():
+    truth = np.array([[1.0, 2.0], [3.0, 10.0]])
+    estimate = np.stack([truth * 2 + 1, np.full((2, 2), np.nan), truth, np.full((2, 2), 4.0)])
+    estimate[2, 1, 1] = np.nan
+    score = scores.map_score(estimate, truth)
+    assert score.mae[[0, 2, 3]] == pytest.approx([5.0, 0.0, 3.0])
+    assert np.isnan(score.mae[1])
+    assert score.correlation[[0, 2]] == pytest.approx([1, 1])
+    assert np.isnan(score.correlation[[1, 3]]).all()
+    assert score.known == pytest.approx([1, 0, 0.75, 1])
+
+
+def test_first_finder_counts():
+    group = SimpleNamespace(start=1, count=2, trials=2)
+    snapshot = {
+        "found": np.array([1, 1, 1, 0, 0]),
+        "found_time": np.array([1.0, 9.0, 4.0, np.nan, np.nan]),
+        "path_length": np.array([1.0, 2.0, 3.0, 4.0, 5.0]),
+        "start": np.array([[0.0, 0], [1, 0], [1.5, 0], [2, 0], [3, 0]]),
+        "position": np.array([[0.0, 0], [0.3, 0.4], [0.2, 0], [2, 0], [1, 0]]),
+        "acquisitions": np.array([9, 1, 2, 3, 4]),
+        "hits": np.array([9, 1, 0, 0, 1]),
+        "bumps": np.array([9, 0, 0, 2, 1]),
+    }
+    told = scores.trial_outcomes(group, snapshot, np.array([[0.0, 0.0], [9.0, 9.0]]))
+    assert told["overhead"][0] == 2.0  # 3 m for 1.5 m
+    assert told["acquisitions"] == [3, 7]
+    assert told["hits"] == [1, 1]
+    assert told["bumps"] == [0, 3]
+    assert told["final_distance_m"] == pytest.approx([0.2, 1.0])
+    assert told["success"] == [True, False]
+    assert told["time_s"][0] == 4.0
+    assert told["path_m"][0] == 3.0
+    assert np.isnan(told["time_s"][1])
+    assert told["team_path_m"] == [5.0, 9.0]
+    assert told["found"] == [2, 0]
+
+
+def test_summary_has_the_intervals_of_the_textbooks():
+    """8 of 10: Wilson 0.490 to 0.943; times 1 to 8 s: 4.5 +- 2.365 sqrt(6/8) s."""
+    times = [*range(1, 9), None, None]
+    trials = {name: times for name in ("time_s", "path_m", "overhead", "acquisitions", "hits", "bumps")}
+    told = scores.trial_summary({"success": [True] * 8 + [False] * 2, **trials}, duration=100.0)
+    assert told["success_rate"]["low"] == pytest.approx(0.4902, abs=1e-3)
+    assert told["success_rate"]["high"] == pytest.approx(0.9433, abs=1e-3)
+    assert told["time_s"]["mean"] == 4.5
+    assert told["time_s"]["high"] - 4.5 == pytest.approx(2.3646 * np.sqrt(6.0 / 8), rel=1e-3)
+    assert told["time_s"]["n"] == 8
+    assert told["time_with_failures_s"]["mean"] == pytest.approx(23.6)
+    none = scores.trial_summary({"success": [False], **{key: [None] for key in trials}}, duration=1.0)
+    assert none["time_s"]["mean"] is None

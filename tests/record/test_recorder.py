@@ -1,0 +1,298 @@
+import os
+import subprocess
+import sys
+import warnings
+from itertools import pairwise
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import fake_run
+import numpy as np
+import pyarrow as pa
+import pytest
+import rerun as rr
+
+from taichi_plume.files import disk
+from taichi_plume.record.recorder import Recorder
+from taichi_plume.simulation import Simulation
+
+
+@pytest.fixture(autouse=True)
+def strict():
+    rr.set_strict_mode(True)
+    yield
+    rr.set_strict_mode(False)
+
+
+def record(sim: Simulation, path: Path) -> Recorder:
+    recorder = Recorder(sim, path)
+    sim.observers += recorder.observers()
+    return recorder
+
+
+def recorded(sim: Simulation, path: Path) -> Path:
+    recorder = record(sim, path)
+    sim.run()
+    recorder.close()
+    return path
+
+
+def stream(path: Path) -> rr.chunk.LazyChunkStream:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # a file without footer is worth a warning, and on purpose here
+        return rr.chunk.RrdReader(str(path)).stream()
+
+
+def column(path: Path, entity: str, component: str) -> tuple[np.ndarray, list]:
+    """Times [s] and values of a component of an entity."""
+    times, values = [], []
+    for chunk in stream(path).filter(content=entity, components=component, is_static=False):
+        batch = chunk.to_record_batch()
+        times.append(batch.column("sim_time").cast(pa.int64()).to_numpy() * 1e-9)
+        values += batch.column(component).to_pylist()
+    t = np.concatenate(times) if times else np.zeros(0)
+    order = np.argsort(t, kind="stable")
+    return t[order], [values[i] for i in order]
+
+
+def entities(path: Path) -> set[str]:
+    return {chunk.entity_path for chunk in stream(path)}
+
+
+def verified(path: Path) -> bool:
+    rerun = Path(sys.executable).with_name("rerun")
+    return subprocess.run([rerun, "rrd", "verify", path], capture_output=True, check=False).returncode == 0
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_everything_is_there(dim, tmp_path):
+    model = fake_run.scenario(dim, duration=4, warm_up=1)
+    path = recorded(fake_run.simulation(model), tmp_path / "a.rrd")
+    assert verified(path)
+    there = entities(path)
+    assert {f"/robots/team-{i}" for i in range(4)} <= there
+    assert "/robots/team-4" not in there  # of two trials the first
+    assert {f"/world/obstacles/{n}" for n in range(5)} <= there
+    assert {f"/maps/{n}/{what}" for n in (0, 1) for what in ("estimate", "truth", "weight", "error")} <= there
+    assert {"/world/openings/0", "/world/openings/1", "/wind", "/gas/slice", "/about", "/events"} <= there
+    assert ("/gas/volume" in there) == (dim == 3)
+    t, _ = column(path, "/gas/slice", "GridMap:data")
+    assert t[0] == -1.0
+    assert t[-1] == pytest.approx(4.0)
+    assert np.unique(t.round(6)).size == 5 * 5 + 1
+    reader = rr.chunk.RrdReader(str(path))
+    assert len(reader.blueprints()) == 1
+
+
+def test_robots_are_where_they_were(tmp_path):
+    sim = fake_run.simulation(fake_run.scenario(2, duration=3))
+    seen = []
+    watch = sim.swarm.snapshot
+    recorder = record(sim, tmp_path / "a.rrd")
+    sim.observers.append(type(sim.observers[0])(0.1, lambda s: seen.append((s.t, watch()))))
+    sim.run()
+    recorder.close()
+    t, places = column(recorder.path, "/robots/team-2", "Transform3D:translation")
+    _, turns = column(recorder.path, "/robots/team-2", "Transform3D:quaternion")
+    _, readings = column(recorder.path, "/sensors/team-2", "Scalars:scalars")
+    assert len(t) == 31
+    truth = {round(at, 6): now for at, now in seen}
+    for at, place, turn, reading in zip(t, places, turns, readings, strict=True):
+        now = truth[round(at, 6)]
+        assert place[0][:2] == pytest.approx(now["position"][2], abs=1e-5)
+        heading = 2 * np.arctan2(turn[0][2], turn[0][3])
+        assert np.cos(heading - now["heading"][2]) == pytest.approx(1.0, abs=1e-6)
+        assert reading[0] == pytest.approx(now["reading_ppm"][2])
+
+
+def test_where_robots_believe_to_be_is_seen_beside_where_they_are(tmp_path):
+    start = {"kind": "area", "low": [3, 0.5], "high": [3.8, 2.5]}
+    one = {"count": 2, "start": start, "algorithm": {"kind": "casting"}}
+    robots = [{"name": "wheels", "odometry": {}, **one}, {"name": "cameras", **one}]
+    path = recorded(
+        fake_run.simulation(fake_run.scenario(2, duration=3, maps=[], robots=robots)), tmp_path / "a.rrd"
+    )
+    ghosts = {
+        "/believed/wheels-0",
+        "/believed/wheels-1",
+        "/believed_trails/wheels-0",
+        "/believed_trails/wheels-1",
+    }
+    assert {entity for entity in entities(path) if "believed" in entity} == ghosts
+    t, places = column(path, "/believed/wheels-1", "Transform3D:translation")
+    _, truth = column(path, "/robots/wheels-1", "Transform3D:translation")
+    assert len(t) == 31
+    off = np.array(places)[:, 0, :2] - np.array(truth)[:, 0, :2]
+    assert off == pytest.approx(np.tile([0.03, -0.1], (31, 1)), abs=1e-5)
+    turns = [
+        column(path, f"/{kind}/wheels-1", "Transform3D:quaternion")[1] for kind in ("believed", "robots")
+    ]
+    halves = [np.arctan2(*np.array(turn)[:, 0, 2:].T) for turn in turns]
+    assert np.cos(2 * (halves[0] - halves[1]) - 0.4) == pytest.approx(np.ones(31), abs=1e-6)
+    t, steps = column(path, "/believed_trails/wheels-1", "LineStrips3D:strips")
+    ends = np.array([step[0][1] for step in steps])
+    begins = np.array([step[0][0] for step in steps])
+    assert ends[:, :2] == pytest.approx(np.array(places)[:, 0, :2], abs=1e-5)
+    assert begins[1:] == pytest.approx(ends[:-1], abs=1e-5)  # without gaps, over the flushes too
+
+
+def test_what_moves_is_seen_moving_and_screens_are_seen(tmp_path):
+    motion = {"path": [[1, 1.5, 2.5], [2, 2.5, 2.5]]}
+    walker = {"kind": "cylinder", "center": [1.5, 1.5], "radius": 0.2, "motion": motion}
+    model = fake_run.scenario(2, duration=3, warm_up=1, obstacles=[walker])
+    wind = model.wind.model_dump() | {"screens": [{"kind": "honeycomb", "axis": "x", "at": 0.3}]}
+    path = recorded(
+        fake_run.simulation(fake_run.scenario(2, duration=3, warm_up=1, obstacles=[walker], wind=wind)),
+        tmp_path / "a.rrd",
+    )
+    t, shifts = column(path, "/world/obstacles/0", "Transform3D:translation")
+    at = {round(float(a), 2): shift[0] for a, shift in zip(t, shifts, strict=True)}
+    assert len(at) == 41
+    for time, shift in ((-1.0, (0, 0)), (0.5, (0, 0.5)), (1.5, (0.5, 1)), (3.0, (1, 1))):
+        assert at[time][:2] == pytest.approx(shift, abs=1e-6)
+    assert "/world/screens/0/name" in entities(path)
+
+
+def test_slice_shows_the_gas_where_it_is(tmp_path):
+    model = fake_run.scenario(2, duration=1, obstacles=[], maps=[], robots=[])
+    sim = fake_run.simulation(model)
+    path = recorded(sim, tmp_path / "a.rrd")
+    _, pictures = column(path, "/gas/slice", "GridMap:data")
+    nx, ny = sim.grid.shape
+    image = (
+        np.array(pictures[0][0], np.uint8).reshape(ny, nx)[::-1].T
+    )  # rows of constant y, the largest first
+    x, y = sim.grid.centers()[..., 0], sim.grid.centers()[..., 1]
+    along = x - 0.6
+    s = 0.05 + 0.08 * np.maximum(along, 0)
+    across = y - 1.5 - 0.12 * along * np.sin(-2 * x)
+    ppm = 400 * (0.05 / s) ** 2 * np.exp(-(across**2) / (2 * s**2)) * (0.55 + 0.45 * np.cos(8 * along))
+    ppm[along < -0.05] = 0
+    clear = np.abs(along + 0.05) > 1e-3  # at the edge rounding decides
+    decades = np.log10(np.maximum(ppm, 0.1) / 0.1)
+    assert np.abs(image / 255 * 4 - decades)[clear].max() < 0.5 * 4 / 255 + 1e-2
+    assert image.max() > 200
+
+
+def test_found_source_and_changes_are_events(tmp_path):
+    model = fake_run.scenario(2, duration=9, maps=[])
+    path = recorded(fake_run.simulation(model), tmp_path / "a.rrd")
+    t, texts = column(path, "/events", "TextLog:text")
+    events = [(at, text[0]) for at, text in zip(t, texts, strict=True)]
+    assert [round(at, 6) for at, text in events if "found a source" in text] == [8.0]
+    assert [at for at, text in events if "0.6 m/s" in text] == [3.0]
+    t, states = column(path, "/states/team-0", "StateChange:state")
+    assert states[-1][0] == "found"
+    assert t[-1] == pytest.approx(8.0)
+    names = [state[0] for state in states]
+    assert all(a != b for a, b in pairwise(names))
+
+
+def test_scores_of_maps_are_series(tmp_path):
+    sim = fake_run.simulation(fake_run.scenario(2, duration=6))
+    recorder = record(sim, tmp_path / "a.rrd")
+    sim.run()
+    recorder.close()
+    path, values = recorder.path, recorder.map_series[0].values
+    for origin, name in (("map_errors/0_mae", "error_ppm"), ("map_peaks/0", "peak_distance_m")):
+        t, scalars = column(path, f"/{origin}", "Scalars:scalars")
+        assert list(t) == [5.0]
+        assert scalars[0][0] == pytest.approx(values[name][0][0])
+    t, forecasts = column(path, "/map_errors/0_forecast", "Scalars:scalars")
+    assert list(t) == [5.0]
+    assert forecasts[0][0] == pytest.approx(10 / 6)
+
+
+def test_map_pictures_are_transparent_where_unknown(tmp_path):
+    sim = fake_run.simulation(fake_run.scenario(2, duration=2))
+    path = recorded(sim, tmp_path / "a.rrd")
+    _, pictures = column(path, "/maps/0/estimate", "GridMap:data")
+    fake: Any = sim.maps[0]
+    nx, ny = fake.shape
+    rgba = np.array(pictures[-1][0], np.uint8).reshape(ny, nx, 4)[::-1].swapaxes(0, 1)
+    assert np.array_equal(rgba[..., 3] == 255, fake.seen)
+
+
+def test_without_robots_and_maps(tmp_path):
+    model = fake_run.scenario(3, duration=1, robots=[], maps=[])
+    path = recorded(fake_run.simulation(model), tmp_path / "a.rrd")
+    assert verified(path)
+    assert not any(entity.startswith(("/robots", "/maps")) for entity in entities(path))
+
+
+def test_large_swarm_is_thinned(tmp_path):
+    group = {"start": {"kind": "area", "low": [3, 0.5], "high": [3.8, 2.5]}, "algorithm": {"kind": "casting"}}
+    robots = [{"name": "many", "count": 200, **group}, {"name": "one", "count": 1, **group}]
+    model = fake_run.scenario(2, duration=1, robots=robots, maps=[])
+    path = recorded(fake_run.simulation(model), tmp_path / "a.rrd")
+    drawn = {entity for entity in entities(path) if entity.startswith("/robots/")}
+    assert "/robots/one" in drawn
+    assert len(drawn) == 26
+
+
+def test_a_run_that_dies_leaves_a_readable_file(tmp_path):
+    sim = fake_run.simulation(fake_run.scenario(2, duration=10))
+    record(sim, tmp_path / "a.rrd")  # never closed
+    sim.observe()
+    while sim.t < 2.05:
+        sim.advance()
+        sim.observe()
+    copy = tmp_path / "b.rrd"
+    copy.write_bytes((tmp_path / "a.rrd").read_bytes())
+    t, _ = column(copy, "/sensors/team-0", "Scalars:scalars")
+    assert t[-1] == pytest.approx(2.0)
+
+
+def test_no_room_is_an_error_and_the_file_is_whole(tmp_path, monkeypatch):
+    sim = fake_run.simulation(fake_run.scenario(2, duration=10))
+    recorder = record(sim, tmp_path / "a.rrd")
+    usage = SimpleNamespace(free=disk.RESERVE * 4)
+
+    def fill(sim: Simulation) -> None:
+        if sim.t > 3.5:
+            usage.free = disk.RESERVE - 1
+
+    sim.observers.insert(0, type(sim.observers[0])(0.1, fill))
+    monkeypatch.setattr(disk.shutil, "disk_usage", lambda _: usage)
+    with pytest.raises(OSError, match="disk is full"):
+        sim.run()
+    recorder.close()
+    assert verified(recorder.path)
+    t, _ = column(recorder.path, "/sensors/team-0", "Scalars:scalars")
+    assert t[-1] == pytest.approx(4.0)
+
+
+WRITER_FAILS = """
+import resource, signal, sys
+sys.path.insert(0, {tests!r})
+import fake_run
+from pathlib import Path
+from taichi_plume.files import disk
+from taichi_plume.grid import kernels
+from taichi_plume.record import recorder as recording
+kernels.start("cpu")
+recording.FLUSH_TIMEOUT = 1.0
+disk.require_room = lambda *_: None  # as if another process took the room in between
+sim = fake_run.simulation(fake_run.scenario(2, duration=20))
+recorder = recording.Recorder(sim, Path({path!r}))
+sim.observers += recorder.observers()
+resource.setrlimit(resource.RLIMIT_FSIZE, (450_000, 450_000))
+try:
+    sim.run()
+except OSError as error:
+    print("noticed:", error)
+recorder.close()
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="no limit on file sizes")
+def test_a_writer_that_fails_is_noticed_and_does_not_hang(tmp_path):
+    path = tmp_path / "a.rrd"
+    script = WRITER_FAILS.format(tests=str(Path(__file__).parents[1]), path=str(path))
+    run = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert "noticed:" in run.stdout, run.stderr
+    t, _ = column(path, "/sensors/team-0", "Scalars:scalars")
+    assert 1.0 <= t[-1] < 20.0

@@ -1,0 +1,255 @@
+import pytest
+import yaml
+
+from taichi_plume.scenario.loading import MOST_LINES, ScenarioError, load_scenario
+from taichi_plume.scenario.obstacles import Box
+from taichi_plume.scenario.openings import Fan, Region
+from taichi_plume.scenario.winds import CfdWind
+
+
+@pytest.fixture(autouse=True)
+def taichi():
+    """No kernels here: spares each test the start of Taichi."""
+
+
+GOOD = """\
+duration: 10
+domain: {size: [4, 3], spacing: 5 cm}
+wind:
+  kind: cfd
+  openings:
+    - {kind: fan, face: x-, center: [1.5], diameter: 0.4, speed: 0.5}
+    - {kind: outlet, face: x+}
+obstacles:
+  - {kind: box, center: [2, 1], size: [0.4, 0.3]}
+gas:
+  kind: eulerian
+  sources: [{position: [1, 1.5], rate: 1e-5}]
+robots:
+  - {count: 1, start: {kind: positions, positions: [[1, 1]]}, algorithm: {kind: casting}}
+"""
+
+
+def load(tmp_path, text, *overrides):
+    path = tmp_path / "s.yaml"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return load_scenario(path, overrides)
+
+
+def fault(tmp_path, text, *overrides):
+    """The one line that is said about a faulty file, without the file's name."""
+    with pytest.raises(ScenarioError) as caught:
+        load(tmp_path, text, *overrides)
+    assert len(caught.value.lines) == 1
+    assert str(caught.value) == caught.value.lines[0]
+    assert "\n" not in str(caught.value)
+    return str(caught.value).removeprefix(f"{tmp_path / 's.yaml'}: ")
+
+
+def test_a_good_file_loads(tmp_path):
+    scenario = load(tmp_path, GOOD)
+    assert scenario.domain.spacing == pytest.approx(0.05)
+    assert scenario.gas.sources[0].rate == 1e-5
+    assert isinstance(scenario.wind, CfdWind)
+    assert isinstance(scenario.wind.openings[0], Fan)
+
+
+@pytest.mark.parametrize(
+    ("override", "said"),
+    [
+        (
+            "wind.openings.0.diametr=1",
+            "wind.openings[0]: unknown key 'diametr'; did you mean 'diameter'? allowed: ",
+        ),
+        (
+            "wind.openings.0.kind=fann",
+            "wind.openings[0]: unknown kind 'fann'; did you mean 'fan'? known kinds: fan, ",
+        ),
+        ("wind.openings.0={face: x-}", "wind.openings[0]: missing key 'kind'; known kinds: fan, inlet, "),
+        ("wind.openings.0.face=x", "wind.openings[0].face: got 'x'; did you mean 'x-'? allowed: x-, x+, "),
+        (
+            "wind.openings.0.speed=3 kg",
+            "wind.openings[0].speed: got '3 kg': must have a unit that converts to m/s",
+        ),
+        ("wind.openings.0.center=null", "wind.openings[0]: center goes with size"),
+        ("wind.openings=3", "wind.openings: must be a list, got 3"),
+        ("wind=calm", "wind: must be a mapping (key: value), got 'calm'"),
+        ("obstacles.0.size=[1]", "obstacles[0].size: must have at least 2 items, got 1"),
+        (
+            "obstacles.0.size=[1, x]",
+            "obstacles[0].size[1]: got 'x': must be a number or a text with a unit of m",
+        ),
+        ("obstacles.0={kind: cylinder, center: [1], radius: 1}", "obstacles[0].center: too few numbers"),
+        (
+            "gas.species=ethanool",
+            "gas.species: got 'ethanool'; did you mean 'ethanol'? allowed: ethanol, acetone",
+        ),
+        ("gas.species={molar_mass: 0.1}", "gas.species: missing key 'diffusivity'"),
+        ("gas.species={molar_mas: 0.1}", "gas.species: unknown key 'molar_mas'; did you mean 'molar_mass'?"),
+        ("gas.species=[1]", "gas.species: got [1]; allowed: ethanol, acetone"),
+        ("gas.sources.0={rate: 1}", "gas.sources[0]: missing key 'position'"),
+        ("gas.sources.0.rate=-1", "gas.sources[0].rate: got -1.0: must be greater than or equal to 0"),
+        ("gas.sources.0.rate=10", "gas.sources[0].rate: got 10 kg/s; did you mean '10 mg/s'? at most 1 kg/s"),
+        ("gas.sources.0.rate=2 kg/s", "gas.sources[0].rate: got 2 kg/s; did you mean '2 mg/s'?"),
+        (
+            "gas.species={molar_mass: 16.04, diffusivity: 2e-5}",
+            "gas.species.molar_mass: got 16.04 kg/mol; did you mean '16.04 g/mol'?",
+        ),
+        (
+            "robots.0.start={kind: positions, heading_deg: 0}",
+            "robots[0].start: missing key 'positions'",
+        ),
+        (
+            "robots.0.start.heading_deg=90 deg",
+            "robots[0].start.heading_deg: got '90 deg': must be a plain number of degrees, such as 90",
+        ),
+        (
+            "obstacles.0.yaw_deg=20 deg",
+            "obstacles[0].yaw_deg: got '20 deg': must be a plain number of degrees, such as 90",
+        ),
+        (
+            "wind.openings.0.turbulence_intensity=8 %",
+            "wind.openings[0].turbulence_intensity: got '8 %': must be a plain number, such as 0.08",
+        ),
+        (
+            "recording.range_ppm=[1 ppm, 9]",
+            "recording.range_ppm[0]: got '1 ppm': must be a plain number, such",
+        ),
+        (
+            "robots.0.odometry={distance_scale: 1.01}",
+            "robots[0].odometry.distance_scale: got 1.01: must be less than or equal to 0.2",
+        ),
+        ("robots.0.odometry={veer: 2}", "robots[0].odometry: unknown key 'veer'; did you mean 'veer_deg'?"),
+        ("robots.0.algorithm={}", "robots[0].algorithm: missing key 'kind'; known kinds: casting"),
+        (
+            "robots.0.sensors.wind={noise: 0}",
+            "robots[0].sensors.wind: missing key 'kind'; known kinds: ultrasonic, thermal, ideal",
+        ),
+        ("maps=[{kind: time_series, window: 60}]", "maps[0]: sees no past snap: "),
+        ("gas.sources.0.rate=.nan", "gas.sources[0].rate: got nan: must be a finite number"),
+        (f"gas.sources.0.rate=1{'0' * 400}", "gas.sources[0].rate: got 10000000000"),
+        ("gas.sources=[]", "gas.sources: must have at least 1 item, got 0"),
+        (
+            "robots.0.algorithm.kind=castin",
+            "robots[0].algorithm: unknown kind 'castin'; did you mean 'casting'?",
+        ),
+        ("robots.0.count=1.5", "robots[0].count: got 1.5: must be a valid integer"),
+        (
+            "robots.0.sensors.gas={noise: 0}",
+            "robots[0].sensors.gas: missing key 'kind'; known kinds: mox, pid, ideal",
+        ),
+        ("name=a b", "name: got 'a b': must be at most 64 letters, digits, "),
+        ("duration=null", "duration: got nothing: must be a number or a text with a unit of s"),
+        ("durration=3", "unknown key 'durration'; did you mean 'duration'? allowed: name, seed, "),
+    ],
+)
+def test_faults_name_the_place_what_was_got_and_what_is_allowed(tmp_path, override, said):
+    assert fault(tmp_path, GOOD, override).startswith(said)
+
+
+def test_the_line_begins_with_the_file(tmp_path):
+    with pytest.raises(ScenarioError, match=r"^\S*s\.yaml: seed: got -1: "):
+        load(tmp_path, GOOD, "seed=-1")
+
+
+def test_several_faults_make_several_lines(tmp_path):
+    with pytest.raises(ScenarioError) as caught:
+        load(tmp_path, GOOD, "seed=-1", "tick=0", "wind.openings.0.speed=fast")
+    assert [line.split(": ")[1] for line in caught.value.lines] == ["seed", "tick", "wind.openings[0].speed"]
+    many = "[" + "{kind: outlet, face: up}, " * 100 + "]"
+    with pytest.raises(ScenarioError) as caught:
+        load(tmp_path, GOOD, f"wind.openings={many}")
+    assert len(caught.value.lines) == MOST_LINES + 1
+    assert caught.value.lines[-1] == f"... and {100 - MOST_LINES} more"
+
+
+BOMB = "a: &a [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
+    f"{name}: &{name} [{', '.join([f'*{before}'] * 10)}]\n"
+    for before, name in zip("abcdefgh", "bcdefghi", strict=True)
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "is empty"),
+        ("# nothing\n", "is empty"),
+        ("- 1\n- 2\n", "must be a mapping (key: value), got [1, 2]"),
+        ("duration: [1, 2\nwind: 3\n", "line 2, column 5: not YAML: "),
+        ("a: \x01", "line 1: not YAML: "),
+        ("a: 1\nb:\n\tc: 2\n", "line 3, column 1: indent with spaces, not tabs"),
+        (
+            "a: 1\nb: see: there\n",
+            "line 2, column 7: not YAML: mapping values are not allowed here; check the indentation, or quote "
+            "a text that contains ': '",
+        ),
+        ("a: 2024-13-45", "not YAML: month"),
+        ("a: !!python/object:os.system x", "line 1, column 4: not YAML: could not determine a constructor"),
+        ("a: 1\n---\nb: 1\n", "line 2, column 1: not YAML: but found another document"),
+        ("[" * 100_000, "is nested too deeply"),
+        (f"{GOOD}duration: 3\n", "line 15, column 1: duplicate key 'duration', first on line 1; remove one"),
+        ("wind: {kind: cfd, kind: cfd}", "line 1, column 19: duplicate key 'kind'"),
+        ("a: &a [*a]", "line 1, column 4: an alias contains itself"),
+        (BOMB, "line 6, column 4: aliases expand to more than 1000000 values"),
+        (b"name: \xff\xfe", "line 1: is not UTF-8 text"),
+        ("#" * (1 << 20) + "\n", "is larger than 1 MiB"),
+    ],
+    ids=range(17),
+)
+def test_files_that_are_no_scenario(tmp_path, text, said):
+    assert fault(tmp_path, text).startswith(said)
+
+
+def test_missing_files_and_folders(tmp_path):
+    for path in (tmp_path, tmp_path / "none.yaml"):
+        with pytest.raises(ScenarioError, match=r"cannot be read: \w") as caught:
+            load_scenario(path)
+        assert str(caught.value).startswith(f"{path}: ")
+
+
+def test_anchors_and_merges_work(tmp_path):
+    text = GOOD.replace(
+        "{kind: outlet, face: x+}", "{<<: &out {kind: outlet}, face: x+}\n    - {<<: *out, face: y+}"
+    )
+    wind = load(tmp_path, text).wind
+    assert isinstance(wind, CfdWind)
+    assert [opening.face for opening in wind.openings if isinstance(opening, Region)] == ["x-", "x+", "y+"]
+    assert load(tmp_path, "\ufeff" + GOOD).duration == 10
+
+
+def test_overrides_set_values(tmp_path):
+    scenario = load(tmp_path, GOOD, "duration=20 s", "robots.0.trials=3", "obstacles[0].yaw_deg=45")
+    assert (scenario.duration, scenario.robots[0].trials) == (20.0, 3)
+    assert isinstance(scenario.obstacles[0], Box)
+    assert scenario.obstacles[0].yaw_deg == 45.0
+    scenario = load(tmp_path, GOOD, "recording.rate=2", "robots.0.sensors.wind.kind=thermal", "obstacles=[]")
+    assert scenario.recording.rate == 2
+    assert scenario.robots[0].sensors.wind.kind == "thermal"
+    assert scenario.obstacles == ()
+
+
+def test_an_override_changes_one_place_of_an_aliased_section(tmp_path):
+    data = yaml.safe_load(GOOD)
+    data["gas"]["sources"] *= 2  # dumped as an anchor and an alias
+    text = yaml.safe_dump(data)
+    assert "*id001" in text
+    assert [s.rate for s in load(tmp_path, text, "gas.sources.1.rate=0.2").gas.sources] == [1e-5, 0.2]
+
+
+@pytest.mark.parametrize(
+    ("override", "said"),
+    [
+        ("robots.7.count=1", "robots has 1 item, the first is 0: there is no 7"),
+        ("robots.one.count=1", "robots is a list: 'one' must be the index of an item"),
+        ("robots.-1.count=1", "robots is a list: '-1' must be the index of an item"),
+        ("duration.long=3", "duration is 10: it has no 'long' in it"),
+        ("gas.0=1", "gas is no list: it has no item 0"),
+        ("duration", "must be path.to.key=value"),
+        ("=3", "must be path.to.key=value"),
+        ("wind..kind=cfd", "must be path.to.key=value"),
+        ("duration=[", "line 1, column 2: not YAML"),
+        ("wind={kind: cfd, kind: cfd}", "line 1, column 13: duplicate key 'kind'"),
+    ],
+)
+def test_overrides_that_lead_nowhere(tmp_path, override, said):
+    assert fault(tmp_path, GOOD, override).startswith(f"override '{override}': {said}")

@@ -1,0 +1,87 @@
+from contextlib import suppress
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydantic import TypeAdapter, ValidationError
+from pydantic_core import PydanticCustomError
+
+from taichi_plume.scenario.quantities import parse, quantity
+
+
+@pytest.fixture(autouse=True)
+def taichi():
+    """No kernels here: spares each test the start of Taichi."""
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "expected"),
+    [
+        (3, "m", 3.0),
+        (0.25, "m", 0.25),
+        ("1e-5", "kg/s", 1e-5),  # PyYAML leaves it a text
+        ("-.5", "m", -0.5),
+        ("20 cm", "m", 0.2),
+        ("20cm", "m", 0.2),
+        ("10 mg/s", "kg/s", 1e-5),
+        ("36 km/h", "m/s", 10.0),
+        ("2 min", "s", 120.0),
+        ("5 Hz", "1/s", 5.0),
+        ("0.119 cm^2/s", "m^2/s", 1.19e-5),
+        ("0.119 cm**2/s", "m^2/s", 1.19e-5),
+        ("46.069 g/mol", "kg/mol", 0.046069),
+        ("3 µm", "m", 3e-6),
+        ("  1.5e1 mm ", "m", 0.015),
+        ("6 kg m/(s^2 N)", "dimensionless", 6.0),
+        ("21 degC", "K", 294.15),
+        ("-3.5 °C", "K", 269.65),
+        ("2 W/(m^2 K)", "W/m^2/K", 2.0),
+    ],
+)
+def test_numbers_and_texts_with_units(value, unit, expected):
+    assert parse(value, unit) == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    "value", ["", "fast", "cm", "3 m m m/", "1,5 m", "3 m; 4", "__import__('os')", None, True, [1], {"m": 1}]
+)
+def test_what_is_no_quantity_is_refused(value):
+    with pytest.raises(PydanticCustomError, match=r"must .*unit .*\bm$"):
+        parse(value, "m")
+
+
+@pytest.mark.parametrize("value", ["3 kg", "3 m/s", "3 m^2", "3 parrots"])
+def test_units_of_another_kind_are_refused(value):
+    with pytest.raises(PydanticCustomError, match="must have a unit that converts to m"):
+        parse(value, "m")
+
+
+@pytest.mark.parametrize("value", ["1 m**9**9**9", "1 m^(9^(9^9))", "1 m*9**9**9**9", "1 m**999999999"])
+def test_powers_that_would_take_for_ever_are_refused(value):
+    with pytest.raises(PydanticCustomError):
+        parse(value, "m")
+
+
+def test_integers_beyond_all_floats_are_refused():
+    with pytest.raises(PydanticCustomError, match="finite"):
+        parse(10**400, "m")
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.text(max_size=30) | st.from_regex(r"[0-9.]{1,4} ?[a-zA-Z*/^() 0-9µ°%]{1,20}", fullmatch=True))
+def test_any_text_is_a_number_or_refused(text):
+    with suppress(PydanticCustomError):
+        assert isinstance(parse(text, "m"), float)
+
+
+def test_limits_hold_in_si_units():
+    tick = TypeAdapter(quantity("s", gt=0, le=1))
+    assert tick.validate_python("500 ms") == 0.5
+    for value in ("0 ms", "2 min", -1, "inf", float("nan")):
+        with pytest.raises(ValidationError):
+            tick.validate_python(value)
+
+
+def test_the_schema_tells_editors_that_both_forms_are_right():
+    schema = TypeAdapter(quantity("m", gt=0)).json_schema()
+    assert {part["type"] for part in schema["anyOf"]} == {"number", "string"}

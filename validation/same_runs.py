@@ -1,0 +1,105 @@
+"""Whether two checkouts compute the same, to the bit.
+
+    python -m taichi_plume.validation.same_runs OLD NEW [--seconds S] [--only NAME ...] [--keep DIR]
+
+runs every scenario in `configs/` that both have in each of the two checkouts, shortened to S seconds of warm-up and
+S of robots, and compares every column of `robots.parquet` and every number of the mass budget. Where something differs
+it says what, from when on and by how much. Exit code 0: all the same, 1: something differs or a run failed.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import yaml
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line `argv` and return its exit code."""
+    parser = argparse.ArgumentParser(prog="python -m taichi_plume.validation.same_runs")
+    parser.add_argument("checkouts", nargs=2, type=Path, metavar="FOLDER")
+    parser.add_argument("--seconds", type=float, default=5.0)
+    parser.add_argument("--only", nargs="*", help="names of scenarios")
+    parser.add_argument("--keep", type=Path, help="keep runs here, and take those that are there already")
+    args = parser.parse_args(argv)
+    old, new = args.checkouts
+    names = sorted(
+        path.stem for path in (old / "configs").glob("*.yaml") if (new / "configs" / path.name).exists()
+    )
+    different = 0
+    with tempfile.TemporaryDirectory() as folder:
+        keep = args.keep or Path(folder)
+        for name in args.only or names:
+            runs = [
+                _run(checkout, name, args.seconds, keep / which)
+                for which, checkout in (("old", old), ("new", new))
+            ]
+            faults = list(differences(*runs))
+            different += bool(faults)
+            print(f"{name}: {'; '.join(faults) if faults else 'the same'}", flush=True)
+    return int(different > 0)
+
+
+def _run(checkout: Path, name: str, seconds: float, keep: Path) -> Path:
+    """The run directory of a shortened scenario, computed by the code of a checkout."""
+    out = keep.resolve() / name
+    if (out / "result.json").exists():
+        return out
+    config = checkout.resolve() / "configs" / f"{name}.yaml"
+    warm_up = str(yaml.safe_load(config.read_text()).get("warm_up", "0 s"))
+    shorter = [] if warm_up.startswith("0") else ["--set", f"warm_up={seconds}"]
+    kind = yaml.safe_load(config.read_text())["wind"]
+    if "after" in kind:  # a frozen wind has to stand still before the end
+        shorter += ["--set", f"wind.after={seconds}", "--set", "wind.average=null"]
+    command = [sys.executable, "-m", "taichi_plume.run", str(config), "--out", str(out), "--quiet", "--force"]
+    command += ["--no-recording", "--duration", str(seconds), *shorter]
+    subprocess.run(command, cwd=checkout, check=False)
+    return out
+
+
+def differences(old: Path, new: Path) -> Iterator[str]:
+    """What differs between two run directories, a line each."""
+    results = []
+    for run in (old, new):
+        file = run / "result.json"
+        if not file.exists():
+            yield f"{run} has no result"
+            return
+        results.append(json.loads(file.read_text()))
+    for key in ("status", "steps", "gas"):
+        if results[0][key] != results[1][key]:
+            yield f"{key}: {results[0][key]} became {results[1][key]}"
+    tables = [run / "robots.parquet" for run in (old, new)]
+    if tables[0].exists() != tables[1].exists():
+        yield "only one has robots"
+    elif tables[0].exists():
+        yield from _of_tables(*(pq.read_table(table) for table in tables))
+
+
+def _of_tables(old: pa.Table, new: pa.Table) -> Iterator[str]:
+    if old.column_names != new.column_names or old.num_rows != new.num_rows:
+        yield f"robots: {old.num_rows} rows of {old.column_names} became {new.num_rows} of {new.column_names}"
+        return
+    t = old["t"].to_numpy()
+    for name in old.column_names:
+        a, b = (table[name].combine_chunks() for table in (old, new))
+        if pa.types.is_dictionary(a.type):
+            a, b = (np.array(column.to_pylist()) for column in (a, b))
+            same = a == b
+        else:
+            a, b = (column.to_numpy(zero_copy_only=False) for column in (a, b))
+            same = (a == b) | (np.isnan(a.astype(float)) & np.isnan(b.astype(float)))
+        if not same.all():
+            apart = "" if a.dtype.kind not in "fi" else f", by up to {np.nanmax(np.abs(a - b)):.3g}"
+            yield f"{name} differs in {int((~same).sum())} of {len(same)} rows, first at t = {t[~same][0]:g} s{apart}"
+
+
+if __name__ == "__main__":
+    sys.exit(main())
