@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import taichi as ti
+from taichi.lang import impl
 from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
 
 if TYPE_CHECKING:
@@ -59,6 +60,11 @@ def start(arch: str = "cpu", debug: bool = False) -> str:
 def on_cpu() -> bool:
     """Whether kernels run on the CPU."""
     return ti.cfg.arch in (ti.x64, ti.arm64)
+
+
+def compiled() -> int:
+    """Number of kernels that have been compiled since `start`."""
+    return sum(len(kernel.compiled_kernels) for kernel in impl.get_runtime().kernels)
 
 
 def listed(values: np.ndarray) -> Any:

@@ -61,6 +61,17 @@ Diffusivities = per_axis(Diffusivity)
 Intensities = per_axis(NonNegative)
 
 
+class Compiled:
+    """Marks a number (as ``Annotated[Length, COMPILED]``) that shapes of fields, tables or kernels depend on.
+
+    Kinds, names, counts and lengths of lists do anyhow. All other numbers reach kernels when they run: a reset may
+    change them, see `Simulation.reset`.
+    """
+
+
+COMPILED = Compiled()
+
+
 class Model(BaseModel):
     """A frozen section of a scenario that names its keys when one is misspelt."""
 
