@@ -14,6 +14,7 @@ import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -53,19 +54,26 @@ def _run(checkout: Path, name: str, seconds: float, keep: Path) -> Path:
     if (out / "result.json").exists():
         return out
     config = checkout.resolve() / "configs" / f"{name}.yaml"
-    warm_up = str(yaml.safe_load(config.read_text()).get("warm_up", "0 s"))
-    shorter = [] if warm_up.startswith("0") else ["--set", f"warm_up={seconds}"]
-    kind = yaml.safe_load(config.read_text())["wind"]
-    if "after" in kind:  # a frozen wind has to stand still before the end
-        shorter += ["--set", f"wind.after={seconds}", "--set", "wind.average=null"]
     command = [sys.executable, "-m", "taichi_plume.run", str(config), "--out", str(out), "--quiet", "--force"]
-    command += ["--no-recording", "--duration", str(seconds), *shorter]
+    for key, value in shortened(yaml.safe_load(config.read_text()), seconds).items():
+        command += ["--set", f"{key}={json.dumps(value)}"]
+    command.append("--no-recording")
     subprocess.run(command, cwd=checkout, check=False)
     return out
 
 
-def differences(old: Path, new: Path) -> Iterator[str]:
-    """What differs between two run directories, a line each."""
+def shortened(data: dict[str, Any], seconds: float) -> dict[str, Any]:
+    """The keys by which a scenario's data become a run of so many seconds, and of as much warm-up where it has one."""
+    shorter: dict[str, Any] = {"duration": seconds}
+    if not str(data.get("warm_up", "0")).startswith("0"):
+        shorter["warm_up"] = seconds
+    if "after" in data["wind"]:  # a frozen wind has to stand still before the end
+        shorter |= {"wind.after": seconds, "wind.average": None}
+    return shorter
+
+
+def differences(old: Path, new: Path, keys: Sequence[str] = ("status", "steps", "gas")) -> Iterator[str]:
+    """What differs between two run directories, in these keys of the result and in the robots' table, a line each."""
     results = []
     for run in (old, new):
         file = run / "result.json"
@@ -73,7 +81,7 @@ def differences(old: Path, new: Path) -> Iterator[str]:
             yield f"{run} has no result"
             return
         results.append(json.loads(file.read_text()))
-    for key in ("status", "steps", "gas"):
+    for key in keys:
         if results[0][key] != results[1][key]:
             yield f"{key}: {results[0][key]} became {results[1][key]}"
     tables = [run / "robots.parquet" for run in (old, new)]

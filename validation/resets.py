@@ -1,0 +1,163 @@
+"""Whether a simulation that is reset computes what a fresh process computes, to the bit.
+
+    python -m taichi_plume.validation.resets [NAME ...] [--seconds S] [--times N] [--keep DIR]
+
+Each scenario in `configs/` (or those named), shortened to S seconds of warm-up and S of robots, is assembled and run in
+one process. Then it is reset and run again: as it is; with another seed; with every speed of the air, every rate of
+release and every place where robots start changed; and as it is once more. Each time `robots.parquet` and the mass
+budget are compared with those of a fresh process that runs that scenario. Told are also how many kernels the resets
+compiled (none are allowed) and by how much the process grew over N resets, a tick after each. Exit code 0: all the same.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import psutil
+import yaml
+
+from taichi_plume.assemble import assemble
+from taichi_plume.files.result import result, write_result
+from taichi_plume.files.robots_table import RobotTable
+from taichi_plume.files.run_folder import to_yaml
+from taichi_plume.grid import kernels
+from taichi_plume.scenario.loading import load_scenario
+from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.simulation import Simulation
+from taichi_plume.validation.same_runs import differences, shortened
+
+CONFIGS = Path(__file__).resolve().parent.parent / "configs"
+MEGABYTES = 1e-6
+FASTER, MORE, ASIDE = 1.1, 1.3, 0.04  # of speeds and rates; m, of starts
+SPEEDS = ("speed", "velocity")
+RATES = ("rate", "mass")
+STARTS = ("low", "high", "begin", "end", "positions")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line `argv` and return its exit code."""
+    parser = argparse.ArgumentParser(prog="python -m taichi_plume.validation.resets")
+    parser.add_argument("names", nargs="*", metavar="NAME")
+    parser.add_argument("--seconds", type=float, default=5.0)
+    parser.add_argument("--times", type=int, default=100)
+    parser.add_argument(
+        "--keep", type=Path, help="keep the runs here, and take the fresh ones that are there already"
+    )
+    parser.add_argument("--one", type=Path, help=argparse.SUPPRESS)  # a shortened scenario, in this process
+    args = parser.parse_args(argv)
+    if args.one:
+        return check(args.one, args.times)
+    failed = 0
+    with tempfile.TemporaryDirectory() as folder:
+        keep = (args.keep or Path(folder)).resolve()
+        for name in args.names or sorted(path.stem for path in CONFIGS.glob("*.yaml")):
+            path = CONFIGS / f"{name}.yaml"
+            data = shortened(yaml.safe_load(path.read_text()), args.seconds)
+            (keep / name).mkdir(parents=True, exist_ok=True)
+            one = keep / name / "scenario.yaml"
+            scenario = load_scenario(path, [f"{key}={json.dumps(value)}" for key, value in data.items()])
+            one.write_text(to_yaml(scenario, path.parent, one.parent))
+            # a process for each: what one leaves behind is not the next one's
+            command = [sys.executable, "-m", "taichi_plume.validation.resets", "--one", str(one)]
+            failed += bool(subprocess.run([*command, "--times", str(args.times)], check=False).returncode)
+    return int(failed > 0)
+
+
+def check(path: Path, times: int) -> int:
+    """Compare the resets of the scenario at `path` with fresh processes; returns the exit code."""
+    scenario = load_scenario(path)
+    kernels.start("cpu")
+    sim = assemble(scenario, path.parent)
+    _run(sim, path.parent / "first")
+    compiled, faults = kernels.compiled(), []
+    for name, other in variants(scenario):
+        sim.reset(other)
+        _run(sim, path.parent / f"reset-{name}")
+        fresh = path.parent / f"fresh-{name}"
+        if not (fresh / "result.json").exists():
+            file = path.parent / f"{name}.yaml"
+            file.write_text(to_yaml(other, path.parent, path.parent))
+            command = [sys.executable, "-m", "taichi_plume.run", str(file), "--out", str(fresh), "--quiet"]
+            subprocess.run([*command, "--no-recording"], check=True)
+        found = list(differences(fresh, path.parent / f"reset-{name}", ("steps", "gas")))
+        faults += [f"{name}: {fault}" for fault in found]
+        if name != "same" and not list(differences(path.parent / "first", fresh, ("steps", "gas"))):
+            faults.append(f"{name}: nothing of the run depends on it")
+    more, grown = kernels.compiled() - compiled, growth(sim, scenario, times)
+    if more:
+        faults.append(f"{more} kernels compiled by resets")
+    print(
+        f"{scenario.name}: {'; '.join(faults) or 'the same'} ({compiled} kernels, {more} more after "
+        f"{len(list(variants(scenario)))} resets; {grown:+.1f} MB over {times} resets)",
+        flush=True,
+    )
+    return int(bool(faults))
+
+
+def growth(sim: Simulation, scenario: Scenario, times: int) -> float:
+    """By how many MB the process grows over so many resets with a tick after each, from the tenth part of them on."""
+    process, begin = psutil.Process(), 0
+    for n in range(times):
+        sim.reset(scenario)
+        sim.advance()
+        if n == times // 10:
+            begin = process.memory_info().rss
+    return MEGABYTES * (process.memory_info().rss - begin) if times else 0.0
+
+
+def _run(sim: Simulation, out: Path) -> None:
+    """Run to the end, with the tables that a run writes."""
+    out.mkdir(parents=True, exist_ok=True)
+    table = None
+    if sim.swarm.count:
+        table = RobotTable(sim, out / "robots.parquet")
+        sim.observers.append(table.observer())
+    sim.run()
+    if table is not None:
+        table.close()
+    write_result(out, result(sim, "completed", "", "cpu"))
+
+
+def variants(scenario: Scenario) -> Iterator[tuple[str, Scenario]]:
+    """The scenario as it is, with another seed, with other speeds, rates and starts, and as it is again."""
+    yield "same", scenario
+    data = scenario.model_dump(mode="json", exclude_none=True)
+    others = {
+        "seed": data | {"seed": data["seed"] + 1},
+        "speed": data | {"wind": _scaled(data["wind"], SPEEDS, FASTER)},
+        "rate": data | {"gas": _scaled(data["gas"], RATES, MORE)},
+        "start": data | {"robots": [r | {"start": _moved(r["start"])} for r in data["robots"]]},
+    }
+    for name, other in others.items():
+        if other != data:
+            yield name, Scenario.model_validate(other)
+    yield "same", scenario
+
+
+def _scaled(value: Any, keys: Sequence[str], factor: float, within: bool = False) -> Any:
+    """Numbers under these keys times the factor."""
+    if isinstance(value, dict):
+        return {key: _scaled(part, keys, factor, key in keys) for key, part in value.items()}
+    if isinstance(value, list):
+        return [_scaled(part, keys, factor, within) for part in value]
+    return value * factor if within and isinstance(value, float) else value
+
+
+def _moved(start: dict[str, Any]) -> dict[str, Any]:
+    """Places of a start, a little lower along y."""
+
+    def aside(value: Any) -> Any:
+        if isinstance(value[0], list):
+            return [aside(part) for part in value]
+        return [value[0], value[1] - ASIDE]
+
+    return {key: aside(value) if key in STARTS else value for key, value in start.items()}
+
+
+if __name__ == "__main__":
+    sys.exit(main())
