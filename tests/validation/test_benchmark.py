@@ -3,8 +3,9 @@ import json
 import numpy as np
 import pytest
 
-from taichi_plume.validation import benchmark, puff_benchmark, robot_benchmark, trial_benchmark
-from taichi_plume.validation.benchmark import cluttered, right_sides, solve_pressure
+from taichi_plume.validation.benchmark import pressure, puffs, robots, trials
+from taichi_plume.validation.benchmark.__main__ import main
+from taichi_plume.validation.benchmark.pressure import cluttered, right_sides
 
 
 def test_right_sides_can_be_solved():
@@ -20,7 +21,7 @@ def test_right_sides_can_be_solved():
 
 @pytest.mark.slow
 def test_the_pressure_is_solved_as_told():
-    rows = solve_pressure(24, "cpu")
+    rows = pressure.solve(24, "cpu")
     assert [row.right_side for row in rows] == ["random", "smooth", "both"]
     for row in rows:
         assert row.solver == "Multigrid"
@@ -30,8 +31,8 @@ def test_the_pressure_is_solved_as_told():
 
 @pytest.mark.slow
 def test_the_table_as_json(monkeypatch, capsys):
-    monkeypatch.setattr(benchmark, "SIDES", (16,))
-    assert benchmark.main(["--pressure", "--json"]) == 0
+    monkeypatch.setattr(pressure, "SIDES", (16,))
+    assert main(["--pressure", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
     assert [row["N"] for row in rows] == [16, 16, 16]
     assert all(row["cells"] == 16**3 and row["iterations"] >= 1 for row in rows)
@@ -40,8 +41,8 @@ def test_the_table_as_json(monkeypatch, capsys):
 @pytest.mark.slow
 def test_puffs_are_measured():
     rows = [
-        *puff_benchmark.step("step", "cpu", puff_benchmark.in_room, 2000),
-        *puff_benchmark.query("query", "cpu", puff_benchmark.in_room, 2000),
+        *puffs.step("step", "cpu", puffs.in_room, 2000),
+        *puffs.query("query", "cpu", puffs.in_room, 2000),
     ]
     assert [type(row).__name__ for row in rows] == ["PuffStep", "PuffQuery", "PuffQuery"]
     anywhere, in_plume = rows[1:]
@@ -52,7 +53,7 @@ def test_puffs_are_measured():
 
 @pytest.mark.slow
 def test_robots_are_measured():
-    row = robot_benchmark.ticks("robots", "cpu", "spiral", 300)
+    row = robots.ticks("robots", "cpu", "spiral", 300)
     assert row.robots == 300
     assert row.Mrobot_steps_per_s == pytest.approx(
         0.3 / (row.measure_ms + row.act_ms + row.move_ms), rel=1e-6
@@ -62,7 +63,7 @@ def test_robots_are_measured():
 
 @pytest.mark.slow
 def test_trials_in_a_recorded_room_are_measured():
-    (row,) = trial_benchmark.spiral_trials("trials", "cpu", 40, recorded=10.0, limit=100.0)
+    (row,) = trials.spiral_trials("trials", "cpu", 40, recorded=10.0, limit=100.0)
     assert row.trials == 40
     assert row.robot_steps == pytest.approx(40 * 100 / 0.25, rel=0.3)  # hardly one has found it yet
     assert "40 trials" in str(row)
