@@ -1,11 +1,12 @@
 """How fast whole steps are, beside the memory bandwidth of the same minute.
 
-python -m taichi_plume.validation.benchmark [NAMES] [--pressure] [--json] [--arch ARCH] [--seconds S]
+    python -m taichi_plume.validation.benchmark [NAMES] [--pressure] [--json] [--arch ARCH] [--seconds S]
+    python -m taichi_plume.validation.benchmark start CONFIG ...
 
 A step is the flow with its eddy viscosity and one gas, as a run takes it; puffs, robots and maps are measured by
 themselves. With --pressure, only the pressure is solved, of cubes of N³ cells with obstacles: how its iterations grow
 with N. Every figure is a rate on a machine that may be shared: compare the ratios to the bandwidth, and rates of one
-run with each other.
+run with each other. `start` measures something else, the first tick of a scenario: see start.py.
 """
 
 import argparse
@@ -16,7 +17,7 @@ from dataclasses import asdict
 from typing import Any
 
 from taichi_plume.validation.arena import ARENA, arena
-from taichi_plume.validation.benchmark import maps, pressure, puffs, robots, trials
+from taichi_plume.validation.benchmark import maps, pressure, puffs, robots, start, trials
 from taichi_plume.validation.benchmark.steps import CASES, measure
 
 
@@ -38,6 +39,9 @@ OTHER_CASES: dict[str, Callable[[str], Sequence[Any]]] = {
 
 def main(argv: list[str] | None = None) -> int:
     """Measure the named cases, or all of them."""
+    arguments = sys.argv[1:] if argv is None else argv
+    if arguments[:1] == ["start"]:
+        return start.main(arguments[1:])
     known = [*CASES, *OTHER_CASES]
     parser = argparse.ArgumentParser(prog="python -m taichi_plume.validation.benchmark", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(known)}")
@@ -47,7 +51,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--arch", default="cpu", choices=("auto", "cpu", "cuda", "vulkan", "metal"))
     parser.add_argument("--seconds", type=float, default=8.0, help="per case (default: 8)")
     parser.add_argument("--json", action="store_true", help="print JSON")
-    args = parser.parse_args(argv)
+    args = parser.parse_args(arguments)
     unknown = [name for name in args.names if name not in known]
     if unknown:
         print(f"unknown case {unknown[0]!r}; known: {', '.join(known)}", file=sys.stderr)
