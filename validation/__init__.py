@@ -1,1 +1,1 @@
-"""Cases with known answers, and the benchmark."""
+"""Cases with known answers, experiments, benchmarks, and comparisons of two checkouts."""

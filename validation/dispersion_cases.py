@@ -12,7 +12,7 @@ from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.prescribed import PrescribedWind
-from taichi_plume.validation.benchmark import ARENA, arena
+from taichi_plume.validation.arena import ARENA, arena
 from taichi_plume.validation.case import SECOND_ORDER, Answer, Case, Curve, Expected
 from taichi_plume.validation.flow_cases import periodic, rms
 
@@ -214,7 +214,7 @@ def slotted_disc(n: int, convection: str) -> Answer:
 def well_mixed(n: int, dim: int) -> Answer:
     """Uniform gas in air that a force drives round and round past obstacles: in one moment's flow, then as it goes on.
 
-    The room is that of `benchmark`, n cells long, without ends. The pressure is solved more exactly than it need be:
+    The room is that of `arena`, n cells long, without ends. The pressure is solved more exactly than it need be:
     what divergence is left adds up along the way of the air, 6e-5 with the usual tolerance in 3-D.
     """
     openings = tuple(periodic("xy"))

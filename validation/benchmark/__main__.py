@@ -1,0 +1,79 @@
+"""How fast whole steps are, beside the memory bandwidth of the same minute.
+
+    python -m taichi_plume.validation.benchmark [NAMES] [--pressure] [--json] [--arch ARCH] [--seconds S]
+    python -m taichi_plume.validation.benchmark start CONFIG ...
+
+A step is the flow with its eddy viscosity and one gas, as a run takes it; puffs, robots and maps are measured by
+themselves. With --pressure, only the pressure is solved, of cubes of N³ cells with obstacles: how its iterations grow
+with N. Every figure is a rate on a machine that may be shared: compare the ratios to the bandwidth, and rates of one
+run with each other. `start` measures something else, the first tick of a scenario: see start.py.
+"""
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from typing import Any
+
+from taichi_plume.validation.arena import ARENA, arena
+from taichi_plume.validation.benchmark import maps, pressure, puffs, robots, start, trials
+from taichi_plume.validation.benchmark.steps import CASES, measure
+
+
+def _arena_puffs(count: int) -> puffs.PuffSolver:
+    return puffs.in_arena(*arena((80, 60, 10), True), ARENA, count)
+
+
+OTHER_CASES: dict[str, Callable[[str], Sequence[Any]]] = {
+    "puffs_step": lambda arch: puffs.step("puffs_step", arch, _arena_puffs),
+    "puffs_query": lambda arch: [
+        *puffs.query("puffs_query room", arch, puffs.in_room),
+        *puffs.query("puffs_query arena", arch, _arena_puffs),
+    ],
+    "robots": lambda arch: [robots.ticks("robots", arch, algorithm) for algorithm in ("casting", "spiral")],
+    "spiral_trials": lambda arch: trials.spiral_trials("spiral_trials", arch),
+    "maps": maps.maps,
+}
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Measure the named cases, or all of them."""
+    arguments = sys.argv[1:] if argv is None else argv
+    if arguments[:1] == ["start"]:
+        return start.main(arguments[1:])
+    known = [*CASES, *OTHER_CASES]
+    parser = argparse.ArgumentParser(prog="python -m taichi_plume.validation.benchmark", description=__doc__)
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(known)}")
+    parser.add_argument(
+        "--pressure", action="store_true", help="iterations of the pressure solver against N instead"
+    )
+    parser.add_argument("--arch", default="cpu", choices=("auto", "cpu", "cuda", "vulkan", "metal"))
+    parser.add_argument("--seconds", type=float, default=8.0, help="per case (default: 8)")
+    parser.add_argument("--json", action="store_true", help="print JSON")
+    args = parser.parse_args(arguments)
+    unknown = [name for name in args.names if name not in known]
+    if unknown:
+        print(f"unknown case {unknown[0]!r}; known: {', '.join(known)}", file=sys.stderr)
+        return 2
+    rows: list[Any] = []
+
+    def tell(found: Sequence[Any]) -> None:
+        rows.extend(found)
+        if not args.json:
+            for row in found:
+                print(row, flush=True)
+
+    for n in pressure.SIDES if args.pressure else ():
+        tell(pressure.solve(n, args.arch))
+    for name in () if args.pressure else args.names or known:
+        tell(
+            OTHER_CASES[name](args.arch) if name in OTHER_CASES else [measure(name, args.arch, args.seconds)]
+        )
+    if args.json:
+        print(json.dumps([asdict(row) for row in rows], indent=2))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

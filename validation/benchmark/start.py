@@ -1,0 +1,125 @@
+"""How long the first tick of a scenario takes from the start of the process on, and how many kernels it needs.
+
+    python -m taichi_plume.validation.benchmark start CONFIG ... [--checkout FOLDER ...] [--repeats N]
+
+Each run is a process of its own, which imports the code of one checkout: cold, with an empty cache of kernels, then
+warm, with what the cold one left there, N times. A warm-up is left out, so that the tick is one of robots and maps
+too. The file needs nothing of the package around it: it can measure checkouts that are older than itself, side by side.
+"""
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@dataclass(frozen=True)
+class Start:
+    """Of one process; `cold`: whether no kernel had been compiled before."""
+
+    checkout: str
+    config: str
+    cold: bool
+    seconds: float
+    cpu_seconds: float
+    kernels: int
+
+    def __str__(self) -> str:
+        return (
+            f"{self.checkout:24} {self.config:20} {'cold' if self.cold else 'warm'}  {self.seconds:6.2f} s "
+            f"({self.cpu_seconds:6.2f} of CPU), {self.kernels} kernels"
+        )
+
+
+def first_tick(config: Path) -> int:
+    """Run a scenario to the end of its first tick; returns the number of kernels, compiled or found in the cache."""
+    import taichi as ti
+    from taichi.lang import impl
+
+    from taichi_plume import load_scenario
+    from taichi_plume.assemble import assemble
+
+    try:
+        from taichi_plume.grid import kernels
+    except ImportError:  # before the package had rooms
+        from taichi_plume import kernels
+    try:
+        scenario = load_scenario(config, ["warm_up=0"])
+    except ValueError:  # one that needs its warm-up
+        scenario = load_scenario(config)
+    kernels.start("cpu")
+    sim = assemble(scenario, config.parent)
+    sim.observe()
+    sim.advance()
+    ti.sync()
+    return sum(len(kernel.compiled_kernels) for kernel in impl.get_runtime().kernels)
+
+
+def _measured(checkout: Path, config: Path, cold: bool, cache: str) -> Start:
+    """One process. Raises RuntimeError where it fails."""
+    environment = os.environ | {"PYTHONPATH": str(checkout), "TI_OFFLINE_CACHE_FILE_PATH": cache}
+    command = [sys.executable, __file__, "--tick", str(config)]
+    begin = time.perf_counter()
+    with subprocess.Popen(
+        command, cwd=checkout, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        told = ""
+        while not told.startswith("{"):
+            told = process.stdout.readline()
+            if not told:
+                raise RuntimeError(f"{config.name} in {checkout}:\n{process.communicate()[1]}")
+        seconds = time.perf_counter() - begin
+        process.communicate()  # it keeps its kernels for the next one
+    return Start(checkout.name, config.stem, cold, seconds, **json.loads(told))
+
+
+def starts(checkouts: Sequence[Path], configs: Sequence[str], repeats: int = 1) -> Iterator[Start]:
+    """Cold and warm starts of scenarios: names of files in `configs/`, or paths."""
+    for name in configs:
+        for checkout in (path.resolve() for path in checkouts):
+            here = checkout / "configs" / f"{name}.yaml"
+            config = here if here.exists() else Path(name).resolve()
+            with tempfile.TemporaryDirectory() as cache:
+                yield _measured(checkout, config, True, cache)
+                for _ in range(repeats):
+                    yield _measured(checkout, config, False, cache)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line `argv` and return its exit code."""
+    parser = argparse.ArgumentParser(
+        prog="python -m taichi_plume.validation.benchmark start", description=__doc__
+    )
+    parser.add_argument(
+        "configs", nargs="+", metavar="CONFIG", help="a scenario: its name in configs/, or its file"
+    )
+    parser.add_argument("--checkout", nargs="+", type=Path, default=[ROOT], metavar="FOLDER")
+    parser.add_argument("--repeats", type=int, default=1, metavar="N", help="warm starts (default: 1)")
+    parser.add_argument("--json", action="store_true", help="print JSON")
+    parser.add_argument("--tick", action="store_true", help=argparse.SUPPRESS)
+    args = parser.parse_args(argv)
+    if args.tick:
+        kernels = first_tick(Path(args.configs[0]))
+        print(json.dumps({"kernels": kernels, "cpu_seconds": sum(os.times()[:4])}), flush=True)
+        return 0
+    rows = []
+    for row in starts(args.checkout, args.configs, args.repeats):
+        rows.append(row)
+        if not args.json:
+            print(row, flush=True)
+    if args.json:
+        print(json.dumps([asdict(row) for row in rows], indent=2))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

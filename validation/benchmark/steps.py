@@ -1,0 +1,140 @@
+"""How fast whole steps of a flow with its eddy viscosity and one gas are, beside the memory bandwidth."""
+
+import os
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from math import prod
+
+import numpy as np
+import psutil
+import taichi as ti
+
+from taichi_plume.grid import kernels
+from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.grid import Grid
+from taichi_plume.scenario.gases import EulerianGas
+from taichi_plume.scenario.winds import CfdWind
+from taichi_plume.solvers.boundaries import periodic_axes
+from taichi_plume.solvers.flow import FlowSolver
+from taichi_plume.solvers.gas import EulerianSolver
+from taichi_plume.validation.arena import ARENA, arena
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One case; bandwidth in GB/s."""
+
+    case: str
+    cells: int
+    Mcell_steps_per_s: float
+    ms_per_step: float
+    pressure_iterations: float
+    first_step_s: float
+    bytes_per_cell: float
+    bandwidth: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.case:16} {self.cells:8,} cells  {self.Mcell_steps_per_s:6.2f} Mcell-steps/s  "
+            f"{self.ms_per_step:7.2f} ms/step  {self.pressure_iterations:4.1f} iterations  "
+            f"first step {self.first_step_s:5.1f} s  {self.bytes_per_cell:5.0f} B/cell  "
+            f"bandwidth {self.bandwidth:4.1f} GB/s"
+        )
+
+
+def bandwidth(size: int = 1 << 24) -> float:
+    """Memory bandwidth [GB/s] of a = b + s c in NumPy on all cores: five arrays pass, three read and two written."""
+    threads = os.cpu_count() or 1
+    a, b, c = (np.ones(size, np.float32) for _ in range(3))
+    parts = np.array_split(np.arange(size), threads)
+    spans = [slice(int(part[0]), int(part[-1]) + 1) for part in parts]
+
+    def triad(span: slice) -> None:
+        for begin in range(span.start, span.stop, 1 << 22):
+            chunk = slice(begin, min(begin + (1 << 22), span.stop))
+            np.multiply(c[chunk], 3.0, out=a[chunk])
+            np.add(a[chunk], b[chunk], out=a[chunk])
+
+    with ThreadPoolExecutor(threads) as pool:
+        times = []
+        for _ in range(5):
+            begin = time.perf_counter()
+            list(pool.map(triad, spans))
+            times.append(time.perf_counter() - begin)
+    return 5 * 4 * size / min(times) / 1e9
+
+
+def arena_step(shape: tuple[int, ...], obstacles: bool) -> tuple[FlowSolver, Callable[[], None]]:
+    """The solver and one whole step of flow, eddies and gas."""
+    grid, air = arena(shape, obstacles)
+    flow = FlowSolver(CfdWind.model_validate({"kind": "cfd", "openings": ARENA}), grid, air)
+    source = {"position": (0.6, 1.3, 0.1)[: len(shape)], "rate": 2e-5}
+    gas = EulerianSolver(
+        EulerianGas.model_validate({"kind": "eulerian", "sources": [source]}), grid, flow, air
+    )
+
+    def step() -> None:
+        dt = flow.stable_dt()
+        flow.advance(0.0, dt)
+        gas.advance(0.0, dt)
+
+    return flow, step
+
+
+def periodic_step(shape: tuple[int, ...]) -> tuple[FlowSolver, Callable[[], None]]:
+    """The solver and one step of the flow alone in a periodic box."""
+    openings = tuple({"kind": "periodic", "axis": axis} for axis in "xyz"[: len(shape)])
+    wind = CfdWind.model_validate(
+        {"kind": "cfd", "viscosity": 1e-3, "turbulence": {"kind": "none"}, "openings": openings}
+    )
+    grid = Grid(shape, 2 * np.pi / shape[0], periodic=periodic_axes(wind.openings, len(shape)))
+    flow = FlowSolver(wind, grid, Air.everywhere(grid))
+    rng = np.random.default_rng(0)
+    k = rng.integers(1, 4, (3, 3))
+
+    def vortices(x: np.ndarray) -> np.ndarray:
+        return np.stack([np.sin((x * k[d, : x.shape[-1]]).sum(-1) + d) for d in range(x.shape[-1])], axis=-1)
+
+    flow.start_from(vortices)
+    return flow, lambda: flow.advance(0.0, flow.stable_dt())
+
+
+CASES: dict[str, Callable[[], tuple[FlowSolver, Callable[[], None]]]] = {
+    "arena_2d": lambda: arena_step((200, 150), True),
+    "arena_2d_empty": lambda: arena_step((200, 150), False),
+    "arena_3d_coarse": lambda: arena_step((80, 60, 10), True),
+    "arena_3d": lambda: arena_step((200, 150, 25), True),
+    "arena_3d_empty": lambda: arena_step((200, 150, 25), False),
+    "box_2d": lambda: periodic_step((256, 256)),
+    "box_3d": lambda: periodic_step((64, 64, 64)),
+}
+
+
+def measure(name: str, arch: str, seconds: float) -> Measured:
+    """Run a case for about `seconds` after its first steps."""
+    rate = bandwidth()
+    kernels.start(arch)
+    process = psutil.Process()
+    before = process.memory_info().rss
+    begin = time.perf_counter()
+    flow, step = CASES[name]()
+    step()
+    ti.sync()
+    first = time.perf_counter() - begin
+    memory = process.memory_info().rss - before
+    for _ in range(10):  # past the start from rest
+        step()
+    ti.sync()
+    iterations, steps, begin = 0, 0, time.perf_counter()
+    while time.perf_counter() - begin < seconds:
+        step()
+        iterations += flow.solver.iterations
+        steps += 1
+    ti.sync()
+    per_step = (time.perf_counter() - begin) / steps
+    cells = prod(flow.grid.shape)
+    return Measured(
+        name, cells, cells / per_step / 1e6, 1e3 * per_step, iterations / steps, first, memory / cells, rate
+    )
