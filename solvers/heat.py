@@ -6,20 +6,21 @@ A surface of temperature T_s gives its cells alpha (T_s - T)/(dx/2) per area, or
 coefficient of heat transfer h is known; all others are adiabatic.
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import taichi as ti
 
 from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.fields import Carrier
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import double_field, listed
 from taichi_plume.scenario.heat import Heat, TemperedSurface
-from taichi_plume.scenario.openings import Jet, Outlet
-from taichi_plume.solvers.boundaries import Patch
 from taichi_plume.solvers.convection import FACE_VALUES
-from taichi_plume.solvers.flow import FlowSolver
+from taichi_plume.solvers.patches import VENTS, Patch
 from taichi_plume.solvers.release import Release
+from taichi_plume.solvers.scalar import Scalar
 from taichi_plume.solvers.transport import Transport
 
 
@@ -27,8 +28,18 @@ from taichi_plume.solvers.transport import Transport
 class HeatSolver:
     """Temperature on the grid of a flow. Field theta: T - reference [K]."""
 
-    def __init__(self, heat: Heat, grid: Grid, flow: FlowSolver, air: Air):
-        """Raises ValueError for a heater or a surface that touches no air."""
+    def __init__(
+        self,
+        heat: Heat,
+        grid: Grid,
+        wind: Carrier,
+        patches: Sequence[Patch],
+        air: Air,
+        scalar: Scalar | None = None,
+    ):
+        """patches: of the wind's openings; scalar: theta, where the flow feels it. Raises ValueError for a heater or a
+        surface that touches no air.
+        """
         self.grid = grid
         self.reference = heat.reference
         self.capacity = heat.capacity
@@ -37,7 +48,7 @@ class HeatSolver:
         self._air = ~air.solid
         self.release = Release("heaters", heat.heaters, grid, air.room) if heat.heaters else None
         self._from_surfaces = double_field()
-        rate, gain = self._surfaces(heat, flow, air)
+        rate, gain = self._surfaces(heat, patches, air)
         self._list_surface_cells(rate, gain, air.room)
 
         @ti.func
@@ -51,7 +62,7 @@ class HeatSolver:
         schmidt = heat.prandtl_turbulent
         self.transport = Transport(
             grid,
-            flow,
+            wind,
             air,
             heat.diffusivity,
             schmidt,
@@ -59,13 +70,14 @@ class HeatSolver:
             add_sources if self.release else None,
             exchange if rate.any() else None,
             float(rate.max()),
-            self._inflow(flow),
+            self._inflow(patches),
+            scalar,
         )
         self.theta = self.transport.q
 
     # ---------------------------------------------------------------- surfaces and openings
 
-    def _surfaces(self, heat: Heat, flow: FlowSolver, air: Air) -> tuple[np.ndarray, np.ndarray]:
+    def _surfaces(self, heat: Heat, patches: Sequence[Patch], air: Air) -> tuple[np.ndarray, np.ndarray]:
         """Per cell the rate r [1/s] and the gain g [K/s] of its exchange with surfaces: dT/dt = g - r T."""
         rate, gain = np.zeros(self.grid.shape), np.zeros(self.grid.shape)
 
@@ -78,11 +90,11 @@ class HeatSolver:
             rate[cells] += exchange
             gain[cells] += exchange * (surface.temperature - self.reference)
 
-        vents = [p for p in flow.boundaries.patches if isinstance(p.opening, Jet | Outlet)]
+        vents = [p for p in patches if p.kind in VENTS]
         for n, wall in enumerate(heat.walls):
             patch = Patch(wall, self.grid, ~air.solid)
             for vent in vents:
-                if vent.opening.face == wall.face:
+                if (vent.axis, vent.side) == (wall.axis, wall.side):
                     patch.covered &= ~vent.covered
             if not patch.covered.any():
                 raise ValueError(
@@ -105,9 +117,9 @@ class HeatSolver:
         self._cell = listed(np.argwhere(rate) + self.grid.ghost)
         self._rate, self._gain, self._room = (listed(values[where]) for values in (rate, gain, room))
 
-    def _inflow(self, flow: FlowSolver) -> list[Any]:
+    def _inflow(self, patches: Sequence[Patch]) -> list[Any]:
         """theta of the air that comes in, on the two faces of each axis; empty where all of it is at the reference."""
-        warm = [p for p in flow.boundaries.patches if getattr(p.opening, "temperature", None) is not None]
+        warm = [p for p in patches if getattr(p.opening, "temperature", None) is not None]
         if not warm:
             return []
         result = []
@@ -123,6 +135,10 @@ class HeatSolver:
         return result
 
     # ---------------------------------------------------------------- the step
+
+    def begin(self, heat: Heat, t: float, seed: int) -> None:
+        """Begin a run at the temperature of reference."""
+        self.heaters_joule = 0.0
 
     def advance(self, t: float, dt: float) -> None:
         """Warm, carry and spread from t to t + dt, in as many steps as make no new extrema."""

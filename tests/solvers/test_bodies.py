@@ -1,3 +1,5 @@
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +14,7 @@ from taichi_plume.scenario.obstacles import Box, Cylinder, Sphere
 from taichi_plume.scenario.resources import shape
 from taichi_plume.scenario.robots import Body
 from taichi_plume.scenario.winds import CfdWind
-from taichi_plume.solvers.bodies import Bodies, MovingObstacle, Wake
+from taichi_plume.solvers.bodies import Bodies, MovingObstacle, Outline, Wake
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.validation.flow_cases import advance, velocities
 
@@ -22,19 +24,19 @@ MODELS = {"cylinder": Cylinder, "box": Box, "sphere": Sphere}
 ENDS = [{"kind": "outlet", "face": "x-"}, {"kind": "outlet", "face": "x+"}]
 
 
-def still_air(shape=(60, 40), dx=0.05, openings=ENDS, solid=None, **more) -> FlowSolver:
+def still_air(shape=(60, 40), dx=0.05, openings=ENDS, solid=None, bodies=(), **more) -> FlowSolver:
+    """bodies: functions of the grid and of the faces that are solved for."""
     wind = CfdWind.model_validate({"kind": "cfd", "openings": openings, **more})
     grid = Grid(shape, dx)
-    return FlowSolver(wind, grid, Air.everywhere(grid) if solid is None else Air.of(solid, grid))
+    air = Air.everywhere(grid) if solid is None else Air.of(solid, grid)
+    return FlowSolver(wind, grid, air, resistances=[partial(body, grid) for body in bodies])
 
 
-def moving(flow: FlowSolver, path: list, **outline) -> MovingObstacle:
+def moving(path: list, **outline) -> Callable[..., MovingObstacle]:
     outline = {"center": [0.8, 1.0]} | (outline or {"kind": "cylinder", "radius": 0.2})
     kind = str(outline["kind"])
     model = MODELS[kind].model_validate(outline | {"motion": {"path": path}})
-    body = MovingObstacle(model, flow.grid, flow.open)
-    flow.resistances.append(body)
-    return body
+    return partial(MovingObstacle, model)
 
 
 def faces(grid: Grid, d: int) -> np.ndarray:
@@ -44,8 +46,7 @@ def faces(grid: Grid, d: int) -> np.ndarray:
 
 @pytest.mark.parametrize("outline", [{}, {"kind": "box", "size": [0.3, 0.4], "yaw_deg": 30}])
 def test_the_air_inside_moves_with_the_body(outline):
-    flow = still_air()
-    moving(flow, [[2.0, 2.0, 1.4]], **outline)  # (0.6, 0.2) m/s
+    flow = still_air(bodies=[moving([[2.0, 2.0, 1.4]], **outline)])  # (0.6, 0.2) m/s
     advance(flow, 1.0)
     for d, speed in enumerate((0.6, 0.2)):
         inside = np.linalg.norm(faces(flow.grid, d) - (1.4, 1.2), axis=-1) < 0.12
@@ -58,8 +59,8 @@ def test_a_body_that_starts_at_once_gives_the_air_its_momentum():
     """Impulsive start: of a cylinder the added mass per length is that of the air it displaces (potential flow)."""
     R, U, L = 0.2, 0.5, 3.2
     walls = [{"kind": "slip", "face": face} for face in ("x-", "x+", "y-", "y+")]
-    flow = still_air((96, 96), L / 96, walls, turbulence={"kind": "none"})
-    moving(flow, [[1.0, L / 2 + U, L / 2]], kind="cylinder", center=[L / 2, L / 2], radius=R)
+    body = moving([[1.0, L / 2 + U, L / 2]], kind="cylinder", center=[L / 2, L / 2], radius=R)
+    flow = still_air((96, 96), L / 96, walls, turbulence={"kind": "none"}, bodies=[body])
     for n in range(12):
         flow.advance(0.01 * n, 0.01)
     u, v = velocities(flow)
@@ -85,9 +86,8 @@ def test_at_rest_it_has_the_wake_of_an_obstacle_of_cells():
     for kind in ("cells", "body"):
         solid = np.linalg.norm(Grid(shape, dx).centers() - (0.8, 1.0), axis=-1) < D / 2
         solid &= kind == "cells"
-        flow = still_air(shape, dx, openings, solid, viscosity=0.006, turbulence={"kind": "none"})
-        if kind == "body":
-            moving(flow, [[1.0, 0.8, 1.0]])
+        bodies = [moving([[1.0, 0.8, 1.0]])] if kind == "body" else []
+        flow = still_air(shape, dx, openings, solid, bodies, viscosity=0.006, turbulence={"kind": "none"})
         advance(flow, 8.0)
         u = velocities(flow)[0]
         p = flow.grid.inner(flow.p.to_numpy().astype(float))
@@ -134,18 +134,20 @@ class Parting(Bodies):
     """Solid discs whose places and velocities stay."""
 
     def advance(self, t: float, dt: float) -> None:
-        self.pace.fill(1.0 / dt)
+        self.n.set(pace=1.0 / dt)
 
     def fastest(self, t: float) -> float:
         return 0.3
 
 
-def pair(flow: FlowSolver, velocities: list) -> tuple:
-    """Fields of the places and velocities of two robots side by side."""
+def parting(grid: Grid, open: tuple) -> Parting:
+    """Two robots side by side that move apart."""
     place, velocity = (ti.Vector.field(2, ti.f32, 2) for _ in range(2))
     place.from_numpy(np.array([[0.7, 0.75], [1.0, 0.75]], np.float32))
-    velocity.from_numpy(np.array(velocities, np.float32))
-    return place, velocity
+    velocity.from_numpy(np.array([[-0.3, 0.0], [0.3, 0.0]], np.float32))
+    bodies = Parting(grid, place, velocity, 2, open)
+    bodies.shape(Outline(radius=0.15))
+    return bodies
 
 
 @pytest.mark.slow
@@ -153,9 +155,7 @@ def test_bodies_that_touch_share_the_faces_between_them():
     """Side by side they move apart: each drags its own air, and equal runs are equal bit by bit."""
     runs = []
     for _ in range(2):
-        flow = still_air((40, 30))
-        body = Parting(flow.grid, flow.open, *pair(flow, [[-0.3, 0.0], [0.3, 0.0]]), count=2, radius=0.15)
-        flow.resistances.append(body)
+        flow = still_air((40, 30), bodies=[parting])
         advance(flow, 0.6)
         runs.append(velocities(flow)[0])
     np.testing.assert_array_equal(*runs)
@@ -171,12 +171,12 @@ def test_robots_on_a_floor_plan_have_the_drag_of_their_height():
     grid = Grid((60, 40), 0.05, depth=depth, periodic=(True, True))
     openings = [{"kind": "periodic", "axis": axis} for axis in "xy"]
     wind = CfdWind.model_validate({"kind": "cfd", "openings": openings, "turbulence": {"kind": "none"}})
-    flow = FlowSolver(wind, grid, Air.everywhere(grid))
-    flow.start_from(lambda points: np.zeros_like(points) + np.array([0.4, 0.3]))
     place, velocity = (ti.Vector.field(2, ti.f32, 1) for _ in range(2))
     place.from_numpy(np.array([[1.51, 1.02]], np.float32))
     velocity.from_numpy(np.array([[-0.2, 0.3]], np.float32))
-    flow.resistances.append(Wake(grid, flow.open, place, velocity, 0, 1, Body(radius=R, height=h)))
+    robots = partial(Wake, Body(radius=R, height=h), grid, place, velocity, 0, 1)
+    flow = FlowSolver(wind, grid, Air.everywhere(grid), resistances=[robots])
+    flow.start_from(lambda points: np.zeros_like(points) + np.array([0.4, 0.3]))
     for begin, force in ((-1.0, 0.0), (0.0, 0.5 * 2 * R * h * 0.6**2)):
         before = velocities(flow)
         flow.advance(begin, dt)
@@ -196,8 +196,8 @@ def test_it_keeps_to_its_way_points():
 
 
 def test_a_fast_body_shortens_the_steps_before_it_moves():
-    flow = still_air()
-    body = moving(flow, [[3.0, 0.8, 1.0], [4.0, 2.8, 1.0]])
+    flow = still_air(bodies=[moving([[3.0, 0.8, 1.0], [4.0, 2.8, 1.0]])])
+    (body,) = flow.resistances
     assert body.fastest(0.0) == 0.0
     assert body.fastest(2.5) == pytest.approx(2.0)
     assert flow.stable_dt(2.5) <= 0.8 * 0.05 / 2.0

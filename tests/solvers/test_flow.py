@@ -111,7 +111,7 @@ def test_equal_seeds_blow_equal_gusts():
     def gusts(seed: int) -> np.ndarray:
         grid, solid = room((40, 30))
         openings = [ARENA["openings"][0] | {"turbulence_intensity": 0.1}, ARENA["openings"][1]]
-        flow = FlowSolver(wind(openings=openings), grid, Air.of(solid, grid), seed)
+        flow = FlowSolver(wind(openings=openings), grid, Air.of(solid, grid), seed=seed)
         run(flow, 5, 0.02)
         return flow.u[0].to_numpy()
 

@@ -31,7 +31,7 @@ def solid() -> np.ndarray:
 
 def frozen(solid: np.ndarray, **changes) -> FrozenSolver:
     wind = {"kind": "frozen", "after": AFTER, "average": AVERAGE} | KEYS | changes
-    return FrozenSolver(FrozenWind.model_validate(wind), GRID, Air.of(solid, GRID), 4, BEGIN)
+    return FrozenSolver(FrozenWind.model_validate(wind), GRID, Air.of(solid, GRID), BEGIN, 4)
 
 
 STEPS = np.array([0.01, 0.02, 0.0125] * 40)  # uneven, so that the weights count

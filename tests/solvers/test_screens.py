@@ -4,8 +4,8 @@ import pytest
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
 from taichi_plume.scenario.winds import CfdWind
-from taichi_plume.solvers.boundaries import periodic_axes
 from taichi_plume.solvers.flow import FlowSolver
+from taichi_plume.solvers.patches import periodic_axes
 from taichi_plume.validation.flow_cases import advance
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -58,7 +58,7 @@ def test_it_straightens_an_oblique_stream():
     """Periodic across, so that nothing but the screen turns the air."""
     flow = duct((48, 8), {"at": 1.2}, walls=[{"kind": "periodic", "axis": "y"}])
     flow.boundaries._targets[0][0, :, 1] = 0.5  # the blown-in air moves along y as well
-    flow.boundaries._upload(flow.boundaries.target[0], flow.boundaries._targets[0], 0)
+    flow.boundaries.upload_targets()
     flow.boundaries._blown = [SPEED]
     advance(flow, 6.0)
     v = np.abs(flow.grid.inner(flow.u[1].to_numpy())).mean(axis=1)
