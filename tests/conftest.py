@@ -1,8 +1,9 @@
 """Taichi for the tests that ask for it, and the order in which the files run.
 
-A module whose tests launch kernels says ``pytestmark = pytest.mark.usefixtures("taichi")``. It gets a Taichi of its
-own, so that its tests share what they compile. What it keeps between them it keeps in fixtures, not in globals or
-caches: where its fields become too many, Taichi starts anew between two of its tests, and its fixtures with it.
+A module whose tests launch kernels says ``pytestmark = pytest.mark.usefixtures("taichi")``. What its tests share they
+share through fixtures of the module, such as a solver that each test begins anew: all then run on one Taichi. A module
+without such fixtures gets a fresh Taichi for each test. That is the faster way, as kernels of an object that is built a
+second time are compiled a second time, other fields being in them, while after a start they come from the cache.
 """
 
 import json
@@ -15,6 +16,7 @@ from measuring import Measuring
 
 TREES = 400  # Taichi's runtime has places for 512 trees of fields and crashes beyond them
 DURATIONS = Path(__file__).with_name("durations.json")
+HELD: set[str] = set()  # names of fixtures that outlive a test
 SPLIT = "tests/validation/test_cases.py"  # the longest file; its tests share nothing
 
 
@@ -37,10 +39,21 @@ def trees() -> int:
     return program.get_snode_tree_size() if program else 0
 
 
+def pytest_fixture_setup(fixturedef):
+    """Note what outlives a test, and may hold fields."""
+    if fixturedef.scope in ("class", "module") and fixturedef.argname != "taichi":
+        HELD.add(fixturedef.argname)
+
+
+def pytest_fixture_post_finalizer(fixturedef):
+    """It is gone."""
+    HELD.discard(fixturedef.argname)
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item):
-    """End all that a module holds when Taichi has nearly no place left: its fixtures are then made again."""
-    if "taichi" in item.fixturenames and trees() > TREES:
+    """Start Taichi anew, and with it what the module holds, where that is nothing or where hardly a place is left."""
+    if "taichi" in item.fixturenames and trees() > (TREES if HELD else 0):
         item.session._setupstate.teardown_exact(item.getparent(pytest.Module).parent)
 
 

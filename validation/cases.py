@@ -2,6 +2,7 @@
 
 from functools import partial
 
+from taichi_plume.validation.balance_cases import BALANCE_CASES
 from taichi_plume.validation.body_cases import cylinder, oblique_channel, pipe
 from taichi_plume.validation.case import SECOND_ORDER, Case, Expected
 from taichi_plume.validation.cavity import cavity
@@ -194,6 +195,7 @@ _ALL = (
     _puff(3, 0.0),
     _puff(3, 0.05),
     *DISPERSION_CASES,
+    *BALANCE_CASES,
     Case(
         "conduction",
         "still air between a warm and a cold wall",

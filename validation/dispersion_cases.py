@@ -1,4 +1,4 @@
-"""How exactly gas is carried and spread: moments, shapes, budgets. Functions solve at a resolution, see `case`."""
+"""How exactly gas is carried and spread: moments and shapes. Functions solve at a resolution, see `case`."""
 
 from functools import partial
 from math import ceil, pi, sqrt
@@ -8,13 +8,11 @@ import numpy as np
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
 from taichi_plume.scenario.gases import EulerianGas
-from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.prescribed import PrescribedWind
-from taichi_plume.validation.arena import ARENA, arena
 from taichi_plume.validation.case import SECOND_ORDER, Answer, Case, Curve, Expected
-from taichi_plume.validation.flow_cases import periodic, rms
+from taichi_plume.validation.flow_cases import rms
 
 SHORT = {"koren": 0.4, "weno5": 0.2}
 """Courant numbers; Heun's method lets short waves of weno5 grow from 0.4 on."""
@@ -208,67 +206,6 @@ def slotted_disc(n: int, convection: str) -> Answer:
     }
 
 
-# ---------------------------------------------------------------- balances in computed flows
-
-
-def well_mixed(n: int, dim: int) -> Answer:
-    """Uniform gas in air that a force drives round and round past obstacles: in one moment's flow, then as it goes on.
-
-    The room is that of `arena`, n cells long, without ends. The pressure is solved more exactly than it need be:
-    what divergence is left adds up along the way of the air, 6e-5 with the usual tolerance in 3-D.
-    """
-    openings = tuple(periodic("xy"))
-    grid, air = arena((n, 3 * n // 4, n // 8)[:dim], True, periodic=(True, True, False)[:dim])
-    wind = {"kind": "cfd", "openings": openings, "acceleration": (0.3, 0.05, 0.0)[:dim], "tolerance": 1e-6}
-    flow = FlowSolver(CfdWind.model_validate(wind), grid, air)
-    gas = gas_in(grid, flow, air)
-    gas.start_from(lambda x: np.ones(x.shape[:-1]))
-    t = 0.0
-    while t < 4.0:
-        dt = min(0.05, flow.stable_dt(t))
-        flow.advance(t, dt)
-        t += dt
-    ride(gas, 2.0, flow.stable_dt())
-    answer = {"c, steady flow": float(np.abs(concentrations(gas)[~air.solid] - 1.0).max())}
-    while t < 6.0:
-        dt = min(0.05, flow.stable_dt(t))
-        flow.advance(t, dt)
-        gas.advance(t, dt)
-        t += dt
-    return answer | {"c, unsteady flow": float(np.abs(concentrations(gas)[~air.solid] - 1.0).max())}
-
-
-def mass_budget(n: int, dim: int, end: float) -> Answer:
-    """A source in the odour arena with obstacles that cut the cells, gusts and openings: n cells along it, `end` [s].
-
-    Mass emitted less what is in the room and what has left, over the mass emitted; and concentrations below 0.
-    """
-    grid, air = arena((n, 3 * n // 4, n // 8)[:dim], True)
-    gusts = {"turbulence_intensity": 0.08, "turbulence_length": 0.15}
-    openings = (ARENA[0] | gusts, ARENA[1])
-    flow = FlowSolver(CfdWind.model_validate({"kind": "cfd", "openings": openings}), grid, air)
-    source = {"position": (1.7, 2.0, 0.1)[:dim], "rate": 2e-5, "radius": 0.05}
-    gas = gas_in(grid, flow, air, **source)
-    t, least, rows = 0.0, 0.0, [(0.0, 0.0, 0.0)]
-    while end - t > 1e-9 * end:
-        dt = (end - t) / ceil((end - t) / flow.stable_dt(t))
-        flow.advance(t, dt)
-        gas.advance(t, dt)
-        t += dt
-        if t - rows[-1][0] >= 0.01 * end or t >= end:
-            least = min(least, gas.least())
-            budget = gas.budget()
-            rows.append((t, budget["emitted_kg"], budget["in_domain_kg"] + budget["outflow_kg"]))
-    times, emitted, found = np.transpose(rows)
-    return {
-        "mass": float(np.abs(found[1:] / emitted[1:] - 1.0).max()),
-        "below 0": max(0.0, -least),
-        "unaccounted for": Curve(
-            "t [s]", "mass over the mass emitted", times[1:], found[1:] / emitted[1:], np.ones(len(times) - 1)
-        ),
-    }
-
-
 # ---------------------------------------------------------------- the table
 
 NONE = Expected(tolerance=0.0)
@@ -333,32 +270,6 @@ def _of_scheme(convection: str) -> tuple[Case, ...]:
     )
 
 
-def _well_mixed(dim: int) -> Case:
-    return Case(
-        f"well_mixed_{dim}d",
-        "uniform gas in turbulent air between obstacles",
-        "stays uniform",
-        partial(well_mixed, dim=dim),
-        coarse=(40,),
-        fine=(40, 80) if dim == 2 else (20, 40),
-        slow=dim == 3,
-        expected={norm: Expected(tolerance=1e-5) for norm in ("c, steady flow", "c, unsteady flow")},
-    )
-
-
-def _mass_budget(name: str, dim: int, end: float, coarse: int, fine: int, slow: bool) -> Case:
-    return Case(
-        f"mass_budget_{name}",
-        f"a source in the arena with gusts, obstacles and openings, {end:g} s in {dim}-D",
-        "conservation of mass",
-        partial(mass_budget, dim=dim, end=end),
-        coarse=(coarse,),
-        fine=(fine // 2, fine),
-        slow=slow,
-        expected={"mass": EXACT, "below 0": NONE},
-    )
-
-
 DISPERSION_CASES = (
     *_of_scheme("koren"),
     *_of_scheme("weno5"),
@@ -372,9 +283,4 @@ DISPERSION_CASES = (
         # the diffusion across, of second order, decides: h² = 0.4 % on 16 cells
         expected={"K": Expected(tolerance=0.005, at=16)},
     ),
-    _well_mixed(2),
-    _well_mixed(3),
-    _mass_budget("2d", 2, 10.0, 40, 80, slow=False),
-    _mass_budget("3d", 3, 4.0, 32, 40, slow=True),
-    _mass_budget("300_s", 2, 300.0, 80, 80, slow=True),
 )

@@ -1,0 +1,72 @@
+"""Two checkouts side by side: what is counted in a tiny one."""
+
+import pytest
+
+from taichi_plume.validation.house import counted, main
+
+FILES = {
+    "taichi_plume/models.py": '''"""Two lines
+of docstring."""
+# a comment alone
+from typing import Any
+
+class Model: ...  # code with a comment
+
+class Fan(Model): ...
+class Strong(Fan):
+    speed: Any
+
+def own(x: Any):
+    return isinstance(x, Fan)
+''',
+    "agents/use.py": """import models
+from models import Fan, Strong
+
+def asks(x):
+    def inner():
+        return hasattr(x, "a") or getattr(x, "b", None)
+    match x:
+        case Strong(): return 1
+    return isinstance(x, models.Fan | Strong), isinstance(x, (int, Strong)), isinstance(x, str)
+""",
+    "tests/test_it.py": """import pytest
+
+@pytest.mark.parametrize("n", range(3))
+def test_numbers(n): ...
+
+def test_other(): ...
+
+def helper(): ...
+""",
+}
+
+
+@pytest.fixture
+def checkout(tmp_path):
+    for name, text in FILES.items():
+        path = tmp_path / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text)
+    (tmp_path / "taichi_plume" / "agents").symlink_to("../agents")
+    return tmp_path
+
+
+def test_a_tiny_house(checkout):
+    house = counted(checkout)
+    assert dict(house.files) == {"taichi_plume": 1, "agents": 1}
+    assert (house.code, house.docstrings, house.comments) == (7 + 8, 2, 1)
+    assert house.longest_file == (13, "taichi_plume/models.py")
+    assert house.longest_function == (6, "asks (agents/use.py)")
+    assert house.models == 2
+    assert house.isinstance_on_models == 3  # the pattern, and two of the three that follow
+    assert dict(house.probes) == {"getattr": 1, "hasattr": 1}
+    assert house.any == 2
+    assert (house.test_files, house.test_functions, house.test_cases) == (1, 2, 4)
+
+
+def test_both_stand_side_by_side(checkout, capsys):
+    assert main([str(checkout), str(checkout), "--no-cases"]) == 0
+    rows = dict(line.strip("| ").split(" | ", 1) for line in capsys.readouterr().out.splitlines()[2:])
+    assert rows["agents/: files, lines"] == "1, 9 | 1, 9"
+    assert rows["getattr, hasattr"] == "1, 1 | 1, 1"
+    assert rows["test cases"] == "- | -"
