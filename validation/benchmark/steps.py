@@ -16,9 +16,9 @@ from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
 from taichi_plume.scenario.gases import EulerianGas
 from taichi_plume.scenario.winds import CfdWind
-from taichi_plume.solvers.patches import periodic_axes
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.gas import EulerianSolver
+from taichi_plume.solvers.patches import periodic_axes
 from taichi_plume.validation.arena import ARENA, arena
 
 
