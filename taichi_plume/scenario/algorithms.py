@@ -6,9 +6,9 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
-from pydantic_core import PydanticCustomError
 
 from taichi_plume.scenario.maps import TimeSeriesMap
+from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.vocabulary import (
     Count,
     Delay,
@@ -165,8 +165,7 @@ class Infotaxis(Listening):
     @model_validator(mode="after")
     def _small(self) -> "Infotaxis":
         if self.size >= self.reach:
-            raise PydanticCustomError(
-                "infotaxis",
+            raise fault(
                 "size = {size} m must be below lambda = {reach} m; lower it, or raise diffusivity",
                 {"size": f"{self.size:g}", "reach": f"{self.reach:.3g}"},
             )

@@ -3,8 +3,8 @@
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
-from pydantic_core import PydanticCustomError
 
+from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.sources import OneGas
 from taichi_plume.scenario.vocabulary import (
     Diffusivities,
@@ -74,7 +74,7 @@ class ContinuousSource(PlumeSource):
     @model_validator(mode="after")
     def _ordered(self) -> "ContinuousSource":
         if self.start is not None and self.stop is not None and self.stop <= self.start:
-            raise PydanticCustomError("source", "stop must be later than start")
+            raise fault("stop must be later than start")
         return self
 
 
@@ -100,9 +100,7 @@ class GaussianPlumeGas(ClosedForm):
     @model_validator(mode="after")
     def _one_law(self) -> "GaussianPlumeGas":
         if (self.intensity is None) == (self.diffusivity is None):
-            raise PydanticCustomError(
-                "spread", "takes either intensity or diffusivity, which widen the plume"
-            )
+            raise fault("takes either intensity or diffusivity, which widen the plume")
         return self
 
 

@@ -3,9 +3,9 @@
 from typing import Annotated
 
 from pydantic import Field, model_validator
-from pydantic_core import PydanticCustomError
 
 from taichi_plume.scenario.openings import Region
+from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.vocabulary import (
     Acceleration,
     Diffusivity,
@@ -90,5 +90,5 @@ class Buoyancy(Model):
     @model_validator(mode="after")
     def _acts(self) -> "Buoyancy":
         if not self.solutal and self.heat is None:
-            raise PydanticCustomError("buoyancy", "has no effect: give heat, or leave out solutal: false")
+            raise fault("has no effect: give heat, or leave out solutal: false")
         return self

@@ -277,20 +277,7 @@ def _line(fault: Any, data: dict) -> str | None:
         key = next((step for step in reversed(steps) if isinstance(step, str)), "")
         such = " of degrees, such as 90" if key.endswith("_deg") else ", such as 0.08"
         return f"{where}got {_shown(got)}: must be a plain number{such}"
-    if kind in (
-        "unknown_key",
-        "region",
-        "schedule",
-        "source",
-        "neighbourhood",
-        "infotaxis",
-        "unit",
-        "loss",
-        "motion",
-        "fan",
-        "files",
-        "spread",
-    ):
+    if kind == "fault":
         return where + fault["msg"]
     message = re.sub(r"^(Input|String|Value) should", "must", fault["msg"]).replace("valid string", "text")
     return f"{where}got {_shown(got)}: {message}"

@@ -3,8 +3,8 @@
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
-from pydantic_core import PydanticCustomError
 
+from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.vocabulary import Count, Delay, Duration, Length, Model, Positive
 
 
@@ -38,8 +38,7 @@ class TimeSeriesMap(Snaps):
     def _has_neighbours(self) -> "TimeSeriesMap":
         age = (1.0 - self.alpha) * self.time_scale * self.window
         if age >= self.beta:
-            raise PydanticCustomError(
-                "neighbourhood",
+            raise fault(
                 "sees no past snap: (1 - alpha) time_scale window = {age} must be below beta = {beta}",
                 {"age": f"{age:g}", "beta": f"{self.beta:g}"},
             )

@@ -6,8 +6,8 @@ from math import hypot
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
-from pydantic_core import PydanticCustomError
 
+from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.vocabulary import (
     Coordinate,
     Distance,
@@ -37,8 +37,7 @@ class Motion(Model):
         times = [0.0, *(point[0] for point in self.path)]
         for n, (a, b) in enumerate(pairwise(times)):
             if not b > a:
-                raise PydanticCustomError(
-                    "motion",
+                raise fault(
                     "times must ascend from above 0: path[{n}] has {b} s after {a} s",
                     {"n": n, "a": f"{a:g}", "b": f"{b:g}"},
                 )

@@ -4,8 +4,8 @@ from math import pi, prod
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
-from pydantic_core import PydanticCustomError
 
+from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.vocabulary import (
     Coordinate,
     Delay,
@@ -46,9 +46,9 @@ class Window(Model):
     @model_validator(mode="after")
     def _one_form(self) -> Self:
         if self.size is not None and self.diameter is not None:
-            raise PydanticCustomError("region", "takes size or diameter, not both")
+            raise fault("takes size or diameter, not both")
         if (self.size is None and self.diameter is None) != (self.center is None):
-            raise PydanticCustomError("region", "center goes with size (rectangle) or diameter (disc)")
+            raise fault("center goes with size (rectangle) or diameter (disc)")
         return self
 
     @property
@@ -134,9 +134,9 @@ class Jet(Vent):
     def _ordered(self) -> "Jet":
         times = [step.at for step in self.schedule]
         if times != sorted(times):
-            raise PydanticCustomError("schedule", "schedule must be ordered by 'at'")
+            raise fault("schedule must be ordered by 'at'")
         if self.schedule and self.speed is None:
-            raise PydanticCustomError("schedule", "schedule needs a speed to start with")
+            raise fault("schedule needs a speed to start with")
         return self
 
     @property
@@ -185,15 +185,11 @@ class Fan(Jet):
     @model_validator(mode="after")
     def _driven(self) -> "Fan":
         if self.curve is None and self.speed is None:
-            raise PydanticCustomError("fan", "needs a speed or a curve")
+            raise fault("needs a speed or a curve")
         if self.curve is not None and self.schedule:
-            raise PydanticCustomError(
-                "fan", "takes a schedule or a curve, not both: the curve sets the speed"
-            )
+            raise fault("takes a schedule or a curve, not both: the curve sets the speed")
         if self.curve is not None and (self.speed or 0.0) < 0:
-            raise PydanticCustomError(
-                "fan", "with a curve it blows into the domain: speed must not be negative"
-            )
+            raise fault("with a curve it blows into the domain: speed must not be negative")
         return self
 
     @property
@@ -286,7 +282,7 @@ class Straightener(Screen):
     @model_validator(mode="after")
     def _one_loss(self) -> "Straightener":
         if self.loss_coefficient is not None and self.cell is not None:
-            raise PydanticCustomError("loss", "takes loss_coefficient or cell, not both")
+            raise fault("takes loss_coefficient or cell, not both")
         return self
 
     def losses(self, viscosity: float) -> tuple[float, float]:

@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
-from pydantic_core import PydanticCustomError
 
+from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.sources import OneGas, Target
 from taichi_plume.scenario.vocabulary import Count, Duration, FullScale, Length, Point2, Positive, Time
 from taichi_plume.scenario.winds import PlumeSimLog, PointPlayback
@@ -46,9 +46,7 @@ class FluentGas(PercentGas, PointPlayback):
     @classmethod
     def _numbered(cls, files: str) -> str:
         if not re.fullmatch(r"[^%]*%(0?[1-9])?d[^%]*", Path(files).name):
-            raise PydanticCustomError(
-                "files", "must hold one number, such as plume%03d.txt, in the file's name"
-            )
+            raise fault("must hold one number, such as plume%03d.txt, in the file's name")
         return files
 
 
@@ -83,7 +81,7 @@ class PlumeSimPuff(PercentGas):
     @model_validator(mode="after")
     def _returns(self) -> "PlumeSimPuff":
         if self.repeat_from > self.last:
-            raise PydanticCustomError("source", "repeat_from must not be above last")
+            raise fault("repeat_from must not be above last")
         return self
 
 

@@ -22,6 +22,11 @@ def _registry():
     return pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
 
 
+def fault(message: str, context: dict[str, Any] | None = None) -> PydanticCustomError:
+    """An error whose message says all, without what was got; `context` fills its braces."""
+    return PydanticCustomError("fault", message, context)  # type: ignore[arg-type]
+
+
 def parse(value: Any, unit: str) -> float:
     """`value` as a float in `unit`: numbers pass, ``"1e-5"`` and ``"10 mg/s"`` are converted.
 
@@ -59,8 +64,7 @@ def quantity(unit: str, least: float = -inf, most: float = inf, likely: str = ""
 
     def plausible(value: float) -> float:
         if not least <= value <= most:
-            raise PydanticCustomError(
-                "unit",
+            raise fault(
                 "got {value} {unit}; did you mean '{value} {likely}'? {bound} {limit} {unit}",
                 {
                     "value": f"{value:g}",

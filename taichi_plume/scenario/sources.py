@@ -3,8 +3,8 @@
 from typing import ClassVar, Literal
 
 from pydantic import model_validator
-from pydantic_core import PydanticCustomError
 
+from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.species import SPECIES, TEMPERATURE, Species
 from taichi_plume.scenario.vocabulary import (
     Diffusivity,
@@ -76,9 +76,9 @@ class Source(Model):
     def _ordered(self) -> "Source":
         if (self.rate is None) == (self.dish is None):
             got = "neither" if self.dish is None else "both"
-            raise PydanticCustomError("source", "takes a rate or a dish, got {got}", {"got": got})
+            raise fault("takes a rate or a dish, got {got}", {"got": got})
         if self.start is not None and self.stop is not None and self.stop <= self.start:
-            raise PydanticCustomError("source", "stop must be later than start")
+            raise fault("stop must be later than start")
         return self
 
 

@@ -4,9 +4,8 @@ import difflib
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
-from pydantic_core import PydanticCustomError
 
-from taichi_plume.scenario.quantities import quantity
+from taichi_plume.scenario.quantities import fault, quantity
 
 
 def per_axis(number: Any) -> Any:
@@ -86,8 +85,7 @@ class Model(BaseModel):
                 if key not in allowed:
                     close = difflib.get_close_matches(str(key), allowed, n=1)
                     hint = f"did you mean '{close[0]}'? " if close else ""
-                    raise PydanticCustomError(
-                        "unknown_key",
+                    raise fault(
                         "unknown key '{key}'; {hint}allowed: {allowed}",
                         {"key": str(key), "hint": hint, "allowed": ", ".join(allowed)},
                     )

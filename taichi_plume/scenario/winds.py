@@ -5,10 +5,10 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
-from pydantic_core import PydanticCustomError
 
 from taichi_plume.scenario.heat import Buoyancy
 from taichi_plume.scenario.openings import Opening, Perforated, Straightener
+from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.vocabulary import (
     Acceleration,
     Convection,
@@ -244,7 +244,7 @@ class SyntheticWind(Model):
     @model_validator(mode="after")
     def _ordered(self) -> "SyntheticWind":
         if self.shortest is not None and self.shortest >= self.longest:
-            raise PydanticCustomError("waves", "shortest must be below longest")
+            raise fault("shortest must be below longest")
         return self
 
     def shortest_on(self, spacing: float) -> float:
