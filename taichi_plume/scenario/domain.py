@@ -4,15 +4,15 @@ from typing import Annotated
 
 from pydantic import Field
 
-from taichi_plume.scenario.vocabulary import Length, Model
+from taichi_plume.scenario.vocabulary import COMPILED, Length, Model
 
 
 class Domain(Model):
     """The box that is simulated, with its lower corner at the origin."""
 
-    size: Annotated[tuple[Length, ...], Field(min_length=2, max_length=3)]
+    size: Annotated[tuple[Length, ...], Field(min_length=2, max_length=3), COMPILED]
     """Extent per axis [m]; two numbers make a 2-D run."""
-    spacing: Length
+    spacing: Annotated[Length, COMPILED]
     """Edge of the cubic cells [m]; every extent is rounded to whole cells."""
     depth: Length = 1.0
     """Thickness of the slab that a 2-D run stands for [m]: it turns kg/s into kg/m³."""

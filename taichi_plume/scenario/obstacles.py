@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 
 from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.vocabulary import (
+    COMPILED,
     Coordinate,
     Distance,
     Length,
@@ -68,9 +69,9 @@ class Box(Model):
     """An upright box, turned by `yaw_deg` about the vertical."""
 
     kind: Literal["box"]
-    center: Point
-    size: Annotated[tuple[Length, ...], Field(min_length=2, max_length=3)]
-    yaw_deg: Real = 0.0
+    center: Annotated[Point, COMPILED]
+    size: Annotated[tuple[Length, ...], Field(min_length=2, max_length=3), COMPILED]
+    yaw_deg: Annotated[Real, COMPILED] = 0.0
     motion: Motion | None = None
 
 
@@ -78,10 +79,10 @@ class Cylinder(Model):
     """A vertical cylinder; in 3-D it stands on `base` and reaches the ceiling unless `height` says otherwise."""
 
     kind: Literal["cylinder"]
-    center: Point2
-    radius: Length
-    base: Distance = 0.0
-    height: Length | None = None
+    center: Annotated[Point2, COMPILED]
+    radius: Annotated[Length, COMPILED]
+    base: Annotated[Distance, COMPILED] = 0.0
+    height: Annotated[Length, COMPILED] | None = None
     motion: Motion | None = None
 
 
@@ -89,8 +90,8 @@ class Sphere(Model):
     """A sphere (in 2-D a disc)."""
 
     kind: Literal["sphere"]
-    center: Point
-    radius: Length
+    center: Annotated[Point, COMPILED]
+    radius: Annotated[Length, COMPILED]
     motion: Motion | None = None
 
 
@@ -98,9 +99,9 @@ class Prism(Model):
     """A vertical prism over a simple polygon; in 3-D from `base` to the ceiling unless `height` says otherwise."""
 
     kind: Literal["prism"]
-    vertices: Annotated[tuple[Point2, ...], Field(min_length=3, max_length=10_000)]
-    base: Distance = 0.0
-    height: Length | None = None
+    vertices: Annotated[tuple[Point2, ...], Field(min_length=3, max_length=10_000), COMPILED]
+    base: Annotated[Distance, COMPILED] = 0.0
+    height: Annotated[Length, COMPILED] | None = None
 
 
 class Mesh(Model):
@@ -109,10 +110,10 @@ class Mesh(Model):
     kind: Literal["mesh"]
     file: str
     """Path, relative to the scenario's folder."""
-    scale: Positive = 1.0
-    yaw_deg: Real = 0.0
-    translate: tuple[Coordinate, Coordinate, Coordinate] = (0.0, 0.0, 0.0)
-    section: Coordinate = 0.0
+    scale: Annotated[Positive, COMPILED] = 1.0
+    yaw_deg: Annotated[Real, COMPILED] = 0.0
+    translate: Annotated[tuple[Coordinate, Coordinate, Coordinate], COMPILED] = (0.0, 0.0, 0.0)
+    section: Annotated[Coordinate, COMPILED] = 0.0
 
 
 def motion_of(obstacle: Model) -> Motion | None:

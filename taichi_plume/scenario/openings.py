@@ -7,6 +7,7 @@ from pydantic import Field, model_validator
 
 from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.vocabulary import (
+    COMPILED,
     Coordinate,
     Delay,
     Distance,
@@ -39,9 +40,9 @@ class Window(Model):
     `center` and `size` are in the plane's own axes, in their x, y, z order: one number in 2-D, two in 3-D.
     """
 
-    center: Annotated[tuple[Coordinate, ...], Field(min_length=1, max_length=2)] | None = None
-    size: Annotated[tuple[Length, ...], Field(min_length=1, max_length=2)] | None = None
-    diameter: Length | None = None
+    center: Annotated[tuple[Coordinate, ...], Field(min_length=1, max_length=2), COMPILED] | None = None
+    size: Annotated[tuple[Length, ...], Field(min_length=1, max_length=2), COMPILED] | None = None
+    diameter: Annotated[Length, COMPILED] | None = None
 
     @model_validator(mode="after")
     def _one_form(self) -> Self:
@@ -249,8 +250,8 @@ class Screen(Window):
     """Something in the way of the air that it goes through: a slab across `axis` with its middle at `at`."""
 
     axis: Literal["x", "y", "z"]
-    at: Coordinate
-    thickness: Distance = 0.05
+    at: Annotated[Coordinate, COMPILED]
+    thickness: Annotated[Distance, COMPILED] = 0.05
     """Along the axis [m], in whole cells, at least one."""
     transverse: NonNegative = 1000.0
     """Resistance along the slab over the one through it: large values straighten the flow."""
@@ -298,7 +299,7 @@ class Perforated(Screen):
     kind: Literal["perforated"]
     loss_coefficient: NonNegative = 2.0
     """Pressure drop over the dynamic pressure."""
-    thickness: Distance = 0.0
+    thickness: Annotated[Distance, COMPILED] = 0.0
     transverse: NonNegative = 1.0
 
     def losses(self, viscosity: float) -> tuple[float, float]:

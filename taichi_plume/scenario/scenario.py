@@ -16,6 +16,8 @@ from taichi_plume.scenario.obstacles import Obstacle
 from taichi_plume.scenario.outputs import Fields, PlumeLog, Recording
 from taichi_plume.scenario.robots import Arena, Group
 from taichi_plume.scenario.vocabulary import (
+    COMPILED,
+    FREE,
     Delay,
     Duration,
     Model,
@@ -27,15 +29,15 @@ from taichi_plume.scenario.winds import Wind
 class Scenario(Model):
     """One experiment: everything that decides its outcome."""
 
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")] = "run"
-    seed: Annotated[int, Field(ge=0, lt=2**32)] = 0
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"), FREE] = "run"
+    seed: Annotated[int, Field(ge=0, lt=2**32), FREE] = 0
     duration: Duration
     """Time the robots are active [s]."""
     warm_up: Delay = 0.0
     """Flow and gas before the robots start [s]."""
-    tick: Tick = 0.1
+    tick: Annotated[Tick, COMPILED] = 0.1
     """Control period [s]."""
-    stop_early: bool = True
+    stop_early: Annotated[bool, FREE] = True
     """End once every robot of every group has found a source."""
     domain: Domain
     wind: Wind
@@ -47,10 +49,10 @@ class Scenario(Model):
     rivals: bool = False
     """Whether each group searches as if the others were not there: to compare them in the same air."""
     maps: tuple[Map, ...] = ()
-    recording: Recording = Recording()
-    fields: Fields | None = None
+    recording: Annotated[Recording, FREE] = Recording()
+    fields: Annotated[Fields | None, FREE] = None
     """Unless given, no fields.zarr is written."""
-    plumesim_log: PlumeLog | None = None
+    plumesim_log: Annotated[PlumeLog | None, FREE] = None
     """Unless given, no plume.pslog is written."""
 
     @property

@@ -1,7 +1,9 @@
 """What every section of a scenario is made of: kinds of numbers with units, and the frozen model."""
 
 import difflib
-from typing import Annotated, Any, Literal
+from collections.abc import Iterator
+from functools import cache
+from typing import Annotated, Any, Literal, get_args, get_origin
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
@@ -68,7 +70,27 @@ class Compiled:
     """
 
 
+class Free:
+    """Marks what a reset may change although it is no float, and all below it: nothing was built from it."""
+
+
 COMPILED = Compiled()
+FREE = Free()
+
+
+@cache
+def marked(model: type["Model"], key: str, mark: type) -> bool:
+    """Whether a mark of that class is on a key of a model, or on a part of its type."""
+    field = model.model_fields[key]
+    return any(isinstance(one, mark) for one in (*field.metadata, *_marks(field.annotation)))
+
+
+def _marks(kind: Any) -> Iterator[Any]:
+    """What types are annotated with, outside of models."""
+    if get_origin(kind) is Annotated:
+        yield from kind.__metadata__
+    for part in get_args(kind):
+        yield from _marks(part)
 
 
 class Model(BaseModel):
