@@ -27,9 +27,9 @@ from taichi_plume.scenario.openings import (
     Opening,
     Outlet,
     Periodic,
-    Region,
     Slip,
 )
+from taichi_plume.scenario.windows import Region
 from taichi_plume.solvers.fans import CurvedFan
 
 AIR_DENSITY = 1.184  # kg/m³ at 25 °C

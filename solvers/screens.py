@@ -13,7 +13,7 @@ import taichi as ti
 
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template, listed
-from taichi_plume.scenario.openings import Screen
+from taichi_plume.scenario.screens import Screen
 
 
 @ti.func

@@ -31,7 +31,7 @@ from taichi_plume.grid.grid import Grid
 from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.gases import EulerianGas
 from taichi_plume.scenario.obstacles import Obstacle
-from taichi_plume.scenario.resources import shape as shape_of
+from taichi_plume.scenario.shapes import shape as shape_of
 from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.boundaries import periodic_axes
 from taichi_plume.solvers.flow import FlowSolver

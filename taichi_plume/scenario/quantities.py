@@ -2,7 +2,7 @@
 
 import re
 from functools import cache
-from math import inf
+from math import ceil, floor, inf, log10
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, BeforeValidator, Field
@@ -82,3 +82,9 @@ def quantity(unit: str, least: float = -inf, most: float = inf, likely: str = ""
         AfterValidator(plausible),
         BeforeValidator(lambda value: parse(value, unit), json_schema_input_type=float | str),
     ]
+
+
+def round_up(value: float) -> float:
+    """`value` rounded up to two digits."""
+    unit = 10.0 ** (floor(log10(value)) - 1)
+    return ceil(value / unit - 1e-9) * unit
