@@ -3,7 +3,7 @@
 import taichi as ti
 
 from taichi_plume.agents.swarm import GroupRange, Swarm
-from taichi_plume.scenario.algorithms import Listening
+from taichi_plume.scenario.listening import Listening
 
 
 @ti.data_oriented

@@ -5,11 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from taichi_plume.agents.swarm import SKIN
-from taichi_plume.scenario.robots import Group, StartArea, StartAt
+from taichi_plume.scenario.robots import Group
+from taichi_plume.scenario.starts import GAP, StartArea
 
 DRAWS = 20_000  # random places tried per trial before an area counts as full
-ROOM = 2 * SKIN  # m, air around a body at the start
 ROUNDING = 1e-9  # m
 
 
@@ -58,13 +57,10 @@ def placed(group: Group, positions: np.ndarray) -> Placed:
 
 def _given(group: Group) -> np.ndarray:
     """The places, (count, 2), that the scenario gives."""
-    start = group.start
-    if isinstance(start, StartAt):
-        if len(start.positions) != group.count:
-            raise ValueError(f"{group.count} robots need as many positions, got {len(start.positions)}")
-        return np.array(start.positions)
-    assert not isinstance(start, StartArea)
-    return np.linspace(start.begin, start.end, group.count)
+    places = group.start.places(group.count)
+    if places is None:
+        raise ValueError(f"{group.count} robots need as many positions, got {len(group.start.listed)}")
+    return places
 
 
 def _gaps(points: np.ndarray, radius: float, others: list[tuple[np.ndarray, float]]) -> np.ndarray:
@@ -88,9 +84,9 @@ def _check(
     clearance = distance(points)
     for i, (x, y) in enumerate(points):
         who = f"robot {i} of radius {radius:g} m at ({x:g}, {y:g}) m"
-        if clearance[i] < radius + ROOM - ROUNDING:
+        if clearance[i] < radius + GAP - ROUNDING:
             raise ValueError(f"{who} would touch a wall or an obstacle at the start")
-        if _gaps(points[i : i + 1], radius, [*others, (points[:i], radius)])[0] < ROOM - ROUNDING:
+        if _gaps(points[i : i + 1], radius, [*others, (points[:i], radius)])[0] < GAP - ROUNDING:
             raise ValueError(f"{who} would touch another robot at the start")
 
 
@@ -107,9 +103,9 @@ def _scatter(
     batch = max(64, 4 * group.count)
     for _ in range(-(-DRAWS // batch)):
         points = rng.uniform(start.low, start.high, (batch, 2))
-        free = (distance(points) >= radius + ROOM) & (_gaps(points, radius, others) >= ROOM)
+        free = (distance(points) >= radius + GAP) & (_gaps(points, radius, others) >= GAP)
         for point in points[free]:
-            if _gaps(point[None], radius, [(kept, radius)])[0] >= ROOM:
+            if _gaps(point[None], radius, [(kept, radius)])[0] >= GAP:
                 kept = np.vstack([kept, point])
                 if len(kept) == group.count:
                     return kept

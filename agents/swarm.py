@@ -16,7 +16,7 @@ import taichi as ti
 
 from taichi_plume.agents.odometry import Odometry
 from taichi_plume.grid.rng import generator
-from taichi_plume.scenario.obstacles import Box, Obstacle, motion_of
+from taichi_plume.scenario.obstacles import Box, Obstacle
 from taichi_plume.scenario.robots import Group
 
 SKIN = 1e-3  # m, air kept around a body: far more than the rounding of its position
@@ -135,7 +135,7 @@ class Swarm:
         self.resistance.fill(np.nan)
         self._fill_bodies(n)
         self._fill_members()
-        self.walkers = [(motion_of(one), one.center) for one in walkers]
+        self.walkers = [(one.motion, one.center) for one in walkers]
         self.walker_count = len(self.walkers)
         self.discs: Any = ti.Vector.field(2, ti.f32, max(1, len(walkers)))
         self.disc_radius: Any = ti.field(ti.f32, max(1, len(walkers)))

@@ -13,7 +13,7 @@ from taichi_plume.files.wind_points import Points
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.interpolation import Interpolation
-from taichi_plume.scenario.winds import ImportedWind
+from taichi_plume.scenario.imported_wind import ImportedWind
 from taichi_plume.solvers.playback import PlayedWind
 from taichi_plume.solvers.pressure import pressure_solver
 

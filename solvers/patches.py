@@ -5,7 +5,8 @@ from collections.abc import Callable
 import numpy as np
 
 from taichi_plume.grid.grid import Grid, block_mean
-from taichi_plume.scenario.openings import Fan, Inlet, Jet, Opening, Region
+from taichi_plume.scenario.openings import Fan, Inlet, Jet, Opening
+from taichi_plume.scenario.windows import Region
 
 SAMPLES = 8  # per axis, to average an opening's profile over a cell face
 RIM = 0.05  # of a fan's radius, over which its jet ends

@@ -17,7 +17,8 @@ from taichi_plume.grid.fields import sample_cells, sample_faces
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template
 from taichi_plume.scenario.gases import PlaybackGas
-from taichi_plume.scenario.winds import ImportedWind, PlaybackWind, Played
+from taichi_plume.scenario.imported_wind import ImportedWind
+from taichi_plume.scenario.played import PlaybackWind, Played
 
 
 class Frames(Protocol):

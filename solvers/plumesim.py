@@ -12,8 +12,8 @@ import taichi as ti
 from taichi_plume.files.point_frames import PointFrames
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.rng import generator
+from taichi_plume.scenario.played import PlumeSimWind, PointPlayback
 from taichi_plume.scenario.plumesim import PercentGas, PlumeSimMeander, PlumeSimPuff
-from taichi_plume.scenario.winds import PlumeSimWind, PointPlayback
 from taichi_plume.solvers.point_cloud import PointCloud, within_reach
 
 STATIONS = 20  # of the meandering centre line

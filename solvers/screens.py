@@ -15,7 +15,7 @@ from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.tables import Tables
 from taichi_plume.grid.transfer import Numbers
-from taichi_plume.scenario.openings import Screen
+from taichi_plume.scenario.screens import Screen
 
 
 @ti.func

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 
 if TYPE_CHECKING:
-    from taichi_plume.scenario.loading import load_scenario
+    from taichi_plume.prepare import load_scenario
     from taichi_plume.scenario.scenario import Scenario
     from taichi_plume.simulation import Simulation
 
@@ -21,7 +21,7 @@ def __getattr__(name: str) -> Any:
     where = {
         "Scenario": "scenario.scenario",
         "Simulation": "simulation",
-        "load_scenario": "scenario.loading",
+        "load_scenario": "prepare",
     }
     if name not in where:
         raise AttributeError(f"module 'taichi_plume' has no attribute '{name}'")

@@ -14,16 +14,14 @@ from taichi_plume.agents.snaps import Snaps
 from taichi_plume.agents.swarm import Swarm, disc_around
 from taichi_plume.agents.team import Team
 from taichi_plume.agents.time_series import TimeSeriesMap
-from taichi_plume.files.film import Film, completed
 from taichi_plume.files.gaden import Cubes
-from taichi_plume.files.point_frames import frames_of
-from taichi_plume.files.site import Site
 from taichi_plume.files.wind_points import WindFileError
 from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.grid.cut_cells import Air, air_of
 from taichi_plume.grid.fields import Gas, Mixture, Wind
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.rng import generator
+from taichi_plume.prepare import Prepared, Resources, prepare
 from taichi_plume.scenario import maps as map_models
 from taichi_plume.scenario.closed_forms import (
     ClosedForm,
@@ -33,21 +31,13 @@ from taichi_plume.scenario.closed_forms import (
     MeanderingGas,
 )
 from taichi_plume.scenario.gases import EulerianGas, PlaybackGas, PuffGas, PureGas
+from taichi_plume.scenario.imported_wind import ImportedWind
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.maps import Map
-from taichi_plume.scenario.obstacles import motion_of
+from taichi_plume.scenario.played import PlaybackWind, PlumeSimWind
 from taichi_plume.scenario.plumesim import FluentGas, PlumeSimGas, PlumeSimMeander, PlumeSimPuff
-from taichi_plume.scenario.resources import shapes
 from taichi_plume.scenario.scenario import Scenario
-from taichi_plume.scenario.winds import (
-    CfdWind,
-    FrozenWind,
-    ImportedWind,
-    PlaybackWind,
-    PlumeSimWind,
-    SyntheticWind,
-    UniformWind,
-)
+from taichi_plume.scenario.winds import CfdWind, FrozenWind, SyntheticWind, UniformWind
 from taichi_plume.simulation import Mapper, Simulation
 from taichi_plume.solvers.bodies import MovingObstacle, Wake
 from taichi_plume.solvers.flow import FlowSolver
@@ -73,44 +63,57 @@ SNAP_MAPS = {"time_series": TimeSeriesMap, "inverse_distance": InverseDistanceMa
 def assemble(
     scenario: Scenario, folder: Path = Path(), algorithms: Mapping[str, type] | None = None
 ) -> Simulation:
+    """The simulation of a scenario of which nothing is wrong; `folder` is where its files lie.
+
+    As `build`. Raises ScenarioError where a file cannot be used or robots do not fit.
+    """
+    prepared = prepare(scenario, folder)
+    faults = prepared.resources.faults
+    if faults:
+        raise ScenarioError([f"{path}: {fault}" for path, fault in faults.items()])
+    return build(prepared, algorithms)
+
+
+def build(prepared: Prepared, algorithms: Mapping[str, type] | None = None) -> Simulation:
     """The simulation of a checked scenario, at the begin of its warm-up; Taichi must have been started.
 
-    folder: where the scenario's meshes and films lie. algorithms: own classes by the name of the group that they drive
-    (its algorithm is of kind own, see agents/own.py). Raises ScenarioError where robots do not fit.
+    algorithms: own classes by the name of the group that they drive (its algorithm is of kind own, see agents/own.py).
+    Raises ScenarioError where robots do not fit.
     """
-    scenario = completed(scenario, folder)
-    obstacles = shapes(scenario, folder)
-    standing = [one if motion_of(one.model) is None else None for one in obstacles]
-    openings = scenario.wind.openings if isinstance(scenario.wind, CfdWind) else ()
-    film = Film(folder / scenario.wind.file) if isinstance(scenario.wind, PlaybackWind) else None
+    scenario, resources = prepared
+    obstacles, openings = resources.obstacles, scenario.openings
+    film, cubes = resources.films.get("wind"), resources.site.cubes if resources.site else None
     grid = Grid.of(scenario.domain, film.periodic if film else periodic_axes(openings, scenario.domain.dim))
-    site = None
-    if isinstance(scenario.wind, ImportedWind):
-        site = Site(scenario.wind, scenario.domain.dim, folder)
-    cubes = site.cubes if site else None
     if film:
         air = film.air()
-    elif site:
-        air = air_of(standing, grid, left=cubes.shares(grid) if cubes else None)
+    elif resources.site:
+        air = resources.site_air()
     else:
-        air = air_of(standing, grid, opening_cells(openings, grid))
+        air = air_of(resources.standing, grid, opening_cells(openings, grid))
     swarm = _swarm(scenario, obstacles, grid, cubes)
     scalars = {path: Scalar(grid) for path, model in scenario.gases if isinstance(model, EulerianGas)}
     if isinstance(scenario.wind, CfdWind):
-        resistances = [partial(MovingObstacle, one.model, grid) for one in obstacles if motion_of(one.model)]
+        resistances = [partial(MovingObstacle, one.model, grid) for one in obstacles if one.model.motion]
         resistances += _wakes(swarm, grid)
         wind = _flow(scenario, grid, air, _weighing(scenario, scalars), resistances)
     else:
-        wind = _wind(scenario, film, site, folder, grid, air)
+        wind = _wind(scenario, resources, grid, air)
     gas = Mixture(
         [
-            _gas(model, path, scenario, folder, grid, wind, air, scalars.get(path))
+            _gas(model, path, scenario, resources, grid, wind, air, scalars.get(path))
             for path, model in scenario.gases
         ]
     )
     own = algorithms or {}
     teams = [
-        Team(swarm, group, grid.dim, scenario.tick, folder, own.get(group.name)) for group in swarm.groups
+        Team(
+            swarm,
+            group,
+            grid.dim,
+            scenario.tick,
+            own=own.get(group.name) or resources.own.get(f"robots[{n}].algorithm"),
+        )
+        for n, group in enumerate(swarm.groups)
     ]
     floor = (grid.extent[0], grid.extent[1])
     maps = mappers(scenario.maps, floor, max(1, swarm.trials), swarm.clearance.obstacle_distance_at)
@@ -121,24 +124,21 @@ def assemble(
     return sim
 
 
-def _wind(
-    scenario: Scenario, film: Film | None, site: Site | None, folder: Path, grid: Grid, air: Air
-) -> Wind:
-    """The wind; `film` is the one that is played back, `site` has the files of an imported one."""
+def _wind(scenario: Scenario, resources: Resources, grid: Grid, air: Air) -> Wind:
+    """The wind."""
     model, begin = scenario.wind, scenario.first_tick * scenario.tick
     if isinstance(model, UniformWind):
         return UniformSolver(model, grid, begin, scenario.seed)
     if isinstance(model, SyntheticWind):
         return SyntheticSolver(model, grid, air, begin, scenario.seed)
     if isinstance(model, PlaybackWind):
-        assert film is not None
-        return PlayedWind(model, film, grid, begin)
+        return PlayedWind(model, resources.films["wind"], grid, begin)
     if isinstance(model, PlumeSimWind):
-        return PointWind(model, frames_of(model, folder), grid.extent, begin)
+        return PointWind(model, resources.frames["wind"], grid.extent, begin)
     if isinstance(model, ImportedWind):
-        assert site is not None
+        assert resources.site is not None
         try:
-            return ImportedFlow(ImportedFilm(site, grid, air), model, grid, begin)
+            return ImportedFlow(ImportedFilm(resources.site, grid, air), model, grid, begin)
         except WindFileError as error:
             raise ScenarioError([f"wind.files: {error}"]) from None
     raise AssertionError(f"wind.kind: {model.kind}")
@@ -177,7 +177,7 @@ def _gas(
     model: PureGas,
     path: str,
     scenario: Scenario,
-    folder: Path,
+    resources: Resources,
     grid: Grid,
     wind: Wind,
     air: Air,
@@ -186,9 +186,9 @@ def _gas(
     """One gas; `path` is its place in the scenario, `scalar` its concentration on the grid, where it has one."""
     begin = scenario.first_tick * scenario.tick
     if isinstance(model, PlaybackGas):
-        return PlayedGas(model, Film(folder / model.file), grid, begin)
+        return PlayedGas(model, resources.films[path], grid, begin)
     if isinstance(model, PlumeSimGas | FluentGas):
-        return PointGas(model, model, frames_of(model, folder), grid.extent, begin)
+        return PointGas(model, model, resources.frames[path], grid.extent, begin)
     if isinstance(model, PlumeSimPuff):
         return ProgramPuff(model, grid.extent, begin)
     if isinstance(model, PlumeSimMeander):
@@ -269,13 +269,13 @@ def _start_numbers(seed: int, group: int, trial: int) -> np.random.Generator:
 def _swarm(scenario: Scenario, obstacles: list, grid: Grid, cubes: Cubes | None) -> Swarm:
     """All robots at their places; `cubes` stand in their way too."""
     height = max((group.body.height for group in scenario.robots), default=0.1)
-    standing = [s for s in obstacles if motion_of(s.model) is None] + ([cubes] if cubes else [])
+    standing = [s for s in obstacles if s.model.motion is None] + ([cubes] if cubes else [])
     floor = scenario.floor
     clearance = ClearanceMap(standing, floor.high, height, low=floor.low)
     walkers = [
         s.model
         for s in obstacles
-        if motion_of(s.model) and np.isfinite(s.horizontal_distance(np.zeros((1, 2)), 0.0, height))
+        if s.model.motion and np.isfinite(s.horizontal_distance(np.zeros((1, 2)), 0.0, height))
     ]
     trials = np.arange(max((group.trials for group in scenario.robots), default=1))
     occupied = [

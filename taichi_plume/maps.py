@@ -136,9 +136,9 @@ def _number(t: np.ndarray, window: float) -> np.ndarray:
 
 
 def _check_size(model: "Map", size: tuple[float, float]) -> None:
-    from taichi_plume.scenario.size import MOST_FIELD_COLUMN, MOST_MAP_CELLS
+    from taichi_plume.scenario.maps import MOST_CELLS, MOST_FIELD_COLUMN
 
-    finest, limit = sqrt(size[0]) * sqrt(size[1] / MOST_MAP_CELLS), f"{MOST_MAP_CELLS} cells"
+    finest, limit = sqrt(size[0]) * sqrt(size[1] / MOST_CELLS), f"{MOST_CELLS} cells"
     if model.kind == "gmrf":
         column = min(size) / MOST_FIELD_COLUMN
         if column > finest:

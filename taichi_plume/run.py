@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from taichi_plume.map_scores import MapScores
+    from taichi_plume.prepare import Prepared
     from taichi_plume.scenario.scenario import Scenario
     from taichi_plume.simulation import Simulation
 
@@ -30,19 +31,20 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` (without the program's name) and return its exit code."""
     args = _arguments(argv)
     os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
-    from taichi_plume.scenario.loading import ScenarioError, load_scenario
+    from taichi_plume.prepare import load
+    from taichi_plume.scenario.loading import ScenarioError
 
     overrides = list(args.set)
     for key in ("seed", "duration"):
         if getattr(args, key) is not None:
             overrides.append(f"{key}={getattr(args, key)}")
     try:
-        scenario = load_scenario(args.scenario, overrides)
+        prepared = load(args.scenario, overrides)
         if args.check:
             with _reader_may_leave():
-                _print_check(scenario)
+                _print_check(prepared.scenario)
             return 0
-        return _run(scenario, args)
+        return _run(prepared, args)
     except ScenarioError as error:
         print(error, file=sys.stderr)
         return 2
@@ -112,7 +114,7 @@ def _duration(seconds: float) -> str:
 # ---------------------------------------------------------------- the run
 
 
-def _run(scenario: "Scenario", args: argparse.Namespace) -> int:
+def _run(prepared: "Prepared", args: argparse.Namespace) -> int:
     """Assemble and run; keep what there is, whatever ends it."""
     from rich.console import Console
 
@@ -125,14 +127,14 @@ def _run(scenario: "Scenario", args: argparse.Namespace) -> int:
     console = Console(stderr=True)
     try:
         backend = kernels.start(args.arch)
-        out = run_folder.run_folder(scenario.name, args.out, args.force)
+        out = run_folder.run_folder(prepared.scenario.name, args.out, args.force)
     except (RuntimeError, run_folder.RunFolderError) as error:
         print(error, file=sys.stderr)
         return 2
     try:
         if console.is_terminal and not args.quiet:
             console.print("compiling ...", end="\r", highlight=False)
-        sim = _assemble(scenario, args)
+        sim = _build(prepared)
     except BaseException as error:
         _remove_if_empty(out)
         if isinstance(error, (ScenarioError, KeyboardInterrupt)):
@@ -148,7 +150,7 @@ def _run(scenario: "Scenario", args: argparse.Namespace) -> int:
     except Exception as error:  # a simulation too broken to tell
         if not code:
             (status, message), code = _explain(error), 1
-        content = {"name": scenario.name, "status": status, "message": message}
+        content = {"name": prepared.scenario.name, "status": status, "message": message}
     try:
         result.write_result(out, content)
     except OSError as error:
@@ -163,10 +165,10 @@ def _run(scenario: "Scenario", args: argparse.Namespace) -> int:
     return code
 
 
-def _assemble(scenario: "Scenario", args: argparse.Namespace) -> "Simulation":
-    from taichi_plume.assemble import assemble
+def _build(prepared: "Prepared") -> "Simulation":
+    from taichi_plume.assemble import build
 
-    return assemble(scenario, args.scenario.resolve().parent)
+    return build(prepared)
 
 
 def _simulate(

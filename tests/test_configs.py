@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from taichi_plume import run
-from taichi_plume.scenario.loading import load_scenario
+from taichi_plume.prepare import load_scenario
 
 CONFIGS = Path(__file__).parent.parent / "configs"
 

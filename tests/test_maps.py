@@ -14,7 +14,7 @@ from taichi_plume.agents.recorded import RecordedTeam
 from taichi_plume.assemble import assemble, mappers
 from taichi_plume.files import robots_table
 from taichi_plume.grid import kernels
-from taichi_plume.scenario.loading import load_scenario
+from taichi_plume.prepare import load_scenario
 from taichi_plume.scenario.maps import InverseDistanceMap, KernelMap, MarkovMap, TimeSeriesMap
 
 pytestmark = pytest.mark.usefixtures("taichi")

@@ -11,7 +11,7 @@ from taichi_plume.files.site import Site
 from taichi_plume.grid.cut_cells import air_of
 from taichi_plume.grid.fields import velocity_at
 from taichi_plume.grid.grid import Grid
-from taichi_plume.scenario.winds import ImportedWind
+from taichi_plume.scenario.imported_wind import ImportedWind
 from taichi_plume.solvers.imported import ImportedFilm, ImportedFlow
 from taichi_plume.validation.case import SECOND_ORDER, Answer, Case, Curve, Expected
 

@@ -6,7 +6,8 @@ Each scenario in `configs/` (or those named), shortened to S seconds of warm-up 
 one process. Then it is reset and run again: as it is; with another seed; with every speed of the air, every rate of
 release and every place where robots start changed; and as it is once more. Each time `robots.parquet` and the mass
 budget are compared with those of a fresh process that runs that scenario. Told are also how many kernels the resets
-compiled (none are allowed) and by how much the process grew over N resets, a tick after each. Exit code 0: all the same.
+compiled (none are allowed), and by how much the process grew over N resets with a tick after each. Exit code 0: all
+the same.
 """
 
 import argparse
@@ -26,7 +27,7 @@ from taichi_plume.files.result import result, write_result
 from taichi_plume.files.robots_table import RobotTable
 from taichi_plume.files.run_folder import to_yaml
 from taichi_plume.grid import kernels
-from taichi_plume.scenario.loading import load_scenario
+from taichi_plume.prepare import load_scenario
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.simulation import Simulation
 from taichi_plume.validation.same_runs import differences, shortened

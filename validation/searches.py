@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from taichi_plume.assemble import assemble
-from taichi_plume.scenario.checks import problems
-from taichi_plume.scenario.loading import ScenarioError
+from taichi_plume.prepare import checked
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scores import trial_outcomes, trial_summary
 from taichi_plume.simulation import Every, Simulation
@@ -21,11 +20,7 @@ QUANTITIES = {"success": "success_rate", "time [s]": "time_s", WAY: "overhead"}
 
 def scenario_of(data: dict[str, Any], folder: Path = Path()) -> Scenario:
     """The checked scenario that `data` tells as a YAML file would. Raises ScenarioError."""
-    scenario = Scenario.model_validate(data)
-    faults = problems(scenario, folder)
-    if faults:
-        raise ScenarioError(faults)
-    return scenario
+    return checked(Scenario.model_validate(data), folder).scenario
 
 
 def spread(trials: int, airs: int) -> list[int]:

@@ -15,18 +15,14 @@ A frame counts once its time is written, so a film that was interrupted holds al
 ``xarray.open_zarr("runs/arena-1/fields.zarr", consolidated=False)``.
 """
 
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import zarr
-from pydantic import ValidationError
 from zarr.codecs import BloscCodec, Crc32cCodec
 
 from taichi_plume.grid.cut_cells import Air
-from taichi_plume.scenario.gases import MixtureGas, PlaybackGas, PureGas
-from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.sources import OtherSpecies
 
 FORMAT = "taichi_plume film 2"
@@ -190,7 +186,7 @@ class Film:
         names = [*VELOCITIES[: len(self.shape)], *(["viscosity"] if "viscosity" in self.arrays else [])]
         return names if "u" in self.arrays else []
 
-    @cached_property
+    @property
     def gas(self) -> list[str]:
         """Names of the variables of the gas, one per species; empty where none was recorded."""
         return sorted(name for name in self.arrays if name.startswith(GAS))
@@ -240,23 +236,3 @@ class Film:
 def _line(error: Exception) -> str:
     """What zarr says, in one line; after a checksum's mismatch it lists bytes."""
     return " ".join(str(error).partition(". Stored")[0].split()) or type(error).__name__
-
-
-def completed(scenario: Scenario, folder: Path) -> Scenario:
-    """The scenario with the recorded species and sources where a played gas gives none. Raises FilmError."""
-    if isinstance(scenario.gas, MixtureGas):
-        parts = tuple(_completed(part, folder) for part in scenario.gas.parts)
-        return scenario.model_copy(update={"gas": scenario.gas.model_copy(update={"parts": parts})})
-    return scenario.model_copy(update={"gas": _completed(scenario.gas, folder)})
-
-
-def _completed(gas: PureGas, folder: Path) -> PureGas:
-    if not isinstance(gas, PlaybackGas) or (gas.sources and gas.species):
-        return gas
-    film = Film(folder / gas.file)
-    try:
-        recorded = film.attributes["gases"][film.gas_of(gas.species)] if film.gas else {}
-        given = gas.model_dump(exclude_none=True, exclude_defaults=True)
-        return PlaybackGas.model_validate(recorded | given | {"kind": "playback"})
-    except (ValidationError, LookupError, TypeError):
-        raise FilmError(f"{film.path}: is damaged: its species or sources are not ones of ours") from None

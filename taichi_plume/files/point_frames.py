@@ -17,8 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
+from taichi_plume.scenario.played import PlumeSimLog
 from taichi_plume.scenario.plumesim import FluentGas
-from taichi_plume.scenario.winds import PlumeSimLog
 
 LARGEST_FILE = 128 << 20  # bytes of a log, or of all files of an export
 MOST_FRAMES = 100_000

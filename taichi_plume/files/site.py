@@ -9,7 +9,7 @@ from taichi_plume.files import wind_points as wind_files
 from taichi_plume.files.wind_points import Points, WindFileError
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.interpolation import Interpolation
-from taichi_plume.scenario.winds import ImportedWind
+from taichi_plume.scenario.imported_wind import ImportedWind
 
 
 class Site:

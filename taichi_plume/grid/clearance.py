@@ -7,16 +7,9 @@ import taichi as ti
 from scipy import ndimage
 
 from taichi_plume.grid.fields import corner
-from taichi_plume.grid.shapes import Shape
+from taichi_plume.grid.shapes import Shape, clearance_resolution
 
-CLEARANCE_STEP = 0.01  # m, the finest grid of a clearance map
-CLEARANCE_NODES = 400_000
 FAR = 1e6  # m, clearance where there is no obstacle
-
-
-def clearance_resolution(extent: tuple[float, ...]) -> float:
-    """Spacing [m] of the nodes of a clearance map, which may tell up to √2 times this less than is free."""
-    return max(CLEARANCE_STEP, sqrt(extent[0] * extent[1] / CLEARANCE_NODES))
 
 
 @ti.data_oriented

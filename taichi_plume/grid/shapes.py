@@ -11,6 +11,9 @@ from typing import Any
 
 import numpy as np
 
+CLEARANCE_STEP = 0.01  # m, the finest grid of a clearance map
+CLEARANCE_NODES = 400_000
+
 
 class Shape(ABC):
     """An obstacle. `model` is its section of the scenario, `low` and `high` (dim,) its bounding box [m]."""
@@ -141,3 +144,8 @@ def rotation(yaw_deg: float) -> np.ndarray:
     """Columns: the axes of a body turned about the vertical."""
     c, s = cos(radians(yaw_deg)), sin(radians(yaw_deg))
     return np.array([[c, -s], [s, c]])
+
+
+def clearance_resolution(extent: tuple[float, ...]) -> float:
+    """Spacing [m] of the nodes of a clearance map, which may tell up to √2 times this less than is free."""
+    return max(CLEARANCE_STEP, sqrt(extent[0] * extent[1] / CLEARANCE_NODES))

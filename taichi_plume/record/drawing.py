@@ -5,7 +5,7 @@ from math import ceil, cos, floor, hypot, log10, pi, radians, sin, tan
 
 import numpy as np
 
-from taichi_plume.scenario.openings import Window
+from taichi_plume.scenario.windows import Window
 
 ROBOTS = np.array(
     [
@@ -28,15 +28,6 @@ STATES = np.array(
     np.uint32,
 )
 FOUND = 0xE53935FF
-OPENINGS = {
-    "fan": (79, 195, 247),
-    "inlet": (79, 195, 247),
-    "honeycomb": (255, 213, 79),
-    "perforated": (255, 213, 79),
-    "outlet": (129, 199, 132),
-    "slip": (144, 164, 174),
-    "wall": (206, 147, 216),
-}
 VIRIDIS = ((68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (253, 231, 37))
 EMBER = ((24, 26, 32), (78, 52, 46), (191, 97, 44), (255, 183, 77), (255, 245, 200))
 BLUE_RED = ((33, 102, 172), (103, 169, 207), (236, 239, 241), (239, 138, 98), (178, 24, 43))

@@ -11,9 +11,9 @@ import os
 import re
 from dataclasses import dataclass, field
 from datetime import timedelta
-from math import ceil, hypot
+from math import ceil
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, cast
 
 import numpy as np
 import rerun as rr
@@ -21,13 +21,11 @@ import rerun as rr
 from taichi_plume import __version__
 from taichi_plume.files import disk
 from taichi_plume.grid import fields
+from taichi_plume.grid.fields import Wind
 from taichi_plume.map_scores import MapScores
 from taichi_plume.record import drawing, layout, scene
 from taichi_plume.record.layout import TIME
-from taichi_plume.scenario.obstacles import motion_of
-from taichi_plume.scenario.openings import MovingWall
 from taichi_plume.scenario.scenario import Scenario
-from taichi_plume.scenario.winds import ImportedWind, PlaybackWind, PlumeSimWind, SyntheticWind, UniformWind
 from taichi_plume.simulation import Every, Simulation
 
 MOST_ROBOTS = 50
@@ -71,12 +69,12 @@ class Recorder:
         self.rates = scenario.recording
         self.stage = scene.Stage.of(sim)
         self.robots = _recorded_robots(sim)
-        algorithms = [group.algorithm for group in scenario.robots]
-        self.thresholds = sorted({a.threshold_ppm for a in algorithms if hasattr(a, "threshold_ppm")})
+        thresholds = {group.algorithm.threshold for group in scenario.robots}
+        self.thresholds = sorted(ppm for ppm in thresholds if ppm is not None)
         self.events: list[tuple[float, str, str, int]] = []
         self.schedule = _schedule(scenario)
         self.walks: dict[int, list[tuple[float, float, float]]] = {
-            n: [] for n, one in enumerate(scenario.obstacles) if motion_of(one)
+            n: [] for n, one in enumerate(scenario.obstacles) if one.motion
         }
         """(time, x, y) of the way of each moving obstacle since the last flush."""
         self.maps: list[Any] = list(sim.maps)
@@ -268,8 +266,9 @@ class Recorder:
         """Gather where those that move are, relative to their centre in the scenario."""
         for n, samples in self.walks.items():
             one = sim.scenario.obstacles[n]
-            x, y = motion_of(one).place(one.center, sim.t)
-            samples.append((sim.t, x - one.center[0], y - one.center[1]))
+            if one.motion is not None:
+                x, y = one.motion.place(one.center, sim.t)
+                samples.append((sim.t, x - one.center[0], y - one.center[1]))
 
     def picture_maps(self, sim: Simulation) -> None:
         """Estimate, weight, truth and error of the first trial's maps, and their scores as series."""
@@ -425,30 +424,26 @@ def _recorded_robots(sim: Simulation) -> list[Robot]:
 def _schedule(scenario: Scenario) -> list[tuple[float, str]]:
     """(time, text) of each scheduled change of an opening's speed, in order."""
     changes = []
-    for n, opening in enumerate(getattr(scenario.wind, "openings", ())):
-        for step in getattr(opening, "schedule", ()):
-            text = f"{opening.kind} {n} on face {opening.face}: {step.speed:g} m/s from now on"
+    for n, opening in enumerate(scenario.openings):
+        for step in opening.changes:
+            face = opening.region.face if opening.region else ""
+            text = f"{opening.kind} {n} on face {face}: {step.speed:g} m/s from now on"
             changes.append((step.at, text))
     return sorted(changes)
 
 
+class Shown(Wind, Protocol):
+    """A wind whose files tell how fast it gets."""
+
+    top_speed: float
+
+
 def _top_speed(sim: Simulation) -> float:
     """Largest prescribed or recorded speed [m/s]: the arrows' full length."""
-    wind = sim.scenario.wind
-    if isinstance(wind, PlaybackWind | PlumeSimWind | ImportedWind):
-        return getattr(sim.wind, "top_speed", 0.0) or 0.1
-    speeds = [hypot(*wind.velocity)] if isinstance(wind, UniformWind) else []
-    if isinstance(wind, SyntheticWind):
-        speeds.append(2.0 * hypot(wind.speed, wind.circulation))  # faster in one place of ten thousand only
-    for opening in getattr(wind, "openings", ()):
-        if isinstance(opening, MovingWall):
-            speeds.append(hypot(*opening.velocity))
-        speeds.append(abs(getattr(opening, "speed", None) or 0.0))
-        if getattr(opening, "curve", None):
-            domain = sim.scenario.domain
-            speeds.append(opening.curve.flow / opening.area(domain.extent, domain.depth))
-        speeds += [abs(step.speed) for step in getattr(opening, "schedule", ())]
-    return max(speeds, default=0.0) or 0.1
+    speed = sim.scenario.wind.top_speed(sim.scenario)
+    if speed is None:
+        speed = cast(Shown, sim.wind).top_speed
+    return speed or 0.1
 
 
 # ---------------------------------------------------------------- small conversions to rerun

@@ -17,8 +17,8 @@ from taichi_plume.files.run_folder import to_yaml
 from taichi_plume.record import drawing
 from taichi_plume.scenario.gases import AnySource
 from taichi_plume.scenario.obstacles import Box, Cylinder, Prism, Sphere
-from taichi_plume.scenario.openings import Region, Window
-from taichi_plume.scenario.vocabulary import Point2
+from taichi_plume.scenario.vocabulary import Color, Point2
+from taichi_plume.scenario.windows import Window
 from taichi_plume.simulation import Simulation
 
 FLAT = 0.05  # height of the walls of a 2-D arena over its shorter side
@@ -89,11 +89,14 @@ def arena(sim: Simulation, stage: Stage) -> Entities:
         yield f"world/obstacles/{n}", _solid(shape, stage)
     for n, source in enumerate(source for _, source in sim.scenario.sources):
         yield f"world/sources/{n}", _source(source, stage)
-    for n, region in enumerate(getattr(sim.scenario.wind, "openings", ())):
-        if isinstance(region, Region):
-            yield from _opening(f"world/openings/{n}", region, stage)
-    for n, screen in enumerate(getattr(sim.scenario.wind, "screens", ())):
-        yield from _opening(f"world/screens/{n}", screen, stage)
+    for n, opening in enumerate(sim.scenario.openings):
+        if opening.region is not None:
+            name = opening.label if opening.passes else None
+            yield from _window(
+                f"world/openings/{n}", opening.region, opening.color, opening.straight, name, stage
+            )
+    for n, screen in enumerate(sim.scenario.screens):
+        yield from _window(f"world/screens/{n}", screen, screen.color, True, screen.kind, stage)
 
 
 def _solid(shape: Any, stage: Stage) -> Any:
@@ -146,22 +149,23 @@ def _source(source: AnySource, stage: Stage) -> Any:
     return rr.Points3D([position], radii=radius, colors=RED, labels=["source"], show_labels=True)
 
 
-def _opening(entity: str, region: Window, stage: Stage) -> Entities:
-    kind, speed = getattr(region, "kind", ""), getattr(region, "speed", None)
-    color = drawing.OPENINGS[kind]
-    outline = drawing.opening(region, stage.extent, stage.height)
+def _window(
+    entity: str, window: Window, color: Color, combed: bool, name: str | None, stage: Stage
+) -> Entities:
+    """An opening or a screen; combed: with lines across it. name: of one that air goes through."""
+    outline = drawing.opening(window, stage.extent, stage.height)
     lines, width = [np.vstack([outline, outline[:1]])], 2.0
-    if kind in ("honeycomb", "perforated"):
-        lines += drawing.comb(region, stage.extent, stage.height)
+    if combed:
+        lines += drawing.comb(window, stage.extent, stage.height)
         width = 0.8
     yield entity, rr.LineStrips3D(lines, colors=color, radii=rr.Radius.ui_points(width))
-    if kind in ("slip", "wall"):
+    if name is None:
         return
     triangles = [[0, i, i + 1] for i in range(1, len(outline) - 1)]
     pane = rr.Mesh3D(vertex_positions=outline, triangle_indices=triangles, albedo_factor=[*color, 45])
     yield f"{entity}/pane", pane
     middle = [*outline.mean(axis=0)[:2], outline[:, 2].max()]
-    yield f"{entity}/name", _label(kind if speed is None else f"{kind} {speed:g} m/s", middle, color)
+    yield f"{entity}/name", _label(name, middle, color)
 
 
 # ---------------------------------------------------------------- robots and series

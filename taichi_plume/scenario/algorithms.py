@@ -1,22 +1,22 @@
 """The search algorithms of a scenario and their parameters."""
 
-from collections.abc import Sequence
-from math import ceil, sqrt
-from typing import Annotated, Any, Literal
+from collections.abc import Iterator, Sequence
+from math import ceil
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import Field
 
+from taichi_plume.scenario.context import Context
+from taichi_plume.scenario.listening import AnyAlgorithm, EColi, Infotaxis, Listening, Spiral
 from taichi_plume.scenario.maps import TimeSeriesMap
+from taichi_plume.scenario.starts import GAP
 from taichi_plume.scenario.vocabulary import (
     Count,
     Delay,
-    Diffusivity,
     Distance,
     Duration,
     Fraction,
-    Frequency,
     Length,
     Model,
     NonNegative,
@@ -26,8 +26,14 @@ from taichi_plume.scenario.vocabulary import (
     TopSpeed,
 )
 
+if TYPE_CHECKING:
+    from taichi_plume.scenario.arena import Arena
+    from taichi_plume.scenario.robots import Group
 
-class PlumeTracking(Model):
+MOST_PAIRS = 20_000_000  # of robots that remember each other's messages: half a gigabyte
+
+
+class PlumeTracking(AnyAlgorithm):
     """What algorithms share that follow a plume upwind. See agents/tracking.py."""
 
     kind: str
@@ -43,6 +49,11 @@ class PlumeTracking(Model):
     """Also out of the plume below this share of the last peak, so that a slow sensor notices; 0 switches it off."""
     wind_memory: Delay = 1.0
     """Time constant of the average of the measured wind direction [s]."""
+
+    @property
+    def threshold(self) -> float:
+        """Of the plume [ppm]."""
+        return self.threshold_ppm
 
 
 class Casting(PlumeTracking):
@@ -71,106 +82,6 @@ class SurgeSpiral(PlumeTracking):
     """Between two turns of the spiral [m]."""
     turns: Positive = 4.0
     """Of a spiral, before the search starts anew."""
-
-
-class Listening(Model):
-    """What algorithms share that stand still to listen: an acquisition is a series of samples."""
-
-    speed: Speed | None = None
-    """Unless given, the body's largest."""
-    acquisition: Duration = 30.0
-    """Time of listening [s]."""
-    sample_period: Duration = 0.5
-    """Between the samples of an acquisition [s]."""
-    settle: Delay = 1.0
-    """Standing still before it [s]."""
-
-
-class Spiral(Listening):
-    """SPIRAL (Ferri et al. 2009). See agents/spiral.py."""
-
-    kind: Literal["spiral"]
-    minimum_ppm: Positive = 0.2
-    """Threshold of the proximity index at the start, and after an escape: a mean index far from the source."""
-    delta: Annotated[float, Field(gt=0, lt=1)] = 0.2
-    """By how much misses lower the threshold below the minimum, over the minimum."""
-    mean_weight: NonNegative = 1.0
-    """Of the mean of an acquisition in its proximity index."""
-    peak_weight: NonNegative = 0.5
-    """Of the sum of its peaks."""
-    peak_window: Duration = 5.0
-    """Only the largest peak of so long a time counts [s]."""
-    peak_height: Literal["absolute", "above_mean"] = "absolute"
-    """What of a peak counts: its concentration, or what of it is above the mean."""
-    arms: Annotated[tuple[Length, ...], Field(min_length=1, max_length=100)] = (
-        0.35,
-        0.35,
-        0.7,
-        0.7,
-        1.05,
-        1.05,
-    )
-    """Lengths of a spiral's arms [m]."""
-    escape_length: Length = 0.75
-    """Way to the place of a new spiral when all arms were in vain [m]."""
-    bump_side: Literal["spiral", "gradient"] = "spiral"
-    """Where it turns at a bump: as the spiral does, or to the side of the best of the last 10 acquisitions."""
-    strict_minimum: bool = False
-    """Whether no index below the minimum is a hit, even with a lowered threshold."""
-    random: bool = False
-    """Random SPIRAL: the index is drawn uniformly between 0 and 1; nothing is smelt."""
-
-
-class EColi(Listening):
-    """Run and tumble, as bacteria do (Russell et al. 2003). See agents/ecoli.py."""
-
-    kind: Literal["ecoli"]
-    acquisition: Duration = 3.0
-    step: Length = 0.25
-    """Driven after each acquisition [m]."""
-    step_spread: Fraction = 0.05
-    """Each step is step (1 ± step_spread), drawn uniformly."""
-    run_angle_deg: Annotated[float, Field(ge=0, le=180)] = 5.0
-    """Largest turn before a run; a tumble turns by any angle."""
-
-
-class Infotaxis(Listening):
-    """The way that is expected to tell most about the source (Vergassola et al. 2007). See agents/infotaxis.py."""
-
-    kind: Literal["infotaxis"]
-    acquisition: Duration = 2.0
-    threshold_ppm: Positive = 5.0
-    """Mean reading of an acquisition that counts as a detection."""
-    step: Length = 0.25
-    """Driven after each acquisition, unless it stays [m]."""
-    cell: Length = 0.1
-    """Edge of the cells of its map of beliefs [m]."""
-    rate: Frequency = 1.0
-    """Of the model that it believes in: detections per second close to the source."""
-    diffusivity: Annotated[Diffusivity, Field(gt=0)] = 0.05
-    """Of patches of gas [m²/s]."""
-    wind_speed: Speed = 0.5
-    """Mean [m/s]."""
-    lifetime: Duration = 10.0
-    """Of patches of gas [s]."""
-    size: Length = 0.05
-    """Of what detects them [m]."""
-
-    @property
-    def reach(self) -> float:
-        """How far patches get across the wind: lambda [m]."""
-        D, V, tau = self.diffusivity, self.wind_speed, self.lifetime
-        return sqrt(D * tau / (1.0 + V**2 * tau / (4.0 * D)))
-
-    @model_validator(mode="after")
-    def _small(self) -> "Infotaxis":
-        if self.size >= self.reach:
-            raise PydanticCustomError(
-                "infotaxis",
-                "size = {size} m must be below lambda = {reach} m; lower it, or raise diffusivity",
-                {"size": f"{self.size:g}", "reach": f"{self.reach:.3g}"},
-            )
-        return self
 
 
 class SearchSpace(Model):
@@ -226,8 +137,26 @@ class Dapso(Listening):
     avoidance: Length = 0.2
     """Air to others and to walls below which they push the robot away [m]."""
 
+    @property
+    def threshold(self) -> float:
+        """While the best reading known is smaller, it explores [ppm]."""
+        return self.threshold_ppm
 
-class LineUp(Model):
+    def in_group(self, where: str, group: "Group", floor: "Arena") -> Iterator[str]:
+        """There has to be air between walls, and memory for the messages."""
+        crowded = list(_crowded(where, self.avoidance, group, floor))
+        yield from crowded
+        if crowded:
+            return
+        pairs = group.trials * group.count**2
+        if pairs > MOST_PAIRS:
+            yield (
+                f"{where}.count: {group.count} robots in {group.trials} trials would keep {pairs:.2g} messages of each "
+                f"other; use fewer robots or trials, for at most {MOST_PAIRS:.2g}"
+            )
+
+
+class LineUp(AnyAlgorithm):
     """A diagonal line of robots that sweeps across the wind (Marjovi & Marques 2014). See agents/lineup.py."""
 
     kind: Literal["lineup"]
@@ -254,8 +183,37 @@ class LineUp(Model):
     avoidance: Length = 0.1
     """Air to others and to walls below which they push the robot away [m]."""
 
+    def in_group(self, where: str, group: "Group", floor: "Arena") -> Iterator[str]:
+        """There has to be air between walls, and room for the line."""
+        crowded = list(_crowded(where, self.avoidance, group, floor))
+        yield from crowded
+        if crowded:
+            return
+        if 2 * self.margin >= min(floor.size):
+            yield f"{where}.algorithm.margin: {self.margin:g} m from all walls nothing is left of the floor; lower it"
+            return
+        if group.count == 1:
+            return
+        # Whatever the wind, the line is no longer than the diagonal; along an axis, than that side
+        longest = sum((length - 2 * self.margin) ** 2 for length in floor.size) ** 0.5
+        if self.wind_direction_deg is not None and self.wind_direction_deg % 90 == 0:
+            longest = floor.size[int(self.wind_direction_deg % 180 == 90)] - 2 * self.margin
+        least = 2 * group.body.radius + GAP
+        if self.spacing is not None and self.spacing * (group.count - 1) > longest + 1e-9:
+            yield (
+                f"{where}.algorithm.spacing: a line of {group.count} robots {self.spacing:g} m apart does not fit "
+                f"between the margins, {longest:.3g} m; use at most {longest / (group.count - 1):.3g} m, or fewer "
+                "robots"
+            )
+        elif (self.spacing or longest / (group.count - 1)) < least:
+            key = "count" if self.spacing is None else "algorithm.spacing"
+            yield (
+                f"{where}.{key}: {group.count} robots {2 * group.body.radius:g} m wide would touch in a line with "
+                f"{self.spacing or longest / (group.count - 1):.3g} m from one to the next; use fewer or smaller robots"
+            )
 
-class Sweep(Model):
+
+class Sweep(AnyAlgorithm):
     """Parallel lanes to and fro, shared out between the robots of a team. See agents/sweep.py."""
 
     kind: Literal["sweep"]
@@ -274,8 +232,29 @@ class Sweep(Model):
         axis = int(size[1] > size[0]) if self.along is None else "xy".index(self.along)
         return axis, max(ceil(size[1 - axis] / self.lane - 1e-9), robots)
 
+    def in_group(self, where: str, group: "Group", floor: "Arena") -> Iterator[str]:
+        """There has to be air between walls, and lanes as wide as robots."""
+        crowded = list(_crowded(where, self.avoidance, group, floor))
+        yield from crowded
+        if crowded:
+            return
+        axis, number = self.lanes(floor.size, group.count)
+        width = floor.size[1 - axis]
+        if self.lane > width:
+            yield (
+                f"{where}.algorithm.lane: {self.lane:g} m is wider than the floor across the lanes, {width:g} m; "
+                "use narrower lanes"
+            )
+        least = 2 * group.body.radius + GAP
+        if group.count > 1 and width / number < least:
+            key = "count" if number == group.count else "algorithm.lane"
+            yield (
+                f"{where}.{key}: {number} lanes across {width:g} m are {width / number:.3g} m wide, and the robots in "
+                f"them {2 * group.body.radius:g} m; use {'fewer robots' if key == 'count' else 'wider lanes'}"
+            )
 
-class LeastKnown(Model):
+
+class LeastKnown(AnyAlgorithm):
     """To the places that a map of the team's readings knows least (after Marjovi & Marques, ICRA 2014). See
     agents/least_known.py.
     """
@@ -291,8 +270,12 @@ class LeastKnown(Model):
     avoidance: Length = 0.1
     """Air to others and to walls below which they push the robot away [m]."""
 
+    def in_group(self, where: str, group: "Group", floor: "Arena") -> Iterator[str]:
+        """There has to be air between walls."""
+        yield from _crowded(where, self.avoidance, group, floor)
 
-class RandomWalk(Model):
+
+class RandomWalk(AnyAlgorithm):
     """Straight legs in random directions. See agents/random_walk.py."""
 
     kind: Literal["random_walk"]
@@ -304,7 +287,7 @@ class RandomWalk(Model):
     """Largest turn between legs; after a bump it is 180°."""
 
 
-class Own(Model):
+class Own(AnyAlgorithm):
     """An algorithm of the user's own: a class in a Python file, in NumPy. See agents/own.py."""
 
     kind: Literal["own"]
@@ -314,6 +297,21 @@ class Own(Model):
     """Of the class; unless given, the only one in the file that has an `act`."""
     parameters: dict[str, Any] = Field(default_factory=dict)
     """Keywords for the class."""
+
+    def problems(self, where: str, context: Context) -> Iterator[str]:
+        """The file has to hold an algorithm."""
+        fault = context.resources.faults.get(where)
+        if fault is not None:
+            yield f"{where}.file: {fault}"
+
+
+def _crowded(where: str, avoidance: float, group: "Group", floor: "Arena") -> Iterator[str]:
+    gap = group.body.radius + avoidance
+    if 2 * gap >= min(floor.size):
+        yield (
+            f"{where}.algorithm.avoidance: nowhere is {gap:g} m to all walls, radius and avoidance together; "
+            "lower it"
+        )
 
 
 Algorithm = Annotated[

@@ -1,10 +1,14 @@
 """Gases of a scenario that a formula tells: puffs and plumes in a uniform wind."""
 
+from collections.abc import Iterator
 from typing import Annotated, ClassVar, Literal
 
+import numpy as np
 from pydantic import Field, model_validator
-from pydantic_core import PydanticCustomError
 
+from taichi_plume.scenario.context import Context
+from taichi_plume.scenario.located import Located
+from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.sources import OneGas
 from taichi_plume.scenario.vocabulary import (
     Diffusivities,
@@ -12,17 +16,20 @@ from taichi_plume.scenario.vocabulary import (
     Intensities,
     Length,
     Mass,
-    Model,
     NonNegative,
-    Point,
     Rate,
     Time,
 )
+from taichi_plume.scenario.winds import UniformWind
+
+PARALLEL = 1e-9  # share of the wind through a wall that is none
 
 
 class ClosedForm(OneGas):
     """A gas that a formula tells at any place and time: in a uniform wind, without obstacles, reflected by walls."""
 
+    swept: ClassVar[bool] = False
+    """Whether gusts carry it along as a whole; of a plume they may sweep the centre to and fro."""
     walls: tuple[Face, ...] | None = None
     """Faces of the domain that let no gas through; unless given the ground, z-, in 3-D and none in 2-D."""
 
@@ -30,11 +37,42 @@ class ClosedForm(OneGas):
         """The faces that let no gas through, in `dim` dimensions."""
         return (("z-",) if dim == 3 else ()) if self.walls is None else self.walls
 
+    def problems(self, where: str, context: Context) -> Iterator[str]:
+        """It holds in a uniform wind."""
+        wind = context.scenario.wind
+        if wind.uniform is None:
+            yield (
+                f"{where}.kind: {vars(self)['kind']} takes a uniform wind, but wind.kind is {wind.kind}; "
+                f"use wind.kind: uniform, or {where}.kind: eulerian"
+            )
+        else:
+            yield from self.in_wind(where, wind.uniform, context)
 
-class Release(Model):
+    def in_wind(self, where: str, wind: UniformWind, context: Context) -> Iterator[str]:
+        """What is wrong with it in that wind. Reflection is right where air moves along a wall."""
+        dim = context.domain.dim
+        for face in self.reflecting(dim):
+            d = "xyz".index(face[0])
+            default = " (z- is one unless walls says otherwise)" if self.walls is None else ""
+            if d >= dim:
+                yield f"{where}.walls: '{face}' does not exist in a 2-D run; use x-, x+, y- or y+"
+            elif abs(wind.velocity[d]) > PARALLEL * wind.speed:
+                yield (
+                    f"{where}.walls: the wind blows through {face}{default}, with {wind.velocity[d]:g} m/s along "
+                    f"{face[0]}; take {face} out of walls or turn the wind"
+                )
+            elif wind.gusts is not None and self.swept:
+                deviations = np.array(wind.gusts.deviations(dim)) @ np.abs(wind.frame[1:])
+                if deviations[d] > PARALLEL:
+                    yield (
+                        f"{where}.walls: gusts blow through {face}{default}, across the wind; take {face} out of "
+                        "walls, or calm that part of wind.gusts"
+                    )
+
+
+class Release(Located):
     """A puff, at first a Gaussian of standard deviation `radius`."""
 
-    position: Point
     mass: Mass
     time: Time = 0.0
     """When it is released [s]; the robots start at 0."""
@@ -44,6 +82,7 @@ class Release(Model):
 class GaussianPuffGas(ClosedForm):
     """Puffs that drift and spread: one Gaussian each."""
 
+    swept: ClassVar[bool] = True
     kind: Literal["gaussian_puff"]
     sources_key: ClassVar[str] = "releases"
     releases: Annotated[tuple[Release, ...], Field(min_length=1)]
@@ -55,11 +94,22 @@ class GaussianPuffGas(ClosedForm):
         """What the robots search for."""
         return self.releases
 
+    def in_wind(self, where: str, wind: UniformWind, context: Context) -> Iterator[str]:
+        """It moves with gusts, from when they begin."""
+        yield from super().in_wind(where, wind, context)
+        yield from _numbers(f"{where}.diffusivity", self.diffusivity, context.domain.dim, "")
+        begin = context.scenario.first_tick * context.scenario.tick
+        for n, release in enumerate(self.releases):
+            if wind.gusts is not None and release.time < begin:
+                yield (
+                    f"{where}.releases[{n}].time: {release.time:g} s is before the gusts begin, at {begin:g} s; "
+                    "release it later or raise warm_up"
+                )
 
-class PlumeSource(Model):
+
+class PlumeSource(Located):
     """A steady source, at its place a Gaussian of standard deviation `radius`."""
 
-    position: Point
     rate: Rate
     """Mass per time [kg/s]."""
     radius: Length = 0.05
@@ -74,7 +124,7 @@ class ContinuousSource(PlumeSource):
     @model_validator(mode="after")
     def _ordered(self) -> "ContinuousSource":
         if self.start is not None and self.stop is not None and self.stop <= self.start:
-            raise PydanticCustomError("source", "stop must be later than start")
+            raise fault("stop must be later than start")
         return self
 
 
@@ -85,6 +135,24 @@ class ContinuousGas(ClosedForm):
     sources: Annotated[tuple[ContinuousSource, ...], Field(min_length=1)]
     diffusivity: Diffusivities | None = None
     """One for all axes or one per axis [m²/s]; unless given, the species' in still air."""
+
+    def in_wind(self, where: str, wind: UniformWind, context: Context) -> Iterator[str]:
+        """It takes a steady wind; in a calm gas must not have been emitted for ever."""
+        if wind.gusts is not None:
+            yield (
+                f"{where}.kind: continuous has no solution in a gusty wind; remove wind.gusts, or use kind: meandering "
+                "or gaussian_puff"
+            )
+        yield from super().in_wind(where, wind, context)
+        yield from _numbers(f"{where}.diffusivity", self.diffusivity, context.domain.dim, "")
+        if self.diffusivity is not None and not all(self.diffusivity):
+            yield f"{where}.diffusivity: must be above 0, or the plume is infinitely thin; or use kind: gaussian_plume"
+        for n, source in enumerate(self.sources):
+            if source.start is None and not wind.speed:
+                yield (
+                    f"{where}.sources[{n}].start: is missing: in still air, gas that has been emitted for ever is "
+                    f"everywhere; give it, such as {-context.scenario.warm_up:g} s"
+                )
 
 
 class GaussianPlumeGas(ClosedForm):
@@ -100,10 +168,23 @@ class GaussianPlumeGas(ClosedForm):
     @model_validator(mode="after")
     def _one_law(self) -> "GaussianPlumeGas":
         if (self.intensity is None) == (self.diffusivity is None):
-            raise PydanticCustomError(
-                "spread", "takes either intensity or diffusivity, which widen the plume"
-            )
+            raise fault("takes either intensity or diffusivity, which widen the plume")
         return self
+
+    def in_wind(self, where: str, wind: UniformWind, context: Context) -> Iterator[str]:
+        """It takes a steady wind that blows."""
+        if not wind.speed:
+            yield _calm(where, self.kind)
+            return
+        if wind.gusts is not None:
+            yield (
+                f"{where}.kind: gaussian_plume is a mean over gusts, which the robots would feel without any effect on "
+                "the gas; remove wind.gusts, or use kind: meandering"
+            )
+        yield from super().in_wind(where, wind, context)
+        across = context.domain.dim - 1
+        yield from _numbers(f"{where}.intensity", self.intensity, across, " across the wind")
+        yield from _numbers(f"{where}.diffusivity", self.diffusivity, across, " across the wind")
 
 
 class MeanderingGas(ClosedForm):
@@ -120,3 +201,24 @@ class MeanderingGas(ClosedForm):
     """Growth of the vertical one."""
     width_fluctuation: NonNegative = 0.0
     """Standard deviation of the logarithm of the width, which varies as the gusts do."""
+
+    def in_wind(self, where: str, wind: UniformWind, context: Context) -> Iterator[str]:
+        """It takes a wind that blows, and gusts."""
+        if not wind.speed:
+            yield _calm(where, self.kind)
+            return
+        if wind.gusts is None:
+            yield (
+                f"wind.gusts: are missing, and {where}.kind: meandering follows them; add gusts: {{intensity: 0.15}}"
+            )
+        yield from super().in_wind(where, wind, context)
+
+
+def _calm(where: str, kind: str) -> str:
+    return f"wind.velocity: is 0, but {where}.kind: {kind} is a plume; give it a speed"
+
+
+def _numbers(path: str, given: tuple[float, ...] | None, most: int, where: str) -> Iterator[str]:
+    if given is not None and len(given) not in (1, most):
+        each = f", or one for each of the {most} axes{where}" if most > 1 else ""
+        yield f"{path}: has {len(given)} numbers; give one{each}"

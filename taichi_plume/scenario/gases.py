@@ -1,6 +1,7 @@
 """The gas of a scenario: its kinds, and mixtures of them."""
 
-from typing import Annotated, Literal
+from collections.abc import Iterator, Mapping
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
@@ -12,8 +13,11 @@ from taichi_plume.scenario.closed_forms import (
     PlumeSource,
     Release,
 )
+from taichi_plume.scenario.context import Context
+from taichi_plume.scenario.played import Playback
 from taichi_plume.scenario.plumesim import FluentGas, PlumeSimGas, PlumeSimMeander, PlumeSimPuff
-from taichi_plume.scenario.sources import OneGas, OtherSpecies, Source
+from taichi_plume.scenario.sources import OneGas, OtherSpecies, Source, dishes
+from taichi_plume.scenario.species import Species
 from taichi_plume.scenario.vocabulary import (
     Convection,
     Count,
@@ -25,16 +29,21 @@ from taichi_plume.scenario.vocabulary import (
     Model,
     Speed,
 )
-from taichi_plume.scenario.winds import Playback
 
 
 class EulerianGas(OneGas):
     """Convection and diffusion of a concentration on the grid."""
 
     kind: Literal["eulerian"]
+    on_grid: ClassVar[bool] = True
+    weighs: ClassVar[bool] = True
     convection: Convection = "koren"
     """Scheme of convection; weno5 keeps filaments sharper on the same grid and costs more."""
     sources: Annotated[tuple[Source, ...], Field(min_length=1)]
+
+    def problems(self, where: str, context: Context) -> Iterator[str]:
+        """What evaporates must do so."""
+        yield from dishes(where, self.vapour, self.sources)
 
 
 class DiffusiveGrowth(Model):
@@ -83,10 +92,32 @@ class PuffGas(OneGas):
     most: Annotated[Count, Field(ge=100)] = 200_000
     """Puffs at a time: beyond, neighbours are merged."""
 
+    def misfits(self, where: str, dim: int) -> Iterator[str]:
+        """Nothing sinks in a view from above."""
+        if self.buoyancy and dim == 2:
+            yield f"{where}.buoyancy: is for 3-D runs; remove it, or give domain.size three numbers"
+        yield from super().misfits(where, dim)
+
+    def problems(self, where: str, context: Context) -> Iterator[str]:
+        """Puffs have to fit the domain, and do not weigh."""
+        yield from dishes(where, self.vapour, self.sources)
+        width, buoyancy = min(context.domain.extent), context.scenario.buoyancy
+        if self.initial_size > 0.5 * width:
+            yield (
+                f"{where}.initial_size: puffs of {self.initial_size:g} m do not fit a domain that is "
+                f"{width:g} m across; make them smaller"
+            )
+        if buoyancy is not None and buoyancy.solutal:
+            yield (
+                f"{where}.kind: puffs do not weigh on the air; use eulerian, or wind.buoyancy.solutal: false, and "
+                f"{where}.buoyancy: true to let them sink by themselves"
+            )
+
 
 class PlaybackGas(OneGas, Playback):
     """One species of a recorded run's gas."""
 
+    part: ClassVar[Literal["wind", "gas"]] = "gas"
     kind: Literal["playback"]
     species: Literal["ethanol", "acetone"] | OtherSpecies | None = None  # type: ignore[assignment]
     """Unless given, the recorded one."""
@@ -120,6 +151,25 @@ class MixtureGas(Model):
     parts: Annotated[
         tuple[Annotated[PureGas, Field(discriminator="kind")], ...], Field(min_length=1, max_length=16)
     ]
+
+    def alone(self, where: str) -> "tuple[tuple[str, PureGas], ...]":
+        """Every gas of one species in it, with its path."""
+        return tuple((f"{where}.parts[{n}]", part) for n, part in enumerate(self.parts))
+
+    def replaced(self, where: str, others: "Mapping[str, PureGas]") -> "MixtureGas":
+        """With other gases in place of those of some paths."""
+        parts = tuple(others.get(path, part) for path, part in self.alone(where))
+        return self.model_copy(update={"parts": parts})
+
+    def problems(self, where: str, context: Context) -> Iterator[str]:
+        """A name is that of one species."""
+        names: dict[str, Species] = {}
+        for path, gas in self.alone(where):
+            other = names.setdefault(gas.vapour.name, gas.vapour)
+            if other != gas.vapour:
+                yield (
+                    f"{path}.species.name: '{other.name}' is another species of this scenario; give it its own name"
+                )
 
 
 Gas = Annotated[PureGas | MixtureGas, Field(discriminator="kind")]

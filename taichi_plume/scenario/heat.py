@@ -1,30 +1,33 @@
 """What makes the air of a scenario rise and sink: heaters, warm surfaces, heavy gas."""
 
-from typing import Annotated
+from collections.abc import Iterator
+from math import sqrt
+from typing import Annotated, ClassVar
 
 from pydantic import Field, model_validator
-from pydantic_core import PydanticCustomError
 
-from taichi_plume.scenario.openings import Region
+from taichi_plume.scenario.context import Context
+from taichi_plume.scenario.located import Located
+from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.vocabulary import (
-    Acceleration,
+    Accelerations,
     Diffusivity,
     Expansion,
     HeatCapacity,
     HeatTransfer,
     Length,
     Model,
-    Point,
     Positive,
     Power,
     Temperature,
 )
+from taichi_plume.scenario.windows import Region
 
 
-class Heater(Model):
+class Heater(Located):
     """A ball (in 2-D a disc) that warms the air evenly over its volume: a person, a computer, a lamp."""
 
-    position: Point
+    what: ClassVar[str] = "heater"
     power: Power
     """Heat that goes into the air [W], without what is radiated: half of a person's 100 W. Negative cools."""
     radius: Length = 0.1
@@ -72,11 +75,50 @@ class Heat(Model):
         """Relative change of the volume per kelvin [1/K]."""
         return 1.0 / self.reference if self.expansion is None else self.expansion
 
+    def top_speed(self, length: float) -> float:
+        """Speed [m/s] that air a few kelvin apart gains over a length [m], or above a heater."""
+        surfaces = [*self.walls, *self.obstacles]
+        differences = [abs(surface.temperature - self.reference) for surface in surfaces]
+        rise = 9.81 * self.volume_expansion
+        power = max((abs(heater.power) for heater in self.heaters), default=0.0)
+        return max(
+            sqrt(rise * max(differences, default=0.0) * length),
+            (rise * power / (self.capacity * length)) ** (1 / 3),
+        )
+
+    def problems(self, where: str, context: Context) -> Iterator[str]:
+        """Walls have to lie on their faces and apart, temperatures be those of obstacles that there are."""
+        for n, wall in enumerate(self.walls):
+            yield from self._wall(f"{where}.walls", n, wall, context)
+        count = len(context.scenario.obstacles)
+        for n, obstacle in enumerate(self.obstacles):
+            path = f"{where}.obstacles[{n}].number"
+            if obstacle.number >= count:
+                allowed = f"use 0 to {count - 1}" if count else "there are none"
+                yield f"{path}: there is no obstacles[{obstacle.number}]; {allowed}"
+            elif any(obstacle.number == other.number for other in self.obstacles[:n]):
+                yield f"{path}: obstacles[{obstacle.number}] has a temperature already; remove one"
+
+    def _wall(self, where: str, n: int, wall: TemperedWall, context: Context) -> Iterator[str]:
+        yield from wall.on_its_face(f"{where}[{n}]", context)
+        for m, opening in enumerate(context.scenario.openings):
+            if opening.wraps == wall.face[0]:
+                yield (
+                    f"{where}[{n}].face: there is no wall {wall.face}, wind.openings[{m}] makes axis {opening.wraps} "
+                    "periodic; remove one of them"
+                )
+        for m, other in enumerate(self.walls[:n]):
+            if wall.overlaps(other, context.domain):
+                yield (
+                    f"{where}[{n}]: overlaps {where}[{m}] on face {wall.face}; "
+                    "give both a center and a size that leave them apart"
+                )
+
 
 class Buoyancy(Model):
     """Weight of what makes air lighter or heavier (Boussinesq): rho/rho0 = 1 - (T - T0)/T0 + (M/M_air - 1) x."""
 
-    gravity: Annotated[tuple[Acceleration, ...], Field(min_length=2, max_length=3)] | None = None
+    gravity: Accelerations | None = None
     """[m/s²]; in 3-D (0, 0, -9.81) unless given. A 2-D run is a view from above unless it is given."""
     solutal: bool = True
     """Whether the gas weighs: x is its mole fraction, M its molar mass."""
@@ -87,8 +129,19 @@ class Buoyancy(Model):
         """Gravity [m/s²] in `dim` dimensions."""
         return self.gravity or (0.0,) * (dim - 1) + (-9.81,)
 
+    def misfits(self, where: str, dim: int) -> Iterator[str]:
+        """Which way is down has to be known."""
+        if dim == 2 and self.gravity is None:
+            yield (
+                f"{where}.gravity: is missing; a 2-D run is a view from above, give [0, -9.81] to make it an "
+                "upright section"
+            )
+        if self.gravity is not None and not any(self.gravity):
+            yield f"{where}.gravity: is zero, so nothing rises or sinks; give it a size or remove {where}"
+        yield from super().misfits(where, dim)
+
     @model_validator(mode="after")
     def _acts(self) -> "Buoyancy":
         if not self.solutal and self.heat is None:
-            raise PydanticCustomError("buoyancy", "has no effect: give heat, or leave out solutal: false")
+            raise fault("has no effect: give heat, or leave out solutal: false")
         return self

@@ -1,4 +1,4 @@
-"""From a YAML file to a checked Scenario; whatever is wrong with the file is told in one line per fault."""
+"""From a YAML file to a Scenario; whatever is wrong with the file is told in one line per fault."""
 
 import difflib
 import re
@@ -9,7 +9,6 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
-from taichi_plume.scenario.gases import PlaybackGas
 from taichi_plume.scenario.scenario import Scenario
 
 LARGEST_FILE = 1 << 20  # bytes
@@ -21,17 +20,22 @@ _NO_KIND = "\0"  # stands for a missing kind, so that pydantic lists the known o
 
 
 class ScenarioError(ValueError):
-    """A scenario that cannot be run. `lines`: one per fault, with the YAML path first."""
+    """A scenario that cannot be run. `faults`: all that is wrong, a line each with the YAML path first; `lines`: those
+    that are shown.
+    """
 
     def __init__(self, lines: Sequence[str]):
+        self.faults = list(lines)
         more = len(lines) - MOST_LINES
         self.lines = [*lines[:MOST_LINES], f"... and {more} more"] if more > 0 else list(lines)
         super().__init__("\n".join(self.lines))
 
 
-def load_scenario(path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
-    """The checked scenario of a YAML file with overrides such as ``robots.0.count=3``. Raises ScenarioError."""
-    path = Path(path)
+def read_scenario(path: Path, overrides: Sequence[str] = ()) -> Scenario:
+    """The scenario of a YAML file with overrides such as ``robots.0.count=3``; its files have not been opened yet.
+
+    Raises ScenarioError.
+    """
     try:
         data = _parse(_read(path))
     except _LineError as fault:
@@ -48,22 +52,9 @@ def load_scenario(path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
         except _LineError as fault:
             raise ScenarioError([f"override '{override}': {fault}"]) from None
     try:
-        scenario = Scenario.model_validate(data)
+        return Scenario.model_validate(data)
     except ValidationError as error:
         raise ScenarioError([f"{path}: {line}" for line in explain(error, data)]) from None
-    from taichi_plume.scenario.checks import (
-        problems,  # takes a second to import, which a misspelt key need not wait for
-    )
-
-    folder = path.resolve().parent
-    faults = problems(scenario, folder)
-    if faults:
-        raise ScenarioError([f"{path}: {fault}" for fault in faults])
-    if not any(isinstance(gas, PlaybackGas) for _, gas in scenario.gases):
-        return scenario
-    from taichi_plume.files.film import completed
-
-    return completed(scenario, folder)
 
 
 class _LineError(Exception):
@@ -277,20 +268,7 @@ def _line(fault: Any, data: dict) -> str | None:
         key = next((step for step in reversed(steps) if isinstance(step, str)), "")
         such = " of degrees, such as 90" if key.endswith("_deg") else ", such as 0.08"
         return f"{where}got {_shown(got)}: must be a plain number{such}"
-    if kind in (
-        "unknown_key",
-        "region",
-        "schedule",
-        "source",
-        "neighbourhood",
-        "infotaxis",
-        "unit",
-        "loss",
-        "motion",
-        "fan",
-        "files",
-        "spread",
-    ):
+    if kind == "fault":
         return where + fault["msg"]
     message = re.sub(r"^(Input|String|Value) should", "must", fault["msg"]).replace("valid string", "text")
     return f"{where}got {_shown(got)}: {message}"

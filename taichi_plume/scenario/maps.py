@@ -1,14 +1,40 @@
 """The maps of a scenario: what is told of each kind of online gas map."""
 
+from math import prod, sqrt
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
-from pydantic_core import PydanticCustomError
 
+from taichi_plume.scenario.quantities import fault, round_up
 from taichi_plume.scenario.vocabulary import Count, Delay, Duration, Length, Model, Positive
 
+MOST_CELLS = 4_000_000
+MOST_FIELD_COLUMN = 400  # cells: its third power is the work of an update
 
-class Snaps(Model):
+
+class AnyMap(Model):
+    """What is asked of every map."""
+
+    kind: str
+    cell: Length
+    """Edge of the cells [m]."""
+
+    def bytes(self, size: tuple[float, ...]) -> float:
+        """About what it needs of memory on a floor of that size [m], and trial: its fields, and what solves it."""
+        return 40.0 * prod(extent / self.cell for extent in size[:2])
+
+    def too_fine(self, where: str, size: tuple[float, ...]) -> str | None:
+        """A line about cells that are too many for it on that floor [m]."""
+        area = size[0] * size[1]
+        if area / self.cell > MOST_CELLS * self.cell:
+            return (
+                f"{where}.cell: {self.cell:g} m makes more than {MOST_CELLS} map cells; "
+                f"use {round_up(sqrt(area / MOST_CELLS)):g} m or more"
+            )
+        return None
+
+
+class Snaps(AnyMap):
     """Readings of a window each, and what they tell of the cells of a map."""
 
     cell: Length = 0.25
@@ -24,7 +50,7 @@ class Snaps(Model):
 class TimeSeriesMap(Snaps):
     """Spatio-temporal gas map (Marjovi & Marques, ICRA 2014, eq 1-7)."""
 
-    kind: Literal["time_series"]
+    kind: Literal["time_series"]  # type: ignore[assignment]
     alpha: Annotated[float, Field(gt=0, lt=1)] = 0.9
     """Weight of distance against age in the neighbourhood."""
     beta: Positive = 0.5
@@ -38,24 +64,32 @@ class TimeSeriesMap(Snaps):
     def _has_neighbours(self) -> "TimeSeriesMap":
         age = (1.0 - self.alpha) * self.time_scale * self.window
         if age >= self.beta:
-            raise PydanticCustomError(
-                "neighbourhood",
+            raise fault(
                 "sees no past snap: (1 - alpha) time_scale window = {age} must be below beta = {beta}",
                 {"age": f"{age:g}", "beta": f"{self.beta:g}"},
             )
         return self
 
+    def bytes(self, size: tuple[float, ...]) -> float:
+        """With the cells of the snaps that are near enough in time, around each."""
+        if self.raw_samples:
+            return super().bytes(size)
+        long, short = sorted((extent / self.cell for extent in size[:2]), reverse=True)
+        lags = self.beta / ((1.0 - self.alpha) * self.time_scale * self.window)
+        margin = 2.0 * min(long, self.beta / self.alpha / self.cell)
+        return super().bytes(size) + 8.0 * lags * (long + margin) * (short + margin)
+
 
 class InverseDistanceMap(Snaps):
     """Inverse-distance interpolation of each snap's readings (Marjovi & Marques, ICRA 2014, eq 1-3)."""
 
-    kind: Literal["inverse_distance"]
+    kind: Literal["inverse_distance"]  # type: ignore[assignment]
 
 
-class KernelMap(Model):
+class KernelMap(AnyMap):
     """Mean and variance by Gaussian weights (Kernel DM+V: Lilienthal et al., IROS 2009)."""
 
-    kind: Literal["kernel_dmv"]
+    kind: Literal["kernel_dmv"]  # type: ignore[assignment]
     cell: Length = 0.1
     """Edge of the cells [m]."""
     sigma: Length = 0.25
@@ -71,11 +105,15 @@ class KernelMap(Model):
     exact: Count = 2000
     """Latest readings of a trial for which the variance is reckoned anew as the mean changes."""
 
+    def bytes(self, size: tuple[float, ...]) -> float:
+        """With the latest readings."""
+        return super().bytes(size) + 70.0 * self.exact
 
-class MarkovMap(Model):
+
+class MarkovMap(AnyMap):
     """Gaussian Markov random field with obstacles (Monroy et al., Autonomous Robots 2016)."""
 
-    kind: Literal["gmrf"]
+    kind: Literal["gmrf"]  # type: ignore[assignment]
     cell: Length = 0.1
     """Edge of the cells [m]."""
     lambda_prior: Positive = 0.01
@@ -86,6 +124,22 @@ class MarkovMap(Model):
     """Age at which a reading counts no more, after steady loss [s]; null: readings count for ever."""
     window: Duration = 1.0
     """Time between updates [s]; readings within it are of the same age."""
+
+    def bytes(self, size: tuple[float, ...]) -> float:
+        """With a block of its matrix for each column."""
+        long, short = sorted((extent / self.cell for extent in size[:2]), reverse=True)
+        return super().bytes(size) + 8.0 * long * short**2
+
+    def too_fine(self, where: str, size: tuple[float, ...]) -> str | None:
+        """Its columns must not be too long."""
+        width = min(size[:2])
+        line = super().too_fine(where, size)
+        if line is None and width / self.cell > MOST_FIELD_COLUMN:
+            return (
+                f"{where}.cell: {self.cell:g} m is too fine for a Markov field, which takes {MOST_FIELD_COLUMN} "
+                f"cells along the shorter side; use {round_up(width / MOST_FIELD_COLUMN):g} m or more"
+            )
+        return line
 
 
 Map = Annotated[TimeSeriesMap | InverseDistanceMap | KernelMap | MarkovMap, Field(discriminator="kind")]

@@ -1,16 +1,23 @@
 """The obstacles of a scenario: shapes that stand in the air or walk through it."""
 
 from bisect import bisect_right
+from collections.abc import Iterator
 from itertools import pairwise
 from math import hypot
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
+import numpy as np
 from pydantic import Field, model_validator
-from pydantic_core import PydanticCustomError
 
+from taichi_plume.grid.shapes import Shape
+from taichi_plume.scenario.context import Context, span
+from taichi_plume.scenario.domain import Domain
+from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.vocabulary import (
+    COMPILED,
     Coordinate,
     Distance,
+    Edges,
     Length,
     Model,
     Point,
@@ -19,6 +26,11 @@ from taichi_plume.scenario.vocabulary import (
     Real,
     Time,
 )
+
+MOST_EDGES = 500  # of a polygon whose edges are tested against one another
+SLIVER = 1e-6  # of the square of a polygon's width: less area is none
+FASTEST_BODY = 20.0  # m/s: the air does not count as incompressible much beyond
+TOUCHING = 1e-9  # of the same: a corner this close to an edge lies on it
 
 
 class Motion(Model):
@@ -37,8 +49,7 @@ class Motion(Model):
         times = [0.0, *(point[0] for point in self.path)]
         for n, (a, b) in enumerate(pairwise(times)):
             if not b > a:
-                raise PydanticCustomError(
-                    "motion",
+                raise fault(
                     "times must ascend from above 0: path[{n}] has {b} s after {a} s",
                     {"n": n, "a": f"{a:g}", "b": f"{b:g}"},
                 )
@@ -64,61 +75,151 @@ class Motion(Model):
         points = [(0.0, center[0], center[1]), *self.path]
         return [(a[0], b[0], hypot(b[1] - a[1], b[2] - a[2]) / (b[0] - a[0])) for a, b in pairwise(points)]
 
+    def clashes(self, where: str, center: tuple[float, ...], shape: Shape, domain: Domain) -> Iterator[str]:
+        """A way has to stay in the domain, and the body be seen by the grid; `where` is obstacles[n]."""
+        for k, point in enumerate(self.path):
+            for axis, x in enumerate(point[1:]):
+                if not 0 <= x <= domain.extent[axis]:
+                    yield (
+                        f"{where}.motion.path[{k}]: {'xy'[axis]} = {x:g} m is outside the domain, "
+                        f"{span('xy'[axis], 0, domain.extent[axis])}; keep the centre inside"
+                    )
+                    return
+        if self.loop and hypot(self.path[-1][1] - center[0], self.path[-1][2] - center[1]) > 1e-6:
+            yield (
+                f"{where}.motion.path[{len(self.path) - 1}]: a loop must end at the center "
+                f"({center[0]:g}, {center[1]:g}) m, got ({self.path[-1][1]:g}, {self.path[-1][2]:g}) m"
+            )
+        for k, (begin, end, speed) in enumerate(self.legs(center)):
+            if speed > FASTEST_BODY:
+                yield (
+                    f"{where}.motion.path[{k}]: moves at {speed:.3g} m/s from {begin:g} to {end:g} s; "
+                    f"at most {FASTEST_BODY:g} m/s"
+                )
+                break
+        width = float((shape.high - shape.low).min())
+        if width < domain.spacing:
+            yield (
+                f"{where}: is {width:.3g} m thin, less than a cell of {domain.spacing:g} m, and would not move "
+                "the air; make it larger or lower domain.spacing"
+            )
 
-class Box(Model):
+
+class AnyObstacle(Model):
+    """What every obstacle has to be."""
+
+    def problems(self, where: str, context: Context) -> Iterator[str]:
+        """It has to be in the domain, on all of its way; `where` is obstacles[n]."""
+        fault = context.resources.faults.get(where)
+        if fault is not None:
+            yield f"{where}: {fault}"
+            return
+        shape, domain = context.resources.shapes[where], context.domain
+        extent = np.array(domain.extent)
+        beyond = (shape.high <= 0) | (shape.low >= extent)
+        if beyond.any():
+            axis = int(beyond.argmax())
+            yield (
+                f"{where}: lies outside the domain: "
+                f"{span('xyz'[axis], shape.low[axis], shape.high[axis])}, "
+                f"the domain has {span('xyz'[axis], 0, extent[axis])}; move it in or remove it"
+            )
+        elif isinstance(self, Box | Cylinder | Sphere) and self.motion is not None:
+            yield from self.motion.clashes(where, self.center, shape, domain)
+
+
+class Standing(AnyObstacle):
+    """An obstacle that does not move."""
+
+    motion: ClassVar[None] = None
+
+
+class Box(AnyObstacle):
     """An upright box, turned by `yaw_deg` about the vertical."""
 
     kind: Literal["box"]
-    center: Point
-    size: Annotated[tuple[Length, ...], Field(min_length=2, max_length=3)]
-    yaw_deg: Real = 0.0
+    center: Annotated[Point, COMPILED]
+    size: Annotated[Edges, COMPILED]
+    yaw_deg: Annotated[Real, COMPILED] = 0.0
     motion: Motion | None = None
 
 
-class Cylinder(Model):
+class Cylinder(AnyObstacle):
     """A vertical cylinder; in 3-D it stands on `base` and reaches the ceiling unless `height` says otherwise."""
 
     kind: Literal["cylinder"]
-    center: Point2
-    radius: Length
-    base: Distance = 0.0
-    height: Length | None = None
+    center: Annotated[Point2, COMPILED]
+    radius: Annotated[Length, COMPILED]
+    base: Annotated[Distance, COMPILED] = 0.0
+    height: Annotated[Length, COMPILED] | None = None
     motion: Motion | None = None
 
 
-class Sphere(Model):
+class Sphere(AnyObstacle):
     """A sphere (in 2-D a disc)."""
 
     kind: Literal["sphere"]
-    center: Point
-    radius: Length
+    center: Annotated[Point, COMPILED]
+    radius: Annotated[Length, COMPILED]
     motion: Motion | None = None
 
 
-class Prism(Model):
+class Prism(Standing):
     """A vertical prism over a simple polygon; in 3-D from `base` to the ceiling unless `height` says otherwise."""
 
     kind: Literal["prism"]
-    vertices: Annotated[tuple[Point2, ...], Field(min_length=3, max_length=10_000)]
-    base: Distance = 0.0
-    height: Length | None = None
+    vertices: Annotated[tuple[Point2, ...], Field(min_length=3, max_length=10_000), COMPILED]
+    base: Annotated[Distance, COMPILED] = 0.0
+    height: Annotated[Length, COMPILED] | None = None
+
+    def problems(self, where: str, context: Context) -> Iterator[str]:
+        """Its outline has to be one."""
+        yield from _outline(f"{where}.vertices", np.array(self.vertices))
+        yield from super().problems(where, context)
 
 
-class Mesh(Model):
+class Mesh(Standing):
     """A closed triangle mesh (STL, OBJ or PLY); in 2-D its section at `section` [m] above the ground."""
 
     kind: Literal["mesh"]
     file: str
     """Path, relative to the scenario's folder."""
-    scale: Positive = 1.0
-    yaw_deg: Real = 0.0
-    translate: tuple[Coordinate, Coordinate, Coordinate] = (0.0, 0.0, 0.0)
-    section: Coordinate = 0.0
-
-
-def motion_of(obstacle: Model) -> Motion | None:
-    """How an obstacle moves, None if it stands."""
-    return getattr(obstacle, "motion", None)
+    scale: Annotated[Positive, COMPILED] = 1.0
+    yaw_deg: Annotated[Real, COMPILED] = 0.0
+    translate: Annotated[tuple[Coordinate, Coordinate, Coordinate], COMPILED] = (0.0, 0.0, 0.0)
+    section: Annotated[Coordinate, COMPILED] = 0.0
 
 
 Obstacle = Annotated[Box | Cylinder | Sphere | Prism | Mesh, Field(discriminator="kind")]
+
+
+def _outline(path: str, corners: np.ndarray) -> Iterator[str]:
+    """A polygon, corners (n, 2) [m], has to have an inside and must not cross itself."""
+    x, y = (corners - corners[0]).T
+    area = abs(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))) / 2
+    width = float(np.ptp(corners, axis=0).max())
+    crossing = _crossing(corners, TOUCHING * width**2) if len(corners) <= MOST_EDGES else None
+    if crossing:
+        first, second = crossing
+        yield (
+            f"{path}: the edge after vertex {first} crosses the edge after vertex {second}; "
+            "list the corners in the order in which the outline meets them"
+        )
+    elif area <= SLIVER * width**2:
+        yield f"{path}: the polygon has no area: its corners lie on a line or are out of order"
+
+
+def _crossing(corners: np.ndarray, least: float) -> tuple[int, int] | None:
+    """The first two edges of a polygon that cross. A corner and an edge that span less than `least` [m²] touch."""
+    ends = np.roll(corners, -1, axis=0)
+    along = (ends - corners)[:, None]
+
+    def left(points: np.ndarray) -> np.ndarray:
+        """On which side of each edge (row) each point (column) lies: 1, 0 or -1."""
+        arm = points[None] - corners[:, None]
+        twice_area = along[..., 0] * arm[..., 1] - along[..., 1] * arm[..., 0]
+        return np.sign(np.where(np.abs(twice_area) > least, twice_area, 0.0))
+
+    parted = left(corners) * left(ends) < 0  # the row's line runs between the ends of the column's edge
+    pairs = np.argwhere(parted & parted.T)
+    return (int(pairs[0, 0]), int(pairs[0, 1])) if len(pairs) else None

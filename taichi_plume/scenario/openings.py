@@ -1,17 +1,19 @@
-"""Openings and screens of a scenario: where air comes in and out, and what straightens it."""
+"""Openings of a scenario: where air comes in and out, and the faces of the domain that are other than still walls."""
 
-from math import pi, prod
-from typing import Annotated, Literal, Self
+from collections.abc import Iterator, Sequence
+from math import hypot
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
-from pydantic_core import PydanticCustomError
 
+from taichi_plume.scenario.any_opening import AnyOpening, FaceOpening, SpeedAt, Vent
+from taichi_plume.scenario.context import Context
+from taichi_plume.scenario.domain import Domain
+from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.vocabulary import (
-    Coordinate,
+    Color,
     Delay,
-    Distance,
     Duration,
-    Face,
     FlowRate,
     Fraction,
     Length,
@@ -19,101 +21,11 @@ from taichi_plume.scenario.vocabulary import (
     NonNegative,
     Pressure,
     Real,
-    Temperature,
-    Time,
+    Velocities,
     Velocity,
 )
 
-
-class SpeedAt(Model):
-    """One step of a schedule: from `at` on, blow with `speed`."""
-
-    at: Time
-    """Simulated time [s]; the robots start at 0, the warm-up is before."""
-    speed: Velocity
-
-
-class Window(Model):
-    """Part of a plane: all of it, a rectangle (`center`, `size`) or a disc (`center`, `diameter`).
-
-    `center` and `size` are in the plane's own axes, in their x, y, z order: one number in 2-D, two in 3-D.
-    """
-
-    center: Annotated[tuple[Coordinate, ...], Field(min_length=1, max_length=2)] | None = None
-    size: Annotated[tuple[Length, ...], Field(min_length=1, max_length=2)] | None = None
-    diameter: Length | None = None
-
-    @model_validator(mode="after")
-    def _one_form(self) -> Self:
-        if self.size is not None and self.diameter is not None:
-            raise PydanticCustomError("region", "takes size or diameter, not both")
-        if (self.size is None and self.diameter is None) != (self.center is None):
-            raise PydanticCustomError("region", "center goes with size (rectangle) or diameter (disc)")
-        return self
-
-    @property
-    def normal(self) -> int:
-        """The axis through the plane."""
-        raise NotImplementedError
-
-    def level(self, extent: tuple[float, ...]) -> float:
-        """Where the plane cuts that axis [m], in a domain of `extent`."""
-        raise NotImplementedError
-
-    def along(self, dim: int) -> list[int]:
-        """The axes of the plane, in x, y, z order."""
-        return [a for a in range(dim) if a != self.normal]
-
-    def rectangle(self, extent: tuple[float, ...]) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Centre and half widths [m] of the window, or of the square around the disc, in a domain of `extent`."""
-        whole = tuple(extent[a] for a in self.along(len(extent)))
-        if self.center is None:
-            return tuple(w / 2 for w in whole), tuple(w / 2 for w in whole)
-        size = self.size if self.size is not None else (float(self.diameter or 0.0),) * len(whole)
-        return self.center, tuple(w / 2 for w in size)
-
-    def is_disc(self, dim: int) -> bool:
-        """Whether the window is round: in 2-D a disc is a slot."""
-        return self.diameter is not None and dim == 3
-
-    def area(self, extent: tuple[float, ...], depth: float) -> float:
-        """Area of the window [m²]; in 2-D, its width times the slab's `depth`."""
-        _, half = self.rectangle(extent)
-        if self.is_disc(len(extent)):
-            return pi * half[0] ** 2
-        return prod(2 * h for h in half) * (depth if len(extent) == 2 else 1.0)
-
-
-class Region(Window):
-    """Where an opening lies on a face of the domain."""
-
-    face: Face
-
-    @property
-    def axis(self) -> int:
-        """The axis through the face."""
-        return "xyz".index(self.face[0])
-
-    @property
-    def normal(self) -> int:
-        """The same."""
-        return self.axis
-
-    @property
-    def side(self) -> int:
-        """0 at the lower end of the axis, 1 at the upper."""
-        return int(self.face[1] == "+")
-
-    def level(self, extent: tuple[float, ...]) -> float:
-        """Where the face is along its axis [m]."""
-        return extent[self.axis] if self.side else 0.0
-
-
-class Vent(Region):
-    """An opening through which air may come in."""
-
-    temperature: Temperature | None = None
-    """Of the air that comes in [K]; unless given, `buoyancy.heat.reference`."""
+BLUE, YELLOW, GREEN, PURPLE = (79, 195, 247), (255, 213, 79), (129, 199, 132), (206, 147, 216)
 
 
 class Jet(Vent):
@@ -134,15 +46,34 @@ class Jet(Vent):
     def _ordered(self) -> "Jet":
         times = [step.at for step in self.schedule]
         if times != sorted(times):
-            raise PydanticCustomError("schedule", "schedule must be ordered by 'at'")
+            raise fault("schedule must be ordered by 'at'")
         if self.schedule and self.speed is None:
-            raise PydanticCustomError("schedule", "schedule needs a speed to start with")
+            raise fault("schedule needs a speed to start with")
         return self
 
     @property
     def blows(self) -> bool:
         """Whether the speed is prescribed; otherwise the opening is an outlet."""
         return self.speed is not None
+
+    @property
+    def label(self) -> str:
+        """With the speed."""
+        return super().label if self.speed is None else f"{super().label} {self.speed:g} m/s"
+
+    @property
+    def lets_out(self) -> bool:
+        """Without a speed it is an outlet."""
+        return not self.blows
+
+    @property
+    def changes(self) -> tuple[SpeedAt, ...]:
+        """The schedule."""
+        return self.schedule
+
+    def top_speed(self, domain: Domain) -> float:
+        """Largest scheduled speed [m/s]."""
+        return max(abs(speed) for speed in (self.speed or 0.0, *(step.speed for step in self.schedule)))
 
     @property
     def knots(self) -> tuple[float, ...]:
@@ -157,6 +88,10 @@ class Jet(Vent):
                 share = min(1.0, (t - step.at) / self.ramp) if self.ramp else 1.0
                 speed += share * (step.speed - speed)
         return speed
+
+    def inflow(self, t: float, domain: Domain) -> float:
+        """Air that is blown in at time t [m³/s]."""
+        return self.speed_at(t) * self.area(domain.extent, domain.depth)
 
 
 class FanCurve(Model):
@@ -176,6 +111,7 @@ class Fan(Jet):
     Profile: U/2 (1 - tanh((r - R)/(0.05 R))), scaled to the flow rate of a uniform disc; swirl velocity S U r/R.
     """
 
+    color: ClassVar[Color] = BLUE
     kind: Literal["fan"]
     swirl: Real = 0.0
     """Tangential over axial speed at the rim; 3-D only."""
@@ -185,15 +121,11 @@ class Fan(Jet):
     @model_validator(mode="after")
     def _driven(self) -> "Fan":
         if self.curve is None and self.speed is None:
-            raise PydanticCustomError("fan", "needs a speed or a curve")
+            raise fault("needs a speed or a curve")
         if self.curve is not None and self.schedule:
-            raise PydanticCustomError(
-                "fan", "takes a schedule or a curve, not both: the curve sets the speed"
-            )
+            raise fault("takes a schedule or a curve, not both: the curve sets the speed")
         if self.curve is not None and (self.speed or 0.0) < 0:
-            raise PydanticCustomError(
-                "fan", "with a curve it blows into the domain: speed must not be negative"
-            )
+            raise fault("with a curve it blows into the domain: speed must not be negative")
         return self
 
     @property
@@ -201,10 +133,27 @@ class Fan(Jet):
         """A fan always blows."""
         return True
 
+    @property
+    def follows_pressure(self) -> bool:
+        """With a curve."""
+        return self.curve is not None
+
+    def top_speed(self, domain: Domain) -> float:
+        """With a curve, at most that against no pressure."""
+        free = self.curve.flow / self.area(domain.extent, domain.depth) if self.curve else 0.0
+        return max(free, super().top_speed(domain))
+
+    def misfits(self, where: str, dim: int) -> Iterator[str]:
+        """A 2-D run has no swirl."""
+        if dim == 2 and self.swirl != 0:
+            yield f"{where}.swirl: a 2-D run has no swirl; remove it, or give domain.size three numbers"
+        yield from super().misfits(where, dim)
+
 
 class Inlet(Jet):
     """Air blown in with a uniform or parabolic profile of mean `speed`."""
 
+    color: ClassVar[Color] = BLUE
     kind: Literal["inlet"]
     speed: Velocity  # type: ignore[assignment]
     profile: Literal["uniform", "parabolic"] = "uniform"
@@ -213,6 +162,8 @@ class Inlet(Jet):
 class Honeycomb(Jet):
     """A flow straightener: with `speed` it blows parallel air, without it is an outlet with a pressure loss."""
 
+    color: ClassVar[Color] = YELLOW
+    straight: ClassVar[bool] = True
     kind: Literal["honeycomb"]
     loss_coefficient: NonNegative = 2.0
     """Pressure loss over the dynamic pressure, for the outlet."""
@@ -221,90 +172,76 @@ class Honeycomb(Jet):
 class Outlet(Vent):
     """An opening to still air at ambient pressure."""
 
+    color: ClassVar[Color] = GREEN
     kind: Literal["outlet"]
 
+    @property
+    def lets_out(self) -> bool:
+        """Always."""
+        return True
 
-class Slip(Region):
+
+class Slip(FaceOpening):
     """A frictionless, closed face."""
 
     kind: Literal["slip"]
 
 
-class MovingWall(Region):
+class MovingWall(FaceOpening):
     """A no-slip wall that slides with `velocity` (its component through the face must be zero)."""
 
+    color: ClassVar[Color] = PURPLE
     kind: Literal["wall"]
-    velocity: Annotated[tuple[Velocity, ...], Field(min_length=2, max_length=3)]
+    velocity: Velocities
+
+    def top_speed(self, domain: Domain) -> float:
+        """Its own [m/s]."""
+        return hypot(*self.velocity)
+
+    def clashes(
+        self, where: str, number: int, openings: "Sequence[Opening]", context: Context
+    ) -> Iterator[str]:
+        """It must not move out of its plane either."""
+        yield from super().clashes(where, number, openings, context)
+        if self.velocity[self.axis] != 0:
+            yield (
+                f"{where}.velocity: the wall {self.face} slides in its own plane: "
+                f"the {'xyz'[self.axis]} component must be 0, got {self.velocity[self.axis]:g} m/s; "
+                "to blow air use kind: inlet"
+            )
 
 
-class Periodic(Model):
+class Periodic(AnyOpening):
     """What leaves through one face of the axis enters through the other."""
 
     kind: Literal["periodic"]
     axis: Literal["x", "y", "z"]
 
+    @property
+    def wraps(self) -> str:
+        """Its axis."""
+        return self.axis
+
+    def misfits(self, where: str, dim: int) -> Iterator[str]:
+        """A 2-D run has no z."""
+        if dim == 2 and self.axis == "z":
+            yield f"{where}.axis: 'z' does not exist in a 2-D run; use x or y"
+        yield from super().misfits(where, dim)
+
+    def clashes(
+        self, where: str, number: int, openings: "Sequence[Opening]", context: Context
+    ) -> Iterator[str]:
+        """Nothing else may be on the faces of its axis."""
+        if any(other.wraps == self.axis for other in openings[:number]):
+            yield f"{where}: axis {self.axis} is periodic already; remove one"
+        for m, other in enumerate(openings):
+            if other.region is not None and other.region.face[0] == self.axis:
+                yield (
+                    f"{where}: axis {self.axis} cannot be periodic while wind.openings[{m}] "
+                    f"({other.kind}) is on face {other.region.face}; remove one of them"
+                )
+
 
 Opening = Annotated[
     Fan | Inlet | Honeycomb | Outlet | Slip | MovingWall | Periodic, Field(discriminator="kind")
 ]
-
-
-class Screen(Window):
-    """Something in the way of the air that it goes through: a slab across `axis` with its middle at `at`."""
-
-    axis: Literal["x", "y", "z"]
-    at: Coordinate
-    thickness: Distance = 0.05
-    """Along the axis [m], in whole cells, at least one."""
-    transverse: NonNegative = 1000.0
-    """Resistance along the slab over the one through it: large values straighten the flow."""
-
-    @property
-    def normal(self) -> int:
-        """The axis through the screen."""
-        return "xyz".index(self.axis)
-
-    def level(self, extent: tuple[float, ...]) -> float:
-        """Where its middle is along the axis [m]."""
-        return self.at
-
-    def losses(self, viscosity: float) -> tuple[float, float]:
-        """(a, b) of the pressure drop (a + b |u|) u over the density, u [m/s] through it: [m/s] and a number."""
-        raise NotImplementedError
-
-
-class Straightener(Screen):
-    """A honeycomb flow straightener: friction in its channels, and what is lost at their ends."""
-
-    kind: Literal["honeycomb"]
-    loss_coefficient: NonNegative | None = None
-    """Pressure drop over the dynamic pressure; 2 unless `cell` is given."""
-    cell: Length | None = None
-    """Width of a channel [m], in place of the loss coefficient: laminar friction in hexagons, f Re = 60.2
-    (Shah & London 1978, Laminar Flow Forced Convection in Ducts), and 1.2 dynamic pressures at both ends."""
-
-    @model_validator(mode="after")
-    def _one_loss(self) -> "Straightener":
-        if self.loss_coefficient is not None and self.cell is not None:
-            raise PydanticCustomError("loss", "takes loss_coefficient or cell, not both")
-        return self
-
-    def losses(self, viscosity: float) -> tuple[float, float]:
-        """(a, b) of the pressure drop (a + b |u|) u over the density."""
-        if self.cell is None:
-            return 0.0, (2.0 if self.loss_coefficient is None else self.loss_coefficient) / 2.0
-        return 60.2 / 2.0 * viscosity * self.thickness / self.cell**2, 0.6
-
-
-class Perforated(Screen):
-    """A thin sheet with holes or a wire gauze."""
-
-    kind: Literal["perforated"]
-    loss_coefficient: NonNegative = 2.0
-    """Pressure drop over the dynamic pressure."""
-    thickness: Distance = 0.0
-    transverse: NonNegative = 1.0
-
-    def losses(self, viscosity: float) -> tuple[float, float]:
-        """(a, b) of the pressure drop (a + b |u|) u over the density."""
-        return 0.0, self.loss_coefficient / 2.0

@@ -1,10 +1,15 @@
 """What a run writes besides its tables: the recording, films and PlumeSim logs."""
 
+from collections.abc import Iterator
 from typing import Annotated, Literal
 
 from pydantic import Field
 
+from taichi_plume.scenario.context import Context
+from taichi_plume.scenario.plumesim import nodes
 from taichi_plume.scenario.vocabulary import Distance, Frequency, FullScale, Length, Model, Positive, Time
+
+CLOSE = 1e-6  # of a number: as good as whole
 
 
 class Recording(Model):
@@ -20,6 +25,19 @@ class Recording(Model):
     range_ppm: tuple[Positive, Positive] = (0.1, 1000.0)
     """Ends of the logarithmic colour scale."""
 
+    def problems(self, where: str, context: Context) -> Iterator[str]:
+        """The slice has to be in the domain, and the scale to ascend."""
+        extent = context.domain.extent
+        if len(extent) == 3 and self.slice_height > extent[2]:
+            yield (
+                f"{where}.slice_height: {self.slice_height:g} m is above the ceiling; use at most {extent[2]:g} m"
+            )
+        if self.range_ppm[0] >= self.range_ppm[1]:
+            yield (
+                f"{where}.range_ppm: the first must be below the second, got {self.range_ppm[0]:g} and "
+                f"{self.range_ppm[1]:g}"
+            )
+
 
 class Fields(Model):
     """What goes into fields.zarr: wind and gas on the whole grid, to be looked at or played back by later runs."""
@@ -29,6 +47,16 @@ class Fields(Model):
     start: Time = 0.0
     """Time of the first frame [s]; negative in the warm-up."""
     quantities: Annotated[tuple[Literal["wind", "gas"], ...], Field(min_length=1)] = ("wind", "gas")
+
+    def problems(self, where: str, context: Context) -> Iterator[str]:
+        """There is at most a frame per tick, and one before the end."""
+        tick = context.scenario.tick
+        if self.rate * tick > 1 + 1e-9:
+            yield (
+                f"{where}.rate: {self.rate:g} frames per second are more than one per tick of {tick:g} s; "
+                f"use at most {1 / tick:g}, or lower tick"
+            )
+        yield from _begins(where, self.start, context)
 
 
 class PlumeLog(Model):
@@ -44,3 +72,25 @@ class PlumeLog(Model):
     """What is written as 100 percent; more gas is written as more."""
     height: Distance = 0.1
     """Of the nodes, in 3-D [m]; the log itself is flat."""
+
+    def problems(self, where: str, context: Context) -> Iterator[str]:
+        """Its frames have to come at whole milliseconds and ticks, its nodes to be in the domain."""
+        domain, tick = context.domain, context.scenario.tick
+        ticks = 1 / (self.rate * tick)
+        whole = max(1, round(ticks))
+        if abs(ticks - whole) > CLOSE * whole or abs(1000 * tick * whole % 1 - 0.5) < 0.5 - CLOSE:
+            yield (
+                f"{where}.rate: {self.rate:g} frames per second are {1000 / self.rate:g} ms each, which must be "
+                f"whole milliseconds and whole ticks of {1000 * tick:g} ms; use "
+                f"{1 / (whole * tick):.6g}, or change tick"
+            )
+        yield from _begins(where, self.start, context)
+        yield from nodes(where, self.cell, domain)
+        if domain.dim == 3 and self.height > domain.extent[2]:
+            yield f"{where}.height: {self.height:g} m is above the ceiling; use at most {domain.extent[2]:g} m"
+
+
+def _begins(where: str, start: float, context: Context) -> Iterator[str]:
+    end = context.scenario.duration
+    if start > end:
+        yield f"{where}.start: {start:g} s is after the end at {end:g} s; start it earlier"

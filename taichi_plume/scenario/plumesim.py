@@ -1,15 +1,21 @@
 """The plumes of PlumeSim and Fluent in a scenario: known in percent of a full scale."""
 
 import re
+from collections.abc import Iterator
+from math import prod
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, field_validator, model_validator
-from pydantic_core import PydanticCustomError
 
+from taichi_plume.scenario.context import Context
+from taichi_plume.scenario.domain import Domain
+from taichi_plume.scenario.played import PlumeSimLog, PointPlayback
+from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.sources import OneGas, Target
 from taichi_plume.scenario.vocabulary import Count, Duration, FullScale, Length, Point2, Positive, Time
-from taichi_plume.scenario.winds import PlumeSimLog, PointPlayback
+
+MOST_NODES = 1_000_000  # of a lattice over the domain
 
 
 class PercentGas(OneGas):
@@ -30,6 +36,7 @@ class PlumeSimGas(PercentGas, PlumeSimLog):
 class FluentGas(PercentGas, PointPlayback):
     """A plume computed by Fluent, exported as text, one file per frame; see point_frames.py."""
 
+    key: ClassVar[str] = "files"
     kind: Literal["fluent"]
     files: Annotated[str, Field(min_length=1)]
     """Path of the files, relative to the scenario's folder, such as plume%03d.txt for plume001.txt and so on."""
@@ -46,9 +53,7 @@ class FluentGas(PercentGas, PointPlayback):
     @classmethod
     def _numbered(cls, files: str) -> str:
         if not re.fullmatch(r"[^%]*%(0?[1-9])?d[^%]*", Path(files).name):
-            raise PydanticCustomError(
-                "files", "must hold one number, such as plume%03d.txt, in the file's name"
-            )
+            raise fault("must hold one number, such as plume%03d.txt, in the file's name")
         return files
 
 
@@ -83,8 +88,13 @@ class PlumeSimPuff(PercentGas):
     @model_validator(mode="after")
     def _returns(self) -> "PlumeSimPuff":
         if self.repeat_from > self.last:
-            raise PydanticCustomError("source", "repeat_from must not be above last")
+            raise fault("repeat_from must not be above last")
         return self
+
+    def problems(self, where: str, context: Context) -> Iterator[str]:
+        """It has to be released in the domain, on nodes that are neither too many nor none."""
+        yield from _release(where, self.release_point, context.domain)
+        yield from nodes(where, self.cell, context.domain)
 
 
 class PlumeSimMeander(PercentGas):
@@ -102,3 +112,31 @@ class PlumeSimMeander(PercentGas):
     dispersion: Annotated[float, Field(ge=0, le=1e3)] = 0.1
     """Points stray across by a standard deviation of dispersion release_rate (x - x0)."""
     radius: Length = 0.1
+
+    def problems(self, where: str, context: Context) -> Iterator[str]:
+        """It has to be released in the domain, with room downwind."""
+        lines = list(_release(where, self.release_point, context.domain))
+        yield from lines
+        x, width = self.release_point[0], context.domain.extent[0]
+        if not lines and x + self.radius > width:
+            yield (
+                f"{where}.release_point: x = {x:g} m is at the domain's end, {width:g} m, and the plume goes on "
+                "from there; move it back"
+            )
+
+
+def _release(where: str, point: tuple[float, float], domain: Domain) -> Iterator[str]:
+    x, y = point
+    if not (0 <= x <= domain.extent[0] and 0 <= y <= domain.extent[1]):
+        yield (
+            f"{where}.release_point: ({x:g}, {y:g}) m is outside the domain, {domain.box}; move the release in"
+        )
+
+
+def nodes(where: str, cell: float, domain: Domain) -> Iterator[str]:
+    """Nodes on the domain `cell` [m] apart: some, and not too many."""
+    number = prod(width / cell for width in domain.extent[:2])
+    if number > MOST_NODES:
+        yield f"{where}.cell: {cell:g} m makes {number:.3g} nodes, at most {MOST_NODES} are allowed; raise it"
+    if cell > min(domain.extent[:2]):
+        yield f"{where}.cell: {cell:g} m is wider than the domain, {domain.box}; lower it"

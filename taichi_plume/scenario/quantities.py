@@ -2,7 +2,7 @@
 
 import re
 from functools import cache
-from math import inf
+from math import ceil, floor, inf, log10
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, BeforeValidator, Field
@@ -20,6 +20,11 @@ def _registry():
     import pint  # 0.3 s: only for scenarios that write units
 
     return pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
+
+
+def fault(message: str, context: dict[str, Any] | None = None) -> PydanticCustomError:
+    """An error whose message says all, without what was got; `context` fills its braces."""
+    return PydanticCustomError("fault", message, context)  # type: ignore[arg-type]
 
 
 def parse(value: Any, unit: str) -> float:
@@ -59,8 +64,7 @@ def quantity(unit: str, least: float = -inf, most: float = inf, likely: str = ""
 
     def plausible(value: float) -> float:
         if not least <= value <= most:
-            raise PydanticCustomError(
-                "unit",
+            raise fault(
                 "got {value} {unit}; did you mean '{value} {likely}'? {bound} {limit} {unit}",
                 {
                     "value": f"{value:g}",
@@ -78,3 +82,9 @@ def quantity(unit: str, least: float = -inf, most: float = inf, likely: str = ""
         AfterValidator(plausible),
         BeforeValidator(lambda value: parse(value, unit), json_schema_input_type=float | str),
     ]
+
+
+def round_up(value: float) -> float:
+    """`value` rounded up to two digits."""
+    unit = 10.0 ** (floor(log10(value)) - 1)
+    return ceil(value / unit - 1e-9) * unit

@@ -1,11 +1,17 @@
-"""The robots of a scenario: groups, where they start, bodies."""
+"""The robots of a scenario: groups and bodies."""
 
+from collections.abc import Iterator
+from math import pi
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import Field, model_validator
 
 from taichi_plume.scenario.algorithms import Algorithm
+from taichi_plume.scenario.arena import Arena
+from taichi_plume.scenario.context import Context
 from taichi_plume.scenario.sensors import Sensors
+from taichi_plume.scenario.starts import Start
 from taichi_plume.scenario.vocabulary import (
     Count,
     Distance,
@@ -13,42 +19,9 @@ from taichi_plume.scenario.vocabulary import (
     Length,
     Model,
     NonNegative,
-    Point2,
     Positive,
-    Real,
     TopSpeed,
 )
-
-
-class StartAt(Model):
-    """Robots at given places."""
-
-    kind: Literal["positions"]
-    positions: Annotated[tuple[Point2, ...], Field(min_length=1)]
-    heading_deg: Real | None = None
-    """Unless given, each robot starts with a random heading."""
-
-
-class StartLine(Model):
-    """Robots at equal distances from `begin` to `end`."""
-
-    kind: Literal["line"]
-    begin: Point2
-    end: Point2
-    heading_deg: Real | None = None
-
-
-class StartArea(Model):
-    """Robots at random free places of a rectangle."""
-
-    kind: Literal["area"]
-    low: Point2
-    high: Point2
-    heading_deg: Real | None = None
-
-
-Start = Annotated[StartAt | StartLine | StartArea, Field(discriminator="kind")]
-
 
 # Footprints, speeds and wheel bases from the makers' sheets and from the papers that used the robots: MOMO in Ferri et
 # al. 2009, the miniQ in Marjovi & Marques 2014 (its speed is our choice).
@@ -82,18 +55,6 @@ class Body(Model):
         if isinstance(data, dict) and isinstance(data.get("kind"), str):
             return BODIES.get(data["kind"], {}) | data
         return data
-
-
-class Arena(Model):
-    """Part of the floor that the robots do not leave: its edges stop them as walls do, air passes them."""
-
-    low: Point2
-    high: Point2
-
-    @property
-    def size(self) -> tuple[float, float]:
-        """Edges [m]."""
-        return self.high[0] - self.low[0], self.high[1] - self.low[1]
 
 
 class Communication(Model):
@@ -153,3 +114,89 @@ class Group(Model):
     """Whether `reach` is the radius of a disc around the source or half the edge of a square."""
     wake: bool = False
     """Whether the robots disturb the air: in 3-D as solid bodies, in 2-D by their drag; of one trial only."""
+
+    def misfit(self, floor: Arena) -> str | None:
+        """What is wrong with the size of its robots, or with their number; `key: message`."""
+        width, radius = min(floor.size), self.body.radius
+        if 2 * radius > width:
+            return (
+                f"body.radius: a robot {2 * radius:g} m wide does not fit on a floor "
+                f"{width:g} m wide; make the body smaller"
+            )
+        most = int(floor.size[0] * floor.size[1] / (pi * radius**2))
+        if self.count > most:
+            return (
+                f"count: {self.count} robots of radius {radius:g} m do not fit on "
+                f"the floor; use fewer than {most} or a smaller body"
+            )
+        return None
+
+    def places(self, floor: Arena) -> np.ndarray | None:
+        """Where its robots start, (count, 2) [m]; None where that is drawn, or they do not fit."""
+        return None if self.misfit(floor) else self.start.places(self.count)
+
+    def problems(self, where: str, context: Context) -> Iterator[str]:
+        """Bodies, sensors and places have to fit the floor, and algorithms what they are given."""
+        scenario = context.scenario
+        if scenario.arena is not None and scenario.arena.fault(context.domain.extent):
+            return
+        misfit = self.misfit(scenario.floor)
+        if misfit:
+            yield f"{where}.{misfit}"
+        else:
+            if self.wake:
+                yield from self._wake(where, context)
+            if context.domain.dim == 3:
+                yield from self._heights(where, context.domain.extent[2])
+            yield from self.start.clashes(f"{where}.start", self.body, self.count, context)
+            yield from self._found_at_once(where, context)
+        yield from self.algorithm.in_group(where, self, scenario.floor)
+
+    def _wake(self, where: str, context: Context) -> Iterator[str]:
+        """The air is one: robots that move it cannot be in several trials at once."""
+        for n, other in enumerate(context.scenario.robots):
+            if other.trials > 1:
+                yield (
+                    f"{where}.wake: robots[{n}] has {other.trials} trials in the same air, and a wake would be felt "
+                    "in all of them; use trials: 1, or remove the wake"
+                )
+                return
+        heights = {"gas": self.sensors.gas.height, "wind": self.sensors.wind.height}
+        for name, height in heights.items():
+            if context.domain.dim == 3 and height <= self.body.height:
+                yield (
+                    f"{where}.sensors.{name}.height: {height:g} m is inside the body, where with a wake there is no "
+                    f"wind; put it above body.height = {self.body.height:g} m, or remove the wake"
+                )
+        if 2 * self.body.radius < context.domain.spacing:
+            yield (
+                f"{where}.wake: a body {2 * self.body.radius:g} m wide is smaller than a cell of "
+                f"{context.domain.spacing:g} m and would not move the air; lower domain.spacing or remove the wake"
+            )
+
+    def _heights(self, where: str, ceiling: float) -> Iterator[str]:
+        heights = {
+            "body.height": self.body.height,
+            "sensors.gas.height": self.sensors.gas.height,
+            "sensors.wind.height": self.sensors.wind.height,
+        }
+        for key, height in heights.items():
+            if height > ceiling:
+                yield f"{where}.{key}: {height:g} m is above the ceiling of the domain; use at most {ceiling:g} m"
+
+    def _found_at_once(self, where: str, context: Context) -> Iterator[str]:
+        """A robot that starts within reach of a source would have nothing to search; the first one."""
+        places = self.start.places(self.count)
+        if places is None:
+            return
+        for path, source in context.scenario.sources:
+            apart = np.linalg.norm(places - np.array(source.position[:2]), axis=1)
+            near = np.flatnonzero(apart <= self.reach)
+            if len(near):
+                k = near[0]
+                yield (
+                    f"{where}.start: robot {k} at ({places[k, 0]:g}, {places[k, 1]:g}) m is {apart[k]:.3g} m from "
+                    f"{path} and would count as found at once; start it more than {where}.reach = "
+                    f"{self.reach:g} m away, or lower the reach"
+                )
+                return

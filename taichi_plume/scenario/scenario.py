@@ -1,21 +1,31 @@
 """The whole scenario vocabulary as frozen pydantic models. SI units; see `quantities` for texts with units.
 
-``python -m taichi_plume.scenario.scenario --schema`` prints the JSON schema for editors.
-Cross-field checks that need geometry live in `checks`; reading YAML in `loading`.
+``python -m taichi_plume.scenario --schema`` prints the JSON schema for editors. What is wrong with a section beyond
+single keys the section tells itself, see `checks`; `loading` reads YAML.
 """
 
+from collections.abc import Iterator, Mapping
 from math import ceil
 from typing import Annotated
 
+import numpy as np
 from pydantic import Field
 
+from taichi_plume.scenario.arena import Arena
+from taichi_plume.scenario.context import Context
 from taichi_plume.scenario.domain import Domain
-from taichi_plume.scenario.gases import AnySource, Gas, MixtureGas, PureGas
+from taichi_plume.scenario.gases import AnySource, Gas, PureGas
+from taichi_plume.scenario.heat import Buoyancy
 from taichi_plume.scenario.maps import Map
 from taichi_plume.scenario.obstacles import Obstacle
+from taichi_plume.scenario.openings import Opening
 from taichi_plume.scenario.outputs import Fields, PlumeLog, Recording
-from taichi_plume.scenario.robots import Arena, Group
+from taichi_plume.scenario.robots import Group
+from taichi_plume.scenario.screens import AnyScreen
+from taichi_plume.scenario.starts import too_close
 from taichi_plume.scenario.vocabulary import (
+    COMPILED,
+    FREE,
     Delay,
     Duration,
     Model,
@@ -27,15 +37,15 @@ from taichi_plume.scenario.winds import Wind
 class Scenario(Model):
     """One experiment: everything that decides its outcome."""
 
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")] = "run"
-    seed: Annotated[int, Field(ge=0, lt=2**32)] = 0
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"), FREE] = "run"
+    seed: Annotated[int, Field(ge=0, lt=2**32), FREE] = 0
     duration: Duration
     """Time the robots are active [s]."""
     warm_up: Delay = 0.0
     """Flow and gas before the robots start [s]."""
-    tick: Tick = 0.1
+    tick: Annotated[Tick, COMPILED] = 0.1
     """Control period [s]."""
-    stop_early: bool = True
+    stop_early: Annotated[bool, FREE] = True
     """End once every robot of every group has found a source."""
     domain: Domain
     wind: Wind
@@ -47,10 +57,10 @@ class Scenario(Model):
     rivals: bool = False
     """Whether each group searches as if the others were not there: to compare them in the same air."""
     maps: tuple[Map, ...] = ()
-    recording: Recording = Recording()
-    fields: Fields | None = None
+    recording: Annotated[Recording, FREE] = Recording()
+    fields: Annotated[Fields | None, FREE] = None
     """Unless given, no fields.zarr is written."""
-    plumesim_log: PlumeLog | None = None
+    plumesim_log: Annotated[PlumeLog | None, FREE] = None
     """Unless given, no plume.pslog is written."""
 
     @property
@@ -62,9 +72,26 @@ class Scenario(Model):
     @property
     def gases(self) -> tuple[tuple[str, PureGas], ...]:
         """Every gas of one species, with its path in the scenario."""
-        if isinstance(self.gas, MixtureGas):
-            return tuple((f"gas.parts[{n}]", part) for n, part in enumerate(self.gas.parts))
-        return (("gas", self.gas),)
+        return self.gas.alone("gas")
+
+    def with_gases(self, others: Mapping[str, PureGas]) -> "Scenario":
+        """With other gases in place of those of some paths."""
+        return self.model_copy(update={"gas": self.gas.replaced("gas", others)}) if others else self
+
+    @property
+    def openings(self) -> tuple[Opening, ...]:
+        """Those of a computed flow."""
+        return self.wind.computed.openings if self.wind.computed else ()
+
+    @property
+    def screens(self) -> tuple[AnyScreen, ...]:
+        """Those of a computed flow."""
+        return self.wind.computed.screens if self.wind.computed else ()
+
+    @property
+    def buoyancy(self) -> Buoyancy | None:
+        """That of a computed flow."""
+        return self.wind.computed.buoyancy if self.wind.computed else None
 
     @property
     def sources(self) -> tuple[tuple[str, AnySource], ...]:
@@ -84,3 +111,24 @@ class Scenario(Model):
     def last_tick(self) -> int:
         """Tick at which the run ends: the duration in whole ticks."""
         return ceil(self.duration / self.tick - 1e-9)
+
+    def problems(self, where: str, context: Context) -> Iterator[str]:
+        """Robots must not overlap, nor two groups have one name, by which tables and recordings tell them apart."""
+        first: dict[str, int] = {}
+        names: list[tuple[str, int]] = []
+        discs: list[tuple[np.ndarray, float]] = []
+        sound = self.arena is None or self.arena.fault(self.domain.extent) is None
+        for n, group in enumerate(self.robots):
+            if group.name in first:
+                yield (
+                    f"robots[{n}].name: '{group.name}' is the name of robots[{first[group.name]}] too; "
+                    "give each group its own"
+                )
+            first.setdefault(group.name, n)
+            places = group.places(self.floor) if sound else None
+            if places is not None:
+                names += [(f"robots[{n}]", k) for k in range(group.count)]
+                discs.append((places, group.body.radius))
+            if discs and (self.rivals or n == len(self.robots) - 1):
+                yield from too_close(names, discs)
+                names, discs = [], []

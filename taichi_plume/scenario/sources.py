@@ -1,11 +1,13 @@
 """Where gas comes from: species, sources and dishes of a scenario, and what every gas of one species has."""
 
-from typing import ClassVar, Literal
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, ClassVar, Literal, Self
 
 from pydantic import model_validator
-from pydantic_core import PydanticCustomError
 
-from taichi_plume.scenario.species import SPECIES, TEMPERATURE, Species
+from taichi_plume.scenario.located import Located
+from taichi_plume.scenario.quantities import fault
+from taichi_plume.scenario.species import PRESSURE, SPECIES, TEMPERATURE, Species
 from taichi_plume.scenario.vocabulary import (
     Diffusivity,
     Duration,
@@ -14,7 +16,6 @@ from taichi_plume.scenario.vocabulary import (
     Length,
     Model,
     MolarMass,
-    Point,
     Pressure,
     Rate,
     Speed,
@@ -58,10 +59,9 @@ class Dish(Model):
     """Of the air over the dish [m/s]; unless given, of the wind half a diameter above the source (in 2-D: there)."""
 
 
-class Source(Model):
+class Source(Located):
     """A ball (in 2-D a disc) that emits evenly over its volume, with a given rate or what a dish gives off."""
 
-    position: Point
     rate: Rate | None = None
     """Mass per time while it is on [kg/s]."""
     dish: Dish | None = None
@@ -76,9 +76,9 @@ class Source(Model):
     def _ordered(self) -> "Source":
         if (self.rate is None) == (self.dish is None):
             got = "neither" if self.dish is None else "both"
-            raise PydanticCustomError("source", "takes a rate or a dish, got {got}", {"got": got})
+            raise fault("takes a rate or a dish, got {got}", {"got": got})
         if self.start is not None and self.stop is not None and self.stop <= self.start:
-            raise PydanticCustomError("source", "stop must be later than start")
+            raise fault("stop must be later than start")
         return self
 
 
@@ -88,11 +88,34 @@ class Target(Source):
     rate: Rate = 0.0
 
 
+def dishes(where: str, species: Species, sources: Sequence[Source]) -> Iterator[str]:
+    """The species of a dish has to be known as a liquid, which must not boil; `where` is the gas."""
+    for n, source in enumerate(sources):
+        dish = source.dish
+        if dish is None:
+            continue
+        path = f"{where}.sources[{n}].dish"
+        if species.antoine is None and species.vapour_pressure is None:
+            yield f"{where}.species: missing key 'vapour_pressure', at the temperature of {path}"
+        elif species.saturation(dish.temperature, dish.temperature) >= PRESSURE:
+            pressure = species.saturation(dish.temperature, dish.temperature)
+            yield (
+                f"{path}.temperature: at {dish.temperature:g} K {species.name} boils, its vapour pressure is "
+                f"{pressure / 1e3:.4g} kPa; must be below {PRESSURE / 1e3:g} kPa"
+            )
+        if dish.cooling and species.latent_heat is None:
+            yield f"{where}.species: missing key 'latent_heat'; without it, set {path}.cooling: false"
+
+
 class OneGas(Model):
     """What every gas of one species has."""
 
     sources_key: ClassVar[str] = "sources"
     """Where a scenario lists what the robots search for."""
+    on_grid: ClassVar[bool] = False
+    """Whether the wind has to be known on the grid, to carry it."""
+    weighs: ClassVar[bool] = False
+    """Whether its weight can act on the air."""
     species: Literal["ethanol", "acetone"] | OtherSpecies = "ethanol"
 
     @property
@@ -101,3 +124,11 @@ class OneGas(Model):
         if isinstance(self.species, str):
             return SPECIES[self.species]
         return Species(**self.species.model_dump())
+
+    def alone(self, where: str) -> tuple[tuple[str, Self], ...]:
+        """Every gas of one species in it, with its path: itself."""
+        return ((where, self),)
+
+    def replaced(self, where: str, others: Mapping[str, Any]) -> Any:
+        """With other gases in place of those of some paths."""
+        return others.get(where, self)

@@ -1,12 +1,46 @@
 """What every section of a scenario is made of: kinds of numbers with units, and the frozen model."""
 
 import difflib
-from typing import Annotated, Any, Literal
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
-from pydantic_core import PydanticCustomError
 
-from taichi_plume.scenario.quantities import quantity
+from taichi_plume.scenario.quantities import fault, quantity
+
+if TYPE_CHECKING:
+    from taichi_plume.scenario.context import Context
+
+Mark = TypeVar("Mark")
+
+
+class Compiled:
+    """Marks a number (as ``Annotated[Length, COMPILED]``) that shapes of fields, tables or kernels depend on.
+
+    Kinds, names, counts and lengths of lists do anyhow. All other numbers reach kernels when they run: a reset may
+    change them, see `Simulation.reset`.
+    """
+
+
+class Free:
+    """Marks what a reset may change although it is no float, and all below it: nothing was built from it."""
+
+
+COMPILED = Compiled()
+FREE = Free()
+
+
+@dataclass(frozen=True)
+class Vector:
+    """Marks numbers that are one per axis of the run, or of a plane in it, which has one axis `fewer`."""
+
+    fewer: int
+
+
+PER_AXIS = Vector(0)
+PER_FACE = Vector(1)
 
 
 def per_axis(number: Any) -> Any:
@@ -53,23 +87,36 @@ NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 FullScale = Annotated[float, Field(ge=1e-6, le=1e6, allow_inf_nan=False)]
 Count = Annotated[int, Field(ge=1, le=1_000_000)]
-Point = Annotated[tuple[Coordinate, ...], Field(min_length=2, max_length=3)]
+Point = Annotated[tuple[Coordinate, ...], Field(min_length=2, max_length=3), PER_AXIS]
+Edges = Annotated[tuple[Length, ...], Field(min_length=2, max_length=3), PER_AXIS]
+Velocities = Annotated[tuple[Velocity, ...], Field(min_length=2, max_length=3), PER_AXIS]
+Accelerations = Annotated[tuple[Acceleration, ...], Field(min_length=2, max_length=3), PER_AXIS]
 Point2 = tuple[Coordinate, Coordinate]
 Convection = Literal["koren", "weno5"]
 Face = Literal["x-", "x+", "y-", "y+", "z-", "z+"]
+Color = tuple[int, int, int]
 Diffusivities = per_axis(Diffusivity)
 Intensities = per_axis(NonNegative)
 
 
-class Compiled:
-    """Marks a number (as ``Annotated[Length, COMPILED]``) that shapes of fields, tables or kernels depend on.
+@cache
+def mark_of(model: type["Model"], key: str, kind: type[Mark]) -> Mark | None:
+    """The mark of that class on a key of a model, or on a part of its type."""
+    field = model.model_fields[key]
+    return next((one for one in (*field.metadata, *_marks(field.annotation)) if isinstance(one, kind)), None)
 
-    Kinds, names, counts and lengths of lists do anyhow. All other numbers reach kernels when they run: a reset may
-    change them, see `Simulation.reset`.
-    """
+
+def marked(model: type["Model"], key: str, kind: type) -> bool:
+    """Whether there is one."""
+    return mark_of(model, key, kind) is not None
 
 
-COMPILED = Compiled()
+def _marks(kind: Any) -> Iterator[Any]:
+    """What types are annotated with, outside of models."""
+    if get_origin(kind) is Annotated:
+        yield from kind.__metadata__
+    for part in get_args(kind):
+        yield from _marks(part)
 
 
 class Model(BaseModel):
@@ -86,9 +133,38 @@ class Model(BaseModel):
                 if key not in allowed:
                     close = difflib.get_close_matches(str(key), allowed, n=1)
                     hint = f"did you mean '{close[0]}'? " if close else ""
-                    raise PydanticCustomError(
-                        "unknown_key",
+                    raise fault(
                         "unknown key '{key}'; {hint}allowed: {allowed}",
                         {"key": str(key), "hint": hint, "allowed": ", ".join(allowed)},
                     )
         return data
+
+    def misfits(self, where: str, dim: int) -> Iterator[str]:
+        """What goes with runs of another dimension than `dim`: vectors, and what a section knows besides.
+
+        Here and below a line per fault: its path, where `where` is the section's, what is wrong, what would be right.
+        """
+        for key in type(self).model_fields:
+            vector, value = mark_of(type(self), key, Vector), vars(self)[key]
+            if vector is not None and value is not None and len(value) != dim - vector.fewer:
+                has = f"{len(value)} number{'s' * (len(value) > 1)}"
+                yield f"{where}.{key}: has {has}, a {dim}-D run takes {dim - vector.fewer} here"
+
+    def unusable(self, where: str, context: "Context") -> Iterator[str]:
+        """What is wrong with its files, without which nothing more can be said."""
+        yield from ()
+
+    def problems(self, where: str, context: "Context") -> Iterator[str]:
+        """What else is wrong with it."""
+        yield from ()
+
+
+def sections(part: Any, where: str) -> Iterator[tuple[str, Model]]:
+    """A section and all below it, each with its path; `part` may be a list of them."""
+    if isinstance(part, Model):
+        yield where, part
+        for key in type(part).model_fields:
+            yield from sections(vars(part)[key], f"{where}.{key}")
+    elif isinstance(part, tuple):
+        for n, one in enumerate(part):
+            yield from sections(one, f"{where}[{n}]")

@@ -1,31 +1,38 @@
 """The air flow of a scenario: its kinds, and how eddies too small for the grid are modelled."""
 
+from collections.abc import Iterator
+from itertools import pairwise
 from math import hypot
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
-from pydantic_core import PydanticCustomError
 
+from taichi_plume.scenario.any_wind import GUST, AnyWind
+from taichi_plume.scenario.context import Context
 from taichi_plume.scenario.heat import Buoyancy
-from taichi_plume.scenario.openings import Opening, Perforated, Straightener
+from taichi_plume.scenario.imported_wind import ImportedWind
+from taichi_plume.scenario.openings import Opening
+from taichi_plume.scenario.played import PlaybackWind, PlumeSimWind
+from taichi_plume.scenario.quantities import fault
+from taichi_plume.scenario.screens import AnyScreen
 from taichi_plume.scenario.vocabulary import (
-    Acceleration,
+    Accelerations,
     Convection,
-    Coordinate,
     Diffusivity,
     Duration,
-    Face,
     Length,
     Model,
     NonNegative,
-    Point,
-    Point2,
     Positive,
     Speed,
-    Time,
-    Velocity,
+    Velocities,
 )
+
+if TYPE_CHECKING:
+    from taichi_plume.scenario.scenario import Scenario
+
+MOST_KNOTS = 1_000_000  # of the gusts; they are drawn at the start
 
 
 class Smagorinsky(Model):
@@ -53,7 +60,7 @@ class NoModel(Model):
     kind: Literal["none"]
 
 
-class CfdWind(Model):
+class CfdWind(AnyWind):
     """Air flow computed on the grid by the incompressible Navier-Stokes equations."""
 
     kind: Literal["cfd"]
@@ -64,9 +71,9 @@ class CfdWind(Model):
     )
     openings: tuple[Opening, ...] = ()
     """What no opening covers is no-slip wall."""
-    screens: tuple[Annotated[Straightener | Perforated, Field(discriminator="kind")], ...] = ()
+    screens: tuple[AnyScreen, ...] = ()
     """Flow straighteners and perforated sheets inside the domain."""
-    acceleration: Annotated[tuple[Acceleration, ...], Field(min_length=2, max_length=3)] | None = None
+    acceleration: Accelerations | None = None
     """Force per mass on all the air [m/s²]: what drives the flow along a periodic duct."""
     convection: Convection = "koren"
     """Scheme of convection; weno5 is more accurate on the same grid and costs more."""
@@ -85,6 +92,60 @@ class CfdWind(Model):
             return {"courant": 0.4} | data
         return data
 
+    @property
+    def computed(self) -> "CfdWind":
+        """Itself."""
+        return self
+
+    def top_speed(self, scenario: "Scenario") -> float:
+        """Of openings, bodies that move, and air that rises and sinks [m/s]."""
+        speeds = [opening.top_speed(scenario.domain) for opening in self.openings]
+        for one in scenario.obstacles:
+            if one.motion is not None:
+                speeds += [speed for _, _, speed in one.motion.legs(one.center)]
+        if self.buoyancy is not None and self.buoyancy.heat is not None:
+            speeds.append(self.buoyancy.heat.top_speed(max(scenario.domain.extent)))
+        return max(speeds, default=0.0)
+
+    def longest_step(self, scenario: "Scenario") -> float:
+        """By its Courant number [s]."""
+        return self.courant * super().longest_step(scenario)
+
+    def problems(self, where: str, context: Context) -> Iterator[str]:
+        """Openings must not be in each other's way, and air has to get out."""
+        lines = [
+            line
+            for n, opening in enumerate(self.openings)
+            for line in opening.clashes(f"{where}.openings[{n}]", n, self.openings, context)
+        ]
+        yield from lines or self._net_inflow(where, context)
+
+    def _net_inflow(self, where: str, context: Context) -> Iterator[str]:
+        """Air cannot be compressed: without an outlet, what is blown in must be drawn out at every moment."""
+        if any(opening.lets_out for opening in self.openings):
+            return
+        for n, opening in enumerate(self.openings):
+            if opening.follows_pressure:
+                yield (
+                    f"{where}.openings[{n}].curve: needs an outlet: what a fan blows along its curve nothing balances; "
+                    "add {kind: outlet, face: ...} or use speed"
+                )
+                return
+        scenario, domain = context.scenario, context.domain
+        begin = 0.0 - scenario.warm_up
+        ends = {begin, scenario.duration, *(time for opening in self.openings for time in opening.knots)}
+        times = sorted(t for t in ends if begin <= t <= scenario.duration)
+        times = sorted([*times, *((a + b) / 2 for a, b in pairwise(times))])
+        for t in times:
+            flows = [opening.inflow(t, domain) for opening in self.openings]
+            if abs(sum(flows)) > 1e-6 * sum(abs(flow) for flow in flows):
+                change = "blown in" if sum(flows) > 0 else "drawn out"
+                yield (
+                    f"{where}.openings: an outlet is missing: at t = {t:g} s a net {abs(sum(flows)):.4g} m³/s is "
+                    f"{change} and all else is closed; add {{kind: outlet, face: ...}} or balance the speeds"
+                )
+                return
+
 
 class Gusts(Model):
     """Gusts across a uniform wind, everywhere the same: an Ornstein-Uhlenbeck process, see solvers/gusts.py."""
@@ -100,12 +161,18 @@ class Gusts(Model):
         """Of each crosswind over the mean speed."""
         return (self.intensity, self.vertical)[: dim - 1]
 
+    def misfits(self, where: str, dim: int) -> Iterator[str]:
+        """A 2-D run has no vertical."""
+        if dim == 2 and self.vertical:
+            yield f"{where}.vertical: a 2-D run has no vertical; remove it, or give domain.size three numbers"
+        yield from super().misfits(where, dim)
 
-class UniformWind(Model):
+
+class UniformWind(AnyWind):
     """The same velocity everywhere, constant but for gusts; obstacles do not deflect it."""
 
     kind: Literal["uniform"]
-    velocity: Annotated[tuple[Velocity, ...], Field(min_length=2, max_length=3)]
+    velocity: Velocities
     """Mean velocity [m/s]."""
     gusts: Gusts | None = None
     """Unless given, the wind is steady."""
@@ -126,6 +193,43 @@ class UniformWind(Model):
         rows = [along, lateral]
         return np.array(rows if dim == 2 else [*rows, np.cross(along, lateral)])
 
+    @property
+    def uniform(self) -> "UniformWind":
+        """Itself."""
+        return self
+
+    def top_speed(self, scenario: "Scenario") -> float:
+        """Of the mean velocity [m/s]."""
+        return self.speed
+
+    def axes_speed(self, scenario: "Scenario") -> float:
+        """Of the mean velocity [m/s]."""
+        return sum(abs(v) for v in self.velocity)
+
+    def problems(self, where: str, context: Context) -> Iterator[str]:
+        """Nothing deflects it, and its gusts have to be drawn in advance."""
+        if context.scenario.obstacles:
+            yield (
+                f"{where}.kind: a uniform wind blows through obstacles; use kind: cfd or synthetic, or remove the "
+                "obstacles"
+            )
+        for n, group in enumerate(context.scenario.robots):
+            if group.wake:
+                yield f"robots[{n}].wake: a uniform wind is not disturbed; use wind.kind: cfd, or remove the wake"
+        if self.gusts is None:
+            return
+        if not self.speed:
+            yield (
+                f"{where}.gusts: are a share of the wind's speed, which is 0; give {where}.velocity or remove the gusts"
+            )
+            return
+        crossing = float(np.abs(self.frame[0]) @ context.domain.extent) / self.speed
+        if crossing > self.gusts.time * MOST_KNOTS / 20:
+            yield (
+                f"{where}.gusts.time: {self.gusts.time:g} s is too short for air that takes {crossing:.3g} s through "
+                f"the domain; use {20 * crossing / MOST_KNOTS:.2g} s or more, or a faster wind"
+            )
+
 
 class FrozenWind(CfdWind):
     """The mean of a computed flow, kept for ever: `cfd` at first, then at no cost. The flow's fluctuations are lost."""
@@ -136,88 +240,26 @@ class FrozenWind(CfdWind):
     average: Duration | None = None
     """The flow is averaged over so long before [s]; unless given, half of `after`."""
 
+    def moving(self, whole: float) -> float:
+        """Until it stands still."""
+        return min(whole, self.after)
 
-class Played(Model):
-    """Frames that were made before; at the end the last one holds."""
-
-    loop: bool = False
-    """Start again at the end."""
-    rate: Positive = 1.0
-    """Seconds of the frames per simulated second; their velocities stay as they are."""
-    start: Time = 0.0
-    """Time of the frames [s] that is shown when the robots start."""
-
-
-class Playback(Played):
-    """A recorded run (see `fields`), linear in time between its frames, also from the last one to the first."""
-
-    file: Annotated[str, Field(min_length=1)]
-    """Path of a fields.zarr, relative to the scenario's folder."""
-
-
-class PlaybackWind(Playback):
-    """The air flow of a recorded run."""
-
-    kind: Literal["playback"]
+    def problems(self, where: str, context: Context) -> Iterator[str]:
+        """It has to come to stand still within the run."""
+        yield from super().problems(where, context)
+        whole = context.scenario.warm_up + context.scenario.duration
+        if self.after > whole:
+            yield (
+                f"{where}.after: {self.after:g} s is longer than warm_up + duration = {whole:g} s, so the flow would "
+                "never stand still; lower it, raise warm_up, or use kind: cfd"
+            )
+        if self.average is not None and self.average > self.after:
+            yield (
+                f"{where}.average: {self.average:g} s is longer than after: {self.after:g} s; use at most that"
+            )
 
 
-class PointPlayback(Played):
-    """Frames of points, played back as PlumeSim does: each holds until the next one, and the last for good.
-
-    Points lie in a plane; in 3-D they are the same at every height. What is read at a place is the value of the nearest
-    point that is closer than the cell, else zero.
-    """
-
-    offset: Point2 = (0.0, 0.0)
-    """Added to the points' places [m]."""
-    interpolate: bool = False
-    """Read between points, bilinear on a lattice as wide as the cell; zero at a cell from the last of them."""
-
-
-class PlumeSimLog(PointPlayback):
-    """A log of PlumeSim: text; see point_frames.py. `plumesim_log` makes a run write one."""
-
-    file: Annotated[str, Field(min_length=1)]
-    """Its path, relative to the scenario's folder."""
-
-
-class PlumeSimWind(PlumeSimLog):
-    """The wind of a log, as sensors feel it; no gas on the grid can be carried by it."""
-
-    kind: Literal["plumesim_log"]
-
-
-class ImportedWind(Played):
-    """Air flow from elsewhere, such as OpenFOAM, ParaView, Fluent or GADEN; `wind_files` tells the formats.
-
-    Between its points it is linear, between its files linear in time. It is made divergence-free; through the faces of
-    the domain air goes as in the files, but for an even share that balances what comes in and what goes out.
-    """
-
-    kind: Literal["imported"]
-    files: Annotated[str, Field(min_length=1)]
-    """A file, relative to the scenario's folder, or several: %d stands for numbers that count up by one, such as in
-    wind_at_cell_centers_%d.csv, %g for times [s], such as in postProcessing/cloud/%g/points_U.xy."""
-    interval: Duration = 1.0
-    """Time from one numbered file to the next [s]; the first shows the time 0."""
-    origin: Point | None = None
-    """Where the domain's lower corner lies in the files [m]; unless given, the lower corner of the occupancy grid, or
-    without one that of the points."""
-    height: Coordinate | None = None
-    """z in the files of the section that a 2-D run takes [m]; unless given, the middle of the points."""
-    occupancy: Annotated[str, Field(min_length=1)] | None = None
-    """Path of an OccupancyGrid3D.csv of GADEN's: obstacles besides the scenario's own."""
-    walls: tuple[Face, ...] = ()
-    """Faces of the domain that let no air through."""
-    viscosity: Diffusivity = 1.56e-5
-    """Kinematic viscosity [m²/s]; the default is air at 25 °C."""
-    eddy_viscosity: Diffusivity | None = None
-    """Of the turbulence that the files do not resolve [m²/s]; unless given, their column nut, or none."""
-    schmidt: Positive = 0.7
-    """Turbulent Schmidt number: eddy viscosity over eddy diffusivity of gas."""
-
-
-class SyntheticWind(Model):
+class SyntheticWind(AnyWind):
     """Weak convection of a closed room: random eddies and a slowly turning circulation; see solvers/synthetic.py.
 
     All faces of the domain are walls. Nothing is solved, so it costs little.
@@ -244,12 +286,35 @@ class SyntheticWind(Model):
     @model_validator(mode="after")
     def _ordered(self) -> "SyntheticWind":
         if self.shortest is not None and self.shortest >= self.longest:
-            raise PydanticCustomError("waves", "shortest must be below longest")
+            raise fault("shortest must be below longest")
         return self
 
     def shortest_on(self, spacing: float) -> float:
         """Wavelength of the smallest eddies [m] on cells of `spacing` [m]."""
         return self.shortest or max(0.1, 4 * spacing)
+
+    def top_speed(self, scenario: "Scenario") -> float:
+        """The wind is faster in one place of ten thousand only [m/s]."""
+        return 2.0 * hypot(self.speed, self.circulation)
+
+    def axes_speed(self, scenario: "Scenario") -> float:
+        """Largest sum of |u| over the axes [m/s]."""
+        return GUST * hypot(self.speed, self.circulation)
+
+    def problems(self, where: str, context: Context) -> Iterator[str]:
+        """The cells must carry its waves."""
+        spacing = context.domain.spacing
+        shortest = self.shortest_on(spacing)
+        if shortest < 2 * spacing:
+            yield (
+                f"{where}.shortest: {shortest:g} m is less than two cells of {spacing:g} m; "
+                f"use {4 * spacing:g} m or more, or lower domain.spacing"
+            )
+        elif shortest >= self.longest:
+            yield (
+                f"{where}.longest: {self.longest:g} m is not above the shortest wavelength, {shortest:g} m; "
+                f"make it longer, or give a {where}.shortest below it"
+            )
 
 
 Wind = Annotated[

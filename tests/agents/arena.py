@@ -7,9 +7,10 @@ from taichi_plume.agents.placement import place
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.team import Team
 from taichi_plume.grid.clearance import ClearanceMap
-from taichi_plume.scenario.robots import Body, Group, StartAt
+from taichi_plume.scenario.robots import Body, Group
 from taichi_plume.scenario.sensors import Anemometer, IdealGasSensor, Sensors
 from taichi_plume.scenario.species import SPECIES
+from taichi_plume.scenario.starts import StartAt
 
 TICK = 0.1
 

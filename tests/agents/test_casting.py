@@ -11,9 +11,10 @@ from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.team import Team
 from taichi_plume.agents.tracking import FIND, UPWIND
 from taichi_plume.scenario.algorithms import Algorithm
-from taichi_plume.scenario.robots import Body, Group, StartArea
+from taichi_plume.scenario.robots import Body, Group
 from taichi_plume.scenario.sensors import Anemometer, IdealGasSensor, MoxSensor, Sensors
 from taichi_plume.scenario.species import SPECIES
+from taichi_plume.scenario.starts import StartArea
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

@@ -5,7 +5,7 @@ import pytest
 from arena import TICK, Run, Script
 
 from taichi_plume.agents.ecoli import ACQUIRE, RUN, TUMBLE
-from taichi_plume.scenario.algorithms import EColi
+from taichi_plume.scenario.listening import EColi
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

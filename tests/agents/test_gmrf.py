@@ -9,7 +9,7 @@ from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.scenario import maps as map_models
 from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.obstacles import Box
-from taichi_plume.scenario.resources import shape
+from taichi_plume.scenario.shapes import shape
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

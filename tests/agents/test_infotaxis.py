@@ -9,7 +9,7 @@ from scipy.special import k0
 from taichi_plume.agents.infotaxis import detection_rate
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.rng import uniform4
-from taichi_plume.scenario.algorithms import Infotaxis
+from taichi_plume.scenario.listening import Infotaxis
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

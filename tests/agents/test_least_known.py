@@ -8,7 +8,7 @@ from numpy.testing import assert_array_equal
 from taichi_plume.scenario.algorithms import LeastKnown, RandomWalk
 from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.obstacles import Box
-from taichi_plume.scenario.resources import shape
+from taichi_plume.scenario.shapes import shape
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

@@ -15,10 +15,12 @@ from taichi_plume.agents.radio import Radio
 from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.clearance import ClearanceMap
-from taichi_plume.scenario.algorithms import RandomWalk, Spiral, SurgeCast
-from taichi_plume.scenario.robots import Body, Communication, Group, Odometry, StartAt
+from taichi_plume.scenario.algorithms import RandomWalk, SurgeCast
+from taichi_plume.scenario.listening import Spiral
+from taichi_plume.scenario.robots import Body, Communication, Group, Odometry
 from taichi_plume.scenario.sensors import Anemometer, IdealGasSensor
 from taichi_plume.scenario.sensors import Sensors as SensorModels
+from taichi_plume.scenario.starts import StartAt
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

@@ -16,8 +16,9 @@ from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.scenario.algorithms import Casting
 from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.obstacles import Box, Cylinder, Mesh, Prism, Sphere
-from taichi_plume.scenario.resources import shape
-from taichi_plume.scenario.robots import Body, Group, StartArea
+from taichi_plume.scenario.robots import Body, Group
+from taichi_plume.scenario.shapes import shape
+from taichi_plume.scenario.starts import StartArea
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

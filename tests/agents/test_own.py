@@ -8,7 +8,8 @@ import pytest
 
 from taichi_plume import run
 from taichi_plume.assemble import assemble
-from taichi_plume.scenario.loading import ScenarioError, load_scenario
+from taichi_plume.prepare import load_scenario
+from taichi_plume.scenario.loading import ScenarioError
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

@@ -10,7 +10,8 @@ from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.grid.shapes import UprightBox
 from taichi_plume.scenario.algorithms import RandomWalk
 from taichi_plume.scenario.obstacles import Box
-from taichi_plume.scenario.robots import Body, Group, StartAt
+from taichi_plume.scenario.robots import Body, Group
+from taichi_plume.scenario.starts import StartAt
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

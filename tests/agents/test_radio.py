@@ -8,7 +8,8 @@ from taichi_plume.agents.radio import NEVER, Radio
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.scenario.algorithms import RandomWalk
-from taichi_plume.scenario.robots import Communication, Group, StartAt
+from taichi_plume.scenario.robots import Communication, Group
+from taichi_plume.scenario.starts import StartAt
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

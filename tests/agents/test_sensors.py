@@ -7,10 +7,11 @@ import taichi as ti
 from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.scenario.algorithms import Casting
-from taichi_plume.scenario.robots import Body, Group, StartAt
+from taichi_plume.scenario.robots import Body, Group
 from taichi_plume.scenario.sensors import Anemometer, IdealGasSensor, MoxSensor, PidSensor
 from taichi_plume.scenario.sensors import Sensors as SensorModels
 from taichi_plume.scenario.species import SPECIES
+from taichi_plume.scenario.starts import StartAt
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

@@ -8,7 +8,8 @@ from taichi_plume.agents.placement import Placed, place, placed
 from taichi_plume.agents.swarm import SKIN, Swarm
 from taichi_plume.scenario.algorithms import Casting
 from taichi_plume.scenario.obstacles import Cylinder
-from taichi_plume.scenario.robots import Body, Group, StartArea, StartAt, StartLine
+from taichi_plume.scenario.robots import Body, Group
+from taichi_plume.scenario.starts import StartArea, StartAt, StartLine
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

@@ -9,7 +9,8 @@ import pytest
 import zarr
 
 from taichi_plume.files.film import Film, FilmError, NewFilm, dimensions
-from taichi_plume.scenario.loading import ScenarioError, load_scenario
+from taichi_plume.prepare import load_scenario
+from taichi_plume.scenario.loading import ScenarioError
 
 SHAPE, DX = (6, 5, 4), 0.1
 PLAY = """

@@ -15,7 +15,7 @@ from taichi_plume.files import disk
 from taichi_plume.files.plume_log import PlumeLogger
 from taichi_plume.files.point_frames import read_log
 from taichi_plume.grid.fields import ppm_at, velocity_at
-from taichi_plume.scenario.loading import load_scenario
+from taichi_plume.prepare import load_scenario
 from taichi_plume.scenario.outputs import PlumeLog
 from taichi_plume.simulation import Every, Simulation
 

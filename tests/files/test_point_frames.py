@@ -8,8 +8,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from taichi_plume.files.point_frames import PointFileError, frames_of, read_fluent, read_log
-from taichi_plume.scenario.loading import ScenarioError, load_scenario
-from taichi_plume.scenario.winds import PlumeSimWind
+from taichi_plume.prepare import load_scenario
+from taichi_plume.scenario.loading import ScenarioError
+from taichi_plume.scenario.played import PlumeSimWind
 
 LOG = """500,3,0.1
 +1 2

@@ -9,7 +9,7 @@ from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.shapes import Shape
 from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.obstacles import Box, Cylinder, Sphere
-from taichi_plume.scenario.resources import shape
+from taichi_plume.scenario.shapes import shape
 
 
 def one(obstacle, grid: Grid) -> Shape:

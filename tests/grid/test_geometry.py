@@ -14,8 +14,8 @@ from taichi_plume.scenario import resources
 from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.gases import EulerianGas
 from taichi_plume.scenario.obstacles import Box, Cylinder, Mesh, Prism, Sphere
-from taichi_plume.scenario.resources import shape
 from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.scenario.shapes import shape
 from taichi_plume.scenario.sources import Source
 from taichi_plume.scenario.winds import CfdWind
 

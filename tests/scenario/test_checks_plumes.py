@@ -1,6 +1,7 @@
 import pytest
 
-from taichi_plume.scenario.loading import ScenarioError, load_scenario
+from taichi_plume.prepare import load_scenario
+from taichi_plume.scenario.loading import ScenarioError
 
 
 @pytest.fixture(autouse=True)

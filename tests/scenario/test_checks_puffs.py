@@ -2,7 +2,8 @@
 
 import pytest
 
-from taichi_plume.scenario.loading import ScenarioError, load_scenario
+from taichi_plume.prepare import load_scenario
+from taichi_plume.scenario.loading import ScenarioError
 
 SCENARIO = """
 duration: 10

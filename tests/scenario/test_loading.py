@@ -1,9 +1,11 @@
 import pytest
 import yaml
 
-from taichi_plume.scenario.loading import MOST_LINES, ScenarioError, load_scenario
+from taichi_plume.prepare import load_scenario
+from taichi_plume.scenario.loading import MOST_LINES, ScenarioError
 from taichi_plume.scenario.obstacles import Box
-from taichi_plume.scenario.openings import Fan, Region
+from taichi_plume.scenario.openings import Fan
+from taichi_plume.scenario.windows import Region
 from taichi_plume.scenario.winds import CfdWind
 
 

@@ -11,8 +11,8 @@ from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template
 from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.obstacles import Box, Cylinder, Sphere
-from taichi_plume.scenario.resources import shape
 from taichi_plume.scenario.robots import Body
+from taichi_plume.scenario.shapes import shape
 from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.bodies import Bodies, MovingObstacle, Outline, Wake
 from taichi_plume.solvers.flow import FlowSolver

@@ -3,8 +3,8 @@ import pytest
 import yaml
 
 from taichi_plume.grid.grid import Grid
-from taichi_plume.scenario.checks import problems
-from taichi_plume.scenario.loading import ScenarioError, load_scenario
+from taichi_plume.prepare import checked, load_scenario
+from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.sources import Dish, Source
 from taichi_plume.scenario.species import SPECIES, TEMPERATURE, Species
@@ -178,4 +178,4 @@ def test_faults_are_told_in_a_line(tmp_path, data, lines):
     ],
 )
 def test_dishes_that_are_right(tmp_path, data):
-    assert problems(Scenario.model_validate(data), tmp_path) == []
+    assert checked(Scenario.model_validate(data), tmp_path).scenario.sources

@@ -14,8 +14,9 @@ from taichi_plume.grid.cut_cells import air_of
 from taichi_plume.grid.fields import velocity_at
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.interpolation import Interpolation
-from taichi_plume.scenario.loading import ScenarioError, load_scenario
-from taichi_plume.scenario.winds import ImportedWind
+from taichi_plume.prepare import load_scenario
+from taichi_plume.scenario.imported_wind import ImportedWind
+from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.simulation import Simulation
 from taichi_plume.solvers.imported import ImportedFilm, Projection
 

@@ -13,9 +13,9 @@ from taichi_plume.files.filming import Filming
 from taichi_plume.grid import kernels
 from taichi_plume.grid.fields import concentration_at, velocity_at
 from taichi_plume.grid.grid import Grid
+from taichi_plume.prepare import load_scenario
 from taichi_plume.scenario.gases import PlaybackGas
-from taichi_plume.scenario.loading import load_scenario
-from taichi_plume.scenario.winds import PlaybackWind
+from taichi_plume.scenario.played import PlaybackWind
 from taichi_plume.simulation import Every, Simulation
 from taichi_plume.solvers.playback import PlayedGas, PlayedWind
 

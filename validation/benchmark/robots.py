@@ -16,7 +16,8 @@ from taichi_plume.grid.fields import Mixture
 from taichi_plume.grid.grid import Grid
 from taichi_plume.scenario.algorithms import Algorithm
 from taichi_plume.scenario.gases import EulerianGas
-from taichi_plume.scenario.robots import Group, StartAt
+from taichi_plume.scenario.robots import Group
+from taichi_plume.scenario.starts import StartAt
 from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.gas import EulerianSolver

@@ -1,0 +1,222 @@
+"""YAML -> Scenario -> prepare -> checks on both -> Simulation: what a scenario's files hold is opened here, once."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from pydantic import ValidationError
+
+from taichi_plume.files.own_class import OwnAlgorithmError, own_class
+from taichi_plume.files.point_frames import PointFileError, PointFrames, frames_of
+from taichi_plume.grid.meshes import MeshError
+from taichi_plume.grid.shapes import Shape
+from taichi_plume.scenario import checks
+from taichi_plume.scenario.algorithms import Own
+from taichi_plume.scenario.gases import PlaybackGas, PureGas
+from taichi_plume.scenario.imported_wind import ImportedWind
+from taichi_plume.scenario.loading import ScenarioError, read_scenario
+from taichi_plume.scenario.played import Playback, PlaybackWind, PlumeSimLog, PlumeSimWind
+from taichi_plume.scenario.plumesim import FluentGas, PlumeSimGas
+from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.scenario.shapes import shape
+from taichi_plume.scenario.vocabulary import Model
+
+if TYPE_CHECKING:  # they bring zarr and Taichi, for runs that need them
+    from taichi_plume.files.film import Film
+    from taichi_plume.files.site import Site
+    from taichi_plume.grid.cut_cells import Air
+
+
+@dataclass
+class Resources:
+    """What a scenario's files and obstacles are made of, each opened once, by the paths of the sections that name them.
+
+    faults: what is wrong with those that cannot be used. shapes: of the obstacles without a fault, in their order.
+    site: the files of an imported wind. own: the users' own classes.
+    """
+
+    scenario: Scenario
+    faults: dict[str, str] = field(default_factory=dict)
+    shapes: dict[str, Shape] = field(default_factory=dict)
+    films: "dict[str, Film]" = field(default_factory=dict)
+    frames: dict[str, PointFrames] = field(default_factory=dict)
+    site: "Site | None" = None
+    own: dict[str, type] = field(default_factory=dict)
+    _unlike: dict[Path, int] = field(default_factory=dict, repr=False)
+    _site_air: "dict[bool, Air]" = field(default_factory=dict, repr=False)
+
+    @property
+    def obstacles(self) -> list[Shape]:
+        """The shapes of the obstacles."""
+        return list(self.shapes.values())
+
+    @property
+    def standing(self) -> list[Shape | None]:
+        """The shapes of those that stand, None for those that move."""
+        return [one if one.model.motion is None else None for one in self.shapes.values()]
+
+    def unlike(self, path: str) -> int:
+        """Number of cells whose air is not as in the film of that section."""
+        film = self.films[path]
+        if film.path not in self._unlike:
+            from taichi_plume.grid.cut_cells import air_of
+            from taichi_plume.grid.grid import Grid
+
+            recorded = film.still("air")
+            here = air_of(self.standing, Grid.of(self.scenario.domain, film.periodic), recorded > 0)
+            self._unlike[film.path] = int((np.abs(here.volume - recorded) > 0.01).sum())
+        return self._unlike[film.path]
+
+    def solid(self) -> np.ndarray:
+        """Which cells of an imported wind's grid hold no air, where its outlets count as none.
+
+        They lie in the walls, where the files have no points.
+        """
+        return self.site_air(outlets=False).solid
+
+    def site_air(self, outlets: bool = True) -> "Air":
+        """The air of an imported wind; outlets: whether those of its occupancy grid are."""
+        assert self.site is not None
+        cubes = self.site.cubes
+        key = outlets or cubes is None or not cubes.outlet.any()
+        if key not in self._site_air:
+            from taichi_plume.grid.cut_cells import air_of
+            from taichi_plume.grid.grid import Grid
+
+            grid = Grid.of(self.scenario.domain)
+            self._site_air[key] = air_of(
+                self.standing, grid, left=cubes.shares(grid, outlets) if cubes else None
+            )
+        return self._site_air[key]
+
+
+class Prepared(NamedTuple):
+    """A scenario, with the recorded species and sources where a played gas gives none, and what its files hold."""
+
+    scenario: Scenario
+    resources: Resources
+
+
+def load_scenario(path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
+    """The checked scenario of a YAML file with overrides such as ``robots.0.count=3``. Raises ScenarioError."""
+    return load(path, overrides).scenario
+
+
+def load(path: str | Path, overrides: Sequence[str] = ()) -> Prepared:
+    """The checked scenario of a YAML file, ready to be assembled. Raises ScenarioError."""
+    path = Path(path)
+    scenario = read_scenario(path, overrides)
+    try:
+        return checked(scenario, path.resolve().parent)
+    except ScenarioError as error:
+        raise ScenarioError([f"{path}: {line}" for line in error.faults]) from None
+
+
+def checked(scenario: Scenario, folder: Path) -> Prepared:
+    """A scenario of which nothing is wrong, ready to be assembled; its files lie in `folder`. Raises ScenarioError."""
+    faults = checks.misfits(scenario)
+    if not faults:
+        prepared = prepare(scenario, folder)
+        faults = checks.problems(*prepared)
+        if not faults:
+            return prepared
+    raise ScenarioError(faults)
+
+
+def prepare(scenario: Scenario, folder: Path) -> Prepared:
+    """Open a scenario's files, which lie in `folder`; what cannot be used is told by the checks."""
+    resources = Resources(scenario)
+    for n, obstacle in enumerate(scenario.obstacles):
+        try:
+            resources.shapes[f"obstacles[{n}]"] = shape(obstacle, scenario.domain, folder)
+        except MeshError as error:
+            resources.faults[f"obstacles[{n}]"] = str(error)
+    gases: dict[str, PureGas] = {}
+    for path, section in checks.every(scenario):
+        opener = OPENERS.get(type(section))
+        if opener is not None:
+            gas = opener(resources, path, section, folder)
+            if gas is not None:
+                gases[path] = gas
+    resources.scenario = scenario.with_gases(gases)
+    return Prepared(resources.scenario, resources)
+
+
+# ---------------------------------------------------------------- files
+
+
+def _film(resources: Resources, path: str, model: Playback, folder: Path) -> PureGas | None:
+    """Open the film of a section; a played gas is returned with what was recorded of it."""
+    from taichi_plume.files.film import Film, FilmError
+
+    file, gas = folder / model.file, None
+    try:
+        film = next((film for film in resources.films.values() if film.path == file), None) or Film(file)
+        if isinstance(model, PlaybackGas):
+            gas = _completed(model, film)
+        film.still("air")
+        for n in {0, len(film.times) - 1}:
+            film.frame(n, film.wind if model.part == "wind" else film.gas)
+        resources.films[path] = film
+    except FilmError as error:
+        resources.faults[path] = str(error)
+    return gas
+
+
+def _completed(gas: PlaybackGas, film: "Film") -> PlaybackGas:
+    """The gas with the recorded species and sources where it gives none. Raises FilmError."""
+    from taichi_plume.files.film import FilmError
+
+    if gas.sources and gas.species:
+        return gas
+    try:
+        recorded = film.attributes["gases"][film.gas_of(gas.species)] if film.gas else {}
+        given = gas.model_dump(exclude_none=True, exclude_defaults=True)
+        return PlaybackGas.model_validate(recorded | given | {"kind": "playback"})
+    except (ValidationError, LookupError, TypeError):
+        raise FilmError(f"{film.path}: is damaged: its species or sources are not ones of ours") from None
+
+
+def _points(resources: Resources, path: str, model: PlumeSimLog | FluentGas, folder: Path) -> None:
+    """Read the frames of points of a section; a log that several play is read once."""
+    try:
+        file = folder / model.file if isinstance(model, PlumeSimLog) else None
+        known = (frames for frames in resources.frames.values() if frames.path == file)
+        resources.frames[path] = next(known, None) or frames_of(model, folder)
+    except PointFileError as error:
+        resources.faults[path] = str(error)
+
+
+def _site(resources: Resources, path: str, model: ImportedWind, folder: Path) -> None:
+    """Read the first and the last file of an imported wind."""
+    from taichi_plume.files.site import Site
+    from taichi_plume.files.wind_points import WindFileError
+
+    try:
+        site = Site(model, resources.scenario.domain.dim, folder)
+        site.read(site.files[-1][1])
+        resources.site = site
+    except WindFileError as error:
+        resources.faults[path] = str(error)
+
+
+def _own(resources: Resources, path: str, model: Own, folder: Path) -> None:
+    """Find the class in a user's file; without a file it is handed over when the run is assembled."""
+    if model.file:
+        try:
+            resources.own[path] = own_class(folder / model.file, model.name)
+        except OwnAlgorithmError as error:
+            resources.faults[path] = str(error)
+
+
+OPENERS: dict[type[Model], Callable[[Resources, str, Any, Path], PureGas | None]] = {
+    PlaybackWind: _film,
+    PlaybackGas: _film,
+    PlumeSimWind: _points,
+    PlumeSimGas: _points,
+    FluentGas: _points,
+    ImportedWind: _site,
+    Own: _own,
+}

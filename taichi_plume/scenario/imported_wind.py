@@ -1,0 +1,146 @@
+"""Air flow from elsewhere: files of other programs, and how they lie in the domain."""
+
+from collections.abc import Iterator
+from math import prod
+from typing import Annotated, Literal
+
+import numpy as np
+import psutil
+from pydantic import Field
+
+from taichi_plume.scenario.any_wind import AnyWind
+from taichi_plume.scenario.context import Context
+from taichi_plume.scenario.played import Played
+from taichi_plume.scenario.resources import Cubes, Site
+from taichi_plume.scenario.vocabulary import Coordinate, Diffusivity, Duration, Face, Point, Positive
+
+ROUNDING = 0.01  # cells that the domain may reach beyond the points
+
+
+class ImportedWind(AnyWind, Played):
+    """Air flow from elsewhere, such as OpenFOAM, ParaView, Fluent or GADEN; `wind_files` tells the formats.
+
+    Between its points it is linear, between its files linear in time. It is made divergence-free; through the faces of
+    the domain air goes as in the files, but for an even share that balances what comes in and what goes out.
+    """
+
+    kind: Literal["imported"]
+    files: Annotated[str, Field(min_length=1)]
+    """A file, relative to the scenario's folder, or several: %d stands for numbers that count up by one, such as in
+    wind_at_cell_centers_%d.csv, %g for times [s], such as in postProcessing/cloud/%g/points_U.xy."""
+    interval: Duration = 1.0
+    """Time from one numbered file to the next [s]; the first shows the time 0."""
+    origin: Point | None = None
+    """Where the domain's lower corner lies in the files [m]; unless given, the lower corner of the occupancy grid, or
+    without one that of the points."""
+    height: Coordinate | None = None
+    """z in the files of the section that a 2-D run takes [m]; unless given, the middle of the points."""
+    occupancy: Annotated[str, Field(min_length=1)] | None = None
+    """Path of an OccupancyGrid3D.csv of GADEN's: obstacles besides the scenario's own."""
+    walls: tuple[Face, ...] = ()
+    """Faces of the domain that let no air through."""
+    viscosity: Diffusivity = 1.56e-5
+    """Kinematic viscosity [m²/s]; the default is air at 25 °C."""
+    eddy_viscosity: Diffusivity | None = None
+    """Of the turbulence that the files do not resolve [m²/s]; unless given, their column nut, or none."""
+    schmidt: Positive = 0.7
+    """Turbulent Schmidt number: eddy viscosity over eddy diffusivity of gas."""
+
+    def misfits(self, where: str, dim: int) -> Iterator[str]:
+        """Faces and sections that there are not."""
+        yield from super().misfits(where, dim)
+        for n, face in enumerate(self.walls):
+            if "xyz".index(face[0]) >= dim:
+                yield f"{where}.walls[{n}]: '{face}' does not exist in a 2-D run; use x-, x+, y- or y+"
+        if dim == 3 and self.height is not None:
+            yield f"{where}.height: is for 2-D runs; remove it, or give domain.size two numbers"
+
+    def unusable(self, where: str, context: Context) -> Iterator[str]:
+        """The first and the last file have been read; those between are, when the run begins."""
+        fault, site = context.resources.faults.get(where), context.resources.site
+        if fault is not None or site is None:
+            yield f"{where}.files: {fault}"
+            return
+        low, high = site.levels
+        if self.height is not None and not low <= self.height <= high:
+            yield (
+                f"{where}.height: {self.height:g} m is outside of the points of {site.first.path}, "
+                f"z {low:g} to {high:g} m"
+            )
+            return
+        if self.start > site.files[-1][0] and not self.loop:
+            yield (
+                f"{where}.start: {self.start:g} s is after the last file, {site.files[-1][1]}, which shows "
+                f"{site.files[-1][0]:g} s"
+            )
+        domain = context.domain
+        needed = 4.0 * len(site.files) * prod(n + 2 for n in domain.shape) * (domain.dim + 1)
+        free = psutil.virtual_memory().available
+        if needed > free:
+            yield (
+                f"{where}.files: {len(site.files)} files on this grid need {needed / 1e9:.2g} GB of memory, "
+                f"{free / 1e9:.2g} GB are free; use fewer, or raise domain.spacing"
+            )
+        faults = list(self._beyond_cubes(site, context))
+        if faults or len(context.resources.shapes) < len(context.scenario.obstacles):
+            yield from faults
+            return
+        yield from self._without_wind(site, context)
+        if site.cubes is not None:
+            yield from self._in_cubes(site, site.cubes, context)
+
+    def _beyond_cubes(self, site: Site, context: Context) -> Iterator[str]:
+        """A domain that is larger than the occupancy grid."""
+        if site.cubes is None:
+            return
+        slack = ROUNDING * context.domain.spacing
+        for a, extent in enumerate(context.domain.extent):
+            low, high = site.cubes.low[a], site.cubes.high[a]
+            if low > slack or extent > high + slack:
+                yield _outside(site, a, (0.0, extent), (low, high), f"{self.occupancy} has cells")
+
+    def _without_wind(self, site: Site, context: Context) -> Iterator[str]:
+        """Air beyond the points."""
+        cells = np.argwhere(~context.resources.solid())
+        if not len(cells):
+            yield f"wind.occupancy: {self.occupancy}: leaves no air in the domain"
+            return
+        dx = context.domain.spacing
+        slack = ROUNDING * dx + site.slack
+        for a in range(context.domain.dim):
+            low, high = cells[:, a].min() * dx, (cells[:, a].max() + 1) * dx
+            if low < site.low[a] - slack or high > site.high[a] + slack:
+                have = f"the points of {site.first.path} stand for air"
+                yield _outside(site, a, (low, high), (site.low[a], site.high[a]), have)
+
+    def _in_cubes(self, site: Site, cubes: Cubes, context: Context) -> Iterator[str]:
+        """Sources and robots inside the obstacles of the occupancy grid."""
+        file = self.occupancy
+        if context.scenario.robots and context.scenario.domain.dim == 3:
+            floor = int((~cubes.solid).any(axis=(0, 1)).argmax())  # the lowest layer with air
+            low = cubes.low[2] + floor * cubes.size
+            if low > ROUNDING * context.scenario.domain.spacing:
+                yield (
+                    f"wind.origin: the floor of {file} is {low:.4g} m above the domain's, where robots drive; give it "
+                    f"{low + site.origin[2]:.6g} as its third number"
+                )
+                return
+        for path, source in context.scenario.sources:
+            place = np.array([source.position])
+            if place.shape[1] == context.scenario.domain.dim and cubes.inside(place)[0]:
+                yield f"{path}.position: is inside an obstacle of {file}; move the source"
+        for n, group in enumerate(context.scenario.robots):
+            away = cubes.horizontal_distance(group.start.listed, 0.0, group.body.height)
+            for k in np.flatnonzero(away < group.body.radius):
+                yield f"robots[{n}].start.positions[{k}]: touches an obstacle of {file}; move the robot"
+
+
+def _outside(site: Site, axis: int, air: tuple[float, float], known: tuple[float, float], have: str) -> str:
+    """A line about the domain along an axis; air, known: from where to where [m], in the domain."""
+    x, origin = "xyz"[axis], site.origin[axis]
+    (a, b), (low, high) = air, known
+    places = [f"{round(origin + place, 6) + 0.0:g}" for place in (a, b, low, high)]
+    return (
+        f"domain.size[{axis}]: in the files its air reaches from {x} = {places[0]} to {places[1]} m, but {have} only "
+        f"from {places[2]} to {places[3]} m; use at most {high - low:.6g} m, with {places[2]} in wind.origin"
+    )

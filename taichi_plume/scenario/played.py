@@ -1,0 +1,154 @@
+"""Winds and gases that are played back: frames of an earlier run, or of points as PlumeSim has them."""
+
+from collections.abc import Iterator
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from taichi_plume.scenario.any_wind import AnyWind
+from taichi_plume.scenario.context import Context
+from taichi_plume.scenario.resources import Film
+from taichi_plume.scenario.vocabulary import Model, Point2, Positive, Time
+
+
+class Played(Model):
+    """Frames that were made before; at the end the last one holds."""
+
+    loop: bool = False
+    """Start again at the end."""
+    rate: Positive = 1.0
+    """Seconds of the frames per simulated second; their velocities stay as they are."""
+    start: Time = 0.0
+    """Time of the frames [s] that is shown when the robots start."""
+
+
+class Playback(Played):
+    """A recorded run (see `fields`), linear in time between its frames, also from the last one to the first."""
+
+    part: ClassVar[Literal["wind", "gas"]]
+    """What of the run is played."""
+    file: Annotated[str, Field(min_length=1)]
+    """Path of a fields.zarr, relative to the scenario's folder."""
+
+    def unusable(self, where: str, context: Context) -> Iterator[str]:
+        """The film has to be whole, of the same domain and obstacles, and with what is asked of it."""
+        fault = context.resources.faults.get(where)
+        if fault is not None:
+            yield f"{where}.file: {fault}"
+            return
+        film = context.resources.films[where]
+        held = [name for name, variables in (("wind", film.wind), ("gas", film.gas)) if variables]
+        if self.part not in held:
+            yield (
+                f"{where}.file: {film.path}: holds no {self.part}, only {', '.join(held) or 'nothing'}; record it "
+                f"with fields.quantities: [{self.part}]"
+            )
+        elif faults := list(self._another_domain(film, context)):
+            yield from faults
+        elif len(context.resources.shapes) == len(context.scenario.obstacles):
+            differing = context.resources.unlike(where)
+            if differing:
+                yield (
+                    f"obstacles: {differing} cells are not as in {film.path}, which {self.part} plays back; "
+                    "give the obstacles of the recorded run"
+                )
+        if self.start > film.times[-1] and not self.loop:
+            yield (
+                f"{where}.start: {self.start:g} s is after the last frame of {film.path}; "
+                f"it has {film.times[0]:g} to {film.times[-1]:g} s"
+            )
+
+    def _another_domain(self, film: Film, context: Context) -> Iterator[str]:
+        domain = context.domain
+        if domain.shape != film.shape or abs(domain.spacing - film.dx) > 1e-6 * film.dx:
+            size = ", ".join(f"{n * film.dx:.6g}" for n in film.shape)
+            yield (
+                f"domain: {_cells(domain.shape, domain.spacing)}, but {film.path}, which {self.part} plays back, has "
+                f"{_cells(film.shape, film.dx)}; use size: [{size}], spacing: {film.dx:g}"
+            )
+        elif self.part == "gas" and domain.dim == 2 and abs(domain.depth - film.depth) > 1e-6 * film.depth:
+            yield (
+                f"domain.depth: {domain.depth:g} m, but the gas of {film.path} was recorded in {film.depth:g} m; "
+                f"use depth: {film.depth:g}"
+            )
+
+
+class PlaybackWind(AnyWind, Playback):
+    """The air flow of a recorded run."""
+
+    part: ClassVar[Literal["wind", "gas"]] = "wind"
+    kind: Literal["playback"]
+
+
+class PointPlayback(Played):
+    """Frames of points, played back as PlumeSim does: each holds until the next one, and the last for good.
+
+    Points lie in a plane; in 3-D they are the same at every height. What is read at a place is the value of the nearest
+    point that is closer than the cell, else zero.
+    """
+
+    key: ClassVar[str] = "file"
+    """What names its frames."""
+    offset: Point2 = (0.0, 0.0)
+    """Added to the points' places [m]."""
+    interpolate: bool = False
+    """Read between points, bilinear on a lattice as wide as the cell; zero at a cell from the last of them."""
+
+    def unusable(self, where: str, context: Context) -> Iterator[str]:
+        """Some of the points have to be in the domain, and there has to be something to show at the start."""
+        fault = context.resources.faults.get(where)
+        if fault is not None:
+            yield f"{where}.{self.key}: {fault}"
+            return
+        frames, extent = context.resources.frames[where], context.domain.extent
+        place = frames.place + np.array(self.offset)
+        low, high = place.min(axis=0), place.max(axis=0)
+        if not ((place > -frames.cell) & (place < np.array(extent[:2]) + frames.cell)).all(axis=1).any():
+            yield (
+                f"{where}: no point of {frames.path} is in the domain, {context.domain.box}; they are within "
+                f"x {low[0]:.4g} to {high[0]:.4g} m, y {low[1]:.4g} to {high[1]:.4g} m; give an offset"
+            )
+        end = len(frames) * frames.period
+        if self.start >= end and not self.loop and len(frames) > 1:
+            yield (
+                f"{where}.start: {self.start:g} s is after the last frame of {frames.path}, which ends at {end:g} s"
+            )
+
+
+class PlumeSimLog(PointPlayback):
+    """A log of PlumeSim: text; see point_frames.py. `plumesim_log` makes a run write one."""
+
+    file: Annotated[str, Field(min_length=1)]
+    """Its path, relative to the scenario's folder."""
+
+
+class PlumeSimWind(AnyWind, PlumeSimLog):
+    """The wind of a log, as sensors feel it; no gas on the grid can be carried by it."""
+
+    on_grid: ClassVar[bool] = False
+    kind: Literal["plumesim_log"]
+
+    def unusable(self, where: str, context: Context) -> Iterator[str]:
+        """What a wind that is known at points only cannot do."""
+        yield from super().unusable(where, context)
+        scenario = context.scenario
+        for path, gas in scenario.gases:
+            if gas.on_grid:
+                yield (
+                    f"{path}.kind: a wind of kind plumesim_log is known at points and cannot carry an eulerian gas; "
+                    "play the log's plume, or use another wind"
+                )
+        if scenario.fields is not None and "wind" in scenario.fields.quantities:
+            yield (
+                "fields.quantities: a wind of kind plumesim_log has no velocities on the grid; use quantities: [gas]"
+            )
+        for n, group in enumerate(scenario.robots):
+            if group.wake:
+                yield (
+                    f"robots[{n}].wake: a wind of kind plumesim_log is not disturbed; use another, or remove the wake"
+                )
+
+
+def _cells(shape: tuple[int, ...], dx: float) -> str:
+    return f"{' x '.join(map(str, shape))} cells of {dx:g} m"

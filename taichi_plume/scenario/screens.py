@@ -1,0 +1,103 @@
+"""Screens of a scenario: what stands across the domain and lets air through, against a resistance."""
+
+from collections.abc import Iterator
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field, model_validator
+
+from taichi_plume.scenario.context import Context, span
+from taichi_plume.scenario.quantities import fault
+from taichi_plume.scenario.vocabulary import COMPILED, Color, Coordinate, Distance, Length, NonNegative
+from taichi_plume.scenario.windows import Window
+
+
+class Screen(Window):
+    """Something in the way of the air that it goes through: a slab across `axis` with its middle at `at`."""
+
+    color: ClassVar[Color] = (255, 213, 79)
+    axis: Literal["x", "y", "z"]
+    at: Annotated[Coordinate, COMPILED]
+    thickness: Annotated[Distance, COMPILED] = 0.05
+    """Along the axis [m], in whole cells, at least one."""
+    transverse: NonNegative = 1000.0
+    """Resistance along the slab over the one through it: large values straighten the flow."""
+
+    @property
+    def normal(self) -> int:
+        """The axis through the screen."""
+        return "xyz".index(self.axis)
+
+    def level(self, extent: tuple[float, ...]) -> float:
+        """Where its middle is along the axis [m]."""
+        return self.at
+
+    def losses(self, viscosity: float) -> tuple[float, float]:
+        """(a, b) of the pressure drop (a + b |u|) u over the density, u [m/s] through it: [m/s] and a number."""
+        raise NotImplementedError
+
+    def misfits(self, where: str, dim: int) -> Iterator[str]:
+        """A 2-D run has no z."""
+        if dim == 2 and self.axis == "z":
+            yield f"{where}.axis: 'z' does not exist in a 2-D run; use x or y"
+        yield from super().misfits(where, dim)
+
+    def problems(self, where: str, context: Context) -> Iterator[str]:
+        """There has to be air on both sides of it, and a cell that it covers."""
+        domain = context.domain
+        half = max(self.thickness, domain.spacing) / 2
+        low, high = half + domain.spacing, domain.extent[self.normal] - half - domain.spacing
+        if not low - 1e-6 <= self.at <= high + 1e-6:
+            yield (
+                f"{where}.at: {self.axis} = {self.at:g} m leaves less than a cell of air on each side of "
+                f"it; use {span(self.axis, low, high)}"
+                if low <= high
+                else f"{where}.thickness: {2 * half:g} m does not fit in the domain; make it thinner"
+            )
+        beyond = self.beyond(domain)
+        if beyond:
+            yield f"{where}: reaches beyond the domain: {beyond.replace('the face has', 'the domain has')}"
+        elif not len(self.covered(domain)):
+            yield (
+                f"{where}: is smaller than a cell of {domain.spacing:g} m and covers none; "
+                "make it larger or lower domain.spacing"
+            )
+
+
+class Straightener(Screen):
+    """A honeycomb flow straightener: friction in its channels, and what is lost at their ends."""
+
+    kind: Literal["honeycomb"]
+    loss_coefficient: NonNegative | None = None
+    """Pressure drop over the dynamic pressure; 2 unless `cell` is given."""
+    cell: Length | None = None
+    """Width of a channel [m], in place of the loss coefficient: laminar friction in hexagons, f Re = 60.2
+    (Shah & London 1978, Laminar Flow Forced Convection in Ducts), and 1.2 dynamic pressures at both ends."""
+
+    @model_validator(mode="after")
+    def _one_loss(self) -> "Straightener":
+        if self.loss_coefficient is not None and self.cell is not None:
+            raise fault("takes loss_coefficient or cell, not both")
+        return self
+
+    def losses(self, viscosity: float) -> tuple[float, float]:
+        """(a, b) of the pressure drop (a + b |u|) u over the density."""
+        if self.cell is None:
+            return 0.0, (2.0 if self.loss_coefficient is None else self.loss_coefficient) / 2.0
+        return 60.2 / 2.0 * viscosity * self.thickness / self.cell**2, 0.6
+
+
+class Perforated(Screen):
+    """A thin sheet with holes or a wire gauze."""
+
+    kind: Literal["perforated"]
+    loss_coefficient: NonNegative = 2.0
+    """Pressure drop over the dynamic pressure."""
+    thickness: Annotated[Distance, COMPILED] = 0.0
+    transverse: NonNegative = 1.0
+
+    def losses(self, viscosity: float) -> tuple[float, float]:
+        """(a, b) of the pressure drop (a + b |u|) u over the density."""
+        return 0.0, self.loss_coefficient / 2.0
+
+
+AnyScreen = Annotated[Straightener | Perforated, Field(discriminator="kind")]

@@ -1,0 +1,192 @@
+"""Where robots start, and whether they fit there."""
+
+from collections.abc import Iterator
+from math import inf, pi, sqrt
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+
+from taichi_plume.grid.shapes import clearance_resolution
+from taichi_plume.scenario.context import Context
+from taichi_plume.scenario.vocabulary import Model, Point2, Real
+
+if TYPE_CHECKING:
+    from taichi_plume.scenario.robots import Body
+
+# Share that discs put down at random can cover (Feder 1980, doi:10.1016/0022-5193(80)90358-6)
+RANDOM_PACKING = 0.547
+GAP = 2e-3  # m, least air around a body at the start
+NEIGHBOURS = 20  # of each robot, looked at for overlaps
+FREE_AREA_NODES = 200  # per axis, to measure the free area of a start rectangle
+
+
+class AnyStart(Model):
+    """What is asked of every start."""
+
+    @property
+    def listed(self) -> np.ndarray:
+        """Positions (n, 2) [m] that the scenario lists."""
+        return np.empty((0, 2))
+
+    def places(self, count: int) -> np.ndarray | None:
+        """Where so many robots start, (count, 2) [m]; None where that is drawn, or cannot be."""
+        return None
+
+    def clashes(self, where: str, body: "Body", count: int, context: Context) -> Iterator[str]:
+        """What is in the way of so many robots there."""
+        raise NotImplementedError
+
+
+class StartAt(AnyStart):
+    """Robots at given places."""
+
+    kind: Literal["positions"]
+    positions: Annotated[tuple[Point2, ...], Field(min_length=1)]
+    heading_deg: Real | None = None
+    """Unless given, each robot starts with a random heading."""
+
+    @property
+    def listed(self) -> np.ndarray:
+        """The positions."""
+        return np.array(self.positions)
+
+    def places(self, count: int) -> np.ndarray | None:
+        """The positions, where there are so many."""
+        return self.listed if len(self.positions) == count else None
+
+    def clashes(self, where: str, body: "Body", count: int, context: Context) -> Iterator[str]:
+        """There have to be as many positions as robots, all of them free."""
+        if len(self.positions) != count:
+            yield (
+                f"{where}.positions: has {len(self.positions)} places for count: {count}; give one place per robot"
+            )
+        else:
+            yield from touching(where, body, self.listed, context)
+
+
+class StartLine(AnyStart):
+    """Robots at equal distances from `begin` to `end`."""
+
+    kind: Literal["line"]
+    begin: Point2
+    end: Point2
+    heading_deg: Real | None = None
+
+    def places(self, count: int) -> np.ndarray:
+        """So many on the line."""
+        return np.linspace(self.begin, self.end, count)
+
+    def clashes(self, where: str, body: "Body", count: int, context: Context) -> Iterator[str]:
+        """The line has to be free."""
+        yield from touching(where, body, self.places(count), context)
+
+
+class StartArea(AnyStart):
+    """Robots at random free places of a rectangle."""
+
+    kind: Literal["area"]
+    low: Point2
+    high: Point2
+    heading_deg: Real | None = None
+
+    def clashes(self, where: str, body: "Body", count: int, context: Context) -> Iterator[str]:
+        """So many discs have to find room at random where their centres may be."""
+        low, high = np.array(self.low), np.array(self.high)
+        if (high < low).any():
+            yield f"{where}.high: must not be below low, got {self.high} under {self.low}"
+            return
+        from scipy import ndimage  # here and below: a misspelt key need not wait for it
+
+        radius = body.radius
+        low, high = low - radius, high + radius  # where the discs may reach
+        steps = (high - low) / FREE_AREA_NODES
+        axes = [low[a] + (np.arange(FREE_AREA_NODES) + 0.5) * steps[a] for a in range(2)]
+        nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+        slack = float(steps.max()) / 2
+        free = ((nodes >= np.array(self.low) - slack) & (nodes <= np.array(self.high) + slack)).all(axis=-1)
+        for _, _, distance, gap in clearances(nodes, body.height, context):
+            free &= distance >= radius + gap - slack
+        if not free.any():
+            yield f"{where}: no robot fits anywhere in this area; move or enlarge it"
+            return
+        reached = ndimage.distance_transform_edt(~free, sampling=tuple(steps)) <= radius  # type: ignore[operator]
+        area = float(reached.sum() * np.prod(steps))
+        most = max(1, int(RANDOM_PACKING * area / (pi * radius**2)))
+        if count > most:
+            group = where.removesuffix(".start")
+            yield (
+                f"{group}.count: {count} robots of radius {radius:g} m do not fit at random places "
+                f"of the start area, there is room for about {most}; lower the count or enlarge {where}"
+            )
+
+
+Start = Annotated[StartAt | StartLine | StartArea, Field(discriminator="kind")]
+
+
+def clearances(
+    places: np.ndarray, height: float, context: Context
+) -> Iterator[tuple[str, str, np.ndarray, float]]:
+    """What a body of this height may touch: its surface, what is beyond, distance [m] from places (..., 2), negative
+    beyond, and air to leave [m].
+
+    Robots know obstacles by their clearance map, which gives away a little more.
+    """
+    floor = context.scenario.floor
+    low, high = np.array(floor.low), np.array(floor.high)
+    name = "wall" if context.scenario.arena is None else "edge of the arena"
+    for axis in range(2):
+        for side, distance in (("-", places[..., axis] - low[axis]), ("+", high[axis] - places[..., axis])):
+            wall = f"the {name} {'xy'[axis]}{side}"
+            yield wall, f"behind {wall}", distance, GAP
+    spare = GAP + sqrt(2) * clearance_resolution(floor.size)
+    for path, one in context.resources.shapes.items():
+        distance = one.horizontal_distance(places, 0.0, height)
+        obstacle = f"{path} ({one.model.kind})"
+        yield f"the surface of {obstacle}", f"inside {obstacle}", distance, spare
+
+
+def touching(where: str, body: "Body", places: np.ndarray, context: Context) -> Iterator[str]:
+    """Robots that start in a wall or an obstacle: the worst one of each."""
+    for surface, beyond, distance, gap in clearances(places, body.height, context):
+        wanted = body.radius + gap - 1e-9
+        k = int(distance.argmin())
+        if distance[k] < wanted:
+            more = int((distance < wanted).sum()) - 1
+            others = f" and {more} more touch it" if more else ""
+            place = f"{abs(distance[k]):.3g} m from {surface}" if distance[k] >= 0 else beyond
+            yield (
+                f"{where}: robot {k} at ({places[k, 0]:g}, {places[k, 1]:g}) m is {place}"
+                f"{others}; its centre must be {wanted:.3g} m or more away"
+            )
+
+
+def too_close(names: list[tuple[str, int]], discs: list[tuple[np.ndarray, float]]) -> Iterator[str]:
+    """The two robots that overlap most, or all but touch.
+
+    names: path of the group and number in it, per robot. discs: places (n, 2) and radius [m], per group.
+    """
+    from scipy.spatial import cKDTree  # type: ignore[attr-defined]
+
+    places = np.concatenate([p for p, _ in discs])
+    radii = np.concatenate([np.full(len(p), r) for p, r in discs])
+    _, first, same = np.unique(places, axis=0, return_index=True, return_inverse=True)
+    twins = np.flatnonzero(first[same] != np.arange(len(places)))
+    if len(twins):  # a tree is slow where many places are one
+        i, j = first[same[twins[0]]], twins[0]
+    else:
+        reach = 2 * radii.max() + GAP
+        distance, near = cKDTree(places).query(places, k=NEIGHBOURS, distance_upper_bound=reach)
+        near = np.minimum(near, len(places) - 1)  # where there are fewer, the distance is infinite
+        overlap = radii[:, None] + radii[near] - distance
+        overlap[near == np.arange(len(places))[:, None]] = -inf
+        i, k = np.unravel_index(np.round(overlap, 9).argmax(), overlap.shape)
+        j = near[i, k]
+    apart, least = float(np.hypot(*(places[i] - places[j]))), radii[i] + radii[j] + GAP
+    if i != j and apart < least - 1e-9:
+        (path, one), (other_path, other) = names[i], names[j]
+        second = f"robot {other}" if other_path == path else f"{other_path} robot {other}"
+        yield (
+            f"{path}.start: robot {one} and {second} are {apart:.3g} m apart, too close; "
+            f"their centres must be {least:g} m apart or more"
+        )

@@ -1,0 +1,159 @@
+"""Windows: parts of a plane, on the faces of the domain or across it."""
+
+from collections.abc import Iterator
+from math import pi, prod
+from typing import Annotated, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from taichi_plume.scenario.context import Context, span
+from taichi_plume.scenario.domain import Domain
+from taichi_plume.scenario.quantities import fault
+from taichi_plume.scenario.vocabulary import COMPILED, PER_FACE, Coordinate, Face, Length, Model
+
+
+class Window(Model):
+    """Part of a plane: all of it, a rectangle (`center`, `size`) or a disc (`center`, `diameter`).
+
+    `center` and `size` are in the plane's own axes, in their x, y, z order: one number in 2-D, two in 3-D.
+    """
+
+    center: (
+        Annotated[tuple[Coordinate, ...], Field(min_length=1, max_length=2), PER_FACE, COMPILED] | None
+    ) = None
+    size: Annotated[tuple[Length, ...], Field(min_length=1, max_length=2), PER_FACE, COMPILED] | None = None
+    diameter: Annotated[Length, COMPILED] | None = None
+
+    @model_validator(mode="after")
+    def _one_form(self) -> Self:
+        if self.size is not None and self.diameter is not None:
+            raise fault("takes size or diameter, not both")
+        if (self.size is None and self.diameter is None) != (self.center is None):
+            raise fault("center goes with size (rectangle) or diameter (disc)")
+        return self
+
+    @property
+    def normal(self) -> int:
+        """The axis through the plane."""
+        raise NotImplementedError
+
+    def level(self, extent: tuple[float, ...]) -> float:
+        """Where the plane cuts that axis [m], in a domain of `extent`."""
+        raise NotImplementedError
+
+    def along(self, dim: int) -> list[int]:
+        """The axes of the plane, in x, y, z order."""
+        return [a for a in range(dim) if a != self.normal]
+
+    def rectangle(self, extent: tuple[float, ...]) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Centre and half widths [m] of the window, or of the square around the disc, in a domain of `extent`."""
+        whole = tuple(extent[a] for a in self.along(len(extent)))
+        if self.center is None:
+            return tuple(w / 2 for w in whole), tuple(w / 2 for w in whole)
+        size = self.size if self.size is not None else (float(self.diameter or 0.0),) * len(whole)
+        return self.center, tuple(w / 2 for w in size)
+
+    def is_disc(self, dim: int) -> bool:
+        """Whether the window is round: in 2-D a disc is a slot."""
+        return self.diameter is not None and dim == 3
+
+    def area(self, extent: tuple[float, ...], depth: float) -> float:
+        """Area of the window [m²]; in 2-D, its width times the slab's `depth`."""
+        _, half = self.rectangle(extent)
+        if self.is_disc(len(extent)):
+            return pi * half[0] ** 2
+        return prod(2 * h for h in half) * (depth if len(extent) == 2 else 1.0)
+
+    def beyond(self, domain: Domain) -> str:
+        """Where it reaches beyond the domain, if it does, and what to do."""
+        center, half = self.rectangle(domain.extent)
+        for a, c, h in zip(self.along(domain.dim), center, half, strict=True):
+            axis, length = "xyz"[a], domain.extent[a]
+            # up to half a cell may be due to the rounding of the domain to whole cells
+            if c - h < -1e-6 or c + h > length + domain.spacing / 2 + 1e-6:
+                return (
+                    f"{span(axis, c - h, c + h)}, the face has {span(axis, 0, length)}; "
+                    "move its center or make it smaller"
+                )
+        return ""
+
+    def covered(self, domain: Domain) -> np.ndarray:
+        """Centres (n, dim - 1) [m] of the cells that it covers, in the plane's own axes."""
+        center, half = map(np.array, self.rectangle(domain.extent))
+        axes = self.along(domain.dim)
+        ranges = [(np.arange(domain.shape[a]) + 0.5) * domain.spacing for a in axes]
+        places = np.stack(np.meshgrid(*ranges, indexing="ij"), axis=-1).reshape(-1, len(axes))
+        if self.is_disc(domain.dim):
+            return places[np.linalg.norm(places - center, axis=-1) <= half[0]]
+        return places[(np.abs(places - center) <= half).all(axis=-1)]
+
+
+class Region(Window):
+    """Where an opening lies on a face of the domain."""
+
+    face: Face
+
+    @property
+    def axis(self) -> int:
+        """The axis through the face."""
+        return "xyz".index(self.face[0])
+
+    @property
+    def normal(self) -> int:
+        """The same."""
+        return self.axis
+
+    @property
+    def side(self) -> int:
+        """0 at the lower end of the axis, 1 at the upper."""
+        return int(self.face[1] == "+")
+
+    def level(self, extent: tuple[float, ...]) -> float:
+        """Where the face is along its axis [m]."""
+        return extent[self.axis] if self.side else 0.0
+
+    def misfits(self, where: str, dim: int) -> Iterator[str]:
+        """A 2-D run has no faces along z."""
+        if dim == 2 and self.face[0] == "z":
+            yield f"{where}.face: '{self.face}' does not exist in a 2-D run; use x-, x+, y- or y+"
+        yield from super().misfits(where, dim)
+
+    def on_its_face(self, where: str, context: Context) -> Iterator[str]:
+        """It must lie on its face and cover cells with air."""
+        domain = context.domain
+        beyond = self.beyond(domain)
+        if beyond:
+            yield f"{where}: reaches beyond its face {self.face}: {beyond}"
+            return
+        covered = self.covered(domain)
+        _, half = map(np.array, self.rectangle(domain.extent))
+        if not len(covered) and (2 * half < domain.spacing).any():
+            yield (
+                f"{where}: is smaller than a cell of {domain.spacing:g} m and covers none; "
+                "make it larger or lower domain.spacing"
+            )
+            return
+        depth = (domain.shape[self.axis] - 0.5 if self.side else 0.5) * domain.spacing
+        behind = np.insert(covered, self.axis, depth, axis=1)
+        solid = np.zeros(len(behind), bool)
+        for one in context.resources.shapes.values():
+            solid |= one.inside(behind)
+        if len(behind) and solid.all():
+            yield f"{where}: there is no air behind it, an obstacle covers it; move one of them"
+
+    def overlaps(self, other: "Region", domain: Domain) -> bool:
+        """Whether two regions are on one face and share more than their rims."""
+        if self.face != other.face:
+            return False
+        rim = 1e-6 * domain.spacing
+        center, half = map(np.array, self.rectangle(domain.extent))
+        other_center, other_half = map(np.array, other.rectangle(domain.extent))
+        apart = np.abs(center - other_center)
+        disc, other_disc = self.is_disc(domain.dim), other.is_disc(domain.dim)
+        if disc and other_disc:
+            return bool(np.linalg.norm(apart) < half[0] + other_half[0] - rim)
+        if disc or other_disc:
+            radius, sides = (half[0], other_half) if disc else (other_half[0], half)
+            return bool(np.linalg.norm(np.maximum(apart - sides, 0.0)) < radius - rim)
+        return bool((apart < half + other_half - rim).all())

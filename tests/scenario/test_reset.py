@@ -1,0 +1,197 @@
+"""What a reset may change: numbers, seeds and outputs; all that something was built from must stay."""
+
+from typing import Any, get_args
+
+import pytest
+import yaml
+
+from taichi_plume.scenario.loading import _override as override  # what the command line does
+from taichi_plume.scenario.reset import differences
+from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.scenario.vocabulary import Compiled, Free, Model, marked
+
+ROOM = """\
+duration: 10
+domain: {size: [4, 3], spacing: 0.05, depth: 0.5}
+wind:
+  kind: cfd
+  acceleration: [0, 0]
+  openings:
+    - {kind: fan, face: x-, center: [1.5], diameter: 0.4, speed: 0.5}
+    - {kind: outlet, face: x+}
+  screens: [{kind: honeycomb, axis: x, at: 1}]
+obstacles: [{kind: box, center: [2, 1], size: [0.4, 0.3]}]
+gas: {kind: eulerian, sources: [{position: [1, 1.5], rate: 1e-5}]}
+robots:
+  - count: 2
+    start: {kind: positions, positions: [[1, 1], [1, 2]]}
+    algorithm: {kind: own, parameters: {gain: 1.5, steps: 3}}
+    sensors: {gas: {kind: pid, correction: {ethanol: 10.0}}}
+maps: [{kind: time_series}]
+"""
+
+
+def room(*changes: str) -> Scenario:
+    data = yaml.safe_load(ROOM)
+    for change in changes:
+        override(data, change)
+    return Scenario.model_validate(data)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        "seed=7",
+        "name=other",
+        "duration=99",
+        "warm_up=3",
+        "stop_early=false",
+        "recording={rate: 1, volume: false}",
+        "fields={rate: 1}",
+        "plumesim_log={}",
+        "domain.depth=1",
+        "wind.viscosity=2e-5",
+        "wind.turbulence={kind: smagorinsky, constant: 0.2}",
+        "wind.openings.0.speed=-0.2",
+        "wind.screens.0.transverse=9",
+        "wind.acceleration=[1, 0]",
+        "gas.sources.0={position: [1.2, 1.4], rate: 2e-5, radius: 0.1}",
+        "gas.species=ethanol",  # as before
+        "robots.0.start.positions=[[1, 1.1], [1.5, 2]]",
+        "robots.0.reach=0.2",
+        "robots.0.algorithm.parameters={gain: 2.5, steps: 3}",
+        "robots.0.sensors.gas.correction={ethanol: 9.0}",
+        "maps.0.beta=0.6",
+    ],
+)
+def test_numbers_seeds_and_outputs_may_differ(change):
+    assert differences(room(), room(change)) == []
+
+
+@pytest.mark.parametrize(
+    ("change", "line"),
+    [
+        ("wind={kind: uniform, velocity: [1, 0]}", "wind.kind: was cfd, is uniform"),
+        ("wind.turbulence={kind: vreman}", "wind.turbulence.kind: was smagorinsky, is vreman"),
+        ("wind.convection=weno5", "wind.convection: was koren, is weno5"),
+        ("rivals=true", "rivals: was False, is True"),
+        ("robots.0.first_trial=3", "robots[0].first_trial: was 0, is 3"),
+        ("wind.openings.0.face=y-", "wind.openings[0].face: was x-, is y-"),
+        (
+            "wind.openings.0.turbulence_length=0.1",
+            "wind.openings[0].turbulence_length: was not given, is 0.1",
+        ),
+        ("wind.acceleration=null", "wind.acceleration: was 2 items, is not given"),
+        ("wind.buoyancy.gravity=[0, 1]", "wind.buoyancy: was not given, is given (Buoyancy)"),
+        ("obstacles=[]", "obstacles: was 1 item, is 0 items"),
+        ("domain.size=[4, 3, 1]", "domain.size: was 2 items, is 3 items"),
+        ("domain.size=[4, 4]", "domain.size[1]: was 3, is 4"),
+        ("domain.spacing=0.1", "domain.spacing: was 0.05, is 0.1"),
+        ("tick=0.2", "tick: was 0.1, is 0.2"),
+        ("obstacles.0.center=[2, 1.5]", "obstacles[0].center[1]: was 1, is 1.5"),
+        ("wind.openings.0.center=[1.6]", "wind.openings[0].center[0]: was 1.5, is 1.6"),
+        ("wind.openings.0.diameter=0.5", "wind.openings[0].diameter: was 0.4, is 0.5"),
+        ("wind.screens.0.at=2", "wind.screens[0].at: was 1, is 2"),
+        ("wind.screens.0.thickness=0.1", "wind.screens[0].thickness: was 0.05, is 0.1"),
+        ("gas.species=acetone", "gas.species: was ethanol, is acetone"),
+        (
+            "gas.species={molar_mass: 0.05, diffusivity: 1e-5}",
+            "gas.species: was ethanol, is given (OtherSpecies)",
+        ),
+        (
+            "robots.0.algorithm.parameters={gain: 1.5, steps: 4}",
+            "robots[0].algorithm.parameters.steps: was 3, is 4",
+        ),
+        (
+            "robots.0.sensors.gas.correction={acetone: 1.0}",
+            "robots[0].sensors.gas.correction: was of ethanol, is of acetone",
+        ),
+    ],
+)
+def test_what_something_was_built_from_must_stay(change, line):
+    assert differences(room(), room(change)) == [line]
+
+
+def test_every_difference_is_told():
+    changes = ("tick=0.2", "obstacles=[]", "robots.0.count=1", "seed=3")
+    assert [line.partition(":")[0] for line in differences(room(), room(*changes))] == [
+        "tick",
+        "obstacles",
+        "robots[0].count",
+    ]
+
+
+def test_a_mark_counts_for_all_below():
+    class Inner(Model):
+        number: float = 1.0
+        name: str = "a"
+
+    class Outer(Model):
+        free: Inner = Inner()
+        still: Inner = Inner()
+
+    Outer.model_fields["free"].metadata.append(Free())
+    Outer.model_fields["still"].metadata.append(Compiled())
+    other = Inner(number=2.0, name="b")
+    assert differences(Outer(), Outer(free=other, still=other)) == [
+        "still.number: was 1, is 2",
+        "still.name: was a, is b",
+    ]
+
+
+# ---------------------------------------------------------------- the whole vocabulary
+
+STILL = {
+    "Domain": {"size", "spacing"},
+    "Scenario": {"tick"},
+    "Window": {"center", "size", "diameter"},
+    "Screen": {"at", "thickness"},
+    "Box": {"center", "size", "yaw_deg"},
+    "Cylinder": {"center", "radius", "base", "height"},
+    "Sphere": {"center", "radius"},
+    "Prism": {"vertices", "base", "height"},
+    "Mesh": {"scale", "translate", "yaw_deg", "section"},
+}
+"""Floats that a reset cannot change, by the class that has them first."""
+
+
+def models_in(kind: Any) -> set[type[Model]]:
+    """The sections that a type is made of."""
+    if isinstance(kind, type) and issubclass(kind, Model):
+        return {kind}
+    return {one for part in get_args(kind) for one in models_in(part)}
+
+
+def vocabulary() -> list[type[Model]]:
+    found: set[type[Model]] = set()
+    new = {Scenario}
+    while new:
+        found |= new
+        new = {
+            one
+            for model in new
+            for field in model.model_fields.values()
+            for one in models_in(field.annotation)
+        } - found
+    return sorted(found, key=lambda model: model.__name__)
+
+
+def other_floats(kind: Any) -> tuple[Any, Any] | None:
+    """Two values of a type that differ in their floats alone; None where it has none."""
+    if kind is float:
+        return 1.0, 2.0
+    parts = [pair for pair in map(other_floats, get_args(kind)) if pair]
+    return ((parts[0][0],), (parts[0][1],)) if parts and not models_in(kind) else None
+
+
+@pytest.mark.parametrize("model", vocabulary(), ids=lambda model: model.__name__)
+def test_every_float_may_change_or_is_marked(model):
+    blank = dict.fromkeys(model.model_fields)
+    for key, field in model.model_fields.items():
+        pair = other_floats(field.annotation)
+        if pair is None or marked(model, key, Free):
+            continue
+        one, other = (model.model_construct(**blank | {key: value}) for value in pair)
+        still = any(key in STILL.get(base.__name__, ()) for base in model.__mro__)
+        assert bool(differences(one, other)) == still, f"{model.__name__}.{key}"
+        assert marked(model, key, Compiled) == still
