@@ -15,6 +15,7 @@ from taichi_plume.scenario.gases import EulerianGas
 from taichi_plume.solvers.convection import POSITIVE_FACE_VALUES
 from taichi_plume.solvers.emission import Emission
 from taichi_plume.solvers.release import Release
+from taichi_plume.solvers.scalar import Scalar
 from taichi_plume.solvers.transport import Transport
 
 
@@ -35,8 +36,11 @@ class EulerianSolver:
         begin: float = 0.0,
         seed: int = 0,
         name: str = "gas",
+        scalar: Scalar | None = None,
     ):
-        """name: of the gas among others; begin: start of the run [s]."""
+        """name: of the gas among others; begin: start of the run [s]; scalar: the concentration [kg/m³], where the flow
+        feels its weight.
+        """
         self.grid = grid
         self.dim = grid.dim
         self.species = gas.vapour
@@ -62,6 +66,7 @@ class EulerianSolver:
             wind.schmidt,
             POSITIVE_FACE_VALUES[gas.convection],
             add_sources,
+            scalar=scalar,
         )
         self.c = self.transport.q
 

@@ -20,6 +20,7 @@ from taichi_plume.solvers.boundaries import Patch
 from taichi_plume.solvers.convection import FACE_VALUES
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.release import Release
+from taichi_plume.solvers.scalar import Scalar
 from taichi_plume.solvers.transport import Transport
 
 
@@ -27,8 +28,8 @@ from taichi_plume.solvers.transport import Transport
 class HeatSolver:
     """Temperature on the grid of a flow. Field theta: T - reference [K]."""
 
-    def __init__(self, heat: Heat, grid: Grid, flow: FlowSolver, air: Air):
-        """Raises ValueError for a heater or a surface that touches no air."""
+    def __init__(self, heat: Heat, grid: Grid, flow: FlowSolver, air: Air, scalar: Scalar | None = None):
+        """scalar: theta, where the flow feels it. Raises ValueError for a heater or a surface that touches no air."""
         self.grid = grid
         self.reference = heat.reference
         self.capacity = heat.capacity
@@ -60,6 +61,7 @@ class HeatSolver:
             exchange if rate.any() else None,
             float(rate.max()),
             self._inflow(flow),
+            scalar,
         )
         self.theta = self.transport.q
 

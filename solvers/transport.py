@@ -18,6 +18,7 @@ import taichi as ti
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template, double_field, launch, sweep
+from taichi_plume.solvers.scalar import Scalar
 
 FULLEST = (
     0.49  # largest share of a cell's volume that flows out in one stage; 1/2 empties it at the steepest slope
@@ -36,6 +37,7 @@ class Transport:
     exchange: a pass that adds to `rate` k times what a stage exchanges with surfaces, at most exchange_rate [1/s]
     times q.
     inflow: q of the air that comes in, a field over the two faces of each axis; clean air unless given.
+    scalar: the quantity; one of its own unless given.
 
     Fields: q; rest, what rounding has left out of q; rate [1/s], the mean tendency of the step's stages so far.
     """
@@ -52,7 +54,9 @@ class Transport:
         exchange: Callable[[Any, Any], None] | None = None,
         exchange_rate: float = 0.0,
         inflow: Sequence[Any] = (),
+        scalar: Scalar | None = None,
     ):
+        scalar = scalar or Scalar(grid)
         self.grid = grid
         self.dim = grid.dim
         self.wind = wind
@@ -61,8 +65,7 @@ class Transport:
         self.per_length = float(np.float32(1.0 / grid.dx))  # as the cells reckon it
         self.exchange_rate = exchange_rate
         self.inflow = tuple(inflow)
-        self.q = grid.field()
-        self.rest = grid.field()
+        self.q, self.rest = scalar.q, scalar.rest
         self.room: Any = None  # share of each cell's volume that stores q
         self.cut = wind.area is not None
         if self.cut:
