@@ -7,6 +7,7 @@ from pydantic_core import PydanticCustomError
 
 from taichi_plume.scenario.openings import Region
 from taichi_plume.scenario.vocabulary import (
+    COMPILED,
     Acceleration,
     Diffusivity,
     Expansion,
@@ -27,7 +28,7 @@ class Heater(Model):
     position: Point
     power: Power
     """Heat that goes into the air [W], without what is radiated: half of a person's 100 W. Negative cools."""
-    radius: Length = 0.1
+    radius: Annotated[Length, COMPILED] = 0.1
 
 
 class TemperedSurface(Model):

@@ -1,12 +1,13 @@
 """Where gas comes from: species, sources and dishes of a scenario, and what every gas of one species has."""
 
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import model_validator
 from pydantic_core import PydanticCustomError
 
 from taichi_plume.scenario.species import SPECIES, TEMPERATURE, Species
 from taichi_plume.scenario.vocabulary import (
+    COMPILED,
     Diffusivity,
     Duration,
     Fraction,
@@ -66,7 +67,7 @@ class Source(Model):
     """Mass per time while it is on [kg/s]."""
     dish: Dish | None = None
     """Instead of a rate."""
-    radius: Length = 0.05
+    radius: Annotated[Length, COMPILED] = 0.05
     start: Time | None = None
     """First moment of emission [s]; unless given, the start of the warm-up."""
     stop: Time | None = None
