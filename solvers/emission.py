@@ -1,9 +1,8 @@
 """When and how much a source emits."""
 
-from typing import Any
-
 import numpy as np
 
+from taichi_plume.grid.fields import Wind
 from taichi_plume.grid.rng import generator
 from taichi_plume.scenario.sources import Source
 from taichi_plume.scenario.species import Species
@@ -15,26 +14,23 @@ INTERVAL = 0.1  # s: how often a dish feels the wind
 class Emission:
     """When a source emits: its start and stop, and pulses of random length; and its rate, which may be a dish's."""
 
-    def __init__(
-        self,
-        source: Source,
-        begin: float,
-        seed: int,
-        name: str,
-        species: Species | None = None,
-        wind: Any = None,
-    ):
-        """species: what is in a dish; wind: over it, a `fields.Wind`."""
+    STATE = ("pulses", "rng", "_dish_rate", "_due")
+
+    def __init__(self, name: str, wind: Wind | None = None):
+        """name: of the random stream; wind: over a dish. To be begun by its owner."""
+        self.name, self.wind = name, wind
+
+    def begin(self, source: Source, t: float, seed: int, species: Species | None = None) -> None:
+        """t: begin of the run [s]; species: what is in a dish."""
         self.source = source
-        self.wind = wind
         self.evaporation = None
         if source.dish is not None:
-            assert species is not None, f"{name} is a dish of nothing"
+            assert species is not None, f"{self.name} is a dish of nothing"
             self.evaporation = Evaporation(source.dish, species)
         self._dish_rate, self._due = 0.0, -np.inf
-        self.start = begin if source.start is None else source.start
+        self.start = t if source.start is None else source.start
         self.stop = np.inf if source.stop is None else source.stop
-        self.rng = generator(seed, name)
+        self.rng = generator(seed, self.name)
         self.pulses = [(self.start, self.stop)] if source.puffing is None else []
 
     def _draw_until(self, t: float) -> None:
@@ -65,6 +61,7 @@ class Emission:
         if t >= self._due - 1e-9:
             speed = self.source.dish.air_speed
             if speed is None:
+                assert self.wind is not None, f"{self.name} is a dish in no air"
                 speed = speed_over(self.source, self.wind, t)
             self._dish_rate = self.evaporation.rate(speed)
             self._due = t + INTERVAL

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
-from taichi_plume.grid.fields import velocity_at
+from taichi_plume.grid.fields import Wind, velocity_at
 from taichi_plume.scenario.sources import Dish, Source
 from taichi_plume.scenario.species import (
     AIR_HEAT_CAPACITY,
@@ -35,8 +35,8 @@ from taichi_plume.scenario.species import (
 RADIATION = 5.5  # W/(m² K) between a wet surface and a room a few kelvin warmer: 4 sigma T³ times 0.95
 
 
-def speed_over(source: Source, wind: Any, t: float) -> float:
-    """Speed [m/s] of the wind, a `fields.Wind`, over a source's dish: beyond its boundary layer, half a diameter up.
+def speed_over(source: Source, wind: Wind, t: float) -> float:
+    """Speed [m/s] of the wind over a source's dish: beyond its boundary layer, half a diameter up.
 
     In 2-D, at the dish itself.
     """

@@ -2,13 +2,12 @@
 
 from collections.abc import Callable
 from math import isfinite
-from typing import Any
 
 import numpy as np
 import taichi as ti
 
 from taichi_plume.grid.cut_cells import Air
-from taichi_plume.grid.fields import sample_cells
+from taichi_plume.grid.fields import Carrier, Gas, sample_cells
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template
 from taichi_plume.scenario.gases import EulerianGas
@@ -20,37 +19,30 @@ from taichi_plume.solvers.transport import Transport
 
 
 @ti.data_oriented
-class EulerianSolver:
-    """Gas on the grid of a wind that has face velocities; satisfies `fields.Gas`.
+class EulerianSolver(Gas):
+    """Gas on the grid of a wind that has face velocities. Field c: concentration [kg/m³]."""
 
-    wind: offers what `Transport` needs, and schmidt.
-    Field c: concentration [kg/m³].
-    """
+    STATE = ("transport", "emissions", "emitted_kg")
 
     def __init__(
         self,
         gas: EulerianGas,
         grid: Grid,
-        wind: Any,
+        wind: Carrier,
         air: Air,
-        begin: float = 0.0,
+        t: float = 0.0,
         seed: int = 0,
         name: str = "gas",
         scalar: Scalar | None = None,
     ):
-        """name: of the gas among others; begin: start of the run [s]; scalar: the concentration [kg/m³], where the flow
-        feels its weight.
+        """t: begin of the run [s]; name: of the gas among others; scalar: the concentration, where the flow feels its
+        weight. Raises ValueError for a source in no air.
         """
         self.grid = grid
         self.dim = grid.dim
-        self.species = gas.vapour
         self.air = grid.field()
         self.air.from_numpy(grid.pad((~air.solid).astype(np.float32)))
-        self.emitted_kg = 0.0
-        self.emissions = [
-            Emission(source, begin, seed, f"{name}.sources[{n}]", self.species, wind)
-            for n, source in enumerate(gas.sources)
-        ]
+        self.emissions = [Emission(f"{name}.sources[{n}]", wind) for n in range(len(gas.sources))]
         room = np.where(air.solid, 0.0, 1.0) if wind.area is None else air.room
         self.release = Release("sources", gas.sources, grid, room)
 
@@ -58,17 +50,20 @@ class EulerianSolver:
         def add_sources(dt, k):
             self.release.add_to(self.c, self.transport.rest)
 
-        self.transport = Transport(
-            grid,
-            wind,
-            air,
-            self.species.diffusivity,
-            wind.schmidt,
-            POSITIVE_FACE_VALUES[gas.convection],
-            add_sources,
-            scalar=scalar,
-        )
+        self._carrier = wind
+        face_value = POSITIVE_FACE_VALUES[gas.convection]
+        self.transport = Transport(grid, wind, air, face_value, add_sources, scalar=scalar)
         self.c = self.transport.q
+        self.begin(gas, t, seed)
+
+    def begin(self, model: EulerianGas, t: float = 0.0, seed: int = 0) -> None:
+        """Raises ValueError for a source in no air."""
+        self.species = model.vapour
+        self.release.begin(model.sources)
+        for emission, source in zip(self.emissions, model.sources, strict=True):
+            emission.begin(source, t, seed, self.species)
+        self.transport.begin(self.species.diffusivity, self._carrier.schmidt)
+        self.emitted_kg = 0.0
 
     def start_from(self, concentration: Callable[[np.ndarray], np.ndarray]) -> None:
         """Set c from a function of points (..., dim) [m] to concentrations [kg/m³]."""

@@ -6,7 +6,7 @@ A surface of temperature T_s gives its cells alpha (T_s - T)/(dx/2) per area, or
 coefficient of heat transfer h is known; all others are adiabatic.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,8 +15,9 @@ import taichi as ti
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import double_field, listed
-from taichi_plume.scenario.heat import Heat, TemperedSurface
+from taichi_plume.grid.kernels import double_field
+from taichi_plume.grid.transfer import uploader
+from taichi_plume.scenario.heat import Heat
 from taichi_plume.solvers.convection import FACE_VALUES
 from taichi_plume.solvers.patches import VENTS, Patch
 from taichi_plume.solvers.release import Release
@@ -27,6 +28,8 @@ from taichi_plume.solvers.transport import Transport
 @ti.data_oriented
 class HeatSolver:
     """Temperature on the grid of a flow. Field theta: T - reference [K]."""
+
+    STATE = ("transport", "heaters_joule", "_from_surfaces")
 
     def __init__(
         self,
@@ -41,15 +44,14 @@ class HeatSolver:
         surface that touches no air.
         """
         self.grid = grid
-        self.reference = heat.reference
-        self.capacity = heat.capacity
-        self.heaters = heat.heaters
-        self.heaters_joule = 0.0
-        self._air = ~air.solid
+        self.air = air
         self.release = Release("heaters", heat.heaters, grid, air.room) if heat.heaters else None
         self._from_surfaces = double_field()
-        rate, gain = self._surfaces(heat, patches, air)
-        self._list_surface_cells(rate, gain, air.room)
+        self._vents = [p for p in patches if p.kind in VENTS]
+        self._touched = list(self._surfaces(heat))
+        self._list_surface_cells()
+        self._inflow = self._inflow_fields()
+        self._warm = uploader(self._rate, self._gain, *self._inflow)
 
         @ti.func
         def add_sources(dt, k):
@@ -59,86 +61,107 @@ class HeatSolver:
         def exchange(dt, k):
             self._exchange(dt, k)
 
-        schmidt = heat.prandtl_turbulent
         self.transport = Transport(
             grid,
             wind,
             air,
-            heat.diffusivity,
-            schmidt,
             FACE_VALUES["koren"],
             add_sources if self.release else None,
-            exchange if rate.any() else None,
-            float(rate.max()),
-            self._inflow(patches),
+            exchange if self._touched else None,
+            self._inflow,
             scalar,
         )
         self.theta = self.transport.q
+        self.begin(heat)
+
+    def begin(self, model: Heat, t: float = 0.0, seed: int = 0) -> None:
+        """Raises ValueError for a heater that touches no air."""
+        self.reference = model.reference
+        self.capacity = model.capacity
+        self.heaters = model.heaters
+        self.heaters_joule = 0.0
+        if self.release is not None:
+            self.release.begin(model.heaters)
+        rate, gain = self._exchange_rates(model)
+        self._warm(self._listed(rate), self._listed(gain), *self._inflow_theta())
+        self.transport.begin(model.diffusivity, model.prandtl_turbulent, float(rate.max()))
 
     # ---------------------------------------------------------------- surfaces and openings
 
-    def _surfaces(self, heat: Heat, patches: Sequence[Patch], air: Air) -> tuple[np.ndarray, np.ndarray]:
-        """Per cell the rate r [1/s] and the gain g [K/s] of its exchange with surfaces: dT/dt = g - r T."""
-        rate, gain = np.zeros(self.grid.shape), np.zeros(self.grid.shape)
-
-        def touch(cells: Any, size: Any, surface: TemperedSurface) -> None:
-            """size: area of the surface in each of the cells, over a face's."""
-            film = 2.0 * heat.diffusivity / self.grid.dx
-            if surface.transfer is not None:
-                film = surface.transfer / heat.capacity
-            exchange = film / self.grid.dx * size / air.room[cells]
-            rate[cells] += exchange
-            gain[cells] += exchange * (surface.temperature - self.reference)
-
-        vents = [p for p in patches if p.kind in VENTS]
+    def _surfaces(self, heat: Heat) -> Iterator[tuple[Any, Any]]:
+        """Of each wall and obstacle of a given temperature the cells that touch it, and its area in each of them over a
+        face's.
+        """
         for n, wall in enumerate(heat.walls):
-            patch = Patch(wall, self.grid, ~air.solid)
-            for vent in vents:
+            patch = Patch(wall, self.grid, ~self.air.solid)
+            for vent in self._vents:
                 if (vent.axis, vent.side) == (wall.axis, wall.side):
                     patch.covered &= ~vent.covered
             if not patch.covered.any():
                 raise ValueError(
                     f"walls[{n}]: touches no air, an obstacle or an opening covers it; move one of them"
                 )
-            touch(patch.cells(), 1.0, wall)
-        surface = np.linalg.norm(air.surface(), axis=-1) * ~air.solid
+            yield patch.cells(), 1.0
+        surface = np.linalg.norm(self.air.surface(), axis=-1) * ~self.air.solid
         for n, obstacle in enumerate(heat.obstacles):
-            cells = (air.body == obstacle.number) & (surface > 0.0)
+            cells = (self.air.body == obstacle.number) & (surface > 0.0)
             if not cells.any():
                 raise ValueError(
                     f"obstacles[{n}]: touches no air; obstacles[{obstacle.number}] is smaller than a cell"
                 )
-            touch(cells, surface[cells], obstacle)
+            yield cells, surface[cells]
+
+    def _list_surface_cells(self) -> None:
+        """Make the lists of the cells that exchange heat, and how."""
+        touched = np.zeros(self.grid.shape, bool)
+        for cells, _ in self._touched:
+            touched[cells] = True
+        self._where = np.nonzero(touched)
+        count = max(1, len(self._where[0]))
+        self._cell = ti.Vector.field(self.grid.dim, ti.i32, count)
+        self._room, self._rate, self._gain = (ti.field(ti.f32, count) for _ in range(3))
+        if self._touched:
+            cell = np.argwhere(touched) + self.grid.ghost
+            uploader(self._cell, self._room)(cell, self._listed(self.air.room))
+
+    def _listed(self, values: np.ndarray) -> np.ndarray | float:
+        """Values of the cells, of grid.shape, at surfaces."""
+        return values[self._where] if self._touched else 0.0
+
+    def _exchange_rates(self, heat: Heat) -> tuple[np.ndarray, np.ndarray]:
+        """Per cell the rate r [1/s] and the gain g [K/s] of its exchange with surfaces: dT/dt = g - r T."""
+        rate, gain = np.zeros(self.grid.shape), np.zeros(self.grid.shape)
+        for (cells, size), surface in zip(self._touched, (*heat.walls, *heat.obstacles), strict=True):
+            film = 2.0 * heat.diffusivity / self.grid.dx
+            if surface.transfer is not None:
+                film = surface.transfer / heat.capacity
+            exchange = film / self.grid.dx * size / self.air.room[cells]
+            rate[cells] += exchange
+            gain[cells] += exchange * (surface.temperature - self.reference)
         return rate, gain
 
-    def _list_surface_cells(self, rate: np.ndarray, gain: np.ndarray, room: np.ndarray) -> None:
-        """Keep the cells that exchange heat, and how."""
-        where = np.nonzero(rate)
-        self._cell = listed(np.argwhere(rate) + self.grid.ghost)
-        self._rate, self._gain, self._room = (listed(values[where]) for values in (rate, gain, room))
-
-    def _inflow(self, patches: Sequence[Patch]) -> list[Any]:
-        """theta of the air that comes in, on the two faces of each axis; empty where all of it is at the reference."""
-        warm = [p for p in patches if getattr(p.opening, "temperature", None) is not None]
-        if not warm:
+    def _inflow_fields(self) -> list[Any]:
+        """For theta of the air that comes in, on the two faces of each axis; none where all of it is at the
+        reference.
+        """
+        if all(vent.opening.temperature is None for vent in self._vents):
             return []
-        result = []
-        for d in range(self.grid.dim):
-            values = np.zeros([2 if a == d else n for a, n in enumerate(self.grid.shape)], np.float32)
-            for patch in warm:
-                if patch.axis == d:
-                    face = np.moveaxis(values, d, 0)[patch.side]
-                    face[patch.covered] = patch.opening.temperature - self.reference
-            field = ti.field(ti.f32, values.shape)
-            field.from_numpy(values)
-            result.append(field)
+        shape = self.grid.shape
+        return [
+            ti.field(ti.f32, tuple(2 if a == d else n for a, n in enumerate(shape)))
+            for d in range(self.grid.dim)
+        ]
+
+    def _inflow_theta(self) -> list[np.ndarray]:
+        """theta on each axis' faces."""
+        result = [np.zeros(field.shape) for field in self._inflow]
+        for vent in self._vents:
+            if vent.opening.temperature is not None:
+                face = np.moveaxis(result[vent.axis], vent.axis, 0)[vent.side]
+                face[vent.covered] = vent.opening.temperature - self.reference
         return result
 
     # ---------------------------------------------------------------- the step
-
-    def begin(self, heat: Heat, t: float, seed: int) -> None:
-        """Begin a run at the temperature of reference."""
-        self.heaters_joule = 0.0
 
     def advance(self, t: float, dt: float) -> None:
         """Warm, carry and spread from t to t + dt, in as many steps as make no new extrema."""
@@ -175,7 +198,7 @@ class HeatSolver:
 
     def diagnostics(self) -> dict[str, float]:
         """Coldest and warmest cell [K] and the budget of heat."""
-        theta = self.grid.read(self.theta)[self._air]
+        theta = self.grid.read(self.theta)[~self.air.solid]
         return {
             "coldest_K": self.reference + float(theta.min()),
             "warmest_K": self.reference + float(theta.max()),

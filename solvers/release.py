@@ -1,12 +1,14 @@
 """Balls (in 2-D discs) that release something evenly over their volume: vapour sources and heaters on the grid."""
 
 from collections.abc import Sequence
+from math import ceil, prod
 
 import numpy as np
 import taichi as ti
 
 from taichi_plume.grid.grid import Grid, block_mean
 from taichi_plume.grid.kernels import Template, double_field
+from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.heat import Heater
 from taichi_plume.scenario.sources import Source
 
@@ -17,29 +19,37 @@ SAMPLES = 4  # per axis and cell, to measure how much of a cell a ball covers
 class Release:
     """Some balls on the grid. What each releases next is set by `amounts`; `add_to` gives it to the cells."""
 
+    STATE = ()
+
     def __init__(self, name: str, balls: Sequence[Source | Heater], grid: Grid, room: np.ndarray):
-        """name: of the balls in messages; room: share of each cell that stores, of grid.shape.
-
-        Raises ValueError for a ball that covers no air.
+        """name: of the balls in messages; room: share of each cell that stores, of grid.shape. To be begun by its
+        owner.
         """
-        self.grid = grid
+        self.name, self.grid, self.room = name, grid, room
         self._amounts: list[float] = []
-        cells, shares, owner = [], [], []
-        for n, ball in enumerate(balls):
-            where, share = self._cells_of(f"{name}[{n}]", ball, room)
-            cells.append(where + grid.ghost)
-            shares.append(share / (room[tuple(where.T)] * grid.cell_volume))
-            owner.append(np.full(len(where), n))
-        count = sum(len(c) for c in cells)
-        self._cell = ti.Vector.field(grid.dim, ti.i32, count)
-        self._share = double_field((count,))  # per volume that stores
-        self._owner = ti.field(ti.i32, count)
+        most = sum(prod(min(n, ceil(2.0 * ball.radius / grid.dx) + 1) for n in grid.shape) for ball in balls)
+        self._cell = ti.Vector.field(grid.dim, ti.i32, most)
+        self._share = double_field((most,))  # per volume that stores
+        self._owner = ti.field(ti.i32, most)
+        self._count = ti.field(ti.i32, ())  # of the cells
         self._amount = double_field((len(balls),))
-        self._cell.from_numpy(np.concatenate(cells).astype(np.int32))
-        self._share.from_numpy(np.concatenate(shares))
-        self._owner.from_numpy(np.concatenate(owner).astype(np.int32))
+        self._place = uploader(self._cell, self._share, self._owner, self._count)
+        self._give = uploader(self._amount)
 
-    def _cells_of(self, path: str, ball: Source | Heater, room: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def begin(self, balls: Sequence[Source | Heater]) -> None:
+        """Place the balls, of the radii that they were made with. Raises ValueError for a ball that covers no air."""
+        cell, share, owner = (np.zeros((*self._cell.shape, n)) for n in (self.grid.dim, 1, 1))
+        count = 0
+        for n, ball in enumerate(balls):
+            where, part = self._cells_of(f"{self.name}[{n}]", ball)
+            these = slice(count, count + len(where))
+            cell[these] = where + self.grid.ghost
+            share[these, 0] = part / (self.room[tuple(where.T)] * self.grid.cell_volume)
+            owner[these] = n
+            count += len(where)
+        self._place(cell, share[:, 0], owner[:, 0], count)
+
+    def _cells_of(self, path: str, ball: Source | Heater) -> tuple[np.ndarray, np.ndarray]:
         """Cells of a ball, shape (n, dim), and the share of its release that each receives."""
         dx = self.grid.dx
         sub = (np.arange(SAMPLES) + 0.5) / SAMPLES
@@ -50,9 +60,9 @@ class Release:
         squares = [(axis - c) ** 2 for axis, c in zip(axes, center, strict=True)]
         inside = sum(np.ix_(*squares), start=np.zeros(())) <= ball.radius**2
         block = tuple(slice(a, b) for a, b in zip(first, last, strict=True))
-        share = block_mean(inside, SAMPLES) * room[block]
+        share = block_mean(inside, SAMPLES) * self.room[block]
         home = np.minimum((center / dx).astype(int), np.array(self.grid.shape) - 1)
-        if not share.any() and room[tuple(home)] > 0:  # smaller than a cell's samples
+        if not share.any() and self.room[tuple(home)] > 0:  # smaller than a cell's samples
             share[tuple(home - first)] = 1.0
         if not share.any():
             raise ValueError(
@@ -66,13 +76,13 @@ class Release:
         """What each ball releases at the next `add_to`."""
         if amounts != self._amounts:
             self._amounts = amounts
-            self._amount.from_numpy(np.array(amounts, float))
+            self._give(amounts)
 
     @ti.func
     def add_to(self, q: Template, rest: Template):
         """Raise q, an amount per volume, in the balls' cells; `rest` is what rounding has left out of it."""
         for _ in range(1):  # balls may share cells
-            for n in range(self._owner.shape[0]):
+            for n in range(self._count[None]):
                 I = self._cell[n]
                 held = ti.cast(q[I], ti.f64) + ti.cast(rest[I], ti.f64)
                 held += self._amount[self._owner[n]] * self._share[n]

@@ -9,6 +9,7 @@ is conserved however many steps are taken and however little each one changes.
 """
 
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from math import ceil, prod
 from typing import Any
 
@@ -16,8 +17,10 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.fields import Carrier
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template, double_field, launch, sweep
+from taichi_plume.grid.transfer import Numbers, uploader
 from taichi_plume.solvers.scalar import Scalar
 
 FULLEST = (
@@ -25,49 +28,59 @@ FULLEST = (
 )
 
 
+@ti.func
+def open_slope(q: Template, open_faces: Template, I, D, dx: float):
+    """dq/dx through the lower face of cell I across D; none where the face is closed."""
+    return ti.select(open_faces[I] > 0.0, (q[I] - q[I - D]) / dx, 0.0)
+
+
+@ti.func
+def raised(q, rest, rate, dt):
+    """q + rest + rate dt in f32, and what that leaves out; in f64, which no compiler takes for what it rounds to."""
+    change = ti.cast(rest, ti.f64) + ti.cast(dt, ti.f64) * ti.cast(rate, ti.f64)
+    exact = ti.cast(q, ti.f64) + change
+    rounded = ti.cast(exact, ti.f32)
+    return rounded, ti.cast(exact - ti.cast(rounded, ti.f64), ti.f32)
+
+
 @ti.data_oriented
 class Transport:
     """A quantity q per volume of air that the wind carries and that diffuses.
 
-    wind: offers u, open, area (face fields; area None where no obstacle is), nu (viscosity with eddies, or None),
-    viscosity, and the maxima max_viscosity [m²/s] and outflow_rate (flow out of a cell over its volume [1/s]).
-    diffusivity [m²/s]: of still air; schmidt: eddy viscosity over eddy diffusivity.
-    add_sources: a pass (see `kernels.launch`) that adds to q and `rest` what a step of length a brings.
     face_value: of `convection.POSITIVE_FACE_VALUES`.
-    exchange: a pass that adds to `rate` k times what a stage exchanges with surfaces, at most exchange_rate [1/s]
-    times q.
+    add_sources: a pass (see `kernels.launch`) that adds to q and `rest` what a step of length a brings.
+    exchange: a pass that adds to `rate` k times what a stage exchanges with surfaces.
     inflow: q of the air that comes in, a field over the two faces of each axis; clean air unless given.
     scalar: the quantity; one of its own unless given.
 
     Fields: q; rest, what rounding has left out of q; rate [1/s], the mean tendency of the step's stages so far.
     """
 
+    STATE = ("q", "rest", "_outflow")
+
     def __init__(
         self,
         grid: Grid,
-        wind: Any,
+        wind: Carrier,
         air: Air,
-        diffusivity: float,
-        schmidt: float,
         face_value: Callable[..., Any],
         add_sources: Callable[[Any, Any], None] | None,
         exchange: Callable[[Any, Any], None] | None = None,
-        exchange_rate: float = 0.0,
         inflow: Sequence[Any] = (),
         scalar: Scalar | None = None,
     ):
+        """To be begun by its owner."""
         scalar = scalar or Scalar(grid)
         self.grid = grid
         self.dim = grid.dim
         self.wind = wind
-        self.diffusivity = diffusivity
-        self.schmidt = schmidt
         self.per_length = float(np.float32(1.0 / grid.dx))  # as the cells reckon it
-        self.exchange_rate = exchange_rate
         self.inflow = tuple(inflow)
         self.q, self.rest = scalar.q, scalar.rest
-        self.room: Any = None  # share of each cell's volume that stores q
+        self.eddies = wind.nu is not None
+        self._area = wind.area or ()
         self.cut = wind.area is not None
+        self.room: Any = None  # share of each cell's volume that stores q
         if self.cut:
             self.room = grid.field()
             self.room.from_numpy(grid.pad(air.room.astype(np.float32)))
@@ -75,102 +88,83 @@ class Transport:
         self._start, self.rate = getattr(wind, "scratch", None) or (grid.field(), grid.field())
         self._outflow = double_field()
         self._sides = [tuple(2 if a == d else n for a, n in enumerate(grid.shape)) for d in range(grid.dim)]
-        self._build(add_sources, face_value, exchange)
-
-    def _build(self, add_sources: Callable | None, face_value: Callable, exchange: Callable | None) -> None:
-        """The formulas of a step, each swept over the cells."""
-        q, rest, q0, rate = self.q, self.rest, self._start, self.rate
-        per_length = self.per_length
-        u, a, nu, dx, dim = self.wind.u, self.wind.open, self.wind.nu, self.grid.dx, self.dim
-        area, room, cut = self.wind.area, self.room, self.cut
-        diffusivity, viscosity, schmidt = self.diffusivity, self.wind.viscosity, self.schmidt
-        eddies = nu is not None
-
-        @ti.func
-        def face_flux(I, d: Template):
-            """Flux of q through the lower d-face of cell I: convection, and diffusion where it is open."""
-            D = ti.Vector.unit(dim, d, ti.i32)
-            K = diffusivity
-            if ti.static(eddies):
-                K += (0.5 * (nu[I] + nu[I - D]) - viscosity) / schmidt
-            v = u[d][I]
-            gradient = ti.select(a[d][I] > 0.0, (q[I] - q[I - D]) / dx, 0.0)
-            flux = v * face_value(q, I, D, v) - K * gradient
-            if ti.static(cut):
-                flux *= area[d][I]
-            return flux
-
-        @ti.func
-        def tendency(I, dt, k):
-            """Mean of the first stage's (k = 1) and the second's (k = 1/2): Heun's method."""
-            total = ti.cast(0.0, ti.f64)
-            for d in ti.static(range(dim)):
-                total += ti.cast(face_flux(I, d), ti.f64)
-                total -= ti.cast(face_flux(I + ti.Vector.unit(dim, d, ti.i32), d), ti.f64)
-            net = k * ti.cast(total, ti.f32) * per_length
-            if ti.static(cut):
-                net /= ti.max(room[I], 1e-3)
-            return net + (1.0 - k) * ti.select(k < 1.0, rate[I], 0.0)
-
-        @ti.func
-        def remember(I, dt, k):
-            return q[I]
-
-        @ti.func
-        def advanced(I, dt, k):
-            """q, and what it leaves out; in f64, which no compiler takes for what it is rounded to."""
-            change = ti.cast(rest[I], ti.f64) + ti.cast(dt, ti.f64) * ti.cast(rate[I], ti.f64)
-            exact = ti.cast(q0[I], ti.f64) + change
-            rounded = ti.cast(exact, ti.f32)
-            left_out = ti.cast(exact - ti.cast(rounded, ti.f64), ti.f32)
-            return ti.Vector([rounded, ti.select(k < 1.0, left_out, rest[I])])
-
-        @ti.func
-        def fill_ghosts(dt, k):
-            self._fill_ghosts()
-
-        @ti.func
-        def count_outflow(dt, k):
-            self._count_outflow(0.5 * dt)  # Heun's method is the mean of two Euler steps
-
-        self.face_flux = face_flux
-        cells, count = self.grid.cells, prod(self.grid.shape)
-        self._begin = launch(
-            *([add_sources] if add_sources else []), sweep([remember], [q0], cells), cells=count
+        self._n = Numbers("still", "per_schmidt")
+        self._face_value = face_value
+        cells, count = grid.cells, prod(grid.shape)
+        self._start_step = launch(
+            *([add_sources] if add_sources else []), sweep([self._present], [self._start], cells), cells=count
         )
         self._stage = launch(
-            fill_ghosts,
-            sweep([tendency], [rate], cells),
+            self._fill_ghosts,
+            sweep([self._tendency], [self.rate], cells),
             *([exchange] if exchange else []),
-            count_outflow,
-            sweep([advanced], [(q, rest)], cells),
+            self._count_outflow,
+            sweep([self._advanced], [(self.q, self.rest)], cells),
             cells=count,
         )
 
+    def begin(self, diffusivity: float, schmidt: float, exchange_rate: float = 0.0) -> None:
+        """diffusivity [m²/s]: of still air; schmidt: eddy viscosity over eddy diffusivity; exchange_rate [1/s]: what
+        surfaces take at most, over q.
+        """
+        self.diffusivity, self.schmidt, self.exchange_rate = diffusivity, schmidt, exchange_rate
+        per_schmidt = np.float32(1.0 / float(np.float32(schmidt)))
+        viscosity = np.float32(self.wind.viscosity) if self.eddies else np.float32(0.0)
+        self._n.set(still=np.float32(diffusivity) - viscosity * per_schmidt, per_schmidt=per_schmidt)
+
     def start_from(self, function: Callable[[np.ndarray], np.ndarray]) -> None:
         """Set q from a function of points (..., dim) [m]."""
-        self.q.from_numpy(self.grid.pad(function(self.grid.centers()).astype(np.float32)))
-        self.rest.fill(0.0)
+        self._put(self.grid.pad(function(self.grid.centers())), 0.0)
 
-    # ---------------------------------------------------------------- the step
+    @cached_property
+    def _put(self) -> Callable[..., None]:
+        return uploader(self.q, self.rest)
 
-    def steps(self, dt: float) -> int:
-        """Number of equal steps that make no new extremum within dt [s]: a limited face value is at most twice the
-        upwind cell's.
-        """
-        K = self.diffusivity + (self.wind.max_viscosity - self.wind.viscosity) / self.schmidt
-        given = self.wind.outflow_rate + self.dim * K / self.grid.dx**2 + 0.5 * self.exchange_rate
-        longest = FULLEST / max(given, 1e-30)
-        return max(1, ceil(dt / longest - 1e-9))
-
-    def step(self, dt: float) -> None:
-        """One step of Heun's method, no longer than `steps` allows."""
-        self._begin(dt)
-        self._stage(dt, 1.0)
-        self._stage(dt, 0.5)
+    # ---------------------------------------------------------------- the scheme
 
     @ti.func
-    def _fill_ghosts(self):
+    def _diffusivity(self, I, D):
+        """K + nu_t/Sc_t [m²/s] on the lower face of cell I across D."""
+        K = self._n.still[None]
+        if ti.static(self.eddies):
+            K += 0.5 * self._n.per_schmidt[None] * (self.wind.nu[I] + self.wind.nu[I - D])
+        return K
+
+    @ti.func
+    def _face_flux(self, I, d: Template):
+        """Flux of q through the lower d-face of cell I: convection, and diffusion where it is open."""
+        D = ti.Vector.unit(self.dim, d, ti.i32)
+        v = self.wind.u[d][I]
+        slope = open_slope(self.q, self.wind.open[d], I, D, self.grid.dx)
+        flux = v * self._face_value(self.q, I, D, v) - self._diffusivity(I, D) * slope
+        if ti.static(self.cut):
+            flux *= self._area[d][I]
+        return flux
+
+    @ti.func
+    def _tendency(self, I, dt, k):
+        """dq/dt by the fluxes; the mean of the first stage's (k = 1) and the second's (k = 1/2): Heun's method."""
+        net = ti.cast(0.0, ti.f64)
+        for d in ti.static(range(self.dim)):
+            net += ti.cast(self._face_flux(I, d), ti.f64)
+            net -= ti.cast(self._face_flux(I + ti.Vector.unit(self.dim, d, ti.i32), d), ti.f64)
+        rate = k * ti.cast(net, ti.f32) * self.per_length
+        if ti.static(self.cut):
+            rate /= ti.max(self.room[I], 1e-3)
+        return rate + (1.0 - k) * ti.select(k < 1.0, self.rate[I], 0.0)
+
+    @ti.func
+    def _present(self, I, dt, k):
+        return self.q[I]
+
+    @ti.func
+    def _advanced(self, I, dt, k):
+        """q after a stage, and what it leaves out, which only the last stage keeps."""
+        q, rest = raised(self._start[I], self.rest[I], self.rate[I], dt)
+        return ti.Vector([q, ti.select(k < 1.0, rest, self.rest[I])])
+
+    @ti.func
+    def _fill_ghosts(self, dt, k):
         """Beyond an outflow q goes on unchanged; air that flows in has its own; periodic axes wrap round."""
         for d in ti.static(range(self.dim)):
             for J in ti.grouped(ti.ndrange(*self._sides[d])):
@@ -190,14 +184,31 @@ class Transport:
                         self.q[inner + D * outward * m] = ti.select(out >= 0.0, self.q[inner], beyond)
 
     @ti.func
-    def _count_outflow(self, dt: float):
-        """Add what leaves through the domain's faces in dt."""
+    def _count_outflow(self, dt, k):
+        """Add what leaves through the domain's faces in half of dt: Heun's method is the mean of two Euler steps."""
         for d in ti.static([a for a in range(self.dim) if not self.grid.periodic[a]]):
             for J in ti.grouped(ti.ndrange(*self._sides[d])):
                 D = ti.Vector.unit(self.dim, d, ti.i32)
                 face = J + ti.static(self.grid.ghost) + D * J[d] * (ti.static(self.grid.shape[d]) - 1)
-                flux = self.face_flux(face, d) * (2 * J[d] - 1)
-                self._outflow[None] += ti.cast(flux, ti.f64) * ti.cast(dt, ti.f64)
+                flux = self._face_flux(face, d) * (2 * J[d] - 1)
+                self._outflow[None] += ti.cast(flux, ti.f64) * ti.cast(0.5 * dt, ti.f64)
+
+    # ---------------------------------------------------------------- the step
+
+    def steps(self, dt: float) -> int:
+        """Number of equal steps that make no new extremum within dt [s]: a limited face value is at most twice the
+        upwind cell's.
+        """
+        K = self.diffusivity + (self.wind.max_viscosity - self.wind.viscosity) / self.schmidt
+        given = self.wind.outflow_rate + self.dim * K / self.grid.dx**2 + 0.5 * self.exchange_rate
+        longest = FULLEST / max(given, 1e-30)
+        return max(1, ceil(dt / longest - 1e-9))
+
+    def step(self, dt: float) -> None:
+        """One step of Heun's method, no longer than `steps` allows."""
+        self._start_step(dt)
+        self._stage(dt, 1.0)
+        self._stage(dt, 0.5)
 
     # ---------------------------------------------------------------- what is known about q
 

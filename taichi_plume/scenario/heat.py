@@ -10,6 +10,7 @@ from taichi_plume.scenario.context import Context
 from taichi_plume.scenario.located import Located
 from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.vocabulary import (
+    COMPILED,
     Accelerations,
     Diffusivity,
     Expansion,
@@ -30,7 +31,7 @@ class Heater(Located):
     what: ClassVar[str] = "heater"
     power: Power
     """Heat that goes into the air [W], without what is radiated: half of a person's 100 W. Negative cools."""
-    radius: Length = 0.1
+    radius: Annotated[Length, COMPILED] = 0.1
 
 
 class TemperedSurface(Model):

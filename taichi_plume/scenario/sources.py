@@ -1,7 +1,7 @@
 """Where gas comes from: species, sources and dishes of a scenario, and what every gas of one species has."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import model_validator
 
@@ -9,6 +9,7 @@ from taichi_plume.scenario.located import Located
 from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.species import PRESSURE, SPECIES, TEMPERATURE, Species
 from taichi_plume.scenario.vocabulary import (
+    COMPILED,
     Diffusivity,
     Duration,
     Fraction,
@@ -66,7 +67,7 @@ class Source(Located):
     """Mass per time while it is on [kg/s]."""
     dish: Dish | None = None
     """Instead of a rate."""
-    radius: Length = 0.05
+    radius: Annotated[Length, COMPILED] = 0.05
     start: Time | None = None
     """First moment of emission [s]; unless given, the start of the warm-up."""
     stop: Time | None = None

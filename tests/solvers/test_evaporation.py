@@ -75,6 +75,12 @@ def test_the_surface_is_where_heat_and_vapour_balance():
     assert Evaporation(dish.dish, eager).rate(0.1) < 0.02 * warm
 
 
+def begun(source, wind=None) -> Emission:
+    emission = Emission("a", wind)
+    emission.begin(source, 0.0, 0, ETHANOL)
+    return emission
+
+
 def test_an_emission_follows_the_wind_over_the_dish():
     grid = Grid((8, 8, 4), 0.05)
     source = Source.model_validate(
@@ -84,11 +90,11 @@ def test_an_emission_follows_the_wind_over_the_dish():
     masses = {}
     for speed in (0.0, 0.1, 0.5):
         wind = UniformSolver(UniformWind(kind="uniform", velocity=(0.6 * speed, 0.8 * speed, 0.0)), grid)
-        emission = Emission(source, 0.0, 0, "a", ETHANOL, wind)
+        emission = begun(source, wind)
         masses[speed] = sum(emission.mass(0.05 * n, 0.05) for n in range(60))
         assert masses[speed] == pytest.approx(Evaporation(source.dish, ETHANOL).rate(speed), rel=1e-5)
     given = source.model_copy(update={"dish": Dish(diameter=0.085, air_speed=0.5)})
-    emission = Emission(given, 0.0, 0, "a", ETHANOL)
+    emission = begun(given)
     assert emission.mass(1.0, 1.0) == pytest.approx(masses[0.5], rel=1e-6)
 
 
@@ -100,7 +106,7 @@ def test_the_wind_is_felt_again_as_it_changes():
 
     both = Gusts(Grid((8, 8), 0.05))
     source = Source.model_validate({"position": (0.2, 0.2), "dish": {"diameter": 0.085}})
-    emission = Emission(source, 0.0, 0, "a", ETHANOL, both.calm)
+    emission = begun(source, both.calm)
     calm = emission.mass(0.0, 0.1)
     emission.wind = both.gust
     assert emission.mass(0.05, 0.1) == calm  # not yet

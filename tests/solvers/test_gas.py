@@ -116,21 +116,27 @@ def test_sampling_beside_an_obstacle_sees_only_air():
     np.testing.assert_allclose(concentration_at(gas, beside, 0.0), 1.0, rtol=1e-5)
 
 
+def begun(source, t=0.0, seed=0) -> Emission:
+    emission = Emission("a")
+    emission.begin(source, t, seed)
+    return emission
+
+
 def test_pulses_emit_their_share_and_differ_by_seed():
     source = Source.model_validate(
         {"position": [1, 1], "rate": 1.0, "puffing": {"pulse": 1.0, "pause": 3.0, "spread": 0.5}}
     )
-    emission = Emission(source, 0.0, 1, "a")
+    emission = begun(source, seed=1)
     masses = np.array([emission.mass(0.1 * n, 0.1) for n in range(40_000)])
     assert masses.sum() == pytest.approx(1000.0, rel=0.05)
     assert np.all((masses >= 0) & (masses <= 0.1 + 1e-9))
-    other = Emission(source, 0.0, 2, "a")
+    other = begun(source, seed=2)
     assert any(other.mass(0.1 * n, 0.1) != masses[n] for n in range(200))
 
 
 def test_a_source_starts_and_stops():
     source = Source.model_validate({"position": [1, 1], "rate": 0.2, "start": 1.0, "stop": 3.5})
-    emission = Emission(source, -10.0, 0, "a")
+    emission = begun(source, -10.0)
     assert sum(emission.mass(t, 0.3) for t in np.arange(-3.0, 6.0, 0.3)) == pytest.approx(0.5)
 
 
