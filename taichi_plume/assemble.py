@@ -162,11 +162,11 @@ def _gas(
     if isinstance(model, PlaybackGas):
         return PlayedGas(model, Film(folder / model.file), grid, begin)
     if isinstance(model, PlumeSimGas | FluentGas):
-        return PointGas(model, model, frames_of(model, folder), grid.extent, begin)
+        return PointGas(model, frames_of(model, folder), grid.extent, begin)
     if isinstance(model, PlumeSimPuff):
         return ProgramPuff(model, grid.extent, begin)
     if isinstance(model, PlumeSimMeander):
-        return ProgramMeander(model, grid.extent, scenario.seed, path)
+        return ProgramMeander(model, grid.extent, begin, scenario.seed, path)
     if isinstance(model, ClosedForm):
         return _closed_form(model, path, scenario, grid, wind)
     try:
