@@ -188,11 +188,11 @@ def _gas(
     if isinstance(model, PlaybackGas):
         return PlayedGas(model, resources.films[path], grid, begin)
     if isinstance(model, PlumeSimGas | FluentGas):
-        return PointGas(model, model, resources.frames[path], grid.extent, begin)
+        return PointGas(model, resources.frames[path], grid.extent, begin)
     if isinstance(model, PlumeSimPuff):
         return ProgramPuff(model, grid.extent, begin)
     if isinstance(model, PlumeSimMeander):
-        return ProgramMeander(model, grid.extent, scenario.seed, path)
+        return ProgramMeander(model, grid.extent, begin, scenario.seed, path)
     if isinstance(model, ClosedForm):
         return _closed_form(model, path, scenario, grid, wind)
     try:

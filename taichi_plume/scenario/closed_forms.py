@@ -159,6 +159,7 @@ class GaussianPlumeGas(ClosedForm):
     """Mean plume: a Gaussian across the wind whose standard deviation grows with the distance x from the source."""
 
     kind: Literal["gaussian_plume"]
+    width_fluctuation: ClassVar[float] = 0.0
     sources: Annotated[tuple[PlumeSource, ...], Field(min_length=1)]
     intensity: Intensities | None = None
     """sigma = radius + intensity x; one number, or two: horizontal and vertical. Of turbulence, about 0.05 to 0.15."""
@@ -186,6 +187,17 @@ class GaussianPlumeGas(ClosedForm):
         yield from _numbers(f"{where}.intensity", self.intensity, across, " across the wind")
         yield from _numbers(f"{where}.diffusivity", self.diffusivity, across, " across the wind")
 
+    def growth(self, axes: int, speed: float) -> np.ndarray:
+        """b, c and d of so many axes across a wind of that speed [m/s], (axes, 3): sigma² = radius² + (b radius + c) x
+        + d x².
+        """
+        zero = np.zeros(axes)
+        if self.intensity is not None:  # (radius + intensity x)²
+            intensity = np.broadcast_to(self.intensity, axes)
+            return np.stack([2.0 * intensity, zero, intensity**2], axis=1)
+        assert self.diffusivity is not None
+        return np.stack([zero, 2.0 * np.broadcast_to(self.diffusivity, axes) / speed, zero], axis=1)
+
 
 class MeanderingGas(ClosedForm):
     """A plume that the gusts of the wind sweep to and fro: it is thin in every moment, and wide in the mean.
@@ -212,6 +224,11 @@ class MeanderingGas(ClosedForm):
                 f"wind.gusts: are missing, and {where}.kind: meandering follows them; add gusts: {{intensity: 0.15}}"
             )
         yield from super().in_wind(where, wind, context)
+
+    def growth(self, axes: int, speed: float) -> np.ndarray:
+        """As of `GaussianPlumeGas.growth`."""
+        zero, slope = np.zeros(axes), np.array([self.width_slope, self.height_slope])[:axes]
+        return np.stack([zero, zero, slope**2], axis=1)
 
 
 def _calm(where: str, kind: str) -> str:

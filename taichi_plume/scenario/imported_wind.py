@@ -12,7 +12,15 @@ from taichi_plume.scenario.any_wind import AnyWind
 from taichi_plume.scenario.context import Context
 from taichi_plume.scenario.played import Played
 from taichi_plume.scenario.resources import Cubes, Site
-from taichi_plume.scenario.vocabulary import Coordinate, Diffusivity, Duration, Face, Point, Positive
+from taichi_plume.scenario.vocabulary import (
+    COMPILED,
+    Coordinate,
+    Diffusivity,
+    Duration,
+    Face,
+    Point,
+    Positive,
+)
 
 ROUNDING = 0.01  # cells that the domain may reach beyond the points
 
@@ -28,12 +36,12 @@ class ImportedWind(AnyWind, Played):
     files: Annotated[str, Field(min_length=1)]
     """A file, relative to the scenario's folder, or several: %d stands for numbers that count up by one, such as in
     wind_at_cell_centers_%d.csv, %g for times [s], such as in postProcessing/cloud/%g/points_U.xy."""
-    interval: Duration = 1.0
+    interval: Annotated[Duration, COMPILED] = 1.0
     """Time from one numbered file to the next [s]; the first shows the time 0."""
-    origin: Point | None = None
+    origin: Annotated[Point, COMPILED] | None = None
     """Where the domain's lower corner lies in the files [m]; unless given, the lower corner of the occupancy grid, or
     without one that of the points."""
-    height: Coordinate | None = None
+    height: Annotated[Coordinate, COMPILED] | None = None
     """z in the files of the section that a 2-D run takes [m]; unless given, the middle of the points."""
     occupancy: Annotated[str, Field(min_length=1)] | None = None
     """Path of an OccupancyGrid3D.csv of GADEN's: obstacles besides the scenario's own."""

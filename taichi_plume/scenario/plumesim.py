@@ -13,7 +13,16 @@ from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.played import PlumeSimLog, PointPlayback
 from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.sources import OneGas, Target
-from taichi_plume.scenario.vocabulary import Count, Duration, FullScale, Length, Point2, Positive, Time
+from taichi_plume.scenario.vocabulary import (
+    COMPILED,
+    Count,
+    Duration,
+    FullScale,
+    Length,
+    Point2,
+    Positive,
+    Time,
+)
 
 MOST_NODES = 1_000_000  # of a lattice over the domain
 
@@ -42,11 +51,11 @@ class FluentGas(PercentGas, PointPlayback):
     """Path of the files, relative to the scenario's folder, such as plume%03d.txt for plume001.txt and so on."""
     frames: Count | None = None
     """Number of files; unless given, all there are."""
-    period: Duration = 1.0
+    period: Annotated[Duration, COMPILED] = 1.0
     """Time between frames [s]."""
-    cell: Length = 0.1
+    cell: Annotated[Length, COMPILED] = 0.1
     """Points count up to this distance [m]."""
-    largest: Positive | None = None
+    largest: Annotated[Positive, COMPILED] | None = None
     """Concentration that counts as 100 percent; unless given, the largest in the files."""
 
     @field_validator("files")
@@ -111,7 +120,7 @@ class PlumeSimMeander(PercentGas):
     release_rate: Annotated[float, Field(ge=0, le=1e6)] = 10.0
     dispersion: Annotated[float, Field(ge=0, le=1e3)] = 0.1
     """Points stray across by a standard deviation of dispersion release_rate (x - x0)."""
-    radius: Length = 0.1
+    radius: Annotated[Length, COMPILED] = 0.1
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
         """It has to be released in the domain, with room downwind."""

@@ -13,6 +13,8 @@ from taichi_plume.scenario.loading import ScenarioError
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 UPWIND = """
 import numpy as np
 

@@ -13,6 +13,8 @@ from taichi_plume.scenario.starts import StartAt
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 
 @ti.data_oriented
 class Talk:
