@@ -68,7 +68,7 @@ def pytest_configure(config):
     if "PYTEST_XDIST_WORKER" in os.environ:  # a core for each worker
         os.environ.setdefault("TI_CPU_MAX_NUM_THREADS", "1")
     if config.getoption("--kernels") or config.getoption("--keep-durations"):
-        config.pluginmanager.register(Measuring(config, DURATIONS))
+        config.pluginmanager.register(Measuring(config, scope, DURATIONS))
 
 
 def pytest_collection_modifyitems(items):

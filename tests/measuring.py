@@ -4,16 +4,20 @@ import json
 import os
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 
 class Measuring:
-    """Counts around each test; workers send their counts to the one process that tells them."""
+    """Counts around each test; workers send their counts to the one process that tells them.
 
-    def __init__(self, config: pytest.Config, path: Path):
-        self.config, self.path = config, path
+    scope: what is counted together, of a test's id.
+    """
+
+    def __init__(self, config: pytest.Config, scope: Callable[[str], str], path: Path):
+        self.config, self.scope, self.path = config, scope, path
         self.found: dict[
             str, list[float]
         ] = {}  # of a file, or a test that stands alone: seconds, CPU seconds, kernels
@@ -52,11 +56,9 @@ class Measuring:
     @pytest.hookimpl(hookwrapper=True)
     def pytest_runtest_protocol(self, item):
         """Counts of a test, with its set-up and what it tears down."""
-        from conftest import scope
-
         before = self.now()
         yield
-        counts = self.found.setdefault(scope(item.nodeid), [0.0, 0.0, 0])
+        counts = self.found.setdefault(self.scope(item.nodeid), [0.0, 0.0, 0])
         for k, (a, b) in enumerate(zip(before, self.now(), strict=True)):
             counts[k] += b - a
 

@@ -4,6 +4,8 @@ import pytest
 
 from taichi_plume.validation.case import Case, Expected, examine, observed_order
 
+pytestmark = pytest.mark.usefixtures("idle")
+
 
 def test_order_is_the_slope_between_the_last_two():
     assert observed_order({8: 1.0, 16: 0.5, 32: 0.125}) == pytest.approx(2.0)

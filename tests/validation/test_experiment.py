@@ -6,6 +6,8 @@ import pytest
 from taichi_plume.validation.case import Curve
 from taichi_plume.validation.experiment import Condition, Experiment, Mean, Range, Row, examine, ratio
 
+pytestmark = pytest.mark.usefixtures("idle")
+
 LINE = Curve("x", "y", np.zeros(2), np.zeros(2), np.zeros(2))
 
 

@@ -64,7 +64,7 @@ def test_the_list_names_every_case(capsys):
     assert all(name in shown for name in CASES)
 
 
-def test_named_cases_are_solved_and_reported(table, tmp_path, capsys):
+def test_named_cases_are_solved_and_reported(table, idle, tmp_path, capsys):
     assert main(["good", "--out", str(tmp_path / "new"), "--json"]) == 0
     report = json.loads((tmp_path / "new" / "report.json").read_text())
     assert json.loads(capsys.readouterr().out) == report
@@ -76,7 +76,7 @@ def test_named_cases_are_solved_and_reported(table, tmp_path, capsys):
     assert row["order"] == pytest.approx(2.0)
 
 
-def test_the_page_shows_norms_curves_and_faults(table, tmp_path):
+def test_the_page_shows_norms_curves_and_faults(table, idle, tmp_path):
     main(["--out", str(tmp_path)])
     page = (tmp_path / "report.html").read_text()
     ElementTree.fromstring(
@@ -99,7 +99,7 @@ def test_a_failure_is_told_and_the_others_go_on(table, capsys):
 
 
 @pytest.fixture
-def experiments(monkeypatch):
+def experiments(monkeypatch, idle):
     monkeypatch.setattr("taichi_plume.validation.cases.CASES", {"stroll": STROLL})
 
 
