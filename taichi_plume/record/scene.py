@@ -3,7 +3,7 @@
 For rerun, as `recording` and `layout`: every function yields (entity, rerun archetype).
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from math import prod
 from typing import Any
@@ -14,9 +14,11 @@ import rerun as rr
 from taichi_plume import __version__
 from taichi_plume.files.gaden import Cubes
 from taichi_plume.files.run_folder import to_yaml
+from taichi_plume.grid.meshes import Solid
+from taichi_plume.grid.shapes import Shape
 from taichi_plume.record import drawing
 from taichi_plume.scenario.gases import AnySource
-from taichi_plume.scenario.obstacles import Box, Cylinder, Prism, Sphere
+from taichi_plume.scenario.obstacles import Cylinder, Prism
 from taichi_plume.scenario.vocabulary import Color, Point2
 from taichi_plume.scenario.windows import Window
 from taichi_plume.simulation import Simulation
@@ -107,38 +109,65 @@ def _solid(shape: Any, stage: Stage) -> Any:
             centers = np.column_stack([centers, np.full(len(centers), stage.height / 2)])
             half[2] = stage.height / 2
         return rr.Boxes3D(centers=centers, half_sizes=[half], fill_mode="solid", colors=GREY)
-    model = shape.model
-    if isinstance(model, Box):
-        center, size = list(model.center), list(model.size)
-        if len(center) == 2:
-            center, size = [*center, stage.height / 2], [*size, stage.height]
-        return rr.Boxes3D(
-            centers=[center],
-            half_sizes=[np.array(size) / 2],
-            rotation_axis_angles=[rr.RotationAxisAngle([0, 0, 1], degrees=model.yaw_deg)],
-            fill_mode="solid",
-            colors=GREY,
-        )
-    if isinstance(model, Sphere):
-        center, half = list(model.center), [model.radius] * 3
-        if len(center) == 2:
-            center, half[2] = [*center, stage.height / 2], stage.height / 2
-        return rr.Ellipsoids3D(centers=[center], half_sizes=[half], fill_mode="solid", colors=GREY)
-    if isinstance(model, (Cylinder, Prism)):
-        base, top = 0.0, stage.height
-        if len(stage.extent) == 3:
-            base = model.base
-            top = top if model.height is None else min(top, base + model.height)
-        if isinstance(model, Prism):
-            return mesh(*drawing.prism_mesh(np.array(model.vertices, float), base, top), GREY)
-        return rr.Cylinders3D(
-            lengths=[top - base],
-            radii=[model.radius],
-            centers=[[*model.center, (base + top) / 2]],
-            fill_mode="solid",
-            colors=GREY,
-        )
+    return SOLIDS[shape.model.kind](shape, stage)
+
+
+def _box(shape: Shape, stage: Stage) -> Any:
+    center, size = list(shape.model.center), list(shape.model.size)
+    if len(center) == 2:
+        center, size = [*center, stage.height / 2], [*size, stage.height]
+    return rr.Boxes3D(
+        centers=[center],
+        half_sizes=[np.array(size) / 2],
+        rotation_axis_angles=[rr.RotationAxisAngle([0, 0, 1], degrees=shape.model.yaw_deg)],
+        fill_mode="solid",
+        colors=GREY,
+    )
+
+
+def _ball(shape: Shape, stage: Stage) -> Any:
+    center, half = list(shape.model.center), [shape.model.radius] * 3
+    if len(center) == 2:
+        center, half[2] = [*center, stage.height / 2], stage.height / 2
+    return rr.Ellipsoids3D(centers=[center], half_sizes=[half], fill_mode="solid", colors=GREY)
+
+
+def _upright(model: Cylinder | Prism, stage: Stage) -> tuple[float, float]:
+    """Where it stands and how high it reaches [m], of the walls' height in a flat arena."""
+    if len(stage.extent) == 2:
+        return 0.0, stage.height
+    return model.base, stage.height if model.height is None else min(stage.height, model.base + model.height)
+
+
+def _cylinder(shape: Shape, stage: Stage) -> Any:
+    base, top = _upright(shape.model, stage)
+    return rr.Cylinders3D(
+        lengths=[top - base],
+        radii=[shape.model.radius],
+        centers=[[*shape.model.center, (base + top) / 2]],
+        fill_mode="solid",
+        colors=GREY,
+    )
+
+
+def _prism(shape: Shape, stage: Stage) -> Any:
+    return mesh(
+        *drawing.prism_mesh(np.array(shape.model.vertices, float), *_upright(shape.model, stage)), GREY
+    )
+
+
+def _mesh(shape: Solid, stage: Stage) -> Any:
     return mesh(*drawing.faceted(shape.vertices, shape.triangles), GREY)
+
+
+SOLIDS: dict[str, Callable[[Any, Stage], Any]] = {
+    "box": _box,
+    "sphere": _ball,
+    "cylinder": _cylinder,
+    "prism": _prism,
+    "mesh": _mesh,
+}
+"""How the obstacles of each kind are drawn."""
 
 
 def _source(source: AnySource, stage: Stage) -> Any:

@@ -281,11 +281,11 @@ def _walk(location: tuple[int | str, ...], data: Any, absent: bool = False) -> l
     """
     steps: list[int | str] = []
     place = data
-    told = None  # the section whose kind was the step before
+    known = None  # the section whose kind was the step before
     for n, step in enumerate(location):
         if isinstance(place, dict):
-            if place.get("kind") == step and place is not told:
-                told = place  # a section may have a key of the same name
+            if place.get("kind") == step and place is not known:
+                known = place  # a section may have a key of the same name
                 continue
             if step not in place and not (absent and n == len(location) - 1):
                 continue  # the model's name

@@ -9,12 +9,6 @@ from taichi_plume.scenario import size as checks_size
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.size import estimate
 
-
-@pytest.fixture(autouse=True)
-def taichi():
-    """No kernels here: spares each test the start of Taichi."""
-
-
 ROOM = """\
 duration: 10
 warm_up: 5

@@ -3,12 +3,6 @@ import pytest
 from taichi_plume.prepare import load_scenario
 from taichi_plume.scenario.loading import ScenarioError
 
-
-@pytest.fixture(autouse=True)
-def taichi():
-    """No kernels here: spares each test the start of Taichi."""
-
-
 SOURCE = "sources: [{position: [1, 1.5, 0.1], rate: 1e-5}]"
 RELEASE = "releases: [{position: [1, 1.5, 0.1], mass: 1 mg}]"
 PLUME = f"gas={{kind: gaussian_plume, intensity: 0.1, {SOURCE}}}"

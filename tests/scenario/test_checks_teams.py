@@ -4,11 +4,6 @@ import pytest
 from test_checks import FLOOR, told
 
 
-@pytest.fixture(autouse=True)
-def taichi():
-    """No kernels here: spares each test the start of Taichi."""
-
-
 def team(count, algorithm, more=""):
     start = "start: {kind: area, low: [0.2, 0.2], high: [1.5, 2.8]}"
     return f"robots.0={{count: {count}, {start}, algorithm: {{{algorithm}}}{more}}}"

@@ -8,12 +8,6 @@ from taichi_plume.scenario.openings import Fan
 from taichi_plume.scenario.windows import Region
 from taichi_plume.scenario.winds import CfdWind
 
-
-@pytest.fixture(autouse=True)
-def taichi():
-    """No kernels here: spares each test the start of Taichi."""
-
-
 GOOD = """\
 duration: 10
 domain: {size: [4, 3], spacing: 5 cm}

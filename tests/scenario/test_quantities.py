@@ -9,11 +9,6 @@ from pydantic_core import PydanticCustomError
 from taichi_plume.scenario.quantities import parse, quantity
 
 
-@pytest.fixture(autouse=True)
-def taichi():
-    """No kernels here: spares each test the start of Taichi."""
-
-
 @pytest.mark.parametrize(
     ("value", "unit", "expected"),
     [

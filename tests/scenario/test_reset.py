@@ -3,9 +3,8 @@
 from typing import Any, get_args
 
 import pytest
-import yaml
 
-from taichi_plume.scenario.loading import _override as override  # what the command line does
+from taichi_plume.scenario.loading import read_scenario
 from taichi_plume.scenario.reset import differences
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.vocabulary import Compiled, Free, Model, marked
@@ -31,11 +30,12 @@ maps: [{kind: time_series}]
 """
 
 
-def room(*changes: str) -> Scenario:
-    data = yaml.safe_load(ROOM)
-    for change in changes:
-        override(data, change)
-    return Scenario.model_validate(data)
+@pytest.fixture
+def room(tmp_path):
+    """The scenario with changes as of the command line."""
+    path = tmp_path / "room.yaml"
+    path.write_text(ROOM)
+    return lambda *changes: read_scenario(path, changes)
 
 
 @pytest.mark.parametrize(
@@ -64,7 +64,7 @@ def room(*changes: str) -> Scenario:
         "maps.0.beta=0.6",
     ],
 )
-def test_numbers_seeds_and_outputs_may_differ(change):
+def test_numbers_seeds_and_outputs_may_differ(room, change):
     assert differences(room(), room(change)) == []
 
 
@@ -108,11 +108,11 @@ def test_numbers_seeds_and_outputs_may_differ(change):
         ),
     ],
 )
-def test_what_something_was_built_from_must_stay(change, line):
+def test_what_something_was_built_from_must_stay(room, change, line):
     assert differences(room(), room(change)) == [line]
 
 
-def test_every_difference_is_told():
+def test_every_difference_is_told(room):
     changes = ("tick=0.2", "obstacles=[]", "robots.0.count=1", "seed=3")
     assert [line.partition(":")[0] for line in differences(room(), room(*changes))] == [
         "tick",

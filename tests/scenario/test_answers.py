@@ -1,0 +1,163 @@
+"""What sections answer for themselves, so that nobody else has to know their kinds."""
+
+from math import hypot, sqrt
+from typing import get_args
+
+import pytest
+
+from taichi_plume.scenario.algorithms import Algorithm
+from taichi_plume.scenario.any_opening import AnyOpening
+from taichi_plume.scenario.any_wind import GUST, AnyWind
+from taichi_plume.scenario.domain import Domain
+from taichi_plume.scenario.listening import AnyAlgorithm
+from taichi_plume.scenario.maps import AnyMap, Map
+from taichi_plume.scenario.obstacles import AnyObstacle, Obstacle
+from taichi_plume.scenario.openings import Opening
+from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.scenario.shapes import SHAPES
+from taichi_plume.scenario.starts import AnyStart, Start
+from taichi_plume.scenario.winds import Wind
+
+ROOM = Domain(size=(4.0, 3.0, 2.0), spacing=0.1)
+REGION = {"center": (1.5, 1.0), "diameter": 0.5}
+OPENINGS = {
+    "blowing fan": {"kind": "fan", "face": "x-", "speed": 0.5, **REGION},
+    "drawing fan": {"kind": "fan", "face": "x-", "speed": -0.7},
+    "curved fan": {
+        "kind": "fan",
+        "face": "x-",
+        "center": (1.0, 1.0),
+        "size": (0.5, 0.5),
+        "curve": {"pressure": 25, "flow": 0.5},
+    },
+    "inlet": {"kind": "inlet", "face": "y-", "speed": 1.0, "schedule": [{"at": 1, "speed": -3}]},
+    "warm inlet": {"kind": "inlet", "face": "y-", "speed": 1.0, "temperature": 300},
+    "straight inlet": {"kind": "honeycomb", "face": "y-", "speed": 0.2},
+    "straight outlet": {"kind": "honeycomb", "face": "y-"},
+    "outlet": {"kind": "outlet", "face": "z+"},
+    "slip": {"kind": "slip", "face": "z+"},
+    "wall": {"kind": "wall", "face": "z+", "velocity": (3.0, 4.0, 0.0)},
+    "periodic": {"kind": "periodic", "axis": "y"},
+}
+
+
+def scenario(**changes) -> Scenario:
+    gas = {"kind": "eulerian", "sources": [{"position": (1, 1, 1), "rate": 1e-6}]}
+    data = {"duration": 10, "domain": ROOM, "wind": {"kind": "cfd"}, "gas": gas}
+    return Scenario.model_validate(data | changes)
+
+
+def opening(name: str) -> Opening:
+    (one,) = scenario(wind={"kind": "cfd", "openings": [OPENINGS[name]]}).openings
+    return one
+
+
+@pytest.mark.parametrize(
+    ("name", "blows", "lets_out", "warms", "speed", "label"),
+    [
+        ("blowing fan", True, False, False, 0.5, "fan 0.5 m/s"),
+        ("drawing fan", True, False, False, 0.7, "fan -0.7 m/s"),
+        ("curved fan", True, False, False, 2.0, "fan"),
+        ("inlet", True, False, False, 3.0, "inlet 1 m/s"),
+        ("warm inlet", True, False, True, 1.0, "inlet 1 m/s"),
+        ("straight inlet", True, False, False, 0.2, "honeycomb 0.2 m/s"),
+        ("straight outlet", False, True, False, 0.0, "honeycomb"),
+        ("outlet", False, True, False, 0.0, "outlet"),
+        ("slip", False, False, False, 0.0, "slip"),
+        ("wall", False, False, False, 5.0, "wall"),
+        ("periodic", False, False, False, 0.0, "periodic"),
+    ],
+)
+def test_openings(name, blows, lets_out, warms, speed, label):
+    one = opening(name)
+    assert (one.blows, one.lets_out, one.warms) == (blows, lets_out, warms)
+    assert one.passes == (blows or lets_out)
+    assert one.top_speed(ROOM) == pytest.approx(speed)
+    assert one.label == label
+    assert (one.region is None) == (name == "periodic") == (one.wraps == "y")
+    assert all(0 <= part <= 255 for part in one.color)
+    assert one.straight == name.startswith("straight")
+    assert len(one.changes) == (name == "inlet")
+
+
+def test_flow_in_and_out():
+    assert opening("blowing fan").inflow(0.0, ROOM) == pytest.approx(0.5 * 3.14159265 / 16)
+    assert opening("drawing fan").inflow(0.0, ROOM) == pytest.approx(-0.7 * 3 * 2)
+    assert opening("inlet").inflow(0.0, ROOM) == pytest.approx(1.0 * 4 * 2)
+    assert opening("inlet").inflow(2.0, ROOM) == pytest.approx(-3.0 * 4 * 2)
+    assert opening("curved fan").follows_pressure
+    assert all(opening(name).inflow(0.0, ROOM) == 0.0 for name in ("outlet", "slip", "wall", "periodic"))
+
+
+@pytest.mark.parametrize(
+    ("wind", "more", "top", "axes"),
+    [
+        ({"kind": "uniform", "velocity": (3, 4, 0)}, {}, 5.0, 7.0),
+        ({"kind": "synthetic", "speed": 3, "circulation": 4}, {}, 10.0, 5.0 * GUST),
+        ({"kind": "cfd"}, {}, 0.0, 0.0),
+        ({"kind": "cfd", "openings": [OPENINGS["wall"], OPENINGS["inlet"]]}, {}, 5.0, 5.0 * GUST),
+        ({"kind": "frozen", "openings": [OPENINGS["wall"]]}, {}, 5.0, 5.0 * GUST),
+        (
+            {"kind": "cfd", "openings": [OPENINGS["inlet"]]},
+            {
+                "obstacles": [
+                    {"kind": "sphere", "center": (1, 1, 1), "radius": 0.1, "motion": {"path": [(0.5, 3, 1)]}}
+                ]
+            },
+            4.0,
+            4.0 * GUST,
+        ),
+        (
+            {
+                "kind": "cfd",
+                "buoyancy": {"heat": {"reference": 300, "walls": [{"face": "z-", "temperature": 310}]}},
+            },
+            {},
+            sqrt(9.81 / 300 * 10 * 4),
+            sqrt(9.81 / 300 * 10 * 4) * GUST,
+        ),
+        ({"kind": "playback", "file": "fields.zarr"}, {}, None, 0.0),
+    ],
+)
+def test_winds_know_their_largest_speed(wind, more, top, axes):
+    one = scenario(wind=wind, **more)
+    assert one.wind.top_speed(one) == (None if top is None else pytest.approx(top))
+    assert one.wind.axes_speed(one) == pytest.approx(axes)
+    courant = one.wind.computed.courant if one.wind.computed else 1.0
+    assert one.wind.longest_step(one) == (pytest.approx(courant * 0.1 / axes) if axes else float("inf"))
+
+
+def test_only_a_frozen_wind_stops():
+    frozen = scenario(wind={"kind": "frozen", "after": 4}).wind
+    assert (frozen.moving(10.0), frozen.moving(3.0)) == (4.0, 3.0)
+    assert scenario().wind.moving(10.0) == 10.0
+
+
+def test_obstacles_say_whether_they_move():
+    walk = {"kind": "cylinder", "center": (1, 1), "radius": 0.2, "motion": {"path": [(2, 3, 1)]}}
+    prism = {"kind": "prism", "vertices": [(0, 0), (1, 0), (0, 1)]}
+    mesh = {"kind": "mesh", "file": "a.stl"}
+    standing = {"kind": "box", "center": (1, 1, 1), "size": (1, 1, 1)}
+    motions = [one.motion for one in scenario(obstacles=[walk, prism, mesh, standing]).obstacles]
+    assert [motion is not None for motion in motions] == [True, False, False, False]
+    assert motions[0].legs((1, 1)) == [(0.0, 2, pytest.approx(hypot(2, 0) / 2))]
+
+
+@pytest.mark.parametrize(
+    ("union", "base"),
+    [
+        (Wind, AnyWind),
+        (Opening, AnyOpening),
+        (Obstacle, AnyObstacle),
+        (Start, AnyStart),
+        (Algorithm, AnyAlgorithm),
+        (Map, AnyMap),
+    ],
+)
+def test_every_kind_can_be_asked(union, base):
+    assert all(issubclass(kind, base) for kind in get_args(get_args(union)[0]))
+
+
+def test_every_obstacle_has_a_shape():
+    kinds = [get_args(kind.model_fields["kind"].annotation)[0] for kind in get_args(get_args(Obstacle)[0])]
+    assert sorted(kinds) == sorted(SHAPES)

@@ -1,0 +1,101 @@
+"""What a scenario's files hold is opened once, whoever needs it."""
+
+from collections import Counter
+from pathlib import Path
+
+import pytest
+import yaml
+from test_geometry import box_triangles, write_stl
+
+from taichi_plume import prepare
+from taichi_plume.files import point_frames
+from taichi_plume.prepare import checked, load, load_scenario
+from taichi_plume.scenario import shapes
+from taichi_plume.scenario.loading import ScenarioError, read_scenario
+
+LOG = "1000,2,0.5\n" + "".join(f"+{n} 2\n1,1,0,0.5,0,{n}\n1.5,1,0,0.5,0,{n}\n" for n in (1, 2))
+OWN = """
+class Still:
+    def act(self, robots):
+        robots.speed[:] = 0
+"""
+GAS = {"kind": "plumesim_log", "file": "plume.pslog", "sources": [{"position": [1, 1]}]}
+SCENARIO = {
+    "duration": 5,
+    "domain": {"size": [4, 3], "spacing": 0.1},
+    "wind": {"kind": "plumesim_log", "file": "plume.pslog"},
+    "gas": {"kind": "mixture", "parts": [GAS, GAS | {"species": "acetone"}]},
+    "obstacles": [{"kind": "mesh", "file": "box.stl", "section": 0.1}],
+    "robots": [
+        {
+            "count": 1,
+            "start": {"kind": "positions", "positions": [[3, 2]]},
+            "algorithm": {"kind": "own", "file": "still.py"},
+        }
+    ],
+}
+
+
+@pytest.fixture
+def path(tmp_path) -> Path:
+    (tmp_path / "plume.pslog").write_text(LOG)
+    (tmp_path / "still.py").write_text(OWN)
+    write_stl(tmp_path / "box.stl", box_triangles((1.8, 0.9, 0), (2.2, 1.1, 0.3)))
+    (tmp_path / "s.yaml").write_text(yaml.safe_dump(SCENARIO))
+    return tmp_path / "s.yaml"
+
+
+def test_each_file_is_opened_once(path, monkeypatch):
+    opened = Counter()
+    for owner, name in (
+        (point_frames, "read_log"),
+        (prepare, "own_class"),
+        (shapes, "Solid"),
+    ):
+        original = getattr(owner, name)
+
+        def count(*args, name=name, original=original):
+            opened[name] += 1
+            return original(*args)
+
+        monkeypatch.setattr(owner, name, count)
+    scenario, resources = load(path)
+    assert opened == {"read_log": 1, "own_class": 1, "Solid": 1}
+    assert resources.frames.keys() == {"wind", "gas.parts[0]", "gas.parts[1]"}
+    assert len({id(frames) for frames in resources.frames.values()}) == 1
+    assert resources.own["robots[0].algorithm"].__name__ == "Still"
+    assert [one.model for one in resources.obstacles] == list(scenario.obstacles)
+    assert resources.faults == {}
+
+
+def test_what_cannot_be_used_is_a_fault_and_told_by_the_checks(path):
+    (path.parent / "plume.pslog").unlink()
+    (path.parent / "box.stl").unlink()
+    scenario = read_scenario(path)
+    resources = prepare.prepare(scenario, path.parent).resources
+    assert resources.faults.keys() == {"wind", "gas.parts[0]", "gas.parts[1]", "obstacles[0]"}
+    with pytest.raises(ScenarioError) as caught:
+        checked(scenario, path.parent)
+    assert [line.partition(": ")[0] for line in caught.value.lines] == [
+        "gas.parts[0].file",
+        "gas.parts[1].file",
+        "wind.file",
+    ]
+
+
+def test_load_scenario_is_the_scenario_alone(path):
+    assert load_scenario(path, ["seed=3"]) == load(path, ["seed=3"]).scenario
+    with pytest.raises(ScenarioError, match=r"^\S*s\.yaml: robots\[0\]\.start: robot 0"):
+        load_scenario(path, ["robots.0.start.positions=[[0, 0]]"])
+
+
+def test_many_faults_are_counted(path):
+    places = [[0.01, 0.1 * n] for n in range(30)]
+    robots = [
+        SCENARIO["robots"][0] | {"name": f"r{n}", "start": {"kind": "positions", "positions": [place]}}
+        for n, place in enumerate(places)
+    ]
+    with pytest.raises(ScenarioError) as caught:
+        load(path, [f"robots={robots}"])
+    assert caught.value.lines[-1] == f"... and {len(caught.value.faults) - 20} more"
+    assert all(line.startswith(f"{path}: ") for line in caught.value.faults)
