@@ -84,7 +84,7 @@ class FlowSolver(Carrier):
         self._weighing = tuple(weighing)
         fields = [one.field for one in weighing] + ([theta.q] if theta is not None else [])
         self.momentum = Momentum(model, grid, self.u, self.p, self.nu, self.open, self.area, fields)
-        self._surfaces = None if air.empty else Surfaces(self.momentum, air, self._area, openness, tables)
+        self.surfaces = None if air.empty else Surfaces(self.momentum, air, self._area, openness, tables)
         self.limits = Limits(self.momentum)
         tables.upload()
         self.solver = pressure_solver(tuple(a * o for a, o in zip(self._area, openness, strict=True)), grid)
@@ -204,12 +204,12 @@ class FlowSolver(Carrier):
     @ti.func
     def _slow(self, dt, k):
         if ti.static(self.momentum.cut):
-            self._surfaces.slow(self._rate, dt)
+            self.surfaces.slow(self._rate, dt)
 
     @ti.func
     def _add_loss(self, dt, k):
         if ti.static(self.momentum.cut):
-            self._surfaces.add_loss(self._rate)
+            self.surfaces.add_loss(self._rate)
 
     @ti.func
     def _resist(self, dt, k):
@@ -262,7 +262,7 @@ class FlowSolver(Carrier):
             screen.begin(one, model.viscosity)
         self.max_speed, self.max_courant = 1.0, 0.0
         self.boundaries.measure_inertia(self._impulse)
-        self._rest()
+        self._zero(self.u)
         self._settle()
 
     def _take_numbers(self, model: CfdWind) -> None:
@@ -289,26 +289,21 @@ class FlowSolver(Carrier):
         self._begin(1.0)
         self._diverge()
         self._project(1.0)
-        self._release_pressure()
+        self._zero((self.p,))
 
     def _impulse(self) -> Any:
         """The field phi that sets air at rest in motion, to the velocities prescribed at the boundaries."""
-        self._rest()
+        self._zero(self.u)
         self._begin(1.0)
         self._diverge()
         self.solver.solve(self._divergence, self._phi, self.tolerance)
         return self._phi
 
     @ti.kernel
-    def _rest(self):
-        for I in ti.grouped(self.p):
-            for d in ti.static(range(self.dim)):
-                self.u[d][I] = 0.0
-
-    @ti.kernel
-    def _release_pressure(self):
-        for I in ti.grouped(self.p):
-            self.p[I] = 0.0
+    def _zero(self, fields: Template):
+        for field in ti.static(fields):
+            for I in ti.grouped(field):
+                field[I] = 0.0
 
     # ---------------------------------------------------------------- limits and diagnostics
 

@@ -8,7 +8,7 @@ import taichi as ti
 
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Template
+from taichi_plume.grid.state import State
 from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.obstacles import Box, Cylinder, Sphere
 from taichi_plume.scenario.robots import Body
@@ -21,6 +21,10 @@ from taichi_plume.validation.flow_cases import advance, velocities
 pytestmark = pytest.mark.usefixtures("taichi")
 
 MODELS = {"cylinder": Cylinder, "box": Box, "sphere": Sphere}
+MIDDLE = (
+    {"center": [0.5, 0.4], "radius": 0.2},
+    {"center": [0.5, 0.4, 0.3], "radius": 0.2},
+)  # no ball, a ball
 ENDS = [{"kind": "outlet", "face": "x-"}, {"kind": "outlet", "face": "x+"}]
 
 
@@ -32,11 +36,29 @@ def still_air(shape=(60, 40), dx=0.05, openings=ENDS, solid=None, bodies=(), **m
     return FlowSolver(wind, grid, air, resistances=[partial(body, grid) for body in bodies])
 
 
-def moving(path: list, **outline) -> Callable[..., MovingObstacle]:
+def walker(path: list, **outline) -> Box | Cylinder | Sphere:
     outline = {"center": [0.8, 1.0]} | (outline or {"kind": "cylinder", "radius": 0.2})
     kind = str(outline["kind"])
-    model = MODELS[kind].model_validate(outline | {"motion": {"path": path}})
-    return partial(MovingObstacle, model)
+    return MODELS[kind].model_validate(outline | {"motion": {"path": path}})
+
+
+def moving(path: list, **outline) -> Callable[..., MovingObstacle]:
+    return partial(MovingObstacle, walker(path, **outline))
+
+
+@pytest.fixture(scope="module")
+def walked(taichi) -> Callable[..., FlowSolver]:
+    """Still air with one body that moves along a path."""
+    flow = still_air(bodies=[moving([[1.0, 0.8, 1.0]])])
+    model = CfdWind.model_validate({"kind": "cfd", "openings": ENDS})
+
+    def begun(path: list, **outline) -> FlowSolver:
+        State(flow).clear()
+        flow.begin(model, 0.0, 0)
+        flow.resistances[0].begin(walker(path, **outline))
+        return flow
+
+    return begun
 
 
 def faces(grid: Grid, d: int) -> np.ndarray:
@@ -45,8 +67,8 @@ def faces(grid: Grid, d: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("outline", [{}, {"kind": "box", "size": [0.3, 0.4], "yaw_deg": 30}])
-def test_the_air_inside_moves_with_the_body(outline):
-    flow = still_air(bodies=[moving([[2.0, 2.0, 1.4]], **outline)])  # (0.6, 0.2) m/s
+def test_the_air_inside_moves_with_the_body(walked, outline):
+    flow = walked([[2.0, 2.0, 1.4]], **outline)  # (0.6, 0.2) m/s
     advance(flow, 1.0)
     for d, speed in enumerate((0.6, 0.2)):
         inside = np.linalg.norm(faces(flow.grid, d) - (1.4, 1.2), axis=-1) < 0.12
@@ -99,10 +121,31 @@ def test_at_rest_it_has_the_wake_of_an_obstacle_of_cells():
     assert found["body"][1] == pytest.approx(2.37, rel=0.03)  # what it tends to at half the spacing
 
 
-@ti.kernel
-def _distances(body: Template, points: ti.types.ndarray(), out: ti.types.ndarray()):
-    for n in range(out.shape[0]):
-        out[n] = body.distance(ti.Vector([points[n, 0], points[n, 1], points[n, 2]]), 0)
+@pytest.fixture(scope="module")
+def distances(taichi):
+    """Distances [m] of points from a body: one solver for balls, one for all others."""
+    grid = Grid((10, 8, 8), 0.1)
+    some = {
+        ball: walker([[1, 0.6, 0.4]], kind="sphere" if ball else "cylinder", **MIDDLE[ball])
+        for ball in (0, 1)
+    }
+    bodies = [MovingObstacle(some[ball], grid, ()) for ball in (0, 1)]
+
+    @ti.kernel
+    def measure(ball: int, points: ti.types.ndarray(), out: ti.types.ndarray()):
+        for n in range(out.shape[0]):
+            x = ti.Vector([points[n, 0], points[n, 1], points[n, 2]])
+            out[n] = bodies[1].distance(x, 0) if ball == 1 else bodies[0].distance(x, 0)
+
+    def of(model, points: np.ndarray) -> np.ndarray:
+        ball = int(model.kind == "sphere")
+        bodies[ball].begin(model)
+        bodies[ball].advance(-1.0, 0.1)
+        out = np.empty(len(points), np.float32)
+        measure(ball, points, out)
+        return out
+
+    return of
 
 
 @pytest.mark.parametrize(
@@ -113,15 +156,12 @@ def _distances(body: Template, points: ti.types.ndarray(), out: ti.types.ndarray
         {"kind": "cylinder", "center": [0.5, 0.4], "radius": 0.2, "base": 0.1, "height": 0.3},
     ],
 )
-def test_outlines_are_those_of_standing_obstacles(outline):
+def test_outlines_are_those_of_standing_obstacles(distances, outline):
     """The same sides of the surface as `geometry`, and beside it the same distances."""
     grid = Grid((10, 8, 8), 0.1)
     model = MODELS[outline["kind"]].model_validate(outline | {"motion": {"path": [[1, 0.6, 0.4]]}})
-    body = MovingObstacle(model, grid, ())
-    body.advance(-1.0, 0.1)
     points = np.random.default_rng(0).uniform((0, 0, 0), grid.extent, (2000, 3)).astype(np.float32)
-    got = np.empty(len(points), np.float32)
-    _distances(body, points, got)
+    got = distances(model, points)
     wanted = shape(model, Domain(size=grid.extent, spacing=0.1), Path()).signed_distance(points)
     clear = np.abs(wanted) > 1e-5
     assert np.all((got < 0) == (wanted < 0), where=clear)
@@ -195,8 +235,8 @@ def test_it_keeps_to_its_way_points():
     assert [loop.motion.place(loop.center, t)[0] for t in times] == [1.5, 1, 1.5, 1.5, 1.5, 1.5]
 
 
-def test_a_fast_body_shortens_the_steps_before_it_moves():
-    flow = still_air(bodies=[moving([[3.0, 0.8, 1.0], [4.0, 2.8, 1.0]])])
+def test_a_fast_body_shortens_the_steps_before_it_moves(walked):
+    flow = walked([[3.0, 0.8, 1.0], [4.0, 2.8, 1.0]])
     (body,) = flow.resistances
     assert body.fastest(0.0) == 0.0
     assert body.fastest(2.5) == pytest.approx(2.0)
