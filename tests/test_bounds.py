@@ -17,7 +17,7 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(autouse=True)
-def checked(taichi):
+def checked():
     kernels.start("cpu", debug=True)
 
 

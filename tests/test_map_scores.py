@@ -13,6 +13,8 @@ from taichi_plume.files import result
 from taichi_plume.map_scores import MapScores
 from taichi_plume.simulation import Every
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 
 def scored(sim):
     judge = MapScores(sim)

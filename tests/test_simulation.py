@@ -6,6 +6,8 @@ from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.simulation import Every, Simulation, UnstableError
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 
 def small(**changes) -> Simulation:
     """A room of few cells with one robot."""

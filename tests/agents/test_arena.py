@@ -7,6 +7,8 @@ from pydantic import TypeAdapter
 
 from taichi_plume.scenario.algorithms import Algorithm
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 LOW = (1.0, 0.5)  # of the part, exact in f32
 PLACES = ((0.5, 0.5), (1.5, 1.0), (2.5, 1.5))
 

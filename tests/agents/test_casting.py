@@ -15,6 +15,8 @@ from taichi_plume.scenario.robots import Body, Group, StartArea
 from taichi_plume.scenario.sensors import Anemometer, IdealGasSensor, MoxSensor, Sensors
 from taichi_plume.scenario.species import SPECIES
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 EXTENT = (4.0, 3.0)
 SOURCE = (0.5, 1.5)
 TICK = 0.1

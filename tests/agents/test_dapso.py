@@ -10,6 +10,8 @@ from taichi_plume.scenario.algorithms import Dapso, FunctionValue, RandomMates, 
 from taichi_plume.scenario.robots import Communication
 from taichi_plume.scenario.species import SPECIES
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 TOP = (3.0, 2.2)
 CORNER = ((0.4, 0.4), (0.8, 0.4), (0.4, 0.8), (0.8, 0.8), (1.2, 0.4))
 FLOOR = (4.0, 3.0)

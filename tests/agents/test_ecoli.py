@@ -7,6 +7,8 @@ from arena import TICK, Run, Script
 from taichi_plume.agents.ecoli import ACQUIRE, RUN, TUMBLE
 from taichi_plume.scenario.algorithms import EColi
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 
 def steps(run, seconds):
     """Of one robot: the displacement of each step [m], and whether it was a run."""

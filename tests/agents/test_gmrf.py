@@ -11,6 +11,8 @@ from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.obstacles import Box
 from taichi_plume.scenario.resources import shape
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 DT, CELL = 0.5, 0.25
 
 

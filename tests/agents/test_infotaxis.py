@@ -11,6 +11,8 @@ from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.rng import uniform4
 from taichi_plume.scenario.algorithms import Infotaxis
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 MODEL = Infotaxis(kind="infotaxis", cell=0.15)
 
 

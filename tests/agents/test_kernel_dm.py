@@ -7,6 +7,8 @@ from readers import EXTENT, TRIALS, Readers, centers, same
 from taichi_plume.agents.kernel_dm import KernelMap
 from taichi_plume.scenario import maps as map_models
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 DT = 0.5
 
 

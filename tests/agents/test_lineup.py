@@ -9,6 +9,8 @@ from taichi_plume.agents.lineup import FEEL, FORM, SWEEP, WAIT
 from taichi_plume.scenario.algorithms import LineUp
 from taichi_plume.scenario.species import SPECIES
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 FLOOR = (4.0, 3.0)
 CORNER = ((0.3, 0.3), (0.6, 0.3), (0.3, 0.6), (0.6, 0.6))
 

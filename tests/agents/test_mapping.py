@@ -8,6 +8,8 @@ from readers import EXTENT, Readers, same
 from taichi_plume.assemble import mappers
 from taichi_plume.scenario.maps import Map
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 KINDS = [
     {"kind": "time_series"},
     {"kind": "time_series", "raw_samples": True},

@@ -20,6 +20,8 @@ from taichi_plume.scenario.robots import Body, Communication, Group, Odometry, S
 from taichi_plume.scenario.sensors import Anemometer, IdealGasSensor
 from taichi_plume.scenario.sensors import Sensors as SensorModels
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 EXACT = dict.fromkeys(Odometry.model_fields, 0.0)
 MANY = 4000  # robots: a variance is estimated to sqrt(2/MANY) = 2.2 % of it
 TOLERANCE = 5 * np.sqrt(2 / MANY)

@@ -10,6 +10,8 @@ from taichi_plume import run
 from taichi_plume.assemble import assemble
 from taichi_plume.scenario.loading import ScenarioError, load_scenario
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 UPWIND = """
 import numpy as np
 

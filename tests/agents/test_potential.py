@@ -12,6 +12,8 @@ from taichi_plume.scenario.algorithms import RandomWalk
 from taichi_plume.scenario.obstacles import Box
 from taichi_plume.scenario.robots import Body, Group, StartAt
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 TICK = 0.1
 RADIUS, SPEED, AVOIDANCE = 0.05, 0.2, 0.2
 

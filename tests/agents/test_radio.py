@@ -10,6 +10,8 @@ from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.scenario.algorithms import RandomWalk
 from taichi_plume.scenario.robots import Communication, Group, StartAt
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 
 @ti.data_oriented
 class Talk:

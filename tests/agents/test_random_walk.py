@@ -7,6 +7,8 @@ from arena import TICK, Run, Script
 from taichi_plume.agents.random_walk import BUMP, WALK
 from taichi_plume.scenario.algorithms import RandomWalk
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 AIR = [0.0]
 
 

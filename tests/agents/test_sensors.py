@@ -12,6 +12,8 @@ from taichi_plume.scenario.sensors import Anemometer, IdealGasSensor, MoxSensor,
 from taichi_plume.scenario.sensors import Sensors as SensorModels
 from taichi_plume.scenario.species import SPECIES
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 TICK = 0.1
 
 

@@ -11,6 +11,8 @@ from taichi_plume.agents.time_series import TimeSeriesMap, neighbourhood
 from taichi_plume.assemble import mappers
 from taichi_plume.scenario import maps as map_models
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 CELL, WINDOW, DT = 0.25, 5.0, 0.5
 
 

@@ -8,6 +8,8 @@ from scipy.signal import find_peaks
 from taichi_plume.agents.spiral import ACQUIRE, ARM, ESCAPE
 from taichi_plume.scenario.algorithms import Spiral
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 
 def acquisitions(states):
     """Ticks at which an acquisition ends."""

@@ -10,6 +10,8 @@ from taichi_plume.agents import surge_cast, surge_spiral
 from taichi_plume.agents.surge_cast import CAST, SURGE
 from taichi_plume.agents.tracking import FIND, UPWIND
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 
 @ti.data_oriented
 class Edge(Plume):

@@ -10,6 +10,8 @@ from taichi_plume.scenario.algorithms import Casting
 from taichi_plume.scenario.obstacles import Cylinder
 from taichi_plume.scenario.robots import Body, Group, StartArea, StartAt, StartLine
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 EXTENT = (4.0, 3.0)
 NOWHERE = np.empty((0, 2))
 

@@ -11,6 +11,8 @@ from taichi_plume.agents.potential import NEAR
 from taichi_plume.agents.sweep import DONE, SWEEP, TRANSIT, lanes
 from taichi_plume.scenario.algorithms import Sweep
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 ROOM = 0.085 + 0.05
 
 

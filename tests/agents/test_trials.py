@@ -7,6 +7,8 @@ from taichi_plume.assemble import assemble
 from taichi_plume.map_scores import MapScores
 from taichi_plume.scenario.loading import ScenarioError, load_scenario
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 SCENARIO = """
 duration: 12
 seed: 4

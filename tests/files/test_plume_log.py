@@ -19,6 +19,8 @@ from taichi_plume.scenario.loading import load_scenario
 from taichi_plume.scenario.outputs import PlumeLog
 from taichi_plume.simulation import Every, Simulation
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 LIVE = """
 name: live
 seed: 3

@@ -10,6 +10,8 @@ from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.uniform import UniformSolver
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_sampling_is_exact_for_linear_fields(dim):

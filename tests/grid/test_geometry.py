@@ -19,6 +19,8 @@ from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.sources import Source
 from taichi_plume.scenario.winds import CfdWind
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 ROOM = Domain(size=(4.0, 3.0, 1.0), spacing=0.1)
 FLOOR = Domain(size=(4.0, 3.0), spacing=0.1)
 L_SHAPE = ((1.0, 0.5), (3.0, 0.5), (3.0, 1.5), (2.0, 1.5), (2.0, 2.5), (1.0, 2.5))

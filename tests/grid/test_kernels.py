@@ -3,6 +3,8 @@
 import pytest
 import taichi as ti
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 
 def test_a_fault_in_a_kernel_is_told_with_its_file_and_line():
     @ti.kernel

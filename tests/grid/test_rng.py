@@ -1,7 +1,10 @@
 import numpy as np
+import pytest
 import taichi as ti
 
 from taichi_plume.grid.rng import generator, normal4, philox, uniform4
+
+pytestmark = pytest.mark.usefixtures("taichi")
 
 N = 1 << 14
 

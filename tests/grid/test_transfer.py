@@ -10,6 +10,8 @@ from taichi_plume.grid.kernels import compiled
 from taichi_plume.grid.state import State
 from taichi_plume.grid.transfer import Numbers, reader, uploader
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 
 def fields() -> tuple:
     return (

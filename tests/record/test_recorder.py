@@ -17,6 +17,8 @@ from taichi_plume.files import disk
 from taichi_plume.record.recorder import Recorder
 from taichi_plume.simulation import Simulation
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 
 @pytest.fixture(autouse=True)
 def strict():

@@ -16,6 +16,8 @@ from taichi_plume.solvers.bodies import Bodies, MovingObstacle, Wake
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.validation.flow_cases import advance, velocities
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 MODELS = {"cylinder": Cylinder, "box": Box, "sphere": Sphere}
 ENDS = [{"kind": "outlet", "face": "x-"}, {"kind": "outlet", "face": "x+"}]
 

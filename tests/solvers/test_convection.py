@@ -15,6 +15,8 @@ from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.prescribed import PrescribedWind
 from taichi_plume.validation.flow_cases import advance, faces, laminar_flow, periodic, rms, velocities
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 SCHEMES = ("koren", "weno5")
 
 

@@ -13,6 +13,8 @@ from taichi_plume.solvers.emission import Emission
 from taichi_plume.solvers.evaporation import Evaporation
 from taichi_plume.solvers.uniform import UniformSolver
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 ETHANOL = SPECIES["ethanol"]
 
 

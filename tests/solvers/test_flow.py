@@ -7,6 +7,8 @@ from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.validation.flow_cases import advance
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 ARENA = {
     "kind": "cfd",
     "openings": [

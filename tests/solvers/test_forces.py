@@ -11,6 +11,8 @@ from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.forces import forces
 from taichi_plume.validation.flow_cases import advance, periodic
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 
 @pytest.mark.slow
 def test_bodies_take_what_drives_the_air():

@@ -9,6 +9,8 @@ from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.frozen import FrozenSolver
 from taichi_plume.solvers.gas import EulerianSolver
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 SHAPE = (24, 16)
 GRID = Grid(SHAPE, 0.05)
 KEYS = {

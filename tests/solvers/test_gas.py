@@ -14,6 +14,8 @@ from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.prescribed import PrescribedWind
 from taichi_plume.solvers.uniform import UniformSolver
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 
 def arena(shape=(40, 30), rate=2e-5, seed=0, **source):
     grid = Grid(shape, 4.0 / shape[0], depth=0.5)

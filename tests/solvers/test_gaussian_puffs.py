@@ -17,6 +17,8 @@ from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.gaussian_puffs import ContinuousPuffs, GaussianPuffs
 from taichi_plume.solvers.uniform import UniformSolver
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 Q, D, POINT = 2e-5, 0.01, 1e-5  # kg/s, m²/s, m: a radius that is as good as none
 
 

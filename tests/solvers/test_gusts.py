@@ -9,6 +9,8 @@ from taichi_plume.scenario.winds import UniformWind
 from taichi_plume.solvers.gusts import OrnsteinUhlenbeck
 from taichi_plume.solvers.uniform import UniformSolver
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 
 def windy(velocity=(0.5, 0.0), shape=(20, 10), seed=3, begin=-2.0, **gusts):
     model = {"kind": "uniform", "velocity": velocity, "gusts": {"time": 0.4} | gusts}

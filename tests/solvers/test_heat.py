@@ -12,6 +12,8 @@ from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.heat import HeatSolver
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 
 def closed_box(shape, dx=0.05, openings=(), **more) -> FlowSolver:
     wind = CfdWind.model_validate(

@@ -19,6 +19,8 @@ from taichi_plume.scenario.winds import ImportedWind
 from taichi_plume.simulation import Simulation
 from taichi_plume.solvers.imported import ImportedFilm, Projection
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 SIZE = (1.6, 1.2, 0.4)
 LOW = (-5.0, 2.0, 0.5)  # the room's corner in the files
 ROOM = """

@@ -19,6 +19,8 @@ from taichi_plume.scenario.winds import PlaybackWind
 from taichi_plume.simulation import Every, Simulation
 from taichi_plume.solvers.playback import PlayedGas, PlayedWind
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 LIVE = """
 seed: 3
 duration: 2

@@ -10,6 +10,8 @@ from taichi_plume.scenario.winds import UniformWind
 from taichi_plume.solvers.plumes import Plumes
 from taichi_plume.solvers.uniform import UniformSolver
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 Q = 3e-5  # kg/s
 GUSTS = {"intensity": 0.2, "time": 1.5}
 

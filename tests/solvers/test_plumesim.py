@@ -24,6 +24,8 @@ from taichi_plume.solvers.plumesim import (
     meandering_points,
 )
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 EXTENT = (1.5, 1.0)
 RNG = np.random.default_rng(3)
 POINTS = RNG.uniform([0, 0], EXTENT, (2000, 2)).astype(np.float32)

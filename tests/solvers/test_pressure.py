@@ -7,6 +7,8 @@ from taichi_plume.solvers.multigrid import Multigrid
 from taichi_plume.solvers.poisson import Openness
 from taichi_plume.solvers.pressure import pressure_solver
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 
 def problem(shape, obstacle, outlet, periodic=None):
     """Face openness of a box with an obstacle, and a right-hand side that its air can satisfy."""

@@ -15,6 +15,8 @@ from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.puffs import PuffSolver, joint_update
 from taichi_plume.solvers.uniform import UniformSolver
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 SOURCE = {"position": (0.3, 0.5, 0.5), "rate": 1e-5, "radius": 0.02}
 
 

@@ -8,6 +8,8 @@ from taichi_plume.solvers.boundaries import periodic_axes
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.validation.flow_cases import advance
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 SPEED = 0.7
 SLIP = [{"kind": "slip", "face": face} for face in ("y-", "y+", "z-", "z+")]
 

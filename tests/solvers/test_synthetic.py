@@ -9,6 +9,8 @@ from taichi_plume.scenario.winds import SyntheticWind
 from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.synthetic import SyntheticSolver
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 SHAPES = [(60, 42), (30, 21, 12)]
 
 

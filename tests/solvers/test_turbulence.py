@@ -6,6 +6,8 @@ from taichi_plume.grid.grid import Grid
 from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 
 def eddy_viscosity(kind: str, gradient: np.ndarray, constant: float) -> float:
     """nu_t of a solver in the middle of a box with u_i = gradient[i, j] x_j."""

@@ -13,6 +13,8 @@ from taichi_plume.validation.mapping_cases import ALPHAS, arena, least, mapped
 from taichi_plume.validation.report import page
 from taichi_plume.validation.searches import scenario_of
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 CONFIGS = Path(__file__).parents[2] / "configs"
 
 

@@ -13,6 +13,8 @@ from taichi_plume.validation.experiment import Mean, Tracks
 from taichi_plume.validation.plumesim_cases import LAMINAR, PLUME, arena, export, in_airs
 from taichi_plume.validation.searches import WAY, scenario_of, searches, spread
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 CONFIG = Path(__file__).parents[2] / "configs" / "plumesim_casting.yaml"
 
 

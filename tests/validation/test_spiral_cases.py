@@ -10,6 +10,8 @@ from taichi_plume.validation.experiment import Range
 from taichi_plume.validation.searches import scenario_of
 from taichi_plume.validation.spiral_cases import OPENED, SPIRAL_CASES, at, momo, room
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 CONFIG = Path(__file__).parents[2] / "configs" / "spiral_room.yaml"
 
 
