@@ -46,14 +46,15 @@ class Deposit:
 
     def cells(self, t: float) -> np.ndarray:
         """Mean concentration of every cell [kg/m³] at the solver's time t [s]; shape of the grid."""
-        self.c.fill(0.0)
         self._spread(t)
         return self.grid.read(self.c)
 
     @ti.kernel
     def _spread(self, t: float):
+        for I in ti.grouped(self.c):
+            self.c[I] = 0.0
         for lane in range(self._lanes):
-            count = self.solver.puffs.alive()
+            count = self.solver.puffs.cells.alive()
             for turn in range((count + self._lanes - 1) // self._lanes):
                 q = turn * self._lanes + lane
                 if q < count:
@@ -63,7 +64,7 @@ class Deposit:
     def _spread_one(self, lane, q, t: float):
         puffs = self.solver.puffs
         x = puffs.place(q)
-        s = puffs.size(puffs.now[puffs.variance][q])
+        s = puffs.cells.size(puffs.now[puffs.variance][q])
         first, size = ti.Vector.zero(ti.i32, self.dim), ti.Vector.zero(ti.i32, self.dim)
         dx = ti.static(self.grid.dx)
         held = 1.0  # share that lies in the domain, or is mirrored into it
@@ -96,9 +97,9 @@ class Deposit:
         below, above = 0.0, 0.0  # 1: closed
         if ti.static(not self.grid.periodic[d]):
             if x[d] < REACH * s:
-                below = 1.0 - ti.cast(self.solver.air_goes_through(x, 2 * d, t), ti.f32)
+                below = 1.0 - ti.cast(self.solver.walls.air_goes_through(x, 2 * d, t), ti.f32)
             if L - x[d] < REACH * s:
-                above = 1.0 - ti.cast(self.solver.air_goes_through(x, 2 * d + 1, t), ti.f32)
+                above = 1.0 - ti.cast(self.solver.walls.air_goes_through(x, 2 * d + 1, t), ti.f32)
         for k in range(size):
             low, high = (first + k) * dx, (first + k + 1) * dx
             share = _below((high - x[d]) / s) - _below((low - x[d]) / s)

@@ -14,28 +14,33 @@ tangent plane: gas is neither lost nor does it leak through thin walls. Near edg
 behind the plane, and of two surfaces it knows the nearer one only.
 """
 
-from math import ceil, isfinite
+from collections.abc import Callable
+from math import isfinite
 from typing import Any
 
 import numpy as np
 import taichi as ti
 
 from taichi_plume.grid.cut_cells import Air
-from taichi_plume.grid.fields import Wind, corner, corner_weight
+from taichi_plume.grid.fields import Gas, Wind, corner, corner_weight
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.level_set import LevelSet
 from taichi_plume.grid.rng import generator, normal4, stream_id
-from taichi_plume.scenario.gases import InertialGrowth, PuffGas
-from taichi_plume.scenario.sources import Source
-from taichi_plume.solvers.emission import Emission
+from taichi_plume.grid.transfer import Numbers
+from taichi_plume.scenario.gases import PuffGas
+from taichi_plume.solvers.portions import Portions
 from taichi_plume.solvers.puff_deposit import Deposit
 from taichi_plume.solvers.puff_list import PuffList
+from taichi_plume.solvers.puff_walls import Walls
 from taichi_plume.solvers.uniform import UniformSolver
 
 FLUCTUATION, GROWTH = 0.05, 1e-4  # m/s and m²/s in a wind without eddies
 RICHARDSON = 0.5  # constant of the distance of two particles
-STILL = 1e-4  # m/s: slower air does not go through a face
+COEFFICIENTS: dict[str, Callable[[Any], float]] = {  # of the laws of growth, in m²/s and m^(2/3)/s
+    "diffusive": lambda growth: growth.rate,
+    "inertial": lambda growth: (RICHARDSON * growth.dissipation / 6.0) ** (1 / 3),
+}
 GRAVITY = 9.81  # m/s²
 FULL = 0.95  # of the places: from then on puffs are merged
 DRAG = 1.0  # coefficient of a sinking puff
@@ -58,58 +63,14 @@ def joint_update(dt: np.ndarray, time: float, deviation: float) -> np.ndarray:
     return np.stack([a, b, time * less, d, e, dt], axis=-1)
 
 
-class Portions:
-    """When a source lets go of a puff, and what is in it: what it has emitted since the one before."""
-
-    def __init__(self, source: Source, gas: PuffGas, wind: Wind, begin: float, seed: int, name: str):
-        self.source = source
-        self.rate, self.poisson = gas.release_rate, gas.poisson
-        self.emission = Emission(source, begin, seed, name, gas.vapour, wind)
-        self.rng = generator(seed, f"{name} puffs")
-        self.pending = 0.0  # kg, emitted but not yet in a puff
-        self._next = begin + self._intervals(1)[0]
-
-    def _intervals(self, n: int) -> np.ndarray:
-        return self.rng.exponential(1.0 / self.rate, n) if self.poisson else np.full(n, 1.0 / self.rate)
-
-    def _moments(self, end: float) -> np.ndarray:
-        """When puffs are let go up to `end` [s]."""
-        moments = [np.empty(0)]
-        while self._next <= end:
-            intervals = self._intervals(ceil((end - self._next) * self.rate) + 1)
-            ahead = self._next + np.cumsum(np.concatenate([[0.0], intervals]))
-            due = int(np.searchsorted(ahead, end, side="right"))
-            moments.append(ahead[:due])
-            self._next = ahead[min(due, len(intervals))]
-            if due > len(intervals):
-                moments[-1] = moments[-1][:-1]  # it is the first of the next lot
-        return np.concatenate(moments)
-
-    def puffs(self, t: float, dt: float) -> tuple[np.ndarray, np.ndarray, float]:
-        """Moments [s] and masses [kg] of the puffs between t and t + dt, and all that is emitted meanwhile [kg]."""
-        moments = self._moments(t + dt)
-        emitted = self.emission.masses(np.concatenate([[t], moments, [t + dt]]))
-        masses = emitted[:-1].copy()
-        if len(masses):
-            masses[0] += self.pending
-            self.pending = 0.0
-        self.pending += emitted[-1]
-        return moments[masses > 0.0], masses[masses > 0.0], float(emitted.sum())
-
-    def places(self, n: int, dim: int) -> np.ndarray:
-        """Random places in the ball [m], (n, dim)."""
-        direction = self.rng.standard_normal((n, dim))
-        direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-        radius = self.source.radius * self.rng.random((n, 1)) ** (1 / dim)
-        return np.array(self.source.position) + radius * direction
-
-
 @ti.data_oriented
-class PuffSolver:
-    """Gas as puffs in any wind; satisfies `fields.Gas`.
+class PuffSolver(Gas):
+    """Gas as puffs in any wind.
 
     Of a wind that has an eddy viscosity it takes nu, viscosity and schmidt as well, as on the grid.
     """
+
+    STATE = ("puffs", "portions", "emitted_kg", "_step", "_released")
 
     def __init__(
         self,
@@ -117,43 +78,65 @@ class PuffSolver:
         grid: Grid,
         wind: Wind,
         air: Air,
-        begin: float = 0.0,
+        t: float = 0.0,
         seed: int = 0,
         name: str = "gas",
     ):
-        """name: of the gas among others; begin: start of the run [s]. Raises ValueError for a source in no air."""
+        """t: begin of the run [s]; name: of the gas among others. Raises ValueError for a source in no air."""
         self.grid, self.dim, self.wind = grid, grid.dim, wind
-        self.species = gas.vapour
-        alone = isinstance(wind, UniformSolver)
-        self.deviation = (FLUCTUATION if alone else 0.0) if gas.fluctuation is None else gas.fluctuation
-        self.time = gas.fluctuation_time
-        self.fluctuates = self.deviation > 0.0
-        self.inertial = isinstance(gas.growth, InertialGrowth)
-        self.growth = GROWTH if alone else 0.0
-        if isinstance(gas.growth, InertialGrowth):
-            self.growth = (RICHARDSON * gas.growth.dissipation / 6.0) ** (1 / 3)
-        elif gas.growth is not None:
-            self.growth = gas.growth.rate
+        self.alone = isinstance(wind, UniformSolver)
+        self.fluctuates = self.alone or gas.fluctuation is not None
+        self.inertial = gas.growth is not None and gas.growth.kind == "inertial"
         self.sinks = gas.buoyancy
         self.eddies: Any = getattr(wind, "nu", None)
         self.eddying = self.eddies is not None
         self.surfaces = None if air.empty else LevelSet(air, grid)
-        self.walled = self.surfaces is not None
-        self.initial_size, self.most = gas.initial_size, gas.most
-        self.puffs = PuffList(gas.most, gas.initial_size, gas.cutoff, grid, self.surfaces)
-        self.seed, self.stream = seed, stream_id(f"{name} fluctuations")
-        self.portions = [
-            Portions(s, gas, wind, begin, seed, f"{name}.sources[{n}]") for n, s in enumerate(gas.sources)
-        ]
-        for n, portions in enumerate(self.portions):
+        self.walls = Walls(grid, wind, self.surfaces)
+        self.most = gas.most
+        self.puffs = PuffList(gas.most, gas.cutoff, grid, self.surfaces)
+        self.stream = stream_id(f"{name} fluctuations")
+        self.portions = [Portions(f"{name}.sources[{n}]", wind) for n in range(len(gas.sources))]
+        self._air, self._deposit = air, None  # fields that most runs do not need
+        self._n = Numbers("diffusivity", "growth", "weight", "viscosity", "per_schmidt", "uphill")
+        self.begin(gas, t, seed)
+
+    def begin(self, model: PuffGas, t: float = 0.0, seed: int = 0) -> None:
+        """Raises ValueError for a source in no air."""
+        self.seed = seed
+        self.species = model.vapour
+        self.deviation = (
+            (FLUCTUATION if self.alone else 0.0) if model.fluctuation is None else model.fluctuation
+        )
+        self.time = model.fluctuation_time
+        self.initial_size = model.initial_size
+        self.puffs.begin(model.initial_size)
+        for n, (portions, source) in enumerate(zip(self.portions, model.sources, strict=True)):
+            portions.begin(source, model, t, seed)
             if not len(self._places(portions, 1)):
                 raise ValueError(
                     f"sources[{n}].position: is not in the air: an obstacle fills its cell or seals it off; "
                     "move it by a cell or lower domain.spacing"
                 )
-        self._air, self._deposit = air, None  # fields that most runs do not need
+        growth = model.growth
+        self._n.set(
+            diffusivity=self.species.diffusivity,
+            growth=(GROWTH if self.alone else 0.0) if growth is None else COEFFICIENTS[growth.kind](growth),
+            weight=self.species.weight_per_density,
+            **self._eddy_numbers(),
+        )
         self.emitted_kg = 0.0
-        self._step = self._released = self._count = 0
+        self._step = self._released = 0
+
+    def _eddy_numbers(self) -> dict[str, float]:
+        """What the wind's eddies take of numbers."""
+        if not self.eddying:
+            return {}
+        schmidt = self.wind.schmidt
+        return {
+            "viscosity": self.wind.viscosity,
+            "per_schmidt": 1.0 / float(np.float32(schmidt)),
+            "uphill": 1.0 / float(np.float32(schmidt * self.grid.dx)),
+        }
 
     def start_from(self, x: np.ndarray, mass: float) -> None:
         """Add puffs at places (n, dim) [m] in the air, each of some mass [kg]; it counts as emitted."""
@@ -167,27 +150,26 @@ class PuffSolver:
 
     def advance(self, t: float, dt: float) -> None:
         """Move all puffs from t to t + dt, those that are released meanwhile from their own moment on."""
-        if self._count > FULL * self.most:
+        if self.puffs.count > FULL * self.most:
             self.puffs.merge()
-            self._count = self.puffs.count
         first, born = self._born(t, dt)
         self._put(first, t + dt - born, t + dt, dt)
 
     def _put(self, rows: np.ndarray, ages: np.ndarray, t: float, dt: float) -> None:
         """Take in new puffs of some ages [s], and move all to time t: the old by dt, the new by their ages."""
+        count = self.puffs.count
         if len(rows):
-            self._put_new(self._count, self._released, rows)
+            self._put_new(count, self._released, rows)
             self._released += len(rows)
         steps = joint_update(np.concatenate([[dt], ages]), self.time, self.deviation)
-        self._move(self._count, len(rows), t, self._step, steps.astype(np.float32))
-        self.puffs.sort(self._count + len(rows))
+        self._move(count, len(rows), t, self.seed, self._step, steps.astype(np.float32))
+        self.puffs.sort(count + len(rows))
         self._step += 1
-        self._count = self.puffs.count
 
     def _born(self, t: float, dt: float) -> tuple[np.ndarray, np.ndarray]:
         """Rows (x, u', variance, mass) of the new puffs, and their moments [s]."""
         rows, moments = [np.empty((0, 2 * self.dim + 2))], [np.empty(0)]
-        free = self.most - self._count
+        free = self.most - self.puffs.count
         for portions in self.portions:
             when, masses, emitted = portions.puffs(t, dt)
             self.emitted_kg += emitted
@@ -221,7 +203,9 @@ class PuffSolver:
             self.puffs.number[count + n] = number + n
 
     @ti.kernel
-    def _move(self, count: ti.i32, fresh: ti.i32, t: float, step: ti.i32, steps: ti.types.ndarray()):
+    def _move(
+        self, count: ti.i32, fresh: ti.i32, t: float, seed: ti.u32, step: ti.i32, steps: ti.types.ndarray()
+    ):
         for k in range(count + fresh):
             row = ti.max(k - count + 1, 0)
             a, b, c = steps[row, 0], steps[row, 1], steps[row, 2]
@@ -230,10 +214,10 @@ class PuffSolver:
             v, way = ti.Vector.zero(ti.f32, self.dim), ti.Vector.zero(ti.f32, self.dim)
             number = self.puffs.number[k]
             if ti.static(self.fluctuates):
-                g = normal4(ti.u32(self.seed), ti.u32(self.stream), number, step, 0)
+                g = normal4(seed, ti.u32(self.stream), number, step, 0)
                 h = ti.Vector([g[2], g[3], 0.0])
                 if ti.static(self.dim == 3):
-                    more = normal4(ti.u32(self.seed), ti.u32(self.stream), number, step, 1)
+                    more = normal4(seed, ti.u32(self.stream), number, step, 1)
                     h = ti.Vector([g[3], more[0], more[1]])
                 for i in ti.static(range(self.dim)):
                     before = self.puffs.now[self.dim + i][k]
@@ -248,14 +232,14 @@ class PuffSolver:
             for _ in range(2):  # Heun's method; a loop, as Taichi takes its time for every copy of the wind
                 u = self.wind.velocity(place, t)
                 drift += 0.5 * dt * u
-                place = self._inside(x + way + dt * u)
+                place = self.walls.inside(x + way + dt * u)
             way += drift
-            end, speed, stays = self._travel(x, way, v, t)
+            end, speed, stays = self.walls.travel(x, way, v, t)
             if ti.static(self.inertial):
-                variance = (ti.pow(variance, 1.0 / 3.0) + self.growth * dt) ** 3
+                variance = (ti.pow(variance, 1.0 / 3.0) + self._n.growth[None] * dt) ** 3
             else:
-                variance += self.growth * dt
-            variance += 2.0 * dt * (self.species.diffusivity + K)
+                variance += self._n.growth[None] * dt
+            variance += 2.0 * dt * (self._n.diffusivity[None] + K)
             self.puffs.put(k, end, speed, variance, mass, number, stays)
 
     @ti.func
@@ -266,14 +250,14 @@ class PuffSolver:
             shift = ti.Vector([0.5] * self.dim)
             base, weight = corner(x, shift, self.grid.dx, self.grid.ghost, self.grid.padded)
             for offset in ti.static(ti.grouped(ti.ndrange(*((2,) * self.dim)))):
-                nu = ti.max(self.eddies[base + offset] - self.wind.viscosity, 0.0)
+                nu = ti.max(self.eddies[base + offset] - self._n.viscosity[None], 0.0)
                 K += corner_weight(weight, offset) * nu
                 for d in ti.static(range(self.dim)):
                     part = weight
                     part[d] = 1.0 * offset[d]
                     uphill[d] += (2.0 * offset[d] - 1.0) * corner_weight(part, offset) * nu
-            K /= self.wind.schmidt
-            uphill /= ti.static(self.wind.schmidt * self.grid.dx)
+            K *= self._n.per_schmidt[None]
+            uphill *= self._n.uphill[None]
         return K, uphill
 
     @ti.func
@@ -282,60 +266,9 @@ class PuffSolver:
 
         g' 4/3 pi R³ = 1/2 C_d pi R² w², with the density excess of all the gas at its centre (our choice).
         """
-        excess = self.species.weight_per_density * self.concentration(x, t)
-        square = ti.static(8.0 / 3.0 * GRAVITY / DRAG) * excess * 2.0 * self.puffs.size(variance)
+        excess = self._n.weight[None] * self.concentration(x, t)
+        square = ti.static(8.0 / 3.0 * GRAVITY / DRAG) * excess * 2.0 * self.puffs.cells.size(variance)
         return ti.select(square < 0.0, -1.0, 1.0) * ti.sqrt(ti.abs(square))
-
-    # ---------------------------------------------------------------- walls
-
-    @ti.func
-    def _inside(self, x: Template):
-        """x, wrapped round periodic axes and moved into the domain along the others."""
-        y = x
-        for d in ti.static(range(self.dim)):
-            L = ti.static(self.grid.extent[d])
-            if ti.static(self.grid.periodic[d]):
-                y[d] -= L * ti.floor(y[d] / L)
-            y[d] = ti.math.clamp(y[d], 0.0, L)
-        return y
-
-    @ti.func
-    def air_goes_through(self, x: Template, face: ti.i32, t: float):
-        """Whether air goes through a face of the domain next to x; face: 2 d at the lower, 2 d + 1 at the upper end."""
-        p = self._inside(x)
-        for d in ti.static(range(self.dim)):
-            p[d] = ti.select(face == 2 * d, 0.0, p[d])
-            p[d] = ti.select(face == 2 * d + 1, ti.static(self.grid.extent[d]), p[d])
-        u = self.wind.velocity(p, t)
-        speed = 0.0
-        for d in ti.static(range(self.dim)):
-            speed += ti.select(face // 2 == d, ti.abs(u[d]), 0.0)
-        return speed > STILL
-
-    @ti.func
-    def _travel(self, x: Template, way: Template, v: Template, t: float):
-        """Where a way from x ends, the velocity v there, and whether it stays in the domain."""
-        end, speed, stays = x + way, v, True
-        if ti.static(self.walled):
-            end, speed = self.surfaces.bounce(x, way, v)
-        face, share = -1, 1.0  # the first that is met, and where on the way
-        rest = end - x
-        for d in ti.static([a for a in range(self.dim) if not self.grid.periodic[a]]):
-            L = ti.static(self.grid.extent[d])
-            if end[d] < 0.0 or end[d] > L:
-                wall = ti.select(end[d] > L, L, 0.0)
-                there = (wall - x[d]) / rest[d]
-                if there <= share:
-                    face, share = 2 * d + ti.cast(end[d] > L, ti.i32), there
-                end[d] = 2.0 * wall - end[d]
-                speed[d] = -speed[d]
-        place = self._inside(end)
-        if face >= 0:
-            stays = not self.air_goes_through(x + share * rest, face, t)
-            if ti.static(self.walled):
-                free = self.surfaces.distance(place) > 0.0  # or thrown back into an obstacle at the wall
-                place = ti.select(free, place, x)
-        return place, speed, stays
 
     # ---------------------------------------------------------------- what is known about the gas
 
@@ -347,7 +280,7 @@ class PuffSolver:
 
     def budget(self) -> dict[str, float]:
         """Mass emitted, in the domain and gone through its faces [kg]."""
-        inside = self.puffs.column(self.puffs.mass).astype(float).sum()
+        inside = self.puffs.rows()[:, self.puffs.mass].astype(float).sum()
         waiting = sum(portions.pending for portions in self.portions)
         return {
             "emitted_kg": self.emitted_kg,
@@ -357,53 +290,16 @@ class PuffSolver:
 
     def is_finite(self) -> bool:
         """Whether every puff has a place and a size."""
-        columns = [self.puffs.column(n) for n in range(len(self.puffs.now))]
-        return all(isfinite(float(np.abs(column).sum(dtype=float))) for column in columns)
+        return isfinite(float(np.abs(self.puffs.rows()).sum(dtype=float)))
 
     @ti.func
     def concentration(self, x: Template, t: float):
-        """Concentration [kg/m³] at point x [m]: the puffs about it and about its images.
-
-        Along each axis the images are x mirrored at closed faces, over and over, or shifted by the period.
-        """
-        below, above = ti.Vector.one(ti.i32, self.dim), ti.Vector.one(ti.i32, self.dim)  # closed faces
-        farthest = self.puffs.farthest[None]
-        for face in range(ti.static(2 * self.dim)):
-            away = 0.0
-            for d in ti.static(range(self.dim)):
-                L = ti.static(self.grid.extent[d])
-                away += ti.select(face == 2 * d, x[d], 0.0) + ti.select(face == 2 * d + 1, L - x[d], 0.0)
-            if away < farthest:
-                shut = 1 - ti.cast(self.air_goes_through(x, face, t), ti.i32)
-                for d in ti.static([a for a in range(self.dim) if not self.grid.periodic[a]]):
-                    below[d] = ti.select(face == 2 * d, shut, below[d])
-                    above[d] = ti.select(face == 2 * d + 1, shut, above[d])
+        """Concentration [kg/m³] at point x [m]: the puffs about it and about its images."""
+        below, above = self.walls.closed(x, self.puffs.cells.farthest[None], t)
         total = 0.0
-        for which in range(self.puffs.lists):
-            if not self.puffs.empty(which):
-                reach = self.puffs.reach(which)
-                first, size = ti.Vector.zero(ti.i32, self.dim), ti.Vector.zero(ti.i32, self.dim)
-                images = 1
-                for d in ti.static(range(self.dim)):
-                    L = ti.static(self.grid.extent[d])
-                    low, high = ti.cast(x[d] < reach, ti.i32), ti.cast(L - x[d] < reach, ti.i32)
-                    if ti.static(self.grid.periodic[d]):  # what is beyond the lower face is at the upper one
-                        low, high = high, low
-                    first[d] = -below[d] * low
-                    last = above[d] * high
-                    if below[d] * above[d] == 1 and reach > L:
-                        last = ti.cast(reach / L, ti.i32) + 1
-                        first[d] = -last
-                    size[d] = last - first[d] + 1
-                    images *= size[d]
+        for which in range(self.puffs.cells.lists[None]):
+            if not self.puffs.cells.empty(which):
+                first, size, images = self.walls.images(x, self.puffs.cells.reach(which), below, above)
                 for n in range(images):
-                    p, left = x, n
-                    for d in ti.static(range(self.dim)):
-                        L = ti.static(self.grid.extent[d])
-                        m = first[d] + left % size[d]
-                        left = left // size[d]
-                        p[d] += m * L
-                        if ti.static(not self.grid.periodic[d]):
-                            p[d] = ti.select(m & 1, m * L + L - x[d], p[d])
-                    total += self.puffs.near(p, which)
+                    total += self.puffs.near(self.walls.image(x, first, size, n), which)
         return total

@@ -49,7 +49,7 @@ def spread(n: int) -> Answer:
         gas.advance(k / n, 1.0 / n)
     count = gas.puffs.count
     age = round(end * n) / n - (gas.puffs.number.to_numpy()[:count] + 1) / rate
-    across = np.stack([gas.puffs.column(1), gas.puffs.column(2)]).astype(float) - 1.0
+    across = gas.puffs.rows()[:, 1:3].T.astype(float) - 1.0
     edges = np.arange(0.5, end, 1.0)
     middle, computed = 0.5 * (edges[1:] + edges[:-1]), []
     for low, high in pairwise(edges):
@@ -153,7 +153,7 @@ def well_mixed(n: int) -> Answer:
     for k in range(600):
         wind.advance(0.1 * k, 0.1)
         gas.advance(0.1 * k, 0.1)
-    x = np.column_stack([gas.puffs.column(0), gas.puffs.column(1)])
+    x = gas.puffs.rows()[:, :2]
     cells = np.minimum((x / grid.dx).astype(int), np.array(grid.shape) - 1)
     number = np.zeros(grid.shape)
     np.add.at(number, tuple(cells.T), 1)

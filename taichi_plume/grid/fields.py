@@ -14,6 +14,7 @@ import taichi as ti
 
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template
+from taichi_plume.grid.transfer import uploader
 
 
 class Wind(Protocol):
@@ -169,9 +170,23 @@ class Odour(Protocol):
 class Mixture:
     """All the gas of a run, an `Odour`: one or several gases, of which those of one species add up."""
 
+    STATE = ("gases",)
+
     def __init__(self, gases: Sequence[Gas]):
         self.gases = tuple(gases)
         self.species = tuple(dict.fromkeys(gas.species for gas in gases))
+        self._which = tuple(self.species.index(gas.species) for gas in gases)
+        self._ppm_per_density = ti.field(ti.f32, max(1, len(gases)))
+        self._set = uploader(self._ppm_per_density)
+        self.begin()
+
+    def begin(self) -> None:
+        """Take the species of the gases, which have begun. Raises ValueError where others than before are of one."""
+        species = tuple(dict.fromkeys(gas.species for gas in self.gases))
+        if self._which != tuple(species.index(gas.species) for gas in self.gases):
+            raise ValueError("other gases than before are of one species")
+        self.species = species
+        self._set(np.array([gas.species.ppm_per_density for gas in self.gases] or [0.0]))
 
     def advance(self, t: float, dt: float) -> None:
         """Step all gases from time t [s] by dt [s]."""
@@ -186,9 +201,8 @@ class Mixture:
     def ppm(self, x: Template, t: float):
         """Mole fraction [ppm] of each species at point x [m] and time t [s]."""
         result = ti.Vector.zero(ti.f32, ti.static(len(self.species)))
-        for gas in ti.static(self.gases):
-            s = ti.static(self.species.index(gas.species))
-            result[s] += gas.concentration(x, t) * ti.static(gas.species.ppm_per_density)
+        for g in ti.static(range(len(self.gases))):
+            result[self._which[g]] += self.gases[g].concentration(x, t) * self._ppm_per_density[g]
         return result
 
 

@@ -19,6 +19,7 @@ from taichi_plume.scenario.plumesim import FluentGas, PlumeSimGas, PlumeSimMeand
 from taichi_plume.scenario.sources import OneGas, OtherSpecies, Source, dishes
 from taichi_plume.scenario.species import Species
 from taichi_plume.scenario.vocabulary import (
+    COMPILED,
     Convection,
     Count,
     Diffusivity,
@@ -87,7 +88,7 @@ class PuffGas(OneGas):
     in a uniform wind and none in the others."""
     buoyancy: bool = False
     """Whether heavy gas sinks (3-D)."""
-    cutoff: Annotated[float, Field(ge=2, le=5)] = 3.5
+    cutoff: Annotated[float, Field(ge=2, le=5), COMPILED] = 3.5
     """Standard deviations at which a puff ends."""
     most: Annotated[Count, Field(ge=100)] = 200_000
     """Puffs at a time: beyond, neighbours are merged."""

@@ -20,6 +20,8 @@ pytestmark = pytest.mark.usefixtures("taichi")
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 EXTENT = (4.0, 3.0)
 SOURCE = (0.5, 1.5)
 TICK = 0.1

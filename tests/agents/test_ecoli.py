@@ -11,6 +11,8 @@ pytestmark = pytest.mark.usefixtures("taichi")
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 
 def steps(run, seconds):
     """Of one robot: the displacement of each step [m], and whether it was a run."""

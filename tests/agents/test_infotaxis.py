@@ -15,6 +15,8 @@ pytestmark = pytest.mark.usefixtures("taichi")
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 MODEL = Infotaxis(kind="infotaxis", cell=0.15)
 
 

@@ -26,6 +26,8 @@ pytestmark = pytest.mark.usefixtures("taichi")
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 EXACT = dict.fromkeys(Odometry.model_fields, 0.0)
 MANY = 4000  # robots: a variance is estimated to sqrt(2/MANY) = 2.2 % of it
 TOLERANCE = 5 * np.sqrt(2 / MANY)

@@ -24,6 +24,8 @@ pytestmark = pytest.mark.usefixtures("taichi")
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 # What is met is approached to SKIN, others are passed at half of it; the rest is for rounding (4 um at 60 m)
 AIR = 0.4 * SKIN
 BODY_HEIGHT = 0.2  # m, of the highest body

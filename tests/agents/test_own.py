@@ -15,6 +15,8 @@ pytestmark = pytest.mark.usefixtures("taichi")
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 UPWIND = """
 import numpy as np
 

@@ -12,6 +12,8 @@ pytestmark = pytest.mark.usefixtures("taichi")
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 
 def acquisitions(states):
     """Ticks at which an acquisition ends."""

@@ -15,6 +15,8 @@ pytestmark = pytest.mark.usefixtures("taichi")
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 EXTENT = (4.0, 3.0)
 NOWHERE = np.empty((0, 2))
 

@@ -39,7 +39,7 @@ def run(gas: PuffSolver, end: float, dt: float, begin: float = 0.0) -> PuffSolve
 
 def state(gas: PuffSolver) -> np.ndarray:
     """Place, velocity, variance and mass, (puffs, 2 dim + 2)."""
-    return np.stack([gas.puffs.column(n) for n in range(2 * gas.dim + 2)], axis=1).astype(float)
+    return gas.puffs.rows().astype(float)
 
 
 def points(extent, spacing) -> np.ndarray:

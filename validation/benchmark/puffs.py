@@ -119,8 +119,8 @@ def query(case: str, arch: str, make: Callable[[int], PuffSolver], puffs: int = 
     gas = make(puffs)
     filled(gas, puffs)
     count = gas.puffs.count
-    centers = np.column_stack([gas.puffs.column(d) for d in range(3)])
-    reach = 3.5 * np.sqrt(gas.puffs.column(gas.puffs.variance))
+    rows = gas.puffs.rows()
+    centers, reach = rows[:, :3], 3.5 * np.sqrt(rows[:, gas.puffs.variance])
     rng = np.random.default_rng(0)
     places = {
         "anywhere": rng.random((QUERIES, 3)) * gas.grid.extent,

@@ -1,0 +1,233 @@
+"""The cells that puffs are in, and their order by them.
+
+There are several lists of cells, one per octave of the puffs' size, each with cells half as wide as its largest puffs
+reach: a point looks at few cells of any list.
+
+The order is that of the cells, then of the puffs before, on a CPU; of the cells, then of the puffs' numbers, on a GPU.
+Neither depends on threads, so sums are the same to the bit.
+"""
+
+from math import prod
+from typing import Any
+
+import numpy as np
+import taichi as ti
+
+from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.kernels import Template, on_cpu
+from taichi_plume.grid.transfer import uploader
+
+STEP = 2.0  # from the sizes of one list to those of the next
+WIDTH = 0.5  # of the cells, over how far the puffs of a list reach
+CELLS = 1 << 16  # of the finest list, at most
+BLOCK = 256  # cells per task of the parallel running sum
+
+
+@ti.data_oriented
+class PuffCells:
+    """Lists of cells for up to `most` puffs. `start` tells of each cell, list by list, how many puffs lie in those
+    before; at the end, in all. `order` holds the puffs by cells.
+    """
+
+    STATE = ("start", "farthest")
+
+    def __init__(self, most: int, cutoff: float, grid: Grid):
+        """Room for the cells of the smallest puffs. To be begun by its owner."""
+        self.grid, self.dim, self.cutoff = grid, grid.dim, cutoff
+        sizes, shapes = self._lists_of(0.0)
+        capacity = sum(map(prod, shapes))
+        self._size: Any = ti.field(ti.f32, len(sizes))  # of the largest puff in each list [m]
+        self._shape: Any = ti.Vector.field(self.dim, ti.i32, len(sizes))
+        self._first: Any = ti.field(ti.i32, len(sizes) + 1)
+        self.lists: Any = ti.field(ti.i32, ())  # how many there are
+        self._cells: Any = ti.field(ti.i32, ())  # of all lists
+        self._largest: Any = ti.field(ti.f32, ())
+        self._per_smallest: Any = ti.field(ti.f32, ())
+        self._put_lists = uploader(
+            self._size, self._shape, self._first, self.lists, self._cells, self._largest, self._per_smallest
+        )
+        self.start: Any = ti.field(ti.i32, capacity + 1)
+        self.farthest: Any = ti.field(ti.f32, ())  # that any puff reaches [m]
+        self.order: Any = ti.field(ti.i32, most)
+        self._cell: Any = ti.field(ti.i32, most)  # of each new puff; -1: gone
+        self._cursor: Any = ti.field(ti.i32, capacity)
+        self._blocks: Any = ti.field(ti.i32, capacity // BLOCK + 1)
+        self._rough_order: Any = None if on_cpu() else ti.field(ti.i32, most)
+
+    def begin(self, smallest: float) -> None:
+        """smallest: size of a new puff [m]."""
+        sizes, shapes = self._lists_of(smallest)
+        more = self._size.shape[0] - len(sizes)
+        ends = np.cumsum([0, *map(prod, shapes)])
+        self._put_lists(
+            np.pad(sizes, (0, more), mode="edge"),
+            np.pad(shapes, ((0, more), (0, 0)), mode="edge"),
+            np.pad(ends, (0, more), mode="edge"),
+            len(sizes),
+            ends[-1],
+            np.float32(0.999 * sizes[-1]),
+            1.0 / float(np.float32(sizes[0])),
+        )
+
+    def _lists_of(self, smallest: float) -> tuple[list[float], list[tuple[int, ...]]]:
+        """Largest size and shape of each list."""
+        extent = np.array(self.grid.extent)
+        width = max(2.0 * WIDTH * self.cutoff * smallest, (np.prod(extent) / CELLS) ** (1 / self.dim))
+        while np.prod(np.ceil(extent / width)) > CELLS:
+            width *= 1.02
+        sizes = [width / (WIDTH * self.cutoff)]
+        while sizes[-1] < extent.max():  # a puff as large as the room is spread evenly over it
+            sizes.append(STEP * sizes[-1])
+        return sizes, [tuple(np.ceil(extent / (WIDTH * self.cutoff * size)).astype(int)) for size in sizes]
+
+    # ---------------------------------------------------------------- where puffs are
+
+    @ti.func
+    def size(self, variance: float):
+        """Standard deviation that a puff is shown with [m]."""
+        return ti.min(ti.sqrt(variance), self._largest[None])
+
+    @ti.func
+    def put(self, k: ti.i32, x: Template, variance: float, stays):
+        """Put new puff k into its cell; whether it stays in the domain."""
+        octaves = ti.log(self.size(variance) * self._per_smallest[None]) * ti.static(1 / np.log(STEP))
+        which = ti.math.clamp(ti.cast(ti.ceil(octaves), ti.i32), 0, self.lists[None] - 1)
+        width = WIDTH * self.cutoff * self._size[which]
+        cell = 0
+        for d in ti.static(range(self.dim - 1, -1, -1)):  # axis 0 runs fastest
+            n = self._shape[which][d]
+            cell = cell * n + ti.math.clamp(ti.cast(x[d] / width, ti.i32), 0, n - 1)
+        self._cell[k] = ti.select(stays, self._first[which] + cell, -1)
+
+    @ti.func
+    def stays(self, k: ti.i32):
+        """Whether new puff k stays in the domain."""
+        return self._cell[k] >= 0
+
+    @ti.func
+    def alive(self):
+        """How many puffs there are."""
+        return self.start[self._cells[None]]
+
+    @ti.func
+    def empty(self, which: ti.i32):
+        """Whether a list holds no puff."""
+        return self.start[self._first[which]] == self.start[self._first[which + 1]]
+
+    @ti.func
+    def reach(self, which: ti.i32):
+        """How far the puffs of a list reach [m]."""
+        return self.cutoff * self._size[which]
+
+    @ti.func
+    def block(self, p: Template, which: ti.i32):
+        """The rows of a list's cells about a point [m]: on every axis but the first the cell that they begin at and how
+        many there are, and how many in all.
+        """
+        reach, shape = self.reach(which), self._shape[which]
+        width = WIDTH * reach
+        low, rows = ti.Vector.zero(ti.i32, self.dim), ti.Vector.zero(ti.i32, self.dim)
+        count = 1
+        for d in ti.static(range(1, self.dim)):
+            low[d] = ti.max(ti.cast(ti.floor((p[d] - reach) / width), ti.i32), 0)
+            high = ti.min(ti.cast(ti.floor((p[d] + reach) / width), ti.i32), shape[d] - 1)
+            rows[d] = ti.max(high - low[d] + 1, 0)
+            count *= rows[d]
+        return low, rows, count
+
+    @ti.func
+    def row(self, p: Template, which: ti.i32, low: Template, rows: Template, r: ti.i32):
+        """(begin, end) in the order of the puffs in row r of a block, as far as they reach point p [m]."""
+        reach, shape = self.reach(which), self._shape[which]
+        width = WIDTH * reach
+        begin, end = 0, 0
+        row, left = self._first[which], r
+        rest, stride = reach * reach, shape[0]
+        for d in ti.static(range(1, self.dim)):
+            i = low[d] + left % rows[d]
+            left = left // rows[d]
+            gap = ti.max(ti.abs((i + 0.5) * width - p[d]) - 0.5 * width, 0.0)
+            rest -= gap * gap
+            row += i * stride
+            stride *= shape[d]
+        if rest > 0.0:
+            along = ti.sqrt(rest)
+            a = ti.max(ti.cast(ti.floor((p[0] - along) / width), ti.i32), 0)
+            b = ti.min(ti.cast(ti.floor((p[0] + along) / width), ti.i32), shape[0] - 1)
+            if a <= b:
+                begin, end = self.start[row + a], self.start[row + b + 1]
+        return begin, end
+
+    # ---------------------------------------------------------------- the order
+
+    @ti.func
+    def sort(self, count: ti.i32, number: Template):
+        """Put the first `count` new puffs in order, without those that are gone; number: field of theirs."""
+        if ti.static(on_cpu()):
+            self._order_serially(count)
+        else:
+            self._order_in_parallel(count, number)
+        for _ in range(1):
+            self.farthest[None] = 0.0
+            for which in range(self.lists[None]):
+                if not self.empty(which):
+                    self.farthest[None] = self.reach(which)
+
+    @ti.func
+    def _order_serially(self, count: ti.i32):
+        for _ in range(1):
+            for c in range(self._cells[None]):
+                self._cursor[c] = 0
+            for k in range(count):
+                c = self._cell[k]
+                if c >= 0:
+                    self._cursor[c] = self._cursor[c] + 1
+            total = 0
+            for c in range(self._cells[None]):
+                n = self._cursor[c]
+                self.start[c] = total
+                self._cursor[c] = total
+                total += n
+            self.start[self._cells[None]] = total
+            for k in range(count):
+                c = self._cell[k]
+                if c >= 0:
+                    self.order[self._cursor[c]] = k
+                    self._cursor[c] = self._cursor[c] + 1
+
+    @ti.func
+    def _order_in_parallel(self, count: ti.i32, number: Template):
+        for c in range(self._cells[None]):
+            self._cursor[c] = 0
+        for k in range(count):
+            if self._cell[k] >= 0:
+                ti.atomic_add(self._cursor[self._cell[k]], 1)
+        for b in range(self._blocks.shape[0]):
+            total = 0
+            for c in range(b * BLOCK, ti.min((b + 1) * BLOCK, self._cells[None])):
+                total += self._cursor[c]
+            self._blocks[b] = total
+        for _ in range(1):
+            total = 0
+            for b in range(self._blocks.shape[0]):
+                n = self._blocks[b]
+                self._blocks[b] = total
+                total += n
+            self.start[self._cells[None]] = total
+        for b in range(self._blocks.shape[0]):
+            total = self._blocks[b]
+            for c in range(b * BLOCK, ti.min((b + 1) * BLOCK, self._cells[None])):
+                n = self._cursor[c]
+                self.start[c] = total
+                self._cursor[c] = total
+                total += n
+        for k in range(count):
+            c = self._cell[k]
+            if c >= 0:
+                self._rough_order[ti.atomic_add(self._cursor[c], 1)] = k
+        for q in range(self.alive()):
+            k = self._rough_order[q]
+            c, before = self._cell[k], 0
+            for other in range(self.start[c], self.start[c + 1]):
+                before += ti.cast(number[self._rough_order[other]] < number[k], ti.i32)
+            self.order[self.start[c] + before] = k
