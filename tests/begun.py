@@ -1,6 +1,6 @@
 """What holds for every component: it can begin anew with other numbers, and go on from a saved state."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from typing import Any
 
 import numpy as np
@@ -36,3 +36,26 @@ def assert_begins_anew(
     state.restore(saved)
     for again, first in zip(play(4, 8), after, strict=True):
         np.testing.assert_array_equal(again, first)
+
+
+class Kept:
+    """Components that the tests of a module share, so that each is compiled once."""
+
+    def __init__(self) -> None:
+        self._parts: dict[Hashable, Any] = {}
+        self._states: dict[int, State] = {}
+
+    def __call__(self, key: Hashable, make: Callable[[], Any], begin: Callable[[Any], object]) -> Any:
+        """The component of this key, as new: made by `make`, or one that begins anew by `begin`."""
+        if key in self._parts:
+            self.renew(self._parts[key], begin)
+        else:
+            self._parts[key] = make()
+        return self._parts[key]
+
+    def renew(self, part: Any, begin: Callable[[Any], object]) -> None:
+        """Let a component begin anew."""
+        if id(part) not in self._states:
+            self._states[id(part)] = State(part)
+        self._states[id(part)].clear()
+        begin(part)

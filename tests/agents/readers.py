@@ -2,9 +2,9 @@
 
 import numpy as np
 import taichi as ti
+from begun import Kept
 
 from taichi_plume.agents.gas_map import Floor
-from taichi_plume.grid.state import State
 from taichi_plume.grid.transfer import uploader
 
 EXTENT = (2.0, 1.5)
@@ -77,30 +77,23 @@ class Stock:
     """Readers and maps that tests of a module share, so that each is compiled once."""
 
     def __init__(self):
-        self.readers, self.maps, self.states = {}, {}, {}
+        self.readers, self.kept = {}, Kept()
 
     def robots(self, seed, trials=TRIALS, count=COUNT, extent=EXTENT):
         """Readers that begin anew."""
-        return self._kept(self.readers, (trials, count), lambda: Readers(trials, count)).begin(seed, extent)
+        if (trials, count) not in self.readers:
+            self.readers[trials, count] = Readers(trials, count)
+        return self.readers[trials, count].begin(seed, extent)
 
     def map(self, kind, model, *structure, floor=None):
         """A map of class `kind` that begins anew. structure: what of the model decides shapes."""
         floor = floor or Floor(EXTENT, TRIALS, COUNT + 1, TICK)
         key = (kind, floor, *structure)
-        if key in self.maps:
-            return self.renew(self.maps[key], model)
-        return self._kept(self.maps, key, lambda: kind(model, floor))
+        return self.kept(key, lambda: kind(model, floor), lambda one: one.begin(model))
 
-    def renew(self, gas_map, model=None):
+    def renew(self, gas_map):
         """Let a map begin anew."""
-        self._kept(self.states, id(gas_map), lambda: State(gas_map)).clear()
-        gas_map.begin(model or gas_map.model)
-        return gas_map
-
-    def _kept(self, where, key, make):
-        if key not in where:
-            where[key] = make()
-        return where[key]
+        self.kept.renew(gas_map, lambda one: one.begin(one.model))
 
 
 def centers(shape, cell):
