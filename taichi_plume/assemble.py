@@ -1,63 +1,36 @@
 """Scenario -> Simulation: the one place that knows all parts."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from taichi_plume.agents.gmrf import MarkovMap
-from taichi_plume.agents.inverse_distance import InverseDistanceMap
-from taichi_plume.agents.kernel_dm import KernelMap
+from taichi_plume.agents.contact import disc_around
+from taichi_plume.agents.gas_map import Floor
+from taichi_plume.agents.mapping import mappers
 from taichi_plume.agents.placement import Placed, place, placed
-from taichi_plume.agents.snaps import Snaps
-from taichi_plume.agents.swarm import Swarm, disc_around
-from taichi_plume.agents.team import Team
-from taichi_plume.agents.time_series import TimeSeriesMap
-from taichi_plume.files.gaden import Cubes
+from taichi_plume.agents.sensors import Sensors
+from taichi_plume.agents.swarm import Swarm
+from taichi_plume.agents.team import teams
 from taichi_plume.files.wind_points import WindFileError
 from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.grid.cut_cells import Air, air_of
 from taichi_plume.grid.fields import Gas, Mixture, Wind
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.rng import generator
+from taichi_plume.kinds import GASES, WINDS, Context
 from taichi_plume.prepare import Prepared, Resources, prepare
-from taichi_plume.scenario import maps as map_models
-from taichi_plume.scenario.closed_forms import (
-    ClosedForm,
-    ContinuousGas,
-    GaussianPlumeGas,
-    GaussianPuffGas,
-    MeanderingGas,
-)
-from taichi_plume.scenario.gases import EulerianGas, PlaybackGas, PuffGas, PureGas
-from taichi_plume.scenario.imported_wind import ImportedWind
 from taichi_plume.scenario.loading import ScenarioError
-from taichi_plume.scenario.maps import Map
-from taichi_plume.scenario.played import PlaybackWind, PlumeSimWind
-from taichi_plume.scenario.plumesim import FluentGas, PlumeSimGas, PlumeSimMeander, PlumeSimPuff
+from taichi_plume.scenario.obstacles import Obstacle
 from taichi_plume.scenario.scenario import Scenario
-from taichi_plume.scenario.winds import CfdWind, FrozenWind, SyntheticWind, UniformWind
-from taichi_plume.simulation import Mapper, Simulation
+from taichi_plume.simulation import Simulation
 from taichi_plume.solvers.bodies import MovingObstacle, Wake
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.forces import forces
-from taichi_plume.solvers.frozen import FrozenSolver
-from taichi_plume.solvers.gas import EulerianSolver
-from taichi_plume.solvers.gaussian_puffs import ContinuousPuffs, GaussianPuffs
-from taichi_plume.solvers.imported import ImportedFilm, ImportedFlow
 from taichi_plume.solvers.momentum import Weighing
 from taichi_plume.solvers.patches import opening_cells, periodic_axes
-from taichi_plume.solvers.playback import PlayedGas, PlayedWind
-from taichi_plume.solvers.plumes import Plumes
-from taichi_plume.solvers.plumesim import PointGas, PointWind, ProgramMeander, ProgramPuff
-from taichi_plume.solvers.puffs import PuffSolver
-from taichi_plume.solvers.resistance import Resistance
 from taichi_plume.solvers.scalar import Scalar
-from taichi_plume.solvers.synthetic import SyntheticSolver
-from taichi_plume.solvers.uniform import UniformSolver
-
-SNAP_MAPS = {"time_series": TimeSeriesMap, "inverse_distance": InverseDistanceMap}
 
 
 def assemble(
@@ -81,184 +54,135 @@ def build(prepared: Prepared, algorithms: Mapping[str, type] | None = None) -> S
     Raises ScenarioError where robots do not fit.
     """
     scenario, resources = prepared
-    obstacles, openings = resources.obstacles, scenario.openings
-    film, cubes = resources.films.get("wind"), resources.site.cubes if resources.site else None
-    grid = Grid.of(scenario.domain, film.periodic if film else periodic_axes(openings, scenario.domain.dim))
-    if film:
-        air = film.air()
-    elif resources.site:
-        air = resources.site_air()
-    else:
-        air = air_of(resources.standing, grid, opening_cells(openings, grid))
-    swarm = _swarm(scenario, obstacles, grid, cubes)
-    scalars = {path: Scalar(grid) for path, model in scenario.gases if isinstance(model, EulerianGas)}
-    if isinstance(scenario.wind, CfdWind):
-        resistances = [partial(MovingObstacle, one.model, grid) for one in obstacles if one.model.motion]
-        resistances += _wakes(swarm, grid)
-        wind = _flow(scenario, grid, air, _weighing(scenario, scalars), resistances)
-    else:
-        wind = _wind(scenario, resources, grid, air)
-    gas = Mixture(
-        [
-            _gas(model, path, scenario, resources, grid, wind, air, scalars.get(path))
-            for path, model in scenario.gases
-        ]
-    )
-    own = algorithms or {}
-    teams = [
-        Team(
-            swarm,
-            group,
-            grid.dim,
-            scenario.tick,
-            own=own.get(group.name) or resources.own.get(f"robots[{n}].algorithm"),
-        )
-        for n, group in enumerate(swarm.groups)
+    grid, air = _box(scenario, resources)
+    cubes = resources.site.cubes if resources.site else None
+    seen = [*resources.obstacles, *([cubes] if cubes else [])]
+    floor = scenario.floor
+    height = max((group.body.height for group in scenario.robots), default=0.1)
+    standing = [one for one in seen if one not in resources.obstacles or one.model.motion is None]
+    clearance = ClearanceMap(standing, floor.high, height, low=floor.low)
+    walkers: list[Obstacle] = [
+        one.model
+        for one in resources.obstacles
+        if one.model.motion and np.isfinite(one.horizontal_distance(np.zeros((1, 2)), 0.0, height))
     ]
-    floor = (grid.extent[0], grid.extent[1])
-    maps = mappers(scenario.maps, floor, max(1, swarm.trials), swarm.clearance.obstacle_distance_at)
-    seen = [*obstacles, *([cubes] if cubes else [])]
-    sim = Simulation(scenario, grid, wind, gas, swarm, list(teams), maps, seen, air)
+    swarm = Swarm(
+        scenario.robots,
+        *_starts(scenario, clearance, walkers),
+        clearance,
+        _places(scenario),
+        scenario.seed,
+        walkers,
+        scenario.rivals,
+    )
+    moving = [partial(MovingObstacle, one.model, grid) for one in resources.obstacles if one.model.motion]
+    stirring = [group for group in swarm.groups if group.model.wake]
+    wakes = [
+        partial(Wake, group.model.body, grid, swarm.position, swarm.velocity, group.start, group.count)
+        for group in stirring
+    ]
+    scalars = {path: Scalar(grid) for path, model in scenario.gases if model.kind == "eulerian"}
+    weighing = [Weighing(scalars[path].q, 0.0) for path in _weights(scenario)]
+    _weigh(weighing, scenario)
+    context = Context(scenario, resources, grid, air, scalars, weighing, [*moving, *wakes])
+    wind = _wind(context)
+    gas = Mixture([_gas(context, path, wind) for path, _ in scenario.gases])
+    sensors = Sensors(swarm, grid.dim, scenario.tick, gas.species)
+    driving = teams(swarm, scenario.tick, _own(scenario, resources, algorithms))
+    mapped = Floor(
+        (grid.extent[0], grid.extent[1]),
+        max(1, swarm.trials),
+        swarm.members.shape[1],
+        scenario.tick,
+        clearance.obstacle_distance_at,
+    )
+    maps = mappers(scenario.maps, mapped)
+
+    def begin(sim: Simulation, scenario: Scenario) -> None:
+        """Every part, with the numbers of a scenario of the same structure."""
+        t = scenario.first_tick * scenario.tick
+        _weigh(weighing, scenario)
+        if isinstance(wind, FlowSolver):
+            for wake, group in zip(wind.resistances[-len(wakes) :] if wakes else (), stirring, strict=True):
+                wake.begin(scenario.robots[group.number].body)
+        wind.begin(scenario.wind, t, scenario.seed)
+        for one, (_, model) in zip(gas.gases, scenario.gases, strict=True):
+            one.begin(model, t, scenario.seed)
+        gas.begin()
+        starts = _starts(scenario, clearance, walkers)
+        swarm.begin(scenario.robots, *starts, _places(scenario), scenario.seed, walkers)
+        sensors.begin()
+        for team in driving:
+            team.begin()
+        for gas_map, model in zip(maps, scenario.maps, strict=True):
+            gas_map.begin(model)
+
+    sim = Simulation(prepared, grid, wind, gas, swarm, sensors, driving, maps, seen, air, begin)
     if isinstance(wind, FlowSolver) and wind.area is not None:
-        sim.forces = partial(forces, wind, air, len(obstacles))
+        sim.forces = partial(forces, wind, air, len(resources.obstacles))
     return sim
 
 
-def _wind(scenario: Scenario, resources: Resources, grid: Grid, air: Air) -> Wind:
-    """The wind."""
-    model, begin = scenario.wind, scenario.first_tick * scenario.tick
-    if isinstance(model, UniformWind):
-        return UniformSolver(model, grid, begin, scenario.seed)
-    if isinstance(model, SyntheticWind):
-        return SyntheticSolver(model, grid, air, begin, scenario.seed)
-    if isinstance(model, PlaybackWind):
-        return PlayedWind(model, resources.films["wind"], grid, begin)
-    if isinstance(model, PlumeSimWind):
-        return PointWind(model, resources.frames["wind"], grid.extent, begin)
-    if isinstance(model, ImportedWind):
-        assert resources.site is not None
-        try:
-            return ImportedFlow(ImportedFilm(resources.site, grid, air), model, grid, begin)
-        except WindFileError as error:
-            raise ScenarioError([f"wind.files: {error}"]) from None
-    raise AssertionError(f"wind.kind: {model.kind}")
+def _box(scenario: Scenario, resources: Resources) -> tuple[Grid, Air]:
+    """The grid, and what of it is air."""
+    film = resources.films.get("wind")
+    openings = scenario.openings
+    grid = Grid.of(scenario.domain, film.periodic if film else periodic_axes(openings, scenario.domain.dim))
+    if film:
+        return grid, film.air()
+    if resources.site:
+        return grid, resources.site_air()
+    return grid, air_of(resources.standing, grid, opening_cells(openings, grid))
 
 
-def _flow(
-    scenario: Scenario,
-    grid: Grid,
-    air: Air,
-    weighing: Sequence[Weighing],
-    resistances: Sequence[Callable[..., Resistance]],
-) -> FlowSolver:
-    """A computed flow; weighing: what makes the air heavier, resistances: what holds it besides screens."""
-    model, begin = scenario.wind, scenario.first_tick * scenario.tick
-    assert isinstance(model, CfdWind)
+def _wind(context: Context) -> Wind:
+    model = context.scenario.wind
     try:
-        if isinstance(model, FrozenWind):
-            flow = FrozenSolver(model, grid, air, begin, scenario.seed, weighing, resistances)
-        else:
-            flow = FlowSolver(model, grid, air, begin, scenario.seed, weighing, resistances)
+        return WINDS[model.kind](model, context)
+    except WindFileError as error:
+        raise ScenarioError([f"wind.files: {error}"]) from None
+    except ScenarioError:
+        raise
     except ValueError as error:
         raise ScenarioError([f"wind.{error}"]) from None
-    trapped = flow.boundaries.trapped(air.regions())
-    if trapped:
-        raise ScenarioError(
-            [
-                f"wind.openings[{n}]: its air has no way to an outlet, obstacles close it off; "
-                "move one of them or add an outlet there"
-                for n in trapped
-            ]
-        )
-    return flow
 
 
-def _gas(
-    model: PureGas,
-    path: str,
-    scenario: Scenario,
-    resources: Resources,
-    grid: Grid,
-    wind: Wind,
-    air: Air,
-    scalar: Scalar | None,
-) -> Gas:
-    """One gas; `path` is its place in the scenario, `scalar` its concentration on the grid, where it has one."""
-    begin = scenario.first_tick * scenario.tick
-    if isinstance(model, PlaybackGas):
-        return PlayedGas(model, resources.films[path], grid, begin)
-    if isinstance(model, PlumeSimGas | FluentGas):
-        return PointGas(model, resources.frames[path], grid.extent, begin)
-    if isinstance(model, PlumeSimPuff):
-        return ProgramPuff(model, grid.extent, begin)
-    if isinstance(model, PlumeSimMeander):
-        return ProgramMeander(model, grid.extent, begin, scenario.seed, path)
-    if isinstance(model, ClosedForm):
-        return _closed_form(model, path, scenario, grid, wind)
+def _gas(context: Context, path: str, wind: Wind) -> Gas:
+    """The gas at a place in the scenario."""
+    model = dict(context.scenario.gases)[path]
     try:
-        if isinstance(model, PuffGas):
-            return PuffSolver(model, grid, wind, air, begin, scenario.seed, path)
-        return EulerianSolver(model, grid, wind, air, begin, scenario.seed, path, scalar)
+        return GASES[model.kind](model, path, context, wind)
     except ValueError as error:
         raise ScenarioError([f"{path}.{error}"]) from None
 
 
-def _closed_form(model: ClosedForm, path: str, scenario: Scenario, grid: Grid, wind: Wind) -> Gas:
-    """A gas that a formula tells; `path` is its place in the scenario."""
-    begin = scenario.first_tick * scenario.tick
-    assert isinstance(wind, UniformSolver)
-    if isinstance(model, GaussianPuffGas):
-        return GaussianPuffs(model, grid, wind, begin)
-    if isinstance(model, ContinuousGas):
-        return ContinuousPuffs(model, grid, wind, begin)
-    assert isinstance(model, GaussianPlumeGas | MeanderingGas)
-    return Plumes(model, grid, wind, begin, scenario.seed, path)
+def _weights(scenario: Scenario) -> dict[str, float]:
+    """By how much a kg/m³ of each gas that makes the air heavier changes the air's density."""
+    if scenario.buoyancy is None or not scenario.buoyancy.solutal:
+        return {}
+    return {
+        path: model.vapour.weight_per_density for path, model in scenario.gases if model.kind == "eulerian"
+    }
 
 
-def _weighing(scenario: Scenario, scalars: dict[str, Scalar]) -> list[Weighing]:
-    """The gases that make the air heavier; scalars: concentrations [kg/m³] by the gas's place in the scenario."""
-    buoyancy = scenario.wind.buoyancy if isinstance(scenario.wind, CfdWind) else None
-    if buoyancy is None or not buoyancy.solutal:
-        return []
-    return [
-        Weighing(scalars[path].q, model.vapour.weight_per_density)
-        for path, model in scenario.gases
-        if path in scalars
-    ]
+def _weigh(weighing: list[Weighing], scenario: Scenario) -> None:
+    for one, weight in zip(weighing, _weights(scenario).values(), strict=True):
+        one.weight = weight
 
 
-def _wakes(swarm: Swarm, grid: Grid) -> list[Callable[..., Resistance]]:
-    """What robots that disturb the air do to it."""
-    return [
-        partial(Wake, group.model.body, grid, swarm.position, swarm.velocity, group.start, group.count)
-        for group in swarm.groups
-        if group.model.wake
-    ]
+def _own(scenario: Scenario, resources: Resources, algorithms: Mapping[str, type] | None) -> dict[str, type]:
+    """The users' own classes by the names of their groups."""
+    found = {
+        group.name: resources.own[f"robots[{n}].algorithm"]
+        for n, group in enumerate(scenario.robots)
+        if f"robots[{n}].algorithm" in resources.own
+    }
+    return found | dict(algorithms or {})
 
 
-def mappers(
-    models: Sequence[Map],
-    extent: tuple[float, float],
-    trials: int,
-    obstacle_distance: Callable[[np.ndarray], np.ndarray],
-) -> list[Mapper]:
-    """The online maps of the models, over a floor of that extent [m]; those of the same snaps share them.
-
-    obstacle_distance: of points (..., 2) [m], the distance [m] to the next obstacle, negative inside.
-    """
-    snaps: dict[tuple, Snaps] = {}
-
-    def made(model: Map) -> Mapper:
-        if isinstance(model, map_models.MarkovMap):
-            return MarkovMap(model, extent, trials, obstacle_distance)
-        if isinstance(model, map_models.KernelMap):
-            return KernelMap(model, extent, trials)
-        alike = tuple(getattr(model, name) for name in map_models.Snaps.model_fields)
-        if alike not in snaps:
-            snaps[alike] = Snaps(model, extent, trials)
-        return SNAP_MAPS[model.kind](model, extent, trials, snaps[alike])
-
-    return [made(model) for model in models]
+def _places(scenario: Scenario) -> np.ndarray:
+    """Of the sources on the floor, (m, 2) [m]."""
+    return np.array([source.position[:2] for _, source in scenario.sources]).reshape(-1, 2)
 
 
 def _start_numbers(seed: int, group: int, trial: int) -> np.random.Generator:
@@ -266,17 +190,10 @@ def _start_numbers(seed: int, group: int, trial: int) -> np.random.Generator:
     return generator(seed, f"start of group {group}, trial {trial}")
 
 
-def _swarm(scenario: Scenario, obstacles: list, grid: Grid, cubes: Cubes | None) -> Swarm:
-    """All robots at their places; `cubes` stand in their way too."""
-    height = max((group.body.height for group in scenario.robots), default=0.1)
-    standing = [s for s in obstacles if s.model.motion is None] + ([cubes] if cubes else [])
-    floor = scenario.floor
-    clearance = ClearanceMap(standing, floor.high, height, low=floor.low)
-    walkers = [
-        s.model
-        for s in obstacles
-        if s.model.motion and np.isfinite(s.horizontal_distance(np.zeros((1, 2)), 0.0, height))
-    ]
+def _starts(
+    scenario: Scenario, clearance: ClearanceMap, walkers: list[Obstacle]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where all robots start (n, 2) [m], and their headings (n,) [rad]."""
     trials = np.arange(max((group.trials for group in scenario.robots), default=1))
     occupied = [
         Placed(np.tile(one.center[:2], (len(trials), 1)), disc_around(one), trials) for one in walkers
@@ -292,14 +209,4 @@ def _swarm(scenario: Scenario, obstacles: list, grid: Grid, cubes: Cubes | None)
             occupied.append(placed(group, where))
         positions.append(where)
         headings.append(heading)
-    sources = np.array([source.position[:2] for _, source in scenario.sources])
-    return Swarm(
-        scenario.robots,
-        np.concatenate(positions),
-        np.concatenate(headings),
-        clearance,
-        sources,
-        scenario.seed,
-        walkers,
-        scenario.rivals,
-    )
+    return np.concatenate(positions), np.concatenate(headings)

@@ -1,0 +1,112 @@
+"""The kinds of wind and of gas that a scenario may have, and what computes each. Add one here."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.fields import Gas, Wind
+from taichi_plume.grid.grid import Grid
+from taichi_plume.prepare import Resources
+from taichi_plume.scenario.loading import ScenarioError
+from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.solvers.flow import FlowSolver
+from taichi_plume.solvers.frozen import FrozenSolver
+from taichi_plume.solvers.gas import EulerianSolver
+from taichi_plume.solvers.gaussian_puffs import ContinuousPuffs, GaussianPuffs
+from taichi_plume.solvers.imported import ImportedFilm, ImportedFlow
+from taichi_plume.solvers.momentum import Weighing
+from taichi_plume.solvers.playback import PlayedGas, PlayedWind
+from taichi_plume.solvers.plumes import Plumes
+from taichi_plume.solvers.plumesim import PointGas, PointWind, ProgramMeander, ProgramPuff
+from taichi_plume.solvers.puffs import PuffSolver
+from taichi_plume.solvers.resistance import Resistance
+from taichi_plume.solvers.scalar import Scalar
+from taichi_plume.solvers.synthetic import SyntheticSolver
+from taichi_plume.solvers.uniform import UniformSolver
+
+
+@dataclass(frozen=True)
+class Context:
+    """What winds and gases are made of besides their own sections.
+
+    scalars: concentrations on the grid of the gases that have one, by their places in the scenario. weighing: those
+    that make the air heavier. resistances: make what holds the air besides screens, of the faces' openness.
+    """
+
+    scenario: Scenario
+    resources: Resources
+    grid: Grid
+    air: Air
+    scalars: dict[str, Scalar]
+    weighing: Sequence[Weighing]
+    resistances: Sequence[Callable[[tuple[Any, ...]], Resistance]]
+
+    @property
+    def begin(self) -> tuple[float, int]:
+        """Time [s] at which the run begins, and its seed."""
+        return self.scenario.first_tick * self.scenario.tick, self.scenario.seed
+
+
+def _flow(solver: type[FlowSolver], model: Any, its: Context) -> FlowSolver:
+    flow = solver(model, its.grid, its.air, *its.begin, its.weighing, its.resistances)
+    trapped = flow.boundaries.trapped(its.air.regions())
+    if trapped:
+        raise ScenarioError(
+            [
+                f"wind.openings[{n}]: its air has no way to an outlet, obstacles close it off; "
+                "move one of them or add an outlet there"
+                for n in trapped
+            ]
+        )
+    return flow
+
+
+def _imported(model: Any, its: Context) -> Wind:
+    assert its.resources.site is not None
+    film = ImportedFilm(its.resources.site, its.grid, its.air)
+    return ImportedFlow(film, model, its.grid, *its.begin)
+
+
+WINDS: dict[str, Callable[[Any, Context], Wind]] = {
+    "cfd": lambda model, its: _flow(FlowSolver, model, its),
+    "frozen": lambda model, its: _flow(FrozenSolver, model, its),
+    "uniform": lambda model, its: UniformSolver(model, its.grid, *its.begin),
+    "synthetic": lambda model, its: SyntheticSolver(model, its.grid, its.air, *its.begin),
+    "playback": lambda model, its: PlayedWind(model, its.resources.films["wind"], its.grid, *its.begin),
+    "plumesim_log": lambda model, its: PointWind(
+        model, its.resources.frames["wind"], its.grid.extent, *its.begin
+    ),
+    "imported": _imported,
+}
+"""Of a wind's section."""
+
+
+def _points(model: Any, path: str, its: Context, wind: Any) -> Gas:
+    return PointGas(model, its.resources.frames[path], its.grid.extent, its.begin[0])
+
+
+def _plumes(model: Any, path: str, its: Context, wind: Any) -> Gas:
+    return Plumes(model, its.grid, wind, *its.begin, path)
+
+
+GASES: dict[str, Callable[[Any, str, Context, Any], Gas]] = {
+    "eulerian": lambda model, path, its, wind: EulerianSolver(
+        model, its.grid, wind, its.air, *its.begin, path, its.scalars[path]
+    ),
+    "puffs": lambda model, path, its, wind: PuffSolver(model, its.grid, wind, its.air, *its.begin, path),
+    "gaussian_plume": _plumes,
+    "meandering": _plumes,
+    "continuous": lambda model, path, its, wind: ContinuousPuffs(model, its.grid, wind, its.begin[0]),
+    "gaussian_puff": lambda model, path, its, wind: GaussianPuffs(model, its.grid, wind, its.begin[0]),
+    "plumesim_gaussian": lambda model, path, its, wind: ProgramPuff(model, its.grid.extent, its.begin[0]),
+    "plumesim_meandering": lambda model, path, its, wind: ProgramMeander(
+        model, its.grid.extent, *its.begin, path
+    ),
+    "plumesim_log": _points,
+    "fluent": _points,
+    "playback": lambda model, path, its, wind: PlayedGas(
+        model, its.resources.films[path], its.grid, its.begin[0]
+    ),
+}
+"""Of a gas's section, its place in the scenario, and the wind that carries it."""
