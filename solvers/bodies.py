@@ -20,7 +20,7 @@ import taichi as ti
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import Numbers, uploader
-from taichi_plume.scenario.obstacles import Obstacle, motion_of
+from taichi_plume.scenario.obstacles import Obstacle
 from taichi_plume.scenario.robots import Body
 from taichi_plume.solvers.boundaries import HORIZON
 
@@ -203,7 +203,7 @@ class MovingObstacle(Bodies):
     def begin(self, model: Obstacle) -> None:
         """Take its outline and its way from the scenario."""
         self.shape(outline(model, self.dim))
-        motion = motion_of(model)
+        motion = model.motion
         assert motion is not None
         self.motion, self.center = motion, model.center
 
