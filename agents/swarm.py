@@ -16,6 +16,7 @@ import taichi as ti
 
 from taichi_plume.agents.odometry import Odometry
 from taichi_plume.grid.rng import generator
+from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.obstacles import Box, Obstacle, motion_of
 from taichi_plume.scenario.robots import Group
 
@@ -109,6 +110,8 @@ class Swarm:
     ):
         self.groups = ranges(groups, rivals)
         self.clearance, self.seed = clearance, seed
+        self.key: Any = ti.field(ti.u32, ())  # the seed, for kernels
+        uploader(self.key)(np.uint32(seed))
         self.count = sum(group.size for group in self.groups)
         self.start = np.array(positions, np.float32).reshape(-1, 2)  # where the robots begin [m]
         self.trials = max((group.row + group.trials for group in self.groups), default=0)
