@@ -10,6 +10,7 @@ from pydantic_core import PydanticCustomError
 
 from taichi_plume.scenario.maps import TimeSeriesMap
 from taichi_plume.scenario.vocabulary import (
+    COMPILED,
     Count,
     Delay,
     Diffusivity,
@@ -90,6 +91,10 @@ class Spiral(Listening):
     """SPIRAL (Ferri et al. 2009). See agents/spiral.py."""
 
     kind: Literal["spiral"]
+    acquisition: Annotated[Duration, COMPILED] = 30.0
+    """Time of listening [s]."""
+    sample_period: Annotated[Duration, COMPILED] = 0.5
+    """Between the samples of an acquisition [s]."""
     minimum_ppm: Positive = 0.2
     """Threshold of the proximity index at the start, and after an escape: a mean index far from the source."""
     delta: Annotated[float, Field(gt=0, lt=1)] = 0.2
@@ -143,7 +148,7 @@ class Infotaxis(Listening):
     """Mean reading of an acquisition that counts as a detection."""
     step: Length = 0.25
     """Driven after each acquisition, unless it stays [m]."""
-    cell: Length = 0.1
+    cell: Annotated[Length, COMPILED] = 0.1
     """Edge of the cells of its map of beliefs [m]."""
     rate: Frequency = 1.0
     """Of the model that it believes in: detections per second close to the source."""
@@ -179,12 +184,22 @@ class SearchSpace(Model):
     kind: Literal["search_space"]
     distance: Length = 1.5
 
+    @property
+    def limit(self) -> float:
+        """Largest distance [m] of those it listens to."""
+        return self.distance
+
 
 class FunctionValue(Model):
     """A robot listens to those whose best readings are most like its own."""
 
     kind: Literal["function_value"]
     number: Count = 2
+
+    @property
+    def limit(self) -> float:
+        """How many it listens to."""
+        return float(self.number)
 
 
 class RandomMates(Model):
@@ -193,6 +208,11 @@ class RandomMates(Model):
     kind: Literal["random"]
     probability: Fraction = 0.5
     """Of each."""
+
+    @property
+    def limit(self) -> float:
+        """Probability that it listens to one."""
+        return self.probability
 
 
 class Dapso(Listening):
@@ -260,7 +280,7 @@ class Sweep(Model):
 
     kind: Literal["sweep"]
     speed: Speed | None = None
-    lane: Length = 0.3
+    lane: Annotated[Length, COMPILED] = 0.3
     """Largest width of a lane [m]."""
     along: Literal["x", "y"] | None = None
     """Unless given, the longer side of the floor."""
