@@ -10,10 +10,13 @@ LOST      sweep along s V, back to where the plume was; after cast_distance, or 
 SIDESTEP  along s V by lost_distance, then IN_PLUME; blocked for PATIENCE: other side
 """
 
-from math import radians
+from math import cos, radians, sin
+from typing import cast
 
 import taichi as ti
 
+from taichi_plume.agents.members import Members
+from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.swarm import GroupRange, Swarm
 from taichi_plume.agents.tracking import FIND, PATIENCE, PlumeTracker
 from taichi_plume.scenario import algorithms
@@ -25,46 +28,55 @@ CASTS = 4  # failed sweeps before the search starts anew
 
 @ti.data_oriented
 class Casting(PlumeTracker):
-    """The casting algorithm for the robots of one group. tick: control period [s]."""
+    """The casting algorithm. tick: control period [s]."""
 
+    STATE = (*PlumeTracker.STATE, "cast", "failed")
     STATE_NAMES: tuple[str, ...] = ("FIND", "UPWIND", "IN_PLUME", "LOST", "SIDESTEP")
 
-    def __init__(self, swarm: Swarm, group: GroupRange, tick: float):
-        model = group.model.algorithm
-        assert isinstance(model, algorithms.Casting)
-        self.angle, self.cast_distance = radians(model.upwind_angle_deg), model.cast_distance
-        self.cast = ti.field(ti.f32, group.size)  # length of the present sweep [m]
-        self.failed = ti.field(ti.i32, group.size)  # sweeps without gas
-        super().__init__(swarm, group, tick)
+    def __init__(self, swarm: Swarm, members: Members, tick: float):
+        self.cast = ti.field(ti.f32, members.size)  # length of the present sweep [m]
+        self.failed = ti.field(ti.i32, members.size)  # sweeps without gas
+        super().__init__(swarm, members, tick)
+
+    def numbers(self, group: GroupRange) -> Numbers:
+        """Those of a group that kernels read."""
+        model = cast(algorithms.Casting, group.model.algorithm)
+        angle = radians(model.upwind_angle_deg)
+        return {
+            **super().numbers(group),
+            "along": cos(angle),  # of the course in the plume, on U
+            "across": sin(angle),  # on s V
+            "cast_distance": model.cast_distance,  # m
+        }
 
     @ti.func
     def _course(self, n):
         """Unit vector along which the robot wants to drive."""
         course = self._finding_course(n)
-        if self.swarm.state[self.start + n] == IN_PLUME:
+        if self.swarm.state[self.robot[n]] == IN_PLUME:
             U = self.upwind[n]
             V = ti.Vector([-U[1], U[0]])
-            course = ti.cos(self.angle) * U + self.side[n] * ti.sin(self.angle) * V
+            course = self.p.along[n] * U + self.side[n] * self.p.across[n] * V
         return course
 
     @ti.func
     def _decide(self, n, dt):
         """Change the state of robot n where the readings say so."""
-        state = self.swarm.state[self.start + n]
+        state = self.swarm.state[self.robot[n]]
         if state == IN_PLUME:
             smells = self._still_smells(n)
             blocked = self.stuck[n] > PATIENCE
-            if not smells and (blocked or self._driven(n) >= self.lost_distance):
+            if not smells and (blocked or self._driven(n) >= self.p.lost_distance[n]):
                 self.side[n] = -self.side[n]
-                self.cast[n] = self.cast_distance
+                self.cast[n] = self.p.cast_distance[n]
                 self.failed[n] = 0
                 self._enter(n, LOST)
             elif blocked:
                 self._enter(n, SIDESTEP)
         elif state == SIDESTEP:
-            c = self.swarm.reading[self.start + n]
+            c = self.swarm.reading[self.robot[n]]
             self.peak[n], self.trough[n] = ti.max(self.peak[n], c), c
-            if self._driven(n) >= self.lost_distance:
+            if self._driven(n) >= self.p.lost_distance[n]:
                 self._enter(n, IN_PLUME)
             elif self.stuck[n] > PATIENCE:
                 self.side[n] = -self.side[n]

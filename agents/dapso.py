@@ -21,17 +21,23 @@ than restart_step it forgets all that it knows and drives to a random place, wha
 """
 
 import cmath
+from typing import cast
 
 import taichi as ti
 
 from taichi_plume.agents.acquisition import Acquisition
+from taichi_plume.agents.members import Members
+from taichi_plume.agents.parameters import Numbers, Parameters
 from taichi_plume.agents.potential import Potential
 from taichi_plume.agents.radio import Radio
 from taichi_plume.agents.swarm import GroupRange, Swarm
-from taichi_plume.grid.rng import stream_id, uniform4
+from taichi_plume.grid.rng import uniform4
 from taichi_plume.scenario import algorithms
 
 MEASURE, DRIVE, EXPLORE = range(3)
+
+SEARCH_SPACE, FUNCTION_VALUE, RANDOM = range(3)
+NEIGHBOURS = {"search_space": SEARCH_SPACE, "function_value": FUNCTION_VALUE, "random": RANDOM}
 
 UNKNOWN = -1.0  # ppm, f(p) of a robot that knows of no place
 
@@ -43,27 +49,22 @@ def constriction(phi: float, kappa: float = 1.0) -> float:
 
 @ti.data_oriented
 class Dapso:
-    """The DAPSO algorithm for the robots of one group. tick: control period [s]."""
+    """The DAPSO algorithm. tick: control period [s]."""
 
+    PER_GROUP = False
+    STATE = (
+        *("radio", "potential", "acquisition", "under_way", "step", "way_point"),
+        *("best", "best_time", "best_place", "goal", "short"),
+    )
     STATE_NAMES: tuple[str, ...] = ("MEASURE", "DRIVE", "EXPLORE")
 
-    def __init__(self, swarm: Swarm, group: GroupRange, tick: float):
-        model = group.model.algorithm
-        assert isinstance(model, algorithms.Dapso)
-        self.swarm, self.start, self.size, self.count = swarm, group.start, group.size, group.count
-        self.seed, self.first = swarm.seed, group.first
-        self.stream = stream_id(f"group {group.number}/dapso")
-        self.radio = Radio(swarm, group)
-        self.potential = Potential(swarm, group, model.speed, model.avoidance)
-        self.phi1, self.phi2 = model.phi1, model.phi2
-        self.chi = constriction(model.phi1 + model.phi2, model.kappa)
-        self.fading = 1.0 / model.memory if model.memory > 0 else 0.0  # 1/s
-        self.longest = model.longest_step
-        self.tolerance, self.timeout = model.way_point_tolerance, model.way_point_timeout
-        self.threshold = model.threshold_ppm
-        self.restart_after, self.restart_step = model.restart_after, model.restart_step
-        self.neighbourhood = model.neighbourhood
-        self.acquisition = Acquisition(swarm, group, model, tick)
+    def __init__(self, swarm: Swarm, members: Members, tick: float):
+        self.swarm, self.size, self.tick = swarm, members.size, tick
+        self.robot, self.number = members.robot, members.number
+        self.p = Parameters(members, self.numbers, stream="dapso", radio="radio")
+        self.radio = Radio(members, self.p)
+        self.potential = Potential(members, self.p)
+        self.acquisition = Acquisition(members, self.p)
         n = self.size
         self.under_way = ti.field(ti.i32, n)  # ticks since the last acquisition
         self.step = ti.Vector.field(2, ti.f32, n)  # v [m]
@@ -73,6 +74,32 @@ class Dapso:
         self.best_place = ti.Vector.field(2, ti.f32, n)  # p [m]
         self.goal = ti.Vector.field(2, ti.f32, n)  # g at the last update [m]
         self.short = ti.field(ti.i32, n)  # short steps in a row
+        self.begin()
+
+    def numbers(self, group: GroupRange) -> Numbers:
+        """Those of a group that kernels read."""
+        model = cast(algorithms.Dapso, group.model.algorithm)
+        return {
+            **Radio.numbers(group),
+            **Potential.numbers(self.swarm, group, model.speed, model.avoidance),
+            **Acquisition.numbers(model, self.tick),
+            "phi1": model.phi1,
+            "phi2": model.phi2,
+            "chi": constriction(model.phi1 + model.phi2, model.kappa),
+            "fading": 1.0 / model.memory if model.memory > 0 else 0.0,  # 1/s
+            "longest": model.longest_step,  # m
+            "tolerance": model.way_point_tolerance,  # m
+            "timeout": model.way_point_timeout,  # s
+            "threshold": model.threshold_ppm,
+            "restart_after": model.restart_after,  # steps
+            "restart_step": model.restart_step,  # m
+            "neighbours": NEIGHBOURS[model.neighbourhood.kind],
+            "within": model.neighbourhood.limit,
+        }
+
+    def begin(self) -> None:
+        """Set the numbers, and the state at the begin of a run."""
+        self.p.begin()
         self._begin()
 
     def act(self, tick: int, t: float, dt: float) -> None:
@@ -84,20 +111,21 @@ class Dapso:
     def _begin(self):
         for n in range(self.size):
             self.best[n] = UNKNOWN
-            u = uniform4(ti.u32(self.seed), ti.u32(self.stream), self.first + n, 0, 0)
-            inwards = self._inside(ti.Vector([u[0], u[1]])) - self.swarm.believed_position[self.start + n]
-            self.step[n] = u[2] * self.longest * inwards / ti.max(inwards.norm(), 1e-6)
+            self.radio.forget(n)
+            u = uniform4(self.swarm.key[None], self.p.stream[n], self.number[n], 0, 0)
+            inwards = self._inside(n, ti.Vector([u[0], u[1]])) - self.swarm.believed_position[self.robot[n]]
+            self.step[n] = u[2] * self.p.longest[n] * inwards / ti.max(inwards.norm(), 1e-6)
 
     @ti.kernel
     def _act(self, tick: int, t: float, dt: float):
         for n in range(self.size):
-            i = self.start + n
+            i = self.robot[n]
             if self.swarm.state[i] == MEASURE:
                 self.potential.stand(n)
                 if self.acquisition.listen(n):
                     self._learn(n, t)
                     self._choose(n, tick, t)
-                    self.potential.begin(n)
+                    self.potential.set_out(n)
                     self.under_way[n] = 0
             if self.swarm.state[i] != MEASURE:
                 if self._is_there(n, dt):
@@ -110,20 +138,20 @@ class Dapso:
     @ti.func
     def _is_there(self, n, dt):
         """Whether it is time to measure."""
-        i = self.start + n
-        there = self.potential.is_over(n, self.way_point[n], self.tolerance)
+        i = self.robot[n]
+        there = self.potential.is_over(n, self.way_point[n], self.p.tolerance[n])
         if self.swarm.state[i] == DRIVE:
-            there = there or self.under_way[n] * dt >= self.timeout or self.potential.tries[n] > 0
+            there = there or self.under_way[n] * dt >= self.p.timeout[n] or self.potential.tries[n] > 0
         else:
-            there = there or self.swarm.reading[i] >= self.threshold
+            there = there or self.swarm.reading[i] >= self.p.threshold[n]
         return there
 
     @ti.func
     def _learn(self, n, t):
         """Keep the best of what it measured."""
-        i = self.start + n
+        i = self.robot[n]
         f = self.acquisition.mean(n)
-        self.best[n] *= ti.exp(-self.fading * (t - self.best_time[n]))
+        self.best[n] *= ti.exp(-self.p.fading[n] * (t - self.best_time[n]))
         self.best_time[n] = t
         if f >= self.best[n]:
             self.best[n], self.best_place[n] = f, self.swarm.believed_position[i]
@@ -132,44 +160,44 @@ class Dapso:
     @ti.func
     def _choose(self, n, tick, t):
         """The next way point, and the state to drive there."""
-        i = self.start + n
+        i = self.robot[n]
         x, p = self.swarm.believed_position[i], self.best_place[n]
         most, g = self._best_known(n, tick, t)
         self.goal[n] = g
-        u = uniform4(ti.u32(self.seed), ti.u32(self.stream), self.first + n, tick, 0)
+        u = uniform4(self.swarm.key[None], self.p.stream[n], self.number[n], tick, 0)
         r1, r2 = ti.Vector([u[0], u[1]]), ti.Vector([u[2], u[3]])
-        v = self.chi * (self.step[n] + self.phi1 * r1 * (p - x) + self.phi2 * r2 * (g - x))
-        w = self.potential.clear(x + self._shortened(v))
+        v = self.p.chi[n] * (self.step[n] + self.p.phi1[n] * r1 * (p - x) + self.p.phi2[n] * r2 * (g - x))
+        w = self.potential.clear(n, x + self._shortened(n, v))
         self.radio.say(n, self.best[n], p)
-        self.short[n] = ti.select((w - x).norm() < self.restart_step, self.short[n] + 1, 0)
-        restarts = self.restart_after > 0 and self.short[n] >= self.restart_after
-        explores = most < self.threshold
+        self.short[n] = ti.select((w - x).norm() < self.p.restart_step[n], self.short[n] + 1, 0)
+        restarts = self.p.restart_after[n] > 0 and self.short[n] >= self.p.restart_after[n]
+        explores = most < self.p.threshold[n]
         if restarts or explores:
-            u = uniform4(ti.u32(self.seed), ti.u32(self.stream), self.first + n, tick, 1)
-            w = self.potential.clear(self._inside(ti.Vector([u[0], u[1]])))
+            u = uniform4(self.swarm.key[None], self.p.stream[n], self.number[n], tick, 1)
+            w = self.potential.clear(n, self._inside(n, ti.Vector([u[0], u[1]])))
             self.short[n] = 0
         if restarts:
             self.best[n] = UNKNOWN
             self.radio.forget(n)
         self.swarm.state[i] = ti.select(explores, EXPLORE, DRIVE)
         self.way_point[n] = w
-        self.step[n] = self._shortened(w - x)
+        self.step[n] = self._shortened(n, w - x)
 
     @ti.func
-    def _shortened(self, v):
-        return v * ti.min(1.0, self.longest / ti.max(v.norm(), 1e-6))
+    def _shortened(self, n, v):
+        return v * ti.min(1.0, self.p.longest[n] / ti.max(v.norm(), 1e-6))
 
     @ti.func
-    def _inside(self, u):
+    def _inside(self, n, u):
         """The place with the shares u of the way from corner to corner of where way points can be."""
-        low = ti.Vector([self.potential.low[0], self.potential.low[1]])
-        return low + u * (ti.Vector([self.potential.high[0], self.potential.high[1]]) - low)
+        low = self.potential.low(n)
+        return low + u * (self.potential.high(n) - low)
 
     @ti.func
     def _best_known(self, n, tick, t):
         """The best reading that robot n and its neighbours know of, and g, where that was."""
         best, g = self.best[n], self.best_place[n]
-        for m in range(self.count):
+        for m in range(self.p.count[n]):
             if self.radio.has_heard(n, m) and self._is_neighbour(n, m, tick, t):
                 f = self._told(n, m, t)
                 if f > best:
@@ -179,24 +207,24 @@ class Dapso:
     @ti.func
     def _told(self, n, m, t):
         """What robot n makes of the value it heard last from robot m of its team [ppm]."""
-        return self.radio.value[n, m] * ti.exp(-self.fading * (t - self.radio.time[n, m]))
+        return self.radio.value[n, m] * ti.exp(-self.p.fading[n] * (t - self.radio.time[n, m]))
 
     @ti.func
     def _is_neighbour(self, n, m, tick, t):
         """Whether robot n now listens to robot m of its team, of which it has heard."""
         result = 0
-        if ti.static(self.neighbourhood.kind == "search_space"):
-            apart = self.radio.sender[n, m] - self.swarm.believed_position[self.start + n]
-            result = ti.cast(apart.norm() <= ti.static(self.neighbourhood.distance), ti.i32)
-        elif ti.static(self.neighbourhood.kind == "function_value"):
+        if self.p.neighbours[n] == SEARCH_SPACE:
+            apart = self.radio.sender[n, m] - self.swarm.believed_position[self.robot[n]]
+            result = ti.cast(apart.norm() <= self.p.within[n], ti.i32)
+        elif self.p.neighbours[n] == FUNCTION_VALUE:
             apart = ti.abs(self._told(n, m, t) - self.best[n])
             closer = 0
-            for k in range(self.count):
+            for k in range(self.p.count[n]):
                 if k != m and self.radio.has_heard(n, k):
                     other = ti.abs(self._told(n, k, t) - self.best[n])
                     closer += ti.cast(other < apart or (other == apart and k < m), ti.i32)
-            result = ti.cast(closer < ti.static(self.neighbourhood.number), ti.i32)
+            result = ti.cast(closer < self.p.within[n], ti.i32)
         else:
-            u = uniform4(ti.u32(self.seed), ti.u32(self.stream), self.first + n, tick, 2 + m)
-            result = ti.cast(u[0] < ti.static(self.neighbourhood.probability), ti.i32)
+            u = uniform4(self.swarm.key[None], self.p.stream[n], self.number[n], tick, 2 + m)
+            result = ti.cast(u[0] < self.p.within[n], ti.i32)
         return result

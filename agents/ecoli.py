@@ -9,13 +9,16 @@ TUMBLE   it did not, or is the first: turn by any angle, drive a step
 """
 
 from math import pi, radians
+from typing import cast
 
 import taichi as ti
 
 from taichi_plume.agents.acquisition import Acquisition
 from taichi_plume.agents.legs import Legs
+from taichi_plume.agents.members import Members
+from taichi_plume.agents.parameters import Numbers, Parameters
 from taichi_plume.agents.swarm import GroupRange, Swarm
-from taichi_plume.grid.rng import stream_id, uniform4
+from taichi_plume.grid.rng import uniform4
 from taichi_plume.scenario import algorithms
 
 ACQUIRE, RUN, TUMBLE = range(3)
@@ -23,21 +26,35 @@ ACQUIRE, RUN, TUMBLE = range(3)
 
 @ti.data_oriented
 class EColi:
-    """The E. coli algorithm for the robots of one group. tick: control period [s]."""
+    """The E. coli algorithm. tick: control period [s]."""
 
+    PER_GROUP = False
+    STATE = ("legs", "acquisition", "before")
     STATE_NAMES: tuple[str, ...] = ("ACQUIRE", "RUN", "TUMBLE")
 
-    def __init__(self, swarm: Swarm, group: GroupRange, tick: float):
-        model = group.model.algorithm
-        assert isinstance(model, algorithms.EColi)
-        self.swarm, self.start, self.size, self.first = swarm, group.start, group.size, group.first
-        self.seed, self.stream = swarm.seed, stream_id(f"group {group.number}/e. coli")
-        self.legs = Legs(swarm, group, model.speed)
-        self.step, self.scatter = model.step, model.step_spread
-        self.run_angle = radians(model.run_angle_deg)
-        self.acquisition = Acquisition(swarm, group, model, tick)
+    def __init__(self, swarm: Swarm, members: Members, tick: float):
+        self.swarm, self.size, self.tick = swarm, members.size, tick
+        self.robot, self.number = members.robot, members.number
+        self.p = Parameters(members, self.numbers, stream="e. coli")
+        self.legs = Legs(members, self.p)
+        self.acquisition = Acquisition(members, self.p)
         self.before = ti.field(ti.f32, self.size)  # mean of the acquisition before [ppm]
-        self.before.fill(float("inf"))
+        self.begin()
+
+    def numbers(self, group: GroupRange) -> Numbers:
+        """Those of a group that kernels read."""
+        model = cast(algorithms.EColi, group.model.algorithm)
+        return {
+            **Legs.numbers(group, model.speed),
+            **Acquisition.numbers(model, self.tick),
+            "step": model.step,  # m
+            "scatter": model.step_spread,
+            "run_angle": radians(model.run_angle_deg),
+        }
+
+    def begin(self) -> None:
+        """Set the numbers; all robots begin to listen."""
+        self.p.begin()
 
     def act(self, tick: int, t: float, dt: float) -> None:
         """Turn the readings at time t [s] into commands for the next dt [s]."""
@@ -46,7 +63,7 @@ class EColi:
     @ti.kernel
     def _act(self, tick: int, dt: float):
         for n in range(self.size):
-            i = self.start + n
+            i = self.robot[n]
             if self.swarm.state[i] == ACQUIRE:
                 if self.acquisition.listen(n):
                     self._choose(n, tick)
@@ -56,13 +73,13 @@ class EColi:
     @ti.func
     def _choose(self, n, tick):
         """Run or tumble."""
-        i = self.start + n
+        i = self.robot[n]
         mean = self.acquisition.mean(n)
-        rose = mean > self.before[n]
+        rose = mean > self.before[n] and self.swarm.acquisitions[i] > 1
         self.before[n] = mean
         self.swarm.hits[i] += ti.cast(rose, ti.i32)
-        u = uniform4(ti.u32(self.seed), ti.u32(self.stream), self.first + n, tick, 0)
+        u = uniform4(self.swarm.key[None], self.p.stream[n], self.number[n], tick, 0)
         self.swarm.state[i] = ti.select(rose, RUN, TUMBLE)
-        turn = ti.select(rose, self.run_angle, pi) * (2.0 * u[0] - 1.0)
-        length = self.step * (1.0 + self.scatter * (2.0 * u[1] - 1.0))
-        self.legs.begin(n, turn, length, ti.select(u[2] > 0.5, 1.0, -1.0))
+        turn = ti.select(rose, self.p.run_angle[n], pi) * (2.0 * u[0] - 1.0)
+        length = self.p.step[n] * (1.0 + self.p.scatter[n] * (2.0 * u[1] - 1.0))
+        self.legs.set_out(n, turn, length, ti.select(u[2] > 0.5, 1.0, -1.0))

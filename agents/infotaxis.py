@@ -14,6 +14,7 @@ for a searcher of size a in a plane with an effective diffusivity D and a lifeti
 """
 
 from math import hypot, log, pi
+from typing import cast
 
 import numpy as np
 import taichi as ti
@@ -21,8 +22,11 @@ from scipy.special import k0e
 
 from taichi_plume.agents.acquisition import Acquisition
 from taichi_plume.agents.legs import Legs
+from taichi_plume.agents.members import Members
+from taichi_plume.agents.parameters import Numbers, Parameters
 from taichi_plume.agents.swarm import GroupRange, Swarm, wrap
-from taichi_plume.grid.rng import stream_id, uniform4
+from taichi_plume.grid.rng import uniform4
+from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario import algorithms
 
 ACQUIRE, MOVE = range(2)
@@ -43,53 +47,66 @@ def detection_rate(model: algorithms.Infotaxis, along: np.ndarray, across: np.nd
 class Infotaxis:
     """The infotaxis algorithm for the robots of one group, each with a belief of its own. tick: control period [s]."""
 
+    PER_GROUP = True  # has one table of chances and one size of cells
+    STATE = ("legs", "acquisition", "belief", "downwind")
     STATE_NAMES: tuple[str, ...] = ("ACQUIRE", "MOVE")
 
-    def __init__(self, swarm: Swarm, group: GroupRange, tick: float):
-        model = group.model.algorithm
-        assert isinstance(model, algorithms.Infotaxis)
-        self.swarm, self.start, self.size, self.first = swarm, group.start, group.size, group.first
-        self.seed, self.stream = swarm.seed, stream_id(f"group {group.number}/infotaxis")
-        self.legs = Legs(swarm, group, model.speed)
-        self.threshold, self.step, self.cell = model.threshold_ppm, model.step, model.cell
-        self.acquisition = Acquisition(swarm, group, model, tick)
+    def __init__(self, swarm: Swarm, members: Members, tick: float):
+        self.swarm, self.members, self.size, self.tick = swarm, members, members.size, tick
+        self.robot, self.number = members.robot, members.number
+        self.p = Parameters(members, self.numbers, stream="infotaxis")
+        self.legs = Legs(members, self.p)
+        self.acquisition = Acquisition(members, self.p)
         self.low, high = swarm.clearance.low, swarm.clearance.high
         self.extent = tuple(high[d] - self.low[d] for d in range(2))
-        self.cells = tuple(max(1, round(length / model.cell)) for length in self.extent)
-        self._tabulate(model)
-        n = self.size
-        self.belief = ti.field(ti.f32, (n, *self.cells))
-        self.belief.fill(1.0 / (self.cells[0] * self.cells[1]))
-        self.downwind = ti.Vector.field(2, ti.f32, n)  # mean of the wind felt so far
-        self._begin()
-
-    def _tabulate(self, model: algorithms.Infotaxis) -> None:
-        """Probability of a detection over displacements of the source, along and across the wind."""
+        self.cell = self.model.cell
+        self.cells = tuple(max(1, round(length / self.cell)) for length in self.extent)
         self.spacing = self.cell / FINER
         self.half = int(np.ceil(hypot(*self.extent) / self.spacing)) + 1
+        self.chance = ti.field(ti.f32, (2 * self.half + 1, 2 * self.half + 1))
+        self.belief = ti.field(ti.f32, (self.size, *self.cells))
+        self.downwind = ti.Vector.field(2, ti.f32, self.size)  # mean of the wind felt so far
+        self._upload = uploader(self.chance, self.belief)
+        self.begin()
+
+    @property
+    def model(self) -> algorithms.Infotaxis:
+        """The group's, as it is now."""
+        return cast(algorithms.Infotaxis, self.members.groups[0].model.algorithm)
+
+    def numbers(self, group: GroupRange) -> Numbers:
+        """Those of a group that kernels read."""
+        return {
+            **Legs.numbers(group, self.model.speed),
+            **Acquisition.numbers(self.model, self.tick),
+            "threshold": self.model.threshold_ppm,
+            "step": self.model.step,  # m
+        }
+
+    def begin(self) -> None:
+        """Set the numbers; all robots begin to listen and take all places for equally probable."""
+        self.p.begin()
+        self._upload(self._chances(), 1.0 / (self.cells[0] * self.cells[1]))
+
+    def _chances(self) -> np.ndarray:
+        """Probability of a detection over displacements of the source, along and across the wind."""
         places = (np.arange(2 * self.half + 1) - self.half) * self.spacing
-        rate = detection_rate(model, *np.meshgrid(places, places, indexing="ij"))
-        self.chance = ti.field(ti.f32, rate.shape)
-        self.chance.from_numpy(-np.expm1(-rate * model.acquisition).astype(np.float32))
+        rate = detection_rate(self.model, *np.meshgrid(places, places, indexing="ij"))
+        return -np.expm1(-rate * self.model.acquisition)
 
     def act(self, tick: int, t: float, dt: float) -> None:
         """Turn the readings at time t [s] into commands for the next dt [s]."""
         self._act(tick, dt)
 
     @ti.kernel
-    def _begin(self):
-        for n in range(self.size):
-            self.swarm.state[self.start + n] = ACQUIRE
-
-    @ti.kernel
     def _act(self, tick: int, dt: float):
         for n in range(self.size):
-            i = self.start + n
+            i = self.robot[n]
             if self.swarm.wind_known[i] == 1:
                 self.downwind[n] += self.swarm.wind[i]
             if self.swarm.state[i] == ACQUIRE:
                 if self.acquisition.listen(n):
-                    detected = self.acquisition.mean(n) >= self.threshold
+                    detected = self.acquisition.mean(n) >= self.p.threshold[n]
                     self.swarm.hits[i] += ti.cast(detected, ti.i32)
                     self._learn(n, detected)
                     self._choose(n, tick)
@@ -109,7 +126,7 @@ class Infotaxis:
     @ti.func
     def _place(self, n):
         """Of robot n, from the lower corner of the search area on [m]."""
-        return self.swarm.believed_position[self.start + n] - ti.Vector(self.low)
+        return self.swarm.believed_position[self.robot[n]] - ti.Vector(self.low)
 
     @ti.func
     def _chance_at(self, p, e, a, b):
@@ -159,15 +176,15 @@ class Infotaxis:
     @ti.func
     def _choose(self, n, tick):
         """The step of least mean entropy; of equal ones any."""
-        i = self.start + n
+        i = self.robot[n]
         here = self._place(n)
-        u = uniform4(ti.u32(self.seed), ti.u32(self.stream), self.first + n, tick, 0)
+        u = uniform4(self.swarm.key[None], self.p.stream[n], self.number[n], tick, 0)
         turn = ti.floor(u[0] * 4.0)
         best, least = -1, 1e30
         for k in range(STAY + 1):
             move = ti.cast((k + turn) % 4, ti.i32)
             angle = 0.5 * pi * move
-            target = here + self.step * ti.Vector([ti.cos(angle), ti.sin(angle)])
+            target = here + self.p.step[n] * ti.Vector([ti.cos(angle), ti.sin(angle)])
             if k == STAY:
                 move, target = STAY, here
             room = self.swarm.radius[i]
@@ -179,5 +196,5 @@ class Infotaxis:
                     best, least = move, entropy
         if best != STAY:
             turn_by = wrap(0.5 * pi * best - self.swarm.believed_heading[i])
-            self.legs.begin(n, turn_by, self.step, ti.select(u[1] > 0.5, 1.0, -1.0))
+            self.legs.set_out(n, turn_by, self.p.step[n], ti.select(u[1] > 0.5, 1.0, -1.0))
             self.swarm.state[i] = MOVE

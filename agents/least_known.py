@@ -9,17 +9,20 @@ the one that it has given up, if it has. What it smells plays no part.
 DRIVE  to the way point by `potential`; there, or where others are in the way, the next one
 """
 
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import taichi as ti
 from scipy import ndimage
 
 from taichi_plume.agents.gas_map import Floor
+from taichi_plume.agents.members import Members
+from taichi_plume.agents.parameters import Numbers, Parameters
 from taichi_plume.agents.potential import NEAR, Potential
 from taichi_plume.agents.swarm import GroupRange, Swarm
 from taichi_plume.agents.time_series import TimeSeriesMap
 from taichi_plume.grid.grid import centers
+from taichi_plume.grid.transfer import reader, uploader
 from taichi_plume.scenario import algorithms
 
 TIE = 1e-6  # of the largest weight: cells as little known as each other
@@ -29,47 +32,69 @@ TIE = 1e-6  # of the largest weight: cells as little known as each other
 class LeastKnown:
     """Map-driven ways of the robots of one group, each trial for itself. tick: control period [s]."""
 
+    PER_GROUP = True  # has one map
+    STATE = ("potential", "map", "goal")
     STATE_NAMES: tuple[str, ...] = ("DRIVE",)
 
-    def __init__(self, swarm: Swarm, group: GroupRange, tick: float):
-        model = group.model.algorithm
-        assert isinstance(model, algorithms.LeastKnown)
-        self.swarm, self.start, self.size = swarm, group.start, group.size
+    def __init__(self, swarm: Swarm, members: Members, tick: float):
+        self.swarm, self.members = swarm, members
+        self.size = members.size
+        group = members.groups[0]
         self.count, self.trials, self.row = group.count, group.trials, group.row
-        self.share, self.apart = model.share, model.apart
-        self.potential = Potential(swarm, group, model.speed, model.avoidance)
+        self.p = Parameters(members, self.numbers)
+        self.potential = Potential(members, self.p)
         floor = Floor(swarm.clearance.high, swarm.trials, swarm.members.shape[1], tick)
-        self.map = TimeSeriesMap(model.map, floor)
-        place = centers(self.map.shape, self.map.cell)
-        self.free = swarm.clearance.distance_at(place) >= self.potential.room
-        self.places = place[self.free]  # (cells, 2) [m]
-        self.region = self._regions(self.places)
-        self.home = self._regions(swarm.start[group.slice]).reshape(self.trials, self.count)
+        self.map = TimeSeriesMap(self.model.map, floor)
         self.goal: Any = ti.Vector.field(2, ti.f32, self.size)  # way points [m]
         self.asks = ti.field(ti.i32, self.size)  # whether the robot needs another one
-        self.goal.from_numpy(swarm.start[group.slice])
+        self._set_goal = uploader(self.goal, self.potential.mark)
+        self._read = reader(self.asks, self.goal, swarm.believed_position)
+        self.begin()
+
+    @property
+    def model(self) -> algorithms.LeastKnown:
+        """The group's, as it is now."""
+        return cast(algorithms.LeastKnown, self.members.groups[0].model.algorithm)
+
+    def numbers(self, group: GroupRange) -> Numbers:
+        """Those of a group that kernels read."""
+        return Potential.numbers(self.swarm, group, self.model.speed, self.model.avoidance)
+
+    def begin(self) -> None:
+        """Set the numbers; the first way points are where the robots begin, so that they ask for others."""
+        self.p.begin()
+        self.map.begin(self.model.map)
+        group, clearance = self.members.groups[0], self.swarm.clearance
+        self.share, self.apart = self.model.share, self.model.apart
+        self.room = group.model.body.radius + self.model.avoidance
+        place = centers(self.map.shape, self.map.cell)
+        self.free = clearance.distance_at(place) >= self.room
+        self.places = place[self.free]  # (cells, 2) [m]
+        self.region = self._regions(self.places)
+        start = self.swarm.start[group.slice]
+        self.home = self._regions(start).reshape(self.trials, self.count)
+        self._set_goal(start, np.inf)
 
     def act(self, tick: int, t: float, dt: float) -> None:
         """Command the next dt [s]."""
         self.map.update(self.swarm, t, dt)
         self._ask()
-        asks = self.asks.to_numpy().reshape(self.trials, self.count)
+        asks, goal, believed = self._read()
+        asks, goal = asks.reshape(self.trials, self.count), goal.reshape(self.trials, self.count, 2)
         if asks.any() and len(self.places):
-            goal = self.goal.to_numpy().reshape(self.trials, self.count, 2)
-            believed = self.swarm.believed_position.to_numpy()[self.start : self.start + self.size]
+            place = believed[self.members.groups[0].slice].reshape(goal.shape)
             weight = self.map.weight()[self.row : self.row + self.trials, self.free]
             for k in np.flatnonzero(asks.any(axis=1)):
-                self._choose(weight[k], believed.reshape(goal.shape)[k], goal[k], asks[k], self.home[k])
-            self.goal.from_numpy(goal.reshape(-1, 2))
-            self._begin()
+                self._choose(weight[k], place[k], goal[k], asks[k], self.home[k])
+            self._set_out(goal.reshape(-1, 2))
         self._drive(dt)
 
     def _regions(self, points: np.ndarray) -> np.ndarray:
         """Numbers (n,) of points (n, 2) [m] of the floor, the same where robots get from one to the other."""
-        clearance, step = self.swarm.clearance, self.potential.room / 2
+        clearance, step = self.swarm.clearance, self.room / 2
         nodes = [np.arange(a, b, step) for a, b in zip(clearance.low, clearance.high, strict=True)]
         free = clearance.distance_at(np.stack(np.meshgrid(*nodes, indexing="ij"), axis=-1))
-        labelled: Any = ndimage.label(free >= self.potential.room)
+        labelled: Any = ndimage.label(free >= self.room)
         region = labelled[0]
         nearest: Any = ndimage.distance_transform_edt(
             region == 0, return_distances=False, return_indices=True
@@ -103,15 +128,16 @@ class LeastKnown:
     @ti.kernel
     def _ask(self):
         for n in range(self.size):
-            self.asks[n] = self.potential.is_over(n, self.potential.clear(self.goal[n]), NEAR)
+            self.asks[n] = self.potential.is_over(n, self.potential.clear(n, self.goal[n]), NEAR)
 
     @ti.kernel
-    def _begin(self):
+    def _set_out(self, goal: ti.types.ndarray()):
         for n in range(self.size):
+            self.goal[n] = ti.Vector([goal[n, 0], goal[n, 1]])
             if self.asks[n]:
-                self.potential.begin(n)
+                self.potential.set_out(n)
 
     @ti.kernel
     def _drive(self, dt: float):
         for n in range(self.size):
-            self.potential.drive(n, self.potential.clear(self.goal[n]), dt)
+            self.potential.drive(n, self.potential.clear(n, self.goal[n]), dt)

@@ -8,7 +8,9 @@ from math import pi
 
 import taichi as ti
 
-from taichi_plume.agents.swarm import GroupRange, Swarm, wrap
+from taichi_plume.agents.members import Members
+from taichi_plume.agents.parameters import Numbers, Parameters
+from taichi_plume.agents.swarm import GroupRange, wrap
 
 REST, TURN, DRIVE, BACK = range(4)
 
@@ -20,15 +22,16 @@ NEAR_BY_WHEELS = 2e-3  # rad; the noise of an odometer hardly lets a robot turn 
 
 @ti.data_oriented
 class Legs:
-    """The legs of a group's robots: `begin` one, then `advance` each tick until it is no longer under way.
+    """The legs of robots: `set_out` on one, then `advance` each tick until it is no longer under way.
 
-    speed [m/s], unless given the body's largest; robots turn as fast as their bodies can.
+    parameters: with the `numbers` of legs; robots turn as fast as their bodies can.
     """
 
-    def __init__(self, swarm: Swarm, group: GroupRange, speed: float | None):
-        self.swarm, self.start, self.speed = swarm, group.start, group.speed(speed)
-        self.near = NEAR_BY_WHEELS if group.model.odometry else NEAR
-        n = group.size
+    STATE = ("phase", "course", "length", "mark", "aside", "bumps")
+
+    def __init__(self, members: Members, parameters: Parameters):
+        self.swarm, self.robot, self.p = members.swarm, members.robot, parameters
+        n = members.size
         self.phase = ti.field(ti.i32, n)
         self.course = ti.field(ti.f32, n)  # heading to turn to [rad]
         self.length = ti.field(ti.f32, n)  # to drive [m]
@@ -36,10 +39,15 @@ class Legs:
         self.aside = ti.field(ti.f32, n)  # +1: to the left after a bump, -1: to the right
         self.bumps = ti.field(ti.i32, n)  # of this leg
 
+    @staticmethod
+    def numbers(group: GroupRange, speed: float | None) -> Numbers:
+        """speed [m/s], unless given the body's largest."""
+        return {"speed": group.speed(speed), "near": NEAR_BY_WHEELS if group.model.odometry else NEAR}
+
     @ti.func
-    def begin(self, n, turn, length, aside):
-        """Robot n of the group turns by `turn` [rad] and drives `length` [m]."""
-        self.course[n] = wrap(self.swarm.believed_heading[self.start + n] + turn)
+    def set_out(self, n, turn, length, aside):
+        """The n-th robot turns by `turn` [rad] and drives `length` [m]."""
+        self.course[n] = wrap(self.swarm.believed_heading[self.robot[n]] + turn)
         self.length[n], self.aside[n] = length, aside
         self.bumps[n] = 0
         self.phase[n] = TURN
@@ -47,7 +55,7 @@ class Legs:
     @ti.func
     def advance(self, n, dt: float):
         """Command the next tick of dt [s]; returns whether the leg is still under way."""
-        i = self.start + n
+        i = self.robot[n]
         driven = self.swarm.odometer[i] - self.mark[n]
         bump = self.swarm.blocked[i] == 1
         if self.phase[n] == DRIVE:
@@ -61,20 +69,20 @@ class Legs:
             self.course[n] = wrap(self.swarm.believed_heading[i] + 0.5 * pi * self.aside[n])
             self._enter(n, TURN)
         off = wrap(self.course[n] - self.swarm.believed_heading[i])
-        if self.phase[n] == TURN and ti.abs(off) < self.near:
+        if self.phase[n] == TURN and ti.abs(off) < self.p.near[n]:
             self._enter(n, DRIVE)
         speed, turn = 0.0, 0.0
         driven = self.swarm.odometer[i] - self.mark[n]
         if self.phase[n] == TURN:
             turn = off / dt
         elif self.phase[n] == DRIVE:
-            speed = ti.min(self.speed, (self.length[n] - driven) / dt)
+            speed = ti.min(self.p.speed[n], (self.length[n] - driven) / dt)
         elif self.phase[n] == BACK:
-            speed = -ti.min(self.speed, (BACK_OFF - driven) / dt)
+            speed = -ti.min(self.p.speed[n], (BACK_OFF - driven) / dt)
         self.swarm.speed_command[i], self.swarm.turn_rate_command[i] = speed, turn
         return self.phase[n] != REST
 
     @ti.func
     def _enter(self, n, phase):
         self.phase[n] = phase
-        self.mark[n] = self.swarm.odometer[self.start + n]
+        self.mark[n] = self.swarm.odometer[self.robot[n]]

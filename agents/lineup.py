@@ -18,13 +18,16 @@ each other whatever the range of their messages.
 """
 
 from math import cos, radians, sin
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import taichi as ti
 
+from taichi_plume.agents.members import Members
+from taichi_plume.agents.parameters import Numbers, Parameters
 from taichi_plume.agents.potential import Potential
 from taichi_plume.agents.swarm import GroupRange, Swarm
+from taichi_plume.grid.kernels import listed
 from taichi_plume.scenario import algorithms
 
 FEEL, FORM, SWEEP, WAIT = range(4)
@@ -37,40 +40,63 @@ FAR = 1e9  # m
 
 @ti.data_oriented
 class LineUp:
-    """The line-up of the robots of one group, one line per trial. tick: control period [s]."""
+    """The line-up, a line per team. tick: control period [s]."""
 
+    PER_GROUP = False
+    STATE = (
+        *("potential", "mode", "wind", "slant", "gap", "a", "b", "tilt", "way", "step"),
+        *("rank", "least", "late"),
+    )
     STATE_NAMES: tuple[str, ...] = ("FEEL", "FORM", "SWEEP", "WAIT")
 
-    def __init__(self, swarm: Swarm, group: GroupRange, tick: float):
-        model = group.model.algorithm
-        assert isinstance(model, algorithms.LineUp)
-        self.swarm, self.start, self.count, self.trials = swarm, group.start, group.count, group.trials
-        self.potential = Potential(swarm, group, model.speed, model.avoidance)
-        self.line_speed, self.mirror = model.line_speed, model.mirror
-        self.spacing, self.stagger = model.spacing or 0.0, model.stagger
-        self.tolerance, self.patience = model.tolerance, model.patience
-        low, high = np.array(swarm.clearance.low), np.array(swarm.clearance.high)
-        self.middle = tuple((low + high) / 2)
-        self.half = tuple((high - low) / 2 - model.margin)  # of where the line may be [m]
-        self.feeling = max(1, round(model.listen / tick))  # ticks
-        self.mode = ti.field(ti.i32, self.trials)
-        self.wind: Any = ti.Vector.field(
-            2, ti.f32, self.trials
-        )  # sum of what was measured, then the direction
-        self.slant = ti.field(ti.f32, self.trials)  # b from robot to robot [m]
-        self.gap = ti.field(ti.f32, self.trials)  # a from robot to robot [m]
-        self.a = ti.field(ti.f32, self.trials)  # of the line's middle [m]
-        self.b = ti.field(ti.f32, self.trials)
-        self.tilt = ti.field(ti.f32, self.trials)
-        self.way = ti.field(ti.f32, self.trials)  # +1: b grows, -1: it shrinks
-        self.step = ti.field(ti.f32, self.trials)  # of a lone robot, along the wind [m]
-        n = group.size
-        self.rank = ti.field(ti.i32, n)  # i
-        self.least = ti.field(ti.f32, n)  # smallest distance to its place since it had reached it [m]
-        self.late = ti.field(ti.f32, n)  # time since it came closer [s]
-        self.given = model.wind_direction_deg is not None
+    def __init__(self, swarm: Swarm, members: Members, tick: float):
+        self.swarm, self.size, self.tick, self.robot = swarm, members.size, tick, members.robot
+        self.p = Parameters(members, self.numbers)
+        self.potential = Potential(members, self.p)
+        counts = np.array([group.count for group in members.groups for _ in range(group.trials)], np.int32)
+        self.lines = len(counts)
+        self.first = listed(np.cumsum(counts) - counts)  # robot of a line, its others follow
+        self.line = listed(np.repeat(np.arange(self.lines), counts))  # of a robot
+        n = self.lines
+        self.mode = ti.field(ti.i32, n)
+        self.wind: Any = ti.Vector.field(2, ti.f32, n)  # sum of what was measured, then the direction
+        self.slant = ti.field(ti.f32, n)  # b from robot to robot [m]
+        self.gap = ti.field(ti.f32, n)  # a from robot to robot [m]
+        self.a = ti.field(ti.f32, n)  # of the line's middle [m]
+        self.b = ti.field(ti.f32, n)
+        self.tilt = ti.field(ti.f32, n)
+        self.way = ti.field(ti.f32, n)  # +1: b grows, -1: it shrinks
+        self.step = ti.field(ti.f32, n)  # of a lone robot, along the wind [m]
+        self.rank = ti.field(ti.i32, self.size)  # i
+        self.least = ti.field(ti.f32, self.size)  # smallest distance to its place since it had reached it [m]
+        self.late = ti.field(ti.f32, self.size)  # time since it came closer [s]
+        self.begin()
+
+    def numbers(self, group: GroupRange) -> Numbers:
+        """Those of a group that kernels read."""
+        model = cast(algorithms.LineUp, group.model.algorithm)
+        low, high = np.array(self.swarm.clearance.low), np.array(self.swarm.clearance.high)
         angle = radians(model.wind_direction_deg or 0.0)
-        self.direction = (cos(angle), sin(angle))
+        return {
+            **Potential.numbers(self.swarm, group, model.speed, model.avoidance),
+            "count": group.count,
+            "per_gap": float(np.float32(1) / np.float32(max(group.count - 1, 1))),  # 1 / number of gaps
+            "line_speed": model.line_speed,  # m/s
+            "mirror": model.mirror,
+            "spacing": model.spacing or 0.0,  # m
+            "stagger": model.stagger,  # m
+            "tolerance": model.tolerance,  # m
+            "patience": model.patience,  # s
+            "middle": tuple((low + high) / 2),  # of where the line may be [m]
+            "half": tuple((high - low) / 2 - model.margin),  # of its edges [m]
+            "feeling": max(1, round(model.listen / self.tick)),  # ticks
+            "given": model.wind_direction_deg is not None,
+            "direction": (cos(angle), sin(angle)),
+        }
+
+    def begin(self) -> None:
+        """Set the numbers; all lines begin to feel the wind."""
+        self.p.begin()
 
     def act(self, tick: int, t: float, dt: float) -> None:
         """Command the next dt [s]."""
@@ -78,14 +104,14 @@ class LineUp:
 
     @ti.kernel
     def _act(self, tick: int, dt: float):
-        for k in range(self.trials):
+        for k in range(self.lines):
             if self.mode[k] == FEEL:
                 self._feel(k, tick)
             if self.mode[k] != FEEL:
                 self._advance(k, dt)
-            for m in range(self.count):
-                n = k * self.count + m
-                self.swarm.state[self.start + n] = self.mode[k]
+            first = self.first[k]
+            for n in range(first, first + self.p.count[first]):
+                self.swarm.state[self.robot[n]] = self.mode[k]
                 if self.mode[k] == FEEL:
                     self.potential.stand(n)
                 else:
@@ -93,59 +119,68 @@ class LineUp:
 
     @ti.func
     def place(self, n):
-        """Where robot n of the group belongs [m]."""
-        k = n // self.count
+        """Where the n-th robot belongs [m]."""
+        k = self.line[n]
         w = self.wind[k]
-        behind = self.rank[n] - 0.5 * (self.count - 1)
+        behind = self.rank[n] - 0.5 * (self.p.count[n] - 1)
         a, b = self.a[k] + self.gap[k] * behind, self.b[k] - self.tilt[k] * self.slant[k] * behind
-        middle, half = ti.Vector([self.middle[0], self.middle[1]]), ti.Vector([self.half[0], self.half[1]])
+        middle, half = self._middle(n), ti.Vector([self.p.half[n, 0], self.p.half[n, 1]])
         spot = middle + a * w + b * ti.Vector([-w[1], w[0]])
-        return self.potential.clear(ti.math.clamp(spot, middle - half, middle + half))
+        return self.potential.clear(n, ti.math.clamp(spot, middle - half, middle + half))
+
+    @ti.func
+    def _middle(self, n):
+        """Of the floor [m]."""
+        return ti.Vector([self.p.middle[n, 0], self.p.middle[n, 1]])
 
     @ti.func
     def _feel(self, k, tick):
-        for m in range(self.count):
-            self.wind[k] += self.swarm.wind[self.start + k * self.count + m]  # zero where it is not known
-        if ti.static(self.given) or tick >= self.feeling:
+        first = self.first[k]
+        for n in range(first, first + self.p.count[first]):
+            self.wind[k] += self.swarm.wind[self.robot[n]]  # zero where it is not known
+        given = self.p.given[first] == 1
+        if given or tick >= self.p.feeling[first]:
             speed = self.wind[k].norm()
-            if ti.static(self.given) or speed == 0.0:
-                self.wind[k] = ti.Vector([self.direction[0], self.direction[1]])
+            if given or speed == 0.0:
+                self.wind[k] = ti.Vector([self.p.direction[first, 0], self.p.direction[first, 1]])
             else:
                 self.wind[k] /= speed
             self._form_first(k)
 
     @ti.func
-    def _extent(self, axis):
-        """Half the extent of where the line may be, along a unit vector [m]."""
-        return ti.abs(axis[0]) * self.half[0] + ti.abs(axis[1]) * self.half[1]
+    def _extent(self, k, axis):
+        """Half the extent of where line k may be, along a unit vector [m]."""
+        first = self.first[k]
+        return ti.abs(axis[0]) * self.p.half[first, 0] + ti.abs(axis[1]) * self.p.half[first, 1]
 
     @ti.func
     def _across(self, k):
         """Half the extent across the wind, less half of the line's own [m]: b stays within it."""
         w = self.wind[k]
-        return self._extent(ti.Vector([-w[1], w[0]])) - 0.5 * self.slant[k] * (self.count - 1)
+        gaps = self.p.count[self.first[k]] - 1
+        return self._extent(k, ti.Vector([-w[1], w[0]])) - 0.5 * self.slant[k] * gaps
 
     @ti.func
     def _form_first(self, k):
         """Measures, order and side of the line."""
         w = self.wind[k]
-        along, across = self._extent(w), self._extent(ti.Vector([-w[1], w[0]]))
-        gaps = ti.max(self.count - 1, 1)
-        self.gap[k] = self.spacing
-        if ti.static(self.spacing == 0.0):
-            self.gap[k] = 2.0 * along / gaps
-        self.slant[k] = ti.min(self.stagger, 2.0 * MOST_SLANT * across / gaps)
-        if ti.static(self.count == 1):
-            self.a[k], self.step[k] = along, -self.stagger
+        along, across = self._extent(k, w), self._extent(k, ti.Vector([-w[1], w[0]]))
+        first = self.first[k]
+        count, per_gap = self.p.count[first], self.p.per_gap[first]
+        self.gap[k] = self.p.spacing[first]
+        if self.gap[k] == 0.0:
+            self.gap[k] = 2.0 * along * per_gap
+        self.slant[k] = ti.min(self.p.stagger[first], 2.0 * MOST_SLANT * across * per_gap)
+        if count == 1:
+            self.a[k], self.step[k] = along, -self.p.stagger[first]
         side = 0.0
-        for m in range(self.count):
-            n = k * self.count + m
-            x = self.swarm.believed_position[self.start + n]
-            side += (x - ti.Vector([self.middle[0], self.middle[1]])).dot(ti.Vector([-w[1], w[0]]))
+        for n in range(first, first + count):
+            x = self.swarm.believed_position[self.robot[n]]
+            side += (x - self._middle(n)).dot(ti.Vector([-w[1], w[0]]))
             self.rank[n] = 0
-            for other in range(self.count):
-                behind = (self.swarm.believed_position[self.start + k * self.count + other] - x).dot(w)
-                self.rank[n] += ti.cast(behind < 0.0 or (behind == 0.0 and other < m), ti.i32)
+            for other in range(first, first + count):
+                behind = (self.swarm.believed_position[self.robot[other]] - x).dot(w)
+                self.rank[n] += ti.cast(behind < 0.0 or (behind == 0.0 and other < n), ti.i32)
         self.way[k] = ti.select(side > 0.0, -1.0, 1.0)
         self.tilt[k] = self.way[k]
         self.b[k] = -self.way[k] * self._across(k)
@@ -154,23 +189,23 @@ class LineUp:
     @ti.func
     def _form(self, k):
         self.mode[k] = FORM
-        for m in range(self.count):
-            n = k * self.count + m
+        first = self.first[k]
+        for n in range(first, first + self.p.count[first]):
             self.late[n], self.least[n] = 0.0, FAR
-            self.potential.begin(n)
+            self.potential.set_out(n)
 
     @ti.func
     def _advance(self, k, dt):
         """Move the line on, unless it waits."""
         waits = 0
-        for m in range(self.count):
-            n = k * self.count + m
+        first = self.first[k]
+        for n in range(first, first + self.p.count[first]):
             waits = ti.max(waits, self._is_awaited(n, dt))
         if waits == 1:
             self.mode[k] = ti.select(self.mode[k] == FORM, FORM, WAIT)
         else:
             self.mode[k] = SWEEP
-            self.b[k] += self.way[k] * self.line_speed * dt
+            self.b[k] += self.way[k] * self.p.line_speed[first] * dt
             most = self._across(k)
             if self.way[k] * self.b[k] >= most:
                 self.b[k] = self.way[k] * most
@@ -179,24 +214,25 @@ class LineUp:
 
     @ti.func
     def _turn_back(self, k):
-        if ti.static(self.count == 1):
-            along = self._extent(self.wind[k])
+        first = self.first[k]
+        if self.p.count[first] == 1:
+            along = self._extent(k, self.wind[k])
             if ti.abs(self.a[k] + self.step[k]) > along + PROGRESS:
                 self.step[k] = -self.step[k]
             self.a[k] = ti.math.clamp(self.a[k] + self.step[k], -along, along)
             self._form(k)
-        elif ti.static(self.mirror):
+        elif self.p.mirror[first] == 1:
             self.tilt[k] = -self.tilt[k]
             self._form(k)
 
     @ti.func
     def _is_awaited(self, n, dt):
         """Whether robot n is off its place, but may still come."""
-        i = self.start + n
+        i = self.robot[n]
         off = (self.place(n) - self.swarm.believed_position[i]).norm()
-        comes = off <= self.tolerance or off < self.least[n] - PROGRESS
+        comes = off <= self.p.tolerance[n] or off < self.least[n] - PROGRESS
         if comes and self.swarm.velocity[i].norm() > STILL:  # not that the line comes to it
             self.late[n], self.least[n] = 0.0, off
         else:
             self.late[n] += dt
-        return ti.cast(off > self.tolerance and self.late[n] <= self.patience, ti.i32)
+        return ti.cast(off > self.p.tolerance[n] and self.late[n] <= self.p.patience[n], ti.i32)

@@ -18,6 +18,8 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
+from taichi_plume.agents.members import Members
+from taichi_plume.agents.parameters import Numbers, Parameters
 from taichi_plume.agents.swarm import GroupRange, Swarm, wrap
 
 SOFT = 0.1  # m from the way point at which the pull begins to fade
@@ -34,46 +36,69 @@ PUSHES = 4  # out of obstacles, of a way point
 
 @ti.data_oriented
 class Potential:
-    """Commands for a group's robots: `begin` with each new way point, then `drive` each tick.
+    """Commands for robots: `set_out` with each new way point, then `drive` each tick.
 
-    speed [m/s], unless given the body's largest; avoidance: d0 [m]. Way points should be `room` [m] away from what
-    stands, or the push would keep the robot from them; low and high: corners of the floor where they are.
+    parameters: with the `numbers` of potentials. Who has not `set_out` begins with `mark` inf.
     """
 
-    def __init__(self, swarm: Swarm, group: GroupRange, speed: float | None, avoidance: float):
-        self.swarm, self.start, self.count, self.row = swarm, group.start, group.count, group.row
-        self.speed = group.speed(speed)
-        self.avoidance, self.stiffness = avoidance, avoidance**3 / 4  # k
-        self.room = group.model.body.radius + avoidance
-        self.low = tuple(edge + self.room for edge in swarm.clearance.low)
-        self.high = tuple(edge - self.room for edge in swarm.clearance.high)
-        self.least_way = WAY * self.speed * PATIENCE  # m
-        n = group.size
+    STATE = ("mark", "idle", "tries", "escape")
+
+    def __init__(self, members: Members, parameters: Parameters):
+        self.swarm, self.robot, self.p = members.swarm, members.robot, parameters
+        n = members.size
         self.mark: Any = ti.Vector.field(2, ti.f32, n)  # where it last made way [m]
         self.idle = ti.field(ti.f32, n)  # time since then [s]
-        self.tries = ti.field(ti.i32, n)  # escapes since `begin`
+        self.tries = ti.field(ti.i32, n)  # escapes since `set_out`
         self.escape = ti.field(ti.f32, n)  # what is left of the present escape [s]
-        self.mark.fill(np.inf)
+
+    @staticmethod
+    def numbers(swarm: Swarm, group: GroupRange, speed: float | None, avoidance: float) -> Numbers:
+        """speed [m/s], unless given the body's largest; avoidance: d0 [m].
+
+        Way points should be `room` [m] away from what stands, or the push would keep the robot from them; low and high:
+        corners of the floor where they are [m].
+        """
+        room = group.model.body.radius + avoidance
+        return {
+            "speed": group.speed(speed),
+            "room": room,
+            "low": tuple(edge + room for edge in swarm.clearance.low),
+            "high": tuple(edge - room for edge in swarm.clearance.high),
+            "stiffness": avoidance**3 / 4,  # k
+            "ease": float(np.float32(avoidance**3 / 4) * np.float32(1 / avoidance)),  # k / d0
+            "least_way": WAY * group.speed(speed) * PATIENCE,  # m
+            "row": group.row + np.arange(group.size) // group.count,  # of the trial among all
+        }
 
     @ti.func
-    def begin(self, n):
-        """Robot n of the group has a new way point."""
-        self.mark[n] = self.swarm.believed_position[self.start + n]
+    def set_out(self, n):
+        """The n-th robot has a new way point."""
+        self.mark[n] = self.swarm.believed_position[self.robot[n]]
         self.idle[n], self.escape[n], self.tries[n] = 0.0, 0.0, 0
 
     @ti.func
     def is_over(self, n, goal, tolerance):
         """Whether the robot is within `tolerance` [m] of its way point, or will not get there."""
-        apart = self.swarm.believed_position[self.start + n] - goal
+        apart = self.swarm.believed_position[self.robot[n]] - goal
         return apart.norm() <= tolerance or self.tries[n] > TRIES
 
     @ti.func
-    def clear(self, place):
-        """The place [m], or one near it that a robot can get to."""
-        low, high = ti.Vector([self.low[0], self.low[1]]), ti.Vector([self.high[0], self.high[1]])
+    def low(self, n):
+        """The lower corner of where way points of the n-th robot can be [m]."""
+        return ti.Vector([self.p.low[n, 0], self.p.low[n, 1]])
+
+    @ti.func
+    def high(self, n):
+        """The upper corner [m]."""
+        return ti.Vector([self.p.high[n, 0], self.p.high[n, 1]])
+
+    @ti.func
+    def clear(self, n, place):
+        """The place [m], or one near it that the n-th robot can get to."""
+        low, high = self.low(n), self.high(n)
         w = ti.math.clamp(place, low, high)
         for _ in range(PUSHES):
-            lacking = self.room - self.swarm.clearance.distance(w)
+            lacking = self.p.room[n] - self.swarm.clearance.distance(w)
             if lacking > ROUNDING:
                 w += lacking * self.swarm.clearance.normal(w)
         return ti.math.clamp(w, low, high)
@@ -81,34 +106,34 @@ class Potential:
     @ti.func
     def drive(self, n, goal, dt: float):
         """Command the next tick of dt [s] towards `goal` [m]."""
-        i = self.start + n
+        i = self.robot[n]
         way = goal - self.swarm.believed_position[i]
         distance = way.norm()
         self._watch(n, distance, dt)
         pull = way / ti.max(distance, SOFT)
-        push = self.swarm.as_believed(i, self._push(i, self.row + n // self.count))
+        push = self.swarm.as_believed(i, self._push(n, i))
         if self.escape[n] > 0.0 and push.norm() > 0.0:
             side = ti.select(self.tries[n] % 2 == 1, 1.0, -1.0)
             pull = side * ti.Vector([-push[1], push[0]]) / push.norm()
         force = pull + push
         error = wrap(ti.atan2(force[1], force[0]) - self.swarm.believed_heading[i])
-        speed = self.speed * ti.min(1.0, force.norm()) * ti.max(0.0, ti.cos(error))  # type: ignore[misc]
+        speed = ti.min(1.0, force.norm()) * ti.max(0.0, ti.cos(error)) * self.p.speed[n]  # type: ignore[misc]
         self.swarm.speed_command[i] = ti.min(speed, distance / dt)
         self.swarm.turn_rate_command[i] = error / ti.max(dt, STEER)
 
     @ti.func
     def stand(self, n):
         """Command a stop."""
-        self.swarm.speed_command[self.start + n] = 0.0
-        self.swarm.turn_rate_command[self.start + n] = 0.0
+        self.swarm.speed_command[self.robot[n]] = 0.0
+        self.swarm.turn_rate_command[self.robot[n]] = 0.0
 
     @ti.func
     def _watch(self, n, distance, dt):
         """Notice local minima."""
-        x = self.swarm.believed_position[self.start + n]
+        x = self.swarm.believed_position[self.robot[n]]
         self.escape[n] -= dt
         self.idle[n] += dt
-        if distance < NEAR or self.escape[n] > 0.0 or (x - self.mark[n]).norm() > self.least_way:
+        if distance < NEAR or self.escape[n] > 0.0 or (x - self.mark[n]).norm() > self.p.least_way[n]:
             self.mark[n] = x
             self.idle[n] = 0.0
         elif self.idle[n] >= PATIENCE:
@@ -117,24 +142,25 @@ class Potential:
             self.idle[n] = 0.0
 
     @ti.func
-    def _push(self, i, k):
-        """The sum of all that keeps robot i of trial k away."""
+    def _push(self, n, i):
+        """The sum of all that keeps the n-th robot away, robot i of the swarm."""
+        k = self.p.row[n]
         x, radius = self.swarm.position[i], self.swarm.radius[i]
-        push = self._strength(self.swarm.clearance.distance(x) - radius) * self.swarm.clearance.normal(x)
+        push = self._strength(n, self.swarm.clearance.distance(x) - radius) * self.swarm.clearance.normal(x)
         for m in range(self.swarm.team_size[k]):
             j = self.swarm.members[k, m]
             if j != i:
-                push += self._push_of(x - self.swarm.position[j], radius + self.swarm.radius[j])
+                push += self._push_of(n, x - self.swarm.position[j], radius + self.swarm.radius[j])
         for w in range(self.swarm.walker_count):
-            push += self._push_of(x - self.swarm.discs[w], radius + self.swarm.disc_radius[w])
+            push += self._push_of(n, x - self.swarm.discs[w], radius + self.swarm.disc_radius[w])
         return push
 
     @ti.func
-    def _push_of(self, apart, radii):
+    def _push_of(self, n, apart, radii):
         d = apart.norm()
-        return self._strength(d - radii) * apart / ti.max(d, CLOSE)
+        return self._strength(n, d - radii) * apart / ti.max(d, CLOSE)
 
     @ti.func
-    def _strength(self, gap):
+    def _strength(self, n, gap):
         d = ti.max(gap, CLOSE)
-        return ti.max(self.stiffness * (1.0 / d - 1.0 / self.avoidance) / d**2, 0.0)
+        return ti.max((self.p.stiffness[n] / d - self.p.ease[n]) / d**2, 0.0)

@@ -6,10 +6,13 @@ the others keep what they heard last.
 
 from typing import Any
 
+import numpy as np
 import taichi as ti
 
-from taichi_plume.agents.swarm import GroupRange, Swarm
-from taichi_plume.grid.rng import stream_id, uniform4
+from taichi_plume.agents.members import Members
+from taichi_plume.agents.parameters import Numbers, Parameters
+from taichi_plume.agents.swarm import GroupRange
+from taichi_plume.grid.rng import uniform4
 
 NEVER = -1.0  # s, time of a message that has not come
 UNLIMITED = 1e9  # m
@@ -17,32 +20,41 @@ UNLIMITED = 1e9  # m
 
 @ti.data_oriented
 class Radio:
-    """Messages between the robots of each trial of one group.
+    """Messages between the robots of each team.
 
-    `value`, `place`, `sender` [m] and `time` [s] of [n, m]: what robot n of the group heard last from robot m of its
-    team; ask `has_heard` before.
+    `value`, `place`, `sender` [m] and `time` [s] of [n, m]: what the n-th robot heard last from robot m of its team;
+    ask `has_heard` before. parameters: with the `numbers` of radios, and the stream `radio`. At the begin of a run all
+    have to `forget`.
     """
 
-    def __init__(self, swarm: Swarm, group: GroupRange):
-        model = group.model.communication
-        self.swarm, self.start, self.size, self.count = swarm, group.start, group.size, group.count
-        self.seed, self.first = swarm.seed, group.first
-        self.stream = stream_id(f"group {group.number}/radio")
-        self.range = UNLIMITED if model.range is None else model.range
-        self.loss = model.loss
-        shape = (group.size, group.count)
+    STATE = ("value", "place", "sender", "time")
+
+    def __init__(self, members: Members, parameters: Parameters):
+        self.swarm, self.robot, self.number, self.p = members.swarm, members.robot, members.number, parameters
+        self.size = members.size
+        shape = (self.size, int(parameters.largest("count")))
         self.value = ti.field(ti.f32, shape)
         self.place: Any = ti.Vector.field(2, ti.f32, shape)
         self.sender: Any = ti.Vector.field(2, ti.f32, shape)
         self.time = ti.field(ti.f32, shape)
-        self.time.fill(NEVER)
-        self.speaks = ti.field(ti.i32, group.size)  # whether the robot says something in this tick
-        self.said_value = ti.field(ti.f32, group.size)
-        self.said_place: Any = ti.Vector.field(2, ti.f32, group.size)
+        self.speaks = ti.field(ti.i32, self.size)  # whether the robot says something in this tick
+        self.said_value = ti.field(ti.f32, self.size)
+        self.said_place: Any = ti.Vector.field(2, ti.f32, self.size)
+
+    @staticmethod
+    def numbers(group: GroupRange) -> Numbers:
+        """Of the teams of a group, and how far their messages reach."""
+        model = group.model.communication
+        return {
+            "count": group.count,  # robots of a team
+            "mate": np.arange(group.size) % group.count,  # number of the robot in its team
+            "range": UNLIMITED if model.range is None else model.range,  # m
+            "loss": model.loss,
+        }
 
     @ti.func
     def say(self, n, value, place):
-        """Robot n tells its team; it goes out with the next `deliver`."""
+        """The n-th robot tells its team; it goes out with the next `deliver`."""
         self.speaks[n], self.said_value[n], self.said_place[n] = 1, value, place
 
     @ti.func
@@ -53,23 +65,24 @@ class Radio:
     @ti.func
     def forget(self, n):
         """Robot n no longer knows what it heard."""
-        for m in range(self.count):
+        for m in range(self.p.count[n]):
             self.time[n, m] = NEVER
 
     def deliver(self, tick: int, t: float) -> None:
         """Bring what was said in this tick, at time t [s], to those in range."""
         self._deliver(tick, t)
-        self.speaks.fill(0)
 
     @ti.kernel
     def _deliver(self, tick: int, t: float):
         for n, m in self.value:
-            other = n - n % self.count + m
-            if other != n and self.speaks[other] == 1:
-                apart = self.swarm.position[self.start + n] - self.swarm.position[self.start + other]
-                near = apart.norm() <= self.range
-                u = uniform4(ti.u32(self.seed), ti.u32(self.stream), self.first + n, tick, m)
-                if near and u[0] > self.loss:
+            other = n - self.p.mate[n] + m
+            if m < self.p.count[n] and other != n and self.speaks[other] == 1:
+                i, j = self.robot[n], self.robot[other]
+                near = (self.swarm.position[i] - self.swarm.position[j]).norm() <= self.p.range[n]
+                u = uniform4(self.swarm.key[None], self.p.radio[n], self.number[n], tick, m)
+                if near and u[0] > self.p.loss[n]:
                     self.value[n, m], self.place[n, m] = self.said_value[other], self.said_place[other]
-                    self.sender[n, m] = self.swarm.believed_position[self.start + other]
+                    self.sender[n, m] = self.swarm.believed_position[j]
                     self.time[n, m] = t
+        for n in range(self.size):
+            self.speaks[n] = 0

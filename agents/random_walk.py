@@ -5,12 +5,15 @@ BUMP  something is in the way: another random angle, and a new leg
 """
 
 from math import pi, radians
+from typing import cast
 
 import taichi as ti
 
 from taichi_plume.agents.legs import DRIVE, Legs
+from taichi_plume.agents.members import Members
+from taichi_plume.agents.parameters import Numbers, Parameters
 from taichi_plume.agents.swarm import GroupRange, Swarm
-from taichi_plume.grid.rng import stream_id, uniform4
+from taichi_plume.grid.rng import uniform4
 from taichi_plume.scenario import algorithms
 
 WALK, BUMP = range(2)
@@ -18,18 +21,32 @@ WALK, BUMP = range(2)
 
 @ti.data_oriented
 class RandomWalk:
-    """A random walk of the robots of one group. tick: control period [s]."""
+    """The random walk. tick: control period [s]."""
 
+    PER_GROUP = False
+    STATE = ("legs",)
     STATE_NAMES: tuple[str, ...] = ("WALK", "BUMP")
 
-    def __init__(self, swarm: Swarm, group: GroupRange, tick: float):
-        model = group.model.algorithm
-        assert isinstance(model, algorithms.RandomWalk)
-        self.swarm, self.start, self.size, self.first = swarm, group.start, group.size, group.first
-        self.seed, self.stream = swarm.seed, stream_id(f"group {group.number}/random walk")
-        self.legs = Legs(swarm, group, model.speed)
-        self.leg, self.scatter = model.leg, model.leg_spread
-        self.turn = radians(model.turn_angle_deg)
+    def __init__(self, swarm: Swarm, members: Members, tick: float):
+        self.swarm, self.size = swarm, members.size
+        self.robot, self.number = members.robot, members.number
+        self.p = Parameters(members, self.numbers, stream="random walk")
+        self.legs = Legs(members, self.p)
+        self.begin()
+
+    def numbers(self, group: GroupRange) -> Numbers:
+        """Those of a group that kernels read."""
+        model = cast(algorithms.RandomWalk, group.model.algorithm)
+        return {
+            **Legs.numbers(group, model.speed),
+            "leg": model.leg,  # m
+            "scatter": model.leg_spread,
+            "turn": radians(model.turn_angle_deg),
+        }
+
+    def begin(self) -> None:
+        """Set the numbers; all robots are between two legs."""
+        self.p.begin()
 
     def act(self, tick: int, t: float, dt: float) -> None:
         """Command the next dt [s]."""
@@ -38,7 +55,7 @@ class RandomWalk:
     @ti.kernel
     def _act(self, tick: int, dt: float):
         for n in range(self.size):
-            i = self.start + n
+            i = self.robot[n]
             if self.swarm.blocked[i] == 1 and self.legs.phase[n] == DRIVE:
                 self._set_out(n, tick, BUMP)
             if not self.legs.advance(n, dt):
@@ -47,8 +64,8 @@ class RandomWalk:
 
     @ti.func
     def _set_out(self, n, tick, state):
-        u = uniform4(ti.u32(self.seed), ti.u32(self.stream), self.first + n, tick, 0)
-        most = ti.select(state == BUMP, pi, self.turn)
-        length = self.leg * (1.0 + self.scatter * (2.0 * u[1] - 1.0))
-        self.swarm.state[self.start + n] = state
-        self.legs.begin(n, most * (2.0 * u[0] - 1.0), length, 1.0)
+        u = uniform4(self.swarm.key[None], self.p.stream[n], self.number[n], tick, 0)
+        most = ti.select(state == BUMP, pi, self.p.turn[n])
+        length = self.p.leg[n] * (1.0 + self.p.scatter[n] * (2.0 * u[1] - 1.0))
+        self.swarm.state[self.robot[n]] = state
+        self.legs.set_out(n, most * (2.0 * u[0] - 1.0), length, 1.0)

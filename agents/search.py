@@ -1,15 +1,18 @@
 """Search algorithms: what they must offer, and which there are.
 
 To add one: write a class with this protocol in a file of its own, its parameters as a model with a `kind` in
-algorithms.py, and enter it in ALGORITHMS. For the robots of its own group it reads the swarm's `reading`,
-`wind`, `wind_known`, `blocked`, `believed_heading` and `odometer` (and `believed_position`, if the robots are to have
-positioning) and writes `speed_command`, `turn_rate_command` and `state`. True poses are not for it: what a robot senses
-around it, such as walls and mates, it puts into its map by `swarm.as_believed`. `legs` and `potential` drive for it,
-`acquisition` listens, and `radio` carries messages between the robots of a team. A Taichi kernel over the group is
-fast; NumPy on ``swarm.reading.to_numpy()[group.slice]`` works as well.
+scenario/algorithms.py, and enter it in ALGORITHMS. One object drives the robots of all groups that have chosen it:
+the n-th is robot `members.robot[n]` of the swarm, and counts as `members.number[n]` where random numbers are drawn; a
+class with `PER_GROUP` has an object per group. Of its robots it reads the swarm's `reading`, `wind`, `wind_known`,
+`blocked`, `believed_heading` and `odometer` (and `believed_position`, if the robots are to have positioning) and
+writes `speed_command`, `turn_rate_command` and `state`. True poses are not for it: what a robot senses around it, such
+as walls and mates, it puts into its map by `swarm.as_believed`.
+
+The numbers of its model reach kernels by `parameters`, so that others compile nothing. `legs` and `potential` drive for
+it, `acquisition` listens, and `radio` carries messages between the robots of a team.
 """
 
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 from taichi_plume.agents.casting import Casting
 from taichi_plume.agents.dapso import Dapso
@@ -17,22 +20,31 @@ from taichi_plume.agents.ecoli import EColi
 from taichi_plume.agents.infotaxis import Infotaxis
 from taichi_plume.agents.least_known import LeastKnown
 from taichi_plume.agents.lineup import LineUp
+from taichi_plume.agents.members import Members
 from taichi_plume.agents.random_walk import RandomWalk
 from taichi_plume.agents.spiral import Spiral
 from taichi_plume.agents.surge_cast import SurgeCast
 from taichi_plume.agents.surge_spiral import SurgeSpiral
-from taichi_plume.agents.swarm import GroupRange, Swarm
+from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.sweep import Sweep
 
 
 class Algorithm(Protocol):
-    """Drives the robots of one group, all trials at once."""
+    """Drives the robots of the groups of one kind of algorithm, all trials at once."""
 
+    PER_GROUP: ClassVar[bool]
+    """Whether each group has an algorithm of its own."""
+    STATE: tuple[str, ...]
+    """Names of the attributes that change in a run, see grid/state.py."""
     STATE_NAMES: tuple[str, ...]
     """What the values of the swarm's `state` mean."""
 
-    def __init__(self, swarm: Swarm, group: GroupRange, tick: float):
-        """Prepare the group's robots; tick: control period [s]."""
+    def __init__(self, swarm: Swarm, members: Members, tick: float):
+        """Prepare the robots, and `begin`; tick: control period [s]."""
+        ...
+
+    def begin(self) -> None:
+        """Set the numbers to those that `members.groups` have now, and the state at the begin of a run."""
         ...
 
     def act(self, tick: int, t: float, dt: float) -> None:

@@ -17,14 +17,16 @@ largest peak in each; a peak is a local maximum above mu.
 """
 
 from math import pi
+from typing import Any, cast
 
-import numpy as np
 import taichi as ti
 
-from taichi_plume.agents.acquisition import Acquisition
+from taichi_plume.agents.acquisition import Recording, ticks_between
 from taichi_plume.agents.legs import Legs
+from taichi_plume.agents.members import Members
+from taichi_plume.agents.parameters import Numbers, Parameters
 from taichi_plume.agents.swarm import GroupRange, Swarm
-from taichi_plume.grid.rng import stream_id, uniform4
+from taichi_plume.grid.rng import uniform4
 from taichi_plume.scenario import algorithms
 
 ARM, ACQUIRE, ESCAPE = range(3)
@@ -39,41 +41,56 @@ FLAT = 2.0  # weight of the mean of a record without a peak
 
 @ti.data_oriented
 class Spiral:
-    """The SPIRAL algorithm for the robots of one group. tick: control period [s]."""
+    """The SPIRAL algorithm. tick: control period [s]."""
 
+    PER_GROUP = False
+    STATE = (
+        *("legs", "acquisition", "indices", "places", "arm", "sense", "threshold", "index", "misses", "low"),
+    )
     STATE_NAMES: tuple[str, ...] = ("ARM", "ACQUIRE", "ESCAPE")
 
-    def __init__(self, swarm: Swarm, group: GroupRange, tick: float):
-        model = group.model.algorithm
-        assert isinstance(model, algorithms.Spiral)
-        self.swarm, self.start, self.size, self.first = swarm, group.start, group.size, group.first
-        self.seed, self.stream = swarm.seed, stream_id(f"group {group.number}/spiral")
-        self.legs = Legs(swarm, group, model.speed)
-        self.minimum, self.delta = model.minimum_ppm, model.delta * model.minimum_ppm
-        self.random, self.strict = model.random, model.strict_minimum
-        self.k_mean, self.k_peak = model.mean_weight, model.peak_weight
-        self.above_mean = model.peak_height == "above_mean"
-        self.escape_length = model.escape_length
-        self.acquisition = Acquisition(swarm, group, model, tick, least=3)
-        self.heard, self.samples = self.acquisition.heard, self.acquisition.samples
-        self.window = max(1, round(model.peak_window / (self.acquisition.between * tick)))  # samples
-        self.arm_count = len(model.arms)
-        self.arms = ti.field(ti.f32, self.arm_count)
-        self.arms.from_numpy(np.array(model.arms, np.float32))
+    def __init__(self, swarm: Swarm, members: Members, tick: float):
+        self.swarm, self.size, self.tick = swarm, members.size, tick
+        self.robot, self.number = members.robot, members.number
+        self.p = Parameters(members, self.numbers, stream="spiral")
+        self.legs = Legs(members, self.p)
         n = self.size
-        self.by_gradient = model.bump_side == "gradient"
-        slots = (n if self.by_gradient else 1, REMEMBERED)
-        self.indices = ti.field(
-            ti.f32, slots
-        )  # of the last acquisitions [ppm], negative where there was none
-        self.places = ti.Vector.field(2, ti.f32, slots)  # where they were [m]
-        self.indices.fill(-1.0)
+        self.acquisition = Recording(members, self.p)
+        self.heard = self.acquisition.heard
+        self.indices = ti.field(ti.f32, (n, REMEMBERED))  # of the last acquisitions [ppm]
+        self.places: Any = ti.Vector.field(2, ti.f32, (n, REMEMBERED))  # where they were [m]
         self.arm = ti.field(ti.i32, n)  # of the present spiral, from 0 on
         self.sense = ti.field(ti.f32, n)  # +1: turns left, -1: right
         self.threshold = ti.field(ti.f32, n)  # T_PI [ppm]
         self.index = ti.field(ti.f32, n)  # last PI [ppm]
         self.misses = ti.field(ti.i32, n)  # in a row
         self.low = ti.field(ti.i32, n)  # of them below half of the threshold, in a row
+        self.begin()
+
+    def numbers(self, group: GroupRange) -> Numbers:
+        """Those of a group that kernels read."""
+        model = cast(algorithms.Spiral, group.model.algorithm)
+        between = ticks_between(model, self.tick)
+        return {
+            **Legs.numbers(group, model.speed),
+            **Recording.numbers(model, self.tick, least=3),
+            "window": max(1, round(model.peak_window / (between * self.tick))),  # samples
+            "minimum": model.minimum_ppm,
+            "lowered": model.minimum_ppm - model.delta * model.minimum_ppm,  # ppm
+            "k_mean": model.mean_weight,
+            "k_peak": model.peak_weight,
+            "above_mean": model.peak_height == "above_mean",
+            "by_gradient": model.bump_side == "gradient",
+            "random": model.random,
+            "strict": model.strict_minimum,
+            "arms": model.arms,  # m
+            "arm_count": len(model.arms),
+            "escape_length": model.escape_length,  # m
+        }
+
+    def begin(self) -> None:
+        """Set the numbers, and the state at the begin of a run."""
+        self.p.begin()
         self._begin()
 
     def act(self, tick: int, t: float, dt: float) -> None:
@@ -85,19 +102,18 @@ class Spiral:
         for n in range(self.size):
             u = self._uniform(n, 0)
             self.sense[n] = ti.select(u[2] > 0.5, 1.0, -1.0)
-            self.threshold[n] = self.minimum
+            self.threshold[n] = self.p.minimum[n]
             self._set_out(n)
 
     @ti.kernel
     def _act(self, tick: int, dt: float):
         for n in range(self.size):
-            i = self.start + n
+            i = self.robot[n]
             if self.swarm.state[i] == ACQUIRE:
                 if self.acquisition.listen(n):
                     self._judge(n, tick)
-            if ti.static(self.by_gradient):
-                if self.swarm.blocked[i] == 1:
-                    self.legs.aside[n] = self._better_side(n)
+            if self.p.by_gradient[n] == 1 and self.swarm.blocked[i] == 1:
+                self.legs.aside[n] = self._better_side(n)
             if self.swarm.state[i] != ACQUIRE and not self.legs.advance(n, dt):
                 if self.swarm.state[i] == ESCAPE:
                     self._set_out(n)
@@ -107,19 +123,19 @@ class Spiral:
 
     @ti.func
     def _uniform(self, n, tick):
-        return uniform4(ti.u32(self.seed), ti.u32(self.stream), self.first + n, tick, 0)
+        return uniform4(self.swarm.key[None], self.p.stream[n], self.number[n], tick, 0)
 
     @ti.func
     def _set_out(self, n):
         """Begin a spiral straight on."""
         self.arm[n] = 0
-        self.swarm.state[self.start + n] = ARM
-        self.legs.begin(n, 0.0, self.arms[0], self.sense[n])
+        self.swarm.state[self.robot[n]] = ARM
+        self.legs.set_out(n, 0.0, self.p.arms[n, 0], self.sense[n])
 
     @ti.func
     def _better_side(self, n):
         """+1: the highest index was heard to the left of the robot's line of travel, -1: to the right."""
-        i = self.start + n
+        i = self.robot[n]
         best, place = 0.0, self.swarm.believed_position[i]
         for k in range(REMEMBERED):
             if self.indices[n, k] > best:
@@ -133,10 +149,10 @@ class Spiral:
     def _is_peak(self, n, k, mean):
         """Whether sample k is a local maximum above the mean; of a plateau the first one."""
         after = k + 1
-        last = self.samples - 1  # `and` works out both sides
+        last = self.p.samples[n] - 1  # `and` works out both sides
         while after <= last and self.heard[n, ti.min(after, last)] == self.heard[n, k]:
             after += 1
-        peak = k > 0 and after < self.samples and self.heard[n, k] > mean
+        peak = k > 0 and after <= last and self.heard[n, k] > mean
         if peak:
             peak = self.heard[n, k] > self.heard[n, k - 1] and self.heard[n, k] > self.heard[n, after]
         return peak
@@ -146,29 +162,31 @@ class Spiral:
         """PI [ppm] of what was heard."""
         mean = self.acquisition.mean(n)
         peaks, found = 0.0, 0
-        for w in range((self.samples + self.window - 1) // self.window):
+        samples, window = self.p.samples[n], self.p.window[n]
+        for w in range((samples + window - 1) // window):
             largest = 0.0
-            for k in range(w * self.window, ti.min((w + 1) * self.window, self.samples)):
+            for k in range(w * window, ti.min((w + 1) * window, samples)):
                 if self._is_peak(n, k, mean):
                     found = 1
-                    largest = ti.max(largest, self.heard[n, k] - ti.select(self.above_mean, mean, 0.0))
+                    largest = ti.max(
+                        largest, self.heard[n, k] - ti.select(self.p.above_mean[n] == 1, mean, 0.0)
+                    )
             peaks += largest
-        return ti.select(found == 1, self.k_mean * mean + self.k_peak * peaks, FLAT * mean)
+        return ti.select(found == 1, self.p.k_mean[n] * mean + self.p.k_peak[n] * peaks, FLAT * mean)
 
     @ti.func
     def _judge(self, n, tick):
         """HIT or MISS."""
-        i = self.start + n
+        i = self.robot[n]
         index = self._proximity_index(n)
-        if ti.static(self.random):
+        if self.p.random[n] == 1:
             index = self._uniform(n, tick)[0]
         self.index[n] = index
-        if ti.static(self.by_gradient):
-            slot = (self.swarm.acquisitions[i] - 1) % REMEMBERED
-            self.indices[n, slot], self.places[n, slot] = index, self.swarm.believed_position[i]
+        slot = (self.swarm.acquisitions[i] - 1) % REMEMBERED
+        self.indices[n, slot], self.places[n, slot] = index, self.swarm.believed_position[i]
         needed = self.threshold[n]
-        if ti.static(self.strict):
-            needed = ti.max(needed, self.minimum)
+        if self.p.strict[n] == 1:
+            needed = ti.max(needed, self.p.minimum[n])
         if index >= needed:
             self.swarm.hits[i] += 1
             self.threshold[n] = index
@@ -179,22 +197,22 @@ class Spiral:
 
     @ti.func
     def _miss(self, n, index, tick):
-        i = self.start + n
+        i = self.robot[n]
         self.misses[n] += 1
         self.low[n] = ti.select(index < LOW * self.threshold[n], self.low[n] + 1, 0)
         if self.misses[n] >= MISSES or self.low[n] >= LOW_MISSES:
-            self.threshold[n] = ti.min(self.threshold[n], self.minimum - self.delta)
+            self.threshold[n] = ti.min(self.threshold[n], self.p.lowered[n])
             self._forget(n)
         self.arm[n] += 1
-        if self.arm[n] < self.arm_count:
+        if self.arm[n] < self.p.arm_count[n]:
             self.swarm.state[i] = ARM
-            self.legs.begin(n, 0.5 * pi * self.sense[n], self.arms[self.arm[n]], self.sense[n])
+            self.legs.set_out(n, 0.5 * pi * self.sense[n], self.p.arms[n, self.arm[n]], self.sense[n])
         else:
-            self.threshold[n] = self.minimum
+            self.threshold[n] = self.p.minimum[n]
             self._forget(n)
             self.swarm.state[i] = ESCAPE
             turn = ti.floor(self._uniform(n, tick)[1] * TURNS) * ti.static(2.0 * pi / TURNS)
-            self.legs.begin(n, turn, self.escape_length, self.sense[n])
+            self.legs.set_out(n, turn, self.p.escape_length[n], self.sense[n])
 
     @ti.func
     def _forget(self, n):

@@ -8,8 +8,12 @@ CAST   along s V to cast_distance from where it was lost, then as far to the oth
        far; after PAIRS of them, or when blocked on both sides, FIND
 """
 
+from typing import cast
+
 import taichi as ti
 
+from taichi_plume.agents.members import Members
+from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.swarm import GroupRange, Swarm
 from taichi_plume.agents.tracking import FIND, PlumeTracker
 from taichi_plume.scenario import algorithms
@@ -21,33 +25,38 @@ PAIRS = 3  # of legs without gas before the search starts anew
 
 @ti.data_oriented
 class SurgeCast(PlumeTracker):
-    """The surge-cast algorithm for the robots of one group. tick: control period [s]."""
+    """The surge-cast algorithm. tick: control period [s]."""
 
+    STATE = (*PlumeTracker.STATE, "leg", "length")
     STATE_NAMES: tuple[str, ...] = ("FIND", "UPWIND", "SURGE", "CAST")
 
-    def __init__(self, swarm: Swarm, group: GroupRange, tick: float):
-        model = group.model.algorithm
-        assert isinstance(model, algorithms.SurgeCast)
-        self.cast_distance = model.cast_distance
-        self.leg = ti.field(ti.i32, group.size)  # of the cast, from 0 on
-        self.length = ti.field(ti.f32, group.size)  # of the leg [m]
-        super().__init__(swarm, group, tick)
+    def __init__(self, swarm: Swarm, members: Members, tick: float):
+        self.leg = ti.field(ti.i32, members.size)  # of the cast, from 0 on
+        self.length = ti.field(ti.f32, members.size)  # of the leg [m]
+        super().__init__(swarm, members, tick)
+
+    def numbers(self, group: GroupRange) -> Numbers:
+        """Those of a group that kernels read."""
+        model = cast(algorithms.SurgeCast, group.model.algorithm)
+        return {**super().numbers(group), "cast_distance": model.cast_distance}  # m
 
     @ti.func
     def _course(self, n):
         """Unit vector along which the robot wants to drive."""
         course = self._finding_course(n)
-        if self.swarm.state[self.start + n] == SURGE:
+        if self.swarm.state[self.robot[n]] == SURGE:
             course = self.upwind[n]
         return course
 
     @ti.func
     def _decide(self, n, dt):
         """Change the state of robot n where the readings say so."""
-        state = self.swarm.state[self.start + n]
+        state = self.swarm.state[self.robot[n]]
         if state == SURGE:
-            if not self._still_smells(n) and (self._driven(n) >= self.lost_distance or self.bump[n] == 1):
-                self.leg[n], self.length[n] = 0, self.cast_distance
+            if not self._still_smells(n) and (
+                self._driven(n) >= self.p.lost_distance[n] or self.bump[n] == 1
+            ):
+                self.leg[n], self.length[n] = 0, self.p.cast_distance[n]
                 self._enter(n, CAST)
         elif self._comes_upon_plume(n):
             self._enter(n, SURGE)
@@ -56,8 +65,8 @@ class SurgeCast(PlumeTracker):
                 self.leg[n] += 1
                 self.side[n] = -self.side[n]
                 # back to the middle, and to the other side as far, or twice as far
-                here = self.cast_distance * (1 << ((self.leg[n] - 1) // 2))
-                there = self.cast_distance * (1 << (self.leg[n] // 2))
+                here = self.p.cast_distance[n] * (1 << ((self.leg[n] - 1) // 2))
+                there = self.p.cast_distance[n] * (1 << (self.leg[n] // 2))
                 self.length[n] = here + there
                 self._enter(n, ti.select(self.leg[n] >= 2 * PAIRS, FIND, CAST))
         else:

@@ -8,9 +8,12 @@ SPIRAL  along r = gap phi / 2 pi, turning towards s; after so many turns, or whe
 """
 
 from math import pi
+from typing import cast
 
 import taichi as ti
 
+from taichi_plume.agents.members import Members
+from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.swarm import GroupRange, Swarm
 from taichi_plume.agents.tracking import FIND, STEER, PlumeTracker
 from taichi_plume.scenario import algorithms
@@ -20,30 +23,37 @@ SURGE, SPIRAL = range(2, 4)
 
 @ti.data_oriented
 class SurgeSpiral(PlumeTracker):
-    """The surge-spiral algorithm for the robots of one group. tick: control period [s]."""
+    """The surge-spiral algorithm. tick: control period [s]."""
 
+    STATE = (*PlumeTracker.STATE, "phi", "began")
     STATE_NAMES: tuple[str, ...] = ("FIND", "UPWIND", "SURGE", "SPIRAL")
 
-    def __init__(self, swarm: Swarm, group: GroupRange, tick: float):
-        model = group.model.algorithm
-        assert isinstance(model, algorithms.SurgeSpiral)
-        self.widening = model.gap / (2.0 * pi)  # dr/dphi [m]
-        self.most = 2.0 * pi * model.turns
-        self.phi = ti.field(ti.f32, group.size)  # angle gone round [rad]
-        self.began = ti.field(ti.f32, group.size)  # heading at the middle of the spiral [rad]
-        super().__init__(swarm, group, tick)
+    def __init__(self, swarm: Swarm, members: Members, tick: float):
+        self.phi = ti.field(ti.f32, members.size)  # angle gone round [rad]
+        self.began = ti.field(ti.f32, members.size)  # heading at the middle of the spiral [rad]
+        super().__init__(swarm, members, tick)
+
+    def numbers(self, group: GroupRange) -> Numbers:
+        """Those of a group that kernels read."""
+        model = cast(algorithms.SurgeSpiral, group.model.algorithm)
+        return {
+            **super().numbers(group),
+            "widening": model.gap / (2.0 * pi),  # dr/dphi [m]
+            "most": 2.0 * pi * model.turns,  # phi [rad]
+            "lag": group.speed(model.speed) * STEER,  # way by which steering lags [m]
+        }
 
     @ti.func
     def _course(self, n):
         """Unit vector along which the robot wants to drive."""
         course = self._finding_course(n)
-        state = self.swarm.state[self.start + n]
+        state = self.swarm.state[self.robot[n]]
         if state == SURGE:
             course = self.upwind[n]
         elif state == SPIRAL:
             # a spiral's tangent is turned by phi + atan(phi) from its first direction
             phi = self.phi[n]
-            phi += self.speed * STEER / (self.widening * ti.sqrt(1.0 + phi**2))  # steering lags by so much
+            phi += self.p.lag[n] / (self.p.widening[n] * ti.sqrt(1.0 + phi**2))
             angle = self.began[n] + self.side[n] * (phi + ti.atan2(phi, 1.0))
             course = ti.Vector([ti.cos(angle), ti.sin(angle)])
         return course
@@ -51,10 +61,12 @@ class SurgeSpiral(PlumeTracker):
     @ti.func
     def _decide(self, n, dt):
         """Change the state of robot n where the readings say so."""
-        i = self.start + n
+        i = self.robot[n]
         state = self.swarm.state[i]
         if state == SURGE:
-            if not self._still_smells(n) and (self._driven(n) >= self.lost_distance or self.bump[n] == 1):
+            if not self._still_smells(n) and (
+                self._driven(n) >= self.p.lost_distance[n] or self.bump[n] == 1
+            ):
                 self.phi[n], self.began[n] = 0.0, self.swarm.believed_heading[i]
                 self.side[n] = -self.side[n]
                 self._enter(n, SPIRAL)
@@ -62,9 +74,9 @@ class SurgeSpiral(PlumeTracker):
             self._enter(n, SURGE)
         elif state == SPIRAL:
             # ds = widening sqrt(1 + phi²) dphi
-            self.phi[n] += self._driven(n) / (self.widening * ti.sqrt(1.0 + self.phi[n] ** 2))
+            self.phi[n] += self._driven(n) / (self.p.widening[n] * ti.sqrt(1.0 + self.phi[n] ** 2))
             self.mark[n] = self.swarm.odometer[i]
-            if self.phi[n] > self.most or self.bump[n] == 1:
+            if self.phi[n] > self.p.most[n] or self.bump[n] == 1:
                 self._enter(n, FIND)
         else:
             self._find(n)

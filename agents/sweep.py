@@ -9,13 +9,16 @@ SWEEP    along lane after lane, around what stands in it and back; a lane's end 
 DONE     stand at the end, unless the sweep is to be repeated backwards
 """
 
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import taichi as ti
 
+from taichi_plume.agents.members import Members
+from taichi_plume.agents.parameters import Numbers, Parameters
 from taichi_plume.agents.potential import NEAR, Potential
 from taichi_plume.agents.swarm import GroupRange, Swarm
+from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario import algorithms
 
 TRANSIT, SWEEP, DONE = range(3)
@@ -25,34 +28,54 @@ AHEAD = 0.3  # m of the lane ahead of the robot, where it heads for
 
 @ti.data_oriented
 class Sweep:
-    """A sweep by the robots of one group, each trial for itself. tick: control period [s]."""
+    """The sweep, each team for itself. tick: control period [s]."""
 
+    PER_GROUP = False
+    STATE = ("potential", "next", "order")
     STATE_NAMES: tuple[str, ...] = ("TRANSIT", "SWEEP", "DONE")
 
-    def __init__(self, swarm: Swarm, group: GroupRange, tick: float):
-        model = group.model.algorithm
-        assert isinstance(model, algorithms.Sweep)
-        self.swarm, self.start, self.size = swarm, group.start, group.size
-        self.repeat = model.repeat
-        self.potential = Potential(swarm, group, model.speed, model.avoidance)
-        low, high = np.array(swarm.clearance.low), np.array(swarm.clearance.high)
-        axis, number = model.lanes(high - low, group.count)
-        ways = [
-            low + way
-            for team in swarm.start[group.slice].reshape(group.trials, group.count, 2)
-            for way in lanes(team - low, high - low, axis, number, self.potential.room)
-        ]
+    def __init__(self, swarm: Swarm, members: Members, tick: float):
+        self.swarm, self.members = swarm, members
+        self.size, self.robot = members.size, members.robot
+        self.p = Parameters(members, self.numbers)
+        self.potential = Potential(members, self.p)
+        ways = self._ways()
         n = self.size
         self.way: Any = ti.Vector.field(2, ti.f32, (n, max(map(len, ways))))  # way points [m]
         self.length = ti.field(ti.i32, n)  # how many of them there are
         self.next = ti.field(ti.i32, n)  # number of the present one
         self.order = ti.field(ti.i32, n)  # +1: forwards, -1: back
+        self._upload = uploader(self.way, self.length, self.order, self.potential.mark)
+        self.begin()
+
+    def numbers(self, group: GroupRange) -> Numbers:
+        """Those of a group that kernels read."""
+        model = cast(algorithms.Sweep, group.model.algorithm)
+        return {
+            **Potential.numbers(self.swarm, group, model.speed, model.avoidance),
+            "repeat": model.repeat,
+        }
+
+    def begin(self) -> None:
+        """Set the numbers, and the ways from where the robots begin."""
+        self.p.begin()
+        ways = self._ways()
         table = np.zeros((*self.way.shape, 2), np.float32)
         for row, way in zip(table, ways, strict=True):
             row[: len(way)] = way
-        self.way.from_numpy(table)
-        self.length.from_numpy(np.array([len(way) for way in ways], np.int32))
-        self.order.fill(1)
+        self._upload(table, [len(way) for way in ways], 1, np.inf)
+
+    def _ways(self) -> list[np.ndarray]:
+        """The way points (k, 2) [m] of every robot."""
+        low, high = np.array(self.swarm.clearance.low), np.array(self.swarm.clearance.high)
+        ways = []
+        for group in self.members.groups:
+            model = cast(algorithms.Sweep, group.model.algorithm)
+            axis, number = model.lanes(high - low, group.count)
+            room = group.model.body.radius + model.avoidance
+            for team in self.swarm.start[group.slice].reshape(group.trials, group.count, 2):
+                ways += [low + way for way in lanes(team - low, high - low, axis, number, room)]
+        return ways
 
     def act(self, tick: int, t: float, dt: float) -> None:
         """Command the next dt [s]."""
@@ -61,24 +84,24 @@ class Sweep:
     @ti.kernel
     def _act(self, dt: float):
         for n in range(self.size):
-            i = self.start + n
-            end = self.potential.clear(self.way[n, self.next[n]])
+            i = self.robot[n]
+            end = self.potential.clear(n, self.way[n, self.next[n]])
             if self.swarm.state[i] != DONE and self.potential.is_over(n, end, NEAR):
                 self._proceed(n)
             if self.swarm.state[i] == DONE:
                 self.potential.stand(n)
             else:
-                self.potential.drive(n, self.potential.clear(self._goal(n)), dt)
+                self.potential.drive(n, self.potential.clear(n, self._goal(n)), dt)
 
     @ti.func
     def _goal(self, n):
         """The way point; on a lane, at most AHEAD from the robot."""
         goal = self.way[n, self.next[n]]
-        if self.swarm.state[self.start + n] == SWEEP:
+        if self.swarm.state[self.robot[n]] == SWEEP:
             begin = self.way[n, self.next[n] - self.order[n]]
             length = (goal - begin).norm()
             along = (goal - begin) / length
-            way = (self.swarm.believed_position[self.start + n] - begin).dot(along) + AHEAD
+            way = (self.swarm.believed_position[self.robot[n]] - begin).dot(along) + AHEAD
             goal = begin + ti.math.clamp(way, 0.0, length) * along
         return goal
 
@@ -90,10 +113,10 @@ class Sweep:
         if following < 0 or following == self.length[n]:
             self.order[n] = -self.order[n]
             following = self.next[n] + self.order[n]
-            state = ti.select(self.repeat, SWEEP, DONE)
-        self.swarm.state[self.start + n] = state
+            state = ti.select(self.p.repeat[n] == 1, SWEEP, DONE)
+        self.swarm.state[self.robot[n]] = state
         self.next[n] = following
-        self.potential.begin(n)
+        self.potential.set_out(n)
 
 
 def lanes(team: np.ndarray, size: np.ndarray, axis: int, number: int, room: float) -> list[np.ndarray]:

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from taichi_plume.agents.members import Members
 from taichi_plume.agents.own import OwnAlgorithm
 from taichi_plume.agents.search import ALGORITHMS, Algorithm
 from taichi_plume.agents.sensors import Sensors
@@ -35,7 +36,7 @@ class Team:
             own = own or own_class(folder / model.file, model.name)
             self.algorithm = OwnAlgorithm(swarm, group, own, model.parameters)
         else:
-            self.algorithm = ALGORITHMS[model.kind](swarm, group, tick)
+            self.algorithm = ALGORITHMS[model.kind](swarm, Members(swarm, [group.number]), tick)
 
     @property
     def state_names(self) -> tuple[str, ...]:

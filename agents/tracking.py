@@ -10,11 +10,15 @@ so that a slow sensor notices in time. Into it: reading at the threshold or more
 in use) up by 15 % from the smallest since the loss.
 """
 
+from typing import cast
+
 import taichi as ti
 
+from taichi_plume.agents.members import Members
+from taichi_plume.agents.parameters import Numbers, Parameters
 from taichi_plume.agents.sensors import Lag
 from taichi_plume.agents.swarm import GroupRange, Swarm, wrap
-from taichi_plume.grid.rng import stream_id, uniform4
+from taichi_plume.grid.rng import uniform4
 from taichi_plume.scenario import algorithms
 
 FIND, UPWIND = range(2)
@@ -28,21 +32,19 @@ ON_COURSE = 0.98  # cosine of the heading error; below, contact is with what the
 
 @ti.data_oriented
 class PlumeTracker:
-    """The part of a plume tracking algorithm that they share, for the robots of one group. tick: control period [s].
+    """The part of a plume tracking algorithm that they share. tick: control period [s].
 
-    A tracker adds its own states and overrides `_decide`, which changes them, and `_course`, where each one leads.
+    A tracker adds its own states and `numbers`, and overrides `_decide`, which changes the state, and `_course`, where
+    each one leads.
     """
 
-    def __init__(self, swarm: Swarm, group: GroupRange, tick: float):
-        model = group.model.algorithm
-        assert isinstance(model, algorithms.PlumeTracking)
-        self.swarm, self.start, self.size = swarm, group.start, group.size
-        self.seed, self.first = swarm.seed, group.first
-        self.stream = stream_id(f"group {group.number}/{model.kind}")
-        self.speed = group.speed(model.speed)
-        self.threshold, self.peak_fraction = model.threshold_ppm, model.peak_fraction
-        self.lost_distance, self.find_step = model.lost_distance, model.find_step
-        self.averaging = Lag(model.wind_memory, tick).share
+    PER_GROUP = False
+    STATE: tuple[str, ...] = ("wind", "upwind", "side", "step_sign", "peak", "trough", "mark", "stuck")
+
+    def __init__(self, swarm: Swarm, members: Members, tick: float):
+        self.swarm, self.members, self.tick = swarm, members, tick
+        self.size, self.robot, self.number = members.size, members.robot, members.number
+        self.p = Parameters(members, self.numbers, stream=members.groups[0].model.algorithm.kind)
         n = self.size
         self.wind = ti.Vector.field(2, ti.f32, n)  # average of the measured wind [m/s]
         self.upwind = ti.Vector.field(2, ti.f32, n)  # U; the first heading until wind is felt
@@ -53,6 +55,24 @@ class PlumeTracker:
         self.mark = ti.field(ti.f32, n)  # odometer [m] at the begin of the leg; in the plume, at the last gas
         self.stuck = ti.field(ti.f32, n)  # time blocked in a row [s]
         self.bump = ti.field(ti.i32, n)  # whether what it drives towards is in the way
+        self.begin()
+
+    def numbers(self, group: GroupRange) -> Numbers:
+        """Those of a group that kernels read."""
+        model = cast(algorithms.PlumeTracking, group.model.algorithm)
+        return {
+            "speed": group.speed(model.speed),  # m/s
+            "threshold": model.threshold_ppm,
+            "leave": LEAVE * model.threshold_ppm,
+            "peak_fraction": model.peak_fraction,
+            "lost_distance": model.lost_distance,  # m
+            "find_step": model.find_step,  # m
+            "averaging": Lag(model.wind_memory, self.tick).share,
+        }
+
+    def begin(self) -> None:
+        """Set the numbers, and the state at the begin of a run."""
+        self.p.begin()
         self._begin()
 
     def act(self, tick: int, t: float, dt: float) -> None:
@@ -62,10 +82,10 @@ class PlumeTracker:
     @ti.kernel
     def _begin(self):
         for n in range(self.size):
-            i = self.start + n
+            i = self.robot[n]
             heading = self.swarm.believed_heading[i]
             self.upwind[n] = ti.Vector([ti.cos(heading), ti.sin(heading)])
-            u = uniform4(ti.u32(self.seed), ti.u32(self.stream), self.first + n, 0, 0)
+            u = uniform4(self.swarm.key[None], self.p.stream[n], self.number[n], 0, 0)
             self.side[n] = ti.select(u.x > 0.5, 1.0, -1.0)  # type: ignore[operator]
             self.step_sign[n] = 1.0
             self.swarm.state[i] = FIND
@@ -94,22 +114,22 @@ class PlumeTracker:
         U = self.upwind[n]
         V = ti.Vector([-U[1], U[0]])
         course = self.side[n] * V
-        if self.swarm.state[self.start + n] == UPWIND:
+        if self.swarm.state[self.robot[n]] == UPWIND:
             course = self.step_sign[n] * U
         return course
 
     @ti.func
     def _estimate_wind(self, n):
-        i = self.start + n
+        i = self.robot[n]
         if self.swarm.wind_known[i] == 1:
-            self.wind[n] += self.averaging * (self.swarm.wind[i] - self.wind[n])
+            self.wind[n] += self.p.averaging[n] * (self.swarm.wind[i] - self.wind[n])
             speed = self.wind[n].norm()
             if speed > 0.0:
                 self.upwind[n] = -self.wind[n] / speed
 
     @ti.func
     def _feel_bumper(self, n, dt):
-        i = self.start + n
+        i = self.robot[n]
         self.bump[n] = 0
         if self.swarm.blocked[i] == 1:
             heading = self.swarm.believed_heading[i]
@@ -122,25 +142,25 @@ class PlumeTracker:
     @ti.func
     def _driven(self, n):
         """Way [m] since the begin of the leg; in the plume, since the last gas."""
-        return self.swarm.odometer[self.start + n] - self.mark[n]
+        return self.swarm.odometer[self.robot[n]] - self.mark[n]
 
     @ti.func
     def _still_smells(self, n):
         """Whether a robot that is in the plume still smells it; marks where it does."""
-        c = self.swarm.reading[self.start + n]
+        c = self.swarm.reading[self.robot[n]]
         self.peak[n] = ti.max(self.peak[n], c)
         self.trough[n] = c
-        smells = c >= LEAVE * self.threshold and c >= self.peak_fraction * self.peak[n]
+        smells = c >= self.p.leave[n] and c >= self.p.peak_fraction[n] * self.peak[n]
         if smells:
-            self.mark[n] = self.swarm.odometer[self.start + n]
+            self.mark[n] = self.swarm.odometer[self.robot[n]]
         return smells
 
     @ti.func
     def _comes_upon_plume(self, n):
         """Whether a robot that is not in the plume has come into it."""
-        c = self.swarm.reading[self.start + n]
+        c = self.swarm.reading[self.robot[n]]
         self.trough[n] = ti.min(self.trough[n], c)
-        enters = c >= self.threshold and (self.peak_fraction == 0.0 or c >= RISE * self.trough[n])
+        enters = c >= self.p.threshold[n] and (self.p.peak_fraction[n] == 0.0 or c >= RISE * self.trough[n])
         if enters:
             self.peak[n] = c
             self.step_sign[n] = 1.0
@@ -150,10 +170,10 @@ class PlumeTracker:
     def _find(self, n):
         """FIND and UPWIND by turns."""
         bump = self.bump[n] == 1
-        if self.swarm.state[self.start + n] == FIND:
+        if self.swarm.state[self.robot[n]] == FIND:
             if bump:
                 self._enter(n, UPWIND)
-        elif bump or self._driven(n) >= self.find_step:
+        elif bump or self._driven(n) >= self.p.find_step[n]:
             if bump:
                 self.step_sign[n] = -self.step_sign[n]
             self.side[n] = -self.side[n]
@@ -161,15 +181,15 @@ class PlumeTracker:
 
     @ti.func
     def _enter(self, n, state):
-        self.swarm.state[self.start + n] = state
-        self.mark[n] = self.swarm.odometer[self.start + n]
+        self.swarm.state[self.robot[n]] = state
+        self.mark[n] = self.swarm.odometer[self.robot[n]]
         self.stuck[n] = 0.0
 
     @ti.func
     def _steer(self, n, dt):
         """Turn towards the course; the less it faces it, the slower it drives."""
-        i = self.start + n
+        i = self.robot[n]
         course = self._course(n)
         error = wrap(ti.atan2(course.y, course.x) - self.swarm.believed_heading[i])
         self.swarm.turn_rate_command[i] = error / ti.max(dt, STEER)
-        self.swarm.speed_command[i] = self.speed * ti.max(0.0, ti.cos(error))
+        self.swarm.speed_command[i] = self.p.speed[n] * ti.max(0.0, ti.cos(error))

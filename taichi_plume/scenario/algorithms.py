@@ -12,6 +12,7 @@ from taichi_plume.scenario.listening import AnyAlgorithm, EColi, Infotaxis, List
 from taichi_plume.scenario.maps import TimeSeriesMap
 from taichi_plume.scenario.starts import GAP
 from taichi_plume.scenario.vocabulary import (
+    COMPILED,
     Count,
     Delay,
     Distance,
@@ -90,12 +91,22 @@ class SearchSpace(Model):
     kind: Literal["search_space"]
     distance: Length = 1.5
 
+    @property
+    def limit(self) -> float:
+        """Largest distance [m] of those it listens to."""
+        return self.distance
+
 
 class FunctionValue(Model):
     """A robot listens to those whose best readings are most like its own."""
 
     kind: Literal["function_value"]
     number: Count = 2
+
+    @property
+    def limit(self) -> float:
+        """How many it listens to."""
+        return float(self.number)
 
 
 class RandomMates(Model):
@@ -104,6 +115,11 @@ class RandomMates(Model):
     kind: Literal["random"]
     probability: Fraction = 0.5
     """Of each."""
+
+    @property
+    def limit(self) -> float:
+        """Probability that it listens to one."""
+        return self.probability
 
 
 class Dapso(Listening):
@@ -218,7 +234,7 @@ class Sweep(AnyAlgorithm):
 
     kind: Literal["sweep"]
     speed: Speed | None = None
-    lane: Length = 0.3
+    lane: Annotated[Length, COMPILED] = 0.3
     """Largest width of a lane [m]."""
     along: Literal["x", "y"] | None = None
     """Unless given, the longer side of the floor."""

@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.vocabulary import (
+    COMPILED,
     Delay,
     Diffusivity,
     Duration,
@@ -55,6 +56,10 @@ class Spiral(Listening):
     """SPIRAL (Ferri et al. 2009). See agents/spiral.py."""
 
     kind: Literal["spiral"]
+    acquisition: Annotated[Duration, COMPILED] = 30.0
+    """Time of listening [s]."""
+    sample_period: Annotated[Duration, COMPILED] = 0.5
+    """Between the samples of an acquisition [s]."""
     minimum_ppm: Positive = 0.2
     """Threshold of the proximity index at the start, and after an escape: a mean index far from the source."""
     delta: Annotated[float, Field(gt=0, lt=1)] = 0.2
@@ -67,7 +72,7 @@ class Spiral(Listening):
     """Only the largest peak of so long a time counts [s]."""
     peak_height: Literal["absolute", "above_mean"] = "absolute"
     """What of a peak counts: its concentration, or what of it is above the mean."""
-    arms: Annotated[tuple[Length, ...], Field(min_length=1, max_length=100)] = (
+    arms: Annotated[tuple[Length, ...], Field(min_length=1, max_length=100), COMPILED] = (
         0.35,
         0.35,
         0.7,
@@ -108,7 +113,7 @@ class Infotaxis(Listening):
     """Mean reading of an acquisition that counts as a detection."""
     step: Length = 0.25
     """Driven after each acquisition, unless it stays [m]."""
-    cell: Length = 0.1
+    cell: Annotated[Length, COMPILED] = 0.1
     """Edge of the cells of its map of beliefs [m]."""
     rate: Frequency = 1.0
     """Of the model that it believes in: detections per second close to the source."""

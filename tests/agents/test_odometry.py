@@ -10,6 +10,8 @@ import pytest
 import taichi as ti
 from arena import Run, Script
 
+from taichi_plume.agents.members import Members
+from taichi_plume.agents.parameters import Parameters
 from taichi_plume.agents.potential import Potential
 from taichi_plume.agents.radio import Radio
 from taichi_plume.agents.sensors import Sensors
@@ -261,7 +263,10 @@ class Courier:
         self.swarm.believed_heading.fill(0.3 + off)
         self.swarm.believed_position.from_numpy(believed.astype(np.float32))
         self.goal = [float(v) for v in goal]
-        self.potential = Potential(self.swarm, self.swarm.groups[0], None, 0.3)
+        members = Members(self.swarm, [0])
+        parameters = Parameters(members, lambda group: Potential.numbers(self.swarm, group, None, 0.3))
+        parameters.begin()
+        self.potential = Potential(members, parameters)
 
     @ti.kernel
     def drive(self, x: float, y: float):
@@ -282,7 +287,10 @@ def test_walls_and_mates_are_where_they_truly_are():
 @ti.data_oriented
 class Speaker:
     def __init__(self, swarm):
-        self.radio = Radio(swarm, swarm.groups[0])
+        members = Members(swarm, [0])
+        parameters = Parameters(members, Radio.numbers, radio="radio")
+        parameters.begin()
+        self.radio = Radio(members, parameters)
 
     @ti.kernel
     def say(self):

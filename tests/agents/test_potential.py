@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 import taichi as ti
 
+from taichi_plume.agents.members import Members
+from taichi_plume.agents.parameters import Parameters
 from taichi_plume.agents.potential import NEAR, Potential
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.clearance import ClearanceMap
@@ -41,7 +43,11 @@ class Couriers:
         self.swarm = Swarm(
             (group,), np.tile(starts, (trials, 1)), np.full(n, headings), arena, np.empty((0, 2)), 1
         )
-        self.potential = Potential(self.swarm, self.swarm.groups[0], None, AVOIDANCE)
+        members = Members(self.swarm, [0])
+        parameters = Parameters(members, lambda group: Potential.numbers(self.swarm, group, None, AVOIDANCE))
+        parameters.begin()
+        self.potential = Potential(members, parameters)
+        self.potential.mark.fill(np.inf)
         self.goals = ti.Vector.field(2, ti.f32, n)
         self.goals.from_numpy(np.tile(np.asarray(goals, np.float32), (trials, 1)))
 
@@ -53,7 +59,7 @@ class Couriers:
     @ti.kernel
     def clear(self):
         for n in self.goals:
-            self.goals[n] = self.potential.clear(self.goals[n])
+            self.goals[n] = self.potential.clear(n, self.goals[n])
 
     def go(self, seconds):
         """Positions (ticks, robots, 2)."""

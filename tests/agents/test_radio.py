@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 import taichi as ti
 
+from taichi_plume.agents.members import Members
+from taichi_plume.agents.parameters import Parameters
 from taichi_plume.agents.radio import NEVER, Radio
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.clearance import ClearanceMap
@@ -35,7 +37,16 @@ class Talk:
         arena = ClearanceMap([], (count + 1.0, 2.0, 1.0), 0.1)
         where = np.tile(places, (trials, 1))
         self.swarm = Swarm((group,), where, np.zeros(len(where)), arena, np.empty((0, 2)), 5)
-        self.radio = Radio(self.swarm, self.swarm.groups[0])
+        members = Members(self.swarm, [0])
+        parameters = Parameters(members, Radio.numbers, radio="radio")
+        parameters.begin()
+        self.radio = Radio(members, parameters)
+        self.forget()
+
+    @ti.kernel
+    def forget(self):
+        for n in range(self.radio.size):
+            self.radio.forget(n)
 
     @ti.kernel
     def say(self, n: int, more: float):
