@@ -25,6 +25,7 @@ from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.shapes import Shape
 
 HEADER = ("env_min", "env_max", "num_cells", "cell_size")
+LARGEST = 1e9  # number of a header
 NEIGHBOURS = 12  # cubes with the nearest centres, among which is the nearest cube
 
 
@@ -57,7 +58,7 @@ def read(path: Path) -> Occupancy:
             known[name] = np.array([float(number) for number in numbers])
         except ValueError:
             known[name] = np.empty(0)
-        if len(known[name]) != (1 if name == "cell_size" else 3) or not np.isfinite(known[name]).all():
+        if len(known[name]) != (1 if name == "cell_size" else 3) or not (np.abs(known[name]) < LARGEST).all():
             raise file.wrong(n, f"wrong numbers after {name}")
     if len(known) < len(HEADER):
         raise file.wrong(len(lines), "its header is not whole")

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from taichi_plume.files.tables import Table, TextFile, cells_of, delimiter_of
+from taichi_plume.files.tables import Table, TextFile, cells_of, delimiter_of, listed
 
 NAMES = {
     "t": ("t",),
@@ -117,7 +117,7 @@ def _picked(path: Path, names: list[str]) -> dict[str, str]:
     picked = {key: name for key, of in NAMES.items() for name in reversed(of) if name in names}
     missing = [key for key in NEEDED if key not in picked]
     if missing:
-        raise ReadingsError(f"{path}: has no column {', '.join(missing)}; it has {', '.join(names)}")
+        raise ReadingsError(f"{path}: has no column {', '.join(missing)}; it has {listed(names)}")
     return picked
 
 
@@ -128,8 +128,8 @@ def _of_group(path: Path, known: dict[str, np.ndarray], group: str | None) -> np
     if "group" not in known:
         raise ReadingsError(f"{path}: has no column group, so there is no group '{group}'")
     if group not in known["group"]:
-        there = ", ".join(sorted({str(one) for one in known["group"]}))
-        raise ReadingsError(f"{path}: has no group '{group}'; it has {there}")
+        there = sorted({str(one) for one in known["group"]})
+        raise ReadingsError(f"{path}: has no group '{group}'; it has {listed(there)}")
     return known["group"] == group
 
 

@@ -2,6 +2,7 @@
 
 import csv
 import re
+import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,7 @@ from numpy.typing import ArrayLike
 
 LARGEST_FILE = 1 << 29  # bytes
 LONGEST_HEADER = 1 << 16  # characters
+LONGEST_LIST = 400  # of names that are shown
 LONGEST_TEXT = 40  # characters shown of what is wrong
 
 
@@ -154,6 +156,13 @@ def is_number(text: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names of columns as they are shown in a message."""
+    return textwrap.shorten(
+        ", ".join(name[:LONGEST_TEXT] for name in names), LONGEST_LIST, placeholder=" ..."
+    )
 
 
 def shown(text: str) -> str:

@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from taichi_plume.files.tables import Table, TextFile, cells_of, delimiter_of, is_number
+from taichi_plume.files.tables import LONGEST_TEXT, Table, TextFile, cells_of, delimiter_of, is_number, listed
 
 PLACES = ("points:{n}", "points_{n}", "points_{a}", "{a}", "c{a}", "c:{n}", "c_{n}", "{a}-coordinate")
 SPEEDS = ("u:{n}", "u_{n}", "u{a}", "u_{a}", "{u}", "velocity:{n}", "velocity_{n}", "velocity_{a}",
@@ -105,7 +105,7 @@ def read(path: Path) -> Points:
     if missing:
         raise file.wrong(
             first,
-            f"names no column for {', '.join(missing)}, only {', '.join(names)}; call them x, y, z, u, v, w or "
+            f"names no column for {', '.join(missing)}, only {listed(names)}; call them x, y, z, u, v, w or "
             '"Points:0", "U:0" and so on',
         )
     taken = [column for column in [*columns, _column(names, EDDIES, 0)] if column is not None]
@@ -146,7 +146,7 @@ def _header(lines: list[str], first: int) -> tuple[list[str] | None, int, str | 
 
 def _plain(name: str) -> str:
     """A column's name without quotes and unit."""
-    return re.sub(r"\s*[\[(][^\])]*[a-z][^\])]*[\])]$", "", name.strip("' ").lower())
+    return re.sub(r"\s*[\[(][^\])]*[a-z][^\])]*[\])]$", "", name.strip("' ").lower()[:LONGEST_TEXT])
 
 
 def _column(names: list[str], forms: tuple[str, ...], n: int) -> int | None:
