@@ -1,8 +1,8 @@
 """Gas maps of recorded readings: ``python -m taichi_plume.maps READINGS --kind time_series --size 4 3 --out DIR``.
 
-READINGS is the robots.parquet of a run or a CSV file (see `readings`). Parameters of the map have their names in a
-scenario: ``--cell 0.25 --alpha 0.9``; ``--kind gmrf --help`` lists those of a kind. The readings go through the very
-maps that robots make online. In DIR:
+READINGS is the robots.parquet of a run or a CSV file (see `readings`). The map is told as in a scenario, such as
+``--map '{kind: time_series, alpha: 0.9, cell: 10 cm}'``; ``--kind gmrf --help`` lists the parameters of a kind. The
+readings go through the very maps that robots make online. In DIR:
 
     map.csv      x, y [m] of each cell's middle, ppm, weight and, where the map tells it, variance_ppm2
     map.png      the same, seen from above
