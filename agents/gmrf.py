@@ -48,7 +48,7 @@ class MarkovMap:
         trials: int,
         obstacle_distance: Callable[[np.ndarray], np.ndarray],
     ):
-        self.model, self.cell = model, model.cell
+        self.model, self.cell, self.window = model, model.cell, model.window
         self.noise = 1.0 / model.lambda_observation  # ppm², of a reading
         self.extent = ti.math.vec2(extent)
         self.shape = shape(extent, model.cell)

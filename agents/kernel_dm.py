@@ -50,6 +50,7 @@ class KernelMap:
     """Mean and variance of the gas in each cell."""
 
     noise = 0.0
+    window: float | None = None
 
     def __init__(self, model: models.KernelMap, extent: tuple[float, float], trials: int):
         self.model, self.cell, self.exact = model, model.cell, model.exact
