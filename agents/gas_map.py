@@ -56,7 +56,8 @@ class Floor:
 class GasMap:
     """A map of all trials, a `Mapper`; see there.
 
-    cell: edge of its cells [m]; shape: of the map, cells along x and y.
+    cell: edge of its cells [m]; shape: of the map, cells along x and y; window: time over which it gathers readings [s],
+    None where each counts at once.
     """
 
     STATE: ClassVar[tuple[str, ...]] = ("errors",)
@@ -66,6 +67,7 @@ class GasMap:
         self.extent = ti.math.vec2(floor.extent)
         self.shape = shape(floor.extent, cell)
         self.errors: list[tuple[float, np.ndarray]] = []
+        self.window: float | None = None
 
     @classmethod
     def reserve(cls, model: Any, floor: Floor, shared: dict) -> None:
@@ -81,6 +83,7 @@ class GasMap:
     def begin(self, model: Any) -> None:
         """Begin a run with the numbers of the model, of the structure that the map was made for (see `state`)."""
         self.errors = []
+        self.window = model.windowed
 
     def update(self, swarm: Readers, t: float, dt: float) -> None:
         """Take in the readings at time t [s], the end of a tick of dt [s]."""

@@ -72,6 +72,7 @@ class KernelMap(GasMap):
 
     STATE = ("errors", "time", "weights", "weighted", "old", "totals", "kept", "end")
     noise = 0.0
+    window: float | None = None
 
     def __init__(self, model: models.KernelMap, floor: Floor):
         super().__init__(model.cell, floor)

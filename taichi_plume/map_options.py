@@ -1,21 +1,25 @@
-"""The command line of `maps`: its options, and those that the model of a map has."""
+"""The command line of `maps`: its options, and what it tells of the kinds of maps."""
 
 import argparse
 import difflib
-from collections.abc import Iterable, Sequence
+import json
+import sys
+import textwrap
+from collections.abc import Sequence
 from math import isfinite
 from pathlib import Path
 from typing import NoReturn, get_args
 
-from pydantic import ValidationError
 from pydantic_core import PydanticCustomError
 
 from taichi_plume.files.readings import ReadingsError
-from taichi_plume.scenario.loading import explain
+from taichi_plume.scenario.loading import ScenarioError, load_part
 from taichi_plume.scenario.maps import Map
 from taichi_plume.scenario.quantities import parse
 
 LARGEST_FLOOR = 1e4  # m
+DEFAULT = "time_series"
+KINDS = {get_args(one.model_fields["kind"].annotation)[0]: one for one in get_args(get_args(Map)[0])}
 
 
 class _Parser(argparse.ArgumentParser):
@@ -24,19 +28,42 @@ class _Parser(argparse.ArgumentParser):
 
 
 def arguments(argv: Sequence[str]) -> tuple[argparse.Namespace, Map]:
-    """Options and the model of the map, whose parameters are options as well. Raises ReadingsError."""
-    kinds = {get_args(one.model_fields["kind"].annotation)[0]: one for one in get_args(get_args(Map)[0])}
-    first = _Parser(add_help=False, allow_abbrev=False)
-    first.add_argument("--kind", default="time_series")
-    kind = first.parse_known_args(argv)[0].kind
-    if kind not in kinds:
-        raise ReadingsError(
-            f"--kind: unknown kind '{kind}'; {_meant(kind, kinds)}known kinds: {', '.join(kinds)}"
-        )
+    """Options and the model of the map. Raises ReadingsError."""
+    told = _Parser(add_help=False, allow_abbrev=False)
+    told.add_argument("--map", metavar="MAP", action="append", default=[])
+    told.add_argument("--kind", metavar="KIND")
+    told.add_argument("-h", "--help", action="store_true")
+    args, _ = told.parse_known_args(argv)
+    if len(args.map) + (args.kind is not None) > 1:
+        raise ReadingsError("--map and --kind: tell of one map; give one of them, once")
+    where, text = (
+        ("--map", args.map[0]) if args.map else ("--kind", f"{{kind: {json.dumps(args.kind or DEFAULT)}}}")
+    )
+    try:
+        model = load_part(text, where, Map)
+    except ScenarioError as error:
+        raise ReadingsError("; ".join(error.lines)) from None
+    parser = _options(_kinds() if not (args.map or args.kind) else _parameters(model))
+    if args.help:
+        parser.print_help()
+        sys.exit(0)
+    args, unknown = parser.parse_known_args(argv)
+    if unknown:
+        names = [name for action in parser._actions for name in action.option_strings if name[:2] == "--"]
+        close = difflib.get_close_matches(unknown[0].partition("=")[0], names, n=1)
+        meant = f"did you mean '{close[0]}'? " if close else ""
+        raise ReadingsError(f"unexpected '{unknown[0]}'; {meant}options: {', '.join(names)}")
+    return args, model
+
+
+def _options(end: str) -> _Parser:
+    """All of them; end: of the help."""
     parser = _Parser(
         prog="python -m taichi_plume.maps",
         description="Make a gas map of recorded readings.",
-        usage="%(prog)s READINGS --size LX LY --out DIR [--kind KIND] [options]",
+        usage="%(prog)s READINGS --size LX LY --out DIR [--map MAP] [options]",
+        epilog=end,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
     add = parser.add_argument
@@ -46,7 +73,8 @@ def arguments(argv: Sequence[str]) -> tuple[argparse.Namespace, Map]:
         metavar="READINGS",
         help="robots.parquet of a run, or a CSV with t, x, y, reading",
     )
-    add("--kind", help=f"of the map: {', '.join(kinds)} (default: time_series)")
+    add("--map", help="as in a scenario, such as '{kind: time_series, alpha: 0.9, cell: 10 cm}'")
+    add("--kind", help=f"short for --map '{{kind: KIND}}' (default: {DEFAULT})")
     add("--size", type=_side, nargs=2, required=True, metavar=("LX", "LY"), help="of the floor [m]")
     add("--out", type=Path, required=True, metavar="DIR", help="where the map goes")
     add("--force", action="store_true", help="overwrite an earlier map in --out")
@@ -54,36 +82,27 @@ def arguments(argv: Sequence[str]) -> tuple[argparse.Namespace, Map]:
     add("--group", metavar="NAME", help="of several (default: all robots of the trial)")
     add("--source", type=_length, nargs=2, action="append", metavar=("X", "Y"),
         help="a source [m], to score the peak; may be repeated")  # fmt: skip
-    parameters = parser.add_argument_group(f"parameters of a {kind} map")
-    fields = {name: field for name, field in kinds[kind].model_fields.items() if name != "kind"}
-    for name, field in fields.items():
-        text = " ".join((field.description or "").split()).replace("%", "%%")
-        default = "" if field.default is None else f" (default: {field.default})"
-        option = "--" + name.replace("_", "-")
-        if field.annotation is bool:
-            parameters.add_argument(
-                option, dest=f"map_{name}", action=argparse.BooleanOptionalAction, help=text
-            )
-        else:
-            parameters.add_argument(option, dest=f"map_{name}", metavar="VALUE", help=text + default)
-    args, unknown = parser.parse_known_args(argv)
-    if unknown:
-        names = [name for action in parser._actions for name in action.option_strings if name[:2] == "--"]
-        raise ReadingsError(
-            f"unexpected '{unknown[0]}'; {_meant(unknown[0], names)}options: {', '.join(names)}"
-        )
-    given = {name: getattr(args, f"map_{name}") for name in fields}
-    data = {"kind": kind} | {name: value for name, value in given.items() if value is not None}
-    data |= {name: None for name, value in data.items() if value == "null"}
-    try:
-        return args, kinds[kind].model_validate(data)
-    except ValidationError as error:
-        raise ReadingsError("; ".join(explain(error, data))) from None
+    return parser
 
 
-def _meant(got: str, names: Iterable[str]) -> str:
-    close = difflib.get_close_matches(got.partition("=")[0], list(names), n=1)
-    return f"did you mean '{close[0]}'? " if close else ""
+def _kinds() -> str:
+    """The kinds of maps, each with what it is."""
+    lines = [_item(kind, (model.__doc__ or "").strip()) for kind, model in KINDS.items()]
+    return "\n".join(["kinds of maps; --kind KIND --help tells the parameters of one:", *lines])
+
+
+def _parameters(model: Map) -> str:
+    """The parameters of a kind of map, each with its meaning and default."""
+    lines = [f"parameters of a {model.kind} map, --map '{{kind: {model.kind}, NAME: VALUE, ...}}':"]
+    for name, field in type(model).model_fields.items():
+        if name != "kind":
+            default = "" if field.default is None else f" (default: {json.dumps(field.default)})"
+            lines.append(_item(name, " ".join((field.description or "").split()) + default))
+    return "\n".join(lines)
+
+
+def _item(name: str, text: str) -> str:
+    return textwrap.fill(f"{name:<20}  {text}", 100, initial_indent="  ", subsequent_indent=" " * 24)
 
 
 def _length(text: str) -> float:

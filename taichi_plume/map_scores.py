@@ -1,7 +1,7 @@
 """How the gas maps of a run fare over time, by what only the simulation knows.
 
 The truth is the gas in the cells of a map, averaged over the time since the robots started: a map that does not forget
-tends to it. Each time a snap ends (or PERIOD has gone by, where a map has none) every trial of a map gets
+tends to it. Each time a snap ends (or `scores.PERIOD` has gone by, where a map has none) every trial of a map gets
 
     error_ppm        mean of |estimate - truth| over the cells it knows and a robot can measure
     correlation      of both over these cells
@@ -11,14 +11,11 @@ tends to it. Each time a snap ends (or PERIOD has gone by, where a map has none)
                      in. NaN without variance
 """
 
-from typing import Any
-
 import numpy as np
 
 from taichi_plume import scores
 from taichi_plume.simulation import Every, Simulation
 
-PERIOD = 5.0  # s
 LOOKS = 1.0  # s, between looks at the true gas and at the readings
 NAMES = ("error_ppm", "correlation", "peak_distance_m", "nlpd")
 
@@ -27,9 +24,8 @@ class MapSeries:
     """The scores of one map: `time` [s], and in `values` a list of (trials,) by name."""
 
     def __init__(self, sim: Simulation, number: int):
-        self.map: Any = sim.maps[number]  # a Mapper, of which the clock knows less
-        self.cell: float = self.map.cell
-        self.window: float = getattr(self.map, "window", PERIOD)
+        self.map = sim.maps[number]
+        self.cell, self.period = self.map.cell, scores.period(self.map)
         self.shape: tuple[int, int] = np.shape(self.map.estimate())[1:]
         self.sources = np.array([source.position[:2] for _, source in sim.scenario.sources]).reshape(-1, 2)
         groups = sim.swarm.groups if sim.swarm.count else []
@@ -57,8 +53,8 @@ class MapSeries:
             now = sim.swarm.snapshot()
             told = self.prediction.surprise(self.trial, now["believed_position"], now["reading_ppm"])
             self.surprises.append(told)
-        if int((sim.t + 1e-6) / self.window) > self.rows:
-            self.rows = int((sim.t + 1e-6) / self.window)
+        if int((sim.t + 1e-6) / self.period) > self.rows:
+            self.rows = int((sim.t + 1e-6) / self.period)
             self._score(sim.t)
 
     def _score(self, t: float) -> None:

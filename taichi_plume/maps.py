@@ -1,8 +1,8 @@
 """Gas maps of recorded readings: ``python -m taichi_plume.maps READINGS --kind time_series --size 4 3 --out DIR``.
 
-READINGS is the robots.parquet of a run or a CSV file (see `readings`). Parameters of the map have their names in a
-scenario: ``--cell 0.25 --alpha 0.9``; ``--kind gmrf --help`` lists those of a kind. The readings go through the very
-maps that robots make online. In DIR:
+READINGS is the robots.parquet of a run or a CSV file (see `readings`). The map is told as in a scenario, such as
+``--map '{kind: time_series, alpha: 0.9, cell: 10 cm}'``; ``--kind gmrf --help`` lists the parameters of a kind. The
+readings go through the very maps that robots make online. In DIR:
 
     map.csv      x, y [m] of each cell's middle, ppm, weight and, where the map tells it, variance_ppm2
     map.png      the same, seen from above
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from taichi_plume.scenario.maps import Map
 
 FILES = ("map.csv", "map.png", "scores.json")
-PERIOD = 5.0  # s, between scores of maps that have no snaps, as in map_scores
 MOST_WINDOWS = 100_000  # more, at 5 s six days, is a clock that jumped
 FINEST = 6  # decimals of a time [s] that count: a Unix time has no more
 MOST_OBLONG = 4.0  # of a picture
@@ -51,7 +50,7 @@ class GasMap:
         peak                        x_m, y_m and ppm of the largest estimate; to_source_m, if sources are known
         forecast_error_ppm          mean of eq 8 (see agents/snaps), from 30 s after the first reading on; or None
         forecast                    time_s and error_ppm of each snap that was forecast
-        nlpd, nlpd_median           of the readings of each PERIOD, or snap, by the map before it (see map_scores); or
+        nlpd, nlpd_median           of the readings of each snap, or PERIOD, by the map before them (see map_scores); or
                                     None, where the map tells no variance
     """
 
@@ -73,11 +72,12 @@ def map_of(
     from taichi_plume.agents.gas_map import Floor
     from taichi_plume.agents.mapping import mappers
     from taichi_plume.agents.recorded import RecordedTeam
-    from taichi_plume.scores import Prediction, forecast_error, peak_distance
+    from taichi_plume.scores import PERIOD, Prediction, forecast_error, peak_distance, period
+    from taichi_plume.simulation import Uncertain
 
     _check_size(model, size)
     counted = _counted(readings, size)
-    window = float(getattr(model, "window", PERIOD))
+    window = model.windowed or PERIOD
     begin = window * np.floor((readings.t[0] + 0.5 * 10.0**-FINEST) / window)
     t = np.round(readings.t - begin, FINEST)
     _check_clock(readings, t, window)
@@ -85,25 +85,25 @@ def map_of(
     most = int(robots.max())
     team = RecordedTeam(most)
     dt = window / ceil(np.bincount(_number(t, window)).max() / most)  # maps have room for so many readings
-    gas_map: Any = mappers([model], Floor(size, 1, most, dt))[0]
+    gas_map = mappers([model], Floor(size, 1, most, dt))[0]
+    score_period = period(gas_map)
 
     def take_in(first: int, last: int, time: float) -> None:
         rows = slice(first, last)
         team.show(readings.place[rows], readings.wind[rows], readings.reading[rows])
         gas_map.update(team, time, dt)
 
-    period = float(getattr(gas_map, "window", PERIOD))
     prediction, ended, surprises = None, 0, []
-    for time, number, first, count in zip(times, _number(times, period), starts, robots, strict=True):
+    for time, number, first, count in zip(times, _number(times, score_period), starts, robots, strict=True):
         last = first + count
         if number > ended:
             ended = number
-            take_in(0, 0, ended * period)
+            take_in(0, 0, ended * score_period)
             prediction = Prediction.of(gas_map, size)
         if prediction:
             surprises.append(prediction.surprise(0, readings.place[first:last], readings.reading[first:last]))
         take_in(first, last, float(time))
-    if hasattr(model, "window"):
+    if gas_map.window is not None:
         take_in(0, 0, float(_number(times[-1], window) + 1) * window)
     errors = [(time, error) for time, error in gas_map.errors if time <= times[-1] + 10.0**-FINEST]
     estimate, weight = np.asarray(gas_map.estimate()), np.asarray(gas_map.weight())
@@ -127,7 +127,7 @@ def map_of(
         "nlpd": float(nlpd.mean()) if nlpd.size else None,
         "nlpd_median": float(np.median(nlpd)) if nlpd.size else None,
     }
-    variance = np.asarray(gas_map.variance())[0] if hasattr(gas_map, "variance") else None
+    variance = np.asarray(gas_map.variance())[0] if isinstance(gas_map, Uncertain) else None
     return GasMap(gas_map.cell, estimate[0], weight[0], variance, scores)
 
 

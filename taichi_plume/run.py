@@ -236,7 +236,7 @@ def _watch(
 
         sim.observers.append(Filming(sim, out / "fields.zarr", sim.scenario.fields).observer())
     if sim.scenario.plumesim_log is not None:
-        from taichi_plume.files.plume_log import PlumeLogger
+        from taichi_plume.files.plumesim_log import PlumeLogger
 
         log = PlumeLogger(sim, out / "plume.pslog", sim.scenario.plumesim_log)
         closers.append(log.close)

@@ -9,9 +9,10 @@ from scipy import stats
 
 from taichi_plume.grid import fields
 from taichi_plume.grid.grid import block_mean, centers
-from taichi_plume.simulation import Simulation
+from taichi_plume.simulation import Mapper, Simulation, Uncertain
 
 SAMPLES = 4  # per axis of a map cell, at most
+PERIOD = 5.0  # s, between scores of a map that has no snaps
 SETTLED = 30.0  # s: forecasts count from then on, as in Marjovi & Marques
 
 
@@ -96,9 +97,9 @@ class Prediction:
     extent: tuple[float, float]
 
     @classmethod
-    def of(cls, gas_map: Any, extent: tuple[float, float]) -> "Prediction | None":
+    def of(cls, gas_map: Mapper, extent: tuple[float, float]) -> "Prediction | None":
         """That of a map on a floor of this extent [m]; None where the map tells no variance."""
-        if not hasattr(gas_map, "variance"):
+        if not isinstance(gas_map, Uncertain):
             return None
         variance = np.asarray(gas_map.variance(), float) + gas_map.noise
         return cls(np.asarray(gas_map.estimate(), float), variance, gas_map.cell, extent)
@@ -116,6 +117,11 @@ class Prediction:
         v = np.where(counted, variance, 1.0)
         off = np.where(counted, reading - mean, 0.0)
         return np.where(counted, 0.5 * np.log(2 * np.pi * v) + off**2 / (2 * v), np.nan)
+
+
+def period(gas_map: Mapper) -> float:
+    """Time between scores of a map [s]: its snaps, or PERIOD where it has none but tells a variance."""
+    return PERIOD if isinstance(gas_map, Uncertain) or gas_map.window is None else gas_map.window
 
 
 def forecast_error(errors: list[tuple[float, np.ndarray]], trials: int, begin: float = 0.0) -> np.ndarray:

@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import ceil
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -21,6 +21,11 @@ class UnstableError(RuntimeError):
 class Team(Protocol):
     """A group's sensors and search algorithm, working on its robots in the swarm."""
 
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """The states of the algorithm, in the order of their numbers."""
+        ...
+
     def measure(self, gas: Odour, wind: Wind, tick: int, t: float) -> None:
         """Update the readings of the group's robots."""
         ...
@@ -33,13 +38,15 @@ class Team(Protocol):
 class Mapper(Protocol):
     """An online gas map of all trials.
 
-    cell: edge of its cells [m]. errors: (time [s], mean error [ppm] (trials,)) of each forecast that has been judged by
-    the readings after it; none where the method makes none.
+    cell: edge of its cells [m]. window: time over which it gathers readings [s]; None where each counts at once.
+    errors: (time [s], mean error [ppm] (trials,)) of each forecast that has been judged by the readings after it; none
+    where the method makes none.
 
     Where the method tells how sure it is, there is also ``variance()`` (trials, nx, ny) [ppm²], see `Uncertain`.
     """
 
     cell: float
+    window: float | None
     errors: list[tuple[float, np.ndarray]]
 
     def update(self, swarm: Any, t: float, dt: float) -> None:
@@ -55,6 +62,7 @@ class Mapper(Protocol):
         ...
 
 
+@runtime_checkable
 class Uncertain(Mapper, Protocol):
     """A map that tells how sure it is.
 

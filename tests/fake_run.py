@@ -134,7 +134,7 @@ class FakeMap:
     """Half the truth wherever the first robot has been near."""
 
     def __init__(self, kind: str, cell: float, sim: Simulation):
-        self.kind, self.cell, self.sim = kind, cell, sim
+        self.kind, self.cell, self.sim, self.window = kind, cell, sim, None
         lx, ly = sim.grid.extent[:2]
         self.shape = (round(lx / cell), round(ly / cell))
         self.trials = sim.scenario.robots[0].trials

@@ -134,7 +134,7 @@ def test_without_robots_maps_are_scored_all_the_same():
     sim = fake_run.simulation(fake_run.scenario(2, duration=6, robots=[], maps=[]))
     sim.maps.append(
         SimpleNamespace(  # type: ignore[arg-type]
-            cell=0.25, errors=[], update=lambda *_: None, estimate=lambda: np.zeros((1, 16, 12))
+            cell=0.25, window=None, errors=[], update=lambda *_: None, estimate=lambda: np.zeros((1, 16, 12))
         )
     )
     judge = MapScores(sim)

@@ -17,8 +17,8 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from taichi_plume.assemble import assemble
-from taichi_plume.files.plume_log import PlumeLogger
-from taichi_plume.files.point_frames import PointFrames, read_log
+from taichi_plume.files.plumesim_log import PlumeLogger, read_log
+from taichi_plume.files.point_frames import PointFrames
 from taichi_plume.validation.experiment import Condition, Experiment, Range, Told
 from taichi_plume.validation.searches import WAY, scenario_of, searches, spread
 

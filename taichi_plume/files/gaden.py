@@ -17,13 +17,15 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import cKDTree  # type: ignore[attr-defined]
 
-from taichi_plume.files.wind_points import WindFileError, text_of
+from taichi_plume.files.tables import TextFile, shown
+from taichi_plume.files.wind_points import WindFileError
 from taichi_plume.grid.clearance import FAR
 from taichi_plume.grid.cut_cells import SLIVER, TIE
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.shapes import Shape
 
 HEADER = ("env_min", "env_max", "num_cells", "cell_size")
+LARGEST = 1e9  # number of a header
 NEIGHBOURS = 12  # cubes with the nearest centres, among which is the nearest cube
 
 
@@ -44,21 +46,22 @@ class Occupancy:
 
 def read(path: Path) -> Occupancy:
     """The grid of a file. Raises WindFileError."""
-    lines = text_of(path)
+    file = TextFile(path, WindFileError)
+    lines = file.lines
     known: dict[str, np.ndarray] = {}
     for n, line in enumerate(lines[: len(HEADER)], 1):
         name, *numbers = line.lstrip("# ").split() or [""]
         name = name.partition("(")[0]
         if not line.startswith("#") or name not in HEADER:
-            raise WindFileError(f"{path}: line {n}: must be one of #{', #'.join(HEADER)}, got '{line[:40]}'")
+            raise file.wrong(n, f"must be one of #{', #'.join(HEADER)}, got {shown(line)}")
         try:
             known[name] = np.array([float(number) for number in numbers])
         except ValueError:
             known[name] = np.empty(0)
-        if len(known[name]) != (1 if name == "cell_size" else 3) or not np.isfinite(known[name]).all():
-            raise WindFileError(f"{path}: line {n}: wrong numbers after {name}")
+        if len(known[name]) != (1 if name == "cell_size" else 3) or not (np.abs(known[name]) < LARGEST).all():
+            raise file.wrong(n, f"wrong numbers after {name}")
     if len(known) < len(HEADER):
-        raise WindFileError(f"{path}: line {len(lines)}: its header is not whole")
+        raise file.wrong(len(lines), "its header is not whole")
     shape = known["num_cells"].astype(int)
     size, low = float(known["cell_size"][0]), known["env_min"]
     if (shape < 1).any() or size <= 0.0:
@@ -67,24 +70,24 @@ def read(path: Path) -> Occupancy:
         raise WindFileError(
             f"{path}: {_times(shape)} cells of {size:g} m do not reach from env_min to env_max"
         )
-    return Occupancy(path, low, size, _cells(path, lines, tuple(shape)))
+    return Occupancy(path, low, size, _cells(file, tuple(shape)))
 
 
-def _cells(path: Path, lines: list[str], shape: tuple[int, ...]) -> np.ndarray:
+def _cells(file: TextFile, shape: tuple[int, ...]) -> np.ndarray:
     rows, ends = [], []
-    for n, line in enumerate(lines[len(HEADER) :], len(HEADER) + 1):
+    for n, line in enumerate(file.lines[len(HEADER) :], len(HEADER) + 1):
         line = line.strip()
         if line == ";":
             ends.append(len(rows))
         elif line:
             values = line.split()
             if len(values) != shape[1] or not set(values) <= {"0", "1", "2"}:
-                raise WindFileError(f"{path}: line {n}: must be {shape[1]} numbers of 0, 1 and 2")
+                raise file.wrong(n, f"must be {shape[1]} numbers of 0, 1 and 2")
             rows.append(np.array(values, np.int8))
     wanted = [shape[0] * (layer + 1) for layer in range(shape[2])]
     if len(rows) != wanted[-1] or ends not in (wanted, wanted[:-1]):
         raise WindFileError(
-            f"{path}: has {len(rows)} rows and {len(ends)} semicolons, not {shape[0]} rows in each of {shape[2]} "
+            f"{file.path}: has {len(rows)} rows and {len(ends)} semicolons, not {shape[0]} rows in each of {shape[2]} "
             f"layers as its num_cells {_times(shape)} say; is the file whole?"
         )
     return np.array(rows).reshape(shape[2], shape[0], shape[1]).transpose(1, 2, 0)

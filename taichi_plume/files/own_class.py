@@ -4,6 +4,16 @@ import importlib.util
 import sys
 import traceback
 from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+
+@runtime_checkable
+class Acts(Protocol):
+    """What a class of the user's has to have."""
+
+    def act(self, robots: Any) -> None:
+        """Turn readings into commands."""
+        ...
 
 
 class OwnAlgorithmError(RuntimeError):
@@ -28,7 +38,7 @@ def own_class(path: Path, name: str | None) -> type:
     own = {
         key: value
         for key, value in vars(module).items()
-        if isinstance(value, type) and value.__module__ == module.__name__ and hasattr(value, "act")
+        if isinstance(value, type) and value.__module__ == module.__name__ and issubclass(value, Acts)
     }
     if name is not None and name in own:
         return own[name]

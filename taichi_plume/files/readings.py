@@ -5,13 +5,12 @@ numbers) and group (names); others do not matter. Commas, semicolons or tabs par
 those where its robots believed to be, and the wind is the one that they took it for: what its maps were made of.
 """
 
-import csv
-import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+
+from taichi_plume.files.tables import Table, TextFile, cells_of, delimiter_of, listed
 
 NAMES = {
     "t": ("t",),
@@ -25,8 +24,6 @@ NAMES = {
 }
 """Of which the first that a file has is taken."""
 NEEDED = ("t", "x", "y", "reading")
-DELIMITERS = ",;\t"
-LONGEST_HEADER = 1 << 16  # bytes
 
 
 class ReadingsError(ValueError):
@@ -53,128 +50,101 @@ def read(path: str | Path, trial: int | None = None, group: str | None = None) -
     Raises ReadingsError.
     """
     path = Path(path)
-    table, names = _table(path)
-    columns = {key: next((name for name in of if name in names), None) for key, of in NAMES.items()}
-    missing = [key for key in NEEDED if columns[key] is None]
-    if missing:
-        raise ReadingsError(f"{path}: has no column {', '.join(missing)}; it has {', '.join(names)}")
-    chosen = _chosen(path, table, columns, trial, group)
-    if columns["x"] == "believed_x":
-        chosen &= _numbers(path, table, "t") > 0.0  # when a run begins nothing has been measured yet
+    names, known = _parquet(path) if path.suffix.lower() == ".parquet" else _csv(path)
+    chosen = _of_trial(path, known.get("trial"), trial, _of_group(path, known, group))
+    if names["x"] == "believed_x":
+        chosen &= known["t"] > 0.0  # when a run begins nothing has been measured yet
     row = np.flatnonzero(chosen)
     if not len(row):
         raise ReadingsError(f"{path}: has no readings")
-    values = {}
-    for key in ("t", "x", "y", "reading", "wind_x", "wind_y"):
-        name = columns[key]
-        values[key] = np.zeros(len(row)) if name is None else _numbers(path, table, name)[row]
-        if key in ("t", "x", "y") and not np.isfinite(values[key]).all():
-            first = row[~np.isfinite(values[key])][0]
-            raise ReadingsError(f"{path}: {name} of row {first + 1} is not a number")
-    order = np.argsort(values["t"], kind="stable")
+    for key in ("t", "x", "y"):
+        unknown = row[~np.isfinite(known[key][row])]
+        if len(unknown):
+            raise ReadingsError(f"{path}: {names[key]} of row {unknown[0] + 1} is not a number")
+    row = row[np.argsort(known["t"][row], kind="stable")]
+    still = np.zeros(len(chosen))
+    wind = np.column_stack([known.get("wind_x", still), known.get("wind_y", still)])[row]
     return Readings(
-        values["t"][order],
-        np.column_stack([values["x"], values["y"]])[order],
-        np.where(np.isfinite(values["reading"]), values["reading"], np.nan)[order],
-        np.nan_to_num(np.column_stack([values["wind_x"], values["wind_y"]])[order], posinf=0.0, neginf=0.0),
-        row[order] + 1,
+        known["t"][row],
+        np.column_stack([known["x"], known["y"]])[row],
+        np.where(np.isfinite(known["reading"]), known["reading"], np.nan)[row],
+        np.nan_to_num(wind, posinf=0.0, neginf=0.0),
+        row + 1,
     )
 
 
-def _table(path: Path) -> tuple[Any, list[str]]:
-    """The Arrow table of a file, with those columns alone that may be needed, and the names of all it has."""
+def _csv(path: Path) -> tuple[dict[str, str], dict[str, np.ndarray]]:
+    """The columns of a CSV, whose first line names them: their names and values by the keys of NAMES."""
+    file = TextFile(path, ReadingsError)
+    delimiter = delimiter_of(file.lines[0])
+    all_names = cells_of(file.lines[0], delimiter)
+    names = _picked(path, all_names)
+    table = Table(file, file.told(1), len(all_names), delimiter, gaps=True)
+    told = [key for key in names if key != "group"]
+    numbers = table.numbers(*(all_names.index(names[key]) for key in told))
+    known = dict(zip(told, numbers.T, strict=True))
+    if "group" in names:
+        known["group"] = table.texts(all_names.index(names["group"]))
+    return names, known
+
+
+def _parquet(path: Path) -> tuple[dict[str, str], dict[str, np.ndarray]]:
+    """The columns of a Parquet file, as those of a CSV."""
     import pyarrow as pa
-    import pyarrow.csv
     import pyarrow.parquet as pq
 
-    known = {name for names in NAMES.values() for name in names}
     try:
-        if path.suffix.lower() == ".parquet":
-            with pq.ParquetFile(path) as file:
-                names = list(file.schema_arrow.names)
-                _refuse_twins(path, names)
-                return file.read(columns=[name for name in names if name in known]), names
-        with pa.input_stream(str(path)) as stream:
-            delimiter, names = _header(path, stream.read(LONGEST_HEADER))
-        table = pa.csv.read_csv(
-            path,
-            pa.csv.ReadOptions(column_names=names, skip_rows=1),
-            pa.csv.ParseOptions(delimiter=delimiter),
-            pa.csv.ConvertOptions(
-                include_columns=[name for name in names if name in known],
-                column_types={"group": pa.string()},
-            ),
-        )
-        return table, names
+        with pq.ParquetFile(path) as file:
+            names = _picked(path, file.schema_arrow.names)
+            table = file.read(columns=list(names.values()))
     except (pa.ArrowException, OSError) as error:
-        number = getattr(error, "errno", None)
-        reason = os.strerror(number) if number else (str(error).splitlines() or ["not in this format"])[0]
-        raise ReadingsError(f"{path}: cannot be read: {reason}") from None
+        raise ReadingsError(f"{path}: cannot be read: {str(error).partition(chr(10))[0]}") from None
+    known = {}
+    for key, name in names.items():
+        kind = table[name].type
+        try:
+            known[key] = table[name].cast("string" if key == "group" else "float64", safe=False).to_numpy()
+        except pa.ArrowException:
+            raise ReadingsError(f"{path}: {name} must be numbers, not {kind}") from None
+    return names, known
 
 
-def _header(path: Path, begin: bytes) -> tuple[str, list[str]]:
-    """The delimiter and the names in the first line of a CSV that begins so."""
-    try:
-        line = begin.partition(b"\n")[0].decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise ReadingsError(f"{path}: line 1 is not UTF-8 text") from None
-    if not line.strip():
-        raise ReadingsError(f"{path}: line 1 is empty; it must name the columns {', '.join(NEEDED)}")
-    delimiter = max(DELIMITERS, key=line.count)
-    names = [name.strip() for name in next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))]
-    _refuse_twins(path, names)
-    return delimiter, names
-
-
-def _refuse_twins(path: Path, names: list[str]) -> None:
+def _picked(path: Path, names: list[str]) -> dict[str, str]:
+    """Which of a file's columns are taken, by the keys of NAMES."""
     for name in sum(NAMES.values(), ()):
         if names.count(name) > 1:
             raise ReadingsError(f"{path}: has several columns '{name}'; remove or rename all but one")
+    picked = {key: name for key, of in NAMES.items() for name in reversed(of) if name in names}
+    missing = [key for key in NEEDED if key not in picked]
+    if missing:
+        raise ReadingsError(f"{path}: has no column {', '.join(missing)}; it has {listed(names)}")
+    return picked
 
 
-def _chosen(
-    path: Path, table: Any, columns: dict[str, str | None], trial: int | None, group: str | None
-) -> np.ndarray:
-    """Whether each row belongs to the trial, by default the first, and to the group, by default any."""
-    chosen = np.ones(table.num_rows, bool)
-    if columns["group"] is None and group is not None:
+def _of_group(path: Path, known: dict[str, np.ndarray], group: str | None) -> np.ndarray:
+    """Whether each row belongs to the group, by default any."""
+    if group is None:
+        return np.ones(len(known["t"]), bool)
+    if "group" not in known:
         raise ReadingsError(f"{path}: has no column group, so there is no group '{group}'")
-    if group is not None:
-        groups = np.array(table["group"].cast("string").to_pylist(), object)
-        chosen = groups == group
-        if not chosen.any():
-            known = ", ".join(sorted({str(name) for name in groups}))
-            raise ReadingsError(f"{path}: has no group '{group}'; it has {known}")
-    if columns["trial"] is None:
+    if group not in known["group"]:
+        there = sorted({str(one) for one in known["group"]})
+        raise ReadingsError(f"{path}: has no group '{group}'; it has {listed(there)}")
+    return known["group"] == group
+
+
+def _of_trial(path: Path, trials: np.ndarray | None, trial: int | None, chosen: np.ndarray) -> np.ndarray:
+    """Which of the chosen rows belong to the trial, by default the first. trials: (rows,), if the file tells."""
+    if trials is None:
         if trial is not None:
             raise ReadingsError(f"{path}: has no column trial, so there is no trial {trial}")
         return chosen
-    trials = _numbers(path, table, "trial")
-    known = trials[chosen & np.isfinite(trials)]
-    if not len(known):
+    there = trials[chosen & np.isfinite(trials)]
+    if not len(there):
         return chosen & False
-    wanted = known.min() if trial is None else trial
-    if not (known == wanted).any():
+    wanted = there.min() if trial is None else trial
+    if wanted not in there:
         raise ReadingsError(
-            f"{path}: has no trial {wanted:g}; the first is {known.min():g}, the last {known.max():g}"
+            f"{path}: has no trial {wanted:g}; the first is {there.min():g}, the last {there.max():g}"
         )
     return chosen & (trials == wanted)
-
-
-def _numbers(path: Path, table: Any, name: str) -> np.ndarray:
-    """A column as floats (n,); NaN where there is nothing."""
-    import pyarrow as pa
-    import pyarrow.types
-
-    kind = table[name].type
-    if pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_null(kind):
-        return table[name].cast("float64", safe=False).to_numpy()
-    values = np.full(table.num_rows, np.nan)
-    for row, value in enumerate(table[name].to_pylist()):
-        try:
-            if isinstance(value, bool):
-                raise TypeError
-            values[row] = np.nan if value in (None, "") else float(value)
-        except (TypeError, ValueError):
-            raise ReadingsError(f"{path}: {name} of row {row + 1} must be a number, got {value!r}") from None
-    return values

@@ -98,7 +98,7 @@ def _groups(sim: Simulation) -> list[dict[str, Any]]:
 
 
 def _map(sim: Simulation, n: int) -> dict[str, Any]:
-    gas_map: Any = sim.maps[n]
+    gas_map = sim.maps[n]
     estimate = np.asarray(gas_map.estimate())
     truth = scores.true_gas(sim, gas_map.cell, estimate.shape[1:])
     measurable = scores.measurable(sim, gas_map.cell, estimate.shape[1:])

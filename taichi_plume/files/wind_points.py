@@ -15,11 +15,12 @@ import re
 from dataclasses import dataclass
 from glob import escape, glob
 from itertools import pairwise
-from math import hypot, isfinite
 from os.path import join
 from pathlib import Path
 
 import numpy as np
+
+from taichi_plume.files.tables import LONGEST_TEXT, Table, TextFile, cells_of, delimiter_of, is_number, listed
 
 PLACES = ("points:{n}", "points_{n}", "points_{a}", "{a}", "c{a}", "c:{n}", "c_{n}", "{a}-coordinate")
 SPEEDS = ("u:{n}", "u_{n}", "u{a}", "u_{a}", "{u}", "velocity:{n}", "velocity_{n}", "velocity_{a}",
@@ -84,61 +85,46 @@ def find(folder: Path, pattern: str, interval: float) -> list[tuple[float, Path]
     return [(n * interval, found[key]) for n, key in enumerate(numbers)]
 
 
-def text_of(path: Path) -> list[str]:
-    """The lines of a text file. Raises WindFileError."""
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError:
-        raise WindFileError(f"{path}: is no text file") from None
-    except OSError as error:
-        raise WindFileError(f"{path}: cannot be read: {error.strerror or error}") from None
-    if not text.strip():
-        raise WindFileError(f"{path}: is empty")
-    return text.splitlines()
-
-
 def read(path: Path) -> Points:
     """The points of one file. Raises WindFileError."""
-    lines = text_of(path)
-    first = next((n for n, line in enumerate(lines) if line.strip() and not line.startswith("#")), len(lines))
-    names, first, delimiter = _header(lines, first)
+    file = TextFile(path, WindFileError)
+    lines = file.lines
+    told = file.told(0) or [len(lines)]
+    names, first, delimiter = _header(lines, told[0])
     if names is None:
         if first == len(lines) or delimiter or len(lines[first].split()) != 6:
-            raise WindFileError(f"{path}: line {first + 1}: is no header that names the columns, such as "
-                                "x,y,z,u,v,w")  # fmt: skip
+            raise file.wrong(first + 1, "is no header that names the columns, such as x,y,z,u,v,w")
         names = ["x", "y", "z", "u", "v", "w"]
     columns = [_column(names, forms, n) for forms in (PLACES, SPEEDS) for n in range(3)]
     flat = columns[2] is None and columns[5] is None
     missing = [
         what
-        for what, column in zip(["x", "y", "z", "u", "v", "w"], columns, strict=True)
+        for what, column in zip("xyzuvw", columns, strict=True)
         if column is None and not (flat and what in "zw")
     ]
     if missing:
-        raise WindFileError(
-            f"{path}: line {first}: names no column for {', '.join(missing)}, only {', '.join(names)}; call "
-            'them x, y, z, u, v, w or "Points:0", "U:0" and so on'
+        raise file.wrong(
+            first,
+            f"names no column for {', '.join(missing)}, only {listed(names)}; call them x, y, z, u, v, w or "
+            '"Points:0", "U:0" and so on',
         )
     taken = [column for column in [*columns, _column(names, EDDIES, 0)] if column is not None]
-    rows = lines[first:]
-    if not any(map(str.strip, rows)):
+    rows = file.told(first)
+    if not rows:
         raise WindFileError(f"{path}: has no points")
-    try:
-        values = np.loadtxt(rows, delimiter=delimiter, usecols=taken, ndmin=2, quotechar='"')
-    except ValueError:
-        values = np.full((1, len(taken)), np.nan)
+    width = max(1 + max(taken), len(cells_of(lines[rows[0]], delimiter)))  # some headers end with a comma
+    table = Table(file, rows, width, delimiter)
+    values = table.numbers(*taken)
     dim = 2 if flat else 3
-    speed = np.abs(values[:, dim : 2 * dim]).max(initial=0.0)
-    if not np.isfinite(values).all() or not speed < FASTEST:
-        raise WindFileError(f"{path}: {_fault(rows, first, delimiter, taken, dim)}")
+    table.refuse(~np.isfinite(values).all(axis=1), lambda _: "not all of its values are finite")
+    speed = np.abs(values[:, dim : 2 * dim]).max(axis=1)
+    table.refuse(
+        speed >= FASTEST, lambda row: f"{speed[row]:.3g} m/s is no speed of air; leave such points out"
+    )
     if len(values) < 2**dim:
         raise WindFileError(f"{path}: has {len(values)} points, too few")
-    return Points(
-        path,
-        values[:, :dim],
-        values[:, dim : 2 * dim],
-        np.maximum(values[:, 2 * dim], 0.0) if len(taken) > 2 * dim else None,
-    )
+    eddies = np.maximum(values[:, 2 * dim], 0.0) if len(taken) > 2 * dim else None
+    return Points(path, values[:, :dim], values[:, dim : 2 * dim], eddies)
 
 
 def _header(lines: list[str], first: int) -> tuple[list[str] | None, int, str | None]:
@@ -147,12 +133,12 @@ def _header(lines: list[str], first: int) -> tuple[list[str] | None, int, str | 
     first: index of the first line that is no comment.
     """
     sample = lines[first] if first < len(lines) else ""
-    delimiter = next((mark for mark in ",;\t" if mark in sample), None)
-    words = [_plain(word) for word in sample.split(delimiter)]
-    if not any(_is_number(word) for word in words):
+    delimiter = delimiter_of(sample)
+    words = [_plain(word) for word in cells_of(sample, delimiter)]
+    if not any(is_number(word) for word in words):
         return words, first + 1, delimiter
     for line in reversed(lines[:first]):
-        words = [_plain(word) for word in line.lstrip("# ").split(None if delimiter == "\t" else delimiter)]
+        words = [_plain(word) for word in cells_of(line.lstrip("# "), delimiter_of(line))]
         if _column(words, PLACES, 0) is not None:
             return words, first, delimiter
     return None, first, delimiter
@@ -160,16 +146,7 @@ def _header(lines: list[str], first: int) -> tuple[list[str] | None, int, str | 
 
 def _plain(name: str) -> str:
     """A column's name without quotes and unit."""
-    name = name.strip().strip("\"'").strip().lower()
-    return re.sub(r"\s*[\[(][^\])]*[a-z][^\])]*[\])]$", "", name)
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
+    return re.sub(r"\s*[\[(][^\])]*[a-z][^\])]*[\])]$", "", name.strip("' ").lower()[:LONGEST_TEXT])
 
 
 def _column(names: list[str], forms: tuple[str, ...], n: int) -> int | None:
@@ -179,25 +156,3 @@ def _column(names: list[str], forms: tuple[str, ...], n: int) -> int | None:
         if name in names:
             return names.index(name)
     return None
-
-
-def _fault(rows: list[str], first: int, delimiter: str | None, taken: list[int], dim: int) -> str:
-    """What is wrong with the first row that is: its line, and one value of it."""
-    for n, row in enumerate(rows, first + 1):
-        row = row.partition("#")[0].strip()
-        if not row:
-            continue
-        parts = [part.strip().strip('"') for part in row.split(delimiter)]
-        if len(parts) <= max(taken):
-            return f"line {n}: has {len(parts)} columns, not {max(taken) + 1}; is the file whole?"
-        bad = next((parts[c] for c in taken if not _is_number(parts[c])), None)
-        if bad is not None:
-            return f"line {n}: '{bad}' is no number"
-        values = [float(parts[c]) for c in taken]
-        if not all(map(isfinite, values)):
-            return f"line {n}: not all of its values are finite"
-        if hypot(*values[dim : 2 * dim]) >= FASTEST:
-            return (
-                f"line {n}: {hypot(*values[dim : 2 * dim]):.3g} m/s is no speed of air; leave such points out"
-            )
-    return "is damaged"

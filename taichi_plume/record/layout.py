@@ -7,7 +7,7 @@ import rerun.blueprint as rrb
 
 from taichi_plume.record import drawing
 from taichi_plume.record.scene import ESTIMATES, Stage
-from taichi_plume.simulation import Simulation
+from taichi_plume.simulation import Simulation, Uncertain
 
 TIME = "sim_time"
 TRAIL = 30.0  # s
@@ -86,7 +86,7 @@ def blueprint(sim: Simulation, stage: Stage, robots: list[str], ghosts: list[str
         shares.append(0.5)
     if sim.maps:
         kinds = list(zip(MAP_SERIES, MAP_TITLES, strict=True))
-        if not any(hasattr(gas_map, "variance") for gas_map in sim.maps):
+        if not any(isinstance(gas_map, Uncertain) for gas_map in sim.maps):
             kinds.pop()
         scored = [_series(f"/{origin}", title, len(sim.maps) <= MOST_LANES) for origin, title in kinds]
         parts.append(rrb.Tabs(*scored, active_tab=0, name="Scores"))

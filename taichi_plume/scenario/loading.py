@@ -2,12 +2,12 @@
 
 import difflib
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import yaml
-from pydantic import ValidationError
+from pydantic import TypeAdapter, ValidationError
 
 from taichi_plume.scenario.scenario import Scenario
 
@@ -155,6 +155,22 @@ def _check_keys(mapping: yaml.MappingNode) -> None:
         lines[name] = key.start_mark.line + 1
 
 
+def load_part(text: str, where: str, kind: Any) -> Any:
+    """A part of a scenario of this type, told in YAML such as ``{kind: gmrf, cell: 0.1}``; where: its name in messages.
+
+    Raises ScenarioError.
+    """
+    try:
+        data = {where: _parse(text)}
+    except _LineError as fault:
+        raise ScenarioError([f"{where}: {fault}"]) from None
+    validate = TypeAdapter(dict[str, kind]).validate_python
+    try:
+        return validate(data)[where]
+    except ValidationError as error:
+        raise ScenarioError(explain(error, data, validate)) from None
+
+
 # ---------------------------------------------------------------- overrides
 
 
@@ -199,8 +215,10 @@ def _override(data: dict, override: str) -> None:
 # ---------------------------------------------------------------- what pydantic found
 
 
-def explain(error: ValidationError, data: dict) -> list[str]:
-    """What is wrong with `data`, a line per fault."""
+def explain(
+    error: ValidationError, data: dict, validate: Callable[[dict], object] = Scenario.model_validate
+) -> list[str]:
+    """What is wrong with `data`, a line per fault; validate: what told it."""
     faults = error.errors(include_url=False)
     nameless = [
         _walk(fault["loc"], data)
@@ -213,7 +231,7 @@ def explain(error: ValidationError, data: dict) -> list[str]:
         for steps in nameless:
             _at(data, steps)["kind"] = _NO_KIND
         try:
-            Scenario.model_validate(data)
+            validate(data)
         except ValidationError as again:
             faults = again.errors(include_url=False)
     lines = []

@@ -19,6 +19,11 @@ class AnyMap(Model):
     cell: Length
     """Edge of the cells [m]."""
 
+    @property
+    def windowed(self) -> float | None:
+        """Length of the windows by which it takes in readings [s]; None where there are none."""
+        return None
+
     def bytes(self, size: tuple[float, ...]) -> float:
         """About what it needs of memory on a floor of that size [m], and trial: its fields, and what solves it."""
         return 40.0 * prod(extent / self.cell for extent in size[:2])
@@ -45,6 +50,11 @@ class Snaps(AnyMap):
     """Exponent of the inverse distance."""
     min_distance: Annotated[Length, COMPILED] | None = None
     """Distances below it count as it [m]; unless given, half a cell."""
+
+    @property
+    def windowed(self) -> float | None:
+        """Length of its windows [s]."""
+        return self.window
 
 
 class TimeSeriesMap(Snaps):
@@ -124,6 +134,11 @@ class MarkovMap(AnyMap):
     """Age at which a reading counts no more, after steady loss [s]; null: readings count for ever."""
     window: Duration = 1.0
     """Time between updates [s]; readings within it are of the same age."""
+
+    @property
+    def windowed(self) -> float | None:
+        """Length of its windows [s]."""
+        return self.window
 
     def bytes(self, size: tuple[float, ...]) -> float:
         """With a block of its matrix for each column."""

@@ -7,7 +7,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from taichi_plume.files.point_frames import PointFileError, frames_of, read_fluent, read_log
+from taichi_plume.files.fluent import read_fluent
+from taichi_plume.files.plumesim_log import read_log
+from taichi_plume.files.point_frames import PointFileError, frames_of
 from taichi_plume.prepare import load_scenario
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.played import PlumeSimWind
@@ -110,7 +112,7 @@ def test_bad_logs_are_told_in_one_line_before_anything_runs(folder, content, fau
 
 
 def test_what_is_no_text_is_told(folder):
-    (folder / "plume.pslog").write_bytes(LOG.encode().replace(b"0.25", b"\xc2\xb5"))
+    (folder / "plume.pslog").write_bytes(LOG.encode().replace(b"0.25", b"\xb5"))
     with pytest.raises(PointFileError, match=r"line 4: is not plain text"):
         read_log(folder / "plume.pslog")
     with pytest.raises(PointFileError, match="cannot be read: No such file"):

@@ -88,7 +88,7 @@ def test_faults_name_file_and_line(tmp_path, text, fault):
 
 def test_binary_files_are_no_text(tmp_path):
     (tmp_path / "wind.csv").write_bytes(b"\x00\xff\xfe\x80" * 9)
-    with pytest.raises(WindFileError, match=r"wind\.csv: is no text file"):
+    with pytest.raises(WindFileError, match=r"wind\.csv: line 1: is not plain text"):
         read(tmp_path / "wind.csv")
 
 

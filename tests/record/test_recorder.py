@@ -95,9 +95,9 @@ def test_robots_are_where_they_were(tmp_path):
     sim.observers.append(type(sim.observers[0])(0.1, lambda s: seen.append((s.t, watch()))))
     sim.run()
     recorder.close()
-    t, places = column(recorder.path, "/robots/team-2", "Transform3D:translation")
-    _, turns = column(recorder.path, "/robots/team-2", "Transform3D:quaternion")
-    _, readings = column(recorder.path, "/sensors/team-2", "Scalars:scalars")
+    t, places = column(tmp_path / "a.rrd", "/robots/team-2", "Transform3D:translation")
+    _, turns = column(tmp_path / "a.rrd", "/robots/team-2", "Transform3D:quaternion")
+    _, readings = column(tmp_path / "a.rrd", "/sensors/team-2", "Scalars:scalars")
     assert len(t) == 31
     truth = {round(at, 6): now for at, now in seen}
     for at, place, turn, reading in zip(t, places, turns, readings, strict=True):
@@ -196,7 +196,7 @@ def test_scores_of_maps_are_series(tmp_path):
     recorder = record(sim, tmp_path / "a.rrd")
     sim.run()
     recorder.close()
-    path, values = recorder.path, recorder.map_series[0].values
+    path, values = tmp_path / "a.rrd", recorder.maps.series[0].values
     for origin, name in (("map_errors/0_mae", "error_ppm"), ("map_peaks/0", "peak_distance_m")):
         t, scalars = column(path, f"/{origin}", "Scalars:scalars")
         assert list(t) == [5.0]
@@ -260,8 +260,8 @@ def test_no_room_is_an_error_and_the_file_is_whole(tmp_path, monkeypatch):
     with pytest.raises(OSError, match="disk is full"):
         sim.run()
     recorder.close()
-    assert verified(recorder.path)
-    t, _ = column(recorder.path, "/sensors/team-0", "Scalars:scalars")
+    assert verified(tmp_path / "a.rrd")
+    t, _ = column(tmp_path / "a.rrd", "/sensors/team-0", "Scalars:scalars")
     assert t[-1] == pytest.approx(4.0)
 
 
@@ -272,12 +272,13 @@ import fake_run
 from pathlib import Path
 from taichi_plume.files import disk
 from taichi_plume.grid import kernels
-from taichi_plume.record import recorder as recording
+from taichi_plume.record import stream
+from taichi_plume.record.recorder import Recorder
 kernels.start("cpu")
-recording.FLUSH_TIMEOUT = 1.0
+stream.FLUSH_TIMEOUT = 1.0
 disk.require_room = lambda *_: None  # as if another process took the room in between
 sim = fake_run.simulation(fake_run.scenario(2, duration=20))
-recorder = recording.Recorder(sim, Path({path!r}))
+recorder = Recorder(sim, Path({path!r}))
 sim.observers += recorder.observers()
 resource.setrlimit(resource.RLIMIT_FSIZE, (450_000, 450_000))
 try:

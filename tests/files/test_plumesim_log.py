@@ -12,8 +12,7 @@ import pytest
 from taichi_plume import run
 from taichi_plume.assemble import assemble
 from taichi_plume.files import disk
-from taichi_plume.files.plume_log import PlumeLogger
-from taichi_plume.files.point_frames import read_log
+from taichi_plume.files.plumesim_log import PlumeLogger, read_log
 from taichi_plume.grid.fields import ppm_at, velocity_at
 from taichi_plume.prepare import load_scenario
 from taichi_plume.scenario.outputs import PlumeLog

@@ -1,0 +1,82 @@
+"""Gas maps in the recording: estimate, truth, weight and error of the first trial's, and their scores as series."""
+
+import numpy as np
+import rerun as rr
+
+from taichi_plume.map_scores import MapSeries
+from taichi_plume.record import drawing, layout, scene
+from taichi_plume.record.stream import Stream
+from taichi_plume.simulation import Simulation
+
+
+class MapPictures:
+    """Draws the maps of a run; series: their scores."""
+
+    def __init__(self, stream: Stream, sim: Simulation, stage: scene.Stage, series: list[MapSeries]):
+        self.stream, self.maps, self.series = stream, list(sim.maps), series
+        self.range_ppm = sim.scenario.recording.range_ppm
+        self.sent = [{"forecast": 0, "rows": 0} for _ in self.maps]
+        """Of each map's errors and scores."""
+        for n, model in enumerate(sim.scenario.maps):
+            stream.log_still(self._styles(n, model.kind.replace("_", " ")))
+        for n, gas_map in enumerate(self.maps):
+            shape = np.shape(gas_map.estimate())[1:]
+            for name in scene.ESTIMATES:
+                blank = rr.GridMap.from_fields(
+                    format=scene.picture_format(*shape, color=True),
+                    cell_size=gas_map.cell,
+                    translation=[0, 0, stage.lift],
+                )
+                stream.log_still(iter([(f"maps/{n}/{name}", blank)]))
+
+    def _styles(self, n: int, name: str) -> scene.Entities:
+        """Colours of a map's series."""
+        color = drawing.ROBOTS[n % len(drawing.ROBOTS)]
+        faint = (color * 0.6).astype(np.uint8)
+        for entity in self._scored(n):
+            label = f"{name}: error" if entity == f"map_errors/{n}_mae" else name
+            yield entity, rr.SeriesLines(colors=color, names=label, widths=2.0)
+        yield f"map_errors/{n}_forecast", rr.SeriesLines(colors=faint, names=f"{name}: forecast", widths=1.4)
+
+    def _scored(self, n: int) -> list[str]:
+        """Entities of the scores of map n, as layout.MAP_SERIES has them."""
+        return [f"map_errors/{n}_mae", *(f"{origin}/{n}" for origin in list(layout.MAP_SERIES)[1:])]
+
+    def show(self, sim: Simulation) -> None:
+        """What the maps are now, and what is new of their scores."""
+        low, high = self.range_ppm
+        for n, gas_map in enumerate(self.maps):
+            estimate = np.asarray(gas_map.estimate())[0]
+            weight = np.asarray(gas_map.weight(), float)[0]
+            truth = self.series[n].truth
+            ratio = np.maximum(estimate, low) / np.maximum(truth, low)
+            places = {
+                "estimate": drawing.logarithmic(estimate, low, high),
+                "truth": drawing.logarithmic(truth, low, high),
+                "weight": drawing.logarithmic(np.where(weight > 0, weight, np.nan), *scene.WEIGHTS),
+                "error": drawing.logarithmic(ratio, *scene.RATIOS),
+            }
+            for name, palette in scene.ESTIMATES.items():
+                pixels = drawing.rows(drawing.painted(places[name], palette))
+                self.stream.log(sim.t, f"maps/{n}/{name}", rr.GridMap.from_fields(data=pixels))
+            self._send_scores(n)
+
+    def _send_scores(self, n: int) -> None:
+        """What is new of a map's scores."""
+        series, sent = self.series[n], self.sent[n]
+        forecasts = self.maps[n].errors
+        fresh = forecasts[sent["forecast"] :]
+        self._send_series(f"map_errors/{n}_forecast", [t for t, _ in fresh], [error for _, error in fresh])
+        times = series.time[sent["rows"] :]
+        for name, entity in zip(layout.MAP_SERIES.values(), self._scored(n), strict=True):
+            self._send_series(entity, times, series.values[name][sent["rows"] :])
+        sent["forecast"], sent["rows"] = len(forecasts), len(series.time)
+
+    def _send_series(self, entity: str, times: list[float], values: list[np.ndarray]) -> None:
+        """The first trial's values that are numbers."""
+        known = [
+            (t, float(value[0])) for t, value in zip(times, values, strict=True) if np.isfinite(value[0])
+        ]
+        if known:
+            t, scalars = zip(*known, strict=True)
+            self.stream.send(entity, t, rr.Scalars.columns(scalars=scalars))

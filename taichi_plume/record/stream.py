@@ -1,0 +1,87 @@
+"""The file of a recording: opened, brought to the disk in whole batches, closed; readable whatever happens."""
+
+import ctypes
+import errno
+import os
+from collections.abc import Sequence
+from datetime import timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from taichi_plume.files import disk
+from taichi_plume.record.layout import TIME
+from taichi_plume.record.scene import Entities
+
+FLUSH_TIMEOUT = 60.0  # s
+
+
+class Stream:
+    """Writes `path`. Pictures are logged one by one, series sent by columns; nothing is on the disk before `flush`.
+
+    Raises OSError, from the constructor and `flush`, as soon as the disk has no room for more.
+    """
+
+    def __init__(self, path: Path, name: str, seed: int, blueprint: rrb.Blueprint):
+        self.path = path
+        self.good_size = self.largest_batch = 0  # bytes
+        self.open = True
+        disk.require_room(path)
+        batches = rr.ChunkBatcherConfig.DEFAULT()
+        batches.flush_tick = timedelta(days=1)  # chunks are cut by `flush` alone: equal runs, equal chunks
+        batches.flush_num_bytes = 1 << 22
+        self.rerun = rr.RecordingStream("taichi_plume", recording_id=f"{name}-{seed}", batcher_config=batches)
+        try:
+            self.rerun.save(path, default_blueprint=blueprint)
+        except RuntimeError as error:
+            self._abandon()
+            raise OSError(errno.EIO, str(error), str(path)) from None
+        self.rerun.set_log_time_enabled(False)
+        self.rerun.send_recording_name(name)
+
+    def log_still(self, entities: Entities) -> None:
+        """Log what never changes."""
+        for entity, what in entities:
+            self.rerun.log(entity, what, static=True)
+
+    def log(self, t: float, entity: str, what: Any) -> None:
+        """Log what is there from time t [s] on."""
+        self.rerun.set_time(TIME, duration=t)
+        self.rerun.log(entity, what)
+
+    def send(self, entity: str, t: Sequence[float] | np.ndarray, columns: Any) -> None:
+        """Send columns of values of an entity at times t [s]."""
+        self.rerun.send_columns(entity, [rr.TimeColumn(TIME, duration=t)], columns)
+
+    def require_room(self) -> None:
+        """Raise OSError where a few more batches would fill the disk."""
+        disk.require_room(self.path, 4 * self.largest_batch)
+
+    def flush(self) -> None:
+        """Bring all to the disk."""
+        try:
+            self.rerun.flush(timeout_sec=FLUSH_TIMEOUT)
+        except RuntimeError as error:
+            self._abandon()
+            disk.require_room(self.path)
+            raise OSError(errno.EIO, f"writing failed ({error})", str(self.path)) from None
+        size = self.path.stat().st_size
+        self.largest_batch = max(self.largest_batch, size - self.good_size)
+        self.good_size = size
+
+    def close(self) -> None:
+        """Finish the file."""
+        if self.open:
+            self.rerun.disconnect()
+            self.open = False
+
+    def _abandon(self) -> None:
+        """Give up after a failed write. Rerun would now hang in `disconnect` and when the stream is freed."""
+        rr.unregister_shutdown()
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(self.rerun.to_native()))
+        self.open = False
+        if self.path.exists():
+            os.truncate(self.path, self.good_size)  # to the last whole message

@@ -1,0 +1,165 @@
+"""Robots in the recording: poses, trails, readings and behaviour, sampled often and sent in batches."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import rerun as rr
+
+from taichi_plume.record import drawing, scene
+from taichi_plume.record.stream import Stream
+from taichi_plume.scenario.robots import Group
+from taichi_plume.simulation import Simulation
+
+MOST_ROBOTS = 50
+
+Event = tuple[float, str, str, tuple[int, ...]]
+"""Time [s], level, text and colour of something that happened."""
+
+
+@dataclass
+class Robot:
+    """A recorded robot, and what was sampled of it since the last batch."""
+
+    index: int
+    """In the swarm."""
+    name: str
+    color: tuple[int, ...]
+    states: tuple[str, ...]
+    """Names of the algorithm's states, and "found" at the end."""
+    model: Group
+    state: int = -1
+    samples: list[tuple[float, ...]] = field(default_factory=list)
+    """(time, x, y, heading, reading, believed x, y and heading) each."""
+    changes: list[tuple[float, str]] = field(default_factory=list)
+    last: dict[str, np.ndarray] = field(default_factory=dict)
+    """Where each of its trails ends."""
+
+    @property
+    def reckons(self) -> bool:
+        """Whether it has but its odometry to know where it is."""
+        return self.model.odometry is not None
+
+
+def recorded_robots(sim: Simulation) -> list[Robot]:
+    """The first trial's robots, at most MOST_ROBOTS, the groups in equal shares."""
+    groups = list(sim.swarm.groups)
+    share = max(1, MOST_ROBOTS // max(1, len(groups)))
+    robots = []
+    for group, team in zip(groups, sim.teams, strict=True):
+        part = _part(group.name)
+        if sum(_part(other.name) == part for other in groups) > 1:
+            part = f"{part}{groups.index(group)}"
+        states = (*team.state_names, "found")
+        for i in range(min(group.count, share)):
+            name = part if group.count == 1 else f"{part}-{i}"
+            color = tuple(int(v) for v in drawing.ROBOTS[len(robots) % len(drawing.ROBOTS)])
+            robots.append(Robot(group.start + i, name, color, states, group.model))
+    return robots[:MOST_ROBOTS]
+
+
+class Tracks:
+    """Samples robots and sends what was gathered.
+
+    thresholds: lines in the plot of the readings [ppm]; events: where what happens is added.
+    """
+
+    def __init__(
+        self,
+        stream: Stream,
+        stage: scene.Stage,
+        robots: list[Robot],
+        thresholds: Sequence[float],
+        events: list[Event],
+    ):
+        self.stream, self.stage = stream, stage
+        self.robots, self.thresholds, self.events = robots, thresholds, events
+        stream.log_still(self._styles())
+
+    def _styles(self) -> scene.Entities:
+        """Bodies, and colours of trails, series and lanes."""
+        for robot in self.robots:
+            body, name = robot.model.body, robot.name
+            yield f"robots/{name}", scene.body(body.radius, body.height, robot.color, self.stage)
+            trail = rr.LineStrips3D.from_fields(colors=robot.color, radii=rr.Radius.ui_points(1.8))
+            yield f"trails/{name}", trail
+            if robot.reckons:
+                pale = drawing.pale(robot.color)
+                yield f"believed/{name}", scene.ghost(body.radius, pale, self.stage)
+                trail = rr.LineStrips3D.from_fields(colors=pale, radii=rr.Radius.ui_points(1.0))
+                yield f"believed_trails/{name}", trail
+            yield f"sensors/{name}", rr.SeriesLines(colors=robot.color, names=name, widths=1.6)
+            yield f"states/{name}", scene.lanes(robot.states)
+        for threshold in self.thresholds:
+            line = rr.SeriesLines(colors=[200, 200, 200], names=f"threshold {threshold:g} ppm", widths=1.0)
+            yield _threshold(threshold), line
+
+    def sample(self, sim: Simulation) -> None:
+        """Gather poses, readings and changes of state."""
+        if not self.robots:
+            return
+        now = sim.swarm.snapshot()
+        for robot in self.robots:
+            k = robot.index
+            x, y = (float(v) for v in now["position"][k])
+            reading = float(now["reading_ppm"][k])
+            believed = (*(float(v) for v in now["believed_position"][k]), float(now["believed_heading"][k]))
+            robot.samples.append((sim.t, x, y, float(now["heading"][k]), reading, *believed))
+            state = len(robot.states) - 1 if now["found"][k] else int(now["state"][k])
+            if state != robot.state:
+                name = robot.states[state]
+                robot.changes.append((sim.t, name))
+                place = f"at ({x:.2f}, {y:.2f}) m"
+                if now["found"][k]:
+                    text = f"{robot.name} found a source {place}, {now['path_length'][k]:.2f} m driven"
+                    self.events.append((sim.t, "FOUND", text, robot.color))
+                elif robot.state >= 0:
+                    text = f"{robot.name}: {robot.states[robot.state]} -> {name} {place}, {reading:.3g} ppm"
+                    self.events.append((sim.t, "STATE", text, robot.color))
+                robot.state = state
+
+    def send(self) -> None:
+        """Send what was gathered."""
+        for robot in self.robots:
+            if robot.changes:
+                times, states = zip(*robot.changes, strict=True)
+                self.stream.send(f"states/{robot.name}", times, rr.StateChange.columns(state=states))
+                robot.changes.clear()
+            if robot.samples:
+                self._send_samples(robot)
+
+    def _send_samples(self, robot: Robot) -> None:
+        columns = np.array(robot.samples).T
+        t, reading = columns[0], columns[4]
+        robot.samples.clear()
+        self._send_way(robot, "robots", "trails", t, columns[1:4])
+        if robot.reckons:
+            self._send_way(robot, "believed", "believed_trails", t, columns[5:8])
+        self.stream.send(f"sensors/{robot.name}", t, rr.Scalars.columns(scalars=reading))
+        if robot is self.robots[0]:
+            for threshold in self.thresholds:
+                level = rr.Scalars.columns(scalars=np.full(len(t), threshold))
+                self.stream.send(_threshold(threshold), t, level)
+
+    def _send_way(self, robot: Robot, poses: str, trails: str, t: np.ndarray, way: np.ndarray) -> None:
+        """Poses (3, n), and the steps between them as a trail, to the robot's entities below these two."""
+        x, y, heading = way
+        place = np.column_stack([x, y, np.full(len(x), 2 * self.stage.lift)])
+        turn = np.column_stack([0 * x, 0 * x, np.sin(heading / 2), np.cos(heading / 2)])
+        self.stream.send(
+            f"{poses}/{robot.name}", t, rr.Transform3D.columns(translation=place, quaternion=turn)
+        )
+        path = np.vstack([robot.last.get(trails, place[:1]), place])
+        robot.last[trails] = place[-1:]
+        steps = rr.LineStrips3D.columns(strips=list(np.stack([path[:-1], path[1:]], axis=1)))
+        self.stream.send(f"{trails}/{robot.name}", t, steps)
+
+
+def _part(name: str) -> str:
+    """A name as a part of an entity path."""
+    return re.sub(r"[^A-Za-z0-9_.-]", "_", name) or "_"
+
+
+def _threshold(ppm: float) -> str:
+    return "sensors/threshold_" + _part(f"{ppm:g}")
