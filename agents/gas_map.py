@@ -56,8 +56,8 @@ class Floor:
 class GasMap:
     """A map of all trials, a `Mapper`; see there.
 
-    cell: edge of its cells [m]; shape: of the map, cells along x and y; window: time over which it gathers readings [s],
-    None where each counts at once.
+    cell: edge of its cells [m]; shape: of the map, cells along x and y; window: time over which it gathers readings
+    [s], None where each counts at once.
     """
 
     STATE: ClassVar[tuple[str, ...]] = ("errors",)

@@ -3,11 +3,13 @@
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from taichi_plume.agents.contact import disc_around
 from taichi_plume.agents.gas_map import Floor
+from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.mapping import mappers
 from taichi_plume.agents.placement import Placed, place, placed
 from taichi_plume.agents.sensors import Sensors
@@ -19,8 +21,9 @@ from taichi_plume.grid.cut_cells import Air, air_of
 from taichi_plume.grid.fields import Gas, Mixture, Wind
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.rng import generator
+from taichi_plume.grid.state import State
 from taichi_plume.kinds import GASES, WINDS, Context
-from taichi_plume.prepare import Prepared, Resources, prepare
+from taichi_plume.prepare import Prepared, Resources, again, prepare
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.obstacles import Obstacle
 from taichi_plume.scenario.scenario import Scenario
@@ -77,14 +80,25 @@ def build(prepared: Prepared, algorithms: Mapping[str, type] | None = None) -> S
     )
     moving = [partial(MovingObstacle, one.model, grid) for one in resources.obstacles if one.model.motion]
     stirring = [group for group in swarm.groups if group.model.wake]
-    wakes = [
-        partial(Wake, group.model.body, grid, swarm.position, swarm.velocity, group.start, group.count)
-        for group in stirring
-    ]
+    wakes: list[Wake] = []
+
+    def wake(group: GroupRange, open: tuple[Any, ...]) -> Wake:
+        body = group.model.body
+        wakes.append(Wake(body, grid, swarm.position, swarm.velocity, group.start, group.count, open))
+        return wakes[-1]
+
     scalars = {path: Scalar(grid) for path, model in scenario.gases if model.kind == "eulerian"}
     weighing = [Weighing(scalars[path].q, 0.0) for path in _weights(scenario)]
     _weigh(weighing, scenario)
-    context = Context(scenario, resources, grid, air, scalars, weighing, [*moving, *wakes])
+    context = Context(
+        scenario,
+        resources,
+        grid,
+        air,
+        scalars,
+        weighing,
+        [*moving, *(partial(wake, group) for group in stirring)],
+    )
     wind = _wind(context)
     gas = Mixture([_gas(context, path, wind) for path, _ in scenario.gases])
     sensors = Sensors(swarm, grid.dim, scenario.tick, gas.species)
@@ -98,26 +112,31 @@ def build(prepared: Prepared, algorithms: Mapping[str, type] | None = None) -> S
     )
     maps = mappers(scenario.maps, mapped)
 
-    def begin(sim: Simulation, scenario: Scenario) -> None:
-        """Every part, with the numbers of a scenario of the same structure."""
+    sim = Simulation(scenario, grid, wind, gas, swarm, sensors, driving, maps, seen, air)
+    state = State(sim)
+
+    def begin(scenario: Scenario) -> Scenario:
+        """Every part anew, with the numbers of a scenario of the same structure; returns that completed."""
+        scenario, _ = again(prepared, scenario)
+        starts = _starts(scenario, clearance, walkers)
         t = scenario.first_tick * scenario.tick
+        state.clear()
         _weigh(weighing, scenario)
-        if isinstance(wind, FlowSolver):
-            for wake, group in zip(wind.resistances[-len(wakes) :] if wakes else (), stirring, strict=True):
-                wake.begin(scenario.robots[group.number].body)
+        for wake, group in zip(wakes, stirring, strict=True):
+            wake.begin(scenario.robots[group.number].body)
         wind.begin(scenario.wind, t, scenario.seed)
         for one, (_, model) in zip(gas.gases, scenario.gases, strict=True):
             one.begin(model, t, scenario.seed)
         gas.begin()
-        starts = _starts(scenario, clearance, walkers)
         swarm.begin(scenario.robots, *starts, _places(scenario), scenario.seed, walkers)
         sensors.begin()
         for team in driving:
             team.begin()
         for gas_map, model in zip(maps, scenario.maps, strict=True):
             gas_map.begin(model)
+        return scenario
 
-    sim = Simulation(prepared, grid, wind, gas, swarm, sensors, driving, maps, seen, air, begin)
+    sim.begin = begin
     if isinstance(wind, FlowSolver) and wind.area is not None:
         sim.forces = partial(forces, wind, air, len(resources.obstacles))
     return sim

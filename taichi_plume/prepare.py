@@ -1,7 +1,7 @@
 """YAML -> Scenario -> prepare -> checks on both -> Simulation: what a scenario's files hold is opened here, once."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -19,6 +19,7 @@ from taichi_plume.scenario.imported_wind import ImportedWind
 from taichi_plume.scenario.loading import ScenarioError, read_scenario
 from taichi_plume.scenario.played import Playback, PlaybackWind, PlumeSimLog, PlumeSimWind
 from taichi_plume.scenario.plumesim import FluentGas, PlumeSimGas
+from taichi_plume.scenario.reset import differences
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.shapes import shape
 from taichi_plume.scenario.vocabulary import Model
@@ -123,6 +124,26 @@ def checked(scenario: Scenario, folder: Path) -> Prepared:
         if not faults:
             return prepared
     raise ScenarioError(faults)
+
+
+def again(prepared: Prepared, scenario: Scenario) -> Prepared:
+    """Another scenario of the structure of the one that was prepared, with what its files hold.
+
+    Raises ScenarioError: where its structure is another one, or something of it is wrong.
+    """
+    old, resources = prepared
+    played = {path: gas for path, gas in scenario.gases if isinstance(gas, PlaybackGas)}
+    other = scenario.with_gases(
+        {path: _completed(gas, resources.films[path]) for path, gas in played.items()}
+    )
+    faults = differences(old, other)
+    if faults:
+        raise ScenarioError([f"{fault}; a reset keeps it, assemble anew" for fault in faults])
+    found = replace(resources, scenario=other)
+    faults = checks.misfits(other) or checks.problems(other, found)
+    if faults:
+        raise ScenarioError(faults)
+    return Prepared(other, found)
 
 
 def prepare(scenario: Scenario, folder: Path) -> Prepared:

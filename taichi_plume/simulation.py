@@ -1,10 +1,10 @@
 """The clock: order of advance, schedules, stop conditions, health. Knows its parts only by their protocols."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from math import ceil
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -18,16 +18,23 @@ class UnstableError(RuntimeError):
     """The numbers left what is physical; says where, when and what to change."""
 
 
+class Sensors(Protocol):
+    """What the robots measure with."""
+
+    def measure(self, gas: Odour, wind: Wind, tick: int, t: float) -> None:
+        """Update the readings of all robots."""
+        ...
+
+
 class Team(Protocol):
-    """A group's sensors and search algorithm, working on its robots in the swarm."""
+    """A search algorithm and its robots in the swarm, those of one or several groups."""
+
+    numbers: tuple[int, ...]
+    """Of the groups, by their place in the scenario."""
 
     @property
     def state_names(self) -> tuple[str, ...]:
-        """The states of the algorithm, in the order of their numbers."""
-        ...
-
-    def measure(self, gas: Odour, wind: Wind, tick: int, t: float) -> None:
-        """Update the readings of the group's robots."""
+        """What the robots' `state` means."""
         ...
 
     def act(self, tick: int, t: float, dt: float) -> None:
@@ -120,22 +127,42 @@ class Simulation:
     wind: Wind
     gas: Mixture
     swarm: Any
-    teams: list[Team]
-    maps: list[Mapper]
-    obstacles: list[Any]
+    sensors: Sensors
+    teams: Sequence[Team]
+    maps: Sequence[Mapper]
+    obstacles: Sequence[Any]
     air: Air
+    begin: Callable[[Scenario], Scenario] | None = None
+    """Begins every part anew with the numbers of a scenario, and returns that completed; see `reset`."""
     forces: Callable[[], np.ndarray] | None = None
     """The force of the air on each obstacle [N], shape (obstacles, dim); None where it is not known."""
-    observers: list[Every] = field(default_factory=list)
-    tick: int = 0
-    steps: int = 0
-    wall_s: float = 0.0
+    observers: list[Every] = field(default_factory=list, init=False)
+    """Called when they are due: append what shall watch the run."""
+    tick: int = field(default=0, init=False)
+    steps: int = field(default=0, init=False)
+    wall_s: float = field(default=0.0, init=False)
+
+    STATE: ClassVar[tuple[str, ...]] = ("wind", "gas", "swarm", "sensors", "teams", "maps", "tick", "steps")
 
     def __post_init__(self) -> None:
         self.dt = self.scenario.tick
-        self.tick = self.scenario.first_tick
-        self.last_tick = self.scenario.last_tick
-        self.observers = [Every(1.0, check_gas, warm_up=True), *self.observers]
+        self._at_begin()
+
+    def _at_begin(self) -> None:
+        self.tick, self.last_tick = self.scenario.first_tick, self.scenario.last_tick
+        self.steps, self.wall_s = 0, 0.0
+        self.observers = [Every(1.0, check_gas, warm_up=True)]
+
+    def reset(self, scenario: Scenario | None = None) -> None:
+        """Go back to the begin of the warm-up, with the numbers of `scenario`; unless given, with the same ones again.
+
+        What follows equals a fresh simulation of that scenario to the bit, and nothing is compiled. It has to be of the
+        structure of the one before: the same kinds, counts and shapes, see scenario/reset.py. The observers go, as they
+        belong to a run. Raises ScenarioError, a line for each fault, and leaves the simulation as it was.
+        """
+        assert self.begin is not None, "made by hand, not assembled"
+        self.scenario = self.begin(scenario or self.scenario)
+        self._at_begin()
 
     @property
     def t(self) -> float:
@@ -148,6 +175,11 @@ class Simulation:
         if self.tick >= self.last_tick:
             return True
         return self.scenario.stop_early and self.tick > 0 and self.swarm.count > 0 and self.swarm.all_found()
+
+    def state_names(self) -> list[tuple[str, ...]]:
+        """What the robots' `state` means, for each group."""
+        names = {number: team.state_names for team in self.teams for number in team.numbers}
+        return [names[number] for number in sorted(names)]
 
     def run(self) -> None:
         """Run to the end. Raises UnstableError; observers have been called up to the last good tick."""
@@ -173,8 +205,7 @@ class Simulation:
         if self.tick <= 0:
             return  # the robots are not there yet
         self.swarm.move(self.tick, self.t, self.dt)
-        for team in self.teams:
-            team.measure(self.gas, self.wind, self.tick, self.t)
+        self.sensors.measure(self.gas, self.wind, self.tick, self.t)
         for gas_map in self.maps:
             gas_map.update(self.swarm, self.t, self.dt)
         for team in self.teams:
@@ -196,7 +227,7 @@ class Simulation:
         """Longest step [s] of the wind from time t on. Raises UnstableError when it has blown up."""
         limit = self.wind.stable_dt(t)
         if not limit > 1e-6 * self.dt:
-            courant = getattr(self.wind, "max_courant", 0.0)
+            courant = self.wind.diagnostics().get("max_courant", 0.0)
             raise UnstableError(
                 f"the air flow is no longer finite at t = {self.t:.2f} s (step {self.steps}, Courant number up to "
                 f"{courant:.2g}); lower wind.courant, or check the openings' speeds against the spacing"

@@ -17,7 +17,7 @@ class Domain(Model):
     """Extent per axis [m]; two numbers make a 2-D run."""
     spacing: Annotated[Length, COMPILED]
     """Edge of the cubic cells [m]; every extent is rounded to whole cells."""
-    depth: Length = 1.0
+    depth: Annotated[Length, COMPILED] = 1.0
     """Thickness of the slab that a 2-D run stands for [m]: it turns kg/s into kg/m³."""
 
     @property
