@@ -1,16 +1,17 @@
 """The part of the floor for the robots."""
 
 from collections.abc import Iterator
+from typing import Annotated
 
 from taichi_plume.scenario.context import Context
-from taichi_plume.scenario.vocabulary import Model, Point2
+from taichi_plume.scenario.vocabulary import COMPILED, Model, Point2
 
 
 class Arena(Model):
     """Part of the floor that the robots do not leave: its edges stop them as walls do, air passes them."""
 
-    low: Point2
-    high: Point2
+    low: Annotated[Point2, COMPILED]
+    high: Annotated[Point2, COMPILED]
 
     @property
     def size(self) -> tuple[float, float]:

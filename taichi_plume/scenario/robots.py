@@ -13,6 +13,7 @@ from taichi_plume.scenario.context import Context
 from taichi_plume.scenario.sensors import Sensors
 from taichi_plume.scenario.starts import Start
 from taichi_plume.scenario.vocabulary import (
+    COMPILED,
     Count,
     Distance,
     Fraction,
@@ -40,7 +41,7 @@ class Body(Model):
     kind: Literal["free", "momo", "roomba_560", "miniq", "khepera_3"] = "free"
     """A robot whose figures are the defaults of the others."""
     radius: Length = 0.08
-    height: Length = 0.15
+    height: Annotated[Length, COMPILED] = 0.15
     max_speed: TopSpeed = 0.2
     max_turn_rate_deg: Positive = 180.0
     """Degrees per second."""

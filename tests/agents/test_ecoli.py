@@ -9,10 +9,6 @@ from taichi_plume.scenario.listening import EColi
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
-pytestmark = pytest.mark.usefixtures("taichi")
-
-pytestmark = pytest.mark.usefixtures("taichi")
-
 
 def steps(run, seconds):
     """Of one robot: the displacement of each step [m], and whether it was a run."""

@@ -14,10 +14,6 @@ from taichi_plume.scenario.shapes import shape
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
-pytestmark = pytest.mark.usefixtures("taichi")
-
-pytestmark = pytest.mark.usefixtures("taichi")
-
 DT, CELL = 0.5, 0.25
 
 

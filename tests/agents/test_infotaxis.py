@@ -13,10 +13,6 @@ from taichi_plume.scenario.listening import Infotaxis
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
-pytestmark = pytest.mark.usefixtures("taichi")
-
-pytestmark = pytest.mark.usefixtures("taichi")
-
 MODEL = Infotaxis(kind="infotaxis", cell=0.15)
 
 

@@ -12,10 +12,6 @@ from taichi_plume.scenario.shapes import shape
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
-pytestmark = pytest.mark.usefixtures("taichi")
-
-pytestmark = pytest.mark.usefixtures("taichi")
-
 AIR = [0.0]
 CORNER = ((3.4, 0.4), (3.7, 0.4), (3.4, 0.8), (3.7, 0.8))
 SIZE = (4.0, 3.0)

@@ -23,10 +23,6 @@ from taichi_plume.scenario.starts import StartArea
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
-pytestmark = pytest.mark.usefixtures("taichi")
-
-pytestmark = pytest.mark.usefixtures("taichi")
-
 # What is met is approached to SKIN, others are passed at half of it; the rest is for rounding (4 um at 60 m)
 AIR = 0.4 * SKIN
 BODY_HEIGHT = 0.2  # m, of the highest body

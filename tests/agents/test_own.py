@@ -13,10 +13,6 @@ from taichi_plume.scenario.loading import ScenarioError
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
-pytestmark = pytest.mark.usefixtures("taichi")
-
-pytestmark = pytest.mark.usefixtures("taichi")
-
 UPWIND = """
 import numpy as np
 

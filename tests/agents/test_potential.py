@@ -17,10 +17,6 @@ from taichi_plume.scenario.starts import StartAt
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
-pytestmark = pytest.mark.usefixtures("taichi")
-
-pytestmark = pytest.mark.usefixtures("taichi")
-
 TICK = 0.1
 RADIUS, SPEED, AVOIDANCE = 0.05, 0.2, 0.2
 

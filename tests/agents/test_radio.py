@@ -15,10 +15,6 @@ from taichi_plume.scenario.starts import StartAt
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
-pytestmark = pytest.mark.usefixtures("taichi")
-
-pytestmark = pytest.mark.usefixtures("taichi")
-
 
 @ti.data_oriented
 class Talk:

@@ -10,10 +10,6 @@ from taichi_plume.scenario.listening import Spiral
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
-pytestmark = pytest.mark.usefixtures("taichi")
-
-pytestmark = pytest.mark.usefixtures("taichi")
-
 
 def acquisitions(states):
     """Ticks at which an acquisition ends."""

@@ -14,10 +14,6 @@ from taichi_plume.scenario.starts import StartArea, StartAt, StartLine
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
-pytestmark = pytest.mark.usefixtures("taichi")
-
-pytestmark = pytest.mark.usefixtures("taichi")
-
 EXTENT = (4.0, 3.0)
 NOWHERE = np.empty((0, 2))
 

@@ -10,10 +10,6 @@ from taichi_plume.scenario.loading import ScenarioError
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
-pytestmark = pytest.mark.usefixtures("taichi")
-
-pytestmark = pytest.mark.usefixtures("taichi")
-
 SCENARIO = """
 duration: 12
 seed: 4

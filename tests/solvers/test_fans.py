@@ -17,9 +17,6 @@ WIDTH, DEPTH = 0.4, 0.5
 WALLS = [{"kind": "slip", "face": "y-"}, {"kind": "slip", "face": "y+"}]
 
 
-pytestmark = pytest.mark.usefixtures("taichi")
-
-
 def model(curve: dict, loss: float, **more) -> CfdWind:
     """A fan as wide as a frictionless duct that ends in a resistance."""
     fan = {"kind": "fan", "face": "x-", "curve": curve} | more

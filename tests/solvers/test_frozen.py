@@ -28,7 +28,6 @@ AFTER, AVERAGE, BEGIN = 1.2, 0.5, -2.0
 
 SOLID = np.zeros(SHAPE, bool)
 SOLID[8:11, 5:8] = True
-pytestmark = pytest.mark.usefixtures("taichi")
 
 
 @pytest.fixture(scope="module")
