@@ -14,6 +14,8 @@ from taichi_plume.run import main
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.species import SPECIES
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 
 def source(y: float, rate: float, **more) -> dict:
     return {"position": [0.4, y], "rate": rate, "radius": 0.1} | more

@@ -102,5 +102,5 @@ BALANCE_CASES = (
     _well_mixed(3),
     _mass_budget("2d", 2, 10.0, 40, 80, slow=False),
     _mass_budget("3d", 3, 4.0, 32, 40, slow=True),
-    _mass_budget("300_s", 2, 300.0, 80, 80, slow=True),
+    _mass_budget("300_s", 2, 300.0, 40, 80, slow=True),
 )
