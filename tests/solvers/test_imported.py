@@ -10,12 +10,10 @@ from begun import assert_begins_anew
 
 from taichi_plume import run
 from taichi_plume.assemble import assemble
-from taichi_plume.files.gaden import Cubes, Occupancy
 from taichi_plume.files.site import Site
 from taichi_plume.grid.cut_cells import air_of
 from taichi_plume.grid.fields import velocity_at
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.interpolation import Interpolation
 from taichi_plume.scenario.loading import ScenarioError, load_scenario
 from taichi_plume.scenario.winds import ImportedWind
 from taichi_plume.simulation import Simulation
@@ -141,23 +139,6 @@ def test_what_comes_in_goes_out():
     assert np.abs(nowhere[0]).max() < 1e-6
 
 
-@pytest.mark.parametrize("dim", [2, 3])
-def test_linear_fields_are_exact_on_and_off_a_lattice(dim):
-    rng = np.random.default_rng(3)
-    lattice = np.stack(np.meshgrid(*[np.cumsum(rng.uniform(0.5, 1.5, 6)) for _ in range(dim)]), axis=-1)
-    lattice = rng.permutation(lattice.reshape(-1, dim))
-    slope = np.array([0.3, -0.2, 0.5])[:dim]
-    wanted = [np.linspace(lattice[:, a].min() - 0.3, lattice[:, a].max() + 0.2, 9) for a in range(dim)]
-    exact = sum(s * x for s, x in zip(slope, np.meshgrid(*wanted, indexing="ij"), strict=True))
-    for place, tolerance in ((lattice, 1e-9), (lattice + rng.uniform(-0.2, 0.2, lattice.shape), 1e-6)):
-        known = Interpolation(place)
-        assert (known.lattice is None) == (place is not lattice)
-        found = known.onto(wanted)(place @ slope + 1.0)
-        inside = (slice(1, -1),) * dim  # far beyond the points it is rather their mean
-        np.testing.assert_allclose(found[inside], exact[inside] + 1.0, atol=tolerance)
-        assert np.abs(found - exact - 1.0).max() < (1e-9 if place is lattice else 0.5)
-
-
 @pytest.mark.slow
 def test_well_mixed_gas_stays_well_mixed(tmp_path):
     write(tmp_path / "wind_0.csv", swirl)
@@ -255,42 +236,6 @@ def test_an_imported_wind_begins_anew(tmp_path):
         return [*(air.grid.read(u) for u in (*air.wind.u, air.wind.nu)), np.array(known)]
 
     assert_begins_anew(air.wind, lambda one: air.wind.begin(one, 0.0, 0), air.model, other, play)
-
-
-def test_shares_and_distances_of_cubes():
-    rng = np.random.default_rng(4)
-    solid = rng.uniform(size=(5, 4)) < 0.4
-    table = Occupancy(
-        Path("o.csv"), np.zeros(3), 0.2, np.repeat(solid[:, :, None], 3, axis=2).astype(np.int8)
-    )
-    cubes = Cubes(table, 2, np.array([0.1, 0.0]), 0.3)
-    volume, area = cubes.shares(Grid((4, 4), 0.2))
-    np.testing.assert_allclose(volume, 0.5 * (~solid[:-1]).astype(float) + 0.5 * ~solid[1:], atol=1e-9)
-    np.testing.assert_array_equal(area[0], ~solid)
-    lower = ~solid[:, :-1] & ~solid[:, 1:]
-    np.testing.assert_allclose(area[1][:, 1:-1], 0.5 * lower[:-1] + 0.5 * lower[1:], atol=1e-9)
-    points = rng.uniform(-0.3, 1.1, (300, 2))
-    low = 0.2 * np.argwhere(solid) - [0.1, 0.0]
-    away = np.linalg.norm(
-        np.maximum(np.maximum(low - points[:, None], points[:, None] - low - 0.2), 0), axis=-1
-    )
-    inside = cubes.inside(points)
-    found = cubes.horizontal_distance(points, 0.0, 0.1)
-    np.testing.assert_allclose(np.maximum(found, 0.0), away.min(axis=1), atol=1e-12)
-    np.testing.assert_array_equal(inside, away.min(axis=1) == 0.0)
-    assert inside.any()
-
-
-def test_walls_are_seen_and_ceilings_are_not():
-    cubes = np.zeros((7, 6, 5), np.int8)
-    cubes[:, :, 0] = cubes[:, :, 4] = 1  # below the domain, and the ceiling
-    cubes[2, :, :] = 1
-    cubes[4, 1:4, 1] = 1
-    cubes[0] = 1  # outside the domain
-    shape = Cubes(Occupancy(Path("o.csv"), np.zeros(3), 0.5, cubes), 3, np.array([0.5, 0.0, 0.5]), 0.0)
-    seen = np.round(shape.visible((3.0, 3.0, 2.0)) / 0.5 - 0.5).astype(int)
-    wall = [(1, y, z) for y in range(6) for z in range(4)]
-    assert sorted(map(tuple, seen)) == sorted([*wall, (3, 1, 0), (3, 2, 0), (3, 3, 0)])
 
 
 def test_air_goes_on_through_outlets_in_the_walls(tmp_path):
