@@ -255,6 +255,8 @@ class FlowSolver(Carrier):
             gravity, heat = np.array(model.buoyancy.pull(self.dim)), model.buoyancy.heat
             pull = [gravity * one.weight for one in self.weighing]
             pull += [] if heat is None else [gravity * -heat.volume_expansion]
+            if self.heat is not None and heat is not None:
+                self.heat.begin(heat, t, seed)
         self.momentum.begin(model, np.array(pull))
         for screen, one in zip(self.screens, model.screens, strict=True):
             screen.begin(one, model.viscosity)

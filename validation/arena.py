@@ -8,7 +8,7 @@ from taichi_plume.grid.cut_cells import Air, air_of
 from taichi_plume.grid.grid import Grid
 from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.obstacles import Obstacle
-from taichi_plume.scenario.resources import shape as shape_of
+from taichi_plume.scenario.shapes import shape as shape_of
 
 ARENA = (
     {"kind": "honeycomb", "face": "x-", "speed": 0.7},
