@@ -17,6 +17,8 @@ from taichi_plume.grid import kernels
 from taichi_plume.scenario.loading import load_scenario
 from taichi_plume.scenario.maps import InverseDistanceMap, KernelMap, MarkovMap, TimeSeriesMap
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 SCENARIO = """
 name: readings
 seed: 3

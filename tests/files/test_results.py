@@ -15,6 +15,8 @@ from taichi_plume.files import disk, result, robots_table, run_folder
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.simulation import Every, Simulation, UnstableError
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 
 def run_with_table(tmp_path: Path, **changes):
     sim = fake_run.simulation(fake_run.scenario(2, maps=[], **changes))
