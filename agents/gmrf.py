@@ -41,6 +41,8 @@ class MarkovMap:
     obstacle_distance: of points (..., 2) [m], the distance [m] to the next obstacle, negative inside.
     """
 
+    window: float | None = None
+
     def __init__(
         self,
         model: models.MarkovMap,
@@ -48,7 +50,7 @@ class MarkovMap:
         trials: int,
         obstacle_distance: Callable[[np.ndarray], np.ndarray],
     ):
-        self.model, self.cell, self.window = model, model.cell, model.window
+        self.model, self.cell = model, model.cell
         self.noise = 1.0 / model.lambda_observation  # ppm², of a reading
         self.extent = ti.math.vec2(extent)
         self.shape = shape(extent, model.cell)

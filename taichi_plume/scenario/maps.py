@@ -1,6 +1,6 @@
 """The maps of a scenario: what is told of each kind of online gas map."""
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
@@ -58,6 +58,8 @@ class KernelMap(Model):
     kind: Literal["kernel_dmv"]
     cell: Length = 0.1
     """Edge of the cells [m]."""
+    window: ClassVar[None] = None
+    """It has none: each reading counts at once."""
     sigma: Length = 0.25
     """Width of the kernel [m]: how far a reading tells of the gas around it."""
     sigma_omega: Positive = 5.0
