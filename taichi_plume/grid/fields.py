@@ -1,24 +1,38 @@
-"""What can be sampled: the Gas and Wind protocols, multilinear interpolation, and sampling from the host.
+"""What can be sampled: the Gas, Wind and Carrier protocols, multilinear interpolation, and sampling from the host.
 
 Sensors, recorder and scores know gas and wind only through these, so a grid, puffs, a closed form and
 a recording of an earlier run are interchangeable, in 2-D and 3-D.
+
+Winds and gases inherit their protocol, and with it what they leave at its default.
 """
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 import taichi as ti
 
+from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template
 
 
 class Wind(Protocol):
     """Air that moves. Implementations are `ti.data_oriented`."""
 
+    STATE: ClassVar[tuple[str, ...]] = ()
+
+    top_speed: float = 0.0
+    """About the largest speed [m/s] of a wind that is played back; 0 where the scenario tells it."""
+
+    def begin(self, model: Any, t: float, seed: int) -> None:
+        """Begin a run at time t [s] with the numbers of the scenario's section, of the structure that it was made for
+        (see `state`).
+        """
+        ...
+
     def stable_dt(self, t: float = 0.0) -> float:
         """Longest step [s] that `advance` takes from time t in one go; infinite where there is no limit."""
-        ...
+        return float("inf")
 
     def advance(self, t: float, dt: float) -> None:
         """Step from time t [s] by dt [s]."""
@@ -27,6 +41,64 @@ class Wind(Protocol):
     def velocity(self, x: Any, t: Any) -> Any:
         """ti.func: velocity [m/s] at point x [m] (both of the domain's dimension) and time t [s]."""
         ...
+
+    def diagnostics(self) -> dict[str, float]:
+        """Numbers for the result; nothing unless the wind has something to tell."""
+        return {}
+
+    @property
+    def carrier(self) -> "Carrier | None":
+        """The wind itself, where it has velocities on the faces of the grid; None where it has not."""
+        return None
+
+
+class Carrier(Wind, Protocol):
+    """A wind on the grid, as gas and heat are carried by it and as it is filmed.
+
+    All fields are padded (see `Grid`) and belong to the time that `advance` has come to. ti.func: `velocity`.
+
+    The two numbers, viscosity and schmidt, are those of the last `begin`, and of the host: what is carried uploads to
+    numbers of its own what its kernels need of them (see `transfer.Numbers`). It therefore begins after its wind. What
+    changes from step to step (outflow_rate, max_viscosity) is read by the host before each of its steps.
+    """
+
+    grid: Grid
+    dim: int
+
+    u: tuple[Any, ...]
+    """Velocity [m/s] on the lower d-faces of the cells, one field per axis d; divergence-free, ghost layers filled."""
+
+    open: tuple[Any, ...]
+    """Fields like u: how freely pressure moves the air of a face. 1 in the open, less where an obstacle cuts the face,
+    0 where nothing diffuses through: on walls, in obstacles, and where a velocity is prescribed."""
+
+    area: tuple[Any, ...] | None = None
+    """Fields like u: share of each face that is air, 0 to 1; None where no face is cut."""
+
+    nu: Any = None
+    """Cell field: viscosity with that of the eddies [m²/s], at least `viscosity` once the air has moved a step; None
+    where there are no eddies, which is fixed at construction."""
+
+    viscosity: float = 0.0
+    """Molecular viscosity [m²/s], which is taken off nu to have that of the eddies."""
+
+    schmidt: float = 1.0
+    """Turbulent Schmidt number: eddy viscosity over eddy diffusivity of gas."""
+
+    max_viscosity: float = 0.0
+    """Largest nu [m²/s], `viscosity` where there are no eddies."""
+
+    outflow_rate: float = 0.0
+    """Largest flow out of a cell over its volume [1/s]."""
+
+    scratch: tuple[Any, Any] | None = None
+    """Two cell fields that the wind lends between its steps, for what is lost when it goes on; None where it has
+    none to spare."""
+
+    @property
+    def carrier(self) -> "Carrier | None":
+        """The wind itself."""
+        return self
 
 
 class Species(Protocol):
@@ -46,9 +118,15 @@ class Species(Protocol):
 class Gas(Protocol):
     """Vapour of one species in the air. Implementations are `ti.data_oriented`."""
 
-    @property
-    def species(self) -> Species:
-        """Of the vapour."""
+    STATE: ClassVar[tuple[str, ...]] = ()
+
+    species: Species
+    """Of the vapour."""
+
+    def begin(self, model: Any, t: float, seed: int) -> None:
+        """Begin a run at time t [s] with the numbers of the scenario's section, of the structure that it was made for
+        (see `state`).
+        """
         ...
 
     def advance(self, t: float, dt: float) -> None:
@@ -56,12 +134,22 @@ class Gas(Protocol):
         ...
 
     def is_finite(self) -> bool:
-        """Whether every concentration is a number."""
-        ...
+        """Whether every concentration is a number; a closed form always is."""
+        return True
 
     def concentration(self, x: Any, t: Any) -> Any:
         """ti.func: concentration [kg/m³] at point x [m] and time t [s]."""
         ...
+
+    def budget(self) -> dict[str, float]:
+        """Mass emitted_kg, in_domain_kg and outflow_kg (gone through the domain's faces); nothing where it is not
+        kept.
+        """
+        return {}
+
+    def cells(self, t: float) -> np.ndarray | None:
+        """Mean concentration of every cell [kg/m³] at time t [s], of the grid's shape; None where only points know."""
+        return None
 
 
 class Odour(Protocol):
