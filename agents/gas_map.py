@@ -56,8 +56,8 @@ class Floor:
 class GasMap:
     """A map of all trials, a `Mapper`; see there.
 
-    cell: edge of its cells [m]; shape: of the map, cells along x and y; window: time over which it gathers readings
-    [s], None where each counts at once.
+    cell: edge of its cells [m]; shape: of the map, cells along x and y; window: length of the snaps
+    that it forecasts [s], None where it makes none.
     """
 
     STATE: ClassVar[tuple[str, ...]] = ("errors",)
@@ -83,7 +83,6 @@ class GasMap:
     def begin(self, model: Any) -> None:
         """Begin a run with the numbers of the model, of the structure that the map was made for (see `state`)."""
         self.errors = []
-        self.window = model.windowed
 
     def update(self, swarm: Readers, t: float, dt: float) -> None:
         """Take in the readings at time t [s], the end of a tick of dt [s]."""

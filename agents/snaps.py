@@ -156,6 +156,7 @@ class SnapMap(GasMap):
     def begin(self, model: models.Snaps) -> None:
         """Begin a run; no number of the model may have changed, as snaps are shared by them."""
         super().begin(model)
+        self.window = model.window
         self.snaps.begin()
 
     def estimate(self) -> np.ndarray:

@@ -25,7 +25,7 @@ class MapSeries:
 
     def __init__(self, sim: Simulation, number: int):
         self.map = sim.maps[number]
-        self.cell, self.period = self.map.cell, scores.period(self.map)
+        self.cell, self.period = self.map.cell, self.map.window or scores.PERIOD
         self.shape: tuple[int, int] = np.shape(self.map.estimate())[1:]
         self.sources = np.array([source.position[:2] for _, source in sim.scenario.sources]).reshape(-1, 2)
         groups = sim.swarm.groups if sim.swarm.count else []

@@ -77,7 +77,7 @@ def map_of(
 
     _check_size(model, size)
     counted = _counted(readings, size)
-    window = model.windowed or PERIOD
+    window = model.window or PERIOD
     begin = window * np.floor((readings.t[0] + 0.5 * 10.0**-FINEST) / window)
     t = np.round(readings.t - begin, FINEST)
     _check_clock(readings, t, window)
@@ -93,17 +93,18 @@ def map_of(
         team.show(readings.place[rows], readings.wind[rows], readings.reading[rows])
         gas_map.update(team, time, dt)
 
+    period = gas_map.window or PERIOD
     prediction, ended, surprises = None, 0, []
-    for time, number, first, count in zip(times, _number(times, score_period), starts, robots, strict=True):
+    for time, number, first, count in zip(times, _number(times, period), starts, robots, strict=True):
         last = first + count
         if number > ended:
             ended = number
-            take_in(0, 0, ended * score_period)
+            take_in(0, 0, ended * period)
             prediction = Prediction.of(gas_map, size)
         if prediction:
             surprises.append(prediction.surprise(0, readings.place[first:last], readings.reading[first:last]))
         take_in(first, last, float(time))
-    if gas_map.window is not None:
+    if model.window is not None:
         take_in(0, 0, float(_number(times[-1], window) + 1) * window)
     errors = [(time, error) for time, error in gas_map.errors if time <= times[-1] + 10.0**-FINEST]
     estimate, weight = np.asarray(gas_map.estimate()), np.asarray(gas_map.weight())

@@ -119,11 +119,6 @@ class Prediction:
         return np.where(counted, 0.5 * np.log(2 * np.pi * v) + off**2 / (2 * v), np.nan)
 
 
-def period(gas_map: Mapper) -> float:
-    """Time between scores of a map [s]: its snaps, or PERIOD where it has none but tells a variance."""
-    return PERIOD if isinstance(gas_map, Uncertain) or gas_map.window is None else gas_map.window
-
-
 def forecast_error(errors: list[tuple[float, np.ndarray]], trials: int, begin: float = 0.0) -> np.ndarray:
     """Mean of a map's forecast errors [ppm] (eq 8, see agents/snaps) of each trial, (trials,).
 

@@ -45,7 +45,7 @@ class Team(Protocol):
 class Mapper(Protocol):
     """An online gas map of all trials.
 
-    cell: edge of its cells [m]. window: time over which it gathers readings [s]; None where each counts at once.
+    cell: edge of its cells [m]. window: length of the snaps whose forecasts it makes [s]; None where it makes none.
     errors: (time [s], mean error [ppm] (trials,)) of each forecast that has been judged by the readings after it; none
     where the method makes none.
 

@@ -9,7 +9,7 @@ import taichi as ti
 
 from taichi_plume.agents.columns import COLUMNS
 from taichi_plume.grid.cut_cells import Air
-from taichi_plume.grid.fields import Mixture
+from taichi_plume.grid.fields import Gas, Mixture, Wind
 from taichi_plume.grid.grid import Grid
 from taichi_plume.scenario.obstacles import Mesh
 from taichi_plume.scenario.scenario import Scenario
@@ -18,14 +18,14 @@ from taichi_plume.simulation import Simulation
 
 
 @ti.data_oriented
-class FakeWind:
+class FakeWind(Wind):
     """A parallel stream along x with a slow sway, from the walls' zero to U in the middle."""
 
     def __init__(self, grid: Grid, speed: float):
         self.dim, self.speed, self.width = grid.dim, speed, grid.extent[1]
 
-    def stable_dt(self, t: float = 0.0) -> float:
-        return float("inf")
+    def begin(self, model: Any, t: float, seed: int) -> None:
+        pass
 
     def advance(self, t: float, dt: float) -> None:
         pass
@@ -43,13 +43,13 @@ class FakeWind:
 
 
 @ti.data_oriented
-class FakeGas:
+class FakeGas(Gas):
     """A meandering Gaussian plume with a wavy intensity: c = a exp(-r²/2s²) (1 + cos(...))/2 [kg/m³]."""
 
     species = SPECIES["ethanol"]
 
-    def is_finite(self) -> bool:
-        return True
+    def begin(self, model: Any, t: float, seed: int) -> None:
+        pass
 
     def __init__(self, grid: Grid, source: tuple[float, ...], peak_ppm: float = 400.0):
         self.dim = grid.dim

@@ -8,7 +8,7 @@ import numpy as np
 from taichi_plume import __version__
 from taichi_plume.files import disk
 from taichi_plume.files.film import GAS, VELOCITIES, NewFilm
-from taichi_plume.grid.fields import concentration_at
+from taichi_plume.grid.fields import Carrier, concentration_at
 from taichi_plume.scenario.outputs import Fields
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.sources import Source
@@ -16,14 +16,11 @@ from taichi_plume.simulation import Every, Simulation
 
 
 class Filming:
-    """Writes the film `path` of what `scenario.fields` asks for. Raises OSError as soon as the disk has no room.
-
-    Of the wind it takes the fields u, open and nu (or None), as a flow solver's.
-    """
+    """Writes the film `path` of what `scenario.fields` asks for. Raises OSError as soon as the disk has no room."""
 
     def __init__(self, sim: Simulation, path: Path, model: Fields):
         self.path, self.model = path, model
-        self.wind: Any = sim.wind if "wind" in model.quantities else None
+        self.wind = sim.wind.carrier if "wind" in model.quantities else None
         scenario, grid = sim.scenario, sim.grid
         attributes: dict[str, Any] = {
             "title": scenario.name,
@@ -34,12 +31,12 @@ class Filming:
         }
         still: dict[str, np.ndarray] = {"air": sim.air.volume.T.astype(np.float32)}
         moving = []
+        if "wind" in model.quantities and self.wind is None:
+            kind = scenario.wind.kind
+            raise ValueError(
+                f"fields.quantities: a wind of kind {kind} has no face velocities; leave out wind"
+            )
         if self.wind is not None:
-            if not hasattr(self.wind, "u"):
-                kind = scenario.wind.kind
-                raise ValueError(
-                    f"fields.quantities: a wind of kind {kind} has no face velocities; leave out wind"
-                )
             self.speed_names = VELOCITIES[: grid.dim]
             moving += self.speed_names
             moving += ["viscosity"] if self.wind.nu is not None else []
@@ -61,7 +58,7 @@ class Filming:
         """Add a frame, once the film has started."""
         if sim.t < self.model.start - 1e-9 * sim.dt:
             return
-        frame = self._wind(sim) if self.wind is not None else {}
+        frame = self._wind(sim, self.wind) if self.wind is not None else {}
         if "gas" in self.model.quantities:
             frame |= self._gas(sim)
         disk.require_room(self.path, sum(values.nbytes for values in frame.values()))
@@ -73,16 +70,17 @@ class Filming:
             f"{GAS}{species.name}": np.zeros(sim.grid.shape[::-1], np.float32) for species in sim.gas.species
         }
         for gas in sim.gas.gases:
-            means = gas.cells(sim.t)
-            c = concentration_at(gas, sim.grid.centers(), sim.t) if means is None else means
+            c = gas.cells(sim.t)
+            if c is None:
+                c = concentration_at(gas, sim.grid.centers(), sim.t)
             frame[f"{GAS}{gas.species.name}"] += c.T
         return frame
 
-    def _wind(self, sim: Simulation) -> dict[str, np.ndarray]:
+    def _wind(self, sim: Simulation, wind: Carrier) -> dict[str, np.ndarray]:
         grid = sim.grid
-        frame = {name: _faces(grid.read(self.wind.u[d], 1), d).T for d, name in enumerate(self.speed_names)}
-        if self.wind.nu is not None:  # zero before the first step
-            frame["viscosity"] = np.maximum(grid.read(self.wind.nu, 1), np.float32(self.wind.viscosity)).T
+        frame = {name: _faces(grid.read(wind.u[d], 1), d).T for d, name in enumerate(self.speed_names)}
+        if wind.nu is not None:  # zero before the first step
+            frame["viscosity"] = np.maximum(grid.read(wind.nu, 1), np.float32(wind.viscosity)).T
         return frame
 
 

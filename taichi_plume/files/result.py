@@ -31,7 +31,7 @@ def result(
         "steps": sim.steps,
         "cells": cells,
         "Mcell_steps_per_s": steps / sim.wall_s / 1e6 if sim.wall_s > 0 else None,
-        "flow": _reported(sim.wind, "diagnostics"),
+        "flow": sim.wind.diagnostics(),
         "gas": _budget(sim),
         "obstacles": _obstacles(sim),
         "groups": _groups(sim),
@@ -44,7 +44,7 @@ def result(
 
 def _budget(sim: Simulation) -> dict[str, Any]:
     """Of all gases that keep one, with an entry per gas where there are several."""
-    parts = [_reported(gas, "budget") for gas in sim.gas.gases]
+    parts: list[dict[str, Any]] = [dict(gas.budget()) for gas in sim.gas.gases]
     kept = [part for part in parts if part]
     if not kept:
         return {}
@@ -64,11 +64,6 @@ def _obstacles(sim: Simulation) -> list[dict[str, Any]]:
         return []
     kinds = [obstacle.kind for obstacle in sim.scenario.obstacles]
     return [{"kind": kind, "force_N": force} for kind, force in zip(kinds, sim.forces(), strict=True)]
-
-
-def _reported(solver: Any, name: str) -> dict[str, Any]:
-    """What a solver's method tells of its state; closed forms have nothing to tell."""
-    return dict(getattr(solver, name)()) if hasattr(solver, name) else {}
 
 
 def _groups(sim: Simulation) -> list[dict[str, Any]]:

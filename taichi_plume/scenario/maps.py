@@ -1,7 +1,7 @@
 """The maps of a scenario: what is told of each kind of online gas map."""
 
 from math import prod, sqrt
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
@@ -18,11 +18,6 @@ class AnyMap(Model):
     kind: str
     cell: Length
     """Edge of the cells [m]."""
-
-    @property
-    def windowed(self) -> float | None:
-        """Length of the windows by which it takes in readings [s]; None where there are none."""
-        return None
 
     def bytes(self, size: tuple[float, ...]) -> float:
         """About what it needs of memory on a floor of that size [m], and trial: its fields, and what solves it."""
@@ -50,11 +45,6 @@ class Snaps(AnyMap):
     """Exponent of the inverse distance."""
     min_distance: Annotated[Length, COMPILED] | None = None
     """Distances below it count as it [m]; unless given, half a cell."""
-
-    @property
-    def windowed(self) -> float | None:
-        """Length of its windows [s]."""
-        return self.window
 
 
 class TimeSeriesMap(Snaps):
@@ -102,6 +92,8 @@ class KernelMap(AnyMap):
     kind: Literal["kernel_dmv"]  # type: ignore[assignment]
     cell: Annotated[Length, COMPILED] = 0.1
     """Edge of the cells [m]."""
+    window: ClassVar[None] = None
+    """It has none: each reading counts at once."""
     sigma: Length = 0.25
     """Width of the kernel [m]: how far a reading tells of the gas around it."""
     sigma_omega: Positive = 5.0
@@ -134,11 +126,6 @@ class MarkovMap(AnyMap):
     """Age at which a reading counts no more, after steady loss [s]; null: readings count for ever."""
     window: Duration = 1.0
     """Time between updates [s]; readings within it are of the same age."""
-
-    @property
-    def windowed(self) -> float | None:
-        """Length of its windows [s]."""
-        return self.window
 
     def bytes(self, size: tuple[float, ...]) -> float:
         """With a block of its matrix for each column."""

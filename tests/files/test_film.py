@@ -58,9 +58,18 @@ def new_film(path: Path, frames: int = 3) -> list[dict[str, np.ndarray]]:
     return shown
 
 
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory) -> Path:
+    """A film, to be copied."""
+    path = tmp_path_factory.mktemp("film") / "fields.zarr"
+    new_film(path)
+    return path
+
+
 @pytest.fixture
-def path(tmp_path) -> Path:
-    new_film(tmp_path / "fields.zarr")
+def path(whole, tmp_path) -> Path:
+    """A film of one's own to damage, beside a scenario that plays it."""
+    shutil.copytree(whole, tmp_path / "fields.zarr")
     (tmp_path / "play.yaml").write_text(PLAY)
     return tmp_path / "fields.zarr"
 

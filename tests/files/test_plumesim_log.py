@@ -87,11 +87,19 @@ def test_a_run_is_played_back_to_the_printed_digits(tmp_path, monkeypatch):
             again.advance()
 
 
+def plain(velocity: str, position: str) -> list[str]:
+    """Overrides for a wind and a gas that need hardly a kernel."""
+    source = f"{{position: {position}, rate: 10 mg/s, radius: 0.05}}"
+    return [
+        f"wind={{kind: uniform, velocity: {velocity}}}",
+        f"gas={{kind: gaussian_plume, species: acetone, intensity: 0.1, walls: [], sources: [{source}]}}",
+        "obstacles=[]",
+    ]
+
+
 def short(tmp_path: Path, **keys: Any) -> tuple[Simulation, PlumeLogger]:
     (tmp_path / "live.yaml").write_text(LIVE)
-    scenario = load_scenario(
-        tmp_path / "live.yaml", ["wind={kind: uniform, velocity: [0, -0.3]}", "obstacles=[]"]
-    )
+    scenario = load_scenario(tmp_path / "live.yaml", plain("[0, -0.3]", "[0.3, 0.4]"))
     sim = assemble(scenario, tmp_path)
     return sim, PlumeLogger(sim, tmp_path / "plume.pslog", PlumeLog(**keys))
 
@@ -126,7 +134,9 @@ def test_a_full_disk_is_told_and_the_frames_before_are_kept(tmp_path, monkeypatc
 
     monkeypatch.setattr(run, "_assemble", filling)
     out = tmp_path / "run"
-    assert run.main([str(tmp_path / "live.yaml"), "--out", str(out), "--quiet", "--no-recording"]) == 1
+    changes = [f"--set={change}" for change in plain("[0.3, 0]", "[0.3, 0.4]")]
+    command = [str(tmp_path / "live.yaml"), *changes, "--out", str(out), "--quiet", "--no-recording"]
+    assert run.main(command) == 1
     assert json.loads((out / "result.json").read_text())["status"] == "disk_full"
     assert len(read_log(out / "plume.pslog")) == 2
     with pytest.raises(OSError, match="full") as caught:
@@ -135,11 +145,8 @@ def test_a_full_disk_is_told_and_the_frames_before_are_kept(tmp_path, monkeypatc
 
 
 def test_in_three_dimensions_the_log_is_a_slice(tmp_path):
-    text = LIVE.replace("[1.2, 0.8]", "[1.2, 0.8, 0.4]").replace("[0.3, 0.4]", "[0.3, 0.4, 0.1]")
-    (tmp_path / "live.yaml").write_text(text)
-    scenario = load_scenario(
-        tmp_path / "live.yaml", ["wind={kind: uniform, velocity: [0.2, 0, 0.1]}", "obstacles=[]"]
-    )
+    (tmp_path / "live.yaml").write_text(LIVE.replace("[1.2, 0.8]", "[1.2, 0.8, 0.4]"))
+    scenario = load_scenario(tmp_path / "live.yaml", plain("[0.2, 0, 0.1]", "[0.3, 0.4, 0.1]"))
     sim = assemble(scenario, tmp_path)
     for _ in range(5):
         sim.advance()

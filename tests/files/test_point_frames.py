@@ -31,11 +31,6 @@ gas: {kind: plumesim_log, file: plume.pslog}
 FLUENT = "nodenumber, x-coordinate, y-coordinate, acetone\n1,0.1,0.2,0.02\n2,0.2,0.2,0.08\n"
 
 
-@pytest.fixture(autouse=True)
-def taichi():
-    """No kernel runs here."""
-
-
 @pytest.fixture
 def folder(tmp_path) -> Path:
     (tmp_path / "plume.pslog").write_text(LOG)

@@ -6,12 +6,6 @@ import pytest
 from taichi_plume.files import gaden as occupancy
 from taichi_plume.files.wind_points import WindFileError, find, read
 
-
-@pytest.fixture(autouse=True)
-def taichi():
-    """No kernels here: spares each test the start of Taichi."""
-
-
 PLACE = np.array([[0.5, 0.5, 0.25], [1.5, 0.5, 0.25], [0.5, 1.5, 0.25], [1.5, 1.5, 0.25]] * 2)
 PLACE[4:, 2] = 0.75
 SPEED = np.arange(24).reshape(8, 3) * [0.1, -0.01, 1e-3]

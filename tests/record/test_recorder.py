@@ -14,8 +14,11 @@ import pytest
 import rerun as rr
 
 from taichi_plume.files import disk
+from taichi_plume.grid import kernels
 from taichi_plume.record.recorder import Recorder
-from taichi_plume.simulation import Simulation
+from taichi_plume.simulation import Every, Simulation
+
+pytestmark = pytest.mark.usefixtures("taichi")
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -67,10 +70,22 @@ def verified(path: Path) -> bool:
     return subprocess.run([rerun, "rrd", "verify", path], capture_output=True, check=False).returncode == 0
 
 
-@pytest.mark.parametrize("dim", [2, 3])
-def test_everything_is_there(dim, tmp_path):
-    model = fake_run.scenario(dim, duration=4, warm_up=1)
-    path = recorded(fake_run.simulation(model), tmp_path / "a.rrd")
+@pytest.fixture(scope="module")
+def arena(tmp_path_factory) -> SimpleNamespace:
+    """A run with one of everything in 2-D: its recording's path, the recorder, the simulation, and all snapshots."""
+    kernels.start("cpu")
+    path = tmp_path_factory.mktemp("arena") / "a.rrd"
+    sim = fake_run.simulation(fake_run.scenario(2, duration=9, warm_up=1))
+    recorder = record(sim, path)
+    seen: dict[float, dict[str, np.ndarray]] = {}
+    sim.observers.append(Every(0.1, lambda s: seen.update({round(s.t, 6): s.swarm.snapshot()})))
+    sim.run()
+    recorder.close()
+    return SimpleNamespace(path=path, recorder=recorder, sim=sim, seen=seen)
+
+
+def is_whole(path: Path, dim: int, duration: float) -> None:
+    """Whether a recording of `fake_run.scenario` has all entities, and pictures from -1 s on."""
     assert verified(path)
     there = entities(path)
     assert {f"/robots/team-{i}" for i in range(4)} <= there
@@ -81,27 +96,28 @@ def test_everything_is_there(dim, tmp_path):
     assert ("/gas/volume" in there) == (dim == 3)
     t, _ = column(path, "/gas/slice", "GridMap:data")
     assert t[0] == -1.0
-    assert t[-1] == pytest.approx(4.0)
-    assert np.unique(t.round(6)).size == 5 * 5 + 1
+    assert t[-1] == pytest.approx(duration)
+    assert np.unique(t.round(6)).size == 5 * (duration + 1) + 1
     reader = rr.chunk.RrdReader(str(path))
     assert len(reader.blueprints()) == 1
 
 
-def test_robots_are_where_they_were(tmp_path):
-    sim = fake_run.simulation(fake_run.scenario(2, duration=3))
-    seen = []
-    watch = sim.swarm.snapshot
-    recorder = record(sim, tmp_path / "a.rrd")
-    sim.observers.append(type(sim.observers[0])(0.1, lambda s: seen.append((s.t, watch()))))
-    sim.run()
-    recorder.close()
-    t, places = column(tmp_path / "a.rrd", "/robots/team-2", "Transform3D:translation")
-    _, turns = column(tmp_path / "a.rrd", "/robots/team-2", "Transform3D:quaternion")
-    _, readings = column(tmp_path / "a.rrd", "/sensors/team-2", "Scalars:scalars")
-    assert len(t) == 31
-    truth = {round(at, 6): now for at, now in seen}
+def test_everything_is_there(arena):
+    is_whole(arena.path, 2, 9)
+
+
+def test_everything_is_there_in_three_dimensions(tmp_path):
+    model = fake_run.scenario(3, duration=2, warm_up=1)
+    is_whole(recorded(fake_run.simulation(model), tmp_path / "a.rrd"), 3, 2)
+
+
+def test_robots_are_where_they_were(arena):
+    t, places = column(arena.path, "/robots/team-2", "Transform3D:translation")
+    _, turns = column(arena.path, "/robots/team-2", "Transform3D:quaternion")
+    _, readings = column(arena.path, "/sensors/team-2", "Scalars:scalars")
+    assert len(t) == 91
     for at, place, turn, reading in zip(t, places, turns, readings, strict=True):
-        now = truth[round(at, 6)]
+        now = arena.seen[round(at, 6)]
         assert place[0][:2] == pytest.approx(now["position"][2], abs=1e-5)
         heading = 2 * np.arctan2(turn[0][2], turn[0][3])
         assert np.cos(heading - now["heading"][2]) == pytest.approx(1.0, abs=1e-6)
@@ -177,40 +193,32 @@ def test_slice_shows_the_gas_where_it_is(tmp_path):
     assert image.max() > 200
 
 
-def test_found_source_and_changes_are_events(tmp_path):
-    model = fake_run.scenario(2, duration=9, maps=[])
-    path = recorded(fake_run.simulation(model), tmp_path / "a.rrd")
-    t, texts = column(path, "/events", "TextLog:text")
+def test_found_source_and_changes_are_events(arena):
+    t, texts = column(arena.path, "/events", "TextLog:text")
     events = [(at, text[0]) for at, text in zip(t, texts, strict=True)]
     assert [round(at, 6) for at, text in events if "found a source" in text] == [8.0]
     assert [at for at, text in events if "0.6 m/s" in text] == [3.0]
-    t, states = column(path, "/states/team-0", "StateChange:state")
+    t, states = column(arena.path, "/states/team-0", "StateChange:state")
     assert states[-1][0] == "found"
     assert t[-1] == pytest.approx(8.0)
     names = [state[0] for state in states]
     assert all(a != b for a, b in pairwise(names))
 
 
-def test_scores_of_maps_are_series(tmp_path):
-    sim = fake_run.simulation(fake_run.scenario(2, duration=6))
-    recorder = record(sim, tmp_path / "a.rrd")
-    sim.run()
-    recorder.close()
-    path, values = tmp_path / "a.rrd", recorder.maps.series[0].values
+def test_scores_of_maps_are_series(arena):
+    values = arena.recorder.maps.series[0].values
     for origin, name in (("map_errors/0_mae", "error_ppm"), ("map_peaks/0", "peak_distance_m")):
-        t, scalars = column(path, f"/{origin}", "Scalars:scalars")
+        t, scalars = column(arena.path, f"/{origin}", "Scalars:scalars")
         assert list(t) == [5.0]
         assert scalars[0][0] == pytest.approx(values[name][0][0])
-    t, forecasts = column(path, "/map_errors/0_forecast", "Scalars:scalars")
+    t, forecasts = column(arena.path, "/map_errors/0_forecast", "Scalars:scalars")
     assert list(t) == [5.0]
     assert forecasts[0][0] == pytest.approx(10 / 6)
 
 
-def test_map_pictures_are_transparent_where_unknown(tmp_path):
-    sim = fake_run.simulation(fake_run.scenario(2, duration=2))
-    path = recorded(sim, tmp_path / "a.rrd")
-    _, pictures = column(path, "/maps/0/estimate", "GridMap:data")
-    fake: Any = sim.maps[0]
+def test_map_pictures_are_transparent_where_unknown(arena):
+    _, pictures = column(arena.path, "/maps/0/estimate", "GridMap:data")
+    fake: Any = arena.sim.maps[0]
     nx, ny = fake.shape
     rgba = np.array(pictures[-1][0], np.uint8).reshape(ny, nx, 4)[::-1].swapaxes(0, 1)
     assert np.array_equal(rgba[..., 3] == 255, fake.seen)
@@ -255,7 +263,7 @@ def test_no_room_is_an_error_and_the_file_is_whole(tmp_path, monkeypatch):
         if sim.t > 3.5:
             usage.free = disk.RESERVE - 1
 
-    sim.observers.insert(0, type(sim.observers[0])(0.1, fill))
+    sim.observers.insert(0, Every(0.1, fill))
     monkeypatch.setattr(disk.shutil, "disk_usage", lambda _: usage)
     with pytest.raises(OSError, match="disk is full"):
         sim.run()
