@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from taichi_plume.agents.contact import SKIN
-from taichi_plume.scenario.robots import Group, StartArea, StartAt
+from taichi_plume.scenario.robots import Group, StartArea
 
 DRAWS = 20_000  # random places tried per trial before an area counts as full
 ROOM = 2 * SKIN  # m, air around a body at the start
@@ -40,7 +40,7 @@ def place(
     for k in range(group.trials):
         rng = draws(group.first_trial + k)
         others = [(o.positions[o.trial == k], o.radius) for o in occupied]
-        if isinstance(start, StartArea):
+        if start.kind == "area":
             positions[k] = _scatter(group, start, rng, distance, others)
         else:
             positions[k] = _given(group)
@@ -59,11 +59,11 @@ def placed(group: Group, positions: np.ndarray) -> Placed:
 def _given(group: Group) -> np.ndarray:
     """The places, (count, 2), that the scenario gives."""
     start = group.start
-    if isinstance(start, StartAt):
+    if start.kind == "positions":
         if len(start.positions) != group.count:
             raise ValueError(f"{group.count} robots need as many positions, got {len(start.positions)}")
         return np.array(start.positions)
-    assert not isinstance(start, StartArea)
+    assert start.kind == "line"
     return np.linspace(start.begin, start.end, group.count)
 
 
