@@ -39,7 +39,7 @@ def place(
     for k in range(group.trials):
         rng = draws(group.first_trial + k)
         others = [(o.positions[o.trial == k], o.radius) for o in occupied]
-        if isinstance(start, StartArea):
+        if start.kind == "area":
             positions[k] = _scatter(group, start, rng, distance, others)
         else:
             positions[k] = _given(group)

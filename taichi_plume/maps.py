@@ -72,7 +72,7 @@ def map_of(
     from taichi_plume.agents.gas_map import Floor
     from taichi_plume.agents.mapping import mappers
     from taichi_plume.agents.recorded import RecordedTeam
-    from taichi_plume.scores import PERIOD, Prediction, forecast_error, peak_distance, period
+    from taichi_plume.scores import PERIOD, Prediction, forecast_error, peak_distance
     from taichi_plume.simulation import Uncertain
 
     _check_size(model, size)
@@ -86,7 +86,6 @@ def map_of(
     team = RecordedTeam(most)
     dt = window / ceil(np.bincount(_number(t, window)).max() / most)  # maps have room for so many readings
     gas_map = mappers([model], Floor(size, 1, most, dt))[0]
-    score_period = period(gas_map)
 
     def take_in(first: int, last: int, time: float) -> None:
         rows = slice(first, last)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import taichi as ti
 from arena import Run, Script
+from driver import Driver
 
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Parameters
@@ -17,6 +18,7 @@ from taichi_plume.agents.radio import Radio
 from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.clearance import ClearanceMap
+from taichi_plume.grid.kernels import compiled
 from taichi_plume.scenario.algorithms import RandomWalk, SurgeCast
 from taichi_plume.scenario.listening import Spiral
 from taichi_plume.scenario.robots import Body, Communication, Group, Odometry
@@ -58,65 +60,77 @@ def swarm_of(*groups, seed=3, where=(SIZE / 2, SIZE / 2), heading=0.0):
     return Swarm(groups, np.array(places), np.full(len(places), heading), arena, np.empty((0, 2)), seed)
 
 
-def drive(swarm, speed, turn_rate, seconds, tick, first=0):
-    """Constant commands; returns the number of the last tick."""
-    swarm.speed_command.fill(speed)
-    swarm.turn_rate_command.fill(turn_rate)
-    last = first + round(seconds / tick)
-    for n in range(first + 1, last + 1):
-        swarm.move(n, n * tick, tick)
-    return last
+def drive(driver, speed, turn_rate, seconds, tick):
+    """Constant commands."""
+    driver.command(speed, turn_rate)
+    return driver.move(round(seconds / tick), tick)
 
 
-def errors(swarm):
+def errors(driver):
     """Believed minus true position (n, 2), heading, way."""
-    now = {name: value.astype(float) for name, value in swarm.snapshot().items()}
+    now = {name: value.astype(float) for name, value in driver.swarm.snapshot().items()}
     heading = now["believed_heading"] - now["heading"]
     heading -= 2 * np.pi * np.round(heading / (2 * np.pi))
     return now["believed_position"] - now["position"], heading, now["odometer"] - now["path_length"]
 
 
+@pytest.fixture(scope="module")
+def crowd(taichi):
+    """Many trials of a robot, which the tests give errors."""
+    return Driver(swarm_of(group(Odometry(), MANY)))
+
+
+def put(crowd, where=(SIZE / 2, SIZE / 2), heading=0.0, **errors):
+    """Begin anew at a place, with these errors alone."""
+    model = Odometry(**EXACT | errors)
+    crowd.begin([group(model, MANY)], np.tile(where, (MANY, 1)), np.full(MANY, heading), seed=3)
+
+
 # ---------------------------------------------------------------- random errors
 
 
-@pytest.mark.parametrize(("tick", "speed"), [(0.05, 1.0), (0.5, -1.0)])
-def test_straight_ways(tick, speed):
-    length, way, heading = 6.0, 0.02, np.radians(0.8)
-    model = Odometry(**EXACT | {"distance_noise": way, "heading_noise_deg": 0.8})
-    swarm = swarm_of(group(model, MANY))
-    drive(swarm, speed, 0.0, length, tick)
-    place, turned, driven = errors(swarm)
+def test_straight_ways(crowd):
+    for tick, speed in ((0.05, 1.0), (0.5, -1.0)):
+        straight_way(crowd, tick, speed)
+
+
+def straight_way(crowd, tick, speed):
+    length, way, heading, told = 6.0, 0.02, np.radians(0.8), f"ticks of {tick} s, {speed} m/s"
+    put(crowd, distance_noise=way, heading_noise_deg=0.8)
+    drive(crowd, speed, 0.0, length, tick)
+    place, turned, driven = errors(crowd)
     aside = place[:, 1]
-    assert np.var(turned) == pytest.approx(heading**2 * length, rel=TOLERANCE)
-    assert np.var(driven) == pytest.approx(way**2 * length, rel=TOLERANCE)
+    assert np.var(turned) == pytest.approx(heading**2 * length, rel=TOLERANCE), told
+    assert np.var(driven) == pytest.approx(way**2 * length, rel=TOLERANCE), told
     # along a straight line the heading is a random walk and the error aside its integral
-    assert np.var(aside) == pytest.approx(heading**2 * length**3 / 3, rel=TOLERANCE)
+    assert np.var(aside) == pytest.approx(heading**2 * length**3 / 3, rel=TOLERANCE), told
     covariance = heading**2 * length**2 / 2 * np.sign(speed)
     deviation = heading**2 * length**2 * np.sqrt((1 / 3 + 1 / 4) / MANY)
-    assert np.mean(aside * turned) == pytest.approx(covariance, abs=5 * deviation)
+    assert np.mean(aside * turned) == pytest.approx(covariance, abs=5 * deviation), told
     # E cos of the heading at s is exp(-k s/2): the believed end lies a little short
     k = heading**2
     short = (1 - np.exp(-k * length / 2)) / (k / 2) - length
-    assert np.mean(place[:, 0]) * np.sign(speed) == pytest.approx(short, abs=5 * way * np.sqrt(length / MANY))
-    assert np.abs([turned.mean() / turned.std(), driven.mean() / driven.std()]).max() < 5 / np.sqrt(MANY)
+    found = np.mean(place[:, 0]) * np.sign(speed)
+    assert found == pytest.approx(short, abs=5 * way * np.sqrt(length / MANY)), told
+    ratios = [turned.mean() / turned.std(), driven.mean() / driven.std()]
+    assert np.abs(ratios).max() < 5 / np.sqrt(MANY), told
 
 
-@pytest.mark.parametrize("tick", [0.05, 0.5])
-def test_turns_on_the_spot(tick):
+def test_turns_on_the_spot(crowd):
     turns, heading, way = 1.5, np.radians(3.0), 0.02
-    model = Odometry(**EXACT | {"turn_noise_deg": 3.0, "turning_distance_noise": way})
-    swarm = swarm_of(group(model, MANY))
-    drive(swarm, 0.0, -np.pi, 2 * turns, tick)
-    place, turned, driven = errors(swarm)
-    assert np.var(turned) == pytest.approx(heading**2 * turns, rel=TOLERANCE)
-    assert np.var(driven) == pytest.approx(way**2 * turns, rel=TOLERANCE)
-    assert np.var(place, axis=0).sum() == pytest.approx(way**2 * turns, rel=2 * TOLERANCE)
+    for tick in (0.05, 0.5):
+        put(crowd, turn_noise_deg=3.0, turning_distance_noise=way)
+        drive(crowd, 0.0, -np.pi, 2 * turns, tick)
+        place, turned, driven = errors(crowd)
+        assert np.var(turned) == pytest.approx(heading**2 * turns, rel=TOLERANCE), tick
+        assert np.var(driven) == pytest.approx(way**2 * turns, rel=TOLERANCE), tick
+        assert np.var(place, axis=0).sum() == pytest.approx(way**2 * turns, rel=2 * TOLERANCE), tick
 
 
-def test_who_stands_does_not_drift():
-    swarm = swarm_of(group(Odometry(), 10))
-    drive(swarm, 0.0, 0.0, 5.0, 0.5)
-    place, turned, driven = errors(swarm)
+def test_who_stands_does_not_drift(crowd):
+    put(crowd, **Odometry().model_dump())
+    drive(crowd, 0.0, 0.0, 5.0, 0.5)
+    place, turned, driven = errors(crowd)
     assert not place.any()
     assert not turned.any()
     assert not driven.any()
@@ -125,37 +139,37 @@ def test_who_stands_does_not_drift():
 # ---------------------------------------------------------------- systematic errors
 
 
-def test_scale():
-    swarm = swarm_of(group(Odometry(**EXACT | {"distance_scale": 0.05}), MANY))
-    last = drive(swarm, 1.0, 0.0, 3.0, 0.1)
-    (first, _), turned, driven = errors(swarm)[0].T, *errors(swarm)[1:]
+def test_scale(crowd):
+    put(crowd, distance_scale=0.05)
+    drive(crowd, 1.0, 0.0, 3.0, 0.1)
+    (first, _), turned, driven = errors(crowd)[0].T, *errors(crowd)[1:]
     scale = driven / 3.0
     assert np.std(scale) == pytest.approx(0.05, rel=TOLERANCE)
     assert abs(scale.mean()) < 5 * 0.05 / np.sqrt(MANY)
     rounding = 2 * 1e-6  # m a tick, half of the last bit of two places
     assert first == pytest.approx(3.0 * scale, abs=30 * rounding)
     assert not turned.any()
-    drive(swarm, 1.0, 0.0, 4.0, 0.1, last)
-    place, _, driven = errors(swarm)
+    drive(crowd, 1.0, 0.0, 4.0, 0.1)
+    place, _, driven = errors(crowd)
     assert place[:, 0] == pytest.approx(7.0 * scale, abs=70 * rounding)
     assert driven == pytest.approx(7.0 * scale, abs=70 * rounding)
 
 
-def test_scale_of_turns():
-    swarm = swarm_of(group(Odometry(**EXACT | {"turn_scale": 0.05}), MANY))
-    drive(swarm, 0.0, 1.0, 2.0, 0.1)
-    scale = errors(swarm)[1] / 2.0
+def test_scale_of_turns(crowd):
+    put(crowd, turn_scale=0.05)
+    drive(crowd, 0.0, 1.0, 2.0, 0.1)
+    scale = errors(crowd)[1] / 2.0
     assert np.std(scale) == pytest.approx(0.05, rel=TOLERANCE)
-    drive(swarm, 0.0, -1.0, 3.0, 0.1, 20)
-    assert errors(swarm)[1] == pytest.approx(-scale, abs=1e-5)
-    assert not errors(swarm)[0].any()
+    drive(crowd, 0.0, -1.0, 3.0, 0.1)
+    assert errors(crowd)[1] == pytest.approx(-scale, abs=1e-5)
+    assert not errors(crowd)[0].any()
 
 
-def test_unequal_wheels_bend_the_way_that_is_believed():
+def test_unequal_wheels_bend_the_way_that_is_believed(crowd):
     tick = 0.1
-    swarm = swarm_of(group(Odometry(**EXACT | {"veer_deg": 5.0}), MANY), heading=0.5)
-    last = drive(swarm, 1.0, 0.0, 5.0, tick)
-    place, turned, _ = errors(swarm)
+    put(crowd, heading=0.5, veer_deg=5.0)
+    drive(crowd, 1.0, 0.0, 5.0, tick)
+    place, turned, _ = errors(crowd)
     bend = turned / 5.0  # rad/m
     assert np.std(bend) == pytest.approx(np.radians(5.0), rel=TOLERANCE)
     # a circle of this curvature, whose chord points half of the angle aside
@@ -164,20 +178,33 @@ def test_unequal_wheels_bend_the_way_that_is_believed():
     straight = 5.0 * np.array([np.cos(0.5), np.sin(0.5)])
     # with chords of `tick` metres each, (1 - (bend tick)²/24) as long
     assert place + straight == pytest.approx(believed, abs=5.0 * (np.abs(bend).max() * tick) ** 2 / 24 + 1e-4)
-    drive(swarm, -1.0, 0.0, 5.0, tick, last)
-    place, turned, _ = errors(swarm)
+    drive(crowd, -1.0, 0.0, 5.0, tick)
+    place, turned, _ = errors(crowd)
     assert np.abs(place).max() < 2e-4  # all the way back, but for rounding
     assert np.abs(turned).max() < 1e-5
 
 
-def test_ways_along_a_wall_are_those_really_gone():
-    swarm = swarm_of(group(Odometry(**EXACT), 1), where=(SIZE / 2, 0.2), heading=-0.5)
-    drive(swarm, 0.5, 0.0, 4.0, 0.1)
-    assert swarm.snapshot()["blocked"].any()
-    place, turned, driven = errors(swarm)
+def test_ways_along_a_wall_are_those_really_gone(crowd):
+    put(crowd, where=(SIZE / 2, 0.2), heading=-0.5)
+    assert drive(crowd, 0.5, 0.0, 4.0, 0.1)["blocked"].any()
+    place, turned, driven = errors(crowd)
     assert np.abs(place).max() < 1e-5
-    assert turned == 0
+    assert not turned.any()
     assert driven == pytest.approx(0, abs=1e-5)
+
+
+def test_other_errors_and_seeds_compile_nothing(crowd):
+    def run(seed):
+        model = Odometry()
+        crowd.begin([group(model, MANY)], np.full((MANY, 2), 9.0), np.zeros(MANY), seed=seed)
+        drive(crowd, 0.7, 0.3, 2.0, 0.1)
+        return errors(crowd)[0]
+
+    first = run(1)
+    before = compiled()
+    assert (run(2) != first).any(axis=1).all()
+    np.testing.assert_array_equal(run(1), first)
+    assert compiled() == before
 
 
 # ---------------------------------------------------------------- none
@@ -193,9 +220,7 @@ def test_without_odometry_the_belief_is_the_truth():
 def test_who_has_none_beside_others_that_have():
     mixed = swarm_of(group(Odometry(), 5, name="wheels"), group(None, 5, name="cameras"))
     alone = swarm_of(group(None, 5), group(None, 5, name="cameras"))
-    for swarm in (mixed, alone):
-        drive(swarm, 0.7, 0.3, 4.0, 0.1)
-    now, before = mixed.snapshot(), alone.snapshot()
+    now, before = (drive(Driver(swarm), 0.7, 0.3, 4.0, 0.1) for swarm in (mixed, alone))
     for name in ("position", "heading"):
         np.testing.assert_array_equal(now[name], before[name])
         np.testing.assert_array_equal(now[f"believed_{name}"][5:], before[name][5:])
@@ -308,8 +333,7 @@ def test_the_source_is_found_where_it_is():
     arena = ClearanceMap([], (SIZE, SIZE, 1.0), 1.0)
     swarm = Swarm((one,), np.array([[5.0, 5.0]]), np.zeros(1), arena, np.array([[6.0, 5.0]]), 3)
     swarm.believed_position.fill(0.0)
-    drive(swarm, 1.0, 0.0, 2.0, 0.1)
-    now = swarm.snapshot()
+    now = drive(Driver(swarm), 1.0, 0.0, 2.0, 0.1)
     assert now["found"][0] == 1
     assert now["position"][0] == pytest.approx([5.8, 5.0], abs=1e-5)
     assert now["believed_position"][0] == pytest.approx([0.8, 0.0], abs=1e-5)
@@ -336,10 +360,8 @@ def test_a_trial_alone():
         group(Odometry(), 1, count=2, first_trial=4),
         group(Odometry(), 1, count=3, first_trial=4, name="others"),
     )
-    for swarm in (many, alone):
-        drive(swarm, 0.7, 0.3, 4.0, 0.1)
+    now, then = (drive(Driver(swarm), 0.7, 0.3, 4.0, 0.1) for swarm in (many, alone))
     rows = [*range(8, 10), *range(12 + 12, 12 + 15)]
-    now, then = many.snapshot(), alone.snapshot()
     for name in ("position", "believed_position", "believed_heading", "odometer"):
         np.testing.assert_array_equal(now[name][rows], then[name], err_msg=name)
     assert len(np.unique(then["odometer"])) == 5
@@ -351,10 +373,8 @@ import hashlib, sys
 import taichi as ti
 sys.path.insert(0, {folder!r})
 ti.init(ti.cpu, cpu_max_num_threads=int(sys.argv[1]), log_level=ti.ERROR)
-from test_odometry import Odometry, drive, group, swarm_of
-swarm = swarm_of(group(Odometry(), 2000))
-drive(swarm, 0.7, 0.3, 4.0, 0.1)
-now = swarm.snapshot()
+from test_odometry import Driver, Odometry, drive, group, swarm_of
+now = drive(Driver(swarm_of(group(Odometry(), 2000))), 0.7, 0.3, 4.0, 0.1)
 print(hashlib.sha256(b"".join(now[name].tobytes() for name in sorted(now))).hexdigest())
 """
 

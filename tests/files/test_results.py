@@ -136,6 +136,49 @@ def test_states_are_those_of_the_robots_own_group(tmp_path):
     assert rows["group"] == ["a", "a", "b", "b"]
 
 
+def test_columns_tell_their_unit_and_meaning(tmp_path):
+    sim, table = run_with_table(tmp_path, duration=1)
+    table.sample(sim)
+    table.close()
+    schema = pq.read_schema(tmp_path / "robots.parquet")
+    kinds = {"t": "double", "trial": "int32", "robot": "int32", "found": "bool"}
+    named = dict.fromkeys(("group", "state"), "dictionary<values=string, indices=int32, ordered=0>")
+    assert schema.names == [
+        *("t", "group", "trial", "robot", "x", "y", "heading", "reading_ppm", "resistance_ohm", "true_ppm"),
+        *("wind_x", "wind_y", "believed_x", "believed_y", "believed_heading", "state", "found"),
+    ]
+    for field in schema:
+        assert str(field.type) == (kinds | named).get(field.name, "float"), field.name
+        assert field.metadata[b"meaning"], field.name
+    units = {field.name: field.metadata[b"unit"].decode() for field in schema}
+    assert (units["x"], units["wind_y"], units["resistance_ohm"]) == ("m", "m/s", "ohm")
+    assert (units["t"], units["believed_heading"], units["state"]) == ("s", "rad", "1")
+
+
+def test_what_is_not_known_is_null(tmp_path):
+    sim, table = run_with_table(tmp_path, duration=1)
+    now = sim.swarm.snapshot()
+    now["resistance_ohm"] = np.where(np.arange(8) < 4, np.nan, 1e4)
+    sim.swarm.snapshot = lambda: now
+    table.sample(sim)
+    table.close()
+    rows = pq.read_table(tmp_path / "robots.parquet")
+    assert rows["resistance_ohm"].to_pylist() == [None] * 4 + [1e4] * 4
+
+
+def test_groups_of_one_team_have_its_states(tmp_path):
+    start = {"kind": "area", "low": [3, 0.5], "high": [3.8, 2.5]}
+    robots = [
+        {"name": name, "count": 1, "start": start, "algorithm": {"kind": "casting"}}
+        for name in ("a", "b", "c")
+    ]
+    sim = fake_run.simulation(fake_run.scenario(2, maps=[], robots=robots, duration=1))
+    own = SimpleNamespace(numbers=(1,), state_names=("one", "two"))
+    both = SimpleNamespace(numbers=(0, 2), state_names=("search", "surge"))
+    sim.teams = [both, own]  # type: ignore[list-item]
+    assert sim.state_names() == [("search", "surge"), ("one", "two"), ("search", "surge")]
+
+
 def test_table_is_readable_after_a_failure(tmp_path, monkeypatch):
     monkeypatch.setattr(robots_table, "ROW_GROUP", 80)
     sim, table = run_with_table(tmp_path, duration=10)

@@ -20,8 +20,6 @@ from taichi_plume.simulation import Every, Simulation
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
-pytestmark = pytest.mark.usefixtures("taichi")
-
 
 @pytest.fixture(autouse=True)
 def strict():

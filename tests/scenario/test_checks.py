@@ -2,7 +2,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from test_geometry import box_triangles, write_stl
+from test_meshes import box_triangles, write_stl
 
 from taichi_plume.prepare import load_scenario
 from taichi_plume.scenario import size as checks_size
