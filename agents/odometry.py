@@ -20,19 +20,30 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
+from taichi_plume.agents.groups import GroupRange
 from taichi_plume.grid.rng import normal4, stream_id
+from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.robots import Odometry as Model
 
 
 @ti.data_oriented
 class Odometry:
-    """The odometers of all `count` robots. groups: the swarm's ranges; only robots of those with `odometry` err."""
+    """The odometers of all `count` robots; only those of groups with `odometry` err. key: field of the seed."""
 
-    def __init__(self, groups: Sequence[Any], count: int, seed: int):
-        self.seed = seed
-        kept = np.zeros((count, 3), np.float32)
-        variances = np.zeros((count, 4), np.float32)
-        errs, numbers, streams = (np.zeros(count, kind) for kind in (np.int32, np.int32, np.uint32))
+    def __init__(self, count: int, key: Any):
+        self.key = key
+        self.errs = ti.field(ti.i32, count)
+        self.number = ti.field(ti.i32, count)  # of the robot in its group, among all trials there could be
+        self.stream = ti.field(ti.u32, count)
+        self.kept: Any = ti.Vector.field(3, ti.f32, count)  # a, b [1], c [rad/m]
+        self.variances: Any = ti.Vector.field(4, ti.f32, count)  # k1 [rad], k2 [rad²/m], k3 [m], k4 [m²/rad]
+        self._upload = uploader(self.errs, self.number, self.stream, self.kept, self.variances)
+
+    def begin(self, groups: Sequence[GroupRange], seed: int) -> None:
+        """Draw what each robot keeps; groups: all of the swarm."""
+        count = self.errs.shape[0]
+        kept, variances = np.zeros((count, 3)), np.zeros((count, 4))
+        errs, numbers, streams = np.zeros(count), np.zeros(count), np.zeros(count, np.uint32)
         for group in groups:
             model = group.model.odometry
             if model is None:
@@ -42,25 +53,18 @@ class Odometry:
             errs[group.slice] = 1
             numbers[group.slice] = group.first + np.arange(group.size)
             streams[group.slice] = stream_id(f"group {group.number}/odometry")
-        self.errs = ti.field(ti.i32, count)
-        self.number = ti.field(ti.i32, count)  # of the robot in its group, among all trials there could be
-        self.stream = ti.field(ti.u32, count)
-        self.kept: Any = ti.Vector.field(3, ti.f32, count)  # a, b [1], c [rad/m]
-        self.variances: Any = ti.Vector.field(4, ti.f32, count)  # k1 [rad], k2 [rad²/m], k3 [m], k4 [m²/rad]
-        fields = (self.errs, self.number, self.stream, self.kept, self.variances)
-        for field, values in zip(fields, (errs, numbers, streams, kept, variances), strict=True):
-            field.from_numpy(values)
+        self._upload(errs, numbers, streams, kept, variances)
 
     @ti.func
     def told(self, i, tick, w, s):
         """Of robot i, which errs: the turn w' [rad], 1 + a, and the random part of the way s' [m]."""
-        g = normal4(ti.u32(self.seed), self.stream[i], self.number[i], tick, 0)
+        g = normal4(self.key[None], self.stream[i], self.number[i], tick, 0)
         kept, k = self.kept[i], self.variances[i]
         turn = (1.0 + kept[1]) * w + kept[2] * s + ti.sqrt(k[0] * ti.abs(w) + k[1] * ti.abs(s)) * g[0]
         return turn, 1.0 + kept[0], ti.sqrt(k[2] * ti.abs(s) + k[3] * ti.abs(w)) * g[1]
 
 
-def _drawn(model: Model, group: Any, seed: int) -> np.ndarray:
+def _drawn(model: Model, group: GroupRange, seed: int) -> np.ndarray:
     """a, b and c [rad/m] of each robot of the group, (size, 3)."""
     deviations = (model.distance_scale, model.turn_scale, np.radians(model.veer_deg))
     return np.concatenate(

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from taichi_plume.agents.swarm import SKIN
+from taichi_plume.agents.contact import SKIN
 from taichi_plume.scenario.robots import Group, StartArea, StartAt
 
 DRAWS = 20_000  # random places tried per trial before an area counts as full

@@ -6,100 +6,54 @@ other, so that each sees where the ones before it are now; robots of different t
 each other.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from math import hypot
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 import taichi as ti
 
+from taichi_plume.agents.columns import COLUMNS, Columns, Rows
+from taichi_plume.agents.contact import TOUCH, Contact, disc_around
+from taichi_plume.agents.groups import GroupRange, ranges
 from taichi_plume.agents.odometry import Odometry
-from taichi_plume.grid.rng import generator
-from taichi_plume.grid.transfer import uploader
-from taichi_plume.scenario.obstacles import Box, Obstacle, motion_of
+from taichi_plume.grid.transfer import reader, uploader
+from taichi_plume.scenario.obstacles import Obstacle, motion_of
 from taichi_plume.scenario.robots import Group
 
-SKIN = 1e-3  # m, air kept around a body: far more than the rounding of its position
-TOUCH = 1e-4  # m, steps shorter than this are contact
-OPEN = 1.5  # gap over a way that is free all along: a bilinear clearance map is no steeper than √2
-PROBES = 256  # looks ahead per move; sliding along a wall takes one per 2 mm
-GRAZE = 1e-3  # sine of the angle below which a disc is passed, not met
 FREE = 0.9  # share of a commanded move below which the bumper feels contact
 
-
-@dataclass(frozen=True)
-class GroupRange:
-    """Where a group lies in the swarm: robot i of trial k has index start + k count + i.
-
-    number: of the group in the scenario, from 0 on; its random streams are named by it, as names may repeat. row: of
-    its first trial in the swarm's `members`.
-    """
-
-    number: int
-    name: str
-    start: int
-    count: int
-    trials: int
-    model: Group
-    row: int = 0
-
-    @property
-    def size(self) -> int:
-        """Robots of all trials."""
-        return self.count * self.trials
-
-    @property
-    def first(self) -> int:
-        """Number of its first robot among all trials there could be: random streams count by it."""
-        return self.model.first_trial * self.count
-
-    def speed(self, wanted: float | None) -> float:
-        """What is wanted, or else the body's largest [m/s]."""
-        return self.model.body.max_speed if wanted is None else wanted
-
-    def generators(self, seed: int, name: str) -> list[np.random.Generator]:
-        """What is drawn once for the robots of each trial, the same for a trial alone and among others."""
-        first = self.model.first_trial
-        return [
-            generator(seed, f"group {self.number}/{name} of trial {first + k}") for k in range(self.trials)
-        ]
-
-    @property
-    def slice(self) -> slice:
-        """The group's part of an array over the swarm."""
-        return slice(self.start, self.start + self.size)
-
-
-def ranges(groups: tuple[Group, ...], rivals: bool) -> list[GroupRange]:
-    """The groups one after the other; those of rivals have trials of their own."""
-    result, start, row = [], 0, 0
-    for number, group in enumerate(groups):
-        result.append(GroupRange(number, group.name, start, group.count, group.trials, group, row))
-        start += result[-1].size
-        row += group.trials if rivals else 0
-    return result
+BODY: dict[str, Callable[[Group], float]] = {
+    "radius": lambda group: group.body.radius,
+    "reach": lambda group: group.reach,
+    "square": lambda group: float(group.capture == "square"),
+    "max_speed": lambda group: group.body.max_speed,
+    "max_turn_rate": lambda group: np.radians(group.body.max_turn_rate_deg),
+    "half_base": lambda group: 0.5 * (group.body.wheel_base or 0.0),
+    "max_acceleration": lambda group: group.body.max_acceleration or np.inf,
+}
+"""What the robots of a group are like: the swarm's fields of these names."""
 
 
 @ti.data_oriented
-class Swarm:
-    """State and motion of the robots of all groups, one Taichi field per quantity.
+class Swarm(Columns):
+    """State and motion of the robots of all groups, one Taichi field per quantity (see `Columns`).
 
-    positions: (count, 2) [m] and headings: (count,) [rad] at the start, free of overlap (see `placement`).
-    clearance: its ti.funcs ``distance(p)`` and ``normal(p)`` give a lower bound of the distance [m] from p to
-    the next wall or obstacle, and the unit vector away from it. sources: (m,
-    2) [m], known to the referee, not to the robots. walkers: obstacles that move, of which the robots feel the disc
-    around the footprint; one that walks into a robot does not push it: the robot can only drive away. rivals:
-    whether groups neither see nor touch each other.
+    positions: (count, 2) [m] and headings: (count,) [rad] at the start, free of overlap (see `placement`). clearance:
+    see `Contact`. sources: (m, 2) [m], known to the referee, not to the robots. walkers: obstacles that move, of which
+    the robots feel the disc around the footprint; one that walks into a robot does not push it: the robot can only
+    drive away. rivals: whether groups neither see nor touch each other.
 
     Algorithms read `reading` [ppm], `wind` [m/s], `wind_known`, `blocked` (the bumper), where the robot believes to be,
     `believed_position` [m], `believed_heading` [rad] and `odometer` [m], and write `speed_command` [m/s],
     `turn_rate_command` [rad/s] and `state`. Without errors of odometry the beliefs are the truth: the same fields.
     """
 
+    STATE = tuple(column.name for column in COLUMNS)
+    columns = COLUMNS
+
     def __init__(
         self,
-        groups: tuple[Group, ...],
+        groups: Sequence[Group],
         positions: np.ndarray,
         headings: np.ndarray,
         clearance: Any,
@@ -108,86 +62,49 @@ class Swarm:
         walkers: Sequence[Obstacle] = (),
         rivals: bool = False,
     ):
-        self.groups = ranges(groups, rivals)
-        self.clearance, self.seed = clearance, seed
-        self.key: Any = ti.field(ti.u32, ())  # the seed, for kernels
-        uploader(self.key)(np.uint32(seed))
+        self.clearance, self.rivals = clearance, rivals
+        self.groups: list[GroupRange] = ranges(groups, rivals)
         self.count = sum(group.size for group in self.groups)
-        self.start = np.array(positions, np.float32).reshape(-1, 2)  # where the robots begin [m]
         self.trials = max((group.row + group.trials for group in self.groups), default=0)
         n = max(1, self.count)  # Taichi has no empty fields
-        self.position: Any = ti.Vector.field(2, ti.f32, n)
-        self.velocity: Any = ti.Vector.field(2, ti.f32, n)
-        self.heading = ti.field(ti.f32, n)
-        self.speed_command = ti.field(ti.f32, n)
-        self.turn_rate_command = ti.field(ti.f32, n)
-        self.reading = ti.field(ti.f32, n)
-        self.resistance = ti.field(ti.f32, n)  # ohm, of a metal oxide
-        self.true_ppm = ti.field(ti.f32, n)
-        self.wind = ti.Vector.field(2, ti.f32, n)
-        self.wind_known = ti.field(ti.i32, n)
-        self.blocked = ti.field(ti.i32, n)
-        self.bumps = ti.field(ti.i32, n)
-        self.acquisitions = ti.field(ti.i32, n)
-        self.hits = ti.field(ti.i32, n)
-        self.found = ti.field(ti.i32, n)
-        self.found_time = ti.field(ti.f32, n)
-        self.path_length = ti.field(ti.f32, n)
-        self.state = ti.field(ti.i32, n)
-        self.found_time.fill(np.nan)
-        self.resistance.fill(np.nan)
-        self._fill_bodies(n)
-        self._fill_members()
-        self.walkers = [(motion_of(one), one.center) for one in walkers]
-        self.walker_count = len(self.walkers)
-        self.discs: Any = ti.Vector.field(2, ti.f32, max(1, len(walkers)))
-        self.disc_radius: Any = ti.field(ti.f32, max(1, len(walkers)))
-        if walkers:
-            self.disc_radius.from_numpy(np.array([disc_around(one) for one in walkers], np.float32))
-        self.source_count = len(sources)
-        self.sources: Any = ti.Vector.field(2, ti.f32, max(1, len(sources)))
-        if len(sources):
-            self.sources.from_numpy(np.asarray(sources, np.float32))
-        if self.count:
-            self.position.from_numpy(np.asarray(positions, np.float32))
-            self.heading.from_numpy(np.asarray(headings, np.float32))
-        self._fill_beliefs(n)
-
-    def _fill_beliefs(self, n: int) -> None:
-        self.reckons = any(group.model.odometry for group in self.groups)
-        self.believed_position: Any = self.position
-        self.believed_heading, self.odometer = self.heading, self.path_length
-        if self.reckons:
-            self.odometry = Odometry(self.groups, n, self.seed)
-            self.believed_position = ti.Vector.field(2, ti.f32, n)
-            self.believed_heading, self.odometer = ti.field(ti.f32, n), ti.field(ti.f32, n)
-            self.believed_position.copy_from(self.position)
-            self.believed_heading.copy_from(self.heading)
-
-    def _fill_bodies(self, n: int) -> None:
-        self.radius = ti.field(ti.f32, n)
-        self.reach = ti.field(ti.f32, n)
+        self.reckons = any(group.odometry for group in groups)
+        self._allocate(n, self.reckons)
+        self.radius, self.reach = ti.field(ti.f32, n), ti.field(ti.f32, n)
         self.square = ti.field(ti.f32, n)  # 1 where the reach is half the edge of a square
-        self.max_speed = ti.field(ti.f32, n)
-        self.max_turn_rate = ti.field(ti.f32, n)
+        self.max_speed, self.max_turn_rate = ti.field(ti.f32, n), ti.field(ti.f32, n)
         self.half_base = ti.field(ti.f32, n)  # between the wheels, 0 for a unicycle [m]
         self.max_acceleration = ti.field(ti.f32, n)
-        self.speed = ti.field(ti.f32, n)  # forward, as commanded and limited [m/s]
-        for field, value in (
-            (self.radius, lambda group: group.body.radius),
-            (self.reach, lambda group: group.reach),
-            (self.square, lambda group: float(group.capture == "square")),
-            (self.max_speed, lambda group: group.body.max_speed),
-            (self.max_turn_rate, lambda group: np.radians(group.body.max_turn_rate_deg)),
-            (self.half_base, lambda group: 0.5 * (group.body.wheel_base or 0.0)),
-            (self.max_acceleration, lambda group: group.body.max_acceleration or np.inf),
-        ):
-            values = np.zeros(n, np.float32)
-            for group in self.groups:
-                values[group.slice] = value(group.model)
-            field.from_numpy(values)
+        self.key: Any = ti.field(ti.u32, ())  # the seed, for kernels
+        self.walker_count, self.source_count = len(walkers), len(sources)
+        self.discs: Any = ti.Vector.field(2, ti.f32, max(1, len(walkers)))  # where the walkers are
+        self.disc_radius: Any = ti.field(ti.f32, max(1, len(walkers)))
+        self.sources: Any = ti.Vector.field(2, ti.f32, max(1, len(sources)))
+        self._list_members()
+        self.contact = Contact(
+            clearance,
+            self.position,
+            self.radius,
+            self.members,
+            self.team_size,
+            self.discs,
+            self.disc_radius,
+            self.walker_count,
+        )
+        if self.reckons:
+            self.odometry = Odometry(n, self.key)
+        self._kept = Rows(self, [column for column in COLUMNS if column.key], 0, self.count)
+        self._found, self._put_discs = reader(self.found), uploader(self.discs)
+        self._upload = uploader(*self._numbers())
+        self.begin(groups, positions, headings, sources, seed, walkers)
 
-    def _fill_members(self) -> None:
+    def _numbers(self) -> list[Any]:
+        """The fields that `begin` sets."""
+        poses = [self.position, self.heading, self.found_time, self.resistance]
+        beliefs = [self.believed_position, self.believed_heading] if self.reckons else []
+        bodies = [getattr(self, name) for name in BODY]
+        return [self.key, self.sources, self.disc_radius, *poses, *beliefs, *bodies]
+
+    def _list_members(self) -> None:
         """members[k, :team_size[k]]: the robots of trial k, of all groups that have part in it."""
         teams = [
             [
@@ -204,71 +121,59 @@ class Swarm:
             row[: len(team)] = team
         self.members: Any = ti.field(ti.i32, table.shape)
         self.team_size: Any = ti.field(ti.i32, sizes.shape)
-        self.members.from_numpy(table)
-        self.team_size.from_numpy(sizes)
+        uploader(self.members, self.team_size)(table, sizes)
+
+    def begin(
+        self,
+        groups: Sequence[Group],
+        positions: np.ndarray,
+        headings: np.ndarray,
+        sources: np.ndarray,
+        seed: int,
+        walkers: Sequence[Obstacle] = (),
+    ) -> None:
+        """Put the robots of these groups, as many as before, to their places; other numbers as for the constructor."""
+        self.groups, self.seed = ranges(groups, self.rivals), seed
+        self.start = np.array(positions, np.float32).reshape(-1, 2)  # where the robots begin [m]
+        self.walkers = [(motion_of(one), one.center) for one in walkers]
+        poses: list[Any] = [self.start, headings] if self.count else [0, 0]
+        self._upload(
+            seed,
+            sources if len(sources) else 0,
+            [disc_around(one) for one in walkers] or 0,
+            *poses,
+            *(np.nan, np.nan),
+            *(poses if self.reckons else []),
+            *(self._each(value) for value in BODY.values()),
+        )
+        if self.reckons:
+            self.odometry.begin(self.groups, seed)
+        self._walk(0.0)
+
+    def _each(self, value: Callable[[Group], float]) -> np.ndarray:
+        """A number per robot, from one per group."""
+        values = [np.full(group.size, value(group.model)) for group in self.groups]
+        return np.concatenate(values) if self.count else np.zeros(1)
+
+    def _walk(self, t: float) -> None:
+        """Where the walkers are at time t [s]."""
+        if self.walkers:
+            self._put_discs([motion.place(center, t) for motion, center in self.walkers])
 
     def move(self, tick: int, t: float, dt: float) -> None:
         """Carry out the commands for one tick of dt [s] that ends at t [s]; robots at a source stay there."""
-        if not self.count:
-            return
-        if self.walkers:
-            places = [motion.place(center, t) for motion, center in self.walkers]
-            self.discs.from_numpy(np.array(places, np.float32))
-        self._move(tick, t, dt)
+        if self.count:
+            self._walk(t)
+            self._move(tick, t, dt)
 
     def all_found(self) -> bool:
         """Whether every robot of every trial has found a source."""
-        return bool(self.found.to_numpy()[: self.count].all())
+        return bool(self._found()[0][: self.count].all())
 
     def snapshot(self) -> dict[str, np.ndarray]:
-        """What recordings and results keep, as arrays over the robots; SI units, readings in ppm."""
-        table = np.empty((self.count, 20), np.float32)
-        if self.count:
-            self._tabulate(table)
-        names = (
-            "heading",
-            "reading_ppm",
-            "true_ppm",
-            "path_length",
-            "found_time",
-            "state",
-            "found",
-            "blocked",
-            "resistance_ohm",
-            "bumps",
-            "acquisitions",
-            "hits",
-            "believed_heading",
-            "odometer",
-        )
-        numbers: dict[str, np.ndarray] = {name: table[:, 4 + n].copy() for n, name in enumerate(names)}
-        for name in ("state", "found", "blocked", "bumps", "acquisitions", "hits"):
-            numbers[name] = numbers[name].astype(np.int32)
-        pairs = {"position": table[:, :2], "wind": table[:, 2:4], "believed_position": table[:, 18:]}
-        return {"start": self.start, **{name: pair.copy() for name, pair in pairs.items()}, **numbers}
-
-    @ti.kernel
-    def _tabulate(self, table: ti.types.ndarray()):
-        """One launch for all of `snapshot`: reading field by field takes ten times as long."""
-        for i in range(self.count):
-            for d in ti.static(range(2)):
-                table[i, d] = self.position[i][d]
-                table[i, 2 + d] = self.wind[i][d]
-                table[i, 18 + d] = self.believed_position[i][d]
-            table[i, 4] = self.heading[i]
-            table[i, 5] = self.reading[i]
-            table[i, 6] = self.true_ppm[i]
-            table[i, 7] = self.path_length[i]
-            table[i, 8] = self.found_time[i]
-            table[i, 9] = self.state[i]
-            table[i, 10] = self.found[i]
-            table[i, 11] = self.blocked[i]
-            table[i, 12] = self.resistance[i]
-            table[i, 13] = self.bumps[i]
-            table[i, 14] = self.acquisitions[i]
-            table[i, 15] = self.hits[i]
-            table[i, 16] = self.believed_heading[i]
-            table[i, 17] = self.odometer[i]
+        """What recordings and results keep, as arrays over the robots, and where they began, `start` [m]."""
+        keys = (column.key for column in self._kept.columns)
+        return {"start": self.start, **dict(zip(keys, self._kept.read(), strict=True))}
 
     @ti.kernel
     def _move(self, tick: int, t: float, dt: float):
@@ -311,7 +216,7 @@ class Swarm:
             length = rest.norm()
             if length > 0.0:
                 e = rest / length
-                step, normal, met = self._trace(i, k, p, e, length)
+                step, normal, met = self.contact.trace(i, k, p, e, length)
                 p += step * e
                 path += step
                 rest = (length - step) * e
@@ -369,72 +274,6 @@ class Swarm:
         )
         self.speed[i] += change
         return self.speed[i], share * turn_rate
-
-    @ti.func
-    def _trace(self, i, k, p, e, length):
-        """How far [m] robot i gets from p along e, up to `length`; the normal there; whether it touches."""
-        free, normal, contact = self._free_of_discs(i, k, p, e, length)
-        # Sphere tracing with over-relaxation (Keinert et al. 2014, doi:10.2312/stag.20141233): as no distance
-        # changes by more than the way walked, a stride is free if the gaps at its two ends together cover it.
-        r = self.radius[i]
-        gap = self.clearance.distance(p) - r
-        s = 0.0
-        if gap > OPEN * free + SKIN:
-            s = free  # what most moves are: no need to look where it ends
-        stride = ti.min(free, 2.0 * gap)
-        probes = 0
-        while s < free and probes < PROBES:
-            probes += 1
-            ahead = self.clearance.distance(p + (s + stride) * e) - r
-            if stride > 0.0 and gap + ahead >= stride and (ahead >= SKIN or ahead >= gap):
-                s += stride
-                gap = ahead
-                stride = ti.min(free - s, 2.0 * gap)
-            elif stride > TOUCH:
-                stride *= 0.5
-            else:
-                free = s
-                contact = 1
-                normal = self.clearance.normal(p + s * e)
-        return s, normal, contact
-
-    @ti.func
-    def _free_of_discs(self, i, k, p, e, length):
-        """The same, but for the other robots and for what walks about alone."""
-        free = length
-        normal = ti.Vector([0.0, 0.0])
-        contact = 0
-        team = self.team_size[k]
-        for m in range(team + self.walker_count):
-            j = -1
-            apart = ti.Vector([0.0, 0.0])
-            reach = self.radius[i] + SKIN
-            if m < team:
-                j = self.members[k, m]
-                apart = p - self.position[j]
-                reach += self.radius[j]
-            else:
-                apart = p - self.discs[m - team]
-                reach += self.disc_radius[m - team]
-            if j != i:
-                d = apart.norm()
-                along = e.dot(apart)  # negative on approach; the closest point is -along ahead
-                if along < -GRAZE * d or (along < 0.0 and d < reach - 0.5 * SKIN):
-                    half_chord2 = along * along - (d - reach) * (d + reach)
-                    if half_chord2 > 0.0:
-                        s = ti.max(-along - ti.sqrt(half_chord2), 0.0)
-                        if s < free:
-                            free = s
-                            contact = 1
-                            normal = (apart + s * e).normalized()
-        return free, normal, contact
-
-
-def disc_around(obstacle: Obstacle) -> float:
-    """Radius [m] of the disc around the footprint of a box, cylinder or sphere."""
-    if isinstance(obstacle, Box):
-        return hypot(*obstacle.size[:2]) / 2
-    return obstacle.radius
 
 
 @ti.func

@@ -6,12 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
+from taichi_plume.agents.contact import disc_around
 from taichi_plume.agents.gmrf import MarkovMap
 from taichi_plume.agents.inverse_distance import InverseDistanceMap
 from taichi_plume.agents.kernel_dm import KernelMap
 from taichi_plume.agents.placement import Placed, place, placed
 from taichi_plume.agents.snaps import Snaps
-from taichi_plume.agents.swarm import Swarm, disc_around
+from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.team import Team
 from taichi_plume.agents.time_series import TimeSeriesMap
 from taichi_plume.files.film import Film, completed

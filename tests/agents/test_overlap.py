@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from taichi_plume.agents.contact import SKIN
 from taichi_plume.agents.placement import Placed, place, placed
-from taichi_plume.agents.swarm import SKIN, Swarm
+from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.scenario.algorithms import Casting
 from taichi_plume.scenario.domain import Domain

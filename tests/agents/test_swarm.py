@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 import taichi as ti
 
+from taichi_plume.agents.contact import SKIN
 from taichi_plume.agents.placement import Placed, place, placed
-from taichi_plume.agents.swarm import SKIN, Swarm
+from taichi_plume.agents.swarm import Swarm
 from taichi_plume.scenario.algorithms import Casting
 from taichi_plume.scenario.obstacles import Cylinder
 from taichi_plume.scenario.robots import Body, Group, StartArea, StartAt, StartLine
