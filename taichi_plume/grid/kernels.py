@@ -50,6 +50,7 @@ def start(arch: str = "cpu", debug: bool = False) -> str:
             default_ip=ti.i32,
             log_level=ti.ERROR,
             offline_cache_max_size_of_files=CACHE_BYTES,
+            unrolling_limit=0,  # no warning where more than 32 fields are filled at once
             **checks,
         )
     if on_cpu() and arch not in ("auto", "cpu"):

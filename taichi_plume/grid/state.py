@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from taichi_plume.grid.transfer import reader, uploader
+from taichi_plume.grid.transfer import alike, reader, uploader
 
 
 def _is_field(value: Any) -> bool:
@@ -115,8 +115,9 @@ def _clearer(fields: list[Any]) -> Callable[[], None]:
 
     @ti.kernel
     def clear():
-        for field in ti.static(fields):
-            for I in ti.grouped(field):
-                field[I] = ti.zero(field[I])
+        for same in ti.static(alike(fields)):
+            for I in ti.grouped(fields[same[0]]):
+                for f in ti.static(same):
+                    fields[f][I] = ti.zero(fields[f][I])
 
     return clear

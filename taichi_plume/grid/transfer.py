@@ -20,11 +20,14 @@ class _Layout:
     def __init__(self, fields: Sequence[Any]):
         self.fields = tuple(fields)
         self.widths = tuple(getattr(field, "n", 1) for field in fields)
+        self.vectors = tuple(isinstance(field, ti.MatrixField) for field in fields)
         self.shapes = tuple(
-            (*field.shape, n) if n > 1 else field.shape for field, n in zip(fields, self.widths, strict=True)
+            (*field.shape, n) if vector else field.shape
+            for field, n, vector in zip(fields, self.widths, self.vectors, strict=True)
         )
         kinds = {ti.f32: np.float32, ti.i32: np.int32, ti.u32: np.uint32, ti.f64: np.float64}
         self.dtypes = tuple(kinds[field.dtype] for field in fields)
+        self.alike = alike(fields)
         self.begins: tuple[int, ...] = ()
         length = {False: 0, True: 0}
         for shape, dtype in zip(self.shapes, self.dtypes, strict=True):
@@ -37,6 +40,14 @@ class _Layout:
         """The place of field f in the flat arrays, a view of the field's shape and kind of number."""
         flat = self.double if self.dtypes[f] is np.float64 else self.single.view(self.dtypes[f])
         return flat[self.begins[f] : self.begins[f] + prod(self.shapes[f])].reshape(self.shapes[f])
+
+
+def alike(fields: Sequence[Any]) -> tuple[tuple[int, ...], ...]:
+    """Numbers of the fields of each shape: one loop for all of them compiles in a fraction of the time of one each."""
+    groups: dict[tuple[int, ...], list[int]] = {}
+    for f, field in enumerate(fields):
+        groups.setdefault(tuple(field.shape), []).append(f)
+    return tuple(tuple(group) for group in groups.values())
 
 
 @ti.func
@@ -54,8 +65,8 @@ def uploader(*fields: Any) -> Callable[..., None]:
     An array has the field's shape (and a last axis over the components of a vector field), or is one number for all.
     """
     layout = _Layout(fields)
-    widths, begins, dtypes = layout.widths, layout.begins, tuple(field.dtype for field in fields)
-    count = len(fields)
+    widths, begins, vectors = layout.widths, layout.begins, layout.vectors
+    dtypes = tuple(field.dtype for field in fields)
 
     @ti.func
     def entry(f: Template, at, single: Template, double: Template):
@@ -70,20 +81,22 @@ def uploader(*fields: Any) -> Callable[..., None]:
 
     @ti.kernel
     def put(single: ti.types.ndarray(dtype=ti.f32, ndim=1), double: ti.types.ndarray(dtype=ti.f64, ndim=1)):
-        for f in ti.static(range(count)):
-            for I in ti.grouped(fields[f]):
-                at = begins[f] + _place(I, fields[f].shape) * widths[f]
-                if ti.static(widths[f] == 1):
-                    fields[f][I] = entry(f, at, single, double)
-                else:
+        for same in ti.static(layout.alike):
+            for I in ti.grouped(fields[same[0]]):
+                place = _place(I, fields[same[0]].shape)
+                for f in ti.static(same):
                     for k in ti.static(range(widths[f])):
-                        fields[f][I][k] = entry(f, at + k, single, double)
+                        value = entry(f, begins[f] + place * widths[f] + k, single, double)
+                        if ti.static(not vectors[f]):
+                            fields[f][I] = value
+                        else:
+                            fields[f][I][k] = value
 
     def upload(*arrays: Any) -> None:
         for f, array in enumerate(arrays):
             layout.part(f)[...] = array
-        if len(arrays) != count:
-            raise TypeError(f"{count} fields, {len(arrays)} arrays")
+        if len(arrays) != len(fields):
+            raise TypeError(f"{len(fields)} fields, {len(arrays)} arrays")
         put(layout.single, layout.double)
 
     return upload
@@ -92,8 +105,8 @@ def uploader(*fields: Any) -> Callable[..., None]:
 def reader(*fields: Any) -> Callable[[], list[np.ndarray]]:
     """A function that reads the fields in one launch: an array of each, shaped as those that `uploader` takes."""
     layout = _Layout(fields)
-    widths, begins, dtypes = layout.widths, layout.begins, tuple(field.dtype for field in fields)
-    count = len(fields)
+    widths, begins, vectors = layout.widths, layout.begins, layout.vectors
+    dtypes = tuple(field.dtype for field in fields)
 
     @ti.func
     def keep(f: Template, value, at, single: Template, double: Template):
@@ -106,18 +119,20 @@ def reader(*fields: Any) -> Callable[[], list[np.ndarray]]:
 
     @ti.kernel
     def get(single: ti.types.ndarray(dtype=ti.f32, ndim=1), double: ti.types.ndarray(dtype=ti.f64, ndim=1)):
-        for f in ti.static(range(count)):
-            for I in ti.grouped(fields[f]):
-                at = begins[f] + _place(I, fields[f].shape) * widths[f]
-                if ti.static(widths[f] == 1):
-                    keep(f, fields[f][I], at, single, double)
-                else:
+        for same in ti.static(layout.alike):
+            for I in ti.grouped(fields[same[0]]):
+                place = _place(I, fields[same[0]].shape)
+                for f in ti.static(same):
                     for k in ti.static(range(widths[f])):
-                        keep(f, fields[f][I][k], at + k, single, double)
+                        at = begins[f] + place * widths[f] + k
+                        if ti.static(not vectors[f]):
+                            keep(f, fields[f][I], at, single, double)
+                        else:
+                            keep(f, fields[f][I][k], at, single, double)
 
     def read() -> list[np.ndarray]:
         get(layout.single, layout.double)
-        return [layout.part(f).copy() for f in range(count)]
+        return [layout.part(f).copy() for f in range(len(fields))]
 
     return read
 
