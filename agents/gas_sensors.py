@@ -1,173 +1,126 @@
-"""What gas sensors make of a concentration: static laws, from ppm to a signal y and back.
+"""What gas sensors measure: a signal that lags, drifts and scatters, and what it is taken for.
 
-The signal is what lags, drifts and scatters: ln(R_air/R) of a metal oxide, ppm of a linear detector. Both rise with
-the concentration and are zero in clean air.
+The law of `gas_laws` makes a signal y of the concentration, which follows it with separate time constants for rise and
+decay, solved exactly over a tick; a share of it may decay more slowly. A reading takes y at its moment, or its mean
+since the reading before, with drift, white noise and what room and heater add, and is what the sensor's calibration
+makes of that, in ppm and never negative. Between readings the last one is held.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from math import exp, log, sqrt
+from functools import partial
+from math import sqrt
 from typing import Any
 
-import numpy as np
 import taichi as ti
 
-from taichi_plume.scenario.sensors import IdealGasSensor, MoxSensor, PidSensor
-from taichi_plume.scenario.species import Species
+from taichi_plume.agents.gas_laws import Law
+from taichi_plume.agents.groups import GroupRange
+from taichi_plume.agents.lag import Lag
+from taichi_plume.agents.members import Members, sensor_place
+from taichi_plume.agents.parameters import Numbers, Parameters
+from taichi_plume.grid.fields import Species
+from taichi_plume.grid.kernels import Template
+from taichi_plume.grid.rng import normal4
 
-LN10 = log(10.0)
-SPREAD_OF_B = 0.08  # of unit to unit: our choice
-# ln R per kelvin and per ln of the relative humidity: order of magnitude of the maker's plots of the TGS sensors
-LN_R_PER_KELVIN = -0.015
-LN_R_PER_LN_HUMIDITY = -0.25
-CALIBRATED_AT = (293.15, 0.65)  # K, relative humidity
-WARMING = 900.0  # s, time constant after a cold start: our choice
-INJECTED = np.geomspace(5.0, 1000.0, 14)  # ppm, of a calibration
-ISOBUTYLENE = "isobutylene"
-
-
-@dataclass(frozen=True)
-class MoxModel:
-    """A metal-oxide sensor, R = R_air (1 + c/c0)^-b of ethanol.
-
-    c0 [ppm]; b; rise and decay: time constants [s]; air: range of R_air [ohm]; load: resistor in series [ohm].
-    """
-
-    c0: float
-    b: float
-    rise: float
-    decay: float
-    air: tuple[float, float]
-    load: float = 10e3
-
-
-# b and c0 from R(300 ppm)/R(50 ppm) and R_air/R(300 ppm) of the data sheets, if nothing else is said. Time constants of
-# the TGS 26xx: GADEN (Monroy et al. 2017, doi:10.3390/s17071479), from experiments; the others are our estimates.
-MOX_MODELS = {
-    # its sheet (1990) tells of hydrogen alone: taken like the TGS 822, of the same make
-    "tgs800": MoxModel(c0=0.9, b=0.511, rise=4.0, decay=20.0, air=(10e3, 130e3)),
-    "tgs822": MoxModel(c0=0.9, b=0.511, rise=4.0, decay=20.0, air=(19.5e3, 195e3)),
-    "tgs2600": MoxModel(c0=0.299, b=0.3196, rise=4.8, decay=18.75, air=(10e3, 90e3)),  # GADEN's power law
-    "tgs2620": MoxModel(c0=4.32, b=0.7155, rise=2.96, decay=15.71, air=(21e3, 105e3)),  # GADEN's power law
-    # R/R0 = (c/1.62)^-0.644 in common drivers of its sensing element (in the MiCS-6814)
-    "mics5524": MoxModel(c0=1.6, b=0.644, rise=1.5, decay=8.0, air=(100e3, 1500e3), load=47e3),
-}
-
-
-@dataclass(frozen=True)
-class Calibration:
-    """log10 c = k0 + k1 x + k2 x² + k3 x³ with x = log10(R/R_air), c in ppm; x_low: of the least injected c.
-
-    Ferri et al., Robotics and Autonomous Systems 57 (2009) 393-402, eq 1-2.
-    """
-
-    k: np.ndarray
-    x_low: float
-
-    @staticmethod
-    def of(c0: float, b: float) -> "Calibration":
-        """Least squares through the resistances at the injected concentrations of a unit."""
-        x = -b * np.log10(1.0 + INJECTED / c0)
-        return Calibration(np.polynomial.polynomial.polyfit(x, np.log10(INJECTED), 3), float(x[0]))
+HOUR = 3600.0
 
 
 @ti.data_oriented
-class MoxLaw:
-    """y = ln(R_air/R) = b ln(1 + c/c0): finite in clean air, a power law far above c0. Units differ in b and R_air.
+class GasSensors:
+    """The gas sensors of some groups, all of one law: they write `true_ppm`, `reading` and `resistance`.
 
-    units: (n, 2), where each unit lies in the spread of b and of R_air, uniform in (-1, 1).
+    dim: of the gas; in 3-D the sensors sit at their heights. tick: control period [s]. species: of the gas.
     """
 
-    def __init__(self, sensor: MoxSensor, units: np.ndarray):
-        self.sensor, self.model = sensor, MOX_MODELS[sensor.model]
-        self.c0 = self.model.c0
-        size = len(units)
-        b = self.model.b * np.exp(SPREAD_OF_B * sensor.spread * sqrt(3.0) * units[:, 0])
-        low, high = np.log(self.model.air)
-        middle, half = 0.5 * (low + high), 0.5 * (high - low)
-        air = np.exp(middle + half * min(sensor.spread, 1.0) * units[:, 1])
-        self.b, self.air = ti.field(ti.f32, size), ti.field(ti.f32, size)
-        self.b.from_numpy(b.astype(np.float32))
-        self.air.from_numpy(air.astype(np.float32))
-        self.cubic = sensor.calibration == "cubic"
-        self.k: Any = ti.Vector.field(5, ti.f32, size if self.cubic else 1)
-        if self.cubic:
-            fits = [Calibration.of(self.c0, exponent) for exponent in b]
-            self.k.from_numpy(np.array([[*fit.k, fit.x_low] for fit in fits], np.float32))
-        self.load = sensor.load or self.model.load
-        self.steps = 2.0**sensor.bits - 1.0 if sensor.bits else 0.0
-        warmer = (sensor.air_temperature or CALIBRATED_AT[0]) - CALIBRATED_AT[0]
-        damper = log((sensor.air_humidity or CALIBRATED_AT[1]) / CALIBRATED_AT[1])
-        self.room = -(LN_R_PER_KELVIN * warmer + LN_R_PER_LN_HUMIDITY * damper)
+    STATE = ("signal", "slow", "sum", "baseline")
 
-    def offset(self, t: float) -> float:
-        """What room and heater add to y at time t [s], in any gas; the calibration knows nothing of it."""
-        return self.room + self.sensor.cold_start * exp(-t / WARMING)
+    def __init__(self, members: Members, law: type[Law], dim: int, tick: float, species: Sequence[Species]):
+        self.members, self.swarm, self.dim, self.species = members, members.swarm, dim, len(species)
+        n = members.size
+        self.law: Any = law(members)
+        self.ahead = any(group.model.sensors.gas.ahead for group in members.groups)
+        self.of = Parameters(members, partial(_figures, tick, species), stream="gas sensor")
+        self.signal = ti.field(ti.f32, n)  # y of each robot, clean air at the start
+        self.slow = ti.field(ti.f32, n)  # the same for its slow part
+        self.sum = ti.field(ti.f32, n)  # of the tick means since the last reading
+        self.baseline = ti.field(ti.f32, n)  # what y has drifted
 
-    def weights(self, species: Sequence[Species]) -> list[float]:
-        """How much a ppm of each species counts."""
-        return [self.sensor.sensitivity.get(one.name, 1.0) for one in species]
+    def begin(self) -> None:
+        """Set the numbers that the groups give."""
+        self.of.begin()
+        self.law.begin()
 
     @ti.func
-    def response(self, n, ppm):
-        """Steady y of unit n at a concentration."""
-        return self.b[n] * ti.log(1.0 + ppm / self.c0)
+    def _follow(self, signal: Template, n, goal, decay, decay_rest):
+        """Let a signal follow its goal for a tick; what it is then, and was in the mean."""
+        rises = goal > signal[n]
+        way = signal[n] - goal
+        signal[n] = goal + way * (1.0 - ti.select(rises, self.of.rise[n], decay))
+        return signal[n], goal + way * ti.select(rises, self.of.rise_rest[n], decay_rest)
 
     @ti.func
-    def resistance(self, n, y):
-        """Resistance [ohm] of unit n as the converter sees it."""
-        r = self.air[n] * ti.exp(-y)
-        if ti.static(self.steps > 0):  # of the voltage over the load, as a share of the supply
-            share = ti.round(self.load / (self.load + r) * self.steps) / self.steps
-            r = self.load * (1.0 / ti.math.clamp(share, 0.5 / self.steps, 1.0) - 1.0)
-        return r
+    def _random(self, n, tick):
+        """Four normal numbers; a trial draws the same ones alone and among others."""
+        return normal4(self.swarm.key[None], self.of.stream[n], self.members.number[n], tick, 0)
 
     @ti.func
-    def ppm(self, n, r):
-        """The concentration that unit n is taken to see at resistance r [ohm]; R_air is that of its clean air."""
-        x = ti.log(ti.max(r, 1e-3) / self.air[n])
-        c = self.c0 * (ti.exp(-x / ti.static(self.model.b)) - 1.0)
-        if ti.static(self.cubic):
-            k = self.k[n]
-            x = ti.min(x / LN10, 0.0)
-            inside = ti.min(x, k[4])
-            c = ti.pow(10.0, k[0] + inside * (k[1] + inside * (k[2] + inside * k[3])))
-            c *= ti.select(
-                x > k[4], x / k[4], 1.0
-            )  # a cubic of logarithms has no zero: a line into clean air
-        return ti.max(c, 0.0)
+    def smell(self, gas: Template, n, i, tick, t, cold):
+        """Measure with the n-th of the sensors, robot i's; cold: what is left at time t [s] of a start in the cold."""
+        x = sensor_place(self.swarm, self.dim, i, self.of.height[n])
+        if ti.static(self.ahead):
+            heading = self.swarm.heading[i]
+            x[0] += self.of.ahead[n] * ti.cos(heading)
+            x[1] += self.of.ahead[n] * ti.sin(heading)
+        ppm = ti.max(gas.ppm(x, t), 0.0)
+        smelt = 0.0
+        for s in ti.static(range(self.species)):
+            smelt += self.of.weights[n, s] * ppm[s]
+        goal = self.law.response(n, smelt)
+        y, mean = self._follow(self.signal, n, goal, self.of.decay[n], self.of.decay_rest[n])
+        share = self.of.slow_share[n]
+        if share > 0.0:
+            slow, slow_mean = self._follow(
+                self.slow, n, goal, self.of.slow_decay[n], self.of.slow_decay_rest[n]
+            )
+            y += share * (slow - y)
+            mean += share * (slow_mean - mean)
+        self.swarm.true_ppm[i] = ppm.sum()  # type: ignore[misc]
+        self.sum[n] += mean
+        if self.of.drift[n] > 0.0:
+            self.baseline[n] += self.of.drift[n] * self._random(n, tick)[1]
+        if (tick - 1) % self.of.hold[n] == 0:
+            if self.of.averages[n] == 1:
+                y = self.sum[n] / ti.min(tick, self.of.hold[n])
+            self.sum[n] = 0.0
+            y += self.baseline[n]
+            if self.of.noise[n] > 0.0:
+                y += self.of.noise[n] * self._random(n, tick)[0]
+            r = self.law.resistance(n, y + self.of.room[n] + self.of.cold_start[n] * cold)
+            self.swarm.reading[i] = self.law.ppm(n, r)
+            if ti.static(self.law.HAS_RESISTANCE):
+                self.swarm.resistance[i] = r
 
 
-@ti.data_oriented
-class LinearLaw:
-    """y = c of an ideal sensor, or of a photo-ionisation detector in ppm of the gas that it is calibrated for."""
-
-    def __init__(self, sensor: PidSensor | IdealGasSensor):
-        self.sensor = sensor
-        self.limit = sensor.detection_limit_ppm if isinstance(sensor, PidSensor) else 0.0
-
-    def offset(self, t: float) -> float:
-        """What is added to y in any gas: nothing."""
-        return 0.0
-
-    def weights(self, species: Sequence[Species]) -> list[float]:
-        """How much a ppm of each species counts."""
-        if isinstance(self.sensor, IdealGasSensor):
-            return [1.0] * len(species)
-        factor = {ISOBUTYLENE: 1.0} | self.sensor.correction
-        return [factor[self.sensor.calibrated_for] / factor.get(one.name, 1.0) for one in species]
-
-    @ti.func
-    def response(self, n, ppm):
-        """Steady y at a concentration."""
-        return ppm
-
-    @ti.func
-    def resistance(self, n, y):
-        """There is none; what stands for it is y."""
-        return y
-
-    @ti.func
-    def ppm(self, n, y):
-        """What it reads."""
-        return ti.select(y >= self.limit, ti.max(y, 0.0), 0.0)
+def _figures(tick: float, species: Sequence[Species], group: GroupRange) -> Numbers:
+    """What the sensors of a group are like."""
+    sensor = group.model.sensors.gas
+    signal = sensor.signal
+    rise, decay, slow = (Lag(one, tick) for one in (signal.rise, signal.decay, signal.slow_decay))
+    return {
+        "height": sensor.height,
+        "ahead": sensor.ahead,
+        "hold": max(1, round(sensor.period / tick)),  # ticks per reading
+        "averages": sensor.averaged > 1,
+        "noise": signal.noise / sqrt(sensor.averaged),
+        "drift": signal.drift * sqrt(tick / HOUR),
+        "room": signal.room,
+        "cold_start": signal.cold_start,
+        "rise": rise.share,
+        "rise_rest": rise.rest,
+        "decay": decay.share,
+        "decay_rest": decay.rest,
+        "slow_share": signal.slow_share,
+        "slow_decay": slow.share,
+        "slow_decay_rest": slow.rest,
+        "weights": tuple(sensor.weight(one.name) for one in species) or (0.0,),
+    }

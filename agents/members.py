@@ -5,7 +5,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import taichi as ti
 
-from taichi_plume.agents.swarm import GroupRange, Swarm
+from taichi_plume.agents.groups import GroupRange
+from taichi_plume.agents.swarm import Swarm
+from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.rng import stream_id
 from taichi_plume.grid.transfer import uploader
 
@@ -42,3 +44,15 @@ class Members:
         """Keys of the random stream `name` of each robot's group (size,), u32."""
         values = [np.full(g.size, stream_id(f"group {g.number}/{name}"), np.uint32) for g in self.groups]
         return np.concatenate(values) if values else np.zeros(1, np.uint32)
+
+
+@ti.func
+def sensor_place(swarm: Template, dim: Template, i, height):
+    """Where a sensor above the middle of robot i is: a point of the domain's dimension."""
+    p = swarm.position[i]
+    x = ti.Vector.zero(ti.f32, dim)
+    x[0] = p[0]
+    x[1] = p[1]
+    if ti.static(dim == 3):
+        x[2] = height
+    return x

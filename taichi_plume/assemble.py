@@ -11,9 +11,10 @@ from taichi_plume.agents.gmrf import MarkovMap
 from taichi_plume.agents.inverse_distance import InverseDistanceMap
 from taichi_plume.agents.kernel_dm import KernelMap
 from taichi_plume.agents.placement import Placed, place, placed
+from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.snaps import Snaps
 from taichi_plume.agents.swarm import Swarm
-from taichi_plume.agents.team import Team
+from taichi_plume.agents.team import teams
 from taichi_plume.agents.time_series import TimeSeriesMap
 from taichi_plume.files.film import Film, completed
 from taichi_plume.files.gaden import Cubes
@@ -106,14 +107,12 @@ def assemble(
             for group in swarm.groups
             if group.model.wake
         ]
-    own = algorithms or {}
-    teams = [
-        Team(swarm, group, grid.dim, scenario.tick, folder, own.get(group.name)) for group in swarm.groups
-    ]
+    sensors = Sensors(swarm, grid.dim, scenario.tick, gas.species)
+    searching = teams(swarm, scenario.tick, folder, algorithms)
     floor = (grid.extent[0], grid.extent[1])
     maps = mappers(scenario.maps, floor, max(1, swarm.trials), swarm.clearance.obstacle_distance_at)
     seen = [*obstacles, *([cubes] if cubes else [])]
-    sim = Simulation(scenario, grid, wind, gas, swarm, list(teams), maps, seen, air)
+    sim = Simulation(scenario, grid, wind, gas, swarm, sensors, list(searching), maps, seen, air)
     if isinstance(wind, FlowSolver) and wind.area is not None:
         sim.forces = partial(forces, wind, air, len(obstacles))
     return sim

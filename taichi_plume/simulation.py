@@ -18,11 +18,23 @@ class UnstableError(RuntimeError):
     """The numbers left what is physical; says where, when and what to change."""
 
 
-class Team(Protocol):
-    """A group's sensors and search algorithm, working on its robots in the swarm."""
+class Sensors(Protocol):
+    """What the robots measure with."""
 
     def measure(self, gas: Odour, wind: Wind, tick: int, t: float) -> None:
-        """Update the readings of the group's robots."""
+        """Update the readings of all robots."""
+        ...
+
+
+class Team(Protocol):
+    """A search algorithm and its robots in the swarm, those of one or several groups."""
+
+    numbers: tuple[int, ...]
+    """Of the groups, by their place in the scenario."""
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """What the robots' `state` means."""
         ...
 
     def act(self, tick: int, t: float, dt: float) -> None:
@@ -112,6 +124,7 @@ class Simulation:
     wind: Wind
     gas: Mixture
     swarm: Any
+    sensors: Sensors
     teams: list[Team]
     maps: list[Mapper]
     obstacles: list[Any]
@@ -141,6 +154,11 @@ class Simulation:
             return True
         return self.scenario.stop_early and self.tick > 0 and self.swarm.count > 0 and self.swarm.all_found()
 
+    def state_names(self) -> list[tuple[str, ...]]:
+        """What the robots' `state` means, for each group."""
+        names = {number: team.state_names for team in self.teams for number in team.numbers}
+        return [names[number] for number in sorted(names)]
+
     def run(self) -> None:
         """Run to the end. Raises UnstableError; observers have been called up to the last good tick."""
         begin = time.perf_counter()
@@ -165,8 +183,7 @@ class Simulation:
         if self.tick <= 0:
             return  # the robots are not there yet
         self.swarm.move(self.tick, self.t, self.dt)
-        for team in self.teams:
-            team.measure(self.gas, self.wind, self.tick, self.t)
+        self.sensors.measure(self.gas, self.wind, self.tick, self.t)
         for gas_map in self.maps:
             gas_map.update(self.swarm, self.t, self.dt)
         for team in self.teams:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
+from taichi_plume.agents.columns import COLUMNS
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Mixture
 from taichi_plume.grid.grid import Grid
@@ -82,6 +83,7 @@ class FakeSwarm:
     find_at: float = 8.0
     t: float = 0.0
     groups: list[Any] = field(default_factory=list)
+    columns = COLUMNS
     clearance = SimpleNamespace(distance_at=lambda points: np.ones(points.shape[:-1]))
 
     def __post_init__(self) -> None:
@@ -110,7 +112,8 @@ class FakeSwarm:
         found = (member == 0) & (self.t >= self.find_at)
         reading = 20 * np.abs(np.sin(self.t + member))
         heading = np.pi + np.cos(0.5 * self.t + member)
-        return {
+        now = {column.key: column.zeros(self.count) for column in COLUMNS if column.key}
+        known = {
             "position": np.stack([x, y], -1),
             "heading": heading,
             "believed_position": np.stack([x + 0.03, y - 0.1], -1),
@@ -121,13 +124,13 @@ class FakeSwarm:
             "wind": np.tile([0.3, 0.0], (self.count, 1)),
             "state": (reading > 10).astype(np.int32),
             "found": found,
-            "blocked": np.zeros(self.count, bool),
             "path_length": np.full(self.count, 0.2 * self.t),
             "found_time": np.where(found, self.find_at, np.nan),
-            "start": np.tile([3.0, 1.0], (self.count, 1)),
             "resistance_ohm": np.full(self.count, 1e4),
             **{name: np.full(self.count, 3) for name in ("acquisitions", "hits", "bumps")},
         }
+        assert known.keys() <= now.keys()
+        return now | known | {"start": np.tile([3.0, 1.0], (self.count, 1))}
 
 
 class FakeMap:
@@ -216,17 +219,20 @@ def simulation(model: Scenario) -> Simulation:
     swarm = FakeSwarm(model)
     teams: list[Any] = [
         SimpleNamespace(
+            numbers=(n,),
             state_names=("search", "surge"),
-            measure=lambda *_: None,
             act=lambda *_: None,
         )
-        for _ in model.robots
+        for n in range(len(model.robots))
     ]
+    sensors: Any = SimpleNamespace(measure=lambda *_: None)
     source = model.gas.sources[0].position
     wind = FakeWind(grid, 0.9)
     air = Air.everywhere(grid)
     obstacles = [_shape(o) for o in model.obstacles]
-    sim = Simulation(model, grid, wind, Mixture([FakeGas(grid, source)]), swarm, teams, [], obstacles, air)
+    sim = Simulation(
+        model, grid, wind, Mixture([FakeGas(grid, source)]), swarm, sensors, teams, [], obstacles, air
+    )
     sim.maps += [FakeMap(m.kind, m.cell, sim) for m in model.maps]
     return sim
 

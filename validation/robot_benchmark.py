@@ -7,6 +7,7 @@ import numpy as np
 import taichi as ti
 from pydantic import TypeAdapter
 
+from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.team import Team
 from taichi_plume.grid import kernels
@@ -68,7 +69,7 @@ def ticks(case: str, arch: str, algorithm: str, robots: int = 100_000) -> RobotT
     places = rng.uniform((0.2, 0.2), (3.8, 2.8), (robots, 2))
     arena = ClearanceMap([], grid.extent, 0.15)
     swarm = Swarm((group,), places, rng.uniform(-3.0, 3.0, robots), arena, np.array([[0.6, 1.5]]), 1)
-    team = Team(swarm, swarm.groups[0], 3, TICK)
+    sensors, team = Sensors(swarm, 3, TICK, gas.species), Team(swarm, (0,), TICK)
     parts = []
     cpu = 0.0
     for tick in range(1, WARM_UP + TICKS + 1):
@@ -77,7 +78,7 @@ def ticks(case: str, arch: str, algorithm: str, robots: int = 100_000) -> RobotT
         t = tick * TICK
         moments = [time.perf_counter()]
         for work in (
-            lambda t=t, tick=tick: team.measure(gas, wind, tick, t),
+            lambda t=t, tick=tick: sensors.measure(gas, wind, tick, t),
             lambda t=t, tick=tick: team.act(tick, t, TICK),
             lambda t=t, tick=tick: swarm.move(tick, t, TICK),
         ):

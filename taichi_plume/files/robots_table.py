@@ -1,8 +1,8 @@
-"""`robots.parquet`: one row per robot and sample."""
+"""`robots.parquet`: one row per robot and sample, units and meanings as metadata of its columns."""
 
 from math import ceil
 from pathlib import Path
-from typing import Any
+from typing import Protocol
 
 import numpy as np
 import pyarrow as pa
@@ -13,6 +13,39 @@ from taichi_plume.simulation import Every, Simulation
 
 MOST_ROWS = 2_000_000  # of robots.parquet: larger swarms are sampled less often
 ROW_GROUP = 50_000
+NAMES = pa.dictionary(pa.int32(), pa.string())
+
+
+class Column(Protocol):
+    """A quantity of every robot, see agents/columns.py: the swarm's `columns` say what there is."""
+
+    unit: str
+    meaning: str
+    dtype: type
+    key: str
+    """Its name in a snapshot."""
+    table: tuple[str, ...]
+    """Its names here, one per component; none where it is not for this table."""
+    named: bool
+    """Whether its numbers stand for names: the states of the group's algorithm."""
+
+
+def _field(name: str, kind: pa.DataType, unit: str, meaning: str) -> pa.Field:
+    return pa.field(name, kind, metadata={"unit": unit, "meaning": meaning})
+
+
+def _fields(column: Column) -> list[pa.Field]:
+    """Those of a column; a whole number without names keeps 32 bits."""
+    kind = NAMES if column.named else pa.from_numpy_dtype(column.dtype)
+    return [_field(name, kind, column.unit, column.meaning) for name in column.table]
+
+
+WHO = (
+    _field("t", pa.float64(), "s", "simulated time"),
+    _field("group", NAMES, "1", "name of the group"),
+    _field("trial", pa.int32(), "1", "number of the trial, of those computed"),
+    _field("robot", pa.int32(), "1", "number of the robot in its team"),
+)
 
 
 class RobotTable:
@@ -30,30 +63,11 @@ class RobotTable:
         self.trial = np.concatenate([np.repeat(np.arange(g.trials, dtype=np.int32), g.count) for g in groups])
         self.robot = np.concatenate([np.tile(np.arange(g.count, dtype=np.int32), g.trials) for g in groups])
         self.group_names = pa.array([g.name for g in groups])
-        teams: list[Any] = list(sim.teams)
-        states = [team.state_names for team in teams]
+        states = sim.state_names()
         self.first_state = np.cumsum([0, *[len(names) for names in states]])[:-1].astype(np.int32)
         self.state_names = pa.array([name for names in states for name in names])
-        names = pa.dictionary(pa.int32(), pa.string())
-        self.schema = pa.schema(
-            [
-                ("t", pa.float64()),
-                ("group", names),
-                ("trial", pa.int32()),
-                ("robot", pa.int32()),
-                *[
-                    (name, pa.float32())
-                    for name in ("x", "y", "heading", "reading_ppm", "resistance_ohm", "true_ppm")
-                ],
-                ("wind_x", pa.float32()),
-                ("wind_y", pa.float32()),
-                ("believed_x", pa.float32()),
-                ("believed_y", pa.float32()),
-                ("believed_heading", pa.float32()),
-                ("state", names),
-                ("found", pa.bool_()),
-            ]
-        )
+        self.columns = [column for column in sim.swarm.columns if column.table]
+        self.schema = pa.schema([*WHO, *(field for column in self.columns for field in _fields(column))])
         disk.require_room(path)
         self.writer = pq.ParquetWriter(path, self.schema, compression="zstd")
 
@@ -64,29 +78,20 @@ class RobotTable:
     def sample(self, sim: Simulation) -> None:
         """Take a row of every robot. Raises OSError when the disk is full."""
         now = sim.swarm.snapshot()
-        state = self.first_state[self.group] + now["state"].astype(np.int32)
-        columns = [
-            np.full(len(self.group), sim.t),
-            pa.DictionaryArray.from_arrays(self.group, self.group_names),
-            self.trial,
-            self.robot,
-            now["position"][:, 0],
-            now["position"][:, 1],
-            now["heading"],
-            now["reading_ppm"],
-            pa.array(now["resistance_ohm"], from_pandas=True),  # null where a sensor has none
-            now["true_ppm"],
-            now["wind"][:, 0],
-            now["wind"][:, 1],
-            now["believed_position"][:, 0],
-            now["believed_position"][:, 1],
-            now["believed_heading"],
-            pa.DictionaryArray.from_arrays(state, self.state_names),
-            now["found"].astype(bool),
-        ]
         arrays = [
-            pa.array(column).cast(kind) for column, kind in zip(columns, self.schema.types, strict=True)
+            pa.array(np.full(len(self.group), sim.t)),
+            pa.DictionaryArray.from_arrays(self.group, self.group_names),
+            pa.array(self.trial),
+            pa.array(self.robot),
         ]
+        for column in self.columns:
+            values = now[column.key]
+            if column.named:
+                state = self.first_state[self.group] + values.astype(np.int32)
+                arrays.append(pa.DictionaryArray.from_arrays(state, self.state_names))
+            else:
+                parts = values.reshape(len(values), -1).T.astype(column.dtype)
+                arrays += [pa.array(np.ascontiguousarray(part), from_pandas=True) for part in parts]
         self.pending.append(pa.RecordBatch.from_arrays(arrays, schema=self.schema))
         self.rows += len(self.group)
         if self.rows >= ROW_GROUP:

@@ -30,7 +30,7 @@ def philox(seed: ti.u32, stream: ti.u32, index: ti.i32, tick: ti.i32, draw: ti.i
     """Four random 32-bit words for one (index, tick, draw) of a stream."""
     x = ti.Vector([ti.cast(index, ti.u32), ti.cast(tick, ti.u32), ti.cast(draw, ti.u32), ti.u32(0)])
     key0, key1 = seed, stream
-    for _ in ti.static(range(10)):
+    for _ in range(10):
         a = ti.u32(0xD2511F53)
         b = ti.u32(0xCD9E8D57)
         x = ti.Vector(

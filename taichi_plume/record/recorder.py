@@ -408,12 +408,11 @@ def _recorded_robots(sim: Simulation) -> list[Robot]:
     groups = list(sim.swarm.groups)
     share = max(1, MOST_ROBOTS // max(1, len(groups)))
     robots = []
-    teams: list[Any] = list(sim.teams)
-    for group, team in zip(groups, teams, strict=True):
+    for group, names in zip(groups, sim.state_names(), strict=True):
         part = _part(group.name)
         if sum(_part(other.name) == part for other in groups) > 1:
             part = f"{part}{groups.index(group)}"
-        states = (*team.state_names, "found")
+        states = (*names, "found")
         for i in range(min(group.count, share)):
             name = part if group.count == 1 else f"{part}-{i}"
             color = tuple(int(v) for v in drawing.ROBOTS[len(robots) % len(drawing.ROBOTS)])

@@ -7,6 +7,7 @@ from pydantic import Field, model_validator
 from taichi_plume.scenario.algorithms import Algorithm
 from taichi_plume.scenario.sensors import Sensors
 from taichi_plume.scenario.vocabulary import (
+    COMPILED,
     Count,
     Distance,
     Fraction,
@@ -67,7 +68,7 @@ class Body(Model):
     kind: Literal["free", "momo", "roomba_560", "miniq", "khepera_3"] = "free"
     """A robot whose figures are the defaults of the others."""
     radius: Length = 0.08
-    height: Length = 0.15
+    height: Annotated[Length, COMPILED] = 0.15
     max_speed: TopSpeed = 0.2
     max_turn_rate_deg: Positive = 180.0
     """Degrees per second."""
@@ -87,8 +88,8 @@ class Body(Model):
 class Arena(Model):
     """Part of the floor that the robots do not leave: its edges stop them as walls do, air passes them."""
 
-    low: Point2
-    high: Point2
+    low: Annotated[Point2, COMPILED]
+    high: Annotated[Point2, COMPILED]
 
     @property
     def size(self) -> tuple[float, float]:

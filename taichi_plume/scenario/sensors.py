@@ -1,10 +1,17 @@
-"""The sensors of a scenario: gas sensors and anemometers."""
+"""The sensors of a scenario: gas sensors and anemometers, and what is known of their models.
 
-from typing import Annotated, Literal
+To add a gas sensor: write a `GasSensor` here and enter it in `Sensors`; name one of the laws of agents/gas_laws.py, or
+write another there.
+"""
+
+from dataclasses import dataclass
+from math import log
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
 from taichi_plume.scenario.vocabulary import (
+    COMPILED,
     Coordinate,
     Count,
     Delay,
@@ -19,6 +26,66 @@ from taichi_plume.scenario.vocabulary import (
     Temperature,
 )
 
+# Thresholds: Ishida, Workshop on Robotic Olfaction, ICRA 2007, quoted by Ferri et al., Robotics and
+# Autonomous Systems 57 (2009) 393-402. Noise and lag: our choice.
+WIND_THRESHOLD = {"ultrasonic": 0.01, "thermal": 0.05, "ideal": 0.0}  # m/s
+WIND_LAG = {"ultrasonic": 0.1, "thermal": 0.5, "ideal": 0.0}  # s
+WIND_NOISE = 0.01  # m/s
+WIND_NOISE_RELATIVE = 0.02
+PID_LAG = 0.5  # s
+# ln R per kelvin and per ln of the relative humidity: order of magnitude of the maker's plots of the TGS sensors
+LN_R_PER_KELVIN = -0.015
+LN_R_PER_LN_HUMIDITY = -0.25
+CALIBRATED_AT = (293.15, 0.65)  # K, relative humidity
+ISOBUTYLENE = "isobutylene"
+
+
+@dataclass(frozen=True)
+class MoxModel:
+    """A metal-oxide sensor, R = R_air (1 + c/c0)^-b of ethanol.
+
+    c0 [ppm]; b; rise and decay: time constants [s]; air: range of R_air [ohm]; load: resistor in series [ohm].
+    """
+
+    c0: float
+    b: float
+    rise: float
+    decay: float
+    air: tuple[float, float]
+    load: float = 10e3
+
+
+# b and c0 from R(300 ppm)/R(50 ppm) and R_air/R(300 ppm) of the data sheets, if nothing else is said. Time constants of
+# the TGS 26xx: GADEN (Monroy et al. 2017, doi:10.3390/s17071479), from experiments; the others are our estimates.
+MOX_MODELS = {
+    # its sheet (1990) tells of hydrogen alone: taken like the TGS 822, of the same make
+    "tgs800": MoxModel(c0=0.9, b=0.511, rise=4.0, decay=20.0, air=(10e3, 130e3)),
+    "tgs822": MoxModel(c0=0.9, b=0.511, rise=4.0, decay=20.0, air=(19.5e3, 195e3)),
+    "tgs2600": MoxModel(c0=0.299, b=0.3196, rise=4.8, decay=18.75, air=(10e3, 90e3)),  # GADEN's power law
+    "tgs2620": MoxModel(c0=4.32, b=0.7155, rise=2.96, decay=15.71, air=(21e3, 105e3)),  # GADEN's power law
+    # R/R0 = (c/1.62)^-0.644 in common drivers of its sensing element (in the MiCS-6814)
+    "mics5524": MoxModel(c0=1.6, b=0.644, rise=1.5, decay=8.0, air=(100e3, 1500e3), load=47e3),
+}
+
+
+@dataclass(frozen=True)
+class Signal:
+    """How the signal of a gas sensor, which its law makes of a concentration, follows and scatters.
+
+    rise, decay, slow_decay: time constants [s]; slow_share: of the signal that recovers by the slow one. noise:
+    standard deviation of a sample; drift: of a random walk in the root of an hour. Added in any gas: room, for its
+    warmth and humidity, and at t = 0 cold_start.
+    """
+
+    rise: float = 0.0
+    decay: float = 0.0
+    noise: float = 0.0
+    drift: float = 0.0
+    slow_share: float = 0.0
+    slow_decay: float = 0.0
+    room: float = 0.0
+    cold_start: float = 0.0
+
 
 class GasSensor(Model):
     """What every gas sensor has. A reading is the mean of samples taken evenly since the reading before."""
@@ -32,8 +99,27 @@ class GasSensor(Model):
     """Samples per reading: their noise averages out. With 1 the reading is a single sample at its end."""
     height: Distance = 0.1
     """Above the ground, in 3-D [m]."""
-    ahead: Coordinate = 0.0
+    ahead: Annotated[Coordinate, COMPILED] = 0.0
     """In front of the robot's centre [m]."""
+
+    law: ClassVar[Literal["mox", "linear"]] = "linear"
+    """What makes a signal of a concentration, and a reading of it: see agents/gas_laws.py."""
+
+    @property
+    def signal(self) -> Signal:
+        """How it follows and scatters."""
+        raise NotImplementedError
+
+    def weight(self, species: str) -> float:
+        """How much a ppm of a species counts."""
+        raise NotImplementedError
+
+    def _lags(self, rise: float, decay: float) -> tuple[float, float]:
+        """Time constants of rise and decay [s], of which these are the kind's own."""
+        return (
+            rise if self.rise_time is None else self.rise_time,
+            decay if self.decay_time is None else self.decay_time,
+        )
 
 
 class MoxSensor(GasSensor):
@@ -69,6 +155,30 @@ class MoxSensor(GasSensor):
     load: Resistance | None = None
     """In series with the sensor [ohm]; unless given 10 kOhm, for the MiCS 47 kOhm."""
 
+    law: ClassVar[Literal["mox", "linear"]] = "mox"
+
+    @property
+    def signal(self) -> Signal:
+        """Of ln(R_air/R)."""
+        model = MOX_MODELS[self.model]
+        rise, decay = self._lags(model.rise, model.decay)
+        warmer = (self.air_temperature or CALIBRATED_AT[0]) - CALIBRATED_AT[0]
+        damper = log((self.air_humidity or CALIBRATED_AT[1]) / CALIBRATED_AT[1])
+        return Signal(
+            rise,
+            decay,
+            self.noise,
+            self.drift,
+            self.slow_share,
+            self.slow_decay_time,
+            room=-(LN_R_PER_KELVIN * warmer + LN_R_PER_LN_HUMIDITY * damper),
+            cold_start=self.cold_start,
+        )
+
+    def weight(self, species: str) -> float:
+        """How much a ppm of a species counts."""
+        return self.sensitivity.get(species, 1.0)
+
 
 class PidSensor(GasSensor):
     """A photo-ionisation detector: linear, nearly without lag; its reading is in ppm of `calibrated_for`."""
@@ -79,8 +189,18 @@ class PidSensor(GasSensor):
     """Below it the reading is zero."""
     correction: dict[str, Positive] = Field(default_factory=lambda: {"ethanol": 10.0, "acetone": 1.1})
     """Concentration of a species over that of isobutylene which gives the same signal (10.6 eV lamp)."""
-    calibrated_for: str = "isobutylene"
+    calibrated_for: str = ISOBUTYLENE
     """Species that it reads rightly."""
+
+    @property
+    def signal(self) -> Signal:
+        """Of its reading [ppm]."""
+        return Signal(*self._lags(PID_LAG, PID_LAG), noise=self.noise_ppm)
+
+    def weight(self, species: str) -> float:
+        """How much a ppm of a species counts."""
+        factor = {ISOBUTYLENE: 1.0} | self.correction
+        return factor[self.calibrated_for] / factor.get(species, 1.0)
 
 
 class IdealGasSensor(GasSensor):
@@ -88,6 +208,17 @@ class IdealGasSensor(GasSensor):
 
     kind: Literal["ideal"]
     noise_ppm: NonNegative = 0.0
+
+    detection_limit_ppm: ClassVar[float] = 0.0
+
+    @property
+    def signal(self) -> Signal:
+        """Of its reading [ppm]."""
+        return Signal(*self._lags(0.0, 0.0), noise=self.noise_ppm)
+
+    def weight(self, species: str) -> float:
+        """All count alike."""
+        return 1.0
 
 
 class Anemometer(Model):
@@ -103,6 +234,23 @@ class Anemometer(Model):
     compensated: bool = True
     """Whether the robot's own motion, as it drives, is taken out; otherwise it is felt as wind from ahead."""
     height: Distance = 0.1
+
+    @property
+    def least(self) -> float:
+        """Smallest speed it sees [m/s]."""
+        return WIND_THRESHOLD[self.kind] if self.threshold is None else self.threshold
+
+    @property
+    def time_constant(self) -> float:
+        """Of its lag [s]."""
+        return WIND_LAG[self.kind] if self.lag is None else self.lag
+
+    @property
+    def scatter(self) -> tuple[float, float]:
+        """Standard deviation per component [m/s] in calm air, and by how much it grows per speed."""
+        if self.noise is not None or self.kind == "ideal":
+            return self.noise or 0.0, 0.0
+        return WIND_NOISE, WIND_NOISE_RELATIVE
 
 
 class Sensors(Model):

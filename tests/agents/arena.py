@@ -4,11 +4,13 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume.agents.placement import place
+from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.team import Team
 from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.scenario.robots import Body, Group, StartAt
-from taichi_plume.scenario.sensors import Anemometer, IdealGasSensor, Sensors
+from taichi_plume.scenario.sensors import Anemometer, IdealGasSensor
+from taichi_plume.scenario.sensors import Sensors as SensorModels
 from taichi_plume.scenario.species import SPECIES
 
 TICK = 0.1
@@ -58,20 +60,21 @@ class Run:
             start=StartAt(kind="positions", positions=tuple(positions), heading_deg=heading_deg),
             algorithm=algorithm,
             body=Body(radius=0.085, max_speed=0.2, max_turn_rate_deg=90),
-            sensors=Sensors(gas=IdealGasSensor(kind="ideal", period=0.5), wind=Anemometer(kind="ideal")),
+            sensors=SensorModels(gas=IdealGasSensor(kind="ideal", period=0.5), wind=Anemometer(kind="ideal")),
             **keys,
         )
         arena = ClearanceMap(list(obstacles), (low[0] + size[0], low[1] + size[1]), 0.1, low=low)
         where, headings = place(group, np.random.default_rng, arena.distance_at)
         self.swarm = Swarm((group,), where, headings, arena, np.array(sources).reshape(-1, 2), seed=1)
-        self.team = Team(self.swarm, self.swarm.groups[0], 2, TICK)
+        self.sensors = Sensors(self.swarm, 2, TICK, gas.species)
+        self.team = Team(self.swarm, (0,), TICK)
         self.gas, self.tick = gas, 0
 
     def step(self):
         """One tick."""
         self.tick += 1
         t = self.tick * TICK
-        self.team.measure(self.gas, self.gas, self.tick, t)
+        self.sensors.measure(self.gas, self.gas, self.tick, t)
         self.team.act(self.tick, t, TICK)
         self.swarm.move(self.tick, t, TICK)
 

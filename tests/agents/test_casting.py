@@ -7,12 +7,14 @@ from pydantic import TypeAdapter
 
 from taichi_plume.agents.casting import IN_PLUME, LOST, SIDESTEP, Casting
 from taichi_plume.agents.placement import place
+from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.team import Team
 from taichi_plume.agents.tracking import FIND, UPWIND
 from taichi_plume.scenario.algorithms import Algorithm
 from taichi_plume.scenario.robots import Body, Group, StartArea
-from taichi_plume.scenario.sensors import Anemometer, IdealGasSensor, MoxSensor, Sensors
+from taichi_plume.scenario.sensors import Anemometer, IdealGasSensor, MoxSensor
+from taichi_plume.scenario.sensors import Sensors as SensorModels
 from taichi_plume.scenario.species import SPECIES
 
 EXTENT = (4.0, 3.0)
@@ -92,15 +94,15 @@ def search(
         start=StartArea(kind="area", low=low, high=high),
         algorithm=TypeAdapter(Algorithm).validate_python({"kind": kind, **model}),
         body=Body(),
-        sensors=Sensors(gas=gas or IdealGasSensor(kind="ideal"), wind=Anemometer(kind="ultrasonic")),
+        sensors=SensorModels(gas=gas or IdealGasSensor(kind="ideal"), wind=Anemometer(kind="ultrasonic")),
         reach=0.3,
     )
     positions, headings = place(group, np.random.default_rng, arena.distance_at)
     swarm = Swarm((group,), positions, headings, arena, np.array([SOURCE]), seed=3)
-    team = Team(swarm, swarm.groups[0], 2, TICK)
+    sensors, team = Sensors(swarm, 2, TICK, plume.species), Team(swarm, (0,), TICK)
     states, tracks = [], []
     for tick in range(1, round(seconds / TICK) + 1):
-        team.measure(plume, plume, tick, tick * TICK)
+        sensors.measure(plume, plume, tick, tick * TICK)
         team.act(tick, tick * TICK, TICK)
         swarm.move(tick, tick * TICK, TICK)
         states.append(swarm.state.to_numpy())

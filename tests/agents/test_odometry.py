@@ -223,7 +223,7 @@ def test_wind_is_turned_by_the_error_of_the_heading():
     off = np.array([0.0, 0.4, -2.0])
     swarm = mistaken(off=off, count=3)
     air: Any = Breeze([1.0], 1.0)
-    Sensors(swarm, swarm.groups[0], 2, 0.1).measure(air, air, 1, 0.1)
+    Sensors(swarm, 2, 0.1, air.species).measure(air, air, 1, 0.1)
     ratio = swarm.wind.to_numpy() @ [1, 1j] / (0.3 + 0.1j)
     assert np.abs(ratio) == pytest.approx(np.ones(3), rel=1e-6)
     assert np.angle(ratio) == pytest.approx(off, abs=1e-6)

@@ -1,0 +1,184 @@
+"""What gas sensors make of a concentration: static laws, from ppm to a signal y and back.
+
+The signal is what lags, drifts and scatters: ln(R_air/R) of a metal oxide, ppm of a linear detector. Both rise with
+the concentration and are zero in clean air.
+"""
+
+from dataclasses import dataclass
+from functools import partial
+from math import log, sqrt
+from typing import Any, Protocol, cast
+
+import numpy as np
+import taichi as ti
+
+from taichi_plume.agents.groups import GroupRange
+from taichi_plume.agents.members import Members
+from taichi_plume.agents.parameters import Numbers, Parameters
+from taichi_plume.agents.swarm import Swarm
+from taichi_plume.scenario.sensors import MOX_MODELS, IdealGasSensor, MoxSensor, PidSensor
+
+LN10 = log(10.0)
+SPREAD_OF_B = 0.08  # of unit to unit: our choice
+INJECTED = np.geomspace(5.0, 1000.0, 14)  # ppm, of a calibration
+
+
+class Law(Protocol):
+    """The law of all sensors of one kind; its ti.funcs take the number of a robot among the members."""
+
+    HAS_RESISTANCE: bool
+
+    def __init__(self, members: Members): ...
+
+    def begin(self) -> None:
+        """Set the numbers of the members' sensors."""
+        ...
+
+    def response(self, n: Any, ppm: Any) -> Any:
+        """ti.func: steady y at a concentration, weighted by what the sensor feels of each species."""
+        ...
+
+    def resistance(self, n: Any, y: Any) -> Any:
+        """ti.func: what is measured; a resistance [ohm], if it has one."""
+        ...
+
+    def ppm(self, n: Any, r: Any) -> Any:
+        """ti.func: the concentration that this is taken for."""
+        ...
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """log10 c = k0 + k1 x + k2 x² + k3 x³ with x = log10(R/R_air), c in ppm; x_low: of the least injected c.
+
+    Ferri et al., Robotics and Autonomous Systems 57 (2009) 393-402, eq 1-2.
+    """
+
+    k: np.ndarray
+    x_low: float
+
+    @staticmethod
+    def of(c0: float, b: float) -> "Calibration":
+        """Least squares through the resistances at the injected concentrations of a unit."""
+        x = -b * np.log10(1.0 + INJECTED / c0)
+        return Calibration(np.polynomial.polynomial.polyfit(x, np.log10(INJECTED), 3), float(x[0]))
+
+
+@ti.data_oriented
+class MoxLaw:
+    """y = ln(R_air/R) = b ln(1 + c/c0): finite in clean air, a power law far above c0. Units differ in b and R_air."""
+
+    HAS_RESISTANCE: bool = True
+
+    def __init__(self, members: Members):
+        self.cubic = any(_mox(group).calibration == "cubic" for group in members.groups)
+        self.of = Parameters(members, partial(_units, members.swarm))
+
+    def begin(self) -> None:
+        """Set the numbers of the members' sensors, and draw how units differ."""
+        self.of.begin()
+
+    @ti.func
+    def response(self, n, ppm):
+        """Steady y at a concentration."""
+        return self.of.b[n] * ti.log(1.0 + ppm * self.of.per_c0[n])
+
+    @ti.func
+    def resistance(self, n, y):
+        """Resistance [ohm] of unit n as the converter sees it."""
+        r = self.of.air[n] * ti.exp(-y)
+        if self.of.steps[n] > 0.0:  # of the voltage over the load, as a share of the supply
+            load, step = self.of.load[n], self.of.per_step[n]
+            share = ti.round(load / (load + r) * self.of.steps[n]) * step
+            r = load * (1.0 / ti.math.clamp(share, 0.5 * step, 1.0) - 1.0)
+        return r
+
+    @ti.func
+    def ppm(self, n, r):
+        """The concentration that unit n is taken to see at resistance r [ohm]; R_air is that of its clean air."""
+        x = ti.log(ti.max(r, 1e-3) / self.of.air[n])
+        c = self.of.c0[n] * ti.exp(-x * self.of.per_b[n]) - self.of.c0[n]
+        if ti.static(self.cubic):
+            if self.of.cubic[n] == 1:
+                x = ti.min(x / LN10, 0.0)
+                low = self.of.x_low[n]
+                inside = ti.min(x, low)
+                k2 = self.of.k2[n] + inside * self.of.k3[n]
+                c = ti.pow(10.0, self.of.k0[n] + inside * (self.of.k1[n] + inside * k2))
+                # a cubic of logarithms has no zero: a line into clean air
+                c *= ti.select(x > low, x / low, 1.0)
+        return ti.max(c, 0.0)
+
+
+@ti.data_oriented
+class LinearLaw:
+    """y = c of an ideal sensor, or of a photo-ionisation detector in ppm of the gas that it is calibrated for."""
+
+    HAS_RESISTANCE: bool = False
+
+    def __init__(self, members: Members):
+        self.of = Parameters(members, lambda group: {"limit": _linear(group).detection_limit_ppm})
+
+    def begin(self) -> None:
+        """Set the numbers of the members' sensors."""
+        self.of.begin()
+
+    @ti.func
+    def response(self, n, ppm):
+        """Steady y at a concentration."""
+        return ppm
+
+    @ti.func
+    def resistance(self, n, y):
+        """There is none; what stands for it is y."""
+        return y
+
+    @ti.func
+    def ppm(self, n, r):
+        """What it reads."""
+        return ti.select(r >= self.of.limit[n], ti.max(r, 0.0), 0.0)
+
+
+LAWS: dict[str, type[Law]] = {"mox": MoxLaw, "linear": LinearLaw}
+"""By the `law` of a sensor."""
+
+
+def _units(swarm: Swarm, group: GroupRange) -> Numbers:
+    """The metal oxides of a group: what their model gives, and how units differ."""
+    sensor = _mox(group)
+    model = MOX_MODELS[sensor.model]
+    draws = group.generators(swarm.seed, "units")
+    units = np.concatenate([rng.uniform(-1.0, 1.0, (group.count, 2)) for rng in draws])
+    b = model.b * np.exp(SPREAD_OF_B * sensor.spread * sqrt(3.0) * units[:, 0])
+    low, high = np.log(model.air)
+    middle, half = 0.5 * (low + high), 0.5 * (high - low)
+    cubic = sensor.calibration == "cubic"
+    k = _fits(model.c0, b) if cubic else np.zeros((group.size, 5))
+    steps = 2.0 ** (sensor.bits or 0) - 1.0
+    return {
+        "c0": model.c0,
+        "per_c0": 1.0 / model.c0,
+        "b": b,
+        "per_b": 1.0 / model.b,  # of the model, which is all that a calibration without fit knows
+        "air": np.exp(middle + half * min(sensor.spread, 1.0) * units[:, 1]),
+        "load": sensor.load or model.load,
+        "steps": steps,  # of the converter, 0 where it does not round
+        "per_step": 1.0 / max(steps, 1.0),
+        "cubic": cubic,
+        **{name: k[:, n] for n, name in enumerate(("k0", "k1", "k2", "k3", "x_low"))},
+    }
+
+
+def _fits(c0: float, b: np.ndarray) -> np.ndarray:
+    """Coefficients and x_low of each unit's calibration, (units, 5)."""
+    different, which = np.unique(b, return_inverse=True)
+    fits = [Calibration.of(c0, exponent) for exponent in different]
+    return np.array([[*fit.k, fit.x_low] for fit in fits])[which]
+
+
+def _mox(group: GroupRange) -> MoxSensor:
+    return cast(MoxSensor, group.model.sensors.gas)
+
+
+def _linear(group: GroupRange) -> PidSensor | IdealGasSensor:
+    return cast("PidSensor | IdealGasSensor", group.model.sensors.gas)
