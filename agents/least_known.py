@@ -15,10 +15,11 @@ import numpy as np
 import taichi as ti
 from scipy import ndimage
 
+from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
 from taichi_plume.agents.potential import NEAR, Potential
-from taichi_plume.agents.swarm import GroupRange, Swarm
+from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.time_series import TimeSeriesMap
 from taichi_plume.grid.grid import centers
 from taichi_plume.grid.transfer import reader, uploader
@@ -31,8 +32,8 @@ TIE = 1e-6  # of the largest weight: cells as little known as each other
 class LeastKnown:
     """Map-driven ways of the robots of one group, each trial for itself. tick: control period [s]."""
 
-    PER_GROUP = True  # has one map
-    STATE = ("potential", "map", "goal")
+    PER_GROUP: bool = True  # has one map
+    STATE: tuple[str, ...] = ("potential", "map", "goal")
     STATE_NAMES: tuple[str, ...] = ("DRIVE",)
 
     def __init__(self, swarm: Swarm, members: Members, tick: float):
