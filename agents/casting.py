@@ -15,9 +15,10 @@ from typing import cast
 
 import taichi as ti
 
+from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers
-from taichi_plume.agents.swarm import GroupRange, Swarm
+from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.tracking import FIND, PATIENCE, PlumeTracker
 from taichi_plume.scenario import algorithms
 
@@ -30,7 +31,7 @@ CASTS = 4  # failed sweeps before the search starts anew
 class Casting(PlumeTracker):
     """The casting algorithm. tick: control period [s]."""
 
-    STATE = (*PlumeTracker.STATE, "cast", "failed")
+    STATE: tuple[str, ...] = (*PlumeTracker.STATE, "cast", "failed")
     STATE_NAMES: tuple[str, ...] = ("FIND", "UPWIND", "IN_PLUME", "LOST", "SIDESTEP")
 
     def __init__(self, swarm: Swarm, members: Members, tick: float):

@@ -26,11 +26,12 @@ from typing import cast
 import taichi as ti
 
 from taichi_plume.agents.acquisition import Acquisition
+from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
 from taichi_plume.agents.potential import Potential
 from taichi_plume.agents.radio import Radio
-from taichi_plume.agents.swarm import GroupRange, Swarm
+from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.rng import uniform4
 from taichi_plume.scenario import algorithms
 
@@ -51,8 +52,8 @@ def constriction(phi: float, kappa: float = 1.0) -> float:
 class Dapso:
     """The DAPSO algorithm. tick: control period [s]."""
 
-    PER_GROUP = False
-    STATE = (
+    PER_GROUP: bool = False
+    STATE: tuple[str, ...] = (
         *("radio", "potential", "acquisition", "under_way", "step", "way_point"),
         *("best", "best_time", "best_place", "goal", "short"),
     )

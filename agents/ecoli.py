@@ -14,10 +14,11 @@ from typing import cast
 import taichi as ti
 
 from taichi_plume.agents.acquisition import Acquisition
+from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.legs import Legs
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
-from taichi_plume.agents.swarm import GroupRange, Swarm
+from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.rng import uniform4
 from taichi_plume.scenario import algorithms
 
@@ -28,8 +29,8 @@ ACQUIRE, RUN, TUMBLE = range(3)
 class EColi:
     """The E. coli algorithm. tick: control period [s]."""
 
-    PER_GROUP = False
-    STATE = ("legs", "acquisition", "before")
+    PER_GROUP: bool = False
+    STATE: tuple[str, ...] = ("legs", "acquisition", "before")
     STATE_NAMES: tuple[str, ...] = ("ACQUIRE", "RUN", "TUMBLE")
 
     def __init__(self, swarm: Swarm, members: Members, tick: float):

@@ -21,10 +21,11 @@ import taichi as ti
 from scipy.special import k0e
 
 from taichi_plume.agents.acquisition import Acquisition
+from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.legs import Legs
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
-from taichi_plume.agents.swarm import GroupRange, Swarm, wrap
+from taichi_plume.agents.swarm import Swarm, wrap
 from taichi_plume.grid.rng import uniform4
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario import algorithms
@@ -47,8 +48,8 @@ def detection_rate(model: algorithms.Infotaxis, along: np.ndarray, across: np.nd
 class Infotaxis:
     """The infotaxis algorithm for the robots of one group, each with a belief of its own. tick: control period [s]."""
 
-    PER_GROUP = True  # has one table of chances and one size of cells
-    STATE = ("legs", "acquisition", "belief", "downwind")
+    PER_GROUP: bool = True  # has one table of chances and one size of cells
+    STATE: tuple[str, ...] = ("legs", "acquisition", "belief", "downwind")
     STATE_NAMES: tuple[str, ...] = ("ACQUIRE", "MOVE")
 
     def __init__(self, swarm: Swarm, members: Members, tick: float):

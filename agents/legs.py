@@ -8,9 +8,10 @@ from math import pi
 
 import taichi as ti
 
+from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
-from taichi_plume.agents.swarm import GroupRange, wrap
+from taichi_plume.agents.swarm import wrap
 
 REST, TURN, DRIVE, BACK = range(4)
 

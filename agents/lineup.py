@@ -23,10 +23,11 @@ from typing import Any, cast
 import numpy as np
 import taichi as ti
 
+from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
 from taichi_plume.agents.potential import Potential
-from taichi_plume.agents.swarm import GroupRange, Swarm
+from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.kernels import listed
 from taichi_plume.scenario import algorithms
 
@@ -42,8 +43,8 @@ FAR = 1e9  # m
 class LineUp:
     """The line-up, a line per team. tick: control period [s]."""
 
-    PER_GROUP = False
-    STATE = (
+    PER_GROUP: bool = False
+    STATE: tuple[str, ...] = (
         *("potential", "mode", "wind", "slant", "gap", "a", "b", "tilt", "way", "step"),
         *("rank", "least", "late"),
     )

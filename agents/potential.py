@@ -18,9 +18,10 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
+from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
-from taichi_plume.agents.swarm import GroupRange, Swarm, wrap
+from taichi_plume.agents.swarm import Swarm, wrap
 
 SOFT = 0.1  # m from the way point at which the pull begins to fade
 ROUNDING = 1e-5  # m

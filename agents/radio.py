@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
+from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
-from taichi_plume.agents.swarm import GroupRange
 from taichi_plume.grid.rng import uniform4
 
 NEVER = -1.0  # s, time of a message that has not come

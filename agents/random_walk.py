@@ -9,10 +9,11 @@ from typing import cast
 
 import taichi as ti
 
+from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.legs import DRIVE, Legs
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
-from taichi_plume.agents.swarm import GroupRange, Swarm
+from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.rng import uniform4
 from taichi_plume.scenario import algorithms
 
@@ -23,8 +24,8 @@ WALK, BUMP = range(2)
 class RandomWalk:
     """The random walk. tick: control period [s]."""
 
-    PER_GROUP = False
-    STATE = ("legs",)
+    PER_GROUP: bool = False
+    STATE: tuple[str, ...] = ("legs",)
     STATE_NAMES: tuple[str, ...] = ("WALK", "BUMP")
 
     def __init__(self, swarm: Swarm, members: Members, tick: float):

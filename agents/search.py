@@ -12,7 +12,7 @@ The numbers of its model reach kernels by `parameters`, so that others compile n
 it, `acquisition` listens, and `radio` carries messages between the robots of a team.
 """
 
-from typing import ClassVar, Protocol
+from typing import Protocol
 
 from taichi_plume.agents.casting import Casting
 from taichi_plume.agents.dapso import Dapso
@@ -32,7 +32,7 @@ from taichi_plume.agents.sweep import Sweep
 class Algorithm(Protocol):
     """Drives the robots of the groups of one kind of algorithm, all trials at once."""
 
-    PER_GROUP: ClassVar[bool]
+    PER_GROUP: bool
     """Whether each group has an algorithm of its own."""
     STATE: tuple[str, ...]
     """Names of the attributes that change in a run, see grid/state.py."""

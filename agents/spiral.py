@@ -22,10 +22,11 @@ from typing import Any, cast
 import taichi as ti
 
 from taichi_plume.agents.acquisition import Recording, ticks_between
+from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.legs import Legs
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
-from taichi_plume.agents.swarm import GroupRange, Swarm
+from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.rng import uniform4
 from taichi_plume.scenario import algorithms
 
@@ -43,8 +44,8 @@ FLAT = 2.0  # weight of the mean of a record without a peak
 class Spiral:
     """The SPIRAL algorithm. tick: control period [s]."""
 
-    PER_GROUP = False
-    STATE = (
+    PER_GROUP: bool = False
+    STATE: tuple[str, ...] = (
         *("legs", "acquisition", "indices", "places", "arm", "sense", "threshold", "index", "misses", "low"),
     )
     STATE_NAMES: tuple[str, ...] = ("ARM", "ACQUIRE", "ESCAPE")

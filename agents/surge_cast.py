@@ -12,9 +12,10 @@ from typing import cast
 
 import taichi as ti
 
+from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers
-from taichi_plume.agents.swarm import GroupRange, Swarm
+from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.tracking import FIND, PlumeTracker
 from taichi_plume.scenario import algorithms
 
@@ -27,7 +28,7 @@ PAIRS = 3  # of legs without gas before the search starts anew
 class SurgeCast(PlumeTracker):
     """The surge-cast algorithm. tick: control period [s]."""
 
-    STATE = (*PlumeTracker.STATE, "leg", "length")
+    STATE: tuple[str, ...] = (*PlumeTracker.STATE, "leg", "length")
     STATE_NAMES: tuple[str, ...] = ("FIND", "UPWIND", "SURGE", "CAST")
 
     def __init__(self, swarm: Swarm, members: Members, tick: float):

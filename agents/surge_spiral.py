@@ -12,9 +12,10 @@ from typing import cast
 
 import taichi as ti
 
+from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers
-from taichi_plume.agents.swarm import GroupRange, Swarm
+from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.tracking import FIND, STEER, PlumeTracker
 from taichi_plume.scenario import algorithms
 
@@ -25,7 +26,7 @@ SURGE, SPIRAL = range(2, 4)
 class SurgeSpiral(PlumeTracker):
     """The surge-spiral algorithm. tick: control period [s]."""
 
-    STATE = (*PlumeTracker.STATE, "phi", "began")
+    STATE: tuple[str, ...] = (*PlumeTracker.STATE, "phi", "began")
     STATE_NAMES: tuple[str, ...] = ("FIND", "UPWIND", "SURGE", "SPIRAL")
 
     def __init__(self, swarm: Swarm, members: Members, tick: float):

@@ -14,10 +14,11 @@ from typing import Any, cast
 import numpy as np
 import taichi as ti
 
+from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
 from taichi_plume.agents.potential import NEAR, Potential
-from taichi_plume.agents.swarm import GroupRange, Swarm
+from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario import algorithms
 
@@ -30,8 +31,8 @@ AHEAD = 0.3  # m of the lane ahead of the robot, where it heads for
 class Sweep:
     """The sweep, each team for itself. tick: control period [s]."""
 
-    PER_GROUP = False
-    STATE = ("potential", "next", "order")
+    PER_GROUP: bool = False
+    STATE: tuple[str, ...] = ("potential", "next", "order")
     STATE_NAMES: tuple[str, ...] = ("TRANSIT", "SWEEP", "DONE")
 
     def __init__(self, swarm: Swarm, members: Members, tick: float):

@@ -14,10 +14,11 @@ from typing import cast
 
 import taichi as ti
 
+from taichi_plume.agents.groups import GroupRange
+from taichi_plume.agents.lag import Lag
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
-from taichi_plume.agents.sensors import Lag
-from taichi_plume.agents.swarm import GroupRange, Swarm, wrap
+from taichi_plume.agents.swarm import Swarm, wrap
 from taichi_plume.grid.rng import uniform4
 from taichi_plume.scenario import algorithms
 
@@ -38,7 +39,7 @@ class PlumeTracker:
     each one leads.
     """
 
-    PER_GROUP = False
+    PER_GROUP: bool = False
     STATE: tuple[str, ...] = ("wind", "upwind", "side", "step_sign", "peak", "trough", "mark", "stuck")
 
     def __init__(self, swarm: Swarm, members: Members, tick: float):

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from taichi_plume.grid.transfer import reader, uploader
+from taichi_plume.grid.transfer import alike, reader, uploader
 
 
 def _is_field(value: Any) -> bool:
@@ -112,17 +112,13 @@ class State:
 
 def _clearer(fields: list[Any]) -> Callable[[], None]:
     """A kernel that zeroes the fields, those of one shape in one loop; compiled at once."""
-    shapes: dict[tuple[int, ...], list[Any]] = {}
-    for field in fields:
-        shapes.setdefault(field.shape, []).append(field)
-    alike = tuple(map(tuple, shapes.values()))
 
     @ti.kernel
-    def clear(share: ti.f32):
-        for same in ti.static(alike):
-            for I in ti.grouped(same[0]):
-                for field in ti.static(same):
-                    field[I] = ti.select(share == 0.0, field[I], ti.zero(field[I]))
+    def clear(all: ti.i32):
+        for same in ti.static(alike(fields)):
+            for I in ti.grouped(fields[same[0]]):
+                for f in ti.static(same):
+                    fields[f][I] = ti.select(all == 0, fields[f][I], ti.zero(fields[f][I]))
 
-    clear(0.0)
-    return lambda: clear(1.0)
+    clear(0)
+    return lambda: clear(1)

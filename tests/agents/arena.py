@@ -1,4 +1,8 @@
-"""What tests of search algorithms share: an empty rectangular arena, scripted gas, and a team that runs in it."""
+"""What tests of search algorithms share: an empty rectangular arena, scripted gas, and teams that run in it.
+
+Taichi compiles the kernels of each object anew: tests that differ in numbers alone run as rivals in one arena, or let
+one `Run` begin again.
+"""
 
 import numpy as np
 import taichi as ti
@@ -8,6 +12,8 @@ from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.team import Team
 from taichi_plume.grid.clearance import ClearanceMap
+from taichi_plume.grid.state import State
+from taichi_plume.grid.transfer import reader, uploader
 from taichi_plume.scenario.robots import Body, Group
 from taichi_plume.scenario.sensors import Anemometer, IdealGasSensor
 from taichi_plume.scenario.sensors import Sensors as SensorModels
@@ -15,23 +21,29 @@ from taichi_plume.scenario.species import SPECIES
 from taichi_plume.scenario.starts import StartAt
 
 TICK = 0.1
+LONGEST = 400  # script
 
 
 @ti.data_oriented
 class Script:
-    """Ethanol that depends on time alone: ppm[k] from k times `every` seconds on."""
+    """Ethanol in still air that depends on time alone: ppm[k] from k times `every` seconds on, and then the last."""
 
     species = (SPECIES["ethanol"],)
 
     def __init__(self, ppm, every):
-        self.table = ti.field(ti.f32, len(ppm))
-        self.table.from_numpy(np.asarray(ppm, np.float32))
-        self.every, self.last = every, len(ppm) - 1
+        self.table = ti.field(ti.f32, LONGEST)
+        self.every = ti.field(ti.f32, ())
+        self._put = uploader(self.table, self.every)
+        self.tell(ppm, every)
+
+    def tell(self, ppm, every):
+        """Another script."""
+        self._put(np.pad(np.asarray(ppm, float), (0, LONGEST - len(ppm)), mode="edge"), every)
 
     @ti.func
     def ppm(self, x, t):
-        k = ti.cast(ti.floor(t / self.every + 1e-3), ti.i32)
-        return ti.Vector([self.table[ti.min(k, self.last)]])
+        k = ti.cast(ti.floor(t / self.every[None] + 1e-3), ti.i32)
+        return ti.Vector([self.table[ti.min(k, LONGEST - 1)]])
 
     @ti.func
     def velocity(self, x, t):
@@ -39,7 +51,13 @@ class Script:
 
 
 class Run:
-    """A group in an empty arena, tick by tick."""
+    """Teams in an empty arena, tick by tick.
+
+    algorithm: a model; or of rivals, which neither see nor touch each other, a dictionary each with what differs from
+    the other arguments: `algorithm`, `positions`, `trials`, `heading_deg` and other keys of a group.
+    """
+
+    STATE = ("swarm", "sensors", "team")
 
     def __init__(
         self,
@@ -54,22 +72,48 @@ class Run:
         obstacles=(),
         **keys,
     ):
-        group = Group(
-            name="team",
-            count=len(positions),
-            trials=trials,
-            start=StartAt(kind="positions", positions=tuple(positions), heading_deg=heading_deg),
-            algorithm=algorithm,
-            body=Body(radius=0.085, max_speed=0.2, max_turn_rate_deg=90),
-            sensors=SensorModels(gas=IdealGasSensor(kind="ideal", period=0.5), wind=Anemometer(kind="ideal")),
+        self.keys = {
+            "positions": positions,
+            "trials": trials,
+            "heading_deg": heading_deg,
             **keys,
-        )
-        arena = ClearanceMap(list(obstacles), (low[0] + size[0], low[1] + size[1]), 0.1, low=low)
-        where, headings = place(group, np.random.default_rng, arena.distance_at)
-        self.swarm = Swarm((group,), where, headings, arena, np.array(sources).reshape(-1, 2), seed=1)
+        }
+        self.arena = ClearanceMap(list(obstacles), (low[0] + size[0], low[1] + size[1]), 0.1, low=low)
+        self.sources = np.array(sources).reshape(-1, 2)
+        rivals, where, headings = self._placed(algorithm)
+        several = len(rivals) > 1
+        self.swarm = Swarm(rivals, where, headings, self.arena, self.sources, seed=1, rivals=several)
         self.sensors = Sensors(self.swarm, 2, TICK, gas.species)
-        self.team = Team(self.swarm, (0,), TICK)
+        self.team = Team(self.swarm, range(len(rivals)), TICK)
         self.gas, self.tick = gas, 0
+        self._look = reader(self.swarm.state, self.swarm.position)
+        self._state = State(self)
+
+    @property
+    def algorithm(self):
+        """What drives the robots."""
+        return self.team.algorithm
+
+    def _placed(self, algorithm):
+        """The groups, with positions and headings of all robots."""
+        told = algorithm if isinstance(algorithm, list) else [{"algorithm": algorithm}]
+        groups = tuple(_group(**(self.keys | one)) for one in told)
+        poses = [place(group, np.random.default_rng, self.arena.distance_at) for group in groups]
+        return groups, *(np.concatenate(parts) for parts in zip(*poses, strict=True))
+
+    def begin(self, algorithm, **keys):
+        """Begin anew, with other numbers."""
+        self.keys |= keys
+        groups, where, headings = self._placed(algorithm)
+        self._state.clear()
+        self.swarm.begin(groups, where, headings, self.sources, 1)
+        self.sensors.begin()
+        self.team.begin()
+        self.tick = 0
+
+    def of(self, rival):
+        """The part of an array over the robots that is a rival's."""
+        return self.swarm.groups[rival].slice
 
     def step(self):
         """One tick."""
@@ -84,6 +128,18 @@ class Run:
         states, places = [], []
         for _ in range(round(seconds / TICK)):
             self.step()
-            states.append(self.swarm.state.to_numpy())
-            places.append(self.swarm.position.to_numpy())
+            state, position = self._look()
+            states.append(state)
+            places.append(position)
         return np.array(states), np.array(places)
+
+
+def _group(positions, heading_deg, **keys):
+    return Group(
+        name="team",
+        count=len(positions),
+        start=StartAt(kind="positions", positions=tuple(positions), heading_deg=heading_deg),
+        body=Body(radius=0.085, max_speed=0.2, max_turn_rate_deg=90),
+        sensors=SensorModels(gas=IdealGasSensor(kind="ideal", period=0.5), wind=Anemometer(kind="ideal")),
+        **keys,
+    )

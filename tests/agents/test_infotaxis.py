@@ -13,6 +13,8 @@ from taichi_plume.scenario.listening import Infotaxis
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 MODEL = Infotaxis(kind="infotaxis", cell=0.15)
 
 
@@ -43,7 +45,7 @@ def test_belief_and_expectation():
     """After some acquisitions without and with gas, the belief is the product of the likelihoods."""
     levels = np.array([0.0, 9.0, 0.0, 9.0])
     run = Run(MODEL, Script(np.repeat(levels, 100), 0.05), positions=((1.5, 1.0),))
-    algorithm = run.team.algorithm
+    algorithm = run.algorithm
     places, seen = [], []
     done = 0
     while done < 4:
@@ -106,7 +108,14 @@ class Patches(Script):
 @pytest.mark.slow
 def test_it_finds_the_source_in_the_world_it_believes_in():
     source = (0.6, 0.7)
-    run = Run(MODEL, Patches(source), positions=((2.6, 1.6),), trials=40, sources=[source], reach=0.3)
+    run = Run(
+        MODEL,
+        Patches(source),
+        positions=((2.6, 1.6),),
+        trials=40,
+        sources=[source],
+        reach=0.3,
+    )
     run.go(300)
     now = run.swarm.snapshot()
     assert now["found"].mean() >= 0.9

@@ -5,10 +5,13 @@ import pytest
 from arena import TICK, Run, Script
 from numpy.testing import assert_array_equal
 
+from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.algorithms import LeastKnown, RandomWalk
 from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.obstacles import Box
 from taichi_plume.scenario.shapes import shape
+
+pytestmark = pytest.mark.usefixtures("taichi")
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -36,35 +39,39 @@ def test_the_floor_is_covered_better_than_by_a_random_walk():
     assert ages.mean() < 0.8 * walked_ages.mean()
 
 
-def test_team_mates_go_to_different_places():
-    run = Run(LeastKnown(kind="least_known", apart=0.6), Script(AIR, 1.0), CORNER, 3, SIZE)
+MODEL = LeastKnown(kind="least_known", apart=0.6)
+OPTIONS = {"size": SIZE, "heading_deg": None}
+
+
+@pytest.fixture(scope="module")
+def begun(taichi):
+    """Three teams after 30 s, and their tracks; they differ in the robots' headings at the start."""
+    run = Run(MODEL, Script(AIR, 1.0), CORNER, 3, **OPTIONS)
+    return run, run.go(30)[1]
+
+
+def test_team_mates_go_to_different_places(begun):
+    run, _ = begun
     for _ in range(8):
         run.go(5)
-        goal = getattr(run.team.algorithm, "goal").to_numpy().reshape(3, 4, 2)  # noqa: B009
+        goal = run.algorithm.goal.to_numpy().reshape(3, 4, 2)
         apart = np.linalg.norm(goal[:, :, None] - goal[:, None], axis=-1) + 9.0 * np.eye(4)
         assert apart.min() >= 0.6 - 1e-5
 
 
-def test_the_next_way_point_is_of_the_least_known():
-    run = Run(LeastKnown(kind="least_known", share=0.2), Script(AIR, 1.0), ((1.0, 1.0),), 1, SIZE)
-    run.go(60)
-    algorithm: object = run.team.algorithm
-    assert hasattr(algorithm, "_choose")
-    weight = np.arange(len(algorithm.places), dtype=float)  # type: ignore[attr-defined]
+def test_the_next_way_point_is_of_the_least_known(begun, monkeypatch):
+    algorithm = begun[0].algorithm
+    monkeypatch.setattr(algorithm, "share", 0.2)
+    weight = np.arange(len(algorithm.places), dtype=float)
     goal = np.zeros((1, 2))
-    here = np.array([[1.0, 1.0]])
-    algorithm._choose(weight, here, goal, np.ones(1), algorithm.home[0])  # type: ignore[attr-defined]
-    chosen = np.flatnonzero((algorithm.places == goal[0]).all(axis=1))  # type: ignore[attr-defined]
+    algorithm._choose(weight, np.array([[1.0, 1.0]]), goal, np.ones(1), algorithm.home[0])
+    chosen = np.flatnonzero((algorithm.places == goal[0]).all(axis=1))
     assert chosen[0] <= 0.2 * len(weight)
 
 
-def test_a_trial_alone_is_the_same_as_among_many():
-    """They differ in the robots' headings at the start."""
-    options = {"size": SIZE, "heading_deg": None}
-    _, among = Run(LeastKnown(kind="least_known"), Script(AIR, 1.0), CORNER, 3, **options).go(30)
-    _, alone = Run(LeastKnown(kind="least_known"), Script(AIR, 1.0), CORNER, 1, first_trial=2, **options).go(
-        30
-    )
+def test_a_trial_alone_is_the_same_as_among_many(begun):
+    among = begun[1]
+    _, alone = Run(MODEL, Script(AIR, 1.0), CORNER, 1, first_trial=2, **OPTIONS).go(30)
     assert_array_equal(alone[:, :4], among[:, 8:12])
     assert (among[-1, :4] != among[-1, 8:12]).any()
 
@@ -74,23 +81,33 @@ def test_what_cannot_be_reached_is_left_alone():
     wall = Box(kind="box", center=(2.5, 1.5), size=(0.1, 3.0))
     standing = shape(wall, Domain(size=SIZE, spacing=0.05), None)  # type: ignore[arg-type]
     places = ((0.4, 0.4), (0.9, 0.4), (0.4, 0.9))
-    run = Run(LeastKnown(kind="least_known"), Script(AIR, 1.0), places, 2, SIZE, obstacles=(standing,))
+    run = Run(
+        LeastKnown(kind="least_known"),
+        Script(AIR, 1.0),
+        places,
+        2,
+        SIZE,
+        obstacles=(standing,),
+    )
     for _ in range(10):
         run.go(4)
-        goal = getattr(run.team.algorithm, "goal").to_numpy()  # noqa: B009
+        goal = run.algorithm.goal.to_numpy()
         assert goal[:, 0].max() < 2.4
 
 
-def test_each_trial_goes_by_its_own_map():
+def test_each_trial_goes_by_its_own_map(begun, monkeypatch):
     """Among rivals a group's trials have other rows of the map than their numbers."""
-    run = Run(LeastKnown(kind="least_known"), Script(AIR, 1.0), CORNER, 2, SIZE)
-    algorithm = run.team.algorithm
-    weights = np.ones((3, *algorithm.map.shape))  # type: ignore[attr-defined]
+    run, _ = begun
+    algorithm = run.algorithm
+    weights = np.ones((4, *algorithm.map.shape))
     weights[1, :4], weights[2, 12:] = 0.0, 0.0  # each knows one end of the floor less
-    algorithm.row = 1  # type: ignore[attr-defined]
-    algorithm.map.weight = lambda: weights  # type: ignore[attr-defined]
-    run.go(1)
-    goal = algorithm.goal.to_numpy().reshape(2, 4, 2)  # type: ignore[attr-defined]
+    monkeypatch.setattr(algorithm, "row", 1)
+    monkeypatch.setattr(algorithm.map, "weight", lambda: weights)
+    monkeypatch.setattr(algorithm, "apart", 0.5)
+    start = np.tile(CORNER, (3, 1))
+    uploader(run.swarm.position, algorithm.goal)(start, start)  # all of them are there, and ask
+    run.go(TICK)
+    goal = algorithm.goal.to_numpy().reshape(3, 4, 2)
     assert (goal[0, :, 0] < 1.0).all()
     assert (goal[1, :, 0] > 3.0).all()
 

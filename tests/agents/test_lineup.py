@@ -6,6 +6,7 @@ import taichi as ti
 from arena import TICK, Run
 
 from taichi_plume.agents.lineup import FEEL, FORM, SWEEP, WAIT
+from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.algorithms import LineUp
 from taichi_plume.scenario.species import SPECIES
 
@@ -13,6 +14,32 @@ pytestmark = pytest.mark.usefixtures("taichi")
 
 FLOOR = (4.0, 3.0)
 CORNER = ((0.3, 0.3), (0.6, 0.3), (0.3, 0.6), (0.6, 0.6))
+MIDDLE = ((2.0, 1.5), (2.5, 1.5), (1.5, 1.5), (1.0, 1.4))
+ANGLES = (90, 180, 30)
+
+
+def lineup(**keys):
+    return LineUp(kind="lineup", **keys)
+
+
+RIVALS = {
+    "default": {"algorithm": lineup()},
+    "slow": {"algorithm": lineup(line_speed=0.08)},
+    "mirror": {"algorithm": lineup(mirror=True)},
+    "impatient": {"algorithm": lineup(patience=6.0)},
+    **{
+        f"told {angle}": {
+            "algorithm": lineup(wind_direction_deg=angle, spacing=0.6),
+            "positions": MIDDLE,
+        }
+        for angle in ANGLES
+    },
+    "measured": {"algorithm": lineup(spacing=0.6), "positions": MIDDLE},
+}
+NARROW = {
+    "slanted": {"algorithm": lineup(stagger=0.5), "positions": CORNER},
+    "lone": {"algorithm": lineup(line_speed=0.2), "positions": ((2.0, 0.5),)},
+}
 
 
 @ti.data_oriented
@@ -22,7 +49,9 @@ class Draught:
     species = (SPECIES["ethanol"],)
 
     def __init__(self, u=0.7, v=0.0):
-        self.u, self.v = u, v
+        self.u, self.v = ti.field(ti.f32, ()), ti.field(ti.f32, ())
+        self.tell = uploader(self.u, self.v)
+        self.tell(u, v)
 
     @ti.func
     def ppm(self, x, t):
@@ -30,16 +59,32 @@ class Draught:
 
     @ti.func
     def velocity(self, x, t):
-        return ti.Vector([self.u, self.v])
+        return ti.Vector([self.u[None], self.v[None]])
 
 
-def lined_up(positions=CORNER, wind=(0.7, 0.0), size=FLOOR, trials=1, **keys):
-    return Run(LineUp(kind="lineup", **keys), Draught(*wind), positions, trials, size)
+def of(run, name):
+    """The robots of a rival on FLOOR."""
+    return run.of(list(RIVALS).index(name))
 
 
-def test_the_line_is_diagonal_with_equal_gaps():
+@pytest.fixture(scope="module")
+def run(taichi):
+    """Lines on FLOOR that neither see nor touch each other."""
+    return Run(list(RIVALS.values()), Draught(), CORNER, 1, FLOOR)
+
+
+@pytest.fixture(scope="module")
+def swept(run):
+    """States and places in 150 s of wind along x, by the name of the rival."""
+    run.gas.tell(0.7, 0.0)
+    run.begin(list(RIVALS.values()))
+    states, places = run.go(150)
+    return {name: (states[:, of(run, name)], places[:, of(run, name)]) for name in RIVALS}
+
+
+def test_the_line_is_diagonal_with_equal_gaps(swept):
     """From margin to margin along the wind, 0.3 m from each to the next across it; the robots keep their order."""
-    states, places = lined_up().go(70)
+    states, places = swept["default"]
     first = np.flatnonzero(states[:, 0] == SWEEP)[0]
     line = places[first + 50]
     line = line[np.argsort(line[:, 0])]
@@ -51,8 +96,8 @@ def test_the_line_is_diagonal_with_equal_gaps():
     assert (np.argsort(places[first + 50][:, 0]) == np.argsort(np.array(CORNER)[:, 0], kind="stable")).all()
 
 
-def test_it_moves_at_its_speed_from_margin_to_margin():
-    states, places = lined_up(line_speed=0.08).go(150)
+def test_it_moves_at_its_speed_from_margin_to_margin(swept):
+    states, places = swept["slow"]
     sweeping = (states == SWEEP).all(axis=1)
     middle = places[:, :, 1].mean(axis=1)
     steps = np.diff(middle)[sweeping[1:] & sweeping[:-1]]
@@ -66,9 +111,8 @@ def test_it_moves_at_its_speed_from_margin_to_margin():
 
 
 @pytest.mark.parametrize("mirror", [False, True])
-def test_the_line_mirrors_itself_where_told(mirror):
-    run = lined_up(mirror=mirror)
-    states, places = run.go(110)
+def test_the_line_mirrors_itself_where_told(swept, mirror):
+    states, places = (values[:1100] for values in swept["mirror" if mirror else "default"])
     middle = places[:, :, 1].mean(axis=1)
     sweeping = (states == SWEEP).all(axis=1)[1:]
     back = np.flatnonzero(sweeping & (np.diff(middle) < -0.005))
@@ -79,14 +123,17 @@ def test_the_line_mirrors_itself_where_told(mirror):
     assert (forms > 1) == mirror
 
 
-@pytest.mark.parametrize("angle", [90, 180, 30])
+@pytest.mark.parametrize("angle", ANGLES)
 @pytest.mark.parametrize("told", [True, False])
-def test_the_line_lies_along_the_wind(angle, told):
-    """Told or measured; across the wind neighbours are staggered by 0.3 m."""
+def test_the_line_lies_along_the_wind(swept, run, angle, told):
+    """Told, whatever wind it feels, or measured; across the wind neighbours are staggered by 0.3 m."""
     w = np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle))])
-    wind, keys = ((0.0, 0.0), {"wind_direction_deg": angle}) if told else (tuple(0.5 * w), {})
-    run = lined_up(((2.0, 1.5), (2.5, 1.5), (1.5, 1.5), (1.0, 1.4)), wind, spacing=0.6, **keys)
-    states, places = run.go(70)
+    if told:
+        states, places = swept[f"told {angle}"]
+    else:
+        run.gas.tell(*(0.5 * w))
+        run.begin(list(RIVALS.values()))
+        states, places = (values[:, of(run, "measured")] for values in run.go(70))
     assert (states == FEEL).any() == (not told)
     across = (places - [2.0, 1.5]) @ [-w[1], w[0]]
     in_the_middle = (states[:, 0] == SWEEP) & (np.abs(across.mean(axis=1)) < 0.05)
@@ -96,12 +143,13 @@ def test_the_line_lies_along_the_wind(angle, told):
     assert np.abs(np.diff(line @ [-w[1], w[0]])) == pytest.approx([0.3] * 3, abs=0.05)
 
 
-def test_it_waits_for_a_straggler_but_not_for_ever():
-    run = lined_up(patience=6.0)
-    states, _ = run.go(60)
-    assert states[-1, 0] == SWEEP
-    run.swarm.found[2] = 1  # it stands
-    states, places = run.go(60)
+def test_it_waits_for_a_straggler_but_not_for_ever(run):
+    run.gas.tell(0.7, 0.0)
+    run.begin(list(RIVALS.values()))
+    line = of(run, "impatient")
+    assert run.go(60)[0][-1, line.start] == SWEEP
+    run.swarm.found[line.start + 2] = 1  # it stands
+    states, places = (values[:, line] for values in run.go(60))
     waiting = states[:, 0] == WAIT
     assert waiting.sum() * TICK == pytest.approx(6.0, abs=1.0)
     others = places[:, [0, 1, 3]]
@@ -110,34 +158,43 @@ def test_it_waits_for_a_straggler_but_not_for_ever():
     assert np.abs(others[-1] - others[stand]).max() > 0.5
 
 
-def test_in_a_narrow_room_the_line_is_less_slanted():
-    states, places = lined_up(size=(4.0, 1.4), stagger=0.5).go(80)
+@pytest.fixture(scope="module")
+def narrow(taichi):
+    """States and places of the rivals in a room of 4 x 1.4 m."""
+    run = Run(list(NARROW.values()), Draught(), size=(4.0, 1.4))
+    states, places = run.go(200)
+    return {name: (states[:, run.of(n)], places[:, run.of(n)]) for n, name in enumerate(NARROW)}
+
+
+def test_in_a_narrow_room_the_line_is_less_slanted(narrow):
+    states, places = (values[:800] for values in narrow["slanted"])
     assert (states == SWEEP).any()
     line = places[np.flatnonzero(states[:, 0] == SWEEP)[0] + 20]
     assert np.abs(np.diff(line[np.argsort(line[:, 0])][:, 1])) == pytest.approx([0.4 / 3] * 3, abs=0.02)
     assert places[:, :, 1].max() < 1.1 + 0.06
 
 
-def test_a_lone_robot_steps_upwind_after_each_sweep():
-    _, places = lined_up(((2.0, 0.5),), line_speed=0.2, size=(3.0, 1.2)).go(200)
-    x, y = places[300:, 0].T
+def test_a_lone_robot_steps_upwind_after_each_sweep(narrow):
+    x, y = narrow["lone"][1][300:, 0].T
     assert y.min() < 0.36
-    assert y.max() > 0.84
-    levels = np.unique(np.round((2.7 - x[np.abs(y - 0.6) < 0.02]) / 0.3, 1))
+    assert y.max() > 1.04
+    levels = np.unique(np.round((3.7 - x[np.abs(y - 0.7) < 0.02]) / 0.3, 1))
     assert levels == pytest.approx(np.round(levels), abs=0.11)
     assert len(np.unique(np.round(levels))) >= 4
 
 
-def test_without_wind_the_line_lies_along_x():
-    states, places = lined_up(wind=(0.0, 0.0)).go(60)
+def test_without_wind_the_line_lies_along_x(run):
+    run.gas.tell(0.0, 0.0)
+    run.begin(list(RIVALS.values()))
+    states, places = (values[:, of(run, "default")] for values in run.go(60))
     line = places[np.flatnonzero(states[:, 0] == SWEEP)[0] + 20]
     assert np.diff(np.sort(line[:, 0])) == pytest.approx([3.4 / 3] * 3, abs=0.03)
 
 
 @pytest.mark.slow
 def test_trials_are_independent_and_nobody_touches():
-    _, places = lined_up(trials=3).go(60)
-    _, alone = lined_up(trials=1).go(60)
+    _, places = Run(lineup(), Draught(), CORNER, 3, FLOOR).go(60)
+    _, alone = Run(lineup(), Draught(), CORNER, 1, FLOOR).go(60)
     assert (alone == places[:, :4]).all()
     apart = np.linalg.norm(places[:, :4, None] - places[:, None, :4], axis=-1) + 9 * np.eye(4)
     assert apart.min() > 2 * 0.085

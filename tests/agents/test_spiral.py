@@ -10,14 +10,25 @@ from taichi_plume.scenario.listening import Spiral
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
+MODEL = Spiral(kind="spiral", minimum_ppm=1)
+
+
+@pytest.fixture(scope="module")
+def run(taichi):
+    """One robot, that each test begins anew."""
+    return Run(MODEL, Script([0.0], 1.0))
+
 
 def acquisitions(states):
     """Ticks at which an acquisition ends."""
     return np.flatnonzero((states[:-1] == ACQUIRE) & (states[1:] != ACQUIRE)) + 1
 
 
-def test_arms_are_straight_and_turn_by_90_degrees():
-    run = Run(Spiral(kind="spiral", minimum_ppm=1), Script([0.0], 1.0))
+def test_arms_are_straight_and_turn_by_90_degrees(run):
+    run.gas.tell([0.0], 1.0)
+    run.begin(MODEL, positions=((1.5, 1.0),))
     states, places = run.go(120)
     ends = places[acquisitions(states[:, 0])[:3], 0]
     path = np.vstack([[1.5, 1.0], ends])
@@ -29,9 +40,10 @@ def test_arms_are_straight_and_turn_by_90_degrees():
     assert turns[0] * turns[1] > 0  # always the same way
 
 
-def test_bump_backs_off_turns_and_drives_the_rest():
+def test_bump_backs_off_turns_and_drives_the_rest(run):
     """0.3 m before a wall an arm of 0.5 m: back by 0.1 m, aside for the remaining 0.2 m."""
-    run = Run(Spiral(kind="spiral", arms=(0.5,)), Script([0.0], 1.0), positions=((3.0 - 0.085 - 0.3, 1.0),))
+    run.gas.tell([0.0], 1.0)
+    run.begin(Spiral(kind="spiral", arms=(0.5,) * 6), positions=((3.0 - 0.085 - 0.3, 1.0),))
     states, places = run.go(9)
     end = places[np.flatnonzero(states[:, 0] == ACQUIRE)[0], 0]
     assert end[0] == pytest.approx(3.0 - 0.085 - 0.1, abs=5e-3)
@@ -42,7 +54,14 @@ def test_bump_backs_off_turns_and_drives_the_rest():
 def turns_at_bumps(side):
     """Of each bump in 90 s of 16 robots: way it turns to (+1 left), side of the best of the last 10 acquisitions."""
     levels = np.random.default_rng(7).uniform(0.5, 5.0, 300)
-    model = Spiral(kind="spiral", minimum_ppm=1, arms=(0.7,) * 6, settle=0, acquisition=1.5, bump_side=side)
+    model = Spiral(
+        kind="spiral",
+        minimum_ppm=1,
+        arms=(0.7,) * 6,
+        settle=0,
+        acquisition=1.5,
+        bump_side=side,
+    )
     run = Run(model, Script(levels, 0.5), trials=16, heading_deg=None)
     indices, places, bumps = ([[] for _ in range(16)] for _ in range(3))
     seen = []
@@ -50,7 +69,7 @@ def turns_at_bumps(side):
     for tick in range(900):
         run.go(TICK)
         now = run.swarm.snapshot()
-        heard = run.team.algorithm.index.to_numpy()
+        heard = run.algorithm.index.to_numpy()
         for n in range(16):
             if now["acquisitions"][n] > before["acquisitions"][n]:
                 indices[n].append(heard[n])
@@ -81,11 +100,15 @@ def test_a_bump_turns_to_the_side_of_the_best_acquisition():
 
 
 @pytest.mark.parametrize("above_mean", [False, True])
-def test_proximity_index(above_mean):
+def test_proximity_index(run, above_mean):
     """60 random samples: mean and the largest local maximum above it in each window of ten."""
     c = np.random.default_rng(3).uniform(1.0, 9.0, 200)
     height = "above_mean" if above_mean else "absolute"
-    run = Run(Spiral(kind="spiral", minimum_ppm=1e3, peak_height=height), Script(c, 0.5))
+    run.gas.tell(c, 0.5)
+    run.begin(
+        Spiral(kind="spiral", minimum_ppm=1e3, peak_height=height),
+        positions=((1.5, 1.0),),
+    )
     states, _ = run.go(60)
     end = acquisitions(states[:, 0])[0]  # its last sample was taken in this tick
     sampled = (end + 1 - 5 * np.arange(60)[::-1]) * TICK
@@ -97,60 +120,74 @@ def test_proximity_index(above_mean):
     peaks = peaks[heard[peaks] > mean]
     largest = [heard[peaks[peaks // 10 == w]].max() for w in range(6) if (peaks // 10 == w).any()]
     expected = mean + 0.5 * (np.sum(largest) - above_mean * len(largest) * mean)
-    assert run.team.algorithm.index.to_numpy()[0] == pytest.approx(expected, rel=1e-4)
+    assert run.algorithm.index.to_numpy()[0] == pytest.approx(expected, rel=1e-4)
 
 
-def test_record_without_a_peak_counts_its_mean_twice():
-    run = Run(Spiral(kind="spiral", minimum_ppm=1e3), Script([4.0], 1.0))
+def test_record_without_a_peak_counts_its_mean_twice(run):
+    run.gas.tell([4.0], 1.0)
+    run.begin(Spiral(kind="spiral", minimum_ppm=1e3), positions=((1.5, 1.0),))
     run.go(40)
-    assert run.team.algorithm.index.to_numpy()[0] == pytest.approx(8.0, rel=1e-5)
+    assert run.algorithm.index.to_numpy()[0] == pytest.approx(8.0, rel=1e-5)
 
 
-def heard_in_turn(levels, **model):
+def heard_in_turn(run, levels, **model):
     """The algorithm's thresholds, states and hits after acquisitions that hear constant levels [ppm] in turn."""
-    gas = Script(levels[:1], 1.0)
-    run = Run(Spiral(kind="spiral", minimum_ppm=1.0, arms=(0.1,) * 6, **model), gas, positions=((1.5, 1.05),))
+    run.gas.tell(levels[:1], 1.0)
+    run.begin(
+        Spiral(kind="spiral", minimum_ppm=1.0, arms=(0.1,) * 6, **model),
+        positions=((1.5, 1.05),),
+    )
     seen = []
-    for level in levels:
-        gas.table[0] = level
-        done = run.swarm.acquisitions.to_numpy()[0]
-        while run.swarm.acquisitions.to_numpy()[0] == done:
-            run.go(1.0)
-        algorithm = run.team.algorithm
-        seen.append(
-            (
-                round(float(algorithm.threshold.to_numpy()[0]), 4),
-                int(run.swarm.state.to_numpy()[0]),
-                int(run.swarm.hits.to_numpy()[0]),
-            )
-        )
+    for n, level in enumerate(levels):
+        run.gas.tell([level], 1.0)
+        while run.swarm.snapshot()["acquisitions"][0] == n:
+            for _ in range(10):
+                run.step()
+        now = run.swarm.snapshot()
+        threshold = round(float(run.algorithm.threshold.to_numpy()[0]), 4)
+        seen.append((threshold, int(now["state"][0]), int(now["hits"][0])))
     return seen
 
 
-def test_hits_raise_the_threshold_and_five_misses_lower_it():
+def test_hits_raise_the_threshold_and_five_misses_lower_it(run):
     """Levels c give PI = 2 c, as nothing varies."""
-    seen = heard_in_turn([1.0, 2.0, 2.0, 1.5, 1.5, 1.5, 1.5, 1.5, 0.45])
+    seen = heard_in_turn(run, [1.0, 2.0, 2.0, 1.5, 1.5, 1.5, 1.5, 1.5, 0.45])
     thresholds = [row[0] for row in seen]
     assert thresholds == [2.0, 4.0, 4.0, 4.0, 4.0, 4.0, 4.0, 0.8, 0.9]
-    assert [row[2] for row in seen] == [1, 2, 3, 3, 3, 3, 3, 3, 4]  # as high as the threshold is a hit
+    assert [row[2] for row in seen] == [
+        1,
+        2,
+        3,
+        3,
+        3,
+        3,
+        3,
+        3,
+        4,
+    ]  # as high as the threshold is a hit
 
 
-def test_three_low_misses_lower_it_too():
-    assert [row[0] for row in heard_in_turn([3.0, 0.5, 0.5, 0.5])] == [6.0, 6.0, 6.0, 0.8]
+def test_three_low_misses_lower_it_too(run):
+    assert [row[0] for row in heard_in_turn(run, [3.0, 0.5, 0.5, 0.5])] == [
+        6.0,
+        6.0,
+        6.0,
+        0.8,
+    ]
     # a miss that is not low begins the count anew
-    assert [row[0] for row in heard_in_turn([3.0, 0.5, 0.5, 2.9, 0.5])] == [6.0] * 5
+    assert [row[0] for row in heard_in_turn(run, [3.0, 0.5, 0.5, 2.9, 0.5])] == [6.0] * 5
 
 
-def test_after_all_arms_it_escapes_with_the_minimum():
-    seen = heard_in_turn([0.3] * 6)
+def test_after_all_arms_it_escapes_with_the_minimum(run):
+    seen = heard_in_turn(run, [0.3] * 6)
     assert [row[1] for row in seen][-1] == ESCAPE
     assert seen[4][0] == 0.8
     assert seen[5][0] == 1.0
 
 
-def test_strict_minimum_forbids_hits_below_it():
-    assert heard_in_turn([0.3] * 5 + [0.45])[-1][2] == 1
-    assert heard_in_turn([0.3] * 5 + [0.45], strict_minimum=True)[-1][2] == 0
+def test_strict_minimum_forbids_hits_below_it(run):
+    assert heard_in_turn(run, [0.3] * 5 + [0.45])[-1][2] == 1
+    assert heard_in_turn(run, [0.3] * 5 + [0.45], strict_minimum=True)[-1][2] == 0
 
 
 @pytest.mark.slow
@@ -176,6 +213,10 @@ def test_random_spiral_needs_as_many_acquisitions_as_published():
     assert now["found_time"][found].sum() / now["acquisitions"][found].sum() == pytest.approx(35.0, abs=1.0)
 
 
-def test_states_have_names():
-    names = Run(Spiral(kind="spiral"), Script([0.0], 1.0)).team.state_names
-    assert [names[state] for state in (ARM, ACQUIRE, ESCAPE)] == ["ARM", "ACQUIRE", "ESCAPE"]
+def test_states_have_names(run):
+    names = run.team.state_names
+    assert [names[state] for state in (ARM, ACQUIRE, ESCAPE)] == [
+        "ARM",
+        "ACQUIRE",
+        "ESCAPE",
+    ]

@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-import taichi as ti
+from hunt import PATCH, SOURCE, Hunt
 from scipy.signal import find_peaks
-from test_casting import SOURCE, Plume, search
 
 from taichi_plume.agents import surge_cast, surge_spiral
 from taichi_plume.agents.surge_cast import CAST, SURGE
@@ -13,29 +12,25 @@ from taichi_plume.agents.tracking import FIND, UPWIND
 pytestmark = pytest.mark.usefixtures("taichi")
 
 
-@ti.data_oriented
-class Edge(Plume):
-    """Gas downwind of x = 2.5 m alone."""
-
-    @ti.func
-    def ppm(self, x, t):
-        return ti.Vector([ti.select(x[0] > 2.5, self.peak, 0.0)])
+@pytest.fixture(scope="module")
+def hunts(taichi):
+    return {kind: Hunt(kind) for kind in ("surge_cast", "surge_spiral")}
 
 
 @pytest.mark.parametrize("kind", ["surge_cast", "surge_spiral"])
-def test_the_source_is_found(kind):
-    swarm, states, tracks = search(Plume(200.0), 60, kind=kind)
-    found = swarm.found.to_numpy() == 1
+def test_the_source_is_found(hunts, kind):
+    (run,) = hunts[kind].search(200.0, 60)
+    found = run.found == 1
     assert found.mean() >= 0.9
-    straight = np.hypot(*(tracks[0] - SOURCE).T) - 0.3
-    assert np.median(swarm.path_length.to_numpy()[found] / straight[found]) < 2.0
-    assert {FIND, SURGE} <= set(np.unique(states))
+    straight = np.hypot(*(run.tracks[0] - SOURCE).T) - 0.3
+    assert np.median(run.path_length[found] / straight[found]) < 2.0
+    assert {FIND, SURGE} <= set(np.unique(run.states))
 
 
-def test_surges_go_straight_upwind():
-    _, states, tracks = search(Plume(200.0), 20, kind="surge_cast")
-    steps = np.diff(tracks, axis=0)
-    steady = (np.lib.stride_tricks.sliding_window_view(states, 12, axis=0) == SURGE).all(-1)[:-1]
+def test_surges_go_straight_upwind(hunts):
+    (run,) = hunts["surge_cast"].search(200.0, 20)
+    steps = np.diff(run.tracks, axis=0)
+    steady = (np.lib.stride_tricks.sliding_window_view(run.states, 12, axis=0) == SURGE).all(-1)[:-1]
     steps = steps[11:][steady[: len(steps) - 11]]
     steps = steps[np.hypot(*steps.T) > 0.01]
     assert len(steps) > 100
@@ -44,12 +39,18 @@ def test_surges_go_straight_upwind():
     assert off.mean() == pytest.approx(0, abs=1)
 
 
-def test_casts_reach_both_sides_twice_as_far_each_time():
+def test_casts_reach_both_sides_twice_as_far_each_time(hunts):
     """0.1, 0.2 and 0.4 m to either side of where the plume was lost, then the search starts anew."""
-    _, states, tracks = search(
-        Edge(100.0), 45, low=(2.7, 1.45), high=(2.9, 1.55), trials=10, kind="surge_cast", cast_distance=0.1
+    (run,) = hunts["surge_cast"].search(
+        100.0,
+        45,
+        PATCH,
+        low=(2.7, 1.45),
+        high=(2.9, 1.55),
+        trials=10,
+        cast_distance=0.1,
     )
-    for of_robot, track in zip(states.T, tracks.transpose(1, 0, 2), strict=True):
+    for of_robot, track in zip(run.states.T, run.tracks.transpose(1, 0, 2), strict=True):
         lost = np.flatnonzero(of_robot == CAST)[0]
         given_up = lost + np.flatnonzero(of_robot[lost:] != CAST)[0]
         assert of_robot[given_up] == FIND
@@ -60,13 +61,13 @@ def test_casts_reach_both_sides_twice_as_far_each_time():
         assert across[-1] * np.sign(across[turns[0]]) == pytest.approx(-0.4, abs=0.06)
 
 
-def test_the_spiral_widens_by_its_gap():
+def test_the_spiral_widens_by_its_gap(hunts):
     """r = gap phi / 2 pi around the place where the plume was lost."""
     gap = 0.3
-    _, states, tracks = search(
-        Edge(100.0), 60, low=(2.7, 1.45), high=(2.9, 1.55), trials=10, kind="surge_spiral", gap=gap, turns=2
+    (run,) = hunts["surge_spiral"].search(
+        100.0, 60, PATCH, low=(2.7, 1.45), high=(2.9, 1.55), trials=10, gap=gap, turns=2
     )
-    for of_robot, track in zip(states.T, tracks.transpose(1, 0, 2), strict=True):
+    for of_robot, track in zip(run.states.T, run.tracks.transpose(1, 0, 2), strict=True):
         lost = np.flatnonzero(of_robot == surge_spiral.SPIRAL)[0]
         over = lost + np.flatnonzero(of_robot[lost:] != surge_spiral.SPIRAL)[0]
         arm = track[lost:over] - track[lost]
@@ -78,5 +79,9 @@ def test_the_spiral_widens_by_its_gap():
 
 
 def test_states_have_names():
-    assert surge_cast.SurgeCast.STATE_NAMES[UPWIND : CAST + 1] == ("UPWIND", "SURGE", "CAST")
+    assert surge_cast.SurgeCast.STATE_NAMES[UPWIND : CAST + 1] == (
+        "UPWIND",
+        "SURGE",
+        "CAST",
+    )
     assert surge_spiral.SurgeSpiral.STATE_NAMES[surge_spiral.SPIRAL] == "SPIRAL"

@@ -61,21 +61,23 @@ def test_blocks_and_first_corners_are_near():
     assert ways[2][0, 0] == pytest.approx(3.9)
 
 
-@pytest.mark.parametrize("trials", [1, 3])
-def test_robots_cover_the_floor(trials):
-    size = (3.0, 2.1)
+def test_robots_cover_the_floor():
+    """Those of one trial, and those of three."""
+    size, teams = (3.0, 2.1), 4
     model = Sweep(kind="sweep", lane=0.3, repeat=False)
-    run = Run(model, Script([0.0], 1.0), ((0.3, 0.3), (0.3, 0.6), (0.6, 0.3)), trials, size)
+    rivals = [{"algorithm": model, "trials": trials} for trials in (1, 3)]
+    run = Run(rivals, Script([0.0], 1.0), ((0.3, 0.3), (0.3, 0.6), (0.6, 0.3)), size=size)
     states, tracks = run.go(90)
     assert (states[0] == TRANSIT).all()
     assert (states == SWEEP).any(axis=0).all()
     assert (states[-1] == DONE).all()
     assert np.abs(tracks[-1] - tracks[-5]).max() == 0
-    for k in range(trials):
+    for k in range(teams):
         points = tracks[:, 3 * k : 3 * k + 3].reshape(-1, 2)
         assert farthest(points, size, ROOM + NEAR, 0) < 0.15 + 0.02
-    apart = np.linalg.norm(tracks[:, :3, None] - tracks[:, None, :3], axis=-1) + 9 * np.eye(3)
-    assert apart.min() > 2 * 0.085
+        team = tracks[:, 3 * k : 3 * k + 3]
+        apart = np.linalg.norm(team[:, :, None] - team[:, None], axis=-1) + 9 * np.eye(3)
+        assert apart.min() > 2 * 0.085
     # 7 lanes of 2.73 m for three: three of them and a step of 0.3 m between at 0.2 m/s
     longest = 3 * (3.0 - 2 * ROOM) + 2 * 0.3
     assert longest / 0.2 < (states == SWEEP).sum(axis=0).max() * 0.1 < longest / 0.2 + 6 * 3
