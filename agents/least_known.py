@@ -32,8 +32,8 @@ TIE = 1e-6  # of the largest weight: cells as little known as each other
 class LeastKnown:
     """Map-driven ways of the robots of one group, each trial for itself. tick: control period [s]."""
 
-    PER_GROUP = True  # has one map
-    STATE = ("potential", "map", "goal")
+    PER_GROUP: bool = True  # has one map
+    STATE: tuple[str, ...] = ("potential", "map", "goal")
     STATE_NAMES: tuple[str, ...] = ("DRIVE",)
 
     def __init__(self, swarm: Swarm, members: Members, tick: float):

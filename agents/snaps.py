@@ -178,7 +178,7 @@ class SnapMap(GasMap):
             _judge(
                 self.numerator, self.denominator, snaps.weighted, snaps.weights, snaps.last, snaps.margin, self.mae,
             )  # fmt: skip
-            self.errors.append((snaps.ended * self.window, self._error()[0]))
+            self.errors.append((snaps.ended * snaps.window, self._error()[0]))
         self._forecast()
 
     def _forecast(self) -> None:

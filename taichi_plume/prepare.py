@@ -200,7 +200,9 @@ def _completed(gas: PlaybackGas, film: "Film") -> PlaybackGas:
         raise FilmError(f"{film.path}: is damaged: its species or sources are not ones of ours") from None
 
 
-def _points(resources: Resources, path: str, model: PlumeSimLog | FluentGas, folder: Path) -> None:
+def _points(
+    resources: Resources, path: str, model: PlumeSimWind | PlumeSimGas | FluentGas, folder: Path
+) -> None:
     """Read the frames of points of a section; a log that several play is read once."""
     try:
         file = folder / model.file if isinstance(model, PlumeSimLog) else None

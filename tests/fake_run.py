@@ -233,7 +233,7 @@ def simulation(model: Scenario) -> Simulation:
     sim = Simulation(
         model, grid, wind, Mixture([FakeGas(grid, source)]), swarm, sensors, teams, [], obstacles, air
     )
-    sim.maps += [FakeMap(m.kind, m.cell, sim) for m in model.maps]
+    sim.maps = [FakeMap(m.kind, m.cell, sim) for m in model.maps]
     return sim
 
 

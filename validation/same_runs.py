@@ -38,11 +38,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     with tempfile.TemporaryDirectory() as folder:
         keep = args.keep or Path(folder)
         for name in args.only or names:
-            runs = [
-                _run(checkout, name, args.seconds, keep / which)
-                for which, checkout in (("old", old), ("new", new))
-            ]
-            faults = list(differences(*runs))
+            before = _run(old, name, args.seconds, keep / "old")
+            faults = list(differences(before, _run(new, name, args.seconds, keep / "new")))
             different += bool(faults)
             print(f"{name}: {'; '.join(faults) if faults else 'the same'}", flush=True)
     return int(different > 0)

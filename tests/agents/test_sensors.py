@@ -6,6 +6,7 @@ import taichi as ti
 
 from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import Swarm
+from taichi_plume.grid.fields import Wind
 from taichi_plume.grid.kernels import compiled
 from taichi_plume.grid.state import State
 from taichi_plume.scenario.algorithms import Casting
@@ -42,7 +43,7 @@ class Floor:
 
 
 @ti.data_oriented
-class Air:
+class Air(Wind):
     """The same gas [ppm] and wind [m/s] everywhere; gas grows by `slope` per m of x + 10 z."""
 
     species = (SPECIES["ethanol"],)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from bodies import FLOOR, L_SHAPE, ROOM, SHAPES, is_inside, random_points
 
-from taichi_plume.scenario import resources
+from taichi_plume.prepare import prepare
 from taichi_plume.scenario.gases import EulerianGas
 from taichi_plume.scenario.obstacles import Box, Cylinder, Prism, Sphere
 from taichi_plume.scenario.scenario import Scenario
@@ -89,4 +89,5 @@ def test_shapes_come_in_the_order_of_the_obstacles():
         obstacles=(SHAPES["sphere"], SHAPES["box"], SHAPES["prism"]),
         gas=EulerianGas(kind="eulerian", sources=(Source(position=(1.0, 1.0, 0.1), rate=1e-5),)),
     )
-    assert [one.model for one in resources.shapes(scenario, Path())] == list(scenario.obstacles)
+    shapes = prepare(scenario, Path()).resources.obstacles
+    assert [one.model for one in shapes] == list(scenario.obstacles)
