@@ -10,6 +10,7 @@ A robot in a 2-D run fills but a part of the slab, and most of the air passes ov
 its form drag, C_d/2 (v - u)|v - u| per frontal area, spread evenly over its disc.
 """
 
+from dataclasses import dataclass
 from math import cos, inf, radians, sin
 from typing import Any
 
@@ -18,7 +19,8 @@ import taichi as ti
 
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template
-from taichi_plume.scenario.obstacles import Box, Cylinder, Obstacle, Sphere
+from taichi_plume.grid.transfer import Numbers, uploader
+from taichi_plume.scenario.obstacles import Obstacle, motion_of
 from taichi_plume.scenario.robots import Body
 from taichi_plume.solvers.boundaries import HORIZON
 
@@ -26,68 +28,87 @@ SOLID = 0.999  # largest share: 1 has an infinite rate
 DRAG = 1.0  # drag coefficient of a squat upright cylinder on the ground
 
 
+@dataclass(frozen=True)
+class Outline:
+    """What a body covers: all that is within `radius` [m] of a rectangle of half widths `half` [m] (0, 0: a disc) that
+    is turned by `yaw` [rad], from `low` to `high` [m]; ball: whether it is round in the third direction too.
+    """
+
+    half: tuple[float, float] = (0.0, 0.0)
+    radius: float = 0.0
+    yaw: float = 0.0
+    low: float = 0.0
+    high: float = inf
+    ball: bool = False
+
+
 @ti.data_oriented
 class Bodies:
-    """Bodies of one outline; satisfies `flow.Resistance` once `advance` is defined.
+    """Bodies of one outline; satisfies `resistance.Resistance` once `advance` is defined.
 
-    half: half widths [m] of a rectangle around which the body reaches out by `radius` [m] (0, 0: a disc), turned by
-    `yaw` [rad]. low, high: of its height [m]; ball: whether it is round in the third direction too. open: face fields,
-    1 where the velocity is solved for. drag: force per mass over the square of the relative speed [1/m], of a body that
-    lets air pass; 0 is solid. place [m] and velocity [m/s]: fields of 2-vectors that others keep up to date;
-    the bodies are entries first to first + count.
+    open: face fields, 1 where the velocity is solved for. place [m] and velocity [m/s]: fields of 2-vectors that others
+    keep up to date; the bodies are entries first to first + count. ball: see `Outline`; permeable: whether they let air
+    pass and have a drag.
     """
 
     def __init__(
         self,
         grid: Grid,
-        open: tuple[Any, ...],
         place: Any,
         velocity: Any,
         count: int,
+        open: tuple[Any, ...],
         first: int = 0,
-        half: tuple[float, float] = (0.0, 0.0),
-        radius: float = 0.0,
-        yaw: float = 0.0,
-        low: float = 0.0,
-        high: float = inf,
         ball: bool = False,
-        drag: float = 0.0,
+        permeable: bool = False,
     ):
         self.grid, self.dim, self.open = grid, grid.dim, open
         self.place, self.velocity = place, velocity
         self.count, self.first = count, first
-        self.half, self.radius, self.ball = half, radius, ball
-        self.drag = drag
-        self.turn = (cos(yaw), sin(yaw))
-        top = grid.extent[2] if grid.dim == 3 else 1.0
-        margin = 0.0 if ball else grid.dx  # where it stands on the floor no air may slip under it
-        self.low = low - margin if low <= 0 else low
-        self.high = top + margin if high >= top else high
-        self.middle = 0.5 * (low + high) if ball else 0.5 * (self.low + self.high)
-        self.half_height = 0.5 * (self.high - self.low)
-        c, s = (abs(part) for part in self.turn)
+        self.ball, self.permeable = ball, permeable
+        self.n = Numbers("radius", "middle", "half_height", "drag", "pace")
+        """pace: 1/dt [1/s]; 0 while the bodies are not there."""
+        self.half, self.turn = (ti.Vector.field(2, ti.f32, ()) for _ in range(2))
+        self.reach: Any = ti.Vector.field(grid.dim, ti.f32, ())
+        """Half sizes of the box around a body [m]."""
+        self.block: Any = ti.Vector.field(grid.dim, ti.i32, ())
+        """Faces of a box half a cell wider, per axis."""
+        self._put = uploader(self.half, self.turn, self.reach, self.block)
+
+    def shape(self, outline: Outline, drag: float = 0.0) -> None:
+        """Give them an outline; drag: force per mass over the square of the relative speed [1/m], if permeable."""
+        top = self.grid.extent[2] if self.dim == 3 else 1.0
+        margin = 0.0 if self.ball else self.grid.dx  # where it stands on the floor no air may slip under it
+        low = outline.low - margin if outline.low <= 0 else outline.low
+        high = top + margin if outline.high >= top else outline.high
+        middle = 0.5 * (outline.low + outline.high) if self.ball else 0.5 * (low + high)
+        half_height = 0.5 * (high - low)
+        turn = (cos(outline.yaw), sin(outline.yaw))
+        c, s = (abs(part) for part in turn)
+        half, radius = outline.half, outline.radius
         reach = [radius + c * half[0] + s * half[1], radius + s * half[0] + c * half[1]]
-        if grid.dim == 3:
-            reach.append(self.half_height)
-        self.reach = tuple(reach)
-        self.block = tuple(int(2 * r / grid.dx) + 3 for r in reach)  # faces per axis, half a cell around it
-        self.pace: Any = ti.field(ti.f32, ())  # 1/dt [1/s]; 0 while the bodies are not there
+        if self.dim == 3:
+            reach.append(half_height)
+        self._put(half, turn, reach, [int(2 * r / self.grid.dx) + 3 for r in reach])
+        self.n.set(radius=radius, middle=middle, half_height=half_height, drag=drag, pace=0.0)
 
     @ti.func
     def distance(self, x: Template, b):
         """Distance [m] of point x [m] to the surface of body b, negative inside; above and below a bound of it."""
         p = ti.Vector([x[0], x[1]]) - self.place[b]
-        q = ti.abs(
-            ti.Vector([self.turn[0] * p[0] + self.turn[1] * p[1], self.turn[0] * p[1] - self.turn[1] * p[0]])
-        ) - ti.Vector([self.half[0], self.half[1]])
+        turn, radius = self.turn[None], self.n.radius[None]
+        q = (
+            ti.abs(ti.Vector([turn[0] * p[0] + turn[1] * p[1], turn[0] * p[1] - turn[1] * p[0]]))
+            - self.half[None]
+        )
         beyond = ti.sqrt(ti.max(q[0], 0.0) ** 2 + ti.max(q[1], 0.0) ** 2)
-        result = beyond + ti.min(ti.max(q[0], q[1]), 0.0) - self.radius
+        result = beyond + ti.min(ti.max(q[0], q[1]), 0.0) - radius
         if ti.static(self.dim == 3):
-            z = x[2] - self.middle
+            z = x[2] - self.n.middle[None]
             if ti.static(self.ball):
-                result = ti.sqrt(p.dot(p) + z * z) - self.radius
+                result = ti.sqrt(p.dot(p) + z * z) - radius
             else:
-                result = ti.max(result, ti.abs(z) - self.half_height)
+                result = ti.max(result, ti.abs(z) - self.n.half_height[None])
         return result
 
     @ti.func
@@ -110,8 +131,13 @@ class Bodies:
     def apply(self, u: Template, dt):
         """Drag the air in and around the bodies for dt [s]."""
         for d in ti.static(range(self.dim)):
-            for K in ti.grouped(ti.ndrange(self.count, *self.block)):
-                self._hold(u, d, K, dt)
+            block = self.block[None]
+            if ti.static(self.dim == 3):
+                for K in ti.grouped(ti.ndrange(self.count, block[0], block[1], block[2])):
+                    self._hold(u, d, K, dt)
+            else:
+                for K in ti.grouped(ti.ndrange(self.count, block[0], block[1])):
+                    self._hold(u, d, K, dt)
 
     @ti.func
     def _hold(self, u: Template, d: Template, K: Template, dt):
@@ -121,11 +147,13 @@ class Bodies:
         I = ti.Vector.zero(ti.i32, self.dim)
         inside = 1
         for e in ti.static(range(self.dim)):
-            middle = self.middle
+            middle = self.n.middle[None]
             if ti.static(e < 2):
                 middle = self.place[b][e]
             shift = ti.static(0.0 if e == d else 0.5)
-            i = K[e + 1] + ti.cast(ti.ceil((middle - self.reach[e]) / self.grid.dx - shift - 0.5), ti.i32)
+            i = K[e + 1] + ti.cast(
+                ti.ceil((middle - self.reach[None][e]) / self.grid.dx - shift - 0.5), ti.i32
+            )
             x[e] = (i + shift) * self.grid.dx
             n = ti.static(self.grid.shape[e])
             if ti.static(self.grid.periodic[e]):
@@ -133,7 +161,7 @@ class Bodies:
             elif i < 0 or i >= n + ti.static(int(e == d)):
                 inside = 0
             I[e] = i + ti.static(self.grid.ghost)
-        if inside == 1 and self.pace[None] > 0.0:
+        if inside == 1 and self.n.pace[None] > 0.0:
             share = self.share(x, b)
             if share > 0.0 and self.open[d][I] > 0.0:
                 mine = self.is_next(x, b, share)
@@ -142,10 +170,10 @@ class Bodies:
                     if ti.static(d < 2):
                         v = self.velocity[b][d]
                     rate = 0.0
-                    if ti.static(self.drag > 0.0):
-                        rate = dt * self.drag * share * self._slip(u, d, I, b)
+                    if ti.static(self.permeable):
+                        rate = dt * self.n.drag[None] * share * self._slip(u, d, I, b)
                     else:
-                        rate = dt * self.pace[None] * share / (1.0 - share)
+                        rate = dt * self.n.pace[None] * share / (1.0 - share)
                     u[d][I] = (u[d][I] + rate * v) / (1.0 + rate)
 
     @ti.func
@@ -165,26 +193,26 @@ class Bodies:
 class MovingObstacle(Bodies):
     """A cylinder, sphere or box of prescribed motion. At the end of each step it is where it ought to be."""
 
-    def __init__(
-        self,
-        model: Obstacle,
-        grid: Grid,
-        open: tuple[Any, ...],
-    ):
-        assert isinstance(model, Box | Cylinder | Sphere)
-        assert model.motion is not None
-        self.motion, self.center = model.motion, model.center
+    def __init__(self, model: Obstacle, grid: Grid, open: tuple[Any, ...]):
         place: Any = ti.Vector.field(2, ti.f32, 1)
         velocity: Any = ti.Vector.field(2, ti.f32, 1)
-        super().__init__(grid, open, place, velocity, 1, **_outline(model, grid.dim))
+        super().__init__(grid, place, velocity, 1, open, ball=model.kind == "sphere" and grid.dim == 3)
+        self._move = uploader(place, velocity)
+        self.begin(model)
+
+    def begin(self, model: Obstacle) -> None:
+        """Take its outline and its way from the scenario."""
+        self.shape(outline(model, self.dim))
+        motion = motion_of(model)
+        assert motion is not None
+        self.motion, self.center = motion, model.center
 
     def advance(self, t: float, dt: float) -> None:
         """Move on to t + dt [s]."""
         before = np.array(self.motion.place(self.center, t))
         after = np.array(self.motion.place(self.center, t + dt))
-        self.place.from_numpy(after[None].astype(np.float32))
-        self.velocity.from_numpy(((after - before) / dt)[None].astype(np.float32))
-        self.pace[None] = 1.0 / dt
+        self._move(after[None], ((after - before) / dt)[None])
+        self.n.set(pace=1.0 / dt)
 
     def fastest(self, t: float) -> float:
         """Its largest speed [m/s] from t to HORIZON later; of a loop that of all its legs."""
@@ -195,51 +223,52 @@ class MovingObstacle(Bodies):
 
 
 class Wake(Bodies):
-    """Robots as upright discs of `radius` and `height` [m], put there at t = 0.
+    """Robots as upright discs of a body's radius and height, put there at t = 0.
 
     In 3-D they are solid, in 2-D they have a drag.
 
-    place and velocity: of the swarm; the robots are entries first to first + count. max_speed [m/s].
+    place and velocity: of the swarm; the robots are entries first to first + count.
     """
 
     def __init__(
-        self,
-        grid: Grid,
-        open: tuple[Any, ...],
-        place: Any,
-        velocity: Any,
-        first: int,
-        count: int,
-        body: Body,
+        self, body: Body, grid: Grid, place: Any, velocity: Any, first: int, count: int, open: tuple[Any, ...]
     ):
+        super().__init__(grid, place, velocity, count, open, first, permeable=grid.dim == 2)
+        self.begin(body)
+
+    def begin(self, body: Body) -> None:
+        """Take size and speed from the scenario."""
         drag = 0.0
-        if grid.dim == 2:  # frontal area over the volume of the disc through the whole slab, times C_d/2
-            drag = DRAG * min(body.height / grid.depth, 1.0) / (np.pi * body.radius)
-        outline = {"radius": body.radius, "high": body.height}
-        super().__init__(grid, open, place, velocity, count, first, drag=drag, **outline)
+        if self.permeable:  # frontal area over the volume of the disc through the whole slab, times C_d/2
+            drag = DRAG * min(body.height / self.grid.depth, 1.0) / (np.pi * body.radius)
+        self.shape(Outline(radius=body.radius, high=body.height), drag)
         self.max_speed = body.max_speed
 
     def advance(self, t: float, dt: float) -> None:
         """The swarm moves them; before t = 0 they are not there yet."""
-        self.pace[None] = 1.0 / dt if t > -1e-9 else 0.0
+        self.n.set(pace=1.0 / dt if t > -1e-9 else 0.0)
 
     def fastest(self, t: float) -> float:
         """Their largest speed [m/s]."""
         return self.max_speed
 
 
-def _outline(model: Box | Cylinder | Sphere, dim: int) -> dict[str, Any]:
-    """The outline of an obstacle as arguments of `Bodies`."""
-    if isinstance(model, Box):
-        low, high = 0.0, inf
-        if dim == 3:
-            low, high = model.center[2] - model.size[2] / 2, model.center[2] + model.size[2] / 2
-        half = (model.size[0] / 2, model.size[1] / 2)
-        return {"half": half, "yaw": radians(model.yaw_deg), "low": low, "high": high}
-    if isinstance(model, Sphere):
-        if dim == 2:
-            return {"radius": model.radius}
-        low, high = model.center[2] - model.radius, model.center[2] + model.radius
-        return {"radius": model.radius, "low": low, "high": high, "ball": True}
-    top = inf if model.height is None else model.base + model.height
-    return {"radius": model.radius, "low": model.base, "high": top}
+def outline(model: Obstacle, dim: int) -> Outline:
+    """Of an obstacle that can move."""
+    match model.kind:
+        case "box":
+            low, high = 0.0, inf
+            if dim == 3:
+                low, high = model.center[2] - model.size[2] / 2, model.center[2] + model.size[2] / 2
+            half = (model.size[0] / 2, model.size[1] / 2)
+            return Outline(half, yaw=radians(model.yaw_deg), low=low, high=high)
+        case "sphere":
+            if dim == 2:
+                return Outline(radius=model.radius)
+            low, high = model.center[2] - model.radius, model.center[2] + model.radius
+            return Outline(radius=model.radius, low=low, high=high, ball=True)
+        case "cylinder":
+            top = inf if model.height is None else model.base + model.height
+            return Outline(radius=model.radius, low=model.base, high=top)
+        case _:
+            raise ValueError(f"obstacles of kind {model.kind} stand still")

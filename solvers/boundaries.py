@@ -8,260 +8,155 @@ The component through the face is either prescribed (V) or free, with the ambien
 
 from collections.abc import Callable
 from itertools import pairwise
-from math import pi
 from typing import Any
 
 import numpy as np
 import taichi as ti
-from scipy.ndimage import gaussian_filter
 
-from taichi_plume.grid.grid import Grid, block_mean
+from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template
-from taichi_plume.grid.rng import generator
-from taichi_plume.scenario.openings import (
-    Fan,
-    Honeycomb,
-    Inlet,
-    Jet,
-    MovingWall,
-    Opening,
-    Outlet,
-    Periodic,
-    Region,
-    Slip,
-)
+from taichi_plume.grid.tables import Tables
+from taichi_plume.grid.transfer import uploader
+from taichi_plume.scenario.openings import Fan, FanCurve, Honeycomb, Inlet, Opening
 from taichi_plume.solvers.fans import CurvedFan
+from taichi_plume.solvers.inflow import Fluctuations
+from taichi_plume.solvers.patches import VENTS, JetPatch, Patch, patch_of
 
 AIR_DENSITY = 1.184  # kg/m³ at 25 °C
 HORIZON = 1.0  # s: a step is never longer
-SAMPLES = 8  # per axis, to average an opening's profile over a cell face
+MIRRORS = {"wall": -1.0, "slip": 1.0, "outlet": 1.0, "honeycomb": 0.0}
+"""By the kind of an opening that does not blow; what does has 0."""
 
 
-def periodic_axes(openings: tuple[Opening, ...], dim: int) -> tuple[bool, ...]:
-    """Which axes are periodic."""
-    return tuple(any(isinstance(o, Periodic) and o.axis == axis for o in openings) for axis in "xyz"[:dim])
-
-
-def blows(opening: Opening | Region) -> bool:
-    """Whether the opening prescribes the velocity of the air."""
-    return isinstance(opening, Jet) and opening.blows
-
-
-class Patch:
-    """An opening on the grid: its region and profile on one face of the domain."""
-
-    def __init__(self, opening: Region, grid: Grid, air: np.ndarray):
-        self.opening = opening
-        self.axis, self.side = opening.axis, opening.side
-        self.grid = grid
-        self.along = opening.along(grid.dim)
-        behind = np.take(air, -self.side, axis=self.axis)
-        center, half = opening.rectangle(grid.extent)
-        self.center, self.half = np.array(center), np.array(half)
-        self.disc = opening.is_disc(grid.dim)
-        self.area = opening.area(grid.extent, grid.depth)
-        self.face_area = grid.cell_volume / grid.dx
-        self.covered = self._inside(self._places((0.0,) * len(self.along), 1)) & behind
-        self.profile = np.zeros(behind.shape)  # speed over mean speed
-        self.swirl: dict[int, np.ndarray] = {}
-        if blows(opening):
-            profile = self._average(self._profile) * behind
-            profile[profile < 1e-3] = 0.0
-            if not profile.any():
-                raise ValueError("no air behind the opening: an obstacle covers it")
-            self.profile = profile * (self.area / (profile.sum() * self.face_area))
-            self.covered = self.profile > 0
-            self.swirl = self._swirl()
-
-    def _places(self, shift: tuple[float, ...], samples: int) -> list[np.ndarray]:
-        """Places on the face relative to the opening's centre, over its half size: [-1, 1] is inside.
-
-        Each boundary face has `samples` per axis; shift: of all places, in cells.
-        """
-        axes = []
-        for k, a in enumerate(self.along):
-            cells = np.arange(self.grid.shape[a])[:, None] + (np.arange(samples) + 0.5) / samples + shift[k]
-            axes.append((cells.ravel() * self.grid.dx - self.center[k]) / self.half[k])
-        return list(np.meshgrid(*axes, indexing="ij"))
-
-    def _average(self, function, shift: tuple[float, ...] = (0.0, 0.0)) -> np.ndarray:
-        """Mean of a function of the relative place over each boundary face."""
-        return block_mean(function(self._places(shift, SAMPLES)), SAMPLES)
-
-    def _radius(self, places: list[np.ndarray]) -> np.ndarray:
-        """Distance from the centre over the half size: round for a disc, square for a rectangle."""
-        if self.disc:
-            return np.sqrt(sum(p**2 for p in places))
-        return np.max([np.abs(p) for p in places], axis=0)
-
-    def _inside(self, places: list[np.ndarray]) -> np.ndarray:
-        return self._radius(places) <= 1.0
-
-    def _profile(self, places: list[np.ndarray]) -> np.ndarray:
-        """Speed over mean speed, before the scaling to the exact flow rate."""
-        inside = self._inside(places)
-        if isinstance(self.opening, Fan):
-            return 0.5 * (1.0 - np.tanh((self._radius(places) - 1.0) / 0.05))
-        if isinstance(self.opening, Inlet) and self.opening.profile == "parabolic":
-            if self.disc:
-                return inside * (1.0 - self._radius(places) ** 2)
-            return inside * np.prod([1.0 - p**2 for p in places], axis=0)
-        return inside
-
-    def _swirl(self) -> dict[int, np.ndarray]:
-        """A fan's velocity along the face over its mean speed, per axis."""
-        if not isinstance(self.opening, Fan) or self.opening.swirl == 0 or len(self.along) < 2:
-            return {}
-        sign = 1.0 if self.side == 0 else -1.0  # right-handed about the direction of the jet
-        swirl = self.opening.swirl * sign
-        first, second = self.along if self.axis != 1 else reversed(self.along)
-        result = {}
-        for axis, other, turn in ((first, second, -swirl), (second, first, swirl)):
-            shift = tuple(-0.5 if a == axis else 0.0 for a in self.along)
-            arm = self.along.index(other)
-            result[axis] = self._average(lambda p, arm=arm, turn=turn: turn * p[arm] * self._inside(p), shift)
-        return result
-
-    @property
-    def peak(self) -> float:
-        """Largest velocity component over the mean speed."""
-        swirl = max((float(np.abs(v).max()) for v in self.swirl.values()), default=0.0)
-        gusts = 3.0 * self.opening.turbulence_intensity if isinstance(self.opening, Jet) else 0.0
-        return float(self.profile.max()) + swirl + gusts
-
-    def cells(self) -> tuple[np.ndarray, ...]:
-        """Index of the cells behind the covered faces."""
-        index = list(np.nonzero(self.covered))
-        index.insert(self.axis, np.full(len(index[0]), self.side * (self.grid.shape[self.axis] - 1)))
-        return tuple(index)
-
-
-def opening_cells(openings: tuple[Opening, ...], grid: Grid) -> np.ndarray:
-    """Which cells lie behind an opening that lets air through, bool of grid.shape."""
-    result = np.zeros(grid.shape, bool)
-    for opening in openings:
-        if isinstance(opening, Jet | Outlet):
-            result[Patch(opening, grid, np.ones(grid.shape, bool)).cells()] = True
-    return result
-
-
-class Fluctuations:
-    """Turbulent velocity of a jet: filtered noise with a length and a time scale (digital filter).
-
-    Gaussian correlation in space (Klein et al. 2003, doi:10.1016/S0021-9991(03)00090-1), exponential in time
-    (Xie & Castro 2008, doi:10.1007/s10494-008-9151-5); no net flux.
-    """
-
-    def __init__(self, patch: Patch, length: float, seed: int, name: str):
-        self.patch = patch
-        self.length = length
-        self.rng = generator(seed, name)
-        self.sigma = length / patch.grid.dx / np.sqrt(pi)
-        impulse = np.zeros(patch.profile.shape)
-        impulse[(0,) * impulse.ndim] = 1.0
-        self.norm = np.sqrt((gaussian_filter(impulse, self.sigma, mode="wrap") ** 2).sum())
-        self.state = np.array([self._slice() for _ in range(patch.grid.dim)])
-
-    def _slice(self) -> np.ndarray:
-        """A plane of unit-variance noise, correlated over the length."""
-        noise = self.rng.standard_normal(self.patch.profile.shape)
-        return gaussian_filter(noise, self.sigma, mode="wrap") / self.norm
-
-    def advance(self, speed: float, dt: float) -> np.ndarray:
-        """The next planes, one per velocity component, of unit variance; the one through the face has no mean."""
-        decay = np.exp(-pi * dt * abs(speed) / (2.0 * self.length))
-        fresh = np.array([self._slice() for _ in self.state])
-        self.state = self.state * decay + fresh * np.sqrt(1.0 - decay**2)
-        planes = self.state * self.patch.covered
-        axis = self.patch.axis
-        planes[axis] -= self.patch.covered * planes[axis].sum() / self.patch.covered.sum()
-        return planes
+def curve_of(opening: Opening) -> FanCurve | None:
+    """The curve of a fan that has one."""
+    return opening.curve if opening.kind == "fan" else None
 
 
 @ti.data_oriented
 class Boundaries:
-    """Targets, mirror factors and ambient pressure of all boundary faces, and the kernels that fill ghost layers."""
+    """Targets, mirror factors and ambient pressure of all boundary faces, and the kernels that fill ghost layers.
 
-    def __init__(self, openings: tuple[Opening, ...], grid: Grid, solid: np.ndarray, seed: int):
+    patches: where the openings lie, with the openings as they are at present; jets: those of them that blow.
+    To be begun once `tables` are uploaded.
+    """
+
+    STATE = ("target", "ambient", "curved", "noise", "_targets", "_blown")
+
+    def __init__(self, openings: tuple[Opening, ...], grid: Grid, solid: np.ndarray, tables: Tables):
+        """Raises ValueError where no air is behind a jet."""
         self.grid = grid
         self.dim = grid.dim
-        self.openings = openings
-        self.patches = [Patch(o, grid, ~solid) for o in openings if not isinstance(o, Periodic)]
-        self.jets = [p for p in self.patches if blows(p.opening)]
-        self.curved = {
-            n: CurvedFan(
-                p.opening.curve,
-                p.opening.speed_at(0.0),
-                p.area,
-                AIR_DENSITY,
-                np.stack(p.cells(), axis=-1) + grid.ghost,
-                p.profile[p.covered],
-            )
-            for n, p in enumerate(self.jets)
-            if isinstance(p.opening, Fan) and p.opening.curve
-        }
-        self.noise = {
-            n: Fluctuations(p, p.opening.turbulence_length or 0.4 * float(p.half.min()), seed, f"inflow {n}")
-            for n, p in enumerate(self.jets)
-            if p.opening.turbulence_intensity > 0
-        }
-        shapes = [tuple(2 if a == d else n for a, n in enumerate(grid.padded)) for d in range(grid.dim)]
-        inner = [tuple(2 if a == d else n for a, n in enumerate(grid.shape)) for d in range(grid.dim)]
-        self.sides = shapes
-        self.target = [ti.Vector.field(grid.dim, ti.f32, shape) for shape in shapes]
-        self.mirror = [ti.Vector.field(grid.dim, ti.f32, shape) for shape in shapes]
-        self.free = [ti.field(ti.i32, shape) for shape in shapes]
-        self.loss = [ti.field(ti.f32, shape) for shape in shapes]
-        self.ambient = [ti.field(ti.f32, shape) for shape in shapes]  # kinematic pressure at the face [m²/s²]
-        self._targets = [np.zeros((*shape, grid.dim), np.float32) for shape in inner]
-        self._walls()
-        self.has_loss = any(field.to_numpy().any() for field in self.loss)
-        self._blown = None
-        self.update(-np.inf, 0.0)
+        self._placed: list[tuple[int, Patch]] = []
+        for n, opening in enumerate(openings):
+            try:
+                patch = patch_of(opening, grid, ~solid)
+            except ValueError as error:
+                raise ValueError(f"openings[{n}]: {error}") from None
+            if patch is not None:
+                self._placed.append((n, patch))
+        self.patches = [patch for _, patch in self._placed]
+        self.jets = [patch for patch in self.patches if isinstance(patch, JetPatch)]
+        driven = [curve_of(openings[n]) for n, patch in self._placed if isinstance(patch, JetPatch)]
+        self.curved = {n: self._fan(self.jets[n], tables) for n, curve in enumerate(driven) if curve}
+        self.noise: dict[int, Fluctuations] = {}
+        self.sides = [tuple(2 if a == d else n for a, n in enumerate(grid.padded)) for d in range(grid.dim)]
+        self._inner = [tuple(2 if a == d else n for a, n in enumerate(grid.shape)) for d in range(grid.dim)]
+        self.target = tuple(ti.Vector.field(grid.dim, ti.f32, shape) for shape in self.sides)
+        self.mirror = tuple(ti.Vector.field(grid.dim, ti.f32, shape) for shape in self.sides)
+        self.free = tuple(ti.field(ti.i32, shape) for shape in self.sides)
+        self.loss = tuple(ti.field(ti.f32, shape) for shape in self.sides)
+        self.ambient = tuple(ti.field(ti.f32, shape) for shape in self.sides)
+        """Kinematic pressure at the face [m²/s²]."""
+        self.is_free = self._kinds(tables)
+        self.has_loss = any(p.kind == "honeycomb" and p not in self.jets for p in self.patches)
+        self._put = uploader(*self.target, *self.loss)
+
+    def _fan(self, patch: JetPatch, tables: Tables) -> CurvedFan:
+        cells = np.stack(patch.cells(), axis=-1) + self.grid.ghost
+        return CurvedFan(patch.area, AIR_DENSITY, cells, patch.profile[patch.covered], tables)
 
     @staticmethod
     def _face(array: np.ndarray, patch: Patch) -> np.ndarray:
         """The view of a boundary array on a patch's face."""
         return np.moveaxis(array, patch.axis, 0)[patch.side]
 
-    def _upload(self, field, array: np.ndarray, d: int) -> None:
-        """Copy a boundary array of axis d to its field, spread over the ghost layers of the other axes."""
+    def _spread(self, array: np.ndarray, d: int) -> np.ndarray:
+        """A boundary array of axis d, spread over the ghost layers of the other axes."""
         for a in range(self.dim):
             if a != d:
                 width = [(self.grid.ghost,) * 2 if axis == a else (0, 0) for axis in range(array.ndim)]
                 array = np.pad(array, width, mode="wrap" if self.grid.periodic[a] else "edge")
-        field.from_numpy(array)
+        return array
 
-    def _walls(self) -> None:
-        """Everything about the openings that does not change in time."""
-        mirror = [np.full_like(t, -1.0) for t in self._targets]
-        free = [np.zeros(t.shape[:-1], np.int32) for t in self._targets]
-        loss = [np.zeros(t.shape[:-1], np.float32) for t in self._targets]
+    def _kinds(self, tables: Tables) -> list[np.ndarray]:
+        """Set how velocities are mirrored, and which faces are free, as their kinds of opening say.
+
+        Returns the free faces per axis, ghost layers included.
+        """
+        mirror = [np.full((*shape, self.dim), -1.0, np.float32) for shape in self._inner]
+        free = [np.zeros(shape, np.int32) for shape in self._inner]
         for p in self.patches:
-            o, where = p.opening, p.covered
-            if blows(o):
-                self._face(mirror[p.axis], p)[where] = 0.0
-            elif isinstance(o, Slip):
-                self._face(mirror[p.axis], p)[where] = 1.0
-            elif isinstance(o, MovingWall):
-                self._face(self._targets[p.axis], p)[where] = o.velocity
-            elif isinstance(o, Outlet | Honeycomb):
-                self._face(free[p.axis], p)[where] = 1
-                straight = isinstance(o, Honeycomb)
-                self._face(mirror[p.axis], p)[where] = 0.0 if straight else 1.0
-                self._face(loss[p.axis], p)[where] = o.loss_coefficient if isinstance(o, Honeycomb) else 0.0
+            blows = p in self.jets
+            self._face(mirror[p.axis], p)[p.covered] = 0.0 if blows else MIRRORS[p.kind]
+            if p.kind in VENTS and not blows:
+                self._face(free[p.axis], p)[p.covered] = 1
+        spread = [self._spread(faces, d) for d, faces in enumerate(free)]
         for d in range(self.dim):
-            self._upload(self.mirror[d], mirror[d], d)
-            self._upload(self.free[d], free[d], d)
-            self._upload(self.loss[d], loss[d], d)
-            self._upload(self.target[d], self._targets[d], d)
+            tables.put(self.mirror[d], self._spread(mirror[d], d))
+            tables.put(self.free[d], spread[d])
+        return spread
+
+    def begin(self, openings: tuple[Opening, ...], seed: int) -> None:
+        """Blow as the openings say before the first step."""
+        self._openings: list[Fan | Inlet | Honeycomb] = []  # of the jets
+        self._swirl: list[dict[int, np.ndarray]] = []
+        self._targets = [np.zeros((*shape, self.dim), np.float32) for shape in self._inner]
+        loss = [np.zeros(shape, np.float32) for shape in self._inner]
+        for n, p in self._placed:
+            opening = openings[n]
+            match opening.kind:
+                case "fan" | "inlet" | "honeycomb" if isinstance(p, JetPatch):
+                    p.opening = opening
+                    self._openings.append(opening)
+                    self._swirl.append(p.swirl(opening.swirl if opening.kind == "fan" else 0.0))
+                case "wall":
+                    self._face(self._targets[p.axis], p)[p.covered] = opening.velocity
+                case "honeycomb":
+                    self._face(loss[p.axis], p)[p.covered] = opening.loss_coefficient
+            if opening.kind != "periodic":
+                p.opening = opening
+        self._loss = [self._spread(faces, d) for d, faces in enumerate(loss)]
+        for n, fan in self.curved.items():
+            curve = curve_of(self._openings[n])
+            assert curve is not None
+            fan.begin(curve, self._openings[n].speed_at(0.0))
+        self.noise = {
+            n: Fluctuations(p, o.turbulence_length or 0.4 * float(p.half.min()), seed, f"inflow {n}")
+            for n, (p, o) in enumerate(zip(self.jets, self._openings, strict=True))
+            if o.turbulence_intensity > 0
+        }
+        self._peaks = [self._peak(n) for n in range(len(self.jets))]
+        self._blown: list[float] | None = None
+        self.update(-np.inf, 0.0)
+
+    def _peak(self, n: int) -> float:
+        """Largest velocity component of a jet over its mean speed."""
+        swirl = max((float(np.abs(v).max()) for v in self._swirl[n].values()), default=0.0)
+        return float(self.jets[n].profile.max()) + swirl + 3.0 * self._openings[n].turbulence_intensity
 
     def speeds(self, t: float) -> list[float]:
         """Mean speed [m/s] of each jet at time t; fans with a curve have theirs."""
         return [
-            self.curved[n].speed if n in self.curved else p.opening.speed_at(t)
-            for n, p in enumerate(self.jets)
+            self.curved[n].speed if n in self.curved else opening.speed_at(t)
+            for n, opening in enumerate(self._openings)
         ]
+
+    def advance(self, p: Any, t: float, dt: float) -> None:
+        """Go on from time t [s] by dt [s]; p: field of the pressure, which fans with a curve feel."""
+        for fan in self.curved.values():
+            fan.advance(p, dt)
+        self.update(t + dt, dt)
 
     def update(self, t: float, dt: float) -> None:
         """Blow with the speeds of time t; the fluctuations move on by dt."""
@@ -287,48 +182,55 @@ class Boundaries:
             face = self._face(self._targets[p.axis], p)
             face[p.covered] = 0.0
             face[..., p.axis] += inward * speed * p.profile
-            for axis, swirl in p.swirl.items():
+            for axis, swirl in self._swirl[n].items():
                 face[..., axis] += speed * swirl * p.covered
             if n in self.noise and speed != 0:
-                amplitude = p.opening.turbulence_intensity * abs(speed)
+                amplitude = self._openings[n].turbulence_intensity * abs(speed)
                 for axis, plane in enumerate(self.noise[n].advance(speed, dt)):
                     face[..., axis] += amplitude * plane
-        for d in {p.axis for p in self.jets}:
-            self._upload(self.target[d], self._targets[d], d)
+        self.upload_targets()
+
+    def upload_targets(self) -> None:
+        """Take the targets over from the host."""
+        self._put(*(self._spread(target, d) for d, target in enumerate(self._targets)), *self._loss)
 
     def fastest(self, t: float) -> float:
         """Largest velocity component [m/s] that a schedule prescribes from t to HORIZON later."""
         result = 0.0
-        for fan, p in ((fan, self.jets[n]) for n, fan in self.curved.items()):
-            result = max(
-                result, p.peak * max(fan.speed, min(fan.free_speed, fan.speed + 0.2 * fan.acceleration))
-            )
-        for p in self.jets:
-            times = [t, t + HORIZON, *(time for time in p.opening.knots if t < time < t + HORIZON)]
-            if p.opening.schedule:
-                result = max(result, p.peak * max(abs(p.opening.speed_at(time)) for time in times))
+        for n, fan in self.curved.items():
+            soon = max(fan.speed, min(fan.free_speed, fan.speed + 0.2 * fan.acceleration))
+            result = max(result, self._peaks[n] * soon)
+        for peak, opening in zip(self._peaks, self._openings, strict=True):
+            times = [t, t + HORIZON, *(time for time in opening.knots if t < time < t + HORIZON)]
+            if opening.schedule:
+                result = max(result, peak * max(abs(opening.speed_at(time)) for time in times))
         return result
 
     def trapped(self, regions: np.ndarray) -> list[int]:
-        """Numbers of the jets whose air cannot leave: the region that they blow into has no outlet and no balance.
+        """Numbers of the openings whose air cannot leave: they blow into a region without an outlet or a balance.
 
         regions: of grid.shape, equal numbers where air is connected.
         """
-        result = []
-        exits = {r for p in self.patches if isinstance(p.opening, Jet | Outlet) and p not in self.jets
-                 for r in np.unique(regions[p.cells()])}  # fmt: skip
-        for region in {r for p in self.jets for r in np.unique(regions[p.cells()])} - exits:
-            here = [p for p in self.jets if region in regions[p.cells()]]
-            shares = [p.profile[p.covered][regions[p.cells()] == region].sum() * p.face_area for p in here]
-            knots = sorted({0.0, *(time for p in here for time in p.opening.knots)})
+        jets = [(n, p) for n, p in self._placed if p in self.jets]
+        exits = [p for p in self.patches if p.kind in VENTS and p not in self.jets]
+        reached = {region for p in exits for region in np.unique(regions[p.cells()])}
+        result = set()
+        for region in {r for p in self.jets for r in np.unique(regions[p.cells()])} - reached:
+            here = [m for m, p in enumerate(self.jets) if region in regions[p.cells()]]
+            inside = [(p, p.covered) for p in (self.jets[m] for m in here)]
+            shares = [
+                p.profile[covered][regions[p.cells()] == region].sum() * p.face_area for p, covered in inside
+            ]
+            openings = [self._openings[m] for m in here]
+            knots = sorted({0.0, *(time for opening in openings for time in opening.knots)})
             times = [*knots, *((a + b) / 2 for a, b in pairwise(knots))]
             flows = np.array(
-                [[s * p.opening.speed_at(t) for s, p in zip(shares, here, strict=True)] for t in times]
+                [[s * o.speed_at(t) for s, o in zip(shares, openings, strict=True)] for t in times]
             )
-            curved = any(self.jets.index(p) in self.curved for p in here)  # no speed of another's balances it
+            curved = any(m in self.curved for m in here)  # no speed of another's balances it
             if curved or np.any(np.abs(flows.sum(axis=1)) > 1e-6 * np.abs(flows).sum(axis=1)):
-                result += [self.openings.index(p.opening) for p in here]
-        return sorted(set(result))
+                result |= {jets[m][0] for m in here}
+        return sorted(result)
 
     @ti.func
     def fill_velocity(self, u: Template):

@@ -11,6 +11,9 @@ from scipy.sparse.linalg import splu
 from taichi_plume.grid.grid import Grid
 from taichi_plume.solvers.poisson import Openness
 
+TRANSFORMS = {"closed": (scipy.fft.dct, scipy.fft.idct), "free": (scipy.fft.dst, scipy.fft.idst)}
+"""By the lower end of an axis: the transform and its inverse."""
+
 
 class SparseFactors:
     """Sparse LU factors of the equations, made once (SuperLU, Li 2005, doi:10.1145/1089014.1089017)."""
@@ -96,12 +99,12 @@ class FastTransforms:
             return "free" if low else "closed"
         return "free-closed" if low else "closed-free"
 
-    def _transform(self, x: np.ndarray, inverse: bool) -> np.ndarray:
+    def _transform(self, x: Any, inverse: bool) -> Any:
         """Along all axes that do not wrap round."""
         for d, kind in enumerate(self.kinds):
             if kind != "periodic":
-                name = ("i" if inverse else "") + ("dct" if kind.startswith("closed") else "dst")
-                x = getattr(scipy.fft, name)(x, type=4 if "-" in kind else 2, axis=d, workers=-1)
+                transform = TRANSFORMS[kind.split("-")[0]][inverse]
+                x = transform(x, type=4 if "-" in kind else 2, axis=d, workers=-1)
         return x
 
     def solve(self, b: Any, phi: Any, tolerance: float) -> None:

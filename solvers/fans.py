@@ -13,6 +13,7 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume.grid.kernels import Template
+from taichi_plume.grid.tables import Tables
 from taichi_plume.scenario.openings import FanCurve
 
 LEAST = 0.05  # of the free speed: below, the resistance counts as linear
@@ -33,26 +34,22 @@ class CurvedFan:
     area: of the opening [m²]; density: of the air [kg/m³].
     """
 
-    def __init__(
-        self,
-        curve: FanCurve,
-        speed: float,
-        area: float,
-        density: float,
-        cells: np.ndarray,
-        weights: np.ndarray,
-    ):
+    STATE = ("speed", "acceleration")
+
+    def __init__(self, area: float, density: float, cells: np.ndarray, weights: np.ndarray, tables: Tables):
+        self.area, self.density = area, density
+        self.count = len(cells)
+        self.cells = tables.listed(cells)
+        self.weights = tables.listed(weights / weights.sum())
+
+    def begin(self, curve: FanCurve, speed: float) -> None:
+        """Start with a speed [m/s]; the inertia of the air in front is to be set."""
         self.speed = speed
-        self.free_speed = curve.flow / area
-        self.shut_off = curve.pressure / density  # kinematic [m²/s²]
+        self.free_speed = curve.flow / self.area
+        self.shut_off = curve.pressure / self.density  # kinematic [m²/s²]
         self.inertia = 0.0  # m
         self.blades = 2.0 * self.shut_off / self.free_speed * curve.response  # the same
         self.acceleration = 0.0  # m/s², of the last step
-        self.count = len(cells)
-        self.cells = ti.Vector.field(cells.shape[1], ti.i32, self.count)
-        self.weights = ti.field(ti.f32, self.count)
-        self.cells.from_numpy(cells.astype(np.int32))
-        self.weights.from_numpy((weights / weights.sum()).astype(np.float32))
 
     def mean(self, p) -> float:
         """Mean of a cell field behind the opening."""

@@ -1,11 +1,16 @@
 """A computed flow that is averaged and then stands still: a mean of divergence-free fields is divergence-free."""
 
+from collections.abc import Callable, Sequence
+from typing import Any
+
 import taichi as ti
 
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
 from taichi_plume.scenario.winds import FrozenWind
 from taichi_plume.solvers.flow import FlowSolver
+from taichi_plume.solvers.momentum import Weighing
+from taichi_plume.solvers.resistance import Resistance
 
 
 @ti.data_oriented
@@ -14,18 +19,35 @@ class FrozenSolver(FlowSolver):
 
     From then on the air costs nothing and schedules no longer matter. The fluctuations are gone, and with them the
     meandering and the intermittency of a plume: what they mixed in the mean is not made up for in nu.
-    begin: start of the warm-up [s].
     """
 
-    def __init__(self, wind: FrozenWind, grid: Grid, air: Air, seed: int = 0, begin: float = 0.0):
-        super().__init__(wind, grid, air, seed)
-        self.until = begin + wind.after
-        self.since = self.until - (0.5 * wind.after if wind.average is None else wind.average)
+    STATE = (*FlowSolver.STATE, "means", "frozen", "_averaged")
+
+    def __init__(
+        self,
+        model: FrozenWind,
+        grid: Grid,
+        air: Air,
+        t: float = 0.0,
+        seed: int = 0,
+        weighing: Sequence[Weighing] = (),
+        resistances: Sequence[Callable[[tuple[Any, ...]], Resistance]] = (),
+    ):
+        """t: start of the warm-up [s]; else see `FlowSolver`."""
+        super().__init__(model, grid, air, t, seed, weighing, resistances)
+        moving = [*self.u, *([self.nu] if self.nu is not None else [])]
+        self.means = tuple(grid.field() for _ in moving)
+        self._take_in, self._stand_still = (
+            grid.blending(self.means, moving), grid.blending(moving, self.means)
+        )  # fmt: skip
+
+    def begin(self, model: FrozenWind, t: float, seed: int) -> None:
+        """Flow from rest at time t [s], the start of the warm-up."""
+        super().begin(model, t, seed)
+        self.until = t + model.after
+        self.since = self.until - (0.5 * model.after if model.average is None else model.average)
         self.frozen = False
         self._averaged = 0.0  # s
-        moving = [*self.u, *([self.nu] if self.eddies else [])]
-        means = [grid.field() for _ in moving]
-        self._take_in, self._stand_still = grid.blending(means, moving), grid.blending(moving, means)
 
     def stable_dt(self, t: float = 0.0) -> float:
         """The flow solver's; infinite once the air stands still."""
@@ -44,11 +66,6 @@ class FrozenSolver(FlowSolver):
             self._take_in(dt / self._averaged)
         if end >= self.until:
             self._stand_still(1.0)
-            self._limits.fill(0.0)
             self._measure_now()
             self._read_limits()
             self.frozen = True
-
-    @ti.kernel
-    def _measure_now(self):
-        self._measure()

@@ -1,265 +1,45 @@
 """Conjugate gradients on the Poisson equation of the projection, preconditioned by a multigrid V-cycle."""
 
-from math import prod
 from typing import Any
 
 import numpy as np
 import taichi as ti
 
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import FEW_CELLS, STRIP, Template, listed, on_cpu
+from taichi_plume.grid.kernels import STRIP, Template
+from taichi_plume.grid.tables import Tables
 from taichi_plume.solvers.poisson import Openness
-
-OMEGA = 0.8  # damping of the Jacobi sweeps
-COARSEST = 600  # cells that are solved by their dense inverse
+from taichi_plume.solvers.vcycle import VCycle
 
 
 @ti.data_oriented
-class Multigrid:
-    """Conjugate gradients preconditioned by one V-cycle (two damped Jacobi sweeps each way, merged cells).
-
-    All levels live in flat arrays one after the other, so every kernel is compiled once for all of them.
-    """
+class Multigrid(VCycle):
+    """Conjugate gradients preconditioned by one V-cycle; satisfies `pressure.PressureSolver`."""
 
     def __init__(self, openness: Openness, grid: Grid):
+        tables = Tables()
+        super().__init__(openness, tables)
         self.grid = grid
-        levels = [openness]
-        while np.prod(levels[-1].shape) > COARSEST and max(levels[-1].shape) > 2:
-            levels.append(levels[-1].coarser())
-        self.shapes = [level.shape for level in levels]
-        self.periodic = openness.periodic
-        self.strips = on_cpu()
-        self.axes = tuple(d for d in range(3) if openness.shape[d] > 1 or openness.a[d].any())
-        sizes = [int(np.prod([n + 2 for n in shape])) for shape in self.shapes]
-        begins = np.concatenate([[0], np.cumsum(sizes)])
-        merged = [np.where(np.array(shape) > 1, 2, 1) for shape in self.shapes]
-        layout = [
-            [begin, *shape, *factor]
-            for begin, shape, factor in zip(begins[:-1], self.shapes, merged, strict=True)
-        ]
-        self.layout: Any = ti.field(ti.i32, (len(levels), 7))  # begin, cells per axis, cells merged per axis
-        self.layout.from_numpy(np.array(layout, np.int32))
-        total = int(begins[-1])
-        self.a = [ti.field(ti.f32, total) for _ in range(3)]
-        for d in range(3):
-            flat = np.concatenate([level.a[d].ravel(order="F") for level in levels])
-            self.a[d].from_numpy(flat.astype(np.float32))
-        self.x, self.t, self.b = (ti.field(ti.f32, total) for _ in range(3))
-        self.p, self.phi = (ti.field(ti.f32, sizes[0]) for _ in range(2))
-        self.rows = [n[1] * n[2] for n in self.shapes]
-        few = FEW_CELLS if on_cpu() else 0  # levels up to this size are left to one thread
-        last = len(levels) - 1
-        self.threaded = next(k for k, n in enumerate(self.shapes) if prod(n) <= few or k == last)
+        fine = openness.a[0].size
+        self.p, self.phi = (ti.field(ti.f32, fine) for _ in range(2))
         self.partial = ti.field(ti.f32, self.rows[0])  # of single precision: Vulkan misplaces 64-bit fields
         self.rho, self.alpha, self.beta, self.mean = (ti.field(ti.f32, ()) for _ in range(4))
-
-        matrix = levels[-1].matrix().toarray()
-        self.inverse = ti.field(ti.f32, matrix.shape)
-        self.inverse.from_numpy(np.linalg.pinv(matrix, rcond=1e-6, hermitian=True).astype(np.float32))
-        n = self.shapes[-1]
-        place = begins[-2] + np.arange(sizes[-1]).reshape([m + 2 for m in n], order="F")[1:-1, 1:-1, 1:-1]
-        self.place = ti.field(ti.i32, matrix.shape[0])
-        self.place.from_numpy(place.ravel(order="F").astype(np.int32))
-        self.dense_b = ti.field(ti.f32, matrix.shape[0])
-
-        fine = openness.matrix()
-        air = fine.diagonal() > 0
-        self.air_cells = int(air.sum())
-        self._list_grounded(fine, openness.shape)
+        matrix = openness.matrix()
+        self.air_cells = int((matrix.diagonal() > 0).sum())
+        self._list_grounded(matrix, openness.shape, tables)
         self.floating = self.conductance == 0.0
         self.iterations = 0
+        tables.upload()
 
-    def _list_grounded(self, matrix: Any, shape: tuple[int, int, int]) -> None:
+    def _list_grounded(self, matrix: Any, shape: tuple[int, int, int], tables: Tables) -> None:
         """The cells beside free faces of the domain, where phi = 0: their indices and the faces' coefficients."""
         excess = np.where(matrix.diagonal() > 0, np.asarray(matrix.sum(axis=1)).ravel(), 0.0)
         cells = np.flatnonzero(excess > 1e-6)
         i, j, k = np.unravel_index(cells, shape, order="F")
         s1, s2 = shape[0] + 2, (shape[0] + 2) * (shape[1] + 2)
         self.conductance = float(excess[cells].sum())
-        self.grounded = listed((k + 1) * s2 + (j + 1) * s1 + i + 1)
-        self.ground = listed(excess[cells])
-
-    # ---- a row of cells: where it starts and where its neighbours' rows start
-
-    @ti.func
-    def _row(self, level, row):
-        """(index of the row's first cell, its length, index steps to the neighbours below and above per axis)."""
-        n0, n1, n2 = self.layout[level, 1], self.layout[level, 2], self.layout[level, 3]
-        s1, s2 = n0 + 2, (n0 + 2) * (n1 + 2)
-        k = row // n1
-        j = row - k * n1
-        first = self.layout[level, 0] + (k + 1) * s2 + (j + 1) * s1 + 1
-        low = ti.Vector([-1, -s1, -s2])
-        high = ti.Vector([1, s1, s2])
-        if ti.static(self.periodic[1]):
-            low[1] = ti.select(j == 0, (n1 - 1) * s1, -s1)
-            high[1] = ti.select(j == n1 - 1, -(n1 - 1) * s1, s1)
-        if ti.static(self.periodic[2]):
-            low[2] = ti.select(k == 0, (n2 - 1) * s2, -s2)
-            high[2] = ti.select(k == n2 - 1, -(n2 - 1) * s2, s2)
-        return first, n0, low, high, ti.Vector([1, s1, s2])
-
-    @ti.func
-    def _apply(self, x: Template, first, i, n0, low: Template, high: Template, step: Template):
-        """(sum of a (x_I - x_neighbour), sum of a) at cell i of a row."""
-        c = first + i
-        result, diagonal = 0.0, 0.0
-        for d in ti.static(self.axes):
-            below, above = c + low[d], c + high[d]
-            if ti.static(d == 0 and self.periodic[0]):
-                below = ti.select(i == 0, c + n0 - 1, below)
-                above = ti.select(i == n0 - 1, c - n0 + 1, above)
-            a_low, a_high = self.a[d][c], self.a[d][c + step[d]]
-            result += a_low * (x[c] - x[below]) + a_high * (x[c] - x[above])
-            diagonal += a_low + a_high
-        return result, diagonal
-
-    @ti.func
-    def _jacobi_at(self, source: Template, first, i, n0, low: Template, high: Template, step: Template):
-        """source + omega (b - A source)/diagonal at cell i of a row."""
-        ax, diagonal = self._apply(source, first, i, n0, low, high, step)
-        change = OMEGA * (self.b[first + i] - ax) / ti.max(diagonal, 1e-6)
-        return source[first + i] + ti.select(diagonal > 1e-6, change, 0.0)
-
-    @ti.func
-    def _jacobi(self, source: Template, target: Template, level, row):
-        """One sweep over a row; in strips on a CPU, see `kernels.sweep`."""
-        first, n0, low, high, step = self._row(level, row)
-        if ti.static(self.strips):
-            for strip in range((n0 + STRIP - 1) // STRIP):
-                values = ti.Vector([0.0] * STRIP)
-                count = ti.min(STRIP, n0 - strip * STRIP)
-                for n in range(count):
-                    values[n] = self._jacobi_at(source, first, strip * STRIP + n, n0, low, high, step)
-                for n in range(count):
-                    target[first + strip * STRIP + n] = values[n]
-        else:
-            for i in range(n0):
-                target[first + i] = self._jacobi_at(source, first, i, n0, low, high, step)
-
-    # ---- the V-cycle: x = M b on the finest level, M symmetric
-
-    @ti.func
-    def _smooth_zero(self, level, rows):
-        """t = one Jacobi sweep from zero."""
-        for row in range(rows):
-            first, n0, _, _, step = self._row(level, row)
-            for i in range(n0):
-                c = first + i
-                diagonal = 0.0
-                for d in ti.static(self.axes):
-                    diagonal += self.a[d][c] + self.a[d][c + step[d]]
-                self.t[c] = ti.select(diagonal > 1e-6, OMEGA * self.b[c] / ti.max(diagonal, 1e-6), 0.0)
-
-    @ti.func
-    def _smooth(self, source: Template, target: Template, level, rows):
-        for row in range(rows):
-            self._jacobi(source, target, level, row)
-
-    @ti.func
-    def _restrict(self, level, coarse_rows):
-        """b of the coarser level = residual summed over merged cells, scaled to its spacing."""
-        for row in range(coarse_rows):
-            target, _, _, _, _ = self._row(level + 1, row)
-            n1, n2 = self.layout[level, 2], self.layout[level, 3]
-            f0, f1, f2 = self.layout[level, 4], self.layout[level, 5], self.layout[level, 6]
-            k = row // self.layout[level + 1, 2]
-            j = row - k * self.layout[level + 1, 2]
-            length = self.layout[level, 1]
-            scale = 4.0 / ti.cast(f0 * f1 * f2, ti.f32)
-            for i in range((length + f0 - 1) >> (f0 - 1)):
-                self.b[target + i] = 0.0
-            for kk in range(k * f2, ti.min(k * f2 + f2, n2)):
-                for jj in range(j * f1, ti.min(j * f1 + f1, n1)):
-                    first, n0, low, high, step = self._row(level, kk * n1 + jj)
-                    if ti.static(self.strips):
-                        for strip in range((length + STRIP - 1) // STRIP):
-                            count = ti.min(STRIP, length - strip * STRIP)
-                            values = ti.Vector([0.0] * STRIP)
-                            for n in range(count):
-                                i = strip * STRIP + n
-                                ax, _ = self._apply(self.x, first, i, n0, low, high, step)
-                                values[n] = scale * (self.b[first + i] - ax)
-                            for n in range(count):
-                                place = target + ((strip * STRIP + n) >> (f0 - 1))
-                                self.b[place] = self.b[place] + values[n]
-                    else:
-                        for i in range(length):
-                            ax, _ = self._apply(self.x, first, i, n0, low, high, step)
-                            place = target + (i >> (f0 - 1))
-                            self.b[place] = self.b[place] + scale * (self.b[first + i] - ax)
-
-    @ti.func
-    def _prolong(self, level, rows):
-        """Add the coarser level's correction to x."""
-        for row in range(rows):
-            first, n0, _, _, _ = self._row(level, row)
-            m0, m1 = self.layout[level + 1, 1], self.layout[level + 1, 2]
-            k = row // self.layout[level, 2]
-            j = row - k * self.layout[level, 2]
-            f0, f1, f2 = self.layout[level, 4], self.layout[level, 5], self.layout[level, 6]
-            begin = self.layout[level + 1, 0] + ((k // f2 + 1) * (m1 + 2) + j // f1 + 1) * (m0 + 2) + 1
-            for i in range(n0):
-                self.x[first + i] = self.x[first + i] + self.x[begin + (i >> (f0 - 1))]
-
-    @ti.func
-    def _down_passes(self, level, rows, coarse_rows):
-        self._smooth_zero(level, rows)
-        self._smooth(self.t, self.x, level, rows)
-        self._restrict(level, coarse_rows)
-
-    @ti.func
-    def _up_passes(self, level, rows):
-        self._prolong(level, rows)
-        self._smooth(self.x, self.t, level, rows)
-        self._smooth(self.t, self.x, level, rows)
-
-    @ti.func
-    def _rows(self, level):
-        return self.layout[level, 2] * self.layout[level, 3]
-
-    @ti.func
-    def _solve_coarsest(self):
-        for i in range(self.place.shape[0]):
-            self.dense_b[i] = self.b[self.place[i]]
-        for i in range(self.place.shape[0]):
-            total = 0.0
-            for j in range(self.place.shape[0]):
-                total += self.inverse[i, j] * self.dense_b[j]
-            self.x[self.place[i]] = total
-
-    @ti.kernel
-    def _coarsest(self):
-        self._solve_coarsest()
-
-    @ti.kernel
-    def _down(self, level: ti.i32, rows: ti.i32, coarse_rows: ti.i32):
-        self._down_passes(level, rows, coarse_rows)
-
-    @ti.kernel
-    def _up(self, level: ti.i32, rows: ti.i32):
-        self._up_passes(level, rows)
-
-    @ti.kernel
-    def _coarse_levels(self, begin: ti.i32, end: ti.i32):
-        """The V-cycle from level `begin` to the dense inverse of level `end` and back, in one thread."""
-        for _ in range(1):
-            for level in range(begin, end):
-                self._down_passes(level, self._rows(level), self._rows(level + 1))
-            self._solve_coarsest()
-            for back in range(end - begin):
-                level = end - 1 - back
-                self._up_passes(level, self._rows(level))
-
-    def _v_cycle(self) -> None:
-        for k in range(self.threaded):
-            self._down(k, self.rows[k], self.rows[k + 1])
-        if self.threaded < len(self.shapes) - 1:
-            self._coarse_levels(self.threaded, len(self.shapes) - 1)
-        else:
-            self._coarsest()
-        for k in reversed(range(self.threaded)):
-            self._up(k, self.rows[k])
+        self.grounded = tables.listed((k + 1) * s2 + (j + 1) * s1 + i + 1)
+        self.ground = tables.listed(excess[cells])
 
     # ---- conjugate gradients; sums over rows are added in one order, so results do not depend on the threads
 

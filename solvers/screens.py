@@ -12,7 +12,9 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Template, listed
+from taichi_plume.grid.kernels import Template
+from taichi_plume.grid.tables import Tables
+from taichi_plume.grid.transfer import Numbers
 from taichi_plume.scenario.openings import Screen
 
 
@@ -27,15 +29,14 @@ def slowed(u, linear, square):
 class ScreenResistance:
     """One screen; satisfies `flow.Resistance`.
 
-    openness: per axis 1 on faces whose velocity is solved for, on the padded grid. viscosity: kinematic [m²/s].
+    openness: per axis 1 on faces whose velocity is solved for, on the padded grid. To be begun once `tables` are
+    uploaded.
     """
 
-    def __init__(self, screen: Screen, grid: Grid, openness: Sequence[np.ndarray], viscosity: float):
+    def __init__(self, screen: Screen, grid: Grid, openness: Sequence[np.ndarray], tables: Tables):
         self.dim, self.dx = grid.dim, grid.dx
         self.axis = screen.normal
         self.across = [d for d in range(grid.dim) if d != self.axis]
-        self.a, self.b = screen.losses(viscosity)
-        self.transverse = screen.transverse
         layers = max(1, round(screen.thickness / grid.dx))
         self.thickness = layers * grid.dx
         n = grid.shape[self.axis]
@@ -46,8 +47,14 @@ class ScreenResistance:
         held = [(cells | np.roll(cells, 1, axis=d)) & (openness[d] > 0) for d in range(grid.dim)]
         held[self.axis] = share > 0
         self.counts = [int(faces.sum()) for faces in held]
-        self.faces = [listed(np.argwhere(faces)) for faces in held]
-        self.share = listed(share[share > 0])
+        self.faces = [tables.listed(np.argwhere(faces)) for faces in held]
+        self.share = tables.listed(share[share > 0])
+        self.n = Numbers("a", "b", "transverse")
+
+    def begin(self, screen: Screen, viscosity: float) -> None:
+        """Resist as the screen says; viscosity: kinematic [m²/s]."""
+        a, b = screen.losses(viscosity)
+        self.n.set(a=a, b=b, transverse=screen.transverse)
 
     @staticmethod
     def _cells(screen: Screen, grid: Grid, first: int, layers: int) -> np.ndarray:
@@ -74,10 +81,11 @@ class ScreenResistance:
     def apply(self, u: Template, dt):
         """Slow the air on the screen's faces for dt [s]."""
         A = ti.Vector.unit(self.dim, self.axis, ti.i32)
+        a, b, transverse = self.n.a[None], self.n.b[None], self.n.transverse[None]
         for n in range(self.counts[self.axis]):
             I = self.faces[self.axis][n]
             h = dt * self.share[n] / self.dx
-            u[self.axis][I] = slowed(u[self.axis][I], h * self.a, h * self.b)
+            u[self.axis][I] = slowed(u[self.axis][I], h * a, h * b)
         for d in ti.static(self.across):
             D = ti.Vector.unit(self.dim, d, ti.i32)
             for n in range(self.counts[d]):
@@ -86,5 +94,5 @@ class ScreenResistance:
                 for side in ti.static((0, 1)):
                     J = I + side * A
                     through += 0.25 * (ti.abs(u[self.axis][J]) + ti.abs(u[self.axis][J - D]))
-                h = dt * self.transverse / self.thickness
-                u[d][I] = slowed(u[d][I], h * (self.a + self.b * through), h * self.b)
+                h = dt * transverse / self.thickness
+                u[d][I] = slowed(u[d][I], h * (a + b * through), h * b)

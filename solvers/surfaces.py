@@ -6,7 +6,9 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume.grid.cut_cells import Air
-from taichi_plume.grid.kernels import Template, listed
+from taichi_plume.grid.kernels import Template
+from taichi_plume.grid.tables import Tables
+from taichi_plume.solvers.momentum import Momentum
 
 NEAREST = 0.05  # cells: no distance from a surface counts as less
 
@@ -15,14 +17,20 @@ NEAREST = 0.05  # cells: no distance from a surface counts as less
 class Surfaces:
     """What slows the velocities beside obstacles: the stress nu u_t/s of the velocity u_t along a surface s away.
 
-    flow: offers grid, u, area, nu, viscosity and eddies; area, openness: padded arrays of its fields `area` and `open`.
+    area, openness: padded arrays of the fields `area` and `open` of the flow.
     """
 
-    def __init__(self, flow: Any, air: Air, area: list[np.ndarray], openness: list[np.ndarray]):
-        self.grid = grid = flow.grid
+    def __init__(
+        self,
+        momentum: Momentum,
+        air: Air,
+        area: list[np.ndarray],
+        openness: list[np.ndarray],
+        tables: Tables,
+    ):
+        self.m = momentum
+        self.grid = grid = momentum.grid
         self.dim = grid.dim
-        self.u, self.area, self.nu, self.viscosity = flow.u, flow.area, flow.nu, flow.viscosity
-        self.eddies = flow.eddies
         vectors = np.stack([grid.pad(part) for part in np.moveaxis(air.surface(), -1, 0)], axis=-1)
         self._count: list[int] = []  # faces of each axis
         self._cell: list[Any] = []
@@ -44,20 +52,20 @@ class Surfaces:
             normal = (upper + lower)[where]
             normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-6)
             self._count.append(len(cell))
-            self._cell.append(listed(cell))
-            self._rate.append(listed(size[where] / (distance * stored)))
-            self._stored.append(listed(stored))
-            self._normal.append(listed(normal))
+            self._cell.append(tables.listed(cell))
+            self._rate.append(tables.listed(size[where] / (distance * stored)))
+            self._stored.append(tables.listed(stored))
+            self._normal.append(tables.listed(normal))
 
     @ti.func
     def _friction(self, d: Template, k):
         """(face, rate [1/s] of friction, velocity along the surface [m/s]) of the k-th face of axis d."""
         I, n = self._cell[d][k], self._normal[d][k]
         D = ti.Vector.unit(self.dim, d, ti.i32)
-        nu_here = self.viscosity
-        if ti.static(self.eddies):
-            nu_here = 0.5 * (self.nu[I] + self.nu[I - D])
-        through = n[d] * self.u[d][I]
+        nu_here = self.m.viscosity[None]
+        if ti.static(self.m.eddies):
+            nu_here = 0.5 * (self.m.nu[I] + self.m.nu[I - D])
+        through = n[d] * self.m.u[d][I]
         for e in ti.static(range(self.dim)):
             if ti.static(e != d):
                 E = ti.Vector.unit(self.dim, e, ti.i32)
@@ -65,11 +73,11 @@ class Surfaces:
                 for J in ti.static((0, 1)):
                     for K in ti.static((0, 1)):
                         face = I - J * D + K * E
-                        flow += self.area[e][face] * self.u[e][face]
-                        width += self.area[e][face]
+                        flow += self.m.area[e][face] * self.m.u[e][face]
+                        width += self.m.area[e][face]
                 through += n[e] * flow / width
         f = self._rate[d][k] * nu_here / ti.static(self.grid.dx**2)
-        return I, f, self.u[d][I] - n[d] * through
+        return I, f, self.m.u[d][I] - n[d] * through
 
     @ti.func
     def slow(self, rate: Template, dt: float):

@@ -32,7 +32,7 @@ from taichi_plume.scenario.closed_forms import (
     GaussianPuffGas,
     MeanderingGas,
 )
-from taichi_plume.scenario.gases import PlaybackGas, PuffGas, PureGas
+from taichi_plume.scenario.gases import EulerianGas, PlaybackGas, PuffGas, PureGas
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.maps import Map
 from taichi_plume.scenario.obstacles import motion_of
@@ -50,18 +50,20 @@ from taichi_plume.scenario.winds import (
 )
 from taichi_plume.simulation import Mapper, Simulation
 from taichi_plume.solvers.bodies import MovingObstacle, Wake
-from taichi_plume.solvers.boundaries import opening_cells, periodic_axes
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.forces import forces
 from taichi_plume.solvers.frozen import FrozenSolver
 from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.gaussian_puffs import ContinuousPuffs, GaussianPuffs
-from taichi_plume.solvers.heat import HeatSolver
 from taichi_plume.solvers.imported import ImportedFilm, ImportedFlow
+from taichi_plume.solvers.momentum import Weighing
+from taichi_plume.solvers.patches import opening_cells, periodic_axes
 from taichi_plume.solvers.playback import PlayedGas, PlayedWind
 from taichi_plume.solvers.plumes import Plumes
 from taichi_plume.solvers.plumesim import PointGas, PointWind, ProgramMeander, ProgramPuff
 from taichi_plume.solvers.puffs import PuffSolver
+from taichi_plume.solvers.resistance import Resistance
+from taichi_plume.solvers.scalar import Scalar
 from taichi_plume.solvers.synthetic import SyntheticSolver
 from taichi_plume.solvers.uniform import UniformSolver
 
@@ -92,19 +94,20 @@ def assemble(
         air = air_of(standing, grid, left=cubes.shares(grid) if cubes else None)
     else:
         air = air_of(standing, grid, opening_cells(openings, grid))
-    wind = _wind(scenario, film, site, folder, grid, air)
-    gas = Mixture([_gas(model, path, scenario, folder, grid, wind, air) for path, model in scenario.gases])
     swarm = _swarm(scenario, obstacles, grid, cubes)
-    if isinstance(wind, FlowSolver):
-        _add_buoyancy(scenario, wind, gas, air)
-        wind.resistances += [
-            MovingObstacle(one.model, grid, wind.open) for one in obstacles if motion_of(one.model)
+    scalars = {path: Scalar(grid) for path, model in scenario.gases if isinstance(model, EulerianGas)}
+    if isinstance(scenario.wind, CfdWind):
+        resistances = [partial(MovingObstacle, one.model, grid) for one in obstacles if motion_of(one.model)]
+        resistances += _wakes(swarm, grid)
+        wind = _flow(scenario, grid, air, _weighing(scenario, scalars), resistances)
+    else:
+        wind = _wind(scenario, film, site, folder, grid, air)
+    gas = Mixture(
+        [
+            _gas(model, path, scenario, folder, grid, wind, air, scalars.get(path))
+            for path, model in scenario.gases
         ]
-        wind.resistances += [
-            Wake(grid, wind.open, swarm.position, swarm.velocity, group.start, group.count, group.model.body)
-            for group in swarm.groups
-            if group.model.wake
-        ]
+    )
     own = algorithms or {}
     teams = [
         Team(swarm, group, grid.dim, scenario.tick, folder, own.get(group.name)) for group in swarm.groups
@@ -138,10 +141,26 @@ def _wind(
             return ImportedFlow(ImportedFilm(site, grid, air), model, grid, begin)
         except WindFileError as error:
             raise ScenarioError([f"wind.files: {error}"]) from None
-    if isinstance(model, FrozenWind):
-        flow = FrozenSolver(model, grid, air, scenario.seed, begin)
-    else:
-        flow = FlowSolver(model, grid, air, scenario.seed)
+    raise AssertionError(f"wind.kind: {model.kind}")
+
+
+def _flow(
+    scenario: Scenario,
+    grid: Grid,
+    air: Air,
+    weighing: Sequence[Weighing],
+    resistances: Sequence[Callable[..., Resistance]],
+) -> FlowSolver:
+    """A computed flow; weighing: what makes the air heavier, resistances: what holds it besides screens."""
+    model, begin = scenario.wind, scenario.first_tick * scenario.tick
+    assert isinstance(model, CfdWind)
+    try:
+        if isinstance(model, FrozenWind):
+            flow = FrozenSolver(model, grid, air, begin, scenario.seed, weighing, resistances)
+        else:
+            flow = FlowSolver(model, grid, air, begin, scenario.seed, weighing, resistances)
+    except ValueError as error:
+        raise ScenarioError([f"wind.{error}"]) from None
     trapped = flow.boundaries.trapped(air.regions())
     if trapped:
         raise ScenarioError(
@@ -155,9 +174,16 @@ def _wind(
 
 
 def _gas(
-    model: PureGas, path: str, scenario: Scenario, folder: Path, grid: Grid, wind: Wind, air: Air
+    model: PureGas,
+    path: str,
+    scenario: Scenario,
+    folder: Path,
+    grid: Grid,
+    wind: Wind,
+    air: Air,
+    scalar: Scalar | None,
 ) -> Gas:
-    """One gas; `path` is its place in the scenario."""
+    """One gas; `path` is its place in the scenario, `scalar` its concentration on the grid, where it has one."""
     begin = scenario.first_tick * scenario.tick
     if isinstance(model, PlaybackGas):
         return PlayedGas(model, Film(folder / model.file), grid, begin)
@@ -172,7 +198,7 @@ def _gas(
     try:
         if isinstance(model, PuffGas):
             return PuffSolver(model, grid, wind, air, begin, scenario.seed, path)
-        return EulerianSolver(model, grid, wind, air, begin, scenario.seed, path)
+        return EulerianSolver(model, grid, wind, air, begin, scenario.seed, path, scalar)
     except ValueError as error:
         raise ScenarioError([f"{path}.{error}"]) from None
 
@@ -189,22 +215,25 @@ def _closed_form(model: ClosedForm, path: str, scenario: Scenario, grid: Grid, w
     return Plumes(model, grid, wind, begin, scenario.seed, path)
 
 
-def _add_buoyancy(scenario: Scenario, flow: FlowSolver, gas: Mixture, air: Air) -> None:
-    """Let the weight of the gas and the warmth of the air act on the flow."""
+def _weighing(scenario: Scenario, scalars: dict[str, Scalar]) -> list[Weighing]:
+    """The gases that make the air heavier; scalars: concentrations [kg/m³] by the gas's place in the scenario."""
     buoyancy = scenario.wind.buoyancy if isinstance(scenario.wind, CfdWind) else None
-    if buoyancy is None:
-        return
-    gravity = buoyancy.pull(flow.dim)
-    for one in gas.gases:
-        if buoyancy.solutal and isinstance(one, EulerianSolver):
-            flow.lift.append((one.c, tuple(g * one.species.weight_per_density for g in gravity)))
-    if buoyancy.heat is not None:
-        try:
-            heat = HeatSolver(buoyancy.heat, flow.grid, flow, air)
-        except ValueError as error:
-            raise ScenarioError([f"wind.buoyancy.heat.{error}"]) from None
-        flow.lift.append((heat.theta, tuple(-g * buoyancy.heat.volume_expansion for g in gravity)))
-        flow.carried.append(heat)
+    if buoyancy is None or not buoyancy.solutal:
+        return []
+    return [
+        Weighing(scalars[path].q, model.vapour.weight_per_density)
+        for path, model in scenario.gases
+        if path in scalars
+    ]
+
+
+def _wakes(swarm: Swarm, grid: Grid) -> list[Callable[..., Resistance]]:
+    """What robots that disturb the air do to it."""
+    return [
+        partial(Wake, group.model.body, grid, swarm.position, swarm.velocity, group.start, group.count)
+        for group in swarm.groups
+        if group.model.wake
+    ]
 
 
 def mappers(

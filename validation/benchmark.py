@@ -33,9 +33,9 @@ from taichi_plume.scenario.gases import EulerianGas
 from taichi_plume.scenario.obstacles import Obstacle
 from taichi_plume.scenario.resources import shape as shape_of
 from taichi_plume.scenario.winds import CfdWind
-from taichi_plume.solvers.boundaries import periodic_axes
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.gas import EulerianSolver
+from taichi_plume.solvers.patches import periodic_axes
 from taichi_plume.validation import map_benchmark, puff_benchmark, robot_benchmark, trial_benchmark
 
 ARENA = (

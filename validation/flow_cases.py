@@ -8,8 +8,8 @@ import numpy as np
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
 from taichi_plume.scenario.winds import CfdWind
-from taichi_plume.solvers.boundaries import periodic_axes
 from taichi_plume.solvers.flow import FlowSolver
+from taichi_plume.solvers.patches import periodic_axes
 
 Errors = dict[str, float]
 STEADY = 2e-5  # largest change of u, over its maximum, within the time that counts

@@ -1,11 +1,10 @@
 """Warm air with known answers. Each function solves a case at a resolution and returns its errors by norm."""
 
 from math import pi
+from typing import Any
 
 import numpy as np
 
-from taichi_plume.grid.cut_cells import Air
-from taichi_plume.scenario.heat import Heat
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.heat import HeatSolver
 from taichi_plume.validation.flow_cases import Errors, laminar_flow, rms, settle, velocities
@@ -13,14 +12,15 @@ from taichi_plume.validation.flow_cases import Errors, laminar_flow, rms, settle
 WARM_AND_COLD = [{"face": "x-", "temperature": 300.5}, {"face": "x+", "temperature": 299.5}]
 
 
-def heated(flow: FlowSolver, gravity: tuple[float, ...] = (), **heat) -> HeatSolver:
-    """Give a flow a temperature of 300 K, with walls and heaters as in a scenario."""
-    model = Heat.model_validate({"reference": 300.0, **heat})
-    solver = HeatSolver(model, flow.grid, flow, Air.everywhere(flow.grid))
-    if any(gravity):
-        flow.lift.append((solver.theta, tuple(-g * model.volume_expansion for g in gravity)))
-    flow.carried.append(solver)
-    return solver
+def heated(gravity: tuple[float, float] = (0.0, 0.0), **heat: Any) -> dict[str, Any]:
+    """Buoyancy of air at 300 K, with walls and heaters as in a scenario."""
+    return {"gravity": gravity, "heat": {"reference": 300.0, **heat}}
+
+
+def heat_of(flow: FlowSolver) -> HeatSolver:
+    """The temperature of a flow that has one."""
+    assert flow.heat is not None
+    return flow.heat
 
 
 def conduction(n: int) -> Errors:
@@ -29,8 +29,8 @@ def conduction(n: int) -> Errors:
     theta/dT = 1/2 - x - sum_k sin(2 pi k x) exp(-(2 pi k)² alpha t)/(pi k), the linear profile in the end.
     """
     diffusivity = 1e-3
-    flow = laminar_flow((n, 3), 1.0 / n, 1e-6, [{"kind": "periodic", "axis": "y"}])
-    heat = heated(flow, walls=WARM_AND_COLD, diffusivity=diffusivity)
+    warm = heated(walls=WARM_AND_COLD, diffusivity=diffusivity)
+    heat = heat_of(laminar_flow((n, 3), 1.0 / n, 1e-6, [{"kind": "periodic", "axis": "y"}], buoyancy=warm))
     x = (np.arange(n) + 0.5) / n
     k = np.arange(1, 60)[:, None]
     end = 0.02 / diffusivity
@@ -51,8 +51,9 @@ def heated_cavity(n: int, rayleigh: float, flux: float, u_max: float, v_max: flo
     """
     prandtl = 0.71
     diffusivity = (rayleigh * prandtl) ** -0.5
-    flow = laminar_flow((n, n), 1.0 / n, prandtl * diffusivity, [], courant=0.8)
-    heat = heated(flow, (0.0, -300.0), walls=WARM_AND_COLD, diffusivity=diffusivity)  # g beta dT = 1 m/s²
+    warm = heated((0.0, -300.0), walls=WARM_AND_COLD, diffusivity=diffusivity)  # g beta dT = 1 m/s²
+    flow = laminar_flow((n, n), 1.0 / n, prandtl * diffusivity, [], courant=0.8, buoyancy=warm)
+    heat = heat_of(flow)
     settle(flow, 2.0, 400.0)
     u, v = velocities(flow)
     theta = heat.grid.read(heat.theta).astype(float)

@@ -1,3 +1,5 @@
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -6,35 +8,57 @@ import taichi as ti
 
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Template
+from taichi_plume.grid.state import State
 from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.obstacles import Box, Cylinder, Sphere
 from taichi_plume.scenario.resources import shape
 from taichi_plume.scenario.robots import Body
 from taichi_plume.scenario.winds import CfdWind
-from taichi_plume.solvers.bodies import Bodies, MovingObstacle, Wake
+from taichi_plume.solvers.bodies import Bodies, MovingObstacle, Outline, Wake
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.validation.flow_cases import advance, velocities
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
 MODELS = {"cylinder": Cylinder, "box": Box, "sphere": Sphere}
+MIDDLE = (
+    {"center": [0.5, 0.4], "radius": 0.2},
+    {"center": [0.5, 0.4, 0.3], "radius": 0.2},
+)  # no ball, a ball
 ENDS = [{"kind": "outlet", "face": "x-"}, {"kind": "outlet", "face": "x+"}]
 
 
-def still_air(shape=(60, 40), dx=0.05, openings=ENDS, solid=None, **more) -> FlowSolver:
+def still_air(shape=(60, 40), dx=0.05, openings=ENDS, solid=None, bodies=(), **more) -> FlowSolver:
+    """bodies: functions of the grid and of the faces that are solved for."""
     wind = CfdWind.model_validate({"kind": "cfd", "openings": openings, **more})
     grid = Grid(shape, dx)
-    return FlowSolver(wind, grid, Air.everywhere(grid) if solid is None else Air.of(solid, grid))
+    air = Air.everywhere(grid) if solid is None else Air.of(solid, grid)
+    return FlowSolver(wind, grid, air, resistances=[partial(body, grid) for body in bodies])
 
 
-def moving(flow: FlowSolver, path: list, **outline) -> MovingObstacle:
+def walker(path: list, **outline) -> Box | Cylinder | Sphere:
     outline = {"center": [0.8, 1.0]} | (outline or {"kind": "cylinder", "radius": 0.2})
     kind = str(outline["kind"])
-    model = MODELS[kind].model_validate(outline | {"motion": {"path": path}})
-    body = MovingObstacle(model, flow.grid, flow.open)
-    flow.resistances.append(body)
-    return body
+    return MODELS[kind].model_validate(outline | {"motion": {"path": path}})
+
+
+def moving(path: list, **outline) -> Callable[..., MovingObstacle]:
+    return partial(MovingObstacle, walker(path, **outline))
+
+
+@pytest.fixture(scope="module")
+def walked(taichi) -> Callable[..., FlowSolver]:
+    """Still air with one body that moves along a path."""
+    flow = still_air(bodies=[moving([[1.0, 0.8, 1.0]])])
+    model = CfdWind.model_validate({"kind": "cfd", "openings": ENDS})
+
+    def begun(path: list, **outline) -> FlowSolver:
+        State(flow).clear()
+        flow.begin(model, 0.0, 0)
+        flow.resistances[0].begin(walker(path, **outline))
+        return flow
+
+    return begun
 
 
 def faces(grid: Grid, d: int) -> np.ndarray:
@@ -43,9 +67,8 @@ def faces(grid: Grid, d: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("outline", [{}, {"kind": "box", "size": [0.3, 0.4], "yaw_deg": 30}])
-def test_the_air_inside_moves_with_the_body(outline):
-    flow = still_air()
-    moving(flow, [[2.0, 2.0, 1.4]], **outline)  # (0.6, 0.2) m/s
+def test_the_air_inside_moves_with_the_body(walked, outline):
+    flow = walked([[2.0, 2.0, 1.4]], **outline)  # (0.6, 0.2) m/s
     advance(flow, 1.0)
     for d, speed in enumerate((0.6, 0.2)):
         inside = np.linalg.norm(faces(flow.grid, d) - (1.4, 1.2), axis=-1) < 0.12
@@ -58,8 +81,8 @@ def test_a_body_that_starts_at_once_gives_the_air_its_momentum():
     """Impulsive start: of a cylinder the added mass per length is that of the air it displaces (potential flow)."""
     R, U, L = 0.2, 0.5, 3.2
     walls = [{"kind": "slip", "face": face} for face in ("x-", "x+", "y-", "y+")]
-    flow = still_air((96, 96), L / 96, walls, turbulence={"kind": "none"})
-    moving(flow, [[1.0, L / 2 + U, L / 2]], kind="cylinder", center=[L / 2, L / 2], radius=R)
+    body = moving([[1.0, L / 2 + U, L / 2]], kind="cylinder", center=[L / 2, L / 2], radius=R)
+    flow = still_air((96, 96), L / 96, walls, turbulence={"kind": "none"}, bodies=[body])
     for n in range(12):
         flow.advance(0.01 * n, 0.01)
     u, v = velocities(flow)
@@ -85,9 +108,8 @@ def test_at_rest_it_has_the_wake_of_an_obstacle_of_cells():
     for kind in ("cells", "body"):
         solid = np.linalg.norm(Grid(shape, dx).centers() - (0.8, 1.0), axis=-1) < D / 2
         solid &= kind == "cells"
-        flow = still_air(shape, dx, openings, solid, viscosity=0.006, turbulence={"kind": "none"})
-        if kind == "body":
-            moving(flow, [[1.0, 0.8, 1.0]])
+        bodies = [moving([[1.0, 0.8, 1.0]])] if kind == "body" else []
+        flow = still_air(shape, dx, openings, solid, bodies, viscosity=0.006, turbulence={"kind": "none"})
         advance(flow, 8.0)
         u = velocities(flow)[0]
         p = flow.grid.inner(flow.p.to_numpy().astype(float))
@@ -99,10 +121,31 @@ def test_at_rest_it_has_the_wake_of_an_obstacle_of_cells():
     assert found["body"][1] == pytest.approx(2.37, rel=0.03)  # what it tends to at half the spacing
 
 
-@ti.kernel
-def _distances(body: Template, points: ti.types.ndarray(), out: ti.types.ndarray()):
-    for n in range(out.shape[0]):
-        out[n] = body.distance(ti.Vector([points[n, 0], points[n, 1], points[n, 2]]), 0)
+@pytest.fixture(scope="module")
+def distances(taichi):
+    """Distances [m] of points from a body: one solver for balls, one for all others."""
+    grid = Grid((10, 8, 8), 0.1)
+    some = {
+        ball: walker([[1, 0.6, 0.4]], kind="sphere" if ball else "cylinder", **MIDDLE[ball])
+        for ball in (0, 1)
+    }
+    bodies = [MovingObstacle(some[ball], grid, ()) for ball in (0, 1)]
+
+    @ti.kernel
+    def measure(ball: int, points: ti.types.ndarray(), out: ti.types.ndarray()):
+        for n in range(out.shape[0]):
+            x = ti.Vector([points[n, 0], points[n, 1], points[n, 2]])
+            out[n] = bodies[1].distance(x, 0) if ball == 1 else bodies[0].distance(x, 0)
+
+    def of(model, points: np.ndarray) -> np.ndarray:
+        ball = int(model.kind == "sphere")
+        bodies[ball].begin(model)
+        bodies[ball].advance(-1.0, 0.1)
+        out = np.empty(len(points), np.float32)
+        measure(ball, points, out)
+        return out
+
+    return of
 
 
 @pytest.mark.parametrize(
@@ -113,15 +156,12 @@ def _distances(body: Template, points: ti.types.ndarray(), out: ti.types.ndarray
         {"kind": "cylinder", "center": [0.5, 0.4], "radius": 0.2, "base": 0.1, "height": 0.3},
     ],
 )
-def test_outlines_are_those_of_standing_obstacles(outline):
+def test_outlines_are_those_of_standing_obstacles(distances, outline):
     """The same sides of the surface as `geometry`, and beside it the same distances."""
     grid = Grid((10, 8, 8), 0.1)
     model = MODELS[outline["kind"]].model_validate(outline | {"motion": {"path": [[1, 0.6, 0.4]]}})
-    body = MovingObstacle(model, grid, ())
-    body.advance(-1.0, 0.1)
     points = np.random.default_rng(0).uniform((0, 0, 0), grid.extent, (2000, 3)).astype(np.float32)
-    got = np.empty(len(points), np.float32)
-    _distances(body, points, got)
+    got = distances(model, points)
     wanted = shape(model, Domain(size=grid.extent, spacing=0.1), Path()).signed_distance(points)
     clear = np.abs(wanted) > 1e-5
     assert np.all((got < 0) == (wanted < 0), where=clear)
@@ -134,18 +174,20 @@ class Parting(Bodies):
     """Solid discs whose places and velocities stay."""
 
     def advance(self, t: float, dt: float) -> None:
-        self.pace.fill(1.0 / dt)
+        self.n.set(pace=1.0 / dt)
 
     def fastest(self, t: float) -> float:
         return 0.3
 
 
-def pair(flow: FlowSolver, velocities: list) -> tuple:
-    """Fields of the places and velocities of two robots side by side."""
+def parting(grid: Grid, open: tuple) -> Parting:
+    """Two robots side by side that move apart."""
     place, velocity = (ti.Vector.field(2, ti.f32, 2) for _ in range(2))
     place.from_numpy(np.array([[0.7, 0.75], [1.0, 0.75]], np.float32))
-    velocity.from_numpy(np.array(velocities, np.float32))
-    return place, velocity
+    velocity.from_numpy(np.array([[-0.3, 0.0], [0.3, 0.0]], np.float32))
+    bodies = Parting(grid, place, velocity, 2, open)
+    bodies.shape(Outline(radius=0.15))
+    return bodies
 
 
 @pytest.mark.slow
@@ -153,9 +195,7 @@ def test_bodies_that_touch_share_the_faces_between_them():
     """Side by side they move apart: each drags its own air, and equal runs are equal bit by bit."""
     runs = []
     for _ in range(2):
-        flow = still_air((40, 30))
-        body = Parting(flow.grid, flow.open, *pair(flow, [[-0.3, 0.0], [0.3, 0.0]]), count=2, radius=0.15)
-        flow.resistances.append(body)
+        flow = still_air((40, 30), bodies=[parting])
         advance(flow, 0.6)
         runs.append(velocities(flow)[0])
     np.testing.assert_array_equal(*runs)
@@ -171,12 +211,12 @@ def test_robots_on_a_floor_plan_have_the_drag_of_their_height():
     grid = Grid((60, 40), 0.05, depth=depth, periodic=(True, True))
     openings = [{"kind": "periodic", "axis": axis} for axis in "xy"]
     wind = CfdWind.model_validate({"kind": "cfd", "openings": openings, "turbulence": {"kind": "none"}})
-    flow = FlowSolver(wind, grid, Air.everywhere(grid))
-    flow.start_from(lambda points: np.zeros_like(points) + np.array([0.4, 0.3]))
     place, velocity = (ti.Vector.field(2, ti.f32, 1) for _ in range(2))
     place.from_numpy(np.array([[1.51, 1.02]], np.float32))
     velocity.from_numpy(np.array([[-0.2, 0.3]], np.float32))
-    flow.resistances.append(Wake(grid, flow.open, place, velocity, 0, 1, Body(radius=R, height=h)))
+    robots = partial(Wake, Body(radius=R, height=h), grid, place, velocity, 0, 1)
+    flow = FlowSolver(wind, grid, Air.everywhere(grid), resistances=[robots])
+    flow.start_from(lambda points: np.zeros_like(points) + np.array([0.4, 0.3]))
     for begin, force in ((-1.0, 0.0), (0.0, 0.5 * 2 * R * h * 0.6**2)):
         before = velocities(flow)
         flow.advance(begin, dt)
@@ -195,9 +235,9 @@ def test_it_keeps_to_its_way_points():
     assert [loop.motion.place(loop.center, t)[0] for t in times] == [1.5, 1, 1.5, 1.5, 1.5, 1.5]
 
 
-def test_a_fast_body_shortens_the_steps_before_it_moves():
-    flow = still_air()
-    body = moving(flow, [[3.0, 0.8, 1.0], [4.0, 2.8, 1.0]])
+def test_a_fast_body_shortens_the_steps_before_it_moves(walked):
+    flow = walked([[3.0, 0.8, 1.0], [4.0, 2.8, 1.0]])
+    (body,) = flow.resistances
     assert body.fastest(0.0) == 0.0
     assert body.fastest(2.5) == pytest.approx(2.0)
     assert flow.stable_dt(2.5) <= 0.8 * 0.05 / 2.0

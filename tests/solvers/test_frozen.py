@@ -1,8 +1,12 @@
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.state import State
+from taichi_plume.grid.transfer import reader
 from taichi_plume.scenario.gases import EulerianGas
 from taichi_plume.scenario.winds import FrozenWind
 from taichi_plume.solvers.flow import FlowSolver
@@ -22,28 +26,43 @@ KEYS = {
 AFTER, AVERAGE, BEGIN = 1.2, 0.5, -2.0
 
 
-@pytest.fixture
-def solid() -> np.ndarray:
-    solid = np.zeros(SHAPE, bool)
-    solid[8:11, 5:8] = True
-    return solid
+SOLID = np.zeros(SHAPE, bool)
+SOLID[8:11, 5:8] = True
+pytestmark = pytest.mark.usefixtures("taichi")
 
 
-def frozen(solid: np.ndarray, **changes) -> FrozenSolver:
-    wind = {"kind": "frozen", "after": AFTER, "average": AVERAGE} | KEYS | changes
-    return FrozenSolver(FrozenWind.model_validate(wind), GRID, Air.of(solid, GRID), 4, BEGIN)
+@pytest.fixture(scope="module")
+def frozen(taichi) -> Callable[..., FrozenSolver]:
+    """A flow that is at its begin, and will freeze."""
+    wind = {"kind": "frozen", "after": AFTER, "average": AVERAGE} | KEYS
+    flow = FrozenSolver(FrozenWind.model_validate(wind), GRID, Air.of(SOLID, GRID), BEGIN, 4)
+
+    def begun(**changes) -> FrozenSolver:
+        State(flow).clear()
+        flow.begin(FrozenWind.model_validate(wind | changes), BEGIN, 4)
+        return flow
+
+    return begun
 
 
 STEPS = np.array([0.01, 0.02, 0.0125] * 40)  # uneven, so that the weights count
 ENDS = BEGIN + np.cumsum(STEPS)
 
 
-def fields_of(flow: FlowSolver) -> list[np.ndarray]:
-    return [field.to_numpy().astype(float) for field in (*flow.u, flow.nu)]
+@pytest.fixture(scope="module")
+def fields_of(taichi) -> Callable[[FlowSolver], list[np.ndarray]]:
+    read = {}
+
+    def fields(flow: FlowSolver) -> list[np.ndarray]:
+        if flow not in read:
+            read[flow] = reader(*flow.u, flow.nu)
+        return [values.astype(float) for values in read[flow]()]
+
+    return fields
 
 
 @pytest.mark.slow
-def test_flow_becomes_its_mean(solid, monkeypatch):
+def test_flow_becomes_its_mean(frozen, fields_of, monkeypatch):
     states = []  # after each step, as the flow solver leaves it
     step = FlowSolver.advance
 
@@ -52,7 +71,7 @@ def test_flow_becomes_its_mean(solid, monkeypatch):
         states.append(fields_of(flow))
 
     monkeypatch.setattr(FlowSolver, "advance", watched)
-    held = frozen(solid)
+    held = frozen()
     for end, dt in zip(ENDS, STEPS, strict=True):
         held.advance(end - dt, dt)
     last = int(np.argmax(ENDS >= BEGIN + AFTER - 1e-9))
@@ -67,8 +86,8 @@ def test_flow_becomes_its_mean(solid, monkeypatch):
     assert held.diagnostics()["max_divergence"] < 1e-4
 
 
-def test_frozen_air_has_no_limit_and_carries_gas(solid):
-    held = frozen(solid, after=0.2, average=None)
+def test_frozen_air_has_no_limit_and_carries_gas(frozen, fields_of):
+    held = frozen(after=0.2, average=None)
     assert np.isfinite(held.stable_dt(BEGIN))
     for n in range(20):
         held.advance(BEGIN + 0.01 * n, 0.01)
@@ -81,10 +100,29 @@ def test_frozen_air_has_no_limit_and_carries_gas(solid):
     model = EulerianGas.model_validate(
         {"kind": "eulerian", "sources": [{"position": [0.2, 0.4], "rate": 1e-5}]}
     )
-    gas = EulerianSolver(model, held.grid, held, Air.of(solid, GRID))
+    gas = EulerianSolver(model, held.grid, held, Air.of(SOLID, GRID))
     for n in range(60):
         gas.advance(0.1 * n, 0.1)
     budget = gas.budget()
     lost = budget["emitted_kg"] - budget["in_domain_kg"] - budget["outflow_kg"]
     assert abs(lost) < 1e-5 * budget["emitted_kg"]
     assert gas.least() >= 0
+
+
+def test_a_saved_mean_goes_on_to_the_bit(frozen, fields_of):
+    """Saved while it is averaged, and after it froze."""
+    held = frozen(after=0.2, average=0.1)
+    state, saved, found = State(held), [], []
+    for n in range(25):
+        saved.append(state.save())
+        held.advance(BEGIN + 0.01 * n, 0.01)
+        found.append([*fields_of(held), np.array([held.stable_dt(), held.outflow_rate])])
+    assert held.frozen
+    for begin in (14, 22):
+        state.restore(saved[begin])
+        for n in range(begin, 25):
+            held.advance(BEGIN + 0.01 * n, 0.01)
+        for a, b in zip(
+            [*fields_of(held), np.array([held.stable_dt(), held.outflow_rate])], found[-1], strict=True
+        ):
+            np.testing.assert_array_equal(a, b)

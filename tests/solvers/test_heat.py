@@ -5,32 +5,24 @@ from taichi_plume.assemble import assemble
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
 from taichi_plume.scenario.gases import EulerianGas
-from taichi_plume.scenario.heat import Heat
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.gas import EulerianSolver
-from taichi_plume.solvers.heat import HeatSolver
+from taichi_plume.solvers.momentum import Weighing
+from taichi_plume.solvers.scalar import Scalar
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
 
-def closed_box(shape, dx=0.05, openings=(), **more) -> FlowSolver:
-    wind = CfdWind.model_validate(
-        {"kind": "cfd", "turbulence": {"kind": "none"}, "openings": list(openings), **more}
-    )
+def warm_box(shape, gravity=None, solid=None, openings=(), heat=None, dx=0.05, **more) -> FlowSolver:
+    """Air of 300 K in a box; heat: keys of `buoyancy.heat`."""
+    dim = len(shape)
+    warm = {"gravity": gravity or (0.0,) * dim, "heat": {"reference": 300.0, **(heat or {})}}
+    keys = {"kind": "cfd", "turbulence": {"kind": "none"}, "openings": list(openings), "buoyancy": warm}
     grid = Grid(shape, dx, depth=0.4)
-    return FlowSolver(wind, grid, Air.everywhere(grid))
-
-
-def add_heat(flow, gravity=(), solid=None, **keys) -> HeatSolver:
-    model = Heat.model_validate({"reference": 300.0, **keys})
-    air = Air.everywhere(flow.grid) if solid is None else Air.of(solid, flow.grid)
-    heat = HeatSolver(model, flow.grid, flow, air)
-    if gravity:
-        flow.lift.append((heat.theta, tuple(-g / 300.0 for g in gravity)))
-    flow.carried.append(heat)
-    return heat
+    air = Air.everywhere(grid) if solid is None else Air.of(solid, grid)
+    return FlowSolver(CfdWind.model_validate(keys | more), grid, air)
 
 
 def run(flow, end, *others):
@@ -46,10 +38,10 @@ def run(flow, end, *others):
 @pytest.mark.parametrize("shape", [(20, 24), (10, 8, 12)])
 @pytest.mark.slow
 def test_a_heater_in_a_closed_box_warms_all_its_air(shape):
-    flow = closed_box(shape)
     dim = len(shape)
     heater = {"position": (0.25,) * dim, "radius": 0.12, "power": 20.0}
-    heat = add_heat(flow, (0.0,) * (dim - 1) + (-9.81,), heaters=[heater])
+    flow = warm_box(shape, (0.0,) * (dim - 1) + (-9.81,), heat={"heaters": [heater]})
+    heat = flow.heat
     run(flow, 3.0)
     volume = np.prod(flow.grid.extent) * (flow.grid.depth if dim == 2 else 1.0)
     theta = flow.grid.read(heat.theta).astype(float)
@@ -69,17 +61,16 @@ def test_all_heat_is_accounted_for_with_warm_walls_bodies_and_openings():
         {"kind": "inlet", "face": "x-", "speed": 0.2, "center": [0.7], "size": [0.2], "temperature": 310.0},
         {"kind": "outlet", "face": "x+", "center": [0.3], "size": [0.2]},
     ]
-    wind = CfdWind.model_validate({"kind": "cfd", "openings": openings})
-    grid = Grid(shape, 0.05, depth=0.4)
-    flow = FlowSolver(wind, grid, Air.of(solid, grid))
-    heat = add_heat(
-        flow,
-        (0.0, -9.81),
-        solid,
-        walls=[{"face": "y-", "temperature": 305.0, "transfer": 5.0}, {"face": "x-", "temperature": 296.0}],
-        obstacles=[{"number": 0, "temperature": 330.0}],
-        heaters=[{"position": [0.8, 0.2], "power": 30.0}],
-    )
+    keys = {
+        "walls": [
+            {"face": "y-", "temperature": 305.0, "transfer": 5.0},
+            {"face": "x-", "temperature": 296.0},
+        ],
+        "obstacles": [{"number": 0, "temperature": 330.0}],
+        "heaters": [{"position": [0.8, 0.2], "power": 30.0}],
+    }
+    flow = warm_box(shape, (0.0, -9.81), solid, openings, keys, turbulence={"kind": "smagorinsky"})
+    heat = flow.heat
     run(flow, 8.0)
     budget = heat.budget()
     found = budget["in_air_J"] + budget["outflow_J"]
@@ -92,8 +83,10 @@ def test_all_heat_is_accounted_for_with_warm_walls_bodies_and_openings():
 
 def test_walls_give_what_their_transfer_says_and_openings_are_no_walls():
     """A wall with coefficient h warms well-mixed air along an exponential; here over its first seconds."""
-    flow = closed_box((10, 10), openings=[{"kind": "outlet", "face": "y+", "center": [0.25], "size": [0.2]}])
-    heat = add_heat(flow, walls=[{"face": "y+", "temperature": 310.0, "transfer": 2.0}], diffusivity=1.0)
+    outlet = {"kind": "outlet", "face": "y+", "center": [0.25], "size": [0.2]}
+    wall = {"face": "y+", "temperature": 310.0, "transfer": 2.0}
+    flow = warm_box((10, 10), openings=[outlet], heat={"walls": [wall], "diffusivity": 1.0})
+    heat = flow.heat
     heat.advance(0.0, 5.0)
     area = (0.5 - 0.2) * 0.4
     warmth = heat.budget()
@@ -106,9 +99,8 @@ def test_layered_air_waves_and_turned_over_it_falls():
     speeds = []
     nudge, slope = 0.1, 40.0
     for sign in (1.0, -1.0):
-        flow = closed_box((16, 24))
-        heat = add_heat(flow, (0.0, -9.81))
-        heat.transport.start_from(
+        flow = warm_box((16, 24), (0.0, -9.81))
+        flow.heat.transport.start_from(
             lambda x, s=sign: s * slope * x[..., 1] + nudge * np.cos(2.0 * np.pi * x[..., 0] / 0.8)
         )
         run(flow, 4.0)
@@ -119,9 +111,8 @@ def test_layered_air_waves_and_turned_over_it_falls():
 
 
 def test_still_layers_hold_still_exactly_as_long_as_nothing_disturbs_them():
-    flow = closed_box((16, 24))
-    heat = add_heat(flow, (0.0, -9.81), diffusivity=0.0)
-    heat.transport.start_from(lambda x: 10.0 * np.tanh(4.0 * (x[..., 1] - 0.6)))
+    flow = warm_box((16, 24), (0.0, -9.81), heat={"diffusivity": 0.0})
+    flow.heat.transport.start_from(lambda x: 10.0 * np.tanh(4.0 * (x[..., 1] - 0.6)))
     run(flow, 2.0)
     fall = np.sqrt(9.81 * 20.0 / 300.0 * 1.2)
     assert flow.max_speed < 1e-4 * fall
@@ -136,21 +127,21 @@ def test_heavy_gas_falls_as_it_should_at_first():
     share the weight.
     """
     shape, x_mole = (64, 64), 0.01
-    wind = CfdWind.model_validate({"kind": "cfd", "turbulence": {"kind": "none"}})
-    periodic = [{"kind": "periodic", "axis": axis} for axis in "xy"]
+    keys = {
+        "kind": "cfd",
+        "turbulence": {"kind": "none"},
+        "openings": [{"kind": "periodic", "axis": axis} for axis in "xy"],
+        "buoyancy": {"gravity": (0.0, -9.81)},
+    }
     grid = Grid(shape, 0.05, periodic=(True, True))
     empty = Air.everywhere(grid)
-    flow = FlowSolver(wind.model_copy(update={"openings": tuple_of(periodic)}), grid, empty)
-    gas = EulerianSolver(
-        EulerianGas.model_validate(
-            {"kind": "eulerian", "species": "acetone", "sources": [{"position": [1, 1], "rate": 0.0}]}
-        ),
-        grid,
-        flow,
-        empty,
+    model = EulerianGas.model_validate(
+        {"kind": "eulerian", "species": "acetone", "sources": [{"position": [1, 1], "rate": 0.0}]}
     )
-    gravity = (0.0, -9.81)
-    flow.lift.append((gas.c, tuple(g * gas.species.weight_per_density for g in gravity)))
+    scalar = Scalar(grid)
+    heavy = Weighing(scalar.q, model.vapour.weight_per_density)
+    flow = FlowSolver(CfdWind.model_validate(keys), grid, empty, weighing=[heavy])
+    gas = EulerianSolver(model, grid, flow, empty, scalar=scalar)
     density = x_mole * 1e6 / gas.species.ppm_per_density
     gas.start_from(lambda x: density * 0.5 * (1.0 + np.sin(2.0 * np.pi * x[..., 0] / 3.2)))
     end = 0.05
@@ -163,15 +154,10 @@ def test_heavy_gas_falls_as_it_should_at_first():
     np.testing.assert_allclose(fall, expected, atol=2e-3 * np.abs(expected).max())
 
 
-def tuple_of(openings):
-    return CfdWind.model_validate({"kind": "cfd", "openings": openings}).openings
-
-
 def test_steps_from_rest_are_short_enough_for_the_fall():
-    flow = closed_box((20, 20), openings=())
+    flow = warm_box((20, 20), (0.0, -9.81))
     calm = flow.stable_dt()
-    heat = add_heat(flow, (0.0, -9.81))
-    heat.transport.start_from(lambda x: np.where(x[..., 0] < 0.5, 30.0, -30.0))
+    flow.heat.transport.start_from(lambda x: np.where(x[..., 0] < 0.5, 30.0, -30.0))
     dt = flow.stable_dt()
     assert dt < calm
     flow.advance(0.0, dt)
@@ -186,11 +172,10 @@ def test_steps_from_rest_are_short_enough_for_the_fall():
     ],
 )
 def test_what_touches_no_air_is_told(keys, where):
-    flow = closed_box((10, 10))
     solid = np.zeros((10, 10), bool)
     solid[0] = True
-    with pytest.raises(ValueError, match=where):
-        add_heat(flow, solid=solid, **keys)
+    with pytest.raises(ValueError, match=r"buoyancy\.heat\." + where):
+        warm_box((10, 10), solid=solid, heat=keys)
 
 
 def height_of_gas(**buoyancy) -> float:

@@ -1,0 +1,48 @@
+"""What keeps the air incompressible: the flow into each cell, and the pressure that makes it vanish.
+
+    div u = 0,   u -= a dphi/dx,   p += dphi dx/dt
+
+phi, a velocity potential in units of dx, solves the Poisson equation (see `poisson`) of the flow's divergence.
+"""
+
+from typing import Any
+
+import taichi as ti
+
+from taichi_plume.grid.kernels import Template
+from taichi_plume.solvers.momentum import Momentum
+
+
+@ti.func
+def net_inflow(m: Template, I):
+    """Into cell I over a face's area [m/s]."""
+    total = 0.0
+    for d in ti.static(range(m.dim)):
+        above = I + ti.Vector.unit(m.dim, d, ti.i32)
+        if ti.static(m.cut):
+            total += m.area[d][I] * m.u[d][I] - m.area[d][above] * m.u[d][above]
+        else:
+            total += m.u[d][I] - m.u[d][above]
+    return total
+
+
+@ti.func
+def corrected(m: Template, phi: Template, I, d: Template):
+    """u_d [m/s] at face I less the gradient of phi, as far as pressure moves the air there."""
+    return m.u[d][I] - m.open[d][I] * (phi[I] - phi[I - ti.Vector.unit(m.dim, d, ti.i32)])
+
+
+@ti.func
+def increased(m: Template, phi: Template, I, dt: float):
+    """p [m²/s²] of cell I with what the step of dt [s] has added to it."""
+    return m.p[I] + (m.dx / dt) * phi[I]
+
+
+def correction(m: Momentum, phi: Any, d: int):
+    """`corrected` as the formula of a sweep over the d-faces."""
+
+    @ti.func
+    def formula(I, dt, k):
+        return corrected(m, phi, I, d)
+
+    return formula

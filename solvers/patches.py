@@ -1,0 +1,143 @@
+"""Openings on the grid: which faces of the domain they cover, and with what profile they blow."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from taichi_plume.grid.grid import Grid, block_mean
+from taichi_plume.scenario.openings import Fan, Inlet, Jet, Opening, Region
+
+SAMPLES = 8  # per axis, to average an opening's profile over a cell face
+RIM = 0.05  # of a fan's radius, over which its jet ends
+JETS = ("fan", "inlet", "honeycomb")  # kinds of openings that blow where they have a speed
+VENTS = (*JETS, "outlet")  # kinds that let air through
+
+Places = list[np.ndarray]
+"""Per axis of the face, places relative to an opening's centre over its half size: [-1, 1] is inside."""
+
+
+def periodic_axes(openings: tuple[Opening, ...], dim: int) -> tuple[bool, ...]:
+    """Which axes are periodic."""
+    wrapped = {opening.axis for opening in openings if opening.kind == "periodic"}
+    return tuple(axis in wrapped for axis in "xyz"[:dim])
+
+
+class Patch:
+    """A region of a face of the domain. covered: bool over the face's cells, where air is behind it.
+
+    opening: the region as the scenario has it at present; kind: of the opening, empty where it is none.
+    """
+
+    def __init__(self, region: Region, grid: Grid, air: np.ndarray, kind: str = ""):
+        """air: bool of grid.shape."""
+        self.grid = grid
+        self.opening: Region = region
+        self.kind = kind
+        self.axis, self.side = region.axis, region.side
+        self.along = region.along(grid.dim)
+        self.behind = np.take(air, -self.side, axis=self.axis)
+        center, half = region.rectangle(grid.extent)
+        self.center, self.half = np.array(center), np.array(half)
+        self.disc = region.is_disc(grid.dim)
+        self.area = region.area(grid.extent, grid.depth)
+        self.face_area = grid.cell_volume / grid.dx
+        self.covered = self.inside(self._places((0.0,) * len(self.along), 1)) & self.behind
+
+    def _places(self, shift: tuple[float, ...], samples: int) -> Places:
+        """`samples` places per axis of each boundary face; shift: of all places, in cells."""
+        axes = []
+        for k, a in enumerate(self.along):
+            cells = np.arange(self.grid.shape[a])[:, None] + (np.arange(samples) + 0.5) / samples + shift[k]
+            axes.append((cells.ravel() * self.grid.dx - self.center[k]) / self.half[k])
+        return list(np.meshgrid(*axes, indexing="ij"))
+
+    def average(self, function: Callable[[Places], np.ndarray], shift: tuple[float, ...] = (0.0, 0.0)):
+        """Mean of a function of the relative place over each boundary face."""
+        return block_mean(function(self._places(shift, SAMPLES)), SAMPLES)
+
+    def radius(self, places: Places) -> np.ndarray:
+        """Distance from the centre over the half size: round for a disc, square for a rectangle."""
+        if self.disc:
+            return np.sqrt(sum(p**2 for p in places))
+        return np.max([np.abs(p) for p in places], axis=0)
+
+    def inside(self, places: Places) -> np.ndarray:
+        """Which places the region covers."""
+        return self.radius(places) <= 1.0
+
+    def cells(self) -> tuple[np.ndarray, ...]:
+        """Index of the cells behind the covered faces."""
+        index = list(np.nonzero(self.covered))
+        index.insert(self.axis, np.full(len(index[0]), self.side * (self.grid.shape[self.axis] - 1)))
+        return tuple(index)
+
+
+def _top_hat(patch: Patch, places: Places, opening: Fan) -> np.ndarray:
+    return 0.5 * (1.0 - np.tanh((patch.radius(places) - 1.0) / RIM))
+
+
+def _of_inlet(patch: Patch, places: Places, opening: Inlet) -> np.ndarray:
+    inside = patch.inside(places)
+    if opening.profile == "uniform":
+        return inside
+    if patch.disc:
+        return inside * (1.0 - patch.radius(places) ** 2)
+    return inside * np.prod([1.0 - p**2 for p in places], axis=0)
+
+
+def _even(patch: Patch, places: Places, opening: Jet) -> np.ndarray:
+    return patch.inside(places)
+
+
+PROFILES = {"fan": _top_hat, "inlet": _of_inlet, "honeycomb": _even}
+"""By kind: speed over mean speed at places on the face, before the scaling to the exact flow rate."""
+
+
+class JetPatch(Patch):
+    """An opening that prescribes the speed of the air. profile: speed over mean speed, over the face's cells."""
+
+    def __init__(self, opening: Jet, kind: str, grid: Grid, air: np.ndarray):
+        """Raises ValueError where no air is behind it."""
+        super().__init__(opening, grid, air, kind)
+        profile = self.average(lambda p: PROFILES[kind](self, p, opening)) * self.behind
+        profile[profile < 1e-3] = 0.0
+        if not profile.any():
+            raise ValueError("no air behind the opening: an obstacle covers it")
+        self.profile = profile * (self.area / (profile.sum() * self.face_area))
+        self.covered = self.profile > 0
+
+    def swirl(self, ratio: float) -> dict[int, np.ndarray]:
+        """A fan's velocity along the face over its mean speed, per axis; ratio: of the rim's speed to that."""
+        if self.kind != "fan" or ratio == 0 or len(self.along) < 2:
+            return {}
+        turn = ratio if self.side == 0 else -ratio  # right-handed about the direction of the jet
+        first, second = self.along if self.axis != 1 else reversed(self.along)
+        result = {}
+        for axis, other, sense in ((first, second, -turn), (second, first, turn)):
+            shift = tuple(-0.5 if a == axis else 0.0 for a in self.along)
+            arm = self.along.index(other)
+            result[axis] = self.average(
+                lambda p, arm=arm, sense=sense: sense * p[arm] * self.inside(p), shift
+            )
+        return result
+
+
+def opening_cells(openings: tuple[Opening, ...], grid: Grid) -> np.ndarray:
+    """Which cells lie behind an opening that lets air through, bool of grid.shape."""
+    result = np.zeros(grid.shape, bool)
+    for opening in openings:
+        patch = patch_of(opening, grid, np.ones(grid.shape, bool))
+        if patch is not None and opening.kind in VENTS:
+            result[patch.cells()] = True
+    return result
+
+
+def patch_of(opening: Opening, grid: Grid, air: np.ndarray) -> Patch | None:
+    """Where an opening lies on its face, as a `JetPatch` where it blows; None where it is a whole axis."""
+    match opening.kind:
+        case "periodic":
+            return None
+        case "fan" | "inlet" | "honeycomb" if opening.blows:
+            return JetPatch(opening, opening.kind, grid, air)
+        case _:
+            return Patch(opening, grid, air, opening.kind)

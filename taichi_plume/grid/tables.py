@@ -1,0 +1,36 @@
+"""Constants of a solver, in fields that are filled once."""
+
+from typing import Any
+
+import numpy as np
+import taichi as ti
+
+from taichi_plume.grid.transfer import uploader
+
+
+class Tables:
+    """Collects the fields that a solver and its parts fill when they are made, to fill them all in one launch."""
+
+    def __init__(self):
+        self._fields: list[Any] = []
+        self._values: list[np.ndarray] = []
+
+    def put(self, field: Any, values: np.ndarray) -> Any:
+        """Fill the field with values of its shape; returns the field."""
+        self._fields.append(field)
+        self._values.append(np.asarray(values))
+        return field
+
+    def listed(self, values: np.ndarray) -> Any:
+        """A field of the numbers (n,) or rows (n, dim), whole or f32; of one zero where there are none: Taichi has no
+        empty fields.
+        """
+        dtype = ti.i32 if np.issubdtype(values.dtype, np.integer) else ti.f32
+        n = max(1, len(values))
+        field: Any = ti.field(dtype, n) if values.ndim == 1 else ti.Vector.field(values.shape[1], dtype, n)
+        return self.put(field, values if len(values) else np.zeros((1, *values.shape[1:])))
+
+    def upload(self) -> None:
+        """Fill the fields, once."""
+        uploader(*self._fields)(*self._values)
+        self._fields, self._values = [], []
