@@ -24,9 +24,10 @@ from scipy.ndimage import distance_transform_edt
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from taichi_plume.agents.mapping import cell_of, counts, shape, windows
+from taichi_plume.agents.gas_map import Floor, GasMap, Readers, cell_of, counts, windows
 from taichi_plume.grid.grid import centers
 from taichi_plume.grid.kernels import Template
+from taichi_plume.grid.transfer import reader
 from taichi_plume.scenario import maps as models
 
 LOOKS = 16  # parts of the way between two centres at whose ends an obstacle is looked for
@@ -35,39 +36,36 @@ Window = tuple[float, np.ndarray, np.ndarray, np.ndarray]
 """End [s] of a window, and of the cells with readings in it: flat indices, numbers of readings, their sums [ppm]."""
 
 
-class MarkovMap:
-    """Mean and variance of the gas in each cell, solved for when they are asked for.
+class MarkovMap(GasMap):
+    """Mean and variance of the gas in each cell, solved for when they are asked for."""
 
-    obstacle_distance: of points (..., 2) [m], the distance [m] to the next obstacle, negative inside.
-    """
+    STATE = ("errors", "count", "total", "ended", "past", "_solved")
 
-    def __init__(
-        self,
-        model: models.MarkovMap,
-        extent: tuple[float, float],
-        trials: int,
-        obstacle_distance: Callable[[np.ndarray], np.ndarray],
-    ):
-        self.model, self.cell = model, model.cell
-        self.noise = 1.0 / model.lambda_observation  # ppm², of a reading
-        self.extent = ti.math.vec2(extent)
-        self.shape = shape(extent, model.cell)
-        self.errors: list[tuple[float, np.ndarray]] = []
-        self.count = ti.field(ti.f32, (trials, *self.shape))  # readings of the running window
-        self.total = ti.field(ti.f32, (trials, *self.shape))  # their sum [ppm]
-        self.ended = 0  # windows
-        self.past: deque[Window] = deque()
-        free = obstacle_distance(centers(self.shape, model.cell)) > 0
+    def __init__(self, model: models.MarkovMap, floor: Floor):
+        super().__init__(model.cell, floor)
+        self.count = ti.field(ti.f32, (floor.trials, *self.shape))  # readings of the running window
+        self.total = ti.field(ti.f32, (floor.trials, *self.shape))  # their sum [ppm]
+        self._window = reader(self.count, self.total)
+        free = floor.obstacle_distance(centers(self.shape, model.cell)) > 0
         # a reading beside an obstacle in whose cell the centre is not free counts for the next cell
         self.counted_in = np.arange(free.size).reshape(self.shape)
         if free.any():
             nearest: Any = distance_transform_edt(~free, return_distances=False, return_indices=True)
             self.counted_in = np.ravel_multi_index(tuple(nearest), self.shape)
-        self.links = _links(self.shape, model.cell, obstacle_distance)
+        self.links = _links(self.shape, model.cell, floor.obstacle_distance)
         self.region = _regions(self.links)
+        self.begin(model)
+
+    def begin(self, model: models.MarkovMap) -> None:
+        """Begin a run."""
+        super().begin(model)
+        self.model = model
+        self.noise = 1.0 / model.lambda_observation  # ppm², of a reading
+        self.ended = 0  # windows
+        self.past: deque[Window] = deque()
         self._solved: tuple[np.ndarray, np.ndarray] | None = None
 
-    def update(self, swarm: Any, t: float, dt: float) -> None:
+    def update(self, swarm: Readers, t: float, dt: float) -> None:
         """Take in the readings at time t [s]; the tick that reaches a multiple of the window ends it."""
         before, now = windows(t, self.model.window, dt)
         self._end_windows(before)  # nothing came in since they ended
@@ -94,12 +92,11 @@ class MarkovMap:
         time = (self.ended + 1) * self.model.window
         self.ended = number
         self._solved = None
-        count, total = (self._moved(values.to_numpy()) for values in (self.count, self.total))
+        count, total = (self._moved(values) for values in self._window())
         cells = np.flatnonzero(count)
         if len(cells):
             self.past.append((time, cells, count[cells], total[cells]))
-            self.count.fill(0)
-            self.total.fill(0)
+            _empty(self.count, self.total)
         if self.model.memory is None:
             self._merge()
         else:
@@ -222,3 +219,10 @@ def _collect(
                 I = cell_of(position[robot], cell, shape)
                 count[k, I[0], I[1]] += 1.0
                 total[k, I[0], I[1]] += reading[robot]
+
+
+@ti.kernel
+def _empty(count: Template, total: Template):
+    for I in ti.grouped(count):
+        count[I] = 0.0
+        total[I] = 0.0

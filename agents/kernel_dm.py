@@ -27,8 +27,9 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from taichi_plume.agents.mapping import cell_of, counts, ratio, shape
+from taichi_plume.agents.gas_map import Floor, GasMap, cell_of, counts, ratio
 from taichi_plume.grid.kernels import STRIP, Template, double_field
+from taichi_plume.grid.transfer import Numbers, reader
 from taichi_plume.scenario import maps as models
 
 CUT_OFF = 4.0  # in widths of the kernel
@@ -45,19 +46,36 @@ class Sample:
     time: ti.f32
 
 
-@ti.data_oriented
-class KernelMap:
-    """Mean and variance of the gas in each cell."""
+NUMBERS = 8  # of a sample
 
+
+@ti.func
+def _row(sample):
+    """The numbers of a sample."""
+    p, a, b = sample.place, sample.along, sample.across
+    return ti.Vector([p[0], p[1], a[0], a[1], b[0], b[1], sample.reading, sample.time])
+
+
+@ti.func
+def _sample(row):
+    """The sample of these numbers."""
+    place, along = ti.Vector([row[0], row[1]]), ti.Vector([row[2], row[3]])
+    return Sample(place, along, ti.Vector([row[4], row[5]]), row[6], row[7])
+
+
+@ti.data_oriented
+class KernelMap(GasMap):
+    """Mean and variance of the gas in each cell.
+
+    Of a trial's latest readings, number n, from 0 on, has slot n % exact in `kept`; `left` is what was there before.
+    """
+
+    STATE = ("errors", "time", "weights", "weighted", "old", "totals", "kept", "end")
     noise = 0.0
 
-    def __init__(self, model: models.KernelMap, extent: tuple[float, float], trials: int):
-        self.model, self.cell, self.exact = model, model.cell, model.exact
-        self.extent = ti.math.vec2(extent)
-        self.shape = shape(extent, model.cell)
-        self.errors: list[tuple[float, np.ndarray]] = []
-        self.fading = 0.0 if model.memory is None else 1.0 / model.memory  # 1/s
-        self.time = 0.0  # of the last update [s]
+    def __init__(self, model: models.KernelMap, floor: Floor):
+        super().__init__(model.cell, floor)
+        self.exact, trials = model.exact, floor.trials
         self.parts = -(-self.shape[1] // STRIP)  # of a column of cells
         # sums that grow with the run are in f64, or their rounding would
         self.weights = double_field((trials, *self.shape))  # Ω
@@ -66,12 +84,28 @@ class KernelMap:
         self.squares = ti.field(ti.f32, (trials, *self.shape))  # Σ K q of all of them
         # Σ of the weights of age, times 1, r, and q of the readings that are not kept
         self.totals = double_field((trials, 3))
-        # A trial's latest readings: number n, from 0 on, has slot n % exact. `left` is what was there before.
-        self.kept: Any = Sample.field(shape=(trials, self.exact))
-        self.left: Any = Sample.field(shape=(trials, self.exact))
+        self.kept: Any = ti.Vector.field(NUMBERS, ti.f32, (trials, self.exact))
+        self.left: Any = ti.Vector.field(NUMBERS, ti.f32, (trials, self.exact))
         self.deviation = ti.field(ti.f32, (trials, self.exact))  # q times the weight of its age [ppm²]
-        self.begin: Any = ti.field(ti.i32, trials)  # number of the first reading that is being taken in
+        self.fresh: Any = ti.field(ti.i32, trials)  # number of the first reading that is being taken in
         self.end: Any = ti.field(ti.i32, trials)
+        self.n = Numbers("sigma", "sigma2", "sigma_omega", "wind_stretch", "fading")
+        self._sums = reader(self.totals, self.weights, self.weighted)
+        self._squares = reader(self.totals, self.weights, self.squares, self.deviation)
+        self.begin(model)
+
+    def begin(self, model: models.KernelMap) -> None:
+        """Begin a run."""
+        super().begin(model)
+        self.fading = 0.0 if model.memory is None else 1.0 / model.memory  # 1/s
+        self.time = 0.0  # of the last update [s]
+        self.n.set(
+            sigma=model.sigma,
+            sigma2=model.sigma**2,
+            sigma_omega=model.sigma_omega,
+            wind_stretch=model.wind_stretch,
+            fading=self.fading,
+        )
 
     def update(self, swarm: Any, t: float, dt: float) -> None:
         """Take in the readings at time t [s]."""
@@ -82,63 +116,66 @@ class KernelMap:
 
     def estimate(self) -> np.ndarray:
         """Mean [ppm], (trials, nx, ny); NaN beyond the reach of every reading."""
-        totals = self.totals.to_numpy()
-        return self._blend(self.weighted.to_numpy(), ratio(totals[:, 1], totals[:, 0]))
+        totals, weights, weighted = self._sums()
+        return self._blend(weights, weighted, ratio(totals[:, 1], totals[:, 0]))
 
     def variance(self) -> np.ndarray:
         """Variance of readings about the mean [ppm²], (trials, nx, ny); NaN beyond the reach of every reading."""
         self._judge(self.time)
-        totals = self.totals.to_numpy()
-        deviation = totals[:, 2] + self.deviation.to_numpy().sum(axis=1, dtype=float)
-        return self._blend(self.squares.to_numpy(), ratio(deviation, totals[:, 0]))
+        totals, weights, squares, deviation = self._squares()
+        prior = ratio(totals[:, 2] + deviation.sum(axis=1, dtype=float), totals[:, 0])
+        return self._blend(weights, squares, prior)
 
     def weight(self) -> np.ndarray:
         """The confidence α, from 0 to 1, (trials, nx, ny)."""
-        return -np.expm1(-((self.weights.to_numpy() / self.model.sigma_omega) ** 2))
+        return self._trust(self._sums()[1])
 
-    def _blend(self, sums: np.ndarray, prior: np.ndarray) -> np.ndarray:
+    def _trust(self, weights: np.ndarray) -> np.ndarray:
+        return -np.expm1(-((weights / self.n["sigma_omega"]) ** 2))
+
+    def _blend(self, weights: np.ndarray, sums: np.ndarray, prior: np.ndarray) -> np.ndarray:
         """What the readings around a cell tell, and as far as those are few, what all of them do, (trials,)."""
-        trust = self.weight()
-        return trust * ratio(sums, self.weights.to_numpy()) + (1.0 - trust) * prior[:, None, None]
+        trust = self._trust(weights)
+        return trust * ratio(sums, weights) + (1.0 - trust) * prior[:, None, None]
 
     @ti.kernel
     def _take_in(self, swarm: Template, first: int, t: float, fade: ti.f64):
         """Let all weights fade and add the readings of each trial's robots from number `first` on, as slots allow."""
-        for k in self.begin:
+        for k in self.fresh:
             for m in ti.static(range(3)):
                 self.totals[k, m] *= fade
             n = self.end[k]
-            self.begin[k] = n
+            self.fresh[k] = n
             for m in range(first, ti.min(swarm.team_size[k], first + self.exact)):
                 i = swarm.members[k, m]
                 if counts(swarm.reading[i], swarm.believed_position[i], self.extent):
                     slot = n % self.exact
                     if n >= self.exact:
-                        left = self.kept[k, slot]
+                        left = _sample(self.kept[k, slot])
                         q = self._weight_of_age(left, t) * self._deviation(k, left)
-                        self.left[k, slot] = left
+                        self.left[k, slot] = self.kept[k, slot]
                         self.deviation[k, slot] = q
                         self.totals[k, 2] += q
-                    self.kept[k, slot] = self._sample(swarm, i, t)
+                    self.kept[k, slot] = _row(self._taken(swarm, i, t))
                     n += 1
             self.end[k] = n
-            for at in range(self.begin[k], n):  # after all that left have been judged by the same map
+            for at in range(self.fresh[k], n):  # after all that left have been judged by the same map
                 self.totals[k, 0] += 1.0
-                self.totals[k, 1] += self.kept[k, at % self.exact].reading
+                self.totals[k, 1] += _sample(self.kept[k, at % self.exact]).reading
         for k, x, part in ti.ndrange(self.weights.shape[0], self.shape[0], self.parts):
             y0 = part * STRIP
             weights = ti.Vector([0.0] * STRIP)
             weighted = ti.Vector([0.0] * STRIP)
             old = ti.Vector([0.0] * STRIP)
-            for n in range(self.begin[k], self.end[k]):
+            for n in range(self.fresh[k], self.end[k]):
                 slot = n % self.exact
-                sample = self.kept[k, slot]
+                sample = _sample(self.kept[k, slot])
                 for s in range(STRIP):
                     w = self._kernel(sample, x, y0 + s)
                     weights[s] += w
                     weighted[s] += w * sample.reading
                 if n >= self.exact:
-                    left = self.left[k, slot]
+                    left = _sample(self.left[k, slot])
                     deviation = self.deviation[k, slot]
                     for s in range(STRIP):
                         old[s] += self._kernel(left, x, y0 + s) * deviation
@@ -154,13 +191,13 @@ class KernelMap:
         for k, slot in self.deviation:
             self.deviation[k, slot] = 0.0
             if slot < self.end[k]:
-                sample = self.kept[k, slot]
+                sample = _sample(self.kept[k, slot])
                 self.deviation[k, slot] = self._weight_of_age(sample, t) * self._deviation(k, sample)
         for k, x, part in ti.ndrange(self.squares.shape[0], self.shape[0], self.parts):
             y0 = part * STRIP
             total = ti.Vector([0.0] * STRIP)
             for slot in range(ti.min(self.end[k], self.exact)):
-                sample = self.kept[k, slot]
+                sample = _sample(self.kept[k, slot])
                 deviation = self.deviation[k, slot]
                 for s in range(STRIP):
                     total[s] += self._kernel(sample, x, y0 + s) * deviation
@@ -168,17 +205,17 @@ class KernelMap:
                 self.squares[k, x, y0 + s] = self.old[k, x, y0 + s] + total[s]
 
     @ti.func
-    def _sample(self, swarm: Template, i, t):
+    def _taken(self, swarm: Template, i, t):
         """The reading of robot i."""
         along = ti.Vector([1.0, 0.0])
-        width = self.model.sigma
-        if ti.static(self.model.wind_stretch > 0.0):
+        width = self.n.sigma[None]
+        if self.n.wind_stretch[None] > 0.0:
             wind = swarm.wind[i]
             speed = wind.norm()
             if swarm.wind_known[i] == 1 and speed > 0.0:
                 along = wind / speed
-                width += self.model.wind_stretch * speed
-        across = ti.Vector([-along[1], along[0]]) * width / self.model.sigma**2
+                width += self.n.wind_stretch[None] * speed
+        across = ti.Vector([-along[1], along[0]]) * width / self.n.sigma2[None]
         return Sample(swarm.believed_position[i], along / width, across, swarm.reading[i], t)
 
     @ti.func
@@ -197,7 +234,7 @@ class KernelMap:
 
     @ti.func
     def _weight_of_age(self, sample, t):
-        return ti.exp(-self.fading * (t - sample.time))
+        return ti.exp(-self.n.fading[None] * (t - sample.time))
 
     @ti.func
     def _deviation(self, k, sample):
@@ -205,7 +242,7 @@ class KernelMap:
         I = cell_of(sample.place, self.cell, self.shape)
         weight = self.weights[k, I[0], I[1]]
         prior = self.totals[k, 1] / self.totals[k, 0]
-        trust = 1.0 - ti.exp(-((weight / self.model.sigma_omega) ** 2))
+        trust = 1.0 - ti.exp(-((weight / self.n.sigma_omega[None]) ** 2))
         mean = prior
         if weight > 0.0:
             mean += trust * (self.weighted[k, I[0], I[1]] / weight - prior)

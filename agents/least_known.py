@@ -15,6 +15,7 @@ import numpy as np
 import taichi as ti
 from scipy import ndimage
 
+from taichi_plume.agents.gas_map import Floor
 from taichi_plume.agents.potential import NEAR, Potential
 from taichi_plume.agents.swarm import GroupRange, Swarm
 from taichi_plume.agents.time_series import TimeSeriesMap
@@ -37,7 +38,8 @@ class LeastKnown:
         self.count, self.trials, self.row = group.count, group.trials, group.row
         self.share, self.apart = model.share, model.apart
         self.potential = Potential(swarm, group, model.speed, model.avoidance)
-        self.map = TimeSeriesMap(model.map, swarm.clearance.high, swarm.trials)
+        floor = Floor(swarm.clearance.high, swarm.trials, swarm.members.shape[1], tick)
+        self.map = TimeSeriesMap(model.map, floor)
         place = centers(self.map.shape, self.map.cell)
         self.free = swarm.clearance.distance_at(place) >= self.potential.room
         self.places = place[self.free]  # (cells, 2) [m]

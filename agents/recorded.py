@@ -5,6 +5,8 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
+from taichi_plume.grid.transfer import uploader
+
 
 @ti.data_oriented
 class RecordedTeam:
@@ -17,7 +19,7 @@ class RecordedTeam:
         self.reading = ti.field(ti.f32, most)
         self.members = ti.field(ti.i32, (1, most))
         self.team_size = ti.field(ti.i32, 1)
-        self.members.from_numpy(np.arange(most, dtype=np.int32)[None])
+        uploader(self.members)(np.arange(most)[None])
 
     def show(self, place: np.ndarray, wind: np.ndarray, reading: np.ndarray) -> None:
         """Let so many robots be at places (n, 2) [m] and read (n,) [ppm] in winds (n, 2) [m/s], zero if unknown."""

@@ -15,54 +15,82 @@ Kept of a snap are A = C W = Σ w C_i and B = W. Maps that differ in what they m
 share them.
 """
 
-from math import ceil
-from typing import Any
+from dataclasses import dataclass
+from math import ceil, inf
+from typing import Any, Self
 
 import numpy as np
 import taichi as ti
 
-from taichi_plume.agents.mapping import counts, ratio, shape, windows
+from taichi_plume.agents.gas_map import Floor, GasMap, Readers, counts, ratio, shape, windows
 from taichi_plume.grid.kernels import Template
+from taichi_plume.grid.transfer import reader
 from taichi_plume.scenario import maps as models
 
 WIDEST = 64  # cells that are worked out together; more no longer fit into registers
 
 
+@dataclass
+class Needs:
+    """What the maps that share snaps need: how many snaps' samples, how many snaps' cells, and cells around the map."""
+
+    kept: int = 1
+    depth: int = 1
+    margin: int = 0
+    snaps: "Snaps | None" = None
+    """The snaps, once a map has been made of them."""
+
+    def add(self, other: "Needs") -> None:
+        """Fit those of another map too."""
+        self.kept, self.depth = max(self.kept, other.kept), max(self.depth, other.depth)
+        self.margin = max(self.margin, other.margin)
+
+
+def alike(model: models.Snaps) -> tuple:
+    """The same for the models of maps whose snaps are the same."""
+    return "snaps", model.cell, model.window, model.power, model.min_distance
+
+
 class Snaps:
     """The samples of the latest snaps and what they tell of each cell.
 
-    extent: size of the floor [m]. `ended` counts the ended snaps. Number n, from 0 on, has its samples (x [m], y [m],
-    C [ppm]) at ``samples[trial, n % kept]``, `taken` of them, and ``weighted[trial, n % depth]`` and `weights` hold A
+    `ended` counts the ended snaps. Number n, from 0 on, has its samples (x [m], y [m], C [ppm]) at
+    ``samples[trial, n % kept]``, `taken` of them, and ``weighted[trial, n % depth]`` and `weights` hold A
     [ppm / m^power] and B [1 / m^power], (nx, ny) and on every side `margin` cells of zeros: no cells, no weight.
     """
 
-    def __init__(self, model: models.Snaps, extent: tuple[float, float], trials: int):
+    STATE = ("samples", "taken", "weighted", "weights", "ended", "time")
+
+    def __init__(self, model: models.Snaps, floor: Floor, needs: Needs):
         self.cell, self.window, self.power = model.cell, model.window, model.power
         self.min_distance = model.cell / 2 if model.min_distance is None else model.min_distance
-        self.extent, self.trials = ti.math.vec2(extent), trials
-        self.shape = shape(extent, model.cell)
+        self.extent = ti.math.vec2(floor.extent)
+        self.shape = shape(floor.extent, model.cell)
         self.strip = min(WIDEST, 8 * ceil(self.shape[1] / 8))  # whole registers
-        self.ended = 0
-        self.time = 0.0  # of the last update [s]
+        self.kept, self.depth, self.margin = needs.kept, needs.depth, needs.margin
         self.maps: list[SnapMap] = []  # are told when a snap ends
-        self.kept, self.depth, self.margin = 1, 1, 0  # what the maps need
-        self.samples: Any = None
+        trials, most = floor.trials, floor.robots * (ceil(model.window / floor.tick) + 1)
+        self.samples: Any = ti.Vector.field(3, ti.f32, (trials, self.kept, most))
+        self.taken = ti.field(ti.i32, (trials, self.kept))
+        rows = self.shape[0] + 2 * self.margin
+        columns = -(-self.shape[1] // self.strip) * self.strip + 2 * self.margin
+        self.weighted = ti.field(ti.f32, (trials, self.depth, rows, columns))
+        self.weights = ti.field(ti.f32, (trials, self.depth, rows, columns))
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin a run."""
+        self.ended = 0
+        self.time = -inf  # of the last update [s]
 
     @property
     def last(self) -> int:
         """Slot of A and B of the last snap."""
         return (self.ended - 1) % self.depth
 
-    def need(self, kept: int = 1, depth: int = 1, margin: int = 0) -> None:
-        """Keep at least so much; before the first update."""
-        self.kept, self.depth = max(self.kept, kept), max(self.depth, depth)
-        self.margin = max(self.margin, margin)
-
-    def update(self, swarm: Any, t: float, dt: float) -> None:
+    def update(self, swarm: Readers, t: float, dt: float) -> None:
         """Take in the readings at time t [s], once; the tick that reaches a multiple of the window ends a snap."""
-        if self.samples is None:
-            self._allocate(swarm.members.shape[1] * (ceil(self.window / dt) + 1))
-        elif t <= self.time:
+        if t <= self.time:
             return  # another map has seen to it
         self.time = t
         before, now = windows(t, self.window, dt)
@@ -74,15 +102,6 @@ class Snaps:
         )  # fmt: skip
         if self.ended < now:
             self._close()
-
-    def _allocate(self, most: int) -> None:
-        """Make room for so many samples a snap."""
-        self.samples = ti.Vector.field(3, ti.f32, (self.trials, self.kept, most))
-        self.taken = ti.field(ti.i32, (self.trials, self.kept))
-        rows = self.shape[0] + 2 * self.margin
-        columns = -(-self.shape[1] // self.strip) * self.strip + 2 * self.margin
-        self.weighted = ti.field(ti.f32, (self.trials, self.depth, rows, columns))
-        self.weights = ti.field(ti.f32, (self.trials, self.depth, rows, columns))
 
     def _close(self) -> None:
         """End the running snap."""
@@ -97,33 +116,57 @@ class Snaps:
         _forget(self.taken, self.ended % self.kept)
 
 
-class SnapMap:
+class SnapMap(GasMap):
     """What is forecast of the running snap, which a subclass makes in `_forecast`, and how far that was off.
 
     snaps: those of other maps, to share. `errors` holds the MAE of each snap but the first, over the cells that had
     been forecast; NaN where there were none, or no samples.
     """
 
-    def __init__(
-        self, model: models.Snaps, extent: tuple[float, float], trials: int, snaps: Snaps | None = None
-    ):
-        self.snaps = snaps or Snaps(model, extent, trials)
+    STATE = ("errors", "snaps", "numerator", "denominator")
+
+    def __init__(self, model: models.Snaps, floor: Floor, snaps: Snaps | None = None):
+        super().__init__(model.cell, floor)
+        self.snaps = snaps or Snaps(model, floor, self.needs(model, floor))
         self.snaps.maps.append(self)
-        self.cell, self.window, self.shape = model.cell, model.window, self.snaps.shape
-        self.errors: list[tuple[float, np.ndarray]] = []
-        self.numerator = ti.field(ti.f32, (trials, *self.shape))  # of S for the running snap
-        self.denominator = ti.field(ti.f32, (trials, *self.shape))
-        self.mae = ti.field(ti.f32, trials)  # of the last forecast [ppm]
+        self.window = model.window
+        self.numerator = ti.field(ti.f32, (floor.trials, *self.shape))  # of S for the running snap
+        self.denominator = ti.field(ti.f32, (floor.trials, *self.shape))
+        self.mae = ti.field(ti.f32, floor.trials)  # of the last forecast [ppm]
+        self._sums, self._error = reader(self.numerator, self.denominator), reader(self.mae)
+        self.begin(model)
+
+    @classmethod
+    def needs(cls, model: Any, floor: Floor) -> Needs:
+        """What it needs of snaps: the last one unless a subclass says more."""
+        return Needs()
+
+    @classmethod
+    def reserve(cls, model: Any, floor: Floor, shared: dict) -> None:
+        """Say what this map will need of the snaps that are alike."""
+        shared.setdefault(alike(model), Needs()).add(cls.needs(model, floor))
+
+    @classmethod
+    def made(cls, model: Any, floor: Floor, shared: dict) -> Self:
+        """The map of a model, which shares its snaps."""
+        needs = shared[alike(model)]
+        needs.snaps = needs.snaps or Snaps(model, floor, needs)
+        return cls(model, floor, needs.snaps)
+
+    def begin(self, model: models.Snaps) -> None:
+        """Begin a run; no number of the model may have changed, as snaps are shared by them."""
+        super().begin(model)
+        self.snaps.begin()
 
     def estimate(self) -> np.ndarray:
         """S for the running snap [ppm], (trials, nx, ny); NaN where nothing is known."""
-        return ratio(self.numerator.to_numpy(), self.denominator.to_numpy())
+        return ratio(*self._sums())
 
     def weight(self) -> np.ndarray:
         """The sum of weights behind `estimate`, (trials, nx, ny)."""
-        return self.denominator.to_numpy()
+        return self._sums()[1]
 
-    def update(self, swarm: Any, t: float, dt: float) -> None:
+    def update(self, swarm: Readers, t: float, dt: float) -> None:
         """Take in the readings at time t [s]."""
         self.snaps.update(swarm, t, dt)
 
@@ -134,7 +177,7 @@ class SnapMap:
             _judge(
                 self.numerator, self.denominator, snaps.weighted, snaps.weights, snaps.last, snaps.margin, self.mae,
             )  # fmt: skip
-            self.errors.append((snaps.ended * self.window, self.mae.to_numpy()))
+            self.errors.append((snaps.ended * self.window, self._error()[0]))
         self._forecast()
 
     def _forecast(self) -> None:

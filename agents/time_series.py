@@ -16,8 +16,10 @@ from math import hypot
 import numpy as np
 import taichi as ti
 
-from taichi_plume.agents.snaps import SnapMap, Snaps
-from taichi_plume.grid.kernels import Template, listed
+from taichi_plume.agents.gas_map import Floor, shape
+from taichi_plume.agents.snaps import Needs, SnapMap, Snaps
+from taichi_plume.grid.kernels import Template
+from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario import maps as models
 
 BORDER = 1e-9  # Dist = β is outside, whatever the rounding
@@ -29,30 +31,32 @@ Stencil = list[tuple[int, int, int, float]]
 class TimeSeriesMap(SnapMap):
     """Forecast from the neighbourhood in space and time."""
 
-    def __init__(
-        self,
-        model: models.TimeSeriesMap,
-        extent: tuple[float, float],
-        trials: int,
-        snaps: Snaps | None = None,
-    ):
-        super().__init__(model, extent, trials, snaps)
+    def __init__(self, model: models.TimeSeriesMap, floor: Floor, snaps: Snaps | None = None):
         self.model = model
+        super().__init__(model, floor, snaps)
         neighbours = neighbourhood(model, max(self.shape) - 1)
         self.depth = max(lag for lag, *_ in neighbours)
         if model.raw_samples:
-            self.snaps.need(kept=self.depth + 1)
             return
-        margin = max(max(abs(x), abs(y)) for _, x, y, _ in neighbours)
-        self.snaps.need(depth=self.depth, margin=margin)
         # By its symmetry a quadrant is enough; what lies on an axis is met twice, at the origin four times.
         quadrant = [
             (lag, x, y, U / ((1 + (x == 0)) * (1 + (y == 0))))
             for lag, x, y, U in neighbours
             if x >= 0 and y >= 0
         ]
-        self.offsets = listed(np.array([entry[:3] for entry in quadrant]))
-        self.closeness = listed(np.array([entry[3] for entry in quadrant]))
+        self.offsets = ti.Vector.field(3, ti.i32, len(quadrant))
+        self.closeness = ti.field(ti.f32, len(quadrant))
+        table = np.array(quadrant)
+        uploader(self.offsets, self.closeness)(table[:, :3], table[:, 3])
+
+    @classmethod
+    def needs(cls, model: models.TimeSeriesMap, floor: Floor) -> Needs:
+        """As far back as the neighbourhood reaches, and as far around."""
+        neighbours = neighbourhood(model, max(shape(floor.extent, model.cell)) - 1)
+        depth = max(lag for lag, *_ in neighbours)
+        if model.raw_samples:
+            return Needs(kept=depth + 1)
+        return Needs(depth=depth, margin=max(max(abs(x), abs(y)) for _, x, y, _ in neighbours))
 
     def _forecast(self) -> None:
         model, snaps = self.model, self.snaps

@@ -15,15 +15,16 @@ import numpy as np
 import taichi as ti
 from scipy.signal import lfilter
 
-from taichi_plume.grid.kernels import Template
+from taichi_plume.grid.transfer import Numbers
 
 KNOTS_PER_TIME = 20  # in between v lacks 0.6 % of its variance, Y 0.1 % of s T
 KNOTS_PER_REACH = 50  # where the gusts are slower than what is told of them
 BLOCK = 64  # knots drawn at a time
+LEAST = 1 << 15  # knots that there is room for: a reset may make the wind slower, or the gusts shorter
 
 
 def knots(time: float, reach: float) -> int:
-    """How many are kept to tell of the last `reach` seconds of a process of integral time `time` [s]."""
+    """How many have to be kept to tell of the last `reach` seconds of a process of integral time `time` [s]."""
     return BLOCK * (ceil(reach / interval(time, reach) / BLOCK) + 2)
 
 
@@ -33,53 +34,70 @@ def interval(time: float, reach: float) -> float:
 
 
 def cubic(w, h, y, v):
-    """Y and v at share w of an interval of length h, from the values y and v at both of its ends."""
+    """Y, and h times the growth of v, at share w of an interval of length h, from y and v at both of its ends."""
     rise = y[1] - y[0]
     bend, twist = 3 * rise - h * (2 * v[0] + v[1]), h * (v[0] + v[1]) - 2 * rise
-    return y[0] + w * (h * v[0] + w * (bend + w * twist)), v[0] + w * (2 * bend + 3 * w * twist) / h
+    return y[0] + w * (h * v[0] + w * (bend + w * twist)), w * (2 * bend + 3 * w * twist)
 
 
 _cubic: Any = ti.func(cubic)
-
-
-@ti.kernel
-def _store(path: Template, first: ti.i32, values: ti.types.ndarray()):
-    for n, c in ti.ndrange(values.shape[0], values.shape[1]):
-        path[first + n][c] = values[n, c]
 
 
 @ti.data_oriented
 class OrnsteinUhlenbeck:
     """Independent processes v of zero mean, and their integrals Y; of all, the last `reach` seconds are known.
 
-    deviations: standard deviation of each; time: their integral time [s]; begin: the first time asked for [s].
-    Field path, a ring of knots: Y and v of each process.
+    Fields: path, a ring of knots, Y and v of each process; head, the knot before now, and share, how far now is from
+    it to the next one; now, Y of each process.
     """
+
+    STATE = ("path", "head", "share", "now", "_rng", "_known", "_drawn", "_last")
 
     def __init__(
         self,
         deviations: Sequence[float],
         time: float,
-        begin: float,
+        t: float,
         reach: float,
         rng: np.random.Generator,
     ):
-        self.deviations = np.asarray(deviations, float)
-        self.size = len(self.deviations)
-        self.time, self.reach = time, reach
-        self.interval = interval(time, reach)
-        self.count = knots(time, reach)
+        """As of `begin`."""
+        self.size = len(deviations)
+        self.count = max(knots(time, reach), LEAST)
         self.path = ti.Vector.field(2 * self.size, ti.f32, self.count)
         self.head = ti.field(ti.i32, ())
         self.share = ti.field(ti.f32, ())
         self.now = ti.Vector.field(self.size, ti.f32, ())
+        self.n = Numbers("reach", "interval")
+        self.begin(deviations, time, t, reach, rng)
+
+    def begin(
+        self,
+        deviations: Sequence[float],
+        time: float,
+        t: float,
+        reach: float,
+        rng: np.random.Generator,
+    ) -> None:
+        """deviations: standard deviation of each; time: their integral time [s]; t: the first time asked for [s].
+
+        Raises ValueError where so much of the past has not been given room.
+        """
+        if knots(time, reach) > self.count:
+            raise ValueError(
+                f"gusts of {time:g} s, of which {reach:g} s are remembered, take {knots(time, reach)} knots; "
+                f"there is room for {self.count}"
+            )
+        self.deviations = np.asarray(deviations, float)
+        self.time, self.reach, self.interval = time, reach, interval(time, reach)
+        self.n.set(reach=reach, interval=self.interval)
         self._rng = rng
         self._known = np.zeros((self.count, 2, self.size))
         self._drawn = 0
-        self._origin = begin - reach
+        self._origin = t - reach
         self._law()
         self._last = np.stack([np.zeros(self.size), self.deviations * rng.standard_normal(self.size)])
-        self.advance(begin)
+        self.advance(t)
 
     def _law(self) -> None:
         """Memory of v over an interval, and the factor of the covariance of what is new in v and Y, for s = 1."""
@@ -101,7 +119,7 @@ class OrnsteinUhlenbeck:
         rows = np.stack([y + np.cumsum(self._carried * before + new_y, axis=0), after], axis=1)
         first = self._drawn % self.count
         self._known[first : first + BLOCK] = rows
-        _store(self.path, first, rows.reshape(BLOCK, -1).astype(np.float32))
+        self._store(first, rows.reshape(BLOCK, -1).astype(np.float32))
         self._last = rows[-1]
         self._drawn += BLOCK
 
@@ -109,9 +127,19 @@ class OrnsteinUhlenbeck:
         """Let `now` be time t [s], which never goes back."""
         while (t - self._origin) / self.interval >= self._drawn - 1:
             self._draw()
-        knot, share = self._place(t)
-        self.head[None], self.share[None] = knot, share
-        self.now[None] = self.at(t)[0]
+        self._be(*self._place(t), self.at(t)[0].astype(np.float32))
+
+    @ti.kernel
+    def _store(self, first: ti.i32, values: ti.types.ndarray(dtype=ti.f32, ndim=2)):
+        for n, c in ti.ndrange(values.shape[0], values.shape[1]):
+            self.path[first + n][c] = values[n, c]
+
+    @ti.kernel
+    def _be(self, knot: ti.i32, share: ti.f32, now: ti.types.ndarray(dtype=ti.f32, ndim=1)):
+        self.head[None] = knot
+        self.share[None] = share
+        for n in ti.static(range(self.size)):
+            self.now[None][n] = now[n]
 
     def _place(self, t: float) -> tuple[int, float]:
         share, knot = np.modf((t - self._origin) / self.interval)
@@ -121,12 +149,14 @@ class OrnsteinUhlenbeck:
         """Y and v of each process at a time that is not further back than `reach`, nor ahead of now."""
         knot, share = self._place(t)
         ends = self._known[[knot, (knot + 1) % self.count]]
-        return cubic(share, self.interval, ends[:, 0], ends[:, 1])
+        y, growth = cubic(share, self.interval, ends[:, 0], ends[:, 1])
+        return y, ends[0, 1] + growth / self.interval
 
     @ti.func
     def before(self, age: float):
         """By how much each Y has grown in the last `age` seconds, and v then."""
-        place = self.share[None] - ti.math.clamp(age, 0.0, self.reach) / self.interval
+        interval = self.n.interval[None]
+        place = self.share[None] - ti.math.clamp(age, 0.0, self.n.reach[None]) / interval
         below = ti.floor(place)
         knot = (self.head[None] + ti.cast(below, ti.i32) + self.count) % self.count
         low, high = self.path[knot], self.path[(knot + 1) % self.count]
@@ -134,6 +164,7 @@ class OrnsteinUhlenbeck:
         then = ti.Vector.zero(ti.f32, self.size)
         for n in ti.static(range(self.size)):
             y, v = [low[n], high[n]], [low[self.size + n], high[self.size + n]]
-            there, then[n] = _cubic(place - below, self.interval, y, v)
+            there, growth = _cubic(place - below, interval, y, v)
             grown[n] = self.now[None][n] - there
+            then[n] = v[0] + growth / interval
         return grown, then

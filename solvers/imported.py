@@ -107,7 +107,7 @@ class ImportedFilm:
         self.grid, self._air, self._site = grid, air, site
         wind = site.wind
         self.times = np.array([time for time, _ in site.files])
-        self.attributes: dict[str, Any] = {"viscosity": wind.viscosity, "schmidt": wind.schmidt}
+        self.begin(wind)
         self._project = Projection(grid, air, wind.walls)
         self._frames: list[dict[str, np.ndarray]] = []
         self.correction = self.max_divergence = 0.0
@@ -119,6 +119,11 @@ class ImportedFilm:
             self.max_divergence = max(self.max_divergence, left)
         self.wind = list(self._frames[0])
 
+    def begin(self, wind: ImportedWind) -> None:
+        """Show the same frames with other viscosities and another Schmidt number."""
+        self._wind = wind
+        self.attributes: dict[str, Any] = {"viscosity": wind.viscosity, "schmidt": wind.schmidt}
+
     def still(self, name: str) -> np.ndarray:
         """Variable open_u and so on: the faces inside the domain that let air through."""
         return self._project.inside[VELOCITIES.index(name.removeprefix("open_"))] > 0.0
@@ -129,7 +134,13 @@ class ImportedFilm:
 
     def frame(self, n: int, names: list[str]) -> dict[str, np.ndarray]:
         """Variables of frame n, axes (x, y, z)."""
-        return {name: self._frames[n][name] for name in names}
+        kept = self._frames[n]
+        return {name: self._viscosity(kept[name]) if name == "viscosity" else kept[name] for name in names}
+
+    def _viscosity(self, eddies: np.ndarray) -> np.ndarray:
+        """Of the air [m²/s], given that of the files' eddies."""
+        told, given = self._wind.viscosity, self._wind.eddy_viscosity
+        return np.asarray(told + (eddies if given is None else np.full_like(eddies, given)), np.float32)
 
     def _frame(self, points: Points) -> tuple[dict[str, np.ndarray], float, float]:
         """The variables, the correction, and the divergence left."""
@@ -144,15 +155,14 @@ class ImportedFilm:
         faces, correction, left = self._project([v[i] for v, i in zip(wide, inner, strict=True)])
         for v, i, u in zip(wide, inner, faces, strict=True):
             v[i] = u
-        frame: dict[str, np.ndarray] = dict(zip(VELOCITIES, wide, strict=False))
+        frame: dict[str, np.ndarray] = {
+            name: u.astype(np.float32) for name, u in zip(VELOCITIES, wide, strict=False)
+        }
         if wind.eddy_viscosity is not None:
-            frame["viscosity"] = np.full(
-                [n + 2 for n in self.grid.shape], wind.viscosity + wind.eddy_viscosity
-            )
-        elif points.eddy_viscosity is not None:
-            eddies = self._onto(self._to_cells, points.eddy_viscosity)
-            frame["viscosity"] = wind.viscosity + np.maximum(eddies, 0.0)
-        return {name: values.astype(np.float32) for name, values in frame.items()}, correction, left
+            frame["viscosity"] = np.zeros([n + 2 for n in self.grid.shape])
+        elif points.eddy_viscosity is not None:  # of the eddies alone
+            frame["viscosity"] = np.maximum(self._onto(self._to_cells, points.eddy_viscosity), 0.0)
+        return frame, correction, left
 
     def _onto(self, interpolate: Callable, values: np.ndarray) -> np.ndarray:
         """Values at the points on the grid, without the axis along which a 2-D run cuts."""
@@ -162,18 +172,24 @@ class ImportedFilm:
 
 @ti.data_oriented
 class ImportedFlow(PlayedWind):
-    """A flow from elsewhere; satisfies `fields.Wind` and carries gas on the grid like a flow solver."""
+    """A flow from elsewhere."""
 
-    def __init__(self, film: ImportedFilm, wind: ImportedWind, grid: Grid, begin: float = 0.0):
-        super().__init__(wind, film, grid, begin)
-        self.correction, self.max_divergence = film.correction, film.max_divergence
+    def __init__(self, film: ImportedFilm, wind: ImportedWind, grid: Grid, t: float = 0.0, seed: int = 0):
+        """t: begin of the run [s]."""
+        self.imported = film
+        super().__init__(wind, film, grid, t, seed)
+
+    def begin(self, model: ImportedWind, t: float, seed: int) -> None:
+        """Begin a run at time t [s]."""
+        self.imported.begin(model)
+        super().begin(model, t, seed)
 
     def diagnostics(self) -> dict[str, float]:
         """Of all frames: what making them divergence-free changed at most, rms over that of the velocity; what is left
         of the divergence, over the largest |u|/dx; the largest speed [m/s].
         """
         return {
-            "correction": self.correction,
-            "max_divergence": self.max_divergence,
+            "correction": self.imported.correction,
+            "max_divergence": self.imported.max_divergence,
             "max_speed": self.top_speed,
         }

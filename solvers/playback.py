@@ -13,9 +13,10 @@ import taichi as ti
 
 from taichi_plume.files.film import VELOCITIES, Film
 from taichi_plume.grid.cut_cells import Air
-from taichi_plume.grid.fields import sample_cells, sample_faces
+from taichi_plume.grid.fields import Carrier, Gas, sample_cells, sample_faces
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template
+from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.gases import PlaybackGas
 from taichi_plume.scenario.winds import ImportedWind, PlaybackWind, Played
 
@@ -25,8 +26,6 @@ class Frames(Protocol):
 
     times: np.ndarray
     """Of the frames, ascending [s]."""
-    attributes: dict[str, Any]
-    """viscosity and schmidt, where there is a wind."""
 
     def frame(self, n: int, names: list[str]) -> dict[str, np.ndarray]:
         """Variables of frame n, axes (x, y, z)."""
@@ -35,6 +34,9 @@ class Frames(Protocol):
 
 class WindFrames(Frames, Protocol):
     """Frames of a wind."""
+
+    attributes: dict[str, Any]
+    """viscosity and schmidt."""
 
     @property
     def wind(self) -> list[str]:
@@ -50,29 +52,35 @@ class WindFrames(Frames, Protocol):
         ...
 
 
-class Projector:
+class FramePlayer:
     """Keeps fields as a film shows them at the time of the clock.
 
     names: the film's variables; prepare: what the reading thread makes of a frame, (values with `margin` ghost layers
     per name, numbers to be known about it). now: the fields by name; known: the numbers of the two frames around.
     """
 
-    def __init__(
-        self, film: Frames, model: Played, grid: Grid, names: list[str], margin: int, prepare: Callable
-    ):
-        self.film, self.model, self.grid, self.names, self.margin = film, model, grid, names, margin
+    STATE = ("now", "_goal", "known", "_reached", "_end")
+
+    def __init__(self, film: Frames, grid: Grid, names: list[str], margin: int, prepare: Callable):
+        """It shows nothing before `begin`."""
+        self.film, self.grid, self.names, self.margin = film, grid, names, margin
         self.prepare = prepare
         self.first = film.times[0]
         steps = np.diff(film.times)
         self.period = film.times[-1] - self.first + (np.median(steps) if len(steps) else np.inf)
-        self.ends = np.append(film.times[1:], self.first + self.period if model.loop else np.inf)
         self.now = {name: grid.field() for name in names}
         self._goal = {name: grid.field() for name in names}
         self._approach = grid.blending(list(self.now.values()), list(self._goal.values()))
         self._pool = ThreadPoolExecutor(1, "film")
-        self._frames: dict[int, Future] = {}
-        self._reached = self._end = -np.inf
         self.known: tuple[Any, Any] = (None, None)
+
+    def begin(self, model: Played, t: float) -> None:
+        """Show simulated time t [s], played as the model says."""
+        self.model = model
+        self.ends = np.append(self.film.times[1:], self.first + self.period if model.loop else np.inf)
+        self._frames: dict[int, Future] = {}  # a cache, and no state
+        self._reached = self._end = -np.inf
+        self.show(t)
 
     def show(self, t: float) -> None:
         """Set the fields to those of simulated time t [s]."""
@@ -108,32 +116,50 @@ class Projector:
 
 
 @ti.data_oriented
-class PlayedWind:
-    """A flow that was recorded or made elsewhere; satisfies `fields.Wind` and carries gas on the grid like a flow
-    solver.
-    """
+class PlayedWind(Carrier):
+    """A flow that was recorded or made elsewhere."""
 
-    def __init__(self, wind: PlaybackWind | ImportedWind, film: WindFrames, grid: Grid, begin: float = 0.0):
+    STATE = ("film", "outflow_rate", "max_viscosity", "max_speed")
+
+    def __init__(
+        self,
+        wind: PlaybackWind | ImportedWind,
+        film: WindFrames,
+        grid: Grid,
+        t: float = 0.0,
+        seed: int = 0,
+    ):
+        """t: begin of the run [s]."""
         self.grid = grid
         self.dim = grid.dim
-        names = film.wind
-        self.film = Projector(film, wind, grid, names, 1, self._prepare)
+        self.frames = film
+        self.film = FramePlayer(film, grid, film.wind, 1, self._prepare)
         self.speed_names = VELOCITIES[: grid.dim]
         self.u = tuple(self.film.now[name] for name in self.speed_names)
         self.nu = self.film.now.get("viscosity")
-        self.viscosity = float(film.attributes["viscosity"])
-        self.schmidt = float(film.attributes["schmidt"])
         air = film.air()
         self.open = grid.faces_field()
         self.area = None if air.empty else grid.faces_field()
-        for d, name in enumerate(self.speed_names):
-            width = [(1, int(a != d)) for a in range(grid.dim)]
-            grid.write(self.open[d], np.pad(film.still(f"open_{name}"), width), 1)
-            if self.area is not None:
-                self.area[d].from_numpy(grid.pad_faces(air.area[d], d).astype(np.float32))
-        samples = (film.frame(n, names) for n in {0, len(film.times) // 2, len(film.times) - 1})
-        self.top_speed = max(self._prepare(frame)[1][2] for frame in samples)  # m/s, about
-        self._show(begin)
+        within = [[(grid.ghost, grid.ghost - (a == d)) for a in range(grid.dim)] for d in range(grid.dim)]
+        still = [
+            np.pad(film.still(f"open_{name}"), w) for name, w in zip(self.speed_names, within, strict=True)
+        ]
+        cut = [grid.pad_faces(area, d) for d, area in enumerate(air.area)] if self.area else []
+        uploader(*self.open, *(self.area or ()))(*still, *cut)
+        self._be(film)
+        samples = (film.frame(n, film.wind) for n in {0, len(film.times) // 2, len(film.times) - 1})
+        self.top_speed = max(self._prepare(frame)[1][2] for frame in samples)
+        self.begin(wind, t, seed)
+
+    def begin(self, model: PlaybackWind | ImportedWind, t: float, seed: int) -> None:
+        """Begin a run at time t [s]."""
+        self._be(self.frames)
+        self.film.begin(model, t)
+        self._know()
+
+    def _be(self, film: WindFrames) -> None:
+        self.viscosity = float(film.attributes["viscosity"])
+        self.schmidt = float(film.attributes["schmidt"])
 
     def _prepare(self, frame: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], tuple[float, ...]]:
         """Values with a ghost layer; largest flow out of a cell over its volume [1/s], viscosity and speed."""
@@ -146,8 +172,7 @@ class PlayedWind:
         viscosity = float(frame["viscosity"].max()) if "viscosity" in frame else self.viscosity
         return values, (self.grid.largest_outflow(faces), viscosity, speed)
 
-    def _show(self, t: float) -> None:
-        self.film.show(t)
+    def _know(self) -> None:
         # the maxima of a mean are no larger than the larger ones
         known = np.max(self.film.known, axis=0)
         self.outflow_rate, self.max_viscosity, self.max_speed = (float(value) for value in known)
@@ -158,7 +183,8 @@ class PlayedWind:
 
     def advance(self, t: float, dt: float) -> None:
         """Show the time t + dt."""
-        self._show(t + dt)
+        self.film.show(t + dt)
+        self._know()
 
     @ti.func
     def velocity(self, x: Template, t: float):
@@ -167,19 +193,26 @@ class PlayedWind:
 
 
 @ti.data_oriented
-class PlayedGas:
-    """A recorded gas; satisfies `fields.Gas`."""
+class PlayedGas(Gas):
+    """A recorded gas; its frames were looked at when they were read."""
 
-    def __init__(self, gas: PlaybackGas, film: Film, grid: Grid, begin: float = 0.0):
+    STATE = ("film",)
+
+    def __init__(self, gas: PlaybackGas, film: Film, grid: Grid, t: float = 0.0):
+        """t: begin of the run [s]."""
         self.grid = grid
         self.dim = grid.dim
-        self.species = gas.vapour
         name = film.gas_of(gas.species)
-        self.film = Projector(film, gas, grid, [name], grid.ghost, self._prepare)
+        self.film = FramePlayer(film, grid, [name], grid.ghost, self._prepare)
         self.c = self.film.now[name]
         self.air = grid.field()
-        self.air.from_numpy(grid.pad((film.still("air") > 0).astype(np.float32)))
-        self.film.show(begin)
+        uploader(self.air)(grid.pad(film.still("air") > 0))
+        self.begin(gas, t, 0)
+
+    def begin(self, model: PlaybackGas, t: float, seed: int) -> None:
+        """Begin a run at time t [s]."""
+        self.species = model.vapour
+        self.film.begin(model, t)
 
     def _prepare(self, frame: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], None]:
         """Values with all ghost layers."""
@@ -192,10 +225,6 @@ class PlayedGas:
     def cells(self, t: float) -> np.ndarray:
         """Concentration of every cell [kg/m³], of the grid's shape; the time is the player's own."""
         return self.grid.read(self.c)
-
-    def is_finite(self) -> bool:
-        """Frames were looked at when they were read."""
-        return True
 
     @ti.func
     def concentration(self, x: Template, t: float):

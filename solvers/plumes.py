@@ -10,76 +10,105 @@ wide as the intensity of the gusts times x. Beyond, the air forgets where its gu
 widens as by diffusion, with the root of x.
 """
 
-import numpy as np
+from typing import Any
+
 import taichi as ti
 
+from taichi_plume.grid.fields import Gas
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Template, listed
+from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.rng import generator
+from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.closed_forms import GaussianPlumeGas, MeanderingGas
-from taichi_plume.solvers.gaussian_puffs import bells
+from taichi_plume.scenario.vocabulary import Face
+from taichi_plume.solvers.bells import bell, walls_along
 from taichi_plume.solvers.gusts import OrnsteinUhlenbeck
 from taichi_plume.solvers.uniform import UniformSolver, memory
 
 
+def most_walls(faces: tuple[Face, ...], dim: int) -> tuple[int, ...]:
+    """How many walls there may be along each axis across the wind, whatever its direction along them.
+
+    With a ground or a ceiling the wind is level, so that the second axis across it is upright.
+    """
+    level, upright = (sum((face[0] == "z") == flat for face in faces) for flat in (False, True))
+    return tuple(min(2, most) for most in (level, upright or level)[: dim - 1])
+
+
 @ti.data_oriented
-class Plumes:
-    """Gaussian plumes, mean or meandering; satisfies `fields.Gas`.
+class Plumes(Gas):
+    """Gaussian plumes, mean or meandering.
 
     Variance of the Gaussians: radius² + (b radius + c) x + d x², with b, c, d per axis across the wind.
+    Fields: per source its place [m], radius [m] and flow [kg/m or kg/m²]; speed and axes of the wind, growth (b, c, d)
+    and walls along each axis across it; fluctuation, the variance of the logarithm of the width.
     """
+
+    STATE = ("width",)
 
     def __init__(
         self,
         gas: GaussianPlumeGas | MeanderingGas,
         grid: Grid,
         wind: UniformSolver,
-        begin: float = 0.0,
+        t: float = 0.0,
         seed: int = 0,
         name: str = "gas",
     ):
-        """name: of the gas among others; begin: start of the run [s]."""
-        model = wind.model
-        self.dim = grid.dim
-        self.species = gas.vapour
+        """name: of the gas among others; t: begin of the run [s], for which the wind has begun already."""
+        self.grid, self.dim, self.name = grid, grid.dim, name
         self.wind = wind
         self.count = len(gas.sources)
-        self.speed = model.speed
-        self.axes = tuple(tuple(axis) for axis in model.frame)
-        self.bells = bells(gas.reflecting(grid.dim), model.frame[1:], grid.extent)
-        self.growth = tuple(tuple(map(float, row)) for row in self._growth(gas).T)
-        self.meanders = isinstance(gas, MeanderingGas)
-        self.width = None
-        self.fluctuation = gas.width_fluctuation if isinstance(gas, MeanderingGas) else 0.0
-        if self.fluctuation and model.gusts is not None:
-            reach, rng = memory(model, grid.extent), generator(seed, f"{name}.width_fluctuation")
-            self.width = OrnsteinUhlenbeck([self.fluctuation], model.gusts.time, begin, reach, rng)
-        depth = grid.depth if grid.dim == 2 else 1.0
-        self.place = listed(np.array([source.position for source in gas.sources]))
-        self.flow = listed(
-            np.array([source.rate / self.speed / depth for source in gas.sources])
-        )  # kg/m or kg/m²
-        self.radius = listed(np.array([source.radius for source in gas.sources]))
+        self.meanders = gas.kind == "meandering"
+        self.most = most_walls(gas.reflecting(grid.dim), grid.dim)
+        self.width: OrnsteinUhlenbeck | None = None
+        self.place: Any = ti.Vector.field(grid.dim, ti.f32, self.count)
+        self.flow, self.radius = (ti.field(ti.f32, self.count) for _ in range(2))
+        self.speed, self.fluctuation = (ti.field(ti.f32, ()) for _ in range(2))
+        self.axes: Any = ti.Vector.field(grid.dim, ti.f32, grid.dim)
+        self.growth: Any = ti.Vector.field(3, ti.f32, grid.dim - 1)
+        self.walls: Any = ti.Vector.field(2, ti.f32, grid.dim - 1)
+        self._put = uploader(
+            self.place,
+            self.flow,
+            self.radius,
+            self.speed,
+            self.fluctuation,
+            self.axes,
+            self.growth,
+            self.walls,
+        )
+        self.begin(gas, t, seed)
 
-    def _growth(self, gas: GaussianPlumeGas | MeanderingGas) -> np.ndarray:
-        """b, c and d, rows of one per axis across the wind."""
-        size, zero = self.dim - 1, np.zeros(self.dim - 1)
-        if isinstance(gas, MeanderingGas):
-            return np.array([zero, zero, np.array([gas.width_slope, gas.height_slope])[:size] ** 2])
-        if gas.intensity is not None:  # (radius + intensity x)²
-            intensity = np.broadcast_to(gas.intensity, size)
-            return np.array([2.0 * intensity, zero, intensity**2])
-        assert gas.diffusivity is not None
-        return np.array([zero, 2.0 * np.broadcast_to(gas.diffusivity, size) / self.speed, zero])
+    def begin(self, model: GaussianPlumeGas | MeanderingGas, t: float, seed: int) -> None:
+        """Begin a run at time t [s], after the wind."""
+        self.species = model.vapour
+        wind, depth = self.wind.model, self.grid.depth if self.dim == 2 else 1.0
+        fluctuation = model.width_fluctuation
+        self._put(
+            [source.position for source in model.sources],
+            [source.rate / wind.speed / depth for source in model.sources],
+            [source.radius for source in model.sources],
+            wind.speed,
+            fluctuation**2,
+            wind.frame,
+            model.growth(self.dim - 1, wind.speed),
+            walls_along(model.reflecting(self.dim), wind.frame[1:], self.grid.extent),
+        )
+        if not self.meanders:
+            return
+        assert wind.gusts is not None, "a plume meanders as its gusts do"
+        reach, rng = memory(wind, self.grid.extent), generator(seed, f"{self.name}.width_fluctuation")
+        law = [fluctuation], wind.gusts.time, t, reach, rng
+        if self.width is None:
+            self.width = OrnsteinUhlenbeck(*law)
+        else:
+            self.width.begin(*law)
 
     def advance(self, t: float, dt: float) -> None:
         """Go on to time t + dt, as the wind has done."""
         if self.width is not None:
             self.width.advance(t + dt)
-
-    def is_finite(self) -> bool:
-        """A closed form always is."""
-        return True
 
     @ti.func
     def concentration(self, x: Template, t: float):
@@ -94,26 +123,24 @@ class Plumes:
     @ti.func
     def _cross_section(self, x: Template, along: float, n: ti.i32):
         """Concentration of the plume of source n at x, a distance `along` [m] downwind."""
-        age = along / self.speed
+        age = along / self.speed[None]
         carried = ti.Vector.zero(ti.f32, self.dim - 1)
+        widening = 1.0
         if ti.static(self.meanders):
-            carried, _ = self.wind.gusts.before(age)
+            carried = self.wind.gusts.before(age)[0]
+            wider = self.width.before(age)[1]
+            widening = ti.exp(2.0 * wider[0] - self.fluctuation[None])
         c = self.flow[n]
         for k in ti.static(range(self.dim - 1)):
-            radius = self.radius[n]
-            g = ti.static(self.growth[k])
+            radius, g, walls = self.radius[n], self.growth[k], self.walls[k]
             variance = radius**2 + (g[0] * radius + g[1] + g[2] * along) * along
-            if ti.static(k == 0 and self.fluctuation > 0.0):
-                _, wider = self.width.before(age)
-                variance *= ti.exp(2.0 * wider[0] - self.fluctuation**2)
+            if ti.static(k == 0 and self.meanders):
+                variance *= widening
             centre = self._component(self.place[n], k + 1) + carried[k]
-            c *= self.bells[k](self._component(x, k + 1), centre, variance)
+            c *= bell(self._component(x, k + 1), centre, variance, walls[0], walls[1], self.most[k])
         return c
 
     @ti.func
     def _component(self, x: Template, k: Template):
         """Of x along an axis of the wind's frame [m]."""
-        result = 0.0
-        for d in ti.static(range(self.dim)):
-            result += ti.static(float(self.axes[k][d])) * x[d]
-        return result
+        return self.axes[k].dot(x)

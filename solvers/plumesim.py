@@ -10,11 +10,13 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume.files.point_frames import PointFrames
+from taichi_plume.grid.fields import Gas, Wind
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.rng import generator
-from taichi_plume.scenario.plumesim import PercentGas, PlumeSimMeander, PlumeSimPuff
+from taichi_plume.grid.transfer import Numbers, uploader
+from taichi_plume.scenario.plumesim import FluentGas, PercentGas, PlumeSimGas, PlumeSimMeander, PlumeSimPuff
 from taichi_plume.scenario.winds import PlumeSimWind, PointPlayback
-from taichi_plume.solvers.point_cloud import PointCloud, within_reach
+from taichi_plume.solvers.point_cloud import PointCloud
 
 STATIONS = 20  # of the meandering centre line
 TURN = 0.2  # standard deviation of its change of course per station, over their distance
@@ -34,17 +36,21 @@ def periods(time: float, period: float) -> int:
 
 
 class PointFilm:
-    """Keeps a point cloud as frames show it at the time of the clock. value: (n, values) of all their points."""
+    """Keeps a point cloud as frames show it at the time of the clock, with so many values per point."""
 
-    def __init__(
-        self, frames: PointFrames, model: PointPlayback, value: np.ndarray, extent: tuple[float, ...]
-    ):
-        self.frames, self.model, self.value = frames, model, value
-        self.place = frames.place + np.array(model.offset)
-        near = np.concatenate([[0], np.cumsum(within_reach(self.place, extent, frames.cell))])
-        room = int(np.diff(near[frames.begin]).max())
-        self.cloud = PointCloud(extent, frames.cell, value.shape[1], room)
+    STATE = ("cloud", "shown")
+
+    def __init__(self, frames: PointFrames, extent: tuple[float, ...], values: int):
+        """It shows nothing before `begin`."""
+        self.frames = frames
+        self.cloud = PointCloud(extent, frames.cell, values, int(np.diff(frames.begin).max()))
+
+    def begin(self, model: PointPlayback, t: float, value: np.ndarray) -> None:
+        """Show simulated time t [s], played as the model says; value: (n, values) of all points of the frames."""
+        self.model, self.value = model, value
+        self.place = self.frames.place + np.array(model.offset)
         self.shown = -1
+        self.show(t)
 
     def show(self, t: float) -> None:
         """Put the points of simulated time t [s] into the cloud."""
@@ -61,30 +67,27 @@ class PointFilm:
 
 
 @ti.data_oriented
-class PointGas:
-    """A gas known at points; satisfies `fields.Gas`."""
+class PointGas(Gas):
+    """A gas known at points. The frames were looked at when they were read."""
+
+    STATE = ("film",)
 
     def __init__(
-        self,
-        gas: PercentGas,
-        model: PointPlayback,
-        frames: PointFrames,
-        extent: tuple[float, ...],
-        begin: float = 0.0,
+        self, gas: PlumeSimGas | FluentGas, frames: PointFrames, extent: tuple[float, ...], t: float = 0.0
     ):
-        """model: how it is played, the gas itself; begin: start of the run [s]."""
-        self.species = gas.vapour
-        self.film = PointFilm(frames, model, density_per_percent(gas) * frames.percent[:, None], extent)
-        self.cloud, self.interpolate = self.film.cloud, model.interpolate
-        self.film.show(begin)
+        """t: begin of the run [s]."""
+        self.film = PointFilm(frames, extent, 1)
+        self.cloud, self.interpolate = self.film.cloud, gas.interpolate
+        self.begin(gas, t, 0)
+
+    def begin(self, model: PlumeSimGas | FluentGas, t: float, seed: int) -> None:
+        """Begin a run at time t [s]."""
+        self.species = model.vapour
+        self.film.begin(model, t, density_per_percent(model) * self.film.frames.percent[:, None])
 
     def advance(self, t: float, dt: float) -> None:
         """Show the time t + dt."""
         self.film.show(t + dt)
-
-    def is_finite(self) -> bool:
-        """The frames were looked at when they were read."""
-        return True
 
     @ti.func
     def concentration(self, x: Template, t: float):
@@ -98,21 +101,29 @@ class PointGas:
 
 
 @ti.data_oriented
-class PointWind:
-    """A wind known at points, zero elsewhere; satisfies `fields.Wind`."""
+class PointWind(Wind):
+    """A wind known at points, zero elsewhere."""
+
+    STATE = ("film",)
 
     def __init__(
-        self, wind: PlumeSimWind, frames: PointFrames, extent: tuple[float, ...], begin: float = 0.0
+        self,
+        wind: PlumeSimWind,
+        frames: PointFrames,
+        extent: tuple[float, ...],
+        t: float = 0.0,
+        seed: int = 0,
     ):
+        """t: begin of the run [s]."""
         self.dim = len(extent)
-        self.film = PointFilm(frames, wind, frames.wind, extent)
+        self.film = PointFilm(frames, extent, 2)
         self.cloud, self.interpolate = self.film.cloud, wind.interpolate
         self.top_speed = float(np.linalg.norm(frames.wind, axis=1).max())  # m/s
-        self.film.show(begin)
+        self.begin(wind, t, seed)
 
-    def stable_dt(self, t: float = 0.0) -> float:
-        """No limit of its own."""
-        return float("inf")
+    def begin(self, model: PlumeSimWind, t: float, seed: int) -> None:
+        """Begin a run at time t [s]."""
+        self.film.begin(model, t, self.film.frames.wind)
 
     def advance(self, t: float, dt: float) -> None:
         """Show the time t + dt."""
@@ -132,24 +143,47 @@ class PointWind:
 
 
 @ti.data_oriented
-class ProgramPuff:
-    """PlumeSim's Gaussian puff on nodes, its spread counted in frames; satisfies `fields.Gas`."""
+class ProgramPuff(Gas):
+    """PlumeSim's Gaussian puff on nodes, its spread counted in frames.
 
-    def __init__(self, gas: PlumeSimPuff, extent: tuple[float, ...], begin: float = 0.0):
-        self.gas, self.species = gas, gas.vapour
-        self.release, self.cell = gas.release_point, gas.cell
-        self.nodes = tuple(max(1, int(width / gas.cell + 1e-9)) for width in extent[:2])
-        self.lowest = tuple(1 - n if gas.all_around else 0 for n in self.nodes)
-        self.spread = gas.diffusion
-        self.peak = (
-            density_per_percent(gas) * gas.amount / (4 * pi * sqrt(gas.diffusion[0] * gas.diffusion[1]))
+    Fields, of the axes x and y: release [m], lowest and highest number of a node, spread [m² per frame]; number: of the
+    frame that is shown.
+    """
+
+    STATE = ("number",)
+
+    def __init__(self, gas: PlumeSimPuff, extent: tuple[float, ...], t: float = 0.0):
+        """t: begin of the run [s]."""
+        self.extent = extent
+        self.release, self.lowest, self.highest, self.spread = (
+            ti.Vector.field(2, ti.f32, ()) for _ in range(4)
+        )
+        self.cell, self.reach2, self.peak = (ti.field(ti.f32, ()) for _ in range(3))
+        self._put = uploader(
+            self.release, self.lowest, self.highest, self.spread, self.cell, self.reach2, self.peak
         )
         self.number = ti.field(ti.f32, ())
-        self._show(begin)
+        self.begin(gas, t, 0)
+
+    def begin(self, model: PlumeSimPuff, t: float, seed: int) -> None:
+        """Begin a run at time t [s]."""
+        self.model, self.species = model, model.vapour
+        nodes = np.array([max(1, int(width / model.cell + 1e-9)) for width in self.extent[:2]])
+        wide = 4 * pi * sqrt(model.diffusion[0] * model.diffusion[1])
+        self._put(
+            model.release_point,
+            1 - nodes if model.all_around else 0,
+            nodes - 1,
+            model.diffusion,
+            model.cell,
+            model.cell**2,
+            density_per_percent(model) * model.amount / wide,
+        )
+        self._show(t)
 
     def frame_at(self, t: float) -> int:
         """Number of the frame of simulated time t [s], from 1 on."""
-        gas = self.gas
+        gas = self.model
         n = 1 + max(0, periods(gas.start + t, gas.period))
         return n if n <= gas.last else gas.repeat_from + (n - gas.last - 1) % (gas.last - gas.repeat_from + 1)
 
@@ -160,21 +194,17 @@ class ProgramPuff:
         """Show the time t + dt."""
         self._show(t + dt)
 
-    def is_finite(self) -> bool:
-        """A closed form is."""
-        return True
-
     @ti.func
     def concentration(self, x: Template, t: float):
         """Concentration [kg/m³] at the node nearest to x [m]; the time is the player's own."""
-        n = self.number[None]
+        n, cell = self.number[None], self.cell[None]
         gap2, exponent = 0.0, 0.0
         for d in ti.static(range(2)):
-            place = x[d] - self.release[d]
-            node = self.cell * ti.math.clamp(ti.round(place / self.cell), self.lowest[d], self.nodes[d] - 1.0)
+            place = x[d] - self.release[None][d]
+            node = cell * ti.math.clamp(ti.round(place / cell), self.lowest[None][d], self.highest[None][d])
             gap2 += (place - node) ** 2
-            exponent -= node**2 / (4.0 * n * self.spread[d])
-        return ti.select(gap2 < self.cell**2, self.peak / n * ti.exp(exponent), 0.0)
+            exponent -= node**2 / (4.0 * n * self.spread[None][d])
+        return ti.select(gap2 < self.reach2[None], self.peak[None] / n * ti.exp(exponent), 0.0)
 
 
 def meandering_points(gas: PlumeSimMeander, length: float, rng: np.random.Generator) -> np.ndarray:
@@ -192,29 +222,38 @@ def meandering_points(gas: PlumeSimMeander, length: float, rng: np.random.Genera
 
 
 @ti.data_oriented
-class ProgramMeander:
+class ProgramMeander(Gas):
     """PlumeSim's meandering plume: how many points are near, as a share of those near its start."""
 
-    def __init__(self, gas: PlumeSimMeander, extent: tuple[float, ...], seed: int = 0, name: str = "gas"):
+    def __init__(
+        self,
+        gas: PlumeSimMeander,
+        extent: tuple[float, ...],
+        t: float = 0.0,
+        seed: int = 0,
+        name: str = "gas",
+    ):
         """name: of the gas among others."""
-        self.species = gas.vapour
-        self.place = meandering_points(gas, extent[0], generator(seed, f"{name} meandering"))
-        self.cloud = PointCloud(extent, ROUNDING * gas.radius, 1, len(self.place))
+        self.name, self.length = name, extent[0]
+        capacity = len(meandering_points(gas, self.length, generator(seed, name)))
+        self.cloud = PointCloud(extent, ROUNDING * gas.radius, 1, capacity)
+        self.n = Numbers("share", "full")
+        self.begin(gas, t, seed)
+
+    def begin(self, model: PlumeSimMeander, t: float, seed: int) -> None:
+        """Strew its points anew."""
+        self.species = model.vapour
+        self.place = meandering_points(model, self.length, generator(seed, f"{self.name} meandering"))
         self.cloud.set(self.place, np.zeros((len(self.place), 1)))
-        start = np.add(gas.release_point, (gas.radius, 0.0))
+        start = np.add(model.release_point, (model.radius, 0.0))
         # the release itself is exactly that far away, and counts
-        most = int((np.linalg.norm(self.place - start, axis=1) <= ROUNDING * gas.radius).sum())
-        self.share = 100.0 / most
-        self.full = density_per_percent(gas)
+        most = int((np.linalg.norm(self.place - start, axis=1) <= ROUNDING * model.radius).sum())
+        self.n.set(share=100.0 / most, full=density_per_percent(model))
 
     def advance(self, t: float, dt: float) -> None:
         """Nothing changes."""
 
-    def is_finite(self) -> bool:
-        """A number of points is."""
-        return True
-
     @ti.func
     def concentration(self, x: Template, t: float):
         """Concentration [kg/m³] at point x [m]."""
-        return self.full * ti.min(100.0, self.share * self.cloud.count(x))
+        return self.n.full[None] * ti.min(100.0, self.n.share[None] * self.cloud.count(x))

@@ -11,6 +11,7 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume.grid.kernels import Template
+from taichi_plume.grid.transfer import uploader
 
 MOST_BINS = 65_536
 NEAREST, FARTHEST = 1e-6, 1e6  # m: a reach has to be between, as its square in f32
@@ -22,19 +23,23 @@ SLACK = 1.001  # of a bin's width: the device sorts places into bins with f32
 class PointCloud:
     """Points that can be found from places in [0, extent] (x, y) [m].
 
-    reach [m]: points count below this distance; values: numbers per point; room: largest number of points.
+    reach [m]: points count below this distance; values: numbers per point; capacity: largest number of points.
+    Fields: the points, sorted by bins, with place, value and order (their number as given); first, of each bin.
     """
 
-    def __init__(self, extent: tuple[float, ...], reach: float, values: int, room: int):
+    STATE = ("first", "order", "place", "value")
+
+    def __init__(self, extent: tuple[float, ...], reach: float, values: int, capacity: int):
         self.extent, self.values = np.array(extent[:2]), values
         self.reach = min(max(reach, NEAREST), FARTHEST)
         self.edge = max(SLACK * self.reach, sqrt(float(self.extent.prod()) / MOST_BINS))
         self.bins = tuple(max(1, ceil(width / self.edge)) for width in self.extent)
-        self.room = max(1, room)
-        self.begin: Any = ti.field(ti.i32, prod(self.bins) + 1)
-        self.order: Any = ti.field(ti.i32, self.room)
-        self.place: Any = ti.Vector.field(2, ti.f32, self.room)
-        self.value: Any = ti.Vector.field(values, ti.f32, self.room)
+        self.capacity = max(1, capacity)
+        self.first: Any = ti.field(ti.i32, prod(self.bins) + 1)
+        self.order: Any = ti.field(ti.i32, self.capacity)
+        self.place: Any = ti.Vector.field(2, ti.f32, self.capacity)
+        self.value: Any = ti.Vector.field(values, ti.f32, self.capacity)
+        self._put = uploader(self.first, self.order, self.place, self.value)
 
     def set(self, place: np.ndarray, value: np.ndarray) -> None:
         """Take points (n, 2) with values (n, values) in place of those before; those out of reach are left out."""
@@ -44,14 +49,12 @@ class PointCloud:
         bins = row * self.bins[0] + column
         sort = np.argsort(bins, kind="stable")
         counts = np.bincount(bins, minlength=prod(self.bins))
-        self.begin.from_numpy(np.concatenate([[0], np.cumsum(counts)]).astype(np.int32))
-        self.order.from_numpy(self._filled(sort.astype(np.int32)))
-        self.place.from_numpy(self._filled(place[sort].astype(np.float32)))
-        self.value.from_numpy(self._filled(value[sort].astype(np.float32)))
+        first = np.concatenate([[0], np.cumsum(counts)])
+        self._put(first, *(self._filled(of_each) for of_each in (sort, place[sort], value[sort])))
 
     def _filled(self, values: np.ndarray) -> np.ndarray:
         """Values of as many points as there is room for."""
-        return np.concatenate([values, np.zeros((self.room - len(values), *values.shape[1:]), values.dtype)])
+        return np.concatenate([values, np.zeros((self.capacity - len(values), *values.shape[1:]))])
 
     @ti.func
     def _bins(self, x: Template, d: Template):
@@ -66,8 +69,8 @@ class PointCloud:
         left, right = self._bins(x, 0)
         low, high = self._bins(x, 1)
         for row in range(low, high + 1):
-            first = self.begin[row * self.bins[0] + left]
-            for k in range(first, self.begin[row * self.bins[0] + right + 1]):
+            first = self.first[row * self.bins[0] + left]
+            for k in range(first, self.first[row * self.bins[0] + right + 1]):
                 r2 = (self.place[k] - ti.Vector([x[0], x[1]])).norm_sqr()
                 if r2 < best or (
                     winner >= 0 and r2 == best and self.order[k] < self.order[ti.max(winner, 0)]
@@ -90,8 +93,8 @@ class PointCloud:
         left, right = self._bins(x, 0)
         low, high = self._bins(x, 1)
         for row in range(low, high + 1):
-            first = self.begin[row * self.bins[0] + left]
-            for k in range(first, self.begin[row * self.bins[0] + right + 1]):
+            first = self.first[row * self.bins[0] + left]
+            for k in range(first, self.first[row * self.bins[0] + right + 1]):
                 gap = ti.abs(self.place[k] - ti.Vector([x[0], x[1]])) / self.reach
                 w = ti.max(1.0 - gap[0], 0.0) * ti.max(1.0 - gap[1], 0.0)
                 total += w * self.value[k]
@@ -105,8 +108,8 @@ class PointCloud:
         left, right = self._bins(x, 0)
         low, high = self._bins(x, 1)
         for row in range(low, high + 1):
-            first = self.begin[row * self.bins[0] + left]
-            for k in range(first, self.begin[row * self.bins[0] + right + 1]):
+            first = self.first[row * self.bins[0] + left]
+            for k in range(first, self.first[row * self.bins[0] + right + 1]):
                 if (self.place[k] - ti.Vector([x[0], x[1]])).norm_sqr() < self.reach * self.reach:
                     found += 1
         return found

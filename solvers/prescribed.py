@@ -3,28 +3,47 @@
 from collections.abc import Callable
 
 import numpy as np
+import taichi as ti
 
+from taichi_plume.grid.fields import Carrier, sample_faces
 from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.kernels import Template
+from taichi_plume.grid.transfer import uploader
+
+Velocities = Callable[[np.ndarray], np.ndarray]
+"""Velocity [m/s] at points (..., dim) [m]."""
 
 
-class PrescribedWind:
-    """A steady wind of known velocities; offers what carries gas on the grid (see `transport`). No obstacles."""
+@ti.data_oriented
+class PrescribedWind(Carrier):
+    """A steady wind of known velocities. No eddies, no obstacles."""
 
-    nu = None  # no eddies
-    area = None  # through obstacles
-    viscosity = max_viscosity = 0.0
-    schmidt = 1.0
-
-    def __init__(self, velocity: Callable[[np.ndarray], np.ndarray], grid: Grid):
-        """velocity: [m/s] at points (..., dim) [m]; taken at the middles of the faces, ghost layers included."""
+    def __init__(self, velocity: Velocities, grid: Grid):
+        """velocity: taken at the middles of the faces, ghost layers included."""
+        self.grid, self.dim = grid, grid.dim
         self.u = grid.faces_field()
         self.open = grid.faces_field()
+        uploader(*self.open)(*(1.0 for _ in self.open))
+        self._put = uploader(*self.u)
+        self.begin(velocity, 0.0, 0)
+
+    def begin(self, model: Velocities, t: float, seed: int) -> None:
+        """Blow with those velocities, whatever the time and the seed."""
+        grid = self.grid
         index = np.stack(np.meshgrid(*map(np.arange, grid.padded), indexing="ij"), axis=-1) - grid.ghost
-        faces = []
-        for d, field in enumerate(self.u):
-            middle = np.where(np.arange(grid.dim) == d, 0.0, 0.5)
-            u = velocity((index + middle) * grid.dx)[..., d]
-            field.from_numpy(u.astype(np.float32))
-            self.open[d].fill(1.0)
-            faces.append(u[tuple(slice(a, b + (axis == d)) for axis, (a, b) in enumerate(grid.cells))])
-        self.outflow_rate = grid.largest_outflow(faces)
+        middles = [np.where(np.arange(grid.dim) == d, 0.0, 0.5) for d in range(grid.dim)]
+        u = [model((index + middle) * grid.dx)[..., d] for d, middle in enumerate(middles)]
+        self._put(*u)
+        inner = [
+            v[tuple(slice(a, b + (axis == d)) for axis, (a, b) in enumerate(grid.cells))]
+            for d, v in enumerate(u)
+        ]
+        self.outflow_rate = grid.largest_outflow(inner)
+
+    def advance(self, t: float, dt: float) -> None:
+        """Nothing changes."""
+
+    @ti.func
+    def velocity(self, x: Template, t: float):
+        """Velocity [m/s] at point x [m], linear between the faces."""
+        return sample_faces(self.u, x, self.grid.dx, self.grid.ghost, self.grid.padded)

@@ -9,16 +9,18 @@ function, on their corners) and the velocity on their faces: the sum over a cell
 """
 
 from math import prod
+from typing import Any
 
 import numpy as np
 import taichi as ti
 from scipy.ndimage import distance_transform_edt
 
 from taichi_plume.grid.cut_cells import Air
-from taichi_plume.grid.fields import sample_faces
+from taichi_plume.grid.fields import Carrier, sample_faces
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template, launch, sweep
 from taichi_plume.grid.rng import generator
+from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.winds import SyntheticWind
 
 FRAMES_PER_PERIOD = 16  # of the fastest wave: linear in between, it loses 2 % of its amplitude
@@ -101,49 +103,54 @@ def edges(grid: Grid, axis: int) -> list[np.ndarray]:
 
 
 @ti.data_oriented
-class SyntheticSolver:
-    """A synthetic flow in a closed room; satisfies `fields.Wind` and carries gas on the grid like a flow solver.
+class SyntheticSolver(Carrier):
+    """A synthetic flow in a closed room. What the waves leave out is not modelled, and obstacles are steps.
 
     It is made of key frames and linear in time between two of them, which leaves div u = 0.
     Fields: u, face velocities [m/s]; open, 1 on faces between two cells of air, one of each per axis.
     """
 
-    nu = None  # what the waves leave out is not modelled
-    area = None  # no cell is cut: obstacles are steps
-    viscosity = max_viscosity = 0.0
-    schmidt = 1.0
+    STATE = ("u", "outflow_rate", "_before", "_after", "_outflow", "_frame", "_rng", "_turn")
 
-    def __init__(self, wind: SyntheticWind, grid: Grid, air: Air, begin: float = 0.0, seed: int = 0):
-        self.grid = grid
-        self.dim = grid.dim
-        self.begin = begin
-        solid = air.solid
-        self._air = ~solid
-        self._rng = generator(seed, "synthetic wind")
-        self._waves = Waves(wind, grid, self._rng)
-        axes = list(self._waves.tables)
-        self._ramp = {m: ramp(solid, m, wind.wall_layer / grid.dx) for m in axes}
-        phases = self._rng.uniform(0.0, 2 * np.pi, (DRAWS, wind.modes))
-        squares = [self._mean_square(self._waves.at(phase)) for phase in phases]
-        self._strength = wind.speed / max(np.sqrt(np.mean(squares)), 1e-12)
-        self._rolls = {m: self._roll(m, wind.circulation / np.sqrt(len(axes))) for m in axes}
-        self._turn = dict(zip(axes, self._rng.standard_normal(len(axes)), strict=True))
-        fastest = max(2 * np.pi / wind.circulation_time, float(self._waves.frequency.max()))
-        self.interval = 2 * np.pi / fastest / FRAMES_PER_PERIOD
-        self._memory = np.exp(-self.interval / wind.circulation_time)
-
-        self.u = grid.faces_field()
-        self.open = grid.faces_field()
-        around = np.pad(self._air, grid.ghost)
-        for d, field in enumerate(self.open):
-            field.from_numpy((around & np.roll(around, 1, axis=d)).astype(np.float32))
+    def __init__(self, wind: SyntheticWind, grid: Grid, air: Air, t: float = 0.0, seed: int = 0):
+        """t: begin of the run [s]."""
+        self.grid, self.dim = grid, grid.dim
+        self._solid, self._air = air.solid, ~air.solid
+        self.u, self.open = grid.faces_field(), grid.faces_field()
         self._before, self._after = grid.faces_field(), grid.faces_field()
-        self._outflow = [0.0, 0.0]  # of the two frames
+        around = np.pad(self._air, grid.ghost)
+        uploader(*self.open)(*(around & np.roll(around, 1, axis=d) for d in range(grid.dim)))
+        self._put: Any = uploader(*self._after)
         self._build()
+        self.begin(wind, t, seed)
+
+    def begin(self, model: SyntheticWind, t: float, seed: int) -> None:
+        """Begin a run at time t [s]."""
+        self._begun = t
+        self._rng = generator(seed, "synthetic wind")
+        self._waves = Waves(model, self.grid, self._rng)
+        axes = list(self._waves.tables)
+        self._ramp = {m: ramp(self._solid, m, model.wall_layer / self.grid.dx) for m in axes}
+        phases = self._rng.uniform(0.0, 2 * np.pi, (DRAWS, model.modes))
+        squares = [self._mean_square(self._waves.at(phase)) for phase in phases]
+        self._strength = model.speed / max(np.sqrt(np.mean(squares)), 1e-12)
+        self._rolls = {m: self._roll(m, model.circulation / np.sqrt(len(axes))) for m in axes}
+        self._turn = dict(zip(axes, self._rng.standard_normal(len(axes)), strict=True))
+        fastest = max(2 * np.pi / model.circulation_time, float(self._waves.frequency.max()))
+        self.interval = 2 * np.pi / fastest / FRAMES_PER_PERIOD
+        self._memory = np.exp(-self.interval / model.circulation_time)
+        self._outflow = [0.0, 0.0]  # of the two frames
         self._frame = -2  # number of the frame before
         self._next_frame()
         self._next_frame()
-        self.advance(begin, 0.0)
+        self.advance(t, 0.0)
+
+    @ti.kernel
+    def _leave(self):
+        """The frame after becomes the one before."""
+        for d in ti.static(range(self.dim)):
+            for I in ti.grouped(self._after[d]):
+                self._before[d][I] = self._after[d][I]
 
     def _build(self) -> None:
         """u between the two frames, ghost layers included."""
@@ -190,18 +197,13 @@ class SyntheticSolver:
         waves = self._waves.at(self._waves.frequency * t)
         potential = {m: self._strength * a + self._turn[m] * self._rolls[m] for m, a in waves.items()}
         velocity = self._velocity(potential)
-        for d, u in enumerate(velocity):
-            self._before[d].copy_from(self._after[d])
-            self._after[d].from_numpy(self.grid.pad_faces(u, d).astype(np.float32))
+        self._leave()
+        self._put(*(self.grid.pad_faces(u, d) for d, u in enumerate(velocity)))
         self._outflow = [self._outflow[1], self.grid.largest_outflow(velocity)]
-
-    def stable_dt(self, t: float = 0.0) -> float:
-        """No limit of its own."""
-        return float("inf")
 
     def advance(self, t: float, dt: float) -> None:
         """Take the velocity of time t + dt; time never goes back."""
-        frame = (t + dt - self.begin) / self.interval
+        frame = (t + dt - self._begun) / self.interval
         while frame > self._frame + 1:
             self._next_frame()
         share = frame - self._frame

@@ -3,9 +3,11 @@
 import numpy as np
 import taichi as ti
 
+from taichi_plume.grid.fields import Carrier
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.rng import generator
+from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.winds import UniformWind
 from taichi_plume.solvers.gusts import OrnsteinUhlenbeck
 
@@ -18,59 +20,61 @@ def memory(wind: UniformWind, extent: tuple[float, ...]) -> float:
     return float(crossing) + LONGEST_TICK
 
 
-@ti.kernel
-def _fill(field: Template, value: ti.f32):
-    """`field.fill` compiles anew for every value."""
-    for I in ti.grouped(field):
-        field[I] = value
-
-
 @ti.data_oriented
-class UniformSolver:
-    """A wind that is the same everywhere; satisfies `fields.Wind` and carries gas on the grid like a flow solver.
+class UniformSolver(Carrier):
+    """A wind that is the same everywhere.
 
     With gusts, the face velocities u are those of the last step in the mean, so that gas on the grid is carried as far
-    as the air has gone.
+    as the air has gone. Field now: the velocity [m/s].
     """
 
-    nu = None  # no eddies
-    area = None  # through obstacles
-    viscosity = max_viscosity = 0.0
-    schmidt = 1.0
+    STATE = ("u", "now", "outflow_rate", "gusts")
 
-    def __init__(self, wind: UniformWind, grid: Grid, begin: float = 0.0, seed: int = 0):
-        """begin: start of the run [s]."""
+    def __init__(self, wind: UniformWind, grid: Grid, t: float = 0.0, seed: int = 0):
+        """t: begin of the run [s]."""
         self.grid = grid
-        self.model = wind
         self.dim = grid.dim
-        self.mean = wind.velocity
-        self.across = wind.frame[1:]
-        self.gusts = None
-        self.gusty = wind.gusts is not None
         self.u = grid.faces_field()
         self.open = grid.faces_field()
-        for d in range(grid.dim):
-            self.open[d].fill(1.0)
-        self._carry(np.array(self.mean))
-        if wind.gusts is not None:
-            self.gusts = OrnsteinUhlenbeck(
-                [share * wind.speed for share in wind.gusts.deviations(grid.dim)],
-                wind.gusts.time,
-                begin,
-                memory(wind, grid.extent),
-                generator(seed, "gusts"),
-            )
-            self.gust = ti.Vector.field(grid.dim, ti.f32, ())
-            self.advance(begin, 0.0)
+        uploader(*self.open)(*(1.0 for _ in self.open))
+        self.now = ti.Vector.field(grid.dim, ti.f32, ())
+        self.gusts: OrnsteinUhlenbeck | None = None
+        self.begin(wind, t, seed)
 
-    def _carry(self, velocity: np.ndarray) -> None:
-        for d, speed in enumerate(velocity):
-            _fill(self.u[d], speed)
-        self.outflow_rate = float(np.abs(velocity).sum()) / self.grid.dx
+    def begin(self, model: UniformWind, t: float, seed: int) -> None:
+        """Begin a run at time t [s]."""
+        self.model = model
+        self.mean = model.velocity
+        self.across = model.frame[1:]
+        self._blow(np.array(self.mean), np.zeros(self.dim))
+        if model.gusts is None:
+            return
+        law = (
+            [share * model.speed for share in model.gusts.deviations(self.dim)],
+            model.gusts.time,
+            t,
+            memory(model, self.grid.extent),
+            generator(seed, "gusts"),
+        )
+        if self.gusts is None:
+            self.gusts = OrnsteinUhlenbeck(*law)
+        else:
+            self.gusts.begin(*law)
+        self.advance(t, 0.0)
 
-    def stable_dt(self, t: float = 0.0) -> float:
-        """No limit of its own."""
-        return float("inf")
+    def _blow(self, carrying: np.ndarray, gust: np.ndarray) -> None:
+        """carrying: the faces' velocity [m/s]; gust: what is felt beyond the mean [m/s]."""
+        felt = np.array(self.mean, np.float32) + gust.astype(np.float32)
+        self._fill(*(np.append(one, [0.0] * (3 - self.dim)) for one in (carrying, felt)))
+        self.outflow_rate = float(np.abs(carrying).sum()) / self.grid.dx
+
+    @ti.kernel
+    def _fill(self, carrying: ti.math.vec3, felt: ti.math.vec3):
+        for d in ti.static(range(self.dim)):
+            self.now[None][d] = felt[d]
+        for d in ti.static(range(self.dim)):
+            for I in ti.grouped(self.u[d]):
+                self.u[d][I] = carrying[d]
 
     def advance(self, t: float, dt: float) -> None:
         """Go on to time t + dt."""
@@ -79,8 +83,8 @@ class UniformSolver:
         before, gust = self.gusts.at(t)
         self.gusts.advance(t + dt)
         after, now = self.gusts.at(t + dt)
-        self.gust[None] = now @ self.across
-        self._carry(self.mean + ((after - before) / dt if dt > 0.0 else gust) @ self.across)
+        carrying = self.mean + ((after - before) / dt if dt > 0.0 else gust) @ self.across
+        self._blow(carrying, now @ self.across)
 
     def displacement(self, t: float) -> np.ndarray:
         """How far [m] gusts have carried the air up to time t, not further back than the memory goes, nor ahead."""
@@ -89,7 +93,4 @@ class UniformSolver:
     @ti.func
     def velocity(self, x: Template, t: float):
         """The velocity [m/s]; the time is the solver's own."""
-        u = ti.Vector([ti.cast(speed, ti.f32) for speed in ti.static(self.mean)])
-        if ti.static(self.gusty):
-            u += self.gust[None]
-        return u
+        return self.now[None]

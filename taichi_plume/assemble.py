@@ -1,19 +1,16 @@
 """Scenario -> Simulation: the one place that knows all parts."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from taichi_plume.agents.gmrf import MarkovMap
-from taichi_plume.agents.inverse_distance import InverseDistanceMap
-from taichi_plume.agents.kernel_dm import KernelMap
+from taichi_plume.agents.gas_map import Floor
+from taichi_plume.agents.mapping import mappers
 from taichi_plume.agents.placement import Placed, place, placed
-from taichi_plume.agents.snaps import Snaps
 from taichi_plume.agents.swarm import Swarm, disc_around
 from taichi_plume.agents.team import Team
-from taichi_plume.agents.time_series import TimeSeriesMap
 from taichi_plume.files.film import Film, completed
 from taichi_plume.files.gaden import Cubes
 from taichi_plume.files.point_frames import frames_of
@@ -24,7 +21,6 @@ from taichi_plume.grid.cut_cells import Air, air_of
 from taichi_plume.grid.fields import Gas, Mixture, Wind
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.rng import generator
-from taichi_plume.scenario import maps as map_models
 from taichi_plume.scenario.closed_forms import (
     ClosedForm,
     ContinuousGas,
@@ -34,7 +30,6 @@ from taichi_plume.scenario.closed_forms import (
 )
 from taichi_plume.scenario.gases import EulerianGas, PlaybackGas, PuffGas, PureGas
 from taichi_plume.scenario.loading import ScenarioError
-from taichi_plume.scenario.maps import Map
 from taichi_plume.scenario.obstacles import motion_of
 from taichi_plume.scenario.plumesim import FluentGas, PlumeSimGas, PlumeSimMeander, PlumeSimPuff
 from taichi_plume.scenario.resources import shapes
@@ -48,7 +43,7 @@ from taichi_plume.scenario.winds import (
     SyntheticWind,
     UniformWind,
 )
-from taichi_plume.simulation import Mapper, Simulation
+from taichi_plume.simulation import Simulation
 from taichi_plume.solvers.bodies import MovingObstacle, Wake
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.forces import forces
@@ -66,8 +61,6 @@ from taichi_plume.solvers.resistance import Resistance
 from taichi_plume.solvers.scalar import Scalar
 from taichi_plume.solvers.synthetic import SyntheticSolver
 from taichi_plume.solvers.uniform import UniformSolver
-
-SNAP_MAPS = {"time_series": TimeSeriesMap, "inverse_distance": InverseDistanceMap}
 
 
 def assemble(
@@ -112,10 +105,16 @@ def assemble(
     teams = [
         Team(swarm, group, grid.dim, scenario.tick, folder, own.get(group.name)) for group in swarm.groups
     ]
-    floor = (grid.extent[0], grid.extent[1])
-    maps = mappers(scenario.maps, floor, max(1, swarm.trials), swarm.clearance.obstacle_distance_at)
+    floor = Floor(
+        (grid.extent[0], grid.extent[1]),
+        max(1, swarm.trials),
+        swarm.members.shape[1],
+        scenario.tick,
+        swarm.clearance.obstacle_distance_at,
+    )
+    maps = mappers(scenario.maps, floor)
     seen = [*obstacles, *([cubes] if cubes else [])]
-    sim = Simulation(scenario, grid, wind, gas, swarm, list(teams), maps, seen, air)
+    sim = Simulation(scenario, grid, wind, gas, swarm, list(teams), list(maps), seen, air)
     if isinstance(wind, FlowSolver) and wind.area is not None:
         sim.forces = partial(forces, wind, air, len(obstacles))
     return sim
@@ -188,11 +187,11 @@ def _gas(
     if isinstance(model, PlaybackGas):
         return PlayedGas(model, Film(folder / model.file), grid, begin)
     if isinstance(model, PlumeSimGas | FluentGas):
-        return PointGas(model, model, frames_of(model, folder), grid.extent, begin)
+        return PointGas(model, frames_of(model, folder), grid.extent, begin)
     if isinstance(model, PlumeSimPuff):
         return ProgramPuff(model, grid.extent, begin)
     if isinstance(model, PlumeSimMeander):
-        return ProgramMeander(model, grid.extent, scenario.seed, path)
+        return ProgramMeander(model, grid.extent, begin, scenario.seed, path)
     if isinstance(model, ClosedForm):
         return _closed_form(model, path, scenario, grid, wind)
     try:
@@ -234,31 +233,6 @@ def _wakes(swarm: Swarm, grid: Grid) -> list[Callable[..., Resistance]]:
         for group in swarm.groups
         if group.model.wake
     ]
-
-
-def mappers(
-    models: Sequence[Map],
-    extent: tuple[float, float],
-    trials: int,
-    obstacle_distance: Callable[[np.ndarray], np.ndarray],
-) -> list[Mapper]:
-    """The online maps of the models, over a floor of that extent [m]; those of the same snaps share them.
-
-    obstacle_distance: of points (..., 2) [m], the distance [m] to the next obstacle, negative inside.
-    """
-    snaps: dict[tuple, Snaps] = {}
-
-    def made(model: Map) -> Mapper:
-        if isinstance(model, map_models.MarkovMap):
-            return MarkovMap(model, extent, trials, obstacle_distance)
-        if isinstance(model, map_models.KernelMap):
-            return KernelMap(model, extent, trials)
-        alike = tuple(getattr(model, name) for name in map_models.Snaps.model_fields)
-        if alike not in snaps:
-            snaps[alike] = Snaps(model, extent, trials)
-        return SNAP_MAPS[model.kind](model, extent, trials, snaps[alike])
-
-    return [made(model) for model in models]
 
 
 def _start_numbers(seed: int, group: int, trial: int) -> np.random.Generator:

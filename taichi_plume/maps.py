@@ -70,8 +70,9 @@ def map_of(
     Snaps are cut at multiples of their window since the time 0; those before the first reading are left out. At the
     end the running snap goes into the map as well, but its forecast is not judged. Raises ReadingsError.
     """
+    from taichi_plume.agents.gas_map import Floor
+    from taichi_plume.agents.mapping import mappers
     from taichi_plume.agents.recorded import RecordedTeam
-    from taichi_plume.assemble import mappers
     from taichi_plume.scores import Prediction, forecast_error, peak_distance
 
     _check_size(model, size)
@@ -84,7 +85,7 @@ def map_of(
     most = int(robots.max())
     team = RecordedTeam(most)
     dt = window / ceil(np.bincount(_number(t, window)).max() / most)  # maps have room for so many readings
-    gas_map: Any = mappers([model], size, 1, lambda points: np.full(np.shape(points)[:-1], np.inf))[0]
+    gas_map: Any = mappers([model], Floor(size, 1, most, dt))[0]
 
     def take_in(first: int, last: int, time: float) -> None:
         rows = slice(first, last)

@@ -9,9 +9,11 @@ import pytest
 from scipy import stats
 
 from taichi_plume import maps
+from taichi_plume.agents.gas_map import Floor
 from taichi_plume.agents.gmrf import MarkovMap as MarkovMapper
+from taichi_plume.agents.mapping import mappers
 from taichi_plume.agents.recorded import RecordedTeam
-from taichi_plume.assemble import assemble, mappers
+from taichi_plume.assemble import assemble
 from taichi_plume.files import robots_table
 from taichi_plume.grid import kernels
 from taichi_plume.scenario.loading import load_scenario
@@ -185,7 +187,7 @@ def test_windows_of_a_field_are_cut_as_in_a_run(tmp_path):
     rng = np.random.default_rng(4)
     rows = [(6.25 + 0.5 * k, *rng.uniform(0, 1, 2), rng.uniform(0, 90)) for k in range(24)]
     gas_map = maps.map_of(maps.read(log(tmp_path / "a.csv", rows)), model, (1.0, 1.0))
-    expected = MarkovMapper(model, (1.0, 1.0), 1, lambda points: np.full(np.shape(points)[:-1], np.inf))
+    expected = MarkovMapper(model, Floor((1.0, 1.0), 1, 1, 0.5))
     team = RecordedTeam(1)
     for t, x, y, reading in [*rows, (18.0, 0.5, 0.5, np.nan)]:
         team.show(np.array([[x, y]]), np.zeros((1, 2)), np.array([reading]))
@@ -202,7 +204,7 @@ def test_times_that_all_but_agree_need_no_more_room(tmp_path, monkeypatch):
         made.extend(mappers(*args))
         return made
 
-    monkeypatch.setattr("taichi_plume.assemble.mappers", spy)
+    monkeypatch.setattr("taichi_plume.agents.mapping.mappers", spy)
     rows = [(k + late, 0.5, 0.5, 5.0 + k) for k in range(1, 12) for late in (0.0, 1e-7, 3e-6)]
     gas_map = maps.map_of(
         maps.read(log(tmp_path / "a.csv", rows)), InverseDistanceMap(kind="inverse_distance"), (1.0, 1.0)

@@ -1,7 +1,7 @@
 """How fast online gas maps are: snaps, updates by Gaussian weights, and Markov fields, early and late in a run."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import isnan
 from typing import Any
@@ -10,7 +10,8 @@ import numpy as np
 import taichi as ti
 from pydantic import TypeAdapter
 
-from taichi_plume.assemble import mappers
+from taichi_plume.agents.gas_map import Floor
+from taichi_plume.agents.mapping import mappers
 from taichi_plume.grid import kernels
 from taichi_plume.scenario.maps import Map
 from taichi_plume.simulation import Mapper
@@ -30,6 +31,7 @@ class Robots:
         n = trials * team
         self.rng, self.extent = np.random.default_rng(0), extent
         self.believed_position: Any = ti.Vector.field(2, ti.f32, n)
+        self.wind: Any = ti.Vector.field(2, ti.f32, n)
         self.reading, self.wind_known = ti.field(ti.f32, n), ti.field(ti.i32, n)
         self.members, self.team_size = ti.field(ti.i32, (trials, team)), ti.field(ti.i32, trials)
         self.members.from_numpy(np.arange(n, dtype=np.int32).reshape(trials, team))
@@ -98,7 +100,7 @@ def cost(
     """Of several maps at once, in the first minute and after an hour."""
     kernels.start(arch)
     models = TypeAdapter(list[Map]).validate_python(keys)
-    made = mappers(models, extent, trials, lambda points: np.full(points.shape[:-1], np.inf))
+    made = mappers(models, Floor(extent, trials, READINGS // ticks, WINDOW / ticks))
     robots = Robots(trials, READINGS // ticks, extent)
     result = []
     window = 0
@@ -116,7 +118,7 @@ def cost(
     return result
 
 
-def _window(made: list[Mapper], robots: Robots, number: int, ticks: int) -> np.ndarray:
+def _window(made: Sequence[Mapper], robots: Robots, number: int, ticks: int) -> np.ndarray:
     """Times of all updates of a window, of the last of them, of the estimate and of the variance, (4, 2) [ms]."""
     first, dt = number * ticks, WINDOW / ticks
     spent = []

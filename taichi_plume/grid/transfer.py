@@ -20,8 +20,10 @@ class _Layout:
     def __init__(self, fields: Sequence[Any]):
         self.fields = tuple(fields)
         self.widths = tuple(getattr(field, "n", 1) for field in fields)
+        self.vectors = tuple(isinstance(field, ti.MatrixField) for field in fields)
         self.shapes = tuple(
-            (*field.shape, n) if n > 1 else field.shape for field, n in zip(fields, self.widths, strict=True)
+            (*field.shape, n) if vector else field.shape
+            for field, n, vector in zip(fields, self.widths, self.vectors, strict=True)
         )
         kinds = {ti.f32: np.float32, ti.i32: np.int32, ti.u32: np.uint32, ti.f64: np.float64}
         self.dtypes = tuple(kinds[field.dtype] for field in fields)
@@ -54,7 +56,8 @@ def uploader(*fields: Any) -> Callable[..., None]:
     An array has the field's shape (and a last axis over the components of a vector field), or is one number for all.
     """
     layout = _Layout(fields)
-    widths, begins, dtypes = layout.widths, layout.begins, tuple(field.dtype for field in fields)
+    widths, begins, vectors = layout.widths, layout.begins, layout.vectors
+    dtypes = tuple(field.dtype for field in fields)
     count = len(fields)
 
     @ti.func
@@ -73,7 +76,7 @@ def uploader(*fields: Any) -> Callable[..., None]:
         for f in ti.static(range(count)):
             for I in ti.grouped(fields[f]):
                 at = begins[f] + _place(I, fields[f].shape) * widths[f]
-                if ti.static(widths[f] == 1):
+                if ti.static(not vectors[f]):
                     fields[f][I] = entry(f, at, single, double)
                 else:
                     for k in ti.static(range(widths[f])):
@@ -92,7 +95,8 @@ def uploader(*fields: Any) -> Callable[..., None]:
 def reader(*fields: Any) -> Callable[[], list[np.ndarray]]:
     """A function that reads the fields in one launch: an array of each, shaped as those that `uploader` takes."""
     layout = _Layout(fields)
-    widths, begins, dtypes = layout.widths, layout.begins, tuple(field.dtype for field in fields)
+    widths, begins, vectors = layout.widths, layout.begins, layout.vectors
+    dtypes = tuple(field.dtype for field in fields)
     count = len(fields)
 
     @ti.func
@@ -109,7 +113,7 @@ def reader(*fields: Any) -> Callable[[], list[np.ndarray]]:
         for f in ti.static(range(count)):
             for I in ti.grouped(fields[f]):
                 at = begins[f] + _place(I, fields[f].shape) * widths[f]
-                if ti.static(widths[f] == 1):
+                if ti.static(not vectors[f]):
                     keep(f, fields[f][I], at, single, double)
                 else:
                     for k in ti.static(range(widths[f])):

@@ -2,6 +2,7 @@
 
 from typing import Annotated, ClassVar, Literal
 
+import numpy as np
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
@@ -91,6 +92,7 @@ class GaussianPlumeGas(ClosedForm):
     """Mean plume: a Gaussian across the wind whose standard deviation grows with the distance x from the source."""
 
     kind: Literal["gaussian_plume"]
+    width_fluctuation: ClassVar[float] = 0.0
     sources: Annotated[tuple[PlumeSource, ...], Field(min_length=1)]
     intensity: Intensities | None = None
     """sigma = radius + intensity x; one number, or two: horizontal and vertical. Of turbulence, about 0.05 to 0.15."""
@@ -104,6 +106,17 @@ class GaussianPlumeGas(ClosedForm):
                 "spread", "takes either intensity or diffusivity, which widen the plume"
             )
         return self
+
+    def growth(self, axes: int, speed: float) -> np.ndarray:
+        """b, c and d of so many axes across a wind of that speed [m/s], (axes, 3): sigma² = radius² + (b radius + c) x
+        + d x².
+        """
+        zero = np.zeros(axes)
+        if self.intensity is not None:  # (radius + intensity x)²
+            intensity = np.broadcast_to(self.intensity, axes)
+            return np.stack([2.0 * intensity, zero, intensity**2], axis=1)
+        assert self.diffusivity is not None
+        return np.stack([zero, 2.0 * np.broadcast_to(self.diffusivity, axes) / speed, zero], axis=1)
 
 
 class MeanderingGas(ClosedForm):
@@ -120,3 +133,8 @@ class MeanderingGas(ClosedForm):
     """Growth of the vertical one."""
     width_fluctuation: NonNegative = 0.0
     """Standard deviation of the logarithm of the width, which varies as the gusts do."""
+
+    def growth(self, axes: int, speed: float) -> np.ndarray:
+        """As of `GaussianPlumeGas.growth`."""
+        zero, slope = np.zeros(axes), np.array([self.width_slope, self.height_slope])[:axes]
+        return np.stack([zero, zero, slope**2], axis=1)

@@ -5,19 +5,19 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from taichi_plume.scenario.vocabulary import Count, Delay, Duration, Length, Model, Positive
+from taichi_plume.scenario.vocabulary import COMPILED, Count, Delay, Duration, Length, Model, Positive
 
 
 class Snaps(Model):
     """Readings of a window each, and what they tell of the cells of a map."""
 
-    cell: Length = 0.25
+    cell: Annotated[Length, COMPILED] = 0.25
     """Edge of the cells [m]."""
-    window: Duration = 5.0
+    window: Annotated[Duration, COMPILED] = 5.0
     """Length of a snap [s]."""
-    power: Positive = 2.0
+    power: Annotated[Positive, COMPILED] = 2.0
     """Exponent of the inverse distance."""
-    min_distance: Length | None = None
+    min_distance: Annotated[Length, COMPILED] | None = None
     """Distances below it count as it [m]; unless given, half a cell."""
 
 
@@ -25,11 +25,11 @@ class TimeSeriesMap(Snaps):
     """Spatio-temporal gas map (Marjovi & Marques, ICRA 2014, eq 1-7)."""
 
     kind: Literal["time_series"]
-    alpha: Annotated[float, Field(gt=0, lt=1)] = 0.9
+    alpha: Annotated[float, Field(gt=0, lt=1), COMPILED] = 0.9
     """Weight of distance against age in the neighbourhood."""
-    beta: Positive = 0.5
+    beta: Annotated[Positive, COMPILED] = 0.5
     """Size of the neighbourhood."""
-    time_scale: Positive = 0.1
+    time_scale: Annotated[Positive, COMPILED] = 0.1
     """Distance that a second of age counts as [m/s]."""
     raw_samples: bool = False
     """Whether the neighbourhood is one of samples, rather than of interpolated cells."""
@@ -56,7 +56,7 @@ class KernelMap(Model):
     """Mean and variance by Gaussian weights (Kernel DM+V: Lilienthal et al., IROS 2009)."""
 
     kind: Literal["kernel_dmv"]
-    cell: Length = 0.1
+    cell: Annotated[Length, COMPILED] = 0.1
     """Edge of the cells [m]."""
     sigma: Length = 0.25
     """Width of the kernel [m]: how far a reading tells of the gas around it."""
@@ -76,7 +76,7 @@ class MarkovMap(Model):
     """Gaussian Markov random field with obstacles (Monroy et al., Autonomous Robots 2016)."""
 
     kind: Literal["gmrf"]
-    cell: Length = 0.1
+    cell: Annotated[Length, COMPILED] = 0.1
     """Edge of the cells [m]."""
     lambda_prior: Positive = 0.01
     """Precision of the difference of neighbouring cells [1/ppm²]: less lets the map vary more."""

@@ -8,7 +8,16 @@ from pydantic import Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from taichi_plume.scenario.sources import OneGas, Target
-from taichi_plume.scenario.vocabulary import Count, Duration, FullScale, Length, Point2, Positive, Time
+from taichi_plume.scenario.vocabulary import (
+    COMPILED,
+    Count,
+    Duration,
+    FullScale,
+    Length,
+    Point2,
+    Positive,
+    Time,
+)
 from taichi_plume.scenario.winds import PlumeSimLog, PointPlayback
 
 
@@ -35,11 +44,11 @@ class FluentGas(PercentGas, PointPlayback):
     """Path of the files, relative to the scenario's folder, such as plume%03d.txt for plume001.txt and so on."""
     frames: Count | None = None
     """Number of files; unless given, all there are."""
-    period: Duration = 1.0
+    period: Annotated[Duration, COMPILED] = 1.0
     """Time between frames [s]."""
-    cell: Length = 0.1
+    cell: Annotated[Length, COMPILED] = 0.1
     """Points count up to this distance [m]."""
-    largest: Positive | None = None
+    largest: Annotated[Positive, COMPILED] | None = None
     """Concentration that counts as 100 percent; unless given, the largest in the files."""
 
     @field_validator("files")
@@ -101,4 +110,4 @@ class PlumeSimMeander(PercentGas):
     release_rate: Annotated[float, Field(ge=0, le=1e6)] = 10.0
     dispersion: Annotated[float, Field(ge=0, le=1e3)] = 0.1
     """Points stray across by a standard deviation of dispersion release_rate (x - x0)."""
-    radius: Length = 0.1
+    radius: Annotated[Length, COMPILED] = 0.1

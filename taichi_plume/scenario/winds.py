@@ -10,6 +10,7 @@ from pydantic_core import PydanticCustomError
 from taichi_plume.scenario.heat import Buoyancy
 from taichi_plume.scenario.openings import Opening, Perforated, Straightener
 from taichi_plume.scenario.vocabulary import (
+    COMPILED,
     Acceleration,
     Convection,
     Coordinate,
@@ -198,12 +199,12 @@ class ImportedWind(Played):
     files: Annotated[str, Field(min_length=1)]
     """A file, relative to the scenario's folder, or several: %d stands for numbers that count up by one, such as in
     wind_at_cell_centers_%d.csv, %g for times [s], such as in postProcessing/cloud/%g/points_U.xy."""
-    interval: Duration = 1.0
+    interval: Annotated[Duration, COMPILED] = 1.0
     """Time from one numbered file to the next [s]; the first shows the time 0."""
-    origin: Point | None = None
+    origin: Annotated[Point, COMPILED] | None = None
     """Where the domain's lower corner lies in the files [m]; unless given, the lower corner of the occupancy grid, or
     without one that of the points."""
-    height: Coordinate | None = None
+    height: Annotated[Coordinate, COMPILED] | None = None
     """z in the files of the section that a 2-D run takes [m]; unless given, the middle of the points."""
     occupancy: Annotated[str, Field(min_length=1)] | None = None
     """Path of an OccupancyGrid3D.csv of GADEN's: obstacles besides the scenario's own."""

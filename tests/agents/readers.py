@@ -2,16 +2,21 @@
 
 import numpy as np
 import taichi as ti
+from begun import Kept
+
+from taichi_plume.agents.gas_map import Floor
+from taichi_plume.grid.transfer import uploader
 
 EXTENT = (2.0, 1.5)
 TRIALS, COUNT = 2, 3
+TICK = 0.5
 
 
 class Readers:
     """What a map sees of a swarm: those of trial k are the robots k count ..., in a wind of about 0.7 m/s."""
 
-    def __init__(self, seed, trials=TRIALS, count=COUNT, extent=EXTENT):
-        self.rng, self.extent = np.random.default_rng(seed), extent
+    def __init__(self, trials, count):
+        self.trials, self.count = trials, count
         n = trials * count
         self.believed_position = ti.Vector.field(2, ti.f32, n)
         self.reading = ti.field(ti.f32, n)
@@ -19,31 +24,76 @@ class Readers:
         self.wind_known = ti.field(ti.i32, n)
         self.members = ti.field(ti.i32, (trials, count + 1))
         self.team_size = ti.field(ti.i32, trials)
-        self.team_size.fill(count)
-        self.members.fill(-1)
-        for i in range(n):
-            self.members[i // count, i % count] = i
+        self._put = uploader(
+            self.believed_position, self.reading, self.wind, self.wind_known, self.members, self.team_size
+        )
+        self.robots = np.full((trials, count + 1), -1)
+        self.robots[:, :count] = np.arange(n).reshape(trials, count)
         self.trial = np.arange(n) // count
+
+    def begin(self, seed, extent=EXTENT):
+        """Somewhere on the floor, all of them."""
+        self.rng, self.extent = np.random.default_rng(seed), extent
+        n = self.trials * self.count
         self.where = self.rng.uniform(0, extent, (n, 2))
+        self.believed, self.readings = np.zeros((n, 2), np.float32), np.zeros(n, np.float32)
+        self.felt, self.known = np.zeros((n, 2), np.float32), np.zeros(n, np.int32)
+        self.teams(*[self.count] * self.trials)
+        return self
+
+    def teams(self, *sizes):
+        """Let only the first so many of each trial be there."""
+        self.sizes = sizes
+        self._tell()
+
+    def _tell(self):
+        self._put(self.believed, self.readings, self.felt, self.known, self.robots, self.sizes)
 
     def wander(self):
         """Go on and read something."""
         n = len(self.where)
         self.where = np.clip(self.where + self.rng.normal(0, 0.1, self.where.shape), 0.0, self.extent)
-        self.show(self.where, self.rng.exponential(20.0, n))
-        self.wind.from_numpy(self.rng.normal((0.7, 0.0), 0.3, (n, 2)).astype(np.float32))
-        self.wind_known.from_numpy((self.rng.random(n) < 0.8).astype(np.int32))
+        readings = self.rng.exponential(20.0, n)
+        self.felt = self.rng.normal((0.7, 0.0), 0.3, (n, 2)).astype(np.float32)
+        self.known = (self.rng.random(n) < 0.8).astype(np.int32)
+        self.show(self.where, readings)
 
     def show(self, where, readings):
-        """Be there, and read that."""
-        self.believed_position.from_numpy(np.asarray(where, np.float32))
-        self.reading.from_numpy(np.asarray(readings, np.float32))
+        """Be there, and read that; of one trial also by fewer of its robots, the first ones."""
+        if len(readings) < self.trials * self.count:
+            self.sizes = (len(readings),)
+        self.believed[: len(readings)], self.readings[: len(readings)] = where, readings
+        self._tell()
 
     def rows(self, t):
         """(trial, x, y, reading, wind x, wind y, t) of each robot; no wind where it is not known."""
-        wind = self.wind.to_numpy().astype(float) * self.wind_known.to_numpy()[:, None]
-        where, reading = self.believed_position.to_numpy().astype(float), self.reading.to_numpy()
-        return np.column_stack([self.trial, where, reading, wind, np.full(len(where), t)])
+        wind = self.felt.astype(float) * self.known[:, None]
+        return np.column_stack(
+            [self.trial, self.believed.astype(float), self.readings, wind, np.full(len(self.where), t)]
+        )
+
+
+class Stock:
+    """Readers and maps that tests of a module share, so that each is compiled once."""
+
+    def __init__(self):
+        self.readers, self.kept = {}, Kept()
+
+    def robots(self, seed, trials=TRIALS, count=COUNT, extent=EXTENT):
+        """Readers that begin anew."""
+        if (trials, count) not in self.readers:
+            self.readers[trials, count] = Readers(trials, count)
+        return self.readers[trials, count].begin(seed, extent)
+
+    def map(self, kind, model, *structure, floor=None):
+        """A map of class `kind` that begins anew. structure: what of the model decides shapes."""
+        floor = floor or Floor(EXTENT, TRIALS, COUNT + 1, TICK)
+        key = (kind, floor, *structure)
+        return self.kept(key, lambda: kind(model, floor), lambda one: one.begin(model))
+
+    def renew(self, gas_map):
+        """Let a map begin anew."""
+        self.kept.renew(gas_map, lambda one: one.begin(one.model))
 
 
 def centers(shape, cell):

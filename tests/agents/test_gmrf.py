@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from readers import EXTENT, TRIALS, Readers, centers, same
+from readers import COUNT, EXTENT, TRIALS, Stock, centers, same
 
+from taichi_plume.agents.gas_map import Floor, nowhere
 from taichi_plume.agents.gmrf import MarkovMap
 from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.scenario import maps as map_models
@@ -16,13 +17,17 @@ pytestmark = pytest.mark.usefixtures("taichi")
 DT, CELL = 0.5, 0.25
 
 
+@pytest.fixture(scope="module")
+def stock(taichi):
+    return Stock()
+
+
 def model(**keys):
     return map_models.MarkovMap.model_validate({"kind": "gmrf", "cell": CELL, **keys})
 
 
-def nothing(points):
-    """Distance to no obstacle."""
-    return np.full(points.shape[:-1], np.inf)
+def floor(obstacle, extent=EXTENT, trials=1):
+    return Floor(extent, trials, COUNT, DT, obstacle)
 
 
 def wall(points):
@@ -69,11 +74,11 @@ def run(gas_map, robots, seconds):
 @pytest.mark.parametrize("extent", [(2.0, 1.5), (1.0, 2.25)], ids=["long", "high"])
 @pytest.mark.parametrize(
     ("keys", "obstacle"),
-    [({}, nothing), ({"memory": 5.0, "window": 2.0, "lambda_prior": 0.3}, wall), ({"memory": None}, wall)],
+    [({}, nowhere), ({"memory": 5.0, "window": 2.0, "lambda_prior": 0.3}, wall), ({"memory": None}, wall)],
 )
-def test_mean_and_variance_solve_the_normal_equations(extent, keys, obstacle):
-    gas_map = MarkovMap(model(**keys), extent, TRIALS, obstacle)
-    rows = run(gas_map, Readers(2, extent=extent), 12.0)
+def test_mean_and_variance_solve_the_normal_equations(stock, extent, keys, obstacle):
+    gas_map = stock.map(MarkovMap, model(**keys), "equations", floor=floor(obstacle, extent, TRIALS))
+    rows = run(gas_map, stock.robots(2, extent=extent), 12.0)
     keys = {name.replace("prior", "p"): np.inf if value is None else value for name, value in keys.items()}
     for trial in range(TRIALS):
         mean, variance = literal(rows[rows[:, 0] == trial], 12.0, extent, obstacle, **keys)
@@ -82,9 +87,9 @@ def test_mean_and_variance_solve_the_normal_equations(extent, keys, obstacle):
         same(gas_map.weight()[trial], 1 / variance)
 
 
-def test_behind_a_wall_nothing_is_known():
-    gas_map = MarkovMap(model(), EXTENT, 1, closed)
-    robots = Readers(1, trials=1, count=2)
+def test_behind_a_wall_nowhere_is_known(stock):
+    gas_map = MarkovMap(model(), floor(closed))
+    robots = stock.robots(1, trials=1)
     robots.show([[0.2, 0.3], [0.6, 1.2]], [10.0, 30.0])
     gas_map.update(robots, 1.0, DT)
     known = np.isfinite(gas_map.estimate()[0])
@@ -94,14 +99,14 @@ def test_behind_a_wall_nothing_is_known():
     assert ((gas_map.estimate()[0][:4] > 9.9) & (gas_map.estimate()[0][:4] < 30.1)).all()
 
 
-def test_a_reading_beside_an_obstacle_counts():
+def test_a_reading_beside_an_obstacle_counts(stock):
     """Its cell's centre is inside the box: the next free cell takes it."""
 
     def box(points):
         return np.abs(points - (1.125, 0.625)).max(axis=-1) - 0.2
 
-    gas_map = MarkovMap(model(), EXTENT, 1, box)
-    robots = Readers(1, trials=1, count=1)
+    gas_map = MarkovMap(model(), floor(box))
+    robots = stock.robots(1, trials=1)
     robots.show([[1.235, 0.84]], [7.0])
     gas_map.update(robots, 1.0, DT)
     mean, variance = gas_map.estimate()[0], gas_map.variance()[0]
@@ -109,9 +114,9 @@ def test_a_reading_beside_an_obstacle_counts():
     assert np.nanargmin(variance) == np.ravel_multi_index((4, 3), (8, 6))
 
 
-def test_readings_are_forgotten():
-    gas_map = MarkovMap(model(memory=10.0), EXTENT, 1, nothing)
-    robots = Readers(1, trials=1)
+def test_readings_are_forgotten(stock):
+    gas_map = MarkovMap(model(memory=10.0), floor(nowhere))
+    robots = stock.robots(1, trials=1)
     robots.wander()
     gas_map.update(robots, 1.0, DT)
     early = gas_map.variance()
@@ -124,12 +129,12 @@ def test_readings_are_forgotten():
     assert not gas_map.past
 
 
-def test_obstacles_of_a_scenario_cut_the_links():
+def test_obstacles_of_a_scenario_cut_the_links(stock):
     """A box over four cells: they are unknown, and all around them is not."""
     box = Box(kind="box", center=(1.0, 0.75), size=(0.6, 0.6))
     arena = ClearanceMap([shape(box, Domain(size=EXTENT, spacing=0.05), None)], EXTENT, 0.1)  # type: ignore[arg-type]
-    gas_map = MarkovMap(model(), EXTENT, 1, arena.obstacle_distance_at)
-    robots = Readers(1, trials=1, count=1)
+    gas_map = MarkovMap(model(), floor(arena.obstacle_distance_at))
+    robots = stock.robots(1, trials=1)
     robots.show([[0.1, 0.1]], [7.0])
     gas_map.update(robots, 1.0, DT)
     unknown = np.isnan(gas_map.estimate()[0])

@@ -2,38 +2,45 @@
 
 import numpy as np
 import pytest
-from readers import EXTENT, TRIALS, Readers, centers, same
+from readers import EXTENT, TRIALS, Stock, centers, same
 
+from taichi_plume.agents.gas_map import Floor
 from taichi_plume.agents.kernel_dm import KernelMap
 from taichi_plume.scenario import maps as map_models
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
 DT = 0.5
+ONE = Floor(EXTENT, 1, 4, DT)  # trial
+
+
+@pytest.fixture(scope="module")
+def stock(taichi):
+    return Stock()
 
 
 def model(**keys):
     return map_models.KernelMap.model_validate({"kind": "kernel_dmv", **keys})
 
 
-def run(gas_map, robots, ticks, begin=1):
+def run(gas_map, robots, ticks):
     """Feed the map; returns all rows that it was shown."""
     rows = []
-    for tick in range(begin, begin + ticks):
+    for tick in range(1, 1 + ticks):
         robots.wander()
         gas_map.update(robots, tick * DT, DT)
         rows.append(robots.rows(tick * DT))
     return np.concatenate(rows)
 
 
-def gaussian(point, row, sigma, gamma):
-    """The weight without age of a row's reading at a point, by the rotated covariance matrix."""
-    d, wind = point - row[1:3], row[4:6]
+def gaussian(points, row, sigma, gamma):
+    """The weight without age of a row's reading at points (n, 2), by the rotated covariance matrix."""
+    d, wind = points - row[1:3], row[4:6]
     speed = np.hypot(*wind)
     a, b = sigma + gamma * speed, sigma / (1 + gamma * speed / sigma)
     angle = np.arctan2(wind[1], wind[0])
     R = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    q = d @ R @ np.diag([a**-2, b**-2]) @ R.T @ d
+    q = np.einsum("ni,ij,nj->n", d, R @ np.diag([a**-2, b**-2]) @ R.T, d)
     return np.exp(-q / 2) * (q < 16)
 
 
@@ -41,8 +48,7 @@ def literal(rows, shape, cell, sigma=0.25, sigma_omega=5.0, memory=np.inf, gamma
     """Mean, variance and confidence in every cell, (nx, ny) each."""
     age = np.exp(-(rows[:, 6].max() - rows[:, 6]) / memory)
     reading = rows[:, 3]
-    K = np.array([[gaussian(point, row, sigma, gamma) for row in rows] for point in centers(shape, cell)])
-    K *= age
+    K = np.array([gaussian(centers(shape, cell), row, sigma, gamma) for row in rows]).T * age
     total = K.sum(axis=1)
     trust = 1 - np.exp(-((total / sigma_omega) ** 2))
     r0 = (age * reading).sum() / age.sum()
@@ -59,9 +65,9 @@ def literal(rows, shape, cell, sigma=0.25, sigma_omega=5.0, memory=np.inf, gamma
     [{}, {"memory": 6.0}, {"wind_stretch": 0.25}, {"memory": 10.0, "wind_stretch": 0.4, "sigma_omega": 2.0}],
     ids=["DM+V", "TD", "W", "TD and W"],
 )
-def test_mean_variance_and_confidence_are_the_papers(keys):
-    gas_map = KernelMap(model(cell=0.2, sigma=0.15, **keys), EXTENT, TRIALS)
-    rows = run(gas_map, Readers(3), 40)
+def test_mean_variance_and_confidence_are_the_papers(stock, keys):
+    gas_map = stock.map(KernelMap, model(cell=0.2, sigma=0.15, **keys), "papers")
+    rows = run(gas_map, stock.robots(3), 40)
     keys = {("gamma" if name == "wind_stretch" else name): value for name, value in keys.items()}
     assert gas_map.estimate().shape == (TRIALS, 10, 8)
     for trial in range(TRIALS):
@@ -74,16 +80,17 @@ def test_mean_variance_and_confidence_are_the_papers(keys):
 
 
 @pytest.mark.parametrize(("memory", "exact"), [(np.inf, 16), (8.0, 16), (8.0, 7)])
-def test_readings_that_are_not_kept_have_the_deviation_of_their_last_tick(memory, exact):
+def test_readings_that_are_not_kept_have_the_deviation_of_their_last_tick(stock, memory, exact):
     """The definition in float64, with the deviations that readings had when they became older than the latest."""
     keys = {} if memory == np.inf else {"memory": memory}
-    gas_map, robots = KernelMap(model(cell=0.2, exact=exact, **keys), EXTENT, 1), Readers(4, trials=1)
+    gas_map = stock.map(KernelMap, model(cell=0.2, exact=exact, **keys), exact, floor=ONE)
+    robots = stock.robots(4, trials=1)
     rows, frozen = np.empty((0, 7)), []
 
     def cell_means(now):
         """Weights (cells, readings), trust (cells,), age weights, prior, and each reading's q."""
         age = np.exp(-(now - rows[:, 6]) / memory)
-        K = np.array([[gaussian(p, row, 0.25, 0.0) for row in rows] for p in centers((10, 8), 0.2)]) * age
+        K = np.array([gaussian(centers((10, 8), 0.2), row, 0.25, 0.0) for row in rows]).T * age
         total = np.maximum(K.sum(axis=1), 1e-300)
         trust = 1 - np.exp(-((total / 5.0) ** 2))
         r0 = (age * rows[:, 3]).sum() / age.sum()
@@ -106,21 +113,21 @@ def test_readings_that_are_not_kept_have_the_deviation_of_their_last_tick(memory
     same(gas_map.variance()[0].ravel(), np.where(total > 1e-300, variance, np.nan))
 
 
-def test_sums_of_a_long_run_are_exact():
+def test_sums_of_a_long_run_are_exact(stock):
     """An hour and more of a steady reading: its mean stays what it is."""
-    gas_map, robots = KernelMap(model(exact=10), EXTENT, 1), Readers(5, trials=1, count=250)
+    gas_map, robots = KernelMap(model(exact=10), ONE), stock.robots(5, trials=1, count=250)
     robots.show(robots.where, np.full(250, 12.3))
     for tick in range(1, 801):
         gas_map.update(robots, tick * DT, DT)
     same(gas_map.estimate(), np.full((1, 20, 15), np.float64(np.float32(12.3))), 1e-6)
 
 
-def test_only_the_variance_knows_how_many_readings_are_kept():
+def test_only_the_variance_knows_how_many_readings_are_kept(stock):
     """A short memory for single readings, and for less than a tick of them: means agree; the variance of readings that
     scatter about a settled mean does to some percent.
     """
-    maps = [KernelMap(model(cell=0.25, exact=exact), EXTENT, 1) for exact in (1000, 60, 2)]
-    robots = Readers(5, trials=1)
+    maps = [KernelMap(model(cell=0.25, exact=exact), ONE) for exact in (1000, 60, 2)]
+    robots = stock.robots(5, trials=1)
     for tick in range(1, 200):
         robots.wander()
         for one in maps:

@@ -2,30 +2,50 @@
 
 import numpy as np
 import pytest
+from begun import assert_begins_anew
 from pydantic import TypeAdapter
-from readers import EXTENT, Readers, same
+from readers import COUNT, EXTENT, Stock, same
 
-from taichi_plume.assemble import mappers
+from taichi_plume.agents.gas_map import Floor
+from taichi_plume.agents.mapping import KINDS, mappers
 from taichi_plume.scenario.maps import Map
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
-KINDS = [
-    {"kind": "time_series"},
-    {"kind": "time_series", "raw_samples": True},
-    {"kind": "inverse_distance"},
-    {"kind": "kernel_dmv"},
-    {"kind": "kernel_dmv", "memory": 60, "wind_stretch": 0.25},
-    {"kind": "gmrf", "window": 5},
+# with other numbers of the same structure
+OF_EACH = [
+    ({"kind": "time_series"}, {}),
+    ({"kind": "time_series", "raw_samples": True}, {}),
+    ({"kind": "inverse_distance"}, {}),
+    ({"kind": "kernel_dmv"}, {"sigma": 0.2, "sigma_omega": 3.0, "wind_stretch": 0.1}),
+    ({"kind": "kernel_dmv", "memory": 60, "wind_stretch": 0.25}, {"memory": 3.0, "wind_stretch": 0.0}),
+    ({"kind": "gmrf", "window": 5}, {"window": 2, "memory": 7, "lambda_prior": 0.2, "lambda_observation": 3}),
 ]
-every_kind = pytest.mark.parametrize("keys", KINDS, ids=lambda keys: " ".join(map(str, keys.values())))
+every_kind = pytest.mark.parametrize(
+    "keys", [keys for keys, _ in OF_EACH], ids=lambda keys: " ".join(map(str, keys.values()))
+)
 DT = 0.5
 WINDOW = 10  # ticks
 
 
-def made(keys, trials=1):
-    model = TypeAdapter(Map).validate_python({**keys, "cell": 0.25})
-    return mappers([model], EXTENT, trials, lambda points: np.full(points.shape[:-1], np.inf))[0]
+@pytest.fixture(scope="module")
+def stock(taichi):
+    return Stock()
+
+
+def model(keys):
+    return TypeAdapter(Map).validate_python({**keys, "cell": 0.25})
+
+
+@pytest.fixture
+def made(stock):
+    """A map of these keys that begins anew."""
+
+    def make(keys, trials=1):
+        floor = Floor(EXTENT, trials, COUNT + 1, DT)
+        return stock.map(KINDS[keys["kind"]], model(keys), *keys.values(), floor=floor)
+
+    return make
 
 
 def show(gas_map, robots, where, readings, ticks=range(1, WINDOW + 1)):
@@ -33,6 +53,7 @@ def show(gas_map, robots, where, readings, ticks=range(1, WINDOW + 1)):
     robots.show(where, readings)
     for tick in ticks:
         gas_map.update(robots, tick * DT, DT)
+    return gas_map
 
 
 def layers(gas_map):
@@ -41,9 +62,9 @@ def layers(gas_map):
 
 
 @every_kind
-def test_without_readings_nothing_is_known(keys):
-    gas_map, robots = made(keys, 2), Readers(1)
-    robots.team_size.fill(0)
+def test_without_readings_nothing_is_known(stock, made, keys):
+    gas_map, robots = made(keys, 2), stock.robots(1)
+    robots.teams(0, 0)
     assert np.isnan(gas_map.estimate()).all()
     show(gas_map, robots, robots.where, np.ones(6))
     assert gas_map.estimate().shape == (2, 8, 6)
@@ -53,30 +74,29 @@ def test_without_readings_nothing_is_known(keys):
         assert np.isnan(gas_map.variance()).all()
 
 
+PLACES = [(1.0, -0.01), (-0.01, 1.0), (1.0, 1.51), (2.01, 1.0)]
+NO_READINGS = [((1.0, 0.7), np.nan), ((1.0, 0.7), np.inf), *((place, 50.0) for place in PLACES)]
+
+
 @every_kind
-@pytest.mark.parametrize(
-    ("place", "reading"),
-    [
-        ((1.0, 0.7), np.nan),
-        ((1.0, 0.7), np.inf),
-        *((place, 50.0) for place in ((1.0, -0.01), (-0.01, 1.0), (1.0, 1.51), (2.01, 1.0))),
-    ],
-)
-def test_what_is_no_reading_is_left_out(keys, place, reading):
+def test_what_is_no_reading_is_left_out(stock, made, keys):
     """A third robot reads no number, or believes to be off the map: it might as well not be there."""
-    with_it, without = made(keys), made(keys)
-    two, three = Readers(1, trials=1, count=2), Readers(1, trials=1, count=3)
-    where = [(0.3, 0.4), (1.6, 1.1), place]
-    show(without, two, where[:2], [4.0, 9.0])
-    show(with_it, three, where, [4.0, 9.0, reading])
-    for a, b in zip(layers(with_it), layers(without), strict=True):
-        same(a, b)
+    robots, where = stock.robots(1, trials=1), [(0.3, 0.4), (1.6, 1.1)]
+    without = layers(show(made(keys), robots, where, [4.0, 9.0]))
+    assert np.isfinite(without[0]).any()
+    for place, reading in NO_READINGS:
+        for a, b in zip(
+            layers(show(made(keys), stock.robots(1, trials=1), [*where, place], [4.0, 9.0, reading])),
+            without,
+            strict=True,
+        ):
+            np.testing.assert_array_equal(a, b, f"{reading} at {place}")
 
 
 @every_kind
-def test_one_robot_that_stands_still_tells_its_reading(keys):
+def test_one_robot_that_stands_still_tells_its_reading(stock, made, keys):
     """Where the map knows anything it is that reading, at the corner of the floor too."""
-    gas_map, robots = made(keys), Readers(1, trials=1, count=1)
+    gas_map, robots = made(keys), stock.robots(1, trials=1)
     show(gas_map, robots, [EXTENT], [12.0])
     estimate = gas_map.estimate()[0]
     assert estimate[-1, -1] == pytest.approx(12.0, rel=1e-5)
@@ -85,17 +105,17 @@ def test_one_robot_that_stands_still_tells_its_reading(keys):
 
 
 @every_kind
-def test_no_gas_is_known_to_be_none(keys):
-    gas_map, robots = made(keys), Readers(1, trials=1)
+def test_no_gas_is_known_to_be_none(stock, made, keys):
+    gas_map, robots = made(keys), stock.robots(1, trials=1)
     show(gas_map, robots, robots.where, np.zeros(3))
     estimate = gas_map.estimate()
     assert np.isfinite(estimate).any()
     assert (estimate[np.isfinite(estimate)] == 0).all()
 
 
-@pytest.mark.parametrize("keys", KINDS[3:5], ids=["kernel", "kernel with memory and wind"])
-def test_cells_out_of_reach_are_unknown(keys):
-    gas_map, robots = made(keys), Readers(1, trials=1, count=1)
+@pytest.mark.parametrize("number", [3, 4], ids=["kernel", "kernel with memory and wind"])
+def test_cells_out_of_reach_are_unknown(stock, made, number):
+    gas_map, robots = made(OF_EACH[number][0]), stock.robots(1, trials=1)
     show(gas_map, robots, [[0.125, 0.125]], [5.0])
     assert np.isfinite(gas_map.estimate()[0, :4, 0]).all()  # 0.75 m
     assert np.isnan(gas_map.estimate()[0, 4:]).all()  # 1 m, four times sigma
@@ -103,13 +123,13 @@ def test_cells_out_of_reach_are_unknown(keys):
 
 
 @every_kind
-def test_trials_do_not_see_each_other(keys):
+def test_trials_do_not_see_each_other(stock, made, keys):
     """The second trial alone gives what it gives beside the first, which has one robot only; its own lose their
     readings for a while.
     """
     both, alone = made(keys, 2), made(keys)
-    six, three = Readers(1), Readers(1, trials=1)
-    six.team_size.from_numpy(np.array([1, 3], np.int32))
+    six, three = stock.robots(1), stock.robots(1, trials=1)
+    six.teams(1, 3)
     rng = np.random.default_rng(3)
     for tick in range(1, 3 * WINDOW + 1):
         where, readings = rng.uniform(0, EXTENT, (6, 2)), rng.exponential(20.0, 6)
@@ -118,3 +138,28 @@ def test_trials_do_not_see_each_other(keys):
         show(alone, three, where[3:], readings[3:], range(tick, tick + 1))
     for a, b in zip(layers(both), layers(alone), strict=True):
         same(a[1], b[0], 1e-6)
+
+
+@pytest.mark.parametrize(("keys", "others"), OF_EACH, ids=lambda keys: " ".join(map(str, keys.values())))
+def test_a_map_begins_anew(stock, made, keys, others):
+    gas_map, robots = made(keys), stock.robots(1, trials=1)
+    gas = [1.0]
+
+    def begin(numbers):
+        gas[0] = numbers[0]  # snaps have no numbers of their own
+        gas_map.begin(model(numbers[1]))
+
+    def play(first, last):
+        for tick in range(first * WINDOW // 2 + 1, last * WINDOW // 2 + 1):
+            rng = np.random.default_rng(tick)
+            readings = gas[0] * rng.exponential(20.0, 3)
+            show(gas_map, robots, rng.uniform(0, EXTENT, (3, 2)), readings, range(tick, tick + 1))
+        return *layers(gas_map), np.array([error for _, error in gas_map.errors])
+
+    assert_begins_anew(gas_map, begin, (1.0, keys), (2.0, keys | others), play)
+
+
+def test_each_kind_of_a_scenario_is_known():
+    kinds = {keys["kind"] for keys, _ in OF_EACH}
+    assert set(KINDS) == kinds
+    assert not mappers([], Floor(EXTENT, 1, 1, DT))

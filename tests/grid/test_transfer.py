@@ -18,6 +18,7 @@ def fields() -> tuple:
         ti.field(ti.f32, ()),
         ti.field(ti.i32, 3),
         ti.Vector.field(2, ti.f32, 4),
+        ti.Vector.field(1, ti.f32, 3),
         ti.field(ti.f32, (2, 3, 4), order="kji"),
         ti.field(ti.f64, 2),
         ti.field(ti.u32, 2),
@@ -28,6 +29,7 @@ ARRAYS = (
     np.float32(0.1),
     np.array([1, -2, 2**31 - 1], np.int32),
     np.arange(8, dtype=np.float32).reshape(4, 2),
+    np.array([[0.5], [1.5], [2.5]], np.float32),
     np.random.default_rng(1).normal(size=(2, 3, 4)).astype(np.float32),
     np.array([1 / 3, 1e-300]),
     np.array([2**32 - 1, 5], np.uint32),
@@ -46,7 +48,7 @@ def test_what_is_uploaded_is_read_back_and_compiles_once(taichi):
         np.testing.assert_array_equal(found, array)
         assert compiled() == before or np.array_equal(field.to_numpy(), array)
         before = -1
-    with pytest.raises(TypeError, match="6 fields, 1 arrays"):
+    with pytest.raises(TypeError, match="7 fields, 1 arrays"):
         put(1)
 
 

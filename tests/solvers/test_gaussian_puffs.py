@@ -1,9 +1,11 @@
 """Puffs and continuous sources against other forms of the same solutions."""
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from begun import Kept, assert_begins_anew
 from scipy import integrate
 from scipy.special import erfc, exp1, k0e
 
@@ -29,23 +31,63 @@ def calm(velocity, shape=None, **wind):
     return grid, UniformSolver(model, grid, 0.0, 5)
 
 
-def continuous(velocity, position, t=0.0, diffusivity: Any = D, walls=(), radius=POINT, **source):
-    grid, wind = calm(velocity)
-    source = {"position": position, "rate": Q, "radius": radius} | source
-    model = {"kind": "continuous", "diffusivity": diffusivity, "walls": walls, "sources": [source]}
-    gas = ContinuousPuffs(ContinuousGas.model_validate(model), grid, wind)
-    gas.advance(0.0, t)
-    return gas
+def model_of(kind, diffusivity: Any = D, walls=(), **keys):
+    models = {"continuous": ContinuousGas, "gaussian_puff": GaussianPuffGas}
+    data = {"kind": kind, "diffusivity": diffusivity, "walls": walls} | keys
+    return models[kind].model_validate(data)
 
 
-def puffs(releases, velocity=(0.0, 0.0), t=0.0, diffusivity: Any = D, walls=(), **wind):
+def new(velocity, gas, **wind):
+    """A wind, and a gas in it."""
     grid, wind = calm(velocity, **wind)
-    model = {"kind": "gaussian_puff", "diffusivity": diffusivity, "walls": walls, "releases": releases}
-    gas = GaussianPuffs(GaussianPuffGas.model_validate(model), grid, wind)
-    for n in range(10):
-        wind.advance(n * t / 10, t / 10)
-        gas.advance(n * t / 10, t / 10)
-    return wind, gas
+    kind = ContinuousPuffs if gas.kind == "continuous" else GaussianPuffs
+    return SimpleNamespace(STATE=("wind", "gas"), wind=wind, gas=kind(gas, grid, wind))
+
+
+def begin(air, velocity, gas, **wind):
+    model = UniformWind.model_validate({"kind": "uniform", "velocity": velocity} | wind)
+    air.wind.begin(model, 0.0, 5)
+    air.gas.begin(gas, 0.0, 0)
+
+
+@pytest.fixture(scope="module")
+def air_with(taichi):
+    """A wind and a gas in it; one for all that compile alike."""
+    kept = Kept()
+
+    def make(velocity, gas, **wind):
+        key = gas.kind, len(velocity), gas.walls, tuple(wind)
+        return kept(key, lambda: new(velocity, gas, **wind), lambda air: begin(air, velocity, gas, **wind))
+
+    return make
+
+
+@pytest.fixture
+def continuous(air_with):
+    """What a source has emitted up to some time."""
+
+    def make(velocity, position, t=0.0, diffusivity: Any = D, walls=(), radius=POINT, **source):
+        source = {"position": position, "rate": Q, "radius": radius} | source
+        gas = air_with(velocity, model_of("continuous", diffusivity, walls, sources=[source])).gas
+        gas.advance(0.0, t)
+        return gas
+
+    return make
+
+
+@pytest.fixture
+def puffs(air_with):
+    """A wind and puffs in it, some time after."""
+
+    def make(releases, velocity=(0.0, 0.0), t=0.0, diffusivity: Any = D, walls=(), **wind):
+        gas = model_of("gaussian_puff", diffusivity, walls, releases=releases)
+        air = air_with(velocity, gas, **wind)
+        for n in range(10):
+            air.wind.advance(n * t / 10, t / 10)
+            air.gas.advance(n * t / 10, t / 10)
+        return air.wind, air.gas
+
+    return make
 
 
 def points(dim, n=500):
@@ -60,7 +102,7 @@ def assert_close(gas, x, reference):
 
 
 @pytest.mark.parametrize("direction", [0.0, 2.2])
-def test_steady_line_source(direction):
+def test_steady_line_source(continuous, direction):
     U, depth, source = 0.5, 0.5, np.array([1.7, 1.2])
     along = np.array([np.cos(direction), np.sin(direction)])
     x = points(2)
@@ -70,7 +112,7 @@ def test_steady_line_source(direction):
     assert_close(continuous(tuple(U * along), tuple(source)), x, reference)
 
 
-def test_steady_point_source():
+def test_steady_point_source(continuous):
     U, source = 0.4, np.array([1.0, 1.5, 0.9])
     x = points(3)
     dx = x.astype(float) - source
@@ -79,7 +121,7 @@ def test_steady_point_source():
     assert_close(continuous((U, 0.0, 0.0), tuple(source)), x, reference)
 
 
-def test_the_ground_and_anisotropy_are_changes_of_coordinates():
+def test_the_ground_and_anisotropy_are_changes_of_coordinates(continuous):
     """With x_k/sqrt(D_k) for x_k diffusion is isotropic; the ground adds the source below it."""
     U, source, K = 0.4, np.array([1.0, 1.5, 0.3]), np.array([0.02, 0.01, 0.004])
     x = points(3)
@@ -92,7 +134,7 @@ def test_the_ground_and_anisotropy_are_changes_of_coordinates():
 
 
 @pytest.mark.parametrize("stop", [None, 4.0])
-def test_source_in_still_air(stop):
+def test_source_in_still_air(continuous, stop):
     """E1 for a line and erfc for a point, less the same since the stop."""
     t, start = 9.0, 1.0
     for dim in (2, 3):
@@ -110,7 +152,7 @@ def test_source_in_still_air(stop):
         assert_close(gas, x, reference)
 
 
-def test_a_source_of_some_size():
+def test_a_source_of_some_size(continuous):
     """Quadrature of puffs that start with the source's radius, from the source's side to far away."""
     U, s0, source = 0.3, 0.08, np.array([1.0, 1.5])
     x = np.array([[1.0, 1.5], [1.05, 1.6], [0.9, 1.5], [2.0, 1.5], [3.5, 1.9]], np.float32)
@@ -128,7 +170,7 @@ def test_a_source_of_some_size():
 
 
 @pytest.mark.parametrize("t", [0.4, 12.0, 200.0])
-def test_a_puff_between_walls_is_the_cosine_series(t):
+def test_a_puff_between_walls_is_the_cosine_series(puffs, t):
     """Narrow and wide: all modes of the room, one axis at a time."""
     _, gas = puffs(
         [{"position": (0.7, 2.6), "mass": 3e-6, "radius": 0.1}], t=t, walls=["x-", "x+", "y-", "y+"]
@@ -142,17 +184,17 @@ def test_a_puff_between_walls_is_the_cosine_series(t):
     assert_close(gas, x, reference)
 
 
-def test_the_wall_on_the_upper_side():
+def test_the_wall_on_the_upper_side(puffs):
+    x = points(2)
     _, low = puffs([{"position": (2.0, 0.4), "mass": 1e-6}], t=4.0, walls=["y-"])
     _, high = puffs([{"position": (2.0, 2.6), "mass": 1e-6}], t=4.0, walls=["y+"])
-    x = points(2)
     mirrored = np.stack([x[:, 0], np.float32(3.0) - x[:, 1]], axis=1)
     np.testing.assert_allclose(
         concentration_at(low, x, 0.0), concentration_at(high, mirrored, 0.0), rtol=1e-4
     )
 
 
-def test_puffs_go_with_the_gusts():
+def test_puffs_go_with_the_gusts(puffs):
     """A puff's mass, centre and variance, measured: what was released later has gone with later gusts alone."""
     first = {"position": (0.6, 1.2), "mass": 2e-6, "radius": 0.08}
     later = first | {"time": 1.3}
@@ -199,6 +241,39 @@ def test_gas_on_the_grid_goes_with_the_same_gusts():
     np.testing.assert_allclose(centres[0], centres[1], atol=2e-3)  # a fiftieth of a cell
 
 
-def test_nothing_before_the_release():
+def test_nothing_before_the_release(puffs):
     _, gas = puffs([{"position": (1.0, 1.0), "mass": 1e-6, "time": 2.0}], t=1.0)
     assert not concentration_at(gas, points(2), 0.0).any()
+
+
+RELEASES = [{"position": (1.0, 1.5), "mass": 1e-6, "time": t, "radius": 0.1} for t in (0.0, 1.5)]
+MOVED = [one | {"position": (2.0, 1.0), "mass": 3e-6, "time": 0.5} for one in RELEASES]
+SOURCE = {"position": (1.0, 1.5), "rate": Q, "radius": 0.1, "start": 0.5, "stop": 2.5}
+ANOTHER = {"position": (2.0, 2.0), "rate": 2 * Q, "radius": 0.2, "start": 0.1, "stop": 3.5}
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        (
+            ((0.3, 0.0), model_of("continuous", walls=["y-"], sources=[SOURCE])),
+            ((-0.2, 0.0), model_of("continuous", [0.02, 0.01], walls=["y-"], sources=[ANOTHER])),
+        ),
+        (
+            ((0.3, 0.0), model_of("gaussian_puff", releases=RELEASES)),
+            ((0.1, 0.2), model_of("gaussian_puff", [0.02, 0.01], releases=MOVED)),
+        ),
+    ],
+    ids=["continuous", "puffs"],
+)
+def test_a_gas_begins_anew(one, other):
+    gusts = {"gusts": {"intensity": 0.3, "time": 1.0}} if one[1].kind == "gaussian_puff" else {}
+    air = new(*one, **gusts)
+
+    def play(first, last):
+        for n in range(first, last):
+            air.wind.advance(0.5 * n, 0.5)
+            air.gas.advance(0.5 * n, 0.5)
+        return [concentration_at(air.gas, points(2), 0.0)]
+
+    assert_begins_anew(air, lambda numbers: begin(air, *numbers, **gusts), one, other, play)

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from begun import Kept, assert_begins_anew
 from scipy.linalg import expm
 
 from taichi_plume.grid.fields import velocity_at
@@ -12,9 +13,21 @@ from taichi_plume.solvers.uniform import UniformSolver
 pytestmark = pytest.mark.usefixtures("taichi")
 
 
-def windy(velocity=(0.5, 0.0), shape=(20, 10), seed=3, begin=-2.0, **gusts):
-    model = {"kind": "uniform", "velocity": velocity, "gusts": {"time": 0.4} | gusts}
-    return UniformSolver(UniformWind.model_validate(model), Grid(shape, 0.1), begin, seed)
+@pytest.fixture(scope="module")
+def windy(taichi):
+    """A gusty wind in a room of so many cells from -2 s on."""
+    kept = Kept()
+
+    def make(velocity=(0.5, 0.0), shape=(20, 10), seed=3, **gusts):
+        data = {"kind": "uniform", "velocity": velocity, "gusts": {"time": 0.4} | gusts}
+        model = UniformWind.model_validate(data)
+        return kept(
+            shape,
+            lambda: UniformSolver(model, Grid(shape, 0.1), -2.0, seed),
+            lambda wind: wind.begin(model, -2.0, seed),
+        )
+
+    return make
 
 
 def test_the_joint_law_of_velocity_and_displacement():
@@ -37,27 +50,28 @@ def test_the_joint_law_of_velocity_and_displacement():
     assert np.abs(np.corrcoef([*new, v[:-1]])[2, :2]).max() < 4 / np.sqrt(n)
 
 
-@pytest.mark.parametrize("dt", [0.01, 0.13, 1.0])
-def test_the_path_does_not_depend_on_the_steps(dt):
-    steady, stepped = windy(), windy()
-    t = -2.0
-    while t < 7.0:
-        stepped.advance(t, dt)
-        t += dt
-    steady.advance(-2.0, t + 2.0)
-    np.testing.assert_allclose(steady.displacement(t), stepped.displacement(t), rtol=1e-12)
-    x = np.array([[0.3, 0.2]])
-    np.testing.assert_array_equal(velocity_at(steady, x, t), velocity_at(stepped, x, t))
+def test_the_path_does_not_depend_on_the_steps(windy):
+    for dt in (0.01, 0.13, 1.0):
+        stepped, t = windy(), -2.0
+        while t < 7.0:
+            stepped.advance(t, dt)
+            t += dt
+        x = np.array([[0.3, 0.2]])
+        displacement, u = stepped.displacement(t), velocity_at(stepped, x, t)
+        steady = windy()
+        steady.advance(-2.0, t + 2.0)
+        np.testing.assert_allclose(steady.displacement(t), displacement, rtol=1e-12, err_msg=f"{dt}")
+        np.testing.assert_array_equal(velocity_at(steady, x, t), u, f"{dt}")
 
 
-def test_the_air_moves_with_the_gusts():
+def test_the_air_moves_with_the_gusts(windy):
     """The face velocities add up to the displacement, of which the gust is the slope."""
     wind = windy((0.3, 0.4, 0.0), (8, 8, 8), vertical=0.1)
     begin, dt = wind.displacement(-2.0), 0.03
     gone = np.zeros(3)
     for n in range(200):
         wind.advance(-2.0 + n * dt, dt)
-        u = np.array([u[4, 4, 4] for u in wind.u])
+        u = np.array([wind.grid.read(u)[4, 4, 4] for u in wind.u])
         gone += (u - wind.mean) * dt
         assert wind.outflow_rate == pytest.approx(np.abs(u).sum() / 0.1, rel=1e-6)
     t = -2.0 + 200 * dt
@@ -69,7 +83,7 @@ def test_the_air_moves_with_the_gusts():
     assert abs(gust[2]) > 1e-4
 
 
-def test_gusts_are_as_strong_as_told():
+def test_gusts_are_as_strong_as_told(windy):
     wind = windy((1.2, 0.0), intensity=0.2, time=0.1)
     v = np.empty((1500, 2))
     for n in range(len(v)):
@@ -81,7 +95,31 @@ def test_gusts_are_as_strong_as_told():
     assert v[:, 1].mean() == pytest.approx(0.0, abs=4 * 0.24 / np.sqrt(len(v)) * 1.1)
 
 
-def test_a_seed_decides_the_gusts():
+def test_a_seed_decides_the_gusts(windy):
     a, b, c = (windy(seed=seed).displacement(-2.0) for seed in (1, 1, 2))
     np.testing.assert_array_equal(a, b)
     assert np.all(a[1] != c[1])
+
+
+@pytest.mark.parametrize("gusts", [None, {"time": 0.4}], ids=["steady", "gusty"])
+def test_a_wind_begins_anew(gusts):
+    """Slower and turned, with other gusts."""
+    others = UniformWind.model_validate(
+        {"kind": "uniform", "velocity": (-0.1, 0.2), "gusts": gusts and {"time": 0.2, "intensity": 0.4}}
+    )
+    model = UniformWind.model_validate({"kind": "uniform", "velocity": (0.5, 0.0), "gusts": gusts})
+    wind = UniformSolver(model, Grid((20, 10), 0.1), -2.0, 3)
+
+    def play(first, last):
+        seen = []
+        for n in range(first, last):
+            wind.advance(0.7 * n - 2.0, 0.7)
+            seen += [velocity_at(wind, np.array([[0.3, 0.2]]), 0.0), *(wind.grid.read(u) for u in wind.u)]
+        return [*seen, wind.displacement(0.7 * last - 2.0), np.array(wind.outflow_rate)]
+
+    assert_begins_anew(wind, lambda one: wind.begin(one, -2.0, 3), model, others, play)
+
+
+def test_more_of_the_past_than_there_is_room_for_is_refused(windy):
+    with pytest.raises(ValueError, match=r"gusts of 0\.0001 s, of which .* there is room for 32768"):
+        windy(time=1e-4)

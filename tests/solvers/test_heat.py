@@ -14,6 +14,8 @@ from taichi_plume.solvers.scalar import Scalar
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 
 def warm_box(shape, gravity=None, solid=None, openings=(), heat=None, dx=0.05, **more) -> FlowSolver:
     """Air of 300 K in a box; heat: keys of `buoyancy.heat`."""

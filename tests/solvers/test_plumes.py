@@ -1,7 +1,10 @@
 """Plumes across the wind: how much passes, where, and how wide."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+from begun import Kept, assert_begins_anew
 
 from taichi_plume.grid.fields import concentration_at, velocity_at
 from taichi_plume.grid.grid import Grid
@@ -16,14 +19,40 @@ Q = 3e-5  # kg/s
 GUSTS = {"intensity": 0.2, "time": 1.5}
 
 
-def plume(velocity, position, kind="gaussian_plume", radius=0.05, gusts=None, begin=0.0, **keys):
-    dim = len(velocity)
+MODELS = {"gaussian_plume": GaussianPlumeGas, "meandering": MeanderingGas}
+
+
+def models(velocity, position, kind="gaussian_plume", radius=0.05, gusts=None, rate=Q, **keys):
+    """Of a wind and of a plume in it."""
+    wind = UniformWind.model_validate({"kind": "uniform", "velocity": velocity, "gusts": gusts})
+    data = {"kind": kind, "sources": [{"position": position, "rate": rate, "radius": radius}]} | keys
+    return wind, MODELS[kind].model_validate(data)
+
+
+def begin(air, one, t=0.0):
+    air.wind.begin(one[0], t, 4)
+    air.gas.begin(one[1], t, 4)
+
+
+def new(one, t=0.0):
+    dim = len(one[0].velocity)
     grid = Grid((60, 40, 20)[:dim], 0.1, depth=0.5)
-    model = UniformWind.model_validate({"kind": "uniform", "velocity": velocity, "gusts": gusts})
-    wind = UniformSolver(model, grid, begin, 4)
-    data = {"kind": kind, "sources": [{"position": position, "rate": Q, "radius": radius}]} | keys
-    gas = (GaussianPlumeGas if kind == "gaussian_plume" else MeanderingGas).model_validate(data)
-    return wind, Plumes(gas, grid, wind, begin, 4)
+    wind = UniformSolver(one[0], grid, t, 4)
+    return SimpleNamespace(STATE=("wind", "gas"), wind=wind, gas=Plumes(one[1], grid, wind, t, 4))
+
+
+@pytest.fixture(scope="module")
+def plume(taichi):
+    """A wind and a plume in it; one for all that compile alike."""
+    kept = Kept()
+
+    def make(velocity, position, t=0.0, **keys):
+        one = models(velocity, position, **keys)
+        key = len(velocity), one[1].kind, one[1].walls, one[0].gusts is None
+        air = kept(key, lambda: new(one, t), lambda air: begin(air, one, t))
+        return air.wind, air.gas
+
+    return make
 
 
 def section(wind, gas, position, distance, span=4.0, dx=0.02, base=None):
@@ -54,7 +83,7 @@ INTENSITY, DIFFUSIVITY = {"intensity": [0.1, 0.07]}, {"diffusivity": [0.01, 0.00
         ((0.0, 0.0, 0.5), DIFFUSIVITY),
     ],
 )
-def test_the_mean_plume_carries_what_is_emitted(velocity, law):
+def test_the_mean_plume_carries_what_is_emitted(plume, velocity, law):
     dim, position, far = len(velocity), (2.0, 2.0, 1.0)[: len(velocity)], 2.3
     law = {key: values[: dim - 1] for key, values in law.items()}
     wind, gas = plume(velocity, position, walls=[], **law)
@@ -71,7 +100,7 @@ def test_the_mean_plume_carries_what_is_emitted(velocity, law):
 
 
 @pytest.mark.parametrize("velocity", [(0.6, 0.0, 0.0), (-0.3, 0.4, 0.0)])
-def test_the_ground_reflects(velocity):
+def test_the_ground_reflects(plume, velocity):
     """What passes above the ground is all, and no gas diffuses into the ground."""
     position = (2.0, 2.0, 0.2)
     wind, gas = plume(velocity, position, intensity=0.15)
@@ -83,7 +112,7 @@ def test_the_ground_reflects(velocity):
     assert high == pytest.approx(low, rel=1e-4)
 
 
-def test_walls_on_both_sides_make_it_even():
+def test_walls_on_both_sides_make_it_even(plume):
     position = (0.5, 1.0)
     _, gas = plume((0.5, 0.0), position, walls=["y-", "y+"], diffusivity=0.5)
     y = np.arange(0.05, 4.0, 0.1)
@@ -94,15 +123,15 @@ def test_walls_on_both_sides_make_it_even():
 
 
 @pytest.mark.parametrize("velocity", [(0.5, 0.0), (-0.3, 0.4, 0.0)])
-def test_the_meandering_plume_is_where_its_air_has_gone(velocity):
+def test_the_meandering_plume_is_where_its_air_has_gone(plume, velocity):
     """Air followed backwards through the wind that anemometers have read leads to the source."""
     dim, position, far = len(velocity), (3.0, 2.0, 1.0)[: len(velocity)], 1.1
     wind, gas = plume(
         velocity,
         position,
-        "meandering",
+        kind="meandering",
         gusts=GUSTS | {"vertical": 0.1 * (dim == 3)},
-        begin=-1.0,
+        t=-1.0,
         walls=[],
     )
     dt, place = 0.01, np.array([position], np.float32)
@@ -125,11 +154,11 @@ def test_the_meandering_plume_is_where_its_air_has_gone(velocity):
 
 
 @pytest.mark.parametrize("slope", [0.02, 0.9])
-def test_a_channel_keeps_the_meandering_plume(slope):
+def test_a_channel_keeps_the_meandering_plume(plume, slope):
     """Thin and wide, and when the gusts would have swept it far beyond the walls."""
     gusts = {"intensity": 3.0, "time": 5.0}
     wind, gas = plume(
-        (0.5, 0.0), (1.0, 1.0), "meandering", gusts=gusts, walls=["y-", "y+"], width_slope=slope
+        (0.5, 0.0), (1.0, 1.0), kind="meandering", gusts=gusts, walls=["y-", "y+"], width_slope=slope
     )
     y = (np.arange(2000) + 0.5) * 0.002  # the channel is 4 m wide
     swept = 0.0
@@ -141,9 +170,11 @@ def test_a_channel_keeps_the_meandering_plume(slope):
     assert swept > 12.0
 
 
-def test_the_width_fluctuates_and_the_flux_does_not():
+def test_the_width_fluctuates_and_the_flux_does_not(plume):
     position = (1.0, 2.0)
-    wind, gas = plume((0.5, 0.0), position, "meandering", gusts=GUSTS | {"time": 0.1}, width_fluctuation=0.3)
+    wind, gas = plume(
+        (0.5, 0.0), position, kind="meandering", gusts=GUSTS | {"time": 0.1}, width_fluctuation=0.3
+    )
     widths = []
     for n in range(100):
         wind.advance(0.5 * n, 0.5)
@@ -154,3 +185,32 @@ def test_the_width_fluctuates_and_the_flux_does_not():
     # of a hundred independent ones
     assert np.std(widths) == pytest.approx(0.3, rel=4 / np.sqrt(200))
     assert np.mean(widths) == pytest.approx(-(0.3**2) / 2, abs=4 * 0.3 / 10)
+
+
+ACROSS = {"walls": ["y-", "y+"], "diffusivity": 0.1}
+OTHERS = {
+    "ground": (
+        models((0.6, 0.0, 0.0), (2.0, 2.0, 0.2), intensity=0.15),
+        models((-0.1, -0.4, 0.0), (4.0, 3.0, 0.5), intensity=[0.1, 0.2], radius=0.1, rate=2 * Q),
+    ),
+    "channel": (models((0.5, 0.0), (1.0, 1.0), **ACROSS), models((-0.3, 0.0), (5.0, 3.0), **ACROSS)),
+    "meandering": (
+        models((0.5, 0.0), (1.0, 2.0), kind="meandering", gusts=GUSTS),
+        models((0.3, 0.2), (1.0, 1.0), kind="meandering", gusts={"time": 0.7}, width_fluctuation=0.3),
+    ),
+}
+
+
+@pytest.mark.parametrize("case", OTHERS)
+def test_a_plume_begins_anew(case):
+    one, other = OTHERS[case]
+    air = new(one)
+    x = np.random.default_rng(2).uniform(0.0, air.gas.grid.extent, (300, air.gas.dim))
+
+    def play(first, last):
+        for n in range(first, last):
+            air.wind.advance(0.5 * n, 0.5)
+            air.gas.advance(0.5 * n, 0.5)
+        return [concentration_at(air.gas, x, 0.0), velocity_at(air.wind, x, 0.0)]
+
+    assert_begins_anew(air, lambda numbers: begin(air, numbers), one, other, play)

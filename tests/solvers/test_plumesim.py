@@ -67,7 +67,7 @@ def nearest(known: PointFrames, k: int, values: np.ndarray, offset: tuple[float,
 def test_a_reading_is_the_nearest_points_within_a_cell(cell):
     known = frames(cell=cell)
     model = gas_of(full_scale_ppm=200, offset=[0.05, -0.03])
-    gas = PointGas(model, model, known, EXTENT)
+    gas = PointGas(model, known, EXTENT)
     wind = PointWind(wind_of(offset=[0.05, -0.03]), known, EXTENT)
     for k in range(4):
         gas.advance(0.5 * k - 0.1, 0.1)
@@ -84,7 +84,7 @@ def test_of_points_in_one_place_the_first_counts():
     known = PointFrames(
         Path("a"), 1.0, 0.2, place, np.zeros((3, 2)), np.array([10.0, 20, 30]), np.array([0, 3])
     )
-    gas = PointGas(gas_of(), gas_of(), known, EXTENT)
+    gas = PointGas(gas_of(), known, EXTENT)
     at = np.array([[0.5, 0.5], [0.54, 0.52], [0.6, 0.45]])
     np.testing.assert_allclose(ppm(gas, at), [10, 10, 30], rtol=1e-6)
 
@@ -97,7 +97,7 @@ def test_between_points_of_a_lattice_it_is_bilinear():
         Path("a"), 1.0, 0.1, place, np.zeros((len(place), 2)), percent, np.array([0, len(place)])
     )
     model = gas_of(interpolate=True)
-    gas = PointGas(model, model, known, EXTENT)
+    gas = PointGas(model, known, EXTENT)
     x, y = POINTS.T.astype(float)
     np.testing.assert_allclose(ppm(gas, POINTS), 3 + 10 * x + 4 * y + 20 * x * y, rtol=2e-5)
 
@@ -106,13 +106,13 @@ def test_a_lattice_of_cells_is_read_up_to_the_walls():
     place = np.array([[0.25, 0.25], [0.75, 0.25], [1.25, 0.25], [0.25, 0.75], [0.75, 0.75], [1.25, 0.75]])
     known = PointFrames(Path("a"), 1.0, 0.5, place, np.zeros((6, 2)), np.full(6, 70.0), np.array([0, 6]))
     model = gas_of(interpolate=True)
-    np.testing.assert_allclose(ppm(PointGas(model, model, known, EXTENT), POINTS), 70, rtol=1e-5)
+    np.testing.assert_allclose(ppm(PointGas(model, known, EXTENT), POINTS), 70, rtol=1e-5)
 
 
 def test_between_scattered_points_nothing_jumps_and_nothing_exceeds():
     known = frames((400,), cell=0.1)
     model = gas_of(interpolate=True)
-    gas = PointGas(model, model, known, EXTENT)
+    gas = PointGas(model, known, EXTENT)
     line = np.stack([np.linspace(0, 1.5, 15001), np.full(15001, 0.4)], axis=-1)
     seen = ppm(gas, line)
     assert seen.max() <= known.percent.max() * (1 + 1e-6)
@@ -137,14 +137,16 @@ def test_between_scattered_points_nothing_jumps_and_nothing_exceeds():
 )
 def test_frames_hold_until_the_next_one(keys, t, frame):
     known = frames((5, 6, 7, 8))
-    film = PointFilm(known, gas_of(**keys), known.percent[:, None], EXTENT)
+    film = PointFilm(known, EXTENT, 1)
+    film.begin(gas_of(**keys), 0.0, known.percent[:, None])
     assert film.frame_at(t) == frame
 
 
 @pytest.mark.parametrize("keys", [{"rate": 1e308}, {"rate": 1e-300}, {"start": -1e300, "loop": True}])
 def test_extreme_rates_show_a_frame(keys):
     known = frames()
-    film = PointFilm(known, gas_of(**keys), known.percent[:, None], EXTENT)
+    film = PointFilm(known, EXTENT, 1)
+    film.begin(gas_of(**keys), 0.0, known.percent[:, None])
     assert 0 <= film.frame_at(1e5) < 4
 
 
@@ -152,7 +154,7 @@ def test_extreme_rates_show_a_frame(keys):
 def test_extreme_cells_give_numbers(interpolate):
     for cell in (1e-300, 1e300):
         model, known = gas_of(interpolate=interpolate), frames(cell=cell)
-        seen = ppm(PointGas(model, model, known, EXTENT), np.concatenate([POINTS, known.place[:5]]))
+        seen = ppm(PointGas(model, known, EXTENT), np.concatenate([POINTS, known.place[:5]]))
         assert ((seen >= 0) & (seen <= 100.1)).all()
 
 
