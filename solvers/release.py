@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from math import ceil, prod
+from typing import Any
 
 import numpy as np
 import taichi as ti
@@ -31,7 +32,7 @@ class Release:
         self._cell = ti.Vector.field(grid.dim, ti.i32, most)
         self._share = double_field((most,))  # per volume that stores
         self._owner = ti.field(ti.i32, most)
-        self._count = ti.field(ti.i32, ())  # of the cells
+        self._count: Any = ti.field(ti.i32, ())  # of the cells
         self._amount = double_field((len(balls),))
         self._place = uploader(self._cell, self._share, self._owner, self._count)
         self._give = uploader(self._amount)

@@ -109,8 +109,9 @@ class Transport:
         """
         self.diffusivity, self.schmidt, self.exchange_rate = diffusivity, schmidt, exchange_rate
         per_schmidt = np.float32(1.0 / float(np.float32(schmidt)))
-        viscosity = np.float32(self.wind.viscosity) if self.eddies else np.float32(0.0)
-        self._n.set(still=np.float32(diffusivity) - viscosity * per_schmidt, per_schmidt=per_schmidt)
+        viscosity = np.float32(self.wind.viscosity if self.eddies else 0.0)
+        still = np.float32(diffusivity) - viscosity * per_schmidt  # with nu_t/Sc_t = (nu - viscosity)/Sc_t
+        self._n.set(still=float(still), per_schmidt=float(per_schmidt))
 
     def start_from(self, function: Callable[[np.ndarray], np.ndarray]) -> None:
         """Set q from a function of points (..., dim) [m]."""
