@@ -1,6 +1,6 @@
 """Scenario -> Simulation: the one place that knows all parts."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
