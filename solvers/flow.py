@@ -254,10 +254,10 @@ class FlowSolver(Carrier):
             gravity, heat = np.array(model.buoyancy.pull(self.dim)), model.buoyancy.heat
             pull = [gravity * one.weight for one in self._weighing]
             pull += [] if heat is None else [gravity * -heat.volume_expansion]
-            if self.heat is not None and heat is not None:
-                self.heat.begin(heat, t, seed)
         self.momentum.begin(model, np.array(pull))
         self.boundaries.begin(model.openings, seed)
+        if self.heat is not None and model.buoyancy is not None and model.buoyancy.heat is not None:
+            self.heat.begin(model.buoyancy.heat, t, seed)  # with the openings' present temperatures
         for screen, one in zip(self.screens, model.screens, strict=True):
             screen.begin(one, model.viscosity)
         self.max_speed, self.max_courant = 1.0, 0.0
