@@ -53,6 +53,12 @@ class Even(Gas):
     def __init__(self, species: Species):
         self.species = species
 
+    def begin(self, model, t: float, seed: int) -> None:
+        pass
+
+    def advance(self, t: float, dt: float) -> None:
+        pass
+
     @ti.func
     def concentration(self, x, t):
         return 1e-6
