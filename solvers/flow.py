@@ -41,7 +41,7 @@ class FlowSolver(Carrier):
     """Air flow in a box with solid cells and openings; satisfies `fields.Carrier`.
 
     Fields besides the carrier's: p [m²/s²]. boundaries: what the openings do; heat: the temperature of the air, None
-    where it is not computed; resistances: screens, and what else holds or drags the air.
+    where it is not computed; weighing: what else makes it heavier; resistances: screens, and what else holds the air.
     """
 
     STATE = (
@@ -81,7 +81,7 @@ class FlowSolver(Carrier):
         self.resistances: tuple[Resistance, ...] = (*self.screens, *(make(self.open) for make in resistances))
         heat = model.buoyancy.heat if model.buoyancy is not None else None
         theta = Scalar(grid) if heat is not None else None
-        self._weighing = tuple(weighing)
+        self.weighing = tuple(weighing)
         fields = [one.field for one in weighing] + ([theta.q] if theta is not None else [])
         self.momentum = Momentum(model, grid, self.u, self.p, self.nu, self.open, self.area, fields)
         self.surfaces = None if air.empty else Surfaces(self.momentum, air, self._area, openness, tables)
@@ -249,15 +249,15 @@ class FlowSolver(Carrier):
     def begin(self, model: CfdWind, t: float, seed: int) -> None:
         """Blow from rest: with the potential flow that the openings force."""
         self._take_numbers(model)
+        self.boundaries.begin(model.openings, seed)
         pull = []
         if model.buoyancy is not None:
             gravity, heat = np.array(model.buoyancy.pull(self.dim)), model.buoyancy.heat
-            pull = [gravity * one.weight for one in self._weighing]
+            pull = [gravity * one.weight for one in self.weighing]
             pull += [] if heat is None else [gravity * -heat.volume_expansion]
+            if self.heat is not None and heat is not None:
+                self.heat.begin(heat, t, seed)
         self.momentum.begin(model, np.array(pull))
-        self.boundaries.begin(model.openings, seed)
-        if self.heat is not None and model.buoyancy is not None and model.buoyancy.heat is not None:
-            self.heat.begin(model.buoyancy.heat, t, seed)  # with the openings' present temperatures
         for screen, one in zip(self.screens, model.screens, strict=True):
             screen.begin(one, model.viscosity)
         self.max_speed, self.max_courant = 1.0, 0.0

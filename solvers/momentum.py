@@ -21,9 +21,11 @@ from taichi_plume.solvers.convection import FACE_VALUES
 from taichi_plume.solvers.turbulence import MODELS
 
 
-@dataclass(frozen=True)
+@dataclass
 class Weighing:
-    """What makes the air heavier: a cell field, and the relative change of the density per unit of it."""
+    """What makes the air heavier: a cell field, and the relative change of the density per unit of it, which the flow
+    takes over when it begins.
+    """
 
     field: Any
     weight: float
