@@ -42,7 +42,9 @@ def scenario(path, gas, dim, gusts):
 
 
 def played(out, *options) -> np.ndarray:
-    assert run.main([str(out.parent / "s.yaml"), "--out", str(out), "--quiet", *options]) == 0
+    assert (
+        run.main([str(out.parent / "s.yaml"), "--out", str(out), "--quiet", "--no-recording", *options]) == 0
+    )
     film: Any = zarr.open_group(out / "fields.zarr", mode="r")
     return np.asarray(film["gas_ethanol"])
 

@@ -73,8 +73,8 @@ class Filming:
             f"{GAS}{species.name}": np.zeros(sim.grid.shape[::-1], np.float32) for species in sim.gas.species
         }
         for gas in sim.gas.gases:
-            cells = getattr(gas, "cells", None)  # means over the cells, where a gas knows them
-            c = cells(sim.t) if cells else concentration_at(gas, sim.grid.centers(), sim.t)
+            means = gas.cells(sim.t)
+            c = concentration_at(gas, sim.grid.centers(), sim.t) if means is None else means
             frame[f"{GAS}{gas.species.name}"] += c.T
         return frame
 

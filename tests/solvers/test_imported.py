@@ -2,22 +2,22 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from begun import assert_begins_anew
 
 from taichi_plume import run
 from taichi_plume.assemble import assemble
-from taichi_plume.files.gaden import Cubes, Occupancy
 from taichi_plume.files.site import Site
 from taichi_plume.grid.cut_cells import air_of
 from taichi_plume.grid.fields import velocity_at
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.interpolation import Interpolation
 from taichi_plume.scenario.loading import ScenarioError, load_scenario
 from taichi_plume.scenario.winds import ImportedWind
 from taichi_plume.simulation import Simulation
-from taichi_plume.solvers.imported import ImportedFilm, Projection
+from taichi_plume.solvers.imported import ImportedFilm, ImportedFlow
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -77,72 +77,33 @@ def simulation(folder: Path, *overrides: str) -> Simulation:
     return assemble(scenario, folder)
 
 
-def flux(sim: Simulation) -> list[np.ndarray]:
+def imported(folder: Path, *overrides: str) -> SimpleNamespace:
+    """The air of such a simulation, without its gas."""
+    (folder / "room.yaml").write_text(ROOM)
+    scenario = load_scenario(folder / "room.yaml", overrides)
+    assert isinstance(scenario.wind, ImportedWind)
+    grid, site = Grid.of(scenario.domain), Site(scenario.wind, scenario.domain.dim, folder)
+    air = air_of([], grid, left=site.cubes.shares(grid) if site.cubes else None)
+    wind = ImportedFlow(ImportedFilm(site, grid, air), scenario.wind, grid)
+    return SimpleNamespace(model=scenario.wind, grid=grid, air=air, wind=wind)
+
+
+def flux(sim: Simulation | SimpleNamespace) -> list[np.ndarray]:
     """Velocity through every face, times the share of it that is air."""
     wind, grid = sim.wind, sim.grid
     result = []
     for d, field in enumerate(wind.u):
-        inner = tuple(slice(b, e + (a == d)) for a, (b, e) in enumerate(grid.cells))
-        result.append(field.to_numpy()[inner].astype(float) * sim.air.area[d])
+        inner = tuple(slice(1, n + 1 + (a == d)) for a, n in enumerate(grid.shape))
+        result.append(grid.read(field, 1)[inner].astype(float) * sim.air.area[d])
     return result
 
 
-def divergence(sim: Simulation) -> float:
+def divergence(sim: Simulation | SimpleNamespace) -> float:
     """Largest net flow out of a cell over the largest one through a face."""
     u = flux(sim)
     return float(
         np.abs(sum(np.diff(v, axis=d) for d, v in enumerate(u))).max() / max(np.abs(v).max() for v in u)
     )
-
-
-def test_projection_leaves_the_part_without_divergence():
-    """Helmholtz: a curl and a gradient, both without flow through the faces of the box, come apart."""
-    grid = Grid((10, 8), 0.1)
-    rng = np.random.default_rng(2)
-    psi = np.pad(rng.standard_normal((9, 7)), 1)
-    potential = rng.standard_normal((10, 8))
-    curl = [np.diff(psi, axis=1), -np.diff(psi, axis=0)]
-    gradient = [np.pad(np.diff(potential, axis=d), [(int(a == d),) * 2 for a in range(2)]) for d in range(2)]
-    u, correction, left = Projection(grid, air_of([], grid))(
-        [c + g for c, g in zip(curl, gradient, strict=True)]
-    )
-    for found, wanted in zip(u, curl, strict=True):
-        np.testing.assert_allclose(found, wanted, atol=3e-6)
-
-    def square(parts):
-        return sum((part**2).sum() for part in parts)
-
-    assert correction == pytest.approx(
-        np.sqrt(square(gradient) / square([c + g for c, g in zip(curl, gradient, strict=True)])), rel=1e-5
-    )
-    assert left < 1e-6
-
-
-def test_what_comes_in_goes_out():
-    grid = Grid((12, 6), 0.1)
-    project = Projection(grid, air_of([], grid))
-    u = [np.broadcast_to(np.linspace(0.5, 0.7, 13)[:, None], (13, 6)).copy(), np.zeros((12, 7))]
-    found, _, _ = project(u)
-    np.testing.assert_allclose(found[0], 0.6, rtol=1e-6)
-    nowhere, _, _ = project([u[0] - 0.6, u[1]])  # out on both sides
-    assert np.abs(nowhere[0]).max() < 1e-6
-
-
-@pytest.mark.parametrize("dim", [2, 3])
-def test_linear_fields_are_exact_on_and_off_a_lattice(dim):
-    rng = np.random.default_rng(3)
-    lattice = np.stack(np.meshgrid(*[np.cumsum(rng.uniform(0.5, 1.5, 6)) for _ in range(dim)]), axis=-1)
-    lattice = rng.permutation(lattice.reshape(-1, dim))
-    slope = np.array([0.3, -0.2, 0.5])[:dim]
-    wanted = [np.linspace(lattice[:, a].min() - 0.3, lattice[:, a].max() + 0.2, 9) for a in range(dim)]
-    exact = sum(s * x for s, x in zip(slope, np.meshgrid(*wanted, indexing="ij"), strict=True))
-    for place, tolerance in ((lattice, 1e-9), (lattice + rng.uniform(-0.2, 0.2, lattice.shape), 1e-6)):
-        known = Interpolation(place)
-        assert (known.lattice is None) == (place is not lattice)
-        found = known.onto(wanted)(place @ slope + 1.0)
-        inside = (slice(1, -1),) * dim  # far beyond the points it is rather their mean
-        np.testing.assert_allclose(found[inside], exact[inside] + 1.0, atol=tolerance)
-        assert np.abs(found - exact - 1.0).max() < (1e-9 if place is lattice else 0.5)
 
 
 @pytest.mark.slow
@@ -168,7 +129,7 @@ def test_well_mixed_gas_stays_well_mixed(tmp_path):
 def test_files_follow_one_another(tmp_path):
     for n, scale in enumerate([1.0, 2.0, 0.5]):
         write(tmp_path / f"wind_{n + 4}.csv", swirl, scale=scale)
-    sim = simulation(tmp_path, "wind.interval=0.5", CLOSED)
+    sim = imported(tmp_path, "wind.interval=0.5", CLOSED)
     x = np.array([[0.45, 0.33, 0.2], [0.7, 0.9, 0.1]])
     once = velocity_at(sim.wind, x, 0.0)
     np.testing.assert_allclose(once, swirl(x), atol=0.02)
@@ -180,7 +141,7 @@ def test_files_follow_one_another(tmp_path):
 def test_occupied_cubes_are_in_the_way(tmp_path):
     write(tmp_path / "wind_0.csv", stream, (23, 17, 5))
     write_block(tmp_path / "o.csv")
-    sim = simulation(tmp_path, "wind.occupancy=o.csv", "wind.walls=[z-, z+]")
+    sim = imported(tmp_path, "wind.occupancy=o.csv", "wind.walls=[z-, z+]")
     cells = tuple(slice(2 * s.start, 2 * s.stop) for s in BLOCK)
     assert sim.air.solid[cells].all()
     assert sim.air.solid.sum() == 8 * np.prod([s.stop - s.start for s in BLOCK])
@@ -202,7 +163,7 @@ def test_a_section_of_three_dimensions(tmp_path):
     write(tmp_path / "wind_0.csv", swirl, (32, 24, 4))
     x = np.random.default_rng(6).uniform(0.0, 1.0, (50, 2))
     for height, z in ((0.75, 0.25), (0.88, 0.38), ("null", 0.2)):  # unless a height is given, the middle
-        sim = simulation(tmp_path, *FLAT, f"wind.height={height}")
+        sim = imported(tmp_path, *FLAT, f"wind.height={height}")
         wanted = swirl(np.column_stack([x + np.array([0.2, 0.1]), np.full(50, z)]))
         np.testing.assert_allclose(velocity_at(sim.wind, x, 0.0), wanted[:, :2], atol=0.01)  # dx²/8 |u''|
         assert divergence(sim) < 1e-5
@@ -212,7 +173,7 @@ def test_a_section_meets_the_cubes_at_its_height(tmp_path):
     write(tmp_path / "wind_0.csv", stream)
     write_block(tmp_path / "o.csv")
     for height, met in ((0.6, True), (0.8, False)):
-        sim = simulation(tmp_path, *FLAT, "wind.occupancy=o.csv", f"wind.height={height}")
+        sim = imported(tmp_path, *FLAT, "wind.occupancy=o.csv", f"wind.height={height}")
         x = sim.grid.centers() + np.array([0.2, 0.1])
         block = (np.abs(x - [0.8, 0.5]) < [0.2, 0.3]).all(axis=-1)
         np.testing.assert_array_equal(sim.air.solid, block & met)
@@ -220,48 +181,28 @@ def test_a_section_meets_the_cubes_at_its_height(tmp_path):
 
 def test_eddies_spread_the_gas(tmp_path):
     write(tmp_path / "wind_0.csv", swirl, extra=lambda x: 1e-3 * (1 + x[:, 0]))
-    sim = simulation(tmp_path)
+    sim = imported(tmp_path)
     nu = sim.grid.read(sim.wind.nu)
     np.testing.assert_allclose(nu, 1.56e-5 + 1e-3 * (1 + sim.grid.centers()[..., 0]), rtol=1e-5)
-    sim = simulation(tmp_path, "wind.eddy_viscosity=5e-4")
+    sim = imported(tmp_path, "wind.eddy_viscosity=5e-4")
     np.testing.assert_allclose(sim.grid.read(sim.wind.nu), 5.156e-4, rtol=1e-6)
     assert sim.wind.max_viscosity == pytest.approx(5.156e-4)
 
 
-def test_shares_and_distances_of_cubes():
-    rng = np.random.default_rng(4)
-    solid = rng.uniform(size=(5, 4)) < 0.4
-    table = Occupancy(
-        Path("o.csv"), np.zeros(3), 0.2, np.repeat(solid[:, :, None], 3, axis=2).astype(np.int8)
-    )
-    cubes = Cubes(table, 2, np.array([0.1, 0.0]), 0.3)
-    volume, area = cubes.shares(Grid((4, 4), 0.2))
-    np.testing.assert_allclose(volume, 0.5 * (~solid[:-1]).astype(float) + 0.5 * ~solid[1:], atol=1e-9)
-    np.testing.assert_array_equal(area[0], ~solid)
-    lower = ~solid[:, :-1] & ~solid[:, 1:]
-    np.testing.assert_allclose(area[1][:, 1:-1], 0.5 * lower[:-1] + 0.5 * lower[1:], atol=1e-9)
-    points = rng.uniform(-0.3, 1.1, (300, 2))
-    low = 0.2 * np.argwhere(solid) - [0.1, 0.0]
-    away = np.linalg.norm(
-        np.maximum(np.maximum(low - points[:, None], points[:, None] - low - 0.2), 0), axis=-1
-    )
-    inside = cubes.inside(points)
-    found = cubes.horizontal_distance(points, 0.0, 0.1)
-    np.testing.assert_allclose(np.maximum(found, 0.0), away.min(axis=1), atol=1e-12)
-    np.testing.assert_array_equal(inside, away.min(axis=1) == 0.0)
-    assert inside.any()
+def test_an_imported_wind_begins_anew(tmp_path):
+    """With other viscosities and at another rate; the files are not read again."""
+    for n, scale in enumerate([1.0, 2.0, 0.5]):
+        write(tmp_path / f"wind_{n}.csv", swirl, scale=scale, extra=lambda x: 1e-3 * (1 + x[:, 0]))
+    air = imported(tmp_path)
+    other = air.model.model_copy(update={"viscosity": 3e-5, "schmidt": 0.9, "rate": 1.4, "start": 0.1})
 
+    def play(first: int, last: int) -> list[np.ndarray]:
+        for n in range(first, last):
+            air.wind.advance(0.3 * n, 0.3)
+        known = [air.wind.max_viscosity, air.wind.outflow_rate, air.wind.schmidt]
+        return [*(air.grid.read(u) for u in (*air.wind.u, air.wind.nu)), np.array(known)]
 
-def test_walls_are_seen_and_ceilings_are_not():
-    cubes = np.zeros((7, 6, 5), np.int8)
-    cubes[:, :, 0] = cubes[:, :, 4] = 1  # below the domain, and the ceiling
-    cubes[2, :, :] = 1
-    cubes[4, 1:4, 1] = 1
-    cubes[0] = 1  # outside the domain
-    shape = Cubes(Occupancy(Path("o.csv"), np.zeros(3), 0.5, cubes), 3, np.array([0.5, 0.0, 0.5]), 0.0)
-    seen = np.round(shape.visible((3.0, 3.0, 2.0)) / 0.5 - 0.5).astype(int)
-    wall = [(1, y, z) for y in range(6) for z in range(4)]
-    assert sorted(map(tuple, seen)) == sorted([*wall, (3, 1, 0), (3, 2, 0), (3, 3, 0)])
+    assert_begins_anew(air.wind, lambda one: air.wind.begin(one, 0.0, 0), air.model, other, play)
 
 
 def test_air_goes_on_through_outlets_in_the_walls(tmp_path):
@@ -273,7 +214,7 @@ def test_air_goes_on_through_outlets_in_the_walls(tmp_path):
     header = "#env_min(m) -5.2 1.8 0.5\n#env_max(m) -3.2 3.4 0.9\n#num_cells 10 8 2\n#cell_size(m) 0.2\n"
     layers = ("\n".join(" ".join(map(str, row)) for row in cubes[:, :, z]) for z in range(2))
     (tmp_path / "o.csv").write_text(header + "".join(f"{layer}\n;\n" for layer in layers))
-    sim = simulation(tmp_path, "wind.occupancy=o.csv", "domain.size=[2.0, 1.6, 0.4]", "wind.walls=[z-, z+]")
+    sim = imported(tmp_path, "wind.occupancy=o.csv", "domain.size=[2.0, 1.6, 0.4]", "wind.walls=[z-, z+]")
     u = flux(sim)
     np.testing.assert_allclose(u[0].sum(axis=(1, 2)), 0.3 * 4 * 4, rtol=1e-6)
     for end in (0, -1):

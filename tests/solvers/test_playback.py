@@ -1,10 +1,10 @@
 """A film of a computed run, played back: the same air and gas at the recorded times, and what lies between."""
 
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from begun import Kept, assert_begins_anew
 from test_film import DX, SHAPE, new_film
 
 from taichi_plume.assemble import assemble
@@ -118,15 +118,26 @@ def test_gas_disperses_on_a_played_flow_as_on_the_computed_one(live):
     assert abs(lost) < 1e-5 * budget["emitted_kg"]
 
 
-def noise(tmp_path: Path, **keys) -> tuple[list, Film, Grid, PlaybackWind]:
-    frames = new_film(tmp_path / "fields.zarr")
-    film = Film(tmp_path / "fields.zarr")
-    return (
-        frames,
-        film,
-        Grid(SHAPE, DX),
-        PlaybackWind.model_validate({"kind": "playback", "file": "f", **keys}),
-    )
+def model_of(**keys) -> PlaybackWind:
+    return PlaybackWind.model_validate({"kind": "playback", "file": "f", **keys})
+
+
+@pytest.fixture(scope="module")
+def noise(taichi, tmp_path_factory):
+    """Frames without sense, the film of them, its grid, and a wind that plays it from some time on."""
+    folder = tmp_path_factory.mktemp("noise")
+    frames = new_film(folder / "fields.zarr")
+    film, grid, kept = Film(folder / "fields.zarr"), Grid(SHAPE, DX), Kept()
+
+    def wind(t: float, **keys) -> PlayedWind:
+        model = model_of(**keys)
+        return kept(0, lambda: PlayedWind(model, film, grid, t), lambda one: one.begin(model, t, 0))
+
+    return SimpleNamespace(frames=frames, film=film, grid=grid, wind=wind)
+
+
+def gas_of(**keys) -> PlaybackGas:
+    return PlaybackGas.model_validate({"kind": "playback", "file": "f", "species": "acetone", **keys})
 
 
 def u_of(wind: PlayedWind) -> np.ndarray:
@@ -149,22 +160,20 @@ def u_of(wind: PlayedWind) -> np.ndarray:
         ({"loop": True, "rate": 3.0}, 1.9, (0.4, 0, 0.6)),
     ],
 )
-def test_time_of_the_film(tmp_path, keys, t, weights):
-    frames, film, grid, model = noise(tmp_path, **keys)
-    wanted = sum(w * frame["u"].T for w, frame in zip(weights, frames, strict=True))
-    wind = PlayedWind(model, film, grid, t)
+def test_time_of_the_film(noise, keys, t, weights):
+    wanted = sum(w * frame["u"].T for w, frame in zip(weights, noise.frames, strict=True))
+    wind = noise.wind(t, **keys)
     np.testing.assert_allclose(u_of(wind), wanted, atol=1e-6)
     for n in range(11):  # back by a second, and step by step
         wind.advance(t - 1.1 + 0.1 * n, 0.1)
     np.testing.assert_allclose(u_of(wind), wanted, atol=3e-6)
 
 
-def test_maxima_hold_between_frames(tmp_path):
-    _, film, grid, model = noise(tmp_path)
-    wind = PlayedWind(model, film, grid, 0.0)
+def test_maxima_hold_between_frames(noise):
+    wind = noise.wind(0.0)
     for t in (0.0, 0.1, 0.3, 0.45, 0.8):
         wind.advance(t, 0.02)
-        u = [grid.read(field, 1).astype(float) for field in wind.u]
+        u = [noise.grid.read(field, 1).astype(float) for field in wind.u]
         flow = np.zeros(SHAPE)
         for d, v in enumerate(u):
             for side, sign in ((1, -1.0), (2, 1.0)):
@@ -175,13 +184,32 @@ def test_maxima_hold_between_frames(tmp_path):
         assert wind.outflow_rate < 1.5 * flow.max() / DX
 
 
-def test_gas_between_cells_and_frames(tmp_path):
-    frames, film, grid, _ = noise(tmp_path)
-    gas = PlayedGas(
-        PlaybackGas.model_validate({"kind": "playback", "file": "f", "species": "acetone"}), film, grid, 0.0
-    )
+def test_gas_between_cells_and_frames(noise):
+    frames = noise.frames
+    gas = PlayedGas(gas_of(), noise.film, noise.grid, 0.0)
     gas.advance(0.0, 0.25)
     c = 0.5 * (frames[0]["gas_acetone"] + frames[1]["gas_acetone"]).T
     found = concentration_at(gas, np.array([[0.15, 0.25, 0.15], [0.2, 0.25, 0.15], [0.01, 0.01, 0.01]]), 0.0)
     np.testing.assert_allclose(found, [c[1, 2, 1], 0.5 * (c[1, 2, 1] + c[2, 2, 1]), c[0, 0, 0]], rtol=2e-5)
     assert gas.species.ppm_per_density == pytest.approx(1e6 * 24.4654e-3 / 58.08e-3, rel=1e-5)
+
+
+@pytest.mark.parametrize("keys", [{}, {"loop": True}], ids=["once", "loop"])
+def test_a_film_begins_anew(noise, keys):
+    """Wind and gas, at another rate from another time on."""
+    wind = PlayedWind(model_of(**keys), noise.film, noise.grid, -0.2)
+    gas = PlayedGas(gas_of(**keys), noise.film, noise.grid, -0.2)
+    both = SimpleNamespace(STATE=("wind", "gas"), wind=wind, gas=gas)
+
+    def begin(numbers):
+        wind.begin(model_of(**keys, **numbers), -0.2, 0)
+        gas.begin(gas_of(**keys, **numbers), -0.2, 0)
+
+    def play(first, last):
+        for n in range(first, last):
+            wind.advance(0.15 * n - 0.2, 0.15)
+            gas.advance(0.15 * n - 0.2, 0.15)
+        known = [wind.outflow_rate, wind.max_viscosity]
+        return u_of(wind), gas.cells(0.0), np.array(known)
+
+    assert_begins_anew(both, begin, {}, {"rate": 1.7, "start": 0.15}, play)

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from begun import Kept, assert_begins_anew
 from scipy.spatial import cKDTree  # type: ignore[attr-defined]
 
 from taichi_plume.assemble import assemble
@@ -177,13 +178,18 @@ def puff_by_numpy(
     return np.where(far < 0.1, c[which], 0.0)
 
 
+@pytest.fixture(scope="module")
+def kept(taichi):
+    return Kept()
+
+
 @pytest.mark.parametrize("around", [False, True])
-def test_the_puff_is_the_programs(around):
+def test_the_puff_is_the_programs(kept, around):
     model = PlumeSimPuff(
         kind="plumesim_gaussian", release_point=(0.33, 0.41), full_scale_ppm=50, all_around=around
     )
     extent = (4.0, 3.0)
-    gas = ProgramPuff(model, extent)
+    gas = kept("puff", lambda: ProgramPuff(model, extent), lambda one: one.begin(model, 0.0, 0))
     x = RNG.uniform([0, 0], extent, (3000, 2)).astype(np.float32)
     order = [1, 2, *range(3, 26), *range(20, 26), *range(20, 26)]
     for k in (0, 1, 24, 25, 30, 31):
@@ -210,9 +216,11 @@ def test_the_meander_counts_points_within_its_radius():
     counts = np.array([len(found) for found in tree.query_ball_point(POINTS.astype(float), 0.1)])
     np.testing.assert_allclose(ppm(gas, POINTS), np.minimum(100.0, 100.0 * counts / most), rtol=1e-5)
     assert 0 < (counts > 0).mean() < 1
-    again, other = ProgramMeander(model, EXTENT, seed=4), ProgramMeander(model, EXTENT, seed=5)
-    np.testing.assert_array_equal(again.place, gas.place)
-    assert not np.array_equal(other.place, gas.place)
+    place = gas.place
+    gas.begin(model, 0.0, 4)
+    np.testing.assert_array_equal(gas.place, place)
+    gas.begin(model, 0.0, 5)
+    assert not np.array_equal(gas.place, place)
 
 
 def test_the_meander_has_the_programs_statistics():
@@ -319,3 +327,48 @@ def test_exports_of_fluent_are_played_by_a_run_and_by_its_resolved_scenario(tmp_
     np.testing.assert_allclose(ppm_at(sim.gas, at, 0.0)[:, 0], [150, 75, 0], rtol=1e-6)
     sim.run()
     np.testing.assert_allclose(ppm_at(sim.gas, at, sim.t)[:, 0], [300, 75, 0], rtol=1e-6)
+
+
+# ---------------------------------------------------------------- begin anew
+
+
+def puff_of(**keys: Any) -> PlumeSimPuff:
+    return PlumeSimPuff.model_validate(
+        {"kind": "plumesim_gaussian", "release_point": [0.33, 0.41], "period": 0.5, **keys}
+    )
+
+
+CASES: dict[str, tuple] = {
+    "points": (
+        lambda one: PointGas(one, frames(), EXTENT),
+        gas_of(),
+        gas_of(rate=1.6, start=0.4, offset=[0.1, 0.0], full_scale_ppm=300),
+    ),
+    "wind": (lambda one: PointWind(one, frames(), EXTENT), wind_of(), wind_of(rate=1.6, offset=[0.1, 0.0])),
+    "puff": (
+        lambda one: ProgramPuff(one, EXTENT),
+        puff_of(),
+        puff_of(release_point=[0.5, 0.3], diffusion=[0.1, 0.02], amount=50, cell=0.05, start=1.0),
+    ),
+    "meander": (
+        lambda one: ProgramMeander(one, EXTENT),
+        meander_of(),
+        meander_of(release_point=[0.3, 0.4], dispersion=0.02, full_scale_ppm=50),
+    ),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_plumes_and_winds_begin_anew(case):
+    make, one, other = CASES[case]
+    part = make(one)
+    at = velocity_at if case == "wind" else concentration_at
+
+    def play(first: int, last: int) -> list[np.ndarray]:
+        seen = []
+        for n in range(first, last):
+            part.advance(0.3 * n, 0.3)
+            seen.append(at(part, POINTS, 0.0))
+        return seen
+
+    assert_begins_anew(part, lambda numbers: part.begin(numbers, 0.0, 0), one, other, play)
