@@ -7,7 +7,7 @@ coefficient of heat transfer h is known; all others are adiabatic.
 """
 
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import taichi as ti
@@ -17,12 +17,18 @@ from taichi_plume.grid.fields import Carrier
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import double_field
 from taichi_plume.grid.transfer import uploader
+from taichi_plume.scenario.any_opening import Vent
 from taichi_plume.scenario.heat import Heat
 from taichi_plume.solvers.convection import FACE_VALUES
 from taichi_plume.solvers.patches import VENTS, Patch
 from taichi_plume.solvers.release import Release
 from taichi_plume.solvers.scalar import Scalar
 from taichi_plume.solvers.transport import Transport
+
+
+def _temperature(vent: Patch) -> float | None:
+    """Of the air that comes in there [K], where it is given."""
+    return cast(Vent, vent.opening).temperature
 
 
 @ti.data_oriented
@@ -43,11 +49,10 @@ class HeatSolver:
         """patches: of the wind's openings; scalar: theta, where the flow feels it. Raises ValueError for a heater or a
         surface that touches no air.
         """
-        self.grid = grid
-        self.air = air
+        self.grid, self.air = grid, air
         self.release = Release("heaters", heat.heaters, grid, air.room) if heat.heaters else None
         self._from_surfaces = double_field()
-        self._vents = [p for p in patches if p.kind in VENTS]
+        self._vents = [patch for patch in patches if patch.kind in VENTS]
         self._touched = list(self._surfaces(heat))
         self._list_surface_cells()
         self._inflow = self._inflow_fields()
@@ -144,7 +149,7 @@ class HeatSolver:
         """For theta of the air that comes in, on the two faces of each axis; none where all of it is at the
         reference.
         """
-        if all(vent.opening.temperature is None for vent in self._vents):
+        if all(_temperature(vent) is None for vent in self._vents):
             return []
         shape = self.grid.shape
         return [
@@ -156,9 +161,10 @@ class HeatSolver:
         """theta on each axis' faces."""
         result = [np.zeros(field.shape) for field in self._inflow]
         for vent in self._vents:
-            if vent.opening.temperature is not None:
+            temperature = _temperature(vent)
+            if temperature is not None:
                 face = np.moveaxis(result[vent.axis], vent.axis, 0)[vent.side]
-                face[vent.covered] = vent.opening.temperature - self.reference
+                face[vent.covered] = temperature - self.reference
         return result
 
     # ---------------------------------------------------------------- the step

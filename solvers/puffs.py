@@ -88,7 +88,7 @@ class PuffSolver(Gas):
         self.fluctuates = self.alone or gas.fluctuation is not None
         self.inertial = gas.growth is not None and gas.growth.kind == "inertial"
         self.sinks = gas.buoyancy
-        self.eddies: Any = getattr(wind, "nu", None)
+        self.eddies: Any = wind.carrier.nu if wind.carrier is not None else None
         self.eddying = self.eddies is not None
         self.surfaces = None if air.empty else LevelSet(air, grid)
         self.walls = Walls(grid, wind, self.surfaces)
@@ -129,13 +129,13 @@ class PuffSolver(Gas):
 
     def _eddy_numbers(self) -> dict[str, float]:
         """What the wind's eddies take of numbers."""
-        if not self.eddying:
+        carrier = self.wind.carrier
+        if carrier is None:
             return {}
-        schmidt = self.wind.schmidt
         return {
-            "viscosity": self.wind.viscosity,
-            "per_schmidt": 1.0 / float(np.float32(schmidt)),
-            "uphill": 1.0 / float(np.float32(schmidt * self.grid.dx)),
+            "viscosity": carrier.viscosity,
+            "per_schmidt": 1.0 / float(np.float32(carrier.schmidt)),
+            "uphill": 1.0 / float(np.float32(carrier.schmidt * self.grid.dx)),
         }
 
     def start_from(self, x: np.ndarray, mass: float) -> None:

@@ -85,7 +85,7 @@ class Transport:
             self.room = grid.field()
             self.room.from_numpy(grid.pad(air.room.astype(np.float32)))
         # a solver of the flow lends fields that it does not need meanwhile
-        self._start, self.rate = getattr(wind, "scratch", None) or (grid.field(), grid.field())
+        self._start, self.rate = wind.scratch or (grid.field(), grid.field())
         self._outflow = double_field()
         self._sides = [tuple(2 if a == d else n for a, n in enumerate(grid.shape)) for d in range(grid.dim)]
         self._n = Numbers("still", "per_schmidt")

@@ -44,6 +44,7 @@ def scenario(**more) -> dict:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("taichi")
 def test_each_part_has_its_budget_and_its_ppm():
     sim = assemble(Scenario.model_validate(scenario(stop_early=False)))
     assert [species.name for species in sim.gas.species] == ["ethanol", "acetone"]

@@ -4,6 +4,8 @@ import pytest
 from taichi_plume.assemble import assemble
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.kernels import compiled
+from taichi_plume.grid.state import State
 from taichi_plume.scenario.gases import EulerianGas
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.winds import CfdWind
@@ -15,14 +17,34 @@ from taichi_plume.solvers.scalar import Scalar
 pytestmark = pytest.mark.usefixtures("taichi")
 
 
-def warm_box(shape, gravity=None, solid=None, openings=(), heat=None, dx=0.05, **more) -> FlowSolver:
-    """Air of 300 K in a box; heat: keys of `buoyancy.heat`."""
-    dim = len(shape)
+def warm_wind(dim, gravity=None, openings=(), heat=None, **more) -> CfdWind:
+    """Air of 300 K; heat: keys of `buoyancy.heat`."""
     warm = {"gravity": gravity or (0.0,) * dim, "heat": {"reference": 300.0, **(heat or {})}}
     keys = {"kind": "cfd", "turbulence": {"kind": "none"}, "openings": list(openings), "buoyancy": warm}
-    grid = Grid(shape, dx, depth=0.4)
-    air = Air.everywhere(grid) if solid is None else Air.of(solid, grid)
-    return FlowSolver(CfdWind.model_validate(keys | more), grid, air)
+    return CfdWind.model_validate(keys | more)
+
+
+def warm_box(shape, wind: CfdWind, solid=None) -> FlowSolver:
+    grid = Grid(shape, 0.05, depth=0.4)
+    return FlowSolver(wind, grid, Air.everywhere(grid) if solid is None else Air.of(solid, grid))
+
+
+def afresh(box: tuple[FlowSolver, State], wind: CfdWind) -> FlowSolver:
+    """The flow at the begin of a run with other numbers."""
+    flow, state = box
+    state.clear()
+    flow.begin(wind, 0.0, 0)
+    return flow
+
+
+DOWN = (0.0, -9.81)
+
+
+@pytest.fixture(scope="module")
+def layers(taichi) -> tuple[FlowSolver, State]:
+    """A closed box for layers of air, made with other numbers than any test needs."""
+    flow = warm_box((16, 24), warm_wind(2, (1.0, 3.0), heat={"reference": 280.0, "diffusivity": 1e-3}))
+    return flow, State(flow)
 
 
 def run(flow, end, *others):
@@ -40,7 +62,7 @@ def run(flow, end, *others):
 def test_a_heater_in_a_closed_box_warms_all_its_air(shape):
     dim = len(shape)
     heater = {"position": (0.25,) * dim, "radius": 0.12, "power": 20.0}
-    flow = warm_box(shape, (0.0,) * (dim - 1) + (-9.81,), heat={"heaters": [heater]})
+    flow = warm_box(shape, warm_wind(dim, (0.0,) * (dim - 1) + (-9.81,), heat={"heaters": [heater]}))
     heat = flow.heat
     run(flow, 3.0)
     volume = np.prod(flow.grid.extent) * (flow.grid.depth if dim == 2 else 1.0)
@@ -57,19 +79,31 @@ def test_all_heat_is_accounted_for_with_warm_walls_bodies_and_openings():
     shape = (24, 20)
     solid = np.zeros(shape, bool)
     solid[10:13, 6:9] = True
-    openings = [
-        {"kind": "inlet", "face": "x-", "speed": 0.2, "center": [0.7], "size": [0.2], "temperature": 310.0},
-        {"kind": "outlet", "face": "x+", "center": [0.3], "size": [0.2]},
-    ]
-    keys = {
-        "walls": [
-            {"face": "y-", "temperature": 305.0, "transfer": 5.0},
-            {"face": "x-", "temperature": 296.0},
-        ],
-        "obstacles": [{"number": 0, "temperature": 330.0}],
-        "heaters": [{"position": [0.8, 0.2], "power": 30.0}],
-    }
-    flow = warm_box(shape, (0.0, -9.81), solid, openings, keys, turbulence={"kind": "smagorinsky"})
+
+    def wind(inlet: float, wall: float, obstacle: float, power: float) -> CfdWind:
+        openings = [
+            {
+                "kind": "inlet",
+                "face": "x-",
+                "speed": 0.2,
+                "center": [0.7],
+                "size": [0.2],
+                "temperature": inlet,
+            },
+            {"kind": "outlet", "face": "x+", "center": [0.3], "size": [0.2]},
+        ]
+        heat = {
+            "walls": [
+                {"face": "y-", "temperature": wall, "transfer": 5.0},
+                {"face": "x-", "temperature": 296.0},
+            ],
+            "obstacles": [{"number": 0, "temperature": obstacle}],
+            "heaters": [{"position": [0.8, 0.2], "power": power}],
+        }
+        return warm_wind(2, DOWN, openings, heat, turbulence={"kind": "smagorinsky"})
+
+    flow = warm_box(shape, wind(280.0, 290.0, 310.0, -5.0), solid)
+    afresh((flow, State(flow)), wind(310.0, 305.0, 330.0, 30.0))
     heat = flow.heat
     run(flow, 8.0)
     budget = heat.budget()
@@ -84,22 +118,35 @@ def test_all_heat_is_accounted_for_with_warm_walls_bodies_and_openings():
 def test_walls_give_what_their_transfer_says_and_openings_are_no_walls():
     """A wall with coefficient h warms well-mixed air along an exponential; here over its first seconds."""
     outlet = {"kind": "outlet", "face": "y+", "center": [0.25], "size": [0.2]}
-    wall = {"face": "y+", "temperature": 310.0, "transfer": 2.0}
-    flow = warm_box((10, 10), openings=[outlet], heat={"walls": [wall], "diffusivity": 1.0})
+
+    def wind(temperature: float, transfer: float, **heat) -> CfdWind:
+        wall = {"face": "y+", "temperature": temperature, "transfer": transfer}
+        return warm_wind(2, openings=[outlet], heat={"walls": [wall]} | heat)
+
+    flow = warm_box((10, 10), wind(290.0, 7.0, reference=310.0))
+    before = compiled()
+    flow.begin(wind(310.0, 2.0, diffusivity=1.0), 0.0, 0)
+    assert compiled() == before
     heat = flow.heat
-    heat.advance(0.0, 5.0)
+    heat.advance(0.0, 2.0)
+    state = State(heat)
+    saved = state.save()
+    heat.advance(2.0, 3.0)
     area = (0.5 - 0.2) * 0.4
     warmth = heat.budget()
     assert warmth["surfaces_J"] == pytest.approx(2.0 * area * 10.0 * 5.0, rel=0.01)
     assert flow.max_speed == 0.0
+    state.restore(saved)
+    heat.advance(2.0, 3.0)
+    assert heat.budget() == warmth
 
 
 @pytest.mark.slow
-def test_layered_air_waves_and_turned_over_it_falls():
+def test_layered_air_waves_and_turned_over_it_falls(layers):
     speeds = []
     nudge, slope = 0.1, 40.0
     for sign in (1.0, -1.0):
-        flow = warm_box((16, 24), (0.0, -9.81))
+        flow = afresh(layers, warm_wind(2, DOWN))
         flow.heat.transport.start_from(
             lambda x, s=sign: s * slope * x[..., 1] + nudge * np.cos(2.0 * np.pi * x[..., 0] / 0.8)
         )
@@ -110,8 +157,8 @@ def test_layered_air_waves_and_turned_over_it_falls():
     assert speeds[1] > 10.0 * speeds[0]
 
 
-def test_still_layers_hold_still_exactly_as_long_as_nothing_disturbs_them():
-    flow = warm_box((16, 24), (0.0, -9.81), heat={"diffusivity": 0.0})
+def test_still_layers_hold_still_exactly_as_long_as_nothing_disturbs_them(layers):
+    flow = afresh(layers, warm_wind(2, DOWN, heat={"diffusivity": 0.0}))
     flow.heat.transport.start_from(lambda x: 10.0 * np.tanh(4.0 * (x[..., 1] - 0.6)))
     run(flow, 2.0)
     fall = np.sqrt(9.81 * 20.0 / 300.0 * 1.2)
@@ -154,10 +201,10 @@ def test_heavy_gas_falls_as_it_should_at_first():
     np.testing.assert_allclose(fall, expected, atol=2e-3 * np.abs(expected).max())
 
 
-def test_steps_from_rest_are_short_enough_for_the_fall():
-    flow = warm_box((20, 20), (0.0, -9.81))
+def test_steps_from_rest_are_short_enough_for_the_fall(layers):
+    flow = afresh(layers, warm_wind(2, DOWN))
     calm = flow.stable_dt()
-    flow.heat.transport.start_from(lambda x: np.where(x[..., 0] < 0.5, 30.0, -30.0))
+    flow.heat.transport.start_from(lambda x: np.where(x[..., 0] < 0.4, 30.0, -30.0))
     dt = flow.stable_dt()
     assert dt < calm
     flow.advance(0.0, dt)
@@ -175,7 +222,7 @@ def test_what_touches_no_air_is_told(keys, where):
     solid = np.zeros((10, 10), bool)
     solid[0] = True
     with pytest.raises(ValueError, match=r"buoyancy\.heat\." + where):
-        warm_box((10, 10), solid=solid, heat=keys)
+        warm_box((10, 10), warm_wind(2, heat=keys), solid)
 
 
 def height_of_gas(**buoyancy) -> float:

@@ -9,6 +9,8 @@ from scipy.stats import chi2
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import concentration_at
 from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.kernels import compiled
+from taichi_plume.grid.state import State
 from taichi_plume.scenario.gases import PuffGas
 from taichi_plume.scenario.winds import CfdWind, UniformWind
 from taichi_plume.solvers.flow import FlowSolver
@@ -20,15 +22,38 @@ pytestmark = pytest.mark.usefixtures("taichi")
 SOURCE = {"position": (0.3, 0.5, 0.5), "rate": 1e-5, "radius": 0.02}
 
 
-def puffs_in(shape, velocity=0.0, solid=None, dx=0.05, periodic=(), source=None, **keys) -> PuffSolver:
+MADE: dict[tuple, tuple[PuffSolver, State]] = {}
+
+
+@pytest.fixture(autouse=True, scope="module")
+def solvers(taichi):
+    """Those of one shape and kind are made once, and begun anew by each test."""
+    yield
+    MADE.clear()
+
+
+def puffs_in(
+    shape, velocity=0.0, solid=None, dx=0.05, periodic=(), source=None, seed=0, **keys
+) -> PuffSolver:
     """Puffs in a uniform wind along x."""
     dim = len(shape)
-    grid = Grid(shape, dx, depth=0.5, periodic=periodic)
-    wind = UniformSolver(UniformWind(kind="uniform", velocity=(velocity, 0.0, 0.0)[:dim]), grid)
+    wind = UniformWind(kind="uniform", velocity=(velocity, 0.0, 0.0)[:dim])
     one = SOURCE | (source or {})
     one["position"] = one["position"][:dim]
     model = PuffGas.model_validate({"kind": "puffs", "sources": [one]} | keys)
-    return PuffSolver(model, grid, wind, Air.everywhere(grid) if solid is None else Air.of(solid, grid))
+    growth = model.growth.kind if model.growth else "diffusive"
+    blocks = None if solid is None or not solid.any() else solid.tobytes()
+    key = (shape, dx, periodic, blocks, growth, model.most, model.buoyancy)
+    if key not in MADE:
+        grid = Grid(shape, dx, depth=0.5, periodic=periodic)
+        air = Air.everywhere(grid) if solid is None else Air.of(solid, grid)
+        gas = PuffSolver(model, grid, UniformSolver(wind, grid), air)
+        MADE[key] = gas, State(gas)
+    gas, state = MADE[key]
+    state.clear()
+    gas.wind.begin(wind, 0.0, 0)
+    gas.begin(model, 0.0, seed)
+    return gas
 
 
 def run(gas: PuffSolver, end: float, dt: float, begin: float = 0.0) -> PuffSolver:
@@ -164,6 +189,28 @@ def test_merging_keeps_mass_middle_and_spread(walled):
     assert gas.puffs.count < 0.8 * count
     np.testing.assert_allclose(moments(), before, rtol=1e-5)
     assert gas.puffs.gone == 0.0
+
+
+def test_puffs_that_begin_anew_are_new_ones_and_go_on_from_where_they_were_saved():
+    keys = {"release_rate": 400, "poisson": True, "initial_size": 0.02, "species": "acetone", "velocity": 0.3}
+    keys |= {"source": {"position": (0.5, 0.4), "rate": 3e-6, "puffing": {"pulse": 0.3, "pause": 0.2}}}
+    once = state(run(puffs_in((20, 20), most=2000, seed=3, **keys), 1.0, 0.1))  # made with these numbers
+    run(puffs_in((20, 20), most=2000, release_rate=50, seed=4, fluctuation=0.4), 0.5, 0.1)
+    before = compiled()
+    gas = puffs_in((20, 20), most=2000, seed=3, **keys)
+    assert gas.puffs.count == 0
+    np.testing.assert_array_equal(state(run(gas, 1.0, 0.1)), once)
+    assert compiled() == before
+    whole = State(gas)
+    saved, at = whole.save(), np.array([[0.7, 0.4], [0.5, 0.5]])
+    later, seen = state(run(gas, 2.0, 0.1, 1.0)), concentration_at(gas, at, 2.0)
+    budget = gas.budget()
+    run(gas, 2.5, 0.1, 2.0)
+    whole.restore(saved)
+    np.testing.assert_array_equal(state(run(gas, 2.0, 0.1, 1.0)), later)
+    np.testing.assert_array_equal(concentration_at(gas, at, 2.0), seen)
+    assert gas.budget() == budget
+    assert seen.max() > 0.0
 
 
 def test_puffs_hold_what_their_source_emits():
