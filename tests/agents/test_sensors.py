@@ -53,8 +53,8 @@ class Air(Wind):
         self.level, self.slope = ti.field(ti.f32, ()), ti.field(ti.f32, ())
         self.u = ti.Vector.field(dim, ti.f32, ())
 
-    def stable_dt(self, t=0.0):
-        return np.inf
+    def begin(self, model, t, seed):
+        pass
 
     def is_finite(self):
         return True

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from test_geometry import box_triangles, write_stl
+from test_meshes import box_triangles, write_stl
 
 from taichi_plume import prepare
 from taichi_plume.files import point_frames
