@@ -87,8 +87,8 @@ def build(prepared: Prepared, algorithms: Mapping[str, type] | None = None) -> S
         wakes.append(Wake(body, grid, swarm.position, swarm.velocity, group.start, group.count, open))
         return wakes[-1]
 
-    scalars = {path: Scalar(grid) for path, model in scenario.gases if model.kind == "eulerian"}
-    weighing = [Weighing(scalars[path].q, 0.0) for path in _weights(scenario)]
+    scalars = {path: Scalar(grid) for path in _weights(scenario)}
+    weighing = [Weighing(scalar.q, 0.0) for scalar in scalars.values()]
     _weigh(weighing, scenario)
     context = Context(
         scenario,
@@ -179,9 +179,7 @@ def _weights(scenario: Scenario) -> dict[str, float]:
     """By how much a kg/m³ of each gas that makes the air heavier changes the air's density."""
     if scenario.buoyancy is None or not scenario.buoyancy.solutal:
         return {}
-    return {
-        path: model.vapour.weight_per_density for path, model in scenario.gases if model.kind == "eulerian"
-    }
+    return {path: model.vapour.weight_per_density for path, model in scenario.gases if model.weighs}
 
 
 def _weigh(weighing: list[Weighing], scenario: Scenario) -> None:

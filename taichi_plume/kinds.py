@@ -30,8 +30,8 @@ from taichi_plume.solvers.uniform import UniformSolver
 class Context:
     """What winds and gases are made of besides their own sections.
 
-    scalars: concentrations on the grid of the gases that have one, by their places in the scenario. weighing: those
-    that make the air heavier. resistances: make what holds the air besides screens, of the faces' openness.
+    scalars: concentrations on the grid of the gases that make the air heavier, by their places in the scenario.
+    weighing: the same, with how much. resistances: make what holds the air besides screens, of the faces' openness.
     """
 
     scenario: Scenario
@@ -92,7 +92,7 @@ def _plumes(model: Any, path: str, its: Context, wind: Any) -> Gas:
 
 GASES: dict[str, Callable[[Any, str, Context, Any], Gas]] = {
     "eulerian": lambda model, path, its, wind: EulerianSolver(
-        model, its.grid, wind, its.air, *its.begin, path, its.scalars[path]
+        model, its.grid, wind, its.air, *its.begin, path, its.scalars.get(path)
     ),
     "puffs": lambda model, path, its, wind: PuffSolver(model, its.grid, wind, its.air, *its.begin, path),
     "gaussian_plume": _plumes,

@@ -72,7 +72,7 @@ class Spiral(Listening):
     """Only the largest peak of so long a time counts [s]."""
     peak_height: Literal["absolute", "above_mean"] = "absolute"
     """What of a peak counts: its concentration, or what of it is above the mean."""
-    arms: Annotated[tuple[Length, ...], Field(min_length=1, max_length=100), COMPILED] = (
+    arms: Annotated[tuple[Length, ...], Field(min_length=1, max_length=100)] = (
         0.35,
         0.35,
         0.7,

@@ -55,7 +55,7 @@ def test_a_run_is_played_back_to_the_printed_digits(tmp_path, monkeypatch):
     (tmp_path / "live.yaml").write_text(LIVE)
     (tmp_path / "play.yaml").write_text(PLAY)
     seen: dict[int, Any] = {}
-    live = run._assemble
+    live = run._build
 
     def watched(*arguments: Any) -> Simulation:
         sim = live(*arguments)
@@ -67,7 +67,7 @@ def test_a_run_is_played_back_to_the_printed_digits(tmp_path, monkeypatch):
         )
         return sim
 
-    monkeypatch.setattr(run, "_assemble", watched)
+    monkeypatch.setattr(run, "_build", watched)
     assert (
         run.main([str(tmp_path / "live.yaml"), "--out", str(tmp_path / "run"), "--quiet", "--no-recording"])
         == 0
@@ -123,7 +123,7 @@ def test_a_full_disk_is_told_and_the_frames_before_are_kept(tmp_path, monkeypatc
     usage = SimpleNamespace(free=10 * disk.RESERVE)
     monkeypatch.setattr(disk.shutil, "disk_usage", lambda _: usage)
     (tmp_path / "live.yaml").write_text(LIVE)
-    live = run._assemble
+    live = run._build
 
     def filling(*arguments: Any) -> Simulation:
         sim = live(*arguments)
@@ -132,7 +132,7 @@ def test_a_full_disk_is_told_and_the_frames_before_are_kept(tmp_path, monkeypatc
         )
         return sim
 
-    monkeypatch.setattr(run, "_assemble", filling)
+    monkeypatch.setattr(run, "_build", filling)
     out = tmp_path / "run"
     changes = [f"--set={change}" for change in plain("[0.3, 0]", "[0.3, 0.4]")]
     command = [str(tmp_path / "live.yaml"), *changes, "--out", str(out), "--quiet", "--no-recording"]

@@ -8,7 +8,7 @@ import yaml
 from test_meshes import box_triangles, write_stl
 
 from taichi_plume import prepare
-from taichi_plume.files import point_frames
+from taichi_plume.files import plumesim_log
 from taichi_plume.prepare import checked, load, load_scenario
 from taichi_plume.scenario import shapes
 from taichi_plume.scenario.loading import ScenarioError, read_scenario
@@ -48,7 +48,7 @@ def path(tmp_path) -> Path:
 def test_each_file_is_opened_once(path, monkeypatch):
     opened = Counter()
     for owner, name in (
-        (point_frames, "read_log"),
+        (plumesim_log, "read_log"),
         (prepare, "own_class"),
         (shapes, "Solid"),
     ):
