@@ -21,7 +21,7 @@ import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from math import ceil, isfinite, sqrt
+from math import ceil, isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -75,7 +75,9 @@ def map_of(
     from taichi_plume.scores import PERIOD, Prediction, forecast_error, peak_distance
     from taichi_plume.simulation import Uncertain
 
-    _check_size(model, size)
+    fault = model.too_fine("--map", size)
+    if fault:
+        raise ReadingsError(fault)
     counted = _counted(readings, size)
     window = model.window or PERIOD
     begin = window * np.floor((readings.t[0] + 0.5 * 10.0**-FINEST) / window)
@@ -134,21 +136,6 @@ def map_of(
 def _number(t: np.ndarray, window: float) -> np.ndarray:
     """Number, from 0 on, of the window that a time [s] belongs to: the one it ends, if it ends one."""
     return np.maximum(np.ceil(t / window - 1e-9), 1.0).astype(int) - 1
-
-
-def _check_size(model: "Map", size: tuple[float, float]) -> None:
-    from taichi_plume.scenario.maps import MOST_CELLS, MOST_FIELD_COLUMN
-
-    finest, limit = sqrt(size[0]) * sqrt(size[1] / MOST_CELLS), f"{MOST_CELLS} cells"
-    if model.kind == "gmrf":
-        column = min(size) / MOST_FIELD_COLUMN
-        if column > finest:
-            finest, limit = column, f"{MOST_FIELD_COLUMN} cells along the shorter side"
-    if model.cell < finest:
-        raise ReadingsError(
-            f"cell: {model.cell:g} m is too fine for a floor of {size[0]:g} x {size[1]:g} m: a {model.kind} map takes "
-            f"{limit}; use {1.1 * finest:.2g} m or more"
-        )
 
 
 def _counted(readings: Readings, size: tuple[float, float]) -> np.ndarray:

@@ -302,12 +302,12 @@ GOOD = "t,x,y,reading\n1,0,0,2\n"
         (
             GOOD,
             ["--map", "{kind: time_series, cell: 1e-5}"],
-            "cell: 1e-05 m is too fine for a floor of 2 x 1 m: a time_series map takes 4000000",
+            "--map.cell: 1e-05 m makes more than 4000000 map cells; use 0.00071 m or more",
         ),
         (
             GOOD,
             ["--map", "{kind: gmrf, cell: 0.02}", "--size", "40", "40"],
-            "cell: 0.02 m is too fine for a floor of 40 x 40 m: a gmrf map takes 400 cells along the shorter side; use",
+            "--map.cell: 0.02 m is too fine for a Markov field, which takes 400 cells along the shorter side; use",
         ),
     ],
 )
