@@ -15,6 +15,7 @@ from taichi_plume.agents.placement import Placed, place, placed
 from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.team import teams
+from taichi_plume.files.gaden import Cubes
 from taichi_plume.files.wind_points import WindFileError
 from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.grid.cut_cells import Air, air_of
@@ -33,6 +34,7 @@ from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.forces import forces
 from taichi_plume.solvers.momentum import Weighing
 from taichi_plume.solvers.patches import opening_cells, periodic_axes
+from taichi_plume.solvers.resistance import Resistance
 from taichi_plume.solvers.scalar import Scalar
 
 
@@ -60,70 +62,34 @@ def build(prepared: Prepared, algorithms: Mapping[str, type] | None = None) -> S
     grid, air = _box(scenario, resources)
     cubes = resources.site.cubes if resources.site else None
     seen = [*resources.obstacles, *([cubes] if cubes else [])]
-    floor = scenario.floor
-    height = max((group.body.height for group in scenario.robots), default=0.1)
-    standing = [one for one in seen if one not in resources.obstacles or one.model.motion is None]
-    clearance = ClearanceMap(standing, floor.high, height, low=floor.low)
-    walkers: list[Obstacle] = [
-        one.model
-        for one in resources.obstacles
-        if one.model.motion and np.isfinite(one.horizontal_distance(np.zeros((1, 2)), 0.0, height))
-    ]
-    swarm = Swarm(
-        scenario.robots,
-        *_starts(scenario, clearance, walkers),
-        clearance,
-        _places(scenario),
-        scenario.seed,
-        walkers,
-        scenario.rivals,
-    )
-    moving = [partial(MovingObstacle, one.model, grid) for one in resources.obstacles if one.model.motion]
-    stirring = [group for group in swarm.groups if group.model.wake]
-    wakes: list[Wake] = []
-
-    def wake(group: GroupRange, open: tuple[Any, ...]) -> Wake:
-        body = group.model.body
-        wakes.append(Wake(body, grid, swarm.position, swarm.velocity, group.start, group.count, open))
-        return wakes[-1]
-
+    clearance, walking = _ways(scenario, resources, cubes)
+    walkers = [scenario.obstacles[n] for n in walking]
+    starts, sources = _starts(scenario, clearance, walkers), _places(scenario)
+    swarm = Swarm(scenario.robots, *starts, clearance, sources, scenario.seed, walkers, scenario.rivals)
+    stirring = Stirring(scenario, swarm, grid)
     scalars = {path: Scalar(grid) for path in _weights(scenario)}
     weighing = [Weighing(scalar.q, 0.0) for scalar in scalars.values()]
     _weigh(weighing, scenario)
-    context = Context(
-        scenario,
-        resources,
-        grid,
-        air,
-        scalars,
-        weighing,
-        [*moving, *(partial(wake, group) for group in stirring)],
-    )
+    context = Context(scenario, resources, grid, air, scalars, weighing, stirring.makers)
     wind = _wind(context)
     gas = Mixture([_gas(context, path, wind) for path, _ in scenario.gases])
     sensors = Sensors(swarm, grid.dim, scenario.tick, gas.species)
     driving = teams(swarm, scenario.tick, _own(scenario, resources, algorithms))
-    mapped = Floor(
-        (grid.extent[0], grid.extent[1]),
-        max(1, swarm.trials),
-        swarm.members.shape[1],
-        scenario.tick,
-        clearance.obstacle_distance_at,
-    )
+    extent, most = (grid.extent[0], grid.extent[1]), swarm.members.shape[1]
+    mapped = Floor(extent, max(1, swarm.trials), most, scenario.tick, clearance.obstacle_distance_at)
     maps = mappers(scenario.maps, mapped)
-
     sim = Simulation(scenario, grid, wind, gas, swarm, sensors, driving, maps, seen, air)
     state = State(sim)
 
     def begin(scenario: Scenario) -> Scenario:
         """Every part anew, with the numbers of a scenario of the same structure; returns that completed."""
         scenario, _ = again(prepared, scenario)
+        walkers = [scenario.obstacles[n] for n in walking]
         starts = _starts(scenario, clearance, walkers)
         t = scenario.first_tick * scenario.tick
         state.clear()
         _weigh(weighing, scenario)
-        for wake, group in zip(wakes, stirring, strict=True):
-            wake.begin(scenario.robots[group.number].body)
+        stirring.begin(scenario)
         wind.begin(scenario.wind, t, scenario.seed)
         for one, (_, model) in zip(gas.gases, scenario.gases, strict=True):
             one.begin(model, t, scenario.seed)
@@ -140,6 +106,51 @@ def build(prepared: Prepared, algorithms: Mapping[str, type] | None = None) -> S
     if isinstance(wind, FlowSolver) and wind.area is not None:
         sim.forces = partial(forces, wind, air, len(resources.obstacles))
     return sim
+
+
+class Stirring:
+    """Obstacles and robots that move the air. makers: make them, of the openness of the faces."""
+
+    def __init__(self, scenario: Scenario, swarm: Swarm, grid: Grid):
+        self.swarm, self.grid = swarm, grid
+        self.walkers: list[tuple[int, MovingObstacle]] = []
+        self.wakes: list[tuple[int, Wake]] = []
+        moving = [(n, one) for n, one in enumerate(scenario.obstacles) if one.motion]
+        stirring = [group for group in swarm.groups if group.model.wake]
+        self.makers = [
+            *(partial(self._walker, n, one) for n, one in moving),
+            *(partial(self._wake, group) for group in stirring),
+        ]
+
+    def _walker(self, number: int, model: Obstacle, open: tuple[Any, ...]) -> Resistance:
+        self.walkers.append((number, MovingObstacle(model, self.grid, open)))
+        return self.walkers[-1][1]
+
+    def _wake(self, group: GroupRange, open: tuple[Any, ...]) -> Resistance:
+        place = self.swarm.position, self.swarm.velocity, group.start, group.count
+        self.wakes.append((group.number, Wake(group.model.body, self.grid, *place, open)))
+        return self.wakes[-1][1]
+
+    def begin(self, scenario: Scenario) -> None:
+        """With the obstacles' ways and the bodies of that scenario."""
+        for number, walker in self.walkers:
+            walker.begin(scenario.obstacles[number])
+        for number, wake in self.wakes:
+            wake.begin(scenario.robots[number].body)
+
+
+def _ways(scenario: Scenario, resources: Resources, cubes: Cubes | None) -> tuple[ClearanceMap, list[int]]:
+    """What stands in the robots' way, `cubes` of an occupancy grid too; and the numbers of the obstacles that walk."""
+    height = max((group.body.height for group in scenario.robots), default=0.1)
+    standing: list[Any] = [one for one in resources.standing if one is not None]
+    floor, feet = scenario.floor, np.zeros((1, 2))
+    clearance = ClearanceMap([*standing, *([cubes] if cubes else [])], floor.high, height, low=floor.low)
+    walking = [
+        n
+        for n, one in enumerate(resources.obstacles)
+        if one.model.motion and np.isfinite(one.horizontal_distance(feet, 0.0, height))
+    ]
+    return clearance, walking
 
 
 def _box(scenario: Scenario, resources: Resources) -> tuple[Grid, Air]:
