@@ -69,7 +69,7 @@ def blueprint(sim: Simulation, stage: Stage, robots: list[str], ghosts: list[str
     aspect = _aspect(1 - wide, 0.5, bars=2 if sim.maps else 1)
     above: list[Any] = [] if flat else [arena("From above", ground, aspect, 90.0)]
     aspect = _aspect((1 - wide) / 2, 0.5, bars=2)  # of a map beside the truth
-    unnamed = [f"- /world/openings/{n}/name" for n in range(len(getattr(sim.scenario.wind, "openings", ())))]
+    unnamed = [f"- /world/openings/{n}/name" for n in range(len(sim.scenario.openings))]
     for n, gas_map in enumerate(sim.scenario.maps):
         pictures = {}
         for what in ESTIMATES:
@@ -78,6 +78,25 @@ def blueprint(sim: Simulation, stage: Stage, robots: list[str], ghosts: list[str
         truth = pictures.pop("truth")
         name = gas_map.kind.replace("_", " ").capitalize()
         above.append(rrb.Horizontal(rrb.Tabs(*pictures.values(), active_tab=0), rrb.Tabs(truth), name=name))
+    right = _beside(sim, above, bool(robots), flat)
+    total = sim.scenario.warm_up + sim.scenario.duration
+    return rrb.Blueprint(
+        rrb.Horizontal(left, right, column_shares=[wide, 1 - wide]),
+        rrb.TopPanel(state="collapsed"),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(
+            state="collapsed",
+            timeline=TIME,
+            play_state="playing",
+            playback_speed=float(np.clip(total / 60, 1, 20)),
+        ),
+        auto_views=False,
+    )
+
+
+def _beside(sim: Simulation, above: list[Any], robots: bool, flat: bool) -> rrb.Vertical:
+    """What stands beside the arena: views from above and maps, the maps' scores, events and the text."""
     parts: list[Any] = []
     shares = []
     if above:
@@ -96,21 +115,7 @@ def blueprint(sim: Simulation, stage: Stage, robots: list[str], ghosts: list[str
     about = rrb.TextDocumentView(origin="/about", name="About")
     parts.append(rrb.Tabs(events, about, active_tab=0 if robots else 1))
     shares.append(0.3)
-    right = rrb.Vertical(*parts, row_shares=shares)
-    total = sim.scenario.warm_up + sim.scenario.duration
-    return rrb.Blueprint(
-        rrb.Horizontal(left, right, column_shares=[wide, 1 - wide]),
-        rrb.TopPanel(state="collapsed"),
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
-        rrb.TimePanel(
-            state="collapsed",
-            timeline=TIME,
-            play_state="playing",
-            playback_speed=float(np.clip(total / 60, 1, 20)),
-        ),
-        auto_views=False,
-    )
+    return rrb.Vertical(*parts, row_shares=shares)
 
 
 def _aspect(width: float, height: float, bars: int = 1) -> float:
