@@ -62,6 +62,7 @@ def test_each_part_has_its_budget_and_its_ppm():
     assert upper[1] > 100.0 * upper[0]
 
 
+@pytest.mark.slow
 def test_a_run_tells_of_both(tmp_path):
     path, out = tmp_path / "both.yaml", tmp_path / "out"
     path.write_text(yaml.safe_dump(scenario(fields={"rate": 2.0}, duration=20.0, stop_early=False)))

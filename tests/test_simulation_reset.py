@@ -1,5 +1,7 @@
 """An assembled simulation, set back to its beginning: with the same numbers, with others, and with what it refuses."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -76,7 +78,7 @@ def scenario(changes: dict) -> Scenario:
     data = Scenario.model_validate(ROOM).model_dump(mode="json", exclude_none=True)
     for path, value in changes.items():
         *way, key = [int(part) if part.isdecimal() else part for part in path.split(".")]
-        place = data
+        place: Any = data
         for part in way:
             place = place[part]
         place[key] = value

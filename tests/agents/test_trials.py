@@ -91,6 +91,7 @@ def test_rivals_search_as_if_they_were_alone(tmp_path):
         run(RIVALS, "false")
 
 
+@pytest.mark.slow
 def test_rivals_have_maps_of_their_own(tmp_path):
     path = tmp_path / "rivals.yaml"
 

@@ -64,7 +64,7 @@ def arena_3d(taichi) -> Arena:
     return Arena((20, 15, 5), "none")  # eddies take long to compile
 
 
-@pytest.mark.parametrize("name", ["arena", "arena_3d"])
+@pytest.mark.parametrize("name", ["arena", pytest.param("arena_3d", marks=pytest.mark.slow)])
 def test_mass_is_accounted_for_and_never_negative(name, request):
     arena = request.getfixturevalue(name).begin()
     flow, gas = arena.flow, arena.gas
