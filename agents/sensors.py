@@ -8,7 +8,6 @@ import taichi as ti
 from taichi_plume.agents.anemometers import Anemometers
 from taichi_plume.agents.gas_laws import LAWS
 from taichi_plume.agents.gas_sensors import GasSensors
-from taichi_plume.agents.lag import Lag as Lag
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.fields import Odour, Species, Wind

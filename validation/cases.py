@@ -82,7 +82,7 @@ def _duct(aspect: int) -> Case:
         f"steady flow along a duct with sides 1 : {aspect}",
         "Fourier series",
         partial(duct, aspect=aspect),
-        coarse=(16,),
+        coarse=(8, 16),
         fine=(16, 32),
         slow=True,
         expected={"u_max / u_mean": HALF_A_PERCENT, "u_mean": HALF_A_PERCENT},
