@@ -20,7 +20,7 @@ else:
 # Of compiled kernels on disk. With Taichi's own 100 MB a dozen scenarios, or the tests, throw out each other's.
 CACHE_BYTES = 2_000_000_000
 STRIP = 32  # cells per strip; 100 and more are six times slower (LLVM stops using registers)
-FEW_CELLS = 32_000  # up to here one thread is done before a second one has woken up
+FEW_CELLS = 100_000  # up to here one thread is done before a second one has woken up for every pass
 FEW_ROWS = 2000  # Taichi gives a CPU thread 512 iterations at least: with fewer rows, strips are tasks too
 
 
@@ -171,6 +171,7 @@ def launch(*passes: Callable, cells: int) -> Callable[..., None]:
 
     @ti.kernel
     def serial(a: ti.f32, b: ti.f32):
+        ti.loop_config(serialize=True)  # in the caller's thread: waking another one takes 0.1 ms
         for _ in range(1):
             for one in ti.static(passes):
                 one(a, b)
