@@ -11,7 +11,7 @@ its form drag, C_d/2 (v - u)|v - u| per frontal area, spread evenly over its dis
 """
 
 from dataclasses import dataclass
-from math import cos, inf, radians, sin
+from math import cos, inf, prod, radians, sin
 from typing import Any
 
 import numpy as np
@@ -89,7 +89,9 @@ class Bodies:
         reach = [radius + c * half[0] + s * half[1], radius + s * half[0] + c * half[1]]
         if self.dim == 3:
             reach.append(half_height)
-        self._put(half, turn, reach, [int(2 * r / self.grid.dx) + 3 for r in reach])
+        block = [int(2 * r / self.grid.dx) + 3 for r in reach]
+        self.cells = self.count * self.dim * prod(block)
+        self._put(half, turn, reach, block)
         self.n.set(radius=radius, middle=middle, half_height=half_height, drag=drag, pace=0.0)
 
     @ti.func

@@ -8,13 +8,14 @@ The component through the face is either prescribed (V) or free, with the ambien
 
 from collections.abc import Callable
 from itertools import pairwise
+from math import prod
 from typing import Any
 
 import numpy as np
 import taichi as ti
 
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Template
+from taichi_plume.grid.kernels import Pass, Template, visit
 from taichi_plume.grid.tables import Tables
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.openings import Fan, FanCurve, Honeycomb, Inlet, Opening
@@ -62,15 +63,16 @@ class Boundaries:
         self.noise: dict[int, Fluctuations] = {}
         self.sides = [tuple(2 if a == d else n for a, n in enumerate(grid.padded)) for d in range(grid.dim)]
         self._inner = [tuple(2 if a == d else n for a, n in enumerate(grid.shape)) for d in range(grid.dim)]
-        self.target = tuple(ti.Vector.field(grid.dim, ti.f32, shape) for shape in self.sides)
-        self.mirror = tuple(ti.Vector.field(grid.dim, ti.f32, shape) for shape in self.sides)
-        self.free = tuple(ti.field(ti.i32, shape) for shape in self.sides)
-        self.loss = tuple(ti.field(ti.f32, shape) for shape in self.sides)
-        self.ambient = tuple(ti.field(ti.f32, shape) for shape in self.sides)
+        self._repeats = [self._spread_indices(d) for d in range(grid.dim)]
+        self.target, self.mirror = (tuple(grid.vector_field(shape) for shape in self.sides) for _ in range(2))
+        self.free = tuple(grid.field(shape, ti.i32) for shape in self.sides)
+        self.loss, self.ambient = (tuple(grid.field(shape) for shape in self.sides) for _ in range(2))
         """Kinematic pressure at the face [m²/s²]."""
         self.is_free = self._kinds(tables)
         self.has_loss = any(p.kind == "honeycomb" and p not in self.jets for p in self.patches)
         self._put = uploader(*self.target, *self.loss)
+        # what blows may change in every step
+        self._put_targets = {d: uploader(self.target[d]) for d in sorted({p.axis for p in self.jets})}
 
     def _fan(self, patch: JetPatch, tables: Tables) -> CurvedFan:
         cells = np.stack(patch.cells(), axis=-1) + self.grid.ghost
@@ -81,13 +83,20 @@ class Boundaries:
         """The view of a boundary array on a patch's face."""
         return np.moveaxis(array, patch.axis, 0)[patch.side]
 
-    def _spread(self, array: np.ndarray, d: int) -> np.ndarray:
-        """A boundary array of axis d, spread over the ghost layers of the other axes."""
+    def _spread_indices(self, d: int) -> np.ndarray:
+        """For each face of axis d, ghost layers of the other axes included, the flat index of the inner face that it
+        repeats.
+        """
+        result = np.arange(prod(self._inner[d])).reshape(self._inner[d])
         for a in range(self.dim):
             if a != d:
-                width = [(self.grid.ghost,) * 2 if axis == a else (0, 0) for axis in range(array.ndim)]
-                array = np.pad(array, width, mode="wrap" if self.grid.periodic[a] else "edge")
-        return array
+                width = [(self.grid.ghost,) * 2 if axis == a else (0, 0) for axis in range(self.dim)]
+                result = np.pad(result, width, mode="wrap" if self.grid.periodic[a] else "edge")
+        return result
+
+    def _spread(self, array: np.ndarray, d: int) -> np.ndarray:
+        """A boundary array of axis d, spread over the ghost layers of the other axes."""
+        return array.reshape(-1, *array.shape[self.dim :])[self._repeats[d]]
 
     def _kinds(self, tables: Tables) -> list[np.ndarray]:
         """Set how velocities are mirrored, and which faces are free, as their kinds of opening say.
@@ -126,7 +135,10 @@ class Boundaries:
                     self._face(loss[p.axis], p)[p.covered] = opening.loss_coefficient
             if opening.kind != "periodic":
                 p.opening = opening
-        self._loss = [self._spread(faces, d) for d, faces in enumerate(loss)]
+        self._put(
+            *(self._spread(target, d) for d, target in enumerate(self._targets)),
+            *(self._spread(faces, d) for d, faces in enumerate(loss)),
+        )
         for n, fan in self.curved.items():
             curve = curve_of(self._openings[n])
             assert curve is not None
@@ -191,8 +203,9 @@ class Boundaries:
         self.upload_targets()
 
     def upload_targets(self) -> None:
-        """Take the targets over from the host."""
-        self._put(*(self._spread(target, d) for d, target in enumerate(self._targets)), *self._loss)
+        """Take the targets over from the host, of the axes along which openings blow."""
+        for d, put in self._put_targets.items():
+            put(self._spread(self._targets[d], d))
 
     def fastest(self, t: float) -> float:
         """Largest velocity component [m/s] that a schedule prescribes from t to HORIZON later."""
@@ -232,12 +245,64 @@ class Boundaries:
                 result |= {jets[m][0] for m in here}
         return sorted(result)
 
-    @ti.func
-    def fill_velocity(self, u: Template):
-        """Prescribed faces and all ghost values of the face velocities u."""
-        for d in ti.static(range(self.dim)):
-            for K in ti.grouped(ti.ndrange(*self.sides[d])):
-                self._fill_velocity_at(u, K, d)
+    # ---------------------------------------------------------------- passes over the faces of the domain
+
+    def _visit(self, body: Callable[..., None]) -> Pass:
+        """A pass that calls ``body(K, d, a, b)`` for all faces of each axis d; K[d] is 0 on the lower side, else 1."""
+
+        def of_axis(d: int) -> Callable:
+            @ti.func
+            def visited(K, a, b):
+                body(K, d, a, b)
+
+            return visited
+
+        return visit([of_axis(d) for d in range(self.dim)], self.sides)
+
+    def filling_velocity(self, u: Any) -> Pass:
+        """Sets all ghost values of the face velocities u."""
+
+        @ti.func
+        def fill(K, d: Template, a, b):
+            self._fill_velocity_at(u, K, d)
+
+        return self._visit(fill)
+
+    def prescribing(self, u: Any, u0: Any) -> Pass:
+        """Sets prescribed faces at a share `a` of the step, between u0 at its begin and the targets at its end; and the
+        upper faces of periodic axes.
+        """
+
+        @ti.func
+        def prescribe(K, d: Template, a, b):
+            n = ti.static(self.grid.shape[d])
+            D = ti.Vector.unit(self.dim, d, ti.i32)
+            face = K + D * (self.grid.ghost + K[d] * n - K[d])
+            if ti.static(self.grid.periodic[d]):
+                if K[d] == 1:  # the lower face is the one that is solved
+                    u[d][face] = u[d][face - D * n]
+            elif self.free[d][K] == 0:
+                u[d][face] = u0[d][face] + a * (self.target[d][K][d] - u0[d][face])
+
+        return self._visit(prescribe)
+
+    def filling_pressure(self, p: Any, with_ambient: bool) -> Pass:
+        """Sets the ghost values of p that put the ambient pressure (or zero) on free faces."""
+
+        @ti.func
+        def fill(K, d: Template, a, b):
+            self._fill_pressure_at(p, K, d, with_ambient)
+
+        return self._visit(fill)
+
+    def updating_losses(self, u: Any) -> Pass:
+        """Sets the pressure on free faces from K/2 u|u|, relaxed over dt (a) at the rate that is stable for any K."""
+
+        @ti.func
+        def update(K, d: Template, a, b):
+            self._update_loss_at(u, K, d, a)
+
+        return self._visit(update)
 
     @ti.func
     def _fill_velocity_at(self, u: Template, K, d: Template):
@@ -272,43 +337,32 @@ class Boundaries:
                         value = ti.select(mirror < 0.0, parabola, value)
                     for m in ti.static(range(1, g + 1)):
                         u[c][inner + D * outward * m] = value
-            beyond = V[d]
+            beyond = u[d][face]
             if self.free[d][K] == 1:
-                normal = u[d][face]
-                beyond = ti.select(normal * outward > 0.0, normal, 0.0)  # still air comes in
-            else:
-                u[d][face] = beyond
+                beyond = ti.select(beyond * outward > 0.0, beyond, 0.0)  # still air comes in
             for m in ti.static(range(1, g)):
                 u[d][face + D * outward * m] = beyond
             if side == 0:
                 u[d][face - D * g] = beyond
 
     @ti.func
-    def fill_pressure(self, p: Template, with_ambient: Template):
-        """Ghost values of p that put the ambient pressure (or zero) on free faces."""
-        for d in ti.static(range(self.dim)):
-            for K in ti.grouped(ti.ndrange(*self.sides[d])):
-                n = ti.static(self.grid.shape[d])
-                g = ti.static(self.grid.ghost)
-                D = ti.Vector.unit(self.dim, d, ti.i32)
-                inner = K + D * (g + K[d] * (n - 1) - K[d])
-                outer = inner + D * (2 * K[d] - 1)
-                if ti.static(self.grid.periodic[d]):
-                    p[outer] = p[inner + D * (n - 1) * (1 - 2 * K[d])]
-                else:
-                    p[outer] = 2.0 * self.ambient[d][K] * with_ambient - p[inner]
+    def _fill_pressure_at(self, p: Template, K, d: Template, with_ambient: Template):
+        n = ti.static(self.grid.shape[d])
+        D = ti.Vector.unit(self.dim, d, ti.i32)
+        inner = K + D * (self.grid.ghost + K[d] * (n - 1) - K[d])
+        outer = inner + D * (2 * K[d] - 1)
+        if ti.static(self.grid.periodic[d]):
+            p[outer] = p[inner + D * (n - 1) * (1 - 2 * K[d])]
+        else:
+            p[outer] = 2.0 * self.ambient[d][K] * with_ambient - p[inner]
 
     @ti.func
-    def update_losses(self, u: Template, dt: float):
-        """Pressure on free faces from K/2 u|u|, relaxed at the rate that is stable for any K."""
-        for d in ti.static(range(self.dim)):
-            for K in ti.grouped(ti.ndrange(*self.sides[d])):
-                if self.free[d][K] == 1:
-                    n = ti.static(self.grid.shape[d])
-                    g = ti.static(self.grid.ghost)
-                    D = ti.Vector.unit(self.dim, d, ti.i32)
-                    out = u[d][K + D * (g + K[d] * n - K[d])] * (2 * K[d] - 1)
-                    k = self.loss[d][K]
-                    wanted = 0.5 * k * out * ti.abs(out)
-                    relax = 1.0 / (1.0 + 2.0 * k * ti.abs(out) * dt / ti.static(self.grid.dx))
-                    self.ambient[d][K] += relax * (wanted - self.ambient[d][K])
+    def _update_loss_at(self, u: Template, K, d: Template, dt: float):
+        if self.free[d][K] == 1:
+            n = ti.static(self.grid.shape[d])
+            face = K + ti.Vector.unit(self.dim, d, ti.i32) * (self.grid.ghost + K[d] * n - K[d])
+            out = u[d][face] * (2 * K[d] - 1)
+            k = self.loss[d][K]
+            wanted = 0.5 * k * out * ti.abs(out)
+            relax = 1.0 / (1.0 + 2.0 * k * ti.abs(out) * dt / ti.static(self.grid.dx))
+            self.ambient[d][K] += relax * (wanted - self.ambient[d][K])

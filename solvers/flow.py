@@ -3,8 +3,9 @@
     du/dt + div(u u) = -grad p + div(nu (grad u + grad u^T)) + b + g,   div u = 0
 
 p is the kinematic pressure [m²/s²], b buoyancy and g a constant acceleration. The terms are in `momentum`: convection
-in flux form (see `convection`), central diffusion. In time Heun's method (SSP-RK2) with the last pressure's gradient,
-then one projection (see `continuity`) for the pressure increment: second order.
+in flux form (see `convection`), central diffusion. In time three stages (SSP-RK3, Shu & Osher 1988,
+doi:10.1016/0021-9991(88)90177-5) with the last pressure's gradient, and projections (see `continuity`) for the
+pressure's increment: second order.
 """
 
 from collections.abc import Callable, Sequence
@@ -18,7 +19,7 @@ import taichi as ti
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier, sample_faces
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Template, launch, sweep
+from taichi_plume.grid.kernels import Pass, Template, launch, sweep
 from taichi_plume.grid.tables import Tables
 from taichi_plume.grid.transfer import reader, uploader
 from taichi_plume.scenario.winds import CfdWind
@@ -34,6 +35,14 @@ from taichi_plume.solvers.scalar import Scalar
 from taichi_plume.solvers.screens import ScreenResistance
 from taichi_plume.solvers.surfaces import Surfaces
 from taichi_plume.solvers.turbulence import MODELS
+
+STAGES = ((1.0, 1.0, 0.0), (1.0 / 4.0, 1.0 / 2.0, 1.0 / 2.0), (2.0 / 3.0, 1.0, 2.0 / 3.0))
+"""Of a step from u0, (k, c, g): u becomes u0 + k (u - u0 + dt du/dt), what it will be c dt later, and is projected where
+g is not 0: the pressure has lagged for g dt then.
+
+Were the last projection the only one, short waves that the wind carries on by a cell or so would lose or gain energy.
+One after the first stage changes nothing.
+"""
 
 
 @ti.data_oriented
@@ -71,19 +80,18 @@ class FlowSolver(Carrier):
         self.u = grid.faces_field()
         self.p = grid.field()
         self.nu = grid.field() if model.turbulence.kind in MODELS else None
-        self.open = tuple(tables.put(grid.field(), values) for values in openness)
-        if not air.empty:
-            self.area = tuple(tables.put(grid.field(), values) for values in self._area)
         self.scratch = (grid.field(), grid.field())
         self._divergence, self._phi = self.scratch
         self._start, self._rate = grid.faces_field(), grid.faces_field()  # u at the begin of the step, du/dt
-        self.screens = [ScreenResistance(one, grid, openness, tables) for one in model.screens]
-        self.resistances: tuple[Resistance, ...] = (*self.screens, *(make(self.open) for make in resistances))
         heat = model.buoyancy.heat if model.buoyancy is not None else None
         theta = Scalar(grid) if heat is not None else None
         self.weighing = tuple(weighing)
         fields = [one.field for one in weighing] + ([theta.q] if theta is not None else [])
-        self.momentum = Momentum(model, grid, self.u, self.p, self.nu, self.open, self.area, fields)
+        areas = None if air.empty else self._area
+        self.momentum = Momentum(model, grid, self.u, self.p, self.nu, openness, areas, fields, tables)
+        self.open, self.area = self.momentum.open, self.momentum.area
+        self.screens = [ScreenResistance(one, grid, openness, tables) for one in model.screens]
+        self.resistances: tuple[Resistance, ...] = (*self.screens, *(make(self.open) for make in resistances))
         self.surfaces = None if air.empty else Surfaces(self.momentum, air, self._area, openness, tables)
         self.limits = Limits(self.momentum)
         tables.upload()
@@ -140,9 +148,9 @@ class FlowSolver(Carrier):
 
             return formula
 
-        def heun(d: int) -> Callable:
+        def advanced(d: int) -> Callable:
             @ti.func
-            def formula(I, dt, k):  # k = 1 in the first stage, where u = u0, and 1/2 in the second
+            def formula(I, dt, k):
                 return u0[d][I] + k * ((u[d][I] - u0[d][I]) + dt * rate[d][I])
 
             return formula
@@ -159,57 +167,45 @@ class FlowSolver(Carrier):
         def new_pressure(I, dt, k):
             return increased(m, phi, I, dt)
 
-        @ti.func
-        def fill_velocity(dt, k):
-            boundaries.fill_velocity(u)
-
-        @ti.func
-        def fill_phi(dt, k):
-            boundaries.fill_pressure(phi, False)
-
-        def on_faces(formula: Callable[[int], Callable], out: Any) -> Callable:
+        def on_faces(formula: Callable[[int], Callable], out: Any) -> Pass:
             return sweep([formula(d) for d in range(self.dim)], out, grid.faces)
 
-        def run(*passes: Callable) -> Callable:
-            return launch(*passes, cells=prod(grid.shape))
-
+        fill = boundaries.filling_velocity(u)
+        clear, measure = Pass(self._clear, 1), Pass(self._measure, prod(grid.shape))
         around = [(begin - 1, end + 1) for begin, end in grid.cells]
-        self._begin = run(on_faces(remembered, u0), self._ambient_pressure)
-        self._stage = run(
-            fill_velocity,
+        self._begin = launch(
+            on_faces(remembered, u0),
+            *([boundaries.updating_losses(u)] if boundaries.has_loss else []),
+            boundaries.filling_pressure(self.p, True),
+        )
+        self._stage = launch(
+            fill,
             *([sweep([eddies], [self.nu], around)] if m.eddies else []),
             on_faces(lambda d: of_axis(terms.tendency, m, d), rate),
-            self._slow,
-            on_faces(heun, u),
-            self._resist,
+            *([Pass(self._slow, self.surfaces.cells)] if self.surfaces else []),
+            on_faces(advanced, u),
+            *([Pass(self._resist, sum(one.cells for one in self.resistances))] if self.resistances else []),
         )
-        self._diverge = run(fill_velocity, sweep([divergence], [self._divergence], grid.cells))
-        self._correct = run(
-            self._clear,
-            fill_phi,
+        self._prescribe = launch(boundaries.prescribing(u, u0))
+        self._diverge = launch(sweep([divergence], [self._divergence], grid.cells))
+        self._correct = launch(
+            boundaries.filling_pressure(phi, False),
             on_faces(lambda d: correction(m, phi, d), u),
-            sweep([new_pressure], [self.p], grid.cells),
-            fill_velocity,
-            self._measure,
+            sweep([new_pressure], [self.p], around),
         )
-        self._measure_now = run(self._clear, self._measure)
-        self._lose = run(on_faces(lambda d: of_axis(terms.loss, m, d), rate), self._add_loss)
-
-    @ti.func
-    def _ambient_pressure(self, dt, k):
-        if ti.static(self.boundaries.has_loss):
-            self.boundaries.update_losses(self.u, dt)
-        self.boundaries.fill_pressure(self.p, True)
+        self._finish = launch(fill, clear, measure)
+        self._lose = launch(
+            on_faces(lambda d: of_axis(terms.loss, m, d), rate),
+            *([Pass(self._add_loss, self.surfaces.cells)] if self.surfaces else []),
+        )
 
     @ti.func
     def _slow(self, dt, k):
-        if ti.static(self.momentum.cut):
-            self.surfaces.slow(self._rate, dt)
+        self.surfaces.slow(self._rate, dt)
 
     @ti.func
     def _add_loss(self, dt, k):
-        if ti.static(self.momentum.cut):
-            self.surfaces.add_loss(self._rate)
+        self.surfaces.add_loss(self._rate)
 
     @ti.func
     def _resist(self, dt, k):
@@ -225,24 +221,27 @@ class FlowSolver(Carrier):
         self.limits.measure()
 
     def advance(self, t: float, dt: float) -> None:
-        """One step of Heun's method and a projection."""
+        """One step of three stages."""
         self.boundaries.advance(self.p, t, dt)
         for resistance in self.resistances:
             resistance.advance(t, dt)
         self._begin(dt)
-        self._stage(dt, 1.0)
-        self._stage(dt, 0.5)
-        self._diverge()
-        self._project(dt)
+        for k, c, lag in STAGES:
+            self._stage(dt, k)
+            self._prescribe(c)
+            if lag > 0.0:
+                self._project(lag * dt)
+        self._finish()
+        self._read_limits()
         self.max_courant = max(self.max_courant, dt * self.speed_rate)
         if self.heat is not None:
             self.heat.advance(t, dt)
 
     def _project(self, dt: float) -> None:
-        """Make u divergence-free by the gradient of phi, and add the increment to the pressure."""
+        """Make u divergence-free by the gradient of phi, and add what that makes in dt [s] to the pressure."""
+        self._diverge()
         self.solver.solve(self._divergence, self._phi, self.tolerance * max(self.max_speed, 1e-3))
         self._correct(dt)
-        self._read_limits()
 
     # ---------------------------------------------------------------- the begin of a run
 
@@ -287,14 +286,18 @@ class FlowSolver(Carrier):
     def _settle(self) -> None:
         """Make u divergence-free; p is 0 then."""
         self._begin(1.0)
-        self._diverge()
+        self._prescribe(1.0)
         self._project(1.0)
+        self._stage(0.0, 1.0)  # takes the eddies' viscosity
+        self._finish()
+        self._read_limits()
         self._zero((self.p,))
 
     def _impulse(self) -> Any:
         """The field phi that sets air at rest in motion, to the velocities prescribed at the boundaries."""
         self._zero(self.u)
         self._begin(1.0)
+        self._prescribe(1.0)
         self._diverge()
         self.solver.solve(self._divergence, self._phi, self.tolerance)
         return self._phi

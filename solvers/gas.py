@@ -9,7 +9,7 @@ import taichi as ti
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier, Gas, sample_cells
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Template
+from taichi_plume.grid.kernels import Pass, Template
 from taichi_plume.scenario.gases import EulerianGas
 from taichi_plume.solvers.convection import POSITIVE_FACE_VALUES
 from taichi_plume.solvers.emission import Emission
@@ -52,7 +52,9 @@ class EulerianSolver(Gas):
 
         self._carrier = wind
         face_value = POSITIVE_FACE_VALUES[gas.convection]
-        self.transport = Transport(grid, wind, air, face_value, add_sources, scalar=scalar)
+        self.transport = Transport(
+            grid, wind, air, face_value, Pass(add_sources, self.release.cells), scalar=scalar
+        )
         self.c = self.transport.q
         self.begin(gas, t, seed)
 

@@ -15,7 +15,7 @@ import taichi as ti
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import double_field
+from taichi_plume.grid.kernels import Pass
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.any_opening import Vent
 from taichi_plume.scenario.heat import Heat
@@ -23,6 +23,7 @@ from taichi_plume.solvers.convection import FACE_VALUES
 from taichi_plume.solvers.patches import VENTS, Patch
 from taichi_plume.solvers.release import Release
 from taichi_plume.solvers.scalar import Scalar
+from taichi_plume.solvers.tally import Tally
 from taichi_plume.solvers.transport import Transport
 
 
@@ -51,7 +52,7 @@ class HeatSolver:
         """
         self.grid, self.air = grid, air
         self.release = Release("heaters", heat.heaters, grid, air.room) if heat.heaters else None
-        self._from_surfaces = double_field()
+        self._from_surfaces = Tally()
         self._vents = [patch for patch in patches if patch.kind in VENTS]
         self._touched = list(self._surfaces(heat))
         self._list_surface_cells()
@@ -63,16 +64,16 @@ class HeatSolver:
             self.release.add_to(self.theta, self.transport.rest)
 
         @ti.func
-        def exchange(dt, k):
-            self._exchange(dt, k)
+        def exchange(h, stage):
+            self._exchange(h, stage)
 
         self.transport = Transport(
             grid,
             wind,
             air,
             FACE_VALUES["koren"],
-            add_sources if self.release else None,
-            exchange if self._touched else None,
+            Pass(add_sources, self.release.cells) if self.release else None,
+            Pass(exchange, len(self._where[0])) if self._touched else None,
             self._inflow,
             scalar,
         )
@@ -180,24 +181,23 @@ class HeatSolver:
             self.transport.step(h)
 
     @ti.func
-    def _exchange(self, dt: float, k: float):
-        """Add k times what the surfaces give to the rate, and count half a step of it: Heun's method is the mean of two
-        Euler steps.
-        """
+    def _exchange(self, h, stage):
+        """Add to the rate what the surfaces give, and count it."""
+        self._from_surfaces.begin(stage)
         for n in range(self._rate.shape[0]):
             I = self._cell[n]
             given = self._gain[n] - self._rate[n] * self.theta[I]
-            self.transport.rate[I] += k * given
-            self._from_surfaces[None] += 0.5 * ti.cast(dt, ti.f64) * ti.cast(given * self._room[n], ti.f64)
+            self.transport.rate[I] += given
+            self._from_surfaces.add(given * self._room[n])
+        self._from_surfaces.end(h)
 
     # ---------------------------------------------------------------- what is known about it
 
     def budget(self) -> dict[str, float]:
         """Heat [J] that heaters and surfaces gave, that is in the air and that left through the openings."""
-        surfaces: Any = self._from_surfaces[None]
         return {
             "heaters_J": self.heaters_joule,
-            "surfaces_J": surfaces * self.grid.cell_volume * self.capacity,
+            "surfaces_J": self._from_surfaces.read() * self.grid.cell_volume * self.capacity,
             "in_air_J": self.transport.inside() * self.capacity,
             "outflow_J": self.transport.outflow() * self.capacity,
         }

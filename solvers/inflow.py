@@ -3,7 +3,7 @@
 from math import pi
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import gaussian_filter1d
 
 from taichi_plume.grid.rng import generator
 from taichi_plume.solvers.patches import JetPatch
@@ -22,22 +22,24 @@ class Fluctuations:
         self.patch = patch
         self.length = length
         self.rng = generator(seed, name)
-        self.sigma = length / patch.grid.dx / np.sqrt(pi)
-        impulse = np.zeros(patch.profile.shape)
-        impulse[(0,) * impulse.ndim] = 1.0
-        self.norm = np.sqrt((gaussian_filter(impulse, self.sigma, mode="wrap") ** 2).sum())
-        self.state = np.array([self._slice() for _ in range(patch.grid.dim)])
+        sigma = length / patch.grid.dx / np.sqrt(pi)
+        # the filter along each axis of the face, of unit variance: rows of a matrix
+        self.filters = [gaussian_filter1d(np.eye(n), sigma, axis=0, mode="wrap") for n in patch.profile.shape]
+        for matrix in self.filters:
+            matrix /= np.linalg.norm(matrix, axis=1, keepdims=True)
+        self.state = self._slices()
 
-    def _slice(self) -> np.ndarray:
-        """A plane of unit-variance noise, correlated over the length."""
-        noise = self.rng.standard_normal(self.patch.profile.shape)
-        return gaussian_filter(noise, self.sigma, mode="wrap") / self.norm
+    def _slices(self) -> np.ndarray:
+        """Planes of unit-variance noise, one per velocity component, correlated over the length."""
+        planes = self.rng.standard_normal((self.patch.grid.dim, *self.patch.profile.shape))
+        for axis, matrix in enumerate(self.filters):
+            planes = np.moveaxis(np.tensordot(matrix, planes, axes=(1, axis + 1)), 0, axis + 1)
+        return planes
 
     def advance(self, speed: float, dt: float) -> np.ndarray:
         """The next planes, one per velocity component, of unit variance; the one through the face has no mean."""
         decay = np.exp(-pi * dt * abs(speed) / (2.0 * self.length))
-        fresh = np.array([self._slice() for _ in self.state])
-        self.state = self.state * decay + fresh * np.sqrt(1.0 - decay**2)
+        self.state = self.state * decay + self._slices() * np.sqrt(1.0 - decay**2)
         planes = self.state * self.patch.covered
         axis = self.patch.axis
         planes[axis] -= self.patch.covered * planes[axis].sum() / self.patch.covered.sum()

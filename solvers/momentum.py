@@ -15,6 +15,7 @@ import taichi as ti
 
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template
+from taichi_plume.grid.tables import Tables
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.convection import FACE_VALUES
@@ -36,6 +37,9 @@ class Momentum:
 
     viscosity [m²/s]; constant: of the eddy model; force: g dx [m²/s²] per axis; weighing: cell fields that make the air
     rise or sink; pull: acceleration [m/s²] that a unit of each gives; half_pull: pull dx/2.
+
+    Where obstacles cut the grid, volumes in cells and areas in faces: spread[d], one over the volume that stores the
+    momentum of a face, 0 where the velocity is not solved for; sheared[d][e], see `sheared_areas`.
     """
 
     def __init__(
@@ -45,14 +49,34 @@ class Momentum:
         u: tuple[Any, ...],
         p: Any,
         nu: Any,
-        open: tuple[Any, ...],
-        area: tuple[Any, ...] | None,
+        openness: Sequence[np.ndarray],
+        areas: Sequence[np.ndarray] | None,
         weighing: Sequence[Any],
+        tables: Tables,
     ):
+        """openness, areas: of all faces on the padded grid, see `fields.Carrier`; no areas where no face is cut."""
         self.grid, self.dim, self.dx = grid, grid.dim, grid.dx
-        self.u, self.p, self.nu, self.open = u, p, nu, open
-        self.area: Any = area
-        self.cut = area is not None
+        self.u, self.p, self.nu = u, p, nu
+
+        def put(values: np.ndarray) -> Any:
+            return tables.put(grid.field(), values)
+
+        self.open = tuple(put(values) for values in openness)
+        self.cut = areas is not None
+        self.area: Any = None
+        self.spread, self.sheared = self.open, ()
+        if areas is not None:
+            self.area = tuple(put(area) for area in areas)
+            volumes = [
+                np.maximum(a, 1e-6) / np.maximum(o, 1e-6) for a, o in zip(areas, openness, strict=True)
+            ]
+            self.spread = tuple(
+                put((o > 0.0) / np.maximum(v, 1e-3)) for v, o in zip(volumes, openness, strict=True)
+            )
+            self.sheared = tuple(
+                tuple(put(area) if d != e else None for e, area in enumerate(sheared_areas(areas, d)))
+                for d in range(self.dim)
+            )
         self.eddies = nu is not None
         self.eddy_model = MODELS.get(model.turbulence.kind)
         self.face_value = FACE_VALUES[model.convection]
@@ -70,6 +94,19 @@ class Momentum:
         force = np.array(model.acceleration or (0.0,) * self.dim) * self.dx
         pull = pull if len(pull) else np.zeros((1, self.dim))
         self._put(model.viscosity, constant, force, pull, 0.5 * self.dx * pull)
+
+
+def sheared_areas(areas: Sequence[np.ndarray], d: int) -> list[np.ndarray]:
+    """Per axis e: area of the lower e-side of the volume around each face of axis d over the distance that the velocity
+    u_d changes across it. The middles of what is open of the two faces of axis d lie closer than dx.
+    """
+    result = []
+    for e, area in enumerate(areas):
+        side = 0.5 * (area + np.roll(area, 1, axis=d))
+        low, high = np.roll(areas[d], 1, axis=e), areas[d]
+        less, more = np.minimum(low, high), np.maximum(low, high)
+        result.append(side * np.where(less > 0.0, 2.0 * more / np.maximum(less + more, 1e-6), 0.0))
+    return result
 
 
 # ---------------------------------------------------------------- through the sides of the volume around a face
@@ -109,11 +146,10 @@ def stress(m: Template, I, d: Template, e: Template):
     if ti.static(m.eddies):
         du_dx += (m.u[e][I] - m.u[e][I - D]) / m.dx
     if ti.static(m.cut):
-        du_dx *= 0.5 * (m.area[e][I] + m.area[e][I - D])
-        if ti.static(d != e):  # the middles of what is open of the two faces lie closer than dx
-            low, high = m.area[d][I - E], m.area[d][I]
-            less, more = ti.min(low, high), ti.max(low, high)
-            du_dx *= ti.select(less > 0.0, 2.0 * more / (less + more), 0.0)
+        if ti.static(d == e):
+            du_dx *= 0.5 * (m.area[e][I] + m.area[e][I - D])
+        else:
+            du_dx *= m.sheared[d][e][I]
     return viscosity_at(m, I, d, e) * du_dx
 
 
@@ -162,11 +198,9 @@ def tendency(m: Template, I, d: Template):
         push += body_force(m, d)
     for n in ti.static(range(len(m.weighing))):
         push += buoyancy(m, I, d, n)
-    stored = 1.0  # volume in cells
     if ti.static(m.cut):
-        stored = m.area[d][I] / ti.max(m.open[d][I], 1e-6)
-    result = (m.open[d][I] * push + inflow(m, I, d) / ti.max(stored, 1e-3)) / m.dx
-    return ti.select(m.open[d][I] > 0.0, result, 0.0)
+        push *= m.area[d][I]
+    return m.spread[d][I] * (push + inflow(m, I, d)) / m.dx
 
 
 @ti.func

@@ -28,10 +28,13 @@ class Release:
         """
         self.name, self.grid, self.room = name, grid, room
         self._amounts: list[float] = []
-        most = sum(prod(min(n, ceil(2.0 * ball.radius / grid.dx) + 1) for n in grid.shape) for ball in balls)
-        self._cell = ti.Vector.field(grid.dim, ti.i32, most)
-        self._share = double_field((most,))  # per volume that stores
-        self._owner = ti.field(ti.i32, most)
+        # those that the balls may touch
+        self.cells = sum(
+            prod(min(n, ceil(2.0 * ball.radius / grid.dx) + 1) for n in grid.shape) for ball in balls
+        )
+        self._cell = ti.Vector.field(grid.dim, ti.i32, self.cells)
+        self._share = double_field((self.cells,))  # per volume that stores
+        self._owner = ti.field(ti.i32, self.cells)
         self._count: Any = ti.field(ti.i32, ())  # of the cells
         self._amount = double_field((len(balls),))
         self._place = uploader(self._cell, self._share, self._owner, self._count)

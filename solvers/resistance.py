@@ -6,6 +6,9 @@ from typing import Any, Protocol
 class Resistance(Protocol):
     """Screens, moving obstacles, robots; implementations are `ti.data_oriented`."""
 
+    cells: int
+    """About how many faces `apply` looks at."""
+
     def advance(self, t: float, dt: float) -> None:
         """Prepare the step from time t [s] to t + dt."""
         ...

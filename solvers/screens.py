@@ -47,6 +47,7 @@ class ScreenResistance:
         held = [(cells | np.roll(cells, 1, axis=d)) & (openness[d] > 0) for d in range(grid.dim)]
         held[self.axis] = share > 0
         self.counts = [int(faces.sum()) for faces in held]
+        self.cells = sum(self.counts)
         self.faces = [tables.listed(np.argwhere(faces)) for faces in held]
         self.share = tables.listed(share[share > 0])
         self.n = Numbers("a", "b", "transverse")

@@ -17,7 +17,7 @@ NEAREST = 0.05  # cells: no distance from a surface counts as less
 class Surfaces:
     """What slows the velocities beside obstacles: the stress nu u_t/s of the velocity u_t along a surface s away.
 
-    area, openness: padded arrays of the fields `area` and `open` of the flow.
+    area, openness: padded arrays of the fields `area` and `open` of the flow. cells: number of these faces.
     """
 
     def __init__(
@@ -56,6 +56,7 @@ class Surfaces:
             self._rate.append(tables.listed(size[where] / (distance * stored)))
             self._stored.append(tables.listed(stored))
             self._normal.append(tables.listed(normal))
+        self.cells = sum(self._count)
 
     @ti.func
     def _friction(self, d: Template, k):

@@ -166,7 +166,7 @@ class SyntheticSolver(Carrier):
 
         ranges = [(0, n) for n in self.grid.padded]
         between = sweep([of_axis(d) for d in range(self.dim)], self.u, ranges)
-        self._blend = launch(between, cells=prod(self.grid.shape))
+        self._blend = launch(between)
 
     def _velocity(self, potential: Potential) -> list[np.ndarray]:
         return curl({m: self._ramp[m] * a for m, a in potential.items()}, self.grid.dx)

@@ -3,14 +3,14 @@
     dq/dt + div(u q) = div((K + nu_t/Sc_t) grad q) + sources
 
 Finite volumes with the flow's own face velocities, so a well-mixed quantity stays well mixed; the Koren limiter and
-steps short enough that no cell gives away more than it holds make no new extrema. Every face's flux is seen alike from
+stages short enough that no cell gives away more than it holds make no new extrema. Every face's flux is seen alike from
 both sides and a cell's fluxes are summed in f64; what f32 cannot hold of q is kept beside it, so that the total
 is conserved however many steps are taken and however little each one changes.
 """
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from math import ceil, prod
+from math import ceil
 from typing import Any
 
 import numpy as np
@@ -19,13 +19,15 @@ import taichi as ti
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Template, double_field, launch, sweep
+from taichi_plume.grid.kernels import Pass, Template, launch, sweep, visit
 from taichi_plume.grid.transfer import Numbers, uploader
 from taichi_plume.solvers.scalar import Scalar
+from taichi_plume.solvers.tally import BETWEEN, FIRST, LAST, Tally
 
 FULLEST = (
     0.49  # largest share of a cell's volume that flows out in one stage; 1/2 empties it at the steepest slope
 )
+MOST_STAGES = 5  # of a step; the more, the more of what was there before it stays behind
 
 
 @ti.func
@@ -48,12 +50,12 @@ class Transport:
     """A quantity q per volume of air that the wind carries and that diffuses.
 
     face_value: of `convection.POSITIVE_FACE_VALUES`.
-    add_sources: a pass (see `kernels.launch`) that adds to q and `rest` what a step of length a brings.
-    exchange: a pass that adds to `rate` k times what a stage exchanges with surfaces.
+    add_sources: a pass that adds to q and `rest` what a step of length a brings.
+    exchange: a pass that adds to `rate` what is exchanged with surfaces.
     inflow: q of the air that comes in, a field over the two faces of each axis; clean air unless given.
     scalar: the quantity; one of its own unless given.
 
-    Fields: q; rest, what rounding has left out of q; rate [1/s], the mean tendency of the step's stages so far.
+    Fields: q; rest, what rounding has left out of q; rate [1/s], the sum of the tendencies in the step's stages so far.
     """
 
     STATE = ("q", "rest", "_outflow")
@@ -64,8 +66,8 @@ class Transport:
         wind: Carrier,
         air: Air,
         face_value: Callable[..., Any],
-        add_sources: Callable[[Any, Any], None] | None,
-        exchange: Callable[[Any, Any], None] | None = None,
+        add_sources: Pass | None,
+        exchange: Pass | None = None,
         inflow: Sequence[Any] = (),
         scalar: Scalar | None = None,
     ):
@@ -86,21 +88,20 @@ class Transport:
             self.room.from_numpy(grid.pad(air.room.astype(np.float32)))
         # a solver of the flow lends fields that it does not need meanwhile
         self._start, self.rate = wind.scratch or (grid.field(), grid.field())
-        self._outflow = double_field()
+        self._outflow = Tally()
         self._sides = [tuple(2 if a == d else n for a, n in enumerate(grid.shape)) for d in range(grid.dim)]
         self._n = Numbers("still", "per_schmidt")
         self._face_value = face_value
-        cells, count = grid.cells, prod(grid.shape)
+        cells = grid.cells
         self._start_step = launch(
-            *([add_sources] if add_sources else []), sweep([self._present], [self._start], cells), cells=count
+            *([add_sources] if add_sources else []), sweep([self._present], [self._start], cells)
         )
         self._stage = launch(
-            self._fill_ghosts,
+            visit([self._filling(d) for d in range(self.dim)], self._sides),
             sweep([self._tendency], [self.rate], cells),
             *([exchange] if exchange else []),
-            self._count_outflow,
+            Pass(self._count_outflow, grid.boundary_faces),
             sweep([self._advanced], [(self.q, self.rest)], cells),
-            cells=count,
         )
 
     def begin(self, diffusivity: float, schmidt: float, exchange_rate: float = 0.0) -> None:
@@ -143,73 +144,90 @@ class Transport:
         return flux
 
     @ti.func
-    def _tendency(self, I, dt, k):
-        """dq/dt by the fluxes; the mean of the first stage's (k = 1) and the second's (k = 1/2): Heun's method."""
+    def _tendency(self, I, h, stage):
+        """dq/dt by the fluxes, added to that of the stages before."""
         net = ti.cast(0.0, ti.f64)
         for d in ti.static(range(self.dim)):
             net += ti.cast(self._face_flux(I, d), ti.f64)
             net -= ti.cast(self._face_flux(I + ti.Vector.unit(self.dim, d, ti.i32), d), ti.f64)
-        rate = k * ti.cast(net, ti.f32) * self.per_length
+        rate = ti.cast(net, ti.f32) * self.per_length
         if ti.static(self.cut):
             rate /= ti.max(self.room[I], 1e-3)
-        return rate + (1.0 - k) * ti.select(k < 1.0, self.rate[I], 0.0)
+        return rate + ti.select(stage > FIRST, self.rate[I], 0.0)
 
     @ti.func
     def _present(self, I, dt, k):
         return self.q[I]
 
     @ti.func
-    def _advanced(self, I, dt, k):
+    def _advanced(self, I, h, stage):
         """q after a stage, and what it leaves out, which only the last stage keeps."""
-        q, rest = raised(self._start[I], self.rest[I], self.rate[I], dt)
-        return ti.Vector([q, ti.select(k < 1.0, rest, self.rest[I])])
+        q, rest = raised(self._start[I], self.rest[I], self.rate[I], h)
+        return ti.Vector([q, ti.select(stage == LAST, rest, self.rest[I])])
 
-    @ti.func
-    def _fill_ghosts(self, dt, k):
+    def _filling(self, d: int) -> Callable:
         """Beyond an outflow q goes on unchanged; air that flows in has its own; periodic axes wrap round."""
-        for d in ti.static(range(self.dim)):
-            for J in ti.grouped(ti.ndrange(*self._sides[d])):
-                g = ti.static(self.grid.ghost)
-                n = ti.static(self.grid.shape[d])
-                D = ti.Vector.unit(self.dim, d, ti.i32)
-                outward = 2 * J[d] - 1
-                inner = J + g + D * J[d] * (n - 2)
+        n, g = self.grid.shape[d], self.grid.ghost
+
+        @ti.func
+        def fill(J, h, stage):
+            D = ti.Vector.unit(self.dim, d, ti.i32)
+            outward = 2 * J[d] - 1
+            inner = J + g + D * J[d] * (n - 2)
+            if ti.static(self.grid.periodic[d]):
                 for m in ti.static(range(1, g + 1)):
-                    if ti.static(self.grid.periodic[d]):
-                        self.q[inner + D * outward * m] = self.q[inner - D * outward * (n - m)]
-                    else:
-                        out = self.wind.u[d][inner + D * J[d]] * outward
-                        beyond = 0.0
-                        if ti.static(len(self.inflow) > 0):
-                            beyond = self.inflow[d][J]
-                        self.q[inner + D * outward * m] = ti.select(out >= 0.0, self.q[inner], beyond)
+                    self.q[inner + D * outward * m] = self.q[inner - D * outward * (n - m)]
+            else:
+                out = self.wind.u[d][inner + D * J[d]] * outward
+                beyond = 0.0
+                if ti.static(len(self.inflow) > 0):
+                    beyond = self.inflow[d][J]
+                value = ti.select(out >= 0.0, self.q[inner], beyond)
+                for m in ti.static(range(1, g + 1)):
+                    self.q[inner + D * outward * m] = value
+
+        return fill
 
     @ti.func
-    def _count_outflow(self, dt, k):
-        """Add what leaves through the domain's faces in half of dt: Heun's method is the mean of two Euler steps."""
+    def _count_outflow(self, h, stage):
+        """What leaves through the domain's faces."""
+        self._outflow.begin(stage)
         for d in ti.static([a for a in range(self.dim) if not self.grid.periodic[a]]):
-            for J in ti.grouped(ti.ndrange(*self._sides[d])):
+            for J in ti.grouped(ti.ndrange(*self._sides[d][:0:-1])):
+                K = ti.Vector([0] + [J[self.dim - 2 - e] for e in ti.static(range(self.dim - 1))])
                 D = ti.Vector.unit(self.dim, d, ti.i32)
-                face = J + ti.static(self.grid.ghost) + D * J[d] * (ti.static(self.grid.shape[d]) - 1)
-                flux = self._face_flux(face, d) * (2 * J[d] - 1)
-                self._outflow[None] += ti.cast(flux, ti.f64) * ti.cast(0.5 * dt, ti.f64)
+                out = ti.cast(0.0, ti.f64)
+                for i in range(self._sides[d][0]):
+                    K[0] = i
+                    face = K + ti.static(self.grid.ghost) + D * K[d] * (ti.static(self.grid.shape[d]) - 1)
+                    out += ti.cast(self._face_flux(face, d) * (2 * K[d] - 1), ti.f64)
+                self._outflow.add(out)
+        self._outflow.end(h)
 
     # ---------------------------------------------------------------- the step
 
-    def steps(self, dt: float) -> int:
-        """Number of equal steps that make no new extremum within dt [s]: a limited face value is at most twice the
-        upwind cell's.
+    def _euler_steps(self, dt: float) -> float:
+        """Number of steps of Euler's method that make no new extremum within dt [s]: a limited face value is at most
+        twice the upwind cell's.
         """
         K = self.diffusivity + (self.wind.max_viscosity - self.wind.viscosity) / self.schmidt
         given = self.wind.outflow_rate + self.dim * K / self.grid.dx**2 + 0.5 * self.exchange_rate
-        longest = FULLEST / max(given, 1e-30)
-        return max(1, ceil(dt / longest - 1e-9))
+        return dt * given / FULLEST
+
+    def steps(self, dt: float) -> int:
+        """Number of equal steps within dt [s]."""
+        return max(1, ceil(self._euler_steps(dt) / (MOST_STAGES - 1) - 1e-9))
 
     def step(self, dt: float) -> None:
-        """One step of Heun's method, no longer than `steps` allows."""
+        """One step, no longer than `steps` allows, of second order: s - 1 stages of Euler's method by dt/(s - 1) [s],
+        one more, and the mean of their rates over the step (SSP(s, 2), Spiteri & Ruuth 2002,
+        doi:10.1137/S0036142901389025; Heun's method where s = 2).
+        """
+        stages = 1 + max(1, ceil(self._euler_steps(dt) - 1e-9))
         self._start_step(dt)
-        self._stage(dt, 1.0)
-        self._stage(dt, 0.5)
+        for n in range(stages - 1):
+            self._stage(dt / (stages - 1), FIRST if n == 0 else BETWEEN)
+        self._stage(dt / stages, LAST)
 
     # ---------------------------------------------------------------- what is known about q
 
@@ -239,5 +257,4 @@ class Transport:
 
     def outflow(self) -> float:
         """What has left through the domain's faces so far."""
-        gone: Any = self._outflow[None]
-        return gone * self.grid.cell_volume * self.per_length
+        return self._outflow.read() * self.grid.cell_volume * self.per_length

@@ -91,9 +91,18 @@ class Grid:
         """(begin, end) of the lower faces of inner cells and of the domain's upper faces, for any axis."""
         return tuple((begin, end + 1) for begin, end in self.cells)
 
+    @property
+    def boundary_faces(self) -> int:
+        """Number of faces on the domain's boundary."""
+        return sum(2 * prod(self.shape) // n for n in self.shape)
+
     def field(self, shape: tuple[int, ...] = (), dtype: Any = ti.f32) -> Any:
         """A scalar field over the padded grid (or `shape`), axis 0 contiguous."""
         return ti.field(dtype, shape=shape or self.padded, order="kji"[-self.dim :])
+
+    def vector_field(self, shape: tuple[int, ...]) -> Any:
+        """A field of vectors (dim) over `shape`, laid out as `field`."""
+        return ti.Vector.field(self.dim, ti.f32, shape, order="kji"[-self.dim :])
 
     def faces_field(self) -> tuple[Any, ...]:
         """One scalar face field per axis."""
@@ -145,7 +154,7 @@ class Grid:
 
         everywhere = [(0, n) for n in self.padded]
         passes = [sweep([toward(f, g)], [f], everywhere) for f, g in zip(fields, goals, strict=True)]
-        return launch(*passes, cells=prod(self.padded))
+        return launch(*passes)
 
     def largest_outflow(self, faces: Sequence[np.ndarray]) -> float:
         """Largest flow out of a cell over its volume [1/s] of the velocities [m/s] on the faces of each axis."""

@@ -3,6 +3,8 @@
 import contextlib
 import io
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import groupby
 from math import prod
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +22,7 @@ else:
 # Of compiled kernels on disk. With Taichi's own 100 MB a dozen scenarios, or the tests, throw out each other's.
 CACHE_BYTES = 2_000_000_000
 STRIP = 32  # cells per strip; 100 and more are six times slower (LLVM stops using registers)
-FEW_CELLS = 100_000  # up to here one thread is done before a second one has woken up for every pass
+FEW_CELLS = 100_000  # set by a pass: up to here the caller's thread is done before another one has woken up
 FEW_ROWS = 2000  # Taichi gives a CPU thread 512 iterations at least: with fewer rows, strips are tasks too
 
 
@@ -90,8 +92,16 @@ def double_field(shape: tuple[int, ...] = ()) -> Any:
     return field
 
 
-def sweep(bodies: Sequence[Callable], outs: Sequence[Any], ranges: Sequence[tuple[int, int]]) -> Callable:
-    """A pass, ti.func ``run(a, b)``, setting ``out[I] = body(I, a, b)`` per pair, I in `ranges`, (begin, end) per axis.
+@dataclass(frozen=True)
+class Pass:
+    """A part of a kernel: ti.func ``run(a, b)``, and about how many cells it sets."""
+
+    run: Callable[[Any, Any], None]
+    cells: int
+
+
+def sweep(bodies: Sequence[Callable], outs: Sequence[Any], ranges: Sequence[tuple[int, int]]) -> Pass:
+    """A pass setting ``out[I] = body(I, a, b)`` per pair of body and out, I in `ranges`, (begin, end) per axis.
 
     body: ti.func of an index vector and two scalars, without stores and with `ti.select` for `if`; it may read `out` at
     I only. Where `out` is a tuple of fields, it returns a vector with a value for each.
@@ -156,25 +166,55 @@ def sweep(bodies: Sequence[Callable], outs: Sequence[Any], ranges: Sequence[tupl
                     for m in ti.static(range(len(outs[q]))):
                         outs[q][m][I] = several[m]
 
+    cells = prod(b - a for a, b in ranges) * len(bodies)
     if not on_cpu():
-        return by_cell
-    return by_strip if flat else by_row
+        return Pass(by_cell, cells)
+    return Pass(by_strip if flat and cells > FEW_CELLS else by_row, cells)
 
 
-def launch(*passes: Callable, cells: int) -> Callable[..., None]:
-    """One kernel ``run(a=0, b=0)`` of several passes in order; a pass's loop is parallel unless there are few cells."""
+def visit(bodies: Sequence[Callable], shapes: Sequence[tuple[int, ...]]) -> Pass:
+    """A pass that calls ``body(I, a, b)``, which may store, for all I of a shape, per pair of body and shape."""
+    dim = len(shapes[0])
+    pairs = tuple(range(len(bodies)))
+    bodies, shapes = tuple(bodies), tuple(shapes)
+    rows = tuple(shape[:0:-1] for shape in shapes)  # axis 0 is contiguous, so it is the innermost
+
+    @ti.func
+    def run(a, b):
+        for q in ti.static(pairs):
+            for J in ti.grouped(ti.ndrange(*rows[q])):
+                I = ti.Vector.zero(ti.i32, dim)
+                for d in ti.static(range(1, dim)):
+                    I[d] = J[dim - 1 - d]
+                for i in range(shapes[q][0]):
+                    I[0] = i
+                    bodies[q](I, a, b)
+
+    return Pass(run, sum(prod(shape) for shape in shapes))
+
+
+def launch(*passes: Pass) -> Callable[..., None]:
+    """One kernel ``run(a=0, b=0)`` of several passes in order.
+
+    On a CPU a pass of many cells is one parallel task; those of few cells that follow each other are one task of the
+    caller's thread: waking another one takes 0.1 ms.
+    """
+    tasks = [(serial, tuple(one.run for one in some)) for serial, some in groupby(passes, _is_serial)]
 
     @ti.kernel
-    def parallel(a: ti.f32, b: ti.f32):
-        for one in ti.static(passes):
-            one(a, b)
+    def run(a: ti.f32, b: ti.f32):
+        for serial, some in ti.static(tasks):
+            if ti.static(serial):
+                ti.loop_config(serialize=True)
+                for _ in range(1):
+                    for one in ti.static(some):
+                        one(a, b)
+            else:
+                for one in ti.static(some):
+                    one(a, b)
 
-    @ti.kernel
-    def serial(a: ti.f32, b: ti.f32):
-        ti.loop_config(serialize=True)  # in the caller's thread: waking another one takes 0.1 ms
-        for _ in range(1):
-            for one in ti.static(passes):
-                one(a, b)
+    return lambda a=0.0, b=0.0: run(a, b)
 
-    kernel = serial if on_cpu() and cells <= FEW_CELLS else parallel
-    return lambda a=0.0, b=0.0: kernel(a, b)
+
+def _is_serial(one: Pass) -> bool:
+    return on_cpu() and one.cells <= FEW_CELLS

@@ -79,18 +79,10 @@ class CfdWind(AnyWind):
     """Scheme of convection; weno5 is more accurate on the same grid and costs more."""
     buoyancy: Buoyancy | None = None
     """Unless given, neither warm air rises nor heavy gas sinks."""
-    courant: Annotated[float, Field(gt=0, le=1)] = 0.8
-    """Largest sum over the axes of |u| dt/dx in one step; 0.4 with weno5 unless given."""
+    courant: Annotated[float, Field(gt=0, le=1.4)] = 1.2
+    """Largest sum over the axes of |u| dt/dx in one step."""
     tolerance: Annotated[float, Field(gt=0, le=1e-2)] = 2e-5
     """Divergence left by the pressure solver, over the largest |u|/dx."""
-
-    @model_validator(mode="before")
-    @classmethod
-    def _steps_of_weno5(cls, data: Any) -> Any:
-        """Heun's method needs shorter steps for it, see solvers/convection.py."""
-        if isinstance(data, dict) and data.get("convection") == "weno5":
-            return {"courant": 0.4} | data
-        return data
 
     @property
     def computed(self) -> "CfdWind":

@@ -240,4 +240,4 @@ def test_a_fast_body_shortens_the_steps_before_it_moves(walked):
     (body,) = flow.resistances
     assert body.fastest(0.0) == 0.0
     assert body.fastest(2.5) == pytest.approx(2.0)
-    assert flow.stable_dt(2.5) <= 0.8 * 0.05 / 2.0
+    assert flow.stable_dt(2.5) <= flow.courant * 0.05 / 2.0

@@ -133,11 +133,6 @@ def test_a_cube_of_gas_stays_positive(carried):
     assert after.max() <= 1.05 * before.max()
 
 
-def test_steps_are_shorter_unless_told():
-    assert CfdWind(kind="cfd", convection="weno5").courant == 0.4
-    assert CfdWind(kind="cfd", convection="weno5", courant=0.7).courant == 0.7
-
-
 @pytest.mark.parametrize("shape", [(40, 30), pytest.param((40, 30, 5), marks=pytest.mark.slow)])
 def test_a_room_with_weno5(shape):
     """Air and gas around a box, with outlets: finite, divergence-free, well-mixed, accounted for."""
