@@ -5,8 +5,9 @@
 
 Each row is measured in a process of its own, one after the other, so that none disturbs another; several checkouts in
 turns, row by row. A run is timed in its steady state, past its first seconds; only `first_command` and the first ticks
-count the start. `triad` is the memory bandwidth of the same minute. With --jax and --openfoam, what the same machine
-needs for the same work with jax-cfd and with OpenFOAM's pisoFoam is measured as well, beside ours.
+count the start. `triad` is the memory bandwidth of the same minute, `load` how many processes wanted a core before.
+With --jax and --openfoam, what the same machine needs for the same work with jax-cfd and with OpenFOAM's pisoFoam is
+measured as well, beside ours.
 """
 
 import argparse
@@ -105,8 +106,8 @@ def _first_command(name: str, checkout: Path, args: argparse.Namespace) -> Figur
 
 
 def _first_tick(config: str, name: str, checkout: Path, args: argparse.Namespace) -> Figures:
-    """Of a process whose kernels another one has left in the cache; on the CPU."""
-    cold, warm = start.starts([checkout], [config])
+    """Of a process whose kernels another one has left in the cache."""
+    cold, warm = start.starts([checkout], [config], arch=args.arch)
     return {"s": warm.seconds, "CPU s": warm.cpu_seconds, "s cold": cold.seconds, "kernels": warm.kernels}
 
 
