@@ -3,7 +3,7 @@
 from functools import partial
 
 from taichi_plume.validation.balance_cases import BALANCE_CASES
-from taichi_plume.validation.body_cases import cylinder, oblique_channel, pipe
+from taichi_plume.validation.body_cases import cylinder, oblique_channel, pipe, shedding
 from taichi_plume.validation.case import SECOND_ORDER, Case, Expected
 from taichi_plume.validation.cavity import cavity
 from taichi_plume.validation.channel_cases import couette_start, duct, poiseuille, poiseuille_start
@@ -174,6 +174,22 @@ _ALL = (
             {
                 "drag coefficient": Expected(tolerance=0.03, at=20),
                 "pressure drop": Expected(tolerance=0.03, at=20),
+            }
+        ),
+    ),
+    Case(
+        "shedding",
+        "eddies behind a cylinder in a channel, Re 100",
+        "Schäfer & Turek 1996, case 2D-2, doi:10.1007/978-3-322-89849-4_39",
+        shedding,
+        coarse=(10,),
+        fine=(10, 20),
+        slow=True,
+        expected=_both_steps(
+            {
+                "Strouhal number": Expected(tolerance=0.0167),
+                "largest drag": Expected(tolerance=0.03),
+                "largest lift": Expected(tolerance=0.08, at=20),
             }
         ),
     ),
