@@ -81,6 +81,15 @@ def test_other_programs_that_are_not_there(tmp_path):
         openfoam.arena(0.25, 1, str(tmp_path / "no_bashrc"))
 
 
+def test_the_case_of_openfoam_closes_what_it_opens():
+    files = openfoam._files(0.25, 0.1, 4)
+    assert "(16 12 2)" in files["system/blockMeshDict"]
+    assert "endTime 0.4; deltaT 0.1;" in files["system/controlDict"]
+    for text in files.values():
+        assert text.count("{") == text.count("}") > 0
+        assert text.count("(") == text.count(")")
+
+
 @pytest.mark.slow
 def test_a_row_is_measured_in_a_process_of_its_own(capsys):
     assert main(["clock", "robots", "--robots", "300", "--json"]) == 0
