@@ -76,7 +76,9 @@ def test_a_row_that_fails_is_told_and_the_others_go_on(rows, tmp_path, capsys):
 def test_other_programs_that_are_not_there(tmp_path):
     args = clock._arguments([])
     assert clock._jax_box(16, 2, args) is None
-    assert clock._openfoam(0.1, 2, args) is None
+    assert clock._openfoam(0.05, 2, args) is None
+    args = clock._arguments(["--openfoam-seconds", "1.5", "130"])
+    assert [clock._openfoam(dx, 2, args) for dx in clock.SPACINGS] == [1.5, 130.0]
     with pytest.raises(RuntimeError, match="OpenFOAM made 0 steps"):
         openfoam.arena(0.25, 1, str(tmp_path / "no_bashrc"))
 
