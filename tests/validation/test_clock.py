@@ -6,7 +6,10 @@ from taichi_plume.validation.benchmark import clock, openfoam
 from taichi_plume.validation.benchmark.__main__ import main
 from taichi_plume.validation.benchmark.clock import Found, Row
 
-FIGURES = {"old": [{"s/s": 2.0, "steps/s": 60.0}, {"s/s": 1.8, "steps/s": 60.0}], "new": [{"s/s": 0.6}] * 2}
+FIGURES = {
+    "old": [{"s/s": 2.0, "CPU s/s": 1.5}, {"s/s": 1.8, "CPU s/s": 1.6}],
+    "new": [{"s/s": 0.6, "CPU s/s": 0.3}] * 2,
+}
 
 
 @pytest.fixture
@@ -61,7 +64,9 @@ def test_checkouts_are_measured_in_turns_and_compared(rows, tmp_path, capsys):
     assert "4.5 x OpenFOAM, 9 s/s of OpenFOAM" in lines[1]
     assert "2.2 times too slow" in lines[1]
     assert "aim reached" in lines[2]
-    assert lines[5].endswith("new is 3.00 times as fast as old")  # the best of each
+    assert lines[5].endswith(
+        "new is 3.00 times as fast as old, with 0.20 of its CPU time"
+    )  # the best of each
 
 
 def test_a_row_that_fails_is_told_and_the_others_go_on(rows, tmp_path, capsys):

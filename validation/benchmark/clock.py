@@ -193,16 +193,23 @@ def measured(name: str, args: argparse.Namespace) -> Iterator[Found]:
 
 
 def compared(found: Sequence[Found], checkouts: Sequence[Path]) -> Iterator[str]:
-    """How much better each checkout is than the first, by the best that each was found with."""
-    best: dict[str, float] = {}
-    for one in found:
-        value = one.figures[one.figure]
-        if one.checkout not in best or _better(one.figure, value, best[one.checkout]) > 1.0:
-            best[one.checkout] = value
+    """How much faster each checkout is than the first, and what share of its CPU time it needs: the best of each."""
+    figure = found[0].figure
+    cpu = next((unit for unit in found[0].figures if unit.startswith("CPU")), None)
     names = [checkout.resolve().name for checkout in checkouts]
     for name in names[1:]:
-        times = _better(found[0].figure, best[name], best[names[0]])
-        yield f"{found[0].row:18} {name} is {times:.2f} times as fast as {names[0]}"
+        times = _better(figure, *(_best(found, one, figure) for one in (name, names[0])))
+        line = f"{found[0].row:18} {name} is {times:.2f} times as fast as {names[0]}"
+        if cpu is not None:
+            share = _best(found, name, cpu) / _best(found, names[0], cpu)
+            line += f", with {share:.2f} of its CPU time"
+        yield line
+
+
+def _best(found: Sequence[Found], checkout: str, unit: str) -> float:
+    """Of the figures of a checkout."""
+    values = [one.figures[unit] for one in found if one.checkout == checkout]
+    return min(values) if unit in COSTS or unit.startswith("CPU") else max(values)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
