@@ -252,7 +252,7 @@ def _print_result(result: dict[str, Any], console: Console) -> None:
 
 
 def _line(norm: str, errors: str, order: str, expected: str, verdict: tuple[str, str]) -> Text:
-    return Text.assemble(f"  {norm:28}  {errors:43}  {order:>5}  {expected:28}  ", verdict)
+    return Text.assemble(f"  {norm:34}  {errors:43}  {order:>5}  {expected:28}  ", verdict)
 
 
 if __name__ == "__main__":

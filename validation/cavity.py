@@ -8,7 +8,14 @@ those of Ghia, Ghia & Shin 1982, whose own columns are off by up to 0.007 (u) an
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from taichi_plume.validation.flow_cases import Errors, laminar_flow, settle
+from taichi_plume.validation.flow_cases import (
+    Errors,
+    at_both_steps,
+    in_empty_box,
+    laminar_wind,
+    settle,
+    velocities,
+)
 
 # 128 y, and u(0.5, y) at Re 100, 400, 1000
 U = np.array([
@@ -58,13 +65,18 @@ COLUMN = {100: 1, 400: 2, 1000: 3}
 def cavity(n: int, reynolds: int) -> Errors:
     """Largest errors of u(0.5, y) and v(x, 0.5) at the nodes of the tables; n, even, cells per side."""
     lid = {"kind": "wall", "face": "y+", "velocity": (1.0, 0.0)}
-    flow = laminar_flow((n, n), 1.0 / n, 1.0 / reynolds, [lid], courant=0.8)
-    settle(flow, 2.0, 200.0)
-    u, v = (flow.grid.inner(field.to_numpy()).astype(float) for field in flow.u)
-    return {
-        "u(0.5, y), largest": error(u[n // 2], U, COLUMN[reynolds], 1.0),
-        "v(x, 0.5), largest": error(v[:, n // 2], V, COLUMN[reynolds], 0.0),
-    }
+    wind = laminar_wind(1.0 / reynolds, [lid])
+    flow = in_empty_box(wind, (n, n), 1.0 / n)
+
+    def errors() -> Errors:
+        settle(flow, 2.0, 200.0)
+        u, v = velocities(flow)
+        return {
+            "u(0.5, y), largest": error(u[n // 2], U, COLUMN[reynolds], 1.0),
+            "v(x, 0.5), largest": error(v[:, n // 2], V, COLUMN[reynolds], 0.0),
+        }
+
+    return at_both_steps(flow, wind, errors)
 
 
 def error(profile: np.ndarray, table: np.ndarray, column: int, end: float) -> float:

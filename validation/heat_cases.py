@@ -52,7 +52,7 @@ def heated_cavity(n: int, rayleigh: float, flux: float, u_max: float, v_max: flo
     prandtl = 0.71
     diffusivity = (rayleigh * prandtl) ** -0.5
     warm = heated((0.0, -300.0), walls=WARM_AND_COLD, diffusivity=diffusivity)  # g beta dT = 1 m/s²
-    flow = laminar_flow((n, n), 1.0 / n, prandtl * diffusivity, [], courant=0.8, buoyancy=warm)
+    flow = laminar_flow((n, n), 1.0 / n, prandtl * diffusivity, [], buoyancy=warm)
     heat = heat_of(flow)
     settle(flow, 2.0, 400.0)
     u, v = velocities(flow)

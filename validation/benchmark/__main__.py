@@ -2,11 +2,13 @@
 
     python -m taichi_plume.validation.benchmark [NAMES] [--pressure] [--json] [--arch ARCH] [--seconds S]
     python -m taichi_plume.validation.benchmark start CONFIG ...
+    python -m taichi_plume.validation.benchmark clock [ROW ...]
 
 A step is the flow with its eddy viscosity and one gas, as a run takes it; puffs, robots and maps are measured by
 themselves. With --pressure, only the pressure is solved, of cubes of N³ cells with obstacles: how its iterations grow
 with N. Every figure is a rate on a machine that may be shared: compare the ratios to the bandwidth, and rates of one
-run with each other. `start` measures something else, the first tick of a scenario: see start.py.
+run with each other. `start` measures something else, the first tick of a scenario, and `clock` what the
+user waits for, beside what is wanted: see start.py and clock.py.
 """
 
 import argparse
@@ -17,7 +19,7 @@ from dataclasses import asdict
 from typing import Any
 
 from taichi_plume.validation.arena import ARENA, arena
-from taichi_plume.validation.benchmark import maps, pressure, puffs, robots, start, trials
+from taichi_plume.validation.benchmark import clock, maps, pressure, puffs, robots, start, trials
 from taichi_plume.validation.benchmark.steps import CASES, measure
 
 
@@ -40,8 +42,9 @@ OTHER_CASES: dict[str, Callable[[str], Sequence[Any]]] = {
 def main(argv: list[str] | None = None) -> int:
     """Measure the named cases, or all of them."""
     arguments = sys.argv[1:] if argv is None else argv
-    if arguments[:1] == ["start"]:
-        return start.main(arguments[1:])
+    other = {"start": start.main, "clock": clock.main}.get(arguments[0] if arguments else "")
+    if other is not None:
+        return other(arguments[1:])
     known = [*CASES, *OTHER_CASES]
     parser = argparse.ArgumentParser(prog="python -m taichi_plume.validation.benchmark", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(known)}")

@@ -1,6 +1,6 @@
 """How long the first tick of a scenario takes from the start of the process on, and how many kernels it needs.
 
-    python -m taichi_plume.validation.benchmark start CONFIG ... [--checkout FOLDER ...] [--repeats N]
+    python -m taichi_plume.validation.benchmark start CONFIG ... [--checkout FOLDER ...] [--repeats N] [--arch ARCH]
 
 Each run is a process of its own, which imports the code of one checkout: cold, with an empty cache of kernels, then
 warm, with what the cold one left there, N times. A warm-up is left out, so that the tick is one of robots and maps
@@ -39,7 +39,7 @@ class Start:
         )
 
 
-def first_tick(config: Path) -> int:
+def first_tick(config: Path, arch: str = "cpu") -> int:
     """Run a scenario to the end of its first tick; returns the number of kernels, compiled or found in the cache."""
     import taichi as ti
     from taichi.lang import impl
@@ -55,7 +55,7 @@ def first_tick(config: Path) -> int:
         scenario = load_scenario(config, ["warm_up=0"])
     except ValueError:  # one that needs its warm-up
         scenario = load_scenario(config)
-    kernels.start("cpu")
+    kernels.start(arch)
     sim = assemble(scenario, config.parent)
     sim.observe()
     sim.advance()
@@ -63,10 +63,10 @@ def first_tick(config: Path) -> int:
     return sum(len(kernel.compiled_kernels) for kernel in impl.get_runtime().kernels)
 
 
-def _measured(checkout: Path, config: Path, cold: bool, cache: str) -> Start:
+def _measured(checkout: Path, config: Path, cold: bool, cache: str, arch: str) -> Start:
     """One process. Raises RuntimeError where it fails."""
     environment = os.environ | {"PYTHONPATH": str(checkout), "TI_OFFLINE_CACHE_FILE_PATH": cache}
-    command = [sys.executable, __file__, "--tick", str(config)]
+    command = [sys.executable, __file__, "--tick", str(config), "--arch", arch]
     begin = time.perf_counter()
     with subprocess.Popen(
         command, cwd=checkout, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
@@ -82,16 +82,18 @@ def _measured(checkout: Path, config: Path, cold: bool, cache: str) -> Start:
     return Start(checkout.name, config.stem, cold, seconds, **json.loads(told))
 
 
-def starts(checkouts: Sequence[Path], configs: Sequence[str], repeats: int = 1) -> Iterator[Start]:
+def starts(
+    checkouts: Sequence[Path], configs: Sequence[str], repeats: int = 1, arch: str = "cpu"
+) -> Iterator[Start]:
     """Cold and warm starts of scenarios: names of files in `configs/`, or paths."""
     for name in configs:
         for checkout in (path.resolve() for path in checkouts):
             here = checkout / "configs" / f"{name}.yaml"
             config = here if here.exists() else Path(name).resolve()
             with tempfile.TemporaryDirectory() as cache:
-                yield _measured(checkout, config, True, cache)
+                yield _measured(checkout, config, True, cache, arch)
                 for _ in range(repeats):
-                    yield _measured(checkout, config, False, cache)
+                    yield _measured(checkout, config, False, cache, arch)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -104,15 +106,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--checkout", nargs="+", type=Path, default=[ROOT], metavar="FOLDER")
     parser.add_argument("--repeats", type=int, default=1, metavar="N", help="warm starts (default: 1)")
+    parser.add_argument("--arch", default="cpu", choices=("auto", "cpu", "cuda", "vulkan", "metal"))
     parser.add_argument("--json", action="store_true", help="print JSON")
     parser.add_argument("--tick", action="store_true", help=argparse.SUPPRESS)
     args = parser.parse_args(argv)
     if args.tick:
-        kernels = first_tick(Path(args.configs[0]))
+        kernels = first_tick(Path(args.configs[0]), args.arch)
         print(json.dumps({"kernels": kernels, "cpu_seconds": sum(os.times()[:4])}), flush=True)
         return 0
     rows = []
-    for row in starts(args.checkout, args.configs, args.repeats):
+    for row in starts(args.checkout, args.configs, args.repeats, args.arch):
         rows.append(row)
         if not args.json:
             print(row, flush=True)

@@ -1,0 +1,275 @@
+"""The user's clock: seconds of wall time per simulated second, and the rates that make them, beside what is wanted.
+
+    python -m taichi_plume.validation.benchmark clock [ROW ...] [--checkout FOLDER ...] [--repeats N] [--jax PYTHON]
+                                                      [--openfoam [BASHRC] | --openfoam-seconds S S]
+                                                      [--arch ARCH] [--json]
+
+Each row is measured in a process of its own, one after the other, so that none disturbs another; several checkouts in
+turns, row by row. A run is timed in its steady state, past its first seconds; only `first_command` and the first ticks
+count the start. `triad` is the memory bandwidth of the same minute, `load` how many processes wanted a core before.
+With --jax and --openfoam, what the same machine needs for the same work with jax-cfd and with OpenFOAM's pisoFoam is
+measured as well, beside ours. pisoFoam's two processes wait for each other: with other load it takes ten times as long,
+and what was measured at a quiet time is better given by --openfoam-seconds.
+"""
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+
+from taichi_plume.validation.benchmark import openfoam, start
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parents[1]
+Figures = dict[str, float]
+COSTS = ("s/s", "s")  # of other figures more is better
+JAX, FOAM = "x jax-cfd", "x OpenFOAM"
+
+
+@dataclass(frozen=True)
+class Row:
+    """What is measured, its figure, and what the figure `wanted` shall come to at least, and is aimed at.
+
+    measure: the figures of a checkout. beside: what another program needs, in units of `figure`.
+    """
+
+    about: str
+    figure: str
+    measure: Callable[[str, Path, argparse.Namespace], Figures]
+    least: float | None = None
+    aim: float | None = None
+    wanted: str = ""
+    beside: Callable[[argparse.Namespace], float | None] | None = None
+    ratio: str = ""
+
+
+@dataclass(frozen=True)
+class Found:
+    """A row of a checkout. figure: its own unit; least and aim hold for the figure `wanted`."""
+
+    row: str
+    checkout: str
+    figure: str
+    figures: Figures
+    wanted: str
+    least: float | None
+    aim: float | None
+
+    @property
+    def verdict(self) -> str:
+        """Whether what is wanted was found, and by how much it is missed."""
+        found = self.figures.get(self.wanted)
+        if found is None or self.least is None or self.aim is None:
+            return ""
+        if _better(self.wanted, found, self.aim) >= 1.0:
+            return "aim reached"
+        share = _better(self.wanted, found, self.least)
+        return "enough" if share >= 1.0 else f"{1.0 / share:.1f} times too slow"
+
+    def __str__(self) -> str:
+        rest = ", ".join(f"{value:.3g} {unit}" for unit, value in self.figures.items() if unit != self.figure)
+        goal = f">= {self.least:g}, aim {self.aim:g} {self.wanted}" if self.least is not None else ""
+        if self.wanted in COSTS:
+            goal = goal.replace(">=", "<=")
+        main = f"{self.figures[self.figure]:7.3g} {self.figure:15}"
+        return f"{self.row:18} {self.checkout:12} {main} {goal:32} {self.verdict:20} {rest}".rstrip()
+
+
+def _better(unit: str, value: float, than: float) -> float:
+    """How many times better a figure is."""
+    return than / value if unit in COSTS else value / than
+
+
+# ---------------------------------------------------------------- ways to measure
+
+
+def _apart(name: str, checkout: Path, args: argparse.Namespace) -> Figures:
+    """By clock_rows.py. Raises RuntimeError where it fails."""
+    told = {key: getattr(args, key) for key in ("arch", "seconds", "robots")}
+    told |= {"row": name, "checkout": str(checkout)}
+    command = [sys.executable, "-P", str(HERE / "clock_rows.py"), json.dumps(told)]
+    return json.loads(_output(command, checkout))
+
+
+def _first_command(name: str, checkout: Path, args: argparse.Namespace) -> Figures:
+    """The README's, with nothing compiled before."""
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-m", "taichi_plume.run", "configs/casting_room.yaml", "--arch", args.arch]
+        begin, cpu = time.perf_counter(), _cpu_of_children()
+        _output([*command, "--out", f"{folder}/run"], checkout, TI_OFFLINE_CACHE_FILE_PATH=f"{folder}/cache")
+        return {"s": time.perf_counter() - begin, "CPU s": _cpu_of_children() - cpu}
+
+
+def _first_tick(config: str, name: str, checkout: Path, args: argparse.Namespace) -> Figures:
+    """Of a process whose kernels another one has left in the cache."""
+    cold, warm = start.starts([checkout], [config], arch=args.arch)
+    return {"s": warm.seconds, "CPU s": warm.cpu_seconds, "s cold": cold.seconds, "kernels": warm.kernels}
+
+
+def _jax_box(n: int, dim: int, args: argparse.Namespace) -> float | None:
+    """M cell-steps/s of jax-cfd, None where no interpreter was given."""
+    if args.jax is None:
+        return None
+    return float(_output([args.jax, str(HERE / "jax_box.py"), str(n), str(dim), str(args.seconds)], HERE))
+
+
+def _openfoam(dx: float, steps: int, args: argparse.Namespace) -> float | None:
+    """Wall time of OpenFOAM per simulated second, None where it is not asked for."""
+    if args.openfoam_seconds is not None:
+        return dict(zip(SPACINGS, args.openfoam_seconds, strict=True))[dx]
+    return None if args.openfoam is None else openfoam.arena(dx, steps, args.openfoam)
+
+
+def _output(command: Sequence[str], folder: Path, **environment: str) -> str:
+    """Last line that a process prints, with PYTHONPATH on `folder`. Raises RuntimeError where it fails."""
+    environment = os.environ | {"PYTHONPATH": str(folder), "ENABLE_TAICHI_HEADER_PRINT": "0"} | environment
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise RuntimeError(f"exit code {done.returncode}: {done.stderr.strip()[-2000:]}")
+    return (done.stdout.strip().splitlines() or [""])[-1]
+
+
+def _cpu_of_children() -> float:
+    return sum(os.times()[2:4])
+
+
+# ---------------------------------------------------------------- the table
+
+SPACINGS = 0.05, 0.02  # m, of the arena
+COMMAND, RATE, ROBOTS = "s/s", "M cell-steps/s", "M robot-steps/s"
+ROWS: dict[str, Row] = {
+    "arena_3d": Row(
+        "configs/arena_3d.yaml with recording, 5 cm", COMMAND, _apart, 0.45, 0.15, COMMAND,
+        partial(_openfoam, SPACINGS[0], 50), FOAM,
+    ),
+    "arena_3d_2cm": Row(
+        "the same with 2 cm, 750,000 cells, without recording", COMMAND, _apart, 10.0, 15.0, FOAM,
+        partial(_openfoam, SPACINGS[1], 6), FOAM,
+    ),
+    "casting_room": Row(
+        "configs/casting_room.yaml with recording", COMMAND, _apart, 0.15, 0.08, COMMAND
+    ),
+    "casting_room_bare": Row("the same without recording", COMMAND, _apart),
+    "first_command": Row(
+        "the README's first command, nothing compiled yet, to its end", "s", _first_command, 20.0, 10.0, "s"
+    ),
+    "arena_2d": Row(
+        "flow and gas on 200 x 150 cells with obstacles", RATE, _apart, 8.0, 12.0, RATE
+    ),
+    "box_2d": Row(
+        "flow in a periodic box, 256²", RATE, _apart, 0.5, 1.0, JAX, partial(_jax_box, 256, 2), JAX
+    ),
+    "box_3d": Row(
+        "flow in a periodic box, 64³", RATE, _apart, 1.5, 2.0, JAX, partial(_jax_box, 64, 3), JAX
+    ),
+    "tick_casting_room": Row(
+        "first tick of casting_room, compiled before", "s", partial(_first_tick, "casting_room"), 2.0, 1.0, "s"
+    ),
+    "tick_arena_3d": Row(
+        "first tick of arena_3d, compiled before", "s", partial(_first_tick, "arena_3d"), 4.0, 2.0, "s"
+    ),
+    "robots": Row("robots casting in 3-D gas", ROBOTS, _apart, 8.0, 10.0, ROBOTS),
+}  # fmt: skip
+
+
+def measured(name: str, args: argparse.Namespace) -> Iterator[Found]:
+    """A row of each checkout in turns, as often as wanted. Raises RuntimeError where one cannot be measured."""
+    row = ROWS[name]
+    for _ in range(args.repeats):
+        other = row.beside(args) if row.beside else None
+        for checkout in args.checkout:
+            figures = row.measure(name, checkout.resolve(), args)
+            if other is not None:
+                figures[row.ratio] = _better(row.figure, figures[row.figure], other)
+                figures[f"{row.figure} of {row.ratio[2:]}"] = other
+            yield Found(name, checkout.resolve().name, row.figure, figures, row.wanted, row.least, row.aim)
+
+
+def compared(found: Sequence[Found], checkouts: Sequence[Path]) -> Iterator[str]:
+    """How much faster each checkout is than the first, and what share of its CPU time it needs: the best of each."""
+    figure = found[0].figure
+    cpu = next((unit for unit in found[0].figures if unit.startswith("CPU")), None)
+    names = [checkout.resolve().name for checkout in checkouts]
+    for name in names[1:]:
+        times = _better(figure, *(_best(found, one, figure) for one in (name, names[0])))
+        line = f"{found[0].row:18} {name} is {times:.2f} times as fast as {names[0]}"
+        if cpu is not None:
+            share = _best(found, name, cpu) / _best(found, names[0], cpu)
+            line += f", with {share:.2f} of its CPU time"
+        yield line
+
+
+def _best(found: Sequence[Found], checkout: str, unit: str) -> float:
+    """Of the figures of a checkout."""
+    values = [one.figures[unit] for one in found if one.checkout == checkout]
+    return min(values) if unit in COSTS or unit.startswith("CPU") else max(values)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line `argv` and return its exit code: 0, 1 where a row failed, 2 where there is none such."""
+    args = _arguments(argv)
+    unknown = [name for name in args.rows if name not in ROWS]
+    if unknown:
+        print(f"unknown row {unknown[0]!r}; known: {', '.join(ROWS)}", file=sys.stderr)
+        return 2
+    rows: list[Found] = []
+    failed = False
+    for name in args.rows or ROWS:
+        found: list[Found] = []
+        if not args.json:
+            print(f"{name}: {ROWS[name].about}", flush=True)
+        try:
+            for one in measured(name, args):
+                found.append(one)
+                if not args.json:
+                    print(one, flush=True)
+        except RuntimeError as error:
+            failed = True
+            print(f"{name}: {error}", file=sys.stderr)
+        else:
+            for line in () if args.json else compared(found, args.checkout):
+                print(line, flush=True)
+        rows += found
+    if args.json:
+        print(json.dumps([asdict(row) | {"verdict": row.verdict} for row in rows], indent=2))
+    return int(failed)
+
+
+def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog="python -m taichi_plume.validation.benchmark clock",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        epilog="\n".join(f"{name:18} {row.about}" for name, row in ROWS.items()),
+    )
+    parser.add_argument("rows", nargs="*", metavar="ROW", help="of those below (default: all)")
+    parser.add_argument("--checkout", nargs="+", type=Path, default=[ROOT], metavar="FOLDER")
+    parser.add_argument("--repeats", type=int, default=1, metavar="N", help="of each row (default: 1)")
+    parser.add_argument("--jax", metavar="PYTHON", help="an interpreter that has jax-cfd")
+    foam = parser.add_mutually_exclusive_group()
+    foam.add_argument(
+        "--openfoam",
+        nargs="?",
+        const="",
+        metavar="BASHRC",
+        help="measure pisoFoam too; BASHRC sets its paths",
+    )
+    foam.add_argument(
+        "--openfoam-seconds",
+        nargs=2,
+        type=float,
+        metavar="S",
+        help="that it takes per simulated second of the arena with 5 cm and with 2 cm",
+    )
+    parser.add_argument("--arch", default="cpu", choices=("auto", "cpu", "cuda", "vulkan", "metal"))
+    parser.add_argument("--seconds", type=float, default=8.0, help="of steps alone (default: 8)")
+    parser.add_argument("--robots", type=int, default=100_000, metavar="N", help="(default: 100,000)")
+    parser.add_argument("--json", action="store_true", help="print JSON")
+    return parser.parse_args(argv)

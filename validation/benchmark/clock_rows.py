@@ -1,0 +1,119 @@
+"""What rows of the clock measure: ``python clock_rows.py OPTIONS``, OPTIONS in JSON, prints the figures in JSON.
+
+It is run by its path, with PYTHONPATH on the checkout that is to be measured: it needs nothing of the package around it
+and of a checkout only what has long been there. So it measures checkouts that are older than itself.
+"""
+
+import json
+import os
+import sys
+import tempfile
+import time
+from math import prod
+from pathlib import Path
+from typing import Any
+
+Figures = dict[str, float]
+# What a row of a scenario runs: its file, the span (from, to) [s] that is timed, and further arguments of the command.
+# It begins after the maps' first window, with which their last kernels come. At 2 cm, where a second takes minutes, it
+# is seven ticks after those that compile.
+SCENARIOS: dict[str, tuple[str, tuple[float, float], tuple[str, ...]]] = {
+    "arena_3d": ("arena_3d", (6.0, 16.0), ()),
+    "arena_3d_2cm": (
+        "arena_3d",
+        (0.2, 0.9),
+        ("--no-recording", "--set", "domain.spacing=0.02", "--set", "warm_up=0.2"),
+    ),
+    "casting_room": ("casting_room", (6.0, 26.0), ()),
+    "casting_room_bare": ("casting_room", (6.0, 26.0), ("--no-recording",)),
+}
+STEPS = {"arena_2d": "arena_2d", "box_2d": "box_2d", "box_3d": "box_3d"}
+"""Rows that are cases of steps.py."""
+
+
+def scenario(checkout: Path, arch: str, config: str, span: tuple[float, float], *more: str) -> Figures:
+    """Run the command on a scenario, and time a span of it with all that it calls: recording, tables, maps."""
+    import taichi as ti
+
+    from taichi_plume import run
+    from taichi_plume.simulation import Every, Simulation
+
+    notes: list[tuple[float, int, float, float]] = []
+    cells: list[int] = []
+
+    def note(sim: Simulation) -> None:
+        ti.sync()
+        notes.append((sim.t, sim.steps, time.perf_counter(), time.process_time()))
+
+    to_its_end = Simulation.run
+
+    def noting(sim: Simulation) -> None:
+        cells.append(prod(sim.grid.shape))
+        sim.observers.append(Every(sim.dt, note))  # the last one: what the others do belongs to the tick
+        to_its_end(sim)
+
+    Simulation.run = noting
+    path = checkout / "configs" / f"{config}.yaml"
+    with tempfile.TemporaryDirectory() as folder:
+        told = [str(path), "--out", f"{folder}/run", "--quiet", "--arch", arch, "--duration", str(span[1])]
+        code = run.main([*told, "--set", "stop_early=false", *more])
+    if code:
+        raise RuntimeError(f"{config} ended with exit code {code}")
+    first, last = (min(notes, key=lambda one: abs(one[0] - t)) for t in span)
+    simulated, steps, wall, cpu = (b - a for a, b in zip(first, last, strict=True))
+    return {
+        "s/s": wall / simulated,
+        "CPU s/s": cpu / simulated,
+        "steps/s": steps / simulated,
+        "ms/step": 1e3 * wall / steps,
+        "M cell-steps/s": 1e-6 * cells[0] * steps / wall,
+    }
+
+
+def steps(case: str, arch: str, seconds: float) -> Figures:
+    """Whole steps of a case of steps.py."""
+    from taichi_plume.validation.benchmark.steps import measure
+
+    row = vars(measure(case, arch, seconds))
+    told = {
+        "M cell-steps/s": "Mcell_steps_per_s",
+        "ms/step": "ms_per_step",
+        "s/s": "wall_per_simulated",  # older checkouts do not tell it
+        "iterations": "pressure_iterations",
+    }
+    return {unit: row[key] for unit, key in told.items() if key in row}
+
+
+def robots(arch: str, count: int) -> Figures:
+    """Ticks of robots that cast."""
+    from taichi_plume.validation.benchmark.robots import ticks
+
+    row = ticks("robots", arch, "casting", count)
+    return {
+        "M robot-steps/s": row.Mrobot_steps_per_s,
+        "measure ms": row.measure_ms,
+        "act ms": row.act_ms,
+        "move ms": row.move_ms,
+        "CPU us": row.cpu_us,
+    }
+
+
+def figures(name: str, options: dict[str, Any]) -> Figures:
+    """Of a row; its own, and of the same minute the triad [GB/s] and how many processes wanted a core before it."""
+    from taichi_plume.validation.benchmark.steps import bandwidth
+
+    arch, load = options["arch"], os.getloadavg()[0]
+    triad = bandwidth()
+    if name in SCENARIOS:
+        config, span, more = SCENARIOS[name]
+        found = scenario(Path(options["checkout"]), arch, config, span, *more)
+    elif name in STEPS:
+        found = steps(STEPS[name], arch, options["seconds"])
+    else:
+        found = robots(arch, options["robots"])
+    return found | {"triad GB/s": triad, "load": load}
+
+
+if __name__ == "__main__":
+    told = json.loads(sys.argv[1])
+    print(json.dumps(figures(told["row"], told)), flush=True)
