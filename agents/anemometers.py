@@ -33,8 +33,14 @@ class Anemometers:
         self.of.begin()
 
     @ti.func
-    def feel(self, wind: Template, n, i, tick, t):
-        """Measure with the n-th of the anemometers, robot i's."""
+    def draw(self, n, tick):
+        """Noise of the n-th anemometer along both axes, normal."""
+        g = normal4(self.swarm.key[None], self.of.stream[n], self.members.number[n], tick, 0)
+        return ti.Vector([g[0], g[1]])
+
+    @ti.func
+    def feel(self, wind: Template, n, i, tick, t, g: Template):
+        """Measure with the n-th of the anemometers, robot i's; g: what `draw` gives."""
         u = wind.velocity(sensor_place(self.swarm, self.dim, i, self.of.height[n]), t)
         goal = ti.Vector([u[0], u[1]])
         if ti.static(self.feels_motion):
@@ -49,9 +55,7 @@ class Anemometers:
         self.swarm.wind_known[i] = 0
         if speed > 0.0 and speed >= self.of.threshold[n]:
             noise = self.of.noise[n] + self.of.noise_relative[n] * speed
-            if noise > 0.0:
-                g = normal4(self.swarm.key[None], self.of.stream[n], self.members.number[n], tick, 0)
-                across += noise * ti.Vector([g[0], g[1]])
+            across += noise * g
             self.swarm.wind_known[i] = 1
             self.swarm.wind[i] = self.swarm.as_believed(i, across)
 

@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
+from taichi_plume.agents.few import few
+
 Dtype = type[np.float32] | type[np.int32] | type[np.bool_]
 
 
@@ -164,6 +166,7 @@ def _kernels(
 
     @ti.kernel
     def get(table: ti.types.ndarray(dtype=ti.f32, ndim=2)):
+        ti.loop_config(serialize=ti.static(few(size)))
         for n in range(size):
             for field, row, d, real in ti.static(parts):
                 if ti.static(not real):
@@ -175,6 +178,7 @@ def _kernels(
 
     @ti.kernel
     def put(table: ti.types.ndarray(dtype=ti.f32, ndim=2)):
+        ti.loop_config(serialize=ti.static(few(size)))
         for n in range(size):
             for field, row, d, real in ti.static(parts):
                 if ti.static(not real):

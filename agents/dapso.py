@@ -26,6 +26,7 @@ from typing import cast
 import taichi as ti
 
 from taichi_plume.agents.acquisition import Acquisition
+from taichi_plume.agents.few import few
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
@@ -110,6 +111,7 @@ class Dapso:
 
     @ti.kernel
     def _begin(self):
+        ti.loop_config(serialize=ti.static(few(self.size)))
         for n in range(self.size):
             self.best[n] = UNKNOWN
             self.radio.forget(n)
@@ -119,6 +121,7 @@ class Dapso:
 
     @ti.kernel
     def _act(self, tick: int, t: float, dt: float):
+        ti.loop_config(serialize=ti.static(few(self.size)))
         for n in range(self.size):
             i = self.robot[n]
             if self.swarm.state[i] == MEASURE:

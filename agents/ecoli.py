@@ -14,6 +14,7 @@ from typing import cast
 import taichi as ti
 
 from taichi_plume.agents.acquisition import Acquisition
+from taichi_plume.agents.few import few
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.legs import Legs
 from taichi_plume.agents.members import Members
@@ -63,6 +64,7 @@ class EColi:
 
     @ti.kernel
     def _act(self, tick: int, dt: float):
+        ti.loop_config(serialize=ti.static(few(self.size)))
         for n in range(self.size):
             i = self.robot[n]
             if self.swarm.state[i] == ACQUIRE:

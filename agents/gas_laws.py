@@ -6,7 +6,7 @@ the concentration and are zero in clean air.
 
 from dataclasses import dataclass
 from functools import partial
-from math import log, sqrt
+from math import sqrt
 from typing import Any, Protocol, cast
 
 import numpy as np
@@ -16,9 +16,10 @@ from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
 from taichi_plume.agents.swarm import Swarm
+from taichi_plume.grid.elementary import exp, log
 from taichi_plume.scenario.sensors import MOX_MODELS, IdealGasSensor, MoxSensor, PidSensor
 
-LN10 = log(10.0)
+LN10 = float(np.log(10.0))
 SPREAD_OF_B = 0.08  # of unit to unit: our choice
 INJECTED = np.geomspace(5.0, 1000.0, 14)  # ppm, of a calibration
 
@@ -81,12 +82,12 @@ class MoxLaw:
     @ti.func
     def response(self, n, ppm):
         """Steady y at a concentration."""
-        return self.of.b[n] * ti.log(1.0 + ppm * self.of.per_c0[n])
+        return self.of.b[n] * log(1.0 + ppm * self.of.per_c0[n])
 
     @ti.func
     def resistance(self, n, y):
         """Resistance [ohm] of unit n as the converter sees it."""
-        r = self.of.air[n] * ti.exp(-y)
+        r = self.of.air[n] * exp(-y)
         if self.of.steps[n] > 0.0:  # of the voltage over the load, as a share of the supply
             load, step = self.of.load[n], self.of.per_step[n]
             share = ti.round(load / (load + r) * self.of.steps[n]) * step
@@ -96,15 +97,15 @@ class MoxLaw:
     @ti.func
     def ppm(self, n, r):
         """The concentration that unit n is taken to see at resistance r [ohm]; R_air is that of its clean air."""
-        x = ti.log(ti.max(r, 1e-3) / self.of.air[n])
-        c = self.of.c0[n] * ti.exp(-x * self.of.per_b[n]) - self.of.c0[n]
+        x = log(ti.max(r, 1e-3) / self.of.air[n])
+        c = self.of.c0[n] * exp(-x * self.of.per_b[n]) - self.of.c0[n]
         if ti.static(self.cubic):
             if self.of.cubic[n] == 1:
                 x = ti.min(x / LN10, 0.0)
                 low = self.of.x_low[n]
                 inside = ti.min(x, low)
                 k2 = self.of.k2[n] + inside * self.of.k3[n]
-                c = ti.pow(10.0, self.of.k0[n] + inside * (self.of.k1[n] + inside * k2))
+                c = exp(LN10 * (self.of.k0[n] + inside * (self.of.k1[n] + inside * k2)))
                 # a cubic of logarithms has no zero: a line into clean air
                 c *= ti.select(x > low, x / low, 1.0)
         return ti.max(c, 0.0)

@@ -59,23 +59,37 @@ class GasSensors:
         return signal[n], goal + way * ti.select(rises, self.of.rise_rest[n], decay_rest)
 
     @ti.func
-    def _random(self, n, tick):
-        """Four normal numbers; a trial draws the same ones alone and among others."""
-        return normal4(self.swarm.key[None], self.of.stream[n], self.members.number[n], tick, 0)
+    def draw(self, n, tick):
+        """Noise and drift of the n-th sensor, normal; a trial draws the same ones alone and among others."""
+        g = normal4(self.swarm.key[None], self.of.stream[n], self.members.number[n], tick, 0)
+        return ti.Vector([g[0], g[1]])
 
     @ti.func
-    def smell(self, gas: Template, n, i, tick, t, cold):
-        """Measure with the n-th of the sensors, robot i's; cold: what is left at time t [s] of a start in the cold."""
+    def smell(self, gas: Template, n, i, t):
+        """What the n-th of the sensors, robot i's, is led by: the concentrations there, each as far as it feels it."""
         x = sensor_place(self.swarm, self.dim, i, self.of.height[n])
         if ti.static(self.ahead):
             heading = self.swarm.heading[i]
             x[0] += self.of.ahead[n] * ti.cos(heading)
             x[1] += self.of.ahead[n] * ti.sin(heading)
         ppm = ti.max(gas.ppm(x, t), 0.0)
+        self.swarm.true_ppm[i] = ppm.sum()  # type: ignore[misc]
         smelt = 0.0
         for s in ti.static(range(self.species)):
             smelt += self.of.weights[n, s] * ppm[s]
-        goal = self.law.response(n, smelt)
+        return smelt
+
+    @ti.func
+    def is_due(self, n, tick):
+        """Whether the n-th sensor gives a reading at this tick."""
+        return (tick - 1) % self.of.hold[n] == 0
+
+    @ti.func
+    def lag(self, n, tick, cold, goal, noise, drift):
+        """Signal that the n-th sensor gives while it follows its goal for a tick, with all that adds to it.
+
+        cold: what is left of a start in the cold; noise, drift: what `draw` gives.
+        """
         y, mean = self._follow(self.signal, n, goal, self.of.decay[n], self.of.decay_rest[n])
         share = self.of.slow_share[n]
         if share > 0.0:
@@ -84,19 +98,23 @@ class GasSensors:
             )
             y += share * (slow - y)
             mean += share * (slow_mean - mean)
-        self.swarm.true_ppm[i] = ppm.sum()  # type: ignore[misc]
-        self.sum[n] += mean
         if self.of.drift[n] > 0.0:
-            self.baseline[n] += self.of.drift[n] * self._random(n, tick)[1]
-        if (tick - 1) % self.of.hold[n] == 0:
+            self.baseline[n] = self.baseline[n] + self.of.drift[n] * drift
+        total = self.sum[n] + mean  # `+=` would be an atomic
+        if self.is_due(n, tick):
             if self.of.averages[n] == 1:
-                y = self.sum[n] / ti.min(tick, self.of.hold[n])
-            self.sum[n] = 0.0
-            y += self.baseline[n]
-            if self.of.noise[n] > 0.0:
-                y += self.of.noise[n] * self._random(n, tick)[0]
-            r = self.law.resistance(n, y + self.of.room[n] + self.of.cold_start[n] * cold)
-            self.swarm.reading[i] = self.law.ppm(n, r)
+                y = total / ti.min(tick, self.of.hold[n])
+            total = 0.0
+        self.sum[n] = total
+        return (
+            y + self.baseline[n] + self.of.noise[n] * noise + self.of.room[n] + self.of.cold_start[n] * cold
+        )
+
+    @ti.func
+    def read(self, n, i, tick, r, ppm):
+        """Robot i reads what its sensor, the n-th, is taken for."""
+        if self.is_due(n, tick):
+            self.swarm.reading[i] = ppm
             if ti.static(self.law.HAS_RESISTANCE):
                 self.swarm.resistance[i] = r
 

@@ -24,6 +24,7 @@ from scipy.ndimage import distance_transform_edt
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from taichi_plume.agents.few import few
 from taichi_plume.agents.gas_map import Floor, GasMap, Readers, cell_of, counts, windows
 from taichi_plume.grid.grid import centers
 from taichi_plume.grid.kernels import Template
@@ -212,6 +213,7 @@ def _collect(
     shape: Template, count: Template, total: Template,
 ):  # fmt: skip
     """Add the readings of each trial's robots to their cells."""
+    ti.loop_config(serialize=ti.static(few(team_size.shape[0])))
     for k in team_size:
         for m in range(team_size[k]):
             robot = members[k, m]

@@ -21,6 +21,7 @@ import taichi as ti
 from scipy.special import k0e
 
 from taichi_plume.agents.acquisition import Acquisition
+from taichi_plume.agents.few import few
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.legs import Legs
 from taichi_plume.agents.members import Members
@@ -101,6 +102,7 @@ class Infotaxis:
 
     @ti.kernel
     def _act(self, tick: int, dt: float):
+        ti.loop_config(serialize=ti.static(few(4 * self.size)))
         for n in range(self.size):
             i = self.robot[n]
             if self.swarm.wind_known[i] == 1:

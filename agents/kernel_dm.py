@@ -27,6 +27,7 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
+from taichi_plume.agents.few import few
 from taichi_plume.agents.gas_map import Floor, GasMap, cell_of, counts, ratio
 from taichi_plume.grid.kernels import STRIP, Template, double_field
 from taichi_plume.grid.transfer import Numbers, reader
@@ -142,6 +143,7 @@ class KernelMap(GasMap):
     @ti.kernel
     def _take_in(self, swarm: Template, first: int, t: float, fade: ti.f64):
         """Let all weights fade and add the readings of each trial's robots from number `first` on, as slots allow."""
+        ti.loop_config(serialize=ti.static(few(self.fresh.shape[0])))
         for k in self.fresh:
             for m in ti.static(range(3)):
                 self.totals[k, m] *= fade
@@ -163,6 +165,8 @@ class KernelMap(GasMap):
             for at in range(self.fresh[k], n):  # after all that left have been judged by the same map
                 self.totals[k, 0] += 1.0
                 self.totals[k, 1] += _sample(self.kept[k, at % self.exact]).reading
+        strips = ti.static(self.weights.shape[0] * self.shape[0] * self.parts)
+        ti.loop_config(serialize=ti.static(few(4 * strips)))
         for k, x, part in ti.ndrange(self.weights.shape[0], self.shape[0], self.parts):
             y0 = part * STRIP
             weights = ti.Vector([0.0] * STRIP)

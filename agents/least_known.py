@@ -15,6 +15,7 @@ import numpy as np
 import taichi as ti
 from scipy import ndimage
 
+from taichi_plume.agents.few import few
 from taichi_plume.agents.gas_map import Floor
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
@@ -127,11 +128,13 @@ class LeastKnown:
 
     @ti.kernel
     def _ask(self):
+        ti.loop_config(serialize=ti.static(few(self.size)))
         for n in range(self.size):
             self.asks[n] = self.potential.is_over(n, self.potential.clear(n, self.goal[n]), NEAR)
 
     @ti.kernel
     def _set_out(self, goal: ti.types.ndarray()):
+        ti.loop_config(serialize=ti.static(few(self.size)))
         for n in range(self.size):
             self.goal[n] = ti.Vector([goal[n, 0], goal[n, 1]])
             if self.asks[n]:
@@ -139,5 +142,6 @@ class LeastKnown:
 
     @ti.kernel
     def _drive(self, dt: float):
+        ti.loop_config(serialize=ti.static(few(self.size)))
         for n in range(self.size):
             self.potential.drive(n, self.potential.clear(n, self.goal[n]), dt)

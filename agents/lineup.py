@@ -23,6 +23,7 @@ from typing import Any, cast
 import numpy as np
 import taichi as ti
 
+from taichi_plume.agents.few import few
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
@@ -105,6 +106,7 @@ class LineUp:
 
     @ti.kernel
     def _act(self, tick: int, dt: float):
+        ti.loop_config(serialize=ti.static(few(self.size)))
         for k in range(self.lines):
             if self.mode[k] == FEEL:
                 self._feel(k, tick)

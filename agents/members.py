@@ -1,15 +1,43 @@
 """Robots in a row: those of the groups that one algorithm drives, or that have one kind of sensor."""
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import taichi as ti
+from taichi.lang import impl
 
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.rng import stream_id
 from taichi_plume.grid.transfer import uploader
+
+
+class OfGroup:
+    """A number that the robots of a group share, or a row of them: read in kernels as ``x[n]`` or ``x[n, k]``, like a
+    field over the robots n, but of a table of one row per group, which stays in the cache.
+
+    group: field of the row of each robot; None where there is but one.
+    """
+
+    def __init__(self, table: Any, group: Any):
+        self.table, self.group = table, group
+
+    def __getitem__(self, at: Any) -> Any:
+        n, *rest = at if isinstance(at, tuple) else (at,)
+        row = 0 if self.group is None else impl.subscript(None, self.group, n)
+        return impl.subscript(None, self.table, row, *rest)
+
+
+def group_rows(sizes: Sequence[int]) -> Any:
+    """A field of the number of the group of each robot, of groups of these sizes; None where there is but one."""
+    if len(sizes) < 2:
+        return None
+    rows = np.repeat(np.arange(len(sizes)), sizes)
+    field = ti.field(ti.i32, max(1, len(rows)))
+    uploader(field)(rows if len(rows) else 0)
+    return field
 
 
 @ti.data_oriented
@@ -25,6 +53,7 @@ class Members:
         self.size = sum(group.size for group in self.groups)
         self.robot = ti.field(ti.i32, max(1, self.size))
         self.number = ti.field(ti.i32, max(1, self.size))
+        self.row = group_rows([group.size for group in self.groups])
         if self.size:
             robots = [np.arange(group.start, group.start + group.size) for group in self.groups]
             numbered = [group.first + np.arange(group.size) for group in self.groups]
@@ -41,9 +70,8 @@ class Members:
         return np.concatenate(values) if values else np.zeros(1)
 
     def streams(self, name: str) -> np.ndarray:
-        """Keys of the random stream `name` of each robot's group (size,), u32."""
-        values = [np.full(g.size, stream_id(f"group {g.number}/{name}"), np.uint32) for g in self.groups]
-        return np.concatenate(values) if values else np.zeros(1, np.uint32)
+        """Keys of the random stream `name` of each group, u32."""
+        return np.array([stream_id(f"group {number}/{name}") for number in self.numbers], np.uint32)
 
 
 @ti.func

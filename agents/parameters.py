@@ -7,7 +7,7 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume.agents.groups import GroupRange
-from taichi_plume.agents.members import Members
+from taichi_plume.agents.members import Members, OfGroup
 from taichi_plume.grid.transfer import uploader
 
 Numbers = Mapping[str, float | tuple[float, ...] | np.ndarray]
@@ -15,25 +15,32 @@ Numbers = Mapping[str, float | tuple[float, ...] | np.ndarray]
 
 
 class Parameters:
-    """One field per number, an entry per robot: ``p = Parameters(members, numbers)``, ``p.threshold[n]``.
+    """Numbers of each robot, in kernels: ``p = Parameters(members, numbers)``, ``p.threshold[n]``.
 
     numbers: gives those of a group, worked out in f64 and rounded once, to f32; whole ones and flags are i32. Of
-    several the k-th is ``p.arms[n, k]``; groups that have fewer have zeros behind. streams: names of the random streams
-    of each robot, their keys as u32 fields under the keywords. `begin` sets all to what the groups say now, in one
-    launch.
+    several the k-th is ``p.arms[n, k]``; groups that have fewer have zeros behind. What is an array differs from robot
+    to robot; all else is kept once per group. streams: names of the random streams of each group, their keys under the
+    keywords. `begin` sets all to what the groups say now, in one launch.
     """
 
     def __init__(self, members: Members, numbers: Callable[[GroupRange], Numbers], **streams: str):
         self._members, self._numbers, self._streams = members, numbers, streams
         groups = [numbers(group) for group in members.groups]
         self._widths = {name: _width(group[name] for group in groups) for name in groups[0]}
+        self._differ = {
+            name for name in groups[0] if any(isinstance(group[name], np.ndarray) for group in groups)
+        }
+        fields = []
         for name, width in self._widths.items():
             is_real = np.issubdtype(np.asarray(groups[0][name]).dtype, np.floating)
-            shape = (members.size,) if width is None else (members.size, width)
-            setattr(self, name, ti.field(ti.f32 if is_real else ti.i32, shape))
-        for name in streams:
-            setattr(self, name, ti.field(ti.u32, members.size))
-        self._upload = uploader(*(getattr(self, name) for name in (*self._widths, *streams)))
+            rows = members.size if name in self._differ else len(groups)
+            fields.append(
+                ti.field(ti.f32 if is_real else ti.i32, (rows,) if width is None else (rows, width))
+            )
+        fields += [ti.field(ti.u32, len(groups)) for _ in streams]
+        for name, field in zip((*self._widths, *streams), fields, strict=True):
+            setattr(self, name, field if name in self._differ else OfGroup(field, members.row))
+        self._upload = uploader(*fields)
 
     def __getattr__(self, name: str) -> Any:
         raise AttributeError(name)
@@ -47,7 +54,10 @@ class Parameters:
         groups = [(group, self._numbers(group)) for group in self._members.groups]
         tables = []
         for name, width in self._widths.items():
-            parts = [_rows(numbers[name], group.size, width) for group, numbers in groups]
+            parts = [
+                _rows(numbers[name], group.size if name in self._differ else 1, width)
+                for group, numbers in groups
+            ]
             tables.append(np.concatenate(parts))
         self._upload(*tables, *map(self._members.streams, self._streams.values()))
 
@@ -59,7 +69,7 @@ def _width(values: Any) -> int | None:
 
 
 def _rows(value: float | tuple[float, ...] | np.ndarray, size: int, width: int | None) -> np.ndarray:
-    """Of each robot of a group, (size,) or (size, width)."""
+    """Of a group, its number of rows: (size,) or (size, width)."""
     if width is None:
         return np.broadcast_to(np.asarray(value, float), (size,))
     row = np.zeros(width)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
+from taichi_plume.agents.few import few
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
@@ -74,6 +75,7 @@ class Radio:
 
     @ti.kernel
     def _deliver(self, tick: int, t: float):
+        ti.loop_config(serialize=ti.static(few(self.size)))
         for n, m in self.value:
             other = n - self.p.mate[n] + m
             if m < self.p.count[n] and other != n and self.speaks[other] == 1:
@@ -84,5 +86,6 @@ class Radio:
                     self.value[n, m], self.place[n, m] = self.said_value[other], self.said_place[other]
                     self.sender[n, m] = self.swarm.believed_position[j]
                     self.time[n, m] = t
+        ti.loop_config(serialize=ti.static(few(self.size)))
         for n in range(self.size):
             self.speaks[n] = 0

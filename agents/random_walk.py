@@ -9,6 +9,7 @@ from typing import cast
 
 import taichi as ti
 
+from taichi_plume.agents.few import few
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.legs import DRIVE, Legs
 from taichi_plume.agents.members import Members
@@ -55,6 +56,7 @@ class RandomWalk:
 
     @ti.kernel
     def _act(self, tick: int, dt: float):
+        ti.loop_config(serialize=ti.static(few(self.size)))
         for n in range(self.size):
             i = self.robot[n]
             if self.swarm.blocked[i] == 1 and self.legs.phase[n] == DRIVE:

@@ -6,13 +6,15 @@ from math import exp
 import taichi as ti
 
 from taichi_plume.agents.anemometers import Anemometers
+from taichi_plume.agents.few import few
 from taichi_plume.agents.gas_laws import LAWS
 from taichi_plume.agents.gas_sensors import GasSensors
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.fields import Odour, Species, Wind
-from taichi_plume.grid.kernels import Template
+from taichi_plume.grid.kernels import Template, on_cpu
 
+STRIP = 16  # sensors whose numbers are worked out together on a CPU: LLVM vectorises loops that store nothing global
 WARMING = 900.0  # s, time constant after a cold start: our choice
 
 
@@ -27,6 +29,7 @@ class Sensors:
 
     def __init__(self, swarm: Swarm, dim: int, tick: float, species: Sequence[Species]):
         self.count = swarm.count
+        self.strip = STRIP if on_cpu() else 1
         alike: dict[str, list[int]] = {}
         for group in swarm.groups:
             alike.setdefault(group.model.sensors.gas.law, []).append(group.number)
@@ -48,7 +51,37 @@ class Sensors:
     @ti.kernel
     def _sense(self, gas: Template, wind: Template, tick: int, t: float, cold: float):
         for nose, vane in ti.static(zip(self.noses, self.vanes, strict=True)):
-            for n in range(nose.members.size):
-                i = nose.members.robot[n]
-                nose.smell(gas, n, i, tick, t, cold)
-                vane.feel(wind, n, i, tick, t)
+            ti.loop_config(serialize=ti.static(few(nose.members.size)))
+            for k in range((nose.members.size + self.strip - 1) // self.strip):
+                self._sense_strip(nose, vane, gas, wind, k * self.strip, tick, t, cold)
+
+    @ti.func
+    def _sense_strip(
+        self, nose: Template, vane: Template, gas: Template, wind: Template, first, tick, t, cold
+    ):
+        """Measure with a strip of sensors, from the first one on."""
+        last = nose.members.size - 1
+        count = ti.min(self.strip, last + 1 - first)
+        noise, drift = ti.Vector([0.0] * self.strip), ti.Vector([0.0] * self.strip)
+        across, along = ti.Vector([0.0] * self.strip), ti.Vector([0.0] * self.strip)
+        y, r = ti.Vector([0.0] * self.strip), ti.Vector([0.0] * self.strip)
+        for m in range(self.strip):
+            n = ti.min(first + m, last)
+            noise[m], drift[m] = nose.draw(n, tick)
+            across[m], along[m] = vane.draw(n, tick)
+        for m in range(count):
+            n = first + m
+            i = nose.members.robot[n]
+            y[m] = nose.smell(gas, n, i, t)
+            vane.feel(wind, n, i, tick, t, ti.Vector([across[m], along[m]]))
+        for m in range(self.strip):
+            y[m] = nose.law.response(ti.min(first + m, last), y[m])
+        for m in range(count):
+            y[m] = nose.lag(first + m, tick, cold, y[m], noise[m], drift[m])
+        for m in range(self.strip):
+            n = ti.min(first + m, last)
+            r[m] = nose.law.resistance(n, y[m])
+            y[m] = nose.law.ppm(n, r[m])
+        for m in range(count):
+            n = first + m
+            nose.read(n, nose.members.robot[n], tick, r[m], y[m])

@@ -22,6 +22,7 @@ from typing import Any, Self
 import numpy as np
 import taichi as ti
 
+from taichi_plume.agents.few import few
 from taichi_plume.agents.gas_map import Floor, GasMap, Readers, counts, ratio, shape, windows
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import reader
@@ -192,6 +193,7 @@ def _gather(
     reading: Template, extent: ti.math.vec2,
 ):  # fmt: skip
     """Note one sample of every robot in its trial's running snap."""
+    ti.loop_config(serialize=ti.static(few(team_size.shape[0])))
     for k in team_size:
         n = taken[k, slot]
         for m in range(team_size[k]):
@@ -205,6 +207,7 @@ def _gather(
 
 @ti.kernel
 def _forget(taken: Template, slot: int):
+    ti.loop_config(serialize=ti.static(few(taken.shape[0])))
     for k in range(taken.shape[0]):
         taken[k, slot] = 0
 

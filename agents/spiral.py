@@ -22,6 +22,7 @@ from typing import Any, cast
 import taichi as ti
 
 from taichi_plume.agents.acquisition import Recording, ticks_between
+from taichi_plume.agents.few import few
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.legs import Legs
 from taichi_plume.agents.members import Members
@@ -100,6 +101,7 @@ class Spiral:
 
     @ti.kernel
     def _begin(self):
+        ti.loop_config(serialize=ti.static(few(self.size)))
         for n in range(self.size):
             u = self._uniform(n, 0)
             self.sense[n] = ti.select(u[2] > 0.5, 1.0, -1.0)
@@ -108,6 +110,7 @@ class Spiral:
 
     @ti.kernel
     def _act(self, tick: int, dt: float):
+        ti.loop_config(serialize=ti.static(few(self.size)))
         for n in range(self.size):
             i = self.robot[n]
             if self.swarm.state[i] == ACQUIRE:

@@ -14,8 +14,10 @@ import taichi as ti
 
 from taichi_plume.agents.columns import COLUMNS, Columns, Rows
 from taichi_plume.agents.contact import TOUCH, Contact, disc_around
+from taichi_plume.agents.few import few
 from taichi_plume.agents.groups import GroupRange, ranges
 from taichi_plume.agents.odometry import Odometry
+from taichi_plume.grid.elementary import cos_sin
 from taichi_plume.grid.transfer import reader, uploader
 from taichi_plume.scenario.obstacles import Obstacle
 from taichi_plume.scenario.robots import Group
@@ -177,6 +179,7 @@ class Swarm(Columns):
 
     @ti.kernel
     def _move(self, tick: int, t: float, dt: float):
+        ti.loop_config(serialize=ti.static(few(self.count)))
         for k in range(self.trials):
             for m in range(self.team_size[k]):
                 i = self.members[k, m]
@@ -185,7 +188,7 @@ class Swarm(Columns):
                 self.velocity[i] = ti.Vector([0.0, 0.0])
                 if self.found[i] == 0:
                     self._drive(i, k, tick, dt)
-                    self.bumps[i] += ti.cast(self.blocked[i] > before, ti.i32)
+                    self.bumps[i] = self.bumps[i] + ti.cast(self.blocked[i] > before, ti.i32)
                     for s in range(self.source_count):
                         apart = self.position[i] - self.sources[s]
                         distance = ti.select(
@@ -202,11 +205,11 @@ class Swarm(Columns):
         arc, turn = speed * dt, turn_rate * dt
         chord = arc
         if ti.abs(turn) > 1e-3:  # below, the factor differs from 1 by less than f32 resolves
-            chord *= ti.sin(0.5 * turn) / (0.5 * turn)
+            chord *= cos_sin(0.5 * turn)[1] / (0.5 * turn)
         course = self.heading[i] + 0.5 * turn
         self.heading[i] = wrap(self.heading[i] + turn)
 
-        wanted = chord * ti.Vector([ti.cos(course), ti.sin(course)])
+        wanted = chord * cos_sin(course)
         begin = self.position[i]
         p = begin
         rest = wanted
@@ -231,7 +234,7 @@ class Swarm(Columns):
             self.blocked[i] = 1
         self.position[i] = p
         self.velocity[i] = (p - begin) / dt
-        self.path_length[i] += path
+        self.path_length[i] = self.path_length[i] + path
         if ti.static(self.reckons):
             self._reckon(i, tick, turn, ti.select(arc < 0.0, -path, path), p - begin)
 
@@ -244,9 +247,9 @@ class Swarm(Columns):
             self.believed_heading[i] = wrap(heading + told)
             course = heading + 0.5 * told  # as the chord of its arc
             off = course - (self.heading[i] - 0.5 * turn)
-            ahead = ti.Vector([ti.cos(course), ti.sin(course)])
-            self.believed_position[i] += scale * turned(moved, off) + stray * ahead
-            self.odometer[i] += scale * ti.abs(way) + ti.select(way < 0.0, -stray, stray)
+            ahead = cos_sin(course)
+            self.believed_position[i] = self.believed_position[i] + scale * turned(moved, off) + stray * ahead
+            self.odometer[i] = self.odometer[i] + scale * ti.abs(way) + ti.select(way < 0.0, -stray, stray)
         else:
             self.believed_position[i] = self.position[i]
             self.believed_heading[i] = self.heading[i]
@@ -272,15 +275,16 @@ class Swarm(Columns):
         change = ti.math.clamp(
             share * speed - self.speed[i], -self.max_acceleration[i] * dt, self.max_acceleration[i] * dt
         )
-        self.speed[i] += change
-        return self.speed[i], share * turn_rate
+        speed = self.speed[i] + change
+        self.speed[i] = speed
+        return speed, share * turn_rate
 
 
 @ti.func
 def turned(v, angle):
     """The vector v turned left by `angle` [rad]."""
-    c, s = ti.cos(angle), ti.sin(angle)
-    return ti.Vector([c * v[0] - s * v[1], s * v[0] + c * v[1]])
+    e = cos_sin(angle)
+    return ti.Vector([e[0] * v[0] - e[1] * v[1], e[1] * v[0] + e[0] * v[1]])
 
 
 @ti.func

@@ -14,6 +14,7 @@ from typing import Any, cast
 import numpy as np
 import taichi as ti
 
+from taichi_plume.agents.few import few
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
@@ -84,6 +85,7 @@ class Sweep:
 
     @ti.kernel
     def _act(self, dt: float):
+        ti.loop_config(serialize=ti.static(few(self.size)))
         for n in range(self.size):
             i = self.robot[n]
             end = self.potential.clear(n, self.way[n, self.next[n]])

@@ -14,11 +14,13 @@ from typing import cast
 
 import taichi as ti
 
+from taichi_plume.agents.few import few
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.lag import Lag
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
 from taichi_plume.agents.swarm import Swarm, wrap
+from taichi_plume.grid.elementary import cos_sin, direction
 from taichi_plume.grid.rng import uniform4
 from taichi_plume.scenario import algorithms
 
@@ -82,6 +84,7 @@ class PlumeTracker:
 
     @ti.kernel
     def _begin(self):
+        ti.loop_config(serialize=ti.static(few(self.size)))
         for n in range(self.size):
             i = self.robot[n]
             heading = self.swarm.believed_heading[i]
@@ -93,6 +96,7 @@ class PlumeTracker:
 
     @ti.kernel
     def _act(self, dt: float):
+        ti.loop_config(serialize=ti.static(few(self.size)))
         for n in range(self.size):
             self._estimate_wind(n)
             self._feel_bumper(n, dt)
@@ -134,7 +138,7 @@ class PlumeTracker:
         self.bump[n] = 0
         if self.swarm.blocked[i] == 1:
             heading = self.swarm.believed_heading[i]
-            if ti.Vector([ti.cos(heading), ti.sin(heading)]).dot(self._course(n)) > ON_COURSE:
+            if cos_sin(heading).dot(self._course(n)) > ON_COURSE:
                 self.bump[n] = 1
                 self.stuck[n] += dt
         else:
@@ -191,6 +195,6 @@ class PlumeTracker:
         """Turn towards the course; the less it faces it, the slower it drives."""
         i = self.robot[n]
         course = self._course(n)
-        error = wrap(ti.atan2(course.y, course.x) - self.swarm.believed_heading[i])
+        error = wrap(direction(course.y, course.x) - self.swarm.believed_heading[i])
         self.swarm.turn_rate_command[i] = error / ti.max(dt, STEER)
-        self.swarm.speed_command[i] = self.p.speed[n] * ti.max(0.0, ti.cos(error))
+        self.swarm.speed_command[i] = self.p.speed[n] * ti.max(0.0, cos_sin(error)[0])

@@ -6,6 +6,7 @@ from math import pi
 import numpy as np
 import taichi as ti
 
+from taichi_plume.grid.elementary import exp
 from taichi_plume.grid.kernels import Template
 from taichi_plume.scenario.vocabulary import Face
 
@@ -48,15 +49,15 @@ def bell(q, centre, variance, low, high, most: Template):
 
 @ti.func
 def _free(q, centre, variance):
-    return ti.exp(-((q - centre) ** 2) / (2.0 * variance)) / ti.sqrt(2.0 * pi * variance)
+    return exp(-((q - centre) ** 2) / (2.0 * variance)) / ti.sqrt(2.0 * pi * variance)
 
 
 @ti.func
 def _before_one(q, centre, variance, low, high):
     walled = low > -FAR or high < FAR
     wall = ti.select(low > -FAR, low, ti.select(walled, high, 0.0))
-    image = ti.exp(-((q - (2.0 * wall - centre)) ** 2) / (2.0 * variance))
-    total = ti.exp(-((q - centre) ** 2) / (2.0 * variance)) + ti.select(walled, image, 0.0)
+    image = exp(-((q - (2.0 * wall - centre)) ** 2) / (2.0 * variance))
+    total = exp(-((q - centre) ** 2) / (2.0 * variance)) + ti.select(walled, image, 0.0)
     return total / ti.sqrt(2.0 * pi * variance)
 
 
@@ -73,6 +74,6 @@ def _between_two(q, centre, variance, low, high):
         for m in range(1, 4):
             k = m * pi / width
             waves = ti.cos(k * (q - low)) * ti.cos(k * (centre - low))
-            total += 2.0 * waves * ti.exp(-0.5 * k**2 * variance)
+            total += 2.0 * waves * exp(-0.5 * k**2 * variance)
         total /= width
     return total

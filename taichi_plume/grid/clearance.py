@@ -31,6 +31,7 @@ class ClearanceMap:
         low: tuple[float, ...] = (0.0, 0.0),
     ):
         self.low, self.high = (float(low[0]), float(low[1])), (float(high[0]), float(high[1]))
+        self.stands = bool(shapes)  # whether there is any obstacle
         size = (self.high[0] - self.low[0], self.high[1] - self.low[1])
         resolution = resolution or clearance_resolution(size)
         self.resolution = resolution if shapes else max(size)
@@ -47,18 +48,22 @@ class ClearanceMap:
     @ti.func
     def distance(self, p):
         """Distance [m] from p (x, y) to the next surface, or a little less; negative inside an obstacle."""
-        return ti.min(self._wall(p)[0], self._obstacle(p)[0])
+        distance = self._wall(p)[0]
+        if ti.static(self.stands):
+            distance = ti.min(distance, self._obstacle(p)[0])
+        return distance
 
     @ti.func
     def normal(self, p):
         """Unit vector away from the surface next to p."""
         wall = self._wall(p)
-        obstacle = self._obstacle(p)
-        gradient = ti.Vector([obstacle[1], obstacle[2]])
-        steepness = gradient.norm()
         away = ti.Vector([wall[1], wall[2]])
-        if obstacle[0] < wall[0] and steepness > 1e-6:
-            away = gradient / steepness
+        if ti.static(self.stands):
+            obstacle = self._obstacle(p)
+            gradient = ti.Vector([obstacle[1], obstacle[2]])
+            steepness = gradient.norm()
+            if obstacle[0] < wall[0] and steepness > 1e-6:
+                away = gradient / steepness
         return away
 
     def distance_at(self, points: np.ndarray) -> np.ndarray:

@@ -9,6 +9,8 @@ import zlib
 import numpy as np
 import taichi as ti
 
+from taichi_plume.grid.elementary import cos_sin, log
+
 
 def stream_id(name: str) -> int:
     """A 32-bit key for a component's name, the same on every machine."""
@@ -30,7 +32,7 @@ def philox(seed: ti.u32, stream: ti.u32, index: ti.i32, tick: ti.i32, draw: ti.i
     """Four random 32-bit words for one (index, tick, draw) of a stream."""
     x = ti.Vector([ti.cast(index, ti.u32), ti.cast(tick, ti.u32), ti.cast(draw, ti.u32), ti.u32(0)])
     key0, key1 = seed, stream
-    for _ in range(10):
+    for _ in ti.static(range(10)):
         a = ti.u32(0xD2511F53)
         b = ti.u32(0xCD9E8D57)
         x = ti.Vector(
@@ -57,9 +59,6 @@ def uniform4(seed: ti.u32, stream: ti.u32, index: ti.i32, tick: ti.i32, draw: ti
 def normal4(seed: ti.u32, stream: ti.u32, index: ti.i32, tick: ti.i32, draw: ti.i32):
     """Four standard normal numbers (Box & Muller 1958, doi:10.1214/aoms/1177706645)."""
     u = uniform4(seed, stream, index, tick, draw)
-    r0 = ti.sqrt(-2.0 * ti.log(u[0]))
-    r1 = ti.sqrt(-2.0 * ti.log(u[2]))
-    tau = 2.0 * np.pi
-    return ti.Vector(
-        [r0 * ti.cos(tau * u[1]), r0 * ti.sin(tau * u[1]), r1 * ti.cos(tau * u[3]), r1 * ti.sin(tau * u[3])]
-    )
+    a = ti.sqrt(-2.0 * log(u[0])) * cos_sin(2.0 * np.pi * u[1])
+    b = ti.sqrt(-2.0 * log(u[2])) * cos_sin(2.0 * np.pi * u[3])
+    return ti.Vector([a[0], a[1], b[0], b[1]])
