@@ -1,5 +1,7 @@
 """Direct solvers of the Poisson equation of the projection: sparse factors, and fast transforms of empty boxes."""
 
+from collections.abc import Sequence
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -9,10 +11,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
 from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.kernels import FEW_CELLS
 from taichi_plume.solvers.poisson import Openness
-
-TRANSFORMS = {"closed": (scipy.fft.dct, scipy.fft.idct), "free": (scipy.fft.dst, scipy.fft.idst)}
-"""By the lower end of an axis: the transform and its inverse."""
 
 
 class SparseFactors:
@@ -56,65 +56,55 @@ class FastTransforms:
     doi:10.1137/S0036144598336745).
     """
 
-    def __init__(self, openness: Openness, grid: Grid):
+    def __init__(self, kinds: Sequence[str], grid: Grid):
+        """kinds: closed, free, periodic, closed-free or free-closed per axis."""
         self.grid = grid
         self.iterations = 1
-        self.kinds = [self._kind(openness, d) for d in range(grid.dim)]
+        self.kinds = tuple(kinds)
+        self.workers = 1 if prod(grid.shape) <= FEW_CELLS else -1
         eigenvalues = np.zeros(grid.shape)
-        for d, kind in enumerate(self.kinds):
-            n = grid.shape[d]
-            k = np.arange(n) if kind != "periodic" else np.fft.fftfreq(n, 1.0 / n)
-            shift = {"closed": 0.0, "free": 1.0, "closed-free": 0.5, "free-closed": 0.5, "periodic": 0.0}[
-                kind
-            ]
-            angle = np.pi * (k + shift) / n * (2.0 if kind == "periodic" else 1.0)
-            line = 2.0 - 2.0 * np.cos(angle)
+        for d, kind in enumerate(kinds):
+            line = 2.0 - 2.0 * np.cos(angles(kind, grid.shape[d]))
             eigenvalues = eigenvalues + line.reshape([-1 if a == d else 1 for a in range(grid.dim)])
         constant = eigenvalues < 1e-12  # only differences of phi count: its mean stays zero
-        inverse = np.where(constant, 0.0, 1.0 / np.where(constant, 1.0, eigenvalues)).astype(np.float32)
-        self.wrapped = [d for d, kind in enumerate(self.kinds) if kind == "periodic"]
+        self.singular = bool(constant.any())
+        self.eigenvalues = np.where(constant, np.inf, eigenvalues)
+        inverse = (1.0 / self.eigenvalues).astype(np.float32).T  # axes reversed, as `Grid.read` returns them
+        self.wrapped = [grid.dim - 1 - d for d, kind in enumerate(kinds) if kind == "periodic"]
         if self.wrapped:  # a real Fourier transform keeps half of its last axis
             last = self.wrapped[-1]
-            inverse = np.take(inverse, np.arange(grid.shape[last] // 2 + 1), axis=last)
-        self.inverse = np.asfortranarray(inverse)
-
-    @staticmethod
-    def fits(openness: Openness, grid: Grid) -> bool:
-        """Whether the box is empty and each of its faces is of one kind."""
-        for d in range(grid.dim):
-            n = openness.shape[d]
-            inner = tuple(slice(1, 1 + m) for m in openness.shape)
-            faces = np.moveaxis(openness.a[d][inner], d, 0)
-            last = np.take(openness.a[d], n + 1, axis=d)[tuple(s for a, s in enumerate(inner) if a != d)]
-            if np.any(faces[1:] != 1.0) or np.ptp(faces[0]) or np.ptp(last):
-                return False
-        return True
-
-    @staticmethod
-    def _kind(openness: Openness, d: int) -> str:
-        if openness.periodic[d]:
-            return "periodic"
-        low, high = (np.take(openness.a[d], i, axis=d)[1, 1] > 0 for i in (1, openness.shape[d] + 1))
-        if low == high:
-            return "free" if low else "closed"
-        return "free-closed" if low else "closed-free"
-
-    def _transform(self, x: Any, inverse: bool) -> Any:
-        """Along all axes that do not wrap round."""
-        for d, kind in enumerate(self.kinds):
+            inverse = np.take(inverse, np.arange(inverse.shape[last] // 2 + 1), axis=last)
+        self.inverse = np.ascontiguousarray(inverse)
+        self.transforms: dict[tuple[bool, int], list[int]] = {}  # (odd at the lower end, type): axes
+        for d, kind in enumerate(kinds):
             if kind != "periodic":
-                transform = TRANSFORMS[kind.split("-")[0]][inverse]
-                x = transform(x, type=4 if "-" in kind else 2, axis=d, workers=-1)
+                key = kind.startswith("free"), 4 if "-" in kind else 2
+                self.transforms.setdefault(key, []).append(grid.dim - 1 - d)
+
+    def apply(self, x: Any) -> Any:
+        """The solution for the right side x, f32 of the grid's shape reversed; x is overwritten."""
+        options = {"workers": self.workers, "overwrite_x": True}
+        for (odd, kind), axes in self.transforms.items():
+            x = (scipy.fft.dstn if odd else scipy.fft.dctn)(x, type=kind, axes=axes, **options)
+        if self.wrapped:
+            shape = [x.shape[d] for d in self.wrapped]
+            waves: Any = scipy.fft.rfftn(x, axes=self.wrapped, workers=self.workers)
+            waves *= self.inverse
+            x = scipy.fft.irfftn(waves, s=shape, axes=self.wrapped, **options)
+        else:
+            x *= self.inverse
+        for (odd, kind), axes in self.transforms.items():
+            x = (scipy.fft.idstn if odd else scipy.fft.idctn)(x, type=kind, axes=axes, **options)
         return x
 
     def solve(self, b: Any, phi: Any, tolerance: float) -> None:
         """Set the inner cells of field phi to the solution for field b; exact to rounding, whatever the tolerance."""
         del tolerance
-        x: Any = self._transform(self.grid.read(b), inverse=False)
-        if self.wrapped:
-            shape = [x.shape[d] for d in self.wrapped]
-            waves: Any = scipy.fft.rfftn(x, axes=self.wrapped, workers=-1)
-            x = scipy.fft.irfftn(self.inverse * waves, s=shape, axes=self.wrapped, workers=-1)
-        else:
-            x = self.inverse * x
-        self.grid.write(phi, self._transform(x, inverse=True))
+        self.grid.write(phi, self.apply(self.grid.read(b).T).T)
+
+
+def angles(kind: str, n: int) -> np.ndarray:
+    """Phase per cell of the modes of a box's axis of n cells, in the order of its transform."""
+    if kind == "periodic":
+        return 2.0 * np.pi * np.fft.fftfreq(n)
+    return np.pi * (np.arange(n) + {"closed": 0.0, "free": 1.0}.get(kind, 0.5)) / n
