@@ -23,7 +23,7 @@ from taichi_plume.grid.grid import Grid
 from taichi_plume.solvers.direct import FastTransforms, angles
 from taichi_plume.solvers.poisson import Openness
 
-ENTRIES = 1 << 22  # of the Green's function at a time
+ENTRIES = 1 << 25  # of the Green's function at a time
 
 
 @dataclass(frozen=True)
@@ -144,7 +144,7 @@ class GreensFunction:
         """matrix times the function in cells (P, dim) for sources in cells (Q, dim), as many as matrix has rows."""
         result = np.empty((len(sources), len(sources)))
         by_line = np.lexsort(sources[:, self.order[::-1]].T)
-        blocks = -(-len(sources) * len(cells) // ENTRIES)
+        blocks = -(-len(sources) * len(cells) * self.height // ENTRIES)
         for rows in np.array_split(by_line, blocks):
             some = matrix[rows]
             columns = np.unique(some.indices)
@@ -154,8 +154,9 @@ class GreensFunction:
 
 def _in_lines(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The lines along the third axis that cells lie in (n, 2), the number of each cell's line, its place in it."""
+    cells = cells.astype(np.int32)
     lines, line = np.unique(cells[:, :2], axis=0, return_inverse=True)
-    return lines, line, cells[:, 2] if cells.shape[1] > 2 else np.zeros(len(cells), int)
+    return lines, line.astype(np.int32), cells[:, 2] if cells.shape[1] > 2 else np.zeros_like(cells[:, 0])
 
 
 def _images(kind: str, i: np.ndarray, j: np.ndarray) -> list[tuple[int, np.ndarray]]:
@@ -190,7 +191,8 @@ class Capacitance:
         if self.box.singular:  # the constant that B leaves free goes with a source that B cannot take
             ones = np.ones((1, len(matrix)))
             matrix = np.block([[matrix, -changes.sum(axis=1)[:, None]], [ones, np.zeros((1, 1))]])
-        self.inverse = scipy.linalg.inv(matrix, overwrite_a=True, check_finite=False).astype(np.float32)
+        # single precision will do: its condition is 30
+        self.inverse = scipy.linalg.inv(matrix.astype(np.float32), overwrite_a=True, check_finite=False)
 
     def solve(self, b: Any, phi: Any, tolerance: float) -> None:
         """Set the inner cells of field phi to the solution for field b; exact to rounding, whatever the tolerance."""
