@@ -17,10 +17,10 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 from taichi_plume.grid.grid import Grid
-from taichi_plume.solvers.direct import FastTransforms, angles
+from taichi_plume.solvers.direct import FastTransforms, Window, angles
 from taichi_plume.solvers.poisson import Openness
 
 ENTRIES = 1 << 25  # of the Green's function at a time
@@ -179,7 +179,10 @@ class Capacitance:
         if changes.floating.any():
             self.cells, self.part = np.flatnonzero(changes.air), changes.part
             self.size = np.bincount(self.part)
-        with threadpool_limits(1, "blas"):  # the same bits on all machines, and no waiting for a busy core
+        self.window = Window(self.box, self.reach, self.near)
+        # in one thread: the same bits on all machines, and no waiting for a busy core
+        self.blas = ThreadpoolController().select(user_api="blas")
+        with self.blas.limit(limits=1):
             self._invert(changes.matrix)
 
     def _invert(self, changes: sp.csr_array) -> None:
@@ -199,15 +202,19 @@ class Capacitance:
         del tolerance
         right = self.grid.read(b).T
         right *= self.air
-        flat = right.reshape(-1)
-        self._balance(flat)
-        missed = self.changes @ self.box.apply(right.copy()).reshape(-1)[self.reach]
-        if self.box.singular:
-            missed = np.append(missed, right.sum(dtype=np.float64).astype(np.float32))
-        # row by row: the bits of a product by BLAS depend on the number of its threads
-        sources = np.vecdot(self.inverse, missed)
-        flat[self.near] -= sources[: len(self.near)]
-        solution = self.box.apply(right)
+        self._balance(right.reshape(-1))
+        inflow = right.sum(dtype=np.float64) if self.box.singular else 0.0
+        waves = self.box.forward(right)
+        waves *= self.box.inverse
+        with self.blas.limit(limits=1):
+            missed = self.changes @ self.window.values(waves)
+            if self.box.singular:
+                missed = np.append(missed, np.float32(inflow))
+            sources = self.inverse @ missed
+            unseen = self.window.waves(sources[: len(self.near)])
+        unseen *= self.box.inverse
+        waves -= unseen
+        solution = self.box.backward(waves)
         if self.box.singular:
             solution += sources[-1]
         solution *= self.air

@@ -62,6 +62,7 @@ class FastTransforms:
         self.iterations = 1
         self.kinds = tuple(kinds)
         self.workers = 1 if prod(grid.shape) <= FEW_CELLS else -1
+        self.options: dict[str, Any] = {"overwrite_x": True, "workers": self.workers}
         eigenvalues = np.zeros(grid.shape)
         for d, kind in enumerate(kinds):
             line = 2.0 - 2.0 * np.cos(angles(kind, grid.shape[d]))
@@ -81,26 +82,90 @@ class FastTransforms:
                 key = kind.startswith("free"), 4 if "-" in kind else 2
                 self.transforms.setdefault(key, []).append(grid.dim - 1 - d)
 
-    def apply(self, x: Any) -> Any:
-        """The solution for the right side x, f32 of the grid's shape reversed; x is overwritten."""
-        options = {"workers": self.workers, "overwrite_x": True}
+    def forward(self, x: Any) -> Any:
+        """The amplitudes of the modes in x, f32 of the grid's shape reversed; x is overwritten."""
         for (odd, kind), axes in self.transforms.items():
-            x = (scipy.fft.dstn if odd else scipy.fft.dctn)(x, type=kind, axes=axes, **options)
+            x = (scipy.fft.dstn if odd else scipy.fft.dctn)(x, kind, None, axes, **self.options)
+        return scipy.fft.rfftn(x, None, self.wrapped, workers=self.workers) if self.wrapped else x
+
+    def backward(self, x: Any) -> Any:
+        """The inverse of `forward`; x is overwritten."""
         if self.wrapped:
-            shape = [x.shape[d] for d in self.wrapped]
-            waves: Any = scipy.fft.rfftn(x, axes=self.wrapped, workers=self.workers)
-            waves *= self.inverse
-            x = scipy.fft.irfftn(waves, s=shape, axes=self.wrapped, **options)
-        else:
-            x *= self.inverse
+            shape = [self.grid.shape[::-1][d] for d in self.wrapped]
+            x = scipy.fft.irfftn(x, shape, self.wrapped, **self.options)
         for (odd, kind), axes in self.transforms.items():
-            x = (scipy.fft.idstn if odd else scipy.fft.idctn)(x, type=kind, axes=axes, **options)
+            x = (scipy.fft.idstn if odd else scipy.fft.idctn)(x, kind, None, axes, **self.options)
         return x
 
     def solve(self, b: Any, phi: Any, tolerance: float) -> None:
         """Set the inner cells of field phi to the solution for field b; exact to rounding, whatever the tolerance."""
         del tolerance
-        self.grid.write(phi, self.apply(self.grid.read(b).T).T)
+        waves = self.forward(self.grid.read(b).T)
+        waves *= self.inverse
+        self.grid.write(phi, self.backward(waves).T)
+
+
+class Window:
+    """Some places of a box: what waves are there, and what waves sources there make.
+
+    By dense matrices over the rows, columns and layers that have such places, and for these only; where an axis wraps
+    round, by transforms of the whole box.
+    """
+
+    def __init__(self, box: FastTransforms, cells: np.ndarray, sources: np.ndarray):
+        """cells, sources: numbers of cells, axis 0 fastest."""
+        self.box, shape = box, box.grid.shape
+        self.whole = bool(box.wrapped)
+        self.cells, self.sources = cells, sources
+        if self.whole:
+            return
+        every = np.union1d(cells, sources)
+        used = [np.unique(i) for i in np.unravel_index(every, shape, order="F")]
+        self.shape = tuple(len(i) for i in reversed(used))
+        self.cells, self.sources = (self._place(c, used, shape) for c in (cells, sources))
+        self.there, self.back = [], []
+        for d, (n, i) in enumerate(zip(shape, used, strict=True)):
+            axis = len(shape) - 1 - d
+            ((odd, kind),) = (key for key, axes in box.transforms.items() if axis in axes)
+            make = (scipy.fft.idst, scipy.fft.dst) if odd else (scipy.fft.idct, scipy.fft.dct)
+            there, back = (one(np.eye(n), kind, axis=0) for one in make)
+            self.there.append(np.ascontiguousarray(there[i], np.float32))
+            self.back.append(np.ascontiguousarray(back[:, i], np.float32))
+
+    @staticmethod
+    def _place(cells: np.ndarray, used: list[np.ndarray], shape: tuple[int, ...]) -> np.ndarray:
+        """Numbers of cells in the array of what is used."""
+        where = np.unravel_index(cells, shape, order="F")
+        inside = [np.searchsorted(u, w) for u, w in zip(used, where, strict=True)]
+        return np.ravel_multi_index(inside, [len(u) for u in used], order="F")
+
+    def values(self, waves: Any) -> np.ndarray:
+        """In the cells."""
+        if self.whole:
+            return self.box.backward(waves.copy()).reshape(-1)[self.cells]
+        for d, matrix in enumerate(self.there):
+            waves = _along(matrix, waves, d)
+        return waves.reshape(-1)[self.cells]
+
+    def waves(self, sources: np.ndarray) -> Any:
+        """Amplitudes of the modes."""
+        x = np.zeros(self.box.grid.shape[::-1] if self.whole else self.shape, np.float32)
+        x.reshape(-1)[self.sources] = sources
+        if self.whole:
+            return self.box.forward(x)
+        for d in reversed(range(x.ndim)):
+            x = _along(self.back[d], x, d)
+        return x
+
+
+def _along(matrix: np.ndarray, x: np.ndarray, d: int) -> np.ndarray:
+    """The product of a matrix with axis d of x, the axes of which are reversed."""
+    if d == 0:
+        return x @ matrix.T
+    shape = x.shape
+    axis = len(shape) - 1 - d
+    result = matrix @ x.reshape(*shape[: axis + 1], -1)
+    return result.reshape(*shape[:axis], len(matrix), *shape[axis + 1 :])
 
 
 def angles(kind: str, n: int) -> np.ndarray:
