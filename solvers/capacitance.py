@@ -17,7 +17,6 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
-from threadpoolctl import ThreadpoolController
 
 from taichi_plume.grid.grid import Grid
 from taichi_plume.solvers.direct import FastTransforms, Window, angles
@@ -180,9 +179,7 @@ class Capacitance:
             self.cells, self.part = np.flatnonzero(changes.air), changes.part
             self.size = np.bincount(self.part)
         self.window = Window(self.box, self.reach, self.near)
-        # in one thread: the same bits on all machines, and no waiting for a busy core
-        self.blas = ThreadpoolController().select(user_api="blas")
-        with self.blas.limit(limits=1):
+        with self.box.blas.limit(limits=1):
             self._invert(changes.matrix)
 
     def _invert(self, changes: sp.csr_array) -> None:
@@ -204,17 +201,17 @@ class Capacitance:
         right *= self.air
         self._balance(right.reshape(-1))
         inflow = right.sum(dtype=np.float64) if self.box.singular else 0.0
-        waves = self.box.forward(right)
-        waves *= self.box.inverse
-        with self.blas.limit(limits=1):
+        with self.box.blas.limit(limits=1):
+            waves = self.box.forward(right)
+            waves *= self.box.inverse
             missed = self.changes @ self.window.values(waves)
             if self.box.singular:
                 missed = np.append(missed, np.float32(inflow))
             sources = self.inverse @ missed
             unseen = self.window.waves(sources[: len(self.near)])
-        unseen *= self.box.inverse
-        waves -= unseen
-        solution = self.box.backward(waves)
+            unseen *= self.box.inverse
+            waves -= unseen
+            solution = self.box.backward(waves)
         if self.box.singular:
             solution += sources[-1]
         solution *= self.air

@@ -9,10 +9,13 @@ import scipy.fft
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
+from threadpoolctl import ThreadpoolController
 
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import FEW_CELLS
 from taichi_plume.solvers.poisson import Openness
+
+DENSE = 100  # cells of an axis up to which a product with a matrix takes less than a fast transform
 
 
 class SparseFactors:
@@ -76,33 +79,53 @@ class FastTransforms:
             last = self.wrapped[-1]
             inverse = np.take(inverse, np.arange(inverse.shape[last] // 2 + 1), axis=last)
         self.inverse = np.ascontiguousarray(inverse)
+        self.dense: dict[int, list[np.ndarray]] = {}
         self.transforms: dict[tuple[bool, int], list[int]] = {}  # (odd at the lower end, type): axes
         for d, kind in enumerate(kinds):
-            if kind != "periodic":
-                key = kind.startswith("free"), 4 if "-" in kind else 2
-                self.transforms.setdefault(key, []).append(grid.dim - 1 - d)
+            if kind != "periodic" and grid.shape[d] <= DENSE:
+                self.dense[d] = self.matrices(d)
+            elif kind != "periodic":
+                self.transforms.setdefault(_type(kind), []).append(grid.dim - 1 - d)
+        # in one thread: the same bits on all machines, and no waiting for a busy core
+        self.blas = ThreadpoolController().select(user_api="blas")
+
+    def matrices(self, d: int) -> list[np.ndarray]:
+        """The transform along axis d, which does not wrap round, and its inverse."""
+        odd, kind = _type(self.kinds[d])
+        make = (scipy.fft.dst, scipy.fft.idst) if odd else (scipy.fft.dct, scipy.fft.idct)
+        return [one(np.eye(self.grid.shape[d]), kind, axis=0).astype(np.float32) for one in make]
 
     def forward(self, x: Any) -> Any:
-        """The amplitudes of the modes in x, f32 of the grid's shape reversed; x is overwritten."""
+        """The amplitudes of the modes in x, f32 of the grid's shape reversed; x may be overwritten."""
+        for d, (there, _) in self.dense.items():
+            x = along(there, x, d)
         for (odd, kind), axes in self.transforms.items():
             x = (scipy.fft.dstn if odd else scipy.fft.dctn)(x, kind, None, axes, **self.options)
         return scipy.fft.rfftn(x, None, self.wrapped, workers=self.workers) if self.wrapped else x
 
     def backward(self, x: Any) -> Any:
-        """The inverse of `forward`; x is overwritten."""
+        """The inverse of `forward`; x may be overwritten."""
         if self.wrapped:
             shape = [self.grid.shape[::-1][d] for d in self.wrapped]
             x = scipy.fft.irfftn(x, shape, self.wrapped, **self.options)
         for (odd, kind), axes in self.transforms.items():
             x = (scipy.fft.idstn if odd else scipy.fft.idctn)(x, kind, None, axes, **self.options)
+        for d, (_, back) in self.dense.items():
+            x = along(back, x, d)
         return x
 
     def solve(self, b: Any, phi: Any, tolerance: float) -> None:
         """Set the inner cells of field phi to the solution for field b; exact to rounding, whatever the tolerance."""
         del tolerance
-        waves = self.forward(self.grid.read(b).T)
-        waves *= self.inverse
-        self.grid.write(phi, self.backward(waves).T)
+        with self.blas.limit(limits=1):
+            waves = self.forward(self.grid.read(b).T)
+            waves *= self.inverse
+            self.grid.write(phi, self.backward(waves).T)
+
+
+def _type(kind: str) -> tuple[bool, int]:
+    """Whether the modes are odd at the lower end of an axis, and the type of their transform."""
+    return kind.startswith("free"), 4 if "-" in kind else 2
 
 
 class Window:
@@ -123,14 +146,11 @@ class Window:
         used = [np.unique(i) for i in np.unravel_index(every, shape, order="F")]
         self.shape = tuple(len(i) for i in reversed(used))
         self.cells, self.sources = (self._place(c, used, shape) for c in (cells, sources))
-        self.there, self.back = [], []
-        for d, (n, i) in enumerate(zip(shape, used, strict=True)):
-            axis = len(shape) - 1 - d
-            ((odd, kind),) = (key for key, axes in box.transforms.items() if axis in axes)
-            make = (scipy.fft.idst, scipy.fft.dst) if odd else (scipy.fft.idct, scipy.fft.dct)
-            there, back = (one(np.eye(n), kind, axis=0) for one in make)
-            self.there.append(np.ascontiguousarray(there[i], np.float32))
-            self.back.append(np.ascontiguousarray(back[:, i], np.float32))
+        self.to, self.back = [], []
+        for d, i in enumerate(used):
+            forward, backward = box.matrices(d)
+            self.to.append(np.ascontiguousarray(forward[:, i]))
+            self.back.append(np.ascontiguousarray(backward[i]))
 
     @staticmethod
     def _place(cells: np.ndarray, used: list[np.ndarray], shape: tuple[int, ...]) -> np.ndarray:
@@ -143,8 +163,8 @@ class Window:
         """In the cells."""
         if self.whole:
             return self.box.backward(waves.copy()).reshape(-1)[self.cells]
-        for d, matrix in enumerate(self.there):
-            waves = _along(matrix, waves, d)
+        for d, matrix in enumerate(self.back):
+            waves = along(matrix, waves, d)
         return waves.reshape(-1)[self.cells]
 
     def waves(self, sources: np.ndarray) -> Any:
@@ -154,11 +174,11 @@ class Window:
         if self.whole:
             return self.box.forward(x)
         for d in reversed(range(x.ndim)):
-            x = _along(self.back[d], x, d)
+            x = along(self.to[d], x, d)
         return x
 
 
-def _along(matrix: np.ndarray, x: np.ndarray, d: int) -> np.ndarray:
+def along(matrix: np.ndarray, x: np.ndarray, d: int) -> np.ndarray:
     """The product of a matrix with axis d of x, the axes of which are reversed."""
     if d == 0:
         return x @ matrix.T
