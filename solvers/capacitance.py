@@ -64,9 +64,11 @@ class Changes:
             kinds.append("periodic" if openness.periodic[d] else kind)
             more.append(a - box)
         a, ends, more = (np.concatenate(x) for x in ([f[0] for f in faces], [f[1] for f in faces], more))
-        part, floating = _parts(ends[a > 0], air[:-1])
         changed = np.flatnonzero((np.abs(more) > 1e-6) & (ends[:, 0] != ends[:, 1]) & air[ends].any(axis=1))
-        first = np.flatnonzero(air)[np.unique(part, return_index=True)[1]]
+        # where nothing differs, the transforms leave out what cannot be solved
+        part, floating = _parts(ends[a > 0] if len(changed) else ends[:0], air[:-1])
+        first = np.zeros(len(floating), int)
+        first[part[::-1]] = np.flatnonzero(air)[::-1]
         pins = first[floating] if len(changed) else first[:0]
         rows, columns, values = [pins], [pins], [np.ones(len(pins))]
         for own in (0, 1):
@@ -83,7 +85,7 @@ class Changes:
 
 def _faces(openness: Openness, d: int) -> tuple[np.ndarray, np.ndarray]:
     """Openness of all d-faces, and the numbers of the cells above and below, (n, 2), -1 outside."""
-    number = np.arange(int(np.prod(openness.shape))).reshape(openness.shape, order="F")
+    number = np.arange(int(np.prod(openness.shape)), dtype=np.int32).reshape(openness.shape, order="F")
     inner = [slice(1, 1 + n) for n in openness.shape]
     if openness.periodic[d]:
         above, below = number, np.roll(number, 1, axis=d)
@@ -102,9 +104,11 @@ def _parts(ends: np.ndarray, air: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     inside = (ends >= 0).all(axis=1)
     links = ends[inside]
     graph = sp.csr_array((np.ones(len(links), np.int8), links.T), shape=(len(air), len(air)))
-    component = connected_components(graph, directed=False)[1]
-    names, part = np.unique(component[air], return_inverse=True)
-    return part, ~np.isin(names, component[ends[~inside].max(axis=1)])
+    count, component = connected_components(graph, directed=False)
+    floating = np.zeros(count, bool)
+    floating[component[air]] = True
+    floating[component[ends[~inside].max(axis=1)]] = False
+    return component[air], floating
 
 
 class GreensFunction:
@@ -177,7 +181,7 @@ class Capacitance:
         self.floating = changes.floating
         if changes.floating.any():
             self.cells, self.part = np.flatnonzero(changes.air), changes.part
-            self.size = np.bincount(self.part)
+            self.size = np.maximum(np.bincount(self.part, minlength=len(self.floating)), 1)
         self.window = Window(self.box, self.reach, self.near)
         with self.box.blas.limit(limits=1):
             self._invert(changes.matrix)
@@ -220,5 +224,5 @@ class Capacitance:
     def _balance(self, right: np.ndarray) -> None:
         """Take its mean from the right side in each part of the air that has no free face: solvable only then."""
         if self.floating.any():
-            mean = np.bincount(self.part, right[self.cells]) / self.size
+            mean = np.bincount(self.part, right[self.cells], len(self.floating)) / self.size
             right[self.cells] -= np.where(self.floating, mean, 0.0)[self.part].astype(np.float32)

@@ -12,7 +12,7 @@ from taichi_plume.solvers.direct import FastTransforms, SparseFactors
 from taichi_plume.solvers.multigrid import Multigrid
 from taichi_plume.solvers.poisson import Openness
 
-MOST = 5000  # cells beside obstacles: their matrix is inverted in 3 s, and takes 100 MB
+MOST = 5000  # cells beside obstacles: their matrix is made in 6 s and takes 100 MB
 PER_CELL = 150  # entries of the matrix per cell of the grid, beyond which other solvers are faster
 
 
