@@ -1,5 +1,7 @@
 """Direct solvers of the Poisson equation of the projection: sparse factors, and fast transforms of empty boxes."""
 
+from collections.abc import Sequence
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -7,12 +9,13 @@ import scipy.fft
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
+from threadpoolctl import ThreadpoolController
 
 from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.kernels import FEW_CELLS
 from taichi_plume.solvers.poisson import Openness
 
-TRANSFORMS = {"closed": (scipy.fft.dct, scipy.fft.idct), "free": (scipy.fft.dst, scipy.fft.idst)}
-"""By the lower end of an axis: the transform and its inverse."""
+DENSE = 100  # cells of an axis up to which a product with a matrix takes less than a fast transform
 
 
 class SparseFactors:
@@ -56,65 +59,137 @@ class FastTransforms:
     doi:10.1137/S0036144598336745).
     """
 
-    def __init__(self, openness: Openness, grid: Grid):
+    def __init__(self, kinds: Sequence[str], grid: Grid):
+        """kinds: closed, free, periodic, closed-free or free-closed per axis."""
         self.grid = grid
         self.iterations = 1
-        self.kinds = [self._kind(openness, d) for d in range(grid.dim)]
+        self.kinds = tuple(kinds)
+        self.workers = 1 if prod(grid.shape) <= FEW_CELLS else -1
+        self.options: dict[str, Any] = {"overwrite_x": True, "workers": self.workers}
         eigenvalues = np.zeros(grid.shape)
-        for d, kind in enumerate(self.kinds):
-            n = grid.shape[d]
-            k = np.arange(n) if kind != "periodic" else np.fft.fftfreq(n, 1.0 / n)
-            shift = {"closed": 0.0, "free": 1.0, "closed-free": 0.5, "free-closed": 0.5, "periodic": 0.0}[
-                kind
-            ]
-            angle = np.pi * (k + shift) / n * (2.0 if kind == "periodic" else 1.0)
-            line = 2.0 - 2.0 * np.cos(angle)
+        for d, kind in enumerate(kinds):
+            line = 2.0 - 2.0 * np.cos(angles(kind, grid.shape[d]))
             eigenvalues = eigenvalues + line.reshape([-1 if a == d else 1 for a in range(grid.dim)])
         constant = eigenvalues < 1e-12  # only differences of phi count: its mean stays zero
-        inverse = np.where(constant, 0.0, 1.0 / np.where(constant, 1.0, eigenvalues)).astype(np.float32)
-        self.wrapped = [d for d, kind in enumerate(self.kinds) if kind == "periodic"]
+        self.singular = bool(constant.any())
+        self.eigenvalues = np.where(constant, np.inf, eigenvalues)
+        inverse = (1.0 / self.eigenvalues).astype(np.float32).T  # axes reversed, as `Grid.read` returns them
+        self.wrapped = [grid.dim - 1 - d for d, kind in enumerate(kinds) if kind == "periodic"]
         if self.wrapped:  # a real Fourier transform keeps half of its last axis
             last = self.wrapped[-1]
-            inverse = np.take(inverse, np.arange(grid.shape[last] // 2 + 1), axis=last)
-        self.inverse = np.asfortranarray(inverse)
+            inverse = np.take(inverse, np.arange(inverse.shape[last] // 2 + 1), axis=last)
+        self.inverse = np.ascontiguousarray(inverse)
+        self.dense: dict[int, list[np.ndarray]] = {}
+        self.transforms: dict[tuple[bool, int], list[int]] = {}  # (odd at the lower end, type): axes
+        for d, kind in enumerate(kinds):
+            if kind != "periodic" and grid.shape[d] <= DENSE:
+                self.dense[d] = self.matrices(d)
+            elif kind != "periodic":
+                self.transforms.setdefault(_type(kind), []).append(grid.dim - 1 - d)
+        # in one thread: the same bits on all machines, and no waiting for a busy core
+        self.blas = ThreadpoolController().select(user_api="blas")
 
-    @staticmethod
-    def fits(openness: Openness, grid: Grid) -> bool:
-        """Whether the box is empty and each of its faces is of one kind."""
-        for d in range(grid.dim):
-            n = openness.shape[d]
-            inner = tuple(slice(1, 1 + m) for m in openness.shape)
-            faces = np.moveaxis(openness.a[d][inner], d, 0)
-            last = np.take(openness.a[d], n + 1, axis=d)[tuple(s for a, s in enumerate(inner) if a != d)]
-            if np.any(faces[1:] != 1.0) or np.ptp(faces[0]) or np.ptp(last):
-                return False
-        return True
+    def matrices(self, d: int) -> list[np.ndarray]:
+        """The transform along axis d, which does not wrap round, and its inverse."""
+        odd, kind = _type(self.kinds[d])
+        make = (scipy.fft.dst, scipy.fft.idst) if odd else (scipy.fft.dct, scipy.fft.idct)
+        return [one(np.eye(self.grid.shape[d]), kind, axis=0).astype(np.float32) for one in make]
 
-    @staticmethod
-    def _kind(openness: Openness, d: int) -> str:
-        if openness.periodic[d]:
-            return "periodic"
-        low, high = (np.take(openness.a[d], i, axis=d)[1, 1] > 0 for i in (1, openness.shape[d] + 1))
-        if low == high:
-            return "free" if low else "closed"
-        return "free-closed" if low else "closed-free"
+    def forward(self, x: Any) -> Any:
+        """The amplitudes of the modes in x, f32 of the grid's shape reversed; x may be overwritten."""
+        for d, (there, _) in self.dense.items():
+            x = along(there, x, d)
+        for (odd, kind), axes in self.transforms.items():
+            x = (scipy.fft.dstn if odd else scipy.fft.dctn)(x, kind, None, axes, **self.options)
+        return scipy.fft.rfftn(x, None, self.wrapped, workers=self.workers) if self.wrapped else x
 
-    def _transform(self, x: Any, inverse: bool) -> Any:
-        """Along all axes that do not wrap round."""
-        for d, kind in enumerate(self.kinds):
-            if kind != "periodic":
-                transform = TRANSFORMS[kind.split("-")[0]][inverse]
-                x = transform(x, type=4 if "-" in kind else 2, axis=d, workers=-1)
+    def backward(self, x: Any) -> Any:
+        """The inverse of `forward`; x may be overwritten."""
+        if self.wrapped:
+            shape = [self.grid.shape[::-1][d] for d in self.wrapped]
+            x = scipy.fft.irfftn(x, shape, self.wrapped, **self.options)
+        for (odd, kind), axes in self.transforms.items():
+            x = (scipy.fft.idstn if odd else scipy.fft.idctn)(x, kind, None, axes, **self.options)
+        for d, (_, back) in self.dense.items():
+            x = along(back, x, d)
         return x
 
     def solve(self, b: Any, phi: Any, tolerance: float) -> None:
         """Set the inner cells of field phi to the solution for field b; exact to rounding, whatever the tolerance."""
         del tolerance
-        x: Any = self._transform(self.grid.read(b), inverse=False)
-        if self.wrapped:
-            shape = [x.shape[d] for d in self.wrapped]
-            waves: Any = scipy.fft.rfftn(x, axes=self.wrapped, workers=-1)
-            x = scipy.fft.irfftn(self.inverse * waves, s=shape, axes=self.wrapped, workers=-1)
-        else:
-            x = self.inverse * x
-        self.grid.write(phi, self._transform(x, inverse=True))
+        with self.blas.limit(limits=1):
+            waves = self.forward(self.grid.read(b).T)
+            waves *= self.inverse
+            self.grid.write(phi, self.backward(waves).T)
+
+
+def _type(kind: str) -> tuple[bool, int]:
+    """Whether the modes are odd at the lower end of an axis, and the type of their transform."""
+    return kind.startswith("free"), 4 if "-" in kind else 2
+
+
+class Window:
+    """Some places of a box: what waves are there, and what waves sources there make.
+
+    By dense matrices over the rows, columns and layers that have such places, and for these only; where an axis wraps
+    round, by transforms of the whole box.
+    """
+
+    def __init__(self, box: FastTransforms, cells: np.ndarray, sources: np.ndarray):
+        """cells, sources: numbers of cells, axis 0 fastest."""
+        self.box, shape = box, box.grid.shape
+        self.whole = bool(box.wrapped)
+        self.cells, self.sources = cells, sources
+        if self.whole:
+            return
+        every = np.union1d(cells, sources)
+        used = [np.unique(i) for i in np.unravel_index(every, shape, order="F")]
+        self.shape = tuple(len(i) for i in reversed(used))
+        self.cells, self.sources = (self._place(c, used, shape) for c in (cells, sources))
+        self.to, self.back = [], []
+        for d, i in enumerate(used):
+            forward, backward = box.matrices(d)
+            self.to.append(np.ascontiguousarray(forward[:, i]))
+            self.back.append(np.ascontiguousarray(backward[i]))
+
+    @staticmethod
+    def _place(cells: np.ndarray, used: list[np.ndarray], shape: tuple[int, ...]) -> np.ndarray:
+        """Numbers of cells in the array of what is used."""
+        where = np.unravel_index(cells, shape, order="F")
+        inside = [np.searchsorted(u, w) for u, w in zip(used, where, strict=True)]
+        return np.ravel_multi_index(inside, [len(u) for u in used], order="F")
+
+    def values(self, waves: Any) -> np.ndarray:
+        """In the cells."""
+        if self.whole:
+            return self.box.backward(waves.copy()).reshape(-1)[self.cells]
+        for d, matrix in enumerate(self.back):
+            waves = along(matrix, waves, d)
+        return waves.reshape(-1)[self.cells]
+
+    def waves(self, sources: np.ndarray) -> Any:
+        """Amplitudes of the modes."""
+        x = np.zeros(self.box.grid.shape[::-1] if self.whole else self.shape, np.float32)
+        x.reshape(-1)[self.sources] = sources
+        if self.whole:
+            return self.box.forward(x)
+        for d in reversed(range(x.ndim)):
+            x = along(self.to[d], x, d)
+        return x
+
+
+def along(matrix: np.ndarray, x: np.ndarray, d: int) -> np.ndarray:
+    """The product of a matrix with axis d of x, the axes of which are reversed."""
+    if d == 0:
+        return x @ matrix.T
+    shape = x.shape
+    axis = len(shape) - 1 - d
+    result = matrix @ x.reshape(*shape[: axis + 1], -1)
+    return result.reshape(*shape[:axis], len(matrix), *shape[axis + 1 :])
+
+
+def angles(kind: str, n: int) -> np.ndarray:
+    """Phase per cell of the modes of a box's axis of n cells, in the order of its transform."""
+    if kind == "periodic":
+        return 2.0 * np.pi * np.fft.fftfreq(n)
+    return np.pi * (np.arange(n) + {"closed": 0.0, "free": 1.0}.get(kind, 0.5)) / n

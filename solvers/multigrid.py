@@ -62,11 +62,10 @@ class Multigrid(VCycle):
     def _load(self, b: Template, rows: ti.i32):
         """The residual of phi = 0; closed-off cells and, where only differences of phi count, the mean are left out."""
         for row in range(rows):
-            first, n0, low, high, step = self._row(0, row)
+            first, n0, _, _, _ = self._row(0, row)
             total = 0.0
             for i in range(n0):
-                _, diagonal = self._apply(self.p, first, i, n0, low, high, step)
-                value = ti.select(diagonal > 1e-6, b[self._cell(row, i)], 0.0)
+                value = ti.select(self.damped[first + i] > 0.0, b[self._cell(row, i)], 0.0)
                 self.b[first + i] = value
                 total += value
             self.partial[row] = total
@@ -74,11 +73,10 @@ class Multigrid(VCycle):
             self.rho[None] = 0.0
             self.mean[None] = ti.cast(self._sum(rows) / self.air_cells, ti.f32)
         for row in range(rows):
-            first, n0, low, high, step = self._row(0, row)
+            first, n0, _, _, _ = self._row(0, row)
             for i in range(n0):
                 if ti.static(self.floating):
-                    _, diagonal = self._apply(self.p, first, i, n0, low, high, step)
-                    mean = ti.select(diagonal > 1e-6, self.mean[None], 0.0)
+                    mean = ti.select(self.damped[first + i] > 0.0, self.mean[None], 0.0)
                     self.b[first + i] = self.b[first + i] - mean
                 self.p[first + i] = 0.0
                 self.phi[first + i] = 0.0
@@ -100,9 +98,7 @@ class Multigrid(VCycle):
             self.beta[None] = rho / self.rho[None] if self.rho[None] > 0.0 else 0.0
             self.rho[None] = rho
         for row in range(rows):
-            first, n0, _, _, _ = self._row(0, row)
-            for i in range(n0):
-                self.p[first + i] = self.x[first + i] + self.beta[None] * self.p[first + i]
+            self._fill(self.p, self._direction, 0, row, self.beta[None])
         for row in range(rows):
             first, n0, low, high, step = self._row(0, row)
             total = 0.0
@@ -112,14 +108,14 @@ class Multigrid(VCycle):
                     count = ti.min(STRIP, n0 - strip * STRIP)
                     for n in range(count):
                         i = strip * STRIP + n
-                        ax, _ = self._apply(self.p, first, i, n0, low, high, step)
+                        ax = self._apply(self.p, first, i, n0, low, high, step)
                         values[n] = ax
                         total += ax * self.p[first + i]
                     for n in range(count):
                         self.t[first + strip * STRIP + n] = values[n]
             else:
                 for i in range(n0):
-                    ax, _ = self._apply(self.p, first, i, n0, low, high, step)
+                    ax = self._apply(self.p, first, i, n0, low, high, step)
                     self.t[first + i] = ax
                     total += ax * self.p[first + i]
             self.partial[row] = total
@@ -128,11 +124,9 @@ class Multigrid(VCycle):
             self.alpha[None] = ti.cast(self.rho[None] / curvature, ti.f32) if curvature > 0.0 else 0.0
         for row in range(rows):
             first, n0, _, _, _ = self._row(0, row)
-            alpha, largest = self.alpha[None], 0.0
-            for i in range(n0):
-                self.phi[first + i] = self.phi[first + i] + alpha * self.p[first + i]
-            for i in range(n0):
-                self.b[first + i] = self.b[first + i] - alpha * self.t[first + i]
+            largest = 0.0
+            self._fill(self.phi, self._stepped, 0, row, self.alpha[None])
+            self._fill(self.b, self._remaining, 0, row, self.alpha[None])
             for i in range(n0):
                 largest = ti.max(largest, ti.abs(self.b[first + i]))
             self.partial[row] = largest
@@ -141,6 +135,18 @@ class Multigrid(VCycle):
             for row in range(rows):
                 result = ti.max(result, self.partial[row])
         return result
+
+    @ti.func
+    def _direction(self, first, i, n0, low: Template, high: Template, step: Template, beta: Template):
+        return self.x[first + i] + beta * self.p[first + i]
+
+    @ti.func
+    def _stepped(self, first, i, n0, low: Template, high: Template, step: Template, alpha: Template):
+        return self.phi[first + i] + alpha * self.p[first + i]
+
+    @ti.func
+    def _remaining(self, first, i, n0, low: Template, high: Template, step: Template, alpha: Template):
+        return self.b[first + i] - alpha * self.t[first + i]
 
     @ti.kernel
     def _store(self, phi: Template, rows: ti.i32):

@@ -1,14 +1,19 @@
 """Which solver makes the flow divergence-free."""
 
+from math import prod, sqrt
 from typing import Any, Protocol
 
 import numpy as np
 
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import on_cpu
+from taichi_plume.solvers.capacitance import Capacitance, Changes
 from taichi_plume.solvers.direct import FastTransforms, SparseFactors
 from taichi_plume.solvers.multigrid import Multigrid
 from taichi_plume.solvers.poisson import Openness
+
+MOST = 5000  # cells beside obstacles: their matrix is made in 6 s and takes 100 MB
+PER_CELL = 150  # entries of the matrix per cell of the grid, beyond which other solvers are faster
 
 
 class PressureSolver(Protocol):
@@ -23,14 +28,18 @@ class PressureSolver(Protocol):
 
 
 def pressure_solver(faces: tuple[np.ndarray, ...], grid: Grid) -> PressureSolver:
-    """The fastest for these faces (1 where open): fast transforms for an empty box, sparse factors for one layer of
-    cells, otherwise multigrid; on a GPU multigrid always.
+    """The fastest for these faces (1 where open): fast transforms for an empty box, with a capacitance matrix where
+    few cells lie beside obstacles, otherwise sparse factors for one layer of cells and multigrid; on a GPU multigrid
+    always.
     """
     openness = Openness.of(faces, grid)
     if not on_cpu():
         return Multigrid(openness, grid)
-    if FastTransforms.fits(openness, grid):
-        return FastTransforms(openness, grid)
+    changes = Changes.of(openness, grid)
+    if not len(changes.near):
+        return FastTransforms(changes.kinds, grid)
+    if len(changes.near) <= min(MOST, sqrt(PER_CELL * prod(grid.shape))):
+        return Capacitance(changes, grid)
     if sum(n > 1 for n in grid.shape) <= 2:
         return SparseFactors(openness, grid)
     return Multigrid(openness, grid)

@@ -4,6 +4,7 @@ from math import prod
 
 import numpy as np
 import taichi as ti
+from threadpoolctl import threadpool_limits
 
 from taichi_plume.grid.kernels import FEW_CELLS, STRIP, Template, on_cpu
 from taichi_plume.grid.tables import Tables
@@ -44,6 +45,8 @@ class VCycle:
             tables.put(ti.field(ti.f32, total), np.concatenate([one.a[d].ravel(order="F") for one in levels]))
             for d in range(3)
         ]
+        damped = np.concatenate([self._damped(level).ravel(order="F") for level in levels])
+        self.damped = tables.put(ti.field(ti.f32, total), damped)
         self.x, self.t, self.b = (ti.field(ti.f32, total) for _ in range(3))
         self.rows = [n[1] * n[2] for n in self.shapes]
         few = FEW_CELLS if on_cpu() else 0  # levels up to this size are left to one thread
@@ -51,10 +54,18 @@ class VCycle:
         self.threaded = next(k for k, n in enumerate(self.shapes) if prod(n) <= few or k == last)
         self._invert_coarsest(levels[-1], int(begins[-2]), tables)
 
+    @staticmethod
+    def _damped(level: Openness) -> np.ndarray:
+        """omega over the diagonal of the equations, 0 in closed-off cells; one ghost layer."""
+        inner = (slice(1, -1),) * 3
+        diagonal = sum(a[inner] + np.roll(a, -1, axis=d)[inner] for d, a in enumerate(level.a))
+        return np.pad(np.where(diagonal > 1e-6, OMEGA / np.maximum(diagonal, 1e-6), 0.0), 1)
+
     def _invert_coarsest(self, level: Openness, begin: int, tables: Tables) -> None:
         """The dense inverse of the coarsest level, and where its cells are in the flat arrays."""
         matrix = level.matrix().toarray()
-        inverse = np.linalg.pinv(matrix, rcond=1e-6, hermitian=True)
+        with threadpool_limits(1, "blas"):  # the same bits on all machines
+            inverse = np.linalg.pinv(matrix, rcond=1e-6, hermitian=True)
         self.inverse = tables.put(ti.field(ti.f32, matrix.shape), inverse)
         padded = [n + 2 for n in level.shape]
         place = begin + np.arange(prod(padded)).reshape(padded, order="F")[1:-1, 1:-1, 1:-1]
@@ -83,60 +94,65 @@ class VCycle:
 
     @ti.func
     def _apply(self, x: Template, first, i, n0, low: Template, high: Template, step: Template):
-        """(sum of a (x_I - x_neighbour), sum of a) at cell i of a row."""
+        """Sum of a (x_I - x_neighbour) at cell i of a row."""
         c = first + i
-        result, diagonal = 0.0, 0.0
+        result = 0.0
         for d in ti.static(self.axes):
-            below, above = c + low[d], c + high[d]
-            if ti.static(d == 0 and self.periodic[0]):
-                below = ti.select(i == 0, c + n0 - 1, below)
-                above = ti.select(i == n0 - 1, c - n0 + 1, above)
-            a_low, a_high = self.a[d][c], self.a[d][c + step[d]]
-            result += a_low * (x[c] - x[below]) + a_high * (x[c] - x[above])
-            diagonal += a_low + a_high
-        return result, diagonal
+            below, above = self._beside(d, c, i, n0, low, high)
+            result += self.a[d][c] * (x[c] - x[below]) + self.a[d][c + step[d]] * (x[c] - x[above])
+        return result
 
     @ti.func
-    def _jacobi_at(self, source: Template, first, i, n0, low: Template, high: Template, step: Template):
-        """source + omega (b - A source)/diagonal at cell i of a row."""
-        ax, diagonal = self._apply(source, first, i, n0, low, high, step)
-        change = OMEGA * (self.b[first + i] - ax) / ti.max(diagonal, 1e-6)
-        return source[first + i] + ti.select(diagonal > 1e-6, change, 0.0)
+    def _beside(self, d: Template, c, i, n0, low: Template, high: Template):
+        """Indices of the neighbours along axis d."""
+        below, above = c + low[d], c + high[d]
+        if ti.static(d == 0 and self.periodic[0]):
+            below = ti.select(i == 0, c + n0 - 1, below)
+            above = ti.select(i == n0 - 1, c - n0 + 1, above)
+        return below, above
 
     @ti.func
-    def _jacobi(self, source: Template, target: Template, level, row):
-        """One sweep over a row; in strips on a CPU, see `kernels.sweep`."""
+    def _fill(self, target: Template, formula: Template, level, row, extra: Template):
+        """target = formula(first, i, n0, low, high, step, extra) at cells i of a row; in strips on a CPU, see
+        `kernels.sweep`.
+        """
         first, n0, low, high, step = self._row(level, row)
         if ti.static(self.strips):
             for strip in range((n0 + STRIP - 1) // STRIP):
                 values = ti.Vector([0.0] * STRIP)
                 count = ti.min(STRIP, n0 - strip * STRIP)
                 for n in range(count):
-                    values[n] = self._jacobi_at(source, first, strip * STRIP + n, n0, low, high, step)
+                    values[n] = formula(first, strip * STRIP + n, n0, low, high, step, extra)
                 for n in range(count):
                     target[first + strip * STRIP + n] = values[n]
         else:
             for i in range(n0):
-                target[first + i] = self._jacobi_at(source, first, i, n0, low, high, step)
+                target[first + i] = formula(first, i, n0, low, high, step, extra)
+
+    @ti.func
+    def _jacobi(self, first, i, n0, low: Template, high: Template, step: Template, source: Template):
+        """source + omega (b - A source)/diagonal."""
+        ax = self._apply(source, first, i, n0, low, high, step)
+        return source[first + i] + self.damped[first + i] * (self.b[first + i] - ax)
+
+    @ti.func
+    def _jacobi_twice(self, first, i, n0, low: Template, high: Template, step: Template, _: Template):
+        """What two sweeps from zero make; the first is omega b/diagonal."""
+        c = first + i
+        once = self.damped[c] * self.b[c]
+        ax = 0.0
+        for d in ti.static(self.axes):
+            below, above = self._beside(d, c, i, n0, low, high)
+            ax += self.a[d][c] * (once - self.damped[below] * self.b[below])
+            ax += self.a[d][c + step[d]] * (once - self.damped[above] * self.b[above])
+        return once + self.damped[c] * (self.b[c] - ax)
 
     # ---- the V-cycle
 
     @ti.func
-    def _smooth_zero(self, level, rows):
-        """t = one Jacobi sweep from zero."""
-        for row in range(rows):
-            first, n0, _, _, step = self._row(level, row)
-            for i in range(n0):
-                c = first + i
-                diagonal = 0.0
-                for d in ti.static(self.axes):
-                    diagonal += self.a[d][c] + self.a[d][c + step[d]]
-                self.t[c] = ti.select(diagonal > 1e-6, OMEGA * self.b[c] / ti.max(diagonal, 1e-6), 0.0)
-
-    @ti.func
     def _smooth(self, source: Template, target: Template, level, rows):
         for row in range(rows):
-            self._jacobi(source, target, level, row)
+            self._fill(target, self._jacobi, level, row, source)
 
     @ti.func
     def _restrict(self, level, coarse_rows):
@@ -160,14 +176,14 @@ class VCycle:
                             values = ti.Vector([0.0] * STRIP)
                             for n in range(count):
                                 i = strip * STRIP + n
-                                ax, _ = self._apply(self.x, first, i, n0, low, high, step)
+                                ax = self._apply(self.x, first, i, n0, low, high, step)
                                 values[n] = scale * (self.b[first + i] - ax)
                             for n in range(count):
                                 place = target + ((strip * STRIP + n) >> (f0 - 1))
                                 self.b[place] = self.b[place] + values[n]
                     else:
                         for i in range(length):
-                            ax, _ = self._apply(self.x, first, i, n0, low, high, step)
+                            ax = self._apply(self.x, first, i, n0, low, high, step)
                             place = target + (i >> (f0 - 1))
                             self.b[place] = self.b[place] + scale * (self.b[first + i] - ax)
 
@@ -175,19 +191,21 @@ class VCycle:
     def _prolong(self, level, rows):
         """Add the coarser level's correction to x."""
         for row in range(rows):
-            first, n0, _, _, _ = self._row(level, row)
             m0, m1 = self.layout[level + 1, 1], self.layout[level + 1, 2]
             k = row // self.layout[level, 2]
             j = row - k * self.layout[level, 2]
             f0, f1, f2 = self.layout[level, 4], self.layout[level, 5], self.layout[level, 6]
             begin = self.layout[level + 1, 0] + ((k // f2 + 1) * (m1 + 2) + j // f1 + 1) * (m0 + 2) + 1
-            for i in range(n0):
-                self.x[first + i] = self.x[first + i] + self.x[begin + (i >> (f0 - 1))]
+            self._fill(self.x, self._with_coarse, level, row, ti.Vector([begin, f0 - 1]))
+
+    @ti.func
+    def _with_coarse(self, first, i, n0, low: Template, high: Template, step: Template, coarse: Template):
+        return self.x[first + i] + self.x[coarse[0] + (i >> coarse[1])]
 
     @ti.func
     def _down_passes(self, level, rows, coarse_rows):
-        self._smooth_zero(level, rows)
-        self._smooth(self.t, self.x, level, rows)
+        for row in range(rows):
+            self._fill(self.x, self._jacobi_twice, level, row, 0)
         self._restrict(level, coarse_rows)
 
     @ti.func
@@ -225,6 +243,8 @@ class VCycle:
     @ti.kernel
     def _coarse_levels(self, begin: ti.i32, end: ti.i32):
         """The V-cycle from level `begin` to the dense inverse of level `end` and back, in one thread."""
+        if ti.static(on_cpu()):
+            ti.loop_config(serialize=True)
         for _ in range(1):
             for level in range(begin, end):
                 self._down_passes(level, self._rows(level), self._rows(level + 1))

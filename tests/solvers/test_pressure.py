@@ -1,7 +1,12 @@
 import numpy as np
 import pytest
+import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import spsolve
+from threadpoolctl import threadpool_limits
 
 from taichi_plume.grid.grid import Grid
+from taichi_plume.solvers.capacitance import Capacitance, Changes
 from taichi_plume.solvers.direct import FastTransforms, SparseFactors
 from taichi_plume.solvers.multigrid import Multigrid
 from taichi_plume.solvers.poisson import Openness
@@ -131,10 +136,95 @@ def test_fast_transforms_solve_empty_boxes(fields, shape, periodic, free):
     assert np.abs(residual).max() < 1e-4
 
 
-@pytest.mark.parametrize(
-    ("shape", "obstacle", "kind"),
-    [((20, 15), True, SparseFactors), ((12, 10, 7), True, Multigrid), ((12, 10, 7), False, FastTransforms)],
-)
-def test_each_case_gets_its_solver(shape, obstacle, kind):
-    grid, faces, _, _ = problem(shape, obstacle, True)
-    assert isinstance(pressure_solver(faces, grid), kind)
+def maze(shape, seed, sides, periodic=None, solid=0.2):
+    """Openness of a box with random obstacles, some of one cell, cut faces and a pocket of air; sides: the share of
+    each that is open.
+    """
+    rng = np.random.default_rng(seed)
+    grid = Grid(shape, 0.1, periodic=periodic or (False,) * len(shape))
+    air = rng.random(shape) > solid
+    air[tuple(slice(1, 5) if n > 1 else 0 for n in shape)] = False
+    air[tuple(slice(2, 4) if n > 1 else 0 for n in shape)] = True
+    air = grid.pad(air)
+    faces = []
+    for d in range(grid.dim):
+        cut = np.where(rng.random(grid.padded) < 0.1, rng.uniform(0.05, 1.0, grid.padded), 1.0)
+        a = air & np.roll(air, 1, axis=d)
+        if grid.periodic[d]:
+            cut = grid.pad(grid.inner(cut))
+        else:
+            along = np.moveaxis(a, d, 0)
+            for side, place in enumerate((grid.ghost, grid.ghost + shape[d])):
+                along[place] &= rng.random(along.shape[1:]) < sides[2 * d + side]
+        faces.append((a * cut).astype(np.float32))
+    return grid, tuple(faces)
+
+
+def reference(openness, b):
+    """Solution of the equations by SciPy's sparse solver, and the parts of the air, each with what is free in it left
+    out: the mean of b and of phi where no free face touches it.
+    """
+    matrix = openness.matrix()
+    air = np.flatnonzero(matrix.diagonal() > 0)
+    matrix, right = matrix[air][:, air], b.ravel(order="F")[air].astype(float)
+    parts, part = connected_components(matrix, directed=False)
+    floating = np.bincount(part, matrix.sum(axis=1)) < 1e-6
+    first = np.unique(part, return_index=True)[1]
+    pins = np.zeros(len(air))
+    pins[first[floating]] = 1.0
+
+    def centred(values):
+        means = np.bincount(part, values) / np.bincount(part)
+        return values - np.where(floating, means, 0.0)[part]
+
+    phi = centred(spsolve((matrix + sp.diags_array(pins)).tocsc(), centred(right)))
+    return phi, lambda found: centred(found.ravel(order="F")[air]), parts
+
+
+MAZES = [
+    ((19, 14), (0.5,) * 4, None),
+    ((19, 14), (0.0,) * 4, None),
+    ((19, 14), (0.0, 0.2, 0.0, 0.1), None),  # the nearest box is closed
+    ((19, 14), (1.0, 1.0, 0.9, 0.0), None),
+    ((19, 14), (0.0, 0.0, 1.0, 0.2), (True, False)),
+    ((19, 14), (0.0,) * 4, (True, True)),
+    ((9, 7, 8), (0.0, 1.0, 0.4, 0.7, 0.0, 0.1), None),
+    ((9, 7, 8), (0.0,) * 6, None),
+    ((9, 7, 8), (0.0, 0.0, 0.8, 0.1, 0.0, 0.0), (True, False, True)),
+    ((12, 9, 1), (0.0, 0.3, 0.0, 0.0, 0.0, 0.0), (False, True, False)),
+]
+
+
+@pytest.mark.parametrize(("shape", "sides", "periodic"), MAZES)
+def test_a_capacitance_matrix_solves_boxes_with_obstacles_exactly(fields, shape, sides, periodic):
+    for seed in range(3):
+        grid, faces = maze(shape, seed, sides, periodic)
+        openness = Openness.of(faces, grid)
+        b = np.random.default_rng(seed).standard_normal(shape).astype(np.float32)
+        phi, of_air, parts = reference(openness, b)
+        solver = Capacitance(Changes.of(openness, grid), grid)
+        found = solve(solver, grid, fields, b, 0.0)
+        assert np.abs(of_air(found) - phi).max() < 1e-5 * np.abs(phi).max()
+        closed_off = openness.matrix().diagonal() == 0
+        assert not found.ravel(order="F")[closed_off].any()
+        assert parts > 1
+
+
+def test_the_bits_do_not_depend_on_the_threads(fields):
+    grid, faces, b, _ = problem((24, 20, 16), True, True)
+    found = []
+    for threads in (1, 2):
+        with threadpool_limits(threads):
+            solver = Capacitance(Changes.of(Openness.of(faces, grid), grid), grid)
+            found.append(solve(solver, grid, fields, b, 0.0))
+    np.testing.assert_array_equal(*found)
+
+
+def test_each_case_gets_its_solver():
+    for shape, kind in (((40, 30), SparseFactors), ((12, 10, 7), Multigrid)):
+        grid, faces, _, _ = problem(shape, True, True)
+        assert isinstance(pressure_solver(faces, grid), Capacitance)
+        grid, faces, _, _ = problem(shape, False, True)
+        assert isinstance(pressure_solver(faces, grid), FastTransforms)
+        grid, faces = maze(shape, 0, (1.0,) * 6)
+        assert isinstance(pressure_solver(faces, grid), kind)

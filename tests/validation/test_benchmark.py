@@ -24,11 +24,11 @@ def test_the_pressure_is_solved_as_told(monkeypatch, capsys):
     monkeypatch.setattr(pressure, "SIDES", (24,))
     assert main(["--pressure", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
-    assert [row["right_side"] for row in rows] == ["random", "smooth", "both"]
+    assert [row["right_side"] for row in rows[::2]] == ["random", "smooth", "both"]
+    assert [row["solver"] for row in rows] == ["Capacitance", "Multigrid"] * 3
     for row in rows:
         assert (row["N"], row["cells"]) == (24, 24**3)
-        assert row["solver"] == "Multigrid"
-        assert 1 < row["iterations"] < 20
+        assert 1 <= row["iterations"] < 20
         assert row["residual"] <= 3 * row["tolerance"]  # reckoned anew from the solution, with its rounding
 
 

@@ -10,8 +10,9 @@ import taichi as ti
 from taichi_plume.grid import kernels
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
-from taichi_plume.scenario.winds import CfdWind
-from taichi_plume.solvers.flow import FlowSolver
+from taichi_plume.solvers.multigrid import Multigrid
+from taichi_plume.solvers.poisson import Openness
+from taichi_plume.solvers.pressure import pressure_solver
 
 SIDES = (64, 96, 128)  # N of the cubes whose pressure is solved
 
@@ -67,39 +68,43 @@ def right_sides(grid: Grid, air: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def solve(n: int, arch: str, tolerance: float = 1e-4) -> list[Solved]:
-    """Solve the pressure in a cube of n³ cells for each right side, down to `tolerance` of its largest entry."""
+    """Solve the pressure in a cube of n³ cells for each right side, down to `tolerance` of its largest entry, by the
+    solver that a flow takes and by multigrid.
+    """
     kernels.start(arch)
     grid, solid = cluttered(n)
-    flow = FlowSolver(CfdWind.model_validate({"kind": "cfd"}), grid, Air.of(solid, grid))
+    faces = []
+    for d, area in enumerate(Air.of(solid, grid).area):
+        np.moveaxis(area, d, 0)[[0, -1]] = 0.0  # walls
+        faces.append(grid.pad_faces(area, d))
+    chosen = pressure_solver(tuple(faces), grid)
+    solvers = (
+        [chosen]
+        if isinstance(chosen, Multigrid)
+        else [chosen, Multigrid(Openness.of(tuple(faces), grid), grid)]
+    )
     b, phi = grid.field(), grid.field()
-    openness = [grid.inner(field.to_numpy()) > 0 for field in flow.open]
     rows = []
     for name, values in right_sides(grid, ~solid).items():
         grid.write(b, values)
-        seconds = []
-        for _ in range(3):
-            begin = time.perf_counter()
-            flow.solver.solve(b, phi, tolerance)
-            ti.sync()
-            seconds.append(time.perf_counter() - begin)
-        solution, applied = grid.read(phi).astype(float), np.zeros(grid.shape)
-        for d, is_open in enumerate(openness):
-            flux = (solution - np.roll(solution, 1, axis=d)) * is_open
-            applied += flux - np.roll(flux, -1, axis=d)
-        residual = float(np.abs(applied - values).max())
-        cells, best = prod(grid.shape), min(seconds)
-        solver = type(flow.solver).__name__
-        rows.append(
-            Solved(
-                n,
-                cells,
-                name,
-                solver,
-                tolerance,
-                flow.solver.iterations,
-                residual,
-                1e3 * best,
-                cells / best / 1e6,
-            )
-        )
+        for solver in solvers:
+            seconds = []
+            for _ in range(3):
+                begin = time.perf_counter()
+                solver.solve(b, phi, tolerance)
+                ti.sync()
+                seconds.append(time.perf_counter() - begin)
+            residual = float(np.abs(_applied(faces, grid.read(phi).astype(float), grid) - values).max())
+            cells, ms = prod(grid.shape), 1e3 * min(seconds)
+            told = n, cells, name, type(solver).__name__, tolerance, solver.iterations, residual
+            rows.append(Solved(*told, ms, cells / ms / 1e3))
     return rows
+
+
+def _applied(faces: list[np.ndarray], phi: np.ndarray, grid: Grid) -> np.ndarray:
+    """The equations' left side."""
+    result = np.zeros(grid.shape)
+    for d, is_open in enumerate(faces):
+        flux = (phi - np.roll(phi, 1, axis=d)) * grid.inner(is_open)
+        result += flux - np.roll(flux, -1, axis=d)
+    return result

@@ -1,0 +1,228 @@
+"""Direct solution of the Poisson equation of the projection in a box with obstacles.
+
+In the K cells of air beside obstacles, A, and in all others B, the equations of the empty box, is solved. The rows of
+C = A - B that are not empty are these K. What they miss counts as sources s in their cells:
+
+    x = B^-1 (b - s),   M s = C B^-1 b,   M = 1 + C B^-1
+
+M is the capacitance matrix (Buzbee, Dorr, George & Golub 1971, doi:10.1137/0708066; O'Leary & Widlund 1979, Math.
+Comp. 33, 849-879). In closed-off cells x continues harmonically, unseen by the air.
+"""
+
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
+
+from taichi_plume.grid.grid import Grid
+from taichi_plume.solvers.direct import FastTransforms, Window, angles
+from taichi_plume.solvers.poisson import Openness
+
+ENTRIES = 1 << 25  # of the Green's function at a time
+
+
+@dataclass(frozen=True)
+class Changes:
+    """The empty box nearest to an openness, and how their equations differ where the air is.
+
+    kinds: closed, free, periodic, closed-free or free-closed per axis of the grid. near: numbers (axis 0 fastest) of
+    the K cells whose equations differ; reach: of the cells in them; matrix: C, (K, len(reach)). air: cells that are not
+    closed off; part: number of the part of the air that each of these belongs to; floating: which parts no free face
+    of the domain touches. In each, one cell's equation has phi besides, which then is 0 there: A would be singular.
+    """
+
+    kinds: tuple[str, ...]
+    near: np.ndarray
+    reach: np.ndarray
+    matrix: sp.csr_array
+    air: np.ndarray
+    part: np.ndarray
+    floating: np.ndarray
+
+    @staticmethod
+    def of(openness: Openness, grid: Grid) -> "Changes":
+        """Of each side of the domain, what most of its air meets is the box's."""
+        faces = [_faces(openness, d) for d in range(grid.dim)]
+        total = int(np.prod(openness.shape))
+        air = np.zeros(total + 1, bool)  # the last stands for what is outside
+        for a, ends in faces:
+            air[ends[a > 0]] = True
+        air[-1] = False
+        kinds, more = [], []
+        for d, (a, ends) in enumerate(faces):
+            sides, box = [], np.ones(len(a), np.float32)
+            for outside in (1, 0):  # of the two ends, at the domain's lower side and at its upper one
+                side = np.flatnonzero(ends[:, outside] < 0)
+                meets = a[side[air[ends[side, 1 - outside]]]]
+                sides.append("free" if 2 * np.count_nonzero(meets) > len(meets) else "closed")
+                box[side] = 2.0 if sides[-1] == "free" else 0.0
+            kind = sides[0] if sides[0] == sides[1] else "-".join(sides)
+            kinds.append("periodic" if openness.periodic[d] else kind)
+            more.append(a - box)
+        a, ends, more = (np.concatenate(x) for x in ([f[0] for f in faces], [f[1] for f in faces], more))
+        changed = np.flatnonzero((np.abs(more) > 1e-6) & (ends[:, 0] != ends[:, 1]) & air[ends].any(axis=1))
+        # where nothing differs, the transforms leave out what cannot be solved
+        part, floating = _parts(ends[a > 0] if len(changed) else ends[:0], air[:-1])
+        first = np.zeros(len(floating), int)
+        first[part[::-1]] = np.flatnonzero(air)[::-1]
+        pins = first[floating] if len(changed) else first[:0]
+        rows, columns, values = [pins], [pins], [np.ones(len(pins))]
+        for own in (0, 1):
+            mine = changed[air[ends[changed, own]]]
+            inner = mine[ends[mine, 1 - own] >= 0]
+            rows += [ends[mine, own], ends[inner, own]]
+            columns += [ends[mine, own], ends[inner, 1 - own]]
+            values += [more[mine], -more[inner]]
+        near, row = np.unique(np.concatenate(rows), return_inverse=True)
+        reach, column = np.unique(np.concatenate(columns), return_inverse=True)
+        matrix = sp.csr_array((np.concatenate(values), (row, column)), shape=(len(near), len(reach)))
+        return Changes(tuple(kinds), near, reach, matrix, air[:-1], part, floating)
+
+
+def _faces(openness: Openness, d: int) -> tuple[np.ndarray, np.ndarray]:
+    """Openness of all d-faces, and the numbers of the cells above and below, (n, 2), -1 outside."""
+    number = np.arange(int(np.prod(openness.shape)), dtype=np.int32).reshape(openness.shape, order="F")
+    inner = [slice(1, 1 + n) for n in openness.shape]
+    if openness.periodic[d]:
+        above, below = number, np.roll(number, 1, axis=d)
+    else:
+        inner[d] = slice(1, 2 + openness.shape[d])
+        beyond = np.full_like(np.take(number, [0], axis=d), -1)
+        above, below = (np.concatenate(x, axis=d) for x in ((number, beyond), (beyond, number)))
+    return openness.a[d][tuple(inner)].ravel(), np.stack([above.ravel(), below.ravel()], axis=1)
+
+
+def _parts(ends: np.ndarray, air: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Number of the part of the air of each cell of air, and whether no free face touches the part.
+
+    ends: cells above and below the open faces.
+    """
+    inside = (ends >= 0).all(axis=1)
+    links = ends[inside]
+    graph = sp.csr_array((np.ones(len(links), np.int8), links.T), shape=(len(air), len(air)))
+    count, component = connected_components(graph, directed=False)
+    floating = np.zeros(count, bool)
+    floating[component[air]] = True
+    floating[component[ends[~inside].max(axis=1)]] = False
+    return component[air], floating
+
+
+class GreensFunction:
+    """Solutions of the empty box for unit sources.
+
+    Along each axis they depend on the distance and, as ends mirror, on the distance from the mirror image.
+    """
+
+    def __init__(self, box: FastTransforms):
+        # what lies in one line along the last axis shares two of three steps: it is the shortest one
+        self.order = sorted(range(len(box.kinds)), key=lambda d: -box.grid.shape[d])
+        self.kinds = [box.kinds[d] for d in self.order]
+        table = (1.0 / box.eigenvalues).transpose(self.order)
+        if len(self.kinds) == 2:
+            table, self.kinds = table[..., None], [*self.kinds, "periodic"]
+        for axis, kind in enumerate(self.kinds):
+            n = table.shape[axis]
+            steps = np.arange(n if kind == "periodic" else 2 * n)
+            waves = np.cos(np.outer(steps, angles(kind, n))) / n
+            if kind in ("closed", "free"):  # the square of this mode sums to n, not to n / 2
+                waves[:, 0 if kind == "closed" else -1] *= 0.5
+            table = np.moveaxis(np.tensordot(waves, table, axes=(1, axis)), 0, axis)
+        self.length, self.height = table.shape[1:]
+        self.lines = np.ascontiguousarray(table).reshape(-1, self.height)
+
+    def __call__(self, cells: np.ndarray, sources: np.ndarray) -> np.ndarray:
+        """In cells (P, dim), for sources in cells (Q, dim): (P, Q)."""
+        (i, row, p), (j, column, q) = (_in_lines(x[:, self.order]) for x in (cells, sources))
+        steps = [_images(kind, i[:, d], j[:, d]) for d, kind in enumerate(self.kinds[:2])]
+        between: Any = sum(s * t * self.lines[m * self.length + n] for (s, m), (t, n) in product(*steps))
+        first = (row[:, None] * len(j) + column) * self.height
+        result: Any = sum(s * between.reshape(-1)[first + m] for s, m in _images(self.kinds[2], p, q))
+        return result
+
+    def apply(self, matrix: sp.csr_array, cells: np.ndarray, sources: np.ndarray) -> np.ndarray:
+        """matrix times the function in cells (P, dim) for sources in cells (Q, dim), as many as matrix has rows."""
+        result = np.empty((len(sources), len(sources)))
+        by_line = np.lexsort(sources[:, self.order[::-1]].T)
+        blocks = -(-len(sources) * len(cells) * self.height // ENTRIES)
+        for rows in np.array_split(by_line, blocks):
+            some = matrix[rows]
+            columns = np.unique(some.indices)
+            result[rows] = some[:, columns] @ self(cells[columns], sources)
+        return result
+
+
+def _in_lines(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The lines along the third axis that cells lie in (n, 2), the number of each cell's line, its place in it."""
+    cells = cells.astype(np.int32)
+    lines, line = np.unique(cells[:, :2], axis=0, return_inverse=True)
+    return lines, line.astype(np.int32), cells[:, 2] if cells.shape[1] > 2 else np.zeros_like(cells[:, 0])
+
+
+def _images(kind: str, i: np.ndarray, j: np.ndarray) -> list[tuple[int, np.ndarray]]:
+    """(sign, steps) from positions i to j and to the mirror image of j, each (len(i), len(j))."""
+    direct = [(1, np.abs(i[:, None] - j))]
+    return direct if kind == "periodic" else [*direct, (-1 if kind[0] == "f" else 1, i[:, None] + j + 1)]
+
+
+class Capacitance:
+    """Fast transforms of the empty box twice, and between them a dense matrix for the cells beside obstacles."""
+
+    def __init__(self, changes: Changes, grid: Grid):
+        self.grid = grid
+        self.iterations = 1
+        self.box = FastTransforms(changes.kinds, grid)
+        self.air = changes.air.reshape(grid.shape[::-1]).astype(np.float32)
+        self.near, self.reach = changes.near, changes.reach
+        self.changes = changes.matrix.astype(np.float32)
+        self.floating = changes.floating
+        if changes.floating.any():
+            self.cells, self.part = np.flatnonzero(changes.air), changes.part
+            self.size = np.maximum(np.bincount(self.part, minlength=len(self.floating)), 1)
+        self.window = Window(self.box, self.reach, self.near)
+        with self.box.blas.limit(limits=1):
+            self._invert(changes.matrix)
+
+    def _invert(self, changes: sp.csr_array) -> None:
+        places = [
+            np.stack(np.unravel_index(c, self.grid.shape, order="F"), axis=1) for c in (self.reach, self.near)
+        ]
+        matrix = GreensFunction(self.box).apply(changes, *places)
+        matrix[np.diag_indices_from(matrix)] += 1.0
+        if self.box.singular:  # the constant that B leaves free goes with a source that B cannot take
+            ones = np.ones((1, len(matrix)))
+            matrix = np.block([[matrix, -changes.sum(axis=1)[:, None]], [ones, np.zeros((1, 1))]])
+        # single precision will do: its condition is 30
+        self.inverse = scipy.linalg.inv(matrix.astype(np.float32), overwrite_a=True, check_finite=False)
+
+    def solve(self, b: Any, phi: Any, tolerance: float) -> None:
+        """Set the inner cells of field phi to the solution for field b; exact to rounding, whatever the tolerance."""
+        del tolerance
+        right = self.grid.read(b).T
+        right *= self.air
+        self._balance(right.reshape(-1))
+        inflow = right.sum(dtype=np.float64) if self.box.singular else 0.0
+        with self.box.blas.limit(limits=1):
+            waves = self.box.forward(right)
+            waves *= self.box.inverse
+            missed = self.changes @ self.window.values(waves)
+            if self.box.singular:
+                missed = np.append(missed, np.float32(inflow))
+            sources = self.inverse @ missed
+            unseen = self.window.waves(sources[: len(self.near)])
+            unseen *= self.box.inverse
+            waves -= unseen
+            solution = self.box.backward(waves)
+        if self.box.singular:
+            solution += sources[-1]
+        solution *= self.air
+        self.grid.write(phi, solution.T)
+
+    def _balance(self, right: np.ndarray) -> None:
+        """Take its mean from the right side in each part of the air that has no free face: solvable only then."""
+        if self.floating.any():
+            mean = np.bincount(self.part, right[self.cells], len(self.floating)) / self.size
+            right[self.cells] -= np.where(self.floating, mean, 0.0)[self.part].astype(np.float32)
