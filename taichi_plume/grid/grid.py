@@ -13,6 +13,7 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume.grid.kernels import Template, launch, sweep
+from taichi_plume.grid.memory import view
 
 
 @ti.kernel
@@ -125,13 +126,24 @@ class Grid:
 
         Shape `shape`, larger by twice the margin; axis 0 contiguous.
         """
+        place = view(field)
+        if place is not None:
+            return place[self._window(margin)].copy(order="F")
         values = np.empty([n + 2 * margin for n in reversed(self.shape)], np.float32)
         _read(field, self.ghost - margin, values)
         return values.T
 
     def write(self, field: Any, values: np.ndarray, margin: int = 0) -> None:
         """Set the inner values of a padded field and `margin` ghost layers; the layers beyond stay."""
+        place = view(field)
+        if place is not None:
+            place[self._window(margin)] = values
+            return
         _write(field, self.ghost - margin, np.ascontiguousarray(values.T, np.float32))
+
+    def _window(self, margin: int) -> tuple[slice, ...]:
+        """Of a padded array, the inner values and so many ghost layers."""
+        return tuple(slice(begin - margin, end + margin) for begin, end in self.cells)
 
     def blending(self, fields: Sequence[Any], goals: Sequence[Any]) -> Callable[[float], None]:
         """A kernel that moves fields by a share of the way to their goals, ghost layers too; by 1, to the bit."""

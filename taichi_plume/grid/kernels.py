@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from math import prod
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import taichi as ti
 from taichi.lang import impl
 from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
@@ -66,18 +65,6 @@ def on_cpu() -> bool:
 def compiled() -> int:
     """Number of kernels that have been compiled since `start`."""
     return sum(len(kernel.compiled_kernels) for kernel in impl.get_runtime().kernels)
-
-
-def listed(values: np.ndarray) -> Any:
-    """A field of the numbers (n,) or rows (n, dim), whole or f32; of one zero where there are none: Taichi has no empty
-    fields.
-    """
-    dtype = (ti.i32, np.int32) if np.issubdtype(values.dtype, np.integer) else (ti.f32, np.float32)
-    n = max(1, len(values))
-    field: Any = ti.field(dtype[0], n) if values.ndim == 1 else ti.Vector.field(values.shape[1], dtype[0], n)
-    if len(values):
-        field.from_numpy(values.astype(dtype[1]))
-    return field
 
 
 def double_field(shape: tuple[int, ...] = ()) -> Any:
