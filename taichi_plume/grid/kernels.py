@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import taichi as ti
 from taichi.lang import impl
-from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
+
+from taichi_plume.grid import tracing  # noqa: F401  it makes the tracing of kernels quicker
 
 if TYPE_CHECKING:
     Template = Any
@@ -21,18 +22,6 @@ CACHE_BYTES = 2_000_000_000
 STRIP = 32  # cells per strip; 100 and more are six times slower (LLVM stops using registers)
 FEW_CELLS = 100_000  # up to here one thread is done before a second one has woken up for every pass
 FEW_ROWS = 2000  # Taichi gives a CPU thread 512 iterations at least: with fewer rows, strips are tasks too
-
-
-def _position(self: Any, node: Any) -> str:
-    """File and line for Taichi's messages, and the line's text.
-
-    Taichi itself also underlines the place, for every node of every kernel: a quarter of the time that tracing takes.
-    """
-    line = node.lineno + self.lineno_offset
-    return f'File "{self.file}", line {line}, in {self.func.func.__name__}:\n{self.src[node.lineno - 1].strip()}\n'
-
-
-ASTTransformerContext.get_pos_info = _position
 
 
 def start(arch: str = "cpu", debug: bool = False) -> str:
