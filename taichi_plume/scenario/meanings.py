@@ -24,5 +24,6 @@ def meanings(model: type[BaseModel]) -> dict[str, str]:
                 if isinstance(key, ast.AnnAssign) and isinstance(key.target, ast.Name):
                     found.pop(key.target.id, None)
                     if isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant):
+                        assert isinstance(text.value.value, str)
                         found[key.target.id] = inspect.cleandoc(text.value.value)
     return {key: found[key] for key in model.model_fields if key in found}
