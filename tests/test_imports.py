@@ -74,6 +74,7 @@ def test_only_the_recording_knows_rerun():
         (SCENARIO, {"taichi", "scipy", "open3d", "matplotlib", "rerun", "zarr"}),
         ("taichi_plume.prepare", {"taichi", "scipy", "open3d", "matplotlib", "rerun", "zarr"}),
         ("taichi_plume.assemble", {"open3d", "matplotlib", "rerun", "zarr", "scipy.signal", "scipy.stats"}),
+        ("taichi_plume.files.result, taichi_plume.solvers.gas", {"scipy.stats", "scipy.optimize"}),
     ],
 )
 def test_heavy_packages_are_imported_only_where_used(modules, heavy):
