@@ -29,7 +29,7 @@ from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
 from taichi_plume.agents.potential import Potential
 from taichi_plume.agents.swarm import Swarm
-from taichi_plume.grid.kernels import listed
+from taichi_plume.grid.tables import Tables
 from taichi_plume.scenario import algorithms
 
 FEEL, FORM, SWEEP, WAIT = range(4)
@@ -57,8 +57,10 @@ class LineUp:
         self.potential = Potential(members, self.p)
         counts = np.array([group.count for group in members.groups for _ in range(group.trials)], np.int32)
         self.lines = len(counts)
-        self.first = listed(np.cumsum(counts) - counts)  # robot of a line, its others follow
-        self.line = listed(np.repeat(np.arange(self.lines), counts))  # of a robot
+        tables = Tables()
+        self.first = tables.listed(np.cumsum(counts) - counts)  # robot of a line, its others follow
+        self.line = tables.listed(np.repeat(np.arange(self.lines), counts))  # of a robot
+        tables.upload()
         n = self.lines
         self.mode = ti.field(ti.i32, n)
         self.wind: Any = ti.Vector.field(2, ti.f32, n)  # sum of what was measured, then the direction

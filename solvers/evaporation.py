@@ -18,7 +18,6 @@ from math import log1p, pi
 from typing import Any
 
 import numpy as np
-from scipy.optimize import brentq
 
 from taichi_plume.grid.fields import Wind, velocity_at
 from taichi_plume.scenario.sources import Dish, Source
@@ -69,6 +68,8 @@ class Evaporation:
 
     def surface(self, speed: float) -> float:
         """Temperature [K] of the liquid's surface in air of some speed [m/s]."""
+        from scipy.optimize import brentq  # for runs with liquids only
+
         warm = self.dish.temperature
         if not self.dish.cooling:
             return warm

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import taichi as ti
-from scipy.signal import lfilter
 
 from taichi_plume.grid.transfer import Numbers
 
@@ -111,6 +110,8 @@ class OrnsteinUhlenbeck:
 
     def _draw(self) -> None:
         """The next knots, after the last ones drawn."""
+        from scipy.signal import lfilter  # takes 0.3 s: for runs with gusts only
+
         noise = self._rng.standard_normal((BLOCK, self.size, 2)) @ self._factor.T
         new_v, new_y = (self.deviations * noise[..., k] for k in (0, 1))
         y, v = self._last

@@ -1,8 +1,12 @@
-"""The kinds of wind and of gas that a scenario may have, and what computes each. Add one here."""
+"""The kinds of wind and of gas that a scenario may have, and what computes each. Add one here.
+
+A solver is imported when a scenario needs it: together they take as long as the rest of a start.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Gas, Wind
@@ -10,20 +14,12 @@ from taichi_plume.grid.grid import Grid
 from taichi_plume.prepare import Resources
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.scenario import Scenario
-from taichi_plume.solvers.flow import FlowSolver
-from taichi_plume.solvers.frozen import FrozenSolver
-from taichi_plume.solvers.gas import EulerianSolver
-from taichi_plume.solvers.gaussian_puffs import ContinuousPuffs, GaussianPuffs
-from taichi_plume.solvers.imported import ImportedFilm, ImportedFlow
-from taichi_plume.solvers.momentum import Weighing
-from taichi_plume.solvers.playback import PlayedGas, PlayedWind
-from taichi_plume.solvers.plumes import Plumes
-from taichi_plume.solvers.plumesim import PointGas, PointWind, ProgramMeander, ProgramPuff
-from taichi_plume.solvers.puffs import PuffSolver
-from taichi_plume.solvers.resistance import Resistance
-from taichi_plume.solvers.scalar import Scalar
-from taichi_plume.solvers.synthetic import SyntheticSolver
-from taichi_plume.solvers.uniform import UniformSolver
+
+if TYPE_CHECKING:
+    from taichi_plume.solvers.flow import FlowSolver
+    from taichi_plume.solvers.momentum import Weighing
+    from taichi_plume.solvers.resistance import Resistance
+    from taichi_plume.solvers.scalar import Scalar
 
 
 @dataclass(frozen=True)
@@ -38,9 +34,9 @@ class Context:
     resources: Resources
     grid: Grid
     air: Air
-    scalars: dict[str, Scalar]
-    weighing: Sequence[Weighing]
-    resistances: Sequence[Callable[[tuple[Any, ...]], Resistance]]
+    scalars: "dict[str, Scalar]"
+    weighing: "Sequence[Weighing]"
+    resistances: "Sequence[Callable[[tuple[Any, ...]], Resistance]]"
 
     @property
     def begin(self) -> tuple[float, int]:
@@ -48,7 +44,12 @@ class Context:
         return self.scenario.first_tick * self.scenario.tick, self.scenario.seed
 
 
-def _flow(solver: type[FlowSolver], model: Any, its: Context) -> FlowSolver:
+def _of(module: str, name: str) -> Any:
+    """A class of the solvers."""
+    return getattr(import_module(f"taichi_plume.solvers.{module}"), name)
+
+
+def _flow(solver: "type[FlowSolver]", model: Any, its: Context) -> "FlowSolver":
     flow = solver(model, its.grid, its.air, *its.begin, its.weighing, its.resistances)
     trapped = flow.boundaries.trapped(its.air.regions())
     if trapped:
@@ -64,17 +65,19 @@ def _flow(solver: type[FlowSolver], model: Any, its: Context) -> FlowSolver:
 
 def _imported(model: Any, its: Context) -> Wind:
     assert its.resources.site is not None
-    film = ImportedFilm(its.resources.site, its.grid, its.air)
-    return ImportedFlow(film, model, its.grid, *its.begin)
+    film = _of("imported", "ImportedFilm")(its.resources.site, its.grid, its.air)
+    return _of("imported", "ImportedFlow")(film, model, its.grid, *its.begin)
 
 
 WINDS: dict[str, Callable[[Any, Context], Wind]] = {
-    "cfd": lambda model, its: _flow(FlowSolver, model, its),
-    "frozen": lambda model, its: _flow(FrozenSolver, model, its),
-    "uniform": lambda model, its: UniformSolver(model, its.grid, *its.begin),
-    "synthetic": lambda model, its: SyntheticSolver(model, its.grid, its.air, *its.begin),
-    "playback": lambda model, its: PlayedWind(model, its.resources.films["wind"], its.grid, *its.begin),
-    "plumesim_log": lambda model, its: PointWind(
+    "cfd": lambda model, its: _flow(_of("flow", "FlowSolver"), model, its),
+    "frozen": lambda model, its: _flow(_of("frozen", "FrozenSolver"), model, its),
+    "uniform": lambda model, its: _of("uniform", "UniformSolver")(model, its.grid, *its.begin),
+    "synthetic": lambda model, its: _of("synthetic", "SyntheticSolver")(model, its.grid, its.air, *its.begin),
+    "playback": lambda model, its: _of("playback", "PlayedWind")(
+        model, its.resources.films["wind"], its.grid, *its.begin
+    ),
+    "plumesim_log": lambda model, its: _of("plumesim", "PointWind")(
         model, its.resources.frames["wind"], its.grid.extent, *its.begin
     ),
     "imported": _imported,
@@ -83,29 +86,37 @@ WINDS: dict[str, Callable[[Any, Context], Wind]] = {
 
 
 def _points(model: Any, path: str, its: Context, wind: Any) -> Gas:
-    return PointGas(model, its.resources.frames[path], its.grid.extent, its.begin[0])
+    return _of("plumesim", "PointGas")(model, its.resources.frames[path], its.grid.extent, its.begin[0])
 
 
 def _plumes(model: Any, path: str, its: Context, wind: Any) -> Gas:
-    return Plumes(model, its.grid, wind, *its.begin, path)
+    return _of("plumes", "Plumes")(model, its.grid, wind, *its.begin, path)
 
 
 GASES: dict[str, Callable[[Any, str, Context, Any], Gas]] = {
-    "eulerian": lambda model, path, its, wind: EulerianSolver(
+    "eulerian": lambda model, path, its, wind: _of("gas", "EulerianSolver")(
         model, its.grid, wind, its.air, *its.begin, path, its.scalars.get(path)
     ),
-    "puffs": lambda model, path, its, wind: PuffSolver(model, its.grid, wind, its.air, *its.begin, path),
+    "puffs": lambda model, path, its, wind: _of("puffs", "PuffSolver")(
+        model, its.grid, wind, its.air, *its.begin, path
+    ),
     "gaussian_plume": _plumes,
     "meandering": _plumes,
-    "continuous": lambda model, path, its, wind: ContinuousPuffs(model, its.grid, wind, its.begin[0]),
-    "gaussian_puff": lambda model, path, its, wind: GaussianPuffs(model, its.grid, wind, its.begin[0]),
-    "plumesim_gaussian": lambda model, path, its, wind: ProgramPuff(model, its.grid.extent, its.begin[0]),
-    "plumesim_meandering": lambda model, path, its, wind: ProgramMeander(
+    "continuous": lambda model, path, its, wind: _of("gaussian_puffs", "ContinuousPuffs")(
+        model, its.grid, wind, its.begin[0]
+    ),
+    "gaussian_puff": lambda model, path, its, wind: _of("gaussian_puffs", "GaussianPuffs")(
+        model, its.grid, wind, its.begin[0]
+    ),
+    "plumesim_gaussian": lambda model, path, its, wind: _of("plumesim", "ProgramPuff")(
+        model, its.grid.extent, its.begin[0]
+    ),
+    "plumesim_meandering": lambda model, path, its, wind: _of("plumesim", "ProgramMeander")(
         model, its.grid.extent, *its.begin, path
     ),
     "plumesim_log": _points,
     "fluent": _points,
-    "playback": lambda model, path, its, wind: PlayedGas(
+    "playback": lambda model, path, its, wind: _of("playback", "PlayedGas")(
         model, its.resources.films[path], its.grid, its.begin[0]
     ),
 }

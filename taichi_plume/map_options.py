@@ -15,6 +15,7 @@ from pydantic_core import PydanticCustomError
 from taichi_plume.files.readings import ReadingsError
 from taichi_plume.scenario.loading import ScenarioError, load_part
 from taichi_plume.scenario.maps import Map
+from taichi_plume.scenario.meanings import meanings
 from taichi_plume.scenario.quantities import parse
 
 LARGEST_FLOOR = 1e4  # m
@@ -97,7 +98,7 @@ def _parameters(model: Map) -> str:
     for name, field in type(model).model_fields.items():
         if name != "kind":
             default = "" if field.default is None else f" (default: {json.dumps(field.default)})"
-            lines.append(_item(name, " ".join((field.description or "").split()) + default))
+            lines.append(_item(name, " ".join(meanings(type(model)).get(name, "").split()) + default))
     return "\n".join(lines)
 
 

@@ -6,6 +6,7 @@ wrong, or there is no such device; 130: interrupted. Heavy imports wait until th
 
 import argparse
 import errno
+import gc
 import os
 import signal
 import sys
@@ -31,6 +32,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` (without the program's name) and return its exit code."""
     args = _arguments(argv)
     os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
+    gc.disable()  # until the run begins: a start takes 7 % more where what it makes is looked through
     from taichi_plume.prepare import load
     from taichi_plume.scenario.loading import ScenarioError
 
@@ -51,6 +53,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("interrupted before the run began", file=sys.stderr)
         return 130
+    finally:
+        gc.enable()
 
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
@@ -168,7 +172,9 @@ def _run(prepared: "Prepared", args: argparse.Namespace) -> int:
 def _build(prepared: "Prepared") -> "Simulation":
     from taichi_plume.assemble import build
 
-    return build(prepared)
+    sim = build(prepared)
+    gc.enable()
+    return sim
 
 
 def _simulate(

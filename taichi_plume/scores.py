@@ -5,7 +5,7 @@ from math import ceil
 from typing import Any
 
 import numpy as np
-from scipy import stats
+from scipy.special import stdtrit
 
 from taichi_plume.grid import fields
 from taichi_plume.grid.grid import block_mean, centers
@@ -179,6 +179,8 @@ def trial_summary(trials: dict[str, Any], duration: float) -> dict[str, Any]:
     success_rate: Wilson's interval. The others over successful trials, with Student's interval of the mean; and
     time_with_failures_s, of all trials, where a failure counts as `duration` [s].
     """
+    from scipy import stats  # takes 0.3 s: for runs of several trials only
+
     success = np.array(trials["success"], bool)
     rate = stats.binomtest(int(success.sum()), len(success)).proportion_ci(method="wilson")
     told: dict[str, Any] = {
@@ -196,5 +198,5 @@ def mean_with_interval(values: np.ndarray) -> dict[str, Any]:
     if not n:
         return {"mean": None, "low": None, "high": None, "n": 0}
     mean = float(values.mean())
-    half = stats.t.ppf(0.975, n - 1) * values.std(ddof=1) / np.sqrt(n) if n > 1 else np.nan
+    half = stdtrit(n - 1, 0.975) * values.std(ddof=1) / np.sqrt(n) if n > 1 else np.nan
     return {"mean": mean, "low": float(mean - half), "high": float(mean + half), "n": n}

@@ -73,7 +73,8 @@ def test_only_the_recording_knows_rerun():
         ("taichi_plume", {"taichi", "numpy", "pydantic"}),
         (SCENARIO, {"taichi", "scipy", "open3d", "matplotlib", "rerun", "zarr"}),
         ("taichi_plume.prepare", {"taichi", "scipy", "open3d", "matplotlib", "rerun", "zarr"}),
-        ("taichi_plume.assemble", {"open3d", "matplotlib", "rerun"}),
+        ("taichi_plume.assemble", {"open3d", "matplotlib", "rerun", "zarr", "scipy.signal", "scipy.stats"}),
+        ("taichi_plume.files.result, taichi_plume.solvers.gas", {"scipy.stats", "scipy.optimize"}),
     ],
 )
 def test_heavy_packages_are_imported_only_where_used(modules, heavy):

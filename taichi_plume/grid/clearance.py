@@ -8,6 +8,7 @@ from scipy import ndimage
 
 from taichi_plume.grid.fields import corner
 from taichi_plume.grid.shapes import Shape, clearance_resolution
+from taichi_plume.grid.transfer import uploader
 
 FAR = 1e6  # m, clearance where there is no obstacle
 
@@ -43,7 +44,7 @@ class ClearanceMap:
             self._values = np.minimum(self._values, one.horizontal_distance(points, 0.0, body_height))
         self._values -= self.resolution / sqrt(2)
         self.values = ti.field(ti.f32, self.nodes)
-        self.values.from_numpy(self._values.astype(np.float32))
+        uploader(self.values)(self._values)
 
     @ti.func
     def distance(self, p):

@@ -12,45 +12,20 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from taichi_plume.grid.kernels import Template, launch, on_cpu, sweep
-
-
-@ti.func
-def _place(J, i, ghost):
-    """Index in a padded field of entry i of row J, an index on the axes but 0, last axis first."""
-    return ti.Vector([i + ghost] + [J[J.n - 1 - d] + ghost for d in ti.static(range(J.n))])
-
-
-@ti.func
-def _entry(J, i):
-    return ti.Vector([J[d] for d in ti.static(range(J.n))] + [i])
-
-
-# On a CPU by rows, of which the address is reckoned once, in the caller's thread: a core copies as fast as two.
+from taichi_plume.grid.kernels import Template, launch, sweep
+from taichi_plume.grid.memory import view
 
 
 @ti.kernel
 def _read(field: Template, ghost: Template, values: ti.types.ndarray()):
-    if ti.static(on_cpu()):
-        ti.loop_config(serialize=True)
-        for J in ti.grouped(ti.ndrange(*values.shape[:-1])):
-            for i in range(values.shape[ti.static(len(values.shape) - 1)]):
-                values[_entry(J, i)] = field[_place(J, i, ghost)]
-    else:
-        for J in ti.grouped(values):
-            values[J] = field[ti.Vector([J[J.n - 1 - d] + ghost for d in ti.static(range(J.n))])]
+    for J in ti.grouped(values):
+        values[J] = field[ti.Vector([J[J.n - 1 - d] + ghost for d in ti.static(range(J.n))])]
 
 
 @ti.kernel
 def _write(field: Template, ghost: Template, values: ti.types.ndarray()):
-    if ti.static(on_cpu()):
-        ti.loop_config(serialize=True)
-        for J in ti.grouped(ti.ndrange(*values.shape[:-1])):
-            for i in range(values.shape[ti.static(len(values.shape) - 1)]):
-                field[_place(J, i, ghost)] = values[_entry(J, i)]
-    else:
-        for J in ti.grouped(values):
-            field[ti.Vector([J[J.n - 1 - d] + ghost for d in ti.static(range(J.n))])] = values[J]
+    for J in ti.grouped(values):
+        field[ti.Vector([J[J.n - 1 - d] + ghost for d in ti.static(range(J.n))])] = values[J]
 
 
 def centers(cells: Sequence[int], edge: float) -> np.ndarray:
@@ -160,13 +135,24 @@ class Grid:
 
         Shape `shape`, larger by twice the margin; axis 0 contiguous.
         """
+        place = view(field)
+        if place is not None:
+            return place[self._window(margin)].copy(order="F")
         values = np.empty([n + 2 * margin for n in reversed(self.shape)], np.float32)
         _read(field, self.ghost - margin, values)
         return values.T
 
     def write(self, field: Any, values: np.ndarray, margin: int = 0) -> None:
         """Set the inner values of a padded field and `margin` ghost layers; the layers beyond stay."""
+        place = view(field)
+        if place is not None:
+            place[self._window(margin)] = values
+            return
         _write(field, self.ghost - margin, np.ascontiguousarray(values.T, np.float32))
+
+    def _window(self, margin: int) -> tuple[slice, ...]:
+        """Of a padded array, the inner values and so many ghost layers."""
+        return tuple(slice(begin - margin, end + margin) for begin, end in self.cells)
 
     def blending(self, fields: Sequence[Any], goals: Sequence[Any]) -> Callable[[float], None]:
         """A kernel that moves fields by a share of the way to their goals, ghost layers too; by 1, to the bit."""

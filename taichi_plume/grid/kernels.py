@@ -8,10 +8,10 @@ from itertools import groupby
 from math import prod
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import taichi as ti
 from taichi.lang import impl
-from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
+
+from taichi_plume.grid import tracing  # noqa: F401  it makes the tracing of kernels quicker
 
 if TYPE_CHECKING:
     Template = Any
@@ -24,18 +24,6 @@ CACHE_BYTES = 2_000_000_000
 STRIP = 32  # cells per strip; 100 and more are six times slower (LLVM stops using registers)
 FEW_CELLS = 100_000  # set by a pass: up to here the caller's thread is done before another one has woken up
 FEW_ROWS = 2000  # Taichi gives a CPU thread 512 iterations at least: with fewer rows, strips are tasks too
-
-
-def _position(self: Any, node: Any) -> str:
-    """File and line for Taichi's messages, and the line's text.
-
-    Taichi itself also underlines the place, for every node of every kernel: a quarter of the time that tracing takes.
-    """
-    line = node.lineno + self.lineno_offset
-    return f'File "{self.file}", line {line}, in {self.func.func.__name__}:\n{self.src[node.lineno - 1].strip()}\n'
-
-
-ASTTransformerContext.get_pos_info = _position
 
 
 def start(arch: str = "cpu", debug: bool = False) -> str:
@@ -68,18 +56,6 @@ def on_cpu() -> bool:
 def compiled() -> int:
     """Number of kernels that have been compiled since `start`."""
     return sum(len(kernel.compiled_kernels) for kernel in impl.get_runtime().kernels)
-
-
-def listed(values: np.ndarray) -> Any:
-    """A field of the numbers (n,) or rows (n, dim), whole or f32; of one zero where there are none: Taichi has no empty
-    fields.
-    """
-    dtype = (ti.i32, np.int32) if np.issubdtype(values.dtype, np.integer) else (ti.f32, np.float32)
-    n = max(1, len(values))
-    field: Any = ti.field(dtype[0], n) if values.ndim == 1 else ti.Vector.field(values.shape[1], dtype[0], n)
-    if len(values):
-        field.from_numpy(values.astype(dtype[1]))
-    return field
 
 
 def double_field(shape: tuple[int, ...] = ()) -> Any:

@@ -15,6 +15,7 @@ from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import corner, corner_weight
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template
+from taichi_plume.grid.transfer import uploader
 
 FINER = 2  # nodes per cell and axis
 BOUNCES = 3  # off surfaces on one way
@@ -66,7 +67,7 @@ class LevelSet:
         self.step = grid.dx / FINER
         self.values = signed_distance(air, grid)
         self.field: Any = grid.field(self.values.shape)
-        self.field.from_numpy(self.values.astype(np.float32))
+        uploader(self.field)(self.values)
 
     def in_air(self, x: np.ndarray) -> np.ndarray:
         """Which of the points (n, dim) [m] are in the air."""

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
+from taichi_plume.grid.memory import views
 from taichi_plume.grid.transfer import alike, reader, uploader
 
 
@@ -111,7 +112,15 @@ class State:
 
 
 def _clearer(fields: list[Any]) -> Callable[[], None]:
-    """A kernel that zeroes the fields, those of one shape in one loop; compiled at once."""
+    """A function that zeroes the fields: in place, or by a kernel, compiled at once, those of one shape in one loop."""
+    places = views(fields)
+    if places is not None:
+
+        def zero() -> None:
+            for place in places:
+                place[...] = 0
+
+        return zero
 
     @ti.kernel
     def clear(all: ti.i32):

@@ -1,7 +1,8 @@
-"""Arrays to and from fields, many in one launch, and the numbers that kernels read when they run.
+"""Arrays to and from fields, many at once, and the numbers that kernels read when they run.
 
-Every `from_numpy`, `to_numpy` and `fill` of another field compiles a kernel of its own (0.1 s without a cache, 0.03 s
-with one); here a component compiles one for all of its fields, when it is built. After that nothing here compiles.
+On the CPU they are copied in place. Elsewhere every `from_numpy`, `to_numpy` and `fill` of another field compiles a
+kernel of its own (0.1 s without a cache, 0.03 s with one); here a component compiles one for all of its fields, when it
+is built. After that nothing here compiles.
 """
 
 from collections.abc import Callable, Sequence
@@ -12,6 +13,7 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume.grid.kernels import Template
+from taichi_plume.grid.memory import KINDS, views
 
 
 class _Layout:
@@ -25,8 +27,7 @@ class _Layout:
             (*field.shape, n) if vector else field.shape
             for field, n, vector in zip(fields, self.widths, self.vectors, strict=True)
         )
-        kinds = {ti.f32: np.float32, ti.i32: np.int32, ti.u32: np.uint32, ti.f64: np.float64}
-        self.dtypes = tuple(kinds[field.dtype] for field in fields)
+        self.dtypes = tuple(KINDS[field.dtype] for field in fields)
         self.alike = alike(fields)
         self.begins: tuple[int, ...] = ()
         length = {False: 0, True: 0}
@@ -60,10 +61,42 @@ def _place(I: Template, shape: Template):
 
 
 def uploader(*fields: Any) -> Callable[..., None]:
-    """A function ``put(*arrays)`` that sets the fields, whole and in this order, in one launch.
+    """A function ``put(*arrays)`` that sets the fields, whole and in this order.
 
     An array has the field's shape (and a last axis over the components of a vector field), or is one number for all.
     """
+    launched: list[Callable[..., None]] = []
+
+    def upload(*arrays: Any) -> None:
+        if len(arrays) != len(fields):
+            raise TypeError(f"{len(fields)} fields, {len(arrays)} arrays")
+        places = views(fields)
+        if places is None:
+            launched[:] = launched or [_uploading(fields)]
+            launched[0](*arrays)
+            return
+        for place, array in zip(places, arrays, strict=True):
+            place[...] = array
+
+    return upload
+
+
+def reader(*fields: Any) -> Callable[[], list[np.ndarray]]:
+    """A function that reads the fields: an array of each, shaped as those that `uploader` takes."""
+    launched: list[Callable[[], list[np.ndarray]]] = []
+
+    def read() -> list[np.ndarray]:
+        places = views(fields)
+        if places is None:
+            launched[:] = launched or [_reading(fields)]
+            return launched[0]()
+        return [np.array(place, order="C") for place in places]
+
+    return read
+
+
+def _uploading(fields: Sequence[Any]) -> Callable[..., None]:
+    """As `uploader`, in one launch."""
     layout = _Layout(fields)
     widths, begins, vectors = layout.widths, layout.begins, layout.vectors
     dtypes = tuple(field.dtype for field in fields)
@@ -95,15 +128,13 @@ def uploader(*fields: Any) -> Callable[..., None]:
     def upload(*arrays: Any) -> None:
         for f, array in enumerate(arrays):
             layout.part(f)[...] = array
-        if len(arrays) != len(fields):
-            raise TypeError(f"{len(fields)} fields, {len(arrays)} arrays")
         put(layout.single, layout.double)
 
     return upload
 
 
-def reader(*fields: Any) -> Callable[[], list[np.ndarray]]:
-    """A function that reads the fields in one launch: an array of each, shaped as those that `uploader` takes."""
+def _reading(fields: Sequence[Any]) -> Callable[[], list[np.ndarray]]:
+    """As `reader`, in one launch."""
     layout = _Layout(fields)
     widths, begins, vectors = layout.widths, layout.begins, layout.vectors
     dtypes = tuple(field.dtype for field in fields)

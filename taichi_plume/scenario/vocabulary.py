@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_args, ge
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
+from taichi_plume.scenario.meanings import meanings
 from taichi_plume.scenario.quantities import fault, quantity
 
 if TYPE_CHECKING:
@@ -122,7 +123,16 @@ def _marks(kind: Any) -> Iterator[Any]:
 class Model(BaseModel):
     """A frozen section of a scenario that names its keys when one is misspelt."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, defer_build=True
+    )  # what no scenario has is not built
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core_schema: Any, handler: Any) -> Any:
+        schema = handler(core_schema)
+        for key, text in meanings(cls).items():
+            handler.resolve_ref_schema(schema)["properties"][key]["description"] = text
+        return schema
 
     @model_validator(mode="before")
     @classmethod

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 import taichi as ti
 
-from taichi_plume.grid.kernels import compiled
+from taichi_plume.grid import memory
+from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.kernels import compiled, double_field
 from taichi_plume.grid.state import State
 from taichi_plume.grid.transfer import Numbers, reader, uploader
 
@@ -36,6 +38,14 @@ ARRAYS = (
 )
 
 
+@pytest.fixture(params=["in place", "by kernels"])
+def way(request, monkeypatch):
+    """How numbers reach fields: as on the CPU, or as on a GPU."""
+    if request.param == "by kernels":
+        monkeypatch.setattr(memory, "on_cpu", lambda: False)
+
+
+@pytest.mark.usefixtures("way")
 def test_what_is_uploaded_is_read_back_and_compiles_once(taichi):
     several = fields()
     put, get = uploader(*several), reader(*several)
@@ -68,6 +78,40 @@ def test_numbers_are_read_when_a_kernel_runs(taichi):
         n.set(c=1)
 
 
+def test_fields_of_every_layout_are_reached_in_place(taichi):
+    """What is written there is what Taichi reads, and no kernel but the one that tells the address is needed."""
+    several = (*fields(), double_field((2, 3)), ti.Vector.field(3, ti.f32, (1, 2), order="ji"))
+    before = compiled()
+    places = memory.views(several)
+    assert places is not None
+    assert compiled() == before + 2  # of two trees
+    draws = np.random.default_rng(3)
+    for place in places:
+        place[...] = draws.integers(0, 1000, place.shape)
+    for place, field in zip(places, several, strict=True):
+        np.testing.assert_array_equal(place, field.to_numpy())
+    assert memory.view(several[0]) is places[0]
+    assert memory.view(ti.Matrix.field(2, 2, ti.f32, 3)) is None
+    blocked = ti.field(ti.f32)
+    ti.root.dense(ti.i, 2).dense(ti.i, 3).place(blocked)
+    assert memory.view(blocked) is None
+
+
+@pytest.mark.usefixtures("way")
+def test_a_grid_reads_and_writes_its_inner_cells(taichi):
+    grid = Grid(shape=(4, 3), dx=0.1)
+    values = np.arange(12, dtype=np.float32).reshape(4, 3)
+    field = grid.field()
+    grid.write(field, values)
+    grid.write(field, values[1:3, 1:2], margin=-1)
+    found = grid.read(field)
+    assert found.flags.f_contiguous
+    np.testing.assert_array_equal(found, values)
+    np.testing.assert_array_equal(grid.read(field, 1)[1:-1, 1:-1], values)
+    assert grid.read(field, 1).sum() == values.sum()
+
+
+@pytest.mark.usefixtures("way")
 def test_a_state_is_saved_restored_and_cleared(taichi):
     scalar, *several = fields()
     inner = SimpleNamespace(STATE=("fields", "count"), fields=tuple(several), count=3)

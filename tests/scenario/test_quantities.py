@@ -1,12 +1,13 @@
 from contextlib import suppress
 
+import pint
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 from pydantic_core import PydanticCustomError
 
-from taichi_plume.scenario.quantities import parse, quantity
+from taichi_plume.scenario.quantities import USUAL, parse, quantity
 
 
 @pytest.mark.parametrize(
@@ -80,3 +81,12 @@ def test_limits_hold_in_si_units():
 def test_the_schema_tells_editors_that_both_forms_are_right():
     schema = TypeAdapter(quantity("m", gt=0)).json_schema()
     assert {part["type"] for part in schema["anyOf"]} == {"number", "string"}
+
+
+def test_usual_units_are_converted_as_pint_does():
+    """To the bit."""
+    registry = pint.UnitRegistry()
+    for text, unit in USUAL:
+        for value in (0.1, 0.3, 7.0, 12.5, 20.0, 1e-5, 333.3):
+            exact = registry.Quantity(value, registry.parse_units(text)).to(unit).magnitude
+            assert parse(f"{value} {text}", unit) == exact
