@@ -37,8 +37,8 @@ from taichi_plume.solvers.surfaces import Surfaces
 from taichi_plume.solvers.turbulence import MODELS
 
 STAGES = ((1.0, 1.0, 0.0), (1.0 / 4.0, 1.0 / 2.0, 1.0 / 2.0), (2.0 / 3.0, 1.0, 2.0 / 3.0))
-"""Of a step from u0, (k, c, g): u becomes u0 + k (u - u0 + dt du/dt), what it will be c dt later, and is projected where
-g is not 0: the pressure has lagged for g dt then.
+"""Of a step from u0, (k, c, g): u becomes u0 + k (u - u0 + dt du/dt), what it will be c dt later, and is projected
+where g is not 0: the pressure has lagged for g dt then.
 
 Were the last projection the only one, short waves that the wind carries on by a cell or so would lose or gain energy.
 One after the first stage changes nothing.

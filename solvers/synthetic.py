@@ -8,7 +8,6 @@ follows an Ornstein-Uhlenbeck process. The ramp f falls to zero at walls and obs
 function, on their corners) and the velocity on their faces: the sum over a cell's faces is zero by construction.
 """
 
-from math import prod
 from typing import Any
 
 import numpy as np

@@ -22,7 +22,7 @@ else:
 # Of compiled kernels on disk. With Taichi's own 100 MB a dozen scenarios, or the tests, throw out each other's.
 CACHE_BYTES = 2_000_000_000
 STRIP = 32  # cells per strip; 100 and more are six times slower (LLVM stops using registers)
-FEW_CELLS = 100_000  # set by a pass: up to here the caller's thread is done before another one has woken up
+FEW_CELLS = 300_000  # set by a pass: up to here the caller's thread is done before another one has woken up
 FEW_ROWS = 2000  # Taichi gives a CPU thread 512 iterations at least: with fewer rows, strips are tasks too
 
 
