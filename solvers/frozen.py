@@ -66,6 +66,6 @@ class FrozenSolver(FlowSolver):
             self._take_in(dt / self._averaged)
         if end >= self.until:
             self._stand_still(1.0)
-            self._finish()
+            self._measure_now()
             self._read_limits()
             self.frozen = True
