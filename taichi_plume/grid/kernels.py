@@ -43,6 +43,8 @@ def start(arch: str = "cpu", debug: bool = False) -> str:
             unrolling_limit=0,  # no warning where more than 32 fields are filled at once
             **checks,
         )
+    # Half of the time of compiling, as it grows with the square of a kernel's length; LLVM does the same in no time.
+    ti.cfg.cfg_optimization = not on_cpu()
     if on_cpu() and arch not in ("auto", "cpu"):
         raise RuntimeError(f"no {arch} device was found; use --arch cpu or auto")
     return "cpu" if on_cpu() else ti.cfg.arch.name
