@@ -191,7 +191,33 @@ def launch(*passes: Pass) -> Callable[..., None]:
                 for one in ti.static(some):
                     one(a, b)
 
-    return lambda a=0.0, b=0.0: run(a, b)
+    return _directly(run)
+
+
+def _directly(kernel: Any) -> Callable[..., None]:
+    """``run(a=0, b=0)`` of a kernel of two f32: from its second launch on in 2 us, where Taichi's own way takes 16.
+
+    Taichi looks up by the kind of each argument which kernel is meant, and the compiled one by its hash; of these
+    kernels there is one of each. Another start of Taichi compiles anew.
+    """
+    program: Any = None
+    traced: Any = None
+    compiled: Any = None
+
+    def run(a: float = 0.0, b: float = 0.0) -> None:
+        nonlocal program, compiled, traced
+        if impl.get_runtime().prog is not program or program is None:
+            kernel(a, b)
+            program = impl.get_runtime().prog
+            (traced,) = kernel._primal.compiled_kernels.values()
+            compiled = program.compile_kernel(program.config(), program.get_device_caps(), traced)
+            return
+        arguments = traced.make_launch_context()
+        arguments.set_arg_float((0,), a)
+        arguments.set_arg_float((1,), b)
+        program.launch_kernel(compiled, arguments)
+
+    return run
 
 
 def _is_serial(one: Pass) -> bool:
