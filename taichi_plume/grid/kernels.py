@@ -22,6 +22,7 @@ else:
 # Of compiled kernels on disk. With Taichi's own 100 MB a dozen scenarios, or the tests, throw out each other's.
 CACHE_BYTES = 2_000_000_000
 STRIP = 32  # cells per strip; 100 and more are six times slower (LLVM stops using registers)
+MANY_CELLS = 50_000  # set by a pass: from here on a launch of its own is nothing to it
 FEW_CELLS = 300_000  # set by a pass: up to here the caller's thread is done before another one has woken up
 FEW_ROWS = 2000  # Taichi gives a CPU thread 512 iterations at least: with fewer rows, strips are tasks too
 
@@ -172,26 +173,41 @@ def visit(bodies: Sequence[Callable], shapes: Sequence[tuple[int, ...]]) -> Pass
 
 
 def launch(*passes: Pass) -> Callable[..., None]:
-    """One kernel ``run(a=0, b=0)`` of several passes in order.
+    """``run(a=0, b=0)`` of several passes in order.
 
-    On a CPU a pass of many cells is one parallel task; those of few cells that follow each other are one task of the
-    caller's thread: waking another one takes 0.1 ms.
+    On a CPU passes of few cells that follow each other are one task of the caller's thread: waking another one takes
+    0.1 ms. One of many is a kernel of its own, which costs 2 us: the time that Taichi takes to compile a kernel grows
+    with the square of its length.
     """
-    tasks = [(serial, tuple(one.run for one in some)) for serial, some in groupby(passes, _is_serial)]
+    groups = groupby(enumerate(passes), lambda nth: nth[0] if on_cpu() and nth[1].cells > MANY_CELLS else -1)
+    parts = tuple(_directly(_kernel([one for _, one in some])) for _, some in groups)
+    if len(parts) == 1:
+        return parts[0]
+
+    def run(a: float = 0.0, b: float = 0.0) -> None:
+        for part in parts:
+            part(a, b)
+
+    return run
+
+
+def _kernel(passes: Sequence[Pass]) -> Any:
+    """One kernel of them; in the caller's thread where that is quicker."""
+    serial = on_cpu() and passes[0].cells <= FEW_CELLS
+    bodies = tuple(one.run for one in passes)
 
     @ti.kernel
     def run(a: ti.f32, b: ti.f32):
-        for serial, some in ti.static(tasks):
-            if ti.static(serial):
-                ti.loop_config(serialize=True)
-                for _ in range(1):
-                    for one in ti.static(some):
-                        one(a, b)
-            else:
-                for one in ti.static(some):
-                    one(a, b)
+        if ti.static(serial):
+            ti.loop_config(serialize=True)
+            for _ in range(1):
+                for body in ti.static(bodies):
+                    body(a, b)
+        else:
+            for body in ti.static(bodies):
+                body(a, b)
 
-    return _directly(run)
+    return run
 
 
 def _directly(kernel: Any) -> Callable[..., None]:
@@ -218,7 +234,3 @@ def _directly(kernel: Any) -> Callable[..., None]:
         program.launch_kernel(compiled, arguments)
 
     return run
-
-
-def _is_serial(one: Pass) -> bool:
-    return on_cpu() and one.cells <= FEW_CELLS
