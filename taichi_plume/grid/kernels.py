@@ -2,7 +2,7 @@
 
 import contextlib
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from math import prod
@@ -44,8 +44,6 @@ def start(arch: str = "cpu", debug: bool = False) -> str:
             unrolling_limit=0,  # no warning where more than 32 fields are filled at once
             **checks,
         )
-    # Half of the time of compiling, as it grows with the square of a kernel's length; LLVM does the same in no time.
-    ti.cfg.cfg_optimization = not on_cpu()
     if on_cpu() and arch not in ("auto", "cpu"):
         raise RuntimeError(f"no {arch} device was found; use --arch cpu or auto")
     return "cpu" if on_cpu() else ti.cfg.arch.name
@@ -223,10 +221,11 @@ def _directly(kernel: Any) -> Callable[..., None]:
     def run(a: float = 0.0, b: float = 0.0) -> None:
         nonlocal program, compiled, traced
         if impl.get_runtime().prog is not program or program is None:
-            kernel(a, b)
-            program = impl.get_runtime().prog
-            (traced,) = kernel._primal.compiled_kernels.values()
-            compiled = program.compile_kernel(program.config(), program.get_device_caps(), traced)
+            with _data_flow_by_llvm():
+                kernel(a, b)
+                program = impl.get_runtime().prog
+                (traced,) = kernel._primal.compiled_kernels.values()
+                compiled = program.compile_kernel(program.config(), program.get_device_caps(), traced)
             return
         arguments = traced.make_launch_context()
         arguments.set_arg_float((0,), a)
@@ -234,3 +233,17 @@ def _directly(kernel: Any) -> Callable[..., None]:
         program.launch_kernel(compiled, arguments)
 
     return run
+
+
+@contextlib.contextmanager
+def _data_flow_by_llvm() -> Iterator[None]:
+    """Compile without Taichi's analysis of which store reaches which load: it grows with the square of a kernel's
+    length, to half of the time of compiling, and LLVM finds the same.
+
+    Not for all kernels: without it Taichi 1.7 gives LLVM faulty code of the V-cycle's, and aborts.
+    """
+    before, ti.cfg.cfg_optimization = ti.cfg.cfg_optimization, not on_cpu()
+    try:
+        yield
+    finally:
+        ti.cfg.cfg_optimization = before
