@@ -10,6 +10,7 @@ from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier, Gas, sample_cells
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Pass, Template
+from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.gases import EulerianGas
 from taichi_plume.solvers.convection import POSITIVE_FACE_VALUES
 from taichi_plume.solvers.emission import Emission
@@ -41,7 +42,7 @@ class EulerianSolver(Gas):
         self.grid = grid
         self.dim = grid.dim
         self.air = grid.field()
-        self.air.from_numpy(grid.pad((~air.solid).astype(np.float32)))
+        uploader(self.air)(grid.pad(~air.solid))
         self.emissions = [Emission(f"{name}.sources[{n}]", wind) for n in range(len(gas.sources))]
         room = np.where(air.solid, 0.0, 1.0) if wind.area is None else air.room
         self.release = Release("sources", gas.sources, grid, room)

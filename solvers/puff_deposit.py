@@ -13,6 +13,7 @@ import taichi as ti
 
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.kernels import on_cpu
+from taichi_plume.grid.transfer import uploader
 
 REACH = 4.0  # standard deviations to either side that are looked at
 LEAST = 0.01  # share of a cell that is air, below which it gets no gas of its own
@@ -37,9 +38,7 @@ class Deposit:
         self.solver, self.grid, self.dim = solver, solver.grid, solver.dim
         self.c: Any = self.grid.field()
         self.room: Any = self.grid.field()
-        self.room.from_numpy(
-            self.grid.pad(np.where(air.solid | (air.room < LEAST), 0.0, air.room)).astype(np.float32)
-        )
+        uploader(self.room)(self.grid.pad(np.where(air.solid | (air.room < LEAST), 0.0, air.room)))
         # of the puff at hand, per axis and cell; on a GPU of each of some at a time
         self._lanes = 1 if on_cpu() else 4096
         self._share: Any = ti.field(ti.f32, (self._lanes, self.dim, max(self.grid.shape)))

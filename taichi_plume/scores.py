@@ -1,11 +1,11 @@
 """How a run went, by what only the simulation knows: sources found, maps against the true gas."""
 
 from dataclasses import dataclass
-from math import ceil
+from math import ceil, sqrt
 from typing import Any
 
 import numpy as np
-from scipy.special import stdtrit
+from scipy.special import ndtri, stdtrit
 
 from taichi_plume.grid import fields
 from taichi_plume.grid.grid import block_mean, centers
@@ -179,17 +179,23 @@ def trial_summary(trials: dict[str, Any], duration: float) -> dict[str, Any]:
     success_rate: Wilson's interval. The others over successful trials, with Student's interval of the mean; and
     time_with_failures_s, of all trials, where a failure counts as `duration` [s].
     """
-    from scipy import stats  # takes 0.3 s: for runs of several trials only
-
     success = np.array(trials["success"], bool)
-    rate = stats.binomtest(int(success.sum()), len(success)).proportion_ci(method="wilson")
-    told: dict[str, Any] = {
-        "success_rate": {"mean": float(success.mean()), "low": rate.low, "high": rate.high, "n": len(success)}
-    }
+    told: dict[str, Any] = {"success_rate": share_with_interval(int(success.sum()), len(success))}
     for name in ("time_s", "path_m", "overhead", "acquisitions", "hits", "bumps"):
         told[name] = mean_with_interval(np.array(trials[name], float)[success])
     told["time_with_failures_s"] = mean_with_interval(np.where(success, trials["time_s"], duration))
     return told
+
+
+def share_with_interval(k: int, n: int) -> dict[str, Any]:
+    """Share of k among n and Wilson's interval of 95 % confidence (Wilson 1927, doi:10.1080/01621459.1927.10502953).
+
+    `scipy.stats` has it too, but takes 0.3 s to import.
+    """
+    z2 = float(ndtri(0.975)) ** 2
+    middle = (k + z2 / 2) / (n + z2)
+    half = sqrt(z2 * (k * (n - k) / n + z2 / 4)) / (n + z2)
+    return {"mean": k / n, "low": max(0.0, middle - half), "high": min(1.0, middle + half), "n": n}
 
 
 def mean_with_interval(values: np.ndarray) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 import contextlib
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from math import prod
@@ -22,6 +22,7 @@ else:
 # Of compiled kernels on disk. With Taichi's own 100 MB a dozen scenarios, or the tests, throw out each other's.
 CACHE_BYTES = 2_000_000_000
 STRIP = 32  # cells per strip; 100 and more are six times slower (LLVM stops using registers)
+MANY_CELLS = 50_000  # set by a pass: from here on a launch of its own is nothing to it
 FEW_CELLS = 300_000  # set by a pass: up to here the caller's thread is done before another one has woken up
 FEW_ROWS = 2000  # Taichi gives a CPU thread 512 iterations at least: with fewer rows, strips are tasks too
 
@@ -170,27 +171,79 @@ def visit(bodies: Sequence[Callable], shapes: Sequence[tuple[int, ...]]) -> Pass
 
 
 def launch(*passes: Pass) -> Callable[..., None]:
-    """One kernel ``run(a=0, b=0)`` of several passes in order.
+    """``run(a=0, b=0)`` of several passes in order.
 
-    On a CPU a pass of many cells is one parallel task; those of few cells that follow each other are one task of the
-    caller's thread: waking another one takes 0.1 ms.
+    On a CPU passes of few cells that follow each other are one task of the caller's thread: waking another one takes
+    0.1 ms. One of many is a kernel of its own, which costs 2 us: the time that Taichi takes to compile a kernel grows
+    with the square of its length.
     """
-    tasks = [(serial, tuple(one.run for one in some)) for serial, some in groupby(passes, _is_serial)]
+    groups = groupby(enumerate(passes), lambda nth: nth[0] if on_cpu() and nth[1].cells > MANY_CELLS else -1)
+    parts = tuple(_directly(_kernel([one for _, one in some])) for _, some in groups)
+    if len(parts) == 1:
+        return parts[0]
+
+    def run(a: float = 0.0, b: float = 0.0) -> None:
+        for part in parts:
+            part(a, b)
+
+    return run
+
+
+def _kernel(passes: Sequence[Pass]) -> Any:
+    """One kernel of them; in the caller's thread where that is quicker."""
+    serial = on_cpu() and passes[0].cells <= FEW_CELLS
+    bodies = tuple(one.run for one in passes)
 
     @ti.kernel
     def run(a: ti.f32, b: ti.f32):
-        for serial, some in ti.static(tasks):
-            if ti.static(serial):
-                ti.loop_config(serialize=True)
-                for _ in range(1):
-                    for one in ti.static(some):
-                        one(a, b)
-            else:
-                for one in ti.static(some):
-                    one(a, b)
+        if ti.static(serial):
+            ti.loop_config(serialize=True)
+            for _ in range(1):
+                for body in ti.static(bodies):
+                    body(a, b)
+        else:
+            for body in ti.static(bodies):
+                body(a, b)
 
-    return lambda a=0.0, b=0.0: run(a, b)
+    return run
 
 
-def _is_serial(one: Pass) -> bool:
-    return on_cpu() and one.cells <= FEW_CELLS
+def _directly(kernel: Any) -> Callable[..., None]:
+    """``run(a=0, b=0)`` of a kernel of two f32: from its second launch on in 2 us, where Taichi's own way takes 16.
+
+    Taichi looks up by the kind of each argument which kernel is meant, and the compiled one by its hash; of these
+    kernels there is one of each. Another start of Taichi compiles anew.
+    """
+    program: Any = None
+    traced: Any = None
+    compiled: Any = None
+
+    def run(a: float = 0.0, b: float = 0.0) -> None:
+        nonlocal program, compiled, traced
+        if impl.get_runtime().prog is not program or program is None:
+            with _data_flow_by_llvm():
+                kernel(a, b)
+                program = impl.get_runtime().prog
+                (traced,) = kernel._primal.compiled_kernels.values()
+                compiled = program.compile_kernel(program.config(), program.get_device_caps(), traced)
+            return
+        arguments = traced.make_launch_context()
+        arguments.set_arg_float((0,), a)
+        arguments.set_arg_float((1,), b)
+        program.launch_kernel(compiled, arguments)
+
+    return run
+
+
+@contextlib.contextmanager
+def _data_flow_by_llvm() -> Iterator[None]:
+    """Compile without Taichi's analysis of which store reaches which load: it grows with the square of a kernel's
+    length, to half of the time of compiling, and LLVM finds the same.
+
+    Not for all kernels: without it Taichi 1.7 gives LLVM faulty code of the V-cycle's, and aborts.
+    """
+    before, ti.cfg.cfg_optimization = ti.cfg.cfg_optimization, not on_cpu()
+    try:
+        yield
+    finally:
+        ti.cfg.cfg_optimization = before
