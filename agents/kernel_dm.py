@@ -247,7 +247,8 @@ class KernelMap(GasMap):
         I = cell_of(sample.place, self.cell, self.shape)
         weight = self.weights[k, I[0], I[1]]
         prior = self.totals[k, 1] / self.totals[k, 0]
-        trust = 1.0 - ti.exp(-((weight / self.n.sigma_omega[None]) ** 2))
+        share = ti.cast(weight / self.n.sigma_omega[None], ti.f32)  # Vulkan has no exp of f64
+        trust = 1.0 - ti.exp(-(share**2))
         mean = prior
         if weight > 0.0:
             mean += trust * (self.weighted[k, I[0], I[1]] / weight - prior)

@@ -182,10 +182,11 @@ class LineUp:
         for n in range(first, first + count):
             x = self.swarm.believed_position[self.robot[n]]
             side += (x - self._middle(n)).dot(ti.Vector([-w[1], w[0]]))
-            self.rank[n] = 0
+            rank = 0
             for other in range(first, first + count):
                 behind = (self.swarm.believed_position[self.robot[other]] - x).dot(w)
-                self.rank[n] += ti.cast(behind < 0.0 or (behind == 0.0 and other < n), ti.i32)
+                rank += ti.cast(behind < 0.0 or (behind == 0.0 and other < n), ti.i32)
+            self.rank[n] = rank
         self.way[k] = ti.select(side > 0.0, -1.0, 1.0)
         self.tilt[k] = self.way[k]
         self.b[k] = -self.way[k] * self._across(k)
@@ -239,5 +240,5 @@ class LineUp:
         if comes and self.swarm.velocity[i].norm() > STILL:  # not that the line comes to it
             self.late[n], self.least[n] = 0.0, off
         else:
-            self.late[n] += dt
+            self.late[n] = self.late[n] + dt
         return ti.cast(off > self.p.tolerance[n] and self.late[n] <= self.p.patience[n], ti.i32)

@@ -132,14 +132,14 @@ class Potential:
     def _watch(self, n, distance, dt):
         """Notice local minima."""
         x = self.swarm.believed_position[self.robot[n]]
-        self.escape[n] -= dt
-        self.idle[n] += dt
+        self.escape[n] = self.escape[n] - dt
+        self.idle[n] = self.idle[n] + dt
         if distance < NEAR or self.escape[n] > 0.0 or (x - self.mark[n]).norm() > self.p.least_way[n]:
             self.mark[n] = x
             self.idle[n] = 0.0
         elif self.idle[n] >= PATIENCE:
             self.escape[n] = ESCAPE * 2.0 ** ti.min(self.tries[n], 10)
-            self.tries[n] += 1
+            self.tries[n] = self.tries[n] + 1
             self.idle[n] = 0.0
 
     @ti.func

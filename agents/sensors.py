@@ -20,7 +20,7 @@ WARMING = 900.0  # s, time constant after a cold start: our choice
 
 @ti.data_oriented
 class Sensors:
-    """The sensors of all robots, measuring in one launch: what they are like is read when they measure.
+    """The sensors of all robots, measuring in one launch for each law: what they are like is read when they measure.
 
     dim: of gas and wind; in 3-D the sensors sit at their heights. tick: control period [s]. species: of the gas.
     """
@@ -46,14 +46,16 @@ class Sensors:
     def measure(self, gas: Odour, wind: Wind, tick: int, t: float) -> None:
         """Update all readings at tick `tick` (from 1 on), time t [s]."""
         if self.count:
-            self._sense(gas, wind, tick, t, exp(-t / WARMING))
+            for nose, vane in zip(self.noses, self.vanes, strict=True):
+                self._sense(nose, vane, gas, wind, tick, t, exp(-t / WARMING))
 
     @ti.kernel
-    def _sense(self, gas: Template, wind: Template, tick: int, t: float, cold: float):
-        for nose, vane in ti.static(zip(self.noses, self.vanes, strict=True)):
-            ti.loop_config(serialize=ti.static(few(nose.members.size)))
-            for k in range((nose.members.size + self.strip - 1) // self.strip):
-                self._sense_strip(nose, vane, gas, wind, k * self.strip, tick, t, cold)
+    def _sense(
+        self, nose: Template, vane: Template, gas: Template, wind: Template, tick: int, t: float, cold: float
+    ):
+        ti.loop_config(serialize=ti.static(few(nose.members.size)))
+        for k in range((nose.members.size + self.strip - 1) // self.strip):
+            self._sense_strip(nose, vane, gas, wind, k * self.strip, tick, t, cold)
 
     @ti.func
     def _sense_strip(

@@ -194,7 +194,6 @@ class FlowSolver(Carrier):
             sweep([new_pressure], [self.p], around),
         )
         self._finish = launch(fill, clear, measure)
-        self._measure_now = launch(clear, measure)
         self._lose = launch(
             on_faces(lambda d: of_axis(terms.loss, m, d), rate),
             *([Pass(self._add_loss, self.surfaces.cells)] if self.surfaces else []),

@@ -21,13 +21,13 @@ SPLIT = "tests/validation/test_cases.py"  # the longest file; its tests share no
 
 
 @pytest.fixture(scope="module")
-def taichi():
-    """A fresh Taichi on the CPU."""
+def taichi(request):
+    """A fresh Taichi, on the CPU unless told."""
     import taichi as ti
 
     from taichi_plume.grid import kernels
 
-    kernels.start("cpu")
+    kernels.start(request.config.getoption("--arch"))
     yield
     ti.reset()
 
@@ -59,6 +59,9 @@ def pytest_runtest_setup(item):
 
 def pytest_addoption(parser):
     parser.addoption(
+        "--arch", default="cpu", help="where tests that launch kernels themselves do it, such as cuda"
+    )
+    parser.addoption(
         "--kernels", action="store_true", help="tell what each file takes, and kernels it compiles"
     )
     parser.addoption("--keep-durations", action="store_true", help=f"write what it takes to {DURATIONS.name}")
@@ -71,8 +74,12 @@ def pytest_configure(config):
         config.pluginmanager.register(Measuring(config, scope, DURATIONS))
 
 
-def pytest_collection_modifyitems(items):
+def pytest_collection_modifyitems(config, items):
     """Long files first, by what they took, so that no worker is left with one in the end; new files before all."""
+    if config.getoption("--arch") != "cpu":
+        for item in items:
+            if item.get_closest_marker("cpu"):
+                item.add_marker(pytest.mark.skip(reason="of a CPU alone"))
     took = json.loads(DURATIONS.read_text())
     items.sort(key=lambda item: -took.get(scope(item.nodeid), float("inf")))
 

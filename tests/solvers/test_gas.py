@@ -141,7 +141,7 @@ def test_a_gas_that_begins_anew_is_a_new_one_and_goes_on_from_where_it_was_saved
         for one in (gas, fresh):
             one.advance(0.1 * n, 0.1)
     np.testing.assert_array_equal(gas.cells(1.0), fresh.cells(1.0))
-    assert gas.budget() == fresh.budget()
+    assert gas.budget() == pytest.approx(fresh.budget(), rel=1e-14)  # a GPU adds up in any order
     assert gas.species == SPECIES["acetone"]
     saved = state.save()
     gas.advance(1.0, 0.5)
@@ -150,7 +150,7 @@ def test_a_gas_that_begins_anew_is_a_new_one_and_goes_on_from_where_it_was_saved
     state.restore(saved)
     gas.advance(1.0, 0.5)
     np.testing.assert_array_equal(gas.cells(1.5), once)
-    assert gas.budget() == budget
+    assert gas.budget() == pytest.approx(budget, rel=1e-14)
 
 
 def test_a_gas_does_not_begin_where_no_air_is(arena):

@@ -115,6 +115,7 @@ EMPTY = [
 ]
 
 
+@pytest.mark.cpu
 @pytest.mark.parametrize(("shape", "periodic", "free"), EMPTY)
 def test_fast_transforms_solve_empty_boxes(fields, shape, periodic, free):
     grid = Grid(shape, 0.1, periodic=periodic)
@@ -220,6 +221,7 @@ def test_the_bits_do_not_depend_on_the_threads(fields):
     np.testing.assert_array_equal(*found)
 
 
+@pytest.mark.cpu
 def test_each_case_gets_its_solver():
     for shape, kind in (((40, 30), SparseFactors), ((12, 10, 7), Multigrid)):
         grid, faces, _, _ = problem(shape, True, True)
