@@ -1,9 +1,7 @@
 """What the domain's faces do to the air: per boundary face a prescribed velocity or an ambient pressure.
 
-Every boundary face has, per velocity component, a target V and a mirror factor. The ghost value of a component along
-the face is mirror·u + (1 - mirror)·V: 0 for blown-in air, 1 for slip and outlets. At a wall that moves with V (mirror
--1) it lies on the parabola through V and the two cells inside, which makes the friction of second order.
-The component through the face is either prescribed (V) or free, with the ambient pressure outside.
+Every boundary face has, per velocity component, a target V and a mirror factor, which `ghosts` turns into what lies
+beyond the face. The component through it is either prescribed (V) or free, with the ambient pressure outside.
 """
 
 from collections.abc import Callable
@@ -15,7 +13,6 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Pass, Template, visit
 from taichi_plume.grid.tables import Tables
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.openings import Fan, FanCurve, Honeycomb, Inlet, Opening
@@ -36,7 +33,7 @@ def curve_of(opening: Opening) -> FanCurve | None:
 
 @ti.data_oriented
 class Boundaries:
-    """Targets, mirror factors and ambient pressure of all boundary faces, and the kernels that fill ghost layers.
+    """Targets, mirror factors and ambient pressure of all boundary faces.
 
     patches: where the openings lie, with the openings as they are at present; jets: those of them that blow.
     To be begun once `tables` are uploaded.
@@ -244,125 +241,3 @@ class Boundaries:
             if curved or np.any(np.abs(flows.sum(axis=1)) > 1e-6 * np.abs(flows).sum(axis=1)):
                 result |= {jets[m][0] for m in here}
         return sorted(result)
-
-    # ---------------------------------------------------------------- passes over the faces of the domain
-
-    def _visit(self, body: Callable[..., None]) -> Pass:
-        """A pass that calls ``body(K, d, a, b)`` for all faces of each axis d; K[d] is 0 on the lower side, else 1."""
-
-        def of_axis(d: int) -> Callable:
-            @ti.func
-            def visited(K, a, b):
-                body(K, d, a, b)
-
-            return visited
-
-        return visit([of_axis(d) for d in range(self.dim)], self.sides)
-
-    def filling_velocity(self, u: Any) -> Pass:
-        """Sets all ghost values of the face velocities u."""
-
-        @ti.func
-        def fill(K, d: Template, a, b):
-            self._fill_velocity_at(u, K, d)
-
-        return self._visit(fill)
-
-    def prescribing(self, u: Any, u0: Any) -> Pass:
-        """Sets prescribed faces at a share `a` of the step, between u0 at its begin and the targets at its end; and the
-        upper faces of periodic axes.
-        """
-
-        @ti.func
-        def prescribe(K, d: Template, a, b):
-            n = ti.static(self.grid.shape[d])
-            D = ti.Vector.unit(self.dim, d, ti.i32)
-            face = K + D * (self.grid.ghost + K[d] * n - K[d])
-            if ti.static(self.grid.periodic[d]):
-                if K[d] == 1:  # the lower face is the one that is solved
-                    u[d][face] = u[d][face - D * n]
-            elif self.free[d][K] == 0:
-                u[d][face] = u0[d][face] + a * (self.target[d][K][d] - u0[d][face])
-
-        return self._visit(prescribe)
-
-    def filling_pressure(self, p: Any, with_ambient: bool) -> Pass:
-        """Sets the ghost values of p that put the ambient pressure (or zero) on free faces."""
-
-        @ti.func
-        def fill(K, d: Template, a, b):
-            self._fill_pressure_at(p, K, d, with_ambient)
-
-        return self._visit(fill)
-
-    def updating_losses(self, u: Any) -> Pass:
-        """Sets the pressure on free faces from K/2 u|u|, relaxed over dt (a) at the rate that is stable for any K."""
-
-        @ti.func
-        def update(K, d: Template, a, b):
-            self._update_loss_at(u, K, d, a)
-
-        return self._visit(update)
-
-    @ti.func
-    def _fill_velocity_at(self, u: Template, K, d: Template):
-        n = ti.static(self.grid.shape[d])
-        g = ti.static(self.grid.ghost)
-        D = ti.Vector.unit(self.dim, d, ti.i32)
-        side = K[d]
-        inner = K + D * (g + side * (n - 1) - side)  # K[d] is replaced by the first cell inside
-        face = K + D * (g + side * n - side)
-        outward = 2 * side - 1
-        if ti.static(self.grid.periodic[d]):
-            other = inner + D * (n - 1) * (1 - 2 * side)
-            for c in ti.static(range(self.dim)):
-                if ti.static(c != d):
-                    for m in ti.static(range(g)):
-                        u[c][inner + D * outward * (m + 1)] = u[c][other + D * outward * m]
-            if side == 1:  # the lower face is the one that is solved
-                for m in ti.static(range(g)):
-                    u[d][face + D * m] = u[d][face + D * (m - n)]
-            else:
-                for m in ti.static(range(1, g + 1)):
-                    u[d][face - D * m] = u[d][face + D * (n - m)]
-        else:
-            V = self.target[d][K]
-            for c in ti.static(range(self.dim)):
-                if ti.static(c != d):
-                    mirror = self.mirror[d][K][c]
-                    value = mirror * u[c][inner] + (1.0 - mirror) * V[c]
-                    if ti.static(n > 1):  # at a wall the parabola through V and two cells
-                        second = u[c][inner - D * outward]
-                        parabola = (8.0 * V[c] + second) / 3.0 - 2.0 * u[c][inner]
-                        value = ti.select(mirror < 0.0, parabola, value)
-                    for m in ti.static(range(1, g + 1)):
-                        u[c][inner + D * outward * m] = value
-            beyond = u[d][face]
-            if self.free[d][K] == 1:
-                beyond = ti.select(beyond * outward > 0.0, beyond, 0.0)  # still air comes in
-            for m in ti.static(range(1, g)):
-                u[d][face + D * outward * m] = beyond
-            if side == 0:
-                u[d][face - D * g] = beyond
-
-    @ti.func
-    def _fill_pressure_at(self, p: Template, K, d: Template, with_ambient: Template):
-        n = ti.static(self.grid.shape[d])
-        D = ti.Vector.unit(self.dim, d, ti.i32)
-        inner = K + D * (self.grid.ghost + K[d] * (n - 1) - K[d])
-        outer = inner + D * (2 * K[d] - 1)
-        if ti.static(self.grid.periodic[d]):
-            p[outer] = p[inner + D * (n - 1) * (1 - 2 * K[d])]
-        else:
-            p[outer] = 2.0 * self.ambient[d][K] * with_ambient - p[inner]
-
-    @ti.func
-    def _update_loss_at(self, u: Template, K, d: Template, dt: float):
-        if self.free[d][K] == 1:
-            n = ti.static(self.grid.shape[d])
-            face = K + ti.Vector.unit(self.dim, d, ti.i32) * (self.grid.ghost + K[d] * n - K[d])
-            out = u[d][face] * (2 * K[d] - 1)
-            k = self.loss[d][K]
-            wanted = 0.5 * k * out * ti.abs(out)
-            relax = 1.0 / (1.0 + 2.0 * k * ti.abs(out) * dt / ti.static(self.grid.dx))
-            self.ambient[d][K] += relax * (wanted - self.ambient[d][K])

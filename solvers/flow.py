@@ -10,7 +10,6 @@ pressure's increment: second order.
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from math import prod
 from typing import Any
 
 import numpy as np
@@ -26,6 +25,7 @@ from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers import momentum as terms
 from taichi_plume.solvers.boundaries import Boundaries
 from taichi_plume.solvers.continuity import correction, increased, net_inflow
+from taichi_plume.solvers.ghosts import Ghosts
 from taichi_plume.solvers.heat import HeatSolver
 from taichi_plume.solvers.limits import HUGE, Limits
 from taichi_plume.solvers.momentum import Momentum, Weighing, eddy_viscosity, of_axis
@@ -138,7 +138,7 @@ class FlowSolver(Carrier):
 
     def _compile_step(self) -> None:
         """The launches of a step: passes over the cells and faces, in the order of the scheme."""
-        m, grid, boundaries, phi = self.momentum, self.grid, self.boundaries, self._phi
+        m, grid, ghosts, phi = self.momentum, self.grid, Ghosts(self.boundaries), self._phi
         u, u0, rate = self.u, self._start, self._rate
 
         def remembered(d: int) -> Callable:
@@ -170,13 +170,12 @@ class FlowSolver(Carrier):
         def on_faces(formula: Callable[[int], Callable], out: Any) -> Pass:
             return sweep([formula(d) for d in range(self.dim)], out, grid.faces)
 
-        fill = boundaries.filling_velocity(u)
-        clear, measure = Pass(self._clear, 1), Pass(self._measure, prod(grid.shape))
+        fill = ghosts.filling_velocity(u)
         around = [(begin - 1, end + 1) for begin, end in grid.cells]
         self._begin = launch(
             on_faces(remembered, u0),
-            *([boundaries.updating_losses(u)] if boundaries.has_loss else []),
-            boundaries.filling_pressure(self.p, True),
+            *([ghosts.updating_losses(u)] if self.boundaries.has_loss else []),
+            ghosts.filling_pressure(self.p, True),
         )
         self._stage = launch(
             fill,
@@ -186,14 +185,14 @@ class FlowSolver(Carrier):
             on_faces(advanced, u),
             *([Pass(self._resist, sum(one.cells for one in self.resistances))] if self.resistances else []),
         )
-        self._prescribe = launch(boundaries.prescribing(u, u0))
+        self._prescribe = launch(ghosts.prescribing(u, u0))
         self._diverge = launch(sweep([divergence], [self._divergence], grid.cells))
         self._correct = launch(
-            boundaries.filling_pressure(phi, False),
+            ghosts.filling_pressure(phi, False),
             on_faces(lambda d: correction(m, phi, d), u),
             sweep([new_pressure], [self.p], around),
         )
-        self._finish = launch(fill, clear, measure)
+        self._finish = launch(fill, *self.limits.passes())
         self._lose = launch(
             on_faces(lambda d: of_axis(terms.loss, m, d), rate),
             *([Pass(self._add_loss, self.surfaces.cells)] if self.surfaces else []),
@@ -211,14 +210,6 @@ class FlowSolver(Carrier):
     def _resist(self, dt, k):
         for one in ti.static(self.resistances):
             one.apply(self.u, k * dt)
-
-    @ti.func
-    def _clear(self, dt, k):
-        self.limits.clear()
-
-    @ti.func
-    def _measure(self, dt, k):
-        self.limits.measure()
 
     def advance(self, t: float, dt: float) -> None:
         """One step of three stages."""

@@ -1,14 +1,13 @@
 """A computed flow that is averaged and then stands still: a mean of divergence-free fields is divergence-free."""
 
 from collections.abc import Callable, Sequence
-from math import prod
 from typing import Any
 
 import taichi as ti
 
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Pass, launch
+from taichi_plume.grid.kernels import launch
 from taichi_plume.scenario.winds import FrozenWind
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.momentum import Weighing
@@ -43,7 +42,7 @@ class FrozenSolver(FlowSolver):
             grid.blending(self.means, moving), grid.blending(moving, self.means)
         )  # fmt: skip
         # without what `_finish` does before: beyond the inlets the mean stands, not the last gust
-        self._measure_mean = launch(Pass(self._clear, 1), Pass(self._measure, prod(grid.shape)))
+        self._measure_mean = launch(*self.limits.passes())
 
     def begin(self, model: FrozenWind, t: float, seed: int) -> None:
         """Flow from rest at time t [s], the start of the warm-up."""

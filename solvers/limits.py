@@ -1,11 +1,11 @@
 """How large the flow is: what bounds the step."""
 
-from math import sqrt
+from math import prod, sqrt
 from typing import Any
 
 import taichi as ti
 
-from taichi_plume.grid.kernels import STRIP
+from taichi_plume.grid.kernels import STRIP, Pass, on_cpu
 from taichi_plume.grid.transfer import reader
 from taichi_plume.solvers.momentum import Momentum
 
@@ -25,30 +25,41 @@ class Limits:
         self._rows = tuple(reversed(self.grid.cells[1:]))
         self._found = ti.field(ti.f32, 4)
         self._read = reader(self._found)
+        # Maxima of every 32nd cell of a row, on a CPU: LLVM vectorises none that goes along a row.
+        self._width = STRIP if on_cpu() else 1
 
     @ti.func
     def _cell(self, J, i):
         """Index of the i-th cell of row J."""
         return ti.Vector([i + self.grid.ghost] + [J[self.dim - 1 - d] for d in ti.static(range(1, self.dim))])
 
+    def passes(self) -> tuple[Pass, Pass]:
+        """What takes the maxima."""
+
+        @ti.func
+        def clear(a, b):
+            self._clear()
+
+        @ti.func
+        def measure(a, b):
+            self._measure()
+
+        return Pass(clear, 1), Pass(measure, prod(self.grid.shape))
+
     @ti.func
-    def clear(self):
-        """Forget what was measured."""
+    def _clear(self):
         for n in range(4):
             self._found[n] = 0.0
 
     @ti.func
-    def measure(self):
-        """Take the maxima."""
+    def _measure(self):
         for J in ti.grouped(ti.ndrange(*self._rows)):
-            # of every 32nd cell of a row: LLVM vectorises no maximum that goes along a row
-            most, out, fastest, stickiest = (
-                ti.Vector([0.0] * STRIP), ti.Vector([0.0] * STRIP),
-                ti.Vector([0.0] * STRIP), ti.Vector([0.0] * STRIP),
-            )  # fmt: skip
-            for k in range((self.grid.shape[0] + STRIP - 1) // STRIP):
-                for n in range(ti.min(STRIP, self.grid.shape[0] - k * STRIP)):
-                    of_cell = self._of_cell(self._cell(J, k * STRIP + n))
+            width = ti.static(self._width)
+            most, out = ti.Vector([0.0] * width), ti.Vector([0.0] * width)
+            fastest, stickiest = ti.Vector([0.0] * width), ti.Vector([0.0] * width)
+            for k in range((self.grid.shape[0] + width - 1) // width):
+                for n in range(ti.min(width, self.grid.shape[0] - k * width)):
+                    of_cell = self._of_cell(self._cell(J, k * width + n))
                     most[n] = ti.max(most[n], of_cell[0])
                     out[n] = ti.max(out[n], of_cell[1])
                     fastest[n] = ti.max(fastest[n], of_cell[2])

@@ -91,7 +91,7 @@ def test_weno5_decays_vortices_more_exactly():
 
 @pytest.fixture(scope="module")
 def drifting(taichi):
-    """Energy that short vortices keep while a wind without viscosity carries them on by 16 cells, at a Courant number."""
+    """Energy that short vortices keep while a wind carries them on by 16 cells, as it depends on the Courant number."""
     flow = laminar_flow((32, 32), 2 * pi / 32, 1e-9, periodic("xy"), convection="weno5")
     wind, waves = np.array([1.0, 0.7]), np.array([[4, 1], [-3, 5], [6, 2], [1, -6]])
 

@@ -1,0 +1,143 @@
+"""Passes over the domain's faces: prescribed velocities, ghost layers, the pressure outside.
+
+The ghost value of a velocity component along a face is mirror·u + (1 - mirror)·V, V its target: mirror is 0 for
+blown-in air, 1 for slip and outlets. At a wall that moves with V (mirror -1) it lies on the parabola through V and the
+two cells inside, which makes the friction of second order.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import taichi as ti
+
+from taichi_plume.grid.kernels import Pass, Template, visit
+from taichi_plume.solvers.boundaries import Boundaries
+
+
+@ti.data_oriented
+class Ghosts:
+    """What the boundaries make of the fields of a flow."""
+
+    def __init__(self, boundaries: Boundaries):
+        self.b = boundaries
+        self.grid, self.dim = boundaries.grid, boundaries.dim
+
+    def _visit(self, body: Callable[..., None]) -> Pass:
+        """A pass that calls ``body(K, d, a, b)`` for all faces of each axis d; K[d] is 0 on the lower side, else 1."""
+
+        def of_axis(d: int) -> Callable:
+            @ti.func
+            def visited(K, a, b):
+                body(K, d, a, b)
+
+            return visited
+
+        return visit([of_axis(d) for d in range(self.dim)], self.b.sides)
+
+    def filling_velocity(self, u: Any) -> Pass:
+        """Sets all ghost values of the face velocities u."""
+
+        @ti.func
+        def fill(K, d: Template, a, b):
+            self._fill_velocity_at(u, K, d)
+
+        return self._visit(fill)
+
+    def prescribing(self, u: Any, u0: Any) -> Pass:
+        """Sets prescribed faces at a share `a` of the step, between u0 at its begin and the targets at its end; and the
+        upper faces of periodic axes.
+        """
+
+        @ti.func
+        def prescribe(K, d: Template, a, b):
+            n = ti.static(self.grid.shape[d])
+            D = ti.Vector.unit(self.dim, d, ti.i32)
+            face = K + D * (self.grid.ghost + K[d] * n - K[d])
+            if ti.static(self.grid.periodic[d]):
+                if K[d] == 1:  # the lower face is the one that is solved
+                    u[d][face] = u[d][face - D * n]
+            elif self.b.free[d][K] == 0:
+                u[d][face] = u0[d][face] + a * (self.b.target[d][K][d] - u0[d][face])
+
+        return self._visit(prescribe)
+
+    def filling_pressure(self, p: Any, with_ambient: bool) -> Pass:
+        """Sets the ghost values of p that put the ambient pressure (or zero) on free faces."""
+
+        @ti.func
+        def fill(K, d: Template, a, b):
+            self._fill_pressure_at(p, K, d, with_ambient)
+
+        return self._visit(fill)
+
+    def updating_losses(self, u: Any) -> Pass:
+        """Sets the pressure on free faces from K/2 u|u|, relaxed over dt (a) at the rate that is stable for any K."""
+
+        @ti.func
+        def update(K, d: Template, a, b):
+            self._update_loss_at(u, K, d, a)
+
+        return self._visit(update)
+
+    @ti.func
+    def _fill_velocity_at(self, u: Template, K, d: Template):
+        n = ti.static(self.grid.shape[d])
+        g = ti.static(self.grid.ghost)
+        D = ti.Vector.unit(self.dim, d, ti.i32)
+        side = K[d]
+        inner = K + D * (g + side * (n - 1) - side)  # K[d] is replaced by the first cell inside
+        face = K + D * (g + side * n - side)
+        outward = 2 * side - 1
+        if ti.static(self.grid.periodic[d]):
+            other = inner + D * (n - 1) * (1 - 2 * side)
+            for c in ti.static(range(self.dim)):
+                if ti.static(c != d):
+                    for m in ti.static(range(g)):
+                        u[c][inner + D * outward * (m + 1)] = u[c][other + D * outward * m]
+            if side == 1:  # the lower face is the one that is solved
+                for m in ti.static(range(g)):
+                    u[d][face + D * m] = u[d][face + D * (m - n)]
+            else:
+                for m in ti.static(range(1, g + 1)):
+                    u[d][face - D * m] = u[d][face + D * (n - m)]
+        else:
+            V = self.b.target[d][K]
+            for c in ti.static(range(self.dim)):
+                if ti.static(c != d):
+                    mirror = self.b.mirror[d][K][c]
+                    value = mirror * u[c][inner] + (1.0 - mirror) * V[c]
+                    if ti.static(n > 1):  # at a wall the parabola through V and two cells
+                        second = u[c][inner - D * outward]
+                        parabola = (8.0 * V[c] + second) / 3.0 - 2.0 * u[c][inner]
+                        value = ti.select(mirror < 0.0, parabola, value)
+                    for m in ti.static(range(1, g + 1)):
+                        u[c][inner + D * outward * m] = value
+            beyond = u[d][face]
+            if self.b.free[d][K] == 1:
+                beyond = ti.select(beyond * outward > 0.0, beyond, 0.0)  # still air comes in
+            for m in ti.static(range(1, g)):
+                u[d][face + D * outward * m] = beyond
+            if side == 0:
+                u[d][face - D * g] = beyond
+
+    @ti.func
+    def _fill_pressure_at(self, p: Template, K, d: Template, with_ambient: Template):
+        n = ti.static(self.grid.shape[d])
+        D = ti.Vector.unit(self.dim, d, ti.i32)
+        inner = K + D * (self.grid.ghost + K[d] * (n - 1) - K[d])
+        outer = inner + D * (2 * K[d] - 1)
+        if ti.static(self.grid.periodic[d]):
+            p[outer] = p[inner + D * (n - 1) * (1 - 2 * K[d])]
+        else:
+            p[outer] = 2.0 * self.b.ambient[d][K] * with_ambient - p[inner]
+
+    @ti.func
+    def _update_loss_at(self, u: Template, K, d: Template, dt: float):
+        if self.b.free[d][K] == 1:
+            n = ti.static(self.grid.shape[d])
+            face = K + ti.Vector.unit(self.dim, d, ti.i32) * (self.grid.ghost + K[d] * n - K[d])
+            out = u[d][face] * (2 * K[d] - 1)
+            k = self.b.loss[d][K]
+            wanted = 0.5 * k * out * ti.abs(out)
+            relax = 1.0 / (1.0 + 2.0 * k * ti.abs(out) * dt / ti.static(self.grid.dx))
+            self.b.ambient[d][K] += relax * (wanted - self.b.ambient[d][K])
