@@ -11,11 +11,11 @@ import psutil
 from taichi_plume.scenario.quantities import round_up
 from taichi_plume.scenario.scenario import Scenario
 
-BYTES_PER_CELL = {2: 264, 3: 204}  # all fields of a CFD run with one gas
+BYTES_PER_CELL = {2: 280, 3: 520}  # of a CFD run with one gas, at its peak while it is set up
 BYTES_PER_GAS = 16  # and cell, of every further gas
 BYTES_OF_FACTORS = 700  # per cell of a 2-D flow solved by sparse factors, at 10⁵ cells; it grows slowly
 BYTES_PER_ROBOT = 2000  # state, readings and a few minutes of track
-CELL_STEPS_PER_SECOND = {2: 1.5e6, 3: 2e6}  # rough: wind and gas on a few CPU cores
+CELL_STEPS_PER_SECOND = {2: 3e6, 3: 5e6}  # rough: wind and gas on a few CPU cores
 
 
 def estimate(scenario: Scenario) -> dict[str, float]:
