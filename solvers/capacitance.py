@@ -19,7 +19,7 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
 from taichi_plume.grid.grid import Grid
-from taichi_plume.solvers.direct import FastTransforms, Window, angles
+from taichi_plume.solvers.direct import Balance, FastTransforms, Window, angles
 from taichi_plume.solvers.poisson import Openness
 
 ENTRIES = 1 << 25  # of the Green's function at a time
@@ -178,10 +178,7 @@ class Capacitance:
         self.air = changes.air.reshape(grid.shape[::-1]).astype(np.float32)
         self.near, self.reach = changes.near, changes.reach
         self.changes = changes.matrix.astype(np.float32)
-        self.floating = changes.floating
-        if changes.floating.any():
-            self.cells, self.part = np.flatnonzero(changes.air), changes.part
-            self.size = np.maximum(np.bincount(self.part, minlength=len(self.floating)), 1)
+        self.cells, self.balance = np.flatnonzero(changes.air), Balance(changes.part, changes.floating)
         self.window = Window(self.box, self.reach, self.near)
         with self.box.blas.limit(limits=1):
             self._invert(changes.matrix)
@@ -203,7 +200,9 @@ class Capacitance:
         del tolerance
         right = self.grid.read(b).T
         right *= self.air
-        self._balance(right.reshape(-1))
+        if self.balance.any:
+            flat = right.reshape(-1)
+            flat[self.cells] -= self.balance.excess(flat[self.cells]).astype(np.float32)
         inflow = right.sum(dtype=np.float64) if self.box.singular else 0.0
         with self.box.blas.limit(limits=1):
             waves = self.box.forward(right)
@@ -220,9 +219,3 @@ class Capacitance:
             solution += sources[-1]
         solution *= self.air
         self.grid.write(phi, solution.T)
-
-    def _balance(self, right: np.ndarray) -> None:
-        """Take its mean from the right side in each part of the air that has no free face: solvable only then."""
-        if self.floating.any():
-            mean = np.bincount(self.part, right[self.cells], len(self.floating)) / self.size
-            right[self.cells] -= np.where(self.floating, mean, 0.0)[self.part].astype(np.float32)

@@ -18,6 +18,23 @@ from taichi_plume.solvers.poisson import Openness
 DENSE = 100  # cells of an axis up to which a product with a matrix takes less than a fast transform
 
 
+class Balance:
+    """What cells lose where a right side can only be met without a net source: its mean in each such part of them.
+
+    part: number of the part that each cell belongs to; floating: whether phi = 0 nowhere touches the part.
+    """
+
+    def __init__(self, part: np.ndarray, floating: np.ndarray):
+        self.part, self.floating = part, floating
+        self.any = bool(floating.any())
+        self.size = np.maximum(np.bincount(part, minlength=len(floating)), 1)
+
+    def excess(self, right: np.ndarray) -> np.ndarray:
+        """To be taken from the right side (cells,)."""
+        mean = np.bincount(self.part, right, len(self.floating)) / self.size
+        return np.where(self.floating, mean, 0.0)[self.part]
+
+
 class SparseFactors:
     """Sparse LU factors of the equations, made once (SuperLU, Li 2005, doi:10.1145/1089014.1089017)."""
 
@@ -26,12 +43,11 @@ class SparseFactors:
         matrix = openness.matrix()
         self.air = np.flatnonzero(matrix.diagonal() > 0)
         matrix = matrix[self.air][:, self.air]
-        count, self.region = connected_components(matrix, directed=False)
+        count, region = connected_components(matrix, directed=False)
         grounded = np.zeros(count, bool)
-        np.logical_or.at(grounded, self.region, matrix.sum(axis=1) > 1e-6)
-        self.floating = ~grounded[self.region]  # cells of regions that phi = 0 nowhere touches
-        self.size = np.bincount(self.region)
-        first = np.unique(self.region, return_index=True)[1]
+        np.logical_or.at(grounded, region, matrix.sum(axis=1) > 1e-6)
+        self.balance = Balance(region, ~grounded)
+        first = np.unique(region, return_index=True)[1]
         pins = np.zeros(len(self.air))
         pins[first[~grounded]] = 1.0
         matrix = (matrix + sp.diags_array(pins)).tocsc()
@@ -43,9 +59,8 @@ class SparseFactors:
         """Set the inner cells of field phi to the solution for field b; exact, whatever the tolerance."""
         del tolerance
         right = self.grid.read(b).ravel(order="F")[self.air].astype(np.float64)
-        if self.floating.any():  # solvable only without a net source
-            mean = np.bincount(self.region, right) / self.size
-            right -= np.where(self.floating, mean[self.region], 0.0)
+        if self.balance.any:
+            right -= self.balance.excess(right)
         flat = np.zeros(int(np.prod(self.grid.shape)), np.float32)
         flat[self.air] = self.lu.solve(right)
         self.grid.write(phi, flat.reshape(self.grid.shape, order="F"))
