@@ -1,0 +1,74 @@
+"""The manifest of a run folder tells whether its files are those that the run left."""
+
+import hashlib
+import json
+
+import numpy as np
+import pytest
+import zarr
+
+from taichi_plume.files import manifest
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A run folder with a table, a film, and an input elsewhere."""
+    run = tmp_path / "run"
+    run.mkdir()
+    (run / "table.csv").write_text("t,x\n0,1\n")
+    (tmp_path / "wind.csv").write_text("x,y\n")
+    film = zarr.create_group(run / "film.zarr")
+    film.create_array("u", data=np.arange(12.0), chunks=(4,))
+    manifest.write(run, [tmp_path / "wind.csv"], [run / "table.csv", run / "film.zarr", run / "never.csv"])
+    return run
+
+
+def test_it_holds_what_sha256sum_says(folder):
+    content = json.loads((folder / "manifest.json").read_text())
+    expected = {"sha256": hashlib.sha256(b"t,x\n0,1\n").hexdigest(), "bytes": 8}
+    assert content["outputs"]["table.csv"] == expected == manifest.digest(folder / "table.csv")
+    assert list(content["inputs"]) == ["../wind.csv"]
+    assert sorted(content["outputs"]) == ["film.zarr", "table.csv"]
+    assert manifest.read(folder) == content
+    assert sorted(path.name for path in folder.iterdir()) == ["film.zarr", "manifest.json", "table.csv"]
+
+
+def test_files_as_they_were_left_are_not_changed(folder):
+    assert manifest.changed(folder / "table.csv") is None
+    assert manifest.changed(folder / "film.zarr") is None
+    (folder / "other.csv").write_text("not listed")
+    assert manifest.changed(folder / "other.csv") is None
+    assert manifest.changed(folder.parent / "wind.csv") is None  # there is no manifest beside it
+
+
+@pytest.mark.parametrize("content", ["t,x\n0,2\n", "t,x\n0,1\n2,3\n", ""])
+def test_a_changed_file_is_told(folder, content):
+    (folder / "table.csv").write_text(content)
+    line = manifest.changed(folder / "table.csv")
+    assert line.startswith(f"{folder / 'table.csv'}: is not as its run left it")
+    assert "\n" not in line
+
+
+@pytest.mark.parametrize("damage", ["metadata", "chunk lost", "chunk cut", "one more"])
+def test_a_changed_film_is_told(folder, damage):
+    film = folder / "film.zarr"
+    if damage == "metadata":
+        text = (film / "u" / "zarr.json").read_text()
+        (film / "u" / "zarr.json").write_text(text.replace("float64", "int64"))
+    elif damage == "chunk lost":
+        (film / "u" / "c" / "1").unlink()
+    elif damage == "chunk cut":
+        (film / "u" / "c" / "1").write_bytes(b"")
+    else:
+        (film / "u" / "c" / "9").write_bytes(b"")
+    assert "is not as its run left it" in manifest.changed(film)
+
+
+@pytest.mark.parametrize(
+    "content", ["", "[]", '{"inputs": {}}', '{"inputs": {}, "outputs": {"table.csv": 1}}', "[" * 9999]
+)
+def test_a_damaged_manifest_is_told(folder, content):
+    (folder / "manifest.json").write_text(content)
+    assert "manifest.json: is damaged" in manifest.changed(folder / "table.csv")
+    with pytest.raises(manifest.ManifestError):
+        manifest.read(folder)
