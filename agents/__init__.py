@@ -1,3 +1,3 @@
 """Robots: bodies, sensors, search algorithms and maps. They see the world only through sensors."""
 
-MAY_IMPORT: tuple[str, ...] = ("files", "grid", "scenario")
+MAY_IMPORT: tuple[str, ...] = ("files", "grid", "guard", "scenario")

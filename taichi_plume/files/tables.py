@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
+from taichi_plume.guard.opening import open_regular
+
 LARGEST_FILE = 1 << 29  # bytes
 LONGEST_HEADER = 1 << 16  # characters
 LONGEST_LIST = 400  # of names that are shown
@@ -25,11 +27,10 @@ class TextFile:
     def __init__(self, path: Path, fault: type[ValueError]):
         self.path, self.fault = path, fault
         try:
-            with path.open("rb") as file:
+            with open_regular(path) as file:
                 content = file.read(LARGEST_FILE + 1)
-        except (OSError, ValueError) as error:  # no OSError: a name with a zero byte
-            reason = error.strerror if isinstance(error, OSError) else error
-            raise fault(f"{path}: cannot be read: {reason}") from None
+        except OSError as error:
+            raise fault(f"{path}: cannot be read: {error.strerror or error}") from None
         if len(content) > LARGEST_FILE:
             raise fault(f"{path}: is too large; {LARGEST_FILE >> 20} MiB are read")
         try:

@@ -1,3 +1,3 @@
 """The staggered grid and what lives on it: fields, kernels, shapes, cut cells, random numbers."""
 
-MAY_IMPORT: tuple[str, ...] = ()
+MAY_IMPORT: tuple[str, ...] = ("guard",)

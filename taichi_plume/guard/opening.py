@@ -1,0 +1,54 @@
+"""Files that others name are opened only if they are regular ones: a pipe would wait, a device might never end."""
+
+import errno
+import os
+import stat
+from pathlib import Path
+from typing import BinaryIO
+
+NO_NAME = "no file can have this name, for a null byte or half a character in it"
+
+
+def open_regular(path: Path) -> BinaryIO:
+    """A regular file, opened for reading in binary, without ever waiting for one.
+
+    Raises OSError, with a `strerror` for a message: also for a folder, pipe, device or socket, and for names that no
+    file can have.
+    """
+    flags = (
+        os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0) | getattr(os, "O_BINARY", 0)
+    )
+    try:
+        descriptor = os.open(path, flags)
+    except ValueError as error:  # a zero byte, a lone surrogate
+        raise OSError(errno.EINVAL, NO_NAME, str(path)) from error
+    try:
+        fault = _fault(os.fstat(descriptor).st_mode)
+        if fault:
+            raise OSError(errno.EINVAL, fault, str(path))
+        return os.fdopen(descriptor, "rb")
+    except BaseException:
+        os.close(descriptor)
+        raise
+
+
+def unopenable(path: Path, folder: bool = False) -> str | None:
+    """Why `open_regular` would refuse a path, for readers that open it themselves; None where it would not.
+
+    folder: whether it has to be a folder.
+    """
+    try:
+        mode = os.stat(path).st_mode
+    except ValueError:
+        return NO_NAME
+    except OSError as error:
+        return error.strerror or str(error)
+    if folder:
+        return None if stat.S_ISDIR(mode) else "is no folder"
+    return _fault(mode)
+
+
+def _fault(mode: int) -> str | None:
+    if stat.S_ISREG(mode):
+        return None
+    return os.strerror(errno.EISDIR) if stat.S_ISDIR(mode) else "is a pipe, socket or device, not a file"

@@ -1,0 +1,73 @@
+"""All that our commands print: no character of a file, name or message gets to command a terminal."""
+
+import argparse
+import re
+import sys
+from typing import TYPE_CHECKING, Any, NoReturn
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+LONGEST_LINE = 1000  # characters of a message
+LONGEST_VALUE = 100  # characters of a name or value within one
+_KEPT_AT_END = 300  # characters: where a message begins with a long path, they say what is wrong
+
+
+def visible(text: object, longest: int | None = LONGEST_LINE) -> str:
+    """One line of a text: what does not print (controls, line ends, marks of direction, surrogates) as its escape.
+
+    longest: characters; of more, some are left out from the middle; None: all are shown.
+    """
+    line = str(text)
+    if longest is not None:
+        line = _cut(line, longest)  # first: escaping gigabytes would take long
+    if not line.isprintable():
+        line = "".join(one if one.isprintable() else one.encode("unicode_escape").decode() for one in line)
+    return line if longest is None else _cut(line, longest)
+
+
+def _cut(line: str, longest: int) -> str:
+    if len(line) <= longest:
+        return line
+    end = min(_KEPT_AT_END, longest // 3)
+    return f"{line[: longest - end - 5]} ... {line[len(line) - end :]}"
+
+
+def say(text: object, error: bool = False, longest: int | None = LONGEST_LINE, end: str = "\n") -> None:
+    """Print a text, whose lines end in a line feed, to stdout or, of an `error`, to stderr.
+
+    longest: as `visible`, of each line.
+    """
+    stream = sys.stderr if error else sys.stdout
+    encoding = getattr(stream, "encoding", None) or "utf-8"
+    clean = "\n".join(visible(line, longest) for line in str(text).split("\n"))
+    print(clean.encode(encoding, "backslashreplace").decode(encoding), file=stream, end=end, flush=error)
+
+
+def console(error: bool = False, **options: Any) -> "Console":
+    """A rich console on stdout or, for `error`, on stderr, that prints as `say` and knows no markup."""
+    from rich.console import Console, ConsoleOptions, RenderableType
+    from rich.segment import Segment
+
+    class Visible(Console):
+        """Its own codes for colours and the cursor are the only ones that it sends."""
+
+        def render(self, renderable: RenderableType, options: ConsoleOptions | None = None):
+            for segment in super().render(renderable, options):
+                text = segment.text
+                if segment.control or text.isprintable() or text == "\n":
+                    yield segment
+                else:
+                    parts = re.split("(\n)", text)
+                    clean = "".join(part if part == "\n" else visible(part, None) for part in parts)
+                    yield Segment(clean, segment.style)
+
+    return Visible(stderr=error, markup=False, highlight=False, **options)
+
+
+class Parser(argparse.ArgumentParser):
+    """One whose messages show no characters that command a terminal."""
+
+    def error(self, message: str) -> NoReturn:
+        """Say what is wrong with the command line and exit with 2."""
+        super().error(visible(message))
