@@ -6,7 +6,9 @@
             robots.speed[:] = 0.1
 
 It is made once per group, with the scenario's `parameters` as keywords, and called each tick with all robots of all
-trials of the group; what it keeps from tick to tick are its own attributes.
+trials of the group; what it keeps from tick to tick are its own attributes. A run whose algorithm has ``state()``,
+which returns all that it keeps as plain data (numbers, texts, arrays, lists, dicts), and ``restore(state)`` can be
+resumed.
 """
 
 import inspect
@@ -19,6 +21,7 @@ from taichi_plume.agents.columns import COLUMNS, Rows
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.files.own_class import OwnAlgorithmError, told
+from taichi_plume.grid.state import saves_itself
 
 SHOWN = tuple(column for column in COLUMNS if column.shown)
 TOLD = tuple(column for column in COLUMNS if column.told)
@@ -32,6 +35,8 @@ class Robots:
     `robot`, numbers of each; `t`, `dt` [s].
     Write: `speed` [m/s]; `turn_rate` [rad/s]; `state`, whole numbers that index the algorithm's STATE_NAMES.
     """
+
+    STATE = ("t", "dt", *(column.shown for column in SHOWN), *(column.told for column in TOLD))
 
     heading: np.ndarray
     turn_rate: np.ndarray
@@ -76,6 +81,11 @@ class OwnAlgorithm:
         except Exception as error:
             raise OwnAlgorithmError(told(error, self.path)) from error
         self.STATE_NAMES = tuple(getattr(self.algorithm, "STATE_NAMES", ("SEARCH",)))
+
+    @property
+    def can_be_saved(self) -> bool:
+        """Whether the user's class tells what it keeps."""
+        return saves_itself(self.algorithm)
 
     def act(self, tick: int, t: float, dt: float) -> None:
         """Show the robots to the user's algorithm and carry out what it wants."""

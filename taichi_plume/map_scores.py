@@ -83,6 +83,8 @@ class MapSeries:
 class MapScores:
     """The scores of all maps of a run, a `MapSeries` each. Add `observer()` to the simulation's."""
 
+    STATE = ("series",)
+
     def __init__(self, sim: Simulation):
         self.series = [MapSeries(sim, n) for n in range(len(sim.maps))]
 

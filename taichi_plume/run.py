@@ -5,27 +5,17 @@ wrong, or there is no such device; 130: interrupted. Heavy imports wait until th
 """
 
 import argparse
-import errno
 import gc
 import os
-import signal
 import sys
-import textwrap
-import threading
-import traceback
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from taichi_plume.signals import reader_may_leave
 
 if TYPE_CHECKING:
-    from taichi_plume.map_scores import MapScores
-    from taichi_plume.prepare import Prepared
     from taichi_plume.scenario.scenario import Scenario
-    from taichi_plume.simulation import Simulation
-
-FULL = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT)
-LONGEST_MESSAGE = 300  # characters of an unexpected error
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -33,21 +23,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = _arguments(argv)
     os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
     gc.disable()  # until the run begins: a start takes 7 % more where what it makes is looked through
-    from taichi_plume.prepare import load
+    from taichi_plume.files.run_folder import RunFolderError
     from taichi_plume.scenario.loading import ScenarioError
 
-    overrides = list(args.set)
-    for key in ("seed", "duration"):
-        if getattr(args, key) is not None:
-            overrides.append(f"{key}={getattr(args, key)}")
     try:
-        prepared = load(args.scenario, overrides)
-        if args.check:
-            with _reader_may_leave():
-                _print_check(prepared.scenario)
-            return 0
-        return _run(prepared, args)
-    except ScenarioError as error:
+        return _resume(args) if args.resume else _new(args)
+    except (ScenarioError, RunFolderError) as error:
         print(error, file=sys.stderr)
         return 2
     except KeyboardInterrupt:
@@ -57,17 +38,55 @@ def main(argv: Sequence[str] | None = None) -> int:
         gc.enable()
 
 
+def _new(args: argparse.Namespace) -> int:
+    """Check the scenario and, unless that is all, run it."""
+    from taichi_plume.prepare import load
+
+    overrides = list(args.set)
+    for key in ("seed", "duration"):
+        if getattr(args, key) is not None:
+            overrides.append(f"{key}={getattr(args, key)}")
+    prepared = load(args.scenario, overrides)
+    if args.check:
+        with reader_may_leave():
+            _print_check(prepared.scenario)
+        return 0
+    from taichi_plume.files.run_folder import RunFolder, input_files
+    from taichi_plume.running import Job, device, execute
+
+    backend = device(args.arch or "cpu")
+    inputs = input_files(prepared.scenario, args.scenario)
+    with RunFolder(prepared.scenario.name, args.out, args.force, inputs=inputs) as folder:
+        job = Job(prepared, folder, args.scenario, args.arch or "cpu", backend, not args.no_recording)
+        return execute(job, args.quiet, args.debug)
+
+
+def _resume(args: argparse.Namespace) -> int:
+    """Go on with a run that was cut off."""
+    from taichi_plume.files.run_folder import RunFolder
+    from taichi_plume.prepare import load
+    from taichi_plume.resume import saved
+    from taichi_plume.running import Job, device, execute
+
+    with RunFolder.again(args.resume) as folder:
+        told = saved(folder.path)
+        file = folder.path / "scenario.yaml"
+        prepared = load(file)
+        backend = device(args.arch or told["arch"])
+        job = Job(prepared, folder, file, args.arch or told["arch"], backend, told["recording"], told)
+        return execute(job, args.quiet, args.debug)
+
+
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="python -m taichi_plume.run",
         description="Run a scenario: air flow, gas, robots, maps. The results go to a folder.",
     )
-    parser.add_argument("scenario", type=Path, help="YAML file")
+    parser.add_argument("scenario", type=Path, nargs="?", help="YAML file")
     parser.add_argument("--out", type=Path, metavar="DIR", help="run directory (default: runs/NAME-N)")
     parser.add_argument(
         "--arch",
         choices=("auto", "cpu", "cuda", "vulkan", "metal"),
-        default="cpu",
         help="where to compute; auto takes a GPU if there is one (default: cpu)",
     )
     parser.add_argument("--seed", metavar="N", help="instead of the scenario's")
@@ -84,19 +103,19 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     )
     parser.add_argument("--no-recording", action="store_true", help="write no recording.rrd")
     parser.add_argument("--quiet", action="store_true", help="no progress bar, no summary")
-    parser.add_argument("--force", action="store_true", help="overwrite an earlier run in --out")
+    parser.add_argument("--force", action="store_true", help="replace an earlier run in --out")
+    parser.add_argument(
+        "--resume", type=Path, metavar="RUN", help="go on with a run that was cut off, from its checkpoint"
+    )
     parser.add_argument("--debug", action="store_true", help="show where an unexpected error came from")
-    return parser.parse_args(argv)
-
-
-@contextmanager
-def _reader_may_leave() -> Iterator[None]:
-    """What is printed may go to a reader such as `head` that closes the pipe early: no error."""
-    try:
-        yield
-        sys.stdout.flush()
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes again at its end
+    args = parser.parse_args(argv)
+    if args.resume is None and args.scenario is None:
+        parser.error("the following arguments are required: scenario")
+    fixed = [f"--{key}" for key in ("out", "seed", "duration", "set", "check", "force") if getattr(args, key)]
+    if args.resume is not None and (args.scenario or args.no_recording or fixed):
+        what = fixed[0] if fixed else args.scenario or "--no-recording"
+        parser.error(f"--resume goes on with the run as it was: {what} has no place beside it")
+    return args
 
 
 def _print_check(scenario: "Scenario") -> None:
@@ -113,198 +132,6 @@ def _duration(seconds: float) -> str:
     if seconds < 100:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.0f} h"
-
-
-# ---------------------------------------------------------------- the run
-
-
-def _run(prepared: "Prepared", args: argparse.Namespace) -> int:
-    """Assemble and run; keep what there is, whatever ends it."""
-    from rich.console import Console
-
-    from taichi_plume import summary
-    from taichi_plume.files import result, run_folder
-    from taichi_plume.grid import kernels
-    from taichi_plume.map_scores import MapScores
-    from taichi_plume.scenario.loading import ScenarioError
-
-    console = Console(stderr=True)
-    try:
-        backend = kernels.start(args.arch)
-        out = run_folder.run_folder(prepared.scenario.name, args.out, args.force)
-    except (RuntimeError, run_folder.RunFolderError) as error:
-        print(error, file=sys.stderr)
-        return 2
-    try:
-        if console.is_terminal and not args.quiet:
-            console.print("compiling ...", end="\r", highlight=False)
-        sim = _build(prepared)
-    except BaseException as error:
-        _remove_if_empty(out)
-        if isinstance(error, (ScenarioError, KeyboardInterrupt)):
-            raise
-        if args.debug:
-            traceback.print_exc()
-        print(f"failed before the run began: {_explain(error)[1]}", file=sys.stderr)
-        return 1
-    map_scores = MapScores(sim)
-    status, message, code = _simulate(sim, map_scores, backend, out, args, console)
-    try:
-        content = result.result(sim, status, message, backend, map_scores)
-    except Exception as error:  # a simulation too broken to tell
-        if not code:
-            (status, message), code = _explain(error), 1
-        content = {"name": prepared.scenario.name, "status": status, "message": message}
-    try:
-        result.write_result(out, content)
-    except OSError as error:
-        print(f"result.json could not be written: {error}", file=sys.stderr)
-        code = code or 1
-    if code:
-        kept = ", ".join(sorted(file.name for file in out.iterdir())) or "nothing"
-        print(f"{status}: {message}\nkept in {out}: {kept}", file=sys.stderr)
-    elif not args.quiet:
-        with _reader_may_leave():
-            summary.print_summary(content, out)
-    return code
-
-
-def _build(prepared: "Prepared") -> "Simulation":
-    from taichi_plume.assemble import build
-
-    sim = build(prepared)
-    gc.enable()
-    return sim
-
-
-def _simulate(
-    sim: "Simulation",
-    map_scores: "MapScores",
-    backend: str,
-    out: Path,
-    args: argparse.Namespace,
-    console: Any,
-) -> tuple[str, str, int]:
-    """Run to the end and close all files. Returns status, message and exit code."""
-    status, message, code = "completed", "", 0
-    closers: list[Callable[[], None]] = []
-    with _terminable():
-        try:
-            _watch(sim, map_scores, backend, out, args, closers)
-            with ExitStack() as stack:
-                if console.is_terminal and not args.quiet:
-                    from taichi_plume.progress import ProgressBar
-
-                    bar = stack.enter_context(ProgressBar(sim, console))
-                    sim.observers.append(bar.observer())
-                sim.run()
-            if sim.tick < sim.last_tick:
-                status, message = "stopped", f"every robot had found a source at t = {sim.t:.1f} s"
-        except KeyboardInterrupt:
-            status, message, code = "interrupted", f"at t = {sim.t:.2f} s", 130
-        except Exception as error:
-            if args.debug:
-                traceback.print_exc()
-            (status, message), code = _explain(error), 1
-        with _deaf():
-            for close in closers:
-                try:
-                    close()
-                except Exception as error:  # the others have to be closed all the same
-                    if not code:
-                        (status, message), code = _explain(error), 1
-    return status, message, code
-
-
-def _watch(
-    sim: "Simulation",
-    map_scores: "MapScores",
-    backend: str,
-    out: Path,
-    args: argparse.Namespace,
-    closers: list[Callable[[], None]],
-) -> None:
-    """Open the run's files and let the simulation feed them."""
-    from taichi_plume.files import forces_table, robots_table, run_folder
-
-    run_folder.write_scenario(out, sim.scenario, args.scenario.resolve().parent, backend)
-    sim.observers.append(map_scores.observer())
-    if sim.swarm.count:
-        table = robots_table.RobotTable(sim, out / "robots.parquet")
-        closers.append(table.close)
-        sim.observers.append(table.observer())
-    if sim.forces is not None:
-        forces = forces_table.ForceTable(sim, out / "forces.csv")
-        closers.append(forces.close)
-        sim.observers.append(forces.observer())
-    if sim.scenario.fields is not None:
-        from taichi_plume.files.filming import Filming
-
-        sim.observers.append(Filming(sim, out / "fields.zarr", sim.scenario.fields).observer())
-    if sim.scenario.plumesim_log is not None:
-        from taichi_plume.files.plumesim_log import PlumeLogger
-
-        log = PlumeLogger(sim, out / "plume.pslog", sim.scenario.plumesim_log)
-        closers.append(log.close)
-        sim.observers.append(log.observer())
-    if not args.no_recording:
-        from taichi_plume.record.recorder import Recorder
-
-        recorder = Recorder(sim, out / "recording.rrd", backend, map_scores)
-        closers.append(recorder.close)
-        sim.observers += recorder.observers()
-
-
-def _explain(error: BaseException) -> tuple[str, str]:
-    """Status and one line for an exception."""
-    from taichi_plume.files.own_class import OwnAlgorithmError
-    from taichi_plume.simulation import UnstableError
-
-    if isinstance(error, UnstableError):
-        return "unstable", str(error)
-    if isinstance(error, OwnAlgorithmError):
-        return "failed", str(error)
-    if isinstance(error, OSError) and error.errno in FULL:
-        return "disk_full", f"{error.strerror}: {error.filename}" if error.filename else str(error)
-    frames = traceback.extract_tb(error.__traceback__)
-    ours = [frame for frame in frames if "taichi_plume" in frame.filename] or frames
-    where = f" ({Path(ours[-1].filename).name}:{ours[-1].lineno})" if ours else ""
-    message = textwrap.shorten(str(error), LONGEST_MESSAGE, placeholder=" ...")
-    return "failed", f"{type(error).__name__}: {message}{where}"
-
-
-def _remove_if_empty(folder: Path) -> None:
-    if folder.is_dir() and not any(folder.iterdir()):
-        folder.rmdir()
-
-
-# ---------------------------------------------------------------- signals
-
-
-@contextmanager
-def _terminable() -> Iterator[None]:
-    """SIGTERM (a batch system's or container's stop) ends the run as Ctrl-C does."""
-    with _handling(signal.SIGTERM, signal.default_int_handler):
-        yield
-
-
-@contextmanager
-def _deaf() -> Iterator[None]:
-    """Further Ctrl-C do not disturb the closing of files."""
-    with _handling(signal.SIGINT, signal.SIG_IGN), _handling(signal.SIGTERM, signal.SIG_IGN):
-        yield
-
-
-@contextmanager
-def _handling(number: signal.Signals, handler: Any) -> Iterator[None]:
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(number, handler)
-    try:
-        yield
-    finally:
-        signal.signal(number, before)
 
 
 if __name__ == "__main__":

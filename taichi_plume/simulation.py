@@ -88,6 +88,8 @@ class Uncertain(Mapper, Protocol):
 class Every:
     """A function called with the simulation every `period` simulated seconds, at start and end as well."""
 
+    STATE: ClassVar[tuple[str, ...]] = ("_period_done", "_last_tick")
+
     period: float
     function: Callable[["Simulation"], object]
     warm_up: bool = False
@@ -141,6 +143,7 @@ class Simulation:
     tick: int = field(default=0, init=False)
     steps: int = field(default=0, init=False)
     wall_s: float = field(default=0.0, init=False)
+    _begun: float | None = field(default=None, init=False, repr=False)
 
     STATE: ClassVar[tuple[str, ...]] = ("wind", "gas", "swarm", "sensors", "teams", "maps", "tick", "steps")
 
@@ -183,7 +186,7 @@ class Simulation:
 
     def run(self) -> None:
         """Run to the end. Raises UnstableError; observers have been called up to the last good tick."""
-        begin = time.perf_counter()
+        self._begun = time.perf_counter()
         try:
             self.observe()
             while not self.finished:
@@ -191,7 +194,12 @@ class Simulation:
                 self.observe()
             self.observe(force=True)
         finally:
-            self.wall_s += time.perf_counter() - begin
+            self.wall_s, self._begun = self.wall_so_far, None
+
+    @property
+    def wall_so_far(self) -> float:
+        """Time of the clock [s] that the run has taken."""
+        return self.wall_s + (time.perf_counter() - self._begun if self._begun is not None else 0.0)
 
     def observe(self, force: bool = False) -> None:
         """Call the observers that are due."""

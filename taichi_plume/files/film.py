@@ -71,7 +71,7 @@ class NewFilm:
     """A film being written.
 
     shape: cells per axis (x, y, z); dx [m]; attributes: of the group; moving: names of the variables of a frame;
-    still: those that do not change, with their values.
+    still: those that do not change, with their values. kept: go on with the film that is there, after so many frames.
     """
 
     def __init__(
@@ -82,7 +82,11 @@ class NewFilm:
         attributes: dict[str, Any],
         moving: list[str],
         still: dict[str, np.ndarray],
+        kept: int | None = None,
     ):
+        if kept is not None:
+            self._go_on(path, moving, kept)
+            return
         facts = {"format": FORMAT, "shape": list(shape), "spacing": dx, **attributes}
         self.group = zarr.create_group(path, zarr_format=3, attributes=facts)
         self.frames = 0
@@ -99,6 +103,14 @@ class NewFilm:
         for name in sorted({d for v in [*moving, *still] for d in dimensions(v, dim)}):
             places = _places(name, shape, dx)
             self._array(name, (name,), places.shape, places.shape, "float64", places)
+
+    def _go_on(self, path: Path, moving: list[str], kept: int) -> None:
+        self.group = zarr.open_group(path, mode="r+")
+        arrays: dict[str, Any] = dict(self.group.arrays())
+        self.frames, self.time = kept, arrays["time"]
+        self.moving = {name: arrays[name] for name in moving}
+        for array in (self.time, *self.moving.values()):
+            array.resize((kept, *array.shape[1:]))
 
     def _array(
         self, name: str, dims: tuple, shape: tuple, chunks: tuple, kind: str, values: Any = None

@@ -1,5 +1,6 @@
 """Films a run: writes wind and gas to the run directory as they come, for xarray and for later runs to play back."""
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,12 @@ from taichi_plume.simulation import Every, Simulation
 
 
 class Filming:
-    """Writes the film `path` of what `scenario.fields` asks for. Raises OSError as soon as the disk has no room."""
+    """Writes the film `path` of what `scenario.fields` asks for. Raises OSError as soon as the disk has no room.
+
+    `start()` begins it, `go_on()` continues that of a run that was resumed.
+    """
+
+    STATE = ("frames",)
 
     def __init__(self, sim: Simulation, path: Path, model: Fields):
         self.path, self.model = path, model
@@ -47,8 +53,17 @@ class Filming:
         if "gas" in model.quantities:
             moving += [f"{GAS}{species.name}" for species in sim.gas.species]
             attributes["gases"] = _origins(scenario)
-        disk.require_room(path)
-        self.film = NewFilm(path, grid.shape, grid.dx, attributes, moving, still)
+        self.frames = 0
+        self._new = partial(NewFilm, path, grid.shape, grid.dx, attributes, moving, still)
+
+    def start(self) -> None:
+        """Begin the film."""
+        disk.require_room(self.path)
+        self.film = self._new()
+
+    def go_on(self) -> None:
+        """Cut off the frames after the last `flush`."""
+        self.film = self._new(kept=self.frames)
 
     def observer(self) -> Every:
         """What the simulation has to call."""
@@ -63,6 +78,13 @@ class Filming:
             frame |= self._gas(sim)
         disk.require_room(self.path, sum(values.nbytes for values in frame.values()))
         self.film.append(sim.t, frame)
+
+    def flush(self) -> None:
+        """All is on the disk after every frame."""
+        self.frames = self.film.frames
+
+    def close(self) -> None:
+        """Nothing is left to do."""
 
     def _gas(self, sim: Simulation) -> dict[str, np.ndarray]:
         """Concentration of each species [kg/m³]."""

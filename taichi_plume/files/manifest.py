@@ -48,12 +48,15 @@ def _files(folder: Path) -> Iterable[str]:
             yield (Path(root) / name).relative_to(folder).as_posix()
 
 
-def write(folder: Path, inputs: Iterable[Path], outputs: Iterable[Path]) -> None:
-    """Write a folder's manifest, all of it or nothing; paths that are not there are left out. Raises OSError."""
-    content = {}
-    for part, paths in (("inputs", inputs), ("outputs", outputs)):
-        there = sorted({path.absolute() for path in paths if path.exists()})
-        content[part] = {_name(folder, path): digest(path) for path in there}
+def digests(folder: Path, paths: Iterable[Path]) -> dict[str, Any]:
+    """The digest of each path that is there, by its name relative to the folder. Raises OSError."""
+    there = sorted({path.absolute() for path in paths if path.exists()})
+    return {_name(folder, path): digest(path) for path in there}
+
+
+def write(folder: Path, inputs: dict[str, Any], outputs: Iterable[Path]) -> None:
+    """Write a folder's manifest, all of it or nothing; inputs: their `digests`. Raises OSError."""
+    content = {"inputs": inputs, "outputs": digests(folder, outputs)}
     handle, name = tempfile.mkstemp(prefix=f".{NAME}.", dir=folder)
     try:
         with os.fdopen(handle, "w", encoding="utf-8") as file:

@@ -6,6 +6,7 @@ A log is text: a line ``period_ms,numFrames,cellSize``; then per frame a line ``
 are in m, the speed in m/s, the direction is where the air goes, in rad; chemical is in percent of a full scale.
 """
 
+import os
 import re
 from math import ceil, inf
 from pathlib import Path
@@ -92,8 +93,11 @@ class PlumeLogger:
     """Writes the log `path`. Raises OSError as soon as the disk has no room.
 
     Nodes lie in the middle of square cells; those within obstacles are left out. Of several gases the sum of their
-    mole fractions is written. The first line is kept right, so the file is whole after every frame.
+    mole fractions is written. The first line is kept right, so the file is whole after every frame. `start()` begins
+    it, `go_on()` continues that of a run that was resumed.
     """
+
+    STATE = ("frames", "size")
 
     def __init__(self, sim: Simulation, path: Path, model: PlumeLog):
         self.path, self.model = path, model
@@ -101,9 +105,18 @@ class PlumeLogger:
         self.ticks = max(1, round(1 / (model.rate * sim.dt)))  # per frame
         self.first = ceil(model.start / sim.dt - 1e-9)
         self.place = nodes(sim, model)
-        self.frames = 0
-        disk.require_room(path)
-        self.file = path.open("wb")
+        self.frames = self.size = 0
+
+    def start(self) -> None:
+        """Begin the log."""
+        disk.require_room(self.path)
+        self.file = self.path.open("wb")
+        self._write_header()
+
+    def go_on(self) -> None:
+        """Cut off the frames after the last `flush`."""
+        os.truncate(self.path, self.size)
+        self.file = self.path.open("r+b")
         self._write_header()
 
     def observer(self) -> Every:
@@ -139,6 +152,10 @@ class PlumeLogger:
         self.file.write(header.encode("ascii"))
         self.file.seek(0, 2)
         self.file.flush()
+
+    def flush(self) -> None:
+        """All is on the disk after every frame."""
+        self.size = self.file.tell()
 
     def close(self) -> None:
         """Close the file."""

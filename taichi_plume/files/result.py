@@ -19,15 +19,7 @@ def result(
     """What came of a run, ready for `write_result`; map_scores: of its maps over time."""
     cells = prod(sim.grid.shape)
     steps = cells * sim.steps
-    return {
-        "name": sim.scenario.name,
-        "status": status,
-        "message": message,
-        "seed": sim.scenario.seed,
-        "backend": backend,
-        "version": __version__,
-        "wall_s": sim.wall_s,
-        "simulated_s": sim.t - sim.scenario.first_tick * sim.dt,
+    return begun(sim, status, message, backend) | {
         "steps": sim.steps,
         "cells": cells,
         "Mcell_steps_per_s": steps / sim.wall_s / 1e6 if sim.wall_s > 0 else None,
@@ -39,6 +31,20 @@ def result(
             _map(sim, n) | (_over_time(map_scores.series[n]) if map_scores else {})
             for n in range(len(sim.maps))
         ],
+    }
+
+
+def begun(sim: Simulation, status: str, message: str, backend: str) -> dict[str, Any]:
+    """What can be told of a run before its end."""
+    return {
+        "name": sim.scenario.name,
+        "status": status,
+        "message": message,
+        "seed": sim.scenario.seed,
+        "backend": backend,
+        "version": __version__,
+        "wall_s": sim.wall_so_far,
+        "simulated_s": sim.t - sim.scenario.first_tick * sim.dt,
     }
 
 

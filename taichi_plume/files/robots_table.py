@@ -1,11 +1,16 @@
-"""`robots.parquet`: one row per robot and sample, units and meanings as metadata of its columns."""
+"""`robots.parquet`: one row per robot and sample, units and meanings as metadata of its columns.
 
+While a run lasts its rows are in `robots.parts`, small files each of which can be read; at the end they become one.
+"""
+
+from collections.abc import Iterator
 from math import ceil
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from taichi_plume.files import disk
@@ -13,6 +18,7 @@ from taichi_plume.simulation import Every, Simulation
 
 MOST_ROWS = 2_000_000  # of robots.parquet: larger swarms are sampled less often
 ROW_GROUP = 50_000
+PARTS = "robots.parts"
 NAMES = pa.dictionary(pa.int32(), pa.string())
 
 
@@ -49,68 +55,192 @@ WHO = (
 
 
 class RobotTable:
-    """`robots.parquet`: one row per robot and sample. `close()` makes it readable, whatever happened."""
+    """`robots.parquet`: one row per robot and sample. `close()` makes it, whatever happened.
+
+    `start()` begins it, `go_on()` continues that of a run that was resumed. Raises OSError when the disk is full.
+    """
+
+    STATE = ("rows",)
 
     def __init__(self, sim: Simulation, path: Path):
-        self.path = path
+        self.path, self.parts = path, path.with_name(PARTS)
         count = sim.swarm.count
         rows = count * (sim.scenario.duration / sim.dt + 1)
         self.period = sim.dt * ceil(max(1.0, rows / MOST_ROWS))
-        self.pending: list[pa.RecordBatch] = []
-        self.rows = 0
+        self.rows = 0  # that are in the parts
+        self.open = False
         groups = sim.swarm.groups
-        self.group = np.concatenate([np.full(g.count * g.trials, n, np.int32) for n, g in enumerate(groups)])
-        self.trial = np.concatenate([np.repeat(np.arange(g.trials, dtype=np.int32), g.count) for g in groups])
-        self.robot = np.concatenate([np.tile(np.arange(g.count, dtype=np.int32), g.trials) for g in groups])
-        self.group_names = pa.array([g.name for g in groups])
         states = sim.state_names()
-        self.first_state = np.cumsum([0, *[len(names) for names in states]])[:-1].astype(np.int32)
-        self.state_names = pa.array([name for names in states for name in names])
+        first_state = np.cumsum([0, *[len(names) for names in states]])[:-1]
+        self.names = {
+            "group": pa.array([g.name for g in groups]),
+            "state": pa.array([name for names in states for name in names]),
+        }
         self.columns = [column for column in sim.swarm.columns if column.table]
         self.schema = pa.schema([*WHO, *(field for column in self.columns for field in _fields(column))])
-        disk.require_room(path)
-        self.writer = pq.ParquetWriter(path, self.schema, compression="zstd")
+        self.kept = 0  # samples that are in no part yet
+        samples = max(1, ROW_GROUP // count)
+        self.values = {
+            field.name: np.empty((samples, count), _numpy_kind(field.type)) for field in self.schema
+        }
+        group = np.concatenate([np.full(g.count * g.trials, n) for n, g in enumerate(groups)])
+        self.first_state = first_state[group]
+        self.values["group"][:] = group
+        self.values["trial"][:] = np.concatenate([np.repeat(np.arange(g.trials), g.count) for g in groups])
+        self.values["robot"][:] = np.concatenate([np.tile(np.arange(g.count), g.trials) for g in groups])
+
+    def start(self) -> None:
+        """Begin the table."""
+        disk.require_room(self.path)
+        self.parts.mkdir()
+        self.number = 0
+        self.open = True
+
+    def go_on(self) -> None:
+        """Keep the first `rows` rows of what there is, and begin after them."""
+        found = [self.path, *part_files(self.parts)]
+        first = self.parts.with_suffix(".first")
+        _merge([file for file in found if file.exists()], first, self.schema, self.names, self.rows)
+        self.path.unlink(missing_ok=True)
+        self.parts.mkdir(exist_ok=True)
+        for file in part_files(self.parts):
+            file.unlink()
+        first.replace(self.parts / _name(0))
+        self.number = 1
+        self.open = True
 
     def observer(self) -> Every:
         """What the simulation has to call."""
         return Every(self.period, self.sample)
 
     def sample(self, sim: Simulation) -> None:
-        """Take a row of every robot. Raises OSError when the disk is full."""
+        """Take a row of every robot."""
         now = sim.swarm.snapshot()
-        arrays = [
-            pa.array(np.full(len(self.group), sim.t)),
-            pa.DictionaryArray.from_arrays(self.group, self.group_names),
-            pa.array(self.trial),
-            pa.array(self.robot),
-        ]
+        n = self.kept
+        self.values["t"][n] = sim.t
         for column in self.columns:
             values = now[column.key]
             if column.named:
-                state = self.first_state[self.group] + values.astype(np.int32)
-                arrays.append(pa.DictionaryArray.from_arrays(state, self.state_names))
+                self.values[column.table[0]][n] = self.first_state + values
             else:
-                parts = values.reshape(len(values), -1).T.astype(column.dtype)
-                arrays += [pa.array(np.ascontiguousarray(part), from_pandas=True) for part in parts]
-        self.pending.append(pa.RecordBatch.from_arrays(arrays, schema=self.schema))
-        self.rows += len(self.group)
-        if self.rows >= ROW_GROUP:
-            self._write()
+                for name, part in zip(column.table, values.reshape(len(values), -1).T, strict=True):
+                    self.values[name][n] = part
+        self.kept += 1
+        if self.kept == len(self.values["t"]):
+            self.flush()
 
-    def _write(self) -> None:
-        if not self.pending:
+    def flush(self) -> None:
+        """Bring the samples that were taken to the disk, as another part."""
+        if not self.kept:
             return
-        table = pa.Table.from_batches(self.pending)
+        arrays = []
+        for field in self.schema:
+            values = self.values[field.name][: self.kept].ravel()
+            if field.type == NAMES:
+                arrays.append(pa.DictionaryArray.from_arrays(values, self.names[field.name]))
+            else:
+                arrays.append(pa.array(values, field.type, from_pandas=True))
+        table = pa.Table.from_arrays(arrays, schema=self.schema)
         disk.require_room(self.path, table.nbytes)
-        self.pending.clear()
-        self.rows = 0
-        self.writer.write_table(table)
+        part = self.parts / _name(self.number)
+        fresh = part.with_suffix(".new")
+        with _writer(fresh, self.schema) as writer:
+            writer.write_table(table)
+        fresh.replace(part)
+        self.rows += self.kept * len(self.first_state)
+        self.number, self.kept = self.number + 1, 0
 
     def close(self) -> None:
-        """Write the rest and the footer."""
-        if not self.writer.is_open:
+        """Make one file of the parts."""
+        if not self.open:
             return
+        self.open = False
         try:
-            self._write()
+            self.flush()
         finally:
-            self.writer.close()
+            join(self.path, self.names)
+
+
+def _numpy_kind(kind: pa.DataType) -> Any:
+    return np.int32 if kind == NAMES else kind.to_pandas_dtype()
+
+
+def _name(number: int) -> str:
+    return f"{number:06d}.parquet"
+
+
+def part_files(folder: Path) -> list[Path]:
+    """The parts of a table that is not finished, in their order."""
+    return sorted(folder.glob("*.parquet"))
+
+
+def join(path: Path, names: dict[str, pa.Array] | None = None) -> None:
+    """Make the file `path` of the parts beside it, and remove these.
+
+    names: all that stand in columns of names; unless given, those that are found. Raises OSError.
+    """
+    parts = path.with_name(PARTS)
+    files = part_files(parts)
+    schema = pq.read_schema(files[0]) if files else None
+    if schema is not None:
+        disk.require_room(path, sum(file.stat().st_size for file in files))
+        fresh = parts / "joined.new"
+        _merge(files, fresh, schema, names or _names_in(files, schema))
+        fresh.replace(path)
+    for file in parts.iterdir():
+        file.unlink()
+    parts.rmdir()
+
+
+def _merge(
+    files: list[Path],
+    path: Path,
+    schema: pa.Schema,
+    names: dict[str, pa.Array],
+    rows: int | None = None,
+) -> None:
+    """Write the first `rows` rows of some files, or all, into one whose bytes depend on these rows alone."""
+    with _writer(path, schema) as writer:
+        for table in _in_groups(files, rows):
+            columns = [
+                _named(column, names[field.name]) if field.type == NAMES else column
+                for field, column in zip(schema, table.columns, strict=True)
+            ]
+            writer.write_table(pa.Table.from_arrays(columns, schema=schema))
+
+
+def _in_groups(files: list[Path], rows: int | None) -> Iterator[pa.Table]:
+    """The rows of files as tables of ROW_GROUP rows, and one of the rest."""
+    left = float("inf") if rows is None else rows
+    waiting: list[pa.RecordBatch] = []
+    held = 0
+    for file in files:
+        with pq.ParquetFile(file, page_checksum_verification=True) as part:
+            for batch in part.iter_batches(ROW_GROUP):
+                batch = batch.slice(0, int(min(left, len(batch))))
+                left -= len(batch)
+                waiting.append(batch)
+                held += len(batch)
+                if held >= ROW_GROUP:
+                    table = pa.Table.from_batches(waiting)
+                    yield table.slice(0, ROW_GROUP)
+                    waiting, held = table.slice(ROW_GROUP).to_batches(), held - ROW_GROUP
+    if held:
+        yield pa.Table.from_batches(waiting)
+
+
+def _named(column: pa.ChunkedArray, names: pa.Array) -> pa.DictionaryArray:
+    """A column of names with that dictionary, whatever its own is."""
+    numbers = pc.index_in(column.cast(pa.string()), value_set=names).combine_chunks()
+    return pa.DictionaryArray.from_arrays(numbers, names)
+
+
+def _names_in(files: list[Path], schema: pa.Schema) -> dict[str, pa.Array]:
+    """All names in the columns of names."""
+    wanted = [field.name for field in schema if field.type == NAMES]
+    tables = pa.concat_tables([pq.read_table(file, columns=wanted) for file in files])
+    return {name: pc.unique(tables[name].cast(pa.string())).combine_chunks() for name in wanted}
+
+
+def _writer(path: Path, schema: pa.Schema) -> pq.ParquetWriter:
+    return pq.ParquetWriter(path, schema, compression="zstd", write_page_checksum=True)

@@ -1,19 +1,23 @@
-"""The run directory: which files it holds, and the resolved scenario in it, which can be run again as it is."""
+"""The run directory: which files it holds, who writes to it, and the resolved scenario, which can be run again as is."""
 
 import datetime
+import json
 import os
 import platform
+import re
 import shutil
-import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from types import TracebackType
+from typing import Any, Self
 
+import filelock
 import yaml
 
 from taichi_plume import __version__
 from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.scenario.vocabulary import Model, sections
 
 FILES = (
     "scenario.yaml",
@@ -24,47 +28,175 @@ FILES = (
     "plume.pslog",
     "result.json",
 )
+BESIDE = ("robots.parts", "recording.old.rrd", "recording.part.rrd", "checkpoint.npz", "manifest.json")
+"""What a run writes besides: parts of files that are not finished, and what it can be resumed from."""
 PATHS = ("file", "files", "occupancy")  # keys of a scenario
+LOCK = ".lock"
+REPLACED = ".replaced"
+HEADER = "# Every default written out."
+OURS = {"name", "status", "seed"}  # keys of every result.json
 
 
 class RunFolderError(ValueError):
     """A run directory that cannot be used."""
 
 
-def run_folder(
-    name: str,
-    out: Path | None = None,
-    force: bool = False,
-    runs: Path = Path("runs"),
-    files: Sequence[str] = FILES,
-) -> Path:
-    """Make and return `out`, or the first free ``runs/<name>-<n>``; raises RunFolderError.
+class RunFolder:
+    """A run directory that this process alone writes to until it is closed; as a context it closes itself.
 
-    One that holds files is refused, unless by `force` those `files` that an earlier run left there are removed.
+    `path` is `out`, or the first free ``runs/<name>-<n>``. Raises RunFolderError where another process writes there,
+    and where it holds files: unless by `force` these are of an earlier run. Those are replaced when `clear` is called,
+    not before; `inputs`, the files that the new run reads, must not be among them. Other files stay as they are.
+
+    files: names of what may be replaced; ours: tells whether a folder holds such files of ours.
     """
-    try:
-        if out is None:
-            return _next_folder(name, runs)
-        if out.is_file():
-            raise RunFolderError(f"{out}: is a file; --out takes a folder")
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RunFolderError(
-            f"{error.filename or out or runs}: cannot be made: {error.strerror or error}"
-        ) from None
-    try:
-        with tempfile.NamedTemporaryFile(dir=out):
-            pass  # now, rather than after minutes of compiling
-        if not force and any(out.iterdir()):
-            raise RunFolderError(f"{out}: is not empty; choose another --out or add --force to overwrite")
-        for file in files:
-            if (out / file).is_dir():
-                shutil.rmtree(out / file)
+
+    def __init__(
+        self,
+        name: str,
+        out: Path | None = None,
+        force: bool = False,
+        runs: Path = Path("runs"),
+        inputs: Sequence[Path] = (),
+        files: Sequence[str] = FILES + BESIDE,
+        ours: Callable[[Path], bool] | None = None,
+    ):
+        self.files, self._ours = files, ours or is_run
+        self.made = out is None or not out.exists()
+        try:
+            if out is None:
+                out = _next_folder(name, runs)
+            elif out.exists() and not out.is_dir():
+                raise RunFolderError(f"{out}: is a file; --out takes a folder")
             else:
-                (out / file).unlink(missing_ok=True)
-    except OSError as error:
-        raise RunFolderError(f"{out}: cannot be written to: {error.strerror or error}") from None
-    return out
+                out.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            at = error.filename or out or runs
+            raise RunFolderError(f"{at}: cannot be made: {error.strerror or error}") from None
+        self.path = out
+        self._hold()
+        try:
+            self._check(force, inputs)
+        except BaseException:
+            self.close()
+            raise
+
+    @classmethod
+    def again(cls, folder: Path) -> Self:
+        """The directory of an earlier run, to go on in it. Raises RunFolderError where it is none."""
+        if not folder.is_dir():
+            raise RunFolderError(f"{folder}: is no folder; give the folder of a run")
+        if not is_run(folder):
+            raise RunFolderError(f"{folder}: is not the folder of a run")
+        self = cls.__new__(cls)
+        self.made, self.path, self.files = False, folder, FILES + BESIDE
+        self._hold()
+        return self
+
+    def _hold(self) -> None:
+        """Take the lock, which goes with the process, however it ends."""
+        self._lock = filelock.FileLock(self.path / LOCK, timeout=0)
+        try:
+            self._lock.acquire()
+        except filelock.Timeout:
+            raise RunFolderError(f"{self.path}: another run is writing there; choose another --out") from None
+        except (OSError, NotImplementedError) as error:
+            reason = getattr(error, "strerror", None) or error
+            raise RunFolderError(f"{self.path}: cannot be written to: {reason}") from None
+
+    def _check(self, force: bool, inputs: Sequence[Path]) -> None:
+        if not any(file.name != LOCK for file in self.path.iterdir()):
+            return
+        held = held_input(self.path, inputs)
+        if held is not None:
+            raise RunFolderError(f"{self.path}: holds {held}, which this run reads; choose another --out")
+        if not force:
+            raise RunFolderError(
+                f"{self.path}: is not empty; choose another --out or add --force to overwrite"
+            )
+        if not self._ours(self.path):
+            raise RunFolderError(
+                f"{self.path}: holds files that no run of ours has left; choose another --out"
+            )
+
+    def clear(self) -> None:
+        """Set aside what an earlier run left, until `settle`."""
+        aside = self.path / REPLACED
+        shutil.rmtree(aside, ignore_errors=True)
+        for name in self.files:
+            if (self.path / name).exists():
+                aside.mkdir(exist_ok=True)
+                (self.path / name).rename(aside / name)
+
+    def settle(self, stands: bool) -> None:
+        """Remove what was set aside, as the new run `stands`; else put it back."""
+        aside = self.path / REPLACED
+        if not stands and aside.is_dir():
+            for file in aside.iterdir():
+                remove(self.path / file.name)
+                file.rename(self.path / file.name)
+        shutil.rmtree(aside, ignore_errors=True)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Let others write there; a folder that was made and left empty goes."""
+        self._lock.release()
+        if self.made and not any(file.name != LOCK for file in files_in(self.path)):
+            (self.path / LOCK).unlink(missing_ok=True)
+            remove(self.path)
+
+
+def is_run(folder: Path) -> bool:
+    """Whether a folder holds what a run, finished or not, has left."""
+    try:
+        content = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+        if isinstance(content, dict) and content.keys() >= OURS:
+            return True
+    except (OSError, ValueError, RecursionError):
+        pass
+    try:
+        with (folder / "scenario.yaml").open("rb") as file:
+            return file.readline(len(HEADER)) == HEADER.encode()
+    except OSError:
+        return False
+
+
+def held_input(folder: Path, inputs: Sequence[Path]) -> Path | None:
+    """The first of the files that lies in the folder."""
+    there = folder.resolve()
+    return next((file for file in inputs if there in (file.resolve(), *file.resolve().parents)), None)
+
+
+def remove(file: Path) -> None:
+    """Remove a file or a whole folder, if it is there."""
+    if file.is_dir() and not file.is_symlink():
+        shutil.rmtree(file)
+    else:
+        file.unlink(missing_ok=True)
+
+
+def input_files(scenario: Scenario, file: Path) -> list[Path]:
+    """The files that a scenario reads, and its own, `file`; a film is a folder."""
+    found, folder = [file], file.parent
+    for _, section in sections(scenario, ""):
+        for key in PATHS:
+            name = vars(section).get(key)
+            if name and isinstance(name, str):
+                path = folder / re.sub(r"%0?\d*d", "*", name)
+                found += sorted(path.parent.glob(path.name)) if "*" in path.name else [path]
+    return found
+
+
+def files_in(folder: Path) -> list[Path]:
+    """What a folder holds; nothing where it is gone."""
+    return list(folder.iterdir()) if folder.is_dir() else []
 
 
 def _next_folder(name: str, runs: Path) -> Path:
@@ -88,9 +220,23 @@ def to_yaml(scenario: Scenario, source: Path = Path(), target: Path | None = Non
     Paths of files, relative to `source`, are written relative to `target` when one is given.
     """
     data = scenario.model_dump(mode="json", exclude_none=True)
+    _say_none(scenario, data)
     if target is not None:
         data = _moved(data, source.resolve(), target.resolve())
     return yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=100)
+
+
+def _say_none(part: Any, data: Any) -> None:
+    """Put null where it was said and is not what a key means that is left out."""
+    if isinstance(part, tuple):
+        for one, its in zip(part, data, strict=True):
+            _say_none(one, its)
+    elif isinstance(part, Model):
+        for key, field in type(part).model_fields.items():
+            if vars(part)[key] is not None:
+                _say_none(vars(part)[key], data[key])
+            elif field.default is not None:
+                data[key] = None
 
 
 def _moved(value: Any, source: Path, target: Path) -> Any:
@@ -110,7 +256,7 @@ def write_scenario(folder: Path, scenario: Scenario, source: Path, backend: str)
     packages = ("taichi", "numpy", "rerun-sdk")
     versions = ", ".join(f"{name} {version(name)}" for name in packages)
     header = (
-        f"# Every default written out. Again: python -m taichi_plume.run {folder / 'scenario.yaml'}\n"
+        f"{HEADER} Again: python -m taichi_plume.run {folder / 'scenario.yaml'}\n"
         f"# started: {now}\n"
         f"# backend: {backend}\n"
         f"# seed: {scenario.seed}\n"

@@ -1,8 +1,9 @@
 """What of a run changes while it runs: each component says it once, and saving, restoring and resetting follow from it.
 
 A component has ``STATE``, the names of its attributes that change in a run: Taichi fields, tuples of them, components
-with a STATE of their own (also in lists, tuples and dicts), random generators, and plain Python data (numbers, arrays,
-lists, dicts). What is merely worked out anew in each step before it is read is no state.
+with a STATE of their own (also in lists, tuples and dicts), random generators, objects that save themselves with
+``state()`` and ``restore(state)``, and plain Python data (numbers, arrays, lists, dicts). What is merely worked out anew
+in each step before it is read is no state.
 
 A component also has ``begin(...)``, which sets its numbers and its state at the begin of a run; it finds the fields of
 its state zero, as new ones are. Its constructor ends with it. What `begin` launches and uploads has therefore been
@@ -18,6 +19,11 @@ import taichi as ti
 
 from taichi_plume.grid.memory import views
 from taichi_plume.grid.transfer import alike, reader, uploader
+
+
+def saves_itself(value: Any) -> bool:
+    """Whether an object has what it takes to be saved and restored."""
+    return callable(getattr(value, "state", None)) and callable(getattr(value, "restore", None))
 
 
 def _is_field(value: Any) -> bool:
@@ -84,25 +90,46 @@ class State:
         if self._read is None:
             self._read = reader(*self._fields)
         saved: dict[str, Any] = dict(zip(self.paths, self._read(), strict=True))
-        for path, owner, key in _walk(self.part, type(self.part).__name__):
+        for path, owner, key in self._walked():
             value = _value(owner, key)
             if isinstance(value, np.random.Generator):
                 saved[path] = deepcopy(value.bit_generator.state)
+            elif saves_itself(value):
+                saved[path] = deepcopy(value.state())
             elif not _is_field(value):
                 saved[path] = deepcopy(value)
         return saved
+
+    def unlike(self, saved: dict[str, Any]) -> str | None:
+        """Why what was saved cannot be restored; None where it can."""
+        paths = [
+            *self.paths,
+            *(path for path, owner, key in self._walked() if not _is_field(_value(owner, key))),
+        ]
+        other = sorted(set(paths) ^ saved.keys())
+        if other:
+            return f"{other[0]} is but in one of the two"
+        for path, field in zip(self.paths, self._fields, strict=True):
+            if tuple(np.shape(saved[path])[: len(field.shape)]) != tuple(field.shape):
+                return f"{path} has the shape {np.shape(saved[path])}, not {tuple(field.shape)}"
+        return None
+
+    def _walked(self) -> list[tuple[str, Any, Any]]:
+        return list(_walk(self.part, type(self.part).__name__))
 
     def restore(self, saved: dict[str, Any]) -> None:
         """Go back to what was saved."""
         if self._put is None:
             self._put = uploader(*self._fields)
         self._put(*(saved[path] for path in self.paths))
-        for path, owner, key in list(_walk(self.part, type(self.part).__name__)):
+        for path, owner, key in self._walked():
             value = _value(owner, key)
             if isinstance(value, np.random.Generator):
                 value.bit_generator.state = deepcopy(saved[path])
             elif _is_field(value):
                 continue
+            elif saves_itself(value):
+                value.restore(deepcopy(saved[path]))
             elif isinstance(owner, dict):
                 owner[key] = deepcopy(saved[path])
             elif isinstance(owner, list):

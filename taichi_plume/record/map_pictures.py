@@ -12,6 +12,8 @@ from taichi_plume.simulation import Simulation
 class MapPictures:
     """Draws the maps of a run; series: their scores."""
 
+    STATE = ("sent",)
+
     def __init__(self, stream: Stream, sim: Simulation, stage: scene.Stage, series: list[MapSeries]):
         self.stream, self.maps, self.series = stream, list(sim.maps), series
         self.range_ppm = sim.scenario.recording.range_ppm

@@ -17,24 +17,31 @@ from taichi_plume.map_scores import MapScores
 from taichi_plume.record import layout, scene
 from taichi_plume.record.map_pictures import MapPictures
 from taichi_plume.record.pictures import Pictures
-from taichi_plume.record.stream import Stream
+from taichi_plume.record.stream import Stream, mend
 from taichi_plume.record.tracks import Event, Tracks, recorded_robots
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.simulation import Every, Simulation
 
 SAMPLE_PERIOD = 0.1  # s, robots
+EARLIER = "recording.old.rrd"
+MENDED = "recording.part.rrd"
 
 
 class Recorder:
     """Writes `path` while `sim` runs. Add `observers()` to the simulation's; call `close()` whatever happens.
 
+    `start()` begins it, `go_on()` continues that of a run that was resumed.
+
     Raises OSError, from the constructor or an observer, as soon as the disk has no room for more.
     """
+
+    STATE = ("t", "schedule", "tracks", "maps")
 
     def __init__(
         self, sim: Simulation, path: Path, backend: str = "cpu", map_scores: MapScores | None = None
     ):
         scenario = sim.scenario
+        self.sim, self.path, self.t = sim, path, -np.inf
         self.rates = scenario.recording
         robots = recorded_robots(sim)
         thresholds = {group.algorithm.threshold for group in scenario.robots}
@@ -50,7 +57,7 @@ class Recorder:
         stage = scene.Stage.of(sim)
         ghosts = [robot.name for robot in robots if robot.reckons]
         blueprint = layout.blueprint(sim, stage, [robot.name for robot in robots], ghosts)
-        self.stream = Stream(Path(path), scenario.name, scenario.seed, blueprint)
+        self.stream = Stream(path, scenario.name, scenario.seed, blueprint)
         properties = rr.AnyValues(
             seed=scenario.seed, backend=backend, version=__version__, spacing_m=sim.grid.dx
         )
@@ -71,8 +78,24 @@ class Recorder:
             Every(SAMPLE_PERIOD, self.sample_obstacles, warm_up=True),
             *([self.own_scores.observer()] if self.own_scores else []),
             Every(1.0, self.maps.show),
-            Every(1.0, self.flush, warm_up=True),
+            Every(1.0, self.note, warm_up=True),
         ]
+
+    def start(self) -> None:
+        """Begin the file."""
+        self.stream.begin()
+
+    def go_on(self) -> None:
+        """Begin the file with what there is of it up to the last `flush`."""
+        whole = self.path.with_name(EARLIER)
+        if self.path.exists() and not whole.exists():  # else this very step has been cut off before
+            fresh = self.path.with_name(MENDED)
+            mend(self.path, fresh)
+            fresh.replace(whole)
+        self.stream.begin()
+        if whole.exists():
+            self.stream.take_over(whole, self.t)
+            whole.unlink()
 
     def sample_obstacles(self, sim: Simulation) -> None:
         """Gather where those that move are, relative to their centre in the scenario."""
@@ -82,13 +105,18 @@ class Recorder:
                 x, y = one.motion.place(one.center, sim.t)
                 samples.append((sim.t, x - one.center[0], y - one.center[1]))
 
-    def flush(self, sim: Simulation) -> None:
-        """Send what was gathered and bring it to the disk. Raises OSError when there is no room."""
+    def note(self, sim: Simulation) -> None:
+        """Tell what has happened by schedule, and bring all to the disk. Raises OSError when there is no room."""
         while self.schedule and self.schedule[0][0] <= sim.t + 1e-9:
             at, text = self.schedule.pop(0)
             self.events.append((at, "WIND", text, scene.TEXT))
+        self.flush()
+
+    def flush(self) -> None:
+        """Send what was gathered and bring it to the disk. Raises OSError when there is no room."""
         self.stream.require_room()
         self._send()
+        self.t = self.sim.t
 
     def _send(self) -> None:
         self.tracks.send()

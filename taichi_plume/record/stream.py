@@ -3,12 +3,15 @@
 import ctypes
 import errno
 import os
-from collections.abc import Sequence
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import rerun as rr
 import rerun.blueprint as rrb
 
@@ -22,25 +25,38 @@ FLUSH_TIMEOUT = 60.0  # s
 class Stream:
     """Writes `path`. Pictures are logged one by one, series sent by columns; nothing is on the disk before `flush`.
 
-    Raises OSError, from the constructor and `flush`, as soon as the disk has no room for more.
+    Raises OSError, from `begin` and `flush`, as soon as the disk has no room for more.
     """
 
     def __init__(self, path: Path, name: str, seed: int, blueprint: rrb.Blueprint):
         self.path = path
         self.good_size = self.largest_batch = 0  # bytes
-        self.open = True
-        disk.require_room(path)
+        self.open = False
         batches = rr.ChunkBatcherConfig.DEFAULT()
         batches.flush_tick = timedelta(days=1)  # chunks are cut by `flush` alone: equal runs, equal chunks
         batches.flush_num_bytes = 1 << 22
         self.rerun = rr.RecordingStream("taichi_plume", recording_id=f"{name}-{seed}", batcher_config=batches)
-        try:
-            self.rerun.save(path, default_blueprint=blueprint)
-        except RuntimeError as error:
-            self._abandon()
-            raise OSError(errno.EIO, str(error), str(path)) from None
         self.rerun.set_log_time_enabled(False)
         self.rerun.send_recording_name(name)
+        self.blueprint = blueprint
+
+    def begin(self) -> None:
+        """Make the file."""
+        disk.require_room(self.path)
+        self.open = True
+        try:
+            self.rerun.save(self.path, default_blueprint=self.blueprint)
+        except RuntimeError as error:
+            self._abandon()
+            raise OSError(errno.EIO, str(error), str(self.path)) from None
+
+    def take_over(self, earlier: Path, t: float) -> None:
+        """Send what another recording of the run holds up to time t [s], but for what never changes."""
+        latest = np.timedelta64(round(1e9 * t) + 1000, "ns")  # its times are whole nanoseconds
+        for chunk in rr.chunk.RrdReader(str(earlier)).stream():
+            if not chunk.is_static:
+                self.rerun.send_chunks(list(_until(chunk, latest)))
+        self.flush()
 
     def log_still(self, entities: Entities) -> None:
         """Log what never changes."""
@@ -85,3 +101,24 @@ class Stream:
         self.open = False
         if self.path.exists():
             os.truncate(self.path, self.good_size)  # to the last whole message
+
+
+def _until(chunk: rr.chunk.Chunk, latest: np.timedelta64) -> Iterator[rr.chunk.Chunk]:
+    """The rows of a chunk up to a time, if there are any."""
+    rows = chunk.to_record_batch()
+    early = rows.column(TIME).to_numpy(zero_copy_only=False) <= latest
+    if early.all():
+        yield chunk
+    elif early.any():
+        yield rr.chunk.Chunk.from_record_batch(rows.filter(pa.array(early)))
+
+
+def mend(path: Path, mended: Path) -> None:
+    """Write a recording whose writing was cut off as one that is whole: without what is broken, with its index.
+
+    Raises OSError where nothing of it can be read.
+    """
+    command = [sys.executable, "-m", "rerun_cli", "rrd", "merge", "--continue-on-error", path, "-o", mended]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode or not mended.exists():
+        raise OSError(errno.EIO, "cannot be read, not even in part", str(path))

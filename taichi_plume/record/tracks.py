@@ -3,6 +3,7 @@
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 import rerun as rr
@@ -21,6 +22,8 @@ Event = tuple[float, str, str, tuple[int, ...]]
 @dataclass
 class Robot:
     """A recorded robot, and what was sampled of it since the last batch."""
+
+    STATE: ClassVar[tuple[str, ...]] = ("state", "last")
 
     index: int
     """In the swarm."""
@@ -64,6 +67,8 @@ class Tracks:
 
     thresholds: lines in the plot of the readings [ppm]; events: where what happens is added.
     """
+
+    STATE = ("robots",)
 
     def __init__(
         self,

@@ -7,7 +7,16 @@ from pydantic import Field
 
 from taichi_plume.scenario.context import Context
 from taichi_plume.scenario.plumesim import nodes
-from taichi_plume.scenario.vocabulary import Distance, Frequency, FullScale, Length, Model, Positive, Time
+from taichi_plume.scenario.vocabulary import (
+    Distance,
+    Duration,
+    Frequency,
+    FullScale,
+    Length,
+    Model,
+    Positive,
+    Time,
+)
 
 CLOSE = 1e-6  # of a number: as good as whole
 
@@ -37,6 +46,20 @@ class Recording(Model):
                 f"{where}.range_ppm: the first must be below the second, got {self.range_ppm[0]:g} and "
                 f"{self.range_ppm[1]:g}"
             )
+
+
+class Checkpoint(Model):
+    """How often all that a run needs to be resumed is written to checkpoint.npz."""
+
+    wall: Duration | None = None
+    """Time of the clock between checkpoints [s]; 300 s where neither is given."""
+    every: Duration | None = None
+    """Simulated time between them [s], in whole ticks."""
+
+    def problems(self, where: str, context: Context) -> Iterator[str]:
+        """One of the two is enough."""
+        if self.wall is not None and self.every is not None:
+            yield f"{where}: has wall and every; give one of them"
 
 
 class Fields(Model):

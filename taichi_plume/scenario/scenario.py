@@ -19,7 +19,7 @@ from taichi_plume.scenario.heat import Buoyancy
 from taichi_plume.scenario.maps import Map
 from taichi_plume.scenario.obstacles import Obstacle
 from taichi_plume.scenario.openings import Opening
-from taichi_plume.scenario.outputs import Fields, PlumeLog, Recording
+from taichi_plume.scenario.outputs import Checkpoint, Fields, PlumeLog, Recording
 from taichi_plume.scenario.robots import Group
 from taichi_plume.scenario.screens import AnyScreen
 from taichi_plume.scenario.starts import too_close
@@ -62,6 +62,8 @@ class Scenario(Model):
     """Unless given, no fields.zarr is written."""
     plumesim_log: Annotated[PlumeLog | None, FREE] = None
     """Unless given, no plume.pslog is written."""
+    checkpoint: Annotated[Checkpoint | None, FREE] = Checkpoint()
+    """From which a run that was cut off can be resumed; null: none are written."""
 
     @property
     def floor(self) -> Arena:

@@ -30,6 +30,7 @@ def strict():
 
 def record(sim: Simulation, path: Path) -> Recorder:
     recorder = Recorder(sim, path)
+    recorder.start()
     sim.observers += recorder.observers()
     return recorder
 
@@ -285,6 +286,7 @@ stream.FLUSH_TIMEOUT = 1.0
 disk.require_room = lambda *_: None  # as if another process took the room in between
 sim = fake_run.simulation(fake_run.scenario(2, duration=20))
 recorder = Recorder(sim, Path({path!r}))
+recorder.start()
 sim.observers += recorder.observers()
 resource.setrlimit(resource.RLIMIT_FSIZE, (450_000, 450_000))
 try:

@@ -1,0 +1,121 @@
+"""`checkpoint.npz`: plain data and arrays, with a checksum; written so that a reader sees the old one or the new one.
+
+The file is an archive of NumPy arrays, one of them the rest as JSON, and after it the SHA-256 of all before. Reading it
+runs no code, whoever has written it.
+"""
+
+import hashlib
+import io
+import json
+import os
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from taichi_plume.files import disk
+
+NAME = "checkpoint.npz"
+TREE = "tree"
+KIND = "taichi_plume checkpoint 1"
+DIGEST = 32  # bytes
+Tagged = dict[str, Any]
+
+
+class CheckpointError(ValueError):
+    """A checkpoint that cannot be read; the message begins with its path."""
+
+
+class NotPlainError(TypeError):
+    """Something that cannot be written, as it is no plain data."""
+
+
+def write(path: Path, content: dict[str, Any]) -> None:
+    """Write numbers, texts, arrays, and lists, tuples and dicts of these. Raises OSError and NotPlainError."""
+    arrays: dict[str, np.ndarray] = {}
+    tree = json.dumps({"kind": KIND, "content": _encoded(content, arrays, "")})
+    disk.require_room(path, len(tree) + sum(array.nbytes for array in arrays.values()))
+    fresh = path.with_suffix(".new")
+    try:
+        with fresh.open("wb") as file:
+            hashed = _Hashed(file)
+            np.savez(hashed, **{TREE: np.frombuffer(tree.encode(), np.uint8)}, **arrays)  # type: ignore[arg-type]
+            file.write(hashed.sum.digest())
+            file.flush()
+            os.fsync(file.fileno())
+        fresh.replace(path)
+    finally:
+        fresh.unlink(missing_ok=True)
+
+
+def read(path: Path) -> dict[str, Any]:
+    """What was written. Raises CheckpointError where it is missing, damaged or none of ours."""
+    try:
+        content = memoryview(path.read_bytes())
+    except OSError as error:
+        raise CheckpointError(f"{path}: cannot be read: {error.strerror or error}") from None
+    body, digest = content[:-DIGEST], content[-DIGEST:]
+    if hashlib.sha256(body).digest() != digest:
+        raise CheckpointError(f"{path}: is damaged: its checksum is another one")
+    try:
+        with np.load(io.BytesIO(body), allow_pickle=False) as archive:
+            tree = json.loads(archive[TREE].tobytes())
+            if tree["kind"] != KIND:
+                raise CheckpointError(f"{path}: is no checkpoint of this version")
+            return _decoded(tree["content"], archive.__getitem__)
+    except (ValueError, LookupError, TypeError, zipfile.BadZipFile) as error:
+        raise CheckpointError(f"{path}: is no checkpoint of ours: {error}") from None
+
+
+class _Hashed(io.RawIOBase):
+    """Passes on what is written, and sums it up; nothing in it can be gone back to."""
+
+    def __init__(self, file: Any):
+        self.file, self.sum = file, hashlib.sha256()
+
+    def writable(self) -> bool:
+        return True
+
+    def write(self, data: Any) -> int:
+        self.sum.update(data)
+        return self.file.write(data)
+
+
+def _encoded(value: Any, arrays: dict[str, np.ndarray], path: str) -> Any:
+    """As JSON has it; what JSON does not know is a dict with the one key of its kind."""
+    if isinstance(value, np.ndarray | np.generic):
+        if np.asarray(value).dtype.hasobject:
+            raise NotPlainError(f"{path}: is an array of objects")
+        name = str(len(arrays))
+        arrays[name] = np.asarray(value)
+        return {"array" if isinstance(value, np.ndarray) else "number": name}
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    if isinstance(value, list | tuple):
+        parts = [_encoded(part, arrays, f"{path}[{n}]") for n, part in enumerate(value)]
+        return parts if isinstance(value, list) else {"tuple": parts}
+    if isinstance(value, dict):
+        return {
+            "dict": [
+                [_encoded(key, arrays, path), _encoded(part, arrays, f"{path}.{key}")]
+                for key, part in value.items()
+            ]
+        }
+    raise NotPlainError(f"{path}: is a {type(value).__name__}, which is no number, text, array, list or dict")
+
+
+def _decoded(value: Any, array: Callable[[str], np.ndarray]) -> Any:
+    if isinstance(value, list):
+        return [_decoded(part, array) for part in value]
+    if not isinstance(value, dict):
+        return value
+    ((kind, told),) = value.items()
+    if kind == "array":
+        return array(told)
+    if kind == "number":
+        return array(told)[()]
+    if kind == "tuple":
+        return tuple(_decoded(part, array) for part in told)
+    return {_decoded(key, array): _decoded(part, array) for key, part in told}

@@ -1,0 +1,242 @@
+"""What a run leaves in its directory: who writes it, when it comes to the disk, and the checkpoint to go on from."""
+
+import errno
+import hashlib
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol
+
+from taichi_plume import __version__
+from taichi_plume.agents.own import OwnAlgorithm
+from taichi_plume.files import checkpoint, forces_table, manifest, result, robots_table
+from taichi_plume.files.run_folder import FILES, RunFolderError
+from taichi_plume.grid.state import State
+from taichi_plume.map_scores import MapScores
+from taichi_plume.scenario.loading import ScenarioError
+from taichi_plume.signals import Ears
+from taichi_plume.simulation import Every, Simulation
+
+KEPT = 10.0  # s of the clock, after which what was computed comes to the disk
+USUAL = 300.0  # s of the clock between checkpoints
+OVER = ("completed", "stopped")
+
+
+class Writer(Protocol):
+    """A file of a run. Its STATE tells how far it goes up to the last `flush`."""
+
+    def start(self) -> None:
+        """Begin it."""
+        ...
+
+    def go_on(self) -> None:
+        """Cut off what came after its STATE, and go on there."""
+        ...
+
+    def flush(self) -> None:
+        """Bring all to the disk."""
+        ...
+
+    def close(self) -> None:
+        """Finish it; it can be read whatever happened before."""
+        ...
+
+
+class About(NamedTuple):
+    """Where a run takes place: its directory, the device asked for and the one got, and the files it reads."""
+
+    folder: Path
+    arch: str
+    backend: str
+    recording: bool
+    inputs: Sequence[Path]
+
+
+class Outputs:
+    """The files of a run. They are fed by the simulation's observers, which are added here.
+
+    `start()` begins them, `go_on(saved)` continues those of a run that was cut off, `close()` finishes them. Raises
+    OSError as soon as there is no room, ScenarioError where checkpoints are asked for and cannot be made.
+    """
+
+    STATE = ("sim", "observers", "map_scores", "tables", "recorder")
+
+    def __init__(self, sim: Simulation, about: About, ears: Ears):
+        self.sim, self.about, self.ears = sim, about, ears
+        self.map_scores = MapScores(sim)
+        sim.observers.append(self.map_scores.observer())
+        self.tables = self._tables()
+        self.recorder = self._recorder() if about.recording else None
+        sim.observers.append(Every(sim.dt, self.keep, warm_up=True))
+        self.observers = list(sim.observers)
+        self._state: State | None = None
+        self._every, self._wall = self._periods()
+        self._kept = self._checked = time.monotonic()
+        self._digests: Future[dict[str, Any]] | None = None
+
+    def _tables(self) -> list[Writer]:
+        sim, folder, scenario = self.sim, self.about.folder, self.sim.scenario
+        tables: list[Any] = []
+        if sim.swarm.count:
+            tables.append(robots_table.RobotTable(sim, folder / "robots.parquet"))
+        if sim.forces is not None:
+            tables.append(forces_table.ForceTable(sim, folder / "forces.csv"))
+        if scenario.fields is not None:
+            from taichi_plume.files.filming import Filming
+
+            tables.append(Filming(sim, folder / "fields.zarr", scenario.fields))
+        if scenario.plumesim_log is not None:
+            from taichi_plume.files.plumesim_log import PlumeLogger
+
+            tables.append(PlumeLogger(sim, folder / "plume.pslog", scenario.plumesim_log))
+        sim.observers += [table.observer() for table in tables]
+        return tables
+
+    def _recorder(self) -> Writer:
+        from taichi_plume.record.recorder import Recorder
+
+        path = self.about.folder / "recording.rrd"
+        recorder = Recorder(self.sim, path, self.about.backend, self.map_scores)
+        self.sim.observers += recorder.observers()
+        return recorder
+
+    def _periods(self) -> tuple[int | None, float | None]:
+        """Ticks, or seconds of the clock, between checkpoints; None: none are due."""
+        scenario = self.sim.scenario
+        model = scenario.checkpoint
+        if model is None:
+            return None, None
+        faults = [f"{path}: {fault}" for path, fault in _without_state(self.sim)]
+        if faults and (model.wall or model.every):
+            raise ScenarioError(faults)
+        if faults:
+            return None, None
+        if model.every is not None:
+            return max(1, round(model.every / self.sim.dt)), None
+        return None, model.wall or USUAL
+
+    @property
+    def resumable(self) -> bool:
+        """Whether the run makes checkpoints."""
+        return self._every is not None or self._wall is not None
+
+    @property
+    def _writers(self) -> list[Writer]:
+        return [*self.tables, *([self.recorder] if self.recorder else [])]
+
+    # ------------------------------------------------------------ the run
+
+    def start(self) -> None:
+        """Begin all files."""
+        self._begin()
+        for writer in self._writers:
+            writer.start()
+        self._tell("running")
+
+    def go_on(self, saved: dict[str, Any]) -> None:
+        """Continue from a checkpoint's content. Raises RunFolderError where it does not fit."""
+        self._state = State(self)
+        fault = self._state.unlike(saved["state"])
+        if fault:
+            path = self.about.folder / checkpoint.NAME
+            raise RunFolderError(f"{path}: is of another version: {fault}")
+        self._state.restore(saved["state"])
+        self.sim.wall_s = saved["wall_s"]
+        (self.about.folder / manifest.NAME).unlink(missing_ok=True)
+        self._begin()
+        for writer in self._writers:
+            writer.go_on()
+        self._tell("running")
+
+    def _begin(self) -> None:
+        pool = ThreadPoolExecutor(1)  # it takes a while where films are read
+        self._digests = pool.submit(manifest.digests, self.about.folder, self.about.inputs)
+        pool.shutdown(wait=False)
+
+    def keep(self, sim: Simulation) -> None:
+        """Bring what there is to the disk when it is time. Raises KeyboardInterrupt where a signal asks to end."""
+        now = time.monotonic()
+        if self.ears.stopped:
+            if self.resumable:
+                self.checkpoint()
+            raise KeyboardInterrupt(self.ears.stopped)
+        due = self._wall is not None and now - self._checked >= self._wall
+        due |= self._every is not None and (sim.tick - sim.scenario.first_tick) % self._every == 0
+        if self.resumable and (due or self.ears.asked):
+            self.checkpoint()
+        elif self.ears.asked or now - self._kept >= KEPT:
+            self._flush()
+
+    def _flush(self) -> None:
+        folder = self.about.folder
+        if not folder.is_dir():
+            raise FileNotFoundError(errno.ENOENT, "the run's directory has been removed", str(folder))
+        for table in self.tables:
+            table.flush()
+        self._tell("running")
+        self.ears.asked = False
+        self._kept = time.monotonic()
+
+    def checkpoint(self) -> None:
+        """Write all that the run needs to go on from here."""
+        self._flush()
+        if self.recorder:
+            self.recorder.flush()
+        self._state = self._state or State(self)
+        about = {"version": __version__, "arch": self.about.arch, "backend": self.about.backend}
+        about |= {"recording": self.about.recording, "t": self.sim.t, "wall_s": self.sim.wall_so_far}
+        about |= {"scenario": scenario_digest(self.about.folder), "inputs": self._inputs()}
+        checkpoint.write(self.about.folder / checkpoint.NAME, about | {"state": self._state.save()})
+        self._checked = time.monotonic()
+
+    def _tell(self, status: str) -> None:
+        result.write_result(
+            self.about.folder, result.begun(self.sim, status, f"t = {self.sim.t:.2f} s", self.about.backend)
+        )
+
+    # ------------------------------------------------------------ its end
+
+    def close(self) -> list[Exception]:
+        """Finish all files; returns what went wrong."""
+        return [error for writer in self._writers if (error := _tried(writer.close))]
+
+    def seal(self, status: str) -> None:
+        """Write the manifest, once all else is there; a run that is over needs no checkpoint."""
+        folder = self.about.folder
+        if status in OVER:
+            (folder / checkpoint.NAME).unlink(missing_ok=True)
+        manifest.write(folder, self._inputs(), [folder / name for name in FILES])
+
+    def _inputs(self) -> dict[str, Any]:
+        """Digests of the files that the run reads; of none where one has become unreadable."""
+        try:
+            return self._digests.result() if self._digests else {}
+        except OSError:
+            return {}
+
+
+def scenario_digest(folder: Path) -> str:
+    """Of the resolved scenario in a run's directory."""
+    return hashlib.sha256((folder / "scenario.yaml").read_bytes()).hexdigest()
+
+
+def _tried(function: Callable[[], None]) -> Exception | None:
+    try:
+        function()
+    except Exception as error:
+        return error
+    return None
+
+
+def _without_state(sim: Simulation) -> list[tuple[str, str]]:
+    """Paths of the groups whose own algorithms cannot be saved, with what is missing."""
+    return [
+        (
+            f"robots[{number}].algorithm",
+            "has no state() and restore(), without which no run can be resumed: add them, or set checkpoint: null",
+        )
+        for team in sim.teams
+        if isinstance(getattr(team, "algorithm", None), OwnAlgorithm) and not team.algorithm.can_be_saved  # type: ignore[attr-defined]
+        for number in team.numbers
+    ]

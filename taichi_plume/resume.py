@@ -1,0 +1,47 @@
+"""What a run that was cut off is resumed from, and whether all that it reads is still as it was."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from taichi_plume import __version__
+from taichi_plume.files import checkpoint, manifest
+from taichi_plume.files.run_folder import RunFolderError
+from taichi_plume.outputs import OVER, scenario_digest
+
+
+def saved(folder: Path) -> dict[str, Any]:
+    """The content of a run's checkpoint. Raises RunFolderError where the run cannot be resumed."""
+    status = _status(folder)
+    if status in OVER:
+        raise RunFolderError(f"{folder}: this run is over ({status}), there is nothing to resume")
+    path = folder / checkpoint.NAME
+    if not path.exists():
+        raise RunFolderError(
+            f"{folder}: has no checkpoint to go on from; python -m taichi_plume.repair {folder} completes its files"
+        )
+    try:
+        content = checkpoint.read(path)
+        version, scenario, inputs = (content[key] for key in ("version", "scenario", "inputs"))
+    except checkpoint.CheckpointError as error:
+        raise RunFolderError(str(error)) from None
+    except LookupError as error:
+        raise RunFolderError(f"{path}: lacks {error}") from None
+    if version != __version__:
+        raise RunFolderError(f"{path}: is of version {version}, this is {__version__}; resume with that one")
+    if scenario != scenario_digest(folder):
+        raise RunFolderError(f"{folder / 'scenario.yaml'}: is not as it was when the run was cut off")
+    for name, digest in inputs.items():
+        file = folder / name
+        if not file.exists():
+            raise RunFolderError(f"{file}: was read by the run and is no longer there")
+        if manifest.digest(file) != digest:
+            raise RunFolderError(f"{file}: is not as it was when the run began; put the old one back")
+    return content
+
+
+def _status(folder: Path) -> str:
+    try:
+        return str(json.loads((folder / "result.json").read_text(encoding="utf-8"))["status"])
+    except (OSError, ValueError, LookupError, TypeError):
+        return "unknown"

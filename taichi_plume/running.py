@@ -1,0 +1,182 @@
+"""A run from its assembly to its end: whatever ends it, what there is is kept, and one line says why."""
+
+import errno
+import gc
+import sys
+import textwrap
+import traceback
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from rich.console import Console
+
+from taichi_plume import summary
+from taichi_plume.files import checkpoint, result, run_folder
+from taichi_plume.files.own_class import OwnAlgorithmError
+from taichi_plume.files.run_folder import RunFolder, RunFolderError
+from taichi_plume.grid import kernels
+from taichi_plume.outputs import About, Outputs
+from taichi_plume.prepare import Prepared
+from taichi_plume.scenario.loading import ScenarioError
+from taichi_plume.signals import Ears, deaf, listening, reader_may_leave
+from taichi_plume.simulation import Simulation, UnstableError
+
+FULL = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT)
+LONGEST_MESSAGE = 300  # characters of an unexpected error
+
+
+class Job(NamedTuple):
+    """A run that may begin.
+
+    source: the scenario's file; arch, backend: the device asked for, and the one got; saved: what a checkpoint holds of
+    it, if it is resumed.
+    """
+
+    prepared: Prepared
+    folder: RunFolder
+    source: Path
+    arch: str
+    backend: str
+    recording: bool
+    saved: dict[str, Any] | None = None
+
+
+class End(NamedTuple):
+    """How a run ended: in a word, in a line, and as the command's exit code."""
+
+    status: str
+    message: str
+    code: int
+
+
+def device(arch: str) -> str:
+    """Start Taichi; returns the backend it chose. Raises RunFolderError where the machine has no such device."""
+    try:
+        return kernels.start(arch)
+    except RuntimeError as error:
+        raise RunFolderError(str(error)) from None
+
+
+def execute(job: Job, quiet: bool = False, debug: bool = False) -> int:
+    """Assemble and run; returns the command's exit code. Raises ScenarioError, CheckpointError, KeyboardInterrupt."""
+    console = Console(stderr=True)
+    with listening() as ears:
+        try:
+            if console.is_terminal and not quiet:
+                console.print("compiling ...", end="\r", highlight=False)
+            sim = _build(job.prepared)
+            outputs = _begin(job, sim, ears)
+        except (ScenarioError, RunFolderError, KeyboardInterrupt):
+            raise
+        except BaseException as error:
+            if debug:
+                traceback.print_exc()
+            print(f"failed before the run began: {_explain(error)[1]}", file=sys.stderr)
+            return 1
+        end = _simulate(sim, outputs, ears, None if quiet else console, debug)
+        with deaf():
+            content, end = _conclude(job, sim, outputs, end)
+    if end.code:
+        _tell_kept(job.folder.path, end)
+    elif not quiet:
+        with reader_may_leave():
+            summary.print_summary(content, job.folder.path)
+    return end.code
+
+
+def _build(prepared: Prepared) -> Simulation:
+    from taichi_plume.assemble import build
+
+    sim = build(prepared)
+    gc.enable()
+    return sim
+
+
+def _begin(job: Job, sim: Simulation, ears: Ears) -> Outputs:
+    """Open the run's files; an earlier run goes only once they stand."""
+    folder = job.folder
+    inputs = run_folder.input_files(job.prepared.scenario, job.source)
+    outputs = Outputs(sim, About(folder.path, job.arch, job.backend, job.recording, inputs), ears)
+    if job.saved is not None:
+        outputs.go_on(job.saved)
+        return outputs
+    folder.clear()
+    stands = False
+    try:
+        run_folder.write_scenario(folder.path, sim.scenario, job.source.resolve().parent, job.backend)
+        outputs.start()
+        stands = True
+    finally:
+        if not stands:
+            outputs.close()
+        folder.settle(stands)
+    return outputs
+
+
+def _simulate(sim: Simulation, outputs: Outputs, ears: Ears, console: Console | None, debug: bool) -> End:
+    """Run to the end and close all files."""
+    end = End("completed", "", 0)
+    try:
+        ears.running = True
+        with ExitStack() as stack:
+            if console is not None and console.is_terminal:
+                from taichi_plume.progress import ProgressBar
+
+                bar = stack.enter_context(ProgressBar(sim, console))
+                sim.observers.append(bar.observer())
+            sim.run()
+        if sim.tick < sim.last_tick:
+            end = End("stopped", f"every robot had found a source at t = {sim.t:.1f} s", 0)
+    except KeyboardInterrupt as error:
+        by = "" if str(error) in ("", "SIGINT") else f"by {error} "
+        end = End("interrupted", f"{by}at t = {sim.t:.2f} s", 130)
+    except Exception as error:
+        if debug:
+            traceback.print_exc()
+        end = End(*_explain(error), 1)
+    with deaf():
+        for error in outputs.close():
+            if not end.code:
+                end = End(*_explain(error), 1)
+    return end
+
+
+def _conclude(job: Job, sim: Simulation, outputs: Outputs, end: End) -> tuple[dict[str, Any], End]:
+    """Write the result and the manifest."""
+    folder = job.folder.path
+    try:
+        content = result.result(sim, end.status, end.message, job.backend, outputs.map_scores)
+    except Exception as error:  # a simulation too broken to tell
+        end = end if end.code else End(*_explain(error), 1)
+        content = {"name": sim.scenario.name, "status": end.status, "message": end.message}
+        content["seed"] = sim.scenario.seed
+    try:
+        result.write_result(folder, content)
+        outputs.seal(end.status)
+    except OSError as error:
+        end = end if end.code else End(*_explain(error), 1)
+        print(f"result.json could not be written: {error.strerror or error}", file=sys.stderr)
+    return content, end
+
+
+def _tell_kept(folder: Path, end: End) -> None:
+    kept = sorted(file.name for file in run_folder.files_in(folder) if file.name != run_folder.LOCK)
+    print(f"{end.status}: {end.message}\nkept in {folder}: {', '.join(kept) or 'nothing'}", file=sys.stderr)
+    if checkpoint.NAME in kept:
+        print(f"to go on: python -m taichi_plume.run --resume {folder}", file=sys.stderr)
+
+
+def _explain(error: BaseException) -> tuple[str, str]:
+    """Status and one line for an exception."""
+    if isinstance(error, UnstableError):
+        return "unstable", str(error)
+    if isinstance(error, OwnAlgorithmError):
+        return "failed", str(error)
+    if isinstance(error, OSError) and error.errno in FULL:
+        return "disk_full", f"{error.strerror}: {error.filename}" if error.filename else str(error)
+    frames = traceback.extract_tb(error.__traceback__)
+    ours = [frame for frame in frames if "taichi_plume" in frame.filename] or frames
+    where = f" ({Path(ours[-1].filename).name}:{ours[-1].lineno})" if ours else ""
+    message = textwrap.shorten(str(error), LONGEST_MESSAGE, placeholder=" ...")
+    return "failed", f"{type(error).__name__}: {message}{where}"

@@ -1,0 +1,91 @@
+"""What signals do to a run: those that end it wait for the end of the tick, so that it can be resumed from there."""
+
+import os
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from typing import Any
+
+ENDING = tuple(
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGXCPU") if hasattr(signal, name)
+)
+"""Ctrl-C, a batch system's or container's stop, a terminal that was closed, a limit on the time of the CPU."""
+ASKING = tuple(getattr(signal, name) for name in ("SIGUSR1",) if hasattr(signal, name))
+"""Batch systems can send it some time before they end a job."""
+
+
+class Ears:
+    """What signals have asked of a run.
+
+    running: whether there is a tick to wait for; until then signals end all at once, as a second one does. stopped:
+    name of the one that asked to end. asked: whether a checkpoint is wanted.
+    """
+
+    def __init__(self) -> None:
+        self.running = False
+        self.stopped = ""
+        self.asked = False
+
+    def hear(self, number: int, _: Any = None) -> None:
+        """Handle a signal."""
+        name = signal.Signals(number).name
+        if number in ASKING:
+            self.asked = True
+            return
+        if name == "SIGHUP":
+            _leave_terminal()
+        if self.running and not self.stopped:
+            self.stopped = name
+        elif name != "SIGXCPU":  # this one comes every second
+            raise KeyboardInterrupt(name)
+
+
+@contextmanager
+def listening() -> Iterator[Ears]:
+    """A context in which signals are heard; those that are ignored, as under nohup, stay so."""
+    ears = Ears()
+    with _handling((*ENDING, *ASKING), ears.hear):
+        yield ears
+
+
+@contextmanager
+def deaf() -> Iterator[None]:
+    """A context that no signal disturbs: files are being closed."""
+    with _handling((*ENDING, *ASKING), signal.SIG_IGN):
+        yield
+
+
+@contextmanager
+def reader_may_leave() -> Iterator[None]:
+    """What is printed may go to a reader such as `head` that closes the pipe early: no error."""
+    try:
+        yield
+        sys.stdout.flush()
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes again at its end
+
+
+@contextmanager
+def _handling(numbers: tuple[signal.Signals, ...], handler: Any) -> Iterator[None]:
+    with ExitStack() as stack:
+        if threading.current_thread() is threading.main_thread():
+            for number in numbers:
+                before = signal.getsignal(number)
+                if before not in (signal.SIG_IGN, None):
+                    signal.signal(number, handler)
+                    stack.callback(signal.signal, number, before)
+        yield
+
+
+def _leave_terminal() -> None:
+    """What is printed from now on goes nowhere, as writing to a closed terminal is an error."""
+    nowhere = os.open(os.devnull, os.O_RDWR)
+    for stream in (sys.stdin, sys.stdout, sys.stderr):
+        try:
+            if os.isatty(stream.fileno()):
+                os.dup2(nowhere, stream.fileno())
+        except (AttributeError, OSError, ValueError):  # closed, or no file
+            continue
+    os.close(nowhere)
