@@ -14,6 +14,7 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume.grid.kernels import Template
+from taichi_plume.grid.series import Series
 
 
 class Readers(Protocol):
@@ -66,7 +67,8 @@ class GasMap:
         self.cell = cell
         self.extent = ti.math.vec2(floor.extent)
         self.shape = shape(floor.extent, cell)
-        self.errors: list[tuple[float, np.ndarray]] = []
+        self.trials = floor.trials
+        self.errors = Series(floor.trials)
         self.window: float | None = None
 
     @classmethod
@@ -82,7 +84,7 @@ class GasMap:
 
     def begin(self, model: Any) -> None:
         """Begin a run with the numbers of the model, of the structure that the map was made for (see `state`)."""
-        self.errors = []
+        self.errors = Series(self.trials)
 
     def update(self, swarm: Readers, t: float, dt: float) -> None:
         """Take in the readings at time t [s], the end of a tick of dt [s]."""

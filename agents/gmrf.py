@@ -14,7 +14,6 @@ G_i = P_i + (λ_p P_i R_i) G_i+1 (λ_p R_i P_i), where R_i holds the links from 
 trials at once, and no slower in time: readings are summed by cell and window, and dropped when they count no more.
 """
 
-from collections import deque
 from collections.abc import Callable
 from typing import Any
 
@@ -33,7 +32,7 @@ from taichi_plume.scenario import maps as models
 
 LOOKS = 16  # parts of the way between two centres at whose ends an obstacle is looked for
 
-Window = tuple[float, np.ndarray, np.ndarray, np.ndarray]
+Window = list[Any]
 """End [s] of a window, and of the cells with readings in it: flat indices, numbers of readings, their sums [ppm]."""
 
 
@@ -63,8 +62,8 @@ class MarkovMap(GasMap):
         self.model = model
         self.noise = 1.0 / model.lambda_observation  # ppm², of a reading
         self.ended = 0  # windows
-        self.past: deque[Window] = deque()
-        self._solved: tuple[np.ndarray, np.ndarray] | None = None
+        self.past: list[Window] = []
+        self._solved: list[np.ndarray] | None = None
 
     def update(self, swarm: Readers, t: float, dt: float) -> None:
         """Take in the readings at time t [s]; the tick that reaches a multiple of the window ends it."""
@@ -96,13 +95,12 @@ class MarkovMap(GasMap):
         count, total = (self._moved(values) for values in self._window())
         cells = np.flatnonzero(count)
         if len(cells):
-            self.past.append((time, cells, count[cells], total[cells]))
+            self.past.append([time, cells, count[cells], total[cells]])
             _empty(self.count, self.total)
         if self.model.memory is None:
             self._merge()
         else:
-            while self.past and number * self.model.window - self.past[0][0] >= self.model.memory:
-                self.past.popleft()
+            self.past = [one for one in self.past if self._share(one[0]) > 0.0]
 
     def _moved(self, values: np.ndarray) -> np.ndarray:
         """Sums (trials, nx, ny) with what lies in cells that are not free counted where it counts, flat."""
@@ -115,20 +113,24 @@ class MarkovMap(GasMap):
         if len(self.past) > 1:
             count, total = self._information()
             cells = np.flatnonzero(count)
-            self.past = deque([(self.past[-1][0], cells, count.ravel()[cells], total.ravel()[cells])])
+            self.past = [[self.past[-1][0], cells, count.ravel()[cells], total.ravel()[cells]]]
+
+    def _share(self, time: Any) -> Any:
+        """What is left of the weight of readings whose window ended at that time [s], from 1 to 0."""
+        if self.model.memory is None:
+            return np.ones_like(time)
+        return np.maximum(1.0 - (self.ended * self.model.window - time) / self.model.memory, 0.0)
 
     def _information(self) -> tuple[np.ndarray, np.ndarray]:
         """Number and sum [ppm] of the readings in each cell, by how much they still count, (trials, nx, ny) each."""
         count, total = np.zeros(self.count.shape), np.zeros(self.count.shape)
         for time, cells, n, z in self.past:
-            share = 1.0
-            if self.model.memory is not None:
-                share -= (self.ended * self.model.window - time) / self.model.memory
+            share = self._share(time)
             count.ravel()[cells] += share * n
             total.ravel()[cells] += share * z
         return count, total
 
-    def _solution(self) -> tuple[np.ndarray, np.ndarray]:
+    def _solution(self) -> list[np.ndarray]:
         """Mean and variance."""
         if self._solved is None:
             count, total = self._information()
@@ -139,7 +141,7 @@ class MarkovMap(GasMap):
             mean, variance = _solve(
                 precision, self.model.lambda_observation * total, self.links, self.model.lambda_prior
             )
-            self._solved = np.where(known, mean, np.nan), np.where(known, variance, np.nan)
+            self._solved = [np.where(known, mean, np.nan), np.where(known, variance, np.nan)]
         return self._solved
 
 

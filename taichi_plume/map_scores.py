@@ -14,6 +14,7 @@ tends to it. Each time a snap ends (or `scores.PERIOD` has gone by, where a map 
 import numpy as np
 
 from taichi_plume import scores
+from taichi_plume.grid.series import Series
 from taichi_plume.simulation import Every, Simulation
 
 LOOKS = 1.0  # s, between looks at the true gas and at the readings
@@ -21,12 +22,18 @@ NAMES = ("error_ppm", "correlation", "peak_distance_m", "nlpd")
 
 
 class MapSeries:
-    """The scores of one map: `time` [s], and in `values` a list of (trials,) by name."""
+    """The scores of one map over time; of the trials the means of each group's (see `scores.map_rows`).
+
+    rows: what to do with them the properties tell. last: (4, trials), of all trials at the last of the times.
+    """
+
+    STATE = ("sum", "looks", "ended", "rows", "last", "expected", "surprise")
 
     def __init__(self, sim: Simulation, number: int):
         self.map = sim.maps[number]
         self.cell, self.period = self.map.cell, self.map.window or scores.PERIOD
-        self.shape: tuple[int, int] = np.shape(self.map.estimate())[1:]
+        trials, *cells = np.shape(self.map.estimate())
+        self.shape: tuple[int, int] = (cells[0], cells[1])
         self.sources = np.array([source.position[:2] for _, source in sim.scenario.sources]).reshape(-1, 2)
         groups = sim.swarm.groups if sim.swarm.count else []
         self.extent = (sim.grid.extent[0], sim.grid.extent[1])
@@ -34,50 +41,66 @@ class MapSeries:
         self.trial = np.concatenate(
             [[], *(np.repeat(g.row + np.arange(g.trials), g.count) for g in groups)]
         ).astype(int)
-        self.sum, self.looks, self.rows = np.zeros(self.shape), 0, 0
-        self.time: list[float] = []
-        self.values: dict[str, list[np.ndarray]] = {name: [] for name in NAMES}
-        self.prediction: scores.Prediction | None = None
-        self.surprises: list[np.ndarray] = []  # of each robot's reading, at each look since then
+        self.parts = [rows for _, rows in scores.map_rows(sim)]
+        self.sum, self.looks, self.ended = np.zeros(self.shape), 0, 0
+        self.rows = Series(
+            len(NAMES) * (1 + len(self.parts))
+        )  # of each name the first trial's, then the groups'
+        self.last = np.full((len(NAMES), trials), np.nan)
+        self.expected: list[np.ndarray] = []  # mean and variance of a `Prediction`, once there is one
+        self.surprise = np.zeros((2, trials))  # of the readings since the last time: sum, and how many
 
     @property
     def truth(self) -> np.ndarray:
         """Mean of the true gas [ppm], (nx, ny)."""
         return self.sum / max(1, self.looks)
 
+    @property
+    def time(self) -> list[float]:
+        """When the scores were taken [s]."""
+        return self.rows.times.tolist()
+
+    def first(self, name: str) -> np.ndarray:
+        """Those of the first trial, (times,)."""
+        return self._of(name)[:, 0]
+
+    def means(self, name: str) -> np.ndarray:
+        """Means over the trials of each group that know it, (times, groups)."""
+        return self._of(name)[:, 1:]
+
+    def _of(self, name: str) -> np.ndarray:
+        return self.rows.values.reshape(len(self.rows), len(NAMES), -1)[:, NAMES.index(name)]
+
     def sample(self, sim: Simulation, gas: np.ndarray) -> None:
         """Take in the true gas [ppm], (nx, ny), and the readings and, where a snap has ended, score the map."""
         self.sum += gas
         self.looks += 1
-        if self.prediction and len(self.trial):
+        if self.expected and len(self.trial):
             now = sim.swarm.snapshot()
-            told = self.prediction.surprise(self.trial, now["believed_position"], now["reading_ppm"])
-            self.surprises.append(told)
-        if int((sim.t + 1e-6) / self.period) > self.rows:
-            self.rows = int((sim.t + 1e-6) / self.period)
+            expects = scores.Prediction(self.expected[0], self.expected[1], self.cell, self.extent)
+            self._note(expects.surprise(self.trial, now["believed_position"], now["reading_ppm"]))
+        if int((sim.t + 1e-6) / self.period) > self.ended:
+            self.ended = int((sim.t + 1e-6) / self.period)
             self._score(sim.t)
+
+    def _note(self, told: np.ndarray) -> None:
+        """Add the surprise of each robot's reading, NaN where it does not count."""
+        known = np.isfinite(told)
+        for row, values in zip(self.surprise, (np.where(known, told, 0.0), known), strict=True):
+            row += np.bincount(self.trial, values, len(row))
 
     def _score(self, t: float) -> None:
         estimate = np.asarray(self.map.estimate())
         score = scores.map_score(estimate, np.where(self.measurable, self.truth, np.nan))
         peak = scores.peak_distance(estimate, self.cell, self.sources)
-        self.time.append(t)
-        values = score.mae, score.correlation, peak, self._nlpd(len(estimate))
-        for name, value in zip(NAMES, values, strict=True):
-            self.values[name].append(value)
-        self.surprises = []
-        self.prediction = scores.Prediction.of(self.map, self.extent)
-
-    def _nlpd(self, trials: int) -> np.ndarray:
-        """Mean surprise of each trial since the last time, (trials,)."""
-        if not self.surprises:
-            return np.full(trials, np.nan)
-        all_of_them = np.array(self.surprises)
-        told = np.isfinite(all_of_them)
-        total = np.where(told, all_of_them, 0.0).sum(axis=0)
-        return scores.mean_of(
-            np.bincount(self.trial, total, trials), np.bincount(self.trial, told.sum(axis=0), trials)
-        )
+        self.last = np.stack([score.mae, score.correlation, peak, scores.mean_of(*self.surprise)])
+        row = [
+            [values[0], *(scores.mean_of_known(values[part]) for part in self.parts)] for values in self.last
+        ]
+        self.rows.append((t, np.ravel(row)))
+        self.surprise = np.zeros_like(self.surprise)
+        expects = scores.Prediction.of(self.map, self.extent)
+        self.expected = [expects.mean, expects.variance] if expects else []
 
 
 class MapScores:

@@ -1,7 +1,8 @@
 """How a run went, by what only the simulation knows: sources found, maps against the true gas."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
-from math import ceil, sqrt
+from math import ceil, inf, nan, sqrt
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ from scipy.special import ndtri, stdtrit
 
 from taichi_plume.grid import fields
 from taichi_plume.grid.grid import block_mean, centers
+from taichi_plume.scenario.played import Played
 from taichi_plume.simulation import Mapper, Simulation, Uncertain
 
 SAMPLES = 4  # per axis of a map cell, at most
@@ -49,6 +51,20 @@ def sensor_height(sim: Simulation) -> float:
     """Height of the first group's gas sensors [m]."""
     groups = sim.scenario.robots
     return groups[0].sensors.gas.height if groups else sim.scenario.recording.slice_height
+
+
+def map_rows(sim: Simulation) -> list[tuple[tuple[str, ...], slice]]:
+    """Whose maps a run has: names of the groups whose readings make them, and which of the trials on axis 0 are theirs.
+
+    Rivals make a map each; other groups make one together, in trial k those that have so many trials.
+    """
+    groups = sim.swarm.groups if sim.swarm.count else []
+    if sim.scenario.rivals:
+        rows = [((group.name,), slice(group.row, group.row + group.trials)) for group in groups]
+    else:
+        trials = max((group.trials for group in groups), default=1)
+        rows = [(tuple(group.name for group in groups), slice(0, trials))]
+    return rows or [((), slice(0, 1))]
 
 
 def map_score(estimate: np.ndarray, truth: np.ndarray) -> MapScore:
@@ -119,7 +135,7 @@ class Prediction:
         return np.where(counted, 0.5 * np.log(2 * np.pi * v) + off**2 / (2 * v), np.nan)
 
 
-def forecast_error(errors: list[tuple[float, np.ndarray]], trials: int, begin: float = 0.0) -> np.ndarray:
+def forecast_error(errors: Iterable[tuple[float, np.ndarray]], trials: int, begin: float = 0.0) -> np.ndarray:
     """Mean of a map's forecast errors [ppm] (eq 8, see agents/snaps) of each trial, (trials,).
 
     Those count that were judged later than SETTLED after `begin` [s]; NaN where there are none.
@@ -128,6 +144,12 @@ def forecast_error(errors: list[tuple[float, np.ndarray]], trials: int, begin: f
     table = np.array(late, float).reshape(-1, trials)
     told = np.isfinite(table)
     return mean_of(np.where(told, table, 0.0).sum(axis=0), told.sum(axis=0))
+
+
+def mean_of_known(values: np.ndarray) -> float:
+    """Mean of the values that are numbers; NaN where there is none."""
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if known.size else nan
 
 
 def mean_of(total: np.ndarray, count: np.ndarray) -> np.ndarray:
@@ -173,12 +195,52 @@ def trial_outcomes(group: Any, snapshot: dict[str, np.ndarray], sources: np.ndar
     }
 
 
-def trial_summary(trials: dict[str, Any], duration: float) -> dict[str, Any]:
+def trials_differ_by(group: Any, snapshot: dict[str, np.ndarray]) -> str | None:
+    """What sets the trials of a group apart: "starts and chance", "chance", or "nothing"; None of a single one.
+
+    Wind and gas are those of all trials. Chance is what robots draw: sensors, odometry, messages, algorithms. With
+    "nothing" the trials are one, so many times: they have ended the same, to the bit.
+    """
+
+    def alike(values: np.ndarray) -> bool:
+        of_trials = values[group.start : group.start + group.trials * group.count].reshape(group.trials, -1)
+        return np.array_equal(of_trials, np.broadcast_to(of_trials[:1], of_trials.shape), equal_nan=True)
+
+    if group.trials == 1:
+        return None
+    if all(alike(np.asarray(values, float)) for values in snapshot.values()):
+        return "nothing"
+    given = group.model.start.heading_deg is not None
+    return "chance" if given and alike(np.asarray(snapshot["start"], float)) else "starts and chance"
+
+
+def no_search(sim: Simulation, group: Any) -> str | None:
+    """Why no robot of a group could find a source; None where one could."""
+    on = [_begin(gas, source) < sim.t for _, gas in sim.scenario.gases for source in gas.sources]
+    if sim.tick <= 0:
+        return "the robots had not started"
+    if not on:
+        return "there is none"
+    if not any(on):
+        return "none had started"
+    return None if group.model.reach > 0 else "reach is 0"
+
+
+def _begin(gas: Any, source: Any) -> float:
+    """When a source starts [s]; one that is played back has its own clock, and counts as on."""
+    begin = None if isinstance(gas, Played) else getattr(source, "start", getattr(source, "time", None))
+    return -inf if begin is None else begin
+
+
+def trial_summary(trials: dict[str, Any], duration: float, searched: bool = True) -> dict[str, Any]:
     """What the trials of `trial_outcomes` tell of the algorithm, with intervals of 95 % confidence.
 
     success_rate: Wilson's interval. The others over successful trials, with Student's interval of the mean; and
-    time_with_failures_s, of all trials, where a failure counts as `duration` [s].
+    time_with_failures_s, of all trials, where a failure counts as `duration` [s]. Trials in which there was nothing to
+    search for tell nothing.
     """
+    if not searched:
+        trials = {name: values[:0] for name, values in trials.items()}
     success = np.array(trials["success"], bool)
     told: dict[str, Any] = {"success_rate": share_with_interval(int(success.sum()), len(success))}
     for name in ("time_s", "path_m", "overhead", "acquisitions", "hits", "bumps"):
@@ -188,10 +250,13 @@ def trial_summary(trials: dict[str, Any], duration: float) -> dict[str, Any]:
 
 
 def share_with_interval(k: int, n: int) -> dict[str, Any]:
-    """Share of k among n and Wilson's interval of 95 % confidence (Wilson 1927, doi:10.1080/01621459.1927.10502953).
+    """Share of k among n and Wilson's interval of 95 % confidence (Wilson 1927, doi:10.1080/01621459.1927.10502953);
+    None of no trials.
 
     `scipy.stats` has it too, but takes 0.3 s to import.
     """
+    if not n:
+        return {"mean": None, "low": None, "high": None, "n": 0}
     z2 = float(ndtri(0.975)) ** 2
     middle = (k + z2 / 2) / (n + z2)
     half = sqrt(z2 * (k * (n - k) / n + z2 / 4)) / (n + z2)

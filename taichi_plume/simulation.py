@@ -11,6 +11,7 @@ import numpy as np
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Mixture, Odour, Wind
 from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.series import Series
 from taichi_plume.scenario.scenario import Scenario
 
 
@@ -54,7 +55,7 @@ class Mapper(Protocol):
 
     cell: float
     window: float | None
-    errors: list[tuple[float, np.ndarray]]
+    errors: Series
 
     def update(self, swarm: Any, t: float, dt: float) -> None:
         """Take in the readings at time t [s], the end of a tick of dt [s]."""

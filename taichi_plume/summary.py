@@ -58,34 +58,88 @@ def summary(content: dict[str, Any]) -> list[tuple[str, str]]:
         if gas["relative_error"] is not None:
             text += f", {gas['relative_error']:.1e} of it unaccounted for"
         lines.append(("gas", text))
-    for group in content["groups"]:
-        trials, robots = group["per_trial"], group["robots"] * group["trials"]
-        text = f"{group['algorithm']}, {sum(trials['found'])} of {robots} robots found a source"
-        if group["trials"] > 1:
-            text += f", in {sum(trials['success'])} of {group['trials']} trials at least one"
-        if any(trials["success"]):
-            text += f"; the first after {group['median_time_s']:.1f} s and {group['median_path_m']:.2f} m"
-            text += " (median)" if group["trials"] > 1 else ""
-            rate = group["summary"]["success_rate"]
-            if group["trials"] > 1:
-                text += f"; success {100 * rate['mean']:.0f} % ({100 * rate['low']:.0f} to {100 * rate['high']:.0f} %)"
-        lines.append((group["name"], text))
-    for gas_map in content["maps"]:
-        lines.append((f"{gas_map['kind'].replace('_', ' ')} map", _map_line(gas_map)))
+    lines += [(group["name"], _group_line(group)) for group in content["groups"]]
+    lines += _what_is_shared(content)
+    kinds = [gas_map["kind"] for gas_map in content["maps"]]
+    for n, gas_map in enumerate(content["maps"]):
+        name = f"{gas_map['kind'].replace('_', ' ')} map"
+        name += f" (maps[{n}])" if kinds.count(gas_map["kind"]) > 1 else ""
+        if "groups" in gas_map:
+            lines += [(f"{name}, {one['name']}", _map_line(one)) for one in gas_map["groups"]]
+        else:
+            lines.append((name, _map_line(gas_map)))
+    return lines
+
+
+def _group_line(group: dict[str, Any]) -> str:
+    trials, n = group["per_trial"], group["trials"]
+    text = f"{group['algorithm']}, "
+    if group["no_search"]:
+        return f"{text}no source to be found: {group['no_search']}"
+    text += f"{sum(trials['found'])} of {group['robots'] * n} robots found a source"
+    if n > 1:
+        text += f", in {sum(trials['success'])} of {n} trials at least one"
+    if any(trials["success"]):
+        text += f"; the first after {group['median_time_s']:.1f} s and {group['median_path_m']:.2f} m"
+        text += " (median)" if n > 1 else ""
+    if n > 1 and group["trials_differ_by"] != "nothing":
+        rate = group["summary"]["success_rate"]
+        text += (
+            f"; success {100 * rate['mean']:.0f} % "
+            f"({100 * rate['low']:.0f} to {100 * rate['high']:.0f} %, of {n} trials in one air)"
+        )
+    return text
+
+
+def _what_is_shared(content: dict[str, Any]) -> list[tuple[str, str]]:
+    """What keeps figures from telling what they seem to tell: trials of one air, groups of one arena."""
+    lines, groups = [], content["groups"]
+    searched = [group for group in groups if group["trials"] > 1]
+    by = {group["trials_differ_by"] for group in searched}
+    if by - {"nothing"}:
+        differ = "starts and chance" if "starts and chance" in by else "chance"
+        told = {
+            "chance": "what robots draw by chance",
+            "starts and chance": "starts and what robots draw by chance",
+        }
+        others = (
+            "intervals say nothing of other airs, which other seeds make"
+            if groups[0]["air_by_chance"]
+            else "nothing random is in the air itself: other seeds make the same"
+        )
+        lines.append(
+            ("one air", f"wind and gas are the same for all trials; only {told[differ]} differ; {others}")
+        )
+    for group in searched:
+        if group["trials_differ_by"] == "nothing":
+            lines.append(
+                (
+                    "one trial",
+                    f"the {group['trials']} trials of {group['name']} are the same to the bit, as nothing random sets "
+                    "them apart: they count as one",
+                )
+            )
+    if any(group["unlike_them"] for group in groups):
+        shared = "the arena and the maps" if content["maps"] else "the arena"
+        names = ", ".join(group["name"] for group in groups)
+        text = f"{names} share {shared}; add rivals: true to compare them"
+        lines.append(("one arena", text))
     return lines
 
 
 def _map_line(gas_map: dict[str, Any]) -> str:
     if gas_map["mae_ppm"] is None:
         return "knows no cell"
+    trials = len(gas_map["per_trial"]["mae_ppm"])
     text = (
         f"mean error {gas_map['mae_ppm']:.3g} ppm over {100 * gas_map['known_fraction']:.0f} % of the cells"
     )
+    text += f", mean of {trials} trials" if trials > 1 else ""
     if gas_map["correlation"] is not None:
         text += f", correlation {gas_map['correlation']:.2f}"
     over_time = gas_map.get("mean_gas", {})
-    if over_time.get("time_s") and over_time["error_ppm"][-1] is not None:
-        text += f"; from the mean of the gas {over_time['error_ppm'][-1]:.3g} ppm"
-        if over_time["peak_distance_m"][-1] is not None:
-            text += f", its peak {over_time['peak_distance_m'][-1]:.2f} m from a source"
+    if over_time.get("time_s") and (error := over_time["error_ppm"][-1]) is not None:
+        text += f"; from the mean of the gas {error:.3g} ppm"
+        if (peak := over_time["peak_distance_m"][-1]) is not None:
+            text += f", its peak {peak:.2f} m from a source"
     return text

@@ -59,3 +59,18 @@ class Kept:
             self._states[id(part)] = State(part)
         self._states[id(part)].clear()
         begin(part)
+
+
+def assert_plain(saved: Any, path: str = "saved") -> None:
+    """What was saved is numbers, texts, arrays, lists and dicts alone: what files can hold without code."""
+    if isinstance(saved, dict):
+        for key, value in saved.items():
+            assert isinstance(key, str), f"{path}[{key!r}]"
+            assert_plain(value, f"{path}[{key}]")
+    elif isinstance(saved, list):
+        for n, value in enumerate(saved):
+            assert_plain(value, f"{path}[{n}]")
+    elif isinstance(saved, np.ndarray):
+        assert saved.dtype != object, path
+    else:
+        assert saved is None or isinstance(saved, bool | int | float | str), f"{path}: {type(saved)}"

@@ -11,6 +11,7 @@ from taichi_plume.agents.columns import COLUMNS
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Gas, Mixture, Wind
 from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.series import Series
 from taichi_plume.scenario.obstacles import Mesh
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.species import SPECIES
@@ -142,7 +143,7 @@ class FakeMap:
         self.shape = (round(lx / cell), round(ly / cell))
         self.trials = sim.scenario.robots[0].trials
         self.seen = np.zeros(self.shape, bool)
-        self.errors: list[tuple[float, np.ndarray]] = []
+        self.errors = Series(self.trials)
 
     def update(self, swarm: Any, t: float, dt: float) -> None:
         i, j = (swarm.snapshot()["position"][0] / self.cell).astype(int)

@@ -6,10 +6,12 @@ from typing import Any
 import fake_run
 import numpy as np
 import pytest
+from begun import assert_plain
 from scipy import stats
 
 from taichi_plume import scores
 from taichi_plume.files import result
+from taichi_plume.grid.state import State
 from taichi_plume.map_scores import MapScores
 from taichi_plume.simulation import Every
 
@@ -36,9 +38,11 @@ def test_the_truth_is_the_mean_since_the_start():
     assert one.time == pytest.approx([5.0, 10.0])
     fake: Any = sim.maps[0]
     for name in ("error_ppm", "correlation", "peak_distance_m", "nlpd"):
-        assert [value.shape for value in one.values[name]] == [(fake.trials,)] * 2
-    assert (one.values["correlation"][-1] > 0.5).all()
-    assert np.isnan(one.values["nlpd"]).all(), "these maps know no variance"
+        assert one.means(name).shape == (2, 1)
+        assert one.first(name).shape == (2,)
+    assert one.last.shape == (4, fake.trials)
+    assert (one.means("correlation")[-1] > 0.5).all()
+    assert np.isnan(one.means("nlpd")).all(), "these maps know no variance"
 
 
 def test_readings_are_judged_by_what_the_map_said_before_them():
@@ -65,11 +69,48 @@ def test_readings_are_judged_by_what_the_map_said_before_them():
     readings = []
     sim.observers.append(Every(1.0, lambda sim: readings.append(sim.swarm.snapshot()["reading_ppm"])))
     judge, _ = scored(sim)
-    first, second = judge.series[0].values["nlpd"]
-    assert np.isnan(first).all(), "nothing had been forecast"
+    series = judge.series[0]
+    assert np.isnan(series.first("nlpd")[0]), "nothing had been forecast"
     later = np.array(readings[6:])
     expected = -stats.norm(7.0, np.sqrt(13.0)).logpdf(later)
-    np.testing.assert_allclose(second, [expected[:, :4].mean(), expected[:, 4:7].mean()], rtol=1e-6)
+    of_trials = [expected[:, :4].mean(), expected[:, 4:7].mean()]
+    np.testing.assert_allclose(series.last[3], of_trials, rtol=1e-6)
+    assert series.first("nlpd")[1] == pytest.approx(of_trials[0], rel=1e-6)
+    assert series.means("nlpd")[1] == pytest.approx(np.mean(of_trials), rel=1e-6)
+
+
+def test_scores_go_on_from_between_two_snaps():
+    """With a map that tells a variance, saved 2 s after its last score; in between it runs on to the end."""
+    sim: Any = fake_run.simulation(fake_run.scenario(2, duration=30))
+    fake = sim.maps[0]
+    fake.variance, fake.noise = lambda: 4.0 + fake.weight(), 9.0
+    judge = MapScores(sim)
+    state, look = State(judge), judge.observer()
+    sim.observers.append(look)
+
+    def go(ticks: int) -> list[np.ndarray]:
+        for _ in range(ticks):
+            sim.advance()
+            sim.observe()
+        return [
+            part for one in judge.series for part in (one.rows.table[: len(one.rows)], one.last, one.truth)
+        ]
+
+    go(170)
+    saved, tick, kept = state.save(), sim.tick, vars(look).copy()
+    seen = [one.seen.copy() for one in sim.maps]
+    assert_plain(saved)
+    first = go(130)
+    state.restore(saved)
+    sim.tick = tick
+    vars(look).update(kept)
+    for one, was in zip(sim.maps, seen, strict=True):
+        one.seen = was
+    assert [len(one.rows) for one in judge.series] == [3, 3]
+    again = go(130)
+    assert np.isfinite(judge.series[0].means("nlpd")[1:]).all()
+    for one, other in zip(again, first, strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 def test_what_a_map_leaves_out_is_no_surprise():
@@ -125,7 +166,7 @@ def test_the_result_tells_the_series():
     judge, _ = scored(sim)
     told = result.result(sim, "completed", "", "cpu", judge)["maps"][0]["mean_gas"]
     assert told["time_s"] == pytest.approx([5.0])
-    assert told["error_ppm"] == pytest.approx([judge.series[0].values["error_ppm"][0].mean()])
+    assert told["error_ppm"] == pytest.approx([judge.series[0].last[0].mean()])
     assert told["nlpd"] == [None]
     assert len(told["per_trial_at_end"]["peak_distance_m"]) == 2
 
@@ -140,7 +181,7 @@ def test_without_robots_maps_are_scored_all_the_same():
     judge = MapScores(sim)
     sim.observers.append(judge.observer())
     sim.run()
-    assert judge.series[0].values["error_ppm"][0][0] > 0
+    assert judge.series[0].first("error_ppm")[0] > 0
 
 
 def test_the_result_tells_the_settled_forecast():

@@ -109,18 +109,18 @@ correlation with it, distance of the peak from the source [m].
 
 
 def scored(sim: Simulation) -> Scored:
-    """Run a simulation; how its maps fare."""
+    """Run a simulation of rivals of one trial each; how their maps fare."""
     judge = MapScores(sim)
     sim.observers.append(judge.observer())
     sim.run()
     forecasts = [one.errors for one in sim.maps]
     time = np.array([t for t, _ in forecasts[0]])
     counted = time > SETTLED + 1e-6
-    rows = np.searchsorted(judge.series[0].time, time[counted] - 1e-3)
+    rows = np.searchsorted(judge.series[0].rows.times, time[counted] - 1e-3)
     return (
         time[counted],
         np.array([[error for _, error in one] for one in forecasts])[:, counted],
-        *(np.array([np.array(one.values[name])[rows] for one in judge.series]) for name in SCORES),
+        *(np.array([one.means(name)[rows] for one in judge.series]) for name in SCORES),
     )
 
 

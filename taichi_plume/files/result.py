@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from taichi_plume import __version__, scores
-from taichi_plume.map_scores import MapScores, MapSeries
+from taichi_plume.map_scores import NAMES, MapScores, MapSeries
 from taichi_plume.simulation import Simulation
 
 
@@ -27,10 +27,7 @@ def result(
         "gas": _budget(sim),
         "obstacles": _obstacles(sim),
         "groups": _groups(sim),
-        "maps": [
-            _map(sim, n) | (_over_time(map_scores.series[n]) if map_scores else {})
-            for n in range(len(sim.maps))
-        ],
+        "maps": [_map(sim, n, map_scores.series[n] if map_scores else None) for n in range(len(sim.maps))],
     }
 
 
@@ -73,70 +70,101 @@ def _obstacles(sim: Simulation) -> list[dict[str, Any]]:
 
 
 def _groups(sim: Simulation) -> list[dict[str, Any]]:
+    """How each group did.
+
+    airs: in how many airs its trials were, always one; trials_differ_by: see `scores.trials_differ_by`. no_search: why
+    no source could be found, or None. shares_arena_with: groups that it may have met; unlike_them: whether one of these
+    has another algorithm, or the same one with other numbers.
+    """
     if not sim.swarm.count:
         return []
     now = sim.swarm.snapshot()
     groups = []
     sources = np.array([source.position[:2] for _, source in sim.scenario.sources]).reshape(-1, 2)
+    end = sim.scenario.duration if sim.tick >= sim.last_tick else max(sim.t, 0.0)
     for group in sim.swarm.groups:
         trials = scores.trial_outcomes(group, now, sources)
         times = [t for t, good in zip(trials["time_s"], trials["success"], strict=True) if good]
         paths = [p for p, good in zip(trials["path_m"], trials["success"], strict=True) if good]
+        others = [] if sim.scenario.rivals else [one for one in sim.swarm.groups if one is not group]
+        differ = scores.trials_differ_by(group, now)
+        no_search = None if times else scores.no_search(sim, group)
+        counted = trials if differ != "nothing" else {name: values[:1] for name, values in trials.items()}
+        summary = scores.trial_summary(counted, end, searched=no_search is None)
         groups.append(
             {
                 "name": group.name,
                 "algorithm": group.model.algorithm.kind,
                 "robots": group.count,
                 "trials": group.trials,
-                "success_rate": float(np.mean(trials["success"])),
+                "airs": 1,
+                "trials_differ_by": differ,
+                "air_by_chance": sim.scenario.air_by_chance,
+                "no_search": no_search,
+                "shares_arena_with": [one.name for one in others],
+                "unlike_them": any(one.model.algorithm != group.model.algorithm for one in others),
+                "success_rate": None if no_search else float(np.mean(trials["success"])),
                 "median_time_s": float(np.median(times)) if times else None,
                 "median_path_m": float(np.median(paths)) if paths else None,
-                "summary": scores.trial_summary(trials, sim.scenario.duration),
+                "summary": {name: values | {"airs": 1} for name, values in summary.items()},
                 "per_trial": trials,
             }
         )
     return groups
 
 
-def _map(sim: Simulation, n: int) -> dict[str, Any]:
+def _map(sim: Simulation, n: int, series: MapSeries | None) -> dict[str, Any]:
+    """Scores of a map; with several rivals, who make a map each, those of every group by its name in `groups`.
+
+    made_by: the groups whose readings it is made of. Means are over their trials, never over groups.
+    """
     gas_map = sim.maps[n]
     estimate = np.asarray(gas_map.estimate())
     truth = scores.true_gas(sim, gas_map.cell, estimate.shape[1:])
     measurable = scores.measurable(sim, gas_map.cell, estimate.shape[1:])
     score = scores.map_score(estimate, np.where(measurable, truth, np.nan))
-    forecast_error = scores.forecast_error(gas_map.errors, len(estimate))
-    forecasts = [(t, np.asarray(errors, float)) for t, errors in gas_map.errors]
-    return {
-        "kind": sim.scenario.maps[n].kind,
-        "cell_m": gas_map.cell,
-        "mae_ppm": _mean(score.mae),
-        "correlation": _mean(score.correlation),
-        "known_fraction": _mean(score.known),
-        "forecast_error_ppm": _mean(forecast_error),
-        "per_trial": {
-            "mae_ppm": score.mae.tolist(),
-            "correlation": score.correlation.tolist(),
-            "known_fraction": score.known.tolist(),
-            "forecast_error_ppm": forecast_error.tolist(),
-        },
-        "forecast": {
-            "time_s": [t for t, _ in forecasts],
-            "error_ppm": [_mean(errors) for _, errors in forecasts],
-        },
+    per_trial = {
+        "mae_ppm": score.mae,
+        "correlation": score.correlation,
+        "known_fraction": score.known,
+        "forecast_error_ppm": scores.forecast_error(gas_map.errors, len(estimate)),
     }
+    parts = []
+    for k, (names, rows) in enumerate(scores.map_rows(sim)):
+        own = {name: values[rows] for name, values in per_trial.items()}
+        parts.append(
+            {
+                "made_by": list(names),
+                **{name: _mean(values) for name, values in own.items()},
+                "per_trial": {name: values.tolist() for name, values in own.items()},
+                "forecast": {
+                    "time_s": [t for t, _ in gas_map.errors],
+                    "error_ppm": [_mean(np.asarray(errors, float)[rows]) for _, errors in gas_map.errors],
+                },
+                **(_over_time(series, k) if series else {}),
+            }
+        )
+    told: dict[str, Any] = {"kind": sim.scenario.maps[n].kind, "cell_m": gas_map.cell}
+    if len(parts) == 1:
+        return told | parts[0]
+    return told | {"groups": [{"name": part.pop("made_by")[0], **part} for part in parts]}
 
 
-def _over_time(series: MapSeries) -> dict[str, Any]:
-    """Scores of a map against the mean of the gas (see map_scores), over time the mean of all trials."""
-    last = {name: values[-1].tolist() for name, values in series.values.items() if values}
-    means = {name: [_mean(value) for value in values] for name, values in series.values.items()}
-    return {"mean_gas": {"time_s": series.time, **means, "per_trial_at_end": last}}
+def _over_time(series: MapSeries, k: int) -> dict[str, Any]:
+    """Scores of part k of a map against the mean of the gas (see map_scores), over time the mean of its trials."""
+    rows = series.parts[k]
+    means = {name: [_known(value) for value in series.means(name)[:, k]] for name in NAMES}
+    last = {name: values[rows].tolist() for name, values in zip(NAMES, series.last, strict=True)}
+    return {"mean_gas": {"time_s": series.time, **means, "per_trial_at_end": last if series.time else {}}}
 
 
 def _mean(values: np.ndarray) -> float | None:
     """Mean of what is known."""
-    known = values[np.isfinite(values)]
-    return float(known.mean()) if known.size else None
+    return _known(scores.mean_of_known(values))
+
+
+def _known(value: float) -> float | None:
+    return float(value) if isfinite(value) else None
 
 
 def write_result(folder: Path, content: dict[str, Any]) -> None:

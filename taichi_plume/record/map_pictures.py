@@ -1,5 +1,7 @@
 """Gas maps in the recording: estimate, truth, weight and error of the first trial's, and their scores as series."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import rerun as rr
 
@@ -68,17 +70,15 @@ class MapPictures:
         series, sent = self.series[n], self.sent[n]
         forecasts = self.maps[n].errors
         fresh = forecasts[sent["forecast"] :]
-        self._send_series(f"map_errors/{n}_forecast", [t for t, _ in fresh], [error for _, error in fresh])
-        times = series.time[sent["rows"] :]
+        self._send_series(f"map_errors/{n}_forecast", [t for t, _ in fresh], [error[0] for _, error in fresh])
+        times = series.rows.times[sent["rows"] :].tolist()
         for name, entity in zip(layout.MAP_SERIES.values(), self._scored(n), strict=True):
-            self._send_series(entity, times, series.values[name][sent["rows"] :])
-        sent["forecast"], sent["rows"] = len(forecasts), len(series.time)
+            self._send_series(entity, times, series.first(name)[sent["rows"] :])
+        sent["forecast"], sent["rows"] = len(forecasts), len(series.rows)
 
-    def _send_series(self, entity: str, times: list[float], values: list[np.ndarray]) -> None:
-        """The first trial's values that are numbers."""
-        known = [
-            (t, float(value[0])) for t, value in zip(times, values, strict=True) if np.isfinite(value[0])
-        ]
+    def _send_series(self, entity: str, times: list[float], values: Sequence[float] | np.ndarray) -> None:
+        """Those of the values that are numbers."""
+        known = [(t, float(value)) for t, value in zip(times, values, strict=True) if np.isfinite(value)]
         if known:
             t, scalars = zip(*known, strict=True)
             self.stream.send(entity, t, rr.Scalars.columns(scalars=scalars))

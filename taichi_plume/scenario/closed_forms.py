@@ -214,6 +214,11 @@ class MeanderingGas(ClosedForm):
     width_fluctuation: NonNegative = 0.0
     """Standard deviation of the logarithm of the width, which varies as the gusts do."""
 
+    @property
+    def by_chance(self) -> bool:
+        """Its width is drawn, besides the gusts."""
+        return self.width_fluctuation > 0
+
     def in_wind(self, where: str, wind: UniformWind, context: Context) -> Iterator[str]:
         """It takes a wind that blows, and gusts."""
         if not wind.speed:

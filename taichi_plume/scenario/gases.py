@@ -93,6 +93,11 @@ class PuffGas(OneGas):
     most: Annotated[Count, Field(ge=100)] = 200_000
     """Puffs at a time: beyond, neighbours are merged."""
 
+    @property
+    def by_chance(self) -> bool:
+        """Puffs stray."""
+        return True
+
     def misfits(self, where: str, dim: int) -> Iterator[str]:
         """Nothing sinks in a view from above."""
         if self.buoyancy and dim == 2:

@@ -52,6 +52,11 @@ class Jet(Vent):
         return self
 
     @property
+    def by_chance(self) -> bool:
+        """What it blows is turbulent."""
+        return self.turbulence_intensity > 0
+
+    @property
     def blows(self) -> bool:
         """Whether the speed is prescribed; otherwise the opening is an outlet."""
         return self.speed is not None

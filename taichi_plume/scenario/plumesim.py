@@ -122,6 +122,11 @@ class PlumeSimMeander(PercentGas):
     """Points stray across by a standard deviation of dispersion release_rate (x - x0)."""
     radius: Annotated[Length, COMPILED] = 0.1
 
+    @property
+    def by_chance(self) -> bool:
+        """Its points are strewn."""
+        return True
+
     def problems(self, where: str, context: Context) -> Iterator[str]:
         """It has to be released in the domain, with room downwind."""
         lines = list(_release(where, self.release_point, context.domain))

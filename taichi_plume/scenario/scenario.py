@@ -81,6 +81,11 @@ class Scenario(Model):
         return self.model_copy(update={"gas": self.gas.replaced("gas", others)}) if others else self
 
     @property
+    def air_by_chance(self) -> bool:
+        """Whether another seed makes other wind or gas."""
+        return self.wind.by_chance or self.gas.by_chance or any(group.wake for group in self.robots)
+
+    @property
     def openings(self) -> tuple[Opening, ...]:
         """Those of a computed flow."""
         return self.wind.computed.openings if self.wind.computed else ()

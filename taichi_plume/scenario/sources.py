@@ -47,6 +47,11 @@ class Puffing(Model):
     spread: Fraction = 0.5
     """Durations are uniform in mean·(1 ± spread)."""
 
+    @property
+    def by_chance(self) -> bool:
+        """Unless all are the same."""
+        return self.spread > 0
+
 
 class Dish(Model):
     """A flat, open dish of liquid: the wind over it says how much evaporates; see solvers/evaporation.py."""

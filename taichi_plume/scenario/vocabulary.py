@@ -127,6 +127,14 @@ class Model(BaseModel):
         extra="forbid", frozen=True, defer_build=True
     )  # what no scenario has is not built
 
+    @property
+    def by_chance(self) -> bool:
+        """Whether something of it is drawn from the seed; unless it says so itself, whether it is of a part of it."""
+        values = [
+            one for value in vars(self).values() for one in (value if type(value) is tuple else (value,))
+        ]
+        return any(one.by_chance for one in values if isinstance(one, Model))
+
     @classmethod
     def __get_pydantic_json_schema__(cls, core_schema: Any, handler: Any) -> Any:
         schema = handler(core_schema)

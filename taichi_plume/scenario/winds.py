@@ -149,6 +149,11 @@ class Gusts(Model):
     time: Duration = 5.0
     """Integral time: how long a gust lasts [s]."""
 
+    @property
+    def by_chance(self) -> bool:
+        """Unless there are none."""
+        return self.intensity > 0 or self.vertical > 0
+
     def deviations(self, dim: int) -> tuple[float, ...]:
         """Of each crosswind over the mean speed."""
         return (self.intensity, self.vertical)[: dim - 1]
@@ -280,6 +285,11 @@ class SyntheticWind(AnyWind):
         if self.shortest is not None and self.shortest >= self.longest:
             raise fault("shortest must be below longest")
         return self
+
+    @property
+    def by_chance(self) -> bool:
+        """All of its waves are drawn."""
+        return True
 
     def shortest_on(self, spacing: float) -> float:
         """Wavelength of the smallest eddies [m] on cells of `spacing` [m]."""

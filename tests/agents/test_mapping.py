@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
-from begun import assert_begins_anew
+from begun import assert_begins_anew, assert_plain
 from pydantic import TypeAdapter
 from readers import COUNT, EXTENT, Stock, same
 
 from taichi_plume.agents.gas_map import Floor
 from taichi_plume.agents.mapping import KINDS, mappers
+from taichi_plume.grid.state import State
 from taichi_plume.scenario.maps import Map
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -157,6 +158,31 @@ def test_a_map_begins_anew(stock, made, keys, others):
         return *layers(gas_map), np.array([error for _, error in gas_map.errors])
 
     assert_begins_anew(gas_map, begin, (1.0, keys), (2.0, keys | others), play)
+
+
+def test_maps_go_on_from_the_middle_of_a_snap(stock):
+    """All kinds, those of one kind with the same snaps; in between they map something else, and more of it."""
+    maps = mappers([model(keys) for keys, _ in OF_EACH], Floor(EXTENT, 2, COUNT + 1, DT))
+    robots, states = stock.robots(1), [State(one) for one in maps]
+
+    def go(first, last, seed):
+        rng = np.random.default_rng(seed)
+        for tick in range(first, last):
+            robots.show(rng.uniform(0, EXTENT, (6, 2)), rng.exponential(20.0, 6))
+            for one in maps:
+                one.update(robots, tick * DT, DT)
+        told = [layer for one in maps for layer in layers(one)]
+        return [*told, *(one.errors.values for one in maps), *(one.errors.times for one in maps)]
+
+    go(1, 43, 1)
+    saved = [state.save() for state in states]
+    assert_plain(saved)
+    rest = go(43, 97, 2)
+    go(97, 230, 3)
+    for state, what in zip(states, saved, strict=True):
+        state.restore(what)
+    for again, first in zip(go(43, 97, 2), rest, strict=True):
+        np.testing.assert_array_equal(again, first)
 
 
 def test_each_kind_of_a_scenario_is_known():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from taichi_plume.assemble import assemble
-from taichi_plume.map_scores import MapScores
+from taichi_plume.map_scores import NAMES, MapScores
 from taichi_plume.prepare import load_scenario
 from taichi_plume.scenario.loading import ScenarioError
 
@@ -104,7 +104,7 @@ def test_rivals_have_maps_of_their_own(tmp_path):
         scores = MapScores(sim)
         sim.observers.append(scores.observer())
         sim.run()
-        return sim.maps[0].estimate(), scores.series[0].values
+        return sim.maps[0].estimate(), scores.series[0]
 
     (together, told), (alone, ours) = (
         run(RIVALS, "true"),
@@ -113,6 +113,8 @@ def test_rivals_have_maps_of_their_own(tmp_path):
     assert together.shape[0] == 6
     np.testing.assert_array_equal(together[:3], alone)
     np.testing.assert_array_equal(together[3:], alone)
-    for name, values in ours.items():
-        np.testing.assert_allclose(np.array(told[name])[:, 3:], values, rtol=1e-6, err_msg=name)
-    assert np.isfinite(np.array(told["nlpd"])[1:]).all()
+    for name in NAMES:
+        assert told.means(name).shape[1] == 2, "one of each rival"
+        np.testing.assert_allclose(told.means(name)[:, 1:], ours.means(name), rtol=1e-6, err_msg=name)
+    np.testing.assert_allclose(told.last[:, 3:], ours.last, rtol=1e-6)
+    assert np.isfinite(told.means("nlpd")[1:]).all()

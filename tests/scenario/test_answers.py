@@ -161,3 +161,33 @@ def test_every_kind_can_be_asked(union, base):
 def test_every_obstacle_has_a_shape():
     kinds = [get_args(kind.model_fields["kind"].annotation)[0] for kind in get_args(get_args(Obstacle)[0])]
     assert sorted(kinds) == sorted(SHAPES)
+
+
+SOURCE = {"position": (1, 1, 1), "rate": 1e-6}
+PULSES = {"pulse": 1.0, "pause": 2.0}
+STEADY = {"kind": "uniform", "velocity": (1, 0, 0)}
+PUFFS = {"kind": "puffs", "sources": [SOURCE]}
+STREWN = {"kind": "plumesim_meandering", "release_point": (1, 1)}
+
+
+@pytest.mark.parametrize(
+    ("changes", "drawn"),
+    [
+        ({}, False),
+        ({"wind": STEADY}, False),
+        ({"wind": STEADY | {"gusts": {}}}, True),
+        ({"wind": STEADY | {"gusts": {"intensity": 0}}}, False),
+        ({"wind": {"kind": "synthetic"}}, True),
+        ({"wind": {"kind": "cfd", "openings": [OPENINGS["inlet"]]}}, False),
+        ({"wind": {"kind": "cfd", "openings": [OPENINGS["inlet"] | {"turbulence_intensity": 0.1}]}}, True),
+        ({"wind": {"kind": "playback", "file": "a.zarr"}}, False),
+        ({"gas": {"kind": "eulerian", "sources": [SOURCE, SOURCE | {"puffing": PULSES}]}}, True),
+        ({"gas": {"kind": "eulerian", "sources": [SOURCE | {"puffing": PULSES | {"spread": 0}}]}}, False),
+        ({"gas": PUFFS}, True),
+        ({"gas": {"kind": "mixture", "parts": [{"kind": "eulerian", "sources": [SOURCE]}]}}, False),
+        ({"gas": {"kind": "mixture", "parts": [{"kind": "eulerian", "sources": [SOURCE]}, PUFFS]}}, True),
+        ({"gas": STREWN}, True),
+    ],
+)
+def test_whether_another_seed_makes_other_air(changes, drawn):
+    assert scenario(**changes).air_by_chance == drawn
