@@ -19,7 +19,6 @@ import json
 import os
 import sys
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from math import ceil, isfinite
 from pathlib import Path
@@ -222,41 +221,48 @@ def _log(values: np.ndarray) -> np.ndarray:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` (without the program's name) and return its exit code."""
     os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
+    from taichi_plume.files.run_folder import RunFolder, RunFolderError
+
     try:
         args, model = arguments(sys.argv[1:] if argv is None else argv)
-        from taichi_plume.files.run_folder import RunFolderError, run_folder
         from taichi_plume.grid import kernels
 
-        try:
-            out = run_folder("", args.out, args.force, files=FILES)
-        except RunFolderError as error:
-            raise ReadingsError(str(error)) from None
-        try:
+        with RunFolder("", args.out, args.force, inputs=[args.readings], files=FILES, ours=_is_map) as folder:
             readings = read(args.readings, args.trial, args.group)
             kernels.start("cpu")
             gas_map = map_of(readings, model, args.size, np.array(args.source) if args.source else None)
-        except BaseException:
-            with suppress(OSError):
-                out.rmdir()  # unless something is in it
-            raise
-    except ReadingsError as error:
+            folder.clear()
+            stands = False
+            try:
+                write(gas_map, readings, args.size, args.out)
+                stands = True
+            finally:
+                folder.settle(stands)
+    except (ReadingsError, RunFolderError) as error:
         print(error, file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("interrupted before the map was made", file=sys.stderr)
         return 130
-    try:
-        write(gas_map, readings, args.size, out)
     except OSError as error:
-        print(f"{out}: cannot be written: {error.strerror or error}", file=sys.stderr)
+        print(f"{args.out}: cannot be written: {error.strerror or error}", file=sys.stderr)
         return 1
     peak = gas_map.scores["peak"]
     if peak["ppm"] is None:
         print("knows no cell: its last readings are too old")
     else:
         print(f"peak {peak['ppm']:.3g} ppm at ({peak['x_m']:.2f}, {peak['y_m']:.2f}) m")
-    print(f"{out}: {', '.join(FILES)}")
+    print(f"{args.out}: {', '.join(FILES)}")
     return 0
+
+
+def _is_map(folder: Path) -> bool:
+    """Whether a folder holds a map that was made before."""
+    try:
+        content = json.loads((folder / "scores.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return False
+    return isinstance(content, dict) and content.keys() >= {"kind", "readings", "known_fraction"}
 
 
 if __name__ == "__main__":

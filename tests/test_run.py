@@ -79,7 +79,8 @@ def readable(folder: Path) -> float:
 def test_a_run_leaves_its_directory(scenario, capsys):
     assert run.main([str(scenario)]) == 0
     folder = Path("runs/small-1")
-    assert {file.name for file in folder.iterdir()} == {
+    assert {file.name for file in folder.iterdir()} - {".lock"} == {
+        "manifest.json",
         "scenario.yaml",
         "recording.rrd",
         "robots.parquet",
@@ -161,7 +162,7 @@ def test_missing_file(capsys):
 
 def test_full_directory_is_refused(scenario, fake, capsys):
     Path("out").mkdir()
-    Path("out/result.json").write_text("{}")
+    Path("out/result.json").write_text('{"name": "a", "status": "completed", "seed": 1}')
     assert run.main([str(scenario), "--out", "out"]) == 2
     assert "--force" in capsys.readouterr().err
     assert run.main([str(scenario), "--out", "out", "--force", "--quiet", "--no-recording"]) == 0

@@ -162,6 +162,25 @@ class PlumeLogger:
         self.file.close()
 
 
+def shorten(path: Path) -> int:
+    """Cut off what comes after as many frames as the first line of a log of ours says; returns how many these are.
+
+    Raises OSError, and ValueError where it is none.
+    """
+    with path.open("rb+") as file:
+        frames = int(file.readline().split(b",")[1])
+        left = frames
+        while left >= 0:
+            begin = file.tell()
+            line = file.readline()
+            if not line:
+                break
+            left -= line.startswith(b"+")
+        else:
+            file.truncate(begin)
+    return frames
+
+
 def nodes(sim: Simulation, model: PlumeLog) -> np.ndarray:
     """Places (n, dim) of the log's nodes [m] in the air."""
     extent = sim.grid.extent

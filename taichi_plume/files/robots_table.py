@@ -239,7 +239,7 @@ def _names_in(files: list[Path], schema: pa.Schema) -> dict[str, pa.Array]:
     """All names in the columns of names."""
     wanted = [field.name for field in schema if field.type == NAMES]
     tables = pa.concat_tables([pq.read_table(file, columns=wanted) for file in files])
-    return {name: pc.unique(tables[name].cast(pa.string())).combine_chunks() for name in wanted}
+    return {name: pc.unique(tables[name].cast(pa.string())) for name in wanted}
 
 
 def _writer(path: Path, schema: pa.Schema) -> pq.ParquetWriter:

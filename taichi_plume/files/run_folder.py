@@ -1,4 +1,4 @@
-"""The run directory: which files it holds, who writes to it, and the resolved scenario, which can be run again as is."""
+"""The run directory: which files it holds, who writes to it, and the resolved scenario, to be run again as it is."""
 
 import datetime
 import json
@@ -6,6 +6,7 @@ import os
 import platform
 import re
 import shutil
+import tempfile
 from collections.abc import Callable, Sequence
 from importlib.metadata import version
 from pathlib import Path
@@ -97,6 +98,8 @@ class RunFolder:
         """Take the lock, which goes with the process, however it ends."""
         self._lock = filelock.FileLock(self.path / LOCK, timeout=0)
         try:
+            with tempfile.TemporaryFile(dir=self.path):
+                pass  # now, rather than after minutes of compiling; the lock would take it for another's
             self._lock.acquire()
         except filelock.Timeout:
             raise RunFolderError(f"{self.path}: another run is writing there; choose another --out") from None

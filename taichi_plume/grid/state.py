@@ -2,8 +2,8 @@
 
 A component has ``STATE``, the names of its attributes that change in a run: Taichi fields, tuples of them, components
 with a STATE of their own (also in lists, tuples and dicts), random generators, objects that save themselves with
-``state()`` and ``restore(state)``, and plain Python data (numbers, arrays, lists, dicts). What is merely worked out anew
-in each step before it is read is no state.
+``state()`` and ``restore(state)``, and plain Python data (numbers, arrays, lists, dicts). What is merely worked out
+anew in each step before it is read is no state.
 
 A component also has ``begin(...)``, which sets its numbers and its state at the begin of a run; it finds the fields of
 its state zero, as new ones are. Its constructor ends with it. What `begin` launches and uploads has therefore been

@@ -19,7 +19,11 @@ def folder(tmp_path):
     (tmp_path / "wind.csv").write_text("x,y\n")
     film = zarr.create_group(run / "film.zarr")
     film.create_array("u", data=np.arange(12.0), chunks=(4,))
-    manifest.write(run, [tmp_path / "wind.csv"], [run / "table.csv", run / "film.zarr", run / "never.csv"])
+    manifest.write(
+        run,
+        manifest.digests(run, [tmp_path / "wind.csv"]),
+        [run / "table.csv", run / "film.zarr", run / "never.csv"],
+    )
     return run
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from taichi_plume import assemble as assembly
 from taichi_plume import run
 from taichi_plume.assemble import assemble
 from taichi_plume.files import disk
@@ -55,7 +56,7 @@ def test_a_run_is_played_back_to_the_printed_digits(tmp_path, monkeypatch):
     (tmp_path / "live.yaml").write_text(LIVE)
     (tmp_path / "play.yaml").write_text(PLAY)
     seen: dict[int, Any] = {}
-    live = run._build
+    live = assembly.build
 
     def watched(*arguments: Any) -> Simulation:
         sim = live(*arguments)
@@ -101,7 +102,9 @@ def short(tmp_path: Path, **keys: Any) -> tuple[Simulation, PlumeLogger]:
     (tmp_path / "live.yaml").write_text(LIVE)
     scenario = load_scenario(tmp_path / "live.yaml", plain("[0, -0.3]", "[0.3, 0.4]"))
     sim = assemble(scenario, tmp_path)
-    return sim, PlumeLogger(sim, tmp_path / "plume.pslog", PlumeLog(**keys))
+    log = PlumeLogger(sim, tmp_path / "plume.pslog", PlumeLog(**keys))
+    log.start()
+    return sim, log
 
 
 def test_the_file_is_whole_after_every_frame(tmp_path):
@@ -123,7 +126,7 @@ def test_a_full_disk_is_told_and_the_frames_before_are_kept(tmp_path, monkeypatc
     usage = SimpleNamespace(free=10 * disk.RESERVE)
     monkeypatch.setattr(disk.shutil, "disk_usage", lambda _: usage)
     (tmp_path / "live.yaml").write_text(LIVE)
-    live = run._build
+    live = assembly.build
 
     def filling(*arguments: Any) -> Simulation:
         sim = live(*arguments)
@@ -132,7 +135,7 @@ def test_a_full_disk_is_told_and_the_frames_before_are_kept(tmp_path, monkeypatc
         )
         return sim
 
-    monkeypatch.setattr(run, "_build", filling)
+    monkeypatch.setattr(assembly, "build", filling)
     out = tmp_path / "run"
     changes = [f"--set={change}" for change in plain("[0.3, 0]", "[0.3, 0.4]")]
     command = [str(tmp_path / "live.yaml"), *changes, "--out", str(out), "--quiet", "--no-recording"]
@@ -151,6 +154,7 @@ def test_in_three_dimensions_the_log_is_a_slice(tmp_path):
     for _ in range(5):
         sim.advance()
     log = PlumeLogger(sim, tmp_path / "plume.pslog", PlumeLog(start=-0.5, height=0.25))
+    log.start()
     log.add(sim)
     log.close()
     frames = read_log(tmp_path / "plume.pslog")

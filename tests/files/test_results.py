@@ -21,57 +21,9 @@ pytestmark = pytest.mark.usefixtures("taichi")
 def run_with_table(tmp_path: Path, **changes):
     sim = fake_run.simulation(fake_run.scenario(2, maps=[], **changes))
     table = robots_table.RobotTable(sim, tmp_path / "robots.parquet")
+    table.start()
     sim.observers.append(table.observer())
     return sim, table
-
-
-# ---------------------------------------------------------------- folders
-
-
-def test_next_free_folder(tmp_path):
-    runs = tmp_path / "runs"
-    made = [run_folder.run_folder("a", runs=runs) for _ in range(2)]
-    made[0].rmdir()
-    again = run_folder.run_folder("a", runs=runs)
-    assert [folder.name for folder in made] == ["a-1", "a-2"]
-    assert again.name == "a-1"
-
-
-def test_full_folder_is_refused_and_force_replaces_our_files_alone(tmp_path):
-    (tmp_path / "result.json").write_text("{}")
-    (tmp_path / "notes.txt").write_text("mine")
-    with pytest.raises(run_folder.RunFolderError, match="not empty"):
-        run_folder.run_folder("a", tmp_path)
-    assert (tmp_path / "result.json").exists()
-    run_folder.run_folder("a", tmp_path, force=True)
-    assert [file.name for file in tmp_path.iterdir()] == ["notes.txt"]
-
-
-def test_folder_that_cannot_be_made(tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(run_folder.RunFolderError, match="cannot be made"):
-        run_folder.run_folder("a", tmp_path / "file" / "run")
-    with pytest.raises(run_folder.RunFolderError, match="file: is a file; --out takes a folder"):
-        run_folder.run_folder("a", tmp_path / "file", force=True)
-
-
-def test_folder_that_cannot_be_written_to(tmp_path, monkeypatch):
-    (tmp_path / "result.json").write_text("{}")
-
-    def refused(dir):
-        raise PermissionError(errno.EACCES, "Permission denied", f"{dir}/tmp123")
-
-    monkeypatch.setattr(run_folder.tempfile, "NamedTemporaryFile", refused)
-    with pytest.raises(run_folder.RunFolderError) as caught:
-        run_folder.run_folder("a", tmp_path, force=True)
-    assert str(caught.value) == f"{tmp_path}: cannot be written to: Permission denied"
-    assert (tmp_path / "result.json").exists()
-
-
-@pytest.mark.skipif(not Path("/proc/self").exists(), reason="a folder in which not even root may write")
-def test_proc_cannot_be_written_to():
-    with pytest.raises(run_folder.RunFolderError, match=r"^/proc/self: cannot be written to: \w"):
-        run_folder.run_folder("a", Path("/proc/self"))
 
 
 # ---------------------------------------------------------------- scenario.yaml
@@ -127,6 +79,7 @@ def test_states_are_those_of_the_robots_own_group(tmp_path):
     sim = fake_run.simulation(fake_run.scenario(2, maps=[], robots=robots, duration=1))
     sim.teams[1].state_names = ("one", "two", "three")  # type: ignore[attr-defined]
     table = robots_table.RobotTable(sim, tmp_path / "robots.parquet")
+    table.start()
     table.sample(sim)
     table.close()
     rows = pq.read_table(tmp_path / "robots.parquet").to_pydict()
@@ -194,6 +147,68 @@ def test_table_is_readable_after_a_failure(tmp_path, monkeypatch):
     file = pq.ParquetFile(tmp_path / "robots.parquet")
     assert file.num_row_groups > 1
     assert file.read().column("t").to_numpy().max() == pytest.approx(3.0)
+
+
+def test_rows_are_on_the_disk_before_the_end(tmp_path):
+    sim, table = run_with_table(tmp_path, duration=10)
+    for _ in range(3):
+        sim.observe()
+        sim.advance()
+    table.flush()
+    sim.observe()
+    table.flush()
+    parts = [pq.read_table(file) for file in robots_table.part_files(tmp_path / "robots.parts")]
+    assert [len(part) for part in parts] == [3 * 8, 8]
+    assert not (tmp_path / "robots.parquet").exists()
+
+
+def test_bytes_do_not_depend_on_when_rows_came_to_the_disk(tmp_path, monkeypatch):
+    monkeypatch.setattr(robots_table, "ROW_GROUP", 80)
+    contents = []
+    for name, period in (("seldom", 100), ("often", 7)):
+        (tmp_path / name).mkdir()
+        sim, table = run_with_table(tmp_path / name, duration=10)
+        sim.observers.append(Every(0.1 * period, lambda s, table=table: table.flush()))
+        sim.run()
+        table.close()
+        contents.append((tmp_path / name / "robots.parquet").read_bytes())
+    assert contents[0] == contents[1]
+
+
+def test_a_table_goes_on_where_it_was_saved(tmp_path):
+    sim, table = run_with_table(tmp_path, duration=4)
+    sim.run()
+    table.close()
+    whole = (tmp_path / "robots.parquet").read_bytes()
+    sim, table = run_with_table(tmp_path, duration=4)
+    for _ in range(20):
+        sim.observe()
+        sim.advance()
+    table.flush()
+    rows = table.rows
+    sim.observe()  # a row that is on the disk when the run is cut off, after the checkpoint
+    table.flush()
+    again = robots_table.RobotTable(sim, tmp_path / "robots.parquet")
+    again.rows = rows
+    again.go_on()
+    sim.observers[-1] = again.observer()
+    sim.run()
+    again.close()
+    assert (tmp_path / "robots.parquet").read_bytes() == whole
+    assert not (tmp_path / "robots.parts").exists()
+
+
+def test_a_damaged_page_is_noticed(tmp_path):
+    sim, table = run_with_table(tmp_path, duration=4)
+    sim.run()
+    table.close()
+    path = tmp_path / "robots.parquet"
+    content = bytearray(path.read_bytes())
+    column = pq.read_metadata(path).row_group(0).column(0)
+    content[column.data_page_offset + column.total_compressed_size // 2] ^= 4
+    path.write_bytes(content)
+    with pytest.raises(OSError, match=r"CRC|checksum"):
+        pq.read_table(path, page_checksum_verification=True)
 
 
 def test_full_disk_is_noticed_before_it_is_full(tmp_path, monkeypatch):

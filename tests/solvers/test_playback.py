@@ -63,7 +63,9 @@ def live(tmp_path_factory):
     scenario = load_scenario(folder / "live.yaml")
     sim = assemble(scenario, folder)
     assert scenario.fields is not None
-    sim.observers.append(Filming(sim, folder / "fields.zarr", scenario.fields).observer())
+    filming = Filming(sim, folder / "fields.zarr", scenario.fields)
+    filming.start()
+    sim.observers.append(filming.observer())
     return SimpleNamespace(seen=watched(sim), folder=folder)
 
 

@@ -1,0 +1,196 @@
+"""Completes what a killed run has left: ``python -m taichi_plume.repair RUN``.
+
+Rows of robots that are in parts become robots.parquet, the recording gets its index, tables end with a whole row, and
+result.json says how far the run came. Nothing that was computed is thrown away, and a run that has a checkpoint can be
+resumed afterwards as well. ``--verify`` tells instead which files are no longer as their run left them.
+"""
+
+import argparse
+import json
+import os
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from taichi_plume.files import checkpoint, manifest, plumesim_log, robots_table
+from taichi_plume.files.result import write_result
+from taichi_plume.files.run_folder import FILES, RunFolder, RunFolderError
+
+KILLED = "killed"
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line `argv` (without the program's name) and return its exit code."""
+    parser = argparse.ArgumentParser(
+        prog="python -m taichi_plume.repair", description="Complete the files of a run that was killed."
+    )
+    parser.add_argument("run", type=Path, metavar="RUN", help="the run's folder")
+    parser.add_argument(
+        "--verify", action="store_true", help="only tell which files are no longer as their run left them"
+    )
+    args = parser.parse_args(argv)
+    try:
+        if args.verify:
+            return _verify(args.run)
+        with RunFolder.again(args.run) as folder:
+            return _complete(folder)
+    except RunFolderError as error:
+        print(error, file=sys.stderr)
+        return 2
+
+
+def _verify(folder: Path) -> int:
+    if not folder.is_dir():
+        raise RunFolderError(f"{folder}: is no folder; give the folder of a run")
+    try:
+        listed = manifest.read(folder)["outputs"]
+    except manifest.ManifestError as error:
+        raise RunFolderError(str(error)) from None
+    if not listed:
+        raise RunFolderError(f"{folder}: has no {manifest.NAME}, which runs write at their end")
+    faults = [
+        manifest.changed(folder / name)
+        if (folder / name).exists()
+        else f"{folder / name}: is no longer there"
+        for name in listed
+    ]
+    for fault in filter(None, faults):
+        print(fault)
+    print(f"{folder}: {sum(not fault for fault in faults)} of {len(listed)} files are as their run left them")
+    return int(any(faults))
+
+
+def _complete(folder: RunFolder) -> int:
+    path = folder.path
+    folder.settle((path / "result.json").exists())
+    told = _told(path)
+    if told.get("status") != "running":
+        print(f"{path}: the run has ended by itself ({told.get('status', 'its result is missing')})")
+        return 0
+    code = 0
+    for name, complete in COMPLETE.items():
+        try:
+            what = complete(path / name)
+        except (OSError, ValueError) as error:
+            what, code = f"could not be completed: {' '.join(str(error).split())}", 1
+        if what:
+            print(f"{name}: {what}")
+    try:
+        write_result(path, told | {"status": KILLED, **_reached(path / "robots.parquet", told)})
+        manifest.write(path, _inputs(path), [path / name for name in FILES])
+    except OSError as error:
+        raise RunFolderError(f"{path}: cannot be written to: {error.strerror or error}") from None
+    print(f"result.json: {KILLED}")
+    if (path / checkpoint.NAME).exists():
+        print(f"to go on: python -m taichi_plume.run --resume {path}")
+    return code
+
+
+def _told(folder: Path) -> dict[str, Any]:
+    """What result.json says; of a run that was killed before it said anything, that it runs."""
+    try:
+        content = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+        return content if isinstance(content, dict) else {}
+    except FileNotFoundError:
+        return {"name": folder.name, "status": "running", "seed": None}
+    except (OSError, ValueError):
+        return {}
+
+
+def _inputs(folder: Path) -> dict[str, Any]:
+    """Digests of what the run read, as far as a checkpoint tells."""
+    try:
+        return checkpoint.read(folder / checkpoint.NAME)["inputs"]
+    except (checkpoint.CheckpointError, LookupError):
+        return {}
+
+
+def _reached(table: Path, told: dict[str, Any]) -> dict[str, Any]:
+    """How far the robots came."""
+    if not table.exists():
+        return {"message": told.get("message", "")}
+    rows = pq.read_table(table, columns=["t", "group", "found"])
+    if not len(rows):
+        return {"message": told.get("message", "")}
+    t = pc.max(rows["t"]).as_py()
+    last = rows.filter(pc.equal(rows["t"], t))
+    groups = [
+        {
+            "name": name.as_py(),
+            "robots_of_all_trials": len(its := last.filter(pc.equal(last["group"], name))),
+            "found": pc.sum(its["found"]).as_py(),
+        }
+        for name in pc.unique(last["group"].cast("string"))
+    ]
+    return {"message": f"the rows of robots end at t = {t:.2f} s", "groups": groups}
+
+
+# ---------------------------------------------------------------- files
+
+
+def _robots(path: Path) -> str | None:
+    parts = path.with_name(robots_table.PARTS)
+    if not parts.is_dir():
+        return None
+    robots_table.join(path)
+    return f"{pq.read_metadata(path).num_rows:,} rows" if path.exists() else "no rows"
+
+
+def _lines(path: Path) -> str | None:
+    """Cut off a last row that is not whole."""
+    if not path.exists():
+        return None
+    with path.open("rb+") as file:
+        content = file.read()
+        file.truncate(content.rfind(b"\n") + 1)
+    lines = content.count(b"\n")
+    return f"{lines} lines"
+
+
+def _log(path: Path) -> str | None:
+    return f"{plumesim_log.shorten(path)} frames" if path.exists() else None
+
+
+def _recording(path: Path) -> str | None:
+    from taichi_plume.record.recorder import EARLIER, MENDED
+    from taichi_plume.record.stream import mend
+
+    earlier = path.with_name(EARLIER)
+    if earlier.exists():  # killed while it was taken over: all is in the old one
+        earlier.replace(path)
+    if not path.exists():
+        return None
+    mended = path.with_name(MENDED)
+    mend(path, mended)
+    mended.replace(path)
+    return f"{path.stat().st_size / 1e6:.3g} MB"
+
+
+def _film(path: Path) -> str | None:
+    """A film is whole up to its last frame; what a chunk was being written to goes."""
+    if not path.is_dir():
+        return None
+    for part in _partial(path):
+        os.unlink(part)
+    return "whole up to its last frame"
+
+
+def _partial(path: Path) -> Iterator[Path]:
+    return path.rglob("*.partial")
+
+
+COMPLETE: dict[str, Callable[[Path], str | None]] = {
+    "robots.parquet": _robots,
+    "forces.csv": _lines,
+    "fields.zarr": _film,
+    "plume.pslog": _log,
+    "recording.rrd": _recording,
+}
+
+
+if __name__ == "__main__":
+    sys.exit(main())

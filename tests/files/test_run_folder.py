@@ -1,0 +1,143 @@
+"""The run directory: free ones, those that are refused, and earlier runs, which stay until the new one stands."""
+
+import json
+import os
+from pathlib import Path
+
+import fake_run
+import pytest
+import yaml
+
+from taichi_plume.files import run_folder
+from taichi_plume.files.run_folder import RunFolder, RunFolderError
+from taichi_plume.scenario.scenario import Scenario
+
+RESULT = json.dumps({"name": "a", "status": "completed", "seed": 1})
+
+
+@pytest.fixture
+def earlier(tmp_path) -> Path:
+    """The directory of an earlier run, with a file of the user's in it."""
+    folder = tmp_path / "earlier"
+    folder.mkdir()
+    (folder / "result.json").write_text(RESULT)
+    (folder / "fields.zarr").mkdir()
+    (folder / "notes.txt").write_text("mine")
+    return folder
+
+
+def test_next_free_folder(tmp_path):
+    runs = tmp_path / "runs"
+    with RunFolder("a", runs=runs) as first, RunFolder("a", runs=runs) as second:
+        (first.path / "result.json").write_text(RESULT)
+        (second.path / "result.json").write_text(RESULT)
+        (second.path / "result.json").unlink()
+    assert [first.path.name, second.path.name] == ["a-1", "a-2"]
+    assert not second.path.exists(), "what was made and left empty goes"
+    with RunFolder("a", runs=runs) as third:
+        assert third.path.name == "a-2"
+
+
+def test_an_earlier_run_stays_until_the_new_one_stands(earlier):
+    with pytest.raises(RunFolderError, match="is not empty; choose another --out or add --force"):
+        RunFolder("a", earlier)
+    with RunFolder("a", earlier, force=True) as folder:
+        assert (earlier / "result.json").read_text() == RESULT
+        folder.clear()
+        assert {file.name for file in earlier.iterdir()} == {".lock", ".replaced", "notes.txt"}
+        (earlier / "result.json").write_text("half of a")
+        folder.settle(stands=False)
+        assert (earlier / "result.json").read_text() == RESULT
+        folder.clear()
+        (earlier / "result.json").write_text("new")
+        folder.settle(stands=True)
+    assert {file.name for file in earlier.iterdir()} - {".lock"} == {"result.json", "notes.txt"}
+    assert (earlier / "result.json").read_text() == "new"
+
+
+@pytest.mark.parametrize(
+    "files",
+    [{"result.json": "{}"}, {"result.json": "[" * 9999}, {"scenario.yaml": "name: mine"}, {"thesis.tex": ""}],
+)
+def test_what_no_run_has_left_is_not_overwritten(tmp_path, files):
+    for name, content in files.items():
+        (tmp_path / name).write_text(content)
+    with pytest.raises(RunFolderError, match="holds files that no run of ours has left"):
+        RunFolder("a", tmp_path, force=True)
+    assert {file.name: file.read_text() for file in tmp_path.iterdir() if file.name != ".lock"} == files
+
+
+@pytest.mark.parametrize("name", ["fields.zarr", "scenario.yaml", "../earlier"])
+def test_a_folder_that_holds_an_input_is_refused(earlier, name):
+    file = earlier / name
+    file.touch() if not file.exists() else None
+    with pytest.raises(RunFolderError, match="which this run reads; choose another --out"):
+        RunFolder("a", earlier, force=True, inputs=[Path("/somewhere/else"), file])
+    assert (earlier / "result.json").exists()
+
+
+def test_links_do_not_hide_an_input(earlier, tmp_path):
+    (tmp_path / "link").symlink_to(earlier)
+    with pytest.raises(RunFolderError, match="which this run reads"):
+        RunFolder("a", tmp_path / "link", force=True, inputs=[earlier / "fields.zarr"])
+
+
+def test_two_runs_do_not_write_into_one_folder(tmp_path):
+    with RunFolder("a", tmp_path / "out") as first:
+        (first.path / "result.json").write_text(RESULT)
+        for again in (
+            lambda: RunFolder("a", tmp_path / "out", force=True),
+            lambda: RunFolder.again(first.path),
+        ):
+            with pytest.raises(RunFolderError, match="another run is writing there"):
+                again()
+    with RunFolder.again(first.path):
+        pass
+
+
+def test_a_folder_that_is_no_run_cannot_be_gone_on_with(tmp_path):
+    with pytest.raises(RunFolderError, match="is no folder"):
+        RunFolder.again(tmp_path / "nowhere")
+    with pytest.raises(RunFolderError, match="is not the folder of a run"):
+        RunFolder.again(tmp_path)
+
+
+def test_folder_that_cannot_be_made(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(RunFolderError, match="cannot be made"):
+        RunFolder("a", tmp_path / "file" / "run")
+    with pytest.raises(RunFolderError, match="file: is a file; --out takes a folder"):
+        RunFolder("a", tmp_path / "file", force=True)
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="a folder in which not even root may write")
+def test_proc_cannot_be_written_to():
+    with pytest.raises(RunFolderError, match=r"^/proc/self: cannot be written to: \w"):
+        RunFolder("a", Path("/proc/self"))
+
+
+@pytest.mark.skipif(os.name == "nt" or os.geteuid() == 0, reason="permissions do not bind root")
+def test_folder_that_cannot_be_written_to(earlier):
+    earlier.chmod(0o500)
+    with pytest.raises(RunFolderError, match="cannot be written to: Permission denied"):
+        RunFolder("a", earlier, force=True)
+    assert (earlier / "result.json").exists()
+
+
+def test_input_files_are_all_that_a_scenario_reads(tmp_path):
+    for n in range(3):
+        (tmp_path / f"wind_{n}.csv").touch()
+    data = fake_run.scenario(2).model_dump(mode="json", exclude_none=True)
+    data["obstacles"] = [{"kind": "mesh", "file": "box.stl"}]
+    data["wind"] = {"kind": "imported", "files": "wind_%d.csv", "occupancy": "cells.csv"}
+    scenario = Scenario.model_validate(data)
+    found = run_folder.input_files(scenario, tmp_path / "a.yaml")
+    names = ["a.yaml", "box.stl", "cells.csv", "wind_0.csv", "wind_1.csv", "wind_2.csv"]
+    assert sorted(file.name for file in found) == names
+
+
+def test_null_is_written_where_it_is_not_what_a_missing_key_means():
+    data = fake_run.scenario(2).model_dump(mode="json", exclude_none=True)
+    data |= {"maps": [{"kind": "gmrf", "memory": None}], "checkpoint": None}
+    scenario = Scenario.model_validate(data)
+    assert Scenario.model_validate(yaml.safe_load(run_folder.to_yaml(scenario))) == scenario
