@@ -33,6 +33,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = _arguments(argv)
     os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
     gc.disable()  # until the run begins: a start takes 7 % more where what it makes is looked through
+    from taichi_plume.own_code import execute
     from taichi_plume.prepare import load
     from taichi_plume.scenario.loading import ScenarioError
 
@@ -41,11 +42,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         if getattr(args, key) is not None:
             overrides.append(f"{key}={getattr(args, key)}")
     try:
-        prepared = load(args.scenario, overrides)
+        prepared = load(args.scenario, overrides, args.allow_outside)
         if args.check:
             with _reader_may_leave():
                 _print_check(prepared.scenario)
             return 0
+        execute(prepared, args.allow_code, ask=True)
         return _run(prepared, args)
     except ScenarioError as error:
         print(error, file=sys.stderr)
@@ -85,6 +87,12 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--no-recording", action="store_true", help="write no recording.rrd")
     parser.add_argument("--quiet", action="store_true", help="no progress bar, no summary")
     parser.add_argument("--force", action="store_true", help="overwrite an earlier run in --out")
+    parser.add_argument(
+        "--allow-code", action="store_true", help="execute Python files that the scenario names (kind: own)"
+    )
+    parser.add_argument(
+        "--allow-outside", action="store_true", help="read files that lie outside the scenario's folder"
+    )
     parser.add_argument("--debug", action="store_true", help="show where an unexpected error came from")
     return parser.parse_args(argv)
 

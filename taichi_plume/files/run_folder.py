@@ -3,6 +3,8 @@
 import datetime
 import os
 import platform
+import re
+import shlex
 import shutil
 import tempfile
 from collections.abc import Sequence
@@ -13,6 +15,9 @@ from typing import Any
 import yaml
 
 from taichi_plume import __version__
+from taichi_plume.guard.terminal import visible
+from taichi_plume.scenario.algorithms import Own
+from taichi_plume.scenario.input_files import input_files, outside
 from taichi_plume.scenario.scenario import Scenario
 
 FILES = (
@@ -24,7 +29,6 @@ FILES = (
     "plume.pslog",
     "result.json",
 )
-PATHS = ("file", "files", "occupancy")  # keys of a scenario
 
 
 class RunFolderError(ValueError):
@@ -89,19 +93,25 @@ def to_yaml(scenario: Scenario, source: Path = Path(), target: Path | None = Non
     """
     data = scenario.model_dump(mode="json", exclude_none=True)
     if target is not None:
-        data = _moved(data, source.resolve(), target.resolve())
+        for where, name in input_files(scenario):
+            *above, key = re.findall(r"[^.\[\]]+", where)
+            place: Any = data
+            for step in above:
+                place = place[int(step) if step.isdecimal() else step]
+            place[key] = os.path.relpath(source.resolve() / name, target.resolve())
     return yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=100)
 
 
-def _moved(value: Any, source: Path, target: Path) -> Any:
-    if isinstance(value, list):
-        return [_moved(part, source, target) for part in value]
-    if not isinstance(value, dict):
-        return value
-    return {
-        key: os.path.relpath(source / part, target) if key in PATHS else _moved(part, source, target)
-        for key, part in value.items()
-    }
+def _again(folder: Path, scenario: Scenario, source: Path) -> str:
+    """The command that runs the scenario of a run directory again."""
+    options = []
+    if any(isinstance(group.algorithm, Own) and group.algorithm.file for group in scenario.robots):
+        options.append("--allow-code")
+    if any(outside(folder, str(source.resolve() / name)) for _, name in input_files(scenario)):
+        options.append("--allow-outside")
+    return visible(
+        shlex.join(["python", "-m", "taichi_plume.run", str(folder / "scenario.yaml"), *options]), None
+    )
 
 
 def write_scenario(folder: Path, scenario: Scenario, source: Path, backend: str) -> None:
@@ -110,7 +120,7 @@ def write_scenario(folder: Path, scenario: Scenario, source: Path, backend: str)
     packages = ("taichi", "numpy", "rerun-sdk")
     versions = ", ".join(f"{name} {version(name)}" for name in packages)
     header = (
-        f"# Every default written out. Again: python -m taichi_plume.run {folder / 'scenario.yaml'}\n"
+        f"# Every default written out. Again: {_again(folder, scenario, source)}\n"
         f"# started: {now}\n"
         f"# backend: {backend}\n"
         f"# seed: {scenario.seed}\n"

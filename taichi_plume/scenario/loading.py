@@ -183,10 +183,20 @@ def _apart(value: Any) -> Any:
     return value
 
 
+def overridden(overrides: Sequence[str]) -> list[str]:
+    """The paths of the keys that overrides give, such as ``robots[0].count``."""
+    return [_path(_steps(override.partition("=")[0])) for override in overrides]
+
+
+def _steps(path: str) -> list[str]:
+    """The keys of a path of an override; ``robots.0.count`` and ``robots[0].count`` are the same."""
+    return re.sub(r"\[(\d+)\]", r".\1", path.strip()).split(".")
+
+
 def _override(data: dict, override: str) -> None:
-    """Put ``path.to.key=value`` into data; ``robots.0.count`` and ``robots[0].count`` are the same."""
+    """Put ``path.to.key=value`` into data."""
     path, equals, text = override.partition("=")
-    parts = re.sub(r"\[(\d+)\]", r".\1", path.strip()).split(".")
+    parts = _steps(path)
     if not equals or not all(parts):
         raise _LineError("must be path.to.key=value, such as robots.0.count=3")
     value = _parse(text)

@@ -29,8 +29,13 @@ class Free:
     """Marks what a reset may change although it is no float, and all below it: nothing was built from it."""
 
 
+class InputFile:
+    """Marks the path of a file that a run reads, relative to the scenario's folder; of several, with %d or %g in it."""
+
+
 COMPILED = Compiled()
 FREE = Free()
+INPUT_FILE = InputFile()
 
 
 @dataclass(frozen=True)
@@ -93,6 +98,7 @@ Edges = Annotated[tuple[Length, ...], Field(min_length=2, max_length=3), PER_AXI
 Velocities = Annotated[tuple[Velocity, ...], Field(min_length=2, max_length=3), PER_AXIS]
 Accelerations = Annotated[tuple[Acceleration, ...], Field(min_length=2, max_length=3), PER_AXIS]
 Point2 = tuple[Coordinate, Coordinate]
+FileName = Annotated[str, Field(min_length=1), INPUT_FILE]
 Convection = Literal["koren", "weno5"]
 Face = Literal["x-", "x+", "y-", "y+", "z-", "z+"]
 Color = tuple[int, int, int]
