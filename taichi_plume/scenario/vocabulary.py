@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_args, ge
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
+from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 from taichi_plume.scenario.meanings import meanings
 from taichi_plume.scenario.quantities import fault, quantity
 
@@ -151,7 +152,7 @@ class Model(BaseModel):
                     hint = f"did you mean '{close[0]}'? " if close else ""
                     raise fault(
                         "unknown key '{key}'; {hint}allowed: {allowed}",
-                        {"key": str(key), "hint": hint, "allowed": ", ".join(allowed)},
+                        {"key": visible(key, LONGEST_VALUE), "hint": hint, "allowed": ", ".join(allowed)},
                     )
         return data
 
