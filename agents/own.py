@@ -5,6 +5,8 @@
             robots.turn_to(np.arctan2(-robots.wind[:, 1], -robots.wind[:, 0]))
             robots.speed[:] = 0.1
 
+Files are executed only with --allow-code; modules that one imports have to be installed, or on the PYTHONPATH.
+
 It is made once per group, with the scenario's `parameters` as keywords, and called each tick with all robots of all
 trials of the group; what it keeps from tick to tick are its own attributes. A run whose algorithm has ``state()``,
 which returns all that it keeps as plain data (numbers, texts, arrays, lists, dicts), and ``restore(state)`` can be
@@ -20,7 +22,7 @@ import numpy as np
 from taichi_plume.agents.columns import COLUMNS, Rows
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.swarm import Swarm
-from taichi_plume.files.own_class import OwnAlgorithmError, told
+from taichi_plume.files.own_class import OwnAlgorithmError, failures_told
 from taichi_plume.grid.state import saves_itself
 
 SHOWN = tuple(column for column in COLUMNS if column.shown)
@@ -76,11 +78,9 @@ class OwnAlgorithm:
         number = np.arange(group.size)
         self.robots = Robots(group.model.first_trial + number // group.count, number % group.count)
         model = group.model.algorithm
-        try:
+        with failures_told(self.path):
             self.algorithm = self.own(**(model.parameters if model.kind == "own" else {}))
-        except Exception as error:
-            raise OwnAlgorithmError(told(error, self.path)) from error
-        self.STATE_NAMES = tuple(getattr(self.algorithm, "STATE_NAMES", ("SEARCH",)))
+            self.STATE_NAMES = tuple(map(str, getattr(self.algorithm, "STATE_NAMES", ("SEARCH",))))
 
     @property
     def can_be_saved(self) -> bool:
@@ -93,11 +93,10 @@ class OwnAlgorithm:
         robots.t, robots.dt = t, dt
         for column, values in zip(SHOWN, self.shown.read(), strict=True):
             setattr(robots, column.shown, values)
-        try:
+        with failures_told(self.path):
             self.algorithm.act(robots)
-        except Exception as error:
-            raise OwnAlgorithmError(told(error, self.path)) from error
-        self.told.write([self._checked(column.told) for column in TOLD])
+            commands = [self._checked(column.told) for column in TOLD]
+        self.told.write(commands)
 
     def _checked(self, name: str) -> np.ndarray:
         """What the algorithm wrote, if it is a finite number for every robot."""

@@ -24,7 +24,9 @@ from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.rng import generator
 from taichi_plume.grid.state import State
 from taichi_plume.kinds import GASES, WINDS, Context
+from taichi_plume.own_code import execute
 from taichi_plume.prepare import Prepared, Resources, again, prepare
+from taichi_plume.scenario.algorithms import Own
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.obstacles import Obstacle
 from taichi_plume.scenario.scenario import Scenario
@@ -39,21 +41,29 @@ from taichi_plume.solvers.scalar import Scalar
 
 
 def assemble(
-    scenario: Scenario, folder: Path = Path(), algorithms: Mapping[str, type] | None = None
+    scenario: Scenario,
+    folder: Path = Path(),
+    algorithms: Mapping[str, type] | None = None,
+    allow_code: bool = False,
+    allow_outside: bool = False,
 ) -> Simulation:
     """The simulation of a scenario of which nothing is wrong; `folder` is where its files lie.
 
-    As `build`. Raises ScenarioError where a file cannot be used or robots do not fit.
+    As `build`. allow_code: whether Python files that it names are executed; allow_outside: whether its files may lie
+    outside of `folder`. Raises ScenarioError where a file may not or cannot be used, or robots do not fit.
     """
-    prepared = prepare(scenario, folder)
+    prepared = prepare(scenario, folder, allow_outside)
     faults = prepared.resources.faults
     if faults:
         raise ScenarioError([f"{path}: {fault}" for path, fault in faults.items()])
+    execute(prepared, allow_code, without=algorithms or ())
     return build(prepared, algorithms)
 
 
 def build(prepared: Prepared, algorithms: Mapping[str, type] | None = None) -> Simulation:
     """The simulation of a checked scenario, at the begin of its warm-up; Taichi must have been started.
+
+    Files of own algorithms have been executed, see own_code.
 
     algorithms: own classes by the name of the group that they drive (its algorithm is of kind own, see agents/own.py).
     Raises ScenarioError where robots do not fit.
@@ -199,13 +209,20 @@ def _weigh(weighing: list[Weighing], scenario: Scenario) -> None:
 
 
 def _own(scenario: Scenario, resources: Resources, algorithms: Mapping[str, type] | None) -> dict[str, type]:
-    """The users' own classes by the names of their groups."""
+    """The users' own classes by the names of their groups. Raises ScenarioError where one is missing."""
     found = {
         group.name: resources.own[f"robots[{n}].algorithm"]
         for n, group in enumerate(scenario.robots)
         if f"robots[{n}].algorithm" in resources.own
-    }
-    return found | dict(algorithms or {})
+    } | dict(algorithms or {})
+    missing = [
+        f"robots[{n}].algorithm: no class of its own was handed over; name a Python file with file: FILE.py"
+        for n, group in enumerate(scenario.robots)
+        if isinstance(group.algorithm, Own) and group.name not in found
+    ]
+    if missing:
+        raise ScenarioError(missing)
+    return found
 
 
 def _places(scenario: Scenario) -> np.ndarray:

@@ -1,6 +1,6 @@
 """YAML -> Scenario -> prepare -> checks on both -> Simulation: what a scenario's files hold is opened here, once."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from pydantic import ValidationError
 
-from taichi_plume.files.own_class import OwnAlgorithmError, own_class
+from taichi_plume.files.own_class import OwnAlgorithmError, OwnFile
 from taichi_plume.files.point_frames import PointFileError, PointFrames, frames_of
 from taichi_plume.grid.meshes import MeshError
 from taichi_plume.grid.shapes import Shape
@@ -16,7 +16,8 @@ from taichi_plume.scenario import checks
 from taichi_plume.scenario.algorithms import Own
 from taichi_plume.scenario.gases import PlaybackGas, PureGas
 from taichi_plume.scenario.imported_wind import ImportedWind
-from taichi_plume.scenario.loading import ScenarioError, read_scenario
+from taichi_plume.scenario.input_files import strangers
+from taichi_plume.scenario.loading import ScenarioError, overridden, read_scenario
 from taichi_plume.scenario.played import Playback, PlaybackWind, PlumeSimLog, PlumeSimWind
 from taichi_plume.scenario.plumesim import FluentGas, PlumeSimGas
 from taichi_plume.scenario.reset import differences
@@ -35,7 +36,7 @@ class Resources:
     """What a scenario's files and obstacles are made of, each opened once, by the paths of the sections that name them.
 
     faults: what is wrong with those that cannot be used. shapes: of the obstacles without a fault, in their order.
-    site: the files of an imported wind. own: the users' own classes.
+    site: the files of an imported wind. code: files of own algorithms; own: their classes, once they were executed.
     """
 
     scenario: Scenario
@@ -44,6 +45,7 @@ class Resources:
     films: "dict[str, Film]" = field(default_factory=dict)
     frames: dict[str, PointFrames] = field(default_factory=dict)
     site: "Site | None" = None
+    code: dict[str, OwnFile] = field(default_factory=dict)
     own: dict[str, type] = field(default_factory=dict)
     _unlike: dict[Path, int] = field(default_factory=dict, repr=False)
     _site_air: "dict[bool, Air]" = field(default_factory=dict, repr=False)
@@ -100,26 +102,34 @@ class Prepared(NamedTuple):
     resources: Resources
 
 
-def load_scenario(path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
-    """The checked scenario of a YAML file with overrides such as ``robots.0.count=3``. Raises ScenarioError."""
-    return load(path, overrides).scenario
+def load_scenario(path: str | Path, overrides: Sequence[str] = (), allow_outside: bool = False) -> Scenario:
+    """The checked scenario of a YAML file with overrides such as ``robots.0.count=3``; as `load`."""
+    return load(path, overrides, allow_outside).scenario
 
 
-def load(path: str | Path, overrides: Sequence[str] = ()) -> Prepared:
-    """The checked scenario of a YAML file, ready to be assembled. Raises ScenarioError."""
+def load(path: str | Path, overrides: Sequence[str] = (), allow_outside: bool = False) -> Prepared:
+    """The checked scenario of a YAML file, ready to be assembled; no code of it has been executed.
+
+    allow_outside: whether files may lie outside its folder; those in overrides always may. Raises ScenarioError.
+    """
     path = Path(path)
     scenario = read_scenario(path, overrides)
     try:
-        return checked(scenario, path.resolve().parent)
+        return checked(scenario, path.resolve().parent, allow_outside, overridden(overrides))
     except ScenarioError as error:
         raise ScenarioError([f"{path}: {line}" for line in error.faults]) from None
 
 
-def checked(scenario: Scenario, folder: Path) -> Prepared:
-    """A scenario of which nothing is wrong, ready to be assembled; its files lie in `folder`. Raises ScenarioError."""
+def checked(
+    scenario: Scenario, folder: Path, allow_outside: bool = False, named: Collection[str] = ()
+) -> Prepared:
+    """A scenario of which nothing is wrong, ready to be assembled; its files are opened as by `prepare`.
+
+    Raises ScenarioError.
+    """
     faults = checks.misfits(scenario)
     if not faults:
-        prepared = prepare(scenario, folder)
+        prepared = prepare(scenario, folder, allow_outside, named)
         faults = checks.problems(*prepared)
         if not faults:
             return prepared
@@ -146,8 +156,16 @@ def again(prepared: Prepared, scenario: Scenario) -> Prepared:
     return Prepared(other, found)
 
 
-def prepare(scenario: Scenario, folder: Path) -> Prepared:
-    """Open a scenario's files, which lie in `folder`; what cannot be used is told by the checks."""
+def prepare(
+    scenario: Scenario, folder: Path, allow_outside: bool = False, named: Collection[str] = ()
+) -> Prepared:
+    """Open a scenario's files, which lie in `folder`; what cannot be used is told by the checks.
+
+    Raises ScenarioError where one lies elsewhere, unless by `allow_outside`, or as its key is one of those `named`.
+    """
+    faults = [] if allow_outside else strangers(scenario, folder, named)
+    if faults:
+        raise ScenarioError(faults)
     resources = Resources(scenario)
     for n, obstacle in enumerate(scenario.obstacles):
         try:
@@ -226,10 +244,10 @@ def _site(resources: Resources, path: str, model: ImportedWind, folder: Path) ->
 
 
 def _own(resources: Resources, path: str, model: Own, folder: Path) -> None:
-    """Find the class in a user's file; without a file it is handed over when the run is assembled."""
+    """Look at a user's file; without a file the class is handed over when the run is assembled."""
     if model.file:
         try:
-            resources.own[path] = own_class(folder / model.file, model.name)
+            resources.code[path] = OwnFile.read(folder / model.file, model.name)
         except OwnAlgorithmError as error:
             resources.faults[path] = str(error)
 

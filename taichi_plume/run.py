@@ -46,35 +46,40 @@ def _new(args: argparse.Namespace) -> int:
     for key in ("seed", "duration"):
         if getattr(args, key) is not None:
             overrides.append(f"{key}={getattr(args, key)}")
-    prepared = load(args.scenario, overrides)
+    prepared = load(args.scenario, overrides, args.allow_outside)
     if args.check:
         with reader_may_leave():
             _print_check(prepared.scenario)
         return 0
-    from taichi_plume.files.run_folder import RunFolder, input_files
-    from taichi_plume.running import Job, device, execute
+    from taichi_plume.files.run_folder import RunFolder
+    from taichi_plume.own_code import execute
+    from taichi_plume.running import Job, device, simulate
+    from taichi_plume.scenario.input_files import input_paths
 
+    execute(prepared, args.allow_code, ask=True)
     backend = device(args.arch or "cpu")
-    inputs = input_files(prepared.scenario, args.scenario)
+    inputs = input_paths(prepared.scenario, args.scenario)
     with RunFolder(prepared.scenario.name, args.out, args.force, inputs=inputs) as folder:
         job = Job(prepared, folder, args.scenario, args.arch or "cpu", backend, not args.no_recording)
-        return execute(job, args.quiet, args.debug)
+        return simulate(job, args.quiet, args.debug)
 
 
 def _resume(args: argparse.Namespace) -> int:
     """Go on with a run that was cut off."""
     from taichi_plume.files.run_folder import RunFolder
+    from taichi_plume.own_code import execute
     from taichi_plume.prepare import load
     from taichi_plume.resume import saved
-    from taichi_plume.running import Job, device, execute
+    from taichi_plume.running import Job, device, simulate
 
     with RunFolder.again(args.resume) as folder:
         told = saved(folder.path)
         file = folder.path / "scenario.yaml"
-        prepared = load(file)
+        prepared = load(file, (), args.allow_outside)
+        execute(prepared, args.allow_code, ask=True)
         backend = device(args.arch or told["arch"])
         job = Job(prepared, folder, file, args.arch or told["arch"], backend, told["recording"], told)
-        return execute(job, args.quiet, args.debug)
+        return simulate(job, args.quiet, args.debug)
 
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
@@ -106,6 +111,12 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--force", action="store_true", help="replace an earlier run in --out")
     parser.add_argument(
         "--resume", type=Path, metavar="RUN", help="go on with a run that was cut off, from its checkpoint"
+    )
+    parser.add_argument(
+        "--allow-code", action="store_true", help="execute Python files that the scenario names (kind: own)"
+    )
+    parser.add_argument(
+        "--allow-outside", action="store_true", help="read files that lie outside the scenario's folder"
     )
     parser.add_argument("--debug", action="store_true", help="show where an unexpected error came from")
     args = parser.parse_args(argv)

@@ -18,6 +18,7 @@ from taichi_plume.files.run_folder import RunFolder, RunFolderError
 from taichi_plume.grid import kernels
 from taichi_plume.outputs import About, Outputs
 from taichi_plume.prepare import Prepared
+from taichi_plume.scenario.input_files import input_paths
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.signals import Ears, deaf, listening, reader_may_leave
 from taichi_plume.simulation import Simulation, UnstableError
@@ -58,7 +59,7 @@ def device(arch: str) -> str:
         raise RunFolderError(str(error)) from None
 
 
-def execute(job: Job, quiet: bool = False, debug: bool = False) -> int:
+def simulate(job: Job, quiet: bool = False, debug: bool = False) -> int:
     """Assemble and run; returns the command's exit code. Raises ScenarioError, CheckpointError, KeyboardInterrupt."""
     console = Console(stderr=True)
     with listening() as ears:
@@ -74,7 +75,7 @@ def execute(job: Job, quiet: bool = False, debug: bool = False) -> int:
                 traceback.print_exc()
             print(f"failed before the run began: {_explain(error)[1]}", file=sys.stderr)
             return 1
-        end = _simulate(sim, outputs, ears, None if quiet else console, debug)
+        end = _to_the_end(sim, outputs, ears, None if quiet else console, debug)
         with deaf():
             content, end = _conclude(job, sim, outputs, end)
     if end.code:
@@ -96,7 +97,7 @@ def _build(prepared: Prepared) -> Simulation:
 def _begin(job: Job, sim: Simulation, ears: Ears) -> Outputs:
     """Open the run's files; an earlier run goes only once they stand."""
     folder = job.folder
-    inputs = run_folder.input_files(job.prepared.scenario, job.source)
+    inputs = input_paths(job.prepared.scenario, job.source)
     outputs = Outputs(sim, About(folder.path, job.arch, job.backend, job.recording, inputs), ears)
     if job.saved is not None:
         outputs.go_on(job.saved)
@@ -114,7 +115,7 @@ def _begin(job: Job, sim: Simulation, ears: Ears) -> Outputs:
     return outputs
 
 
-def _simulate(sim: Simulation, outputs: Outputs, ears: Ears, console: Console | None, debug: bool) -> End:
+def _to_the_end(sim: Simulation, outputs: Outputs, ears: Ears, console: Console | None, debug: bool) -> End:
     """Run to the end and close all files."""
     end = End("completed", "", 0)
     try:

@@ -5,6 +5,7 @@ import json
 import os
 import platform
 import re
+import shlex
 import shutil
 import tempfile
 from collections.abc import Callable, Sequence
@@ -17,8 +18,11 @@ import filelock
 import yaml
 
 from taichi_plume import __version__
+from taichi_plume.guard.terminal import visible
+from taichi_plume.scenario.algorithms import Own
+from taichi_plume.scenario.input_files import input_files, outside
 from taichi_plume.scenario.scenario import Scenario
-from taichi_plume.scenario.vocabulary import Model, sections
+from taichi_plume.scenario.vocabulary import Model
 
 FILES = (
     "scenario.yaml",
@@ -31,7 +35,6 @@ FILES = (
 )
 BESIDE = ("robots.parts", "recording.old.rrd", "recording.part.rrd", "checkpoint.npz", "manifest.json")
 """What a run writes besides: parts of files that are not finished, and what it can be resumed from."""
-PATHS = ("file", "files", "occupancy")  # keys of a scenario
 LOCK = ".lock"
 REPLACED = ".replaced"
 HEADER = "# Every default written out."
@@ -185,18 +188,6 @@ def remove(file: Path) -> None:
         file.unlink(missing_ok=True)
 
 
-def input_files(scenario: Scenario, file: Path) -> list[Path]:
-    """The files that a scenario reads, and its own, `file`; a film is a folder."""
-    found, folder = [file], file.parent
-    for _, section in sections(scenario, ""):
-        for key in PATHS:
-            name = vars(section).get(key)
-            if name and isinstance(name, str):
-                path = folder / re.sub(r"%0?\d*d", "*", name)
-                found += sorted(path.parent.glob(path.name)) if "*" in path.name else [path]
-    return found
-
-
 def files_in(folder: Path) -> list[Path]:
     """What a folder holds; nothing where it is gone."""
     return list(folder.iterdir()) if folder.is_dir() else []
@@ -225,7 +216,12 @@ def to_yaml(scenario: Scenario, source: Path = Path(), target: Path | None = Non
     data = scenario.model_dump(mode="json", exclude_none=True)
     _say_none(scenario, data)
     if target is not None:
-        data = _moved(data, source.resolve(), target.resolve())
+        for where, name in input_files(scenario):
+            *above, key = re.findall(r"[^.\[\]]+", where)
+            place: Any = data
+            for step in above:
+                place = place[int(step) if step.isdecimal() else step]
+            place[key] = os.path.relpath(source.resolve() / name, target.resolve())
     return yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=100)
 
 
@@ -242,15 +238,16 @@ def _say_none(part: Any, data: Any) -> None:
                 data[key] = None
 
 
-def _moved(value: Any, source: Path, target: Path) -> Any:
-    if isinstance(value, list):
-        return [_moved(part, source, target) for part in value]
-    if not isinstance(value, dict):
-        return value
-    return {
-        key: os.path.relpath(source / part, target) if key in PATHS else _moved(part, source, target)
-        for key, part in value.items()
-    }
+def _again(folder: Path, scenario: Scenario, source: Path) -> str:
+    """The command that runs the scenario of a run directory again."""
+    options = []
+    if any(isinstance(group.algorithm, Own) and group.algorithm.file for group in scenario.robots):
+        options.append("--allow-code")
+    if any(outside(folder, str(source.resolve() / name)) for _, name in input_files(scenario)):
+        options.append("--allow-outside")
+    return visible(
+        shlex.join(["python", "-m", "taichi_plume.run", str(folder / "scenario.yaml"), *options]), None
+    )
 
 
 def write_scenario(folder: Path, scenario: Scenario, source: Path, backend: str) -> None:
@@ -259,7 +256,7 @@ def write_scenario(folder: Path, scenario: Scenario, source: Path, backend: str)
     packages = ("taichi", "numpy", "rerun-sdk")
     versions = ", ".join(f"{name} {version(name)}" for name in packages)
     header = (
-        f"{HEADER} Again: python -m taichi_plume.run {folder / 'scenario.yaml'}\n"
+        f"{HEADER} Again: {_again(folder, scenario, source)}\n"
         f"# started: {now}\n"
         f"# backend: {backend}\n"
         f"# seed: {scenario.seed}\n"

@@ -13,6 +13,7 @@ from taichi_plume.scenario.maps import TimeSeriesMap
 from taichi_plume.scenario.starts import GAP
 from taichi_plume.scenario.vocabulary import (
     COMPILED,
+    INPUT_FILE,
     Count,
     Delay,
     Distance,
@@ -307,7 +308,7 @@ class Own(AnyAlgorithm):
     """An algorithm of the user's own: a class in a Python file, in NumPy. See agents/own.py."""
 
     kind: Literal["own"]
-    file: str = ""
+    file: Annotated[str, INPUT_FILE] = ""
     """Path, relative to the scenario's folder; empty where the class is handed over in Python."""
     name: str | None = None
     """Of the class; unless given, the only one in the file that has an `act`."""

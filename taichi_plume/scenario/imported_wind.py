@@ -6,7 +6,6 @@ from typing import Annotated, Literal
 
 import numpy as np
 import psutil
-from pydantic import Field
 
 from taichi_plume.scenario.any_wind import AnyWind
 from taichi_plume.scenario.context import Context
@@ -18,6 +17,7 @@ from taichi_plume.scenario.vocabulary import (
     Diffusivity,
     Duration,
     Face,
+    FileName,
     Point,
     Positive,
 )
@@ -33,7 +33,7 @@ class ImportedWind(AnyWind, Played):
     """
 
     kind: Literal["imported"]
-    files: Annotated[str, Field(min_length=1)]
+    files: FileName
     """A file, relative to the scenario's folder, or several: %d stands for numbers that count up by one, such as in
     wind_at_cell_centers_%d.csv, %g for times [s], such as in postProcessing/cloud/%g/points_U.xy."""
     interval: Annotated[Duration, COMPILED] = 1.0
@@ -43,7 +43,7 @@ class ImportedWind(AnyWind, Played):
     without one that of the points."""
     height: Annotated[Coordinate, COMPILED] | None = None
     """z in the files of the section that a 2-D run takes [m]; unless given, the middle of the points."""
-    occupancy: Annotated[str, Field(min_length=1)] | None = None
+    occupancy: FileName | None = None
     """Path of an OccupancyGrid3D.csv of GADEN's: obstacles besides the scenario's own."""
     walls: tuple[Face, ...] = ()
     """Faces of the domain that let no air through."""

@@ -6,15 +6,14 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import yaml
 from pydantic import TypeAdapter, ValidationError
 
+from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.scenario.yaml_text import DEEPEST, MOST_VALUES, LineError, parse, read_text, weight
 
-LARGEST_FILE = 1 << 20  # bytes
-LARGEST_TREE = 1_000_000  # nodes once aliases are written out; without any, 1 MiB has no room for so many
 MOST_LINES = 20
-LONGEST_VALUE = 48  # characters shown of what was got
+LONGEST_GOT = 48  # characters shown of what was got
 
 _NO_KIND = "\0"  # stands for a missing kind, so that pydantic lists the known ones
 
@@ -25,9 +24,9 @@ class ScenarioError(ValueError):
     """
 
     def __init__(self, lines: Sequence[str]):
-        self.faults = list(lines)
+        self.faults = [visible(line) for line in lines]
         more = len(lines) - MOST_LINES
-        self.lines = [*lines[:MOST_LINES], f"... and {more} more"] if more > 0 else list(lines)
+        self.lines = [*self.faults[:MOST_LINES], *([f"... and {more} more"] if more > 0 else [])]
         super().__init__("\n".join(self.lines))
 
 
@@ -37,8 +36,8 @@ def read_scenario(path: Path, overrides: Sequence[str] = ()) -> Scenario:
     Raises ScenarioError.
     """
     try:
-        data = _parse(_read(path))
-    except _LineError as fault:
+        data = parse(read_text(path))
+    except LineError as fault:
         raise ScenarioError([f"{path}: {fault}"]) from None
     if data is None:
         raise ScenarioError([f"{path}: is empty; a scenario needs at least duration, domain, wind and gas"])
@@ -49,110 +48,28 @@ def read_scenario(path: Path, overrides: Sequence[str] = ()) -> Scenario:
     for override in overrides:
         try:
             _override(data, override)
-        except _LineError as fault:
-            raise ScenarioError([f"override '{override}': {fault}"]) from None
+        except LineError as fault:
+            raise ScenarioError([f"override '{visible(override, LONGEST_VALUE)}': {fault}"]) from None
     try:
-        return Scenario.model_validate(data)
+        scenario = Scenario.model_validate(data)
     except ValidationError as error:
         raise ScenarioError([f"{path}: {line}" for line in explain(error, data)]) from None
+    values = _values(scenario.model_dump(mode="json", exclude_none=True))
+    if values > MOST_VALUES:
+        raise ScenarioError(
+            [
+                f"{path}: has {values:,} values once every default is written out, {MOST_VALUES:,} are taken; use "
+                "fewer obstacles, groups of robots, or way points"
+            ]
+        )
+    return scenario
 
 
-class _LineError(Exception):
-    """One line about a file or an override."""
-
-
-# ---------------------------------------------------------------- YAML
-
-
-def _read(path: Path) -> str:
-    try:
-        with path.open("rb") as file:
-            content = file.read(LARGEST_FILE + 1)
-    except OSError as error:
-        raise _LineError(f"cannot be read: {error.strerror or error}") from None
-    if len(content) > LARGEST_FILE:
-        raise _LineError(f"is larger than {LARGEST_FILE >> 20} MiB; is it a scenario?")
-    try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = content.count(b"\n", 0, error.start) + 1
-        raise _LineError(f"line {line}: is not UTF-8 text") from None
-
-
-def _parse(text: str) -> Any:
-    """The one YAML document in `text`, as dicts, lists and scalars."""
-    loader = None
-    try:
-        loader = yaml.SafeLoader(text)
-        node = loader.get_single_node()
-        if node is None:
-            return None
-        _check_tree(node)
-        return loader.construct_document(node)
-    except yaml.MarkedYAMLError as error:
-        what = " ".join(str(error.problem or error.context).split())
-        place = _place(error.problem_mark or error.context_mark)
-        if what.startswith(r"found character '\t'"):
-            raise _LineError(f"{place}indent with spaces, not tabs") from None
-        if what == "mapping values are not allowed here":
-            what += "; check the indentation, or quote a text that contains ': '"
-        raise _LineError(f"{place}not YAML: {what}") from None
-    except yaml.reader.ReaderError as error:
-        line = text.count("\n", 0, error.position) + 1
-        raise _LineError(f"line {line}: not YAML: {error.reason}") from None
-    except RecursionError:
-        raise _LineError("is nested too deeply") from None
-    except ValueError as error:  # a date such as 2024-13-01
-        raise _LineError(f"not YAML: {error}") from None
-    finally:
-        if loader:
-            loader.dispose()
-
-
-def _place(mark: Any) -> str:
-    return f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
-
-
-def _check_tree(root: yaml.Node) -> None:
-    """Refuse duplicate keys, and aliases that grow beyond bounds or contain themselves."""
-    sizes: dict[int, int] = {}
-    open_nodes: set[int] = set()
-
-    def size(node: yaml.Node) -> int:
-        if isinstance(node, yaml.ScalarNode):
-            return 1
-        if id(node) in open_nodes:
-            raise _LineError(f"{_place(node.start_mark)}an alias contains itself")
-        if id(node) not in sizes:
-            open_nodes.add(id(node))
-            if isinstance(node, yaml.MappingNode):
-                _check_keys(node)
-                parts = [part for pair in node.value for part in pair]
-            else:
-                parts = node.value
-            sizes[id(node)] = 1 + sum(size(part) for part in parts)
-            open_nodes.remove(id(node))
-        if sizes[id(node)] > LARGEST_TREE:
-            raise _LineError(
-                f"{_place(node.start_mark)}aliases expand to more than {LARGEST_TREE} values; use fewer"
-            )
-        return sizes[id(node)]
-
-    size(root)
-
-
-def _check_keys(mapping: yaml.MappingNode) -> None:
-    lines: dict[tuple[str, str], int] = {}
-    for key, _ in mapping.value:
-        if not isinstance(key, yaml.ScalarNode):
-            continue
-        name = (key.tag, key.value)
-        if name in lines:
-            raise _LineError(
-                f"{_place(key.start_mark)}duplicate key '{key.value}', first on line {lines[name]}; "
-                "remove one"
-            )
-        lines[name] = key.start_mark.line + 1
+def _values(data: Any) -> int:
+    """How many values and keys the YAML of `data` has."""
+    if isinstance(data, dict):
+        return 1 + sum(1 + _values(part) for part in data.values())
+    return 1 + sum(map(_values, data)) if isinstance(data, list) else weight(data)
 
 
 def load_part(text: str, where: str, kind: Any) -> Any:
@@ -161,8 +78,8 @@ def load_part(text: str, where: str, kind: Any) -> Any:
     Raises ScenarioError.
     """
     try:
-        data = {where: _parse(text)}
-    except _LineError as fault:
+        data = {where: parse(text)}
+    except LineError as fault:
         raise ScenarioError([f"{where}: {fault}"]) from None
     validate = TypeAdapter(dict[str, kind]).validate_python
     try:
@@ -183,28 +100,44 @@ def _apart(value: Any) -> Any:
     return value
 
 
+def overridden(overrides: Sequence[str]) -> list[str]:
+    """The paths of the keys that overrides give, such as ``robots[0].count``."""
+    return [_path(_steps(override.partition("=")[0])) for override in overrides]
+
+
+def _steps(path: str) -> list[str]:
+    """The keys of a path of an override; ``robots.0.count`` and ``robots[0].count`` are the same."""
+    return re.sub(r"\[(\d+)\]", r".\1", path.strip()).split(".")
+
+
 def _override(data: dict, override: str) -> None:
-    """Put ``path.to.key=value`` into data; ``robots.0.count`` and ``robots[0].count`` are the same."""
+    """Put ``path.to.key=value`` into data."""
     path, equals, text = override.partition("=")
-    parts = re.sub(r"\[(\d+)\]", r".\1", path.strip()).split(".")
+    parts = _steps(path)
     if not equals or not all(parts):
-        raise _LineError("must be path.to.key=value, such as robots.0.count=3")
-    value = _parse(text)
+        raise LineError("must be path.to.key=value, such as robots.0.count=3")
+    if len(parts) > DEEPEST:
+        raise LineError(f"has {len(parts)} levels; at most {DEEPEST} are taken")
+    value = parse(text)
     place: Any = data
     for n, part in enumerate(parts):
         key: Any = part
         above = _path(parts[:n]) or "the scenario"
         if isinstance(place, list):
             if not part.isdecimal():
-                raise _LineError(f"{above} is a list: '{part}' must be the index of an item")
-            if int(part) >= len(place):
+                raise LineError(f"{above} is a list: '{part}' must be the index of an item")
+            if len(part) > len(str(len(place))) or int(part) >= len(
+                place
+            ):  # of thousands of digits none is made
                 items = f"{len(place)} item{'s' * (len(place) != 1)}"
-                raise _LineError(f"{above} has {items}, the first is 0: there is no {part}")
+                raise LineError(
+                    f"{above} has {items}, the first is 0: there is no {visible(part, LONGEST_VALUE)}"
+                )
             key = int(part)
         elif not isinstance(place, dict):
-            raise _LineError(f"{above} is {_shown(place)}: it has no '{part}' in it")
+            raise LineError(f"{above} is {_shown(place)}: it has no '{part}' in it")
         elif part.isdecimal() and part not in place:
-            raise _LineError(f"{above} is no list: it has no item {part}")
+            raise LineError(f"{above} is no list: it has no item {part}")
         if n == len(parts) - 1:
             place[key] = value
         elif isinstance(place, dict) and (part not in place or place[part] is None):
@@ -234,12 +167,8 @@ def explain(
             validate(data)
         except ValidationError as again:
             faults = again.errors(include_url=False)
-    lines = []
-    for fault in faults:
-        line = _line(fault, data)
-        if line and line not in lines:
-            lines.append(line)
-    return lines
+    lines = dict.fromkeys(_line(fault, data) for fault in faults)
+    return [line for line in lines if line]
 
 
 def _line(fault: Any, data: dict) -> str | None:
@@ -267,7 +196,7 @@ def _line(fault: Any, data: dict) -> str | None:
         names = re.findall(r"'([^']*)'", context["expected_tags"])
         if context["tag"] == _NO_KIND:
             return f"{where}missing key 'kind'; known kinds: {', '.join(names)}"
-        tag = context["tag"]
+        tag = visible(context["tag"], LONGEST_VALUE)
         return f"{where}unknown kind '{tag}'; {_meant(tag, names)}known kinds: {', '.join(names)}"
     if kind in ("model_type", "model_attributes_type", "dict_type"):
         return f"{where}must be a mapping (key: value), got {_shown(got)}"
@@ -340,4 +269,4 @@ def _meant(got: Any, names: Sequence[str]) -> str:
 
 def _shown(value: Any) -> str:
     text = "nothing" if value is None else repr(value)
-    return text if len(text) <= LONGEST_VALUE else text[: LONGEST_VALUE - 3] + "..."
+    return text if len(text) <= LONGEST_GOT else text[: LONGEST_GOT - 3] + "..."

@@ -18,6 +18,7 @@ from taichi_plume.scenario.vocabulary import (
     Coordinate,
     Distance,
     Edges,
+    FileName,
     Length,
     Model,
     Point,
@@ -182,7 +183,7 @@ class Mesh(Standing):
     """A closed triangle mesh (STL, OBJ or PLY); in 2-D its section at `section` [m] above the ground."""
 
     kind: Literal["mesh"]
-    file: str
+    file: FileName
     """Path, relative to the scenario's folder."""
     scale: Annotated[Positive, COMPILED] = 1.0
     yaw_deg: Annotated[Real, COMPILED] = 0.0

@@ -1,15 +1,14 @@
 """Winds and gases that are played back: frames of an earlier run, or of points as PlumeSim has them."""
 
 from collections.abc import Iterator
-from typing import Annotated, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
-from pydantic import Field
 
 from taichi_plume.scenario.any_wind import AnyWind
 from taichi_plume.scenario.context import Context
 from taichi_plume.scenario.resources import Film
-from taichi_plume.scenario.vocabulary import Model, Point2, Positive, Time
+from taichi_plume.scenario.vocabulary import FileName, Model, Point2, Positive, Time
 
 
 class Played(Model):
@@ -28,7 +27,7 @@ class Playback(Played):
 
     part: ClassVar[Literal["wind", "gas"]]
     """What of the run is played."""
-    file: Annotated[str, Field(min_length=1)]
+    file: FileName
     """Path of a fields.zarr, relative to the scenario's folder."""
 
     def unusable(self, where: str, context: Context) -> Iterator[str]:
@@ -119,7 +118,7 @@ class PointPlayback(Played):
 class PlumeSimLog(PointPlayback):
     """A log of PlumeSim: text; see point_frames.py. `plumesim_log` makes a run write one."""
 
-    file: Annotated[str, Field(min_length=1)]
+    file: FileName
     """Its path, relative to the scenario's folder."""
 
 

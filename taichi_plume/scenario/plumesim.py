@@ -17,6 +17,7 @@ from taichi_plume.scenario.vocabulary import (
     COMPILED,
     Count,
     Duration,
+    FileName,
     FullScale,
     Length,
     Point2,
@@ -47,7 +48,7 @@ class FluentGas(PercentGas, PointPlayback):
 
     key: ClassVar[str] = "files"
     kind: Literal["fluent"]
-    files: Annotated[str, Field(min_length=1)]
+    files: FileName
     """Path of the files, relative to the scenario's folder, such as plume%03d.txt for plume001.txt and so on."""
     frames: Count | None = None
     """Number of files; unless given, all there are."""

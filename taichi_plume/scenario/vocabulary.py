@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_args, ge
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
+from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 from taichi_plume.scenario.meanings import meanings
 from taichi_plume.scenario.quantities import fault, quantity
 
@@ -29,8 +30,13 @@ class Free:
     """Marks what a reset may change although it is no float, and all below it: nothing was built from it."""
 
 
+class InputFile:
+    """Marks the path of a file that a run reads, relative to the scenario's folder; of several, with %d or %g in it."""
+
+
 COMPILED = Compiled()
 FREE = Free()
+INPUT_FILE = InputFile()
 
 
 @dataclass(frozen=True)
@@ -93,6 +99,7 @@ Edges = Annotated[tuple[Length, ...], Field(min_length=2, max_length=3), PER_AXI
 Velocities = Annotated[tuple[Velocity, ...], Field(min_length=2, max_length=3), PER_AXIS]
 Accelerations = Annotated[tuple[Acceleration, ...], Field(min_length=2, max_length=3), PER_AXIS]
 Point2 = tuple[Coordinate, Coordinate]
+FileName = Annotated[str, Field(min_length=1), INPUT_FILE]
 Convection = Literal["koren", "weno5"]
 Face = Literal["x-", "x+", "y-", "y+", "z-", "z+"]
 Color = tuple[int, int, int]
@@ -153,7 +160,7 @@ class Model(BaseModel):
                     hint = f"did you mean '{close[0]}'? " if close else ""
                     raise fault(
                         "unknown key '{key}'; {hint}allowed: {allowed}",
-                        {"key": str(key), "hint": hint, "allowed": ", ".join(allowed)},
+                        {"key": visible(key, LONGEST_VALUE), "hint": hint, "allowed": ", ".join(allowed)},
                     )
         return data
 

@@ -10,6 +10,7 @@ import yaml
 
 from taichi_plume.files import run_folder
 from taichi_plume.files.run_folder import RunFolder, RunFolderError
+from taichi_plume.scenario.input_files import input_paths
 from taichi_plume.scenario.scenario import Scenario
 
 RESULT = json.dumps({"name": "a", "status": "completed", "seed": 1})
@@ -131,7 +132,7 @@ def test_input_files_are_all_that_a_scenario_reads(tmp_path):
     data["obstacles"] = [{"kind": "mesh", "file": "box.stl"}]
     data["wind"] = {"kind": "imported", "files": "wind_%d.csv", "occupancy": "cells.csv"}
     scenario = Scenario.model_validate(data)
-    found = run_folder.input_files(scenario, tmp_path / "a.yaml")
+    found = input_paths(scenario, tmp_path / "a.yaml")
     names = ["a.yaml", "box.stl", "cells.csv", "wind_0.csv", "wind_1.csv", "wind_2.csv"]
     assert sorted(file.name for file in found) == names
 

@@ -1,6 +1,7 @@
 import pytest
 import yaml
 
+from taichi_plume.files.run_folder import to_yaml
 from taichi_plume.prepare import load_scenario
 from taichi_plume.scenario.loading import MOST_LINES, ScenarioError
 from taichi_plume.scenario.obstacles import Box
@@ -24,6 +25,7 @@ gas:
 robots:
   - {count: 1, start: {kind: positions, positions: [[1, 1]]}, algorithm: {kind: casting}}
 """
+OBSTACLES = "obstacles:\n  - {kind: box, center: [2, 1], size: [0.4, 0.3]}\n"
 
 
 def load(tmp_path, text, *overrides):
@@ -163,6 +165,7 @@ BOMB = "a: &a [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
     f"{name}: &{name} [{', '.join([f'*{before}'] * 10)}]\n"
     for before, name in zip("abcdefgh", "bcdefghi", strict=True)
 )
+NESTS = "".join(f"{of[0]}: &{of[0]} [[[[[[[[[[{of[1:]}]]]]]]]]]]\n" for of in ("a1", "b*a", "c*b", "d*c"))
 
 
 @pytest.mark.parametrize(
@@ -179,21 +182,77 @@ BOMB = "a: &a [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
             "line 2, column 7: not YAML: mapping values are not allowed here; check the indentation, or quote "
             "a text that contains ': '",
         ),
-        ("a: 2024-13-45", "not YAML: month"),
-        ("a: !!python/object:os.system x", "line 1, column 4: not YAML: could not determine a constructor"),
+        ("a: 2024-13-45", "line 1, column 4: 2024-13-45 is a date; put it in quotes"),
+        ("a: !!python/object:os.system x", "line 1, column 4: !!python/object:os.system is not taken"),
         ("a: 1\n---\nb: 1\n", "line 2, column 1: not YAML: but found another document"),
-        ("[" * 100_000, "is nested too deeply"),
+        ("[" * 100_000, "line 1, column 33: is nested too deeply"),
         (f"{GOOD}duration: 3\n", "line 15, column 1: duplicate key 'duration', first on line 1; remove one"),
         ("wind: {kind: cfd, kind: cfd}", "line 1, column 19: duplicate key 'kind'"),
         ("a: &a [*a]", "line 1, column 4: an alias contains itself"),
-        (BOMB, "line 6, column 4: aliases expand to more than 1000000 values"),
+        (BOMB, "line 5, column 4: aliases expand to more than 50,000 values"),
         (b"name: \xff\xfe", "line 1: is not UTF-8 text"),
-        ("#" * (1 << 20) + "\n", "is larger than 1 MiB"),
+        ("#" * (1 << 22) + "\n", "is larger than 4 MiB"),
+        (f"a: {'9' * 6000}", "line 1, column 4: a number of 6,000 characters; at most 1,000 are taken"),
+        ("a: !!binary aGFsbG8=", "line 1, column 4: !!binary is not taken"),
+        ("a: !!set {b, c}", "line 1, column 4: !!set is not taken"),
+        (f"a: {'[' * 300}{']' * 300}", "line 1, column 35: is nested too deeply, more than 32 levels"),
+        (NESTS, "line 4, column 15: aliases nest it too deeply, more than 32 levels"),
+        (r'"\ud800": 1', r"line 1, column 1: has the character \ud800, which does not print"),
+        (r'name: "\e[31m"', r"line 1, column 7: has the character \x1b, which does not print"),
+        ('name: "a\u202eb"', r"line 1, column 7: has the character \u202e, which does not print"),
+        ("1: 2", "line 1, column 1: a key must be a text; put it in quotes"),
+        ("{[a]: 2}", "line 1, column 2: a key must be a text"),
+        (f"a: '{'x' * 20_000}'", "line 1, column 4: a text of 20,000 characters; at most 10,000 are taken"),
+        (
+            f"a: &a '{'x' * 5000}'\nb: [{'*a, ' * 500}]",
+            "line 2, column 4: aliases expand to more than 50,000",
+        ),
+        (f"a: [{'1, ' * 50_000}]", "line 1, column 149996: has more than 50,000 values"),
+        (f"? {'k' * 5000}\n: 1", f"unknown key '{'k' * 62} ... {'k' * 33}'; allowed: name, seed"),
     ],
-    ids=range(17),
+    ids=range(31),
 )
 def test_files_that_are_no_scenario(tmp_path, text, said):
     assert fault(tmp_path, text).startswith(said)
+
+
+def test_what_is_said_prints_and_is_short(tmp_path):
+    """Also where a fault shows what was got."""
+    for text in (f"name: {'n' * 9000}", f"wind: {{kind: {'k' * 9000}}}", f"duration: '{'9' * 9000} s'"):
+        with pytest.raises(ScenarioError) as caught:
+            load(tmp_path, text)
+        assert all(line.isprintable() and len(line) <= 1000 for line in caught.value.lines)
+
+
+@pytest.mark.parametrize(
+    ("override", "said"),
+    [
+        (f"robots.{'9' * 6000}.count=1", "override 'robots.9999"),
+        (f"{'a.' * 5000}a=1", "override 'a.a.a"),
+        ("name=\ud800", r"override 'name=\ud800': line 1: not YAML"),
+        ("na\x1b[31mme=1", r"unknown key 'na\x1b[31mme'"),
+        ('name="\\e"', r"""override 'name="\e"': line 1, column 1: has the character \x1b"""),
+        (f"name={'9' * 6000}", "override 'name=99999"),
+    ],
+)
+def test_overrides_that_are_none(tmp_path, override, said):
+    told = fault(tmp_path, GOOD, override)
+    assert told.startswith(said)
+    assert told.isprintable()
+    assert len(told) <= 1000
+
+
+def test_what_is_written_out_can_be_read_again(tmp_path):
+    """Or is refused at once: 50,000 aliases of one obstacle took more than a minute, and were too much to read."""
+    post = "{kind: cylinder, center: [1, 2], radius: 0.01}"
+    few, many = (
+        f"{GOOD.replace(OBSTACLES, '')}obstacles:\n- &a {post}\n{n * '- *a'}\n".replace("- *a", "- *a\n")
+        for n in (2000, 5000)
+    )
+    again = tmp_path / "again.yaml"
+    again.write_text(to_yaml(load(tmp_path, few)))
+    assert len(load_scenario(again).obstacles) == 2001
+    assert "values once every default is written out, 50,000 are taken" in fault(tmp_path, many)
 
 
 def test_missing_files_and_folders(tmp_path):

@@ -49,7 +49,7 @@ def test_each_file_is_opened_once(path, monkeypatch):
     opened = Counter()
     for owner, name in (
         (plumesim_log, "read_log"),
-        (prepare, "own_class"),
+        (prepare.OwnFile, "read"),
         (shapes, "Solid"),
     ):
         original = getattr(owner, name)
@@ -60,10 +60,10 @@ def test_each_file_is_opened_once(path, monkeypatch):
 
         monkeypatch.setattr(owner, name, count)
     scenario, resources = load(path)
-    assert opened == {"read_log": 1, "own_class": 1, "Solid": 1}
+    assert opened == {"read_log": 1, "read": 1, "Solid": 1}
     assert resources.frames.keys() == {"wind", "gas.parts[0]", "gas.parts[1]"}
     assert len({id(frames) for frames in resources.frames.values()}) == 1
-    assert resources.own["robots[0].algorithm"].__name__ == "Still"
+    assert resources.code["robots[0].algorithm"].source.decode() == OWN
     assert [one.model for one in resources.obstacles] == list(scenario.obstacles)
     assert resources.faults == {}
 

@@ -322,7 +322,8 @@ def test_exports_of_fluent_are_played_by_a_run_and_by_its_resolved_scenario(tmp_
     again = tmp_path / "runs" / "a"
     again.mkdir(parents=True)
     (again / "scenario.yaml").write_text(to_yaml(Scenario.model_validate(data), tmp_path, again))
-    sim = assemble(load_scenario(again / "scenario.yaml"), again)
+    scenario = load_scenario(again / "scenario.yaml", allow_outside=True)
+    sim = assemble(scenario, again, allow_outside=True)
     at = np.array([[0.45, 0.5], [1.0, 0.55], [0.75, 0.5]])
     np.testing.assert_allclose(ppm_at(sim.gas, at, 0.0)[:, 0], [150, 75, 0], rtol=1e-6)
     sim.run()

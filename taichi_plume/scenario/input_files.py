@@ -1,0 +1,59 @@
+"""The files that a scenario names, and which of them lie outside its folder."""
+
+import os
+import re
+from collections.abc import Collection, Iterator
+from glob import escape, glob
+from pathlib import Path
+
+from taichi_plume.guard.terminal import LONGEST_VALUE, visible
+from taichi_plume.scenario.checks import every
+from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.scenario.vocabulary import InputFile, marked
+
+NUMBER = re.compile(r"%[0-9]*[dg]")  # stands for a number in the name of several files
+
+
+def input_files(scenario: Scenario) -> Iterator[tuple[str, str]]:
+    """Every file that is named: the path of its key, such as ``obstacles[0].file``, and its name there."""
+    for where, section in every(scenario):
+        for key in type(section).model_fields:
+            if marked(type(section), key, InputFile) and vars(section)[key]:
+                yield f"{where}.{key}", vars(section)[key]
+
+
+def input_paths(scenario: Scenario, file: Path) -> list[Path]:
+    """What a scenario reads, and its own `file`; a film is a folder."""
+    names = [name for _, name in input_files(scenario)]
+    return [file, *(Path(path) for name in names for path in _written(os.path.join(file.parent, name)))]
+
+
+def _written(path: str) -> list[str]:
+    """The files that a path stands for, if it stands for several; else itself."""
+    if not NUMBER.search(path):
+        return [path]
+    return sorted(glob("*".join(map(escape, NUMBER.split(path)))))
+
+
+def outside(folder: Path, name: str) -> bool:
+    """Whether a file of that name lies outside `folder`, once links are followed; or one of several, with %d or %g."""
+    path = os.path.join(folder, name)
+    try:
+        home = os.path.realpath(folder)
+        return not all(Path(os.path.realpath(one)).is_relative_to(home) for one in (path, *_written(path)))
+    except ValueError:  # a zero byte, a lone surrogate: there is no such file
+        return False
+
+
+def strangers(scenario: Scenario, folder: Path, named: Collection[str] = ()) -> list[str]:
+    """A line for each file outside of `folder`.
+
+    named: paths of keys that the user gave himself, with all below them; they are not told.
+    """
+    return [
+        f"{where}: {visible(name, LONGEST_VALUE)} lies outside the scenario's folder; "
+        "if it is what you want to be read, add --allow-outside (in Python: allow_outside=True)"
+        for where, name in input_files(scenario)
+        if outside(folder, name)
+        and not any(where == one or where.startswith((f"{one}.", f"{one}[")) for one in named)
+    ]

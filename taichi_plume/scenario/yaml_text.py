@@ -1,0 +1,184 @@
+"""One YAML document, as dicts, lists and scalars: bounded, without duplicate keys, and of characters that print."""
+
+import unicodedata
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from taichi_plume.guard.opening import open_regular
+from taichi_plume.guard.terminal import LONGEST_VALUE, visible
+
+LARGEST_FILE = 1 << 22  # bytes
+MOST_VALUES = 50_000  # once aliases are written out; all within LARGEST_FILE
+PER_VALUE = 20  # characters of a text that count as one value more
+DEEPEST = 32  # levels; those of a scenario are 10
+LONGEST_NUMBER = 1000  # characters
+LONGEST_TEXT = 10_000  # characters
+HARMFUL = {
+    "Cc",
+    "Cf",
+    "Cs",
+    "Zl",
+    "Zp",
+}  # of Unicode: controls, marks of direction, half characters, line ends
+_TAG = "tag:yaml.org,2002:"
+_NUMBERS = {f"{_TAG}int", f"{_TAG}float"}
+_TEXTS = {f"{_TAG}str", f"{_TAG}merge", f"{_TAG}value"}
+_PLAIN = {f"{_TAG}{kind}" for kind in ("null", "bool", "seq", "map")} | _NUMBERS | _TEXTS
+
+
+class LineError(Exception):
+    """One line about a text."""
+
+
+def weight(value: Any) -> int:
+    """As how many values one scalar counts, for its length."""
+    return 1 + len(value) // PER_VALUE if isinstance(value, str) else 1
+
+
+def read_text(path: Path) -> str:
+    """The text of a file. Raises LineError."""
+    try:
+        with open_regular(path) as file:
+            content = file.read(LARGEST_FILE + 1)
+    except OSError as error:
+        raise LineError(f"cannot be read: {error.strerror or error}") from None
+    if len(content) > LARGEST_FILE:
+        raise LineError(f"is larger than {LARGEST_FILE >> 20} MiB; is it a scenario?")
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        raise LineError(f"line {line}: is not UTF-8 text") from None
+
+
+def parse(text: str) -> Any:
+    """The one YAML document in `text`, as dicts, lists and scalars; None where it is empty. Raises LineError."""
+    loader = None
+    try:
+        loader = _Loader(text)
+        node = loader.get_single_node()
+        if node is None:
+            return None
+        _check_tree(node)
+        return loader.construct_document(node)
+    except yaml.MarkedYAMLError as error:
+        what = " ".join(str(error.problem or error.context).split())
+        place = _place(error.problem_mark or error.context_mark)
+        if what.startswith(r"found character '\t'"):
+            raise LineError(f"{place}indent with spaces, not tabs") from None
+        if what == "mapping values are not allowed here":
+            what += "; check the indentation, or quote a text that contains ': '"
+        raise LineError(f"{place}not YAML: {what}") from None
+    except yaml.reader.ReaderError as error:
+        line = text.count("\n", 0, error.position) + 1
+        raise LineError(f"line {line}: not YAML: {error.reason}") from None
+    except ValueError as error:  # a number such as 0x_
+        raise LineError(f"not YAML: {error}") from None
+    finally:
+        if loader:
+            loader.dispose()
+
+
+class _Loader(yaml.SafeLoader):
+    """It gives up on a document that is too large or too deep while it reads it."""
+
+    def __init__(self, text: str):
+        super().__init__(text)
+        self.values, self.depth = 0, 0
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        """One node and all below it."""
+        self.values += 1
+        self.depth += 1
+        mark = self.peek_event().start_mark
+        if self.values > MOST_VALUES:
+            raise LineError(f"{_place(mark)}has more than {MOST_VALUES:,} values; is it a scenario?")
+        if self.depth > DEEPEST:
+            raise LineError(f"{_place(mark)}is nested too deeply, more than {DEEPEST} levels")
+        node = super().compose_node(parent, index)
+        self.depth -= 1
+        return node
+
+
+def _place(mark: Any) -> str:
+    return f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
+
+
+def _check_tree(root: yaml.Node) -> None:
+    """Refuse what no scenario holds, duplicate keys, and aliases that grow beyond bounds or contain themselves."""
+    sizes: dict[int, int] = {}
+    depths: dict[int, int] = {}
+    open_nodes: set[int] = set()
+
+    def size(node: yaml.Node) -> int:
+        if id(node) in open_nodes:
+            raise LineError(f"{_place(node.start_mark)}an alias contains itself")
+        if id(node) in sizes:
+            return sizes[id(node)]
+        _check_kind(node)
+        if isinstance(node, yaml.ScalarNode):
+            _check_scalar(node)
+            sizes[id(node)], depths[id(node)] = weight(node.value), 1
+            return sizes[id(node)]
+        open_nodes.add(id(node))
+        if isinstance(node, yaml.MappingNode):
+            _check_keys(node)
+            parts = [part for pair in node.value for part in pair]
+        else:
+            parts = node.value
+        sizes[id(node)] = 1 + sum(size(part) for part in parts)
+        depths[id(node)] = 1 + max((depths[id(part)] for part in parts), default=0)
+        open_nodes.remove(id(node))
+        if sizes[id(node)] > MOST_VALUES:
+            raise LineError(
+                f"{_place(node.start_mark)}aliases expand to more than {MOST_VALUES:,} values; use fewer"
+            )
+        if depths[id(node)] > DEEPEST:
+            raise LineError(
+                f"{_place(node.start_mark)}aliases nest it too deeply, more than {DEEPEST} levels"
+            )
+        return sizes[id(node)]
+
+    size(root)
+
+
+def _check_kind(node: yaml.Node) -> None:
+    if node.tag == f"{_TAG}timestamp":
+        raise LineError(
+            f"{_place(node.start_mark)}{_shown(node)} is a date; put it in quotes if it is a text"
+        )
+    if node.tag not in _PLAIN:
+        tag = visible(node.tag.replace(_TAG, "!!"), LONGEST_VALUE)
+        raise LineError(
+            f"{_place(node.start_mark)}{tag} is not taken; plain texts, numbers, lists and mappings are"
+        )
+
+
+def _check_scalar(node: yaml.ScalarNode) -> None:
+    longest = LONGEST_NUMBER if node.tag in _NUMBERS else LONGEST_TEXT
+    if len(node.value) > longest:
+        what = "number" if node.tag in _NUMBERS else "text"
+        raise LineError(
+            f"{_place(node.start_mark)}a {what} of {len(node.value):,} characters; at most {longest:,} are taken"
+        )
+    harmful = (one for one in node.value if one not in "\n\t" and unicodedata.category(one) in HARMFUL)
+    if not node.value.isprintable() and (one := next(harmful, None)):
+        raise LineError(f"{_place(node.start_mark)}has the character {visible(one)}, which does not print")
+
+
+def _check_keys(mapping: yaml.MappingNode) -> None:
+    lines: dict[str, int] = {}
+    for key, _ in mapping.value:
+        if not isinstance(key, yaml.ScalarNode) or key.tag not in _TEXTS:
+            raise LineError(f"{_place(key.start_mark)}a key must be a text; put it in quotes")
+        if key.value in lines:
+            raise LineError(
+                f"{_place(key.start_mark)}duplicate key '{_shown(key)}', first on line {lines[key.value]}; remove one"
+            )
+        lines[key.value] = key.start_mark.line + 1
+
+
+def _shown(node: yaml.Node) -> str:
+    return visible(node.value, LONGEST_VALUE)
