@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from taichi_plume.files.tables import Table, TextFile, cells_of, delimiter_of, listed
+from taichi_plume.files import manifest
+from taichi_plume.files.tables import Table, TextFile, cells_of, delimiter_of, listed, plain
 
 NAMES = {
     "t": ("t",),
@@ -89,23 +90,31 @@ def _csv(path: Path) -> tuple[dict[str, str], dict[str, np.ndarray]]:
 
 
 def _parquet(path: Path) -> tuple[dict[str, str], dict[str, np.ndarray]]:
-    """The columns of a Parquet file, as those of a CSV."""
+    """The columns of a Parquet file, as those of a CSV.
+
+    Its pages have checksums; what tells of them has none, so a run's table is compared with the manifest beside it.
+    """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
+    damage = manifest.changed(path)
+    if damage:
+        raise ReadingsError(damage)
     try:
-        with pq.ParquetFile(path) as file:
+        with pq.ParquetFile(path, page_checksum_verification=True) as file:
             names = _picked(path, file.schema_arrow.names)
             table = file.read(columns=list(names.values()))
-    except (pa.ArrowException, OSError) as error:
-        raise ReadingsError(f"{path}: cannot be read: {str(error).partition(chr(10))[0]}") from None
+    except ReadingsError:
+        raise
+    except (pa.ArrowException, OSError, ValueError, KeyError) as error:  # the last two: of names and types
+        raise ReadingsError(f"{path}: cannot be read: {plain(str(error))}") from None
     known = {}
     for key, name in names.items():
         kind = table[name].type
         try:
             known[key] = table[name].cast("string" if key == "group" else "float64", safe=False).to_numpy()
-        except pa.ArrowException:
-            raise ReadingsError(f"{path}: {name} must be numbers, not {kind}") from None
+        except (pa.ArrowException, ValueError):
+            raise ReadingsError(f"{path}: {name} must be numbers, not {plain(str(kind))}") from None
     return names, known
 
 
