@@ -257,8 +257,14 @@ class Mutator:
 
 
 CHANGES = [
-    getattr(Mutator, f"_{name}")
-    for name in (
-        ["delete", "rename", "replace", "renumber", "renumber", "reunit", "resize", "rekind", "splice", "section", "move", "add", "add", "mild"]
-    )
+    *(
+        Mutator._delete,
+        Mutator._rename,
+        Mutator._replace,
+        Mutator._renumber,
+        Mutator._reunit,
+        Mutator._resize,
+    ),
+    *(Mutator._rekind, Mutator._splice, Mutator._section, Mutator._move, Mutator._add, Mutator._mild),
+    *(Mutator._add, Mutator._renumber),  # twice: they reach most
 ]
