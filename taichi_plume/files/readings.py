@@ -25,6 +25,8 @@ NAMES = {
 }
 """Of which the first that a file has is taken."""
 NEEDED = ("t", "x", "y", "reading")
+MOST = {"t": 1e13, "x": 1e8, "y": 1e8, "reading": 1e9, "wind_x": 1e4, "wind_y": 1e4}
+"""What is larger, either way, is a mistake: a Unix time is 2e9 s, in milliseconds; pure vapour is 1e6 ppm."""
 
 
 class ReadingsError(ValueError):
@@ -62,6 +64,12 @@ def read(path: str | Path, trial: int | None = None, group: str | None = None) -
         unknown = row[~np.isfinite(known[key][row])]
         if len(unknown):
             raise ReadingsError(f"{path}: {names[key]} of row {unknown[0] + 1} is not a number")
+    for key, most in MOST.items():
+        values = known[key][row] if key in known else np.zeros(1)
+        large = np.flatnonzero((np.abs(values) > most) & np.isfinite(values))
+        if len(large):
+            where = f"{path}: {names[key]} of row {row[large[0]] + 1}"
+            raise ReadingsError(f"{where} is {values[large[0]]:g}, a mistake: at most {most:g} is taken")
     row = row[np.argsort(known["t"][row], kind="stable")]
     still = np.zeros(len(chosen))
     wind = np.column_stack([known.get("wind_x", still), known.get("wind_y", still)])[row]

@@ -141,3 +141,20 @@ def test_a_table_that_its_manifest_does_not_know_is_refused(tmp_path):
     path.write_bytes(content.replace(b"reading", b"wind_xx"))  # in the footer, which has no checksum
     with pytest.raises(ReadingsError, match="is not as its run left it"):
         read(path)
+
+
+@pytest.mark.parametrize(
+    ("row", "fault"),
+    [
+        ("1e300,0,0,5,0,0", r"t of row 2 is 1e\+300, a mistake: at most 1e\+13 is taken"),
+        ("2,-1e300,0,5,0,0", r"x of row 2 is -1e\+300"),
+        ("2,0,1e9,5,0,0", r"y of row 2 is 1e\+09"),
+        ("2,0,0,-1e30,0,0", r"reading of row 2 is -1e\+30"),
+        ("2,0,0,5,0,1e30", r"wind_y of row 2 is 1e\+30"),
+    ],
+)
+def test_numbers_beyond_reason_are_refused(tmp_path, row, fault):
+    path = tmp_path / "a.csv"
+    path.write_text(f"t,x,y,reading,wind_x,wind_y\n1,0,0,inf,nan,1\n{row}\n")
+    with pytest.raises(ReadingsError, match=fault):
+        read(path)
