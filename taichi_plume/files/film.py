@@ -15,6 +15,7 @@ A frame counts once its time is written, so a film that was interrupted holds al
 ``xarray.open_zarr("runs/arena-1/fields.zarr", consolidated=False)``.
 """
 
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,8 @@ import numpy as np
 import zarr
 from zarr.codecs import BloscCodec, Crc32cCodec
 
+from taichi_plume.files import manifest
+from taichi_plume.files.tables import plain
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.scenario.sources import OtherSpecies
 
@@ -150,6 +153,9 @@ class Film:
         self.path = path
         if not path.exists():
             raise FilmError(f"{path}: does not exist; a run with `fields` writes fields.zarr into its folder")
+        damage = manifest.changed(path)  # zarr.json has no checksum
+        if damage:
+            raise FilmError(damage)
         try:
             self.group: Any = zarr.open_group(path, mode="r")
             self.attributes: dict[str, Any] = dict(self.group.attrs)
@@ -163,7 +169,8 @@ class Film:
             self.depth = float(self.attributes["depth"])
             self.periodic: tuple[bool, ...] = tuple(map(bool, self.attributes["periodic"]))
             self.times: np.ndarray = self.group["time"][:]
-            self.arrays: dict[str, Any] = dict(self.group.arrays())
+            with warnings.catch_warnings(action="ignore"):  # of what else lies in the folder
+                self.arrays: dict[str, Any] = dict(self.group.arrays())
         except FAULTS as error:
             raise FilmError(f"{path}: is damaged: {_line(error)}") from None
         unknown = np.flatnonzero(~np.isfinite(self.times))  # interrupted while it was written
@@ -247,4 +254,4 @@ class Film:
 
 def _line(error: Exception) -> str:
     """What zarr says, in one line; after a checksum's mismatch it lists bytes."""
-    return " ".join(str(error).partition(". Stored")[0].split()) or type(error).__name__
+    return plain(" ".join(str(error).partition(". Stored")[0].split())) or type(error).__name__

@@ -64,7 +64,7 @@ def read(path: Path) -> Occupancy:
         raise file.wrong(len(lines), "its header is not whole")
     shape = known["num_cells"].astype(int)
     size, low = float(known["cell_size"][0]), known["env_min"]
-    if (shape < 1).any() or size <= 0.0:
+    if (shape < 1).any() or (shape != known["num_cells"]).any() or size <= 0.0:
         raise WindFileError(f"{path}: its header tells of no cell")
     if np.abs(low + size * shape - known["env_max"]).max() > 0.99 * size:
         raise WindFileError(
@@ -84,8 +84,8 @@ def _cells(file: TextFile, shape: tuple[int, ...]) -> np.ndarray:
             if len(values) != shape[1] or not set(values) <= {"0", "1", "2"}:
                 raise file.wrong(n, f"must be {shape[1]} numbers of 0, 1 and 2")
             rows.append(np.array(values, np.int8))
-    wanted = [shape[0] * (layer + 1) for layer in range(shape[2])]
-    if len(rows) != wanted[-1] or ends not in (wanted, wanted[:-1]):
+    wanted = [shape[0] * (layer + 1) for layer in range(min(shape[2], len(rows)))]  # it may tell of a billion
+    if len(rows) != shape[0] * shape[2] or ends not in (wanted, wanted[:-1]):
         raise WindFileError(
             f"{file.path}: has {len(rows)} rows and {len(ends)} semicolons, not {shape[0]} rows in each of {shape[2]} "
             f"layers as its num_cells {_times(shape)} say; is the file whole?"

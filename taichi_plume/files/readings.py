@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from taichi_plume.files.tables import Table, TextFile, cells_of, delimiter_of, listed
+from taichi_plume.files import manifest
+from taichi_plume.files.tables import Table, TextFile, cells_of, delimiter_of, listed, plain
 
 NAMES = {
     "t": ("t",),
@@ -24,6 +25,8 @@ NAMES = {
 }
 """Of which the first that a file has is taken."""
 NEEDED = ("t", "x", "y", "reading")
+MOST = {"t": 1e13, "x": 1e8, "y": 1e8, "reading": 1e9, "wind_x": 1e4, "wind_y": 1e4}
+"""What is larger, either way, is a mistake: a Unix time is 2e9 s, in milliseconds; pure vapour is 1e6 ppm."""
 
 
 class ReadingsError(ValueError):
@@ -61,6 +64,12 @@ def read(path: str | Path, trial: int | None = None, group: str | None = None) -
         unknown = row[~np.isfinite(known[key][row])]
         if len(unknown):
             raise ReadingsError(f"{path}: {names[key]} of row {unknown[0] + 1} is not a number")
+    for key, most in MOST.items():
+        values = known[key][row] if key in known else np.zeros(1)
+        large = np.flatnonzero((np.abs(values) > most) & np.isfinite(values))
+        if len(large):
+            where = f"{path}: {names[key]} of row {row[large[0]] + 1}"
+            raise ReadingsError(f"{where} is {values[large[0]]:g}, a mistake: at most {most:g} is taken")
     row = row[np.argsort(known["t"][row], kind="stable")]
     still = np.zeros(len(chosen))
     wind = np.column_stack([known.get("wind_x", still), known.get("wind_y", still)])[row]
@@ -89,23 +98,31 @@ def _csv(path: Path) -> tuple[dict[str, str], dict[str, np.ndarray]]:
 
 
 def _parquet(path: Path) -> tuple[dict[str, str], dict[str, np.ndarray]]:
-    """The columns of a Parquet file, as those of a CSV."""
+    """The columns of a Parquet file, as those of a CSV.
+
+    Its pages have checksums; what tells of them has none, so a run's table is compared with the manifest beside it.
+    """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
+    damage = manifest.changed(path)
+    if damage:
+        raise ReadingsError(damage)
     try:
-        with pq.ParquetFile(path) as file:
+        with pq.ParquetFile(path, page_checksum_verification=True) as file:
             names = _picked(path, file.schema_arrow.names)
             table = file.read(columns=list(names.values()))
-    except (pa.ArrowException, OSError) as error:
-        raise ReadingsError(f"{path}: cannot be read: {str(error).partition(chr(10))[0]}") from None
+    except ReadingsError:
+        raise
+    except (pa.ArrowException, OSError, ValueError, KeyError) as error:  # the last two: of names and types
+        raise ReadingsError(f"{path}: cannot be read: {plain(str(error))}") from None
     known = {}
     for key, name in names.items():
         kind = table[name].type
         try:
             known[key] = table[name].cast("string" if key == "group" else "float64", safe=False).to_numpy()
-        except pa.ArrowException:
-            raise ReadingsError(f"{path}: {name} must be numbers, not {kind}") from None
+        except (pa.ArrowException, ValueError):
+            raise ReadingsError(f"{path}: {name} must be numbers, not {plain(str(kind))}") from None
     return names, known
 
 

@@ -10,12 +10,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
+from taichi_plume.files import manifest
 from taichi_plume.guard.opening import open_regular
 
 LARGEST_FILE = 1 << 29  # bytes
 LONGEST_HEADER = 1 << 16  # characters
 LONGEST_LIST = 400  # of names that are shown
 LONGEST_TEXT = 40  # characters shown of what is wrong
+LONGEST_REASON = 300  # characters shown of what a library says
 
 
 class TextFile:
@@ -31,6 +33,9 @@ class TextFile:
                 content = file.read(LARGEST_FILE + 1)
         except OSError as error:
             raise fault(f"{path}: cannot be read: {error.strerror or error}") from None
+        damage = manifest.changed(path)
+        if damage:
+            raise fault(damage)
         if len(content) > LARGEST_FILE:
             raise fault(f"{path}: is too large; {LARGEST_FILE >> 20} MiB are read")
         try:
@@ -114,7 +119,7 @@ class Table:
             r"Row #(\d+): (?:Expected (\d+) columns, got (\d+)|.*invalid value '(.*?)'?$)", reason
         )
         if not told:
-            return self.file.fault(f"{self.file.path}: cannot be read: {reason}")
+            return self.file.fault(f"{self.file.path}: cannot be read: {plain(reason)}")
         row = int(told[1]) - 1
         if self.form:
             return self.wrong(row, f"must be {self.form}, got {self.shown(row)}")
@@ -157,6 +162,12 @@ def is_number(text: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+def plain(reason: str) -> str:
+    """The first line of what a library says, no longer than a message may be."""
+    line = reason.strip().partition("\n")[0]
+    return line if len(line) <= LONGEST_REASON else f"{line[: LONGEST_REASON - 3]}..."
 
 
 def listed(names: Sequence[str]) -> str:

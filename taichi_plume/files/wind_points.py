@@ -26,6 +26,7 @@ PLACES = ("points:{n}", "points_{n}", "points_{a}", "{a}", "c{a}", "c:{n}", "c_{
 SPEEDS = ("u:{n}", "u_{n}", "u{a}", "u_{a}", "{u}", "velocity:{n}", "velocity_{n}", "velocity_{a}",
           "{a}-velocity", "umean:{n}", "umean_{n}", "umean_{a}")  # fmt: skip
 EDDIES = ("nut",)
+FARTHEST = 1e8  # m: room for coordinates of the Earth
 FASTEST = 340.0  # m/s: faster air would be compressible; rather a mark for "no value"
 NUMBERED = re.compile(r"%0?\d*d")
 TIMED = "%g"
@@ -117,6 +118,8 @@ def read(path: Path) -> Points:
     values = table.numbers(*taken)
     dim = 2 if flat else 3
     table.refuse(~np.isfinite(values).all(axis=1), lambda _: "not all of its values are finite")
+    far = np.abs(values[:, :dim]).max(axis=1)
+    table.refuse(far > FARTHEST, lambda row: f"{far[row]:.3g} m is no place; at most {FARTHEST:g} m")
     speed = np.abs(values[:, dim : 2 * dim]).max(axis=1)
     table.refuse(
         speed >= FASTEST, lambda row: f"{speed[row]:.3g} m/s is no speed of air; leave such points out"

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import zarr
 
+from taichi_plume.files import manifest
 from taichi_plume.files.film import Film, FilmError, NewFilm, dimensions
 from taichi_plume.prepare import load_scenario
 from taichi_plume.scenario.loading import ScenarioError
@@ -190,3 +191,26 @@ def test_species_and_sources_come_from_the_film(path):
     assert (gas.species, gas.sources[0].position) == ("acetone", (0.3, 0.2, 0.2))
     other = load_scenario(path.parent / "play.yaml", ["gas.species=ethanol"]).gas
     assert (other.species, other.sources) == ("ethanol", gas.sources)
+
+
+def test_metadata_that_are_not_as_the_run_left_them_are_noticed(path):
+    manifest.write(path.parent, [], [path])
+    Film(path)
+    array = path / "u" / "zarr.json"
+    array.write_text(array.read_text().replace('"m s-1"', '"km s-1"'))
+    with pytest.raises(FilmError, match="is not as its run left it"):
+        Film(path)
+
+
+def test_what_else_lies_in_a_film_is_left_alone(path, recwarn):
+    (path / "notes").mkdir()
+    Film(path)
+    assert not list(recwarn)
+
+
+def test_a_message_is_no_longer_than_a_line_may_be(path):
+    array = path / "u" / "zarr.json"
+    array.write_text(array.read_text().replace("crc32c", "crc" * 3000))
+    with pytest.raises(FilmError) as caught:
+        Film(path)
+    assert len(str(caught.value)) < 600

@@ -49,8 +49,8 @@ def test_files_as_they_were_left_are_not_changed(folder):
 def test_a_changed_file_is_told(folder, content):
     (folder / "table.csv").write_text(content)
     line = manifest.changed(folder / "table.csv")
-    assert line.startswith(f"{folder / 'table.csv'}: is not as its run left it")
-    assert "\n" not in line
+    assert str(line).startswith(f"{folder / 'table.csv'}: is not as its run left it")
+    assert "\n" not in str(line)
 
 
 @pytest.mark.parametrize("damage", ["metadata", "chunk lost", "chunk cut", "one more"])
@@ -65,7 +65,7 @@ def test_a_changed_film_is_told(folder, damage):
         (film / "u" / "c" / "1").write_bytes(b"")
     else:
         (film / "u" / "c" / "9").write_bytes(b"")
-    assert "is not as its run left it" in manifest.changed(film)
+    assert "is not as its run left it" in str(manifest.changed(film))
 
 
 @pytest.mark.parametrize(
@@ -73,6 +73,6 @@ def test_a_changed_film_is_told(folder, damage):
 )
 def test_a_damaged_manifest_is_told(folder, content):
     (folder / "manifest.json").write_text(content)
-    assert "manifest.json: is damaged" in manifest.changed(folder / "table.csv")
+    assert "manifest.json: is damaged" in str(manifest.changed(folder / "table.csv"))
     with pytest.raises(manifest.ManifestError):
         manifest.read(folder)

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from taichi_plume.files import manifest
 from taichi_plume.files.fluent import read_fluent
 from taichi_plume.files.plumesim_log import read_log
 from taichi_plume.files.point_frames import PointFileError, frames_of
@@ -104,6 +105,15 @@ def test_bad_logs_are_told_in_one_line_before_anything_runs(folder, content, fau
         load_scenario(folder / "play.yaml")
     assert len(checked.value.lines) == 1
     assert f"gas.file: {caught.value}" in checked.value.lines[0]
+
+
+def test_a_log_that_is_not_as_its_run_left_it_is_refused(folder):
+    path = folder / "plume.pslog"
+    manifest.write(folder, [], [path])
+    assert len(read_log(path)) == 3
+    path.write_text(LOG.replace("12.5", "13.5"))
+    with pytest.raises(PointFileError, match="is not as its run left it"):
+        read_log(path)
 
 
 def test_what_is_no_text_is_told(folder):

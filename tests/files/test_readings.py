@@ -5,6 +5,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from taichi_plume.files import manifest
 from taichi_plume.files.readings import ReadingsError, read
 
 
@@ -111,4 +112,49 @@ def test_a_parquet_that_is_none(tmp_path):
     path = tmp_path / "a.parquet"
     path.write_bytes(b"t,x,y,reading\n")
     with pytest.raises(ReadingsError, match=r"a\.parquet: cannot be read: "):
+        read(path)
+
+
+def noisy_table(path):
+    """Pages of numbers that do not shrink, with checksums."""
+    rng = np.random.default_rng(2)
+    table = pa.table({name: rng.normal(size=2000) for name in ("t", "x", "y", "reading")})
+    pq.write_table(table, path, write_page_checksum=True, compression="none", use_dictionary=False)
+    return path
+
+
+@pytest.mark.parametrize("place", [100, 20_000, 40_000, 60_000])
+def test_a_flipped_bit_of_a_page_is_noticed(tmp_path, place):
+    path = noisy_table(tmp_path / "a.parquet")
+    content = bytearray(path.read_bytes())
+    content[place] ^= 4
+    path.write_bytes(content)
+    with pytest.raises(ReadingsError, match=r"a\.parquet: cannot be read: .*CRC"):
+        read(path)
+
+
+def test_a_table_that_its_manifest_does_not_know_is_refused(tmp_path):
+    path = noisy_table(tmp_path / "a.parquet")
+    manifest.write(tmp_path, [], [path])
+    assert len(read(path).t) == 2000
+    content = path.read_bytes()
+    path.write_bytes(content.replace(b"reading", b"wind_xx"))  # in the footer, which has no checksum
+    with pytest.raises(ReadingsError, match="is not as its run left it"):
+        read(path)
+
+
+@pytest.mark.parametrize(
+    ("row", "fault"),
+    [
+        ("1e300,0,0,5,0,0", r"t of row 2 is 1e\+300, a mistake: at most 1e\+13 is taken"),
+        ("2,-1e300,0,5,0,0", r"x of row 2 is -1e\+300"),
+        ("2,0,1e9,5,0,0", r"y of row 2 is 1e\+09"),
+        ("2,0,0,-1e30,0,0", r"reading of row 2 is -1e\+30"),
+        ("2,0,0,5,0,1e30", r"wind_y of row 2 is 1e\+30"),
+    ],
+)
+def test_numbers_beyond_reason_are_refused(tmp_path, row, fault):
+    path = tmp_path / "a.csv"
+    path.write_text(f"t,x,y,reading,wind_x,wind_y\n1,0,0,inf,nan,1\n{row}\n")
+    with pytest.raises(ReadingsError, match=fault):
         read(path)

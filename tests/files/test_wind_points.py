@@ -69,6 +69,7 @@ LINES = GOOD.splitlines()
         (GOOD.replace("0.6", "nan"), "line 4: not all of its values are finite"),
         (GOOD.replace("0.6", "1e400"), "line 4: not all of its values are finite"),
         (GOOD.replace("0.6", "1e30"), r"line 4: 1e\+30 m/s is no speed of air"),
+        (GOOD.replace("1.5,1.5,0.25", "1e30,1.5,0.25"), r"line 5: 1e\+30 m is no place; at most 1e\+08 m"),
         (GOOD.replace(",0.6", ",(0.6 0 0)"), r"line 4: '\(0.6 0 0\)' is no number"),
     ],
 )  # fmt: skip
@@ -143,6 +144,8 @@ def test_occupancy_grid(tmp_path):
         ("0 1\n", "", "has 5 rows and 2 semicolons, not 3 rows in each of 2 layers"),
         ("1 0\n;\n", "", "has 5 rows and 1 semicolons, not 3 rows in each of 2 layers as its num_cells 3 x 2 x 2 say"),
         ("3 2 2", "4 2 2", "4 x 2 x 2 cells of 0.5 m do not reach from env_min to env_max"),
+        ("1.5\n#num_cells 3 2 2", "400000000.5\n#num_cells 3 2 800000000", "has 6 rows and 2 semicolons, not 3"),
+        ("3 2 2", "3.5 2 2", "its header tells of no cell"),
         ("3 2 2", "3 2", "line 3: wrong numbers after num_cells"),
         ("#cell_size(m) 0.5\n", "", "line 4: must be one of #env_min"),
         ("-1 0 0.5", "-1 0 nan", "line 1: wrong numbers after env_min"),

@@ -1,0 +1,214 @@
+"""Good scenarios to begin from, with their files: all that ship, made coarse, and others with what these have not."""
+
+import re
+import shutil
+import struct
+from pathlib import Path
+
+import numpy as np
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+COARSE = 2.5  # times a config's spacing
+FINE = ("plumesim_casting", "gaussian", "meandering", "playback")  # no flow is solved there
+OWN = """import numpy as np
+
+
+class Upwind:
+    STATE_NAMES = ("AWAY", "UPWIND")
+
+    def __init__(self, speed=0.1):
+        self.wanted = speed
+
+    def act(self, robots):
+        robots.turn_to(np.arctan2(-robots.wind[:, 1], -robots.wind[:, 0]))
+        robots.speed[:] = self.wanted
+        robots.state[:] = robots.wind_known
+"""
+OCCUPANCY = """#env_min(m) -5 2 0.5
+#env_max(m) -3.4 3.2 0.9
+#num_cells 8 6 2
+#cell_size(m) 0.2
+"""
+SCENARIOS = {
+    "imported": """
+duration: 3
+domain: {size: [1.6, 1.2, 0.4], spacing: 0.1}
+wind: {kind: imported, files: wind_%d.csv, occupancy: occupancy.csv, interval: 0.5}
+gas: {kind: eulerian, sources: [{position: [0.3, 0.6, 0.2], rate: 10 mg/s}]}
+robots:
+  - name: team
+    count: 2
+    start: {kind: line, begin: [1.3, 0.3], end: [1.3, 0.9], heading_deg: 180}
+    algorithm: {kind: surge_cast, threshold_ppm: 2}
+    body: {radius: 0.05, max_speed: 0.1}
+    sensors: {gas: {kind: pid}, wind: {kind: thermal}}
+maps: [{kind: gmrf, cell: 0.2}]
+""",
+    "mesh": """
+duration: 5
+warm_up: 1
+domain: {size: [2.0, 1.6], spacing: 0.1, depth: 0.5}
+wind:
+  kind: cfd
+  openings: [{kind: inlet, face: x-, speed: 0.3 m/s}, {kind: outlet, face: x+}]
+  screens: [{kind: honeycomb, axis: x, at: 0.3, loss_coefficient: 2}]
+obstacles:
+  - {kind: mesh, file: box.stl, section: 0.1}
+  - {kind: prism, vertices: [[1.4, 0.2], [1.7, 0.2], [1.7, 0.5]]}
+gas: {kind: eulerian, species: acetone, sources: [{position: [0.5, 0.8], rate: 5 mg/s, start: 0.1, stop: 3}]}
+robots:
+  - name: a
+    count: 2
+    start: {kind: area, low: [1.5, 0.7], high: [1.8, 1.4]}
+    body: {radius: 0.05, max_speed: 0.2}
+    algorithm: {kind: infotaxis, cell: 0.2}
+    sensors: {gas: {kind: ideal}, wind: {kind: ideal}}
+maps: [{kind: kernel_dmv, cell: 0.2}]
+plumesim_log: {rate: 1, cell: 0.2}
+""",
+    "own": """
+duration: 4
+domain: {size: [4, 3], spacing: 0.2}
+wind: {kind: uniform, velocity: [0.5, 0]}
+gas: {kind: eulerian, sources: [{position: [0.5, 1.5], rate: 1 mg/s}]}
+robots:
+  - name: mine
+    count: 2
+    trials: 2
+    start: {kind: positions, positions: [[3, 1], [3, 2]], heading_deg: 90}
+    algorithm: {kind: own, file: upwind.py, parameters: {speed: 0.15}}
+    sensors: {wind: {kind: ideal}, gas: {kind: ideal}}
+""",
+    "mixture": """
+duration: 4
+warm_up: 0.3
+domain: {size: [1.6, 1.2], spacing: 0.1, depth: 0.5}
+wind:
+  kind: cfd
+  openings:
+    - {kind: fan, face: x-, center: [0.6], diameter: 0.6, speed: 0.5, turbulence_intensity: 0.1}
+    - {kind: outlet, face: x+}
+obstacles:
+  - {kind: cylinder, center: [0.9, 0.9], radius: 0.15}
+  - {kind: cylinder, center: [1.3, 0.3], radius: 0.1, motion: {path: [[1, 1.3, 0.8]]}}
+gas:
+  kind: mixture
+  parts:
+    - {kind: eulerian, species: ethanol, sources: [{position: [0.3, 0.6], rate: 1.0e-5}]}
+    - {kind: puffs, species: acetone, sources: [{position: [0.4, 0.4], rate: 1.0e-5}]}
+robots:
+  - name: a
+    count: 2
+    reach: 0.02
+    body: {radius: 0.03}
+    start: {kind: area, low: [1.0, 0.1], high: [1.5, 0.6]}
+    algorithm: {kind: sweep, speed: 0.1}
+    odometry: {distance_scale: 0.02, turn_noise_deg: 1}
+    sensors: {gas: {kind: pid, calibrated_for: ethanol}}
+  - name: b
+    count: 1
+    body: {radius: 0.03}
+    start: {kind: area, low: [1.0, 0.1], high: [1.5, 0.6]}
+    algorithm: {kind: least_known}
+maps: [{kind: time_series, cell: 0.2, window: 0.5}, {kind: inverse_distance, cell: 0.2}]
+""",
+    "film": """
+duration: 2
+domain: {size: [0.6, 0.5, 0.4], spacing: 0.1}
+wind: {kind: playback, file: fields.zarr}
+gas: {kind: playback, file: fields.zarr, loop: true}
+robots:
+  - {name: a, count: 1, reach: 0.02, body: {radius: 0.03}, start: {kind: positions, positions: [[0.4, 0.3]]},
+     algorithm: {kind: random_walk}}
+""",
+    "fluent": """
+duration: 2
+domain: {size: [0.6, 0.5], spacing: 0.1}
+wind: {kind: synthetic}
+gas: {kind: fluent, files: plume%03d.txt, period: 0.5, cell: 0.1, sources: [{position: [0.1, 0.1]}]}
+robots:
+  - {name: a, count: 1, reach: 0.02, body: {radius: 0.03}, start: {kind: positions, positions: [[0.4, 0.3]]},
+     algorithm: {kind: surge_spiral}}
+""",
+}
+
+
+def make(folder: Path, warm_up: float | None = None) -> dict[str, Path]:
+    """Write all of them into a folder; their paths by name. warm_up: instead of the configs' [s]."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for path in sorted(CONFIGS.glob("*.yaml")):
+        text = path.read_text()
+        if path.stem not in FINE:
+            text = re.sub(
+                r"spacing: ([\d.]+)", lambda m: f"spacing: {round(COARSE * float(m[1]), 6):g}", text
+            )
+        if warm_up is not None:
+            text = re.sub(r"(warm_up|after): [\d.]+ s", rf"\1: {warm_up} s", text)
+            text = re.sub(r"average: [\d.]+ s", f"average: {warm_up / 2} s", text)
+        (folder / path.name).write_text(text.replace("trials: 500", "trials: 3"))
+    shutil.copytree(CONFIGS / "plumes", folder / "plumes", dirs_exist_ok=True)
+    for name, text in SCENARIOS.items():
+        (folder / f"{name}.yaml").write_text(text)
+    (folder / "upwind.py").write_text(OWN)
+    _write_wind(folder)
+    _write_box(folder / "box.stl")
+    _write_film(folder / "fields.zarr")
+    titles = "nodenumber, x-coordinate, y-coordinate, acetone\n"
+    for n in (1, 2):
+        rows = [f"{k + 1},{0.1 * (k % 6):.3g},{0.1 * (k // 6):.3g},{0.01 * (k + n):.4g}\n" for k in range(30)]
+        (folder / f"plume{n:03d}.txt").write_text(titles + "".join(rows))
+    return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
+
+
+def _write_wind(folder: Path) -> None:
+    """Points of a stream in no order, and an occupancy grid with a block."""
+    axes = [low + 0.1 * (np.arange(n) + 0.5) for n, low in ((16, -5.0), (12, 2.0), (4, 0.5))]
+    x = np.random.default_rng(5).permutation(np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3))
+    u = 0.3 * np.sin(np.pi * (x[:, 1] - 2.0) / 1.2)
+    header = '"U:0","U:1","U:2","Points:0","Points:1","Points:2"'
+    for n in range(3):
+        columns = np.column_stack([u * (1 + 0.1 * n), 0 * u, 0 * u, x])
+        np.savetxt(folder / f"wind_{n}.csv", columns, fmt="%.7g", delimiter=",", header=header, comments="")
+    solid = np.zeros((8, 6, 2), int)
+    solid[3:5, 1:4, :1] = 1
+    layers = ("\n".join(" ".join(map(str, row)) for row in solid[:, :, z]) for z in range(2))
+    (folder / "occupancy.csv").write_text(OCCUPANCY + "".join(f"{layer}\n;\n" for layer in layers))
+
+
+def _write_box(path: Path) -> None:
+    """A box of 12 triangles as STL."""
+    corners = np.array([[x, y, z] for x in (0.8, 1.1) for y in (0.6, 0.9) for z in (0.0, 0.3)])
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    with path.open("wb") as file:
+        file.write(b"\0" * 80 + struct.pack("<I", 12))
+        for a, b, c, d in quads:
+            for triangle in ((a, b, c), (a, c, d)):
+                file.write(struct.pack("<12fH", 0, 0, 0, *corners[list(triangle)].ravel(), 0))
+
+
+def _write_film(path: Path) -> None:
+    """Three frames of noise, of a wind and a gas."""
+    from taichi_plume.files.film import NewFilm, dimensions
+
+    shape = (6, 5, 4)
+    more = {"": 0, "face": 1, "ghost": 2}
+
+    def size(name: str) -> list[int]:
+        return [shape["xyz".index(d[0])] + more[d.partition("_")[2]] for d in dimensions(name, 3)]
+
+    rng = np.random.default_rng(5)
+    moving = ["u", "v", "w", "gas_acetone"]
+    names = ["air", *(kind + name for kind in ("open_", "area_") for name in "uvw")]
+    still = {name: np.ones(size(name), np.float32) for name in names}
+    source = {"position": [0.3, 0.2, 0.2], "rate": 1e-5}
+    facts = {
+        "depth": 1.0,
+        "periodic": [False] * 3,
+        "viscosity": 1e-5,
+        "schmidt": 1.0,
+        "gases": {"gas_acetone": {"species": "acetone", "sources": [source]}},
+    }
+    shutil.rmtree(path, ignore_errors=True)
+    film = NewFilm(path, shape, 0.1, facts, moving, still)
+    for n in range(3):
+        film.append(0.5 * n, {name: 0.1 * rng.random(size(name), np.float32) for name in moving})

@@ -1,0 +1,164 @@
+"""The formats that are read: a good file of each, and how a damaged one is read."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from taichi_plume.files import manifest
+from tests.fuzz import bases
+from tests.fuzz.watched import Outcome, tried
+
+CSV = "t,x,y,reading,wind_x,wind_y,trial,group\n" + "".join(
+    f"{0.5 * n},{0.1 * n:.3g},{1 + 0.05 * n:.3g},{(7 * n) % 40},{0.3},{-0.01 * n:.3g},{n % 2},{'ab'[n % 3 > 1]}\n"
+    for n in range(60)
+)
+
+
+@dataclass(frozen=True)
+class Format:
+    """file: which of the base's files is damaged; scenario: the one that reads it, if any; checked: whether the format
+    has checksums, so that what is read has to be what was written; text: whether it is text.
+    """
+
+    file: str
+    scenario: str = ""
+    checked: bool = False
+    text: bool = True
+
+
+FORMATS = {
+    "parquet": Format("robots.parquet", checked=True, text=False),
+    "readings": Format("readings.csv"),
+    "film": Format("fields.zarr", "film", checked=True, text=False),
+    "plumesim_log": Format("short.pslog", "log"),
+    "fluent": Format("plume002.txt", "fluent"),
+    "paraview": Format("wind_2.csv", "imported"),
+    "gaden_wind": Format("gaden_0.csv", "gaden"),
+    "openfoam": Format("set/0/U.xy", "openfoam"),
+    "occupancy": Format("occupancy.csv", "imported"),
+    "yaml": Format("mixture.yaml", "mixture"),
+}
+WIND = "wind: {kind: imported, files: wind_%d.csv, occupancy: occupancy.csv, interval: 0.5}"
+
+
+def make(folder: Path) -> None:
+    """Write a good file of each format, and the scenarios that read them."""
+    bases.make(folder)
+    (folder / "readings.csv").write_text(CSV)
+    frames = [f"+{n + 1} 12\n" + "".join(_node(k, n) for k in range(12)) for n in range(6)]
+    (folder / "short.pslog").write_text("500,6,0.2\n" + "".join(frames))
+    text = bases.SCENARIOS["fluent"].partition("wind:")[0]
+    log = "{kind: plumesim_log, file: short.pslog"
+    (folder / "log.yaml").write_text(f"{text}wind: {log}}}\ngas: {log}, interpolate: true}}\n")
+    imported = bases.SCENARIOS["imported"]
+    rows = (folder / "wind_0.csv").read_text().splitlines()[1:]
+    (folder / "gaden_0.csv").write_text("\n".join(["U_0,U_1,U_2,Points_0,Points_1,Points_2", *rows]) + "\n")
+    gaden = "wind: {kind: imported, files: gaden_%d.csv, occupancy: occupancy.csv}"
+    (folder / "gaden.yaml").write_text(imported.replace(WIND, gaden))
+    points = [row.split(",")[3:] + row.split(",")[:3] for row in rows]
+    for time in (0, 1):
+        (folder / f"set/{time}").mkdir(parents=True, exist_ok=True)
+        lines = ["# x y z Ux Uy Uz", *("  ".join(point) for point in points)]
+        (folder / f"set/{time}/U.xy").write_text("\n".join(lines) + "\n")
+    (folder / "openfoam.yaml").write_text(
+        imported.replace(WIND, "wind: {kind: imported, files: set/%g/U.xy}")
+    )
+    _write_table(folder / "robots.parquet")
+    manifest.write(folder, [], [folder / "robots.parquet", folder / "fields.zarr"])
+
+
+def _node(k: int, n: int) -> str:
+    return f"{0.1 + 0.1 * (k % 4):.3g},{0.1 + 0.1 * (k // 4):.3g},0,{0.1 * n:.3g},{0.3 * k:.3g},{2 * k + n}\n"
+
+
+def _write_table(path: Path) -> None:
+    """robots.parquet as runs leave it."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    rng, n = np.random.default_rng(1), np.arange(3000)
+    names = ("x", "y", "heading", "believed_x", "believed_y", "reading_ppm", "wind_x", "wind_y")
+    table = {
+        "t": n // 6 * 0.1 + 0.1,
+        "group": pa.DictionaryArray.from_arrays(
+            pa.array((n % 2).astype(np.int32)), pa.array(["red", "blue"])
+        ),
+        "trial": (n % 3).astype(np.int32),
+        **{name: rng.normal(2.0, 0.5, len(n)).astype(np.float32) for name in names},
+    }
+    pq.write_table(pa.table(table), path, compression="zstd", write_page_checksum=True, row_group_size=1000)
+
+
+# ---------------------------------------------------------------- reading
+
+
+class Reader:
+    """Reads damaged files (name of the format, content or None for what lies there); the folder is that of `make`."""
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+        self.read = {}
+        for name, kind in FORMATS.items():
+            values, errors = (_scenario if kind.scenario else _readings)(folder, kind)
+            self.read[name] = (values, errors, _facts(values()))
+
+    def __call__(self, job: tuple[str, bytes | None]) -> Outcome:
+        """The outcome."""
+        name, content = job
+        read, errors, good = self.read[name]
+        if content is not None:
+            (self.folder / FORMATS[name].file).write_bytes(content)
+
+        def call() -> Outcome:
+            found = _facts(read())
+            if FORMATS[name].checked and found != good:
+                return Outcome("silent", "what was read is not what was written", name)
+            return Outcome("accepted")
+
+        return tried(call, errors)
+
+
+def _facts(value: Any) -> Any:
+    """What can be compared of what was read."""
+    if isinstance(value, dict):
+        return {key: _facts(part) for key, part in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_facts(part) for part in value]
+    return (value.dtype, value.shape, value.tobytes()) if isinstance(value, np.ndarray) else value
+
+
+def _readings(folder: Path, kind: Format) -> tuple[Callable[[], Any], tuple]:
+    from taichi_plume.files.readings import ReadingsError, read
+
+    def values() -> Any:
+        readings = read(folder / kind.file)
+        return [readings.t, readings.place, readings.reading, readings.wind, readings.row]
+
+    return values, (ReadingsError,)
+
+
+def _scenario(folder: Path, kind: Format) -> tuple[Callable[[], Any], tuple]:
+    from taichi_plume.files.film import FilmError
+    from taichi_plume.files.wind_points import WindFileError
+    from taichi_plume.prepare import load
+    from taichi_plume.scenario.loading import ScenarioError
+
+    def values() -> Any:
+        _, resources = load(folder / f"{kind.scenario}.yaml")
+        found: list[Any] = []
+        for film in {film.path: film for film in resources.films.values()}.values():
+            names = [*film.wind, *film.gas]
+            found += [film.frame(n, names) for n in range(len(film.times))]
+            found += [
+                film.still(name) for name in sorted(film.arrays) if name.startswith(("open_", "area_", "air"))
+            ]
+            found += [film.times, film.attributes, film.shape, film.dx, film.air().volume]
+        if resources.site:
+            found += [resources.site.read(file).velocity for _, file in resources.site.files]
+            resources.site_air()
+        return found
+
+    return values, (ScenarioError, FilmError, WindFileError)

@@ -1,0 +1,147 @@
+"""Mutated scenarios: ``python -m tests.fuzz.scenarios --mutants 20000 --seed 1 --run 1200``.
+
+Each has to give a scenario, or faults of a line each, within 10 s and 4 GiB; nothing else. `--run SECONDS` takes as
+many of the accepted ones as time allows through their first second, which has to succeed or end with one line. What
+does not is written into the folder `--kept`, and `--repro FILE` tries it again.
+"""
+
+import argparse
+import os
+import shutil
+import sys
+import time
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from tempfile import mkdtemp
+
+from tests.fuzz import bases
+from tests.fuzz.mutate import Mutator
+from tests.fuzz.runs import runner
+from tests.fuzz.watched import Outcome, Worker, told, tried
+
+MEMORY = 4 << 30  # bytes that loading may take
+LIMIT = 10.0  # s
+RUN_MEMORY = 16 << 30  # bytes of addresses, of which Taichi takes many
+RUN_LIMIT = 40.0  # s, for assembling, compiling and a second
+MANY_BUILDS = 25  # simulations after which a process is replaced
+SAME, OTHER = "of the same structure", "of another structure"
+SHORT = 0.4  # s, a warm-up that runs hold too
+
+
+def loader(paths: dict[str, Path]) -> Callable[[tuple[str, str]], Outcome]:
+    """Loads mutants (name of the base, text); `place` tells their structure from the base's. paths: of the bases."""
+    from taichi_plume.prepare import load, load_scenario
+    from taichi_plume.scenario.loading import ScenarioError
+    from taichi_plume.scenario.reset import differences
+
+    known = {name: load_scenario(path) for name, path in paths.items()}
+
+    def work(job: tuple[str, str]) -> Outcome:
+        path = paths[job[0]].with_name("mutant.yml")
+        write(path, job[1])
+
+        def call() -> Outcome:
+            differing = differences(known[job[0]], load(path).scenario)
+            return Outcome("accepted", place=OTHER if differing else SAME)
+
+        return tried(call, (ScenarioError,))
+
+    return work
+
+
+def write(path: Path, text: str) -> None:
+    """Write a mutant; what no UTF-8 can hold is written all the same."""
+    path.write_bytes(text.encode("utf-8", "surrogatepass"))
+
+
+class Fuzzing:
+    """Mutants of a seed, in a folder; those with faults are kept in another."""
+
+    def __init__(self, folder: Path, seed: int, kept: Path | None = None):
+        self.folder, self.kept = folder, kept
+        self.paths = bases.make(folder, SHORT)
+        self.mutator = Mutator({name: path.read_text() for name, path in self.paths.items()}, seed)
+        if kept:
+            kept.mkdir(parents=True, exist_ok=True)
+
+    def _noted(self, n: int, name: str, text: str, outcome: Outcome) -> tuple[str, Outcome]:
+        if self.kept and not outcome.good:
+            write(self.kept / f"{self.mutator.seed}-{n}-{name}.yaml", text)
+        return f"{n} of {name}", outcome
+
+    def loaded(self, numbers: range, accepted: dict[int, str] | None = None) -> Iterator[tuple[str, Outcome]]:
+        """The names of mutants and what came of loading them; accepted: gets the numbers and structures of those."""
+        worker = Worker(partial(loader, self.paths), LIMIT, MEMORY)
+        for n in numbers:
+            name, text = self.mutator.mutant(n)
+            outcome = worker.do((name, text))
+            if outcome.kind == "accepted" and accepted is not None:
+                accepted[n] = outcome.place
+            yield self._noted(n, name, text, outcome)
+        worker.close()
+
+    def run(self, accepted: dict[int, str], seconds: float) -> Iterator[tuple[str, Outcome]]:
+        """What came of the first second of mutants, as many of each base as time allows.
+
+        Those of the base's structure, which take little, get at most half of the time.
+        """
+        os.environ.setdefault("TI_CPU_MAX_NUM_THREADS", "1")
+        end = time.monotonic() + seconds
+        parts = [(name, kind) for name in self.paths for kind in (SAME, OTHER)]
+        for k, (name, kind) in enumerate(parts):
+            worker = Worker(partial(runner, self.paths), RUN_LIMIT, RUN_MEMORY)
+            stop = time.monotonic() + (end - time.monotonic()) / (len(parts) - k)
+            builds = 0
+            for n, structure in accepted.items():
+                if structure != kind or self.mutator.base(n) != name:
+                    continue
+                if time.monotonic() > stop:
+                    break
+                text = self.mutator.mutant(n)[1]
+                outcome = worker.do((name, text))
+                builds += outcome.place != "reset"
+                if builds % MANY_BUILDS == 0 and outcome.place != "reset":
+                    worker.close()
+                yield self._noted(n, name, text, outcome)
+            worker.close()
+
+
+def main() -> int:
+    """The command."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--mutants", type=int, default=2000)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument(
+        "--run", type=float, default=0.0, metavar="SECONDS", help="of wall time, for accepted ones"
+    )
+    parser.add_argument("--kept", type=Path, help="where mutants with faults are kept")
+    parser.add_argument("--repro", type=Path, metavar="FILE", help="load and run this mutant alone")
+    args = parser.parse_args()
+    folder = Path(mkdtemp())
+    fuzzing = Fuzzing(folder, args.seed, args.kept)
+    if args.repro:
+        text = args.repro.read_bytes().decode("utf-8", "surrogatepass")
+        name = args.repro.stem.rpartition("-")[2]
+        name = name if name in fuzzing.paths else min(fuzzing.paths)
+        outcome = loader(fuzzing.paths)((name, text))
+        print(outcome.kind, outcome.text)
+        if outcome.kind == "accepted":
+            outcome = runner(fuzzing.paths)((name, text))
+            print(outcome.kind, outcome.place, outcome.text)
+        return int(not outcome.good)
+    accepted: dict[int, str] = {}
+    numbers = range(args.first, args.first + args.mutants)
+    outcomes = list(fuzzing.loaded(numbers, accepted))
+    print("loaded:", *told(outcomes), sep="\n", flush=True)
+    if args.run:
+        ran = list(fuzzing.run(accepted, args.run))
+        print(f"run, of {len(accepted)}:", *told(ran), sep="\n")
+        outcomes += ran
+    shutil.rmtree(folder, ignore_errors=True)
+    return int(any(not outcome.good for _, outcome in outcomes))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
