@@ -97,19 +97,14 @@ def _what_is_shared(content: dict[str, Any]) -> list[tuple[str, str]]:
     searched = [group for group in groups if group["trials"] > 1]
     by = {group["trials_differ_by"] for group in searched}
     if by - {"nothing"}:
-        differ = "starts and chance" if "starts and chance" in by else "chance"
-        told = {
-            "chance": "what robots draw by chance",
-            "starts and chance": "starts and what robots draw by chance",
-        }
+        differ = "what robots draw by chance differs"
+        differ = f"starts and {differ[:-1]}" if "starts and chance" in by else differ
         others = (
             "intervals say nothing of other airs, which other seeds make"
             if groups[0]["air_by_chance"]
             else "nothing random is in the air itself: other seeds make the same"
         )
-        lines.append(
-            ("one air", f"wind and gas are the same for all trials; only {told[differ]} differ; {others}")
-        )
+        lines.append(("one air", f"wind and gas are the same for all trials; only {differ}; {others}"))
     for group in searched:
         if group["trials_differ_by"] == "nothing":
             lines.append(
