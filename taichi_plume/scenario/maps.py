@@ -11,6 +11,7 @@ from taichi_plume.scenario.vocabulary import COMPILED, Count, Delay, Duration, L
 MOST_CELLS = 4_000_000
 LOG_SNAPS = 120  # of a whole log, at most; a log of ten minutes has so many of 5 s
 LOG_BYTES = 1e9  # of the snaps of a whole log, at most
+LOG_WORK = 3e10  # of a whole log: terms of sums, at most; some seconds
 MOST_FIELD_COLUMN = 400  # cells: its third power is the work of an update
 
 
@@ -85,12 +86,16 @@ class TimeSeriesMap(Snaps):
         """Age may take half of the neighbourhood. What is oldest still counts half as far around as what is new, and
         there what is new counts most. Of a long log, or a large floor, the snaps are longer.
         """
-        snaps = LOG_SNAPS
+        snaps = min(LOG_SNAPS, ceil(duration / self.window) or 1)
+        terms = prod(extent / self.cell for extent in size) * (
+            1.0 + (self.beta / self.alpha / self.cell) ** 2
+        )
         while True:
             window = max(self.window, duration / snaps)
             reach = window * (ceil(duration / window) + 1)
             chosen = {"window": window, "time_scale": 0.5 * self.beta / ((1.0 - self.alpha) * reach)}
-            if snaps == 1 or self.model_copy(update=chosen).bytes(size) <= LOG_BYTES:
+            most = self.model_copy(update=chosen).bytes(size) <= LOG_BYTES and terms * snaps**2 <= LOG_WORK
+            if most or snaps == 1:
                 return chosen
             snaps //= 2
 
