@@ -90,6 +90,12 @@ class GasMap:
         """Take in the readings at time t [s], the end of a tick of dt [s]."""
         raise NotImplementedError
 
+    def remembered(self, t: np.ndarray, place: np.ndarray, dt: float) -> np.ndarray:
+        """What share of the weight that they had when fresh readings of times (n,) [s] at places (n, 2) [m] on the map
+        still have in it, (n,); 0 where they count no more, NaN where a kind does not tell. dt: as of `update`.
+        """
+        return np.full(len(t), np.nan)
+
     def estimate(self) -> np.ndarray:
         """Concentration [ppm], (trials, nx, ny); NaN where nothing is known."""
         raise NotImplementedError
@@ -110,10 +116,18 @@ def ratio(numerator: np.ndarray, denominator: np.ndarray) -> np.ndarray:
     return np.where(known, numerator / np.where(known, denominator, 1), np.nan)
 
 
+def window_of(t: np.ndarray | float, window: float, dt: float) -> np.ndarray:
+    """Number, from 0 on, of the window [s] to which readings at times t [s] belong: the one they end, if they end one.
+
+    dt: ticks [s].
+    """
+    return np.maximum(np.ceil((np.asarray(t) - 1e-6 * dt) / window), 1.0).astype(int) - 1
+
+
 def windows(t: float, window: float, dt: float) -> tuple[int, int]:
     """How many windows [s] had ended before the readings at time t [s], and have with them; dt: ticks [s]."""
     slack = 1e-6 * dt  # t carries rounding
-    return ceil((t - slack) / window) - 1, floor((t + slack) / window)
+    return int(window_of(t, window, dt)), floor((t + slack) / window)
 
 
 @ti.func

@@ -24,7 +24,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from taichi_plume.agents.few import few
-from taichi_plume.agents.gas_map import Floor, GasMap, Readers, cell_of, counts, windows
+from taichi_plume.agents.gas_map import Floor, GasMap, Readers, cell_of, counts, window_of, windows
 from taichi_plume.grid.grid import centers
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import reader
@@ -80,6 +80,10 @@ class MarkovMap(GasMap):
     def variance(self) -> np.ndarray:
         """How far the mean may be off [ppm²], (trials, nx, ny); NaN where no reading reaches."""
         return self._solution()[1]
+
+    def remembered(self, t: np.ndarray, place: np.ndarray, dt: float) -> np.ndarray:
+        """See `GasMap`."""
+        return np.minimum(self._share((window_of(t, self.model.window, dt) + 1.0) * self.model.window), 1.0)
 
     def weight(self) -> np.ndarray:
         """1 / variance [1/ppm²], (trials, nx, ny)."""

@@ -128,6 +128,10 @@ class KernelMap(GasMap):
         prior = ratio(totals[:, 2] + deviation.sum(axis=1, dtype=float), totals[:, 0])
         return self._blend(weights, squares, prior)
 
+    def remembered(self, t: np.ndarray, place: np.ndarray, dt: float) -> np.ndarray:
+        """See `GasMap`."""
+        return np.exp(-self.fading * (self.time - t))
+
     def weight(self) -> np.ndarray:
         """The confidence α, from 0 to 1, (trials, nx, ny)."""
         return self._trust(self._sums()[1])

@@ -23,7 +23,7 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume.agents.few import few
-from taichi_plume.agents.gas_map import Floor, GasMap, Readers, counts, ratio, shape, windows
+from taichi_plume.agents.gas_map import Floor, GasMap, Readers, counts, ratio, shape, window_of, windows
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import reader
 from taichi_plume.scenario import maps as models
@@ -171,6 +171,15 @@ class SnapMap(GasMap):
     def update(self, swarm: Readers, t: float, dt: float) -> None:
         """Take in the readings at time t [s]."""
         self.snaps.update(swarm, t, dt)
+
+    def remembered(self, t: np.ndarray, place: np.ndarray, dt: float) -> np.ndarray:
+        """See `GasMap`; what the running snap has is as fresh as that of the last."""
+        lag = np.maximum(self.snaps.ended - window_of(t, self.snaps.window, dt), 1)
+        return self.remembered_of(lag, place)
+
+    def remembered_of(self, lag: np.ndarray, place: np.ndarray) -> np.ndarray:
+        """The same of readings that were taken so many snaps ago, the last being 1."""
+        raise NotImplementedError
 
     def close(self) -> None:
         """A snap has ended: judge its forecast, then make the next."""

@@ -36,6 +36,8 @@ class TimeSeriesMap(SnapMap):
         super().__init__(model, floor, snaps)
         neighbours = neighbourhood(model, max(self.shape) - 1)
         self.depth = max(lag for lag, *_ in neighbours)
+        # Σ U of the cells so many snaps back, from 0 on
+        self.total = np.bincount([lag for lag, *_ in neighbours], [U for *_, U in neighbours])
         if model.raw_samples:
             return
         # By its symmetry a quadrant is enough; what lies on an axis is met twice, at the origin four times.
@@ -57,6 +59,17 @@ class TimeSeriesMap(SnapMap):
         if model.raw_samples:
             return Needs(kept=depth + 1)
         return Needs(depth=depth, margin=max(max(abs(x), abs(y)) for _, x, y, _ in neighbours))
+
+    def remembered_of(self, lag: np.ndarray, place: np.ndarray) -> np.ndarray:
+        """By Σ U over the neighbourhood; with samples for cells, by U in the cell that is nearest to the place."""
+        if not self.model.raw_samples:
+            return np.where(lag <= self.depth, self.total[np.minimum(lag, self.depth)] / self.total[1], 0.0)
+        cell = np.minimum(place // self.cell, np.array(self.shape) - 1)
+        way = self.model.alpha * np.linalg.norm(place - (cell + 0.5) * self.cell, axis=-1)
+        fresh, now = (
+            way + (1 - self.model.alpha) * self.model.time_scale * n * self.window for n in (1, lag)
+        )
+        return np.where(now < self.model.beta - BORDER, fresh / now, 0.0)
 
     def _forecast(self) -> None:
         model, snaps = self.model, self.snaps

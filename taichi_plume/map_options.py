@@ -89,7 +89,10 @@ def _options(end: str) -> _Parser:
 def _kinds() -> str:
     """The kinds of maps, each with what it is."""
     lines = [_item(kind, (model.__doc__ or "").strip()) for kind, model in KINDS.items()]
-    return "\n".join(["kinds of maps; --kind KIND --help tells the parameters of one:", *lines])
+    whole = "unless its parameters say for how long readings count, as those of online maps do."
+    return "\n".join(
+        ["kinds of maps; --kind KIND --help tells the parameters of one:", *lines, "", _whole_log(whole)]
+    )
 
 
 def _parameters(model: Map) -> str:
@@ -98,8 +101,17 @@ def _parameters(model: Map) -> str:
     for name, field in type(model).model_fields.items():
         if name != "kind":
             default = "" if field.default is None else f" (default: {json.dumps(field.default)})"
+            if name in model.times:
+                default = " (default: such that nothing of the log is forgotten)"
             lines.append(_item(name, " ".join(meanings(type(model)).get(name, "").split()) + default))
+    if model.times:
+        how = " ".join((model.of_log.__doc__ or "").split())
+        lines += ["", _whole_log(f"unless {' or '.join(model.times)} is given. {how}")]
     return "\n".join(lines)
+
+
+def _whole_log(text: str) -> str:
+    return textwrap.fill(f"The map is of the whole log {text}", 100)
 
 
 def _item(name: str, text: str) -> str:

@@ -69,7 +69,8 @@ class MapSeries:
         return self._of(name)[:, 1:]
 
     def _of(self, name: str) -> np.ndarray:
-        return self.rows.values.reshape(len(self.rows), len(NAMES), 1 + len(self.parts))[:, NAMES.index(name)]
+        shape = len(self.rows), len(NAMES), 1 + len(self.parts)
+        return self.rows.values.reshape(shape)[:, NAMES.index(name)]
 
     def sample(self, sim: Simulation, gas: np.ndarray) -> None:
         """Take in the true gas [ppm], (nx, ny), and the readings and, where a snap has ended, score the map."""

@@ -90,14 +90,14 @@ def map_score(estimate: np.ndarray, truth: np.ndarray) -> MapScore:
 def peak_distance(estimate: np.ndarray, cell: float, sources: np.ndarray) -> np.ndarray:
     """Distance [m] from the peaks of maps (trials, nx, ny) to the nearest of the sources (m, 2) [m], (trials,).
 
-    NaN where a map knows nothing or there is no source.
+    NaN where a map knows of no gas or there is no source.
     """
     trials, _, ny = estimate.shape
-    known = np.isfinite(estimate)
-    peak = np.where(known, estimate, -np.inf).reshape(trials, -1).argmax(axis=1)
+    estimate = np.nan_to_num(estimate).reshape(trials, -1)
+    peak = estimate.argmax(axis=1)
     place = (np.stack([peak // ny, peak % ny], axis=-1) + 0.5) * cell
     apart = np.linalg.norm(place[:, None] - sources, axis=-1).min(axis=1, initial=np.inf)
-    return np.where(known.any(axis=(1, 2)) & np.isfinite(apart), apart, np.nan)
+    return np.where((estimate.max(axis=1) > 0.0) & np.isfinite(apart), apart, np.nan)
 
 
 @dataclass(frozen=True)

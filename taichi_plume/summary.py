@@ -81,7 +81,7 @@ def _group_line(group: dict[str, Any]) -> str:
         text += f", in {sum(trials['success'])} of {n} trials at least one"
     if any(trials["success"]):
         text += f"; the first after {group['median_time_s']:.1f} s and {group['median_path_m']:.2f} m"
-        text += " (median)" if n > 1 else ""
+        text += " (median of these)" if n > 1 else ""
     if n > 1 and group["trials_differ_by"] != "nothing":
         rate = group["summary"]["success_rate"]
         text += (
@@ -94,22 +94,17 @@ def _group_line(group: dict[str, Any]) -> str:
 def _what_is_shared(content: dict[str, Any]) -> list[tuple[str, str]]:
     """What keeps figures from telling what they seem to tell: trials of one air, groups of one arena."""
     lines, groups = [], content["groups"]
-    searched = [group for group in groups if group["trials"] > 1]
+    searched = [group for group in groups if group["trials"] > 1 and not group["no_search"]]
     by = {group["trials_differ_by"] for group in searched}
     if by - {"nothing"}:
-        differ = "starts and chance" if "starts and chance" in by else "chance"
-        told = {
-            "chance": "what robots draw by chance",
-            "starts and chance": "starts and what robots draw by chance",
-        }
+        differ = "what robots draw by chance differs"
+        differ = f"starts and {differ[:-1]}" if "starts and chance" in by else differ
         others = (
             "intervals say nothing of other airs, which other seeds make"
             if groups[0]["air_by_chance"]
             else "nothing random is in the air itself: other seeds make the same"
         )
-        lines.append(
-            ("one air", f"wind and gas are the same for all trials; only {told[differ]} differ; {others}")
-        )
+        lines.append(("one air", f"wind and gas are the same for all trials; only {differ}; {others}"))
     for group in searched:
         if group["trials_differ_by"] == "nothing":
             lines.append(

@@ -88,13 +88,14 @@ class FakeSwarm:
     clearance = SimpleNamespace(distance_at=lambda points: np.ones(points.shape[:-1]))
 
     def __post_init__(self) -> None:
-        start = 0
+        start = row = 0
         for model in self.scenario.robots:
             group = SimpleNamespace(
-                name=model.name, start=start, count=model.count, trials=model.trials, model=model, row=0
+                name=model.name, start=start, count=model.count, trials=model.trials, model=model, row=row
             )
             self.groups.append(group)
             start += model.count * model.trials
+            row += model.trials if self.scenario.rivals else 0
         self.count = start
 
     def all_found(self) -> bool:
@@ -141,7 +142,8 @@ class FakeMap:
         self.kind, self.cell, self.sim, self.window = kind, cell, sim, None
         lx, ly = sim.grid.extent[:2]
         self.shape = (round(lx / cell), round(ly / cell))
-        self.trials = sim.scenario.robots[0].trials
+        trials = [group.trials for group in sim.scenario.robots]
+        self.trials = sum(trials) if sim.scenario.rivals else max(trials)
         self.seen = np.zeros(self.shape, bool)
         self.errors = Series(self.trials)
 

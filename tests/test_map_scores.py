@@ -151,13 +151,14 @@ def test_cells_that_no_robot_can_measure_do_not_count():
 
 
 def test_peaks():
-    estimate = np.full((3, 4, 2), np.nan)
+    estimate = np.full((4, 4, 2), np.nan)
+    estimate[3] = 0.0
     estimate[0, 3, 1] = 5.0
     estimate[0, 0, 0] = 4.0
-    estimate[1, 1, 0] = 0.0
+    estimate[1, 1, 0] = 0.2
     distance = scores.peak_distance(estimate, 0.5, np.array([[1.75, 0.75], [0.0, 0.25]]))
     assert distance[:2] == pytest.approx([0.0, 0.75])
-    assert np.isnan(distance[2])
+    assert np.isnan(distance[2:]).all(), "nothing known, and no gas known"
     assert np.isnan(scores.peak_distance(estimate, 0.5, np.zeros((0, 2)))).all()
 
 

@@ -71,7 +71,12 @@ def recorded(tmp_path_factory):
 def test_readings_of_a_run_give_the_maps_of_the_run(recorded, number):
     scenario, table, told = recorded
     estimate, weight, variance, errors = told[number]
-    gas_map = maps.map_of(maps.read(table, trial=1), scenario.maps[number], (2.0, 1.5))
+    model = scenario.maps[number]
+    written = type(model).model_validate(
+        model.model_dump()
+    )  # with all defaults, as in the scenario.yaml of a run
+    gas_map = maps.map_of(maps.read(table, trial=1), written, (2.0, 1.5))
+    assert gas_map.scores["chosen_for_the_log"] == {}
     assert np.isfinite(estimate).any()
     np.testing.assert_array_equal(gas_map.estimate, estimate)
     np.testing.assert_array_equal(gas_map.weight, weight)
@@ -88,7 +93,7 @@ def test_readings_of_a_run_give_the_maps_of_the_run(recorded, number):
 @pytest.mark.parametrize("number", [0, 1])
 def test_the_command_writes_map_picture_and_scores(recorded, number, tmp_path, capsys):
     _, table, told = recorded
-    options = ("{kind: time_series, alpha: 0.9}", "{kind: kernel_dmv, cell: 10 cm, wind_stretch: 0.25}")[
+    options = ("{kind: time_series, window: 5}", "{kind: kernel_dmv, cell: 10 cm, wind_stretch: 0.25}")[
         number
     ]
     out = tmp_path / "out"
@@ -120,7 +125,7 @@ def test_even_readings_make_an_even_map_whatever_the_clock_says(tmp_path):
     rows = [(begin + k, *rng.uniform(0.0, 1.0, 2).round(3), 12.5) for k in range(40)]
     rows += [(begin + 4.0, 7.0, 0.5, 99.0), (begin + 4.0, 0.5, 0.5, "nan"), (begin + 5.0, 0.5, 0.5, "inf")]
     readings = maps.read(log(tmp_path / "a.csv", rows))
-    gas_map = maps.map_of(readings, InverseDistanceMap(kind="inverse_distance"), (1.0, 1.0))
+    gas_map = maps.map_of(readings, InverseDistanceMap(kind="inverse_distance", window=5.0), (1.0, 1.0))
     np.testing.assert_allclose(gas_map.estimate, 12.5, rtol=1e-6)
     assert gas_map.scores["forecast_error_ppm"] == pytest.approx(0.0, abs=1e-5)
     assert gas_map.scores["forecast"]["time_s"][0] == pytest.approx(1.7e9 + 10.0)
@@ -175,7 +180,9 @@ def test_the_last_readings_are_in_the_map(tmp_path):
     """A snap that the log does not end: 10 s of 5 ppm, then 2 s of 80."""
     rows = [(0.5 * k, 0.5, 0.5, 5.0 if k <= 20 else 80.0) for k in range(1, 25)]
     gas_map = maps.map_of(
-        maps.read(log(tmp_path / "a.csv", rows)), InverseDistanceMap(kind="inverse_distance"), (1.0, 1.0)
+        maps.read(log(tmp_path / "a.csv", rows)),
+        InverseDistanceMap(kind="inverse_distance", window=5.0),
+        (1.0, 1.0),
     )
     np.testing.assert_allclose(gas_map.estimate, 80.0, rtol=1e-6)
     assert gas_map.scores["forecast"] == {"time_s": [10.0], "error_ppm": [pytest.approx(0.0, abs=1e-5)]}
@@ -210,7 +217,9 @@ def test_times_that_all_but_agree_need_no_more_room(tmp_path, monkeypatch):
     monkeypatch.setattr("taichi_plume.agents.mapping.mappers", spy)
     rows = [(k + late, 0.5, 0.5, 5.0 + k) for k in range(1, 12) for late in (0.0, 1e-7, 3e-6)]
     gas_map = maps.map_of(
-        maps.read(log(tmp_path / "a.csv", rows)), InverseDistanceMap(kind="inverse_distance"), (1.0, 1.0)
+        maps.read(log(tmp_path / "a.csv", rows)),
+        InverseDistanceMap(kind="inverse_distance", window=5.0),
+        (1.0, 1.0),
     )
     assert made[0].snaps.samples.shape[2] < 50
     np.testing.assert_allclose(gas_map.estimate, (15 + 3 * 16) / 4, rtol=1e-6)  # from 10.000003 s on
@@ -390,7 +399,15 @@ def test_what_lies_in_the_folder_is_kept_unless_by_force(tmp_path, capsys):
 
 def test_readings_that_are_too_old_make_an_empty_map(tmp_path, capsys):
     path = log(tmp_path / "a.csv", [(1, 0.5, 0.5, 5.0), (99, 0.5, 0.5, "nan")])
-    command = ["--kind", "gmrf", str(path), "--size", "1", "1", "--out", str(tmp_path / "out")]
+    command = [
+        "--map={kind: gmrf, memory: 60}",
+        str(path),
+        "--size",
+        "1",
+        "1",
+        "--out",
+        str(tmp_path / "out"),
+    ]
     assert maps.main(command) == 0
     assert capsys.readouterr().out.startswith("knows no cell")
     scores = json.loads((tmp_path / "out" / "scores.json").read_text())

@@ -1,7 +1,7 @@
 """The maps of a scenario: what is told of each kind of online gas map."""
 
-from math import prod, sqrt
-from typing import Annotated, ClassVar, Literal
+from math import ceil, prod, sqrt
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
@@ -9,15 +9,26 @@ from taichi_plume.scenario.quantities import fault, round_up
 from taichi_plume.scenario.vocabulary import COMPILED, Count, Delay, Duration, Length, Model, Positive
 
 MOST_CELLS = 4_000_000
+LOG_SNAPS = 120  # of a whole log, at most; a log of ten minutes has so many of 5 s
+LOG_BYTES = 1e9  # of the snaps of a whole log, at most
+LOG_WORK = 3e10  # of a whole log: terms of sums, at most; some seconds
 MOST_FIELD_COLUMN = 400  # cells: its third power is the work of an update
 
 
 class AnyMap(Model):
     """What is asked of every map."""
 
+    times: ClassVar[tuple[str, ...]] = ()
+    """Keys that say for how long readings count. A map of a log chooses them, unless one of them is given."""
     kind: str
     cell: Length
     """Edge of the cells [m]."""
+
+    def of_log(self, duration: float, size: tuple[float, float]) -> dict[str, Any]:
+        """What `times` have to be for a map of a log, on a floor of that size [m], that forgets nothing of its
+        `duration` [s]; nothing where it does not forget anyway.
+        """
+        return {}
 
     def bytes(self, size: tuple[float, ...]) -> float:
         """About what it needs of memory on a floor of that size [m], and trial: its fields, and what solves it."""
@@ -59,6 +70,7 @@ class TimeSeriesMap(Snaps):
     """Distance that a second of age counts as [m/s]."""
     raw_samples: bool = False
     """Whether the neighbourhood is one of samples, rather than of interpolated cells."""
+    times: ClassVar[tuple[str, ...]] = ("window", "time_scale")
 
     @model_validator(mode="after")
     def _has_neighbours(self) -> "TimeSeriesMap":
@@ -69,6 +81,23 @@ class TimeSeriesMap(Snaps):
                 {"age": f"{age:g}", "beta": f"{self.beta:g}"},
             )
         return self
+
+    def of_log(self, duration: float, size: tuple[float, float]) -> dict[str, Any]:
+        """Age may take half of the neighbourhood. What is oldest still counts half as far around as what is new, and
+        there what is new counts most. Of a long log, or a large floor, the snaps are longer.
+        """
+        snaps = min(LOG_SNAPS, ceil(duration / self.window) or 1)
+        terms = prod(extent / self.cell for extent in size) * (
+            1.0 + (self.beta / self.alpha / self.cell) ** 2
+        )
+        while True:
+            window = max(self.window, duration / snaps)
+            reach = window * (ceil(duration / window) + 1)
+            chosen = {"window": window, "time_scale": 0.5 * self.beta / ((1.0 - self.alpha) * reach)}
+            most = self.model_copy(update=chosen).bytes(size) <= LOG_BYTES and terms * snaps**2 <= LOG_WORK
+            if most or snaps == 1:
+                return chosen
+            snaps //= 2
 
     def bytes(self, size: tuple[float, ...]) -> float:
         """With the cells of the snaps that are near enough in time, around each."""
@@ -83,12 +112,18 @@ class TimeSeriesMap(Snaps):
 class InverseDistanceMap(Snaps):
     """Inverse-distance interpolation of each snap's readings (Marjovi & Marques, ICRA 2014, eq 1-3)."""
 
+    times: ClassVar[tuple[str, ...]] = ("window",)
     kind: Literal["inverse_distance"]  # type: ignore[assignment]
+
+    def of_log(self, duration: float, size: tuple[float, float]) -> dict[str, Any]:
+        """All readings are of one snap."""
+        return {"window": max(self.window, duration)}
 
 
 class KernelMap(AnyMap):
     """Mean and variance by Gaussian weights (Kernel DM+V: Lilienthal et al., IROS 2009)."""
 
+    times: ClassVar[tuple[str, ...]] = ("memory",)
     kind: Literal["kernel_dmv"]  # type: ignore[assignment]
     cell: Annotated[Length, COMPILED] = 0.1
     """Edge of the cells [m]."""
@@ -107,6 +142,10 @@ class KernelMap(AnyMap):
     exact: Count = 2000
     """Latest readings of a trial for which the variance is reckoned anew as the mean changes."""
 
+    def of_log(self, duration: float, size: tuple[float, float]) -> dict[str, Any]:
+        """All readings count alike."""
+        return {}
+
     def bytes(self, size: tuple[float, ...]) -> float:
         """With the latest readings."""
         return super().bytes(size) + 70.0 * self.exact
@@ -115,6 +154,7 @@ class KernelMap(AnyMap):
 class MarkovMap(AnyMap):
     """Gaussian Markov random field with obstacles (Monroy et al., Autonomous Robots 2016)."""
 
+    times: ClassVar[tuple[str, ...]] = ("memory",)
     kind: Literal["gmrf"]  # type: ignore[assignment]
     cell: Annotated[Length, COMPILED] = 0.1
     """Edge of the cells [m]."""
@@ -126,6 +166,10 @@ class MarkovMap(AnyMap):
     """Age at which a reading counts no more, after steady loss [s]; null: readings count for ever."""
     window: Duration = 1.0
     """Time between updates [s]; readings within it are of the same age."""
+
+    def of_log(self, duration: float, size: tuple[float, float]) -> dict[str, Any]:
+        """All readings count alike."""
+        return {"memory": None}
 
     def bytes(self, size: tuple[float, ...]) -> float:
         """With a block of its matrix for each column."""

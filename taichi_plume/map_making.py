@@ -1,0 +1,182 @@
+"""Gas maps made of recorded readings, by the very maps that robots make online.
+
+Online a map forgets, so that it follows the gas. A map of a log is asked what the log tells: unless the model says one
+of its `times` (window, memory and the like), these are chosen so that nothing of the log is forgotten.
+"""
+
+from dataclasses import dataclass
+from math import ceil, isfinite
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from taichi_plume.files.readings import Readings, ReadingsError
+
+if TYPE_CHECKING:
+    from taichi_plume.scenario.maps import Map
+
+MOST_WINDOWS = 100_000  # more, at 5 s six days, is a clock that jumped
+FINEST = 6  # decimals of a time [s] that count: a Unix time has no more
+FORGOTTEN = 1e-3  # share of its weight that a reading has left when it counts as forgotten
+
+
+@dataclass(frozen=True)
+class GasMap:
+    """A finished map: estimate [ppm], weight and variance [ppm²] or None, (nx, ny), with cells of `cell` [m].
+
+    estimate and variance are NaN where nothing is known. scores:
+
+        kind, readings, left_out    of the map; how many went into it, and how many are no number or off the floor
+        forgotten                   of those that went into it: have less than FORGOTTEN of their weight left at the end
+        chosen_for_the_log          parameters, so that nothing is forgotten (see `of_log`)
+        known_fraction              share of the cells that have an estimate
+        peak                        x_m, y_m and ppm of the largest estimate; to_source_m, if sources are known
+        forecast_error_ppm          mean of eq 8 (see agents/snaps), from 30 s after the first reading on; or None
+        forecast                    time_s and error_ppm of each snap that was forecast
+        nlpd, nlpd_median           of the readings of each snap, or PERIOD, by the map before them (see map_scores); or
+                                    None, where the map tells no variance
+    """
+
+    cell: float
+    estimate: np.ndarray
+    weight: np.ndarray
+    variance: np.ndarray | None
+    scores: dict[str, Any]
+
+
+def map_of(
+    readings: Readings, model: "Map", size: tuple[float, float], sources: np.ndarray | None = None
+) -> GasMap:
+    """The map of readings on a floor of this size [m]; Taichi must have been started. sources: (m, 2) [m], if known.
+
+    Snaps are cut at multiples of their window since the time 0, those whose window is chosen from the first reading on;
+    those before the first reading are left out. At the end the running snap goes into the map as well, but its forecast
+    is not judged. Raises ReadingsError.
+    """
+    from taichi_plume.scores import PERIOD, forecast_error, peak_distance
+    from taichi_plume.simulation import Uncertain
+
+    fault = model.too_fine("--map", size)
+    if fault:
+        raise ReadingsError(fault)
+    counted = _counted(readings, size)
+    _check_clock(readings, model.window or PERIOD)
+    model, chosen = of_log(model, readings, size)
+    window = model.window or PERIOD
+    begin = readings.t[0]
+    if "window" not in chosen:
+        begin = window * np.floor((begin + 0.5 * 10.0**-FINEST) / window)
+    t = np.round(readings.t - begin, FINEST)
+    gas_map, dt, nlpd = _made(readings, t, model, size)
+    errors = [(time, error) for time, error in gas_map.errors if time <= t[-1] + 10.0**-FINEST]
+    estimate, weight = np.asarray(gas_map.estimate()), np.asarray(gas_map.weight())
+    settled = float(forecast_error(errors, 1, t[0])[0])
+    left = gas_map.remembered(t[counted], readings.place[counted], dt)
+    peak = _peak(estimate[0], gas_map.cell)
+    if sources is not None:
+        peak["to_source_m"] = float(peak_distance(estimate, gas_map.cell, sources)[0])
+    scores = {
+        "kind": model.kind,
+        "readings": int(counted.sum()),
+        "forgotten": None if np.isnan(left).any() else int((left < FORGOTTEN).sum()),
+        "left_out": int((~counted).sum()),
+        "chosen_for_the_log": chosen,
+        "known_fraction": float(np.isfinite(estimate).mean()),
+        "peak": peak,
+        "forecast_error_ppm": settled if isfinite(settled) else None,
+        "forecast": {
+            "time_s": [float(time + begin) for time, _ in errors],
+            "error_ppm": [float(error[0]) for _, error in errors],
+        },
+        "nlpd": float(nlpd.mean()) if nlpd.size else None,
+        "nlpd_median": float(np.median(nlpd)) if nlpd.size else None,
+    }
+    variance = np.asarray(gas_map.variance())[0] if isinstance(gas_map, Uncertain) else None
+    return GasMap(gas_map.cell, estimate[0], weight[0], variance, scores)
+
+
+def of_log(model: "Map", readings: Readings, size: tuple[float, float]) -> tuple["Map", dict[str, Any]]:
+    """The model with which a map on a floor of this size [m] forgets none of the readings, and what was chosen for it:
+    nothing where the model says one of its `times`.
+    """
+    if model.model_fields_set & set(model.times):
+        return model, {}
+    chosen = model.of_log(float(np.round(readings.t[-1] - readings.t[0], FINEST)), size)
+    return model.model_copy(update=chosen), chosen
+
+
+def _made(
+    readings: Readings, t: np.ndarray, model: "Map", size: tuple[float, float]
+) -> tuple[Any, float, np.ndarray]:
+    """The map of readings of times t [s], its tick [s], and how each reading surprised it (see map_scores)."""
+    from taichi_plume.agents.gas_map import Floor
+    from taichi_plume.agents.mapping import mappers
+    from taichi_plume.agents.recorded import RecordedTeam
+    from taichi_plume.scores import PERIOD, Prediction
+
+    times, starts, robots = np.unique(t, return_index=True, return_counts=True)
+    most, window = int(robots.max()), model.window or PERIOD
+    team = RecordedTeam(most)
+    dt = window / ceil(np.bincount(_number(t, window)).max() / most)  # maps have room for so many readings
+    gas_map = mappers([model], Floor(size, 1, most, dt))[0]
+
+    def take_in(first: int, last: int, time: float) -> None:
+        rows = slice(first, last)
+        team.show(readings.place[rows], readings.wind[rows], readings.reading[rows])
+        gas_map.update(team, time, dt)
+
+    period = gas_map.window or PERIOD
+    prediction, ended, surprises = None, 0, [np.empty(0)]
+    for time, number, first, count in zip(times, _number(times, period), starts, robots, strict=True):
+        last = first + count
+        if number > ended:
+            ended = number
+            take_in(0, 0, ended * period)
+            prediction = Prediction.of(gas_map, size)
+        if prediction:
+            surprises.append(prediction.surprise(0, readings.place[first:last], readings.reading[first:last]))
+        take_in(first, last, float(time))
+    if model.window is not None:
+        take_in(0, 0, float(_number(times[-1], window) + 1) * window)
+    nlpd = np.concatenate(surprises)
+    return gas_map, dt, nlpd[np.isfinite(nlpd)]
+
+
+def _number(t: np.ndarray, window: float) -> np.ndarray:
+    """Number, from 0 on, of the window that a time [s] belongs to: the one it ends, if it ends one."""
+    return np.maximum(np.ceil(t / window - 1e-9), 1.0).astype(int) - 1
+
+
+def _counted(readings: Readings, size: tuple[float, float]) -> np.ndarray:
+    """Which readings go into a map of this size [m]."""
+    told = np.isfinite(readings.reading)
+    if not told.any():
+        raise ReadingsError(f"none of the {len(told)} readings is a number")
+    counted = ((readings.place >= 0.0) & (readings.place <= size)).all(axis=1) & told
+    if not counted.any():
+        low, high = readings.place[told].min(axis=0), readings.place[told].max(axis=0)
+        raise ReadingsError(
+            f"no reading lies on the floor of {size[0]:g} x {size[1]:g} m from the origin on; they reach from "
+            f"({low[0]:g}, {low[1]:g}) to ({high[0]:g}, {high[1]:g}) m"
+        )
+    return counted
+
+
+def _check_clock(readings: Readings, window: float) -> None:
+    t = readings.t - readings.t[0]
+    if t[-1] / window <= MOST_WINDOWS:
+        return
+    n = int(np.diff(t).argmax()) + 1
+    raise ReadingsError(
+        f"row {readings.row[n]}: t = {readings.t[n]:.10g} s is {t[n] - t[n - 1]:.3g} s after the time before it: a map "
+        f"takes {MOST_WINDOWS} windows of {window:g} s; correct the clock or cut the log"
+    )
+
+
+def _peak(estimate: np.ndarray, cell: float) -> dict[str, float | None]:
+    """Where the largest estimate is [m], and how large [ppm]; None where the map knows nothing, or of no gas."""
+    known = np.isfinite(estimate).any()
+    if not known or np.nanmax(estimate) <= 0.0:
+        return {"x_m": None, "y_m": None, "ppm": 0.0 if known else None}
+    i, j = np.unravel_index(np.nanargmax(estimate), estimate.shape)
+    return {"x_m": (float(i) + 0.5) * cell, "y_m": (float(j) + 0.5) * cell, "ppm": float(estimate[i, j])}

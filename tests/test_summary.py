@@ -1,0 +1,198 @@
+"""What a run says of itself when it ends: nothing that its figures do not tell, in result.json and in words."""
+
+import json
+from typing import Any
+
+import fake_run
+import numpy as np
+import pytest
+
+from taichi_plume import scores, summary
+from taichi_plume.files import result
+from taichi_plume.map_scores import MapScores
+
+pytestmark = pytest.mark.usefixtures("taichi")
+
+AREA = {"kind": "area", "low": [3, 0.5], "high": [3.8, 2.5]}
+PLACED = {"kind": "positions", "positions": [[3.0, 1.0]], "heading_deg": 0}
+
+
+def group(name: str, **keys: Any) -> dict[str, Any]:
+    return {"name": name, "count": 1, "start": AREA, "algorithm": {"kind": "casting"}} | keys
+
+
+def told_of(sim: Any, status: str = "completed") -> tuple[dict[str, Any], dict[str, str]]:
+    """What a run comes to, as read from its result.json, and the lines of its summary."""
+    judge = MapScores(sim)
+    sim.observers.append(judge.observer())
+    if status == "completed":
+        sim.run()
+    content = result.result(sim, status, "", "cpu", judge)
+    lines = summary.summary(content)
+    assert len(dict(lines)) == len(lines), "no two lines of one name"
+    assert "nan" not in str(lines).lower()
+    return json.loads(json.dumps(result.plain(content), allow_nan=False)), dict(lines)
+
+
+def run(**changes: Any) -> tuple[dict[str, Any], dict[str, str]]:
+    return told_of(fake_run.simulation(fake_run.scenario(2, **{"duration": 9, **changes})))
+
+
+RIVALS = [group("casters", trials=2), group("sweepers", trials=3, algorithm={"kind": "sweep"})]
+
+
+def test_maps_of_rivals_are_scored_by_name():
+    sim: Any = fake_run.simulation(fake_run.scenario(2, duration=11, robots=RIVALS, rivals=True))
+    fake = sim.maps[0]
+    half, off = fake.estimate, np.array([0.0, 2.0, 10.0, 20.0, 30.0])[:, None, None]
+    fake.estimate = lambda: half() + off
+    content, lines = told_of(sim)
+    one, other = content["maps"]
+    assert {"mae_ppm", "per_trial", "mean_gas", "forecast"}.isdisjoint(one), "no mean over groups"
+    casters, sweepers = one["groups"]
+    assert (casters["name"], sweepers["name"]) == ("casters", "sweepers")
+    estimate, truth = fake.estimate(), scores.true_gas(sim, fake.cell, fake.shape)
+    errors = [np.nanmean(np.abs(trial - truth)) for trial in estimate]
+    assert casters["per_trial"]["mae_ppm"] == pytest.approx(errors[:2], rel=1e-5)
+    assert casters["mae_ppm"] == pytest.approx(np.mean(errors[:2]), rel=1e-5)
+    assert sweepers["per_trial"]["mae_ppm"] == pytest.approx(errors[2:], rel=1e-5)
+    assert sweepers["mae_ppm"] == pytest.approx(np.mean(errors[2:]), rel=1e-5)
+    assert len(sweepers["mean_gas"]["per_trial_at_end"]["error_ppm"]) == 3
+    assert sweepers["mean_gas"]["error_ppm"][-1] > casters["mean_gas"]["error_ppm"][-1] + 15.0
+    assert [len(part["forecast"]["time_s"]) for part in other["groups"]] == [2, 2]
+    assert f"mean error {casters['mae_ppm']:.3g} ppm" in lines["time series map, casters"]
+    assert f"mean error {sweepers['mae_ppm']:.3g} ppm" in lines["time series map, sweepers"]
+    assert "mean of 3 trials" in lines["inverse distance map, sweepers"]
+    assert "one arena" not in lines
+
+
+def test_groups_that_share_an_arena_are_told_so():
+    content, lines = run(robots=RIVALS)
+    assert [one["shares_arena_with"] for one in content["groups"]] == [["sweepers"], ["casters"]]
+    assert (
+        lines["one arena"]
+        == "casters, sweepers share the arena and the maps; add rivals: true to compare them"
+    )
+    assert content["maps"][0]["made_by"] == ["casters", "sweepers"]
+    assert "mae_ppm" in content["maps"][0]
+
+
+@pytest.mark.parametrize(
+    ("robots", "told"),
+    [
+        ([group("a"), group("b")], False),
+        ([group("a"), group("b", algorithm={"kind": "casting", "threshold_ppm": 9})], True),
+        ([group("a")], False),
+    ],
+)
+def test_only_those_that_differ_are_compared(robots, told):
+    _, lines = run(robots=robots, maps=[])
+    assert ("one arena" in lines) == told
+    assert "maps" not in lines.get("one arena", "")
+
+
+def test_trials_of_one_air_are_told():
+    content, lines = run()
+    (team,) = content["groups"]
+    assert (team["trials"], team["airs"], team["trials_differ_by"]) == (2, 1, "starts and chance")
+    assert all(one["airs"] == 1 for one in team["summary"].values())
+    assert team["summary"]["success_rate"]["n"] == 2
+    assert "success 100 % (34 to 100 %, of 2 trials in one air)" in lines["team"]
+    assert "only starts and what robots draw by chance differ" in lines["one air"]
+    assert lines["one air"].endswith("nothing random is in the air itself: other seeds make the same")
+    gusty = {"kind": "uniform", "velocity": [1, 0], "gusts": {}}
+    _, lines = run(wind=gusty, obstacles=[], robots=[group("a", trials=2, start=PLACED)])
+    assert "only what robots draw by chance differs" in lines["one air"]
+    assert lines["one air"].endswith("intervals say nothing of other airs, which other seeds make")
+    _, lines = run(robots=[group("a")])
+    assert "one air" not in lines
+    assert "success" not in lines["a"]
+
+
+def test_trials_that_are_the_same_count_as_one():
+    sim: Any = fake_run.simulation(fake_run.scenario(2, duration=9, robots=[group("a", trials=20, count=2)]))
+    snapshot = sim.swarm.snapshot
+
+    def same() -> dict[str, np.ndarray]:
+        return {
+            name: np.tile(np.asarray(v)[:2], (20, *[1] * (np.ndim(v) - 1))) for name, v in snapshot().items()
+        }
+
+    sim.swarm.snapshot = same
+    content, lines = told_of(sim)
+    (one,) = content["groups"]
+    assert one["trials_differ_by"] == "nothing"
+    assert one["summary"]["success_rate"]["n"] == 1
+    assert len(one["per_trial"]["success"]) == 20
+    assert "success" not in lines["a"]
+    assert "the 20 trials of a are the same to the bit" in lines["one trial"]
+    assert "one air" not in lines
+
+
+def test_all_failed_is_an_interval_too():
+    _, lines = run(duration=5)
+    assert lines["team"] == (
+        "casting, 0 of 8 robots found a source, in 0 of 2 trials at least one; "
+        "success 0 % (0 to 66 %, of 2 trials in one air)"
+    )
+
+
+LATER = {"kind": "eulerian", "sources": [{"position": [0.6, 1.5], "rate": 2e-5, "start": 20}]}
+
+
+@pytest.mark.parametrize(
+    ("changes", "why"),
+    [
+        ({"robots": [group("team", trials=2, reach=0)]}, "reach is 0"),
+        ({"gas": LATER}, "none had started"),
+    ],
+)
+def test_nothing_is_claimed_where_nothing_could_be_found(changes, why):
+    content, lines = run(**{"duration": 5, **changes})
+    (team,) = content["groups"]
+    assert team["no_search"] == why
+    assert team["success_rate"] is None
+    assert {one["n"] for one in team["summary"].values()} == {0}
+    assert lines["team"] == f"casting, no source to be found: {why}"
+
+
+def test_who_was_found_all_the_same_is_told():
+    """A source that has not started has a place, which robots may come to."""
+    content, lines = run(gas=LATER)
+    assert content["groups"][0]["no_search"] is None
+    assert "2 of 8 robots found a source" in lines["team"]
+
+
+def test_a_scenario_without_sources():
+    sim: Any = fake_run.simulation(fake_run.scenario(2, duration=2))
+    gas = {"kind": "playback", "file": "a.zarr"}
+    sim.scenario = fake_run.scenario(2, duration=2, gas=gas)
+    content, lines = told_of(sim)
+    assert lines["team"] == "casting, no source to be found: there is none"
+    assert content["groups"][0]["per_trial"]["final_distance_m"] == [None, None]
+
+
+def test_a_run_that_was_interrupted_claims_no_more_than_it_saw():
+    sim: Any = fake_run.simulation(fake_run.scenario(2, duration=100, warm_up=5))
+    content, lines = told_of(sim, "interrupted")
+    assert lines["team"] == "casting, no source to be found: the robots had not started"
+    assert content["maps"][0]["mean_gas"]["per_trial_at_end"] == {}
+    assert lines["time series map"] == "knows no cell"
+    for _ in range(80):
+        sim.advance()
+    content, _ = told_of(sim, "interrupted")
+    team = content["groups"][0]
+    assert team["no_search"] is None
+    assert team["summary"]["time_with_failures_s"]["mean"] == pytest.approx(3.0), "what it lasted, not 100 s"
+
+
+def test_nobody_and_nothing():
+    sim: Any = fake_run.simulation(fake_run.scenario(2, duration=1, robots=[], maps=[]))
+    content, lines = told_of(sim)
+    assert (content["groups"], content["maps"]) == ([], [])
+    assert set(lines) == {"fake-2d", "time", "grid", "flow", "gas"}
+
+
+def test_maps_of_one_kind_are_told_apart():
+    _, lines = run(maps=[{"kind": "time_series"}, {"kind": "gmrf"}, {"kind": "time_series", "alpha": 0.5}])
+    assert {"time series map (maps[0])", "gmrf map", "time series map (maps[2])"} <= set(lines)
