@@ -13,6 +13,8 @@ from taichi_plume.scenario.maps import TimeSeriesMap
 from taichi_plume.scenario.starts import GAP
 from taichi_plume.scenario.vocabulary import (
     COMPILED,
+    Angle,
+    Coefficient,
     Count,
     Delay,
     Distance,
@@ -20,9 +22,10 @@ from taichi_plume.scenario.vocabulary import (
     Fraction,
     Length,
     Model,
-    NonNegative,
-    Positive,
-    Real,
+    Ppm,
+    SomeCoefficient,
+    SomeFraction,
+    SomePpm,
     Speed,
     TopSpeed,
 )
@@ -40,7 +43,7 @@ class PlumeTracking(AnyAlgorithm):
     kind: str
     speed: Speed | None = None
     """Unless given, the body's largest."""
-    threshold_ppm: Positive = 5.0
+    threshold_ppm: SomePpm = 5.0
     """Reading that means plume; it is left at 70 % of it."""
     lost_distance: Length = 0.3
     """Travelled without gas before the plume counts as lost [m]."""
@@ -81,7 +84,7 @@ class SurgeSpiral(PlumeTracking):
     kind: Literal["surge_spiral"]  # type: ignore[assignment]
     gap: Length = 0.3
     """Between two turns of the spiral [m]."""
-    turns: Positive = 4.0
+    turns: SomeCoefficient = 4.0
     """Of a spiral, before the search starts anew."""
 
 
@@ -127,13 +130,13 @@ class Dapso(Listening):
 
     kind: Literal["dapso"]
     acquisition: Duration = 2.0
-    threshold_ppm: NonNegative = 1.0
+    threshold_ppm: Ppm = 1.0
     """While the best reading known is smaller, the robot explores: it drives to random places; 0: never."""
-    phi1: NonNegative = 2.05
+    phi1: Coefficient = 2.05
     """Strength of the pull to the best place of the robot itself."""
-    phi2: NonNegative = 2.05
+    phi2: Coefficient = 2.05
     """Strength of the pull to the best place that its neighbours told of."""
-    kappa: Annotated[float, Field(gt=0, le=1)] = 1.0
+    kappa: SomeFraction = 1.0
     """Of the constriction chi; less lets steps shorten sooner."""
     longest_step: Length = 0.5
     """From way point to way point [m]."""
@@ -180,7 +183,7 @@ class LineUp(AnyAlgorithm):
     """Of a robot that takes its place; unless given, the body's largest."""
     line_speed: TopSpeed = 0.1
     """Of the line across the wind [m/s]."""
-    wind_direction_deg: Real | None = None
+    wind_direction_deg: Angle | None = None
     """Where the air goes, from the x axis to the left; unless given, the team measures it at the start."""
     listen: Duration = 5.0
     """Time for which it measures the wind [s]."""
@@ -279,7 +282,7 @@ class LeastKnown(AnyAlgorithm):
     speed: Speed | None = None
     map: TimeSeriesMap = TimeSeriesMap(kind="time_series")
     """Whose weights count; what it has forgotten is not known."""
-    share: Annotated[float, Field(gt=0, le=1)] = 0.1
+    share: SomeFraction = 0.1
     """Of all cells, those that count as the least known; the robot goes to the nearest of them."""
     apart: Length = 0.5
     """Least distance of a way point from the robot and from those of its team mates [m]."""

@@ -22,9 +22,9 @@ from taichi_plume.scenario.vocabulary import (
     COMPILED,
     Convection,
     Count,
-    Diffusivity,
     Dissipation,
     Duration,
+    EddyDiffusivity,
     Frequency,
     Length,
     Model,
@@ -51,7 +51,7 @@ class DiffusiveGrowth(Model):
     """R² = R0² + rate t (Farrell et al. 2002, doi:10.1023/A:1016283702837)."""
 
     kind: Literal["diffusive"]
-    rate: Diffusivity = 1e-4
+    rate: EddyDiffusivity = 1e-4
     """[m²/s]."""
 
 

@@ -9,15 +9,15 @@ from pydantic import Field, model_validator
 from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.vocabulary import (
     COMPILED,
+    Coefficient,
     Delay,
-    Diffusivity,
     Duration,
+    EddyDiffusivity,
     Fraction,
     Frequency,
     Length,
     Model,
-    NonNegative,
-    Positive,
+    SomePpm,
     Speed,
 )
 
@@ -60,13 +60,13 @@ class Spiral(Listening):
     """Time of listening [s]."""
     sample_period: Annotated[Duration, COMPILED] = 0.5
     """Between the samples of an acquisition [s]."""
-    minimum_ppm: Positive = 0.2
+    minimum_ppm: SomePpm = 0.2
     """Threshold of the proximity index at the start, and after an escape: a mean index far from the source."""
-    delta: Annotated[float, Field(gt=0, lt=1)] = 0.2
+    delta: Annotated[float, Field(ge=1e-6, lt=1)] = 0.2
     """By how much misses lower the threshold below the minimum, over the minimum."""
-    mean_weight: NonNegative = 1.0
+    mean_weight: Coefficient = 1.0
     """Of the mean of an acquisition in its proximity index."""
-    peak_weight: NonNegative = 0.5
+    peak_weight: Coefficient = 0.5
     """Of the sum of its peaks."""
     peak_window: Duration = 5.0
     """Only the largest peak of so long a time counts [s]."""
@@ -109,7 +109,7 @@ class Infotaxis(Listening):
 
     kind: Literal["infotaxis"]
     acquisition: Duration = 2.0
-    threshold_ppm: Positive = 5.0
+    threshold_ppm: SomePpm = 5.0
     """Mean reading of an acquisition that counts as a detection."""
     step: Length = 0.25
     """Driven after each acquisition, unless it stays [m]."""
@@ -117,7 +117,7 @@ class Infotaxis(Listening):
     """Edge of the cells of its map of beliefs [m]."""
     rate: Frequency = 1.0
     """Of the model that it believes in: detections per second close to the source."""
-    diffusivity: Annotated[Diffusivity, Field(gt=0)] = 0.05
+    diffusivity: Annotated[EddyDiffusivity, Field(ge=1e-9)] = 0.05
     """Of patches of gas [m²/s]."""
     wind_speed: Speed = 0.5
     """Mean [m/s]."""

@@ -6,7 +6,16 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, model_validator
 
 from taichi_plume.scenario.quantities import fault, round_up
-from taichi_plume.scenario.vocabulary import COMPILED, Count, Delay, Duration, Length, Model, Positive
+from taichi_plume.scenario.vocabulary import (
+    COMPILED,
+    Count,
+    Delay,
+    Duration,
+    Exponent,
+    Length,
+    Model,
+    SomeCoefficient,
+)
 
 MOST_CELLS = 4_000_000
 MOST_FIELD_COLUMN = 400  # cells: its third power is the work of an update
@@ -41,7 +50,7 @@ class Snaps(AnyMap):
     """Edge of the cells [m]."""
     window: Annotated[Duration, COMPILED] = 5.0
     """Length of a snap [s]."""
-    power: Annotated[Positive, COMPILED] = 2.0
+    power: Annotated[Exponent, COMPILED] = 2.0
     """Exponent of the inverse distance."""
     min_distance: Annotated[Length, COMPILED] | None = None
     """Distances below it count as it [m]; unless given, half a cell."""
@@ -51,11 +60,11 @@ class TimeSeriesMap(Snaps):
     """Spatio-temporal gas map (Marjovi & Marques, ICRA 2014, eq 1-7)."""
 
     kind: Literal["time_series"]  # type: ignore[assignment]
-    alpha: Annotated[float, Field(gt=0, lt=1), COMPILED] = 0.9
+    alpha: Annotated[float, Field(ge=1e-6, lt=1), COMPILED] = 0.9
     """Weight of distance against age in the neighbourhood."""
-    beta: Annotated[Positive, COMPILED] = 0.5
+    beta: Annotated[SomeCoefficient, COMPILED] = 0.5
     """Size of the neighbourhood."""
-    time_scale: Annotated[Positive, COMPILED] = 0.1
+    time_scale: Annotated[SomeCoefficient, COMPILED] = 0.1
     """Distance that a second of age counts as [m/s]."""
     raw_samples: bool = False
     """Whether the neighbourhood is one of samples, rather than of interpolated cells."""
@@ -96,7 +105,7 @@ class KernelMap(AnyMap):
     """It has none: each reading counts at once."""
     sigma: Length = 0.25
     """Width of the kernel [m]: how far a reading tells of the gas around it."""
-    sigma_omega: Positive = 5.0
+    sigma_omega: SomeCoefficient = 5.0
     """Readings taken in the middle of a cell that make its confidence 1 - 1/e; with few, the mean of all counts."""
     memory: Duration | None = None
     """Age at which a reading counts 1/e of a fresh one [s] (TD Kernel DM+V: Asadi et al. 2011); unless given, all count
@@ -118,9 +127,9 @@ class MarkovMap(AnyMap):
     kind: Literal["gmrf"]  # type: ignore[assignment]
     cell: Annotated[Length, COMPILED] = 0.1
     """Edge of the cells [m]."""
-    lambda_prior: Positive = 0.01
+    lambda_prior: SomeCoefficient = 0.01
     """Precision of the difference of neighbouring cells [1/ppm²]: less lets the map vary more."""
-    lambda_observation: Positive = 10.0
+    lambda_observation: SomeCoefficient = 10.0
     """Precision of a fresh reading [1/ppm²]; the mean depends on the two by their ratio alone."""
     memory: Duration | None = 60.0
     """Age at which a reading counts no more, after steady loss [s]; null: readings count for ever."""

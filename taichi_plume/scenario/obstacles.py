@@ -15,6 +15,7 @@ from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.vocabulary import (
     COMPILED,
+    Angle,
     Coordinate,
     Distance,
     Edges,
@@ -22,8 +23,7 @@ from taichi_plume.scenario.vocabulary import (
     Model,
     Point,
     Point2,
-    Positive,
-    Real,
+    SomeCoefficient,
     Time,
 )
 
@@ -140,7 +140,7 @@ class Box(AnyObstacle):
     kind: Literal["box"]
     center: Annotated[Point, COMPILED]
     size: Annotated[Edges, COMPILED]
-    yaw_deg: Annotated[Real, COMPILED] = 0.0
+    yaw_deg: Annotated[Angle, COMPILED] = 0.0
     motion: Motion | None = None
 
 
@@ -184,8 +184,8 @@ class Mesh(Standing):
     kind: Literal["mesh"]
     file: str
     """Path, relative to the scenario's folder."""
-    scale: Annotated[Positive, COMPILED] = 1.0
-    yaw_deg: Annotated[Real, COMPILED] = 0.0
+    scale: Annotated[SomeCoefficient, COMPILED] = 1.0
+    yaw_deg: Annotated[Angle, COMPILED] = 0.0
     translate: Annotated[tuple[Coordinate, Coordinate, Coordinate], COMPILED] = (0.0, 0.0, 0.0)
     section: Annotated[Coordinate, COMPILED] = 0.0
 

@@ -7,7 +7,7 @@ from pydantic import Field
 
 from taichi_plume.scenario.context import Context
 from taichi_plume.scenario.plumesim import nodes
-from taichi_plume.scenario.vocabulary import Distance, Frequency, FullScale, Length, Model, Positive, Time
+from taichi_plume.scenario.vocabulary import Distance, Frequency, FullScale, Length, Model, SomePpm, Time
 
 CLOSE = 1e-6  # of a number: as good as whole
 
@@ -22,7 +22,7 @@ class Recording(Model):
     """In 3-D, the plume as a volume besides the floor slice."""
     slice_height: Distance = 0.1
     """Height of the slice in 3-D [m]."""
-    range_ppm: tuple[Positive, Positive] = (0.1, 1000.0)
+    range_ppm: tuple[SomePpm, SomePpm] = (0.1, 1000.0)
     """Ends of the logarithmic colour scale."""
 
     def problems(self, where: str, context: Context) -> Iterator[str]:

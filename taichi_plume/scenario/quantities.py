@@ -73,17 +73,18 @@ def parse(value: Any, unit: str) -> float:
 def quantity(unit: str, least: float = -inf, most: float = inf, likely: str = "", **limits: Any) -> Any:
     """The annotated type of a quantity in `unit` [SI], with pydantic's limits (gt, ge, lt, le).
 
-    A number below `least` or above `most` is refused: it was probably meant in the unit `likely`.
+    A number below `least` or above `most` is refused: perhaps it was meant in the unit `likely`.
     """
 
     def plausible(value: float) -> float:
         if not least <= value <= most:
+            meant = likely and least <= parse(f"{value!r} {likely}", unit) <= most
             raise fault(
-                "got {value} {unit}; did you mean '{value} {likely}'? {bound} {limit} {unit}",
+                "got {value} {unit}; {hint}{bound} {limit} {unit}",
                 {
                     "value": f"{value:g}",
                     "unit": unit,
-                    "likely": likely,
+                    "hint": f"did you mean '{value:g} {likely}'? " if meant else "",
                     "bound": "at most" if value > most else "at least",
                     "limit": f"{most if value > most else least:g}",
                 },
@@ -96,6 +97,11 @@ def quantity(unit: str, least: float = -inf, most: float = inf, likely: str = ""
         AfterValidator(plausible),
         BeforeValidator(lambda value: parse(value, unit), json_schema_input_type=float | str),
     ]
+
+
+def number(least: float, most: float) -> Any:
+    """The annotated type of a plain number between these."""
+    return Annotated[float, Field(ge=least, le=most, allow_inf_nan=False)]
 
 
 def round_up(value: float) -> float:
