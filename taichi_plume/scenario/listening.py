@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from taichi_plume.scenario.quantities import fault
+from taichi_plume.scenario.quantities import fault, ill_sized
 from taichi_plume.scenario.vocabulary import (
     COMPILED,
     Coefficient,
@@ -38,6 +38,14 @@ class AnyAlgorithm(Model):
         """What is wrong with it for these robots on that floor; `where` is the group."""
         yield from ()
 
+    def unfit(self, where: str, floor: "Arena") -> str | None:
+        """A line about a grid of its own that has too many or too few cells on that floor; `where` is the group."""
+        return None
+
+    def bytes(self, group: "Group", floor: "Arena", tick: float) -> float:
+        """About what it needs of memory for the robots of all trials; tick: control period [s]."""
+        return 0.0
+
 
 class Listening(AnyAlgorithm):
     """What algorithms share that stand still to listen: an acquisition is a series of samples."""
@@ -50,6 +58,9 @@ class Listening(AnyAlgorithm):
     """Between the samples of an acquisition [s]."""
     settle: Delay = 1.0
     """Standing still before it [s]."""
+
+
+MOST_BELIEFS = 250_000  # cells of a map of beliefs: a step of a robot looks at all of them five times
 
 
 class Spiral(Listening):
@@ -89,6 +100,10 @@ class Spiral(Listening):
     """Whether no index below the minimum is a hit, even with a lowered threshold."""
     random: bool = False
     """Random SPIRAL: the index is drawn uniformly between 0 and 1; nothing is smelt."""
+
+    def bytes(self, group: "Group", floor: "Arena", tick: float) -> float:
+        """Of the samples of an acquisition, which every robot keeps."""
+        return 4.0 * group.count * group.trials * self.acquisition / max(self.sample_period, tick)
 
 
 class EColi(Listening):
@@ -136,6 +151,16 @@ class Infotaxis(Listening):
         """How far patches get across the wind: lambda [m]."""
         D, V, tau = self.diffusivity, self.wind_speed, self.lifetime
         return sqrt(D * tau / (1.0 + V**2 * tau / (4.0 * D)))
+
+    def unfit(self, where: str, floor: "Arena") -> str | None:
+        """Every cell of its map is looked at, again and again."""
+        return ill_sized(f"{where}.algorithm.cell", self.cell, floor.size, MOST_BELIEFS)
+
+    def bytes(self, group: "Group", floor: "Arena", tick: float) -> float:
+        """Of the beliefs of every robot, and of the chances of a detection on half cells around it."""
+        cells = floor.size[0] * floor.size[1] / self.cell**2
+        chances = 16.0 * (floor.size[0] ** 2 + floor.size[1] ** 2) / self.cell**2
+        return 4.0 * (group.count * group.trials * cells + chances)
 
     @model_validator(mode="after")
     def _small(self) -> "Infotaxis":

@@ -1,11 +1,11 @@
 """The maps of a scenario: what is told of each kind of online gas map."""
 
-from math import prod, sqrt
+from math import prod
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from taichi_plume.scenario.quantities import fault, round_up
+from taichi_plume.scenario.quantities import fault, ill_sized, round_up
 from taichi_plume.scenario.vocabulary import (
     COMPILED,
     Count,
@@ -28,19 +28,16 @@ class AnyMap(Model):
     cell: Length
     """Edge of the cells [m]."""
 
-    def bytes(self, size: tuple[float, ...]) -> float:
-        """About what it needs of memory on a floor of that size [m], and trial: its fields, and what solves it."""
+    def bytes(self, size: tuple[float, ...], readings: float) -> float:
+        """About what it needs of memory on a floor of that size [m], and trial: its fields, and what solves it.
+
+        readings: of the robots of a trial, per second.
+        """
         return 40.0 * prod(extent / self.cell for extent in size[:2])
 
-    def too_fine(self, where: str, size: tuple[float, ...]) -> str | None:
-        """A line about cells that are too many for it on that floor [m]."""
-        area = size[0] * size[1]
-        if area / self.cell > MOST_CELLS * self.cell:
-            return (
-                f"{where}.cell: {self.cell:g} m makes more than {MOST_CELLS} map cells; "
-                f"use {round_up(sqrt(area / MOST_CELLS)):g} m or more"
-            )
-        return None
+    def unfit(self, where: str, size: tuple[float, ...]) -> str | None:
+        """A line about cells that are too many or too few for it on a floor of that size [m]."""
+        return ill_sized(f"{where}.cell", self.cell, size, MOST_CELLS)
 
 
 class Snaps(AnyMap):
@@ -54,6 +51,10 @@ class Snaps(AnyMap):
     """Exponent of the inverse distance."""
     min_distance: Annotated[Length, COMPILED] | None = None
     """Distances below it count as it [m]; unless given, half a cell."""
+
+    def bytes(self, size: tuple[float, ...], readings: float) -> float:
+        """With the samples of a snap."""
+        return super().bytes(size, readings) + 12.0 * readings * self.window
 
 
 class TimeSeriesMap(Snaps):
@@ -79,14 +80,14 @@ class TimeSeriesMap(Snaps):
             )
         return self
 
-    def bytes(self, size: tuple[float, ...]) -> float:
-        """With the cells of the snaps that are near enough in time, around each."""
-        if self.raw_samples:
-            return super().bytes(size)
-        long, short = sorted((extent / self.cell for extent in size[:2]), reverse=True)
+    def bytes(self, size: tuple[float, ...], readings: float) -> float:
+        """With the samples or the cells of the snaps that are near enough in time, these with cells around."""
         lags = self.beta / ((1.0 - self.alpha) * self.time_scale * self.window)
+        if self.raw_samples:
+            return super().bytes(size, readings) * (1.0 + lags)
+        long, short = sorted((extent / self.cell for extent in size[:2]), reverse=True)
         margin = 2.0 * min(long, self.beta / self.alpha / self.cell)
-        return super().bytes(size) + 8.0 * lags * (long + margin) * (short + margin)
+        return super().bytes(size, readings) + 8.0 * lags * (long + margin) * (short + margin)
 
 
 class InverseDistanceMap(Snaps):
@@ -116,9 +117,9 @@ class KernelMap(AnyMap):
     exact: Count = 2000
     """Latest readings of a trial for which the variance is reckoned anew as the mean changes."""
 
-    def bytes(self, size: tuple[float, ...]) -> float:
+    def bytes(self, size: tuple[float, ...], readings: float) -> float:
         """With the latest readings."""
-        return super().bytes(size) + 70.0 * self.exact
+        return super().bytes(size, readings) + 70.0 * self.exact
 
 
 class MarkovMap(AnyMap):
@@ -136,15 +137,15 @@ class MarkovMap(AnyMap):
     window: Duration = 1.0
     """Time between updates [s]; readings within it are of the same age."""
 
-    def bytes(self, size: tuple[float, ...]) -> float:
+    def bytes(self, size: tuple[float, ...], readings: float) -> float:
         """With a block of its matrix for each column."""
         long, short = sorted((extent / self.cell for extent in size[:2]), reverse=True)
-        return super().bytes(size) + 8.0 * long * short**2
+        return super().bytes(size, readings) + 8.0 * long * short**2
 
-    def too_fine(self, where: str, size: tuple[float, ...]) -> str | None:
+    def unfit(self, where: str, size: tuple[float, ...]) -> str | None:
         """Its columns must not be too long."""
         width = min(size[:2])
-        line = super().too_fine(where, size)
+        line = super().unfit(where, size)
         if line is None and width / self.cell > MOST_FIELD_COLUMN:
             return (
                 f"{where}.cell: {self.cell:g} m is too fine for a Markov field, which takes {MOST_FIELD_COLUMN} "

@@ -3,7 +3,7 @@
 from bisect import bisect_right
 from collections.abc import Iterator
 from itertools import pairwise
-from math import hypot
+from math import hypot, inf, pi
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
@@ -127,6 +127,15 @@ class AnyObstacle(Model):
         elif isinstance(self, Box | Cylinder | Sphere) and self.motion is not None:
             yield from self.motion.clashes(where, self.center, shape, domain)
 
+    def surface(self, domain: Domain) -> float:
+        """About its area [m²], in 2-D the length of its outline [m]; infinite where only a file tells."""
+        return inf
+
+
+def _upright(around: float, area: float, height: float, domain: Domain) -> float:
+    """The surface of a body that is the same at all heights; around: its outline [m]; area: of its footprint [m²]."""
+    return around if domain.dim == 2 else around * min(height, domain.size[2]) + 2.0 * area
+
 
 class Standing(AnyObstacle):
     """An obstacle that does not move."""
@@ -143,6 +152,11 @@ class Box(AnyObstacle):
     yaw_deg: Annotated[Angle, COMPILED] = 0.0
     motion: Motion | None = None
 
+    def surface(self, domain: Domain) -> float:
+        """Of its six faces, in 2-D of four."""
+        x, y = self.size[:2]
+        return _upright(2.0 * (x + y), x * y, self.size[-1], domain)
+
 
 class Cylinder(AnyObstacle):
     """A vertical cylinder; in 3-D it stands on `base` and reaches the ceiling unless `height` says otherwise."""
@@ -154,6 +168,11 @@ class Cylinder(AnyObstacle):
     height: Annotated[Length, COMPILED] | None = None
     motion: Motion | None = None
 
+    def surface(self, domain: Domain) -> float:
+        """Of its side and its ends."""
+        r = self.radius
+        return _upright(2.0 * pi * r, pi * r**2, self.height or inf, domain)
+
 
 class Sphere(AnyObstacle):
     """A sphere (in 2-D a disc)."""
@@ -163,6 +182,10 @@ class Sphere(AnyObstacle):
     radius: Annotated[Length, COMPILED]
     motion: Motion | None = None
 
+    def surface(self, domain: Domain) -> float:
+        """In 2-D of a disc."""
+        return 2.0 * pi * self.radius if domain.dim == 2 else 4.0 * pi * self.radius**2
+
 
 class Prism(Standing):
     """A vertical prism over a simple polygon; in 3-D from `base` to the ceiling unless `height` says otherwise."""
@@ -171,6 +194,12 @@ class Prism(Standing):
     vertices: Annotated[tuple[Point2, ...], Field(min_length=3, max_length=10_000), COMPILED]
     base: Annotated[Distance, COMPILED] = 0.0
     height: Annotated[Length, COMPILED] | None = None
+
+    def surface(self, domain: Domain) -> float:
+        """Of its sides and its ends."""
+        corners = np.array(self.vertices)
+        around = float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).sum())
+        return _upright(around, abs(_twice_area(corners)) / 2, self.height or inf, domain)
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
         """Its outline has to be one."""
@@ -195,8 +224,7 @@ Obstacle = Annotated[Box | Cylinder | Sphere | Prism | Mesh, Field(discriminator
 
 def _outline(path: str, corners: np.ndarray) -> Iterator[str]:
     """A polygon, corners (n, 2) [m], has to have an inside and must not cross itself."""
-    x, y = (corners - corners[0]).T
-    area = abs(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))) / 2
+    area = abs(_twice_area(corners)) / 2
     width = float(np.ptp(corners, axis=0).max())
     crossing = _crossing(corners, TOUCHING * width**2) if len(corners) <= MOST_EDGES else None
     if crossing:
@@ -207,6 +235,12 @@ def _outline(path: str, corners: np.ndarray) -> Iterator[str]:
         )
     elif area <= SLIVER * width**2:
         yield f"{path}: the polygon has no area: its corners lie on a line or are out of order"
+
+
+def _twice_area(corners: np.ndarray) -> float:
+    """That of a polygon, corners (n, 2); negative where they go clockwise."""
+    x, y = (corners - corners[0]).T
+    return float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
 
 
 def _crossing(corners: np.ndarray, least: float) -> tuple[int, int] | None:

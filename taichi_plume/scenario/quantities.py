@@ -1,8 +1,9 @@
 """Physical quantities in a scenario: a number in SI units, or a text with a unit such as ``"20 cm"``."""
 
 import re
+from collections.abc import Sequence
 from functools import cache
-from math import ceil, floor, inf, log10
+from math import ceil, floor, inf, log10, sqrt
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, BeforeValidator, Field
@@ -108,3 +109,15 @@ def round_up(value: float) -> float:
     """`value` rounded up to two digits."""
     unit = 10.0 ** (floor(log10(value)) - 1)
     return ceil(value / unit - 1e-9) * unit
+
+
+def ill_sized(key: str, cell: float, size: Sequence[float], most: int) -> str | None:
+    """A line about square cells of that edge [m] on a floor of that size [m], where they are more than `most` or wider
+    than the floor; key: what sets the edge.
+    """
+    area = size[0] * size[1]
+    if area / cell > most * cell:
+        return f"{key}: {cell:g} m makes more than {most} map cells; use {round_up(sqrt(area / most)):g} m or more"
+    if cell > min(size[:2]):
+        return f"{key}: {cell:g} m is wider than the floor, {min(size[:2]):g} m; use less"
+    return None
