@@ -35,7 +35,7 @@ class Resources:
     """What a scenario's files and obstacles are made of, each opened once, by the paths of the sections that name them.
 
     faults: what is wrong with those that cannot be used. shapes: of the obstacles without a fault, in their order.
-    site: the files of an imported wind. own: the users' own classes.
+    site: the files of an imported wind. own: the users' own classes. remarks: what is probably not meant, once checked.
     """
 
     scenario: Scenario
@@ -45,6 +45,7 @@ class Resources:
     frames: dict[str, PointFrames] = field(default_factory=dict)
     site: "Site | None" = None
     own: dict[str, type] = field(default_factory=dict)
+    remarks: list[str] = field(default_factory=list)
     _unlike: dict[Path, int] = field(default_factory=dict, repr=False)
     _site_air: "dict[bool, Air]" = field(default_factory=dict, repr=False)
 
@@ -122,6 +123,7 @@ def checked(scenario: Scenario, folder: Path) -> Prepared:
         prepared = prepare(scenario, folder)
         faults = checks.problems(*prepared)
         if not faults:
+            prepared.resources.remarks += checks.remarks(*prepared)
             return prepared
     raise ScenarioError(faults)
 

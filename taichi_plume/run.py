@@ -42,6 +42,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             overrides.append(f"{key}={getattr(args, key)}")
     try:
         prepared = load(args.scenario, overrides)
+        for remark in prepared.resources.remarks:
+            print(f"note: {remark}", file=sys.stderr)
         if args.check:
             with _reader_may_leave():
                 _print_check(prepared.scenario)
@@ -155,6 +157,7 @@ def _run(prepared: "Prepared", args: argparse.Namespace) -> int:
         if not code:
             (status, message), code = _explain(error), 1
         content = {"name": prepared.scenario.name, "status": status, "message": message}
+    content["remarks"] = prepared.resources.remarks
     try:
         result.write_result(out, content)
     except OSError as error:

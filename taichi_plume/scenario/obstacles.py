@@ -9,6 +9,7 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from taichi_plume.grid.missed import SAMPLES, missed
 from taichi_plume.grid.shapes import Shape
 from taichi_plume.scenario.context import Context, span
 from taichi_plume.scenario.domain import Domain
@@ -27,6 +28,9 @@ from taichi_plume.scenario.vocabulary import (
     Time,
 )
 
+TOO_LARGE = 10  # times the domain: a body that is larger has another unit
+MOSTLY_OUTSIDE = 0.4  # share of a body's base in the domain; a wall may stand astride of an edge
+UNITS = {0.001: "millimetres", 0.01: "centimetres", 0.0254: "inches", 1000.0: "metres, not millimetres"}
 MOST_EDGES = 500  # of a polygon whose edges are tested against one another
 SLIVER = 1e-6  # of the square of a polygon's width: less area is none
 FASTEST_BODY = 20.0  # m/s: the air does not count as incompressible much beyond
@@ -115,17 +119,62 @@ class AnyObstacle(Model):
             yield f"{where}: {fault}"
             return
         shape, domain = context.resources.shapes[where], context.domain
-        extent = np.array(domain.extent)
+        extent, size = np.array(domain.extent), shape.high - shape.low
         beyond = (shape.high <= 0) | (shape.low >= extent)
-        if beyond.any():
-            axis = int(beyond.argmax())
+        axis = int(beyond.argmax()) if beyond.any() else int(size.argmax())
+        if size.max() > TOO_LARGE * extent.max():
+            yield (
+                f"{where}: reaches over {span('xyz'[axis], shape.low[axis], shape.high[axis])}, far more than the "
+                f"domain, {span('xyz'[axis], 0, extent[axis])}; {self._another_scale(size, domain)}make it smaller"
+            )
+        elif beyond.any():
             yield (
                 f"{where}: lies outside the domain: "
                 f"{span('xyz'[axis], shape.low[axis], shape.high[axis])}, "
-                f"the domain has {span('xyz'[axis], 0, extent[axis])}; move it in or remove it"
+                f"the domain has {span('xyz'[axis], 0, extent[axis])}; {self._another_scale(size, domain)}"
+                "move it in or remove it"
             )
         elif isinstance(self, Box | Cylinder | Sphere) and self.motion is not None:
             yield from self.motion.clashes(where, self.center, shape, domain)
+
+    def remarks(self, where: str, context: Context) -> Iterator[str]:
+        """What of it has no effect: what lies beyond the walls, and what is too thin for the grid."""
+        shape, domain = context.resources.shapes[where], context.domain
+        if vars(self).get("motion") is not None:
+            return
+        low, high, extent = shape.low[:2], shape.high[:2], np.array(domain.extent[:2])
+        share = float(np.prod((np.minimum(high, extent) - np.maximum(low, 0.0)) / (high - low)))
+        if share < MOSTLY_OUTSIDE:
+            yield (
+                f"{where}: only {100 * share:.0f} % of it are in the domain: it reaches over "
+                f"{span('x', low[0], high[0])}, {span('y', low[1], high[1])}, the domain has {domain.box}"
+            )
+        if self.thinnest >= domain.spacing:
+            return
+        samples = max(500, SAMPLES // len(context.scenario.obstacles))
+        lost = missed(shape, domain.extent, domain.spacing, samples)
+        if lost is not None:
+            what = "it" if lost.share > 0.99 else f"{100 * lost.share:.0f} % of it"
+            near = ", ".join(f"{x:.3g}" for x in lost.place)
+            yield (
+                f"{where}: the air does not see {what}, about ({near}) m: parts thinner than half a cell of "
+                f"{domain.spacing:g} m fall between nodes; {self._finer(shape.high - shape.low, domain)}"
+            )
+
+    @property
+    def thinnest(self) -> float:
+        """How thin it is at its thinnest [m]; 0 where that is not known."""
+        return 0.0
+
+    def _finer(self, size: np.ndarray, domain: Domain) -> str:
+        """What to do about what is too thin."""
+        if self.thinnest:
+            return f"use a domain.spacing of {2 * self.thinnest:.3g} m or less, or make it thicker"
+        return f"{self._another_scale(size, domain)}lower domain.spacing, or make it thicker"
+
+    def _another_scale(self, size: np.ndarray, domain: Domain) -> str:
+        """A hint at the unit of a file, in which it would fit; size: that it has now [m]."""
+        return ""
 
     def surface(self, domain: Domain) -> float:
         """About its area [m²], in 2-D the length of its outline [m]; infinite where only a file tells."""
@@ -157,6 +206,11 @@ class Box(AnyObstacle):
         x, y = self.size[:2]
         return _upright(2.0 * (x + y), x * y, self.size[-1], domain)
 
+    @property
+    def thinnest(self) -> float:
+        """Its shortest edge [m]."""
+        return min(self.size)
+
 
 class Cylinder(AnyObstacle):
     """A vertical cylinder; in 3-D it stands on `base` and reaches the ceiling unless `height` says otherwise."""
@@ -173,6 +227,11 @@ class Cylinder(AnyObstacle):
         r = self.radius
         return _upright(2.0 * pi * r, pi * r**2, self.height or inf, domain)
 
+    @property
+    def thinnest(self) -> float:
+        """Its diameter or its height [m]."""
+        return min(2.0 * self.radius, self.height or inf)
+
 
 class Sphere(AnyObstacle):
     """A sphere (in 2-D a disc)."""
@@ -185,6 +244,11 @@ class Sphere(AnyObstacle):
     def surface(self, domain: Domain) -> float:
         """In 2-D of a disc."""
         return 2.0 * pi * self.radius if domain.dim == 2 else 4.0 * pi * self.radius**2
+
+    @property
+    def thinnest(self) -> float:
+        """Its diameter [m]."""
+        return 2.0 * self.radius
 
 
 class Prism(Standing):
@@ -217,6 +281,14 @@ class Mesh(Standing):
     yaw_deg: Annotated[Angle, COMPILED] = 0.0
     translate: Annotated[tuple[Coordinate, Coordinate, Coordinate], COMPILED] = (0.0, 0.0, 0.0)
     section: Annotated[Coordinate, COMPILED] = 0.0
+
+    def _another_scale(self, size: np.ndarray, domain: Domain) -> str:
+        """Where it would be a tenth to all of the domain, in a common unit."""
+        most = max(domain.extent)
+        for factor, unit in UNITS.items():
+            if 0.03 * most <= factor * size.max() <= most:
+                return f"if {self.file} is in {unit}, give scale: {factor * self.scale:.4g}; otherwise "
+        return ""
 
 
 Obstacle = Annotated[Box | Cylinder | Sphere | Prism | Mesh, Field(discriminator="kind")]

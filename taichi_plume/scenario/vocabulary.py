@@ -183,6 +183,10 @@ class Model(BaseModel):
         """What else is wrong with it."""
         yield from ()
 
+    def remarks(self, where: str, context: "Context") -> Iterator[str]:
+        """What is probably not meant, though it can be run: of a section of which nothing is wrong."""
+        yield from ()
+
 
 def sections(part: Any, where: str) -> Iterator[tuple[str, Model]]:
     """A section and all below it, each with its path; `part` may be a list of them."""
