@@ -37,6 +37,7 @@ class Resources:
 
     faults: what is wrong with those that cannot be used. shapes: of the obstacles without a fault, in their order.
     site: the files of an imported wind. code: files of own algorithms; own: their classes, once they were executed.
+    remarks: what is probably not meant, once checked.
     """
 
     scenario: Scenario
@@ -47,6 +48,7 @@ class Resources:
     site: "Site | None" = None
     code: dict[str, OwnFile] = field(default_factory=dict)
     own: dict[str, type] = field(default_factory=dict)
+    remarks: list[str] = field(default_factory=list)
     _unlike: dict[Path, int] = field(default_factory=dict, repr=False)
     _site_air: "dict[bool, Air]" = field(default_factory=dict, repr=False)
 
@@ -132,6 +134,7 @@ def checked(
         prepared = prepare(scenario, folder, allow_outside, named)
         faults = checks.problems(*prepared)
         if not faults:
+            prepared.resources.remarks += checks.remarks(*prepared)
             return prepared
     raise ScenarioError(faults)
 

@@ -47,6 +47,8 @@ def _new(args: argparse.Namespace) -> int:
         if getattr(args, key) is not None:
             overrides.append(f"{key}={getattr(args, key)}")
     prepared = load(args.scenario, overrides, args.allow_outside)
+    for remark in prepared.resources.remarks:
+        print(f"note: {remark}", file=sys.stderr)
     if args.check:
         with reader_may_leave():
             _print_check(prepared.scenario)

@@ -152,6 +152,7 @@ def _conclude(job: Job, sim: Simulation, outputs: Outputs, end: End) -> tuple[di
         end = end if end.code else End(*_explain(error), 1)
         content = {"name": sim.scenario.name, "status": end.status, "message": end.message}
         content["seed"] = sim.scenario.seed
+    content["remarks"] = job.prepared.resources.remarks
     try:
         result.write_result(folder, content)
         outputs.seal(end.status)

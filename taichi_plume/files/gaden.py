@@ -20,9 +20,9 @@ from scipy.spatial import cKDTree  # type: ignore[attr-defined]
 from taichi_plume.files.tables import TextFile, shown
 from taichi_plume.files.wind_points import WindFileError
 from taichi_plume.grid.clearance import FAR
-from taichi_plume.grid.cut_cells import SLIVER, TIE
+from taichi_plume.grid.cut_cells import SLIVER
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.shapes import Shape
+from taichi_plume.grid.shapes import TIE, Shape
 
 HEADER = ("env_min", "env_max", "num_cells", "cell_size")
 LARGEST = 1e9  # number of a header

@@ -1,7 +1,8 @@
 """How much of every cell and face is air, where the surfaces of obstacles cut through the grid.
 
 The signed distance to the surfaces is taken as linear between nodes half a cell apart: the shares are of second order
-in the spacing, exact where a plane surface runs along the cells. What is thinner than half a cell may be missed.
+in the spacing, exact where a plane surface runs along the cells. What is thinner than half a cell may be missed, see
+`missed`.
 """
 
 from collections.abc import Sequence
@@ -13,10 +14,8 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from taichi_plume.grid.grid import Grid, block_mean
-from taichi_plume.grid.shapes import Shape
+from taichi_plume.grid.shapes import FINER, TIE, Shape
 
-TIE = 1e-4  # cells: a cell centre this close to a surface counts as outside, whatever the rounding
-FINER = 2  # nodes per cell and axis
 SECTIONS = 8  # per axis, to integrate a share between nodes
 SLIVER = 0.02  # shares below are closed
 

@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+FINER = 2  # nodes per cell and axis at which distances are taken, to cut cells
+TIE = 1e-4  # cells: a place this close to a surface counts as outside, whatever the rounding
 CLEARANCE_STEP = 0.01  # m, the finest grid of a clearance map
 CLEARANCE_NODES = 400_000
 

@@ -1,3 +1,3 @@
 """The vocabulary of a scenario, each section with its checks: pydantic and NumPy, never Taichi."""
 
-MAY_IMPORT: tuple[str, ...] = ("grid.meshes", "grid.shapes", "guard")
+MAY_IMPORT: tuple[str, ...] = ("grid.meshes", "grid.missed", "grid.shapes", "guard")

@@ -30,6 +30,12 @@ def misfits(scenario: Scenario) -> list[str]:
     return lines or list(too_large(scenario))
 
 
+def remarks(scenario: Scenario, resources: Resources) -> list[str]:
+    """What of a scenario, of which nothing is wrong, is probably not meant: lines ``path: message``."""
+    context = Context(scenario, resources)
+    return [line for where, section in every(scenario) for line in section.remarks(where, context)]
+
+
 def problems(scenario: Scenario, resources: Resources) -> list[str]:
     """What else is wrong with a scenario, whose files have been opened.
 

@@ -14,9 +14,9 @@ from taichi_plume.scenario.vocabulary import (
     Diffusivities,
     Face,
     Intensities,
+    Intensity,
     Length,
     Mass,
-    NonNegative,
     Rate,
     Time,
 )
@@ -207,11 +207,11 @@ class MeanderingGas(ClosedForm):
 
     kind: Literal["meandering"]
     sources: Annotated[tuple[PlumeSource, ...], Field(min_length=1)]
-    width_slope: NonNegative = 0.08
+    width_slope: Intensity = 0.08
     """Growth of the horizontal standard deviation with the distance from the source."""
-    height_slope: NonNegative = 0.06
+    height_slope: Intensity = 0.06
     """Growth of the vertical one."""
-    width_fluctuation: NonNegative = 0.0
+    width_fluctuation: Intensity = 0.0
     """Standard deviation of the logarithm of the width, which varies as the gusts do."""
 
     @property

@@ -22,9 +22,9 @@ from taichi_plume.scenario.vocabulary import (
     COMPILED,
     Convection,
     Count,
-    Diffusivity,
     Dissipation,
     Duration,
+    EddyDiffusivity,
     Frequency,
     Length,
     Model,
@@ -51,7 +51,7 @@ class DiffusiveGrowth(Model):
     """R² = R0² + rate t (Farrell et al. 2002, doi:10.1023/A:1016283702837)."""
 
     kind: Literal["diffusive"]
-    rate: Diffusivity = 1e-4
+    rate: EddyDiffusivity = 1e-4
     """[m²/s]."""
 
 
@@ -104,9 +104,19 @@ class PuffGas(OneGas):
             yield f"{where}.buoyancy: is for 3-D runs; remove it, or give domain.size three numbers"
         yield from super().misfits(where, dim)
 
+    def bytes(self, dim: int) -> float:
+        """Of the puffs: twice their places, velocities, sizes and masses, and what orders and sums them."""
+        return 4.0 * (5 * dim + 11) * self.most
+
     def problems(self, where: str, context: Context) -> Iterator[str]:
-        """Puffs have to fit the domain, and do not weigh."""
+        """Puffs have to fit the domain, come in a number that there is room for, and do not weigh."""
         yield from dishes(where, self.vapour, self.sources)
+        at_once, tick = self.release_rate * len(self.sources), context.scenario.tick
+        if at_once * tick > self.most:
+            yield (
+                f"{where}.release_rate: {at_once:g} puffs per second are {at_once * tick:.3g} in a tick of {tick:g} s, "
+                f"and most: {self.most} can be at a time; lower it"
+            )
         width, buoyancy = min(context.domain.extent), context.scenario.buoyancy
         if self.initial_size > 0.5 * width:
             yield (

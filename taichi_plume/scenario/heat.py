@@ -18,8 +18,8 @@ from taichi_plume.scenario.vocabulary import (
     HeatTransfer,
     Length,
     Model,
-    Positive,
     Power,
+    Prandtl,
     Temperature,
 )
 from taichi_plume.scenario.windows import Region
@@ -50,7 +50,7 @@ class TemperedWall(TemperedSurface, Region):
 class TemperedObstacle(TemperedSurface):
     """An obstacle with a temperature."""
 
-    number: Annotated[int, Field(ge=0)]
+    number: Annotated[int, Field(ge=0, le=1_000_000)]
     """Its place in `obstacles`, counted from 0."""
 
 
@@ -63,7 +63,7 @@ class Heat(Model):
     """Relative change of the volume per kelvin [1/K]; unless given, an ideal gas's: 1/reference."""
     diffusivity: Diffusivity = 2.2e-5
     """Of heat in still air [m²/s]."""
-    prandtl_turbulent: Positive = 0.85
+    prandtl_turbulent: Prandtl = 0.85
     """Eddy viscosity over eddy diffusivity of heat."""
     capacity: HeatCapacity = 1191.0
     """Heat per volume and kelvin, density times c_p [J/(m³ K)]; the default is air at 25 °C."""

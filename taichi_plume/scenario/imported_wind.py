@@ -14,12 +14,13 @@ from taichi_plume.scenario.resources import Cubes, Site
 from taichi_plume.scenario.vocabulary import (
     COMPILED,
     Coordinate,
-    Diffusivity,
     Duration,
+    EddyDiffusivity,
     Face,
     FileName,
     Point,
-    Positive,
+    Prandtl,
+    Viscosity,
 )
 
 ROUNDING = 0.01  # cells that the domain may reach beyond the points
@@ -47,11 +48,11 @@ class ImportedWind(AnyWind, Played):
     """Path of an OccupancyGrid3D.csv of GADEN's: obstacles besides the scenario's own."""
     walls: tuple[Face, ...] = ()
     """Faces of the domain that let no air through."""
-    viscosity: Diffusivity = 1.56e-5
+    viscosity: Viscosity = 1.56e-5
     """Kinematic viscosity [m²/s]; the default is air at 25 °C."""
-    eddy_viscosity: Diffusivity | None = None
+    eddy_viscosity: EddyDiffusivity | None = None
     """Of the turbulence that the files do not resolve [m²/s]; unless given, their column nut, or none."""
-    schmidt: Positive = 0.7
+    schmidt: Prandtl = 0.7
     """Turbulent Schmidt number: eddy viscosity over eddy diffusivity of gas."""
 
     def misfits(self, where: str, dim: int) -> Iterator[str]:

@@ -6,18 +6,18 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from taichi_plume.scenario.quantities import fault
+from taichi_plume.scenario.quantities import fault, ill_sized
 from taichi_plume.scenario.vocabulary import (
     COMPILED,
+    Coefficient,
     Delay,
-    Diffusivity,
     Duration,
+    EddyDiffusivity,
     Fraction,
     Frequency,
     Length,
     Model,
-    NonNegative,
-    Positive,
+    SomePpm,
     Speed,
 )
 
@@ -38,6 +38,14 @@ class AnyAlgorithm(Model):
         """What is wrong with it for these robots on that floor; `where` is the group."""
         yield from ()
 
+    def unfit(self, where: str, floor: "Arena") -> str | None:
+        """A line about a grid of its own that has too many or too few cells on that floor; `where` is the group."""
+        return None
+
+    def bytes(self, group: "Group", floor: "Arena", tick: float) -> float:
+        """About what it needs of memory for the robots of all trials; tick: control period [s]."""
+        return 0.0
+
 
 class Listening(AnyAlgorithm):
     """What algorithms share that stand still to listen: an acquisition is a series of samples."""
@@ -52,6 +60,9 @@ class Listening(AnyAlgorithm):
     """Standing still before it [s]."""
 
 
+MOST_BELIEFS = 250_000  # cells of a map of beliefs: a step of a robot looks at all of them five times
+
+
 class Spiral(Listening):
     """SPIRAL (Ferri et al. 2009). See agents/spiral.py."""
 
@@ -60,13 +71,13 @@ class Spiral(Listening):
     """Time of listening [s]."""
     sample_period: Annotated[Duration, COMPILED] = 0.5
     """Between the samples of an acquisition [s]."""
-    minimum_ppm: Positive = 0.2
+    minimum_ppm: SomePpm = 0.2
     """Threshold of the proximity index at the start, and after an escape: a mean index far from the source."""
-    delta: Annotated[float, Field(gt=0, lt=1)] = 0.2
+    delta: Annotated[float, Field(ge=1e-6, lt=1)] = 0.2
     """By how much misses lower the threshold below the minimum, over the minimum."""
-    mean_weight: NonNegative = 1.0
+    mean_weight: Coefficient = 1.0
     """Of the mean of an acquisition in its proximity index."""
-    peak_weight: NonNegative = 0.5
+    peak_weight: Coefficient = 0.5
     """Of the sum of its peaks."""
     peak_window: Duration = 5.0
     """Only the largest peak of so long a time counts [s]."""
@@ -90,6 +101,10 @@ class Spiral(Listening):
     random: bool = False
     """Random SPIRAL: the index is drawn uniformly between 0 and 1; nothing is smelt."""
 
+    def bytes(self, group: "Group", floor: "Arena", tick: float) -> float:
+        """Of the samples of an acquisition, which every robot keeps."""
+        return 4.0 * group.count * group.trials * self.acquisition / max(self.sample_period, tick)
+
 
 class EColi(Listening):
     """Run and tumble, as bacteria do (Russell et al. 2003). See agents/ecoli.py."""
@@ -109,7 +124,7 @@ class Infotaxis(Listening):
 
     kind: Literal["infotaxis"]
     acquisition: Duration = 2.0
-    threshold_ppm: Positive = 5.0
+    threshold_ppm: SomePpm = 5.0
     """Mean reading of an acquisition that counts as a detection."""
     step: Length = 0.25
     """Driven after each acquisition, unless it stays [m]."""
@@ -117,7 +132,7 @@ class Infotaxis(Listening):
     """Edge of the cells of its map of beliefs [m]."""
     rate: Frequency = 1.0
     """Of the model that it believes in: detections per second close to the source."""
-    diffusivity: Annotated[Diffusivity, Field(gt=0)] = 0.05
+    diffusivity: Annotated[EddyDiffusivity, Field(ge=1e-9)] = 0.05
     """Of patches of gas [m²/s]."""
     wind_speed: Speed = 0.5
     """Mean [m/s]."""
@@ -136,6 +151,16 @@ class Infotaxis(Listening):
         """How far patches get across the wind: lambda [m]."""
         D, V, tau = self.diffusivity, self.wind_speed, self.lifetime
         return sqrt(D * tau / (1.0 + V**2 * tau / (4.0 * D)))
+
+    def unfit(self, where: str, floor: "Arena") -> str | None:
+        """Every cell of its map is looked at, again and again."""
+        return ill_sized(f"{where}.algorithm.cell", self.cell, floor.size, MOST_BELIEFS)
+
+    def bytes(self, group: "Group", floor: "Arena", tick: float) -> float:
+        """Of the beliefs of every robot, and of the chances of a detection on half cells around it."""
+        cells = floor.size[0] * floor.size[1] / self.cell**2
+        chances = 16.0 * (floor.size[0] ** 2 + floor.size[1] ** 2) / self.cell**2
+        return 4.0 * (group.count * group.trials * cells + chances)
 
     @model_validator(mode="after")
     def _small(self) -> "Infotaxis":

@@ -1,12 +1,21 @@
 """The maps of a scenario: what is told of each kind of online gas map."""
 
-from math import ceil, prod, sqrt
+from math import ceil, prod
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from taichi_plume.scenario.quantities import fault, round_up
-from taichi_plume.scenario.vocabulary import COMPILED, Count, Delay, Duration, Length, Model, Positive
+from taichi_plume.scenario.quantities import fault, ill_sized, round_up
+from taichi_plume.scenario.vocabulary import (
+    COMPILED,
+    Count,
+    Delay,
+    Duration,
+    Exponent,
+    Length,
+    Model,
+    SomeCoefficient,
+)
 
 MOST_CELLS = 4_000_000
 LOG_SNAPS = 120  # of a whole log, at most; a log of ten minutes has so many of 5 s
@@ -30,19 +39,16 @@ class AnyMap(Model):
         """
         return {}
 
-    def bytes(self, size: tuple[float, ...]) -> float:
-        """About what it needs of memory on a floor of that size [m], and trial: its fields, and what solves it."""
+    def bytes(self, size: tuple[float, ...], readings: float) -> float:
+        """About what it needs of memory on a floor of that size [m], and trial: its fields, and what solves it.
+
+        readings: of the robots of a trial, per second.
+        """
         return 40.0 * prod(extent / self.cell for extent in size[:2])
 
-    def too_fine(self, where: str, size: tuple[float, ...]) -> str | None:
-        """A line about cells that are too many for it on that floor [m]."""
-        area = size[0] * size[1]
-        if area / self.cell > MOST_CELLS * self.cell:
-            return (
-                f"{where}.cell: {self.cell:g} m makes more than {MOST_CELLS} map cells; "
-                f"use {round_up(sqrt(area / MOST_CELLS)):g} m or more"
-            )
-        return None
+    def unfit(self, where: str, size: tuple[float, ...]) -> str | None:
+        """A line about cells that are too many or too few for it on a floor of that size [m]."""
+        return ill_sized(f"{where}.cell", self.cell, size, MOST_CELLS)
 
 
 class Snaps(AnyMap):
@@ -52,21 +58,25 @@ class Snaps(AnyMap):
     """Edge of the cells [m]."""
     window: Annotated[Duration, COMPILED] = 5.0
     """Length of a snap [s]."""
-    power: Annotated[Positive, COMPILED] = 2.0
+    power: Annotated[Exponent, COMPILED] = 2.0
     """Exponent of the inverse distance."""
     min_distance: Annotated[Length, COMPILED] | None = None
     """Distances below it count as it [m]; unless given, half a cell."""
+
+    def bytes(self, size: tuple[float, ...], readings: float) -> float:
+        """With the samples of a snap."""
+        return super().bytes(size, readings) + 12.0 * readings * self.window
 
 
 class TimeSeriesMap(Snaps):
     """Spatio-temporal gas map (Marjovi & Marques, ICRA 2014, eq 1-7)."""
 
     kind: Literal["time_series"]  # type: ignore[assignment]
-    alpha: Annotated[float, Field(gt=0, lt=1), COMPILED] = 0.9
+    alpha: Annotated[float, Field(ge=1e-6, lt=1), COMPILED] = 0.9
     """Weight of distance against age in the neighbourhood."""
-    beta: Annotated[Positive, COMPILED] = 0.5
+    beta: Annotated[SomeCoefficient, COMPILED] = 0.5
     """Size of the neighbourhood."""
-    time_scale: Annotated[Positive, COMPILED] = 0.1
+    time_scale: Annotated[SomeCoefficient, COMPILED] = 0.1
     """Distance that a second of age counts as [m/s]."""
     raw_samples: bool = False
     """Whether the neighbourhood is one of samples, rather than of interpolated cells."""
@@ -94,19 +104,21 @@ class TimeSeriesMap(Snaps):
             window = max(self.window, duration / snaps)
             reach = window * (ceil(duration / window) + 1)
             chosen = {"window": window, "time_scale": 0.5 * self.beta / ((1.0 - self.alpha) * reach)}
-            most = self.model_copy(update=chosen).bytes(size) <= LOG_BYTES and terms * snaps**2 <= LOG_WORK
+            most = (
+                self.model_copy(update=chosen).bytes(size, 1.0) <= LOG_BYTES and terms * snaps**2 <= LOG_WORK
+            )
             if most or snaps == 1:
                 return chosen
             snaps //= 2
 
-    def bytes(self, size: tuple[float, ...]) -> float:
-        """With the cells of the snaps that are near enough in time, around each."""
-        if self.raw_samples:
-            return super().bytes(size)
-        long, short = sorted((extent / self.cell for extent in size[:2]), reverse=True)
+    def bytes(self, size: tuple[float, ...], readings: float) -> float:
+        """With the samples or the cells of the snaps that are near enough in time, these with cells around."""
         lags = self.beta / ((1.0 - self.alpha) * self.time_scale * self.window)
+        if self.raw_samples:
+            return super().bytes(size, readings) * (1.0 + lags)
+        long, short = sorted((extent / self.cell for extent in size[:2]), reverse=True)
         margin = 2.0 * min(long, self.beta / self.alpha / self.cell)
-        return super().bytes(size) + 8.0 * lags * (long + margin) * (short + margin)
+        return super().bytes(size, readings) + 8.0 * lags * (long + margin) * (short + margin)
 
 
 class InverseDistanceMap(Snaps):
@@ -131,7 +143,7 @@ class KernelMap(AnyMap):
     """It has none: each reading counts at once."""
     sigma: Length = 0.25
     """Width of the kernel [m]: how far a reading tells of the gas around it."""
-    sigma_omega: Positive = 5.0
+    sigma_omega: SomeCoefficient = 5.0
     """Readings taken in the middle of a cell that make its confidence 1 - 1/e; with few, the mean of all counts."""
     memory: Duration | None = None
     """Age at which a reading counts 1/e of a fresh one [s] (TD Kernel DM+V: Asadi et al. 2011); unless given, all count
@@ -146,9 +158,9 @@ class KernelMap(AnyMap):
         """All readings count alike."""
         return {}
 
-    def bytes(self, size: tuple[float, ...]) -> float:
+    def bytes(self, size: tuple[float, ...], readings: float) -> float:
         """With the latest readings."""
-        return super().bytes(size) + 70.0 * self.exact
+        return super().bytes(size, readings) + 70.0 * self.exact
 
 
 class MarkovMap(AnyMap):
@@ -158,9 +170,9 @@ class MarkovMap(AnyMap):
     kind: Literal["gmrf"]  # type: ignore[assignment]
     cell: Annotated[Length, COMPILED] = 0.1
     """Edge of the cells [m]."""
-    lambda_prior: Positive = 0.01
+    lambda_prior: SomeCoefficient = 0.01
     """Precision of the difference of neighbouring cells [1/ppm²]: less lets the map vary more."""
-    lambda_observation: Positive = 10.0
+    lambda_observation: SomeCoefficient = 10.0
     """Precision of a fresh reading [1/ppm²]; the mean depends on the two by their ratio alone."""
     memory: Duration | None = 60.0
     """Age at which a reading counts no more, after steady loss [s]; null: readings count for ever."""
@@ -171,15 +183,15 @@ class MarkovMap(AnyMap):
         """All readings count alike."""
         return {"memory": None}
 
-    def bytes(self, size: tuple[float, ...]) -> float:
+    def bytes(self, size: tuple[float, ...], readings: float) -> float:
         """With a block of its matrix for each column."""
         long, short = sorted((extent / self.cell for extent in size[:2]), reverse=True)
-        return super().bytes(size) + 8.0 * long * short**2
+        return super().bytes(size, readings) + 8.0 * long * short**2
 
-    def too_fine(self, where: str, size: tuple[float, ...]) -> str | None:
+    def unfit(self, where: str, size: tuple[float, ...]) -> str | None:
         """Its columns must not be too long."""
         width = min(size[:2])
-        line = super().too_fine(where, size)
+        line = super().unfit(where, size)
         if line is None and width / self.cell > MOST_FIELD_COLUMN:
             return (
                 f"{where}.cell: {self.cell:g} m is too fine for a Markov field, which takes {MOST_FIELD_COLUMN} "

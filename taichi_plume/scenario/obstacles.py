@@ -3,18 +3,20 @@
 from bisect import bisect_right
 from collections.abc import Iterator
 from itertools import pairwise
-from math import hypot
+from math import hypot, inf, pi
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
 
+from taichi_plume.grid.missed import SAMPLES, missed
 from taichi_plume.grid.shapes import Shape
 from taichi_plume.scenario.context import Context, span
 from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.vocabulary import (
     COMPILED,
+    Angle,
     Coordinate,
     Distance,
     Edges,
@@ -23,11 +25,13 @@ from taichi_plume.scenario.vocabulary import (
     Model,
     Point,
     Point2,
-    Positive,
-    Real,
+    SomeCoefficient,
     Time,
 )
 
+TOO_LARGE = 10  # times the domain: a body that is larger has another unit
+MOSTLY_OUTSIDE = 0.4  # share of a body's base in the domain; a wall may stand astride of an edge
+UNITS = {0.001: "millimetres", 0.01: "centimetres", 0.0254: "inches", 1000.0: "metres, not millimetres"}
 MOST_EDGES = 500  # of a polygon whose edges are tested against one another
 SLIVER = 1e-6  # of the square of a polygon's width: less area is none
 FASTEST_BODY = 20.0  # m/s: the air does not count as incompressible much beyond
@@ -116,17 +120,71 @@ class AnyObstacle(Model):
             yield f"{where}: {fault}"
             return
         shape, domain = context.resources.shapes[where], context.domain
-        extent = np.array(domain.extent)
+        extent, size = np.array(domain.extent), shape.high - shape.low
         beyond = (shape.high <= 0) | (shape.low >= extent)
-        if beyond.any():
-            axis = int(beyond.argmax())
+        axis = int(beyond.argmax()) if beyond.any() else int(size.argmax())
+        if size.max() > TOO_LARGE * extent.max():
+            yield (
+                f"{where}: reaches over {span('xyz'[axis], shape.low[axis], shape.high[axis])}, far more than the "
+                f"domain, {span('xyz'[axis], 0, extent[axis])}; {self._another_scale(size, domain)}make it smaller"
+            )
+        elif beyond.any():
             yield (
                 f"{where}: lies outside the domain: "
                 f"{span('xyz'[axis], shape.low[axis], shape.high[axis])}, "
-                f"the domain has {span('xyz'[axis], 0, extent[axis])}; move it in or remove it"
+                f"the domain has {span('xyz'[axis], 0, extent[axis])}; {self._another_scale(size, domain)}"
+                "move it in or remove it"
             )
         elif isinstance(self, Box | Cylinder | Sphere) and self.motion is not None:
             yield from self.motion.clashes(where, self.center, shape, domain)
+
+    def remarks(self, where: str, context: Context) -> Iterator[str]:
+        """What of it has no effect: what lies beyond the walls, and what is too thin for the grid."""
+        shape, domain = context.resources.shapes[where], context.domain
+        if vars(self).get("motion") is not None:
+            return
+        low, high, extent = shape.low[:2], shape.high[:2], np.array(domain.extent[:2])
+        share = float(np.prod((np.minimum(high, extent) - np.maximum(low, 0.0)) / (high - low)))
+        if share < MOSTLY_OUTSIDE:
+            yield (
+                f"{where}: only {100 * share:.0f} % of it are in the domain: it reaches over "
+                f"{span('x', low[0], high[0])}, {span('y', low[1], high[1])}, the domain has {domain.box}"
+            )
+        if self.thinnest >= domain.spacing:
+            return
+        samples = max(500, SAMPLES // len(context.scenario.obstacles))
+        lost = missed(shape, domain.extent, domain.spacing, samples)
+        if lost is not None:
+            what = "it" if lost.share > 0.99 else f"{100 * lost.share:.0f} % of it"
+            near = ", ".join(f"{x:.3g}" for x in lost.place)
+            yield (
+                f"{where}: the air does not see {what}, about ({near}) m: parts thinner than half a cell of "
+                f"{domain.spacing:g} m fall between nodes; {self._finer(shape.high - shape.low, domain)}"
+            )
+
+    @property
+    def thinnest(self) -> float:
+        """How thin it is at its thinnest [m]; 0 where that is not known."""
+        return 0.0
+
+    def _finer(self, size: np.ndarray, domain: Domain) -> str:
+        """What to do about what is too thin."""
+        if self.thinnest:
+            return f"use a domain.spacing of {2 * self.thinnest:.3g} m or less, or make it thicker"
+        return f"{self._another_scale(size, domain)}lower domain.spacing, or make it thicker"
+
+    def _another_scale(self, size: np.ndarray, domain: Domain) -> str:
+        """A hint at the unit of a file, in which it would fit; size: that it has now [m]."""
+        return ""
+
+    def surface(self, domain: Domain) -> float:
+        """About its area [m²], in 2-D the length of its outline [m]; infinite where only a file tells."""
+        return inf
+
+
+def _upright(around: float, area: float, height: float, domain: Domain) -> float:
+    """The surface of a body that is the same at all heights; around: its outline [m]; area: of its footprint [m²]."""
+    return around if domain.dim == 2 else around * min(height, domain.size[2]) + 2.0 * area
 
 
 class Standing(AnyObstacle):
@@ -141,8 +199,18 @@ class Box(AnyObstacle):
     kind: Literal["box"]
     center: Annotated[Point, COMPILED]
     size: Annotated[Edges, COMPILED]
-    yaw_deg: Annotated[Real, COMPILED] = 0.0
+    yaw_deg: Annotated[Angle, COMPILED] = 0.0
     motion: Motion | None = None
+
+    def surface(self, domain: Domain) -> float:
+        """Of its six faces, in 2-D of four."""
+        x, y = self.size[:2]
+        return _upright(2.0 * (x + y), x * y, self.size[-1], domain)
+
+    @property
+    def thinnest(self) -> float:
+        """Its shortest edge [m]."""
+        return min(self.size)
 
 
 class Cylinder(AnyObstacle):
@@ -155,6 +223,16 @@ class Cylinder(AnyObstacle):
     height: Annotated[Length, COMPILED] | None = None
     motion: Motion | None = None
 
+    def surface(self, domain: Domain) -> float:
+        """Of its side and its ends."""
+        r = self.radius
+        return _upright(2.0 * pi * r, pi * r**2, self.height or inf, domain)
+
+    @property
+    def thinnest(self) -> float:
+        """Its diameter or its height [m]."""
+        return min(2.0 * self.radius, self.height or inf)
+
 
 class Sphere(AnyObstacle):
     """A sphere (in 2-D a disc)."""
@@ -164,6 +242,15 @@ class Sphere(AnyObstacle):
     radius: Annotated[Length, COMPILED]
     motion: Motion | None = None
 
+    def surface(self, domain: Domain) -> float:
+        """In 2-D of a disc."""
+        return 2.0 * pi * self.radius if domain.dim == 2 else 4.0 * pi * self.radius**2
+
+    @property
+    def thinnest(self) -> float:
+        """Its diameter [m]."""
+        return 2.0 * self.radius
+
 
 class Prism(Standing):
     """A vertical prism over a simple polygon; in 3-D from `base` to the ceiling unless `height` says otherwise."""
@@ -172,6 +259,12 @@ class Prism(Standing):
     vertices: Annotated[tuple[Point2, ...], Field(min_length=3, max_length=10_000), COMPILED]
     base: Annotated[Distance, COMPILED] = 0.0
     height: Annotated[Length, COMPILED] | None = None
+
+    def surface(self, domain: Domain) -> float:
+        """Of its sides and its ends."""
+        corners = np.array(self.vertices)
+        around = float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).sum())
+        return _upright(around, abs(_twice_area(corners)) / 2, self.height or inf, domain)
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
         """Its outline has to be one."""
@@ -185,10 +278,18 @@ class Mesh(Standing):
     kind: Literal["mesh"]
     file: FileName
     """Path, relative to the scenario's folder."""
-    scale: Annotated[Positive, COMPILED] = 1.0
-    yaw_deg: Annotated[Real, COMPILED] = 0.0
+    scale: Annotated[SomeCoefficient, COMPILED] = 1.0
+    yaw_deg: Annotated[Angle, COMPILED] = 0.0
     translate: Annotated[tuple[Coordinate, Coordinate, Coordinate], COMPILED] = (0.0, 0.0, 0.0)
     section: Annotated[Coordinate, COMPILED] = 0.0
+
+    def _another_scale(self, size: np.ndarray, domain: Domain) -> str:
+        """Where it would be a tenth to all of the domain, in a common unit."""
+        most = max(domain.extent)
+        for factor, unit in UNITS.items():
+            if 0.03 * most <= factor * size.max() <= most:
+                return f"if {self.file} is in {unit}, give scale: {factor * self.scale:.4g}; otherwise "
+        return ""
 
 
 Obstacle = Annotated[Box | Cylinder | Sphere | Prism | Mesh, Field(discriminator="kind")]
@@ -196,8 +297,7 @@ Obstacle = Annotated[Box | Cylinder | Sphere | Prism | Mesh, Field(discriminator
 
 def _outline(path: str, corners: np.ndarray) -> Iterator[str]:
     """A polygon, corners (n, 2) [m], has to have an inside and must not cross itself."""
-    x, y = (corners - corners[0]).T
-    area = abs(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))) / 2
+    area = abs(_twice_area(corners)) / 2
     width = float(np.ptp(corners, axis=0).max())
     crossing = _crossing(corners, TOUCHING * width**2) if len(corners) <= MOST_EDGES else None
     if crossing:
@@ -208,6 +308,12 @@ def _outline(path: str, corners: np.ndarray) -> Iterator[str]:
         )
     elif area <= SLIVER * width**2:
         yield f"{path}: the polygon has no area: its corners lie on a line or are out of order"
+
+
+def _twice_area(corners: np.ndarray) -> float:
+    """That of a polygon, corners (n, 2); negative where they go clockwise."""
+    x, y = (corners - corners[0]).T
+    return float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
 
 
 def _crossing(corners: np.ndarray, least: float) -> tuple[int, int] | None:

@@ -11,6 +11,7 @@ from taichi_plume.scenario.context import Context
 from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.vocabulary import (
+    Coefficient,
     Color,
     Delay,
     Duration,
@@ -18,9 +19,8 @@ from taichi_plume.scenario.vocabulary import (
     Fraction,
     Length,
     Model,
-    NonNegative,
     Pressure,
-    Real,
+    Swirl,
     Velocities,
     Velocity,
 )
@@ -118,7 +118,7 @@ class Fan(Jet):
 
     color: ClassVar[Color] = BLUE
     kind: Literal["fan"]
-    swirl: Real = 0.0
+    swirl: Swirl = 0.0
     """Tangential over axial speed at the rim; 3-D only."""
     curve: FanCurve | None = None
     """The speed follows the pressure behind the fan; `speed` is then the one that it starts with, 0 unless given."""
@@ -170,7 +170,7 @@ class Honeycomb(Jet):
     color: ClassVar[Color] = YELLOW
     straight: ClassVar[bool] = True
     kind: Literal["honeycomb"]
-    loss_coefficient: NonNegative = 2.0
+    loss_coefficient: Coefficient = 2.0
     """Pressure loss over the dynamic pressure, for the outlet."""
 
 

@@ -14,7 +14,7 @@ from taichi_plume.scenario.vocabulary import (
     FullScale,
     Length,
     Model,
-    Positive,
+    SomePpm,
     Time,
 )
 
@@ -31,7 +31,7 @@ class Recording(Model):
     """In 3-D, the plume as a volume besides the floor slice."""
     slice_height: Distance = 0.1
     """Height of the slice in 3-D [m]."""
-    range_ppm: tuple[Positive, Positive] = (0.1, 1000.0)
+    range_ppm: tuple[SomePpm, SomePpm] = (0.1, 1000.0)
     """Ends of the logarithmic colour scale."""
 
     def problems(self, where: str, context: Context) -> Iterator[str]:

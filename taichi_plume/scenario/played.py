@@ -8,7 +8,7 @@ import numpy as np
 from taichi_plume.scenario.any_wind import AnyWind
 from taichi_plume.scenario.context import Context
 from taichi_plume.scenario.resources import Film
-from taichi_plume.scenario.vocabulary import FileName, Model, Point2, Positive, Time
+from taichi_plume.scenario.vocabulary import FileName, Model, Point2, SomeCoefficient, Time
 
 
 class Played(Model):
@@ -16,7 +16,7 @@ class Played(Model):
 
     loop: bool = False
     """Start again at the end."""
-    rate: Positive = 1.0
+    rate: SomeCoefficient = 1.0
     """Seconds of the frames per simulated second; their velocities stay as they are."""
     start: Time = 0.0
     """Time of the frames [s] that is shown when the robots start."""

@@ -15,13 +15,15 @@ from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.sources import OneGas, Target
 from taichi_plume.scenario.vocabulary import (
     COMPILED,
+    Coefficient,
     Count,
     Duration,
     FileName,
     FullScale,
     Length,
+    Magnitude,
     Point2,
-    Positive,
+    SomeCoefficient,
     Time,
 )
 
@@ -56,7 +58,7 @@ class FluentGas(PercentGas, PointPlayback):
     """Time between frames [s]."""
     cell: Annotated[Length, COMPILED] = 0.1
     """Points count up to this distance [m]."""
-    largest: Annotated[Positive, COMPILED] | None = None
+    largest: Annotated[Magnitude, COMPILED] | None = None
     """Concentration that counts as 100 percent; unless given, the largest in the files."""
 
     @field_validator("files")
@@ -65,9 +67,6 @@ class FluentGas(PercentGas, PointPlayback):
         if not re.fullmatch(r"[^%]*%(0?[1-9])?d[^%]*", Path(files).name):
             raise fault("must hold one number, such as plume%03d.txt, in the file's name")
         return files
-
-
-Spread = Annotated[float, Field(ge=1e-6, le=1e6)]
 
 
 class PlumeSimPuff(PercentGas):
@@ -80,9 +79,9 @@ class PlumeSimPuff(PercentGas):
 
     kind: Literal["plumesim_gaussian"]
     release_point: Point2
-    diffusion: tuple[Spread, Spread] = (0.2, 0.005)
+    diffusion: tuple[SomeCoefficient, SomeCoefficient] = (0.2, 0.005)
     """Dx, Dy [m² per frame]."""
-    amount: Annotated[float, Field(gt=0, le=1e6)] = 100.0
+    amount: SomeCoefficient = 100.0
     """Percent m² that are released."""
     cell: Length = 0.1
     """Distance of the nodes [m]."""
@@ -118,8 +117,8 @@ class PlumeSimMeander(PercentGas):
     release_point: Point2
     points: Annotated[int, Field(ge=20, le=1_000_000)] = 200
     """About so many."""
-    release_rate: Annotated[float, Field(ge=0, le=1e6)] = 10.0
-    dispersion: Annotated[float, Field(ge=0, le=1e3)] = 0.1
+    release_rate: Coefficient = 10.0
+    dispersion: Coefficient = 0.1
     """Points stray across by a standard deviation of dispersion release_rate (x - x0)."""
     radius: Annotated[Length, COMPILED] = 0.1
 

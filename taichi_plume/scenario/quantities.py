@@ -1,8 +1,9 @@
 """Physical quantities in a scenario: a number in SI units, or a text with a unit such as ``"20 cm"``."""
 
 import re
+from collections.abc import Sequence
 from functools import cache
-from math import ceil, floor, inf, log10
+from math import ceil, floor, inf, log10, sqrt
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, BeforeValidator, Field
@@ -73,17 +74,18 @@ def parse(value: Any, unit: str) -> float:
 def quantity(unit: str, least: float = -inf, most: float = inf, likely: str = "", **limits: Any) -> Any:
     """The annotated type of a quantity in `unit` [SI], with pydantic's limits (gt, ge, lt, le).
 
-    A number below `least` or above `most` is refused: it was probably meant in the unit `likely`.
+    A number below `least` or above `most` is refused: perhaps it was meant in the unit `likely`.
     """
 
     def plausible(value: float) -> float:
         if not least <= value <= most:
+            meant = likely and least <= parse(f"{value!r} {likely}", unit) <= most
             raise fault(
-                "got {value} {unit}; did you mean '{value} {likely}'? {bound} {limit} {unit}",
+                "got {value} {unit}; {hint}{bound} {limit} {unit}",
                 {
                     "value": f"{value:g}",
                     "unit": unit,
-                    "likely": likely,
+                    "hint": f"did you mean '{value:g} {likely}'? " if meant else "",
                     "bound": "at most" if value > most else "at least",
                     "limit": f"{most if value > most else least:g}",
                 },
@@ -98,7 +100,24 @@ def quantity(unit: str, least: float = -inf, most: float = inf, likely: str = ""
     ]
 
 
+def number(least: float, most: float) -> Any:
+    """The annotated type of a plain number between these."""
+    return Annotated[float, Field(ge=least, le=most, allow_inf_nan=False)]
+
+
 def round_up(value: float) -> float:
     """`value` rounded up to two digits."""
     unit = 10.0 ** (floor(log10(value)) - 1)
     return ceil(value / unit - 1e-9) * unit
+
+
+def ill_sized(key: str, cell: float, size: Sequence[float], most: int) -> str | None:
+    """A line about square cells of that edge [m] on a floor of that size [m], where they are more than `most` or wider
+    than the floor; key: what sets the edge.
+    """
+    area = size[0] * size[1]
+    if area / cell > most * cell:
+        return f"{key}: {cell:g} m makes more than {most} map cells; use {round_up(sqrt(area / most)):g} m or more"
+    if cell > min(size[:2]):
+        return f"{key}: {cell:g} m is wider than the floor, {min(size[:2]):g} m; use less"
+    return None

@@ -10,18 +10,20 @@ from pydantic import Field, model_validator
 from taichi_plume.scenario.algorithms import Algorithm
 from taichi_plume.scenario.arena import Arena
 from taichi_plume.scenario.context import Context
+from taichi_plume.scenario.quantities import number
 from taichi_plume.scenario.sensors import Sensors
 from taichi_plume.scenario.starts import Start
 from taichi_plume.scenario.vocabulary import (
     COMPILED,
+    AngleNoise,
     Count,
     Distance,
     Fraction,
     Length,
     Model,
-    NonNegative,
-    Positive,
+    Thrust,
     TopSpeed,
+    TurnRate,
 )
 
 # Footprints, speeds and wheel bases from the makers' sheets and from the papers that used the robots: MOMO in Ferri et
@@ -43,11 +45,11 @@ class Body(Model):
     radius: Length = 0.08
     height: Annotated[Length, COMPILED] = 0.15
     max_speed: TopSpeed = 0.2
-    max_turn_rate_deg: Positive = 180.0
+    max_turn_rate_deg: TurnRate = 180.0
     """Degrees per second."""
     wheel_base: Length | None = None
     """Between the two wheels [m], of which none goes faster than max_speed: in a bend the robot is slower."""
-    max_acceleration: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    max_acceleration: Thrust | None = None
     """Of the speed [m/s²]; unless given, it changes at once."""
 
     @model_validator(mode="before")
@@ -67,7 +69,7 @@ class Communication(Model):
     """Probability that a robot misses a message."""
 
 
-Slight = Annotated[float, Field(ge=0, le=0.2, allow_inf_nan=False)]
+Slight = number(0, 0.2)
 
 
 class Odometry(Model):
@@ -82,15 +84,15 @@ class Odometry(Model):
     """Relative error of distances, from the size of the wheels."""
     turn_scale: Slight = 0.01
     """Relative error of angles turned, from the distance between the wheels."""
-    veer_deg: NonNegative = 0.5
+    veer_deg: AngleNoise = 0.5
     """Angle per metre that it turns without knowing [degrees], from wheels of unequal size."""
     distance_noise: Distance = 0.01
     """Standard deviation of the distance after a metre driven [m]."""
     turning_distance_noise: Distance = 0.005
     """Standard deviation of the distance after a full turn [m]."""
-    heading_noise_deg: NonNegative = 1.0
+    heading_noise_deg: AngleNoise = 1.0
     """Standard deviation of the heading after a metre driven [degrees]."""
-    turn_noise_deg: NonNegative = 2.0
+    turn_noise_deg: AngleNoise = 2.0
     """Standard deviation of the heading after a full turn [degrees]."""
 
 

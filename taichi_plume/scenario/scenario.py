@@ -23,6 +23,7 @@ from taichi_plume.scenario.outputs import Checkpoint, Fields, PlumeLog, Recordin
 from taichi_plume.scenario.robots import Group
 from taichi_plume.scenario.screens import AnyScreen
 from taichi_plume.scenario.starts import too_close
+from taichi_plume.scenario.team_algorithms import too_many_messages
 from taichi_plume.scenario.vocabulary import (
     COMPILED,
     FREE,
@@ -32,6 +33,8 @@ from taichi_plume.scenario.vocabulary import (
     Tick,
 )
 from taichi_plume.scenario.winds import Wind
+
+MOST_TICKS = 2e9  # kernels count them in 32 bits
 
 
 class Scenario(Model):
@@ -119,6 +122,13 @@ class Scenario(Model):
         """Tick at which the run ends: the duration in whole ticks."""
         return ceil(self.duration / self.tick - 1e-9)
 
+    def misfits(self, where: str, dim: int) -> Iterator[str]:
+        """Ticks are counted."""
+        ticks = (self.warm_up + self.duration) / self.tick
+        if ticks > MOST_TICKS:
+            yield f"tick: {self.tick:g} s makes {ticks:.3g} ticks, at most {MOST_TICKS:g} are counted; raise it"
+        yield from super().misfits(where, dim)
+
     def problems(self, where: str, context: Context) -> Iterator[str]:
         """Robots must not overlap, nor two groups have one name, by which tables and recordings tell them apart."""
         first: dict[str, int] = {}
@@ -139,3 +149,13 @@ class Scenario(Model):
             if discs and (self.rivals or n == len(self.robots) - 1):
                 yield from too_close(names, discs)
                 names, discs = [], []
+        yield from self._messages()
+
+    def _messages(self) -> Iterator[str]:
+        """Groups that tell each other too much together, though none does alone."""
+        talking = [
+            (f"robots[{n}]", group) for n, group in enumerate(self.robots) if group.algorithm.kind == "dapso"
+        ]
+        alone = any(line for where, group in talking for line in too_many_messages(where, [group]))
+        if len(talking) > 1 and not alone:
+            yield from too_many_messages(talking[-1][0], [group for _, group in talking])

@@ -7,7 +7,7 @@ from pydantic import Field, model_validator
 
 from taichi_plume.scenario.context import Context, span
 from taichi_plume.scenario.quantities import fault
-from taichi_plume.scenario.vocabulary import COMPILED, Color, Coordinate, Distance, Length, NonNegative
+from taichi_plume.scenario.vocabulary import COMPILED, Coefficient, Color, Coordinate, Distance, Length
 from taichi_plume.scenario.windows import Window
 
 
@@ -19,7 +19,7 @@ class Screen(Window):
     at: Annotated[Coordinate, COMPILED]
     thickness: Annotated[Distance, COMPILED] = 0.05
     """Along the axis [m], in whole cells, at least one."""
-    transverse: NonNegative = 1000.0
+    transverse: Coefficient = 1000.0
     """Resistance along the slab over the one through it: large values straighten the flow."""
 
     @property
@@ -67,7 +67,7 @@ class Straightener(Screen):
     """A honeycomb flow straightener: friction in its channels, and what is lost at their ends."""
 
     kind: Literal["honeycomb"]
-    loss_coefficient: NonNegative | None = None
+    loss_coefficient: Coefficient | None = None
     """Pressure drop over the dynamic pressure; 2 unless `cell` is given."""
     cell: Length | None = None
     """Width of a channel [m], in place of the loss coefficient: laminar friction in hexagons, f Re = 60.2
@@ -90,10 +90,10 @@ class Perforated(Screen):
     """A thin sheet with holes or a wire gauze."""
 
     kind: Literal["perforated"]
-    loss_coefficient: NonNegative = 2.0
+    loss_coefficient: Coefficient = 2.0
     """Pressure drop over the dynamic pressure."""
     thickness: Annotated[Distance, COMPILED] = 0.0
-    transverse: NonNegative = 1.0
+    transverse: Coefficient = 1.0
 
     def losses(self, viscosity: float) -> tuple[float, float]:
         """(a, b) of the pressure drop (a + b |u|) u over the density."""

@@ -12,16 +12,18 @@ from pydantic import Field
 
 from taichi_plume.scenario.vocabulary import (
     COMPILED,
+    Coefficient,
     Coordinate,
     Count,
     Delay,
     Distance,
     Duration,
     Fraction,
+    Intensity,
     Model,
-    NonNegative,
-    Positive,
+    Ppm,
     Resistance,
+    SomeCoefficient,
     Speed,
     Temperature,
 )
@@ -130,21 +132,21 @@ class MoxSensor(GasSensor):
 
     kind: Literal["mox"]
     model: Literal["tgs800", "tgs822", "tgs2600", "tgs2620", "mics5524"] = "mics5524"
-    noise: NonNegative = 0.003
+    noise: Intensity = 0.003
     """Standard deviation of ln R per sample."""
-    sensitivity: dict[str, NonNegative] = Field(default_factory=dict)
+    sensitivity: dict[str, Coefficient] = Field(default_factory=dict)
     """Of a species over that to ethanol, by its name; 1 unless given: the data sheets tell of ethanol alone."""
     calibration: Literal["model", "cubic"] = "model"
     """How a resistance becomes ppm: by the model's own law, or by a cubic in log R fitted to each unit."""
-    spread: NonNegative = 0.0
+    spread: Intensity = 0.0
     """Differences between units over those of the data sheet: R_air over its range, the exponent b by 8 %."""
-    drift: NonNegative = 0.0
+    drift: Intensity = 0.0
     """Random walk of ln R_air, in the root of an hour; data sheets would allow about 0.02."""
     slow_share: Fraction = 0.0
     """Of the signal that recovers by `slow_decay_time`, the rest by `decay_time`; 0.4 with 5 s and 40 s is common."""
     slow_decay_time: Duration = 40.0
     """Time constant of the slow part of the recovery [s]; without a `slow_share` there is none."""
-    cold_start: NonNegative = 0.0
+    cold_start: Intensity = 0.0
     """What ln R lacks when the sensor is switched on, at t = 0; it dies away with 15 min. 0.2 is common."""
     air_temperature: Temperature | None = None
     """Of the room [K]: R falls by 1.5 % per kelvin. Unless given 20 degC, at which R_air and calibration were taken."""
@@ -184,10 +186,10 @@ class PidSensor(GasSensor):
     """A photo-ionisation detector: linear, nearly without lag; its reading is in ppm of `calibrated_for`."""
 
     kind: Literal["pid"]
-    noise_ppm: NonNegative = 0.05
-    detection_limit_ppm: NonNegative = 0.1
+    noise_ppm: Ppm = 0.05
+    detection_limit_ppm: Ppm = 0.1
     """Below it the reading is zero."""
-    correction: dict[str, Positive] = Field(default_factory=lambda: {"ethanol": 10.0, "acetone": 1.1})
+    correction: dict[str, SomeCoefficient] = Field(default_factory=lambda: {"ethanol": 10.0, "acetone": 1.1})
     """Concentration of a species over that of isobutylene which gives the same signal (10.6 eV lamp)."""
     calibrated_for: str = ISOBUTYLENE
     """Species that it reads rightly."""
@@ -207,7 +209,7 @@ class IdealGasSensor(GasSensor):
     """Reads the true concentration of all species together, with an optional lag and noise."""
 
     kind: Literal["ideal"]
-    noise_ppm: NonNegative = 0.0
+    noise_ppm: Ppm = 0.0
 
     detection_limit_ppm: ClassVar[float] = 0.0
 

@@ -14,6 +14,10 @@ from taichi_plume.scenario.scenario import Scenario
 BYTES_PER_CELL = {2: 280, 3: 520}  # of a CFD run with one gas, at its peak while it is set up
 BYTES_PER_GAS = 16  # and cell, of every further gas
 BYTES_OF_FACTORS = 700  # per cell of a 2-D flow solved by sparse factors, at 10⁵ cells; it grows slowly
+BYTES_OF_CHANGES = 120  # per cell of a 2-D flow solved by a capacitance matrix, while that is made
+BYTES_PER_ENTRY = 12  # of a capacitance matrix, in double precision and its inverse
+MOST_BESIDE, ENTRIES_PER_CELL = 5000, 150  # as in solvers/pressure.py: larger matrices are not made
+BESIDE = 1.15  # cells beside an obstacle per square of the grid that its surface has room for
 BYTES_PER_ROBOT = 2000  # state, readings and a few minutes of track
 CELL_STEPS_PER_SECOND = {2: 3e6, 3: 5e6}  # rough: wind and gas on a few CPU cores
 
@@ -34,35 +38,68 @@ def estimate(scenario: Scenario) -> dict[str, float]:
 
 
 def _bytes(scenario: Scenario, cells: float) -> float:
-    per_cell = BYTES_PER_CELL[scenario.domain.dim] + (BYTES_OF_FACTORS if _has_factors(scenario) else 0)
-    per_cell += BYTES_PER_GAS * (len(scenario.gases) - 1)
-    return cells * per_cell + _robots(scenario) * BYTES_PER_ROBOT
+    domain = scenario.domain
+    per_cell = BYTES_PER_CELL[domain.dim] + BYTES_PER_GAS * (len(scenario.gases) - 1)
+    spacing = (prod(domain.size) / cells) ** (1.0 / domain.dim) if cells else domain.spacing
+    return cells * per_cell + _of_solver(scenario, cells, spacing) + sum(_others(scenario).values())
+
+
+def _others(scenario: Scenario) -> dict[str, float]:
+    """Bytes that do not depend on the grid, by what of a scenario takes them."""
+    floor, tick = scenario.floor, scenario.tick
+    told = {"robots": _robots(scenario) * float(BYTES_PER_ROBOT)}
+    for n, group in enumerate(scenario.robots):
+        told[f"robots[{n}].algorithm"] = group.algorithm.bytes(group, floor, tick)
+    for path, gas in scenario.gases:
+        told[path] = gas.bytes(scenario.domain.dim)
+    return told
 
 
 def _robots(scenario: Scenario) -> int:
     return sum(group.count * group.trials for group in scenario.robots)
 
 
-def _has_factors(scenario: Scenario) -> bool:
-    """Whether a 2-D flow is too irregular for fast transforms: obstacles, or faces of the domain open in part."""
-    if scenario.domain.dim == 3 or scenario.wind.computed is None:
-        return False
-    exits = [opening.region for opening in scenario.openings if opening.lets_out]
-    standing = any(one.motion is None for one in scenario.obstacles)
-    return standing or any(region is not None and region.center is not None for region in exits)
+def _of_solver(scenario: Scenario, cells: float, spacing: float) -> float:
+    """Bytes of what solves for the pressure, beyond fast transforms and multigrid: where obstacles stand, or faces of
+    the domain are open in part, a capacitance matrix; if that is too large, sparse factors in 2-D.
+    """
+    domain, dim = scenario.domain, scenario.domain.dim
+    if scenario.wind.computed is None or not cells:
+        return 0.0
+    surfaces = [one.surface(domain) for one in scenario.obstacles if one.motion is None]
+    regions = [opening.region for opening in scenario.openings if opening.lets_out]
+    surfaces += [one.area(domain.size, 1.0) for one in regions if one is not None and one.center is not None]
+    if not surfaces:
+        return 0.0
+    beside = BESIDE * sum(surfaces) / spacing ** (dim - 1)
+    if beside <= min(MOST_BESIDE, (ENTRIES_PER_CELL * cells) ** 0.5):
+        return BYTES_PER_ENTRY * beside**2 + (BYTES_OF_CHANGES * cells if dim == 2 else 0.0)
+    return BYTES_OF_FACTORS * cells if dim == 2 else 0.0
 
 
 def too_large(scenario: Scenario) -> Iterator[str]:
     """Cells and memory that are too many or too few."""
     domain = scenario.domain
     cells = prod(max(1.0, extent / domain.spacing) for extent in domain.size)
+    grids = list(_unfit(scenario))
+    yield from grids
+    if grids:
+        return
     needed, free = _bytes(scenario, cells), psutil.virtual_memory().available
     if needed > free:
         if _bytes(scenario, 0) > free / 2:
-            yield (
-                f"robots: {_robots(scenario)} robots in all trials need {_memory(needed)} of memory, "
-                f"{_memory(free)} are free; lower count or trials"
-            )
+            others = _others(scenario)
+            most = max(others, key=others.__getitem__)
+            if most == "robots":
+                yield (
+                    f"robots: {_robots(scenario)} robots in all trials need {_memory(needed)} of memory, "
+                    f"{_memory(free)} are free; lower count or trials"
+                )
+            else:
+                yield (
+                    f"{most}: needs {_memory(others[most])} of memory, {_memory(free)} are free; make what it keeps "
+                    "smaller, or use fewer robots or trials"
+                )
         else:
             fits = max(domain.spacing, 1e-9 * max(domain.size))
             while _bytes(scenario, prod(max(1.0, extent / fits) for extent in domain.size)) > free:
@@ -73,16 +110,25 @@ def too_large(scenario: Scenario) -> Iterator[str]:
             )
         return
     trials = (sum if scenario.rivals else max)([group.trials for group in scenario.robots] or [1])
+    readings = (max if scenario.rivals else sum)(
+        [group.count for group in scenario.robots] or [1]
+    ) / scenario.tick
     for n, gas_map in enumerate(scenario.maps):
-        line = gas_map.too_fine(f"maps[{n}]", domain.size)
-        if line is not None:
-            yield line
-        elif (of_map := trials * gas_map.bytes(domain.size)) > free:
+        if (of_map := trials * gas_map.bytes(domain.size, readings)) > free:
             yield (
                 f"maps[{n}]: needs {_memory(of_map)} of memory for all trials, {_memory(free)} are free; "
                 "make its cells larger, or lower the trials"
             )
     yield from domain.rounded("domain")
+
+
+def _unfit(scenario: Scenario) -> Iterator[str]:
+    """Grids of algorithms and maps that have too many or too few cells."""
+    domain, floor = scenario.domain, scenario.floor
+    lines = [gas_map.unfit(f"maps[{n}]", domain.size) for n, gas_map in enumerate(scenario.maps)]
+    if floor.fault(domain.extent) is None:
+        lines += [group.algorithm.unfit(f"robots[{n}]", floor) for n, group in enumerate(scenario.robots)]
+    yield from filter(None, lines)
 
 
 def _memory(amount: float) -> str:

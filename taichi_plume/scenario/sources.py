@@ -131,6 +131,10 @@ class OneGas(Model):
             return SPECIES[self.species]
         return Species(**self.species.model_dump())
 
+    def bytes(self, dim: int) -> float:
+        """What it needs of memory besides fields on the grid."""
+        return 0.0
+
     def alone(self, where: str) -> tuple[tuple[str, Self], ...]:
         """Every gas of one species in it, with its path: itself."""
         return ((where, self),)

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from taichi_plume.grid.shapes import clearance_resolution
 from taichi_plume.scenario.context import Context
-from taichi_plume.scenario.vocabulary import Model, Point2, Real
+from taichi_plume.scenario.vocabulary import Angle, Model, Point2
 
 if TYPE_CHECKING:
     from taichi_plume.scenario.robots import Body
@@ -43,7 +43,7 @@ class StartAt(AnyStart):
 
     kind: Literal["positions"]
     positions: Annotated[tuple[Point2, ...], Field(min_length=1)]
-    heading_deg: Real | None = None
+    heading_deg: Angle | None = None
     """Unless given, each robot starts with a random heading."""
 
     @property
@@ -71,7 +71,7 @@ class StartLine(AnyStart):
     kind: Literal["line"]
     begin: Point2
     end: Point2
-    heading_deg: Real | None = None
+    heading_deg: Angle | None = None
 
     def places(self, count: int) -> np.ndarray:
         """So many on the line."""
@@ -88,7 +88,7 @@ class StartArea(AnyStart):
     kind: Literal["area"]
     low: Point2
     high: Point2
-    heading_deg: Real | None = None
+    heading_deg: Angle | None = None
 
     def clashes(self, where: str, body: "Body", count: int, context: Context) -> Iterator[str]:
         """So many discs have to find room at random where their centres may be."""

@@ -10,7 +10,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_valida
 
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 from taichi_plume.scenario.meanings import meanings
-from taichi_plume.scenario.quantities import fault, quantity
+from taichi_plume.scenario.quantities import fault, number, quantity
 
 if TYPE_CHECKING:
     from taichi_plume.scenario.context import Context
@@ -62,37 +62,52 @@ def per_axis(number: Any) -> Any:
     ]
 
 
-Coordinate = quantity("m")
-Length = quantity("m", gt=0)
-Distance = quantity("m", ge=0)
-Duration = quantity("s", gt=0)
-Time = quantity("s")
-Delay = quantity("s", ge=0)
-Speed = quantity("m/s", ge=0)
-Velocity = quantity("m/s")
-Acceleration = quantity("m/s^2")
+# Each kind of quantity with what it can sensibly be: from instruments of a micrometre to fields of 100 km, seconds to
+# decades. Wide, but finite: beyond is a slip of the unit or the keyboard. Coordinates may be those of a map.
+Coordinate = quantity("m", least=-1e7, most=1e7)
+Length = quantity("m", gt=0, least=1e-6, most=1e5, likely="mm")
+Distance = quantity("m", ge=0, most=1e5, likely="mm")
+Duration = quantity("s", gt=0, least=1e-6, most=1e9)
+Time = quantity("s", least=-1e9, most=1e9)
+Delay = quantity("s", ge=0, most=1e9)
+Speed = quantity("m/s", ge=0, most=100, likely="mm/s")  # air is incompressible up to about there
+Velocity = quantity("m/s", least=-100, most=100, likely="mm/s")
+Acceleration = quantity("m/s^2", least=-1000, most=1000)
+Thrust = quantity("m/s^2", gt=0, least=1e-6, most=1e4)
 Rate = quantity("kg/s", ge=0, most=1, likely="mg/s")
 Mass = quantity("kg", ge=0, most=1, likely="mg")
-Frequency = quantity("1/s", gt=0)
-MolarMass = quantity("kg/mol", gt=0, most=1, likely="g/mol")
-Pressure = quantity("Pa", gt=0)
-FlowRate = quantity("m^3/s", gt=0, most=1000, likely="m^3/h")
-TopSpeed = quantity("m/s", gt=0)
-Tick = quantity("s", gt=0, le=1)
-Diffusivity = quantity("m^2/s", ge=0)
-Dissipation = quantity("m^2/s^3", gt=0)
-Temperature = quantity("K", least=200, likely="degC", le=500)
-Power = quantity("W")
-HeatTransfer = quantity("W/m^2/K", gt=0)
-HeatCapacity = quantity("J/m^3/K", gt=0)
-Resistance = quantity("ohm", gt=0)
-LatentHeat = quantity("J/kg", gt=0, least=1e4, likely="MJ/kg")
-Expansion = quantity("1/K", ge=0)
-Fraction = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
-Real = Annotated[float, Field(allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-FullScale = Annotated[float, Field(ge=1e-6, le=1e6, allow_inf_nan=False)]
+Frequency = quantity("1/s", gt=0, least=1e-9, most=1e6)
+MolarMass = quantity("kg/mol", gt=0, least=1e-3, most=1, likely="g/mol")
+Pressure = quantity("Pa", gt=0, least=1e-9, most=1e6)
+FlowRate = quantity("m^3/s", gt=0, least=1e-9, most=1000, likely="m^3/h")
+TopSpeed = quantity("m/s", gt=0, least=1e-6, most=100, likely="mm/s")
+Tick = quantity("s", gt=0, le=1, least=1e-4)
+Viscosity = quantity("m^2/s", ge=0, most=1, likely="mm^2/s")  # as much as an exact solution may ask for
+Diffusivity = quantity("m^2/s", ge=0, most=1, likely="mm^2/s")  # of molecules
+EddyDiffusivity = quantity("m^2/s", ge=0, most=1e4)
+Dissipation = quantity("m^2/s^3", gt=0, least=1e-12, most=1e3)
+Temperature = quantity("K", least=200, likely="degC", most=500)
+Power = quantity("W", least=-1e7, most=1e7)
+HeatTransfer = quantity("W/m^2/K", gt=0, least=1e-6, most=1e6)
+HeatCapacity = quantity("J/m^3/K", gt=0, least=1, most=1e8)
+Resistance = quantity("ohm", gt=0, least=1, most=1e9)
+LatentHeat = quantity("J/kg", gt=0, least=1e4, most=1e8, likely="MJ/kg")
+Expansion = quantity("1/K", ge=0, most=1)
+Fraction = number(0, 1)
+SomeFraction = number(1e-6, 1)
+Angle = number(-1e4, 1e4)
+AngleNoise = number(0, 1e4)
+TurnRate = number(1e-3, 1e6)
+Ppm = number(0, 1e6)
+SomePpm = number(1e-9, 1e6)
+FullScale = number(1e-6, 1e6)
+Intensity = number(0, 10)
+Coefficient = number(0, 1e6)
+SomeCoefficient = number(1e-6, 1e6)
+Prandtl = number(0.01, 100)
+Exponent = number(0.01, 10)
+Swirl = number(-100, 100)
+Magnitude = number(1e-12, 1e12)  # in a unit of someone else's
 Count = Annotated[int, Field(ge=1, le=1_000_000)]
 Point = Annotated[tuple[Coordinate, ...], Field(min_length=2, max_length=3), PER_AXIS]
 Edges = Annotated[tuple[Length, ...], Field(min_length=2, max_length=3), PER_AXIS]
@@ -103,8 +118,8 @@ FileName = Annotated[str, Field(min_length=1), INPUT_FILE]
 Convection = Literal["koren", "weno5"]
 Face = Literal["x-", "x+", "y-", "y+", "z-", "z+"]
 Color = tuple[int, int, int]
-Diffusivities = per_axis(Diffusivity)
-Intensities = per_axis(NonNegative)
+Diffusivities = per_axis(EddyDiffusivity)
+Intensities = per_axis(Intensity)
 
 
 @cache
@@ -181,6 +196,10 @@ class Model(BaseModel):
 
     def problems(self, where: str, context: "Context") -> Iterator[str]:
         """What else is wrong with it."""
+        yield from ()
+
+    def remarks(self, where: str, context: "Context") -> Iterator[str]:
+        """What is probably not meant, though it can be run: of a section of which nothing is wrong."""
         yield from ()
 
 

@@ -14,19 +14,20 @@ from taichi_plume.scenario.heat import Buoyancy
 from taichi_plume.scenario.imported_wind import ImportedWind
 from taichi_plume.scenario.openings import Opening
 from taichi_plume.scenario.played import PlaybackWind, PlumeSimWind
-from taichi_plume.scenario.quantities import fault
+from taichi_plume.scenario.quantities import fault, number
 from taichi_plume.scenario.screens import AnyScreen
 from taichi_plume.scenario.vocabulary import (
     Accelerations,
+    Coefficient,
     Convection,
-    Diffusivity,
     Duration,
+    Intensity,
     Length,
     Model,
-    NonNegative,
-    Positive,
+    Prandtl,
     Speed,
     Velocities,
+    Viscosity,
 )
 
 if TYPE_CHECKING:
@@ -39,8 +40,8 @@ class Smagorinsky(Model):
     """Eddy viscosity (C_s dx)² |S| (Smagorinsky 1963, doi:10.1175/1520-0493(1963)091<0099:GCEWTP>2.3.CO;2)."""
 
     kind: Literal["smagorinsky"]
-    constant: NonNegative = 0.15
-    schmidt: Positive = 0.7
+    constant: Intensity = 0.15
+    schmidt: Prandtl = 0.7
     """Turbulent Schmidt number: eddy viscosity over eddy diffusivity of gas."""
 
 
@@ -48,9 +49,9 @@ class Vreman(Model):
     """Eddy viscosity that vanishes in laminar shear and at walls (Vreman 2004, doi:10.1063/1.1785131)."""
 
     kind: Literal["vreman"]
-    constant: NonNegative = 0.07
+    constant: Intensity = 0.07
     """About 2.5 times the square of Smagorinsky's."""
-    schmidt: Positive = 0.7
+    schmidt: Prandtl = 0.7
     """Turbulent Schmidt number: eddy viscosity over eddy diffusivity of gas."""
 
 
@@ -64,7 +65,7 @@ class CfdWind(AnyWind):
     """Air flow computed on the grid by the incompressible Navier-Stokes equations."""
 
     kind: Literal["cfd"]
-    viscosity: Diffusivity = 1.56e-5
+    viscosity: Viscosity = 1.56e-5
     """Kinematic viscosity [m²/s]; the default is air at 25 °C."""
     turbulence: Annotated[Smagorinsky | Vreman | NoModel, Field(discriminator="kind")] = Smagorinsky(
         kind="smagorinsky"
@@ -79,9 +80,9 @@ class CfdWind(AnyWind):
     """Scheme of convection; weno5 is more accurate on the same grid and costs more."""
     buoyancy: Buoyancy | None = None
     """Unless given, neither warm air rises nor heavy gas sinks."""
-    courant: Annotated[float, Field(gt=0, le=1.4)] = 1.2
+    courant: number(0.01, 1.4) = 1.2
     """Largest sum over the axes of |u| dt/dx in one step."""
-    tolerance: Annotated[float, Field(gt=0, le=1e-2)] = 2e-5
+    tolerance: number(1e-7, 1e-2) = 2e-5
     """Divergence left by the pressure solver, over the largest |u|/dx."""
 
     @property
@@ -142,9 +143,9 @@ class CfdWind(AnyWind):
 class Gusts(Model):
     """Gusts across a uniform wind, everywhere the same: an Ornstein-Uhlenbeck process, see solvers/gusts.py."""
 
-    intensity: NonNegative = 0.15
+    intensity: Intensity = 0.15
     """Standard deviation of the horizontal crosswind over the mean speed."""
-    vertical: NonNegative = 0.0
+    vertical: Intensity = 0.0
     """The same of the crosswind upward; 3-D only."""
     time: Duration = 5.0
     """Integral time: how long a gust lasts [s]."""
@@ -271,7 +272,7 @@ class SyntheticWind(AnyWind):
     """Wavelength of the smallest eddies [m]; unless given 0.1 m, or four cells where that is more."""
     modes: Annotated[int, Field(ge=1, le=10_000)] = 64
     """Number of waves, spread evenly over the logarithm of the wavelength."""
-    unsteadiness: NonNegative = 0.5
+    unsteadiness: Coefficient = 0.5
     """Frequency of each wave over that of the eddies of its size, sqrt(k³ E(k))."""
     circulation: Speed = 0.015
     """Root mean square speed of the rolls that fill the room, over room and time [m/s]."""

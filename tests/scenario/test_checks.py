@@ -8,6 +8,7 @@ from taichi_plume.prepare import load_scenario
 from taichi_plume.scenario import size as checks_size
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.size import estimate
+from taichi_plume.solvers import pressure
 
 ROOM = """\
 duration: 10
@@ -136,7 +137,7 @@ FAULTS = [
     ("fields.start=10.5", "fields.start: 10.5 s is after the end at 10 s", "start it earlier"),
     # sizes
     ("domain.spacing=1e-3", "domain.spacing: 6e+09 cells need 3,120 GB", "GB are free; a spacing of 0.0"),
-    ("domain.spacing=1e-300", "domain.spacing: inf cells need inf GB", "GB are free; a spacing of 0.0"),
+    ("domain.spacing=1e-300", "domain.spacing: got 1e-300 m; at least 1e-06 m", ""),
     ("domain.spacing=0.4", "domain.size[2]: 0.5 m is fewer than two cells", "lower domain.spacing to 0.125"),
     ("domain.size=[4, 3, 0.07]", "domain.size[2]: 0.07 m is fewer than two cells", "make a 2-D run"),
     ("domain.size=[4, 3, 0.12]", "domain.size[2]: 0.12 m in cells of 0.05 m becomes 0.1 m", "such as 0.06 m"),
@@ -518,16 +519,83 @@ def test_polygons_of_many_corners_are_checked(tmp_path):
     )
 
 
-def test_only_flows_without_fast_transforms_need_memory_for_factors(tmp_path):
-    def needed(*overrides):
-        return estimate(scenario(tmp_path, FLOOR, *overrides))["bytes"]
+def test_only_flows_without_fast_transforms_need_memory_for_a_matrix(tmp_path):
+    """In a small room a capacitance matrix, in a large one with much in it sparse factors; in 3-D multigrid."""
+
+    def needed(text, *overrides):
+        return estimate(scenario(tmp_path, text, "robots=[]", "gas.sources.0.position.0=0.2", *overrides))[
+            "bytes"
+        ]
 
     part = "wind.openings.1={kind: honeycomb, face: x+, center: [1], size: [1]}"
-    empty = needed("obstacles=[]")  # its fan is a wall to the pressure
-    factors = checks_size.BYTES_OF_FACTORS * 80 * 60
-    assert needed() == empty + factors
-    assert needed("obstacles=[]", part) == empty + factors
-    assert needed("obstacles=[]", "wind={kind: uniform, velocity: [1, 0]}") == empty
+    uniform = "wind={kind: uniform, velocity: [1, 0]}"
+    comb = [[x / 50, 2.5 if (x // 2) % 2 else 0.5] for x in range(20, 180)]
+    crowded = f"obstacles=[{{kind: prism, vertices: {[*comb, [3.6, 2.8], [0.4, 2.8]]}}}]"
+    empty = needed(FLOOR, "obstacles=[]")  # its fan is a wall to the pressure
+    assert needed(FLOOR, "obstacles=[]", uniform) == empty
+    matrix = checks_size.BYTES_OF_CHANGES * 80 * 60
+    assert empty + matrix < needed(FLOOR) < empty + 1.5 * matrix
+    assert empty + matrix < needed(FLOOR, "obstacles=[]", part) < empty + 1.5 * matrix
+    assert needed(FLOOR, crowded) == empty + checks_size.BYTES_OF_FACTORS * 80 * 60
+    bare = needed(ROOM, "obstacles=[]")
+    assert needed(ROOM) > bare + 12 * 500**2  # cells beside its surfaces
+    assert needed(ROOM, "obstacles=[{kind: sphere, center: [2, 1.5, 0.2], radius: 1.45}]") == bare
+
+
+def test_the_limits_of_the_matrix_are_those_of_the_solver():
+    assert (checks_size.MOST_BESIDE, checks_size.ENTRIES_PER_CELL) == (pressure.MOST, pressure.PER_CELL)
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "begins"),
+    [
+        ("kind: infotaxis, cell: 1 mm", "robots[0].algorithm.cell: 0.001 m makes more than 250000 map cells"),
+        ("kind: infotaxis, cell: 20", "robots[0].algorithm.cell: 20 m is wider than the floor, 3 m"),
+        ("kind: sweep, lane: 0.1 mm", "robots[0].algorithm.lane: 0.0001 m makes 30000 lanes"),
+        (
+            "kind: least_known, map: {kind: time_series, cell: 0.1 mm}",
+            "robots[0].algorithm.map.cell: 0.0001 m makes",
+        ),
+        (
+            "kind: least_known, map: {kind: time_series, cell: 9}",
+            "robots[0].algorithm.map.cell: 9 m is wider than",
+        ),
+        (
+            "kind: least_known, avoidance: 1e-6",
+            "robots[0].algorithm.avoidance: radius and avoidance together",
+        ),
+        ("kind: spiral, acquisition: 3e8", "robots[0].algorithm: needs 4.8 GB of memory, 3 GB are free"),
+        (
+            "kind: least_known, map: {kind: time_series, cell: 1 cm, alpha: 0.99, time_scale: 1e-6}",
+            "robots[0].algorithm: needs ",
+        ),
+    ],
+)
+def test_grids_and_lists_of_algorithms_have_to_fit(tmp_path, monkeypatch, algorithm, begins):
+    monkeypatch.setattr(checks_size.psutil, "virtual_memory", lambda: SimpleNamespace(available=3e9))
+    body = ", body: {radius: 1e-4}" if "avoidance" in algorithm else ""
+    start = "start: {kind: positions, positions: [[1, 1], [1, 2]]}"
+    lines = told(tmp_path, FLOOR, f"robots.0={{count: 2, {start}, algorithm: {{{algorithm}}}{body}}}")
+    assert len(lines) == 1, lines
+    assert lines[0].startswith(begins)
+
+
+@pytest.mark.parametrize(
+    ("override", "begins"),
+    [
+        ("maps=[{kind: inverse_distance, window: 1e9}]", "maps[0]: needs 240 GB of memory"),
+        ("maps=[{kind: kernel_dmv, cell: 3.5}]", "maps[0].cell: 3.5 m is wider than the floor, 3 m"),
+        (
+            "gas={kind: puffs, sources: [{position: [1, 1.5], rate: 1e-5}], release_rate: 1e6, most: 1000}",
+            "gas.release_rate: 1e+06 puffs per second are 1e+05 in a tick of 0.1 s",
+        ),
+        ("duration=1e9", "tick: 0.1 s makes 1e+10 ticks, at most 2e+09 are counted"),
+    ],
+)
+def test_lists_of_maps_and_puffs_have_to_fit(tmp_path, override, begins):
+    lines = told(tmp_path, FLOOR, override)
+    assert len(lines) == 1, lines
+    assert lines[0].startswith(begins)
 
 
 def test_estimate(tmp_path):

@@ -94,3 +94,16 @@ def test_each_fault_is_one_line(tmp_path, override, begins, has):
     assert len(lines) == 1, lines
     assert lines[0].startswith(begins)
     assert has in lines[0]
+
+
+def test_groups_keep_their_messages_in_one_table(tmp_path):
+    """As wide as the largest team: two groups that fit alone may be too many together."""
+    one = team(40, "kind: dapso", ", trials: 400, name: many").removeprefix("robots.0=")
+    other = team(1200, "kind: dapso", ", body: {radius: 1 cm}, trials: 2, name: large").removeprefix(
+        "robots.0="
+    )
+    (line,) = told(tmp_path, FLOOR, f"robots=[{one}, {other}]", "rivals=true")
+    assert line.startswith(
+        "robots[1].count: 1200 robots in 2 trials, with those of the groups before, would keep 2.2e+07 messages"
+    )
+    assert told(tmp_path, FLOOR, f"robots=[{one}]") == told(tmp_path, FLOOR, f"robots=[{other}]") == []

@@ -1,0 +1,289 @@
+"""Search algorithms whose robots work as a team: they share what they know, a line, lanes or a map."""
+
+from collections.abc import Iterator, Sequence
+from math import ceil, sqrt
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+
+from taichi_plume.scenario.listening import AnyAlgorithm, Listening
+from taichi_plume.scenario.maps import MOST_CELLS, TimeSeriesMap
+from taichi_plume.scenario.quantities import round_up
+from taichi_plume.scenario.starts import GAP
+from taichi_plume.scenario.vocabulary import (
+    COMPILED,
+    Angle,
+    Coefficient,
+    Count,
+    Delay,
+    Distance,
+    Duration,
+    Fraction,
+    Length,
+    Model,
+    Ppm,
+    SomeFraction,
+    Speed,
+    TopSpeed,
+)
+
+if TYPE_CHECKING:
+    from taichi_plume.scenario.arena import Arena
+    from taichi_plume.scenario.robots import Group
+
+MOST_PAIRS = 20_000_000  # of robots that remember each other's messages: half a gigabyte
+MOST_LANES = 10_000
+
+
+class SearchSpace(Model):
+    """A robot listens to those that were near it when it heard them."""
+
+    kind: Literal["search_space"]
+    distance: Length = 1.5
+
+    @property
+    def limit(self) -> float:
+        """Largest distance [m] of those it listens to."""
+        return self.distance
+
+
+class FunctionValue(Model):
+    """A robot listens to those whose best readings are most like its own."""
+
+    kind: Literal["function_value"]
+    number: Count = 2
+
+    @property
+    def limit(self) -> float:
+        """How many it listens to."""
+        return float(self.number)
+
+
+class RandomMates(Model):
+    """At each way point a robot listens to others at random."""
+
+    kind: Literal["random"]
+    probability: Fraction = 0.5
+    """Of each."""
+
+    @property
+    def limit(self) -> float:
+        """Probability that it listens to one."""
+        return self.probability
+
+
+class Dapso(Listening):
+    """Particle swarm optimisation by robots without a common clock (Akat & Gazi 2008). See agents/dapso.py."""
+
+    kind: Literal["dapso"]
+    acquisition: Duration = 2.0
+    threshold_ppm: Ppm = 1.0
+    """While the best reading known is smaller, the robot explores: it drives to random places; 0: never."""
+    phi1: Coefficient = 2.05
+    """Strength of the pull to the best place of the robot itself."""
+    phi2: Coefficient = 2.05
+    """Strength of the pull to the best place that its neighbours told of."""
+    kappa: SomeFraction = 1.0
+    """Of the constriction chi; less lets steps shorten sooner."""
+    longest_step: Length = 0.5
+    """From way point to way point [m]."""
+    memory: Delay = 60.0
+    """Time constant with which a best reading fades [s], as gas comes and goes; 0: it does not."""
+    neighbourhood: Annotated[SearchSpace | FunctionValue | RandomMates, Field(discriminator="kind")] = (
+        SearchSpace(kind="search_space")
+    )
+    """Whose best places count, of the team mates that were in range (see `communication`)."""
+    way_point_tolerance: Length = 0.05
+    way_point_timeout: Duration = 15.0
+    """After it the robot measures where it is [s]."""
+    restart_after: Annotated[int, Field(ge=0, le=1_000_000)] = 3
+    """So many short steps in a row: the robot forgets all and drives to a random place; 0: never."""
+    restart_step: Length = 0.05
+    """Shorter than it is a short step [m]."""
+    avoidance: Length = 0.2
+    """Air to others and to walls below which they push the robot away [m]."""
+
+    @property
+    def threshold(self) -> float:
+        """While the best reading known is smaller, it explores [ppm]."""
+        return self.threshold_ppm
+
+    def in_group(self, where: str, group: "Group", floor: "Arena") -> Iterator[str]:
+        """There has to be air between walls, and memory for the messages."""
+        crowded = list(_crowded(where, self.avoidance, group, floor))
+        yield from crowded
+        if crowded:
+            return
+        yield from too_many_messages(where, [group])
+
+    def bytes(self, group: "Group", floor: "Arena", tick: float) -> float:
+        """Of what every robot heard last from each other of its team."""
+        return 24.0 * group.trials * group.count**2
+
+
+class LineUp(AnyAlgorithm):
+    """A diagonal line of robots that sweeps across the wind (Marjovi & Marques 2014). See agents/lineup.py."""
+
+    kind: Literal["lineup"]
+    speed: Speed | None = None
+    """Of a robot that takes its place; unless given, the body's largest."""
+    line_speed: TopSpeed = 0.1
+    """Of the line across the wind [m/s]."""
+    wind_direction_deg: Angle | None = None
+    """Where the air goes, from the x axis to the left; unless given, the team measures it at the start."""
+    listen: Duration = 5.0
+    """Time for which it measures the wind [s]."""
+    spacing: Length | None = None
+    """Between neighbours, along the wind [m]; unless given, the line reaches from margin to margin."""
+    stagger: Distance = 0.3
+    """Between neighbours, across the wind [m]; of a lone robot, its step along the wind after each sweep."""
+    mirror: bool = False
+    """Whether the line forms anew before it goes back, so that the same end leads."""
+    margin: Length = 0.3
+    """From the walls to the line [m]."""
+    tolerance: Length = 0.15
+    """The line waits for robots that are farther than this from their places [m]."""
+    patience: Delay = 10.0
+    """Time without progress after which it no longer waits for a robot [s]."""
+    avoidance: Length = 0.1
+    """Air to others and to walls below which they push the robot away [m]."""
+
+    def in_group(self, where: str, group: "Group", floor: "Arena") -> Iterator[str]:
+        """There has to be air between walls, and room for the line."""
+        crowded = list(_crowded(where, self.avoidance, group, floor))
+        yield from crowded
+        if crowded:
+            return
+        if 2 * self.margin >= min(floor.size):
+            yield f"{where}.algorithm.margin: {self.margin:g} m from all walls nothing is left of the floor; lower it"
+            return
+        if group.count == 1:
+            return
+        # Whatever the wind, the line is no longer than the diagonal; along an axis, than that side
+        longest = sum((length - 2 * self.margin) ** 2 for length in floor.size) ** 0.5
+        if self.wind_direction_deg is not None and self.wind_direction_deg % 90 == 0:
+            longest = floor.size[int(self.wind_direction_deg % 180 == 90)] - 2 * self.margin
+        least = 2 * group.body.radius + GAP
+        if self.spacing is not None and self.spacing * (group.count - 1) > longest + 1e-9:
+            yield (
+                f"{where}.algorithm.spacing: a line of {group.count} robots {self.spacing:g} m apart does not fit "
+                f"between the margins, {longest:.3g} m; use at most {longest / (group.count - 1):.3g} m, or fewer "
+                "robots"
+            )
+        elif (self.spacing or longest / (group.count - 1)) < least:
+            key = "count" if self.spacing is None else "algorithm.spacing"
+            yield (
+                f"{where}.{key}: {group.count} robots {2 * group.body.radius:g} m wide would touch in a line with "
+                f"{self.spacing or longest / (group.count - 1):.3g} m from one to the next; use fewer or smaller robots"
+            )
+
+
+class Sweep(AnyAlgorithm):
+    """Parallel lanes to and fro, shared out between the robots of a team. See agents/sweep.py."""
+
+    kind: Literal["sweep"]
+    speed: Speed | None = None
+    lane: Annotated[Length, COMPILED] = 0.3
+    """Largest width of a lane [m]."""
+    along: Literal["x", "y"] | None = None
+    """Unless given, the longer side of the floor."""
+    repeat: bool = True
+    """Whether robots go back the way they came at the end, again and again; otherwise they stay there."""
+    avoidance: Length = 0.05
+    """Air to others and to walls below which they push the robot away [m]."""
+
+    def lanes(self, size: Sequence[float] | np.ndarray, robots: int) -> tuple[int, int]:
+        """The axis along which they run, and how many cover a floor of this size [m]: at least one per robot."""
+        axis = int(size[1] > size[0]) if self.along is None else "xy".index(self.along)
+        return axis, max(ceil(size[1 - axis] / self.lane - 1e-9), robots)
+
+    def unfit(self, where: str, floor: "Arena") -> str | None:
+        """Way points are kept of all lanes."""
+        _, number = self.lanes(floor.size, 1)
+        if number > MOST_LANES:
+            least = round_up(max(floor.size) / MOST_LANES)
+            return f"{where}.algorithm.lane: {self.lane:g} m makes {number} lanes; use {least:g} m or more"
+        return None
+
+    def bytes(self, group: "Group", floor: "Arena", tick: float) -> float:
+        """Of the way points."""
+        return 16.0 * group.trials * (self.lanes(floor.size, group.count)[1] + group.count)
+
+    def in_group(self, where: str, group: "Group", floor: "Arena") -> Iterator[str]:
+        """There has to be air between walls, and lanes as wide as robots."""
+        crowded = list(_crowded(where, self.avoidance, group, floor))
+        yield from crowded
+        if crowded:
+            return
+        axis, number = self.lanes(floor.size, group.count)
+        width = floor.size[1 - axis]
+        if self.lane > width:
+            yield (
+                f"{where}.algorithm.lane: {self.lane:g} m is wider than the floor across the lanes, {width:g} m; "
+                "use narrower lanes"
+            )
+        least = 2 * group.body.radius + GAP
+        if group.count > 1 and width / number < least:
+            key = "count" if number == group.count else "algorithm.lane"
+            yield (
+                f"{where}.{key}: {number} lanes across {width:g} m are {width / number:.3g} m wide, and the robots in "
+                f"them {2 * group.body.radius:g} m; use {'fewer robots' if key == 'count' else 'wider lanes'}"
+            )
+
+
+class LeastKnown(AnyAlgorithm):
+    """To the places that a map of the team's readings knows least (after Marjovi & Marques, ICRA 2014). See
+    agents/least_known.py.
+    """
+
+    kind: Literal["least_known"]
+    speed: Speed | None = None
+    map: TimeSeriesMap = TimeSeriesMap(kind="time_series")
+    """Whose weights count; what it has forgotten is not known."""
+    share: SomeFraction = 0.1
+    """Of all cells, those that count as the least known; the robot goes to the nearest of them."""
+    apart: Length = 0.5
+    """Least distance of a way point from the robot and from those of its team mates [m]."""
+    avoidance: Length = 0.1
+    """Air to others and to walls below which they push the robot away [m]."""
+
+    def unfit(self, where: str, floor: "Arena") -> str | None:
+        """Its map has to have cells, and not too many."""
+        return self.map.unfit(f"{where}.algorithm.map", floor.high)
+
+    def bytes(self, group: "Group", floor: "Arena", tick: float) -> float:
+        """Of the map of every trial."""
+        return group.trials * self.map.bytes(floor.high, group.count / tick)
+
+    def in_group(self, where: str, group: "Group", floor: "Arena") -> Iterator[str]:
+        """There has to be air between walls, and not too many places to tell what they part."""
+        yield from _crowded(where, self.avoidance, group, floor)
+        room = group.body.radius + self.avoidance
+        least = 2.0 * sqrt(floor.size[0] * floor.size[1] / MOST_CELLS)
+        if room < least:
+            yield (
+                f"{where}.algorithm.avoidance: radius and avoidance together, {room:g} m, are too little to tell how "
+                f"so large a floor is parted; raise it to {round_up(least - group.body.radius):g} m or more"
+            )
+
+
+def too_many_messages(where: str, groups: "Sequence[Group]") -> Iterator[str]:
+    """Robots of groups keep what they heard in one table, as wide as the largest team; `where` is the last group."""
+    last = groups[-1]
+    pairs = sum(group.count * group.trials for group in groups) * max(group.count for group in groups)
+    if pairs > MOST_PAIRS:
+        others = ", with those of the groups before," if len(groups) > 1 else ""
+        yield (
+            f"{where}.count: {last.count} robots in {last.trials} trials{others} would keep {pairs:.2g} messages of "
+            f"each other; use fewer robots or trials, for at most {MOST_PAIRS:.2g}"
+        )
+
+
+def _crowded(where: str, avoidance: float, group: "Group", floor: "Arena") -> Iterator[str]:
+    gap = group.body.radius + avoidance
+    if 2 * gap >= min(floor.size):
+        yield (
+            f"{where}.algorithm.avoidance: nowhere is {gap:g} m to all walls, radius and avoidance together; "
+            "lower it"
+        )

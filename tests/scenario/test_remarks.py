@@ -1,0 +1,120 @@
+"""What can be run but is probably not meant is told, in a line each, and kept in the result."""
+
+import numpy as np
+import pytest
+from test_checks import FLOOR, ROOM, told
+from test_meshes import box_triangles, write_stl
+
+from taichi_plume import run
+from taichi_plume.prepare import load
+
+
+def remarks(tmp_path, text, *overrides):
+    path = tmp_path / "s.yaml"
+    path.write_text(text)
+    return load(path, overrides).resources.remarks
+
+
+def table(path, scale=1.0, slab=0.2):
+    """A table of 1.6 x 0.8 m on legs of 8 cm, under a slab of that thickness [m]."""
+    legs = [box_triangles((x, y, 0), (x + 0.08, y + 0.08, 0.7)) for x in (0, 1.52) for y in (0, 0.72)]
+    slab = box_triangles((0, 0, 0.7), (1.6, 0.8, 0.7 + slab))
+    return write_stl(path, scale * np.concatenate([slab, *legs]))
+
+
+HALL = (
+    "domain={size: [6, 4, 2], spacing: 0.2}",
+    "obstacles=[{kind: mesh, file: table.stl, translate: [2.21, 1.61, 0]}]",
+    "robots=[]",
+    "gas.sources.0.position=[1, 1.5, 0.1]",
+)
+
+
+@pytest.mark.parametrize("text", [ROOM, FLOOR])
+def test_of_sound_scenarios_nothing_is_remarked(tmp_path, text):
+    assert remarks(tmp_path, text) == []
+
+
+@pytest.mark.parametrize(
+    ("override", "begins", "has"),
+    [
+        (
+            "obstacles.0={kind: box, center: [2, 1.0125], size: [1, 0.01]}",
+            "obstacles[0]: the air does not see it, about (",
+            "a domain.spacing of 0.02 m or less",
+        ),
+        (
+            "obstacles.0={kind: cylinder, center: [2.0125, 1.0125], radius: 0.01}",
+            "obstacles[0]: the air does not see it",
+            "0.04 m or less",
+        ),
+        (
+            "obstacles.0={kind: prism, vertices: [[1.5, 2.305], [3, 2.305], [3, 2.32], [2, 2.322], [1.5, 2.32]]}",
+            "obstacles[0]: the air does not see ",
+            "lower domain.spacing",
+        ),
+        (
+            "obstacles.0={kind: box, center: [4.5, 1], size: [2, 0.5]}",
+            "obstacles[0]: only 25 % of it are in the domain",
+            "x 3.5 to 5.5 m",
+        ),
+    ],
+)
+def test_bodies_that_the_grid_does_not_see_are_told(tmp_path, override, begins, has):
+    (line,) = remarks(tmp_path, FLOOR, override)
+    assert line.startswith(begins)
+    assert has in line
+
+
+@pytest.mark.parametrize(
+    "override",
+    [
+        "obstacles.0={kind: box, center: [2, 1], size: [1, 0.01]}",  # over nodes of the grid, which see it
+        "obstacles.0={kind: box, center: [4, 1], size: [0.2, 0.5]}",  # astride of the wall
+        "obstacles.0={kind: prism, vertices: [[1.5, 1.5], [3, 1.5], [2, 2.5]]}",
+        "obstacles.0={kind: box, center: [2, 1], size: [0.3, 0.4], yaw_deg: 25}",
+    ],
+)
+def test_bodies_that_the_grid_sees_are_not(tmp_path, override):
+    assert remarks(tmp_path, FLOOR, override) == []
+
+
+def test_thin_legs_of_a_table_are_told_and_where(tmp_path):
+    table(tmp_path / "table.stl")
+    (line,) = remarks(tmp_path, ROOM, *HALL)
+    assert line.startswith("obstacles[0]: the air does not see ")
+    assert " % of it, about (" in line
+    place = np.array(line.split("about (")[1].split(")")[0].split(", "), float)
+    assert 0 < place[2] < 0.7
+    assert remarks(tmp_path, ROOM, *HALL, "domain.spacing=0.05") == []
+
+
+def test_a_mesh_in_millimetres_is_told_with_the_scale(tmp_path):
+    table(tmp_path / "table.stl", scale=1000.0)
+    (line,) = told(tmp_path, ROOM, *HALL)
+    assert line == (
+        "obstacles[0]: reaches over x 2.21 to 1602 m, far more than the domain, x 0 to 6 m; if table.stl is in "
+        "millimetres, give scale: 0.001; otherwise make it smaller"
+    )
+    assert not told(tmp_path, ROOM, *HALL, "domain.spacing=0.05", "obstacles.0.scale=0.001")
+
+
+def test_a_mesh_that_became_too_small_is_told_with_the_scale(tmp_path):
+    table(tmp_path / "table.stl")
+    (line,) = remarks(
+        tmp_path, ROOM, *HALL, "obstacles.0.scale=0.001", "obstacles.0.translate=[2.22, 1.66, 0.01]"
+    )
+    assert "the air does not see it" in line
+    assert "if table.stl is in metres, not millimetres, give scale: 1; otherwise lower domain.spacing" in line
+
+
+def test_remarks_are_printed_and_kept(tmp_path, capsys):
+    (tmp_path / "s.yaml").write_text(FLOOR)
+    options = [
+        str(tmp_path / "s.yaml"),
+        "--set",
+        "obstacles.0={kind: box, center: [2, 1.0125], size: [1, 0.01]}",
+    ]
+    assert run.main([*options, "--check"]) == 0
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("note: obstacles[0]: the air does not see it")
