@@ -194,7 +194,7 @@ def test_species_and_sources_come_from_the_film(path):
 
 
 def test_metadata_that_are_not_as_the_run_left_them_are_noticed(path):
-    manifest.write(path.parent, [], [path])
+    manifest.write(path.parent, {}, [path])
     Film(path)
     array = path / "u" / "zarr.json"
     array.write_text(array.read_text().replace('"m s-1"', '"km s-1"'))

@@ -135,7 +135,7 @@ def test_a_flipped_bit_of_a_page_is_noticed(tmp_path, place):
 
 def test_a_table_that_its_manifest_does_not_know_is_refused(tmp_path):
     path = noisy_table(tmp_path / "a.parquet")
-    manifest.write(tmp_path, [], [path])
+    manifest.write(tmp_path, {}, [path])
     assert len(read(path).t) == 2000
     content = path.read_bytes()
     path.write_bytes(content.replace(b"reading", b"wind_xx"))  # in the footer, which has no checksum

@@ -67,7 +67,7 @@ def make(folder: Path) -> None:
         imported.replace(WIND, "wind: {kind: imported, files: set/%g/U.xy}")
     )
     _write_table(folder / "robots.parquet")
-    manifest.write(folder, [], [folder / "robots.parquet", folder / "fields.zarr"])
+    manifest.write(folder, {}, [folder / "robots.parquet", folder / "fields.zarr"])
 
 
 def _node(k: int, n: int) -> str:
