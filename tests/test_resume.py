@@ -1,0 +1,104 @@
+"""Runs that are cut off and resumed equal unbroken ones to the bit, whatever they are made of."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from taichi_plume import run
+from taichi_plume.files import checkpoint
+from tests.fuzz import bases
+
+KILL = """
+import os, sys
+from taichi_plume import run
+from taichi_plume.simulation import Simulation
+advance = Simulation.advance
+
+def cut_off(sim):
+    advance(sim)
+    if sim.tick == {tick}:
+        os.kill(os.getpid(), {signal})
+
+Simulation.advance = cut_off
+sys.exit(run.main({command!r}))
+"""
+CASES = {
+    name: (name, [])
+    for name in [*sorted(path.stem for path in bases.CONFIGS.glob("*.yaml")), *bases.SCENARIOS]
+}
+CASES |= {
+    "continuous": ("own", ["gas={kind: continuous, diffusivity: 0.01, sources: [{position: [0.5, 1.5], rate: 1e-6}]}"]),
+    "gaussian_puff": ("own", ["gas={kind: gaussian_puff, diffusivity: 0.01, sources: [{position: [0.5, 1.5], mass: 1e-6}]}"]),
+    "plumesim_gaussian": ("own", ["gas={kind: plumesim_gaussian, release_point: [0.5, 1.5], cell: 0.1}"]),
+    "plumesim_meandering": ("own", ["gas={kind: plumesim_meandering, release_point: [0.5, 1.5], cell: 0.1}"]),
+    "ecoli": ("casting_room", ["robots.0.algorithm={kind: ecoli}"]),
+    "weno5": ("mixture", ["wind.convection=weno5", "wind.turbulence={kind: vreman}"]),
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("resume")
+    bases.make(path, warm_up=0.3)
+    text = (path / "upwind.py").read_text()
+    (path / "upwind.py").write_text(
+        text.replace(
+            "self.wanted = speed", "self.wanted = speed; self.rng = np.random.default_rng(1); self.n = 0"
+        ).replace("= self.wanted", "= self.wanted * self.rng.random(); self.n += 1")
+        + "\n    def state(self):\n        return {'n': self.n, 'rng': self.rng.bit_generator.state}\n"
+        + "\n    def restore(self, state):\n        self.n = state['n']\n"
+        + "        self.rng.bit_generator.state = state['rng']\n"
+    )
+    return path
+
+
+def result(folder: Path) -> dict:
+    content = json.loads((folder / "result.json").read_text())
+    return {key: value for key, value in content.items() if key not in ("wall_s", "Mcell_steps_per_s")}
+
+
+def killed(command: list[str], tick: int, number: int = signal.SIGKILL) -> "subprocess.CompletedProcess[str]":
+    script = KILL.format(tick=tick, command=command, signal=int(number))
+    return subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+
+
+def same(whole: Path, other: Path) -> None:
+    assert result(whole) == result(other)
+    names = {file.name for file in whole.iterdir()} - {".lock"}
+    assert names == {file.name for file in other.iterdir()} - {".lock"}
+    for name in names & {"robots.parquet", "forces.csv", "plume.pslog"}:
+        assert (whole / name).read_bytes() == (other / name).read_bytes(), name
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
+@pytest.mark.parametrize("case", CASES)
+def test_a_killed_run_goes_on_to_the_bit(folder, tmp_path, case):
+    base, changes = CASES[case]
+    rng = np.random.default_rng(sum(map(ord, case)))
+    ticks = 40
+    options = ["--quiet", "--allow-code", *(["--no-recording"] if rng.random() < 0.7 else [])]
+    sets = ["stop_early=false", "checkpoint={every: 0.7}", *changes]
+    command = [
+        str(folder / f"{base}.yaml"),
+        *options,
+        "--duration",
+        str(0.1 * ticks),
+        *(f"--set={one}" for one in sets),
+    ]
+    if base not in ("plumesim_casting", "playback", "fluent", "film"):
+        command.append("--set=tick=0.1")
+    assert run.main([*command, "--out", str(tmp_path / "whole")]) == 0
+    tick = int(rng.integers(8, ticks))
+    dead = killed([*command, "--out", str(tmp_path / "broken")], tick)
+    assert dead.returncode == -signal.SIGKILL, dead.stderr
+    assert (tmp_path / "broken" / checkpoint.NAME).exists()
+    assert result(tmp_path / "broken")["status"] == "running"
+    assert run.main(["--resume", str(tmp_path / "broken"), "--allow-code", "--allow-outside", "--quiet"]) == 0
+    same(tmp_path / "whole", tmp_path / "broken")
