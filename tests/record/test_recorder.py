@@ -204,11 +204,11 @@ def test_found_source_and_changes_are_events(arena):
 
 
 def test_scores_of_maps_are_series(arena):
-    values = arena.recorder.maps.series[0].values
+    series = arena.recorder.maps.series[0]
     for origin, name in (("map_errors/0_mae", "error_ppm"), ("map_peaks/0", "peak_distance_m")):
         t, scalars = column(arena.path, f"/{origin}", "Scalars:scalars")
         assert list(t) == [5.0]
-        assert scalars[0][0] == pytest.approx(values[name][0][0])
+        assert scalars[0][0] == pytest.approx(series.first(name)[0])
     t, forecasts = column(arena.path, "/map_errors/0_forecast", "Scalars:scalars")
     assert list(t) == [5.0]
     assert forecasts[0][0] == pytest.approx(10 / 6)
