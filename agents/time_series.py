@@ -67,7 +67,7 @@ class TimeSeriesMap(SnapMap):
         cell = np.minimum(place // self.cell, np.array(self.shape) - 1)
         way = self.model.alpha * np.linalg.norm(place - (cell + 0.5) * self.cell, axis=-1)
         fresh, now = (
-            way + (1 - self.model.alpha) * self.model.time_scale * n * self.window for n in (1, lag)
+            way + (1 - self.model.alpha) * self.model.time_scale * n * self.model.window for n in (1, lag)
         )
         return np.where(now < self.model.beta - BORDER, fresh / now, 0.0)
 

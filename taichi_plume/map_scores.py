@@ -5,7 +5,7 @@ tends to it. Each time a snap ends (or `scores.PERIOD` has gone by, where a map 
 
     error_ppm        mean of |estimate - truth| over the cells it knows and a robot can measure
     correlation      of both over these cells
-    peak_distance_m  from the largest estimate to the nearest source
+    peak_distance_m  from the largest estimate to the nearest source that has started
     nlpd             mean of ½ ln(2π v) + (r - m)² / 2v over the readings r since the last time, with the estimate m of
                      then and the variance v of a reading about it: what the map made of them before it had taken them
                      in. NaN without variance
@@ -35,6 +35,7 @@ class MapSeries:
         trials, *cells = np.shape(self.map.estimate())
         self.shape: tuple[int, int] = (cells[0], cells[1])
         self.sources = np.array([source.position[:2] for _, source in sim.scenario.sources]).reshape(-1, 2)
+        self.begins = scores.begins(sim)
         groups = sim.swarm.groups if sim.swarm.count else []
         self.extent = (sim.grid.extent[0], sim.grid.extent[1])
         self.measurable = scores.measurable(sim, self.cell, self.shape)
@@ -93,7 +94,7 @@ class MapSeries:
     def _score(self, t: float) -> None:
         estimate = np.asarray(self.map.estimate())
         score = scores.map_score(estimate, np.where(self.measurable, self.truth, np.nan))
-        peak = scores.peak_distance(estimate, self.cell, self.sources)
+        peak = scores.peak_distance(estimate, self.cell, self.sources[self.begins < t])
         self.last = np.stack([score.mae, score.correlation, peak, scores.mean_of(*self.surprise)])
         row = [
             [values[0], *(scores.mean_of_known(values[part]) for part in self.parts)] for values in self.last

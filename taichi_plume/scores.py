@@ -216,14 +216,19 @@ def trials_differ_by(group: Any, snapshot: dict[str, np.ndarray]) -> str | None:
 
 def no_search(sim: Simulation, group: Any) -> str | None:
     """Why no robot of a group could find a source; None where one could."""
-    on = [_begin(gas, source) < sim.t for _, gas in sim.scenario.gases for source in gas.sources]
+    on = begins(sim) < sim.t
     if sim.tick <= 0:
         return "the robots had not started"
-    if not on:
+    if not len(on):
         return "there is none"
-    if not any(on):
+    if not on.any():
         return "none had started"
     return None if group.model.reach > 0 else "reach is 0"
+
+
+def begins(sim: Simulation) -> np.ndarray:
+    """When each source starts [s], in the order of the scenario."""
+    return np.array([_begin(gas, source) for _, gas in sim.scenario.gases for source in gas.sources], float)
 
 
 def _begin(gas: Any, source: Any) -> float:

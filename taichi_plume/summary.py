@@ -118,6 +118,9 @@ def _what_is_shared(content: dict[str, Any]) -> list[tuple[str, str]]:
         shared = "the arena and the maps" if content["maps"] else "the arena"
         names = ", ".join(group["name"] for group in groups)
         text = f"{names} share {shared}; add rivals: true to compare them"
+        fewest = min(group["trials"] for group in groups)
+        if fewest < max(group["trials"] for group in groups):
+            text += f"; only the first {fewest} of their trials have all of them"
         lines.append(("one arena", text))
     return lines
 

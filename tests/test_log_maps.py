@@ -60,7 +60,7 @@ def field(readings: Readings, cell: float) -> np.ndarray:
     at = number[tuple(np.minimum(readings.place // cell, (nx - 1, ny - 1)).astype(int).T)]
     takes = coo_array((np.ones(len(at)), (np.arange(len(at)), at)), (len(at), nx * ny))
     matrix = 0.01 * differences.T @ differences + 10.0 * takes.T @ takes
-    return spsolve(matrix.tocsc(), 10.0 * takes.T @ readings.reading).reshape(nx, ny)
+    return np.asarray(spsolve(matrix.tocsc(), 10.0 * takes.T @ readings.reading)).reshape(nx, ny)
 
 
 def kernel(readings: Readings, cell: float) -> np.ndarray:

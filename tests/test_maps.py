@@ -1,11 +1,11 @@
 """Maps of recorded readings: those of a run are the maps that its robots made."""
 
 import json
-import struct
 from typing import Any
 
 import numpy as np
 import pytest
+from readings_log import log
 from scipy import stats
 
 from taichi_plume import maps
@@ -53,7 +53,6 @@ def recorded(tmp_path_factory):
     path.write_text(SCENARIO)
     sim = assemble(load_scenario(path))
     table = robots_table.RobotTable(sim, path.with_name("robots.parquet"))
-    table.start()
     sim.observers.append(table.observer())
     sim.run()
     table.close()
@@ -112,11 +111,6 @@ def test_the_command_writes_map_picture_and_scores(recorded, number, tmp_path, c
     )
     assert (out / "map.png").read_bytes()[:4] == b"\x89PNG"
     assert capsys.readouterr().out.startswith(f"peak {scores['peak']['ppm']:.3g} ppm at (")
-
-
-def log(path, rows, header="t,x,y,reading"):
-    path.write_text(header + "\n" + "".join(",".join(map(str, row)) + "\n" for row in rows))
-    return path
 
 
 def test_even_readings_make_an_even_map_whatever_the_clock_says(tmp_path):
@@ -265,166 +259,3 @@ def test_what_ended_before_is_known_of_the_readings_to_come(tmp_path):
     surprises = -stats.norm(known.mean(), 2.0 * np.sqrt(1.2)).logpdf(to_come)
     assert scores["nlpd"] == pytest.approx(surprises.mean(), rel=1e-5)
     assert scores["nlpd_median"] == pytest.approx(np.median(surprises), rel=1e-5)
-
-
-GOOD = "t,x,y,reading\n1,0,0,2\n"
-
-
-@pytest.mark.parametrize(
-    ("text", "options", "told"),
-    [
-        ("t,x,reading\n1,0,2\n", [], "no column y; it has t, x, reading"),
-        (None, [], "cannot be read"),
-        (
-            "t,x,y,reading\n1,8,9,2\n",
-            [],
-            "no reading lies on the floor of 2 x 1 m from the origin on; they reach from (8",
-        ),
-        ("t,x,y,reading\n1,0,0,nan\n2,0,0,\n", [], "none of the 2 readings is a number"),
-        (GOOD, ["--trial", "3"], "no column trial"),
-        (GOOD, ["--group", "a"], "no column group"),
-        (GOOD, ["--map={kind: time_series, alpha: 2}"], "--map.alpha: got 2: must be less than 1"),
-        (
-            GOOD,
-            ["--map={kind: time_series, alpha: -1}"],
-            "--map.alpha: got -1: must be greater than or equal to 0.000001",
-        ),
-        (
-            GOOD,
-            ["--map={kind: gmrf, cell: 2 kg}"],
-            "--map.cell: got '2 kg': must have a unit that converts to m",
-        ),
-        (GOOD, ["--map={kind: time_series, alfa: 2}"], "--map: unknown key 'alfa'; did you mean 'alpha'?"),
-        (GOOD, ["--map={kind: gmrf, cell: 0, window: 0}"], "greater than 0; --map.window: got 0.0: must be"),
-        (GOOD, ["--map={kind: gmrf, alpha: 2}"], "--map: unknown key 'alpha'"),
-        (GOOD, ["--map={alpha: 0.9}"], "--map: missing key 'kind'; known kinds: time_series, inverse"),
-        (GOOD, ["--map={kind: gmrf"], "--map: line 1, column 12: not YAML: expected ',' or '}'"),
-        (GOOD, ["--map=gmrf"], "--map: must be a mapping (key: value), got 'gmrf'"),
-        (GOOD, ["--map="], "--map: must be a mapping (key: value), got nothing"),
-        (GOOD, ["--map"], "--map: expected one argument"),
-        (GOOD, ["--map={kind: gmrf}", "--kind=gmrf"], "--map and --kind: tell of one map; give one of them"),
-        (GOOD, ["--map={kind: gmrf}", "--map={kind: gmrf}"], "tell of one map; give one of them, once"),
-        (GOOD, ["--alpha", "2"], "unexpected '--alpha'; did you mean '--map'? options: --help, --map"),
-        (GOOD, ["--sigma", "2"], "unexpected '--sigma'"),
-        (GOOD, ["--kind", "gmrf", "b.csv"], "unexpected 'b.csv'"),
-        (GOOD, ["--kind", "nose"], "unknown kind 'nose'; known kinds: time_series, inverse_distance"),
-        (GOOD, ["--kind", "grmf"], "--kind: unknown kind 'grmf'; did you mean 'gmrf'?"),
-        (GOOD, ["--size", "a", "2"], "--size: got 'a': must be a number or a text with a unit of m"),
-        (GOOD, ["--size", "0", "2"], "--size: got '0': must be above 0"),
-        (GOOD, ["--size", "nan", "2"], "--size: got 'nan': must be a finite number"),
-        (GOOD, ["--source", "nan", "1"], "--source: got 'nan': must be a finite number"),
-        (
-            GOOD,
-            ["--map", "{kind: time_series, cell: 1e-5}"],
-            "--map.cell: 1e-05 m makes more than 4000000 map cells; use 0.00071 m or more",
-        ),
-        (
-            GOOD,
-            ["--map", "{kind: gmrf, cell: 0.02}", "--size", "40", "40"],
-            "--map.cell: 0.02 m is too fine for a Markov field, which takes 400 cells along the shorter side; use",
-        ),
-    ],
-)
-def test_what_is_wrong_is_told_in_one_line(text, options, told, tmp_path, capsys):
-    path = tmp_path / "a.csv"
-    if text is not None:
-        path.write_text(text)
-    assert maps.main([str(path), "--size", "2", "1", "--out", str(tmp_path / "out"), *options]) == 2
-    error = capsys.readouterr().err
-    assert told in error
-    assert error.count("\n") == 1
-    assert not (tmp_path / "out").exists()
-
-
-def test_options_that_are_missing(capsys):
-    assert maps.main(["a.csv", "--out", "a"]) == 2
-    assert "required: --size" in capsys.readouterr().err
-
-
-KINDS = ("time_series", "inverse_distance", "kernel_dmv", "gmrf")
-
-
-def helped(capsys, *options):
-    with pytest.raises(SystemExit) as caught:
-        maps.main([*options, "--help"])
-    assert caught.value.code == 0
-    return capsys.readouterr().out
-
-
-def test_help_tells_the_kinds(capsys):
-    told = helped(capsys)
-    assert all(f"\n  {kind} " in told for kind in KINDS)
-    assert "Gaussian Markov random field with obstacles" in told
-    assert "raw_samples" not in told
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_help_tells_the_parameters_of_a_kind(kind, capsys):
-    told = helped(capsys, "--kind", kind)
-    assert told == helped(capsys, "--map", f"{{kind: {kind}}}")
-    assert "Edge of the cells [m]. (default: 0." in told
-    assert ("raw_samples" in told) == (kind == "time_series")
-    assert ("lambda_prior" in told) == (kind == "gmrf")
-
-
-@pytest.mark.slow
-def test_options_may_come_first(tmp_path):
-    path = log(tmp_path / "a.csv", [(k, 0.1 * k, 0.5, 5.0) for k in range(10)])
-    out = ["--size", "1", "1", "--out", str(tmp_path / "out")]
-    assert maps.main(["--map={kind: time_series, raw_samples: true, alpha: 0.98}", str(path), *out]) == 0
-    rows = np.genfromtxt(tmp_path / "out" / "map.csv", delimiter=",", names=True)
-    model = TimeSeriesMap(kind="time_series", alpha=0.98, raw_samples=True)
-    expected = maps.map_of(maps.read(path), model, (1.0, 1.0)).weight
-    np.testing.assert_allclose(rows["weight"], expected.ravel(), rtol=1e-5)
-
-
-def test_what_lies_in_the_folder_is_kept_unless_by_force(tmp_path, capsys):
-    path = log(tmp_path / "a.csv", [(1, 0.5, 0.5, 5.0), (9, 0.5, 0.5, 5.0)])
-    out = tmp_path / "out"
-    command = [str(path), "--size", "1", "1", "--out", str(out)]
-    coarse = ["--map", "{kind: time_series, cell: 0.5}"]
-    assert maps.main(command) == 0
-    (out / "robots.parquet").touch()
-    before = (out / "map.csv").read_bytes()
-    assert maps.main([*command, *coarse]) == 2
-    assert "is not empty; choose another --out or add --force" in capsys.readouterr().err
-    assert (out / "map.csv").read_bytes() == before
-    assert maps.main([*command, *coarse, "--force"]) == 0
-    assert (out / "map.csv").read_bytes() != before
-    assert (out / "robots.parquet").exists(), "what is no map is none of our business"
-    for wrong in (path, path / "out"):
-        capsys.readouterr()
-        assert maps.main(["missing.csv", "--size", "1", "1", "--out", str(wrong)]) == 2
-        error = capsys.readouterr().err
-        assert error.startswith(str(path))
-        assert "missing.csv" not in error, "the folder is looked at first"
-        assert error.count("\n") == 1
-
-
-def test_readings_that_are_too_old_make_an_empty_map(tmp_path, capsys):
-    path = log(tmp_path / "a.csv", [(1, 0.5, 0.5, 5.0), (99, 0.5, 0.5, "nan")])
-    command = [
-        "--map={kind: gmrf, memory: 60}",
-        str(path),
-        "--size",
-        "1",
-        "1",
-        "--out",
-        str(tmp_path / "out"),
-    ]
-    assert maps.main(command) == 0
-    assert capsys.readouterr().out.startswith("knows no cell")
-    scores = json.loads((tmp_path / "out" / "scores.json").read_text())
-    assert (scores["known_fraction"], scores["peak"]["ppm"], scores["nlpd"]) == (0.0, None, None)
-
-
-@pytest.mark.slow
-def test_a_picture_of_a_long_floor_is_no_larger(tmp_path):
-    path = log(tmp_path / "a.csv", [(1, 0.5, 0.5, 5.0), (9, 0.5, 0.5, 5.0)])
-    out = tmp_path / "out"
-    assert (
-        maps.main([str(path), "--size", "2", "3000", "--map={kind: time_series, cell: 1}", "--out", str(out)])
-        == 0
-    )
-    width, height = struct.unpack(">2I", (out / "map.png").read_bytes()[16:24])
-    assert max(width, height) < 4000

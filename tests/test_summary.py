@@ -69,9 +69,9 @@ def test_maps_of_rivals_are_scored_by_name():
 def test_groups_that_share_an_arena_are_told_so():
     content, lines = run(robots=RIVALS)
     assert [one["shares_arena_with"] for one in content["groups"]] == [["sweepers"], ["casters"]]
-    assert (
-        lines["one arena"]
-        == "casters, sweepers share the arena and the maps; add rivals: true to compare them"
+    assert lines["one arena"] == (
+        "casters, sweepers share the arena and the maps; add rivals: true to compare them; "
+        "only the first 2 of their trials have all of them"
     )
     assert content["maps"][0]["made_by"] == ["casters", "sweepers"]
     assert "mae_ppm" in content["maps"][0]
@@ -154,6 +154,7 @@ def test_nothing_is_claimed_where_nothing_could_be_found(changes, why):
     assert team["success_rate"] is None
     assert {one["n"] for one in team["summary"].values()} == {0}
     assert lines["team"] == f"casting, no source to be found: {why}"
+    assert ("from a source" in lines["time series map"]) == (why == "reach is 0")
 
 
 def test_who_was_found_all_the_same_is_told():

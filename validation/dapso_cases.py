@@ -79,7 +79,7 @@ def one_team(trials: int, name: str) -> Told:
 DAPSO_CASES = (
     Experiment(
         "dapso_arena",
-        "teams of five look for a leak in the odour arena",
+        "teams of five look for a leak in the odour arena, all in one air",
         "Marjovi & Marques 2014, the arena",
         tuple(
             Condition(

@@ -207,7 +207,7 @@ def _ratios() -> Condition:
 SPIRAL_CASES = (
     Experiment(
         "spiral_table2",
-        "four algorithms look for a dish of ethanol in a closed room",
+        f"four algorithms look for a dish of ethanol in a closed room, in {AIRS} airs",
         "Ferri et al. 2009, table 2",
         (*(_row(name, distance) for name in ALGORITHMS for distance in DISTANCES), _ratios()),
         few=0,

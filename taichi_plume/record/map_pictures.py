@@ -8,6 +8,7 @@ import rerun as rr
 from taichi_plume.map_scores import MapSeries
 from taichi_plume.record import drawing, layout, scene
 from taichi_plume.record.stream import Stream
+from taichi_plume.scores import map_rows
 from taichi_plume.simulation import Simulation
 
 
@@ -21,8 +22,12 @@ class MapPictures:
         self.range_ppm = sim.scenario.recording.range_ppm
         self.sent = [{"forecast": 0, "rows": 0} for _ in self.maps]
         """Of each map's errors and scores."""
+        made_by = [names for names, _ in map_rows(sim)]
+        whose = (
+            f", {made_by[0][0]}" if len(made_by) > 1 else ""
+        )  # of rivals the first trial is the first group's
         for n, model in enumerate(sim.scenario.maps):
-            stream.log_still(self._styles(n, model.kind.replace("_", " ")))
+            stream.log_still(self._styles(n, model.kind.replace("_", " ") + whose))
         for n, gas_map in enumerate(self.maps):
             shape = np.shape(gas_map.estimate())[1:]
             for name in scene.ESTIMATES:

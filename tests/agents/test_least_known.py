@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 from arena import TICK, Run, Script
+from begun import assert_plain
 from numpy.testing import assert_array_equal
 
+from taichi_plume.grid.state import State
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.algorithms import LeastKnown, RandomWalk
 from taichi_plume.scenario.domain import Domain
@@ -74,6 +76,20 @@ def test_a_trial_alone_is_the_same_as_among_many(begun):
     _, alone = Run(MODEL, Script(AIR, 1.0), CORNER, 1, first_trial=2, **OPTIONS).go(30)
     assert_array_equal(alone[:, :4], among[:, 8:12])
     assert (among[-1, :4] != among[-1, 8:12]).any()
+
+
+def test_it_goes_on_from_the_middle_of_a_snap(begun):
+    """Its map too; in between it drives elsewhere, through other snaps."""
+    run, _ = begun
+    run.go(2.3)
+    state, tick = State(run), run.tick
+    saved = state.save()
+    assert_plain(saved)
+    _, rest = run.go(16)
+    run.go(21)
+    state.restore(saved)
+    run.tick = tick
+    assert_array_equal(run.go(16)[1], rest)
 
 
 def test_what_cannot_be_reached_is_left_alone():
