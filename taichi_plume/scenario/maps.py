@@ -1,10 +1,12 @@
 """The maps of a scenario: what is told of each kind of online gas map."""
 
+from collections.abc import Iterator
 from math import prod
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
+from taichi_plume.scenario.context import Context
 from taichi_plume.scenario.quantities import fault, ill_sized, round_up
 from taichi_plume.scenario.vocabulary import (
     COMPILED,
@@ -34,6 +36,15 @@ class AnyMap(Model):
         readings: of the robots of a trial, per second.
         """
         return 40.0 * prod(extent / self.cell for extent in size[:2])
+
+    def remarks(self, where: str, context: Context) -> Iterator[str]:
+        """It should be made once within a run."""
+        window = vars(self).get("window") or 0.0
+        if window > context.scenario.duration:
+            yield (
+                f"{where}.window: {window:g} s is longer than duration: {context.scenario.duration:g} s; the map "
+                "will know nothing"
+            )
 
     def unfit(self, where: str, size: tuple[float, ...]) -> str | None:
         """A line about cells that are too many or too few for it on a floor of that size [m]."""
