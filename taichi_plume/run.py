@@ -157,7 +157,7 @@ def _run(prepared: "Prepared", args: argparse.Namespace) -> int:
         if not code:
             (status, message), code = _explain(error), 1
         content = {"name": prepared.scenario.name, "status": status, "message": message}
-    content["remarks"] = prepared.resources.remarks
+    content |= {"remarks": prepared.resources.remarks}
     try:
         result.write_result(out, content)
     except OSError as error:
