@@ -20,6 +20,7 @@ from taichi_plume.scenario.vocabulary import (
 )
 
 MOST_CELLS = 4_000_000
+MOST_NEIGHBOURS = 1_000_000  # members of a neighbourhood in space and time, made and gone through one by one
 MOST_FIELD_COLUMN = 400  # cells: its third power is the work of an update
 
 
@@ -91,14 +92,30 @@ class TimeSeriesMap(Snaps):
             )
         return self
 
+    def unfit(self, where: str, size: tuple[float, ...]) -> str | None:
+        """The neighbourhood is a list, gone through for every cell at each snap."""
+        line = super().unfit(where, size)
+        reach = min(max(size[:2]) / self.cell, self.beta / self.alpha / self.cell + 1.0)
+        members = self.lags * (2.0 * reach + 1.0) ** 2
+        if line is None and members > MOST_NEIGHBOURS:
+            return (
+                f"{where}.beta: {self.beta:g} makes a neighbourhood of {members:.2g} cells of past snaps, at most "
+                f"{MOST_NEIGHBOURS:.2g} are looked at; lower it, or raise cell, window or time_scale"
+            )
+        return line
+
+    @property
+    def lags(self) -> float:
+        """How many past snaps are near enough in time."""
+        return self.beta / ((1.0 - self.alpha) * self.time_scale * self.window)
+
     def bytes(self, size: tuple[float, ...], readings: float) -> float:
         """With the samples or the cells of the snaps that are near enough in time, these with cells around."""
-        lags = self.beta / ((1.0 - self.alpha) * self.time_scale * self.window)
         if self.raw_samples:
-            return super().bytes(size, readings) * (1.0 + lags)
+            return super().bytes(size, readings) * (1.0 + self.lags)
         long, short = sorted((extent / self.cell for extent in size[:2]), reverse=True)
         margin = 2.0 * min(long, self.beta / self.alpha / self.cell)
-        return super().bytes(size, readings) + 8.0 * lags * (long + margin) * (short + margin)
+        return super().bytes(size, readings) + 8.0 * self.lags * (long + margin) * (short + margin)
 
 
 class InverseDistanceMap(Snaps):
