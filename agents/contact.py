@@ -1,11 +1,8 @@
 """How far a robot gets before it touches a wall, an obstacle, another robot of its trial or what walks about."""
 
-from math import hypot
 from typing import Any
 
 import taichi as ti
-
-from taichi_plume.scenario.obstacles import Obstacle
 
 SKIN = 1e-3  # m, air kept around a body: far more than the rounding of its position
 TOUCH = 1e-4  # m, steps shorter than this are contact
@@ -96,8 +93,3 @@ class Contact:
                             contact = 1
                             normal = (apart + s * e).normalized()
         return free, normal, contact
-
-
-def disc_around(obstacle: Obstacle) -> float:
-    """Radius [m] of the disc around the footprint of a box, cylinder or sphere."""
-    return hypot(*obstacle.size[:2]) / 2 if obstacle.kind == "box" else obstacle.radius

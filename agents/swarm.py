@@ -13,7 +13,7 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume.agents.columns import COLUMNS, Columns, Rows
-from taichi_plume.agents.contact import TOUCH, Contact, disc_around
+from taichi_plume.agents.contact import TOUCH, Contact
 from taichi_plume.agents.few import few
 from taichi_plume.agents.groups import GroupRange, ranges
 from taichi_plume.agents.odometry import Odometry
@@ -142,7 +142,7 @@ class Swarm(Columns):
         self._upload(
             seed,
             sources if len(sources) else 0,
-            [disc_around(one) for one in walkers] or 0,
+            [one.disc for one in walkers] or 0,
             *poses,
             *(np.nan, np.nan),
             *(poses if self.reckons else []),

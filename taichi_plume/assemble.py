@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from taichi_plume.agents.contact import disc_around
 from taichi_plume.agents.gas_map import Floor
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.mapping import mappers
@@ -240,9 +239,7 @@ def _starts(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Where all robots start (n, 2) [m], and their headings (n,) [rad]."""
     trials = np.arange(max((group.trials for group in scenario.robots), default=1))
-    occupied = [
-        Placed(np.tile(one.center[:2], (len(trials), 1)), disc_around(one), trials) for one in walkers
-    ]
+    occupied = [Placed(np.tile(one.center[:2], (len(trials), 1)), one.disc, trials) for one in walkers]
     positions, headings = [np.empty((0, 2))], [np.empty(0)]
     for n, group in enumerate(scenario.robots):
         draws = partial(_start_numbers, scenario.seed, n)

@@ -91,6 +91,14 @@ def test_a_run_leaves_its_directory(scenario, capsys):
     assert "rerun runs/small-1/recording.rrd" in capsys.readouterr().out
 
 
+def test_remarks_are_printed_and_kept(scenario, fake, capsys):
+    options = ["--out", "out", "--quiet", "--no-recording", "--set", "robots.0.reach=0", "--set", "maps=[]"]
+    assert run.main([str(scenario), *options]) == 0
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("note: robots[0].reach: 0 m: its robots")
+    assert result(Path("out"))["remarks"] == [line.removeprefix("note: ")]
+
+
 def test_it_can_be_run_again_as_it_is(scenario):
     assert run.main([str(scenario), "--quiet", "--no-recording", "--seed", "9", "--set", "robots.0.count=1",
                      "--set", "robots.0.start.positions=[[1.0, 1.0]]"]) == 0  # fmt: skip

@@ -78,6 +78,11 @@ class Release(Located):
     """When it is released [s]; the robots start at 0."""
     radius: Length = 0.05
 
+    def remarks(self, where: str, context: Context) -> Iterator[str]:
+        """It should be released while the run lasts."""
+        if self.time >= context.scenario.duration:
+            yield f"{where}.time: {self.time:g} s is not before the end at {context.scenario.duration:g} s"
+
 
 class GaussianPuffGas(ClosedForm):
     """Puffs that drift and spread: one Gaussian each."""

@@ -139,9 +139,12 @@ class ImportedWind(AnyWind, Played):
             if place.shape[1] == context.scenario.domain.dim and cubes.inside(place)[0]:
                 yield f"{path}.position: is inside an obstacle of {file}; move the source"
         for n, group in enumerate(context.scenario.robots):
-            away = cubes.horizontal_distance(group.start.listed, 0.0, group.body.height)
-            for k in np.flatnonzero(away < group.body.radius):
-                yield f"robots[{n}].start.positions[{k}]: touches an obstacle of {file}; move the robot"
+            places = group.places(context.scenario.floor)
+            if places is not None:
+                away = cubes.horizontal_distance(places, 0.0, group.body.height)
+                each = "positions[{}]" if len(group.start.listed) else "robot {}"
+                for k in np.flatnonzero(away < group.body.radius):
+                    yield f"robots[{n}].start.{each.format(k)}: touches an obstacle of {file}; move the robot"
 
 
 def _outside(site: Site, axis: int, air: tuple[float, float], known: tuple[float, float], have: str) -> str:

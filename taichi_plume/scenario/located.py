@@ -28,6 +28,10 @@ class Located(Model):
                 f"{span(axis, 0, extent[outside[0]])}; move the {self.what} in"
             )
             return
+        radius = vars(self).get("radius", 0.0)
+        if radius > max(extent):
+            yield f"{where}.radius: {radius:g} m is larger than the domain, {max(extent):g} m; make it smaller"
+            return
         for obstacle, one in context.resources.shapes.items():
             if one.inside(np.array([position]))[0]:
                 place = ", ".join(f"{x:g}" for x in position)

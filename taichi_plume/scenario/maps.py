@@ -1,10 +1,12 @@
 """The maps of a scenario: what is told of each kind of online gas map."""
 
+from collections.abc import Iterator
 from math import ceil, prod
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
+from taichi_plume.scenario.context import Context
 from taichi_plume.scenario.quantities import fault, ill_sized, round_up
 from taichi_plume.scenario.vocabulary import (
     COMPILED,
@@ -21,6 +23,7 @@ MOST_CELLS = 4_000_000
 LOG_SNAPS = 120  # of a whole log, at most; a log of ten minutes has so many of 5 s
 LOG_BYTES = 1e9  # of the snaps of a whole log, at most
 LOG_WORK = 3e10  # of a whole log: terms of sums, at most; some seconds
+MOST_NEIGHBOURS = 1_000_000  # members of a neighbourhood in space and time, made and gone through one by one
 MOST_FIELD_COLUMN = 400  # cells: its third power is the work of an update
 
 
@@ -45,6 +48,15 @@ class AnyMap(Model):
         readings: of the robots of a trial, per second.
         """
         return 40.0 * prod(extent / self.cell for extent in size[:2])
+
+    def remarks(self, where: str, context: Context) -> Iterator[str]:
+        """It should be made once within a run."""
+        window = vars(self).get("window") or 0.0
+        if window > context.scenario.duration:
+            yield (
+                f"{where}.window: {window:g} s is longer than duration: {context.scenario.duration:g} s; the map "
+                "will know nothing"
+            )
 
     def unfit(self, where: str, size: tuple[float, ...]) -> str | None:
         """A line about cells that are too many or too few for it on a floor of that size [m]."""
@@ -111,14 +123,30 @@ class TimeSeriesMap(Snaps):
                 return chosen
             snaps //= 2
 
+    def unfit(self, where: str, size: tuple[float, ...]) -> str | None:
+        """The neighbourhood is a list, gone through for every cell at each snap."""
+        line = super().unfit(where, size)
+        reach = min(max(size[:2]) / self.cell, self.beta / self.alpha / self.cell + 1.0)
+        members = self.lags * (2.0 * reach + 1.0) ** 2
+        if line is None and members > MOST_NEIGHBOURS:
+            return (
+                f"{where}.beta: {self.beta:g} makes a neighbourhood of {members:.2g} cells of past snaps, at most "
+                f"{MOST_NEIGHBOURS:.2g} are looked at; lower it, or raise cell, window or time_scale"
+            )
+        return line
+
+    @property
+    def lags(self) -> float:
+        """How many past snaps are near enough in time."""
+        return self.beta / ((1.0 - self.alpha) * self.time_scale * self.window)
+
     def bytes(self, size: tuple[float, ...], readings: float) -> float:
         """With the samples or the cells of the snaps that are near enough in time, these with cells around."""
-        lags = self.beta / ((1.0 - self.alpha) * self.time_scale * self.window)
         if self.raw_samples:
-            return super().bytes(size, readings) * (1.0 + lags)
+            return super().bytes(size, readings) * (1.0 + self.lags)
         long, short = sorted((extent / self.cell for extent in size[:2]), reverse=True)
         margin = 2.0 * min(long, self.beta / self.alpha / self.cell)
-        return super().bytes(size, readings) + 8.0 * lags * (long + margin) * (short + margin)
+        return super().bytes(size, readings) + 8.0 * self.lags * (long + margin) * (short + margin)
 
 
 class InverseDistanceMap(Snaps):

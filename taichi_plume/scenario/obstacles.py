@@ -142,6 +142,9 @@ class AnyObstacle(Model):
         """What of it has no effect: what lies beyond the walls, and what is too thin for the grid."""
         shape, domain = context.resources.shapes[where], context.domain
         if vars(self).get("motion") is not None:
+            if context.scenario.wind.computed is None:
+                kind = context.scenario.wind.kind
+                yield f"{where}.motion: robots meet it, but a wind of kind {kind} does not feel it"
             return
         low, high, extent = shape.low[:2], shape.high[:2], np.array(domain.extent[:2])
         share = float(np.prod((np.minimum(high, extent) - np.maximum(low, 0.0)) / (high - low)))
@@ -208,6 +211,11 @@ class Box(AnyObstacle):
         return _upright(2.0 * (x + y), x * y, self.size[-1], domain)
 
     @property
+    def disc(self) -> float:
+        """Radius of the disc around its base, which robots feel of it where it moves [m]."""
+        return hypot(*self.size[:2]) / 2
+
+    @property
     def thinnest(self) -> float:
         """Its shortest edge [m]."""
         return min(self.size)
@@ -229,6 +237,11 @@ class Cylinder(AnyObstacle):
         return _upright(2.0 * pi * r, pi * r**2, self.height or inf, domain)
 
     @property
+    def disc(self) -> float:
+        """Its radius [m]."""
+        return self.radius
+
+    @property
     def thinnest(self) -> float:
         """Its diameter or its height [m]."""
         return min(2.0 * self.radius, self.height or inf)
@@ -245,6 +258,11 @@ class Sphere(AnyObstacle):
     def surface(self, domain: Domain) -> float:
         """In 2-D of a disc."""
         return 2.0 * pi * self.radius if domain.dim == 2 else 4.0 * pi * self.radius**2
+
+    @property
+    def disc(self) -> float:
+        """Its radius [m]."""
+        return self.radius
 
     @property
     def thinnest(self) -> float:

@@ -31,6 +31,8 @@ BLUE, YELLOW, GREEN, PURPLE = (79, 195, 247), (255, 213, 79), (129, 199, 132), (
 class Jet(Vent):
     """What fans, inlets and honeycombs share: a prescribed speed that may follow a schedule."""
 
+    inward: ClassVar[bool] = True
+    """Whether it is commonly meant to blow air in."""
     speed: Velocity | None = None
     """Mean speed into the domain [m/s]; negative extracts."""
     turbulence_intensity: Fraction = 0.0
@@ -85,6 +87,15 @@ class Jet(Vent):
         """Times between which the speed changes linearly [s]."""
         return tuple(time for step in self.schedule for time in (step.at, step.at + self.ramp))
 
+    def remarks(self, where: str, context: Context) -> Iterator[str]:
+        """What blows all the time inwards, and what is switched after the end."""
+        end = context.scenario.duration
+        for n, step in enumerate(self.schedule):
+            if step.at >= end:
+                yield f"{where}.schedule[{n}].at: {step.at:g} s is not before the end at {end:g} s"
+        if self.speed is not None and self.speed < 0 and self.inward:
+            yield f"{where}.speed: {self.speed:g} m/s draws air out of the room; a positive speed blows it in"
+
     def speed_at(self, t: float) -> float:
         """Scheduled speed [m/s] at time t [s]: each change takes `ramp` seconds."""
         speed = self.speed or 0.0
@@ -117,6 +128,7 @@ class Fan(Jet):
     """
 
     color: ClassVar[Color] = BLUE
+    inward: ClassVar[bool] = False
     kind: Literal["fan"]
     swirl: Swirl = 0.0
     """Tangential over axial speed at the rim; 3-D only."""

@@ -142,11 +142,6 @@ class PlumeSimWind(AnyWind, PlumeSimLog):
             yield (
                 "fields.quantities: a wind of kind plumesim_log has no velocities on the grid; use quantities: [gas]"
             )
-        for n, group in enumerate(scenario.robots):
-            if group.wake:
-                yield (
-                    f"robots[{n}].wake: a wind of kind plumesim_log is not disturbed; use another, or remove the wake"
-                )
 
 
 def _cells(shape: tuple[int, ...], dx: float) -> str:

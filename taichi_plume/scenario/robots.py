@@ -149,14 +149,35 @@ class Group(Model):
         else:
             if self.wake:
                 yield from self._wake(where, context)
+            ahead, most = self.sensors.gas.ahead, max(context.domain.extent)
+            if abs(ahead) > most:
+                yield f"{where}.sensors.gas.ahead: {ahead:g} m is more than the room is long; use at most {most:g} m"
             if context.domain.dim == 3:
                 yield from self._heights(where, context.domain.extent[2])
             yield from self.start.clashes(f"{where}.start", self.body, self.count, context)
             yield from self._found_at_once(where, context)
         yield from self.algorithm.in_group(where, self, scenario.floor)
 
+    def remarks(self, where: str, context: Context) -> Iterator[str]:
+        """What keeps its robots from doing or finding anything."""
+        if self.reach == 0:
+            yield f"{where}.reach: 0 m: its robots do not search, none will count as having found a source"
+        for key in ("speed", "line_speed"):
+            speed = getattr(self.algorithm, key, None)
+            if speed is not None and speed > self.body.max_speed:
+                yield (
+                    f"{where}.algorithm.{key}: {speed:g} m/s is more than body.max_speed: they drive at "
+                    f"{self.body.max_speed:g} m/s"
+                )
+
     def _wake(self, where: str, context: Context) -> Iterator[str]:
-        """The air is one: robots that move it cannot be in several trials at once."""
+        """The air has to be computed, and is one: robots that move it cannot be in several trials at once."""
+        wind = context.scenario.wind
+        if wind.computed is None:
+            yield (
+                f"{where}.wake: a wind of kind {wind.kind} is not disturbed; use wind.kind: cfd, or remove the wake"
+            )
+            return
         for n, other in enumerate(context.scenario.robots):
             if other.trials > 1:
                 yield (

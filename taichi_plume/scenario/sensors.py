@@ -4,12 +4,14 @@ To add a gas sensor: write a `GasSensor` here and enter it in `Sensors`; name on
 write another there.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from math import log
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
+from taichi_plume.scenario.context import Context
 from taichi_plume.scenario.vocabulary import (
     COMPILED,
     Coefficient,
@@ -181,6 +183,11 @@ class MoxSensor(GasSensor):
         """How much a ppm of a species counts."""
         return self.sensitivity.get(species, 1.0)
 
+    def remarks(self, where: str, context: Context) -> Iterator[str]:
+        """A misspelt species would not count."""
+        for name in sorted(set(self.sensitivity) - {gas.vapour.name for _, gas in context.scenario.gases}):
+            yield f"{where}.sensitivity: '{name}' is not in the air of this scenario; is its name right?"
+
 
 class PidSensor(GasSensor):
     """A photo-ionisation detector: linear, nearly without lag; its reading is in ppm of `calibrated_for`."""
@@ -201,8 +208,25 @@ class PidSensor(GasSensor):
 
     def weight(self, species: str) -> float:
         """How much a ppm of a species counts."""
-        factor = {ISOBUTYLENE: 1.0} | self.correction
-        return factor[self.calibrated_for] / factor.get(species, 1.0)
+        return self.factors[self.calibrated_for] / self.factors.get(species, 1.0)
+
+    @property
+    def factors(self) -> dict[str, float]:
+        """Of all species that it knows."""
+        return {ISOBUTYLENE: 1.0} | self.correction
+
+    def problems(self, where: str, context: Context) -> Iterator[str]:
+        """What it is calibrated for has to have a factor."""
+        if self.calibrated_for not in self.factors:
+            yield (
+                f"{where}.calibrated_for: there is no correction for '{self.calibrated_for}'; add one, or use "
+                f"{', '.join(self.factors)}"
+            )
+
+    def remarks(self, where: str, context: Context) -> Iterator[str]:
+        """What is in the air should have a factor."""
+        for name in sorted({gas.vapour.name for _, gas in context.scenario.gases} - set(self.factors)):
+            yield f"{where}.correction: has no factor for '{name}', which is taken for {ISOBUTYLENE}"
 
 
 class IdealGasSensor(GasSensor):

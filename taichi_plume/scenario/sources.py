@@ -5,6 +5,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import model_validator
 
+from taichi_plume.scenario.context import Context
 from taichi_plume.scenario.located import Located
 from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.species import PRESSURE, SPECIES, TEMPERATURE, Species
@@ -87,11 +88,30 @@ class Source(Located):
             raise fault("stop must be later than start")
         return self
 
+    def remarks(self, where: str, context: Context) -> Iterator[str]:
+        """It should emit something while the run lasts."""
+        if self.rate == 0:
+            yield f"{where}.rate: 0 kg/s: it emits nothing"
+        yield from unheard(where, self.start, self.stop, context)
+
 
 class Target(Source):
     """A source of a plume that is given: robots search for it, here it emits nothing."""
 
     rate: Rate = 0.0
+
+    def remarks(self, where: str, context: Context) -> Iterator[str]:
+        """It is not meant to emit."""
+        yield from ()
+
+
+def unheard(where: str, start: float | None, stop: float | None, context: Context) -> Iterator[str]:
+    """What is emitted after the end, or has ended before the begin, of a run."""
+    scenario, begin = context.scenario, 0.0 - context.scenario.warm_up
+    if start is not None and start >= scenario.duration:
+        yield f"{where}.start: {start:g} s is not before the end at {scenario.duration:g} s: it emits nothing"
+    if stop is not None and stop <= begin:
+        yield f"{where}.stop: {stop:g} s is before the begin at {begin:g} s: it emits nothing"
 
 
 def dishes(where: str, species: Species, sources: Sequence[Source]) -> Iterator[str]:

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from taichi_plume.grid.shapes import clearance_resolution
-from taichi_plume.scenario.context import Context
+from taichi_plume.scenario.context import Context, span
 from taichi_plume.scenario.vocabulary import Angle, Model, Point2
 
 if TYPE_CHECKING:
@@ -96,6 +96,16 @@ class StartArea(AnyStart):
         if (high < low).any():
             yield f"{where}.high: must not be below low, got {self.high} under {self.low}"
             return
+        floor = context.scenario.floor
+        for key, corner in (("low", low), ("high", high)):
+            for axis in range(2):
+                if not floor.low[axis] - 1e-9 <= corner[axis] <= floor.high[axis] + 1e-9:
+                    name = "xy"[axis]
+                    yield (
+                        f"{where}.{key}: {name} = {corner[axis]:g} m is not on the floor of the robots, "
+                        f"{span(name, floor.low[axis], floor.high[axis])}; move it in"
+                    )
+                    return
         from scipy import ndimage  # here and below: a misspelt key need not wait for it
 
         radius = body.radius
@@ -141,9 +151,11 @@ def clearances(
             yield wall, f"behind {wall}", distance, GAP
     spare = GAP + sqrt(2) * clearance_resolution(floor.size)
     for path, one in context.resources.shapes.items():
-        distance = one.horizontal_distance(places, 0.0, height)
+        distance, air = one.horizontal_distance(places, 0.0, height), spare
+        if one.model.motion is not None and np.isfinite(distance).any():  # of what walks they feel a disc
+            distance, air = np.linalg.norm(places - one.model.center[:2], axis=-1) - one.model.disc, GAP
         obstacle = f"{path} ({one.model.kind})"
-        yield f"the surface of {obstacle}", f"inside {obstacle}", distance, spare
+        yield f"the surface of {obstacle}", f"inside {obstacle}", distance, air
 
 
 def touching(where: str, body: "Body", places: np.ndarray, context: Context) -> Iterator[str]:

@@ -211,9 +211,6 @@ class UniformWind(AnyWind):
                 f"{where}.kind: a uniform wind blows through obstacles; use kind: cfd or synthetic, or remove the "
                 "obstacles"
             )
-        for n, group in enumerate(context.scenario.robots):
-            if group.wake:
-                yield f"robots[{n}].wake: a uniform wind is not disturbed; use wind.kind: cfd, or remove the wake"
         if self.gusts is None:
             return
         if not self.speed:

@@ -144,8 +144,8 @@ FAULTS = [
     ("maps.0.cell=1 mm", "maps[0].cell: 0.001 m makes more than", "use 0.0018 m or more"),
     ("maps=[{kind: gmrf, cell: 5 mm}]", "maps[0].cell: 0.005 m is too fine", "use 0.0075 m or more"),
     (
-        "maps=[{kind: time_series, cell: 2 mm, alpha: 0.995}]",
-        "maps[0]: needs 8.1 GB of memory for all trials, 3 GB are free",
+        "maps=[{kind: inverse_distance, window: 2e7}]",
+        "maps[0]: needs 4.8 GB of memory for all trials, 3 GB are free",
         "lower the trials",
     ),
     ("robots.0.trials=1000000", "robots: 2000000 robots", "lower count or trials"),
@@ -566,8 +566,8 @@ def test_the_limits_of_the_matrix_are_those_of_the_solver():
         ),
         ("kind: spiral, acquisition: 3e8", "robots[0].algorithm: needs 4.8 GB of memory, 3 GB are free"),
         (
-            "kind: least_known, map: {kind: time_series, cell: 1 cm, alpha: 0.99, time_scale: 1e-6}",
-            "robots[0].algorithm: needs ",
+            "kind: least_known, map: {kind: time_series, window: 2e7, beta: 1e6}",
+            "robots[0].algorithm: needs 4.8 GB of memory",
         ),
     ],
 )
@@ -584,6 +584,11 @@ def test_grids_and_lists_of_algorithms_have_to_fit(tmp_path, monkeypatch, algori
     ("override", "begins"),
     [
         ("maps=[{kind: inverse_distance, window: 1e9}]", "maps[0]: needs 240 GB of memory"),
+        (
+            "maps=[{kind: time_series, beta: 500}]",
+            "maps[0].beta: 500 makes a neighbourhood of 1.1e+07 cells of past snaps, at most 1e+06 are looked at",
+        ),
+        ("maps=[{kind: time_series, window: 1e-6}]", "maps[0].beta: 0.5 makes a neighbourhood of "),
         ("maps=[{kind: kernel_dmv, cell: 3.5}]", "maps[0].cell: 3.5 m is wider than the floor, 3 m"),
         (
             "gas={kind: puffs, sources: [{position: [1, 1.5], rate: 1e-5}], release_rate: 1e6, most: 1000}",

@@ -108,13 +108,88 @@ def test_a_mesh_that_became_too_small_is_told_with_the_scale(tmp_path):
     assert "if table.stl is in metres, not millimetres, give scale: 1; otherwise lower domain.spacing" in line
 
 
-def test_remarks_are_printed_and_kept(tmp_path, capsys):
+def test_a_check_prints_remarks(tmp_path, capsys):
     (tmp_path / "s.yaml").write_text(FLOOR)
-    options = [
-        str(tmp_path / "s.yaml"),
-        "--set",
-        "obstacles.0={kind: box, center: [2, 1.0125], size: [1, 0.01]}",
-    ]
-    assert run.main([*options, "--check"]) == 0
+    assert run.main([str(tmp_path / "s.yaml"), "--set", "robots.0.reach=0", "--check"]) == 0
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("note: obstacles[0]: the air does not see it")
+    assert line.startswith("note: robots[0].reach: 0 m")
+
+
+@pytest.mark.parametrize(
+    ("override", "begins"),
+    [
+        ("robots.0.reach=0", "robots[0].reach: 0 m: its robots do not search"),
+        ("robots.0.algorithm.speed=1", "robots[0].algorithm.speed: 1 m/s is more than body.max_speed"),
+        ("gas.sources.0.start=10", "gas.sources[0].start: 10 s is not before the end at 10 s"),
+        ("gas.sources.0.stop=-1", "gas.sources[0].stop: -1 s is before the begin at 0 s"),
+        ("gas.sources.0.rate=0", "gas.sources[0].rate: 0 kg/s: it emits nothing"),
+        (
+            "wind.openings.0.schedule=[{at: 12, speed: 1}]",
+            "wind.openings[0].schedule[0].at: 12 s is not before",
+        ),
+        (
+            "wind.openings.0={kind: inlet, face: x-, speed: -0.3}",
+            "wind.openings[0].speed: -0.3 m/s draws air out",
+        ),
+        ("maps=[{kind: inverse_distance, window: 11}]", "maps[0].window: 11 s is longer than duration: 10 s"),
+        (
+            "robots.0.sensors={gas: {kind: mox, sensitivity: {aceton: 1}}}",
+            "robots[0].sensors.gas.sensitivity: 'aceton' is not in the air",
+        ),
+        (
+            "robots.0.sensors={gas: {kind: pid, correction: {acetone: 1}}}",
+            "robots[0].sensors.gas.correction: has no factor for 'ethanol', which is taken for isobutylene",
+        ),
+    ],
+)
+def test_what_has_no_effect_is_told(tmp_path, override, begins):
+    (line,) = remarks(tmp_path, FLOOR, override)
+    assert line.startswith(begins)
+
+
+def test_bodies_that_walk_in_a_wind_that_cannot_feel_them_are_told(tmp_path):
+    walker = "obstacles.0={kind: cylinder, center: [2, 1], radius: 0.2, motion: {path: [[5, 3, 1]]}}"
+    assert remarks(tmp_path, FLOOR, walker) == []
+    (line,) = remarks(tmp_path, FLOOR, walker, "wind={kind: synthetic}")
+    assert line == "obstacles[0].motion: robots meet it, but a wind of kind synthetic does not feel it"
+
+
+ALONE = "count: 1, start: {kind: positions, positions: [[1, 1]]}, algorithm: {kind: casting}"
+
+
+@pytest.mark.parametrize(
+    ("overrides", "begins"),
+    [
+        (
+            ["robots.0.sensors={gas: {kind: pid, calibrated_for: xenon}}"],
+            "robots[0].sensors.gas.calibrated_for: there is no correction for 'xenon'; add one, or use isobutylene",
+        ),
+        (
+            ["wind={kind: synthetic}", f"robots.0={{{ALONE}, wake: true}}"],
+            "robots[0].wake: a wind of kind synthetic is not disturbed; use wind.kind: cfd",
+        ),
+        (
+            ["wind={kind: uniform, velocity: [0.5, 0]}", "obstacles=[]", f"robots.0={{{ALONE}, wake: true}}"],
+            "robots[0].wake: a wind of kind uniform is not disturbed; use wind.kind: cfd",
+        ),
+        (
+            ["robots.0.start={kind: area, low: [3, 1], high: [4.2, 2]}"],
+            "robots[0].start.high: x = 4.2 m is not on the floor of the robots, x 0 to 4 m; move it in",
+        ),
+        (["gas.sources.0.radius=5"], "gas.sources[0].radius: 5 m is larger than the domain, 4 m"),
+        (
+            ["robots.0.sensors={gas: {kind: ideal, ahead: 5}}"],
+            "robots[0].sensors.gas.ahead: 5 m is more than the room is long; use at most 4 m",
+        ),
+        (  # of a box that walks, robots feel the disc around it
+            [
+                "obstacles.0={kind: box, center: [2, 1], size: [1.6, 0.2], motion: {path: [[5, 3, 1]]}}",
+                "robots.0.start.positions=[[1, 2.5], [2, 1.7]]",
+            ],
+            "robots[0].start: robot 1 at (2, 1.7) m is inside obstacles[0] (box); its centre must be 0.082 m",
+        ),
+    ],
+)
+def test_what_could_not_be_assembled_is_refused_before(tmp_path, overrides, begins):
+    (line,) = told(tmp_path, FLOOR, *overrides)
+    assert line.startswith(begins)
