@@ -23,9 +23,10 @@ def open_regular(path: Path) -> BinaryIO:
     except ValueError as error:  # a zero byte, a lone surrogate
         raise OSError(errno.EINVAL, NO_NAME, str(path)) from error
     try:
-        fault = _fault(os.fstat(descriptor).st_mode)
+        mode = os.fstat(descriptor).st_mode
+        fault = _fault(mode)
         if fault:
-            raise OSError(errno.EINVAL, fault, str(path))
+            raise OSError(errno.EISDIR if stat.S_ISDIR(mode) else errno.EINVAL, fault, str(path))
         return os.fdopen(descriptor, "rb")
     except BaseException:
         os.close(descriptor)
