@@ -28,6 +28,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from taichi_plume.files.readings import Readings, ReadingsError, read
+from taichi_plume.guard.terminal import say, visible
 from taichi_plume.map_options import arguments
 
 if TYPE_CHECKING:
@@ -240,22 +241,22 @@ def main(argv: Sequence[str] | None = None) -> int:
                 out.rmdir()  # unless something is in it
             raise
     except ReadingsError as error:
-        print(error, file=sys.stderr)
+        say(visible(error), error=True)
         return 2
     except KeyboardInterrupt:
-        print("interrupted before the map was made", file=sys.stderr)
+        say("interrupted before the map was made", error=True)
         return 130
     try:
         write(gas_map, readings, args.size, out)
     except OSError as error:
-        print(f"{out}: cannot be written: {error.strerror or error}", file=sys.stderr)
+        say(visible(f"{out}: cannot be written: {error.strerror or error}"), error=True)
         return 1
     peak = gas_map.scores["peak"]
     if peak["ppm"] is None:
-        print("knows no cell: its last readings are too old")
+        say("knows no cell: its last readings are too old")
     else:
-        print(f"peak {peak['ppm']:.3g} ppm at ({peak['x_m']:.2f}, {peak['y_m']:.2f}) m")
-    print(f"{out}: {', '.join(FILES)}")
+        say(f"peak {peak['ppm']:.3g} ppm at ({peak['x_m']:.2f}, {peak['y_m']:.2f}) m")
+    say(visible(f"{out}: {', '.join(FILES)}"))
     return 0
 
 

@@ -18,6 +18,8 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from taichi_plume.guard.terminal import Parser, say, terminal, visible
+
 if TYPE_CHECKING:
     from taichi_plume.map_scores import MapScores
     from taichi_plume.prepare import Prepared
@@ -50,17 +52,17 @@ def main(argv: Sequence[str] | None = None) -> int:
         execute(prepared, args.allow_code, ask=True)
         return _run(prepared, args)
     except ScenarioError as error:
-        print(error, file=sys.stderr)
+        say(error, error=True)
         return 2
     except KeyboardInterrupt:
-        print("interrupted before the run began", file=sys.stderr)
+        say("interrupted before the run began", error=True)
         return 130
     finally:
         gc.enable()
 
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="python -m taichi_plume.run",
         description="Run a scenario: air flow, gas, robots, maps. The results go to a folder.",
     )
@@ -112,9 +114,9 @@ def _print_check(scenario: "Scenario") -> None:
     from taichi_plume.scenario.size import estimate
 
     size = estimate(scenario)
-    print(to_yaml(scenario), end="")
-    print(f"# cells: {size['cells']:,}, about {size['bytes'] / 1e6:,.0f} MB of memory")
-    print(f"# flow steps: about {size['steps']:,}, about {_duration(size['wall_s'])} on a few CPU cores")
+    say(to_yaml(scenario), longest=None, end="")
+    say(f"# cells: {size['cells']:,}, about {size['bytes'] / 1e6:,.0f} MB of memory")
+    say(f"# flow steps: about {size['steps']:,}, about {_duration(size['wall_s'])} on a few CPU cores")
 
 
 def _duration(seconds: float) -> str:
@@ -128,32 +130,30 @@ def _duration(seconds: float) -> str:
 
 def _run(prepared: "Prepared", args: argparse.Namespace) -> int:
     """Assemble and run; keep what there is, whatever ends it."""
-    from rich.console import Console
-
     from taichi_plume import summary
     from taichi_plume.files import result, run_folder
     from taichi_plume.grid import kernels
     from taichi_plume.map_scores import MapScores
     from taichi_plume.scenario.loading import ScenarioError
 
-    console = Console(stderr=True)
+    console = terminal(error=True)
     try:
         backend = kernels.start(args.arch)
         out = run_folder.run_folder(prepared.scenario.name, args.out, args.force)
     except (RuntimeError, run_folder.RunFolderError) as error:
-        print(error, file=sys.stderr)
+        say(visible(error), error=True)
         return 2
     try:
         if console.is_terminal and not args.quiet:
-            console.print("compiling ...", end="\r", highlight=False)
+            console.print("compiling ...", end="\r")
         sim = _build(prepared)
     except BaseException as error:
         _remove_if_empty(out)
         if isinstance(error, (ScenarioError, KeyboardInterrupt)):
             raise
         if args.debug:
-            traceback.print_exc()
-        print(f"failed before the run began: {_explain(error)[1]}", file=sys.stderr)
+            say(traceback.format_exc(), error=True)
+        say(f"failed before the run began: {visible(_explain(error)[1])}", error=True)
         return 1
     map_scores = MapScores(sim)
     status, message, code = _simulate(sim, map_scores, backend, out, args, console)
@@ -166,11 +166,11 @@ def _run(prepared: "Prepared", args: argparse.Namespace) -> int:
     try:
         result.write_result(out, content)
     except OSError as error:
-        print(f"result.json could not be written: {error}", file=sys.stderr)
+        say(f"result.json could not be written: {visible(error)}", error=True)
         code = code or 1
     if code:
         kept = ", ".join(sorted(file.name for file in out.iterdir())) or "nothing"
-        print(f"{status}: {message}\nkept in {out}: {kept}", file=sys.stderr)
+        say(f"{status}: {visible(message)}\nkept in {visible(out)}: {kept}", error=True)
     elif not args.quiet:
         with _reader_may_leave():
             summary.print_summary(content, out)
@@ -212,7 +212,7 @@ def _simulate(
             status, message, code = "interrupted", f"at t = {sim.t:.2f} s", 130
         except Exception as error:
             if args.debug:
-                traceback.print_exc()
+                say(traceback.format_exc(), error=True)
             (status, message), code = _explain(error), 1
         with _deaf():
             for close in closers:

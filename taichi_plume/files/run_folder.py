@@ -46,6 +46,8 @@ def run_folder(
 
     One that holds files is refused, unless by `force` those `files` that an earlier run left there are removed.
     """
+    if out is not None and os.fsencode(out) != str(out).encode(errors="replace"):
+        raise RunFolderError(f"{out}: is no text in UTF-8; choose another --out")
     try:
         if out is None:
             return _next_folder(name, runs)
