@@ -23,6 +23,7 @@ import zarr
 from zarr.codecs import BloscCodec, Crc32cCodec
 
 from taichi_plume.grid.cut_cells import Air
+from taichi_plume.guard.opening import irregular, unopenable
 from taichi_plume.scenario.sources import OtherSpecies
 
 FORMAT = "taichi_plume film 2"
@@ -136,8 +137,12 @@ class Film:
 
     def __init__(self, path: Path):
         self.path = path
-        if not path.exists():
-            raise FilmError(f"{path}: does not exist; a run with `fields` writes fields.zarr into its folder")
+        reason = unopenable(path, folder=True)
+        if reason:
+            raise FilmError(f"{path}: {reason}; a run with `fields` writes fields.zarr into its folder")
+        reason = irregular(path)
+        if reason:
+            raise FilmError(f"{path}: {reason}")
         try:
             self.group: Any = zarr.open_group(path, mode="r")
             self.attributes: dict[str, Any] = dict(self.group.attrs)

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from taichi_plume.files.tables import Table, TextFile, cells_of, delimiter_of, listed
+from taichi_plume.guard.opening import unopenable
 
 NAMES = {
     "t": ("t",),
@@ -93,6 +94,9 @@ def _parquet(path: Path) -> tuple[dict[str, str], dict[str, np.ndarray]]:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
+    reason = unopenable(path)
+    if reason:
+        raise ReadingsError(f"{path}: {reason}")
     try:
         with pq.ParquetFile(path) as file:
             names = _picked(path, file.schema_arrow.names)

@@ -28,9 +28,6 @@ class MeshError(ValueError):
 
 def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (n, 3), as in the file, and triangles (m, 3), indices of them. Raises MeshError."""
-    reader = READERS.get(path.suffix.lower())
-    if reader is None:
-        raise MeshError(f"{path.name}: its name must end in .stl, .obj or .ply")
     try:
         with open_regular(path) as file:
             content = file.read(LARGEST_FILE + 1)
@@ -42,6 +39,9 @@ def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
         raise MeshError(f"{path.name}: cannot be read: {error.strerror or error}") from None
     if len(content) > LARGEST_FILE:
         raise MeshError(f"{path.name}: is too large; {LARGEST_FILE >> 20} MiB are read")
+    reader = READERS.get(path.suffix.lower())
+    if reader is None:
+        raise MeshError(f"{path.name}: its name must end in .stl, .obj or .ply")
     try:
         vertices, triangles = reader(content)
     except DamagedError as fault:
