@@ -1,11 +1,24 @@
 """Mobile-robot olfaction in one process: air flow, gas, robots, maps and a recording from one YAML file."""
 
 import os
+import sys
+
+# `python -m` looks for modules in the working folder first: a yaml.py that lies in the folder of a case would be run.
+# Left out before any other import, unless the package itself is there.
+if sys.argv[:1] == ["-m"] and any(
+    one.removeprefix("-m").split(".")[0] == __name__ for one in sys.orig_argv[1:]
+):
+    _first, _home = (os.path.realpath(one) for one in (sys.path[0], f"{__path__[0]}/.."))
+    if _first == os.path.realpath(".") != _home:
+        del sys.path[0]
+
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-# Before the first import of taichi, here or elsewhere: no banner.
+# Before the first import of taichi, here or elsewhere: no banner, and no report to its makers of version, platform and
+# an id of this user.
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
+os.environ.setdefault("TI_SKIP_VERSION_CHECK", "ON")
 
 if TYPE_CHECKING:
     from taichi_plume.prepare import load_scenario

@@ -13,6 +13,7 @@ from typing import NoReturn, get_args
 from pydantic_core import PydanticCustomError
 
 from taichi_plume.files.readings import ReadingsError
+from taichi_plume.guard.terminal import Parser
 from taichi_plume.scenario.loading import ScenarioError, load_part
 from taichi_plume.scenario.maps import Map
 from taichi_plume.scenario.meanings import meanings
@@ -23,7 +24,7 @@ DEFAULT = "time_series"
 KINDS = {get_args(one.model_fields["kind"].annotation)[0]: one for one in get_args(get_args(Map)[0])}
 
 
-class _Parser(argparse.ArgumentParser):
+class _Parser(Parser):
     def error(self, message: str) -> NoReturn:
         raise ReadingsError(f"{message}; --help tells more")
 

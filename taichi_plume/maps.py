@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 
 from taichi_plume.files.readings import Readings, ReadingsError, read
+from taichi_plume.guard.terminal import say, visible
 from taichi_plume.map_making import GasMap, map_of
 from taichi_plume.map_options import arguments
 
@@ -120,23 +121,23 @@ def main(argv: Sequence[str] | None = None) -> int:
             finally:
                 folder.settle(stands)
     except (ReadingsError, RunFolderError) as error:
-        print(error, file=sys.stderr)
+        say(visible(error), error=True)
         return 2
     except KeyboardInterrupt:
-        print("interrupted before the map was made", file=sys.stderr)
+        say("interrupted before the map was made", error=True)
         return 130
     except OSError as error:
-        print(f"{args.out}: cannot be written: {error.strerror or error}", file=sys.stderr)
+        say(visible(f"{args.out}: cannot be written: {error.strerror or error}"), error=True)
         return 1
     peak = gas_map.scores["peak"]
     if peak["ppm"] is None:
-        print("knows no cell: its last readings are too old")
+        say("knows no cell: its last readings are too old")
     elif peak["x_m"] is None:
-        print("knows of no gas: 0 ppm wherever it knows")
+        say("knows of no gas: 0 ppm wherever it knows")
     else:
-        print(f"peak {peak['ppm']:.3g} ppm at ({peak['x_m']:.2f}, {peak['y_m']:.2f}) m")
-    print(_used(gas_map.scores, model.times))
-    print(f"{args.out}: {', '.join(FILES)}")
+        say(f"peak {peak['ppm']:.3g} ppm at ({peak['x_m']:.2f}, {peak['y_m']:.2f}) m")
+    say(_used(gas_map.scores, model.times))
+    say(visible(f"{args.out}: {', '.join(FILES)}"))
     return 0
 
 

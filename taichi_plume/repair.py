@@ -5,7 +5,6 @@ result.json says how far the run came. Nothing that was computed is thrown away,
 resumed afterwards as well. ``--verify`` tells instead which files are no longer as their run left them.
 """
 
-import argparse
 import json
 import os
 import sys
@@ -19,13 +18,14 @@ import pyarrow.parquet as pq
 from taichi_plume.files import checkpoint, manifest, plumesim_log, robots_table
 from taichi_plume.files.result import write_result
 from taichi_plume.files.run_folder import FILES, RunFolder, RunFolderError
+from taichi_plume.guard.terminal import Parser, say, visible
 
 KILLED = "killed"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` (without the program's name) and return its exit code."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="python -m taichi_plume.repair", description="Complete the files of a run that was killed."
     )
     parser.add_argument("run", type=Path, metavar="RUN", help="the run's folder")
@@ -39,7 +39,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         with RunFolder.again(args.run) as folder:
             return _complete(folder)
     except RunFolderError as error:
-        print(error, file=sys.stderr)
+        say(visible(error), error=True)
         return 2
 
 
@@ -59,8 +59,12 @@ def _verify(folder: Path) -> int:
         for name in listed
     ]
     for fault in filter(None, faults):
-        print(fault)
-    print(f"{folder}: {sum(not fault for fault in faults)} of {len(listed)} files are as their run left them")
+        say(visible(fault))
+    say(
+        visible(
+            f"{folder}: {sum(not fault for fault in faults)} of {len(listed)} files are as their run left them"
+        )
+    )
     return int(any(faults))
 
 
@@ -69,7 +73,7 @@ def _complete(folder: RunFolder) -> int:
     folder.settle((path / "result.json").exists())
     told = _told(path)
     if told.get("status") != "running":
-        print(f"{path}: the run has ended by itself ({told.get('status', 'its result is missing')})")
+        say(visible(f"{path}: the run has ended by itself ({told.get('status', 'its result is missing')})"))
         return 0
     code = 0
     for name, complete in COMPLETE.items():
@@ -78,15 +82,15 @@ def _complete(folder: RunFolder) -> int:
         except (OSError, ValueError) as error:
             what, code = f"could not be completed: {' '.join(str(error).split())}", 1
         if what:
-            print(f"{name}: {what}")
+            say(visible(f"{name}: {what}"))
     try:
         write_result(path, told | {"status": KILLED, **_reached(path / "robots.parquet", told)})
         manifest.write(path, _inputs(path), [path / name for name in FILES])
     except OSError as error:
         raise RunFolderError(f"{path}: cannot be written to: {error.strerror or error}") from None
-    print(f"result.json: {KILLED}")
+    say(visible(f"result.json: {KILLED}"))
     if (path / checkpoint.NAME).exists():
-        print(f"to go on: python -m taichi_plume.run --resume {path}")
+        say(visible(f"to go on: python -m taichi_plume.run --resume {path}"))
     return code
 
 

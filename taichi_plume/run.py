@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from taichi_plume.guard.terminal import Parser, say, visible
 from taichi_plume.signals import reader_may_leave
 
 if TYPE_CHECKING:
@@ -29,10 +30,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         return _resume(args) if args.resume else _new(args)
     except (ScenarioError, RunFolderError) as error:
-        print(error, file=sys.stderr)
+        say(error, error=True)
         return 2
     except KeyboardInterrupt:
-        print("interrupted before the run began", file=sys.stderr)
+        say("interrupted before the run began", error=True)
         return 130
     finally:
         gc.enable()
@@ -48,7 +49,7 @@ def _new(args: argparse.Namespace) -> int:
             overrides.append(f"{key}={getattr(args, key)}")
     prepared = load(args.scenario, overrides, args.allow_outside)
     for remark in prepared.resources.remarks:
-        print(f"note: {remark}", file=sys.stderr)
+        say(visible(f"note: {remark}"), error=True)
     if args.check:
         with reader_may_leave():
             _print_check(prepared.scenario)
@@ -85,7 +86,7 @@ def _resume(args: argparse.Namespace) -> int:
 
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="python -m taichi_plume.run",
         description="Run a scenario: air flow, gas, robots, maps. The results go to a folder.",
     )
@@ -136,9 +137,9 @@ def _print_check(scenario: "Scenario") -> None:
     from taichi_plume.scenario.size import estimate
 
     size = estimate(scenario)
-    print(to_yaml(scenario), end="")
-    print(f"# cells: {size['cells']:,}, about {size['bytes'] / 1e6:,.0f} MB of memory")
-    print(f"# flow steps: about {size['steps']:,}, about {_duration(size['wall_s'])} on a few CPU cores")
+    say(to_yaml(scenario), longest=None, end="")
+    say(f"# cells: {size['cells']:,}, about {size['bytes'] / 1e6:,.0f} MB of memory")
+    say(f"# flow steps: about {size['steps']:,}, about {_duration(size['wall_s'])} on a few CPU cores")
 
 
 def _duration(seconds: float) -> str:

@@ -2,7 +2,6 @@
 
 import errno
 import gc
-import sys
 import textwrap
 import traceback
 from contextlib import ExitStack
@@ -16,6 +15,7 @@ from taichi_plume.files import checkpoint, result, run_folder
 from taichi_plume.files.own_class import OwnAlgorithmError
 from taichi_plume.files.run_folder import RunFolder, RunFolderError
 from taichi_plume.grid import kernels
+from taichi_plume.guard.terminal import say, terminal, visible
 from taichi_plume.outputs import About, Outputs
 from taichi_plume.prepare import Prepared
 from taichi_plume.scenario.input_files import input_paths
@@ -61,19 +61,19 @@ def device(arch: str) -> str:
 
 def simulate(job: Job, quiet: bool = False, debug: bool = False) -> int:
     """Assemble and run; returns the command's exit code. Raises ScenarioError, CheckpointError, KeyboardInterrupt."""
-    console = Console(stderr=True)
+    console = terminal(error=True)
     with listening() as ears:
         try:
             if console.is_terminal and not quiet:
-                console.print("compiling ...", end="\r", highlight=False)
+                console.print("compiling ...", end="\r")
             sim = _build(job.prepared)
             outputs = _begin(job, sim, ears)
         except (ScenarioError, RunFolderError, KeyboardInterrupt):
             raise
         except BaseException as error:
             if debug:
-                traceback.print_exc()
-            print(f"failed before the run began: {_explain(error)[1]}", file=sys.stderr)
+                say(traceback.format_exc(), error=True)
+            say(f"failed before the run began: {visible(_explain(error)[1])}", error=True)
             return 1
         end = _to_the_end(sim, outputs, ears, None if quiet else console, debug)
         with deaf():
@@ -134,7 +134,7 @@ def _to_the_end(sim: Simulation, outputs: Outputs, ears: Ears, console: Console 
         end = End("interrupted", f"{by}at t = {sim.t:.2f} s", 130)
     except Exception as error:
         if debug:
-            traceback.print_exc()
+            say(traceback.format_exc(), error=True)
         end = End(*_explain(error), 1)
     with deaf():
         for error in outputs.close():
@@ -158,15 +158,16 @@ def _conclude(job: Job, sim: Simulation, outputs: Outputs, end: End) -> tuple[di
         outputs.seal(end.status)
     except OSError as error:
         end = end if end.code else End(*_explain(error), 1)
-        print(f"result.json could not be written: {error.strerror or error}", file=sys.stderr)
+        say(f"result.json could not be written: {visible(error.strerror or error)}", error=True)
     return content, end
 
 
 def _tell_kept(folder: Path, end: End) -> None:
     kept = sorted(file.name for file in run_folder.files_in(folder) if file.name != run_folder.LOCK)
-    print(f"{end.status}: {end.message}\nkept in {folder}: {', '.join(kept) or 'nothing'}", file=sys.stderr)
+    kept_there = ", ".join(kept) or "nothing"
+    say(f"{end.status}: {visible(end.message)}\nkept in {visible(folder)}: {kept_there}", error=True)
     if checkpoint.NAME in kept:
-        print(f"to go on: python -m taichi_plume.run --resume {folder}", file=sys.stderr)
+        say(visible(f"to go on: python -m taichi_plume.run --resume {folder}"), error=True)
 
 
 def _explain(error: BaseException) -> tuple[str, str]:

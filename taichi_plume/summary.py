@@ -1,14 +1,15 @@
 """A run's result in words."""
 
+import shlex
 from pathlib import Path
 from typing import Any
 
 from taichi_plume.files.run_folder import FILES
+from taichi_plume.guard.terminal import show, visible
 
 
 def print_summary(content: dict[str, Any], folder: Path) -> None:
     """Print a result for a person, and what to do next."""
-    from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
@@ -16,16 +17,12 @@ def print_summary(content: dict[str, Any], folder: Path) -> None:
     table.add_column(style="bold")
     table.add_column(overflow="fold")
     for name, value in summary(content):
-        table.add_row(name, Text(value))
-    console = Console(highlight=False)
-    with console.capture() as text:
-        console.print(table)
-        files = [name for name in FILES if (folder / name).exists()]
-        console.print(Text(f"\n{folder}: {', '.join(files)}"))
-        if "recording.rrd" in files:
-            command = f"rerun {folder / 'recording.rrd'}"
-            console.print(Text.assemble("look at it:  ", (command, "bold cyan")), soft_wrap=True)
-    print(text.get(), end="")  # rich itself would end the program where the reader is gone
+        table.add_row(visible(name), Text(visible(value)))
+    files = [name for name in FILES if (folder / name).exists()]
+    show(table, Text(f"\n{visible(folder)}: {', '.join(files)}"))
+    if "recording.rrd" in files:
+        command = shlex.join(["rerun", str(folder / "recording.rrd")])
+        show(Text.assemble("look at it:  ", (command, "bold cyan")), soft_wrap=True)
 
 
 def summary(content: dict[str, Any]) -> list[tuple[str, str]]:

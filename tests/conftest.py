@@ -14,6 +14,8 @@ from pathlib import Path
 import pytest
 from measuring import Measuring
 
+import taichi_plume  # noqa: F401  first of all: it keeps Taichi from the network
+
 TREES = 400  # Taichi's runtime has places for 512 trees of fields and crashes beyond them
 DURATIONS = Path(__file__).with_name("durations.json")
 HELD: set[str] = set()  # names of fixtures that outlive a test

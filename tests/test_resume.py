@@ -35,7 +35,7 @@ CASES = {
 CASES |= {
     "continuous": ("own", ["gas={kind: continuous, diffusivity: 0.01, sources: [{position: [0.5, 1.5], rate: 1e-6}]}"]),
     "gaussian_puff": (
-        "own", ["gas={kind: gaussian_puff, diffusivity: 0.01, releases: [{position: [0.5, 1.5], mass: 1e-6, time: 0.3}]}"]
+        "own", ["gas={kind: gaussian_puff, diffusivity: 0.01, releases: [{position: [0.5, 1.5], mass: 1e-6}]}"]
     ),
     "plumesim_gaussian": ("own", ["gas={kind: plumesim_gaussian, release_point: [0.5, 1.5], cell: 0.1}"]),
     "plumesim_meandering": ("own", ["gas={kind: plumesim_meandering, release_point: [0.5, 1.5]}"]),

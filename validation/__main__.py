@@ -15,10 +15,13 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
 from rich.text import Text
 
+from taichi_plume.guard.terminal import Parser, say, terminal
+
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from taichi_plume.validation.case import Case
     from taichi_plume.validation.experiment import Experiment
     from taichi_plume.validation.report import Pictures
@@ -36,7 +39,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     for name in unknown:
         close = difflib.get_close_matches(name, CASES, n=1)
         hint = f"did you mean '{close[0]}'?" if close else f"there are: {', '.join(CASES)}"
-        print(f"no case '{name}'; {hint}", file=sys.stderr)
+        say(f"no case '{name}'; {hint}", error=True)
     if unknown:
         return 2
     cases: list[Case | Experiment] = [
@@ -51,7 +54,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         backend = kernels.start(args.arch)
     except RuntimeError as error:
-        print(error, file=sys.stderr)
+        say(error, error=True)
         return 2
     try:
         if args.out:
@@ -62,18 +65,18 @@ def main(argv: Sequence[str] | None = None) -> int:
             (args.out / "report.json").write_text(text, encoding="utf-8")
             (args.out / "report.html").write_text(page(report, pictures), encoding="utf-8")
     except OSError as error:
-        print(f"the report could not be written: {error}", file=sys.stderr)
+        say(f"the report could not be written: {error}", error=True)
         return 1
     except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
+        say("interrupted", error=True)
         return 130
     if args.json:
-        print(text, end="")
+        say(text, longest=None, end="")
     return 0 if report["passed"] else 1
 
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="python -m taichi_plume.validation",
         description="Solve cases with known answers, repeat published experiments, and judge what comes out; "
         "all of them take some minutes.",
@@ -114,8 +117,8 @@ def _examine(
     from taichi_plume import __version__
     from taichi_plume.validation.case import Case
 
-    begin, waiting = perf_counter(), Console(stderr=True)
-    console = Console(highlight=False, soft_wrap=True, quiet=args.json)
+    begin, waiting = perf_counter(), terminal(error=True)
+    console = terminal(soft_wrap=True, quiet=args.json)
     if any(isinstance(case, Case) for case in cases):
         console.print(_line("error", "at resolution", "order", "expected", ("verdict", "")), style="bold")
     results, pictures = [], {}
@@ -222,13 +225,13 @@ def _number(value: float | None) -> float | None:
 
 
 def _print_list(cases: list["Case | Experiment"]) -> None:
-    console = Console(highlight=False, soft_wrap=True)
+    console = terminal(soft_wrap=True)
     for case in cases:
         size = _size(case, None)
-        console.print(f"{case.name:16}  {size:10}  {case.about} ({case.reference})", markup=False)
+        console.print(f"{case.name:16}  {size:10}  {case.about} ({case.reference})")
 
 
-def _print_result(result: dict[str, Any], console: Console) -> None:
+def _print_result(result: dict[str, Any], console: "Console") -> None:
     from taichi_plume.validation.report import mean_with_interval
 
     title = f"  {result['about']} ({result['reference']}), {result['wall_s']:.0f} s"

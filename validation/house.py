@@ -7,7 +7,6 @@ and function, `isinstance` on models outside their own module, `getattr` and `ha
 tests are those that pytest collects in each checkout, which --no-cases leaves out.
 """
 
-import argparse
 import ast
 import io
 import os
@@ -19,6 +18,8 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+
+from taichi_plume.guard.terminal import Parser, say
 
 PACKAGE = ("taichi_plume", "solvers", "agents")
 FOLDERS = (*PACKAGE, "validation")
@@ -238,11 +239,11 @@ def table(old: House, new: House) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` and return its exit code."""
-    parser = argparse.ArgumentParser(prog="python -m taichi_plume.validation.house", description=__doc__)
+    parser = Parser(prog="python -m taichi_plume.validation.house", description=__doc__)
     parser.add_argument("checkouts", nargs=2, type=Path, metavar="FOLDER")
     parser.add_argument("--no-cases", action="store_true", help="do not collect the tests")
     args = parser.parse_args(argv)
-    print(table(*(counted(root, not args.no_cases) for root in args.checkouts)))
+    say(table(*(counted(root, not args.no_cases) for root in args.checkouts)))
     return 0
 
 

@@ -27,6 +27,7 @@ from taichi_plume.files.result import result, write_result
 from taichi_plume.files.robots_table import RobotTable
 from taichi_plume.files.run_folder import to_yaml
 from taichi_plume.grid import kernels
+from taichi_plume.guard.terminal import Parser, say
 from taichi_plume.prepare import load_scenario
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.simulation import Simulation
@@ -42,7 +43,7 @@ STARTS = ("low", "high", "begin", "end", "positions")
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` and return its exit code."""
-    parser = argparse.ArgumentParser(prog="python -m taichi_plume.validation.resets")
+    parser = Parser(prog="python -m taichi_plume.validation.resets")
     parser.add_argument("names", nargs="*", metavar="NAME")
     parser.add_argument("--seconds", type=float, default=5.0)
     parser.add_argument("--times", type=int, default=100)
@@ -92,7 +93,7 @@ def check(path: Path, times: int) -> int:
     more, grown = kernels.compiled() - compiled, growth(sim, scenario, times)
     if more:
         faults.append(f"{more} kernels compiled by resets")
-    print(
+    say(
         f"{scenario.name}: {'; '.join(faults) or 'the same'} ({compiled} kernels, {more} more after "
         f"{len(list(variants(scenario)))} resets; {grown:+.1f} MB over {times} resets)"
         + (f"; nothing depends on its {', '.join(idle)}" if idle else ""),

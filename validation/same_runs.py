@@ -7,7 +7,6 @@ S of robots, and compares every column of `robots.parquet` and every number of t
 it says what, from when on and by how much. Exit code 0: all the same, 1: something differs or a run failed.
 """
 
-import argparse
 import json
 import subprocess
 import sys
@@ -21,10 +20,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import yaml
 
+from taichi_plume.guard.terminal import Parser, say
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` and return its exit code."""
-    parser = argparse.ArgumentParser(prog="python -m taichi_plume.validation.same_runs")
+    parser = Parser(prog="python -m taichi_plume.validation.same_runs")
     parser.add_argument("checkouts", nargs=2, type=Path, metavar="FOLDER")
     parser.add_argument("--seconds", type=float, default=5.0)
     parser.add_argument("--only", nargs="*", help="names of scenarios")
@@ -41,7 +42,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             before = _run(old, name, args.seconds, keep / "old")
             faults = list(differences(before, _run(new, name, args.seconds, keep / "new")))
             different += bool(faults)
-            print(f"{name}: {'; '.join(faults) if faults else 'the same'}", flush=True)
+            say(f"{name}: {'; '.join(faults) if faults else 'the same'}", flush=True)
     return int(different > 0)
 
 

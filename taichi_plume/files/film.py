@@ -26,6 +26,7 @@ from zarr.codecs import BloscCodec, Crc32cCodec
 from taichi_plume.files import manifest
 from taichi_plume.files.tables import plain
 from taichi_plume.grid.cut_cells import Air
+from taichi_plume.guard.opening import irregular, unopenable
 from taichi_plume.scenario.sources import OtherSpecies
 
 FORMAT = "taichi_plume film 2"
@@ -151,8 +152,12 @@ class Film:
 
     def __init__(self, path: Path):
         self.path = path
-        if not path.exists():
-            raise FilmError(f"{path}: does not exist; a run with `fields` writes fields.zarr into its folder")
+        reason = unopenable(path, folder=True)
+        if reason:
+            raise FilmError(f"{path}: {reason}; a run with `fields` writes fields.zarr into its folder")
+        reason = irregular(path)
+        if reason:
+            raise FilmError(f"{path}: {reason}")
         damage = manifest.changed(path)  # zarr.json has no checksum
         if damage:
             raise FilmError(damage)

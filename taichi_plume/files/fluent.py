@@ -9,6 +9,7 @@ import numpy as np
 
 from taichi_plume.files.point_frames import MOST_FRAMES, PointFileError, PointFrames, points_of
 from taichi_plume.files.tables import Table, TextFile
+from taichi_plume.guard.opening import unopenable
 
 LARGEST = 1e4  # of what counts as 100 percent
 COLUMNS = ("index", "x", "y", "chemical")
@@ -46,19 +47,12 @@ def _files(pattern: Path, frames: int | None) -> list[Path]:
     found: list[Path] = []
     while len(found) < (frames or MOST_FRAMES):
         path = pattern.with_name(pattern.name % (len(found) + 1))
-        if not _is_file(path):
+        if unopenable(path):
             after = pattern.with_name(pattern.name % (len(found) + 2))
             if frames is not None or not found:
                 raise PointFileError(f"{path}: does not exist; files are numbered from 1")
-            if _is_file(after):
+            if not unopenable(after):
                 raise PointFileError(f"{path}: does not exist, but {after.name} does")
             break
         found.append(path)
     return found
-
-
-def _is_file(path: Path) -> bool:
-    try:
-        return path.is_file()
-    except OSError:  # a name that is too long, a folder that may not be read
-        return False

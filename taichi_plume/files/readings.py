@@ -12,6 +12,7 @@ import numpy as np
 
 from taichi_plume.files import manifest
 from taichi_plume.files.tables import Table, TextFile, cells_of, delimiter_of, listed, plain
+from taichi_plume.guard.opening import unopenable
 
 NAMES = {
     "t": ("t",),
@@ -105,6 +106,9 @@ def _parquet(path: Path) -> tuple[dict[str, str], dict[str, np.ndarray]]:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
+    reason = unopenable(path)
+    if reason:
+        raise ReadingsError(f"{path}: {reason}")
     damage = manifest.changed(path)
     if damage:
         raise ReadingsError(damage)

@@ -66,8 +66,10 @@ class RunFolder:
         ours: Callable[[Path], bool] | None = None,
     ):
         self.files, self._ours = files, ours or is_run
-        self.made = out is None or not out.exists()
+        if out is not None and os.fsencode(out) != str(out).encode(errors="replace"):
+            raise RunFolderError(f"{out}: is no text in UTF-8; choose another --out")
         try:
+            self.made = out is None or not out.exists()
             if out is None:
                 out = _next_folder(name, runs)
             elif out.exists() and not out.is_dir():

@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from taichi_plume.files.tables import LONGEST_TEXT, Table, TextFile, cells_of, delimiter_of, is_number, listed
+from taichi_plume.guard.opening import unopenable
 
 PLACES = ("points:{n}", "points_{n}", "points_{a}", "{a}", "c{a}", "c:{n}", "c_{n}", "{a}-coordinate")
 SPEEDS = ("u:{n}", "u_{n}", "u{a}", "u_{a}", "{u}", "velocity:{n}", "velocity_{n}", "velocity_{a}",
@@ -56,8 +57,9 @@ def find(folder: Path, pattern: str, interval: float) -> list[tuple[float, Path]
     marks = [*NUMBERED.findall(pattern), *re.findall(TIMED, pattern)]
     path = folder / pattern
     if not marks:
-        if not path.is_file():
-            raise WindFileError(f"{path}: {'is a folder' if path.is_dir() else 'does not exist'}")
+        reason = unopenable(path)
+        if reason:
+            raise WindFileError(f"{path}: {reason}")
         return [(0.0, path)]
     if len(marks) > 1:
         raise WindFileError(f"{path}: has {' and '.join(marks)}; one of %d and %g says which files are meant")

@@ -1,4 +1,4 @@
-"""Closed bodies from mesh files (STL, OBJ, PLY), read and measured by open3d."""
+"""Closed bodies from mesh files (STL, OBJ, PLY), measured by open3d."""
 
 import ctypes
 from functools import cache
@@ -8,14 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from taichi_plume.grid.mesh_files import MeshError, read_mesh
 from taichi_plume.grid.shapes import Shape, rotation
 
 CHUNK = 1 << 18  # points handed to open3d at a time
+FLAT = 1e-9  # of its length: a thinner body has the same place on both sides in single precision
 SKIN = 1e-5  # m: a section this far from the height asked for does not run within a level face
-
-
-class MeshError(ValueError):
-    """A mesh file that is missing, unreadable or not closed."""
 
 
 class Solid(Shape):
@@ -27,7 +25,7 @@ class Solid(Shape):
 
     def __init__(self, model: Any, dim: int, folder: Path):
         self.model = model
-        self.vertices, self.triangles, body = _read_mesh(folder / model.file)
+        self.vertices, self.triangles, body = _bodies_of(folder / model.file)
         self.vertices = model.scale * self.vertices
         self.vertices[:, :2] = self.vertices[:, :2] @ rotation(model.yaw_deg).T
         self.vertices += np.array(model.translate)
@@ -100,22 +98,18 @@ def _at_height(points: np.ndarray, z: float) -> np.ndarray:
     return np.concatenate([points, np.full((*points.shape[:-1], 1), z)], axis=-1)
 
 
-def _read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _bodies_of(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Vertices (n, 3), triangles (m, 3) and the number of the body that each triangle belongs to (m,)."""
-    if path.is_dir():
-        raise MeshError(f"{path.name}: is a folder; give an STL, OBJ or PLY file in it")
-    if not path.is_file():
-        raise MeshError(f"{path.name}: no such file in {path.parent}")
+    vertices, triangles = read_mesh(path)
     o3d = _open3d()
-    with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
-        mesh = o3d.io.read_triangle_mesh(str(path))
+    mesh = o3d.geometry.TriangleMesh(
+        o3d.utility.Vector3dVector(vertices), o3d.utility.Vector3iVector(triangles.astype(np.int32))
+    )
     mesh.remove_duplicated_vertices()  # in an STL every triangle has its own
     mesh.remove_degenerate_triangles()
     mesh.remove_unreferenced_vertices()
     if not len(mesh.triangles):
-        raise MeshError(f"{path.name}: no triangles in it; STL, OBJ and PLY files are read")
-    if not np.isfinite(np.asarray(mesh.vertices)).all():
-        raise MeshError(f"{path.name}: some coordinates are not finite")
+        raise MeshError(f"{path.name}: all its triangles are lines or points")
     body = np.asarray(mesh.cluster_connected_triangles()[0])
     vertices, triangles = np.asarray(mesh.vertices).copy(), np.asarray(mesh.triangles).copy()
     # not is_watertight(): that also looks for self-intersections, in quadratic time
@@ -128,6 +122,10 @@ def _read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             f"{path.name}: body {holed} is not watertight: {here.sum()} open or non-manifold edges, "
             f"first near ({x:.3f}, {y:.3f}, {z:.3f}) in the file's coordinates; close it in a mesh editor"
         )
+    for n in range(body.max() + 1):
+        extent = np.ptp(vertices[triangles[body == n]].reshape(-1, 3), axis=0)
+        if extent.min() <= FLAT * extent.max():
+            raise MeshError(f"{path.name}: body {n} is flat: it encloses nothing")
     return vertices, triangles, body
 
 

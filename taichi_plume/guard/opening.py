@@ -23,9 +23,10 @@ def open_regular(path: Path) -> BinaryIO:
     except ValueError as error:  # a zero byte, a lone surrogate
         raise OSError(errno.EINVAL, NO_NAME, str(path)) from error
     try:
-        fault = _fault(os.fstat(descriptor).st_mode)
+        mode = os.fstat(descriptor).st_mode
+        fault = _fault(mode)
         if fault:
-            raise OSError(errno.EINVAL, fault, str(path))
+            raise OSError(errno.EISDIR if stat.S_ISDIR(mode) else errno.EINVAL, fault, str(path))
         return os.fdopen(descriptor, "rb")
     except BaseException:
         os.close(descriptor)
@@ -33,19 +34,36 @@ def open_regular(path: Path) -> BinaryIO:
 
 
 def unopenable(path: Path, folder: bool = False) -> str | None:
-    """Why `open_regular` would refuse a path, for readers that open it themselves; None where it would not.
+    """Why `open_regular` would refuse a path, such as "does not exist", for readers that open it themselves; None where
+    it would not.
 
     folder: whether it has to be a folder.
     """
     try:
         mode = os.stat(path).st_mode
+    except FileNotFoundError:
+        return "does not exist"
     except ValueError:
-        return NO_NAME
+        return f"cannot be read: {NO_NAME}"
     except OSError as error:
-        return error.strerror or str(error)
+        return f"cannot be read: {error.strerror or error}"
     if folder:
         return None if stat.S_ISDIR(mode) else "is no folder"
-    return _fault(mode)
+    return "is a folder" if stat.S_ISDIR(mode) else _fault(mode)
+
+
+def irregular(folder: Path) -> str | None:
+    """What in a folder, or below it, is neither a file nor a folder, for readers of whole folders; None if all is.
+
+    Links are told too: they may lead anywhere.
+    """
+    for place, folders, files in os.walk(folder):
+        for name in (*folders, *files):
+            path = os.path.join(place, name)
+            mode = os.lstat(path).st_mode
+            if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+                return f"holds {os.path.relpath(path, folder)}, which is no plain file"
+    return None
 
 
 def _fault(mode: int) -> str | None:

@@ -6,7 +6,7 @@ import sys
 from typing import TYPE_CHECKING, Any, NoReturn
 
 if TYPE_CHECKING:
-    from rich.console import Console
+    from rich.console import Console, RenderableType
 
 LONGEST_LINE = 1000  # characters of a message
 LONGEST_VALUE = 100  # characters of a name or value within one
@@ -33,18 +33,39 @@ def _cut(line: str, longest: int) -> str:
     return f"{line[: longest - end - 5]} ... {line[len(line) - end :]}"
 
 
-def say(text: object, error: bool = False, longest: int | None = LONGEST_LINE, end: str = "\n") -> None:
+def say(
+    text: object,
+    error: bool = False,
+    longest: int | None = LONGEST_LINE,
+    end: str = "\n",
+    flush: bool = False,
+) -> None:
     """Print a text, whose lines end in a line feed, to stdout or, of an `error`, to stderr.
 
     longest: as `visible`, of each line.
     """
+    clean = "\n".join(visible(line, longest) for line in str(text).split("\n"))
+    _write(f"{clean}{end}", error, flush)
+
+
+def _write(text: str, error: bool = False, flush: bool = False) -> None:
     stream = sys.stderr if error else sys.stdout
     encoding = getattr(stream, "encoding", None) or "utf-8"
-    clean = "\n".join(visible(line, longest) for line in str(text).split("\n"))
-    print(clean.encode(encoding, "backslashreplace").decode(encoding), file=stream, end=end, flush=error)
+    print(
+        text.encode(encoding, "backslashreplace").decode(encoding), file=stream, end="", flush=flush or error
+    )
 
 
-def console(error: bool = False, **options: Any) -> "Console":
+def show(*parts: "RenderableType", soft_wrap: bool = False) -> None:
+    """Print parts of rich's, such as tables, to stdout; where its reader is gone, rich itself would end the program."""
+    one = terminal()
+    with one.capture() as text:
+        for part in parts:
+            one.print(part, soft_wrap=soft_wrap)
+    _write(text.get())
+
+
+def terminal(error: bool = False, **options: Any) -> "Console":
     """A rich console on stdout or, for `error`, on stderr, that prints as `say` and knows no markup."""
     from rich.console import Console, ConsoleOptions, RenderableType
     from rich.segment import Segment
@@ -55,7 +76,8 @@ def console(error: bool = False, **options: Any) -> "Console":
         def render(self, renderable: RenderableType, options: ConsoleOptions | None = None):
             for segment in super().render(renderable, options):
                 text = segment.text
-                if segment.control or text.isprintable() or text == "\n":
+                # a lone \r is an `end` of ours: rich leaves it out of texts
+                if segment.control or text.isprintable() or text in ("\n", "\r"):
                     yield segment
                 else:
                     parts = re.split("(\n)", text)

@@ -128,7 +128,7 @@ def test_faulty_meshes_are_told(tmp_path):
     (tmp_path / "junk.stl").write_text("no mesh")
     faults = {
         "none.stl": "no such file",
-        "junk.stl": "no triangles",
+        "junk.stl": "no STL file is so short",
         write_stl(tmp_path / "hole.stl", triangles[1:]): "body 0 is not watertight: 3 open",
         write_stl(
             tmp_path / "lid.stl", np.concatenate([box_triangles((3, 1, 0), (4, 2, 1)), triangles[:10]])

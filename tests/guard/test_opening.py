@@ -6,14 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from taichi_plume.guard.opening import open_regular, unopenable
+from taichi_plume.guard.opening import irregular, open_regular, unopenable
 
 
 def refused(path: Path) -> str:
     with pytest.raises(OSError, match=r".") as caught:
         open_regular(path)
     assert caught.value.strerror
-    assert unopenable(path) == caught.value.strerror
+    assert unopenable(path)
     return caught.value.strerror
 
 
@@ -48,3 +48,14 @@ def test_folders_may_be_wanted(tmp_path):
     assert unopenable(tmp_path, folder=True) is None
     assert unopenable(tmp_path / "a", folder=True) == "is no folder"
     assert "null byte" in (unopenable(tmp_path / "\0", folder=True) or "")
+
+
+def test_folders_hold_files_and_folders(tmp_path):
+    (tmp_path / "a" / "b").mkdir(parents=True)
+    (tmp_path / "a" / "b" / "c").touch()
+    assert irregular(tmp_path) is None
+    os.mkfifo(tmp_path / "a" / "b" / "pipe")
+    assert irregular(tmp_path) == f"holds {Path('a/b/pipe')}, which is no plain file"
+    (tmp_path / "a" / "b" / "pipe").unlink()
+    (tmp_path / "a" / "link").symlink_to("/")
+    assert irregular(tmp_path) == f"holds {Path('a/link')}, which is no plain file"

@@ -8,7 +8,7 @@ from rich.progress import Progress
 from rich.table import Table
 from rich.text import Text
 
-from taichi_plume.guard.terminal import LONGEST_LINE, Parser, console, say, visible
+from taichi_plume.guard.terminal import LONGEST_LINE, Parser, say, terminal, visible
 
 WICKED = "a\x1b]0;title\x07\r\x08\x9b31m\u202eb\u2066\u200f\ud800\u2028\x85c\0"
 
@@ -51,11 +51,11 @@ def test_say_where_the_terminal_knows_few_letters(monkeypatch):
     assert stream.buffer.getvalue() == b"5 m\\xb2\n"  # type: ignore[attr-defined]
 
 
-@pytest.mark.parametrize("terminal", [False, True])
-def test_the_console_sends_its_own_codes_alone(monkeypatch, terminal):
+@pytest.mark.parametrize("coloured", [False, True])
+def test_the_console_sends_its_own_codes_alone(monkeypatch, coloured):
     stream = io.StringIO()
     monkeypatch.setattr(sys, "stdout", stream)
-    one = console(force_terminal=terminal)
+    one = terminal(force_terminal=coloured)
     table = Table(show_header=False, box=None)
     table.add_row(WICKED, Text(WICKED, "bold"))
     one.print(table)
@@ -65,7 +65,7 @@ def test_the_console_sends_its_own_codes_alone(monkeypatch, terminal):
         bar.refresh()
     told = stream.getvalue()
     assert "[/x]" in told
-    assert ("\x1b[1m" in told) == terminal
+    assert ("\x1b[1m" in told) == coloured
     assert not {"\x07", "\x08", "\x9b", "\u202e", "\u2066", "\ud800", "\x1b]"} & set(told)
     assert "]0;title" in told
     assert "\x1b]" not in told

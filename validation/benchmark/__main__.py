@@ -11,13 +11,13 @@ run with each other. `start` measures something else, the first tick of a scenar
 user waits for, beside what is wanted: see start.py and clock.py.
 """
 
-import argparse
 import json
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from typing import Any
 
+from taichi_plume.guard.terminal import Parser, say
 from taichi_plume.validation.arena import ARENA, arena
 from taichi_plume.validation.benchmark import clock, maps, pressure, puffs, robots, start, trials
 from taichi_plume.validation.benchmark.steps import CASES, measure
@@ -46,7 +46,7 @@ def main(argv: list[str] | None = None) -> int:
     if other is not None:
         return other(arguments[1:])
     known = [*CASES, *OTHER_CASES]
-    parser = argparse.ArgumentParser(prog="python -m taichi_plume.validation.benchmark", description=__doc__)
+    parser = Parser(prog="python -m taichi_plume.validation.benchmark", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(known)}")
     parser.add_argument(
         "--pressure", action="store_true", help="iterations of the pressure solver against N instead"
@@ -57,7 +57,7 @@ def main(argv: list[str] | None = None) -> int:
     args = parser.parse_args(arguments)
     unknown = [name for name in args.names if name not in known]
     if unknown:
-        print(f"unknown case {unknown[0]!r}; known: {', '.join(known)}", file=sys.stderr)
+        say(f"unknown case {unknown[0]!r}; known: {', '.join(known)}", error=True)
         return 2
     rows: list[Any] = []
 
@@ -65,7 +65,7 @@ def main(argv: list[str] | None = None) -> int:
         rows.extend(found)
         if not args.json:
             for row in found:
-                print(row, flush=True)
+                say(row, flush=True)
 
     for n in pressure.SIDES if args.pressure else ():
         tell(pressure.solve(n, args.arch))
@@ -74,7 +74,7 @@ def main(argv: list[str] | None = None) -> int:
             OTHER_CASES[name](args.arch) if name in OTHER_CASES else [measure(name, args.arch, args.seconds)]
         )
     if args.json:
-        print(json.dumps([asdict(row) for row in rows], indent=2))
+        say(json.dumps([asdict(row) for row in rows], indent=2), longest=None)
     return 0
 
 

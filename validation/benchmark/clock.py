@@ -24,6 +24,7 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 
+from taichi_plume.guard.terminal import Parser, say
 from taichi_plume.validation.benchmark import openfoam, start
 
 HERE = Path(__file__).resolve().parent
@@ -217,33 +218,33 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = _arguments(argv)
     unknown = [name for name in args.rows if name not in ROWS]
     if unknown:
-        print(f"unknown row {unknown[0]!r}; known: {', '.join(ROWS)}", file=sys.stderr)
+        say(f"unknown row {unknown[0]!r}; known: {', '.join(ROWS)}", error=True)
         return 2
     rows: list[Found] = []
     failed = False
     for name in args.rows or ROWS:
         found: list[Found] = []
         if not args.json:
-            print(f"{name}: {ROWS[name].about}", flush=True)
+            say(f"{name}: {ROWS[name].about}", flush=True)
         try:
             for one in measured(name, args):
                 found.append(one)
                 if not args.json:
-                    print(one, flush=True)
+                    say(one, flush=True)
         except RuntimeError as error:
             failed = True
-            print(f"{name}: {error}", file=sys.stderr)
+            say(f"{name}: {error}", error=True)
         else:
             for line in () if args.json else compared(found, args.checkout):
-                print(line, flush=True)
+                say(line, flush=True)
         rows += found
     if args.json:
-        print(json.dumps([asdict(row) | {"verdict": row.verdict} for row in rows], indent=2))
+        say(json.dumps([asdict(row) | {"verdict": row.verdict} for row in rows], indent=2), longest=None)
     return int(failed)
 
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="python -m taichi_plume.validation.benchmark clock",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,

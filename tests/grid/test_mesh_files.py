@@ -1,0 +1,239 @@
+"""Meshes are read as they are, or refused in one line: never in part, and no file ends the process."""
+
+import os
+import struct
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+from test_meshes import box_triangles, torus, write_obj, write_stl
+
+from taichi_plume.grid.mesh_files import MeshError, read_mesh
+from taichi_plume.grid.meshes import Solid
+from taichi_plume.grid.polygons import triangulated
+from taichi_plume.scenario.obstacles import Mesh
+
+BOX = box_triangles((1, 1, 0), (2, 2, 0.5))
+PLACES, CORNERS = np.unique(BOX.reshape(-1, 3), axis=0, return_inverse=True)
+FACES = CORNERS.reshape(-1, 3)
+QUADS = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
+
+
+def stl_text(triangles=BOX) -> bytes:
+    facets = "".join(
+        "facet normal 0 0 1\n outer loop\n"
+        + "".join(f"  vertex {x} {y} {z}\n" for x, y, z in triangle)
+        + " endloop\nendfacet\n"
+        for triangle in triangles
+    )
+    return f"solid box of mine\n{facets}endsolid\n".encode()
+
+
+def stl(tmp_path) -> bytes:
+    write_stl(tmp_path / "written.stl", BOX)
+    return (tmp_path / "written.stl").read_bytes()
+
+
+def ply(order: str, faces: Any = FACES, vertices=PLACES) -> bytes:
+    """With a colour beside each face and an element of no interest between the two."""
+    kind = {"": "ascii", "<": "binary_little_endian", ">": "binary_big_endian"}[order]
+    header = (
+        f"ply\nformat {kind} 1.0\ncomment of \xff mine\nelement vertex {len(vertices)}\n"
+        "property float x\nproperty double y\nproperty float32 z\n"
+        "element other 2\nproperty list uchar short a\n"
+        f"element face {len(faces)}\nproperty uchar red\nproperty list uchar int vertex_indices\nend_header\n"
+    ).encode("latin-1")
+    if not order:
+        rows = [*(f"{x} {y} {z}" for x, y, z in vertices), "1 5", "2 5 6"]
+        rows += [f"7 {len(one)} {' '.join(map(str, one))}" for one in faces]
+        return header + "\n".join(rows).encode() + b"\n"
+    body = b"".join(struct.pack(f"{order}fdf", *one) for one in vertices)
+    body += struct.pack(f"{order}BhBhh", 1, 5, 2, 5, 6)
+    body += b"".join(struct.pack(f"{order}BB{len(one)}i", 7, len(one), *one) for one in faces)
+    return header + body
+
+
+def obj() -> bytes:
+    lines = ["# mine", "mtllib nowhere.mtl", "o box", *(f"v {x} {y} {z} 1.0" for x, y, z in PLACES), "vt 0 0"]
+    first = [f"f {a + 1}/1 {b + 1}/1 {c + 1}/1" for a, b, c in FACES[:6]]
+    last = [f"f {a - 8} {b - 8} {c - 8}" for a, b, c in FACES[6:]]
+    return "\n".join([*lines, *first, *last, ""]).encode()
+
+
+def contents(tmp_path) -> dict[str, bytes]:
+    """A box in every format."""
+    return {
+        "binary.stl": stl(tmp_path),
+        "text.stl": stl_text(),
+        "a.obj": obj(),
+        "text.ply": ply(""),
+        "little.ply": ply("<"),
+        "big.ply": ply(">"),
+        "quads.ply": ply("<", QUADS),
+        "mixed.ply": ply(">", [*QUADS[:5].tolist(), [1, 5, 7], [1, 7, 3]]),
+        "mixed_text.ply": ply("", [*QUADS[:5].tolist(), [1, 5, 7], [1, 7, 3]]),
+    }
+
+
+def test_every_format_is_read_as_it_is(tmp_path):
+    for name, content in contents(tmp_path).items():
+        (tmp_path / name).write_bytes(content)
+        vertices, triangles = read_mesh(tmp_path / name)
+        assert triangles.shape == (12, 3), name
+        corners = vertices[triangles]
+        area = (
+            np.linalg.norm(
+                np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+            ).sum()
+            / 2
+        )
+        assert area == pytest.approx(4.0), name
+        assert Solid(Mesh(kind="mesh", file=name), 3, tmp_path).triangles.shape == (12, 3), name
+
+
+def test_every_cut_is_told(tmp_path):
+    """Of an OBJ, which has no counts, as the body is open then."""
+    for name, content in contents(tmp_path).items():
+        for end in {*range(0, len(content) - 2, 7), len(content) - 2}:
+            (tmp_path / name).write_bytes(content[:end])
+            with pytest.raises(MeshError) as caught:
+                Solid(Mesh(kind="mesh", file=name), 3, tmp_path)
+            assert str(caught.value).isprintable()
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "told"),
+    [
+        ("a.ply", ply("<", [[0, 1, 99999999]]), "a face has a corner that is none of the 8 vertices"),
+        (
+            "a.ply",
+            ply("", [[0, 1, 99999999], [1, 2, 3, 4]]),
+            "a face has a corner that is none of the 8 vertices",
+        ),
+        ("a.ply", ply(">", [[0, 1, -1]]), "none of the 8 vertices"),
+        ("a.ply", ply("<", [[0, 1]]), "fewer than three corners"),
+        ("a.ply", ply("<").replace(b"vertex 8", b"vertex 4000000000"), "its header tells of 4000000000 rows"),
+        ("a.ply", ply("").replace(b"vertex 8", b"vertex 4000000000"), "its header tells of 4000000000 rows"),
+        ("a.ply", ply("<").replace(b"face 12", b"face 13"), "13 rows of face, fewer follow"),
+        ("a.ply", ply("<").replace(b"face 12", b"face 11"), "bytes more than its header tells of"),
+        ("a.ply", ply("").replace(b"face 12", b"face 11"), "numbers more than its header tells of"),
+        ("a.ply", ply("").replace(b"7 3", b"7 x", 1), "is damaged: could not convert"),
+        ("a.ply", ply("").replace(b"7 3", b"7 2.5", 1), "is damaged: "),
+        ("a.ply", ply("").replace(b"float x", b"float \x1b[31m"), "no x, y, z"),
+        (
+            "a.ply",
+            ply("").replace(b"float x", b"flaot \x1b[31m"),
+            r"its header has 'property flaot \\x1b\[31m'",
+        ),
+        ("a.ply", ply("").replace(b"float x", b"float y"), "two properties of vertex"),
+        ("a.ply", b"ply\nformat ascii 1.0\n" + b"comment\n" * 20_000, "has no header"),
+        ("a.ply", b"ply\nformat ascii 1.0\nend_header\n", "has no vertices"),
+        ("a.stl", b"\0" * 80 + b"\xff\xff\xff\xff", "tells of 4294967295 triangles, it holds 0"),
+        ("a.stl", stl_text().replace(b"endloop", b"endpool", 1), "'endpool' in place of 'endloop'"),
+        ("a.stl", stl_text().replace(b"vertex 1.0", b"vertex 1,0", 1), "could not convert"),
+        ("a.stl", stl_text() + b"facet", "after an 'endsolid'"),
+        ("a.stl", b"solid a\nendsolid a\n", "no triangles in it"),
+        ("a.stl", stl_text(np.where(BOX == 2, np.inf, BOX)), "not finite"),
+        ("a.stl", stl_text(np.where(BOX == 2, 1e30, BOX)), "beyond 1e\\+09"),
+        ("a.stl", stl_text(np.array([BOX[0], BOX[0][::-1]])), "body 0 is flat"),
+        ("a.obj", obj().replace(b"f 1/", b"f 9/", 1), "a face has vertex 9 of 8"),
+        ("a.obj", obj().replace(b"f 1/", b"f 0/", 1), "counted from 1"),
+        ("a.obj", obj().replace(b"f 1/", b"f " + b"9" * 5000 + b"/", 1), "is no corner of a face"),
+        ("a.obj", obj().replace(b"f -", b"f -9", 1), "counted from 1"),
+        ("a.obj", obj().replace(b"vt 0", b"\x1b 0"), r"line \d+: '\\x1b' is no key"),
+        ("a.obj", b"v 1 2\n", "line 1: a vertex has three"),
+        ("a.off", b"", r"must end in \.stl, \.obj or \.ply"),
+    ],
+)
+def test_damage_is_told(tmp_path, name, content, told):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(MeshError, match=told) as caught:
+        Solid(Mesh(kind="mesh", file=name), 3, tmp_path)
+    assert str(caught.value).isprintable()
+    assert len(str(caught.value)) < 400
+
+
+def test_what_is_no_file_is_told_at_once(tmp_path):
+    os.mkfifo(tmp_path / "pipe.stl")
+    (tmp_path / "folder.ply").mkdir()
+    with pytest.raises(MeshError, match="is a pipe"):
+        read_mesh(tmp_path / "pipe.stl")
+    with pytest.raises(MeshError, match="is a folder"):
+        read_mesh(tmp_path / "folder.ply")
+    with pytest.raises(MeshError, match="File name too long"):
+        read_mesh(tmp_path / f"{'a' * 5000}.obj")
+
+
+def test_a_fine_mesh_is_the_same_in_text_and_binary(tmp_path):
+    vertices, quads = torus()
+    write_obj(tmp_path / "a.obj", vertices, quads)
+    (tmp_path / "a.ply").write_bytes(ply("<", quads.tolist(), vertices))
+    (ours, first), (theirs, second) = read_mesh(tmp_path / "a.obj"), read_mesh(tmp_path / "a.ply")
+    np.testing.assert_allclose(ours, theirs, atol=1e-6)
+    assert len(first) == len(second) == 2 * len(quads)
+
+
+@pytest.mark.parametrize("axes", [(0, 1, 2), (1, 2, 0), (2, 0, 1), (1, 0, 2)])
+@pytest.mark.parametrize(
+    ("outline", "area"),
+    [
+        ([(0, 0), (4, 0), (4, 3), (0, 3)], 12.0),
+        ([(0, 0), (4, 0), (4, 4), (3, 4), (3, 1), (1, 1), (1, 4), (0, 4)], 10.0),  # a U
+        ([(0, 0), (2, 1), (4, 0), (3, 2), (4, 4), (2, 3), (0, 4), (1, 2)], 8.0),  # a star
+    ],
+)
+def test_polygons_become_triangles_that_do_not_overlap(axes, outline, area):
+    places = np.column_stack([outline, 0.5 * np.array(outline) @ [1, 1]])[:, axes]
+    corners = places[triangulated(places, [list(range(len(outline)))])]
+    assert len(corners) == len(outline) - 2
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    tilt = np.sqrt(1 + 2 * 0.25)  # of the plane z = (x + y)/2
+    assert np.linalg.norm(cross, axis=1).sum() / 2 == pytest.approx(area * tilt)
+    assert np.linalg.norm(cross.sum(axis=0)) / 2 == pytest.approx(area * tilt)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["binary.stl", "text.stl", "a.obj", "text.ply", "little.ply", "mixed.ply"])
+def test_damaged_files_never_end_the_process_or_hang(tmp_path, name):
+    """3,000 of each format: bits flipped, parts cut, moved or doubled, numbers replaced."""
+    numbers = np.random.default_rng(5)
+    whole, refused = contents(tmp_path)[name], 0
+    wicked = [
+        b"-1",
+        b"4294967295",
+        b"99999999999",
+        b"1e999",
+        b"nan",
+        b"\xff" * 4,
+        b"\x7f\xff\xff\xff",
+        b"",
+        b" ",
+    ]
+    for _ in range(3000):
+        content = bytearray(whole)
+        for _ in range(numbers.integers(1, 4)):
+            a, b = sorted(numbers.integers(0, len(content) + 1, 2))
+            match numbers.integers(5):
+                case 0:
+                    for at in numbers.integers(0, max(len(content), 1), 3) if content else ():
+                        content[at] ^= 1 << numbers.integers(8)
+                case 1:
+                    del content[a : min(b, a + 20)]
+                case 2:
+                    content = content[:b]
+                case 3:
+                    content[a : a + 4] = wicked[numbers.integers(len(wicked))]
+                case 4:
+                    content[a:a] = content[a : min(b, a + 50)]
+        (tmp_path / name).write_bytes(content)
+        begin = time.perf_counter()
+        try:
+            solid = Solid(Mesh(kind="mesh", file=name), 3, tmp_path)
+        except MeshError:
+            refused += 1
+        else:
+            assert np.isfinite(solid.vertices).all()
+            assert solid.triangles.max() < len(solid.vertices)
+        assert time.perf_counter() - begin < 10
+    assert refused > 2000

@@ -1,0 +1,71 @@
+"""No input is waited for: pipes, devices and folders in place of files are told at once."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from taichi_plume import maps, run
+
+SCENARIO = """
+duration: 1
+domain: {{size: [4, 3], spacing: 0.1}}
+wind: {wind}
+obstacles: {obstacles}
+gas: {gas}
+robots: [{{count: 1, start: {{kind: positions, positions: [[3, 1]]}}, algorithm: {robot}}}]
+"""
+USUAL = {
+    "wind": "{kind: cfd, openings: [{kind: inlet, face: x-, speed: 0.5}, {kind: outlet, face: x+}]}",
+    "obstacles": "[]",
+    "gas": "{kind: eulerian, sources: [{position: [0.5, 1.5], rate: 1 mg/s}]}",
+    "robot": "{kind: casting}",
+}
+SOURCES = "sources: [{position: [1, 1]}]"
+INPUTS = {
+    "mesh": {"obstacles": "[{kind: mesh, file: NAME.stl, section: 0.1}]"},
+    "own": {"robot": "{kind: own, file: NAME.py}"},
+    "film": {"wind": "{kind: playback, file: NAME}"},
+    "film's part": {"wind": "{kind: playback, file: FOLDER}"},
+    "log": {"gas": f"{{kind: plumesim_log, file: NAME, {SOURCES}}}"},
+    "fluent": {"gas": f"{{kind: fluent, files: NAME%d.txt, {SOURCES}}}"},
+    "imported": {"wind": "{kind: imported, files: NAME.csv}"},
+    "several": {"wind": "{kind: imported, files: NAME%d.csv}"},
+}
+
+
+@pytest.fixture(params=["pipe", "zero", "folder"])
+def case(tmp_path, request) -> Path:
+    """A folder in which every name is a pipe, an endless device, or a folder."""
+    for name in ("NAME", "NAME.stl", "NAME.py", "NAME.csv", "NAME1.csv", "NAME1.txt", "NAME.parquet"):
+        if request.param == "pipe":
+            os.mkfifo(tmp_path / name)
+        elif request.param == "zero":
+            (tmp_path / name).symlink_to("/dev/zero")
+        else:
+            (tmp_path / name).mkdir()
+    (tmp_path / "FOLDER").mkdir()
+    os.mkfifo(tmp_path / "FOLDER" / "zarr.json")
+    return tmp_path
+
+
+@pytest.mark.parametrize("what", INPUTS)
+def test_inputs_of_scenarios(case, what, capsys):
+    (case / "s.yaml").write_text(SCENARIO.format(**USUAL | INPUTS[what]))
+    assert run.main([str(case / "s.yaml"), "--check", "--allow-outside"]) == 2
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1
+    assert "NAME" in told or "FOLDER" in told
+
+
+def test_the_scenario_itself(case, capsys):
+    assert run.main([str(case / "NAME"), "--check"]) == 2
+    assert "cannot be read" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["NAME", "NAME.csv", "NAME.parquet"])
+def test_readings(case, capsys, name):
+    assert maps.main([str(case / name), "--size", "4", "3", "--out", str(case / "map")]) == 2
+    told = capsys.readouterr().err
+    assert told.startswith(f"{case / name}: ")
+    assert told.count("\n") == 1
