@@ -185,8 +185,9 @@ class Film:
                 raise ValueError("its shape or periodic are not those of a plane or a room")
             self.times: np.ndarray = self.group["time"][:]
             self.arrays: dict[str, Any] = {name: self.group[name] for name in _arrays(path)}
-            for key in ("viscosity", "schmidt") if self.wind else ():
-                _positive(self.attributes[key], key)
+            if self.wind:
+                _positive(self.attributes["schmidt"], "schmidt")
+                _positive(self.attributes["viscosity"] or 1.0, "viscosity")  # there may be none
         except FAULTS as error:
             raise FilmError(f"{path}: is damaged: {_line(error)}") from None
         unknown = np.flatnonzero(~np.isfinite(self.times))  # interrupted while it was written
