@@ -115,6 +115,7 @@ def test_a_missing_file(path):
         ("1 / (robots.t < 2)", "upwind.py, line 4: ZeroDivisionError"),
         ("robots.speed = robots.reading[:3] * 0", "robots.speed has the shape (3,), not (4,)"),
         ("robots.turn_rate[2] = float('nan')", "robots.turn_rate[2] is nan, not a finite number"),
+        ("robots.speed[1] = 1e39", "robots.speed[1] is 1e+39, not a finite number"),
         ("robots.state[:] = 5", "robots.state must be whole numbers from 0 to 0"),
     ],
 )
