@@ -106,8 +106,10 @@ class OwnAlgorithm:
         except (TypeError, ValueError):
             shape = np.shape(getattr(self.robots, name))
             raise OwnAlgorithmError(f"{where} has the shape {shape}, not ({self.size},)") from None
-        if not np.isfinite(values).all():
-            n = int(np.flatnonzero(~np.isfinite(values))[0])
+        with np.errstate(over="ignore"):  # robots compute in f32
+            finite = np.isfinite(values.astype(np.float32))
+        if not finite.all():
+            n = int(np.flatnonzero(~finite)[0])
             raise OwnAlgorithmError(f"{where}[{n}] is {values[n]}, not a finite number")
         if name == "state" and not np.isin(values, np.arange(len(self.STATE_NAMES))).all():
             raise OwnAlgorithmError(f"{where} must be whole numbers from 0 to {len(self.STATE_NAMES) - 1}")

@@ -15,7 +15,6 @@ A frame counts once its time is written, so a film that was interrupted holds al
 ``xarray.open_zarr("runs/arena-1/fields.zarr", consolidated=False)``.
 """
 
-import warnings
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +41,19 @@ MEANING = {
     "viscosity": ("m2 s-1", "molecular and eddy viscosity"),
     "air": ("1", "share of the cell that is air"),
 }
-FAULTS = (OSError, ValueError, KeyError, TypeError, AttributeError, RuntimeError)  # of what zarr reads
+FAULTS = (
+    OSError,
+    ValueError,
+    LookupError,
+    TypeError,
+    AttributeError,
+    RuntimeError,
+    ArithmeticError,
+    MemoryError,
+)
+"""Of what zarr reads."""
+MOST = 1e9
+"""Of a number in the attributes, cells along an axis among them."""
 
 
 class FilmError(ValueError):
@@ -59,6 +70,20 @@ def dimensions(name: str, dim: int) -> tuple[str, ...]:
     else:
         ends = ["_ghost" if name == "viscosity" else ""] * dim
     return tuple(axis + end for axis, end in zip("xyz", ends, strict=False))[::-1]
+
+
+def _count(dimension: str, shape: tuple[int, ...]) -> int:
+    """Number of places along a dimension."""
+    more = {"": 0, "face": 1, "ghost": 2}[dimension.partition("_")[2]]
+    return shape["xyz".index(dimension[0])] + more
+
+
+def _positive(value: Any, name: str) -> float:
+    """A number of the attributes. Raises ValueError, or TypeError."""
+    number = float(value)
+    if not 0.0 < number < MOST:
+        raise ValueError(f"its {name} is {number:g}")
+    return number
 
 
 def _places(dimension: str, shape: tuple[int, ...], dx: float) -> np.ndarray:
@@ -169,13 +194,17 @@ class Film:
         if self.attributes.get("format") != FORMAT:
             raise FilmError(f"{path}: was not written by a run of ours (its format is not '{FORMAT}')")
         try:
-            self.shape: tuple[int, ...] = tuple(int(n) for n in self.attributes["shape"])
-            self.dx = float(self.attributes["spacing"])
-            self.depth = float(self.attributes["depth"])
+            self.shape: tuple[int, ...] = tuple(int(_positive(n, "shape")) for n in self.attributes["shape"])
+            self.dx = _positive(self.attributes["spacing"], "spacing")
+            self.depth = _positive(self.attributes["depth"], "depth")
             self.periodic: tuple[bool, ...] = tuple(map(bool, self.attributes["periodic"]))
+            if not len(self.periodic) == len(self.shape) in (2, 3):
+                raise ValueError("its shape or periodic are not those of a plane or a room")
             self.times: np.ndarray = self.group["time"][:]
-            with warnings.catch_warnings(action="ignore"):  # of what else lies in the folder
-                self.arrays: dict[str, Any] = dict(self.group.arrays())
+            self.arrays: dict[str, Any] = {name: self.group[name] for name in _arrays(path)}
+            if self.wind:
+                _positive(self.attributes["schmidt"], "schmidt")
+                _positive(self.attributes["viscosity"] or 1.0, "viscosity")  # there may be none
         except FAULTS as error:
             raise FilmError(f"{path}: is damaged: {_line(error)}") from None
         unknown = np.flatnonzero(~np.isfinite(self.times))  # interrupted while it was written
@@ -194,11 +223,14 @@ class Film:
         array = self.arrays.get(name)
         if array is None:
             raise FilmError(f"{self.path}: is not whole: {name} is missing; copy all of it")
-        wanted = tuple(len(_places(d, self.shape, self.dx)) for d in dimensions(name, len(self.shape)))
-        size = array.shape[1:] if frames else array.shape
-        if size != wanted:
-            raise FilmError(f"{self.path}: is damaged: {name} has the shape {size}, not {wanted}")
-        stored = min(array.shape[0], array.nchunks_initialized) if frames else array.nchunks_initialized
+        wanted = tuple(_count(d, self.shape) for d in dimensions(name, len(self.shape)))
+        try:
+            size = array.shape[1:] if frames else array.shape
+            if size != wanted:
+                raise ValueError(f"it has the shape {size}, not {wanted}")
+            stored = min(array.shape[0], array.nchunks_initialized) if frames else array.nchunks_initialized
+        except FAULTS as error:
+            raise FilmError(f"{self.path}: is damaged: {name}: {_line(error)}") from None
         if stored < (frames or 1):
             raise FilmError(
                 f"{self.path}: is not whole: {name} has {stored} of {frames or 1} frames; copy all of it"
@@ -255,6 +287,11 @@ class Film:
 
     def _place(self, name: str, n: int) -> str:
         return f"{self.path}: frame {n} of {name} (t = {self.times[n]:g} s)"
+
+
+def _arrays(path: Path) -> list[str]:
+    """Names of the arrays in a group's folder; zarr, asked for all at once, prints a traceback where several fail."""
+    return sorted(file.parent.name for file in path.glob("*/zarr.json"))
 
 
 def _line(error: Exception) -> str:

@@ -124,6 +124,7 @@ def test_a_missing_file(path):
         ("import sys; sys.exit()", "upwind.py, line 4: SystemExit"),
         ("raise KeyboardInterrupt", "upwind.py, line 4: KeyboardInterrupt"),
         ("raise ValueError('\\x1b[2J')", r"upwind.py, line 4: ValueError: \x1b[2J"),
+        ("robots.speed[1] = 1e39", "robots.speed[1] is 1e+39, not a finite number"),
         ("robots.state[:] = 5", "robots.state must be whole numbers from 0 to 0"),
     ],
 )

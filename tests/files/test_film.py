@@ -214,3 +214,24 @@ def test_a_message_is_no_longer_than_a_line_may_be(path):
     with pytest.raises(FilmError) as caught:
         Film(path)
     assert len(str(caught.value)) < 600
+
+
+@pytest.mark.parametrize(
+    ("array", "old", "new", "fault"),
+    [
+        (".", '"spacing": 0.1', '"spacing": NaN', "its spacing is nan"),
+        (".", '"shape": [', '"shape": [1e308,', r"its shape is 1e\+308"),
+        (".", '"shape": [', '"shape": [999999,', "not those of a plane or a room"),
+        (".", '"viscosity"', '"vicosity"', "'viscosity'"),
+        (".", '"schmidt": 1.0', '"schmidt": -1.0', "its schmidt is -1"),
+        ("v", '"chunk_shape": [1,', '"chunk_shape": [0,', "v: "),
+        ("open_u", '"fill_value": 0', '"fill_value": 99999999999999999999', "damaged"),
+    ],
+)
+def test_damaged_metadata_are_told_without_a_manifest(path, array, old, new, fault):
+    file = path / array / "zarr.json"
+    text = " ".join(file.read_text().split()).replace("[ ", "[")
+    assert old in text
+    file.write_text(text.replace(old, new))
+    with pytest.raises(FilmError, match=f"is damaged: .*{fault}|{fault}"):
+        Film(path)

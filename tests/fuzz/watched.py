@@ -1,16 +1,21 @@
 """Jobs in a child process that is watched: one that crashes, hangs or takes too much memory is told of and replaced."""
 
 import multiprocessing
+import os
 import resource
 import signal
+import sys
+import tempfile
 import time
 import traceback
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+PATIENCE = 4  # times the limit, which is of CPU time, as other processes may hold the machine
 GOOD = ("accepted", "refused")
 LONGEST_LINE = 2000  # characters
 OURS = "taichi_plume"
@@ -18,8 +23,8 @@ OURS = "taichi_plume"
 
 @dataclass(frozen=True)
 class Outcome:
-    """kind: accepted, refused (what is meant to happen), raw, lines, slow, warned, crash or hang; text: what was said;
-    place: of a raw error, by which equal ones are counted together.
+    """kind: accepted, refused (what is meant to happen), raw, lines, printed, slow, warned, crash or hang; text: what
+    was said; place: of a raw error, by which equal ones are counted together.
     """
 
     kind: str
@@ -60,17 +65,25 @@ def tried(call: Callable[[], Any], allowed: tuple[type[BaseException], ...]) -> 
 
 def _serve(pipe: Any, make: Callable[[], Callable[[Any], Outcome]], memory: int | None) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    work = make()
-    if memory is not None:
-        with open("/proc/self/statm") as file:
-            held = int(file.read().split()[0]) * resource.getpagesize()
-        resource.setrlimit(resource.RLIMIT_AS, (held + memory, held + memory))
-    pipe.send("ready")
-    while True:
-        job = pipe.recv()
-        begin = time.perf_counter()
-        outcome = work(job)
-        pipe.send((outcome, time.perf_counter() - begin))
+    with tempfile.TemporaryFile() as printed:
+        os.dup2(printed.fileno(), sys.stderr.fileno())
+        work = make()
+        if memory is not None:
+            held = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+            resource.setrlimit(resource.RLIMIT_AS, (held + memory, held + memory))
+        pipe.send("ready")
+        while True:
+            try:
+                job = pipe.recv()
+            except EOFError:
+                return
+            printed.truncate(0)
+            begin = time.process_time()
+            outcome = work(job)
+            took = time.process_time() - begin
+            printed.seek(0)
+            said = printed.read(5000).decode(errors="replace").strip("\0")
+            pipe.send((Outcome("printed", said) if said and outcome.good else outcome, took))
 
 
 class Worker:
@@ -99,9 +112,10 @@ class Worker:
         self.start()
         try:
             self.pipe.send(job)
-            if not self.pipe.poll(2 * self.limit):
+            if not self.pipe.poll(PATIENCE * self.limit):
+                self.process.kill()
                 self.close()
-                return Outcome("hang", f"no answer within {2 * self.limit:g} s")
+                return Outcome("hang", f"no answer within {PATIENCE * self.limit:g} s")
             outcome, took = self.pipe.recv()
         except (EOFError, OSError):
             self.process.join(10)
@@ -115,9 +129,10 @@ class Worker:
     def close(self) -> None:
         """End the process; the next job starts another."""
         if self.process is not None:
+            self.pipe.close()
+            self.process.join(5)
             self.process.kill()
             self.process.join()
-            self.pipe.close()
             self.process = None
 
 
