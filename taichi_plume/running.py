@@ -136,6 +136,8 @@ def _to_the_end(sim: Simulation, outputs: Outputs, ears: Ears, console: Console 
         if debug:
             say(traceback.format_exc(), error=True)
         end = End(*_explain(error), 1)
+    if not outputs.about.folder.is_dir():
+        end = End("failed", f"its folder has been removed, at t = {sim.t:.2f} s or before", 1)
     with deaf():
         for error in outputs.close():
             if not end.code:
@@ -153,6 +155,8 @@ def _conclude(job: Job, sim: Simulation, outputs: Outputs, end: End) -> tuple[di
         content = {"name": sim.scenario.name, "status": end.status, "message": end.message}
         content["seed"] = sim.scenario.seed
     content["remarks"] = job.prepared.resources.remarks
+    if not folder.is_dir():
+        return content, end
     try:
         result.write_result(folder, content)
         outputs.seal(end.status)

@@ -1,0 +1,234 @@
+"""What is left of a run, and what is said, whatever ends it: ``python tests/faults.py`` writes docs/faults.md."""
+
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+DOC = Path(__file__).parents[1] / "docs" / "faults.md"
+HEAD = """# What is left of a run, whatever ends it
+
+Made by `python tests/faults.py`, and held by a test. Of a run in the folder `out`, with `checkpoint: {every: 5 s}`; its
+files besides `scenario.yaml`. Without a checkpoint the last ten seconds of the clock may be missing, with one nothing:
+`--resume` goes on from it to the same bits.
+
+| what happens | exit code | status | what is left | what is said |
+|---|---|---|---|---|
+"""
+SCENARIO = """
+name: long
+duration: 1e5
+stop_early: false
+domain: {size: [2.0, 1.5], spacing: 0.1}
+wind: {kind: uniform, velocity: [0.3, 0]}
+gas: {kind: gaussian_plume, sources: [{position: [0.4, 0.75], rate: 10 mg/s}], diffusivity: 0.01}
+robots:
+  - name: team
+    count: 2
+    reach: 0.01
+    start: {kind: positions, positions: [[1.5, 0.5], [1.5, 1.0]]}
+    algorithm: ALGORITHM
+checkpoint: {every: 5 s}
+"""
+FAILING = """
+class Failing:
+    def act(self, robots):
+        1 / (robots.t < 12)
+
+    def state(self):
+        return None
+
+    def restore(self, state):
+        pass
+"""
+COMMAND = [sys.executable, "-m", "taichi_plume.run", "long.yaml", "--out", "out", "--quiet"]
+WAIT = 60.0  # s
+
+
+class Left(NamedTuple):
+    """What became of a run: exit code, status in result.json, files, and what was said, a line each."""
+
+    code: int
+    status: str
+    files: list[str]
+    said: list[str]
+
+
+def _prepared(folder: Path) -> None:
+    (folder / "long.yaml").write_text(SCENARIO.replace("ALGORITHM", "{kind: casting}"))
+    (folder / "own.py").write_text(FAILING)
+    (folder / "failing.yaml").write_text(SCENARIO.replace("ALGORITHM", "{kind: own, file: own.py}"))
+
+
+def _left(folder: Path, code: int, said: str) -> Left:
+    out = folder / "out"
+    try:
+        status = json.loads((out / "result.json").read_text())["status"]
+    except (OSError, ValueError, LookupError):
+        status = ""
+    files = sorted(file.name for file in out.iterdir()) if out.is_dir() else []
+    told = re.sub(r"t = [\d.]+", "t = ...", said.strip()).replace(f"{folder}/", "")
+    told = re.sub(r"[\d,.]+ (rows|MB)", r"... \1", told)
+    return Left(
+        code, status, [name for name in files if name not in (".lock", "scenario.yaml")], told.split("\n")
+    )
+
+
+def _started(folder: Path, limit: int | None = None) -> "subprocess.Popen[str]":
+    """A run that has made a checkpoint; limit: bytes of a file."""
+
+    def prepare() -> None:
+        signal.signal(signal.SIGINT, signal.default_int_handler)  # jobs in the background ignore it
+        if limit is not None:
+            import resource
+
+            resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+
+    run = subprocess.Popen(COMMAND, stderr=subprocess.PIPE, text=True, cwd=folder, preexec_fn=prepare)
+    begin = time.monotonic()
+    while not (folder / "out" / "checkpoint.npz").exists() and run.poll() is None:
+        if time.monotonic() > begin + WAIT:
+            run.kill()
+        time.sleep(0.02)
+    return run
+
+
+def _ended(folder: Path, run: "subprocess.Popen[str]") -> Left:
+    try:
+        _, said = run.communicate(timeout=WAIT)
+    finally:
+        run.kill()
+    return _left(folder, run.returncode, said)
+
+
+def by_signal(folder: Path, number: int) -> Left:
+    """A signal is sent."""
+    run = _started(folder)
+    run.send_signal(number)
+    return _ended(folder, run)
+
+
+def goes_on(folder: Path) -> Left:
+    """SIGUSR1 asks for a checkpoint; what is told is of the moment after."""
+    run = _started(folder)
+    before = (folder / "out" / "checkpoint.npz").stat().st_ino
+    run.send_signal(signal.SIGSTOP)
+    run.send_signal(signal.SIGUSR1)
+    run.send_signal(signal.SIGCONT)
+    while (folder / "out" / "checkpoint.npz").stat().st_ino == before and run.poll() is None:
+        time.sleep(0.01)
+    alive = run.poll() is None
+    run.kill()
+    left = _ended(folder, run)
+    return left._replace(
+        code=0 if alive else run.returncode, said=["nothing: the run goes on, with a new checkpoint"]
+    )
+
+
+def repaired(folder: Path) -> Left:
+    """A killed run is completed."""
+    by_signal(folder, signal.SIGKILL)
+    done = _command(folder, [sys.executable, "-m", "taichi_plume.repair", "out"])
+    return _left(folder, done.returncode, done.stdout + done.stderr)
+
+
+def disk_full(folder: Path) -> Left:
+    """A file meets its limit."""
+    return _ended(folder, _started(folder, limit=3 << 20))
+
+
+def own_code(folder: Path) -> Left:
+    """An algorithm of the user's raises an error."""
+    command = [*COMMAND, "--allow-code"]
+    command[command.index("long.yaml")] = "failing.yaml"
+    done = _command(folder, command)
+    return _left(folder, done.returncode, done.stderr)
+
+
+def removed(folder: Path) -> Left:
+    """The run's folder is removed."""
+    run = _started(folder)
+    run.send_signal(signal.SIGSTOP)
+    shutil.rmtree(folder / "out")
+    run.send_signal(signal.SIGCONT)
+    return _ended(folder, run)
+
+
+def second(folder: Path) -> Left:
+    """Another run into the same folder."""
+    run = _started(folder)
+    done = _command(folder, [*COMMAND, "--force"])
+    run.kill()
+    run.communicate()
+    return _left(folder, done.returncode, done.stderr)._replace(
+        status="running", files=["all of the first run"]
+    )
+
+
+def holds_input(folder: Path) -> Left:
+    """--force on the folder of a run that holds the scenario to be run."""
+    (folder / "out").mkdir()
+    (folder / "out" / "result.json").write_text('{"name": "a", "status": "completed", "seed": 1}')
+    (folder / "out" / "mine.yaml").write_text((folder / "long.yaml").read_text())
+    command = [*COMMAND, "--force"]
+    command[command.index("long.yaml")] = "out/mine.yaml"
+    done = _command(folder, command)
+    return _left(folder, done.returncode, done.stderr)
+
+
+def not_a_run(folder: Path) -> Left:
+    """--force on a folder with files of other programs."""
+    (folder / "out").mkdir()
+    (folder / "out" / "result.json").write_text('{"mine": 1}')
+    done = _command(folder, [*COMMAND, "--force"])
+    return _left(folder, done.returncode, done.stderr)
+
+
+def _command(folder: Path, command: list[str]) -> "subprocess.CompletedProcess[str]":
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=2 * WAIT)
+
+
+FAULTS: dict[str, Callable[[Path], Left]] = {
+    "Ctrl-C": lambda folder: by_signal(folder, signal.SIGINT),
+    "SIGTERM: a batch system or container stops it": lambda folder: by_signal(folder, signal.SIGTERM),
+    "SIGHUP: the terminal is closed": lambda folder: by_signal(folder, signal.SIGHUP),
+    "SIGXCPU: its time on the CPU is over": lambda folder: by_signal(folder, signal.SIGXCPU),
+    "SIGUSR1": goes_on,
+    "SIGKILL": lambda folder: by_signal(folder, signal.SIGKILL),
+    "SIGKILL, then `python -m taichi_plume.repair out`": repaired,
+    "a file meets its limit, or the disk is full": disk_full,
+    "an own algorithm raises an error": own_code,
+    "its folder is removed": removed,
+    "another run into the same folder, `--force` or not": second,
+    "`--force`, and the folder holds an input": holds_input,
+    "`--force`, and the files there are no run's": not_a_run,
+}
+
+
+def rows() -> str:
+    """The table's rows."""
+    lines = []
+    for what, happen in FAULTS.items():
+        with tempfile.TemporaryDirectory() as folder:
+            _prepared(Path(folder))
+            left = happen(Path(folder))
+        said = "<br>".join(f"`{line}`" for line in left.said if line) or "nothing"
+        code = f"killed by {signal.Signals(-left.code).name}" if left.code < 0 else str(left.code)
+        lines.append(
+            f"| {what} | {code} | {left.status or 'none'} | {', '.join(left.files) or 'nothing'} | {said} |\n"
+        )
+    return "".join(lines)
+
+
+if __name__ == "__main__":
+    os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
+    DOC.write_text(HEAD + rows())
+    print(DOC.read_text())
