@@ -16,7 +16,7 @@ from typing import Any, Protocol, runtime_checkable
 from taichi_plume.guard.opening import open_regular
 from taichi_plume.guard.terminal import visible
 
-LARGEST_FILE = 1 << 20  # bytes
+LARGEST_FILE = 1 << 16  # bytes: Python takes minutes to parse some texts of half a megabyte
 UNPARSED = (SyntaxError, ValueError, RecursionError, MemoryError)  # too deep, or not text
 
 
@@ -57,7 +57,7 @@ class OwnFile:
         except OSError as error:
             raise OwnAlgorithmError(f"{path}: cannot be read: {error.strerror or error}") from None
         if len(source) > LARGEST_FILE:
-            raise OwnAlgorithmError(f"{path}: is larger than {LARGEST_FILE >> 20} MiB; is it an algorithm?")
+            raise OwnAlgorithmError(f"{path}: is larger than {LARGEST_FILE >> 10} KiB; is it an algorithm?")
         found = cls(path, name, source)
         found._look()
         return found
@@ -74,7 +74,8 @@ class OwnFile:
         except UNPARSED as error:
             line = getattr(error, "lineno", None)
             where = f"{self.path}, line {line}" if line else f"{self.path}"
-            raise OwnAlgorithmError(f"{where}: {visible(getattr(error, 'msg', error))}") from None
+            what = getattr(error, "msg", None) or str(error) or "is nested too deeply"
+            raise OwnAlgorithmError(f"{where}: {visible(what)}") from None
         classes = {node.name: node for node in _at_top(tree) if isinstance(node, ast.ClassDef)}
         sure = [name for name, node in classes.items() if _acts(node)]
         maybe = [name for name, node in classes.items() if node.bases or node.decorator_list or name in sure]

@@ -319,7 +319,7 @@ def test_a_run_from_the_command_line(case):
     assert 0.0 < result["flow"]["correction"] < 0.5
     assert abs(result["gas"]["relative_error"]) < 1e-5
     assert (Path("out/first") / "recording.rrd").exists()
-    assert run.main(["out/first/scenario.yaml", "--check"]) == 0
+    assert run.main(["out/first/scenario.yaml", "--check", "--allow-outside"]) == 0
 
 
 def test_films_of_imported_air_can_be_played(case):
