@@ -15,6 +15,8 @@ from functools import partial
 from pathlib import Path
 from tempfile import mkdtemp
 
+from taichi_plume.prepare import load, load_scenario
+from taichi_plume.scenario.loading import ScenarioError
 from tests.fuzz import bases
 from tests.fuzz.mutate import Mutator
 from tests.fuzz.runs import runner
@@ -31,8 +33,6 @@ SHORT = 0.4  # s, a warm-up that runs hold too
 
 def loader(paths: dict[str, Path]) -> Callable[[tuple[str, str]], Outcome]:
     """Loads mutants (name of the base, text); `place` tells their structure from the base's. paths: of the bases."""
-    from taichi_plume.prepare import load, load_scenario
-    from taichi_plume.scenario.loading import ScenarioError
     from taichi_plume.scenario.reset import differences
 
     known = {name: load_scenario(path) for name, path in paths.items()}
@@ -61,7 +61,12 @@ class Fuzzing:
     def __init__(self, folder: Path, seed: int, kept: Path | None = None):
         self.folder, self.kept = folder, kept
         self.paths = bases.make(folder, SHORT)
-        self.mutator = Mutator({name: path.read_text() for name, path in self.paths.items()}, seed)
+        whole = {name: load_scenario(path) for name, path in self.paths.items()}
+        self.mutator = Mutator(
+            {name: path.read_text() for name, path in self.paths.items()},
+            {name: one.model_dump(mode="json", exclude_none=True) for name, one in whole.items()},
+            seed,
+        )
         if kept:
             kept.mkdir(parents=True, exist_ok=True)
 
