@@ -11,12 +11,14 @@ import shutil
 import sys
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
+from math import prod
 from pathlib import Path
 from tempfile import mkdtemp
 
 from taichi_plume.prepare import load, load_scenario
-from taichi_plume.scenario.loading import ScenarioError
+from taichi_plume.scenario.loading import ScenarioError, read_scenario
 from tests.fuzz import bases
 from tests.fuzz.mutate import Mutator
 from tests.fuzz.runs import runner
@@ -24,6 +26,7 @@ from tests.fuzz.watched import Outcome, Worker, told, tried
 
 MEMORY = 4 << 30  # bytes that loading may take
 LIMIT = 10.0  # s
+MANY_CELLS = 2e6  # of a grid that may take longer
 RUN_MEMORY = 16 << 30  # bytes of addresses, of which Taichi takes many
 RUN_LIMIT = 40.0  # s, for assembling, compiling and a second
 MANY_BUILDS = 25  # simulations after which a process is replaced
@@ -45,9 +48,17 @@ def loader(paths: dict[str, Path]) -> Callable[[tuple[str, str]], Outcome]:
             differing = differences(known[job[0]], load(path).scenario)
             return Outcome("accepted", place=OTHER if differing else SAME)
 
-        return tried(call, (ScenarioError,))
+        begin = time.process_time()
+        outcome = tried(call, (ScenarioError,))
+        return replace(outcome, large=time.process_time() - begin > LIMIT and _cells(path) > MANY_CELLS)
 
     return work
+
+
+def _cells(path: Path) -> float:
+    """Of the grid of a mutant that can be read: to cut millions of them at obstacles takes long."""
+    domain = read_scenario(path).domain
+    return prod(extent / domain.spacing for extent in domain.extent)
 
 
 def write(path: Path, text: str) -> None:
