@@ -56,8 +56,11 @@ def loader(paths: dict[str, Path]) -> Callable[[tuple[str, str]], Outcome]:
 
 
 def _cells(path: Path) -> float:
-    """Of the grid of a mutant that can be read: to cut millions of them at obstacles takes long."""
-    domain = read_scenario(path).domain
+    """Of the grid of a mutant, if there is one: to cut millions of them at obstacles takes long."""
+    try:
+        domain = read_scenario(path).domain
+    except ScenarioError:
+        return 0.0
     return prod(extent / domain.spacing for extent in domain.extent)
 
 
