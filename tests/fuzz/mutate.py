@@ -32,10 +32,13 @@ SECTIONS, KEYS, CHOICES = _known()
 
 
 class Mutator:
-    """Makes mutants of scenarios, {name: text}. Mutant n of a seed is always the same."""
+    """Makes mutants of scenarios, {name: text}. Mutant n of a seed is always the same.
 
-    def __init__(self, texts: dict[str, str], seed: int):
-        self.texts, self.seed = texts, seed
+    whole: the same scenarios with every default written out, so that each number has its turn.
+    """
+
+    def __init__(self, texts: dict[str, str], whole: dict[str, dict[str, Any]], seed: int):
+        self.texts, self.whole, self.seed = texts, whole, seed
         self.trees = {name: yaml.safe_load(text) for name, text in texts.items()}
         self.names = sorted(texts)
 
@@ -52,7 +55,7 @@ class Mutator:
             for _ in range(1 + self.rng.geometric(0.6)):
                 text = self._text(text)
             return name, text
-        tree: Any = copy.deepcopy(self.trees[name])
+        tree: Any = copy.deepcopy((self.trees if self.rng.random() < 0.6 else self.whole)[name])
         self.raw: list[str] = []
         mild = self.rng.random() < 0.4  # numbers alone, close to what they were: many are accepted
         for _ in range(self.rng.geometric(0.45)):

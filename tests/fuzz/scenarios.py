@@ -11,10 +11,14 @@ import shutil
 import sys
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
+from math import prod
 from pathlib import Path
 from tempfile import mkdtemp
 
+from taichi_plume.prepare import load, load_scenario
+from taichi_plume.scenario.loading import ScenarioError, read_scenario
 from tests.fuzz import bases
 from tests.fuzz.mutate import Mutator
 from tests.fuzz.runs import runner
@@ -22,6 +26,7 @@ from tests.fuzz.watched import Outcome, Worker, told, tried
 
 MEMORY = 4 << 30  # bytes that loading may take
 LIMIT = 10.0  # s
+MANY_CELLS = 2e6  # of a grid that may take longer
 RUN_MEMORY = 16 << 30  # bytes of addresses, of which Taichi takes many
 RUN_LIMIT = 40.0  # s, for assembling, compiling and a second
 MANY_BUILDS = 25  # simulations after which a process is replaced
@@ -31,8 +36,6 @@ SHORT = 0.4  # s, a warm-up that runs hold too
 
 def loader(paths: dict[str, Path]) -> Callable[[tuple[str, str]], Outcome]:
     """Loads mutants (name of the base, text); `place` tells their structure from the base's. paths: of the bases."""
-    from taichi_plume.prepare import load, load_scenario
-    from taichi_plume.scenario.loading import ScenarioError
     from taichi_plume.scenario.reset import differences
 
     known = {name: load_scenario(path) for name, path in paths.items()}
@@ -45,9 +48,20 @@ def loader(paths: dict[str, Path]) -> Callable[[tuple[str, str]], Outcome]:
             differing = differences(known[job[0]], load(path).scenario)
             return Outcome("accepted", place=OTHER if differing else SAME)
 
-        return tried(call, (ScenarioError,))
+        begin = time.process_time()
+        outcome = tried(call, (ScenarioError,))
+        return replace(outcome, large=time.process_time() - begin > LIMIT and _cells(path) > MANY_CELLS)
 
     return work
+
+
+def _cells(path: Path) -> float:
+    """Of the grid of a mutant, if there is one: to cut millions of them at obstacles takes long."""
+    try:
+        domain = read_scenario(path).domain
+    except ScenarioError:
+        return 0.0
+    return prod(extent / domain.spacing for extent in domain.extent)
 
 
 def write(path: Path, text: str) -> None:
@@ -61,7 +75,12 @@ class Fuzzing:
     def __init__(self, folder: Path, seed: int, kept: Path | None = None):
         self.folder, self.kept = folder, kept
         self.paths = bases.make(folder, SHORT)
-        self.mutator = Mutator({name: path.read_text() for name, path in self.paths.items()}, seed)
+        whole = {name: load_scenario(path) for name, path in self.paths.items()}
+        self.mutator = Mutator(
+            {name: path.read_text() for name, path in self.paths.items()},
+            {name: one.model_dump(mode="json", exclude_none=True) for name, one in whole.items()},
+            seed,
+        )
         if kept:
             kept.mkdir(parents=True, exist_ok=True)
 

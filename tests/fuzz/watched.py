@@ -30,6 +30,8 @@ class Outcome:
     kind: str
     text: str = ""
     place: str = ""
+    large: bool = False
+    """Whether the job may take longer."""
 
     @property
     def good(self) -> bool:
@@ -122,7 +124,7 @@ class Worker:
             code = self.process.exitcode
             self.close()
             return Outcome("crash", f"exit code {code}", f"exit code {code}")
-        if outcome.good and took > self.limit:
+        if outcome.good and took > self.limit and not outcome.large:
             return Outcome("slow", f"{took:.1f} s: {outcome.kind} {outcome.text}")
         return outcome
 
