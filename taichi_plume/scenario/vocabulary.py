@@ -61,6 +61,7 @@ def per_axis(number: Any) -> Any:
 Coordinate = quantity("m", least=-1e7, most=1e7)
 Length = quantity("m", gt=0, least=1e-6, most=1e5, likely="mm")
 Distance = quantity("m", ge=0, most=1e5, likely="mm")
+BodyLength = quantity("m", gt=0, least=1e-3, most=100, likely="mm")  # of robots: contact is 0.1 mm
 Duration = quantity("s", gt=0, least=1e-6, most=1e9)
 Time = quantity("s", least=-1e9, most=1e9)
 Delay = quantity("s", ge=0, most=1e9)

@@ -573,7 +573,7 @@ def test_the_limits_of_the_matrix_are_those_of_the_solver():
 )
 def test_grids_and_lists_of_algorithms_have_to_fit(tmp_path, monkeypatch, algorithm, begins):
     monkeypatch.setattr(checks_size.psutil, "virtual_memory", lambda: SimpleNamespace(available=3e9))
-    body = ", body: {radius: 1e-4}" if "avoidance" in algorithm else ""
+    body = ", body: {radius: 1 mm}" if "avoidance" in algorithm else ""
     start = "start: {kind: positions, positions: [[1, 1], [1, 2]]}"
     lines = told(tmp_path, FLOOR, f"robots.0={{count: 2, {start}, algorithm: {{{algorithm}}}{body}}}")
     assert len(lines) == 1, lines
