@@ -21,6 +21,7 @@ from taichi_plume.scenario.vocabulary import (
 
 MOST_CELLS = 4_000_000
 MOST_NEIGHBOURS = 1_000_000  # members of a neighbourhood in space and time, made and gone through one by one
+BORDER = 1e-9  # a distance this close to beta is outside, whatever the rounding
 MOST_FIELD_COLUMN = 400  # cells: its third power is the work of an update
 
 
@@ -85,7 +86,7 @@ class TimeSeriesMap(Snaps):
     @model_validator(mode="after")
     def _has_neighbours(self) -> "TimeSeriesMap":
         age = (1.0 - self.alpha) * self.time_scale * self.window
-        if age >= self.beta:
+        if age >= self.beta - BORDER:
             raise fault(
                 "sees no past snap: (1 - alpha) time_scale window = {age} must be below beta = {beta}",
                 {"age": f"{age:g}", "beta": f"{self.beta:g}"},

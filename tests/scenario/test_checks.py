@@ -592,6 +592,10 @@ def test_grids_and_lists_of_algorithms_have_to_fit(tmp_path, monkeypatch, algori
             "maps=[{kind: time_series, beta: 500}]",
             "maps[0].beta: 500 makes a neighbourhood of 1.1e+07 cells of past snaps, at most 1e+06 are looked at",
         ),
+        (
+            "maps=[{kind: time_series, time_scale: 1}]",
+            "maps[0]: sees no past snap: (1 - alpha) time_scale window = 0.5",
+        ),
         ("maps=[{kind: time_series, window: 1e-6}]", "maps[0].beta: 0.5 makes a neighbourhood of "),
         ("maps=[{kind: kernel_dmv, cell: 3.5}]", "maps[0].cell: 3.5 m is wider than the floor, 3 m"),
         (
