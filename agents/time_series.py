@@ -22,8 +22,6 @@ from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario import maps as models
 
-BORDER = 1e-9  # Dist = β is outside, whatever the rounding
-
 Stencil = list[tuple[int, int, int, float]]
 """(lag in snaps, offset in cells along x and y, weight) of each member of a cell's neighbourhood."""
 
@@ -76,7 +74,7 @@ class TimeSeriesMap(SnapMap):
         if model.raw_samples:
             lag_age = (1 - model.alpha) * model.time_scale * model.window  # what a lag adds to Dist
             _from_samples(
-                snaps.samples, snaps.taken, snaps.ended, self.depth, self.cell, model.alpha, model.beta - BORDER,
+                snaps.samples, snaps.taken, snaps.ended, self.depth, self.cell, model.alpha, model.beta - models.BORDER,
                 lag_age, self.numerator, self.denominator,
             )  # fmt: skip
             return
@@ -91,11 +89,11 @@ def neighbourhood(model: models.TimeSeriesMap, farthest: int) -> Stencil:
     reach = min(farthest, int(model.beta / model.alpha / model.cell) + 1)
     result: Stencil = []
     lag = 1
-    while (age := (1 - model.alpha) * model.time_scale * lag * model.window) < model.beta - BORDER:
+    while (age := (1 - model.alpha) * model.time_scale * lag * model.window) < model.beta - models.BORDER:
         for dx in range(-reach, reach + 1):
             for dy in range(-reach, reach + 1):
                 dist = model.alpha * model.cell * hypot(dx, dy) + age
-                if dist < model.beta - BORDER:
+                if dist < model.beta - models.BORDER:
                     result.append((lag, dx, dy, 1 / dist))
         lag += 1
     return result

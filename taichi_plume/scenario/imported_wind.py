@@ -142,9 +142,9 @@ class ImportedWind(AnyWind, Played):
             places = group.places(context.scenario.floor)
             if places is not None:
                 away = cubes.horizontal_distance(places, 0.0, group.body.height)
-                each = "positions[{}]" if len(group.start.listed) else "robot {}"
+                each = ".positions[{}]:" if len(group.start.listed) else ": robot {}"
                 for k in np.flatnonzero(away < group.body.radius):
-                    yield f"robots[{n}].start.{each.format(k)}: touches an obstacle of {file}; move the robot"
+                    yield f"robots[{n}].start{each.format(k)} touches an obstacle of {file}; move the robot"
 
 
 def _outside(site: Site, axis: int, air: tuple[float, float], known: tuple[float, float], have: str) -> str:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from math import sqrt
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
@@ -10,15 +10,16 @@ from taichi_plume.scenario.quantities import fault, ill_sized
 from taichi_plume.scenario.vocabulary import (
     COMPILED,
     Coefficient,
-    Delay,
     Duration,
     EddyDiffusivity,
     Fraction,
     Frequency,
     Length,
     Model,
+    Pause,
     SomePpm,
     Speed,
+    Wait,
 )
 
 if TYPE_CHECKING:
@@ -28,6 +29,9 @@ if TYPE_CHECKING:
 
 class AnyAlgorithm(Model):
     """What is asked of every algorithm."""
+
+    talks: ClassVar[bool] = False
+    """Whether its robots keep the messages of each other."""
 
     @property
     def threshold(self) -> float | None:
@@ -52,11 +56,11 @@ class Listening(AnyAlgorithm):
 
     speed: Speed | None = None
     """Unless given, the body's largest."""
-    acquisition: Duration = 30.0
+    acquisition: Wait = 30.0
     """Time of listening [s]."""
-    sample_period: Duration = 0.5
+    sample_period: Wait = 0.5
     """Between the samples of an acquisition [s]."""
-    settle: Delay = 1.0
+    settle: Pause = 1.0
     """Standing still before it [s]."""
 
 
@@ -67,9 +71,9 @@ class Spiral(Listening):
     """SPIRAL (Ferri et al. 2009). See agents/spiral.py."""
 
     kind: Literal["spiral"]
-    acquisition: Annotated[Duration, COMPILED] = 30.0
+    acquisition: Annotated[Wait, COMPILED] = 30.0
     """Time of listening [s]."""
-    sample_period: Annotated[Duration, COMPILED] = 0.5
+    sample_period: Annotated[Wait, COMPILED] = 0.5
     """Between the samples of an acquisition [s]."""
     minimum_ppm: SomePpm = 0.2
     """Threshold of the proximity index at the start, and after an escape: a mean index far from the source."""
@@ -79,7 +83,7 @@ class Spiral(Listening):
     """Of the mean of an acquisition in its proximity index."""
     peak_weight: Coefficient = 0.5
     """Of the sum of its peaks."""
-    peak_window: Duration = 5.0
+    peak_window: Wait = 5.0
     """Only the largest peak of so long a time counts [s]."""
     peak_height: Literal["absolute", "above_mean"] = "absolute"
     """What of a peak counts: its concentration, or what of it is above the mean."""
@@ -110,7 +114,7 @@ class EColi(Listening):
     """Run and tumble, as bacteria do (Russell et al. 2003). See agents/ecoli.py."""
 
     kind: Literal["ecoli"]
-    acquisition: Duration = 3.0
+    acquisition: Wait = 3.0
     step: Length = 0.25
     """Driven after each acquisition [m]."""
     step_spread: Fraction = 0.05
@@ -123,7 +127,7 @@ class Infotaxis(Listening):
     """The way that is expected to tell most about the source (Vergassola et al. 2007). See agents/infotaxis.py."""
 
     kind: Literal["infotaxis"]
-    acquisition: Duration = 2.0
+    acquisition: Wait = 2.0
     threshold_ppm: SomePpm = 5.0
     """Mean reading of an acquisition that counts as a detection."""
     step: Length = 0.25

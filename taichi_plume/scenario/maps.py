@@ -24,6 +24,7 @@ LOG_SNAPS = 120  # of a whole log, at most; a log of ten minutes has so many of 
 LOG_BYTES = 1e9  # of the snaps of a whole log, at most
 LOG_WORK = 3e10  # of a whole log: terms of sums, at most; some seconds
 MOST_NEIGHBOURS = 1_000_000  # members of a neighbourhood in space and time, made and gone through one by one
+BORDER = 1e-9  # a distance this close to beta is outside, whatever the rounding
 MOST_FIELD_COLUMN = 400  # cells: its third power is the work of an update
 
 
@@ -97,7 +98,7 @@ class TimeSeriesMap(Snaps):
     @model_validator(mode="after")
     def _has_neighbours(self) -> "TimeSeriesMap":
         age = (1.0 - self.alpha) * self.time_scale * self.window
-        if age >= self.beta:
+        if age >= self.beta - BORDER:
             raise fault(
                 "sees no past snap: (1 - alpha) time_scale window = {age} must be below beta = {beta}",
                 {"age": f"{age:g}", "beta": f"{self.beta:g}"},

@@ -87,6 +87,16 @@ class Jet(Vent):
         """Times between which the speed changes linearly [s]."""
         return tuple(time for step in self.schedule for time in (step.at, step.at + self.ramp))
 
+    def problems(self, where: str, context: Context) -> Iterator[str]:
+        """Its eddies have to fit the room."""
+        yield from super().problems(where, context)
+        most = max(context.domain.extent)
+        if self.turbulence_length is not None and self.turbulence_length > most:
+            yield (
+                f"{where}.turbulence_length: {self.turbulence_length:g} m is more than the room is long; use at most "
+                f"{most:g} m"
+            )
+
     def remarks(self, where: str, context: Context) -> Iterator[str]:
         """What blows all the time inwards, and what is switched after the end."""
         end = context.scenario.duration

@@ -16,6 +16,7 @@ from taichi_plume.scenario.starts import Start
 from taichi_plume.scenario.vocabulary import (
     COMPILED,
     AngleNoise,
+    BodyLength,
     Count,
     Distance,
     Fraction,
@@ -42,12 +43,12 @@ class Body(Model):
 
     kind: Literal["free", "momo", "roomba_560", "miniq", "khepera_3"] = "free"
     """A robot whose figures are the defaults of the others."""
-    radius: Length = 0.08
-    height: Annotated[Length, COMPILED] = 0.15
+    radius: BodyLength = 0.08
+    height: Annotated[BodyLength, COMPILED] = 0.15
     max_speed: TopSpeed = 0.2
     max_turn_rate_deg: TurnRate = 180.0
     """Degrees per second."""
-    wheel_base: Length | None = None
+    wheel_base: BodyLength | None = None
     """Between the two wheels [m], of which none goes faster than max_speed: in a bend the robot is slower."""
     max_acceleration: Thrust | None = None
     """Of the speed [m/s²]; unless given, it changes at once."""

@@ -153,9 +153,7 @@ class Scenario(Model):
 
     def _messages(self) -> Iterator[str]:
         """Groups that tell each other too much together, though none does alone."""
-        talking = [
-            (f"robots[{n}]", group) for n, group in enumerate(self.robots) if group.algorithm.kind == "dapso"
-        ]
+        talking = [(f"robots[{n}]", group) for n, group in enumerate(self.robots) if group.algorithm.talks]
         alone = any(line for where, group in talking for line in too_many_messages(where, [group]))
         if len(talking) > 1 and not alone:
             yield from too_many_messages(talking[-1][0], [group for _, group in talking])

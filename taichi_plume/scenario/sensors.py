@@ -28,6 +28,7 @@ from taichi_plume.scenario.vocabulary import (
     SomeCoefficient,
     Speed,
     Temperature,
+    Wait,
 )
 
 # Thresholds: Ishida, Workshop on Robotic Olfaction, ICRA 2007, quoted by Ferri et al., Robotics and
@@ -97,7 +98,7 @@ class GasSensor(Model):
     rise_time: Delay | None = None
     """Time constants of the lag [s]; unless given, the kind's or model's own."""
     decay_time: Delay | None = None
-    period: Duration = 0.1
+    period: Wait = 0.1
     """Time between readings [s]."""
     averaged: Count = 1
     """Samples per reading: their noise averages out. With 1 the reading is a single sample at its end."""

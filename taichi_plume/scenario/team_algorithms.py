@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from math import ceil, sqrt
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
@@ -26,6 +26,7 @@ from taichi_plume.scenario.vocabulary import (
     SomeFraction,
     Speed,
     TopSpeed,
+    Wait,
 )
 
 if TYPE_CHECKING:
@@ -76,8 +77,9 @@ class RandomMates(Model):
 class Dapso(Listening):
     """Particle swarm optimisation by robots without a common clock (Akat & Gazi 2008). See agents/dapso.py."""
 
+    talks: ClassVar[bool] = True
     kind: Literal["dapso"]
-    acquisition: Duration = 2.0
+    acquisition: Wait = 2.0
     threshold_ppm: Ppm = 1.0
     """While the best reading known is smaller, the robot explores: it drives to random places; 0: never."""
     phi1: Coefficient = 2.05
@@ -132,7 +134,7 @@ class LineUp(AnyAlgorithm):
     """Of the line across the wind [m/s]."""
     wind_direction_deg: Angle | None = None
     """Where the air goes, from the x axis to the left; unless given, the team measures it at the start."""
-    listen: Duration = 5.0
+    listen: Wait = 5.0
     """Time for which it measures the wind [s]."""
     spacing: Length | None = None
     """Between neighbours, along the wind [m]; unless given, the line reaches from margin to margin."""

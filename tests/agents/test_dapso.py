@@ -7,14 +7,9 @@ from arena import LONGEST, TICK, Run, Script
 
 from taichi_plume.agents.dapso import DRIVE, EXPLORE, MEASURE, constriction
 from taichi_plume.grid.transfer import reader, uploader
-from taichi_plume.scenario.algorithms import (
-    Dapso,
-    FunctionValue,
-    RandomMates,
-    RandomWalk,
-    SearchSpace,
-)
+from taichi_plume.scenario.algorithms import RandomWalk
 from taichi_plume.scenario.robots import Communication
+from taichi_plume.scenario.team_algorithms import Dapso, FunctionValue, RandomMates, SearchSpace
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

@@ -564,7 +564,10 @@ def test_the_limits_of_the_matrix_are_those_of_the_solver():
             "kind: least_known, avoidance: 1e-6",
             "robots[0].algorithm.avoidance: radius and avoidance together",
         ),
-        ("kind: spiral, acquisition: 3e8", "robots[0].algorithm: needs 4.8 GB of memory, 3 GB are free"),
+        (
+            "kind: spiral, acquisition: 1e5, sample_period: 0.1",
+            "robots[0].algorithm: needs 4 GB of memory, 3 GB are free",
+        ),
         (
             "kind: least_known, map: {kind: time_series, window: 2e7, beta: 1e6}",
             "robots[0].algorithm: needs 4.8 GB of memory",
@@ -573,7 +576,8 @@ def test_the_limits_of_the_matrix_are_those_of_the_solver():
 )
 def test_grids_and_lists_of_algorithms_have_to_fit(tmp_path, monkeypatch, algorithm, begins):
     monkeypatch.setattr(checks_size.psutil, "virtual_memory", lambda: SimpleNamespace(available=3e9))
-    body = ", body: {radius: 1e-4}" if "avoidance" in algorithm else ""
+    body = ", body: {radius: 1 mm}" if "avoidance" in algorithm else ""
+    body += ", trials: 500" if "spiral" in algorithm else ""
     start = "start: {kind: positions, positions: [[1, 1], [1, 2]]}"
     lines = told(tmp_path, FLOOR, f"robots.0={{count: 2, {start}, algorithm: {{{algorithm}}}{body}}}")
     assert len(lines) == 1, lines
@@ -587,6 +591,10 @@ def test_grids_and_lists_of_algorithms_have_to_fit(tmp_path, monkeypatch, algori
         (
             "maps=[{kind: time_series, beta: 500}]",
             "maps[0].beta: 500 makes a neighbourhood of 1.1e+07 cells of past snaps, at most 1e+06 are looked at",
+        ),
+        (
+            "maps=[{kind: time_series, time_scale: 1}]",
+            "maps[0]: sees no past snap: (1 - alpha) time_scale window = 0.5",
         ),
         ("maps=[{kind: time_series, window: 1e-6}]", "maps[0].beta: 0.5 makes a neighbourhood of "),
         ("maps=[{kind: kernel_dmv, cell: 3.5}]", "maps[0].cell: 3.5 m is wider than the floor, 3 m"),

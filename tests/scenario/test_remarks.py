@@ -176,6 +176,10 @@ ALONE = "count: 1, start: {kind: positions, positions: [[1, 1]]}, algorithm: {ki
             ["robots.0.start={kind: area, low: [3, 1], high: [4.2, 2]}"],
             "robots[0].start.high: x = 4.2 m is not on the floor of the robots, x 0 to 4 m; move it in",
         ),
+        (
+            ["wind.openings.0.turbulence_length=5"],
+            "wind.openings[0].turbulence_length: 5 m is more than the room is long; use at most 4 m",
+        ),
         (["gas.sources.0.radius=5"], "gas.sources[0].radius: 5 m is larger than the domain, 4 m"),
         (
             ["robots.0.sensors={gas: {kind: ideal, ahead: 5}}"],

@@ -257,6 +257,9 @@ ROBOT = "robots=[{{count: 1, start: {{kind: positions, positions: [{}]}}, algori
          r"gas\.sources\[0\]\.position: is inside an obstacle of o\.csv"),
         (["wind.occupancy=o.csv", ROBOT.format([0.55, 0.5])],
          r"robots\[0\]\.start\.positions\[0\]: touches an obstacle of o\.csv"),
+        (["wind.occupancy=o.csv", ROBOT.format([0.55, 0.5]).replace("count: 1", "count: 2").replace(
+            "kind: positions, positions: [[0.55, 0.5]]", "kind: line, begin: [0.2, 0.5], end: [0.55, 0.5]")],
+         r"robots\[0\]\.start: robot 1 touches an obstacle of o\.csv"),
         (["wind.occupancy=floor.csv", ROBOT.format([0.2, 0.2])],
          r"wind\.origin: the floor of floor\.csv is 0\.2 m above the domain's, .*; give it 0\.7 as its third number"),
         (["wind.files=flat.csv"], r"flat\.csv: names no column for z and w, which a 3-D run needs"),
