@@ -67,7 +67,7 @@ class TimeSeriesMap(SnapMap):
         fresh, now = (
             way + (1 - self.model.alpha) * self.model.time_scale * n * self.model.window for n in (1, lag)
         )
-        return np.where(now < self.model.beta - BORDER, fresh / now, 0.0)
+        return np.where(now < self.model.beta - models.BORDER, fresh / now, 0.0)
 
     def _forecast(self) -> None:
         model, snaps = self.model, self.snaps

@@ -29,8 +29,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     try:
         return _resume(args) if args.resume else _new(args)
-    except (ScenarioError, RunFolderError) as error:
+    except ScenarioError as error:
         say(error, error=True)
+        return 2
+    except RunFolderError as error:
+        say(visible(error), error=True)
         return 2
     except KeyboardInterrupt:
         say("interrupted before the run began", error=True)
@@ -48,7 +51,7 @@ def _new(args: argparse.Namespace) -> int:
         if getattr(args, key) is not None:
             overrides.append(f"{key}={getattr(args, key)}")
     prepared = load(args.scenario, overrides, args.allow_outside)
-    for remark in prepared.resources.remarks:
+    for remark in () if args.quiet else prepared.resources.remarks:
         say(visible(f"note: {remark}"), error=True)
     if args.check:
         with reader_may_leave():

@@ -28,7 +28,7 @@ robots:
     count: 2
     start: {kind: positions, positions: [[1.5, 0.5], [1.5, 1.0]]}
     algorithm: {kind: casting}
-maps: [{kind: time_series}]
+maps: [{kind: time_series, window: 0.1}]
 """
 
 
@@ -126,7 +126,7 @@ def test_its_air_can_be_played_back(scenario):
     resolved = (Path("again") / "scenario.yaml").read_text()
     assert "file: ../first/fields.zarr" in resolved
     assert "species: ethanol" in resolved
-    assert run.main(["again/scenario.yaml", "--check"]) == 0
+    assert run.main(["again/scenario.yaml", "--check", "--allow-outside"]) == 0
     assert run.main([*first, "--force"]) == 0
     assert not Path("first/fields.zarr").exists()
 
