@@ -92,9 +92,11 @@ def test_a_run_leaves_its_directory(scenario, capsys):
 
 
 def test_remarks_are_printed_and_kept(scenario, fake, capsys):
-    options = ["--out", "out", "--quiet", "--no-recording", "--set", "robots.0.reach=0", "--set", "maps=[]"]
-    assert run.main([str(scenario), *options]) == 0
+    options = ["--no-recording", "--set", "robots.0.reach=0", "--set", "maps=[]"]
+    assert run.main([str(scenario), "--out", "out", *options]) == 0
     (line,) = capsys.readouterr().err.splitlines()
+    assert run.main([str(scenario), "--out", "quiet", "--quiet", *options]) == 0
+    assert not capsys.readouterr().err
     assert line.startswith("note: robots[0].reach: 0 m: its robots")
     assert result(Path("out"))["remarks"] == [line.removeprefix("note: ")]
 

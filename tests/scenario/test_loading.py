@@ -177,6 +177,8 @@ NESTS = "".join(f"{of[0]}: &{of[0]} [[[[[[[[[[{of[1:]}]]]]]]]]]]\n" for of in ("
         ("- 1\n- 2\n", "must be a mapping (key: value), got [1, 2]"),
         ("duration: [1, 2\nwind: 3\n", "line 2, column 5: not YAML: "),
         ("a: \x01", "line 1: not YAML: "),
+        ("duration: !!bool 3", "not YAML: "),
+        ("duration: !!int ''", "not YAML: "),
         ("a: 1\nb:\n\tc: 2\n", "line 3, column 1: indent with spaces, not tabs"),
         (
             "a: 1\nb: see: there\n",
