@@ -64,7 +64,9 @@ class Runner:
     def _built(prepared: Any) -> Any:
         from taichi_plume.assemble import build
         from taichi_plume.grid import kernels
+        from taichi_plume.own_code import execute
 
+        execute(prepared, allow=True)
         kernels.start("cpu")
         return build(prepared)
 

@@ -212,7 +212,7 @@ NESTS = "".join(f"{of[0]}: &{of[0]} [[[[[[[[[[{of[1:]}]]]]]]]]]]\n" for of in ("
         ),
         (f"? {'k' * 5000}\n: 1", f"unknown key '{'k' * 62} ... {'k' * 33}'; allowed: name, seed"),
     ],
-    ids=range(30),
+    ids=range(32),
 )
 def test_files_that_are_no_scenario(tmp_path, text, said):
     assert fault(tmp_path, text).startswith(said)
