@@ -1,6 +1,7 @@
 """What a run that was cut off is resumed from, and whether all that it reads is still as it was."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ def saved(folder: Path) -> dict[str, Any]:
         )
     try:
         content = checkpoint.read(path)
-        version, scenario, inputs = (content[key] for key in ("version", "scenario", "inputs"))
+        version, scenario = content["version"], content["scenario"]
     except checkpoint.CheckpointError as error:
         raise RunFolderError(str(error)) from None
     except LookupError as error:
@@ -31,13 +32,14 @@ def saved(folder: Path) -> dict[str, Any]:
         raise RunFolderError(f"{path}: is of version {version}, this is {__version__}; resume with that one")
     if scenario != scenario_digest(folder):
         raise RunFolderError(f"{folder / 'scenario.yaml'}: is not as it was when the run was cut off")
-    for name, digest in inputs.items():
-        file = folder / name
-        if not file.exists():
-            raise RunFolderError(f"{file}: was read by the run and is no longer there")
-        if manifest.digest(file) != digest:
-            raise RunFolderError(f"{file}: is not as it was when the run began; put the old one back")
     return content
+
+
+def check_inputs(content: dict[str, Any], folder: Path, inputs: Sequence[Path]) -> None:
+    """Raise RunFolderError where a file that the run reads is not what it was by a checkpoint's content."""
+    for name, digest in manifest.digests(folder, inputs).items():
+        if content["inputs"].get(name, digest) != digest:
+            raise RunFolderError(f"{folder / name}: is not as it was when the run began; put the old one back")
 
 
 def _status(folder: Path) -> str:
