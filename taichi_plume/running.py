@@ -148,13 +148,14 @@ def _to_the_end(sim: Simulation, outputs: Outputs, ears: Ears, console: Console 
 def _conclude(job: Job, sim: Simulation, outputs: Outputs, end: End) -> tuple[dict[str, Any], End]:
     """Write the result and the manifest."""
     folder = job.folder.path
+    content: dict[str, Any]
     try:
         content = result.result(sim, end.status, end.message, job.backend, outputs.map_scores)
     except Exception as error:  # a simulation too broken to tell
         end = end if end.code else End(*_explain(error), 1)
         content = {"name": sim.scenario.name, "status": end.status, "message": end.message}
-        content["seed"] = sim.scenario.seed
-    content["remarks"] = job.prepared.resources.remarks
+        content |= {"seed": sim.scenario.seed}
+    content |= {"remarks": job.prepared.resources.remarks}
     if not folder.is_dir():
         return content, end
     try:

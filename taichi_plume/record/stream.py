@@ -110,7 +110,7 @@ def _until(chunk: rr.chunk.Chunk, latest: np.timedelta64) -> Iterator[rr.chunk.C
     if early.all():
         yield chunk
     elif early.any():
-        yield rr.chunk.Chunk.from_record_batch(rows.filter(pa.array(early)))
+        yield from rr.chunk.Chunk.from_record_batch(rows.filter(pa.array(early)))
 
 
 def mend(path: Path, mended: Path) -> None:
