@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from taichi_plume import run
-from taichi_plume.prepare import load_scenario
+from taichi_plume.prepare import load
 
 CONFIGS = Path(__file__).parent.parent / "configs"
 
@@ -22,7 +22,9 @@ def result_of(name: str, out: Path, *options: str) -> dict:
 
 @pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.yaml")), ids=lambda path: path.stem)
 def test_configs_are_valid_and_told(path):
-    assert load_scenario(path).name == path.stem
+    scenario, resources = load(path)
+    assert scenario.name == path.stem
+    assert resources.remarks == []
     assert path.read_text().startswith("# "), "its header says what you will see and how long it takes"
 
 

@@ -141,11 +141,6 @@ def asked_kinds(tree: ast.Module) -> Iterator[set[str]]:
             yield names(node.cls)
 
 
-def is_import(node: ast.AST) -> bool:
-    """Whether a node is an import."""
-    return isinstance(node, ast.Import | ast.ImportFrom)
-
-
 def counted(root: Path, cases: bool = True) -> House:
     """Everything of a checkout."""
     house = House()

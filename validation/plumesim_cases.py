@@ -88,6 +88,7 @@ def recorded() -> bytes:
     sim = assemble(scenario)
     with TemporaryDirectory() as folder:
         log = PlumeLogger(sim, Path(folder) / LOG, scenario.plumesim_log)
+        log.start()
         sim.observers.append(log.observer())
         sim.run()
         log.close()

@@ -119,6 +119,7 @@ def _run(sim: Simulation, out: Path) -> None:
     table = None
     if sim.swarm.count:
         table = RobotTable(sim, out / "robots.parquet")
+        table.start()
         sim.observers.append(table.observer())
     sim.run()
     if table is not None:

@@ -1,3 +1,3 @@
-"""What stands between foreign input and us: what is printed, which files are opened, which code may run."""
+"""What stands between foreign input and us: what is printed, and which files are opened."""
 
 MAY_IMPORT: tuple[str, ...] = ()

@@ -161,7 +161,8 @@ class Group(Model):
 
     def remarks(self, where: str, context: Context) -> Iterator[str]:
         """What keeps its robots from doing or finding anything."""
-        if self.reach == 0:
+        stands = getattr(self.algorithm, "speed", None) == 0
+        if self.reach == 0 and not (stands or context.scenario.maps):  # robots that measure or map need none
             yield f"{where}.reach: 0 m: its robots do not search, none will count as having found a source"
         for key in ("speed", "line_speed"):
             speed = getattr(self.algorithm, key, None)

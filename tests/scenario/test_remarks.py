@@ -147,6 +147,13 @@ def test_what_has_no_effect_is_told(tmp_path, override, begins):
     assert line.startswith(begins)
 
 
+@pytest.mark.parametrize(
+    "override", ["robots.0.algorithm.speed=0", "maps=[{kind: inverse_distance, window: 1}]"]
+)
+def test_robots_that_measure_or_map_need_no_reach(tmp_path, override):
+    assert remarks(tmp_path, FLOOR, "robots.0.reach=0", override) == []
+
+
 def test_bodies_that_walk_in_a_wind_that_cannot_feel_them_are_told(tmp_path):
     walker = "obstacles.0={kind: cylinder, center: [2, 1], radius: 0.2, motion: {path: [[5, 3, 1]]}}"
     assert remarks(tmp_path, FLOOR, walker) == []

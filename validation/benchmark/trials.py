@@ -44,13 +44,15 @@ def spiral_trials(
         fields = {"rate": 1.0, "quantities": ["wind", "gas"]}
         sim = assemble(scenario_of(room(0, OPENED, [], recorded) | {"fields": fields}))
         assert sim.scenario.fields is not None
-        sim.observers.append(Filming(sim, Path(folder) / FILM, sim.scenario.fields).observer())
+        film = Filming(sim, Path(folder) / FILM, sim.scenario.fields)
+        film.start()
+        sim.observers.append(film.observer())
         sim.run()
         middle = time.perf_counter()
         kernels.start(arch)
-        film = {"kind": "playback", "file": FILM, "loop": True}
+        both = {"kind": "playback", "file": FILM, "loop": True}
         group = momo("SPIRAL", trials, at(180), {"kind": "spiral", "minimum_ppm": 6.0})
-        played = room(0, 0.0, [group], limit) | {"wind": film, "gas": film}
+        played = room(0, 0.0, [group], limit) | {"wind": both, "gas": both}
         sim = assemble(scenario_of(played, Path(folder)), Path(folder))
         sim.run()
         end = time.perf_counter()
