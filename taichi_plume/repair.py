@@ -70,7 +70,6 @@ def _verify(folder: Path) -> int:
 
 def _complete(folder: RunFolder) -> int:
     path = folder.path
-    folder.settle((path / "result.json").exists())
     told = _told(path)
     if told.get("status") != "running":
         say(visible(f"{path}: the run has ended by itself ({told.get('status', 'its result is missing')})"))
