@@ -230,6 +230,16 @@ def remove(file: Path) -> None:
         file.unlink(missing_ok=True)
 
 
+def cut(file: Path, size: int) -> None:
+    """Keep the first `size` bytes of a file. Raises RunFolderError where it has fewer, and OSError."""
+    held = file.stat().st_size if file.exists() else 0
+    if held < size:
+        raise RunFolderError(
+            f"{file}: {held:,} of its first {size:,} bytes are left, without which the run cannot go on"
+        )
+    os.truncate(file, size)
+
+
 def files_in(folder: Path) -> list[Path]:
     """What a folder holds; nothing where it is gone."""
     return list(folder.iterdir()) if folder.is_dir() else []
