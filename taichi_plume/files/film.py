@@ -141,7 +141,7 @@ class NewFilm:
             self.frames, self.time = kept, arrays["time"]
             self.moving = {name: arrays[name] for name in moving}
             held = int(np.isfinite(self.time[:kept]).sum())
-            held = min(held, *(min(len(one), one.nchunks_initialized) for one in self.moving.values()))
+            held = min(held, *(min(one.shape[0], one.nchunks_initialized) for one in self.moving.values()))
         except FAULTS as error:
             raise FilmError(f"{path}: is damaged, without it the run cannot go on: {_line(error)}") from None
         if held < kept:
