@@ -1,6 +1,7 @@
 """What a run that was cut off is resumed from, and whether all that it reads is still as it was."""
 
 import json
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -22,22 +23,28 @@ def saved(folder: Path) -> dict[str, Any]:
         )
     try:
         content = checkpoint.read(path)
-        version, scenario, inputs = (content[key] for key in ("version", "scenario", "inputs"))
+        version, scenario = content["version"], content["scenario"]
     except checkpoint.CheckpointError as error:
         raise RunFolderError(str(error)) from None
-    except LookupError as error:
-        raise RunFolderError(f"{path}: lacks {error}") from None
+    except (LookupError, TypeError):
+        raise RunFolderError(f"{path}: is no checkpoint of a run") from None
     if version != __version__:
         raise RunFolderError(f"{path}: is of version {version}, this is {__version__}; resume with that one")
     if scenario != scenario_digest(folder):
         raise RunFolderError(f"{folder / 'scenario.yaml'}: is not as it was when the run was cut off")
-    for name, digest in inputs.items():
-        file = folder / name
-        if not file.exists():
-            raise RunFolderError(f"{file}: was read by the run and is no longer there")
-        if manifest.digest(file) != digest:
-            raise RunFolderError(f"{file}: is not as it was when the run began; put the old one back")
     return content
+
+
+def require_same(folder: Path, inputs: dict[str, Any], files: Iterable[Path]) -> None:
+    """Raise RunFolderError unless `files` are as `inputs`, their digests when the run began, tell."""
+    try:
+        for name, digest in manifest.digests(folder, files).items():
+            if inputs.get(name) != digest:
+                raise RunFolderError(
+                    f"{folder / name}: is not as it was when the run began; put the old one back"
+                )
+    except OSError as error:
+        raise RunFolderError(f"{error.filename}: cannot be read: {error.strerror or error}") from None
 
 
 def _status(folder: Path) -> str:

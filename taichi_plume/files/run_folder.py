@@ -48,6 +48,7 @@ STANDS = "result.json"  # the last file that a run begins
 LOCK = ".lock"
 REPLACING = ".replacing"  # an earlier run while it is set aside or put back: nothing of a new one is there
 REPLACED = ".replaced"  # all of it, while the files of a new one are begun
+OPTIONS = ("--allow-code", "--allow-outside")
 HEADER = "# Every default written out."
 OURS = {"name", "status", "seed"}  # keys of every result.json
 
@@ -294,12 +295,23 @@ def _again(folder: Path, scenario: Scenario, source: Path) -> str:
     """The command that runs the scenario of a run directory again."""
     options = []
     if any(isinstance(group.algorithm, Own) and group.algorithm.file for group in scenario.robots):
-        options.append("--allow-code")
+        options.append(OPTIONS[0])
     if any(outside(folder, str(source.resolve() / name)) for _, name in input_files(scenario)):
-        options.append("--allow-outside")
+        options.append(OPTIONS[1])
     return visible(
         shlex.join(["python", "-m", "taichi_plume.run", str(folder / "scenario.yaml"), *options]), None
     )
+
+
+def resuming(folder: Path) -> str:
+    """The command that goes on with the run of a directory, with the options that the one to run it again has."""
+    try:
+        with (folder / "scenario.yaml").open(encoding="utf-8", errors="replace") as file:
+            again = file.readline()
+    except OSError:
+        again = ""
+    options = [option for option in OPTIONS if option in again]
+    return shlex.join(["python", "-m", "taichi_plume.run", "--resume", str(folder), *options])
 
 
 def write_scenario(folder: Path, scenario: Scenario, source: Path, backend: str) -> None:
