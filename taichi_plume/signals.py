@@ -19,12 +19,13 @@ ASKING = tuple(getattr(signal, name) for name in ("SIGUSR1",) if hasattr(signal,
 class Ears:
     """What signals have asked of a run.
 
-    running: whether there is a tick to wait for; until then signals end all at once, as a second one does. stopped:
+    running: whether files are open, so that the end of a tick is waited for; until then signals end all at once.
+    hasty: whether a second one does so too; it comes but once, so that the end that follows is not disturbed. stopped:
     name of the one that asked to end. asked: whether a checkpoint is wanted.
     """
 
     def __init__(self) -> None:
-        self.running = False
+        self.running = self.hasty = False
         self.stopped = ""
         self.asked = False
 
@@ -36,10 +37,12 @@ class Ears:
             return
         if name == "SIGHUP":
             _leave_terminal()
-        if self.running and not self.stopped:
-            self.stopped = name
-        elif name != "SIGXCPU":  # this one comes every second
+        if not self.running:
             raise KeyboardInterrupt(name)
+        if self.stopped and self.hasty and name != "SIGXCPU":  # this one comes every second
+            self.hasty = False
+            raise KeyboardInterrupt(name)
+        self.stopped = self.stopped or name
 
 
 @contextmanager
