@@ -1,5 +1,6 @@
 """What signals do to a run: those that end it wait for the end of the tick, so that it can be resumed from there."""
 
+import errno
 import os
 import signal
 import sys
@@ -28,6 +29,7 @@ class Ears:
         self.running = self.hasty = False
         self.stopped = ""
         self.asked = False
+        self.terminal = _terminal()
 
     def hear(self, number: int, _: Any = None) -> None:
         """Handle a signal."""
@@ -36,7 +38,7 @@ class Ears:
             self.asked = True
             return
         if name == "SIGHUP":
-            _leave_terminal()
+            _leave(self.terminal)
         if not self.running:
             raise KeyboardInterrupt(name)
         if self.stopped and self.hasty and name != "SIGXCPU":  # this one comes every second
@@ -66,7 +68,9 @@ def reader_may_leave() -> Iterator[None]:
     try:
         yield
         sys.stdout.flush()
-    except BrokenPipeError:
+    except OSError as error:
+        if error.errno not in (errno.EPIPE, errno.EIO):  # or the terminal has been closed
+            raise
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes again at its end
 
 
@@ -82,13 +86,21 @@ def _handling(numbers: tuple[signal.Signals, ...], handler: Any) -> Iterator[Non
         yield
 
 
-def _leave_terminal() -> None:
-    """What is printed from now on goes nowhere, as writing to a closed terminal is an error."""
-    nowhere = os.open(os.devnull, os.O_RDWR)
+def _terminal() -> list[int]:
+    """Which of this process's streams are a terminal; of one that has been closed it can no longer be told."""
+    found = []
     for stream in (sys.stdin, sys.stdout, sys.stderr):
         try:
             if os.isatty(stream.fileno()):
-                os.dup2(nowhere, stream.fileno())
+                found.append(stream.fileno())
         except (AttributeError, OSError, ValueError):  # closed, or no file
             continue
+    return found
+
+
+def _leave(streams: list[int]) -> None:
+    """What is printed there from now on goes nowhere, as writing to a closed terminal is an error."""
+    nowhere = os.open(os.devnull, os.O_RDWR)
+    for stream in streams:
+        os.dup2(nowhere, stream)
     os.close(nowhere)

@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+import sys
 from pathlib import Path
 
 import fake_run
@@ -79,7 +80,7 @@ def test_a_run_that_is_asked_to_end_keeps_what_there_is(started, number, times):
     assert Path("out/manifest.json").exists()
 
 
-@pytest.mark.parametrize("where", ["_interrupted", "_conclude", "_tell_kept"])
+@pytest.mark.parametrize("where", ["_interrupted", "_conclude"])
 @pytest.mark.parametrize("times", [1, 3])
 def test_signals_while_a_run_ends_do_not_disturb_it(started, monkeypatch, where, times):
     OBSERVERS.append(at_one(signal.SIGINT, 1))
@@ -103,3 +104,30 @@ def test_a_signal_before_files_are_begun_leaves_the_earlier_run(started, monkeyp
     monkeypatch.setattr(outputs.Outputs, "__init__", before(outputs.Outputs.__init__, signal.SIGINT))
     assert started() == 130
     assert {file.name: file.read_bytes() for file in Path("out").iterdir()} == kept
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ignored", [False, True], ids=["ends", "was told to go on"])
+def test_a_terminal_that_is_closed_ends_a_run_in_order(tmp_path, ignored):
+    """Its progress bar cannot be drawn any more; where the hang-up is ignored, the run goes on without."""
+    pty = pytest.importorskip("pty")
+    (tmp_path / "a.yaml").write_text(SCENARIO.replace("duration: 2", "duration: 400\ncheckpoint: {every: 1}"))
+    command = [sys.executable, "-m", "taichi_plume.run", "a.yaml", "--out", "out", "--no-recording"]
+    number, terminal = pty.fork()
+    if not number:
+        os.chdir(tmp_path)
+        if ignored:
+            signal.signal(signal.SIGHUP, signal.SIG_IGN)
+        os.execvp(command[0], command)
+    try:
+        while not (tmp_path / "out" / "checkpoint.npz").exists():
+            os.read(terminal, 1 << 16)
+    finally:
+        os.close(terminal)
+    _, code = os.waitpid(number, 0)
+    told = json.loads((tmp_path / "out" / "result.json").read_text())
+    if ignored:
+        assert (os.waitstatus_to_exitcode(code), told["status"]) == (0, "completed")
+    else:
+        assert (os.waitstatus_to_exitcode(code), told["status"]) == (130, "interrupted")
+        assert told["message"].startswith("by SIGHUP")
