@@ -133,8 +133,8 @@ def _reached(table: Path, told: dict[str, Any]) -> dict[str, Any]:
     try:
         rows = pq.read_table(table, columns=["t", "group", "found"])
     except (OSError, ValueError, LookupError):
-        rows = ()
-    if not len(rows):
+        rows = None
+    if rows is None or not len(rows):
         return {"message": told.get("message", "")}
     t = pc.max(rows["t"]).as_py()
     last = rows.filter(pc.equal(rows["t"], t))

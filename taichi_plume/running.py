@@ -166,7 +166,7 @@ def _conclude(job: Job, sim: Simulation, outputs: Outputs, end: End) -> tuple[di
         content = result.result(sim, end.status, end.message, job.backend, outputs.map_scores)
     except Exception as error:  # a simulation too broken to tell
         end = end if end.code else End(*_explain(error), 1)
-        content = {"name": sim.scenario.name, "status": end.status, "message": end.message}
+        content: dict[str, Any] = {"name": sim.scenario.name, "status": end.status, "message": end.message}
         content["seed"] = sim.scenario.seed
     content["remarks"] = job.prepared.resources.remarks + outputs.remarks
     if not folder.is_dir():
