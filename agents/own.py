@@ -22,6 +22,7 @@ import numpy as np
 from taichi_plume.agents.columns import COLUMNS, Rows
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.swarm import Swarm
+from taichi_plume.files import checkpoint
 from taichi_plume.files.own_class import OwnAlgorithmError, failures_told
 from taichi_plume.grid.state import saves_itself
 
@@ -58,11 +59,30 @@ class Robots:
         self.turn_rate = (off - 2 * np.pi * np.round(off / (2 * np.pi))) / self.dt
 
 
+class Kept:
+    """What a user's algorithm keeps from tick to tick, as it tells it. Raises OwnAlgorithmError where it fails."""
+
+    def __init__(self, path: Path, algorithm: Any):
+        self.path, self.algorithm = path, algorithm
+
+    def state(self) -> Any:
+        """All that it keeps, as plain data."""
+        with failures_told(self.path):
+            state = self.algorithm.state()
+            checkpoint.require_plain(state, "state()")
+            return state
+
+    def restore(self, state: Any) -> None:
+        """Go back to it."""
+        with failures_told(self.path):
+            self.algorithm.restore(state)
+
+
 class OwnAlgorithm:
     """Runs a class of the user's, `own`, for one group. Raises OwnAlgorithmError where it fails."""
 
     PER_GROUP = True
-    STATE = ("algorithm", "robots")
+    STATE = ("kept", "robots")
 
     def __init__(self, swarm: Swarm, members: Members, own: type):
         self.members, self.own = members, own
@@ -81,6 +101,7 @@ class OwnAlgorithm:
         with failures_told(self.path):
             self.algorithm = self.own(**(model.parameters if model.kind == "own" else {}))
             self.STATE_NAMES = tuple(map(str, getattr(self.algorithm, "STATE_NAMES", ("SEARCH",))))
+        self.kept = Kept(self.path, self.algorithm)
 
     @property
     def can_be_saved(self) -> bool:

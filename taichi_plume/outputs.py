@@ -11,10 +11,13 @@ from typing import Any, NamedTuple, Protocol
 from taichi_plume import __version__
 from taichi_plume.agents.own import OwnAlgorithm
 from taichi_plume.files import checkpoint, forces_table, manifest, result, robots_table
+from taichi_plume.files.own_class import OwnAlgorithmError
 from taichi_plume.files.run_folder import FILES, RunFolderError
 from taichi_plume.grid.state import State
+from taichi_plume.guard.terminal import say, visible
 from taichi_plume.map_scores import MapScores
 from taichi_plume.scenario.loading import ScenarioError
+from taichi_plume.scenario.outputs import Checkpoint
 from taichi_plume.signals import Ears
 from taichi_plume.simulation import Every, Simulation
 
@@ -71,9 +74,12 @@ class Outputs:
         sim.observers.append(Every(sim.dt, self.keep, warm_up=True))
         self.observers = list(sim.observers)
         self._state: State | None = None
+        self.remarks: list[str] = []
+        self._told = False
         self._every, self._wall = self._periods()
         self._kept = self._checked = time.monotonic()
-        self._digests: Future[dict[str, Any]] | None = None
+        self._digests: Future[dict[str, Any]] = Future()
+        self._begun = time.monotonic()
 
     def _tables(self) -> list[Writer]:
         sim, folder, scenario = self.sim, self.about.folder, self.sim.scenario
@@ -111,6 +117,7 @@ class Outputs:
         if faults and (model.wall or model.every):
             raise ScenarioError(faults)
         if faults:
+            self._give_up(faults)
             return None, None
         if model.every is not None:
             return max(1, round(model.every / self.sim.dt)), None
@@ -129,13 +136,13 @@ class Outputs:
 
     def start(self) -> None:
         """Begin all files."""
-        self._begin()
+        self._digest()
         for writer in self._writers:
             writer.start()
         self._tell("running")
 
     def go_on(self, saved: dict[str, Any]) -> None:
-        """Continue from a checkpoint's content. Raises RunFolderError where it does not fit."""
+        """Continue from a checkpoint's content. Raises RunFolderError where it does not fit, or rows are lost."""
         self._state = State(self)
         fault = self._state.unlike(saved["state"])
         if fault:
@@ -143,16 +150,24 @@ class Outputs:
             raise RunFolderError(f"{path}: is of another version: {fault}")
         self._state.restore(saved["state"])
         self.sim.wall_s = saved["wall_s"]
-        (self.about.folder / manifest.NAME).unlink(missing_ok=True)
-        self._begin()
-        for writer in self._writers:
-            writer.go_on()
-        self._tell("running")
+        self._digests.set_result(saved["inputs"])
+        told = self.about.folder / "result.json"
+        before = told.read_bytes() if told.exists() else None
+        self._tell("running")  # first, so that what is left of this can be repaired
+        try:
+            (self.about.folder / manifest.NAME).unlink(missing_ok=True)
+            for writer in self._writers:
+                writer.go_on()
+        except BaseException:
+            if not self.close() and before is not None:
+                told.write_bytes(before)
+            raise
 
-    def _begin(self) -> None:
-        pool = ThreadPoolExecutor(1)  # it takes a while where films are read
-        self._digests = pool.submit(manifest.digests, self.about.folder, self.about.inputs)
-        pool.shutdown(wait=False)
+    def _digest(self) -> None:
+        """Begin to sum up what the run reads; it takes a while where films are."""
+        with ThreadPoolExecutor(1) as pool:
+            self._digests = pool.submit(manifest.digests, self.about.folder, self.about.inputs)
+            pool.shutdown(wait=False)
 
     def keep(self, sim: Simulation) -> None:
         """Bring what there is to the disk when it is time. Raises KeyboardInterrupt where a signal asks to end."""
@@ -163,6 +178,10 @@ class Outputs:
             raise KeyboardInterrupt(self.ears.stopped)
         due = self._wall is not None and now - self._checked >= self._wall
         due |= self._every is not None and (sim.tick - sim.scenario.first_tick) % self._every == 0
+        if self.remarks and not self._told and now - self._begun >= USUAL:
+            self._told = True
+            for remark in self.remarks:
+                say(visible(f"note: {remark}"), error=True)
         if self.resumable and (due or self.ears.asked):
             self.checkpoint()
         elif self.ears.asked or now - self._kept >= KEPT:
@@ -187,8 +206,20 @@ class Outputs:
         about = {"version": __version__, "arch": self.about.arch, "backend": self.about.backend}
         about |= {"recording": self.about.recording, "t": self.sim.t, "wall_s": self.sim.wall_so_far}
         about |= {"scenario": scenario_digest(self.about.folder), "inputs": self._inputs()}
-        checkpoint.write(self.about.folder / checkpoint.NAME, about | {"state": self._state.save()})
+        try:
+            about["state"] = self._state.save()
+        except OwnAlgorithmError as error:
+            if self.sim.scenario.checkpoint != Checkpoint():
+                raise
+            self._every = self._wall = None  # nobody has asked for it: no reason to lose the run
+            self._give_up([str(error)])
+            return
+        checkpoint.write(self.about.folder / checkpoint.NAME, about)
         self._checked = time.monotonic()
+
+    def _give_up(self, faults: Sequence[str]) -> None:
+        """Note why the run makes no checkpoints; it is told where it takes long."""
+        self.remarks += [f"{fault}; this run makes no checkpoint" for fault in faults]
 
     def _tell(self, status: str) -> None:
         result.write_result(
@@ -202,16 +233,16 @@ class Outputs:
         return [error for writer in self._writers if (error := _tried(writer.close))]
 
     def seal(self, status: str) -> None:
-        """Write the manifest, once all else is there; a run that is over needs no checkpoint."""
+        """Write the manifest, once all else is there; a run that is over then needs no checkpoint."""
         folder = self.about.folder
+        manifest.write(folder, self._inputs(), [folder / name for name in FILES])
         if status in OVER:
             (folder / checkpoint.NAME).unlink(missing_ok=True)
-        manifest.write(folder, self._inputs(), [folder / name for name in FILES])
 
     def _inputs(self) -> dict[str, Any]:
-        """Digests of the files that the run reads; of none where one has become unreadable."""
+        """Digests of the files that the run read when it began; of none where one has become unreadable."""
         try:
-            return self._digests.result() if self._digests else {}
+            return self._digests.result()
         except OSError:
             return {}
 
@@ -234,7 +265,7 @@ def _without_state(sim: Simulation) -> list[tuple[str, str]]:
     return [
         (
             f"robots[{number}].algorithm",
-            "has no state() and restore(), without which no run can be resumed: add them, or set checkpoint: null",
+            "has no state() and restore(), without which a run cannot be resumed: add them, or set checkpoint: null",
         )
         for team in sim.teams
         if isinstance(getattr(team, "algorithm", None), OwnAlgorithm) and not team.algorithm.can_be_saved  # type: ignore[attr-defined]

@@ -1,5 +1,6 @@
 """The bar that shows how far a run is, on a terminal."""
 
+from contextlib import suppress
 from math import ceil
 from types import TracebackType
 from typing import Self
@@ -38,7 +39,8 @@ class ProgressBar:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.bar.stop()
+        with suppress(OSError):  # the terminal may be gone, and the run not
+            self.bar.stop()
 
     def observer(self) -> Every:
         """What the simulation has to call."""

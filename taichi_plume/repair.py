@@ -6,9 +6,8 @@ resumed afterwards as well. ``--verify`` tells instead which files are no longer
 """
 
 import json
-import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +16,13 @@ import pyarrow.parquet as pq
 
 from taichi_plume.files import checkpoint, manifest, plumesim_log, robots_table
 from taichi_plume.files.result import write_result
-from taichi_plume.files.run_folder import FILES, RunFolder, RunFolderError
+from taichi_plume.files.run_folder import FILES, RunFolder, RunFolderError, resuming
 from taichi_plume.guard.terminal import Parser, say, visible
+from taichi_plume.outputs import OVER
 
 KILLED = "killed"
+PARTS = (robots_table.PARTS, "recording.old.rrd")
+"""What is there only until a file is finished."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -70,39 +72,52 @@ def _verify(folder: Path) -> int:
 
 def _complete(folder: RunFolder) -> int:
     path = folder.path
-    folder.settle((path / "result.json").exists())
     told = _told(path)
-    if told.get("status") != "running":
-        say(visible(f"{path}: the run has ended by itself ({told.get('status', 'its result is missing')})"))
+    status, whole = told["status"], not any((path / name).exists() for name in PARTS)
+    if status != "running" and whole:
+        if (path / checkpoint.NAME).exists() and not (path / manifest.NAME).exists():  # killed while it ended
+            _seal(path)
+        if status in OVER:
+            (path / checkpoint.NAME).unlink(missing_ok=True)
+        say(visible(f"{path}: the run has ended by itself ({status})"))
         return 0
     code = 0
     for name, complete in COMPLETE.items():
         try:
             what = complete(path / name)
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, LookupError) as error:
             what, code = f"could not be completed: {' '.join(str(error).split())}", 1
         if what:
             say(visible(f"{name}: {what}"))
     try:
-        write_result(path, told | {"status": KILLED, **_reached(path / "robots.parquet", told)})
-        manifest.write(path, _inputs(path), [path / name for name in FILES])
+        if status == "running":
+            status = KILLED
+            write_result(path, told | {"status": status, **_reached(path / "robots.parquet", told)})
     except OSError as error:
         raise RunFolderError(f"{path}: cannot be written to: {error.strerror or error}") from None
-    say(visible(f"result.json: {KILLED}"))
+    _seal(path)
+    say(visible(f"result.json: {status}"))
     if (path / checkpoint.NAME).exists():
-        say(visible(f"to go on: python -m taichi_plume.run --resume {path}"))
+        say(visible(f"to go on: {resuming(path)}", None))
     return code
 
 
+def _seal(path: Path) -> None:
+    """Write the manifest."""
+    try:
+        manifest.write(path, _inputs(path), [path / name for name in FILES])
+    except OSError as error:
+        raise RunFolderError(f"{path}: cannot be written to: {error.strerror or error}") from None
+
+
 def _told(folder: Path) -> dict[str, Any]:
-    """What result.json says; of a run that was killed before it said anything, that it runs."""
+    """What result.json says; where it says nothing, that the run runs."""
+    silent = {"name": folder.name, "status": "running", "seed": None}
     try:
         content = json.loads((folder / "result.json").read_text(encoding="utf-8"))
-        return content if isinstance(content, dict) else {}
-    except FileNotFoundError:
-        return {"name": folder.name, "status": "running", "seed": None}
-    except (OSError, ValueError):
-        return {}
+        return silent | content
+    except (OSError, ValueError, TypeError, RecursionError):
+        return silent
 
 
 def _inputs(folder: Path) -> dict[str, Any]:
@@ -115,10 +130,11 @@ def _inputs(folder: Path) -> dict[str, Any]:
 
 def _reached(table: Path, told: dict[str, Any]) -> dict[str, Any]:
     """How far the robots came."""
-    if not table.exists():
-        return {"message": told.get("message", "")}
-    rows = pq.read_table(table, columns=["t", "group", "found"])
-    if not len(rows):
+    try:
+        rows = pq.read_table(table, columns=["t", "group", "found"])
+    except (OSError, ValueError, LookupError):
+        rows = None
+    if rows is None or not len(rows):
         return {"message": told.get("message", "")}
     t = pc.max(rows["t"]).as_py()
     last = rows.filter(pc.equal(rows["t"], t))
@@ -178,13 +194,10 @@ def _film(path: Path) -> str | None:
     """A film is whole up to its last frame; what a chunk was being written to goes."""
     if not path.is_dir():
         return None
-    for part in _partial(path):
-        os.unlink(part)
+    from taichi_plume.files.film import tidy
+
+    tidy(path)
     return "whole up to its last frame"
-
-
-def _partial(path: Path) -> Iterator[Path]:
-    return path.rglob("*.partial")
 
 
 COMPLETE: dict[str, Callable[[Path], str | None]] = {

@@ -1,7 +1,7 @@
 """What a run that was cut off is resumed from, and whether all that it reads is still as it was."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +26,8 @@ def saved(folder: Path) -> dict[str, Any]:
         version, scenario = content["version"], content["scenario"]
     except checkpoint.CheckpointError as error:
         raise RunFolderError(str(error)) from None
-    except LookupError as error:
-        raise RunFolderError(f"{path}: lacks {error}") from None
+    except (LookupError, TypeError):
+        raise RunFolderError(f"{path}: is no checkpoint of a run") from None
     if version != __version__:
         raise RunFolderError(f"{path}: is of version {version}, this is {__version__}; resume with that one")
     if scenario != scenario_digest(folder):
@@ -35,11 +35,16 @@ def saved(folder: Path) -> dict[str, Any]:
     return content
 
 
-def check_inputs(content: dict[str, Any], folder: Path, inputs: Sequence[Path]) -> None:
-    """Raise RunFolderError where a file that the run reads is not what it was by a checkpoint's content."""
-    for name, digest in manifest.digests(folder, inputs).items():
-        if content["inputs"].get(name, digest) != digest:
-            raise RunFolderError(f"{folder / name}: is not as it was when the run began; put the old one back")
+def require_same(folder: Path, inputs: dict[str, Any], files: Iterable[Path]) -> None:
+    """Raise RunFolderError unless `files` are as `inputs`, their digests when the run began, tell."""
+    try:
+        for name, digest in manifest.digests(folder, files).items():
+            if inputs.get(name) != digest:
+                raise RunFolderError(
+                    f"{folder / name}: is not as it was when the run began; put the old one back"
+                )
+    except OSError as error:
+        raise RunFolderError(f"{error.filename}: cannot be read: {error.strerror or error}") from None
 
 
 def _status(folder: Path) -> str:

@@ -75,7 +75,7 @@ def _resume(args: argparse.Namespace) -> int:
     from taichi_plume.files.run_folder import RunFolder
     from taichi_plume.own_code import execute
     from taichi_plume.prepare import load
-    from taichi_plume.resume import check_inputs, saved
+    from taichi_plume.resume import require_same, saved
     from taichi_plume.running import Job, device, simulate
     from taichi_plume.scenario.input_files import input_paths
 
@@ -83,7 +83,8 @@ def _resume(args: argparse.Namespace) -> int:
         told = saved(folder.path)
         file = folder.path / "scenario.yaml"
         prepared = load(file, (), args.allow_outside)
-        check_inputs(told, folder.path, input_paths(prepared.scenario, file)[1:])
+        _, *read = input_paths(prepared.scenario, file)
+        require_same(folder.path, told["inputs"], read)
         execute(prepared, args.allow_code, ask=True)
         backend = device(args.arch or told["arch"])
         job = Job(prepared, folder, file, args.arch or told["arch"], backend, told["recording"], told)

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from rich.console import Console
 
 from taichi_plume import summary
-from taichi_plume.files import checkpoint, result, run_folder
+from taichi_plume.files import checkpoint, manifest, result, run_folder
 from taichi_plume.files.own_class import OwnAlgorithmError
 from taichi_plume.files.run_folder import RunFolder, RunFolderError
 from taichi_plume.grid import kernels
@@ -99,6 +99,7 @@ def _begin(job: Job, sim: Simulation, ears: Ears) -> Outputs:
     folder = job.folder
     inputs = input_paths(job.prepared.scenario, job.source)
     outputs = Outputs(sim, About(folder.path, job.arch, job.backend, job.recording, inputs), ears)
+    ears.running = True
     if job.saved is not None:
         outputs.go_on(job.saved)
         return outputs
@@ -117,25 +118,12 @@ def _begin(job: Job, sim: Simulation, ears: Ears) -> Outputs:
 
 def _to_the_end(sim: Simulation, outputs: Outputs, ears: Ears, console: Console | None, debug: bool) -> End:
     """Run to the end and close all files."""
-    end = End("completed", "", 0)
     try:
-        ears.running = True
-        with ExitStack() as stack:
-            if console is not None and console.is_terminal:
-                from taichi_plume.progress import ProgressBar
-
-                bar = stack.enter_context(ProgressBar(sim, console))
-                sim.observers.append(bar.observer())
-            sim.run()
-        if sim.tick < sim.last_tick:
-            end = End("stopped", f"every robot had found a source at t = {sim.t:.1f} s", 0)
-    except KeyboardInterrupt as error:
-        by = "" if str(error) in ("", "SIGINT") else f"by {error} "
-        end = End("interrupted", f"{by}at t = {sim.t:.2f} s", 130)
-    except Exception as error:
-        if debug:
-            say(traceback.format_exc(), error=True)
-        end = End(*_explain(error), 1)
+        ears.hasty = True
+        end = _run(sim, console, debug)
+        ears.hasty = False
+    except KeyboardInterrupt as error:  # a second signal, while the end by the first was being told
+        end = _interrupted(sim, error)
     if not outputs.about.folder.is_dir():
         end = End("failed", f"its folder has been removed, at t = {sim.t:.2f} s or before", 1)
     with deaf():
@@ -143,6 +131,32 @@ def _to_the_end(sim: Simulation, outputs: Outputs, ears: Ears, console: Console 
             if not end.code:
                 end = End(*_explain(error), 1)
     return end
+
+
+def _run(sim: Simulation, console: Console | None, debug: bool) -> End:
+    """Run to the end, whatever that is."""
+    try:
+        with ExitStack() as stack:
+            if console is not None and console.is_terminal:
+                from taichi_plume.progress import ProgressBar
+
+                bar = stack.enter_context(ProgressBar(sim, console))
+                sim.observers.append(bar.observer())
+            sim.run()
+    except KeyboardInterrupt as error:
+        return _interrupted(sim, error)
+    except Exception as error:
+        if debug:
+            say(traceback.format_exc(), error=True)
+        return End(*_explain(error), 1)
+    if sim.tick < sim.last_tick:
+        return End("stopped", f"every robot had found a source at t = {sim.t:.1f} s", 0)
+    return End("completed", "", 0)
+
+
+def _interrupted(sim: Simulation, error: KeyboardInterrupt) -> End:
+    by = "" if str(error) in ("", "SIGINT") else f"by {error} "
+    return End("interrupted", f"{by}at t = {sim.t:.2f} s", 130)
 
 
 def _conclude(job: Job, sim: Simulation, outputs: Outputs, end: End) -> tuple[dict[str, Any], End]:
@@ -155,7 +169,7 @@ def _conclude(job: Job, sim: Simulation, outputs: Outputs, end: End) -> tuple[di
         end = end if end.code else End(*_explain(error), 1)
         content = {"name": sim.scenario.name, "status": end.status, "message": end.message}
         content |= {"seed": sim.scenario.seed}
-    content |= {"remarks": job.prepared.resources.remarks}
+    content |= {"remarks": job.prepared.resources.remarks + outputs.remarks}
     if not folder.is_dir():
         return content, end
     try:
@@ -163,7 +177,8 @@ def _conclude(job: Job, sim: Simulation, outputs: Outputs, end: End) -> tuple[di
         outputs.seal(end.status)
     except OSError as error:
         end = end if end.code else End(*_explain(error), 1)
-        say(f"result.json could not be written: {visible(error.strerror or error)}", error=True)
+        reason = visible(error.strerror or error)
+        say(f"result.json or {manifest.NAME} could not be written: {reason}", error=True)
     return content, end
 
 
@@ -172,7 +187,7 @@ def _tell_kept(folder: Path, end: End) -> None:
     kept_there = ", ".join(kept) or "nothing"
     say(f"{end.status}: {visible(end.message)}\nkept in {visible(folder)}: {kept_there}", error=True)
     if checkpoint.NAME in kept:
-        say(visible(f"to go on: python -m taichi_plume.run --resume {folder}"), error=True)
+        say(visible(f"to go on: {run_folder.resuming(folder)}", None), error=True)
 
 
 def _explain(error: BaseException) -> tuple[str, str]:

@@ -1,5 +1,6 @@
 """What signals do to a run: those that end it wait for the end of the tick, so that it can be resumed from there."""
 
+import errno
 import os
 import signal
 import sys
@@ -19,14 +20,16 @@ ASKING = tuple(getattr(signal, name) for name in ("SIGUSR1",) if hasattr(signal,
 class Ears:
     """What signals have asked of a run.
 
-    running: whether there is a tick to wait for; until then signals end all at once, as a second one does. stopped:
+    running: whether files are open, so that the end of a tick is waited for; until then signals end all at once.
+    hasty: whether a second one does so too; it comes but once, so that the end that follows is not disturbed. stopped:
     name of the one that asked to end. asked: whether a checkpoint is wanted.
     """
 
     def __init__(self) -> None:
-        self.running = False
+        self.running = self.hasty = False
         self.stopped = ""
         self.asked = False
+        self.terminal = _terminal()
 
     def hear(self, number: int, _: Any = None) -> None:
         """Handle a signal."""
@@ -35,11 +38,13 @@ class Ears:
             self.asked = True
             return
         if name == "SIGHUP":
-            _leave_terminal()
-        if self.running and not self.stopped:
-            self.stopped = name
-        elif name != "SIGXCPU":  # this one comes every second
+            _leave(self.terminal)
+        if not self.running:
             raise KeyboardInterrupt(name)
+        if self.stopped and self.hasty and name != "SIGXCPU":  # this one comes every second
+            self.hasty = False
+            raise KeyboardInterrupt(name)
+        self.stopped = self.stopped or name
 
 
 @contextmanager
@@ -63,7 +68,9 @@ def reader_may_leave() -> Iterator[None]:
     try:
         yield
         sys.stdout.flush()
-    except BrokenPipeError:
+    except OSError as error:
+        if error.errno not in (errno.EPIPE, errno.EIO):  # or the terminal has been closed
+            raise
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes again at its end
 
 
@@ -79,13 +86,21 @@ def _handling(numbers: tuple[signal.Signals, ...], handler: Any) -> Iterator[Non
         yield
 
 
-def _leave_terminal() -> None:
-    """What is printed from now on goes nowhere, as writing to a closed terminal is an error."""
-    nowhere = os.open(os.devnull, os.O_RDWR)
+def _terminal() -> list[int]:
+    """Which of this process's streams are a terminal; of one that has been closed it can no longer be told."""
+    found = []
     for stream in (sys.stdin, sys.stdout, sys.stderr):
         try:
             if os.isatty(stream.fileno()):
-                os.dup2(nowhere, stream.fileno())
+                found.append(stream.fileno())
         except (AttributeError, OSError, ValueError):  # closed, or no file
             continue
+    return found
+
+
+def _leave(streams: list[int]) -> None:
+    """What is printed there from now on goes nowhere, as writing to a closed terminal is an error."""
+    nowhere = os.open(os.devnull, os.O_RDWR)
+    for stream in streams:
+        os.dup2(nowhere, stream)
     os.close(nowhere)

@@ -10,13 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from taichi_plume import run
-from taichi_plume.files import checkpoint
+from taichi_plume import resume, run
+from taichi_plume.files import checkpoint, manifest
+from taichi_plume.files.run_folder import RunFolderError
 from tests.fuzz import bases
 
 KILL = """
 import os, sys
-from taichi_plume import run
+from taichi_plume import resume, run
 from taichi_plume.simulation import Simulation
 advance = Simulation.advance
 
@@ -104,3 +105,17 @@ def test_a_killed_run_goes_on_to_the_bit(folder, tmp_path, case):
     assert result(tmp_path / "broken")["status"] == "running"
     assert run.main(["--resume", str(tmp_path / "broken"), "--allow-code", "--allow-outside", "--quiet"]) == 0
     same(tmp_path / "whole", tmp_path / "broken")
+
+
+def test_only_what_is_read_again_has_to_be_the_same(tmp_path):
+    """Not the scenario that the run was made of; and links to its folder make no difference."""
+    folder, read = tmp_path / "runs" / "a", tmp_path / "wind.csv"
+    folder.mkdir(parents=True)
+    read.write_text("1")
+    inputs = manifest.digests(folder, [read])
+    (tmp_path / "link").symlink_to(folder)
+    resume.require_same(folder, inputs, [read])
+    resume.require_same(tmp_path / "link", inputs, [tmp_path / "link" / ".." / ".." / "wind.csv"])
+    read.write_text("2")
+    with pytest.raises(RunFolderError, match=r"wind.csv: is not as it was when the run began"):
+        resume.require_same(folder, inputs, [read])

@@ -50,6 +50,11 @@ def write(path: Path, content: dict[str, Any]) -> None:
         fresh.unlink(missing_ok=True)
 
 
+def require_plain(value: Any, name: str) -> None:
+    """Raise NotPlainError, which begins with the name, unless a value can be written and read back as the same."""
+    _encoded(value, {}, name)
+
+
 def read(path: Path) -> dict[str, Any]:
     """What was written. Raises CheckpointError where it is missing, damaged or none of ours."""
     try:
@@ -84,19 +89,22 @@ class _Hashed(io.RawIOBase):
 
 
 def _encoded(value: Any, arrays: dict[str, np.ndarray], path: str) -> Any:
-    """As JSON has it; what JSON does not know is a dict with the one key of its kind."""
-    if isinstance(value, np.ndarray | np.generic):
+    """As JSON has it; what JSON does not know is a dict with the one key of its kind.
+
+    Subclasses are refused: what is read back would be without what makes them one.
+    """
+    if type(value) is np.ndarray or isinstance(value, np.generic):
         if np.asarray(value).dtype.hasobject:
             raise NotPlainError(f"{path}: is an array of objects")
         name = str(len(arrays))
         arrays[name] = np.asarray(value)
-        return {"array" if isinstance(value, np.ndarray) else "number": name}
-    if value is None or isinstance(value, bool | int | float | str):
+        return {"array" if type(value) is np.ndarray else "number": name}
+    if value is None or type(value) in (bool, int, float, str):
         return value
-    if isinstance(value, list | tuple):
+    if type(value) in (list, tuple):
         parts = [_encoded(part, arrays, f"{path}[{n}]") for n, part in enumerate(value)]
         return parts if isinstance(value, list) else {"tuple": parts}
-    if isinstance(value, dict):
+    if type(value) is dict:
         return {
             "dict": [
                 [_encoded(key, arrays, path), _encoded(part, arrays, f"{path}.{key}")]

@@ -20,6 +20,12 @@ def require_room(file: Path, coming: int = 0) -> None:
         raise OSError(errno.EFBIG, "the file would exceed the limit on file sizes (ulimit -f)", str(file))
 
 
+def sync(file: Path) -> None:
+    """Bring a file to the disk itself, so that a machine that loses power has it. Raises OSError."""
+    with file.open("rb+") as opened:
+        os.fsync(opened.fileno())
+
+
 def largest_file() -> float:
     """Bytes that this process may write to one file."""
     if os.name == "nt":

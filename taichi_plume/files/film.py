@@ -134,10 +134,21 @@ class NewFilm:
             self._array(name, (name,), places.shape, places.shape, "float64", places)
 
     def _go_on(self, path: Path, moving: list[str], kept: int) -> None:
-        self.group = zarr.open_group(path, mode="r+")
-        arrays: dict[str, Any] = dict(self.group.arrays())
-        self.frames, self.time = kept, arrays["time"]
-        self.moving = {name: arrays[name] for name in moving}
+        """Raises FilmError where there are fewer frames."""
+        try:
+            self.group = zarr.open_group(path, mode="r+")
+            arrays: dict[str, Any] = {name: self.group[name] for name in _arrays(path)}
+            self.frames, self.time = kept, arrays["time"]
+            self.moving = {name: arrays[name] for name in moving}
+            held = int(np.isfinite(self.time[:kept]).sum())
+            held = min(held, *(min(one.shape[0], one.nchunks_initialized) for one in self.moving.values()))
+        except FAULTS as error:
+            raise FilmError(f"{path}: is damaged, without it the run cannot go on: {_line(error)}") from None
+        if held < kept:
+            raise FilmError(
+                f"{path}: {held} of its first {kept} frames are left, without which the run cannot go on"
+            )
+        tidy(path)
         for array in (self.time, *self.moving.values()):
             array.resize((kept, *array.shape[1:]))
 
@@ -170,6 +181,12 @@ class NewFilm:
         self.time.resize((n + 1,))
         self.time[n] = t
         self.frames = n + 1
+
+
+def tidy(path: Path) -> None:
+    """Remove what of a film was being written when its run was killed."""
+    for part in path.rglob("*.partial"):
+        part.unlink()
 
 
 class Film:

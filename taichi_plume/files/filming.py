@@ -8,7 +8,8 @@ import numpy as np
 
 from taichi_plume import __version__
 from taichi_plume.files import disk
-from taichi_plume.files.film import GAS, VELOCITIES, NewFilm
+from taichi_plume.files.film import GAS, VELOCITIES, FilmError, NewFilm
+from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.grid.fields import Carrier, concentration_at
 from taichi_plume.scenario.outputs import Fields
 from taichi_plume.scenario.scenario import Scenario
@@ -62,8 +63,11 @@ class Filming:
         self.film = self._new()
 
     def go_on(self) -> None:
-        """Cut off the frames after the last `flush`."""
-        self.film = self._new(kept=self.frames)
+        """Cut off the frames after the last `flush`. Raises RunFolderError where not so many are left."""
+        try:
+            self.film = self._new(kept=self.frames)
+        except FilmError as error:
+            raise RunFolderError(str(error)) from None
 
     def observer(self) -> Every:
         """What the simulation has to call."""

@@ -2,7 +2,9 @@
 
 import os
 from pathlib import Path
+from typing import BinaryIO
 
+from taichi_plume.files.run_folder import cut
 from taichi_plume.simulation import Every, Simulation
 
 
@@ -13,6 +15,8 @@ class ForceTable:
     """
 
     STATE = ("size",)
+
+    file: BinaryIO
 
     def __init__(self, sim: Simulation, path: Path):
         self.path = path
@@ -25,8 +29,8 @@ class ForceTable:
         self.file.write(self.head.encode())
 
     def go_on(self) -> None:
-        """Cut off what came after the last `flush`."""
-        os.truncate(self.path, self.size)
+        """Cut off what came after the last `flush`. Raises RunFolderError where not so much is left."""
+        cut(self.path, self.size)
         self.file = self.path.open("ab")
 
     def observer(self) -> Every:
@@ -43,8 +47,10 @@ class ForceTable:
     def flush(self) -> None:
         """Bring the rows to the disk."""
         self.file.flush()
+        os.fsync(self.file.fileno())
         self.size = self.file.tell()
 
     def close(self) -> None:
         """Close the file."""
-        self.file.close()
+        if hasattr(self, "file"):
+            self.file.close()

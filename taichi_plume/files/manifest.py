@@ -73,9 +73,9 @@ def write(folder: Path, inputs: dict[str, Any], outputs: Iterable[Path]) -> None
 
 
 def _name(folder: Path, path: Path) -> str:
-    """A path as a manifest names it; on another drive it stays as it is."""
+    """A path as a manifest names it, whatever links lead to its folder; on another drive it stays as it is."""
     try:
-        return Path(os.path.relpath(path, folder.absolute())).as_posix()
+        return Path(os.path.relpath(path.parent.resolve() / path.name, folder.resolve())).as_posix()
     except ValueError:
         return path.as_posix()
 

@@ -10,11 +10,13 @@ import os
 import re
 from math import ceil, inf
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 
 from taichi_plume.files import disk
 from taichi_plume.files.point_frames import MOST_FRAMES, PointFileError, PointFrames, points_of
+from taichi_plume.files.run_folder import cut
 from taichi_plume.files.tables import Table, TextFile, is_number, shown
 from taichi_plume.grid.fields import ppm_at, velocity_at
 from taichi_plume.scenario.outputs import PlumeLog
@@ -99,13 +101,15 @@ class PlumeLogger:
 
     STATE = ("frames", "size")
 
+    file: BinaryIO
+
     def __init__(self, sim: Simulation, path: Path, model: PlumeLog):
         self.path, self.model = path, model
         self.dt = sim.dt
         self.ticks = max(1, round(1 / (model.rate * sim.dt)))  # per frame
         self.first = ceil(model.start / sim.dt - 1e-9)
         self.place = nodes(sim, model)
-        self.frames = self.size = 0
+        self.frames = self.size = self.whole = 0  # bytes
 
     def start(self) -> None:
         """Begin the log."""
@@ -114,8 +118,8 @@ class PlumeLogger:
         self._write_header()
 
     def go_on(self) -> None:
-        """Cut off the frames after the last `flush`."""
-        os.truncate(self.path, self.size)
+        """Cut off the frames after the last `flush`. Raises RunFolderError where not so many are left."""
+        cut(self.path, self.size)
         self.file = self.path.open("r+b")
         self._write_header()
 
@@ -150,16 +154,19 @@ class PlumeLogger:
         header = f"{round(1000 * self.dt * self.ticks)},{self.frames:{DIGITS}d},{self.model.cell:.9g}\n"
         self.file.seek(0)
         self.file.write(header.encode("ascii"))
-        self.file.seek(0, 2)
+        self.whole = self.file.seek(0, 2)
         self.file.flush()
 
     def flush(self) -> None:
         """All is on the disk after every frame."""
-        self.size = self.file.tell()
+        os.fsync(self.file.fileno())
+        self.size = self.whole
 
     def close(self) -> None:
-        """Close the file."""
-        self.file.close()
+        """Close the file, without a frame that is not whole."""
+        if hasattr(self, "file"):
+            with self.file:
+                self.file.truncate(self.whole)
 
 
 def shorten(path: Path) -> int:

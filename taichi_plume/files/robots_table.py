@@ -1,10 +1,11 @@
 """`robots.parquet`: one row per robot and sample, units and meanings as metadata of its columns.
 
 While a run lasts its rows are in `robots.parts`, small files each of which can be read; at the end they become one.
+Each is named after its first row: a row that is in two files, as the process was killed between two steps, counts once.
 """
 
 from collections.abc import Iterator
-from math import ceil
+from math import ceil, inf
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -14,12 +15,15 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from taichi_plume.files import disk
+from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.simulation import Every, Simulation
 
 MOST_ROWS = 2_000_000  # of robots.parquet: larger swarms are sampled less often
 ROW_GROUP = 50_000
 PARTS = "robots.parts"
 NAMES = pa.dictionary(pa.int32(), pa.string())
+Found = tuple[int, Path]
+"""The number of a file's first row, and the file."""
 
 
 class Column(Protocol):
@@ -93,20 +97,23 @@ class RobotTable:
         """Begin the table."""
         disk.require_room(self.path)
         self.parts.mkdir()
-        self.number = 0
         self.open = True
 
     def go_on(self) -> None:
-        """Keep the first `rows` rows of what there is, and begin after them."""
-        found = [self.path, *part_files(self.parts)]
-        first = self.parts.with_suffix(".first")
-        _merge([file for file in found if file.exists()], first, self.schema, self.names, self.rows)
-        self.path.unlink(missing_ok=True)
+        """Keep the first `rows` rows of what there is, and begin after them. Raises RunFolderError where some lack."""
+        found = _found(self.path)
         self.parts.mkdir(exist_ok=True)
-        for file in part_files(self.parts):
-            file.unlink()
-        first.replace(self.parts / _name(0))
-        self.number = 1
+        disk.require_room(self.path, sum(file.stat().st_size for _, file in found))
+        fresh, first = self.parts / "first.new", self.parts / _name(0)
+        held = _merge(found, fresh, self.schema, self.names, self.rows)
+        if held < self.rows:
+            raise RunFolderError(
+                f"{self.path}: {held:,} of its first {self.rows:,} rows are left, without which the run cannot go on"
+            )
+        fresh.replace(first)  # from here on the others repeat what it holds
+        for _, file in found:
+            if file != first:
+                file.unlink()
         self.open = True
 
     def observer(self) -> Every:
@@ -142,13 +149,13 @@ class RobotTable:
                 arrays.append(pa.array(values, field.type, from_pandas=True))
         table = pa.Table.from_arrays(arrays, schema=self.schema)
         disk.require_room(self.path, table.nbytes)
-        part = self.parts / _name(self.number)
+        part = self.parts / _name(self.rows)
         fresh = part.with_suffix(".new")
         with _writer(fresh, self.schema) as writer:
             writer.write_table(table)
+        disk.sync(fresh)
         fresh.replace(part)
-        self.rows += self.kept * len(self.first_state)
-        self.number, self.kept = self.number + 1, 0
+        self.rows, self.kept = self.rows + len(table), 0
 
     def close(self) -> None:
         """Make one file of the parts."""
@@ -165,13 +172,19 @@ def _numpy_kind(kind: pa.DataType) -> Any:
     return np.int32 if kind == NAMES else kind.to_pandas_dtype()
 
 
-def _name(number: int) -> str:
-    return f"{number:06d}.parquet"
+def _name(begin: int) -> str:
+    return f"{begin:012d}.parquet"
 
 
 def part_files(folder: Path) -> list[Path]:
     """The parts of a table that is not finished, in their order."""
     return sorted(folder.glob("*.parquet"))
+
+
+def _found(path: Path) -> list[Found]:
+    """The files that hold rows of a table: itself, if it has been made before, and its parts."""
+    whole = [(0, path)] if path.exists() else []
+    return whole + [(int(file.stem), file) for file in part_files(path.with_name(PARTS))]
 
 
 def join(path: Path, names: dict[str, pa.Array] | None = None) -> None:
@@ -180,12 +193,13 @@ def join(path: Path, names: dict[str, pa.Array] | None = None) -> None:
     names: all that stand in columns of names; unless given, those that are found. Raises OSError.
     """
     parts = path.with_name(PARTS)
-    files = part_files(parts)
-    schema = pq.read_schema(files[0]) if files else None
+    files = _found(path)
+    schema = pq.read_schema(files[0][1]) if files else None
     if schema is not None:
-        disk.require_room(path, sum(file.stat().st_size for file in files))
+        disk.require_room(path, sum(file.stat().st_size for _, file in files))
         fresh = parts / "joined.new"
-        _merge(files, fresh, schema, names or _names_in(files, schema))
+        _merge(files, fresh, schema, names or _names_in([file for _, file in files], schema))
+        disk.sync(fresh)
         fresh.replace(path)
     for file in parts.iterdir():
         file.unlink()
@@ -193,13 +207,17 @@ def join(path: Path, names: dict[str, pa.Array] | None = None) -> None:
 
 
 def _merge(
-    files: list[Path],
+    files: list[Found],
     path: Path,
     schema: pa.Schema,
     names: dict[str, pa.Array],
     rows: int | None = None,
-) -> None:
-    """Write the first `rows` rows of some files, or all, into one whose bytes depend on these rows alone."""
+) -> int:
+    """Write the first `rows` rows of some files, or all, into one whose bytes depend on these rows alone.
+
+    Returns how many there were.
+    """
+    written = 0
     with _writer(path, schema) as writer:
         for table in _in_groups(files, rows):
             columns = [
@@ -207,26 +225,40 @@ def _merge(
                 for field, column in zip(schema, table.columns, strict=True)
             ]
             writer.write_table(pa.Table.from_arrays(columns, schema=schema))
+            written += len(table)
+    return written
 
 
-def _in_groups(files: list[Path], rows: int | None) -> Iterator[pa.Table]:
+def _in_groups(files: list[Found], rows: int | None) -> Iterator[pa.Table]:
     """The rows of files as tables of ROW_GROUP rows, and one of the rest."""
-    left = float("inf") if rows is None else rows
     waiting: list[pa.RecordBatch] = []
     held = 0
-    for file in files:
-        with pq.ParquetFile(file, page_checksum_verification=True) as part:
-            for batch in part.iter_batches(ROW_GROUP):
-                batch = batch.slice(0, int(min(left, len(batch))))
-                left -= len(batch)
-                waiting.append(batch)
-                held += len(batch)
-                if held >= ROW_GROUP:
-                    table = pa.Table.from_batches(waiting)
-                    yield table.slice(0, ROW_GROUP)
-                    waiting, held = table.slice(ROW_GROUP).to_batches(), held - ROW_GROUP
+    for batch in _once(files, rows):
+        waiting.append(batch)
+        held += len(batch)
+        if held >= ROW_GROUP:
+            table = pa.Table.from_batches(waiting)
+            yield table.slice(0, ROW_GROUP)
+            waiting, held = table.slice(ROW_GROUP).to_batches(), held - ROW_GROUP
     if held:
         yield pa.Table.from_batches(waiting)
+
+
+def _once(files: list[Found], rows: int | None) -> Iterator[pa.RecordBatch]:
+    """The rows of files up to number `rows`, or all; what one repeats of those before it is left out."""
+    last, done = inf if rows is None else rows, 0
+    for begin, file in files:
+        with pq.ParquetFile(file, page_checksum_verification=True) as part:
+            if begin + part.metadata.num_rows <= done or begin >= last:
+                continue
+            for batch in part.iter_batches(ROW_GROUP):
+                fresh = batch.slice(
+                    max(0, done - begin), max(0, int(min(last - max(begin, done), len(batch))))
+                )
+                begin += len(batch)
+                if len(fresh):
+                    done = begin
+                    yield fresh
 
 
 def _named(column: pa.ChunkedArray, names: pa.Array) -> pa.DictionaryArray:

@@ -9,6 +9,7 @@ import shlex
 import shutil
 import tempfile
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
 from types import TracebackType
@@ -33,10 +34,21 @@ FILES = (
     "plume.pslog",
     "result.json",
 )
-BESIDE = ("robots.parts", "recording.old.rrd", "recording.part.rrd", "checkpoint.npz", "manifest.json")
+BESIDE = (
+    "robots.parts",
+    "recording.old.rrd",
+    "recording.part.rrd",
+    "result.json.part",
+    "checkpoint.new",
+    "checkpoint.npz",
+    "manifest.json",
+)
 """What a run writes besides: parts of files that are not finished, and what it can be resumed from."""
+STANDS = "result.json"  # the last file that a run begins
 LOCK = ".lock"
-REPLACED = ".replaced"
+REPLACING = ".replacing"  # an earlier run while it is set aside or put back: nothing of a new one is there
+REPLACED = ".replaced"  # all of it, while the files of a new one are begun
+OPTIONS = ("--allow-code", "--allow-outside")
 HEADER = "# Every default written out."
 OURS = {"name", "status", "seed"}  # keys of every result.json
 
@@ -50,7 +62,8 @@ class RunFolder:
 
     `path` is `out`, or the first free ``runs/<name>-<n>``. Raises RunFolderError where another process writes there,
     and where it holds files: unless by `force` these are of an earlier run. Those are replaced when `clear` is called,
-    not before; `inputs`, the files that the new run reads, must not be among them. Other files stay as they are.
+    not before; `inputs`, the files that the new run reads, must not be among them. Other files stay as they are. A
+    replacement in which a process was killed is settled first, so that one of the two runs is there, and whole.
 
     files: names of what may be replaced; ours: tells whether a folder holds such files of ours.
     """
@@ -82,7 +95,11 @@ class RunFolder:
         self.path = out
         self._hold()
         try:
+            self._recover()
             self._check(force, inputs)
+        except OSError as error:
+            self.close()
+            raise RunFolderError(f"{out}: cannot be used: {error.strerror or error}") from None
         except BaseException:
             self.close()
             raise
@@ -92,11 +109,12 @@ class RunFolder:
         """The directory of an earlier run, to go on in it. Raises RunFolderError where it is none."""
         if not folder.is_dir():
             raise RunFolderError(f"{folder}: is no folder; give the folder of a run")
-        if not is_run(folder):
+        if not any(map(is_run, (folder, folder / REPLACING, folder / REPLACED))):
             raise RunFolderError(f"{folder}: is not the folder of a run")
         self = cls.__new__(cls)
         self.made, self.path, self.files = False, folder, FILES + BESIDE
         self._hold()
+        self._recover()
         return self
 
     def _hold(self) -> None:
@@ -129,20 +147,34 @@ class RunFolder:
 
     def clear(self) -> None:
         """Set aside what an earlier run left, until `settle`."""
-        aside = self.path / REPLACED
-        shutil.rmtree(aside, ignore_errors=True)
+        aside = self.path / REPLACING
+        aside.mkdir()
         for name in self.files:
-            if (self.path / name).exists():
-                aside.mkdir(exist_ok=True)
+            if os.path.lexists(self.path / name):
                 (self.path / name).rename(aside / name)
+        aside.rename(self.path / REPLACED)
 
     def settle(self, stands: bool) -> None:
-        """Remove what was set aside, as the new run `stands`; else put it back."""
+        """Remove what was set aside, as the new run `stands`; else put it back in the place of the new one's files."""
         aside = self.path / REPLACED
         if not stands and aside.is_dir():
-            for file in aside.iterdir():
-                remove(self.path / file.name)
-                file.rename(self.path / file.name)
+            for name in self.files:
+                remove(self.path / name)
+            aside.rename(self.path / REPLACING)
+        self._put_back()
+        shutil.rmtree(aside, ignore_errors=True)
+
+    def _recover(self) -> None:
+        """Settle a replacement in which a process was killed."""
+        if (self.path / REPLACING).is_dir():
+            self._put_back()
+        elif (self.path / REPLACED).is_dir():
+            self.settle((self.path / STANDS).exists())
+
+    def _put_back(self) -> None:
+        aside = self.path / REPLACING
+        for file in files_in(aside):
+            file.rename(self.path / file.name)
         shutil.rmtree(aside, ignore_errors=True)
 
     def __enter__(self) -> Self:
@@ -155,10 +187,19 @@ class RunFolder:
 
     def close(self) -> None:
         """Let others write there; a folder that was made and left empty goes."""
+        empty = self.made and not any(file.name != LOCK for file in files_in(self.path))
+        lock = self.path / LOCK
+        with suppress(
+            OSError
+        ):  # Windows unlinks no open file; whoever waits for it elsewhere sees that it went
+            if empty:
+                lock.unlink()
         self._lock.release()
-        if self.made and not any(file.name != LOCK for file in files_in(self.path)):
-            (self.path / LOCK).unlink(missing_ok=True)
-            remove(self.path)
+        with suppress(OSError):  # another run may be there by now: not a file of it goes
+            if empty and os.name == "nt":
+                lock.unlink(missing_ok=True)
+            if empty:
+                self.path.rmdir()
 
 
 def is_run(folder: Path) -> bool:
@@ -188,6 +229,16 @@ def remove(file: Path) -> None:
         shutil.rmtree(file)
     else:
         file.unlink(missing_ok=True)
+
+
+def cut(file: Path, size: int) -> None:
+    """Keep the first `size` bytes of a file. Raises RunFolderError where it has fewer, and OSError."""
+    held = file.stat().st_size if file.exists() else 0
+    if held < size:
+        raise RunFolderError(
+            f"{file}: {held:,} of its first {size:,} bytes are left, without which the run cannot go on"
+        )
+    os.truncate(file, size)
 
 
 def files_in(folder: Path) -> list[Path]:
@@ -244,12 +295,23 @@ def _again(folder: Path, scenario: Scenario, source: Path) -> str:
     """The command that runs the scenario of a run directory again."""
     options = []
     if any(isinstance(group.algorithm, Own) and group.algorithm.file for group in scenario.robots):
-        options.append("--allow-code")
+        options.append(OPTIONS[0])
     if any(outside(folder, str(source.resolve() / name)) for _, name in input_files(scenario)):
-        options.append("--allow-outside")
+        options.append(OPTIONS[1])
     return visible(
         shlex.join(["python", "-m", "taichi_plume.run", str(folder / "scenario.yaml"), *options]), None
     )
+
+
+def resuming(folder: Path) -> str:
+    """The command that goes on with the run of a directory, with the options that the one to run it again has."""
+    try:
+        with (folder / "scenario.yaml").open(encoding="utf-8", errors="replace") as file:
+            again = file.readline()
+    except OSError:
+        again = ""
+    options = [option for option in OPTIONS if option in again]
+    return shlex.join(["python", "-m", "taichi_plume.run", "--resume", str(folder), *options])
 
 
 def write_scenario(folder: Path, scenario: Scenario, source: Path, backend: str) -> None:

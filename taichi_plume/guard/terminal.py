@@ -3,6 +3,7 @@
 import argparse
 import re
 import sys
+from contextlib import nullcontext, suppress
 from typing import TYPE_CHECKING, Any, NoReturn
 
 if TYPE_CHECKING:
@@ -51,9 +52,13 @@ def say(
 def _write(text: str, error: bool = False, flush: bool = False) -> None:
     stream = sys.stderr if error else sys.stdout
     encoding = getattr(stream, "encoding", None) or "utf-8"
-    print(
-        text.encode(encoding, "backslashreplace").decode(encoding), file=stream, end="", flush=flush or error
-    )
+    with suppress(OSError) if error else nullcontext():  # a message that nobody reads ends no run
+        print(
+            text.encode(encoding, "backslashreplace").decode(encoding),
+            file=stream,
+            end="",
+            flush=flush or error,
+        )
 
 
 def show(*parts: "RenderableType", soft_wrap: bool = False) -> None:

@@ -1,7 +1,7 @@
 """The run as a rerun recording: gas, wind, robots, sensors, maps, events.
 
-Fields are logged picture by picture; robots are gathered and sent once per simulated second. Of several
-trials the first is recorded. The file can be read up to the last flush even when the process dies.
+Fields are logged picture by picture; robots are gathered and sent in batches. Of several trials the first is recorded.
+The file can be read up to the last flush even when the process dies.
 Only the files of this folder know rerun.
 """
 
@@ -23,6 +23,7 @@ from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.simulation import Every, Simulation
 
 SAMPLE_PERIOD = 0.1  # s, robots
+BATCHES = 250  # at most: rerun keeps 1.5 kB of each, of each entity, in memory until the end
 EARLIER = "recording.old.rrd"
 MENDED = "recording.part.rrd"
 
@@ -78,7 +79,8 @@ class Recorder:
             Every(SAMPLE_PERIOD, self.sample_obstacles, warm_up=True),
             *([self.own_scores.observer()] if self.own_scores else []),
             Every(1.0, self.maps.show),
-            Every(1.0, self.note, warm_up=True),
+            Every(max(1.0, self.sim.scenario.duration / BATCHES), self.note, warm_up=True),
+            Every(1.0, lambda _: self.stream.require_room(), warm_up=True),
         ]
 
     def start(self) -> None:

@@ -116,9 +116,11 @@ def _until(chunk: rr.chunk.Chunk, latest: np.timedelta64) -> Iterator[rr.chunk.C
 def mend(path: Path, mended: Path) -> None:
     """Write a recording whose writing was cut off as one that is whole: without what is broken, with its index.
 
-    Raises OSError where nothing of it can be read.
+    Raises OSError where nothing of it can be read, and where there is no room.
     """
+    disk.require_room(mended, path.stat().st_size)
     command = [sys.executable, "-m", "rerun_cli", "rrd", "merge", "--continue-on-error", path, "-o", mended]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode or not mended.exists():
+        mended.unlink(missing_ok=True)
         raise OSError(errno.EIO, "cannot be read, not even in part", str(path))

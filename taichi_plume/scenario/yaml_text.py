@@ -74,7 +74,12 @@ def parse(text: str) -> Any:
     except yaml.reader.ReaderError as error:
         line = text.count("\n", 0, error.position) + 1
         raise LineError(f"line {line}: not YAML: {error.reason}") from None
-    except (ValueError, LookupError, TypeError, AttributeError) as error:  # of a number such as 0x_, or !!bool 3
+    except (
+        ValueError,
+        LookupError,
+        TypeError,
+        AttributeError,
+    ) as error:  # of a number such as 0x_, or !!bool 3
         raise LineError(f"not YAML: {error}") from None
     finally:
         if loader:

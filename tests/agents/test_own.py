@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from taichi_plume import run
+from taichi_plume import outputs, run
 from taichi_plume.assemble import assemble
 from taichi_plume.prepare import load_scenario
 from taichi_plume.scenario.loading import ScenarioError
@@ -147,3 +147,89 @@ def test_a_failure_is_told_and_what_was_computed_is_kept(path, capsys, act, told
     assert kept["status"] == "failed"
     assert told in kept["message"]
     assert Path("out/robots.parquet").exists()
+
+
+# ---------------------------------------------------------------- what it keeps
+
+
+@pytest.fixture
+def started(path, monkeypatch):
+    """Runs the command with an algorithm of some lines, for a second; at once after hours, as its clock says."""
+
+    def start(lines: str, *options: str) -> int:
+        text = "class A:\n    def act(self, robots):\n        robots.speed[:] = 0.1\n" + lines
+        (path.parent / "upwind.py").write_text(text)
+        (path.parent / "own.yaml").write_text(SCENARIO.replace(", parameters: {speed: 0.15}", ""))
+        monkeypatch.setattr(outputs, "USUAL", 0.0)
+        command = [str(path), "--out", "out", "--quiet", "--no-recording", "--allow-code", "--duration", "1"]
+        return run.main([*command, *options])
+
+    return start
+
+
+def result() -> dict:
+    return json.loads(Path("out/result.json").read_text())
+
+
+LACKS = "robots[0].algorithm: has no state() and restore(), without which a run cannot be resumed"
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        "",
+        "    def state(self):\n        return 1\n",
+        "    STATE = 'SEARCH'\n",
+        "    state = restore = None\n",
+    ],
+)
+def test_a_run_that_cannot_be_resumed_says_so_when_it_takes_long(started, capsys, lines):
+    assert started(lines) == 0
+    said = capsys.readouterr().err
+    assert said.count(LACKS) == 1
+    assert "this run makes no checkpoint" in said
+    assert LACKS in "".join(result()["remarks"])
+    assert started(lines, "--force", "--set=checkpoint=null") == 0
+    assert capsys.readouterr().err == ""
+    assert not result()["remarks"]
+
+
+def test_checkpoints_that_cannot_be_made_are_refused_where_they_are_asked_for(started, capsys):
+    assert started("", "--set=checkpoint={every: 0.5}") == 2
+    assert capsys.readouterr().err.startswith(LACKS)
+    assert not Path("out").exists()
+
+
+WRONG = [
+    ("1 / 0", "upwind.py, line 5: ZeroDivisionError: division by zero"),
+    ("return {'seen': {1, 2}}", "state().seen: is a set, which is no number, text, array, list or dict"),
+    ("return [self]", "state()[0]: is a A, which is no number, text, array, list or dict"),
+    ("import collections; return collections.Counter('a')", "state(): is a Counter, which is no"),
+    ("import numpy; return numpy.array([self])", "state(): is an array of objects"),
+    ("a = []; a.append(a); return a", "upwind.py: RecursionError"),
+    ("raise SystemExit", "upwind.py, line 5: SystemExit"),
+]
+
+
+@pytest.mark.parametrize(("state", "told"), WRONG)
+def test_what_cannot_be_saved_is_told(started, capsys, state, told):
+    """It ends a run whose checkpoints were asked for; else the run matters more."""
+    lines = f"    def state(self):\n        {state}\n    def restore(self, state):\n        pass\n"
+    assert started(lines) == 0
+    said = capsys.readouterr().err
+    assert told in said
+    assert "this run makes no checkpoint" in said
+    assert started(lines, "--force", "--set=checkpoint={every: 0.5}") == 1
+    assert told in capsys.readouterr().err.splitlines()[0]
+    assert told in result()["message"]
+
+
+def test_a_failing_restore_is_told_and_destroys_nothing(started, capsys, path):
+    lines = "    def state(self):\n        return 1\n    def restore(self, state):\n        1 / 0\n"
+    broken = "        if robots.t > 0.6 and not __import__('os').path.exists('mended'): 1 / 0\n"
+    assert started(broken + lines, "--set=checkpoint={every: 0.2}") == 1
+    kept = {file.name: file.read_bytes() for file in Path("out").iterdir()}
+    capsys.readouterr()
+    assert run.main(["--resume", "out", "--allow-code", "--allow-outside", "--quiet"]) == 1
+    assert "upwind.py, line 8: ZeroDivisionError" in capsys.readouterr().err
+    assert {file.name: file.read_bytes() for file in Path("out").iterdir()} == kept

@@ -142,3 +142,82 @@ def test_null_is_written_where_it_is_not_what_a_missing_key_means():
     data |= {"maps": [{"kind": "gmrf", "memory": None}], "checkpoint": None}
     scenario = Scenario.model_validate(data)
     assert Scenario.model_validate(yaml.safe_load(run_folder.to_yaml(scenario))) == scenario
+
+
+class Killed(BaseException):
+    """The process ends: nothing is tidied up."""
+
+
+def contents(folder: Path) -> dict[str, str]:
+    """What a folder holds, but for its lock."""
+    return {
+        file.relative_to(folder).as_posix(): file.read_text() if file.is_file() else ""
+        for file in sorted(folder.rglob("*"))
+        if file.name != run_folder.LOCK
+    }
+
+
+@pytest.mark.parametrize("fails", [False, True], ids=["begins", "fails to begin"])
+@pytest.mark.parametrize("opened", ["to go on", "to replace"])
+def test_a_replacement_that_is_killed_anywhere_leaves_one_whole_run(tmp_path, monkeypatch, fails, opened):
+    """Old or new, whatever call on the disk was the last; the user's own files stay."""
+    new = {"scenario.yaml": run_folder.HEADER, "robots.parts/0.parquet": "new", "result.json": RESULT}
+    old = {"result.json": RESULT, "robots.parquet": "old", "scenario.yaml": run_folder.HEADER + " old"}
+    old |= {"checkpoint.npz": "old"}
+
+    def replace(folder: RunFolder) -> None:
+        folder.clear()
+        for name, text in list(new.items())[: 2 if fails else 3]:
+            (folder.path / name).parent.mkdir(exist_ok=True)
+            (folder.path / name).write_text(text)
+        folder.settle(stands=not fails)
+
+    left = []
+    for last in range(100):
+        path = tmp_path / str(last)
+        path.mkdir()
+        for name, text in {**old, "notes.txt": "mine"}.items():
+            (path / name).write_text(text)
+        folder = RunFolder("a", path, force=True)
+        with monkeypatch.context() as patch:
+            done = iter(range(last))
+            for name in ("rename", "unlink", "rmdir", "mkdir"):
+                patch.setattr(os, name, dying(getattr(os, name), done))
+            try:
+                replace(folder)
+                killed = False
+            except Killed:
+                killed = True
+        folder.close()
+        with RunFolder.again(path) if opened == "to go on" else RunFolder("a", path, force=True):
+            left.append(contents(path))
+        if not killed:
+            break
+    assert len(left) > 10
+    whole = [{**old, "notes.txt": "mine"}, {**new, "notes.txt": "mine", "robots.parts": ""}]
+    assert all(content in whole for content in left)
+    assert [left[0], left[-1]] == [whole[0], whole[not fails]]
+
+
+def dying(call, done):
+    """A function of `os` that does not come back once `done` is used up."""
+
+    def wrapped(*args, **more):
+        if next(done, None) is None:
+            raise Killed
+        return call(*args, **more)
+
+    return wrapped
+
+
+def test_a_folder_goes_only_while_nobody_else_is_in_it(tmp_path, monkeypatch):
+    """Between the last look and the end another run may have begun there."""
+    folder, unlink = RunFolder("a", tmp_path / "out"), os.unlink
+
+    def late(*args, **more):
+        unlink(*args, **more)
+        (tmp_path / "out" / "result.json").write_text(RESULT)
+
+    monkeypatch.setattr(os, "unlink", late)
+    folder.close()
+    assert (tmp_path / "out" / "result.json").read_text() == RESULT

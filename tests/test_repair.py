@@ -1,0 +1,100 @@
+"""What a killed run has left is completed, whenever it was killed; what is whole stays as it is."""
+
+import json
+from pathlib import Path
+
+import fake_run
+import pyarrow.parquet as pq
+import pytest
+
+from taichi_plume import assemble, repair, run
+from taichi_plume.files import checkpoint, manifest, result, robots_table
+
+pytestmark = pytest.mark.usefixtures("taichi")
+
+
+@pytest.fixture
+def finished(tmp_path, monkeypatch) -> Path:
+    """The directory of a run that is over."""
+    monkeypatch.setattr(
+        assemble, "build", lambda _: fake_run.simulation(fake_run.scenario(2, duration=2, maps=[]))
+    )
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a.yaml").write_text(
+        "domain: {size: [2.0, 1.5], spacing: 0.1}\nduration: 2\nwind: {kind: uniform, velocity: [0.3, 0]}\n"
+        "gas: {kind: gaussian_plume, sources: [{position: [0.4, 0.75], rate: 1e-6}], diffusivity: 0.01}\n"
+    )
+    assert run.main(["a.yaml", "--out", "out", "--quiet", "--no-recording"]) == 0
+    return tmp_path / "out"
+
+
+def told(folder: Path) -> dict:
+    return json.loads((folder / "result.json").read_text())
+
+
+def cut_off(folder: Path, status: str = "running", rows: int = 40) -> None:
+    """Make it one whose process was killed while the parts of its table were joined."""
+    table = pq.read_table(folder / "robots.parquet")
+    parts = folder / robots_table.PARTS
+    parts.mkdir()
+    for begin in range(0, len(table), rows):
+        pq.write_table(table.slice(begin, rows), parts / robots_table._name(begin))
+    (folder / "robots.parquet").unlink()
+    (folder / manifest.NAME).unlink()
+    result.write_result(folder, told(folder) | {"status": status})
+
+
+@pytest.mark.parametrize("status", ["running", "disk_full", "interrupted"])
+def test_rows_in_parts_become_a_table_however_the_run_ended(finished, capsys, status):
+    """The disk may have been full when they were to be joined."""
+    rows = pq.read_table(finished / "robots.parquet")
+    cut_off(finished, status)
+    assert repair.main([str(finished)]) == 0
+    assert pq.read_table(finished / "robots.parquet").equals(rows)
+    assert told(finished)["status"] == ("killed" if status == "running" else status)
+    assert f"robots.parquet: {len(rows):,} rows" in capsys.readouterr().out
+    assert repair.main(["--verify", str(finished)]) == 0
+    before = {file.name: file.read_bytes() for file in finished.iterdir()}
+    assert repair.main([str(finished)]) == 0
+    assert {file.name: file.read_bytes() for file in finished.iterdir()} == before
+
+
+@pytest.mark.parametrize("content", [None, "", "{", "[]", "{}", "3", "[" * 9999])
+def test_a_result_that_says_nothing_is_of_a_killed_run(finished, content):
+    cut_off(finished)
+    (finished / "result.json").unlink()
+    if content is not None:
+        (finished / "result.json").write_text(content)
+    assert repair.main([str(finished)]) == 0
+    assert told(finished)["status"] == "killed"
+    assert (finished / "robots.parquet").exists()
+
+
+def test_what_is_damaged_does_not_keep_the_rest_from_being_completed(finished, capsys):
+    cut_off(finished)
+    (finished / robots_table.PARTS / robots_table._name(0)).write_bytes(b"PAR1")
+    (finished / "plume.pslog").write_bytes(b"")
+    (finished / "forces.csv").write_text("t_s,obstacle,x_N,y_N\n0,0,1,2\n1,0,3")
+    assert repair.main([str(finished)]) == 1
+    said = capsys.readouterr().out
+    assert "robots.parquet: could not be completed:" in said
+    assert "plume.pslog: could not be completed:" in said
+    assert (finished / "forces.csv").read_text() == "t_s,obstacle,x_N,y_N\n0,0,1,2\n"
+    assert (finished / robots_table.PARTS).is_dir(), "what can still be read stays"
+
+
+def test_a_run_that_was_killed_at_its_very_end_is_over(finished):
+    """Its result was written, but not its manifest; or its checkpoint was not yet removed."""
+    checkpoint.write(finished / checkpoint.NAME, {"inputs": {}})
+    (finished / manifest.NAME).unlink()
+    assert repair.main([str(finished)]) == 0
+    assert not (finished / checkpoint.NAME).exists()
+    assert repair.main(["--verify", str(finished)]) == 0
+    assert told(finished)["status"] == "completed"
+
+
+def test_folders_of_no_run_are_refused(tmp_path, capsys):
+    assert repair.main([str(tmp_path / "nowhere")]) == 2
+    assert repair.main([str(tmp_path)]) == 2
+    assert repair.main(["--verify", str(tmp_path)]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 3

@@ -1,0 +1,133 @@
+"""Signals while files are begun, while a run goes on and while it ends."""
+
+import json
+import os
+import signal
+import sys
+from pathlib import Path
+
+import fake_run
+import pytest
+
+from taichi_plume import assemble, outputs, run, running
+from taichi_plume.simulation import Every
+
+pytestmark = [
+    pytest.mark.usefixtures("taichi"),
+    pytest.mark.skipif(os.name == "nt", reason="POSIX signals"),
+]
+SCENARIO = """
+duration: 2
+domain: {size: [2.0, 1.5], spacing: 0.1}
+wind: {kind: uniform, velocity: [0.3, 0]}
+gas: {kind: gaussian_plume, sources: [{position: [0.4, 0.75], rate: 1e-6}], diffusivity: 0.01}
+"""
+OBSERVERS: list[Every] = []
+
+
+@pytest.fixture
+def started(tmp_path, monkeypatch):
+    """Runs a fake simulation into `out`; what is in OBSERVERS watches it."""
+
+    def built(_):
+        sim = fake_run.simulation(fake_run.scenario(2, duration=2, maps=[], checkpoint=None))
+        sim.observers += OBSERVERS
+        return sim
+
+    OBSERVERS.clear()
+    monkeypatch.setattr(assemble, "build", built)
+    monkeypatch.setattr(signal, "signal", allowing(signal.signal))
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a.yaml").write_text(SCENARIO)
+    return lambda: run.main(["a.yaml", "--out", "out", "--quiet", "--no-recording", "--force"])
+
+
+def allowing(function):
+    """`signal.signal`, to which Ctrl-C is never ignored: tests may run in the background."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        function(signal.SIGINT, signal.default_int_handler)
+    return function
+
+
+def before(function, number: int, times: int = 1):
+    """The function, where so many signals come as it is called."""
+
+    def wrapped(*args, **more):
+        for _ in range(times):
+            signal.raise_signal(number)
+        return function(*args, **more)
+
+    return wrapped
+
+
+def at_one(number: int, times: int) -> Every:
+    """So many signals one second after the begin."""
+    signals = before(lambda: None, number, times)
+    return Every(1.0, lambda sim: signals() if sim.t else None)
+
+
+def status() -> str:
+    return json.loads(Path("out/result.json").read_text())["status"]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGXCPU])
+@pytest.mark.parametrize("times", [1, 2, 5])
+def test_a_run_that_is_asked_to_end_keeps_what_there_is(started, number, times):
+    OBSERVERS.append(at_one(number, times))
+    assert started() == 130
+    assert status() == "interrupted"
+    assert Path("out/robots.parquet").exists()
+    assert Path("out/manifest.json").exists()
+
+
+@pytest.mark.parametrize("where", ["_interrupted", "_conclude"])
+@pytest.mark.parametrize("times", [1, 3])
+def test_signals_while_a_run_ends_do_not_disturb_it(started, monkeypatch, where, times):
+    OBSERVERS.append(at_one(signal.SIGINT, 1))
+    monkeypatch.setattr(running, where, before(getattr(running, where), signal.SIGTERM, times))
+    assert started() == 130
+    assert status() == "interrupted"
+    assert Path("out/manifest.json").exists()
+
+
+@pytest.mark.parametrize("where", ["start", "_tell"])
+def test_a_signal_while_files_are_begun_waits_for_a_tick(started, monkeypatch, where):
+    """The earlier run has made room: ended at once, neither of the two would be there."""
+    monkeypatch.setattr(outputs.Outputs, where, before(getattr(outputs.Outputs, where), signal.SIGTERM))
+    assert started() == 130
+    assert status() == "interrupted"
+
+
+def test_a_signal_before_files_are_begun_leaves_the_earlier_run(started, monkeypatch):
+    assert started() == 0
+    kept = {file.name: file.read_bytes() for file in Path("out").iterdir()}
+    monkeypatch.setattr(outputs.Outputs, "__init__", before(outputs.Outputs.__init__, signal.SIGINT))
+    assert started() == 130
+    assert {file.name: file.read_bytes() for file in Path("out").iterdir()} == kept
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ignored", [False, True], ids=["ends", "was told to go on"])
+def test_a_terminal_that_is_closed_ends_a_run_in_order(tmp_path, ignored):
+    """Its progress bar cannot be drawn any more; where the hang-up is ignored, the run goes on without."""
+    pty = pytest.importorskip("pty")
+    (tmp_path / "a.yaml").write_text(SCENARIO.replace("duration: 2", "duration: 400\ncheckpoint: {every: 1}"))
+    command = [sys.executable, "-m", "taichi_plume.run", "a.yaml", "--out", "out", "--no-recording"]
+    number, terminal = pty.fork()
+    if not number:
+        os.chdir(tmp_path)
+        if ignored:
+            signal.signal(signal.SIGHUP, signal.SIG_IGN)
+        os.execvp(command[0], command)
+    try:
+        while not (tmp_path / "out" / "checkpoint.npz").exists():
+            os.read(terminal, 1 << 16)
+    finally:
+        os.close(terminal)
+    _, code = os.waitpid(number, 0)
+    told = json.loads((tmp_path / "out" / "result.json").read_text())
+    if ignored:
+        assert (os.waitstatus_to_exitcode(code), told["status"]) == (0, "completed")
+    else:
+        assert (os.waitstatus_to_exitcode(code), told["status"]) == (130, "interrupted")
+        assert told["message"].startswith("by SIGHUP")
