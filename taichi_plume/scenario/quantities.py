@@ -71,14 +71,16 @@ def parse(value: Any, unit: str) -> float:
         ) from None
 
 
-def quantity(unit: str, least: float = -inf, most: float = inf, likely: str = "", **limits: Any) -> Any:
+def quantity(
+    unit: str, least: float = -inf, most: float = inf, likely: str = "", or_zero: bool = False, **limits: Any
+) -> Any:
     """The annotated type of a quantity in `unit` [SI], with pydantic's limits (gt, ge, lt, le).
 
-    A number below `least` or above `most` is refused: perhaps it was meant in the unit `likely`.
+    A number below `least` or above `most` is refused: perhaps it was meant in the unit `likely`. or_zero: 0 is not.
     """
 
     def plausible(value: float) -> float:
-        if not least <= value <= most:
+        if not (least <= value <= most or (or_zero and value == 0.0)):
             meant = likely and least <= parse(f"{value!r} {likely}", unit) <= most
             raise fault(
                 "got {value} {unit}; {hint}{bound} {limit} {unit}",
@@ -86,7 +88,7 @@ def quantity(unit: str, least: float = -inf, most: float = inf, likely: str = ""
                     "value": f"{value:g}",
                     "unit": unit,
                     "hint": f"did you mean '{value:g} {likely}'? " if meant else "",
-                    "bound": "at most" if value > most else "at least",
+                    "bound": "at most" if value > most else "0, or at least" if or_zero else "at least",
                     "limit": f"{most if value > most else least:g}",
                 },
             )

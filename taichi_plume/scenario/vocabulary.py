@@ -70,7 +70,7 @@ Distance = quantity("m", ge=0, most=1e5, likely="mm")
 BodyLength = quantity("m", gt=0, least=1e-3, most=100, likely="mm")  # of robots: contact is 0.1 mm
 Duration = quantity("s", gt=0, least=1e-6, most=1e9)
 Time = quantity("s", least=-1e9, most=1e9)
-Delay = quantity("s", ge=0, most=1e9)
+Delay = quantity("s", ge=0, least=1e-6, most=1e9, or_zero=True)
 Wait = quantity("s", gt=0, least=1e-6, most=1e5)  # robots count it in ticks, in 32 bits
 Pause = quantity("s", ge=0, most=1e5)  # likewise
 Speed = quantity("m/s", ge=0, most=100, likely="mm/s")  # air is incompressible up to about there

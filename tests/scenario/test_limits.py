@@ -8,7 +8,7 @@ import pytest
 from pydantic import TypeAdapter, ValidationError
 
 from taichi_plume.scenario import scenario  # noqa: F401  # all sections
-from taichi_plume.scenario.vocabulary import Model
+from taichi_plume.scenario.vocabulary import Delay, Model
 from taichi_plume.scenario.winds import Wind
 
 
@@ -63,6 +63,14 @@ def test_the_walk_finds_numbers_of_all_sorts():
 def test_every_number_has_limits_on_both_sides(far):
     boundless = {name for name, kind in KEYS if not refused(kind, int(far) if kind is int else far)}
     assert not boundless
+
+
+def test_a_time_is_none_at_all_or_one_that_can_be_divided_by():
+    read = TypeAdapter(Delay).validate_python
+    assert read(0) == 0.0
+    assert read("1 ms") == 0.001
+    with pytest.raises(ValidationError, match="got 1e-100 s; 0, or at least 1e-06 s"):
+        read(1e-100)
 
 
 def test_what_cannot_be_zero_cannot_be_all_but_zero():
