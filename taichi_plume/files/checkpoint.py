@@ -21,7 +21,6 @@ NAME = "checkpoint.npz"
 TREE = "tree"
 KIND = "taichi_plume checkpoint 1"
 DIGEST = 32  # bytes
-Tagged = dict[str, Any]
 
 
 class CheckpointError(ValueError):

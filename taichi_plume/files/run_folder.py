@@ -15,7 +15,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-import filelock
 import yaml
 
 from taichi_plume import __version__
@@ -119,13 +118,15 @@ class RunFolder:
 
     def _hold(self) -> None:
         """Take the lock, which goes with the process, however it ends."""
+        import filelock  # 0.04 s, for runs alone
+
         self._lock = filelock.FileLock(self.path / LOCK, timeout=0)
         try:
             with tempfile.TemporaryFile(dir=self.path):
                 pass  # now, rather than after minutes of compiling; the lock would take it for another's
             self._lock.acquire()
         except filelock.Timeout:
-            raise RunFolderError(f"{self.path}: another run is writing there; choose another --out") from None
+            raise RunFolderError(f"{self.path}: another run is writing there") from None
         except (OSError, NotImplementedError) as error:
             reason = getattr(error, "strerror", None) or error
             raise RunFolderError(f"{self.path}: cannot be written to: {reason}") from None
