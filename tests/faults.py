@@ -87,6 +87,7 @@ def _started(folder: Path, limit: int | None = None) -> "subprocess.Popen[str]":
 
     def prepare() -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)  # jobs in the background ignore it
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)  # and those under nohup this
         if limit is not None:
             import resource
 

@@ -53,6 +53,7 @@ def recorded(tmp_path_factory):
     path.write_text(SCENARIO)
     sim = assemble(load_scenario(path))
     table = robots_table.RobotTable(sim, path.with_name("robots.parquet"))
+    table.start()
     sim.observers.append(table.observer())
     sim.run()
     table.close()

@@ -116,8 +116,7 @@ def test_a_terminal_that_is_closed_ends_a_run_in_order(tmp_path, ignored):
     number, terminal = pty.fork()
     if not number:
         os.chdir(tmp_path)
-        if ignored:
-            signal.signal(signal.SIGHUP, signal.SIG_IGN)
+        signal.signal(signal.SIGHUP, signal.SIG_IGN if ignored else signal.SIG_DFL)
         os.execvp(command[0], command)
     try:
         while not (tmp_path / "out" / "checkpoint.npz").exists():

@@ -68,7 +68,7 @@ def test_a_run_is_played_back_to_the_printed_digits(tmp_path, monkeypatch):
         )
         return sim
 
-    monkeypatch.setattr(run, "_build", watched)
+    monkeypatch.setattr(assembly, "build", watched)
     assert (
         run.main([str(tmp_path / "live.yaml"), "--out", str(tmp_path / "run"), "--quiet", "--no-recording"])
         == 0
