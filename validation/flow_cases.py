@@ -151,3 +151,32 @@ def kovasznay(n: int, reynolds: float = 40.0) -> Errors:
     settle(flow, 0.5, 20.0)
     found = velocities(flow)
     return {"u, rms": rms(*(found[d] - exact(faces(grid, d))[..., d] for d in range(2)))}
+
+
+def drifting(n: int) -> Errors:
+    """Vortices of n cells that a wind ten times as fast carries on without viscosity: over one of their wavelengths
+    where n is 8, over (n/8)² in general. They only move.
+    """
+    distance = (n / 8) ** 2
+    k = 2.0 * pi
+
+    def vortices(x: np.ndarray) -> np.ndarray:
+        u = np.sin(k * x[..., 0]) * np.cos(k * x[..., 1])
+        v = -np.cos(k * x[..., 0]) * np.sin(k * x[..., 1])
+        return np.stack([1.0 + 0.1 * u, 0.1 * v], axis=-1)
+
+    def energy() -> float:
+        return sum(float(((u - u.mean()) ** 2).mean()) for u in velocities(flow))
+
+    def errors() -> Errors:
+        flow.start_from(vortices)
+        before, largest, t = energy(), 0.0, 0.0
+        while distance - t > 1e-9:
+            advance(flow, t + distance / 8, t)
+            t += distance / 8
+            largest = max(largest, energy() / before)
+        return {"energy lost": 1.0 - energy() / before, "growth": max(0.0, largest - 1.0)}
+
+    wind = laminar_wind(1e-9, periodic("xy"))
+    flow = in_empty_box(wind, (2 * n, 2 * n), 1.0 / n)
+    return at_both_steps(flow, wind, errors)

@@ -119,6 +119,7 @@ Accelerations = Annotated[tuple[Acceleration, ...], Field(min_length=2, max_leng
 Point2 = tuple[Coordinate, Coordinate]
 FileName = Annotated[str, Field(min_length=1), INPUT_FILE]
 Convection = Literal["koren", "weno5"]
+MomentumConvection = Literal["upwind5", "koren", "weno5"]
 Face = Literal["x-", "x+", "y-", "y+", "z-", "z+"]
 Color = tuple[int, int, int]
 Diffusivities = per_axis(EddyDiffusivity)

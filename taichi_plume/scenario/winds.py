@@ -19,11 +19,11 @@ from taichi_plume.scenario.screens import AnyScreen
 from taichi_plume.scenario.vocabulary import (
     Accelerations,
     Coefficient,
-    Convection,
     Duration,
     Intensity,
     Length,
     Model,
+    MomentumConvection,
     Prandtl,
     Speed,
     Velocities,
@@ -76,11 +76,11 @@ class CfdWind(AnyWind):
     """Flow straighteners and perforated sheets inside the domain."""
     acceleration: Accelerations | None = None
     """Force per mass on all the air [m/s²]: what drives the flow along a periodic duct."""
-    convection: Convection = "koren"
+    convection: MomentumConvection = "upwind5"
     """Scheme of convection; weno5 is more accurate on the same grid and costs more."""
     buoyancy: Buoyancy | None = None
     """Unless given, neither warm air rises nor heavy gas sinks."""
-    courant: number(0.01, 1.4) = 1.2
+    courant: number(0.01, 1.3) = 1.2
     """Largest sum over the axes of |u| dt/dx in one step."""
     tolerance: number(1e-7, 1e-2) = 2e-5
     """Divergence left by the pressure solver, over the largest |u|/dx."""

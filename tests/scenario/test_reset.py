@@ -71,7 +71,7 @@ def test_numbers_seeds_and_outputs_may_differ(room, change):
     [
         ("wind={kind: uniform, velocity: [1, 0]}", "wind.kind: was cfd, is uniform"),
         ("wind.turbulence={kind: vreman}", "wind.turbulence.kind: was smagorinsky, is vreman"),
-        ("wind.convection=weno5", "wind.convection: was koren, is weno5"),
+        ("wind.convection=weno5", "wind.convection: was upwind5, is weno5"),
         ("rivals=true", "rivals: was False, is True"),
         ("robots.0.first_trial=3", "robots[0].first_trial: was 0, is 3"),
         ("wind.openings.0.face=y-", "wind.openings[0].face: was x-, is y-"),
