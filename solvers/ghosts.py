@@ -1,8 +1,8 @@
 """Passes over the domain's faces: prescribed velocities, ghost layers, the pressure outside.
 
-The ghost value of a velocity component along a face is mirror·u + (1 - mirror)·V, V its target: mirror is 0 for
-blown-in air, 1 for slip and outlets. At a wall that moves with V (mirror -1) it lies on the parabola through V and the
-two cells inside, which makes the friction of second order.
+Beyond slip walls and outlets a velocity goes on as in a mirror; where it is prescribed as V, so that V lies half-way
+between a cell and its image, which makes the values that schemes take at the face of second order. At a wall that moves
+with V the first image lies on the parabola through V and the two cells inside: so is its friction.
 """
 
 from collections.abc import Callable
@@ -105,20 +105,24 @@ class Ghosts:
             for c in ti.static(range(self.dim)):
                 if ti.static(c != d):
                     mirror = self.b.mirror[d][K][c]
-                    value = mirror * u[c][inner] + (1.0 - mirror) * V[c]
+                    if mirror == 0.0 and V[d] * outward > 0.0:
+                        mirror = 1.0  # what is drawn out leaves with its own velocity
+                    for m in ti.static(range(g)):
+                        image = u[c][inner - D * outward * ti.min(m, n - 1)]
+                        value = ti.select(mirror > 0.0, image, 2.0 * V[c] - image)
+                        u[c][inner + D * outward * (m + 1)] = value
                     if ti.static(n > 1):  # at a wall the parabola through V and two cells
                         second = u[c][inner - D * outward]
-                        parabola = (8.0 * V[c] + second) / 3.0 - 2.0 * u[c][inner]
-                        value = ti.select(mirror < 0.0, parabola, value)
-                    for m in ti.static(range(1, g + 1)):
-                        u[c][inner + D * outward * m] = value
-            beyond = u[d][face]
+                        if mirror < 0.0:
+                            u[c][inner + D * outward] = (8.0 * V[c] + second) / 3.0 - 2.0 * u[c][inner]
+            at, beyond = u[d][face], u[d][face]
             if self.b.free[d][K] == 1:
-                beyond = ti.select(beyond * outward > 0.0, beyond, 0.0)  # still air comes in
-            for m in ti.static(range(1, g)):
-                u[d][face + D * outward * m] = beyond
-            if side == 0:
-                u[d][face - D * g] = beyond
+                beyond = ti.select(at * outward > 0.0, at, 0.0)  # still air comes in
+            for m in ti.static(range(1, g + 1)):
+                if self.b.free[d][K] == 0 and at != 0.0:
+                    beyond = 2.0 * at - u[d][face - D * outward * ti.min(m, n)]
+                if m < g or side == 0:
+                    u[d][face + D * outward * m] = beyond
 
     @ti.func
     def _fill_pressure_at(self, p: Template, K, d: Template, with_ambient: Template):

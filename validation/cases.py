@@ -11,7 +11,7 @@ from taichi_plume.validation.cross_checks import fan, honeycombs, one_layer
 from taichi_plume.validation.dapso_cases import DAPSO_CASES
 from taichi_plume.validation.dispersion_cases import DISPERSION_CASES
 from taichi_plume.validation.experiment import Experiment
-from taichi_plume.validation.flow_cases import SMALL_STEPS, kovasznay, taylor_green
+from taichi_plume.validation.flow_cases import SMALL_STEPS, drifting, kovasznay, taylor_green
 from taichi_plume.validation.gas_cases import gaussian_puff
 from taichi_plume.validation.heat_cases import conduction, heated_cavity
 from taichi_plume.validation.import_cases import IMPORT_CASES
@@ -21,6 +21,7 @@ from taichi_plume.validation.plume_cases import PLUME_CASES
 from taichi_plume.validation.plumesim_cases import PLUMESIM_CASES
 from taichi_plume.validation.puff_cases import PUFF_CASES
 from taichi_plume.validation.spiral_cases import SPIRAL_CASES
+from taichi_plume.validation.through_flow import ethier_steinman
 
 HALF_A_PERCENT = Expected(tolerance=0.005, at=32)  # of laminar profiles, cells across the duct
 AIR_BALANCE = {
@@ -123,6 +124,27 @@ _ALL = (
         fine=(32, 64),
         slow=True,
         expected={"u, rms": SECOND_ORDER},
+    ),
+    Case(
+        "drifting_vortices",
+        "vortices that drift with the wind, without viscosity",
+        "they only move",
+        drifting,
+        coarse=(8, 16),
+        fine=(8, 16, 32),
+        expected=_both_steps(
+            {"energy lost": Expected(tolerance=0.05, at=16), "growth": Expected(tolerance=1e-5)}
+        ),
+    ),
+    Case(
+        "ethier_steinman",
+        "vortices that go through a box, viscosity 0.05",
+        "Ethier & Steinman 1994, doi:10.1002/fld.1650190502",
+        partial(ethier_steinman, viscosity=0.05),
+        coarse=(8, 16),
+        fine=(8, 16, 32),
+        slow=True,
+        expected=_both_steps({"u, rms": SECOND_ORDER}),
     ),
     Case(
         "poiseuille",
