@@ -8,7 +8,7 @@ both sides and a cell's fluxes are summed in f64; what f32 cannot hold of q is k
 is conserved however many steps are taken and however little each one changes.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import cached_property
 from math import ceil
 from typing import Any
@@ -21,7 +21,9 @@ from taichi_plume.grid.fields import Carrier
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Pass, Template, launch, sweep, visit
 from taichi_plume.grid.transfer import Numbers, uploader
+from taichi_plume.solvers.incoming import Incoming
 from taichi_plume.solvers.scalar import Scalar
+from taichi_plume.solvers.surface_exchange import SurfaceExchange
 from taichi_plume.solvers.tally import BETWEEN, FIRST, LAST, Tally
 
 FULLEST = (
@@ -51,8 +53,8 @@ class Transport:
 
     face_value: of `convection.POSITIVE_FACE_VALUES`.
     add_sources: a pass that adds to q and `rest` what a step of length a brings.
-    exchange: a pass that adds to `rate` what is exchanged with surfaces.
-    inflow: q of the air that comes in, a field over the two faces of each axis; clean air unless given.
+    surfaces: what exchanges q with the air.
+    incoming: q of the air that comes in; clean air unless given.
     scalar: the quantity; one of its own unless given.
 
     Fields: q; rest, what rounding has left out of q; rate [1/s], the sum of the tendencies in the step's stages so far.
@@ -67,8 +69,8 @@ class Transport:
         air: Air,
         face_value: Callable[..., Any],
         add_sources: Pass | None,
-        exchange: Pass | None = None,
-        inflow: Sequence[Any] = (),
+        surfaces: SurfaceExchange | None = None,
+        incoming: Incoming | None = None,
         scalar: Scalar | None = None,
     ):
         """To be begun by its owner."""
@@ -77,7 +79,8 @@ class Transport:
         self.dim = grid.dim
         self.wind = wind
         self.per_length = float(np.float32(1.0 / grid.dx))  # as the cells reckon it
-        self.inflow = tuple(inflow)
+        self.inflow = tuple(incoming.fields if incoming else ())
+        self.surfaces = surfaces
         self.q, self.rest = scalar.q, scalar.rest
         self.eddies = wind.nu is not None
         self._area = wind.area or ()
@@ -99,16 +102,14 @@ class Transport:
         self._stage = launch(
             visit([self._filling(d) for d in range(self.dim)], self._sides),
             sweep([self._tendency], [self.rate], cells),
-            *([exchange] if exchange else []),
+            *([surfaces.into(self.rate, self.q)] if surfaces else []),
             Pass(self._count_outflow, grid.boundary_faces),
             sweep([self._advanced], [(self.q, self.rest)], cells),
         )
 
-    def begin(self, diffusivity: float, schmidt: float, exchange_rate: float = 0.0) -> None:
-        """diffusivity [m²/s]: of still air; schmidt: eddy viscosity over eddy diffusivity; exchange_rate [1/s]: what
-        surfaces take at most, over q.
-        """
-        self.diffusivity, self.schmidt, self.exchange_rate = diffusivity, schmidt, exchange_rate
+    def begin(self, diffusivity: float, schmidt: float) -> None:
+        """diffusivity [m²/s]: of still air; schmidt: eddy viscosity over eddy diffusivity."""
+        self.diffusivity, self.schmidt = diffusivity, schmidt
         per_schmidt = np.float32(1.0 / float(np.float32(schmidt)))
         viscosity = np.float32(self.wind.viscosity if self.eddies else 0.0)
         still = np.float32(diffusivity) - viscosity * per_schmidt  # with nu_t/Sc_t = (nu - viscosity)/Sc_t
@@ -212,7 +213,9 @@ class Transport:
         twice the upwind cell's.
         """
         K = self.diffusivity + (self.wind.max_viscosity - self.wind.viscosity) / self.schmidt
-        given = self.wind.outflow_rate + self.dim * K / self.grid.dx**2 + 0.5 * self.exchange_rate
+        given = self.wind.outflow_rate + self.dim * K / self.grid.dx**2
+        if self.surfaces is not None:
+            given += 0.5 * self.surfaces.fastest
         return dt * given / FULLEST
 
     def steps(self, dt: float) -> int:
