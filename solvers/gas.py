@@ -45,7 +45,7 @@ class EulerianSolver(Gas):
         uploader(self.air)(grid.pad(~air.solid))
         self.emissions = [Emission(f"{name}.sources[{n}]", wind) for n in range(len(gas.sources))]
         room = np.where(air.solid, 0.0, 1.0) if wind.area is None else air.room
-        self.release = Release("sources", gas.sources, grid, room)
+        self.release = Release("sources", gas.sources, grid, air, room)
 
         @ti.func
         def add_sources(dt, k):

@@ -50,7 +50,7 @@ class HeatSolver:
         surface that touches no air.
         """
         self.grid, self.air = grid, air
-        self.release = Release("heaters", heat.heaters, grid, air.room) if heat.heaters else None
+        self.release = Release("heaters", heat.heaters, grid, air, air.room) if heat.heaters else None
         self._vents = [patch for patch in patches if patch.kind in VENTS]
         self.surfaces: SurfaceExchange | None = None
         if heat.walls or heat.obstacles:
