@@ -12,8 +12,8 @@ from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Pass, Template
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.gases import EulerianGas
-from taichi_plume.solvers.convection import POSITIVE_FACE_VALUES
 from taichi_plume.solvers.emission import Emission
+from taichi_plume.solvers.limited import LIMITED
 from taichi_plume.solvers.release import Release
 from taichi_plume.solvers.scalar import Scalar
 from taichi_plume.solvers.transport import Transport
@@ -52,9 +52,8 @@ class EulerianSolver(Gas):
             self.release.add_to(self.c, self.transport.rest)
 
         self._carrier = wind
-        face_value = POSITIVE_FACE_VALUES[gas.convection]
         self.transport = Transport(
-            grid, wind, air, face_value, Pass(add_sources, self.release.cells), scalar=scalar
+            grid, wind, air, LIMITED[gas.convection], Pass(add_sources, self.release.cells), scalar=scalar
         )
         self.c = self.transport.q
         self.begin(gas, t, seed)

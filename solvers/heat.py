@@ -17,8 +17,8 @@ from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Pass
 from taichi_plume.scenario.any_opening import Vent
 from taichi_plume.scenario.heat import Heat
-from taichi_plume.solvers.convection import FACE_VALUES
 from taichi_plume.solvers.incoming import Incoming
+from taichi_plume.solvers.limited import LIMITED
 from taichi_plume.solvers.patches import VENTS, Patch
 from taichi_plume.solvers.release import Release
 from taichi_plume.solvers.scalar import Scalar
@@ -68,7 +68,7 @@ class HeatSolver:
             grid,
             wind,
             air,
-            FACE_VALUES["koren"],
+            LIMITED["koren"],
             Pass(add_sources, self.release.cells) if self.release else None,
             self.surfaces,
             self.incoming,

@@ -2,7 +2,7 @@
 
     dq/dt + div(u q) = div((K + nu_t/Sc_t) grad q) + sources
 
-Finite volumes with the flow's own face velocities, so a well-mixed quantity stays well mixed; the Koren limiter and
+Finite volumes with the flow's own face velocities, so a well-mixed quantity stays well mixed; limited face values and
 stages short enough that no cell gives away more than it holds make no new extrema. Every face's flux is seen alike from
 both sides and a cell's fluxes are summed in f64; what f32 cannot hold of q is kept beside it, so that the total
 is conserved however many steps are taken and however little each one changes.
@@ -22,13 +22,12 @@ from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Pass, Template, launch, sweep, visit
 from taichi_plume.grid.transfer import Numbers, uploader
 from taichi_plume.solvers.incoming import Incoming
+from taichi_plume.solvers.limited import Limited
 from taichi_plume.solvers.scalar import Scalar
 from taichi_plume.solvers.surface_exchange import SurfaceExchange
 from taichi_plume.solvers.tally import BETWEEN, FIRST, LAST, Tally
 
-FULLEST = (
-    0.49  # largest share of a cell's volume that flows out in one stage; 1/2 empties it at the steepest slope
-)
+FULLEST = 0.98  # largest share of what a cell holds that leaves it in one stage, at the steepest slope
 MOST_STAGES = 5  # of a step; the more, the more of what was there before it stays behind
 
 
@@ -51,7 +50,7 @@ def raised(q, rest, rate, dt):
 class Transport:
     """A quantity q per volume of air that the wind carries and that diffuses.
 
-    face_value: of `convection.POSITIVE_FACE_VALUES`.
+    scheme: of convection.
     add_sources: a pass that adds to q and `rest` what a step of length a brings.
     surfaces: what exchanges q with the air.
     incoming: q of the air that comes in; clean air unless given.
@@ -67,7 +66,7 @@ class Transport:
         grid: Grid,
         wind: Carrier,
         air: Air,
-        face_value: Callable[..., Any],
+        scheme: Limited,
         add_sources: Pass | None,
         surfaces: SurfaceExchange | None = None,
         incoming: Incoming | None = None,
@@ -94,7 +93,7 @@ class Transport:
         self._outflow = Tally()
         self._sides = [tuple(2 if a == d else n for a, n in enumerate(grid.shape)) for d in range(grid.dim)]
         self._n = Numbers("still", "per_schmidt")
-        self._face_value = face_value
+        self._face_value, self._steepest = scheme
         cells = grid.cells
         self._start_step = launch(
             *([add_sources] if add_sources else []), sweep([self._present], [self._start], cells)
@@ -209,13 +208,11 @@ class Transport:
     # ---------------------------------------------------------------- the step
 
     def _euler_steps(self, dt: float) -> float:
-        """Number of steps of Euler's method that make no new extremum within dt [s]: a limited face value is at most
-        twice the upwind cell's.
-        """
+        """Number of steps of Euler's method within dt [s] in none of which a cell gives away more than it holds."""
         K = self.diffusivity + (self.wind.max_viscosity - self.wind.viscosity) / self.schmidt
-        given = self.wind.outflow_rate + self.dim * K / self.grid.dx**2
+        given = self._steepest * self.wind.outflow_rate + 2.0 * self.dim * K / self.grid.dx**2
         if self.surfaces is not None:
-            given += 0.5 * self.surfaces.fastest
+            given += self.surfaces.fastest
         return dt * given / FULLEST
 
     def steps(self, dt: float) -> int:
