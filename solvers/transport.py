@@ -59,7 +59,7 @@ class Transport:
     Fields: q; rest, what rounding has left out of q; rate [1/s], the sum of the tendencies in the step's stages so far.
     """
 
-    STATE = ("q", "rest", "_outflow")
+    STATE = ("q", "rest", "_outflow", "_inflow")
 
     def __init__(
         self,
@@ -91,6 +91,7 @@ class Transport:
         # a solver of the flow lends fields that it does not need meanwhile
         self._start, self.rate = wind.scratch or (grid.field(), grid.field())
         self._outflow = Tally()
+        self._inflow = Tally() if incoming else None
         self._sides = [tuple(2 if a == d else n for a, n in enumerate(grid.shape)) for d in range(grid.dim)]
         self._n = Numbers("still", "per_schmidt")
         self._face_value, self._steepest = scheme
@@ -191,19 +192,28 @@ class Transport:
 
     @ti.func
     def _count_outflow(self, h, stage):
-        """What leaves through the domain's faces."""
+        """What leaves through the domain's faces, and how much of it comes in."""
         self._outflow.begin(stage)
+        if ti.static(len(self.inflow) > 0):
+            self._inflow.begin(stage)
         for d in ti.static([a for a in range(self.dim) if not self.grid.periodic[a]]):
             for J in ti.grouped(ti.ndrange(*self._sides[d][:0:-1])):
                 K = ti.Vector([0] + [J[self.dim - 2 - e] for e in ti.static(range(self.dim - 1))])
                 D = ti.Vector.unit(self.dim, d, ti.i32)
-                out = ti.cast(0.0, ti.f64)
+                out, into = ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)
                 for i in range(self._sides[d][0]):
                     K[0] = i
                     face = K + ti.static(self.grid.ghost) + D * K[d] * (ti.static(self.grid.shape[d]) - 1)
-                    out += ti.cast(self._face_flux(face, d) * (2 * K[d] - 1), ti.f64)
+                    leaves = ti.cast(self._face_flux(face, d) * (2 * K[d] - 1), ti.f64)
+                    out += leaves
+                    if ti.static(len(self.inflow) > 0):
+                        into -= ti.min(leaves, 0.0)
                 self._outflow.add(out)
+                if ti.static(len(self.inflow) > 0):
+                    self._inflow.add(into)
         self._outflow.end(h)
+        if ti.static(len(self.inflow) > 0):
+            self._inflow.end(h)
 
     # ---------------------------------------------------------------- the step
 
@@ -257,5 +267,9 @@ class Transport:
         return total * self.grid.cell_volume
 
     def outflow(self) -> float:
-        """What has left through the domain's faces so far."""
+        """What has left through the domain's faces so far, less what has come in."""
         return self._outflow.read() * self.grid.cell_volume * self.per_length
+
+    def brought_in(self) -> float:
+        """What has come in through them so far."""
+        return self._inflow.read() * self.grid.cell_volume * self.per_length if self._inflow else 0.0

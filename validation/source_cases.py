@@ -27,8 +27,8 @@ class Plume:
     """Gas of one small source in a uniform wind, which is begun anew for each place and wind."""
 
     def __init__(self, grid: Grid, diffusivity: float, convection: str = "koren"):
-        self.grid, self.keys = grid, {"kind": "eulerian", "convection": convection}
-        self.keys["species"] = {"molar_mass": 0.046, "diffusivity": diffusivity}
+        species = {"molar_mass": 0.046, "diffusivity": diffusivity}
+        self.grid, self.keys = grid, {"kind": "eulerian", "convection": convection, "species": species}
         self.wind = UniformSolver(self.blowing(0.0), grid)
         start = tuple(0.5 * length for length in grid.extent)
         self.gas = EulerianSolver(self.emitting(start), grid, self.wind, Air.everywhere(grid))
