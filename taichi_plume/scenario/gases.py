@@ -40,7 +40,7 @@ class EulerianGas(OneGas):
     on_grid: ClassVar[bool] = True
     weighs: ClassVar[bool] = True
     convection: Convection = "koren"
-    """Scheme of convection; weno5 keeps filaments sharper on the same grid and costs more."""
+    """Scheme of convection; weno5 is of fifth order: it keeps filaments sharper on the same grid and costs more."""
     sources: Annotated[tuple[Source, ...], Field(min_length=1)]
     inflow: tuple[Inflow, ...] = ()
     """What air brings along that comes in through openings; unless named, it is clean."""

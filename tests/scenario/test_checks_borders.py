@@ -37,7 +37,7 @@ def test_air_may_bring_gas_by_a_schedule_and_surfaces_take_it_up(tmp_path):
 @pytest.mark.parametrize(
     ("override", "line"),
     [
-        ("gas.inflow=[{opening: 7, concentration: 3}]", "gas.inflow[0].opening: there is no wind.openings[7]; use 0 to 2"),
+        ("gas.inflow=[{opening: 7, concentration: 3}]", "inflow[0].opening: there is no wind.openings[7]; use 0 to 2"),
         ("gas.inflow=[{opening: 2, concentration: 3}]", "no air comes in through wind.openings[2]"),
         ("gas.inflow=[{opening: 0, concentration: 3 mg}]", "gas.inflow[0].concentration: got '3 mg': must have a unit"),
         ("gas.inflow=[{opening: 0, concentration: 2}, {opening: 0, concentration: 3}]", "gas.inflow[1].opening: "),
@@ -46,7 +46,7 @@ def test_air_may_bring_gas_by_a_schedule_and_surfaces_take_it_up(tmp_path):
         ("gas.surfaces.walls=[{face: y-, uptake: 1, concentration: 1}]", "got both"),
         ("gas.surfaces.walls=[{face: y-, uptake: 20}]", "did you mean '20 mm/s'?"),
         ("gas.surfaces.walls=[{face: y-, uptake: 1}, {face: y-, uptake: 1}]", "overlaps gas.surfaces.walls[0]"),
-        ("gas.surfaces.obstacles=[{number: 1, uptake: 1}]", "gas.surfaces.obstacles[0].number: there is no obstacles[1]"),
+        ("gas.surfaces.obstacles=[{number: 1, uptake: 1}]", "obstacles[0].number: there is no obstacles[1]"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_told_in_a_line(tmp_path, override, line):
