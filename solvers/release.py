@@ -5,7 +5,7 @@ small it is. It stays in the air that a ball's own cells are connected to nearby
 """
 
 from collections.abc import Sequence
-from math import ceil
+from math import ceil, prod
 from typing import Any
 
 import numpy as np
@@ -36,7 +36,10 @@ class Release:
         self._area = air.area
         self._amounts: list[float] = []
         # those that the balls may touch
-        self.cells = sum((2 * (self._half(ball) + REACH + 1)) ** grid.dim for ball in balls)
+        self.cells = sum(
+            prod(min(2 * self._half(ball), n + 2 * REACH) + 2 * REACH + 2 for n in grid.shape)
+            for ball in balls
+        )
         self._cell = ti.Vector.field(grid.dim, ti.i32, self.cells)
         self._share = double_field((self.cells,))  # per volume that stores
         self._owner = ti.field(ti.i32, self.cells)
@@ -67,10 +70,14 @@ class Release:
         radius, half = ball.radius / self.grid.dx, self._half(ball)  # here lengths are in cells
         place = np.array(ball.position) / self.grid.dx - 0.5  # from the centre of the first cell
         base = np.floor(place).astype(int)
-        share = spread(_even_ball(radius, half, self.grid.dim), place - base)
+        # cells of a ball around that of the base, as far as they can matter to the domain
+        first = [max(-half, -b - REACH - 1) for b in base]
+        last = [min(half, n - b + REACH - 1) for b, n in zip(base, self.grid.shape, strict=True)]
+        even = _even_ball(radius, [np.arange(a, b + 1) for a, b in zip(first, last, strict=True)])
+        share = spread(even, place - base)
         every, axes = share.size, []
         for axis, n in enumerate(self.grid.shape):
-            at = base[axis] - half - REACH + np.arange(share.shape[axis])
+            at = base[axis] + first[axis] - REACH + np.arange(share.shape[axis])
             kept = (at >= 0) & (at < n) | self.grid.periodic[axis]
             share = np.compress(kept, share, axis)
             axes.append(at[kept])
@@ -82,14 +89,14 @@ class Release:
         start[home] = True
         if room[home] == 0.0:  # the middle of an obstacle may give off something around it
             start = np.linalg.norm(np.maximum(np.abs(points) - 0.5, 0.0), axis=-1) < radius
-        start &= room > 0.0
+        start &= (room > 0.0) & (share > 0.0)
         if not start.any():
             raise ValueError(
                 f"{path}.position: is not in the air: an obstacle fills its cell or seals it off; "
                 "move it by a cell or lower domain.spacing"
             )
         leads = [area[cells] > 0.0 for area in self._area]
-        reached = _reached(start & (share > 0.0), leads, share > 0.0)
+        reached = _reached(start, leads, share > 0.0)
         whole = share.size == every and bool(np.all(reached & (room == 1.0)))
         share = share * room * reached
         where = np.argwhere(share > 0)
@@ -117,13 +124,13 @@ class Release:
                 rest[I] = ti.cast(held - ti.cast(ti.cast(held, ti.f32), ti.f64), ti.f32)
 
 
-def _even_ball(radius: float, half: int, dim: int) -> np.ndarray:
-    """Shares of a ball around the centre of a cell that fall into the cells around it, at most `half` from its own."""
-    sub = (np.arange((2 * half + 1) * SAMPLES) + 0.5) / SAMPLES - half - 0.5
-    inside = sum(np.ix_(*[sub**2] * dim), start=np.zeros(())) <= radius**2
-    share = block_mean(inside, SAMPLES)
+def _even_ball(radius: float, cells: Sequence[np.ndarray]) -> np.ndarray:
+    """Shares of a ball around the centre of cell 0 that fall into cells: their numbers per axis, without gaps."""
+    sub = (np.arange(SAMPLES) + 0.5) / SAMPLES - 0.5
+    squares = [((axis[:, None] + sub) ** 2).ravel() for axis in cells]
+    share = block_mean(sum(np.ix_(*squares), start=np.zeros(())) <= radius**2, SAMPLES)
     if not share.any():  # smaller than a cell's samples
-        share[(half,) * dim] = 1.0
+        share[tuple(-axis[0] for axis in cells)] = 1.0
     return share / share.sum()
 
 

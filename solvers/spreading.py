@@ -44,20 +44,30 @@ def spread(values: np.ndarray, f: np.ndarray) -> np.ndarray:
 def tilted(weights: np.ndarray, points: np.ndarray, centroid: np.ndarray) -> np.ndarray:
     """Weights (n,) of points (n, dim) that differ least, in relative entropy, from those given and have that centroid.
 
-    Where the points do not surround it, they come near it. All lengths are in cells.
+    Where the points do not surround it, they come near it. All lengths are in cells. The dual problem is convex, of dim
+    unknowns, here by Newton's method: scipy.optimize takes half a second to import.
     """
-    from scipy.optimize import minimize  # only for balls at walls: it takes long to import
-
     away = points - centroid
     near = 1e-3  # of the centroid, over the tilt: keeps it finite
+    tilt = np.zeros(points.shape[1])
 
     def dual(tilt: np.ndarray) -> tuple[float, np.ndarray]:
         exponent = away @ tilt
-        top = exponent.max()
-        w = weights * np.exp(exponent - top)
-        return top + np.log(w.sum()) + 0.5 * near * tilt @ tilt, w @ away / w.sum() + near * tilt
+        w = weights * np.exp(exponent - exponent.max())
+        return exponent.max() + np.log(w.sum()) + 0.5 * near * float(tilt @ tilt), w / w.sum()
 
-    found = minimize(dual, np.zeros(points.shape[1]), jac=True, method="BFGS", options={"gtol": 1e-6}).x
-    exponent = away @ found
-    w = weights * np.exp(exponent - exponent.max())
-    return w / w.sum()
+    value, w = dual(tilt)
+    for _ in range(100):
+        mean = w @ away
+        slope = mean + near * tilt
+        curvature = (w[:, None] * away).T @ away - np.outer(mean, mean) + near * np.eye(len(tilt))
+        step = -np.linalg.solve(curvature, slope)
+        if -(slope @ step) < 1e-14:
+            break
+        length = 1.0
+        while (new := dual(tilt + length * step))[0] > value + 1e-4 * length * float(slope @ step):
+            length *= 0.5
+            if length < 1e-6:
+                return w
+        tilt, (value, w) = tilt + length * step, new
+    return w
