@@ -36,8 +36,11 @@ def spread(values: np.ndarray, f: np.ndarray) -> np.ndarray:
     REACH before it.
     """
     for axis, place in enumerate(f):
-        w = shares(float(place))
-        values = np.apply_along_axis(np.convolve, axis, values, w)
+        along = np.moveaxis(values, axis, 0)
+        wider = np.zeros((len(along) + 2 * REACH + 1, *along.shape[1:]))
+        for n, share in enumerate(shares(float(place))):
+            wider[n : n + len(along)] += share * along
+        values = np.moveaxis(wider, 0, axis)
     return values
 
 
