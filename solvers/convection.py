@@ -98,16 +98,4 @@ def upwind5_value(q: Template, I, e, v):
     return center + greater(least, lesser(most, change))
 
 
-@ti.func
-def positive_weno5_value(q: Template, I, e, v):
-    """`weno5_value` of a q that is nowhere negative, kept between 0 and twice the upwind cell, as Koren's is by itself.
-
-    What a cell gives away in a step is then bounded by what it holds, so q stays positive (after Zhang & Shu 2010,
-    doi:10.1016/j.jcp.2009.12.030).
-    """
-    upwind = ti.select(v > 0.0, q[I - e], q[I])
-    return ti.math.clamp(weno5_value(q, I, e, v), 0.0, 2.0 * upwind)
-
-
 FACE_VALUES = {"upwind5": upwind5_value, "koren": koren_value, "weno5": weno5_value}
-POSITIVE_FACE_VALUES = {"koren": koren_value, "weno5": positive_weno5_value}

@@ -1,6 +1,6 @@
 """A vapour on the grid: sources that emit into the air, which carries and spreads it (see `transport`)."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from math import isfinite
 
 import numpy as np
@@ -12,10 +12,14 @@ from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Pass, Template
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.gases import EulerianGas
-from taichi_plume.solvers.convection import POSITIVE_FACE_VALUES
+from taichi_plume.scenario.openings import Opening
 from taichi_plume.solvers.emission import Emission
+from taichi_plume.solvers.incoming import Incoming
+from taichi_plume.solvers.limited import LIMITED
+from taichi_plume.solvers.patches import VENTS, Patch, patch_of
 from taichi_plume.solvers.release import Release
 from taichi_plume.solvers.scalar import Scalar
+from taichi_plume.solvers.surface_exchange import SurfaceExchange
 from taichi_plume.solvers.transport import Transport
 
 
@@ -23,7 +27,7 @@ from taichi_plume.solvers.transport import Transport
 class EulerianSolver(Gas):
     """Gas on the grid of a wind that has face velocities. Field c: concentration [kg/m³]."""
 
-    STATE = ("transport", "emissions", "emitted_kg")
+    STATE = ("transport", "emissions", "emitted_kg", "surfaces")
 
     def __init__(
         self,
@@ -35,9 +39,10 @@ class EulerianSolver(Gas):
         seed: int = 0,
         name: str = "gas",
         scalar: Scalar | None = None,
+        openings: Sequence[Opening] = (),
     ):
         """t: begin of the run [s]; name: of the gas among others; scalar: the concentration, where the flow feels its
-        weight. Raises ValueError for a source in no air.
+        weight; openings: of the wind. Raises ValueError for a source or a surface in no air.
         """
         self.grid = grid
         self.dim = grid.dim
@@ -45,16 +50,32 @@ class EulerianSolver(Gas):
         uploader(self.air)(grid.pad(~air.solid))
         self.emissions = [Emission(f"{name}.sources[{n}]", wind) for n in range(len(gas.sources))]
         room = np.where(air.solid, 0.0, 1.0) if wind.area is None else air.room
-        self.release = Release("sources", gas.sources, grid, room)
+        self.release = Release("sources", gas.sources, grid, air, room)
 
         @ti.func
         def add_sources(dt, k):
             self.release.add_to(self.c, self.transport.rest)
 
         self._carrier = wind
-        face_value = POSITIVE_FACE_VALUES[gas.convection]
+        self._vents = self._patches(gas, openings, air)
+        self.incoming = Incoming(grid) if gas.inflow else None
+        self.surfaces: SurfaceExchange | None = None
+        if gas.surfaces is not None:
+            numbers = [obstacle.number for obstacle in gas.surfaces.obstacles]
+            vents = [vent for vent in self._vents.values() if vent.kind in VENTS]
+            try:
+                self.surfaces = SurfaceExchange(grid, air, gas.surfaces.walls, numbers, vents)
+            except ValueError as error:
+                raise ValueError(f"surfaces.{error}") from None
         self.transport = Transport(
-            grid, wind, air, face_value, Pass(add_sources, self.release.cells), scalar=scalar
+            grid,
+            wind,
+            air,
+            LIMITED[gas.convection],
+            Pass(add_sources, self.release.cells),
+            self.surfaces,
+            self.incoming,
+            scalar,
         )
         self.c = self.transport.q
         self.begin(gas, t, seed)
@@ -62,11 +83,30 @@ class EulerianSolver(Gas):
     def begin(self, model: EulerianGas, t: float = 0.0, seed: int = 0) -> None:
         """Raises ValueError for a source in no air."""
         self.species = model.vapour
+        self._inflow = model.inflow
         self.release.begin(model.sources)
         for emission, source in zip(self.emissions, model.sources, strict=True):
             emission.begin(source, t, seed, self.species)
         self.transport.begin(self.species.diffusivity, self._carrier.schmidt)
+        if self.surfaces is not None and model.surfaces is not None:
+            named = (*model.surfaces.walls, *model.surfaces.obstacles)
+            film = 2.0 * self.species.diffusivity / self.grid.dx
+            held = [self._density(one.concentration or 0.0) for one in named]
+            self.surfaces.begin([one.velocity(film) for one in named], held)
+        self._carried: list[float] = []
+        self._bring(t)
         self.emitted_kg = 0.0
+
+    def _patches(self, gas: EulerianGas, openings: Sequence[Opening], air: Air) -> dict[int, Patch]:
+        """Where openings are, by their numbers, if it matters."""
+        if not gas.inflow and gas.surfaces is None:
+            return {}
+        patches = {n: patch_of(opening, self.grid, ~air.solid) for n, opening in enumerate(openings)}
+        return {n: patch for n, patch in patches.items() if patch is not None}
+
+    def _density(self, ppm: float) -> float:
+        """Concentration [kg/m³] of so many ppm."""
+        return ppm / self.species.ppm_per_density
 
     def start_from(self, concentration: Callable[[np.ndarray], np.ndarray]) -> None:
         """Set c from a function of points (..., dim) [m] to concentrations [kg/m³]."""
@@ -79,8 +119,17 @@ class EulerianSolver(Gas):
         steps = self.transport.steps(dt)
         h = dt / steps
         for n in range(steps):
+            self._bring(t + n * h)
             self._emit(t + n * h, h)
             self.transport.step(h)
+
+    def _bring(self, t: float) -> None:
+        """Let air come in with what it carries at time t [s]."""
+        carried = [self._density(one.at(t)) for one in self._inflow]
+        if self.incoming is not None and carried != self._carried:
+            patches = [self._vents[one.opening] for one in self._inflow]
+            self.incoming.begin(list(zip(patches, carried, strict=True)))
+            self._carried = carried
 
     def _emit(self, t: float, dt: float) -> None:
         masses = [emission.mass(t, dt) for emission in self.emissions]
@@ -90,12 +139,20 @@ class EulerianSolver(Gas):
     # ---------------------------------------------------------------- what is known about the gas
 
     def budget(self) -> dict[str, float]:
-        """Mass emitted, in the domain and gone through its faces [kg]."""
-        return {
+        """Mass emitted, in the domain and gone through its faces [kg]; where they may bring gas, also what came in with
+        air and what surfaces took up.
+        """
+        budget = {
             "emitted_kg": self.emitted_kg,
             "in_domain_kg": self.transport.inside(),
             "outflow_kg": self.transport.outflow(),
         }
+        if self.incoming is not None:
+            budget["inflow_kg"] = self.transport.brought_in()
+            budget["outflow_kg"] += budget["inflow_kg"]
+        if self.surfaces is not None:
+            budget["taken_up_kg"] = -self.surfaces.given()
+        return budget
 
     def cells(self, t: float) -> np.ndarray:
         """Concentration of every cell [kg/m³], of the grid's shape; the time is the solver's own."""
@@ -103,7 +160,7 @@ class EulerianSolver(Gas):
 
     def is_finite(self) -> bool:
         """Whether every concentration is a number."""
-        return isfinite(self.budget()["in_domain_kg"])
+        return isfinite(self.transport.inside())
 
     def least(self) -> float:
         """Smallest concentration [kg/m³]."""

@@ -6,24 +6,23 @@ A surface of temperature T_s gives its cells alpha (T_s - T)/(dx/2) per area, or
 coefficient of heat transfer h is known; all others are adiabatic.
 """
 
-from collections.abc import Iterator, Sequence
-from typing import Any, cast
+from collections.abc import Sequence
+from typing import cast
 
-import numpy as np
 import taichi as ti
 
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Pass
-from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.any_opening import Vent
 from taichi_plume.scenario.heat import Heat
-from taichi_plume.solvers.convection import FACE_VALUES
+from taichi_plume.solvers.incoming import Incoming
+from taichi_plume.solvers.limited import LIMITED
 from taichi_plume.solvers.patches import VENTS, Patch
 from taichi_plume.solvers.release import Release
 from taichi_plume.solvers.scalar import Scalar
-from taichi_plume.solvers.tally import Tally
+from taichi_plume.solvers.surface_exchange import SurfaceExchange
 from taichi_plume.solvers.transport import Transport
 
 
@@ -36,7 +35,7 @@ def _temperature(vent: Patch) -> float | None:
 class HeatSolver:
     """Temperature on the grid of a flow. Field theta: T - reference [K]."""
 
-    STATE = ("transport", "heaters_joule", "_from_surfaces")
+    STATE = ("transport", "heaters_joule", "surfaces")
 
     def __init__(
         self,
@@ -51,30 +50,28 @@ class HeatSolver:
         surface that touches no air.
         """
         self.grid, self.air = grid, air
-        self.release = Release("heaters", heat.heaters, grid, air.room) if heat.heaters else None
-        self._from_surfaces = Tally()
+        self.release = Release("heaters", heat.heaters, grid, air, air.room) if heat.heaters else None
         self._vents = [patch for patch in patches if patch.kind in VENTS]
-        self._touched = list(self._surfaces(heat))
-        self._list_surface_cells()
-        self._inflow = self._inflow_fields()
-        self._warm = uploader(self._rate, self._gain, *self._inflow)
+        self.surfaces: SurfaceExchange | None = None
+        if heat.walls or heat.obstacles:
+            numbers = [obstacle.number for obstacle in heat.obstacles]
+            self.surfaces = SurfaceExchange(grid, air, heat.walls, numbers, self._vents)
+        self.incoming: Incoming | None = None
+        if any(_temperature(vent) is not None for vent in self._vents):
+            self.incoming = Incoming(grid)
 
         @ti.func
         def add_sources(dt, k):
             self.release.add_to(self.theta, self.transport.rest)
 
-        @ti.func
-        def exchange(h, stage):
-            self._exchange(h, stage)
-
         self.transport = Transport(
             grid,
             wind,
             air,
-            FACE_VALUES["koren"],
+            LIMITED["koren"],
             Pass(add_sources, self.release.cells) if self.release else None,
-            Pass(exchange, len(self._where[0])) if self._touched else None,
-            self._inflow,
+            self.surfaces,
+            self.incoming,
             scalar,
         )
         self.theta = self.transport.q
@@ -88,85 +85,28 @@ class HeatSolver:
         self.heaters_joule = 0.0
         if self.release is not None:
             self.release.begin(model.heaters)
-        rate, gain = self._exchange_rates(model)
-        self._warm(self._listed(rate), self._listed(gain), *self._inflow_theta())
-        self.transport.begin(model.diffusivity, model.prandtl_turbulent, float(rate.max()))
+        if self.incoming is not None:
+            self.incoming.begin(self._incoming())
+        if self.surfaces is not None:
+            held = [one.temperature - self.reference for one in (*model.walls, *model.obstacles)]
+            self.surfaces.begin(self._transfer(model), held)
+        self.transport.begin(model.diffusivity, model.prandtl_turbulent)
 
     # ---------------------------------------------------------------- surfaces and openings
 
-    def _surfaces(self, heat: Heat) -> Iterator[tuple[Any, Any]]:
-        """Of each wall and obstacle of a given temperature the cells that touch it, and its area in each of them over a
-        face's.
-        """
-        for n, wall in enumerate(heat.walls):
-            patch = Patch(wall, self.grid, ~self.air.solid)
-            for vent in self._vents:
-                if (vent.axis, vent.side) == (wall.axis, wall.side):
-                    patch.covered &= ~vent.covered
-            if not patch.covered.any():
-                raise ValueError(
-                    f"walls[{n}]: touches no air, an obstacle or an opening covers it; move one of them"
-                )
-            yield patch.cells(), 1.0
-        surface = np.linalg.norm(self.air.surface(), axis=-1) * ~self.air.solid
-        for n, obstacle in enumerate(heat.obstacles):
-            cells = (self.air.body == obstacle.number) & (surface > 0.0)
-            if not cells.any():
-                raise ValueError(
-                    f"obstacles[{n}]: touches no air; obstacles[{obstacle.number}] is smaller than a cell"
-                )
-            yield cells, surface[cells]
-
-    def _list_surface_cells(self) -> None:
-        """Make the lists of the cells that exchange heat, and how."""
-        touched = np.zeros(self.grid.shape, bool)
-        for cells, _ in self._touched:
-            touched[cells] = True
-        self._where = np.nonzero(touched)
-        count = max(1, len(self._where[0]))
-        self._cell = ti.Vector.field(self.grid.dim, ti.i32, count)
-        self._room, self._rate, self._gain = (ti.field(ti.f32, count) for _ in range(3))
-        if self._touched:
-            cell = np.argwhere(touched) + self.grid.ghost
-            uploader(self._cell, self._room)(cell, self._listed(self.air.room))
-
-    def _listed(self, values: np.ndarray) -> np.ndarray | float:
-        """Values of the cells, of grid.shape, at surfaces."""
-        return values[self._where] if self._touched else 0.0
-
-    def _exchange_rates(self, heat: Heat) -> tuple[np.ndarray, np.ndarray]:
-        """Per cell the rate r [1/s] and the gain g [K/s] of its exchange with surfaces: dT/dt = g - r T."""
-        rate, gain = np.zeros(self.grid.shape), np.zeros(self.grid.shape)
-        for (cells, size), surface in zip(self._touched, (*heat.walls, *heat.obstacles), strict=True):
-            film = 2.0 * heat.diffusivity / self.grid.dx
-            if surface.transfer is not None:
-                film = surface.transfer / heat.capacity
-            exchange = film / self.grid.dx * size / self.air.room[cells]
-            rate[cells] += exchange
-            gain[cells] += exchange * (surface.temperature - self.reference)
-        return rate, gain
-
-    def _inflow_fields(self) -> list[Any]:
-        """For theta of the air that comes in, on the two faces of each axis; none where all of it is at the
-        reference.
-        """
-        if all(_temperature(vent) is None for vent in self._vents):
-            return []
-        shape = self.grid.shape
+    def _transfer(self, heat: Heat) -> list[float]:
+        """Of each surface, across half a cell unless it is given [m/s]."""
         return [
-            ti.field(ti.f32, tuple(2 if a == d else n for a, n in enumerate(shape)))
-            for d in range(self.grid.dim)
+            2.0 * heat.diffusivity / self.grid.dx
+            if surface.transfer is None
+            else surface.transfer / heat.capacity
+            for surface in (*heat.walls, *heat.obstacles)
         ]
 
-    def _inflow_theta(self) -> list[np.ndarray]:
-        """theta on each axis' faces."""
-        result = [np.zeros(field.shape) for field in self._inflow]
-        for vent in self._vents:
-            temperature = _temperature(vent)
-            if temperature is not None:
-                face = np.moveaxis(result[vent.axis], vent.axis, 0)[vent.side]
-                face[vent.covered] = temperature - self.reference
-        return result
+    def _incoming(self) -> list[tuple[Patch, float]]:
+        """The openings of which the air has a temperature, and theta of it."""
+        given = [(vent, _temperature(vent)) for vent in self._vents]
+        return [(vent, one - self.reference) for vent, one in given if one is not None]
 
     # ---------------------------------------------------------------- the step
 
@@ -180,24 +120,13 @@ class HeatSolver:
         for _ in range(steps):
             self.transport.step(h)
 
-    @ti.func
-    def _exchange(self, h, stage):
-        """Add to the rate what the surfaces give, and count it."""
-        self._from_surfaces.begin(stage)
-        for n in range(self._rate.shape[0]):
-            I = self._cell[n]
-            given = self._gain[n] - self._rate[n] * self.theta[I]
-            self.transport.rate[I] += given
-            self._from_surfaces.add(given * self._room[n])
-        self._from_surfaces.end(h)
-
     # ---------------------------------------------------------------- what is known about it
 
     def budget(self) -> dict[str, float]:
         """Heat [J] that heaters and surfaces gave, that is in the air and that left through the openings."""
         return {
             "heaters_J": self.heaters_joule,
-            "surfaces_J": self._from_surfaces.read() * self.grid.cell_volume * self.capacity,
+            "surfaces_J": (self.surfaces.given() if self.surfaces else 0.0) * self.capacity,
             "in_air_J": self.transport.inside() * self.capacity,
             "outflow_J": self.transport.outflow() * self.capacity,
         }

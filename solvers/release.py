@@ -1,4 +1,8 @@
-"""Balls (in 2-D discs) that release something evenly over their volume: vapour sources and heaters on the grid."""
+"""Balls (in 2-D discs) that release something evenly over their volume: vapour sources and heaters on the grid.
+
+What a ball releases is spread by a kernel (see `spreading`) of one to two cells, wherever in a cell it sits and however
+small it is. It stays in the air that a ball's own cells are connected to nearby: behind a thin wall nothing appears.
+"""
 
 from collections.abc import Sequence
 from math import ceil, prod
@@ -7,11 +11,13 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
+from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid, block_mean
 from taichi_plume.grid.kernels import Template, double_field
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.heat import Heater
 from taichi_plume.scenario.sources import Source
+from taichi_plume.solvers.spreading import REACH, spread, tilted
 
 SAMPLES = 4  # per axis and cell, to measure how much of a cell a ball covers
 
@@ -22,15 +28,17 @@ class Release:
 
     STATE = ()
 
-    def __init__(self, name: str, balls: Sequence[Source | Heater], grid: Grid, room: np.ndarray):
+    def __init__(self, name: str, balls: Sequence[Source | Heater], grid: Grid, air: Air, room: np.ndarray):
         """name: of the balls in messages; room: share of each cell that stores, of grid.shape. To be begun by its
         owner.
         """
         self.name, self.grid, self.room = name, grid, room
+        self._area = air.area
         self._amounts: list[float] = []
         # those that the balls may touch
         self.cells = sum(
-            prod(min(n, ceil(2.0 * ball.radius / grid.dx) + 1) for n in grid.shape) for ball in balls
+            prod(min(2 * self._half(ball), n + 2 * REACH) + 2 * REACH + 2 for n in grid.shape)
+            for ball in balls
         )
         self._cell = ti.Vector.field(grid.dim, ti.i32, self.cells)
         self._share = double_field((self.cells,))  # per volume that stores
@@ -53,28 +61,50 @@ class Release:
             count += len(where)
         self._place(cell, share[:, 0], owner[:, 0], count)
 
+    def _half(self, ball: Source | Heater) -> int:
+        """Cells that a ball around a cell's centre touches on either side of it, along an axis."""
+        return max(0, ceil(ball.radius / self.grid.dx - 0.5))
+
     def _cells_of(self, path: str, ball: Source | Heater) -> tuple[np.ndarray, np.ndarray]:
         """Cells of a ball, shape (n, dim), and the share of its release that each receives."""
-        dx = self.grid.dx
-        sub = (np.arange(SAMPLES) + 0.5) / SAMPLES
-        center = np.array(ball.position)
-        first = np.maximum(np.floor((center - ball.radius) / dx).astype(int), 0)
-        last = np.minimum(np.ceil((center + ball.radius) / dx).astype(int), self.grid.shape)
-        axes = [(np.arange(a, b)[:, None] + sub).ravel() * dx for a, b in zip(first, last, strict=True)]
-        squares = [(axis - c) ** 2 for axis, c in zip(axes, center, strict=True)]
-        inside = sum(np.ix_(*squares), start=np.zeros(())) <= ball.radius**2
-        block = tuple(slice(a, b) for a, b in zip(first, last, strict=True))
-        share = block_mean(inside, SAMPLES) * self.room[block]
-        home = np.minimum((center / dx).astype(int), np.array(self.grid.shape) - 1)
-        if not share.any() and self.room[tuple(home)] > 0:  # smaller than a cell's samples
-            share[tuple(home - first)] = 1.0
-        if not share.any():
+        radius, half = ball.radius / self.grid.dx, self._half(ball)  # here lengths are in cells
+        place = np.array(ball.position) / self.grid.dx - 0.5  # from the centre of the first cell
+        base = np.floor(place).astype(int)
+        # cells of a ball around that of the base, as far as they can matter to the domain
+        first = [max(-half, -b - REACH - 1) for b in base]
+        last = [min(half, n - b + REACH - 1) for b, n in zip(base, self.grid.shape, strict=True)]
+        even = _even_ball(radius, [np.arange(a, b + 1) for a, b in zip(first, last, strict=True)])
+        share = spread(even, place - base)
+        every, axes = share.size, []
+        for axis, n in enumerate(self.grid.shape):
+            at = base[axis] + first[axis] - REACH + np.arange(share.shape[axis])
+            kept = (at >= 0) & (at < n) | self.grid.periodic[axis]
+            share = np.compress(kept, share, axis)
+            axes.append(at[kept])
+        points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1) - place
+        cells = np.ix_(*(at % n for at, n in zip(axes, self.grid.shape, strict=True)))
+        room = self.room[cells]
+        home = np.unravel_index(np.abs(points).max(axis=-1).argmin(), room.shape)
+        start = np.zeros(room.shape, bool)
+        start[home] = True
+        if room[home] == 0.0:  # the middle of an obstacle may give off something around it
+            start = np.linalg.norm(np.maximum(np.abs(points) - 0.5, 0.0), axis=-1) < radius
+        start &= (room > 0.0) & (share > 0.0)
+        if not start.any():
             raise ValueError(
                 f"{path}.position: is not in the air: an obstacle fills its cell or seals it off; "
                 "move it by a cell or lower domain.spacing"
             )
+        leads = [area[cells] > 0.0 for area in self._area]
+        reached = _reached(start, leads, share > 0.0)
+        whole = share.size == every and bool(np.all(reached & (room == 1.0)))
+        share = share * room * reached
         where = np.argwhere(share > 0)
-        return where + first, share[tuple(where.T)] / share.sum()
+        found = tuple(where.T)
+        share = share[found] / share.sum()
+        if not whole:
+            share = tilted(share, points[found], _middle(radius, points, room * reached))
+        return np.stack([at[where[:, d]] for d, at in enumerate(axes)], axis=-1) % self.grid.shape, share
 
     def set_amounts(self, amounts: list[float]) -> None:
         """What each ball releases at the next `add_to`."""
@@ -92,3 +122,43 @@ class Release:
                 held += self._amount[self._owner[n]] * self._share[n]
                 q[I] = ti.cast(held, ti.f32)
                 rest[I] = ti.cast(held - ti.cast(ti.cast(held, ti.f32), ti.f64), ti.f32)
+
+
+def _even_ball(radius: float, cells: Sequence[np.ndarray]) -> np.ndarray:
+    """Shares of a ball around the centre of cell 0 that fall into cells: their numbers per axis, without gaps."""
+    sub = (np.arange(SAMPLES) + 0.5) / SAMPLES - 0.5
+    squares = [((axis[:, None] + sub) ** 2).ravel() for axis in cells]
+    share = block_mean(sum(np.ix_(*squares), start=np.zeros(())) <= radius**2, SAMPLES)
+    if not share.any():  # smaller than a cell's samples
+        share[tuple(-axis[0] for axis in cells)] = 1.0
+    return share / share.sum()
+
+
+def _reached(start: np.ndarray, leads: Sequence[np.ndarray], within: np.ndarray) -> np.ndarray:
+    """Which cells of a block the air `within` a part of it connects to those of `start`; leads: whether a lower face is
+    open, per axis.
+    """
+    reached, before = start.copy(), 0
+    while (count := np.count_nonzero(reached)) > before:
+        before = count
+        for axis, open_faces in enumerate(leads):
+            cells, faces, kept = (np.moveaxis(one, axis, 0) for one in (reached, open_faces, within))
+            for n in range(1, len(cells)):
+                cells[n] |= cells[n - 1] & faces[n] & kept[n]
+            for n in range(len(cells) - 1, 0, -1):
+                cells[n - 1] |= cells[n] & faces[n] & kept[n - 1]
+    return reached
+
+
+def _middle(radius: float, points: np.ndarray, room: np.ndarray) -> np.ndarray:
+    """Centroid of the part of a ball around 0 that is in cells with room; points: their centres, all in cells."""
+    axis = radius * (np.arange(2 * SAMPLES) + 0.5 - SAMPLES) / SAMPLES
+    inner = np.stack(np.meshgrid(*[axis] * points.shape[-1], indexing="ij"), axis=-1)
+    inner = inner[np.linalg.norm(inner, axis=-1) <= radius]
+    first = points[(0,) * (points.ndim - 1)]
+    cell = np.round(inner - first).astype(int)
+    within = np.all((cell >= 0) & (cell < room.shape), axis=-1)
+    stores = np.where(within, room[tuple(np.where(within[:, None], cell, 0).T)], 0.0)
+    if not stores.any():
+        return np.average(points.reshape(-1, points.shape[-1]), axis=0, weights=room.ravel())
+    return np.average(inner, axis=0, weights=stores)

@@ -2,13 +2,13 @@
 
     dq/dt + div(u q) = div((K + nu_t/Sc_t) grad q) + sources
 
-Finite volumes with the flow's own face velocities, so a well-mixed quantity stays well mixed; the Koren limiter and
+Finite volumes with the flow's own face velocities, so a well-mixed quantity stays well mixed; limited face values and
 stages short enough that no cell gives away more than it holds make no new extrema. Every face's flux is seen alike from
 both sides and a cell's fluxes are summed in f64; what f32 cannot hold of q is kept beside it, so that the total
 is conserved however many steps are taken and however little each one changes.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import cached_property
 from math import ceil
 from typing import Any
@@ -21,12 +21,13 @@ from taichi_plume.grid.fields import Carrier
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Pass, Template, launch, sweep, visit
 from taichi_plume.grid.transfer import Numbers, uploader
+from taichi_plume.solvers.incoming import Incoming
+from taichi_plume.solvers.limited import Limited
 from taichi_plume.solvers.scalar import Scalar
+from taichi_plume.solvers.surface_exchange import SurfaceExchange
 from taichi_plume.solvers.tally import BETWEEN, FIRST, LAST, Tally
 
-FULLEST = (
-    0.49  # largest share of a cell's volume that flows out in one stage; 1/2 empties it at the steepest slope
-)
+FULLEST = 0.98  # largest share of what a cell holds that leaves it in one stage, at the steepest slope
 MOST_STAGES = 5  # of a step; the more, the more of what was there before it stays behind
 
 
@@ -49,26 +50,26 @@ def raised(q, rest, rate, dt):
 class Transport:
     """A quantity q per volume of air that the wind carries and that diffuses.
 
-    face_value: of `convection.POSITIVE_FACE_VALUES`.
+    scheme: of convection.
     add_sources: a pass that adds to q and `rest` what a step of length a brings.
-    exchange: a pass that adds to `rate` what is exchanged with surfaces.
-    inflow: q of the air that comes in, a field over the two faces of each axis; clean air unless given.
+    surfaces: what exchanges q with the air.
+    incoming: q of the air that comes in; clean air unless given.
     scalar: the quantity; one of its own unless given.
 
     Fields: q; rest, what rounding has left out of q; rate [1/s], the sum of the tendencies in the step's stages so far.
     """
 
-    STATE = ("q", "rest", "_outflow")
+    STATE = ("q", "rest", "_outflow", "_inflow")
 
     def __init__(
         self,
         grid: Grid,
         wind: Carrier,
         air: Air,
-        face_value: Callable[..., Any],
+        scheme: Limited,
         add_sources: Pass | None,
-        exchange: Pass | None = None,
-        inflow: Sequence[Any] = (),
+        surfaces: SurfaceExchange | None = None,
+        incoming: Incoming | None = None,
         scalar: Scalar | None = None,
     ):
         """To be begun by its owner."""
@@ -77,7 +78,8 @@ class Transport:
         self.dim = grid.dim
         self.wind = wind
         self.per_length = float(np.float32(1.0 / grid.dx))  # as the cells reckon it
-        self.inflow = tuple(inflow)
+        self.inflow = tuple(incoming.fields if incoming else ())
+        self.surfaces = surfaces
         self.q, self.rest = scalar.q, scalar.rest
         self.eddies = wind.nu is not None
         self._area = wind.area or ()
@@ -89,9 +91,10 @@ class Transport:
         # a solver of the flow lends fields that it does not need meanwhile
         self._start, self.rate = wind.scratch or (grid.field(), grid.field())
         self._outflow = Tally()
+        self._inflow = Tally() if incoming else None
         self._sides = [tuple(2 if a == d else n for a, n in enumerate(grid.shape)) for d in range(grid.dim)]
         self._n = Numbers("still", "per_schmidt")
-        self._face_value = face_value
+        self._face_value, self._steepest = scheme
         cells = grid.cells
         self._start_step = launch(
             *([add_sources] if add_sources else []), sweep([self._present], [self._start], cells)
@@ -99,16 +102,14 @@ class Transport:
         self._stage = launch(
             visit([self._filling(d) for d in range(self.dim)], self._sides),
             sweep([self._tendency], [self.rate], cells),
-            *([exchange] if exchange else []),
+            *([surfaces.into(self.rate, self.q)] if surfaces else []),
             Pass(self._count_outflow, grid.boundary_faces),
             sweep([self._advanced], [(self.q, self.rest)], cells),
         )
 
-    def begin(self, diffusivity: float, schmidt: float, exchange_rate: float = 0.0) -> None:
-        """diffusivity [m²/s]: of still air; schmidt: eddy viscosity over eddy diffusivity; exchange_rate [1/s]: what
-        surfaces take at most, over q.
-        """
-        self.diffusivity, self.schmidt, self.exchange_rate = diffusivity, schmidt, exchange_rate
+    def begin(self, diffusivity: float, schmidt: float) -> None:
+        """diffusivity [m²/s]: of still air; schmidt: eddy viscosity over eddy diffusivity."""
+        self.diffusivity, self.schmidt = diffusivity, schmidt
         per_schmidt = np.float32(1.0 / float(np.float32(schmidt)))
         viscosity = np.float32(self.wind.viscosity if self.eddies else 0.0)
         still = np.float32(diffusivity) - viscosity * per_schmidt  # with nu_t/Sc_t = (nu - viscosity)/Sc_t
@@ -191,28 +192,37 @@ class Transport:
 
     @ti.func
     def _count_outflow(self, h, stage):
-        """What leaves through the domain's faces."""
+        """What leaves through the domain's faces, and how much of it comes in."""
         self._outflow.begin(stage)
+        if ti.static(len(self.inflow) > 0):
+            self._inflow.begin(stage)
         for d in ti.static([a for a in range(self.dim) if not self.grid.periodic[a]]):
             for J in ti.grouped(ti.ndrange(*self._sides[d][:0:-1])):
                 K = ti.Vector([0] + [J[self.dim - 2 - e] for e in ti.static(range(self.dim - 1))])
                 D = ti.Vector.unit(self.dim, d, ti.i32)
-                out = ti.cast(0.0, ti.f64)
+                out, into = ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)
                 for i in range(self._sides[d][0]):
                     K[0] = i
                     face = K + ti.static(self.grid.ghost) + D * K[d] * (ti.static(self.grid.shape[d]) - 1)
-                    out += ti.cast(self._face_flux(face, d) * (2 * K[d] - 1), ti.f64)
+                    leaves = ti.cast(self._face_flux(face, d) * (2 * K[d] - 1), ti.f64)
+                    out += leaves
+                    if ti.static(len(self.inflow) > 0):
+                        into -= ti.min(leaves, 0.0)
                 self._outflow.add(out)
+                if ti.static(len(self.inflow) > 0):
+                    self._inflow.add(into)
         self._outflow.end(h)
+        if ti.static(len(self.inflow) > 0):
+            self._inflow.end(h)
 
     # ---------------------------------------------------------------- the step
 
     def _euler_steps(self, dt: float) -> float:
-        """Number of steps of Euler's method that make no new extremum within dt [s]: a limited face value is at most
-        twice the upwind cell's.
-        """
+        """Number of steps of Euler's method within dt [s] in none of which a cell gives away more than it holds."""
         K = self.diffusivity + (self.wind.max_viscosity - self.wind.viscosity) / self.schmidt
-        given = self.wind.outflow_rate + self.dim * K / self.grid.dx**2 + 0.5 * self.exchange_rate
+        given = self._steepest * self.wind.outflow_rate + 2.0 * self.dim * K / self.grid.dx**2
+        if self.surfaces is not None:
+            given += self.surfaces.fastest
         return dt * given / FULLEST
 
     def steps(self, dt: float) -> int:
@@ -257,5 +267,9 @@ class Transport:
         return total * self.grid.cell_volume
 
     def outflow(self) -> float:
-        """What has left through the domain's faces so far."""
+        """What has left through the domain's faces so far, less what has come in."""
         return self._outflow.read() * self.grid.cell_volume * self.per_length
+
+    def brought_in(self) -> float:
+        """What has come in through them so far."""
+        return self._inflow.read() * self.grid.cell_volume * self.per_length if self._inflow else 0.0

@@ -95,7 +95,7 @@ def _plumes(model: Any, path: str, its: Context, wind: Any) -> Gas:
 
 GASES: dict[str, Callable[[Any, str, Context, Any], Gas]] = {
     "eulerian": lambda model, path, its, wind: _of("gas", "EulerianSolver")(
-        model, its.grid, wind, its.air, *its.begin, path, its.scalars.get(path)
+        model, its.grid, wind, its.air, *its.begin, path, its.scalars.get(path), its.scenario.openings
     ),
     "puffs": lambda model, path, its, wind: _of("puffs", "PuffSolver")(
         model, its.grid, wind, its.air, *its.begin, path

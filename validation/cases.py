@@ -20,6 +20,7 @@ from taichi_plume.validation.mapping_cases import MAPPING_CASES
 from taichi_plume.validation.plume_cases import PLUME_CASES
 from taichi_plume.validation.plumesim_cases import PLUMESIM_CASES
 from taichi_plume.validation.puff_cases import PUFF_CASES
+from taichi_plume.validation.source_cases import SOURCE_CASES
 from taichi_plume.validation.spiral_cases import SPIRAL_CASES
 from taichi_plume.validation.through_flow import ethier_steinman
 
@@ -240,6 +241,7 @@ _ALL = (
     _puff(3, 0.0),
     _puff(3, 0.05),
     *DISPERSION_CASES,
+    *SOURCE_CASES,
     *BALANCE_CASES,
     Case(
         "conduction",

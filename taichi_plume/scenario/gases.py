@@ -5,6 +5,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
+from taichi_plume.scenario.borders import GasSurfaces, Inflow, inflow_faults
 from taichi_plume.scenario.closed_forms import (
     ContinuousGas,
     GaussianPlumeGas,
@@ -39,12 +40,17 @@ class EulerianGas(OneGas):
     on_grid: ClassVar[bool] = True
     weighs: ClassVar[bool] = True
     convection: Convection = "koren"
-    """Scheme of convection; weno5 keeps filaments sharper on the same grid and costs more."""
+    """Scheme of convection; weno5 is of fifth order: it keeps filaments sharper on the same grid and costs more."""
     sources: Annotated[tuple[Source, ...], Field(min_length=1)]
+    inflow: tuple[Inflow, ...] = ()
+    """What air brings along that comes in through openings; unless named, it is clean."""
+    surfaces: GasSurfaces | None = None
+    """Walls and obstacles that take gas up or give it off."""
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
-        """What evaporates must do so."""
+        """What evaporates must do so, and air come in that carries gas."""
         yield from dishes(where, self.vapour, self.sources)
+        yield from inflow_faults(f"{where}.inflow", self.inflow, context)
 
 
 class DiffusiveGrowth(Model):

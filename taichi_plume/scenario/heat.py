@@ -4,11 +4,12 @@ from collections.abc import Iterator
 from math import sqrt
 from typing import Annotated, ClassVar
 
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from taichi_plume.scenario.context import Context
 from taichi_plume.scenario.located import Located
 from taichi_plume.scenario.quantities import fault
+from taichi_plume.scenario.surfaces import Number, obstacle_faults, wall_faults
 from taichi_plume.scenario.vocabulary import (
     COMPILED,
     Accelerations,
@@ -50,7 +51,7 @@ class TemperedWall(TemperedSurface, Region):
 class TemperedObstacle(TemperedSurface):
     """An obstacle with a temperature."""
 
-    number: Annotated[int, Field(ge=0, le=1_000_000)]
+    number: Number
     """Its place in `obstacles`, counted from 0."""
 
 
@@ -89,31 +90,8 @@ class Heat(Model):
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
         """Walls have to lie on their faces and apart, temperatures be those of obstacles that there are."""
-        for n, wall in enumerate(self.walls):
-            yield from self._wall(f"{where}.walls", n, wall, context)
-        count = len(context.scenario.obstacles)
-        for n, obstacle in enumerate(self.obstacles):
-            path = f"{where}.obstacles[{n}].number"
-            if obstacle.number >= count:
-                allowed = f"use 0 to {count - 1}" if count else "there are none"
-                yield f"{path}: there is no obstacles[{obstacle.number}]; {allowed}"
-            elif any(obstacle.number == other.number for other in self.obstacles[:n]):
-                yield f"{path}: obstacles[{obstacle.number}] has a temperature already; remove one"
-
-    def _wall(self, where: str, n: int, wall: TemperedWall, context: Context) -> Iterator[str]:
-        yield from wall.on_its_face(f"{where}[{n}]", context)
-        for m, opening in enumerate(context.scenario.openings):
-            if opening.wraps == wall.face[0]:
-                yield (
-                    f"{where}[{n}].face: there is no wall {wall.face}, wind.openings[{m}] makes axis {opening.wraps} "
-                    "periodic; remove one of them"
-                )
-        for m, other in enumerate(self.walls[:n]):
-            if wall.overlaps(other, context.domain):
-                yield (
-                    f"{where}[{n}]: overlaps {where}[{m}] on face {wall.face}; "
-                    "give both a center and a size that leave them apart"
-                )
+        yield from wall_faults(f"{where}.walls", self.walls, context)
+        yield from obstacle_faults(f"{where}.obstacles", self.obstacles, "temperature", context)
 
 
 class Buoyancy(Model):

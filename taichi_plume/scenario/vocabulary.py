@@ -91,6 +91,8 @@ EddyDiffusivity = quantity("m^2/s", ge=0, most=1e4)
 Dissipation = quantity("m^2/s^3", gt=0, least=1e-12, most=1e3)
 Temperature = quantity("K", least=200, likely="degC", most=500)
 Power = quantity("W", least=-1e7, most=1e7)
+SurfaceVelocity = quantity("m/s", gt=0, least=1e-9, most=1, likely="mm/s")  # of gas that reaches a surface
+Concentration = quantity("ppm", ge=0, most=1e6)
 HeatTransfer = quantity("W/m^2/K", gt=0, least=1e-6, most=1e6)
 HeatCapacity = quantity("J/m^3/K", gt=0, least=1, most=1e8)
 Resistance = quantity("ohm", gt=0, least=1, most=1e9)

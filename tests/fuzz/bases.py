@@ -55,7 +55,14 @@ wind:
 obstacles:
   - {kind: mesh, file: box.stl, section: 0.1}
   - {kind: prism, vertices: [[1.4, 0.2], [1.7, 0.2], [1.7, 0.5]]}
-gas: {kind: eulerian, species: acetone, sources: [{position: [0.5, 0.8], rate: 5 mg/s, start: 0.1, stop: 3}]}
+gas:
+  kind: eulerian
+  species: acetone
+  sources: [{position: [0.5, 0.8], rate: 5 mg/s, start: 0.1, stop: 3}]
+  inflow: [{opening: 0, concentration: 3 ppm, schedule: [{at: 2, concentration: 0.1 percent}]}]
+  surfaces:
+    walls: [{face: y-, uptake: 2 mm/s, transfer: 3 mm/s}, {face: y+, concentration: 5 ppm}]
+    obstacles: [{number: 1, uptake: 1 mm/s}]
 robots:
   - name: a
     count: 2

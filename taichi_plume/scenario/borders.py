@@ -1,0 +1,109 @@
+"""What gas does at the borders of the air: with what it comes in, and what takes it up."""
+
+from collections.abc import Iterator
+
+from pydantic import model_validator
+
+from taichi_plume.scenario.context import Context
+from taichi_plume.scenario.quantities import fault
+from taichi_plume.scenario.surfaces import Number, obstacle_faults, wall_faults
+from taichi_plume.scenario.vocabulary import Concentration, Model, SurfaceVelocity, Time
+from taichi_plume.scenario.windows import Region
+
+
+class ConcentrationAt(Model):
+    """From `at` on, air comes in with `concentration`."""
+
+    at: Time
+    """Simulated time [s]; the robots start at 0, the warm-up is before."""
+    concentration: Concentration
+
+
+class Inflow(Model):
+    """The gas of the air that comes in through an opening, whether it is blown in or drawn in."""
+
+    opening: Number
+    """Its place in `wind.openings`, counted from 0."""
+    concentration: Concentration
+    """[ppm]."""
+    schedule: tuple[ConcentrationAt, ...] = ()
+    """Concentrations from given times on; before the first, `concentration` holds."""
+
+    @model_validator(mode="after")
+    def _ordered(self) -> "Inflow":
+        times = [step.at for step in self.schedule]
+        if times != sorted(times):
+            raise fault("schedule must be ordered by 'at'")
+        return self
+
+    def at(self, t: float) -> float:
+        """Concentration [ppm] at time t [s]."""
+        return [self.concentration, *(step.concentration for step in self.schedule if step.at <= t)][-1]
+
+
+class GasSurface(Model):
+    """A surface that takes gas up, or at which the concentration is given."""
+
+    uptake: SurfaceVelocity | None = None
+    """Gas taken up per area over the concentration at the surface [m/s]: its deposition velocity, through which the gas
+    has to come after the film of air at the surface."""
+    concentration: Concentration | None = None
+    """At the surface [ppm], whatever the air does; instead of `uptake`."""
+    transfer: SurfaceVelocity | None = None
+    """Of the film of air at the surface, gas per area and difference of concentration [m/s]; unless given, that of
+    diffusion across half a cell. Cells of a room's size are thicker than the film, which passes 1 to 5 mm/s."""
+
+    @model_validator(mode="after")
+    def _one(self) -> "GasSurface":
+        if (self.uptake is None) == (self.concentration is None):
+            got = "neither" if self.uptake is None else "both"
+            raise fault("takes an uptake or a concentration, got {got}", {"got": got})
+        return self
+
+    def velocity(self, film: float) -> float:
+        """Gas exchanged per area and difference of concentration [m/s]; film: what diffuses through half a cell."""
+        passes = film if self.transfer is None else self.transfer
+        return passes if self.uptake is None or passes == 0.0 else 1.0 / (1.0 / passes + 1.0 / self.uptake)
+
+
+class GasWall(GasSurface, Region):
+    """A face of the domain, or a region of it; where an opening is, there is no wall."""
+
+
+class GasObstacle(GasSurface):
+    """An obstacle."""
+
+    number: Number
+    """Its place in `obstacles`, counted from 0."""
+
+
+class GasSurfaces(Model):
+    """Walls and obstacles that gas sticks to or comes from; those that are not named let none through."""
+
+    walls: tuple[GasWall, ...] = ()
+    obstacles: tuple[GasObstacle, ...] = ()
+
+    @model_validator(mode="after")
+    def _some(self) -> "GasSurfaces":
+        if not self.walls and not self.obstacles:
+            raise fault("names no walls and no obstacles")
+        return self
+
+    def problems(self, where: str, context: Context) -> Iterator[str]:
+        """Walls have to lie on their faces and apart, obstacles to be there."""
+        yield from wall_faults(f"{where}.walls", self.walls, context)
+        yield from obstacle_faults(f"{where}.obstacles", self.obstacles, "surface", context)
+
+
+def inflow_faults(where: str, inflow: tuple[Inflow, ...], context: Context) -> Iterator[str]:
+    """What is wrong with them: air has to go through the openings, and each be named once."""
+    openings = context.scenario.openings
+    for n, one in enumerate(inflow):
+        path = f"{where}[{n}].opening"
+        if one.opening >= len(openings):
+            allowed = f"use 0 to {len(openings) - 1}" if openings else "there are none"
+            yield f"{path}: there is no wind.openings[{one.opening}]; {allowed}"
+        elif not openings[one.opening].passes:
+            yield f"{path}: no air comes in through wind.openings[{one.opening}] ({openings[one.opening].label})"
+        elif any(one.opening == other.opening for other in inflow[:n]):
+            yield f"{path}: wind.openings[{one.opening}] has a concentration already; remove one"

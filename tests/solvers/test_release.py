@@ -1,0 +1,121 @@
+"""Where sources bring their gas: in still air without diffusion it stays there."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+
+from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.fields import concentration_at
+from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.state import State
+from taichi_plume.scenario.gases import EulerianGas
+from taichi_plume.scenario.winds import UniformWind
+from taichi_plume.solvers.gas import EulerianSolver
+from taichi_plume.solvers.prescribed import PrescribedWind
+from taichi_plume.solvers.uniform import UniformSolver
+
+pytestmark = pytest.mark.usefixtures("taichi")
+
+DX = 0.1
+
+
+class Room:
+    """Gas in a room of 16 x 12 x 10 cells, in which a wall of one cell stands, as high as half of it."""
+
+    def __init__(self, wind):
+        self.grid = Grid((16, 12, 10), DX)
+        solid = np.zeros(self.grid.shape, bool)
+        solid[8, :, :5] = True
+        self.air = Air.of(solid, self.grid)
+        self.gas = EulerianSolver(self.model((0.4, 0.6, 0.5), 0.24), self.grid, wind(self.grid), self.air)
+        self.state = State(self.gas)
+
+    def model(self, place, radius: float = 0.01) -> EulerianGas:
+        source = {"position": place, "rate": 1e-3, "radius": radius}
+        species = {"molar_mass": 0.046, "diffusivity": 0.0}
+        return EulerianGas.model_validate({"kind": "eulerian", "species": species, "sources": [source]})
+
+    def released(self, place, span: float = 1.0, **keys) -> np.ndarray:
+        """Shares of what a source releases, of the grid's shape."""
+        self.state.clear()
+        self.gas.begin(self.model(place, **keys), 0.0, 0)
+        self.gas.advance(0.0, span)
+        return self.gas.cells(0.0).astype(float) * self.grid.cell_volume / (1e-3 * span)
+
+    def centroid(self, share: np.ndarray) -> np.ndarray:
+        return (share[..., None] * self.grid.centers()).sum(axis=(0, 1, 2))
+
+
+@pytest.fixture(scope="module")
+def still(taichi) -> Room:
+    return Room(lambda grid: PrescribedWind(np.zeros_like, grid))
+
+
+@pytest.mark.parametrize("place", list(product((0.0, 0.21, 0.5, 0.93), (0.0, 0.5), (0.37,))))
+def test_a_small_source_is_spread_alike_wherever_in_a_cell_it_sits(still, place):
+    where = np.add(place, (3, 5, 4)) * DX
+    share = still.released(where)
+    assert share.min() >= 0.0
+    assert share.sum() == pytest.approx(1.0, rel=1e-6)
+    np.testing.assert_allclose(still.centroid(share), where, atol=1e-6)
+    # with what linear interpolation adds on the axis, f (1 - f), the variance is the same everywhere
+    f = (where / DX - 0.5) % 1.0
+    spread = (share[..., None] * ((still.grid.centers() - where) / DX) ** 2).sum(axis=(0, 1, 2))
+    np.testing.assert_allclose(spread + f * (1.0 - f), 0.75, atol=1e-5)
+    seen = concentration_at(still.gas, where, 0.0) * still.grid.cell_volume / 1e-3
+    assert seen == pytest.approx(0.4375**3, rel=0.02)
+
+
+def test_large_sources_keep_their_extent_and_grow_smoothly(still):
+    where, widths = np.array((0.4, 0.6, 0.5)), []
+    radii = np.linspace(0.02, 0.24, 12)
+    for radius in radii:
+        share = still.released(where, radius=radius)
+        assert share.sum() == pytest.approx(1.0, rel=1e-6)
+        np.testing.assert_allclose(still.centroid(share), where, atol=1e-6)
+        widths.append((share * ((still.grid.centers() - where)[..., 0]) ** 2).sum())
+    ball = radii**2 / 5.0  # the variance of a ball along an axis
+    np.testing.assert_allclose(widths - ball, 0.5 * DX**2, atol=0.15 * DX**2)
+    assert np.all(np.diff(widths) >= -1e-9)
+
+
+@pytest.mark.parametrize("place", [(0.75, 0.6, 0.2), (0.79, 0.61, 0.13), (0.71, 0.1, 0.3)])
+def test_nothing_comes_through_a_thin_wall_and_all_of_it_stays_in_the_air(still, place):
+    share = still.released(place)
+    assert share.sum() == pytest.approx(1.0, rel=1e-6)
+    assert np.all(share[8:, :, :5] == 0.0)
+    assert np.all(share >= 0.0)
+
+
+@pytest.mark.parametrize(
+    ("place", "nearest"),
+    [
+        ((0.35, 0.62, 0.08), (0.35, 0.62, 0.08)),  # above the floor's first centres
+        ((0.08, 0.06, 0.31), (0.08, 0.06, 0.31)),  # in a corner
+        ((0.69, 0.6, 0.2), (0.69, 0.6, 0.2)),  # beside the wall
+        ((0.35, 0.62, 0.0), (0.35, 0.62, 0.05)),  # on the floor: the first layer
+    ],
+)
+def test_at_walls_the_centroid_is_kept_where_cells_can(still, place, nearest):
+    np.testing.assert_allclose(still.centroid(still.released(place)), nearest, atol=0.04 * DX)
+
+
+def test_downwind_of_a_source_its_place_in_a_cell_does_not_tell(taichi):
+    room = Room(lambda grid: UniformSolver(UniformWind(kind="uniform", velocity=(0.5, 0, 0)), grid))
+    seen = []
+    for place in product((0.0, 0.5, 0.3), repeat=3):
+        where = np.add(place, (3, 5, 7)) * DX
+        room.released(where, span=4.0)
+        seen.append(concentration_at(room.gas, np.add(where, (0.5, 0.0, 0.0)), 0.0))
+    assert max(seen) <= 1.03 * min(seen)
+
+
+def test_a_ball_larger_than_the_room_fills_it_evenly(still):
+    gas = EulerianSolver(still.model((0.8, 0.6, 0.5), 1e5), still.grid, still.gas.transport.wind, still.air)
+    gas.advance(0.0, 1.0)
+    c = gas.cells(1.0)[~still.air.solid]
+    assert c.min() > 0.0
+    assert c.sum() * still.grid.cell_volume == pytest.approx(1e-3, rel=1e-6)
+    # the shares are even but for the tilt that keeps the centroid of the air's part
+    np.testing.assert_allclose(c, c.mean(), rtol=0.1)
