@@ -25,6 +25,7 @@ from taichi_plume.scenario.vocabulary import (
     Velocity,
 )
 
+CARRIED = 3  # cells: of eddies of shorter integral length convection on them leaves too little
 BLUE, YELLOW, GREEN, PURPLE = (79, 195, 247), (255, 213, 79), (129, 199, 132), (206, 147, 216)
 
 
@@ -36,9 +37,11 @@ class Jet(Vent):
     speed: Velocity | None = None
     """Mean speed into the domain [m/s]; negative extracts."""
     turbulence_intensity: Fraction = 0.0
-    """Standard deviation of each velocity component over the mean speed."""
+    """Standard deviation of each velocity component over the mean speed, of the eddies that the cells carry."""
     turbulence_length: Length | None = None
-    """Integral length of the fluctuations [m]; a fifth of the opening's width unless given."""
+    """Integral length of the fluctuations along the wind [m]; a fifth of the opening's width unless given, and about
+    four cells at least.
+    """
     schedule: tuple[SpeedAt, ...] = ()
     """Speeds from given times on; before the first, `speed` holds."""
     ramp: Delay = 0.5
@@ -103,6 +106,12 @@ class Jet(Vent):
         for n, step in enumerate(self.schedule):
             if step.at >= end:
                 yield f"{where}.schedule[{n}].at: {step.at:g} s is not before the end at {end:g} s"
+        length, cell = self.turbulence_length, context.domain.spacing
+        if length is not None and self.by_chance and length < CARRIED * cell * (1.0 - 1e-6):
+            yield (
+                f"{where}.turbulence_length: {length:g} m is too short for cells of {cell:g} m: the eddies will be of "
+                f"about {4 * cell:g} m"
+            )
         if self.speed is not None and self.speed < 0 and self.inward:
             yield f"{where}.speed: {self.speed:g} m/s draws air out of the room; a positive speed blows it in"
 
