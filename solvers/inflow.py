@@ -152,7 +152,7 @@ class Fluctuations:
         """Waves along the face, as they change from plane to plane: (planes, dim, waves along each axis)."""
         if number not in self._boxes:
             self._boxes = {n: box for n, box in self._boxes.items() if n == number - 1}
-            waves, rng = self.waves, generator(self._seed, f"{self._name} {number}")
+            waves, rng = self.waves, generator(self._seed, f"{self._name} box {number}")
             potential = np.zeros((3, *waves.square.shape), complex)
             for c in waves.potentials:
                 potential[c] = waves.amplitude * sqrt(2.0) * np.exp(2j * pi * rng.random(waves.square.shape))

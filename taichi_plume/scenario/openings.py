@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 from taichi_plume.scenario.any_opening import AnyOpening, FaceOpening, Scheduled, SpeedAt, VelocityAt, Vent
 from taichi_plume.scenario.context import Context
 from taichi_plume.scenario.domain import Domain
+from taichi_plume.scenario.profiles import Profile
 from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.vocabulary import (
     Coefficient,
@@ -168,12 +169,19 @@ class Fan(Jet):
 
 
 class Inlet(Jet):
-    """Air blown in with a uniform or parabolic profile of mean `speed`."""
+    """Air blown in with a profile of mean `speed`."""
 
     color: ClassVar[Color] = BLUE
     kind: Literal["inlet"]
     speed: Velocity  # type: ignore[assignment]
-    profile: Literal["uniform", "parabolic"] = "uniform"
+    profile: Literal["uniform", "parabolic"] | Profile = "uniform"
+    """Or one by the height over walls: {kind: log}, power or table."""
+
+    def problems(self, where: str, context: Context) -> Iterator[str]:
+        """Its profile has to fit it."""
+        yield from super().problems(where, context)
+        if not isinstance(self.profile, str):
+            yield from self.profile.unfit(f"{where}.profile", self, context.domain)
 
 
 class Honeycomb(Jet):
