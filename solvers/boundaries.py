@@ -15,7 +15,7 @@ import taichi as ti
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.tables import Tables
 from taichi_plume.grid.transfer import uploader
-from taichi_plume.scenario.openings import Fan, FanCurve, Honeycomb, Inlet, Opening
+from taichi_plume.scenario.openings import Fan, FanCurve, Honeycomb, Inlet, MovingWall, Opening
 from taichi_plume.solvers.fans import CurvedFan
 from taichi_plume.solvers.inflow import Fluctuations
 from taichi_plume.solvers.patches import VENTS, JetPatch, Patch, patch_of
@@ -69,7 +69,8 @@ class Boundaries:
         self.has_loss = any(p.kind == "honeycomb" and p not in self.jets for p in self.patches)
         self._put = uploader(*self.target, *self.loss)
         # what blows may change in every step
-        self._put_targets = {d: uploader(self.target[d]) for d in sorted({p.axis for p in self.jets})}
+        changing = {p.axis for p in self.patches if p in self.jets or p.kind == "wall"}
+        self._put_targets = {d: uploader(self.target[d]) for d in sorted(changing)}
 
     def _fan(self, patch: JetPatch, tables: Tables) -> CurvedFan:
         cells = np.stack(patch.cells(), axis=-1) + self.grid.ghost
@@ -117,6 +118,7 @@ class Boundaries:
         """Blow as the openings say before the first step."""
         self._openings: list[Fan | Inlet | Honeycomb] = []  # of the jets
         self._swirl: list[dict[int, np.ndarray]] = []
+        self._sliding: list[tuple[MovingWall, Patch]] = []
         self._targets = [np.zeros((*shape, self.dim), np.float32) for shape in self._inner]
         loss = [np.zeros(shape, np.float32) for shape in self._inner]
         for n, p in self._placed:
@@ -128,6 +130,8 @@ class Boundaries:
                     self._swirl.append(p.swirl(opening.swirl if opening.kind == "fan" else 0.0))
                 case "wall":
                     self._face(self._targets[p.axis], p)[p.covered] = opening.velocity
+                    if opening.schedule:
+                        self._sliding.append((opening, p))
                 case "honeycomb":
                     self._face(loss[p.axis], p)[p.covered] = opening.loss_coefficient
             if opening.kind != "periodic":
@@ -168,8 +172,23 @@ class Boundaries:
         self.update(t + dt, dt)
 
     def update(self, t: float, dt: float) -> None:
-        """Blow with the speeds of time t; the fluctuations move on by dt."""
-        self._blow(self.speeds(t), dt)
+        """Blow with the speeds of time t; the fluctuations move on by dt, and walls slide as they do in it on the mean.
+
+        Prescribed velocities grow within a step, but those along a face act through all of it.
+        """
+        slid = self._slide(t - dt, t)
+        if self._blow(self.speeds(t), dt) or slid:
+            self.upload_targets()
+
+    def _slide(self, begin: float, end: float) -> bool:
+        """Let walls move with their mean velocities between two times [s]. Returns whether they move otherwise now."""
+        changed = False
+        for wall, p in self._sliding:
+            face = self._face(self._targets[p.axis], p)
+            before = face[p.covered]
+            face[p.covered] = wall.mean_velocity(begin, end)
+            changed = changed or bool(np.any(face[p.covered] != before))
+        return changed
 
     def measure_inertia(self, pressure_of: Callable[[], Any]) -> None:
         """Let each fan with a curve know what the air in front of it weighs.
@@ -178,13 +197,15 @@ class Boundaries:
         """
         for n, fan in self.curved.items():
             self._blow([float(m == n) for m in range(len(self.jets))], 0.0)
+            self.upload_targets()
             fan.inertia = max(0.0, self.grid.dx * fan.mean(pressure_of()))
         if self.curved:
             self.update(-np.inf, 0.0)
 
-    def _blow(self, speeds: list[float], dt: float) -> None:
+    def _blow(self, speeds: list[float], dt: float) -> bool:
+        """Set the targets of what blows with these mean speeds. Returns whether they may be others now."""
         if speeds == self._blown and not self.noise:
-            return
+            return False
         self._blown = speeds
         for n, (p, speed) in enumerate(zip(self.jets, speeds, strict=True)):
             inward = 1.0 if p.side == 0 else -1.0
@@ -197,10 +218,10 @@ class Boundaries:
                 amplitude = self._openings[n].turbulence_intensity * abs(speed)
                 for axis, plane in enumerate(self.noise[n].advance(speed, dt)):
                     face[..., axis] += amplitude * plane
-        self.upload_targets()
+        return True
 
     def upload_targets(self) -> None:
-        """Take the targets over from the host, of the axes along which openings blow."""
+        """Take the targets over from the host, of the axes along which openings blow or walls slide."""
         for d, put in self._put_targets.items():
             put(self._spread(self._targets[d], d))
 

@@ -1,46 +1,190 @@
-"""Turbulence of the air that openings blow in: filtered noise with a length and a time scale (digital filter)."""
+"""Turbulence of the air that openings blow in: random waves, free of divergence, that the wind carries in.
 
-from math import pi
+    u = curl A,   <|A(k)|²> ~ (k_L² + k²)^-(5/6 + (dim + 1)/2)
+
+makes the spectra of von Karman (1948, doi:10.1073/pnas.34.11.530): along the wind (k_L² + k²)^-5/6, with a -5/3 range.
+The air moves past the opening as if frozen (Taylor's hypothesis), so time goes with the distance that it has travelled,
+and as it is free of divergence the pressure takes nothing from it. A wave that varies along the face has no net flux
+through it, and of those that do not, freedom from divergence leaves only motion along the face.
+
+Only what the cells carry is blown in: waves from 6 cells on, and the strongest at least 8 cells long; of shorter ones
+convection would erase too much on their first metres. The intensity is that of all these waves, and k_L such that
+their integral length is the one asked for, where the two limits allow it: at least about 4 cells.
+"""
+
+from math import ceil, pi, sqrt
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
+from scipy.fft import ifft
 
 from taichi_plume.grid.rng import generator
 from taichi_plume.solvers.patches import JetPatch
+
+SHORTEST, STRONGEST = 6.0, 8.0  # cells: the shortest waves, and the shortest that may be the strongest
+INTEGRAL = 0.7468  # length times k_L of all waves, Gamma(1/3)^-1 Gamma(5/6) sqrt(pi)
+PLANES = 8  # to the shortest wave: interpolated by cubics, it keeps 99 % of its amplitude
+SCALES = 12  # that are tried for k_L
+LENGTHS = 12.0  # integral lengths from one box of waves to the next: blending them shortens those by 2 %
+
+Window = tuple[slice, ...]
+
+
+class Waves:
+    """The waves of one opening: their wave numbers, and how strong each may be.
+
+    k: per axis of the domain, as the differences of the grid see it [1/m], with a third that is zero in 2-D; along the
+    wind first, then along the face's axes, of which the last has only one sign. amplitude: of each wave's potential;
+    shift: what each component's place on the staggered grid does to it.
+    """
+
+    def __init__(self, patch: JetPatch, counts: list[int], length: float):
+        """counts: cells along the axes of the face."""
+        dx, dim = patch.grid.dx, patch.grid.dim
+        cut = 2.0 * pi / (SHORTEST * dx)
+        self.spacing = SHORTEST * dx / PLANES  # of the planes along the wind [m]
+        self.overlap = ceil(
+            LENGTHS * max(length, SHORTEST * dx) / self.spacing
+        )  # planes that two boxes share
+        self.planes = 2 * self.overlap
+        numbers = 2.0 * pi * np.fft.fftfreq(self.planes, self.spacing)
+        self.kept = np.abs(numbers) <= cut
+        limits = [
+            cut,
+            *(max(cut, 2.0 * sqrt(2.0) * pi / (n * dx)) for n in counts),
+        ]  # of small openings, one wave
+        self.across = [self._fitting(n, dx, most) for n, most in zip(counts, limits[1:], strict=True)]
+        self.across[-1] = np.unique(np.abs(self.across[-1]))
+        mesh = np.meshgrid(numbers[self.kept], *self.across, indexing="ij")
+        self.square = sum(k**2 for k in mesh)
+        inside = sum((k / most) ** 2 for k, most in zip(mesh, limits, strict=True)) <= 1.0
+        self.weight = (
+            inside * (self.square > 0.0) * np.where(mesh[-1] > 0.0, 2.0, 1.0)
+        )  # twice: for both signs
+        axes = (patch.axis, *patch.along)
+        self.k = np.zeros((3, *self.square.shape))
+        for axis, k in zip(axes, mesh, strict=True):
+            self.k[axis] = 2.0 / dx * np.sin(0.5 * k * dx)
+        self.k[patch.axis] *= -1.0 if patch.side == 0 else 1.0  # what lies upstream comes later
+        moved = [np.where(a == patch.axis, 0.0, mesh[axes.index(a)]) for a in range(dim)]
+        self.shift = np.exp(-0.5j * dx * np.array(moved))
+        self.potentials = range(3) if dim == 3 else (2,)
+        self.of_unit = sum(self.curl(one) ** 2 for one in np.eye(3)[list(self.potentials)])[:dim]
+        self._through = patch.axis
+        self.exponent = 5.0 / 6.0 + (dim + 1) / 2.0
+        strongest = 2.0 * pi / (STRONGEST * dx) / sqrt(0.6 * (dim + 1))
+        self.amplitude = np.sqrt(self._spectrum(self._scale(length, strongest)))
+
+    @staticmethod
+    def _fitting(n: int, dx: float, most: float) -> np.ndarray:
+        """Wave numbers of at most `most` [1/m] that repeat after n cells."""
+        k = 2.0 * pi * np.fft.fftfreq(n, dx)
+        return k[np.abs(k) <= most]
+
+    def curl(self, potential: np.ndarray) -> np.ndarray:
+        """k x potential, (3, ...), of one potential (3) for all waves or of one each, (3, ...)."""
+        a = potential.reshape(3, *(1,) * (self.k.ndim - potential.ndim), *potential.shape[1:])
+        return np.stack([self.k[m] * a[n] - self.k[n] * a[m] for m, n in ((1, 2), (2, 0), (0, 1))])
+
+    def _spectrum(self, scale: float) -> np.ndarray:
+        return self.weight / (scale**2 + self.square) ** self.exponent
+
+    def _scale(self, length: float, strongest: float) -> float:
+        """The k_L [1/m] that makes the integral length `length` [m], or the next that is allowed."""
+        scales = np.geomspace(strongest, min(INTEGRAL / length, strongest), SCALES)
+        powers = [self._spectrum(scale) * self.of_unit[self._through] for scale in scales]
+        # half the power of what does not change along the wind, over all power and the spacing of the wave numbers
+        lengths = [0.5 * self.planes * self.spacing * p[0].sum() / max(p.sum(), 1e-300) for p in powers]
+        return float(np.interp(length, lengths, scales))
 
 
 class Fluctuations:
     """Turbulent velocity of a jet, as planes of unit variance over the cells of its face.
 
-    Gaussian correlation in space (Klein et al. 2003, doi:10.1016/S0021-9991(03)00090-1) over `length` [m], exponential
-    in time (Xie & Castro 2008, doi:10.1007/s10494-008-9151-5); no net flux.
+    The waves fill boxes as wide as the opening, each drawn once and blended with the next, so nothing is repeated.
+    travelled: how far the air has moved through the opening [m].
     """
 
-    STATE = ("rng", "state")
+    STATE = ("travelled",)
 
     def __init__(self, patch: JetPatch, length: float, seed: int, name: str):
-        self.patch = patch
-        self.length = length
-        self.rng = generator(seed, name)
-        sigma = length / patch.grid.dx / np.sqrt(pi)
-        # the filter along each axis of the face, of unit variance: rows of a matrix
-        self.filters = [gaussian_filter1d(np.eye(n), sigma, axis=0, mode="wrap") for n in patch.profile.shape]
-        for matrix in self.filters:
-            matrix /= np.linalg.norm(matrix, axis=1, keepdims=True)
-        self.state = self._slices()
+        """length: integral length [m] along the wind."""
+        self.patch, self.dim = patch, patch.grid.dim
+        self.travelled = 0.0
+        self._seed, self._name = seed, name
+        spans = [np.flatnonzero(patch.covered.any(axis=a)) for a in reversed(range(self.dim - 1))]
+        if self.dim == 2:
+            spans = [np.flatnonzero(patch.covered)]
+        self._window: Window = tuple(slice(int(at[0]), int(at[-1]) + 1) for at in spans)
+        counts = [part.stop - part.start for part in self._window]
+        self.waves = waves = Waves(patch, counts, length)
+        dx = patch.grid.dx
+        self._tables = [
+            np.exp(1j * np.outer(k, (np.arange(n) + 0.5) * dx)).astype(np.complex64)
+            for k, n in zip(waves.across, counts, strict=True)
+        ]
+        self._factors = self._scales()
+        # a velocity along the face lies between two of its cells
+        self._here = [
+            patch.covered
+            if a == patch.axis
+            else patch.covered & np.roll(patch.covered, 1, patch.along.index(a))
+            for a in range(self.dim)
+        ]
+        self._boxes: dict[int, np.ndarray] = {}
 
-    def _slices(self) -> np.ndarray:
-        """Planes of unit-variance noise, one per velocity component, correlated over the length."""
-        planes = self.rng.standard_normal((self.patch.grid.dim, *self.patch.profile.shape))
-        for axis, matrix in enumerate(self.filters):
-            planes = np.moveaxis(np.tensordot(matrix, planes, axes=(1, axis + 1)), 0, axis + 1)
-        return planes
+    def _scales(self) -> np.ndarray:
+        """What makes the variance of each component 1, at its place on the staggered grid.
+
+        Of the flow through the opening less its mean, where obstacles or a round rim leave one.
+        """
+        power = self.waves.amplitude**2 * self.waves.of_unit
+        total = power.reshape(self.dim, -1).sum(axis=1)
+        mean = (self.patch.covered / self.patch.covered.sum())[self._window].astype(complex)
+        for table in self._tables:
+            mean = np.tensordot(mean, table, axes=(0, 1))
+        through = self.patch.axis
+        lost = (power[through] * np.abs(mean) ** 2).sum()
+        total[through] = total[through] - lost if lost < 0.999 * total[through] else 0.0
+        scale = [1.0 / sqrt(t) if t > 0.0 else 0.0 for t in total]
+        return self.waves.shift * np.reshape(scale, (-1, *(1,) * self.dim))
+
+    def _box(self, number: int) -> np.ndarray:
+        """Waves along the face, as they change from plane to plane: (planes, dim, waves along each axis)."""
+        if number not in self._boxes:
+            self._boxes = {n: box for n, box in self._boxes.items() if n == number - 1}
+            waves, rng = self.waves, generator(self._seed, f"{self._name} box {number}")
+            potential = np.zeros((3, *waves.square.shape), complex)
+            for c in waves.potentials:
+                potential[c] = waves.amplitude * sqrt(2.0) * np.exp(2j * pi * rng.random(waves.square.shape))
+            velocity = waves.curl(potential)
+            box = np.zeros((waves.planes, self.dim, *waves.square.shape[1:]), np.complex64)
+            for d, factor in enumerate(self._factors):
+                box[waves.kept, d] = factor * velocity[d]
+            self._boxes[number] = np.asarray(ifft(box, axis=0, norm="forward", overwrite_x=True))
+        return self._boxes[number]
 
     def advance(self, speed: float, dt: float) -> np.ndarray:
-        """The next planes, one per velocity component, of unit variance; the one through the face has no mean."""
-        decay = np.exp(-pi * dt * abs(speed) / (2.0 * self.length))
-        self.state = self.state * decay + self._slices() * np.sqrt(1.0 - decay**2)
-        planes = self.state * self.patch.covered
-        axis = self.patch.axis
-        planes[axis] -= self.patch.covered * planes[axis].sum() / self.patch.covered.sum()
+        """The planes after dt [s] at `speed` [m/s], one per velocity component, the one through the face without a
+        mean.
+        """
+        self.travelled += abs(speed) * dt
+        whole, f = divmod(self.travelled / self.waves.spacing, 1.0)
+        overlap, size = self.waves.overlap, self.waves.planes
+        number = int(whole) // overlap
+        cubic = np.array(
+            [-f * (f - 1) * (f - 2), 3 * (f + 1) * (f - 1) * (f - 2), -3 * (f + 1) * f * (f - 2)]
+        )
+        cubic = np.append(cubic, (f + 1) * f * (f - 1)) / 6.0
+        turn = 0.5 * pi * ((whole + f) / overlap - number)
+        now: np.ndarray | float = 0.0
+        for n, share in ((number - 1, np.cos(turn)), (number, np.sin(turn))):
+            places = (int(whole) - n * overlap + np.arange(-1, 3)) % size
+            now = now + np.tensordot((share * cubic).astype(np.float32), self._box(n)[places], axes=1)
+        for table in self._tables:
+            now = np.tensordot(now, table, axes=(1, 0))
+        planes = np.zeros((self.dim, *self.patch.covered.shape))
+        planes[(slice(None), *self._window)] = np.real(now)
+        planes *= self._here
+        through, covered = planes[self.patch.axis], self.patch.covered
+        through -= covered * (through.sum() / covered.sum())
         return planes

@@ -56,6 +56,12 @@ class Patch:
         """Mean of a function of the relative place over each boundary face."""
         return block_mean(function(self._places(shift, SAMPLES)), SAMPLES)
 
+    def points(self, places: Places) -> list[np.ndarray]:
+        """Coordinates of places along each axis of the domain [m]."""
+        found = [p * h + c for p, h, c in zip(places, self.half, self.center, strict=True)]
+        found.insert(self.axis, np.full_like(found[0], self.side * self.grid.extent[self.axis]))
+        return found
+
     def radius(self, places: Places) -> np.ndarray:
         """Distance from the centre over the half size: round for a disc, square for a rectangle."""
         if self.disc:
@@ -81,6 +87,10 @@ def _of_inlet(patch: Patch, places: Places, opening: Inlet) -> np.ndarray:
     inside = patch.inside(places)
     if opening.profile == "uniform":
         return inside
+    if not isinstance(opening.profile, str):
+        return opening.profile.shape(
+            opening.profile.height_at(patch.points(places), patch.grid.extent), inside
+        )
     if patch.disc:
         return inside * (1.0 - patch.radius(places) ** 2)
     return inside * np.prod([1.0 - p**2 for p in places], axis=0)

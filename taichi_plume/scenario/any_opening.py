@@ -1,23 +1,43 @@
 """What is asked of every opening."""
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, ClassVar
+from math import hypot
+from typing import TYPE_CHECKING, ClassVar, Self
+
+from pydantic import model_validator
 
 from taichi_plume.scenario.context import Context
 from taichi_plume.scenario.domain import Domain
-from taichi_plume.scenario.vocabulary import Color, Model, Temperature, Time, Velocity
+from taichi_plume.scenario.quantities import fault
+from taichi_plume.scenario.vocabulary import Color, Delay, Model, Temperature, Time, Velocities, Velocity
 from taichi_plume.scenario.windows import Region
 
 if TYPE_CHECKING:
     from taichi_plume.scenario.openings import Opening
 
 
-class SpeedAt(Model):
-    """One step of a schedule: from `at` on, blow with `speed`."""
+class Change(Model):
+    """One step of a schedule."""
 
     at: Time
     """Simulated time [s]; the robots start at 0, the warm-up is before."""
+
+
+class SpeedAt(Change):
+    """From `at` on, blow with `speed`."""
+
     speed: Velocity
+
+
+class VelocityAt(Change):
+    """From `at` on, slide with `velocity`."""
+
+    velocity: Velocities
+
+    @property
+    def speed(self) -> float:
+        """Its magnitude [m/s]."""
+        return hypot(*self.velocity)
 
 
 class AnyOpening(Model):
@@ -65,7 +85,7 @@ class AnyOpening(Model):
         return None
 
     @property
-    def changes(self) -> tuple[SpeedAt, ...]:
+    def changes(self) -> "tuple[SpeedAt | VelocityAt, ...]":
         """When its speed changes, and to what."""
         return ()
 
@@ -92,6 +112,44 @@ class AnyOpening(Model):
     ) -> Iterator[str]:
         """What is wrong with its place, as one of several openings."""
         raise NotImplementedError
+
+
+class Scheduled(AnyOpening):
+    """An opening whose `schedule` of changes comes with its kind."""
+
+    ramp: Delay = 0.5
+    """Time over which a scheduled change takes place [s]."""
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        times = [step.at for step in self.changes]
+        if times != sorted(times):
+            raise fault("schedule must be ordered by 'at'")
+        return self
+
+    @property
+    def changes(self) -> "tuple[SpeedAt | VelocityAt, ...]":
+        """The schedule."""
+        return vars(self)["schedule"]
+
+    @property
+    def knots(self) -> tuple[float, ...]:
+        """Times between which the speed changes linearly [s]."""
+        return tuple(time for step in self.changes for time in (step.at, step.at + self.ramp))
+
+    def share(self, step: Change, t: float) -> float:
+        """How much of a change has taken place at time t [s]."""
+        if t < step.at:
+            return 0.0
+        return min(1.0, (t - step.at) / self.ramp) if self.ramp else 1.0
+
+    def remarks(self, where: str, context: Context) -> Iterator[str]:
+        """What changes after the end."""
+        yield from super().remarks(where, context)
+        end = context.scenario.duration
+        for n, step in enumerate(self.changes):
+            if step.at >= end:
+                yield f"{where}.schedule[{n}].at: {step.at:g} s is not before the end at {end:g} s"
 
 
 class FaceOpening(AnyOpening, Region):

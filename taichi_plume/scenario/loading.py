@@ -182,7 +182,8 @@ def _line(fault: Any, data: dict) -> str | None:
             return f"{parent}: too few numbers: item {key} is missing"
         return f"{parent}: missing key '{key}'" if parent else f"missing key '{key}'"
     where = f"{_path(steps)}: " if steps else ""
-    if kind == "model_type" and isinstance(member, str) and member[:1].isupper():
+    union = isinstance(member, str) and (member[:1].isupper() or member.startswith("tagged-union["))
+    if kind in ("model_type", "model_attributes_type") and union:
         return None  # a section where there may also be a name: the list of names says it
     if kind == "literal_error":
         if isinstance(got, dict) and str(member).startswith("literal["):

@@ -1,19 +1,21 @@
 """Openings of a scenario: where air comes in and out, and the faces of the domain that are other than still walls."""
 
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from math import hypot
 from typing import Annotated, ClassVar, Literal
 
+import numpy as np
 from pydantic import Field, model_validator
 
-from taichi_plume.scenario.any_opening import AnyOpening, FaceOpening, SpeedAt, Vent
+from taichi_plume.scenario.any_opening import AnyOpening, FaceOpening, Scheduled, SpeedAt, VelocityAt, Vent
 from taichi_plume.scenario.context import Context
 from taichi_plume.scenario.domain import Domain
+from taichi_plume.scenario.profiles import Profile
 from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.vocabulary import (
     Coefficient,
     Color,
-    Delay,
     Duration,
     FlowRate,
     Fraction,
@@ -25,10 +27,11 @@ from taichi_plume.scenario.vocabulary import (
     Velocity,
 )
 
+CARRIED = 3  # cells: of eddies of shorter integral length convection on them leaves too little
 BLUE, YELLOW, GREEN, PURPLE = (79, 195, 247), (255, 213, 79), (129, 199, 132), (206, 147, 216)
 
 
-class Jet(Vent):
+class Jet(Scheduled, Vent):
     """What fans, inlets and honeycombs share: a prescribed speed that may follow a schedule."""
 
     inward: ClassVar[bool] = True
@@ -36,19 +39,16 @@ class Jet(Vent):
     speed: Velocity | None = None
     """Mean speed into the domain [m/s]; negative extracts."""
     turbulence_intensity: Fraction = 0.0
-    """Standard deviation of each velocity component over the mean speed."""
+    """Standard deviation of each velocity component over the mean speed, of the eddies that the cells carry."""
     turbulence_length: Length | None = None
-    """Integral length of the fluctuations [m]; a fifth of the opening's width unless given."""
+    """Integral length of the fluctuations along the wind [m]; a fifth of the opening's width unless given, and about
+    four cells at least.
+    """
     schedule: tuple[SpeedAt, ...] = ()
     """Speeds from given times on; before the first, `speed` holds."""
-    ramp: Delay = 0.5
-    """Time over which a scheduled change takes place [s]."""
 
     @model_validator(mode="after")
-    def _ordered(self) -> "Jet":
-        times = [step.at for step in self.schedule]
-        if times != sorted(times):
-            raise fault("schedule must be ordered by 'at'")
+    def _begun(self) -> "Jet":
         if self.schedule and self.speed is None:
             raise fault("schedule needs a speed to start with")
         return self
@@ -73,19 +73,9 @@ class Jet(Vent):
         """Without a speed it is an outlet."""
         return not self.blows
 
-    @property
-    def changes(self) -> tuple[SpeedAt, ...]:
-        """The schedule."""
-        return self.schedule
-
     def top_speed(self, domain: Domain) -> float:
         """Largest scheduled speed [m/s]."""
         return max(abs(speed) for speed in (self.speed or 0.0, *(step.speed for step in self.schedule)))
-
-    @property
-    def knots(self) -> tuple[float, ...]:
-        """Times between which the speed changes linearly [s]."""
-        return tuple(time for step in self.schedule for time in (step.at, step.at + self.ramp))
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
         """Its eddies have to fit the room."""
@@ -98,11 +88,14 @@ class Jet(Vent):
             )
 
     def remarks(self, where: str, context: Context) -> Iterator[str]:
-        """What blows all the time inwards, and what is switched after the end."""
-        end = context.scenario.duration
-        for n, step in enumerate(self.schedule):
-            if step.at >= end:
-                yield f"{where}.schedule[{n}].at: {step.at:g} s is not before the end at {end:g} s"
+        """Eddies that the cells cannot carry, and what blows all the time inwards."""
+        yield from super().remarks(where, context)
+        length, cell = self.turbulence_length, context.domain.spacing
+        if length is not None and self.by_chance and length < CARRIED * cell * (1.0 - 1e-6):
+            yield (
+                f"{where}.turbulence_length: {length:g} m is too short for cells of {cell:g} m: the eddies will be of "
+                f"about {4 * cell:g} m"
+            )
         if self.speed is not None and self.speed < 0 and self.inward:
             yield f"{where}.speed: {self.speed:g} m/s draws air out of the room; a positive speed blows it in"
 
@@ -110,9 +103,7 @@ class Jet(Vent):
         """Scheduled speed [m/s] at time t [s]: each change takes `ramp` seconds."""
         speed = self.speed or 0.0
         for step in self.schedule:
-            if t >= step.at:
-                share = min(1.0, (t - step.at) / self.ramp) if self.ramp else 1.0
-                speed += share * (step.speed - speed)
+            speed += self.share(step, t) * (step.speed - speed)
         return speed
 
     def inflow(self, t: float, domain: Domain) -> float:
@@ -178,12 +169,19 @@ class Fan(Jet):
 
 
 class Inlet(Jet):
-    """Air blown in with a uniform or parabolic profile of mean `speed`."""
+    """Air blown in with a profile of mean `speed`."""
 
     color: ClassVar[Color] = BLUE
     kind: Literal["inlet"]
     speed: Velocity  # type: ignore[assignment]
-    profile: Literal["uniform", "parabolic"] = "uniform"
+    profile: Literal["uniform", "parabolic"] | Profile = "uniform"
+    """Or one by the height over walls: {kind: log}, power or table."""
+
+    def problems(self, where: str, context: Context) -> Iterator[str]:
+        """Its profile has to fit it."""
+        yield from super().problems(where, context)
+        if not isinstance(self.profile, str):
+            yield from self.profile.unfit(f"{where}.profile", self, context.domain)
 
 
 class Honeycomb(Jet):
@@ -214,28 +212,47 @@ class Slip(FaceOpening):
     kind: Literal["slip"]
 
 
-class MovingWall(FaceOpening):
+class MovingWall(Scheduled, FaceOpening):
     """A no-slip wall that slides with `velocity` (its component through the face must be zero)."""
 
     color: ClassVar[Color] = PURPLE
     kind: Literal["wall"]
     velocity: Velocities
+    schedule: tuple[VelocityAt, ...] = ()
+    """Velocities from given times on; before the first, `velocity` holds."""
 
     def top_speed(self, domain: Domain) -> float:
-        """Its own [m/s]."""
-        return hypot(*self.velocity)
+        """Its own, the largest scheduled one [m/s]."""
+        return max(hypot(*self.velocity), *(step.speed for step in self.schedule), 0.0)
+
+    def _velocity_at(self, t: float) -> np.ndarray:
+        velocity = np.array(self.velocity)
+        for step in self.schedule:
+            velocity += self.share(step, t) * (np.array(step.velocity) - velocity)
+        return velocity
+
+    def mean_velocity(self, begin: float, end: float) -> np.ndarray:
+        """Mean over times [m/s], per axis of the run; at one time, what it is then."""
+        if not begin < end:
+            return self._velocity_at(end)
+        times = [begin, *sorted(time for time in self.knots if begin < time < end), end]
+        parts = [(b - a) * self._velocity_at(0.5 * (a + b)) for a, b in pairwise(times)]  # linear in between
+        return np.sum(parts, axis=0) / (end - begin)
 
     def clashes(
         self, where: str, number: int, openings: "Sequence[Opening]", context: Context
     ) -> Iterator[str]:
         """It must not move out of its plane either."""
         yield from super().clashes(where, number, openings, context)
-        if self.velocity[self.axis] != 0:
-            yield (
-                f"{where}.velocity: the wall {self.face} slides in its own plane: "
-                f"the {'xyz'[self.axis]} component must be 0, got {self.velocity[self.axis]:g} m/s; "
-                "to blow air use kind: inlet"
-            )
+        told = [(f"{where}.velocity", self.velocity)]
+        told += [(f"{where}.schedule[{n}].velocity", step.velocity) for n, step in enumerate(self.schedule)]
+        for place, velocity in told:
+            if velocity[self.axis] != 0:
+                yield (
+                    f"{place}: the wall {self.face} slides in its own plane: "
+                    f"the {'xyz'[self.axis]} component must be 0, got {velocity[self.axis]:g} m/s; "
+                    "to blow air use kind: inlet"
+                )
 
 
 class Periodic(AnyOpening):

@@ -12,7 +12,7 @@ from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.listening import AnyAlgorithm
 from taichi_plume.scenario.maps import AnyMap, Map
 from taichi_plume.scenario.obstacles import AnyObstacle, Obstacle
-from taichi_plume.scenario.openings import Opening
+from taichi_plume.scenario.openings import MovingWall, Opening
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.shapes import SHAPES
 from taichi_plume.scenario.starts import AnyStart, Start
@@ -37,8 +37,12 @@ OPENINGS = {
     "outlet": {"kind": "outlet", "face": "z+"},
     "slip": {"kind": "slip", "face": "z+"},
     "wall": {"kind": "wall", "face": "z+", "velocity": (3.0, 4.0, 0.0)},
+    "starting wall": {
+        "kind": "wall", "face": "z+", "velocity": (0.0, 0.0, 0.0), "ramp": 2.0,
+        "schedule": [{"at": 1, "velocity": (6.0, 8.0, 0.0)}],
+    },
     "periodic": {"kind": "periodic", "axis": "y"},
-}
+}  # fmt: skip
 
 
 def scenario(**changes) -> Scenario:
@@ -65,6 +69,7 @@ def opening(name: str) -> Opening:
         ("outlet", False, True, False, 0.0, "outlet"),
         ("slip", False, False, False, 0.0, "slip"),
         ("wall", False, False, False, 5.0, "wall"),
+        ("starting wall", False, False, False, 10.0, "wall"),
         ("periodic", False, False, False, 0.0, "periodic"),
     ],
 )
@@ -77,7 +82,18 @@ def test_openings(name, blows, lets_out, warms, speed, label):
     assert (one.region is None) == (name == "periodic") == (one.wraps == "y")
     assert all(0 <= part <= 255 for part in one.color)
     assert one.straight == name.startswith("straight")
-    assert len(one.changes) == (name == "inlet")
+    assert [step.speed for step in one.changes] == {"inlet": [-3], "starting wall": [10]}.get(name, [])
+
+
+def test_walls_know_their_mean_velocity():
+    wall = opening("starting wall")
+    assert isinstance(wall, MovingWall)
+    assert tuple(wall.mean_velocity(0.5, 0.9)) == (0.0, 0.0, 0.0)
+    assert tuple(wall.mean_velocity(2.0, 2.0)) == (3.0, 4.0, 0.0)
+    # half of the time at rest, half with a quarter of the speed on the mean
+    assert wall.mean_velocity(0.0, 2.0) == pytest.approx((0.75, 1.0, 0.0))
+    sudden = wall.model_copy(update={"ramp": 0.0})
+    assert sudden.mean_velocity(0.0, 4.0) == pytest.approx((4.5, 6.0, 0.0))
 
 
 def test_flow_in_and_out():

@@ -213,6 +213,17 @@ FAULTS = [
         "wind.openings[0].velocity: the wall y+",
         "y component must be 0",
     ),
+    (
+        "wind.openings.0={kind: wall, face: y+, velocity: [1, 0, 0], schedule: [{at: 1, velocity: [0, 3, 0]}]}",
+        "wind.openings[0].schedule[0].velocity: the wall y+",
+        "must be 0, got 3 m/s",
+    ),
+    (
+        "wind.openings.0={kind: wall, face: y+, velocity: [1, 0, 0], schedule: [{at: 2, velocity: [0, 0, 0]}, "
+        "{at: 1, velocity: [1, 0, 0]}]}",
+        "wind.openings[0]: schedule must be ordered by 'at'",
+        "",
+    ),
     (f"obstacles.0={WHOLE}", "wind.openings[1]: there is no air behind it", ""),
     # screens
     (screen("axis: x, at: 5"), "wind.screens[0].at: x = 5 m leaves less than a cell", "x 0.075 to 3.925 m"),

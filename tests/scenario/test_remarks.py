@@ -131,6 +131,10 @@ def test_a_check_prints_remarks(tmp_path, capsys):
             "wind.openings.0={kind: inlet, face: x-, speed: -0.3}",
             "wind.openings[0].speed: -0.3 m/s draws air out",
         ),
+        (
+            "wind.openings.0={kind: inlet, face: x-, speed: 1, turbulence_intensity: 0.1, turbulence_length: 1 cm}",
+            "wind.openings[0].turbulence_length: 0.01 m is too short for cells of",
+        ),
         ("maps=[{kind: inverse_distance, window: 11}]", "maps[0].window: 11 s is longer than duration: 10 s"),
         (
             "robots.0.sensors={gas: {kind: mox, sensitivity: {aceton: 1}}}",

@@ -12,6 +12,8 @@ OTHERS = {
     "ClosedForm.diffusivity": "of which one may stand for all axes",
     "ClosedForm.intensity": "the same",
     "Spiral.arms": "a list of any length",
+    "TableProfile.heights": "a list of any length",
+    "TableProfile.speeds": "one per height",
     "Prism.vertices": "of two each, in any run",
     "Motion.path": "of three each, in any run",
     "StartAt.positions": "of two each, in any run",

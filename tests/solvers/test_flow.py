@@ -10,13 +10,10 @@ from taichi_plume.grid.shapes import Ball
 from taichi_plume.grid.state import State
 from taichi_plume.grid.transfer import reader
 from taichi_plume.scenario.obstacles import Cylinder, Sphere
-from taichi_plume.scenario.openings import Honeycomb
 from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.bodies import MovingObstacle
 from taichi_plume.solvers.flow import FlowSolver
-from taichi_plume.solvers.inflow import Fluctuations
 from taichi_plume.solvers.momentum import Weighing
-from taichi_plume.solvers.patches import JetPatch
 from taichi_plume.validation.flow_cases import advance
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -88,16 +85,6 @@ def test_equal_seeds_blow_equal_gusts(arena):
     assert np.abs(once - gusts(2)).max() > 1e-3
 
 
-def test_inflow_turbulence_has_its_intensity_and_no_net_flux():
-    grid = Grid((8, 60, 40), 0.05)
-    opening = Honeycomb.model_validate(INLET | {"turbulence_intensity": 0.1})
-    patch = JetPatch(opening, opening.kind, grid, np.ones(grid.shape, bool))
-    noise = Fluctuations(patch, 0.1, 0, "inflow 0")
-    planes = np.array([noise.advance(0.7, 0.02) for _ in range(400)])
-    assert planes.std() == pytest.approx(1.0, rel=0.1)
-    assert np.abs(planes[:, patch.axis].mean(axis=(1, 2))).max() < 1e-12
-
-
 # ---------------------------------------------------------------- a fan in space
 
 
@@ -156,6 +143,34 @@ def test_a_moving_wall_drags_the_air():
     np.testing.assert_allclose(grid.inner(flow._read_velocity()[0])[4], y, atol=1e-4)
 
 
+def test_a_wall_that_speeds_up_drags_the_air_along():
+    """With V = a t beside a wall at rest, 1 m apart, nu = 1:
+
+    u = a t y + 2 a/pi sum (-1)^k/k (1 - exp(-k² pi² t))/(k² pi²) sin k pi y;  here it stops again, as if -a were added.
+    """
+    n, end, stop = 24, 0.16, 0.08
+    grid = Grid((8, n), 1.0 / n, periodic=(True, False))
+    wall = {
+        "kind": "wall", "face": "y+", "velocity": [0.0, 0.0], "ramp": stop,
+        "schedule": [{"at": 0.0, "velocity": [1.0, 0.0]}],
+    }  # fmt: skip
+    openings = [{"kind": "periodic", "axis": "x"}, wall]
+    flow = FlowSolver(
+        wind(viscosity=1.0, turbulence={"kind": "none"}, openings=openings), grid, Air.everywhere(grid)
+    )
+    y, k = (np.arange(n) + 0.5) / n, np.arange(1, 100)[:, None]
+
+    def driven(t: float) -> np.ndarray:
+        decay = (k * np.pi) ** 2
+        parts = (-1.0) ** k / k * (1.0 - np.exp(-decay * t)) / decay * np.sin(k * np.pi * y)
+        return (t * y + 2.0 / np.pi * parts.sum(axis=0)) / stop
+
+    for begin, until in ((0.0, stop), (stop, end)):
+        advance(flow, until, begin)
+        exact = driven(until) - (driven(until - stop) if until > stop else 0.0)
+        np.testing.assert_allclose(grid.inner(flow._read_velocity()[0])[4], exact, atol=5e-4)
+
+
 # ---------------------------------------------------------------- state and numbers
 
 
@@ -180,7 +195,13 @@ def busy(**other) -> CfdWind:
                 inlet,
                 {"kind": "fan", "face": "y-", "center": [0.6], "size": [0.3], "curve": curve},
                 OUTLET | {"loss_coefficient": numbers["loss"]},
-                {"kind": "wall", "face": "y+", "velocity": [numbers["wall"], 0.0]},
+                {
+                    "kind": "wall",
+                    "face": "y+",
+                    "velocity": [numbers["wall"], 0.0],
+                    "ramp": 0.02,
+                    "schedule": [{"at": 0.015, "velocity": [-3 * numbers["wall"], 0.0]}],
+                },
             ],
             "screens": [
                 {"kind": "perforated", "axis": "x", "at": 0.9, "loss_coefficient": numbers["screen"]},
