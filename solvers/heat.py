@@ -6,7 +6,7 @@ A surface of temperature T_s gives its cells alpha (T_s - T)/(dx/2) per area, or
 coefficient of heat transfer h is known; all others are adiabatic.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, cast
 
 import numpy as np
@@ -36,7 +36,7 @@ def _temperature(vent: Patch) -> float | None:
 class HeatSolver:
     """Temperature on the grid of a flow. Field theta: T - reference [K]."""
 
-    STATE = ("transport", "heaters_joule", "_from_surfaces")
+    STATE = ("transport", "heaters_joule", "initial_joule", "_from_surfaces")
 
     def __init__(
         self,
@@ -85,12 +85,18 @@ class HeatSolver:
         self.reference = model.reference
         self.capacity = model.capacity
         self.heaters = model.heaters
-        self.heaters_joule = 0.0
+        self.heaters_joule = self.initial_joule = 0.0
         if self.release is not None:
             self.release.begin(model.heaters)
         rate, gain = self._exchange_rates(model)
         self._warm(self._listed(rate), self._listed(gain), *self._inflow_theta())
         self.transport.begin(model.diffusivity, model.prandtl_turbulent, float(rate.max()))
+
+    def start_from(self, temperature: Callable[[np.ndarray], np.ndarray]) -> None:
+        """Set theta from a function of points (..., dim) [m] to temperatures [K]."""
+        solid, reference = self.air.solid, self.reference
+        self.transport.start_from(lambda points: np.where(solid, 0.0, temperature(points) - reference))
+        self.initial_joule = self.transport.inside() * self.capacity
 
     # ---------------------------------------------------------------- surfaces and openings
 
@@ -194,8 +200,11 @@ class HeatSolver:
     # ---------------------------------------------------------------- what is known about it
 
     def budget(self) -> dict[str, float]:
-        """Heat [J] that heaters and surfaces gave, that is in the air and that left through the openings."""
+        """Heat [J] above the reference that was there at the begin, where any was, that heaters and surfaces gave, that
+        is in the air and that left through the openings.
+        """
         return {
+            **({"initial_J": self.initial_joule} if self.initial_joule else {}),
             "heaters_J": self.heaters_joule,
             "surfaces_J": self._from_surfaces.read() * self.grid.cell_volume * self.capacity,
             "in_air_J": self.transport.inside() * self.capacity,

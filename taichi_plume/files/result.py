@@ -51,10 +51,12 @@ def _budget(sim: Simulation) -> dict[str, Any]:
     kept = [part for part in parts if part]
     if not kept:
         return {}
-    total: dict[str, Any] = {key: sum(part[key] for part in kept) for key in kept[0]}
+    keys = dict.fromkeys(key for part in kept for key in part)
+    total: dict[str, Any] = {key: sum(part.get(key, 0.0) for part in kept) for key in keys}
     for budget in [total, *kept]:
-        missing = budget["emitted_kg"] - budget["in_domain_kg"] - budget["outflow_kg"]
-        budget["relative_error"] = missing / budget["emitted_kg"] if budget["emitted_kg"] else None
+        given = budget["emitted_kg"] + budget.get("initial_kg", 0.0)
+        missing = given - budget["in_domain_kg"] - budget["outflow_kg"]
+        budget["relative_error"] = missing / given if given else None
     if len(parts) > 1:
         names = [gas.species.name for gas in sim.gas.gases]
         total["parts"] = [{"species": name, **part} for name, part in zip(names, parts, strict=True)]

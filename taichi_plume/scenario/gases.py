@@ -14,6 +14,7 @@ from taichi_plume.scenario.closed_forms import (
     Release,
 )
 from taichi_plume.scenario.context import Context
+from taichi_plume.scenario.initial import InitialGas
 from taichi_plume.scenario.played import Playback
 from taichi_plume.scenario.plumesim import FluentGas, PlumeSimGas, PlumeSimMeander, PlumeSimPuff
 from taichi_plume.scenario.sources import OneGas, OtherSpecies, Source, dishes
@@ -40,6 +41,8 @@ class EulerianGas(OneGas):
     weighs: ClassVar[bool] = True
     convection: Convection = "koren"
     """Scheme of convection; weno5 keeps filaments sharper on the same grid and costs more."""
+    initial: InitialGas | None = None
+    """At the begin of the warm-up; unless given, the air is clean."""
     sources: Annotated[tuple[Source, ...], Field(min_length=1)]
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
