@@ -14,14 +14,14 @@ from typing import Any
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from taichi_plume.files import checkpoint, manifest, plumesim_log, robots_table
+from taichi_plume.files import checkpoint, manifest, plumesim_log, table_parts
 from taichi_plume.files.result import write_result
 from taichi_plume.files.run_folder import FILES, RunFolder, RunFolderError, resuming
 from taichi_plume.guard.terminal import Parser, say, visible
 from taichi_plume.outputs import OVER
 
 KILLED = "killed"
-PARTS = (robots_table.PARTS, "recording.old.rrd")
+PARTS = ("robots.parts", "probes.parts", "recording.old.rrd")
 """What is there only until a file is finished."""
 
 
@@ -152,11 +152,10 @@ def _reached(table: Path, told: dict[str, Any]) -> dict[str, Any]:
 # ---------------------------------------------------------------- files
 
 
-def _robots(path: Path) -> str | None:
-    parts = path.with_name(robots_table.PARTS)
-    if not parts.is_dir():
+def _parts(path: Path) -> str | None:
+    if not table_parts.parts_of(path).is_dir():
         return None
-    robots_table.join(path)
+    table_parts.join(path)
     return f"{pq.read_metadata(path).num_rows:,} rows" if path.exists() else "no rows"
 
 
@@ -201,7 +200,8 @@ def _film(path: Path) -> str | None:
 
 
 COMPLETE: dict[str, Callable[[Path], str | None]] = {
-    "robots.parquet": _robots,
+    "robots.parquet": _parts,
+    "probes.parquet": _parts,
     "forces.csv": _lines,
     "fields.zarr": _film,
     "plume.pslog": _log,

@@ -29,12 +29,14 @@ FILES = (
     "recording.rrd",
     "robots.parquet",
     "forces.csv",
+    "probes.parquet",
     "fields.zarr",
     "plume.pslog",
     "result.json",
 )
 BESIDE = (
     "robots.parts",
+    "probes.parts",
     "recording.old.rrd",
     "recording.part.rrd",
     "result.json.part",
