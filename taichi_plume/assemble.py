@@ -117,6 +117,8 @@ def build(prepared: Prepared, algorithms: Mapping[str, type] | None = None) -> S
     sim.begin = begin
     if isinstance(wind, FlowSolver) and wind.area is not None:
         sim.forces = partial(forces, wind, air, len(resources.obstacles))
+    if isinstance(wind, FlowSolver):
+        sim.pressure, sim.heat = wind.p, wind.heat
     return sim
 
 

@@ -19,7 +19,7 @@ from taichi_plume.map_scores import MapScores
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.outputs import Checkpoint
 from taichi_plume.signals import Ears
-from taichi_plume.simulation import Every, Simulation
+from taichi_plume.simulation import Every, EveryStep, Simulation
 
 KEPT = 10.0  # s of the clock, after which what was computed comes to the disk
 USUAL = 300.0  # s of the clock between checkpoints
@@ -63,7 +63,7 @@ class Outputs:
     OSError as soon as there is no room, ScenarioError where checkpoints are asked for and cannot be made.
     """
 
-    STATE = ("sim", "observers", "map_scores", "tables", "recorder")
+    STATE = ("sim", "observers", "step_observers", "map_scores", "tables", "recorder")
 
     def __init__(self, sim: Simulation, about: About, ears: Ears):
         self.sim, self.about, self.ears = sim, about, ears
@@ -72,7 +72,7 @@ class Outputs:
         self.tables = self._tables()
         self.recorder = self._recorder() if about.recording else None
         sim.observers.append(Every(sim.dt, self.keep, warm_up=True))
-        self.observers = list(sim.observers)
+        self.observers, self.step_observers = list(sim.observers), list(sim.step_observers)
         self._state: State | None = None
         self.remarks: list[str] = []
         self._told = False
@@ -88,6 +88,10 @@ class Outputs:
             tables.append(robots_table.RobotTable(sim, folder / "robots.parquet"))
         if sim.forces is not None:
             tables.append(forces_table.ForceTable(sim, folder / "forces.csv"))
+        if scenario.probes is not None:
+            from taichi_plume.files.probes_table import ProbeTable
+
+            tables.append(ProbeTable(sim, folder / "probes.parquet", scenario.probes))
         if scenario.fields is not None:
             from taichi_plume.files.filming import Filming
 
@@ -96,7 +100,12 @@ class Outputs:
             from taichi_plume.files.plumesim_log import PlumeLogger
 
             tables.append(PlumeLogger(sim, folder / "plume.pslog", scenario.plumesim_log))
-        sim.observers += [table.observer() for table in tables]
+        for table in tables:
+            observer = table.observer()
+            if isinstance(observer, EveryStep):
+                sim.step_observers.append(observer)
+            else:
+                sim.observers.append(observer)
         return tables
 
     def _recorder(self) -> Writer:
