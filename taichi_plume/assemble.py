@@ -33,7 +33,7 @@ from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.simulation import Simulation
 from taichi_plume.solvers.bodies import MovingObstacle, Wake
 from taichi_plume.solvers.flow import FlowSolver
-from taichi_plume.solvers.forces import forces
+from taichi_plume.solvers.forces import Forces
 from taichi_plume.solvers.momentum import Weighing
 from taichi_plume.solvers.patches import opening_cells, periodic_axes
 from taichi_plume.solvers.resistance import Resistance
@@ -116,7 +116,7 @@ def build(prepared: Prepared, algorithms: Mapping[str, type] | None = None) -> S
 
     sim.begin = begin
     if isinstance(wind, FlowSolver) and wind.area is not None:
-        sim.forces = partial(forces, wind, air, len(resources.obstacles))
+        sim.forces = Forces(wind, air, len(resources.obstacles))
     if isinstance(wind, FlowSolver):
         sim.pressure, sim.heat = wind.p, wind.heat
     return sim
