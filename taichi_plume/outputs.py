@@ -174,9 +174,9 @@ class Outputs:
 
     def _digest(self) -> None:
         """Begin to sum up what the run reads; it takes a while where films are."""
-        with ThreadPoolExecutor(1) as pool:
-            self._digests = pool.submit(manifest.digests, self.about.folder, self.about.inputs)
-            pool.shutdown(wait=False)
+        pool = ThreadPoolExecutor(1)
+        self._digests = pool.submit(manifest.digests, self.about.folder, self.about.inputs)
+        pool.shutdown(wait=False)
 
     def keep(self, sim: Simulation) -> None:
         """Bring what there is to the disk when it is time. Raises KeyboardInterrupt where a signal asks to end."""
