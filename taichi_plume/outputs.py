@@ -148,7 +148,7 @@ class Outputs:
         self._digest()
         for writer in self._writers:
             writer.start()
-        self._tell("running")
+        self._tell()
 
     def go_on(self, saved: dict[str, Any]) -> None:
         """Continue from a checkpoint's content. Raises RunFolderError where it does not fit, or rows are lost."""
@@ -162,7 +162,7 @@ class Outputs:
         self._digests.set_result(saved["inputs"])
         told = self.about.folder / "result.json"
         before = told.read_bytes() if told.exists() else None
-        self._tell("running")  # first, so that what is left of this can be repaired
+        self._tell()  # first, so that what is left of this can be repaired
         try:
             (self.about.folder / manifest.NAME).unlink(missing_ok=True)
             for writer in self._writers:
@@ -202,7 +202,7 @@ class Outputs:
             raise FileNotFoundError(errno.ENOENT, "the run's directory has been removed", str(folder))
         for table in self.tables:
             table.flush()
-        self._tell("running")
+        self._tell()
         self.ears.asked = False
         self._kept = time.monotonic()
 
@@ -230,9 +230,11 @@ class Outputs:
         """Note why the run makes no checkpoints; it is told where it takes long."""
         self.remarks += [f"{fault}; this run makes no checkpoint" for fault in faults]
 
-    def _tell(self, status: str) -> None:
+    def _tell(self) -> None:
+        """That it runs, and how far it is."""
         result.write_result(
-            self.about.folder, result.begun(self.sim, status, f"t = {self.sim.t:.2f} s", self.about.backend)
+            self.about.folder,
+            result.begun(self.sim, "running", f"t = {self.sim.t:.2f} s", self.about.backend),
         )
 
     # ------------------------------------------------------------ its end

@@ -61,7 +61,7 @@ def device(arch: str) -> str:
 
 
 def simulate(job: Job, quiet: bool = False, debug: bool = False) -> int:
-    """Assemble and run; returns the command's exit code. Raises ScenarioError, CheckpointError, KeyboardInterrupt."""
+    """Assemble and run; returns the command's exit code. Raises ScenarioError, RunFolderError, KeyboardInterrupt."""
     console = terminal(error=True)
     with listening() as ears:
         try:
