@@ -276,7 +276,12 @@ class FlowSolver(Carrier):
 
     def start_from(self, velocity: Callable[[np.ndarray], np.ndarray]) -> None:
         """Set u from a function of points (..., dim) [m] to velocities [m/s], made divergence-free; p starts at 0."""
-        self._put_velocity(*(velocity(self.padded_faces(d))[..., d] for d in range(self.dim)))
+        self._put_velocity(
+            *(
+                np.where(area > 0.0, velocity(self.padded_faces(d))[..., d], 0.0)
+                for d, area in enumerate(self._area)
+            )
+        )
         self._settle()
 
     def padded_faces(self, d: int) -> np.ndarray:

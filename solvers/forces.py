@@ -7,27 +7,39 @@ from taichi_plume.scenario.species import AIR_DENSITY
 from taichi_plume.solvers.flow import FlowSolver
 
 
-def forces(flow: FlowSolver, air: Air, count: int) -> np.ndarray:
-    """Force [N] of the air on each of `count` obstacles, shape (count, dim); in 2-D on the slab's depth; nan where one
-    is not part of `air`.
+class Forces:
+    """Force [N] of the air on each of `count` obstacles, shape (count, dim), at the time that the flow has come to; in
+    2-D on the slab's depth; nan where one is not part of `air`.
 
     The pressure on what surfaces the cells hold, and the momentum that friction takes from the air next to them: the
     sum over the obstacles is what the air loses.
     """
-    grid = flow.grid
-    result = np.zeros((count, grid.dim))
-    pressure = grid.read(flow.p)[..., None] * air.surface()
-    loss = flow.momentum_loss()
-    for d in range(grid.dim):
-        below = np.roll(air.body, 1, axis=d)
-        owner = np.where(air.body >= 0, air.body, below)
-        inside = np.ones(grid.shape, bool)
-        if not grid.periodic[d]:  # the domain's own walls take what is theirs
-            np.moveaxis(inside, d, 0)[0] = False
-        face = (owner >= 0) & inside
-        cell = air.body >= 0
-        on_faces = np.bincount(owner[face], loss[d][face] * grid.dx, minlength=count)
-        on_cells = np.bincount(air.body[cell], pressure[..., d][cell], minlength=count)
-        result[:, d] = (on_faces + on_cells) * AIR_DENSITY * grid.cell_volume / grid.dx
-    result[np.bincount(air.body[air.body >= 0], minlength=count) == 0] = np.nan
-    return result
+
+    def __init__(self, flow: FlowSolver, air: Air, count: int):
+        grid = flow.grid
+        self.flow, self.count = flow, count
+        self._cells = np.nonzero(air.body >= 0)
+        self._bodies = air.body[self._cells]
+        self._surface = air.surface()[self._cells]
+        self._faces, self._owners = [], []
+        for d in range(grid.dim):
+            owner = np.where(air.body >= 0, air.body, np.roll(air.body, 1, axis=d))
+            if not grid.periodic[d]:  # the domain's own walls take what is theirs
+                np.moveaxis(owner, d, 0)[0] = -1
+            self._faces.append(np.nonzero(owner >= 0))
+            self._owners.append(owner[self._faces[d]])
+        self._none = np.bincount(self._bodies, minlength=count) == 0
+
+    def __call__(self) -> np.ndarray:
+        """As of now."""
+        grid = self.flow.grid
+        pressure = grid.read(self.flow.p)[self._cells]
+        loss = self.flow.momentum_loss()
+        result = np.zeros((self.count, grid.dim))
+        for d in range(grid.dim):
+            lost = loss[d][self._faces[d]] * grid.dx
+            on_faces = np.bincount(self._owners[d], lost, minlength=self.count)
+            on_cells = np.bincount(self._bodies, pressure * self._surface[:, d], minlength=self.count)
+            result[:, d] = (on_faces + on_cells) * AIR_DENSITY * grid.cell_volume / grid.dx
+        result[self._none] = np.nan
+        return result

@@ -27,7 +27,7 @@ from taichi_plume.solvers.transport import Transport
 class EulerianSolver(Gas):
     """Gas on the grid of a wind that has face velocities. Field c: concentration [kg/m³]."""
 
-    STATE = ("transport", "emissions", "emitted_kg", "surfaces")
+    STATE = ("transport", "emissions", "emitted_kg", "initial_kg", "surfaces")
 
     def __init__(
         self,
@@ -46,7 +46,7 @@ class EulerianSolver(Gas):
         """
         self.grid = grid
         self.dim = grid.dim
-        self.air = grid.field()
+        self.air, self._solid = grid.field(), air.solid
         uploader(self.air)(grid.pad(~air.solid))
         self.emissions = [Emission(f"{name}.sources[{n}]", wind) for n in range(len(gas.sources))]
         room = np.where(air.solid, 0.0, 1.0) if wind.area is None else air.room
@@ -95,7 +95,7 @@ class EulerianSolver(Gas):
             self.surfaces.begin([one.velocity(film) for one in named], held)
         self._carried: list[float] = []
         self._bring(t)
-        self.emitted_kg = 0.0
+        self.emitted_kg = self.initial_kg = 0.0
 
     def _patches(self, gas: EulerianGas, openings: Sequence[Opening], air: Air) -> dict[int, Patch]:
         """Where openings are, by their numbers, if it matters."""
@@ -110,7 +110,9 @@ class EulerianSolver(Gas):
 
     def start_from(self, concentration: Callable[[np.ndarray], np.ndarray]) -> None:
         """Set c from a function of points (..., dim) [m] to concentrations [kg/m³]."""
-        self.transport.start_from(concentration)
+        solid = self._solid
+        self.transport.start_from(lambda points: np.where(solid, 0.0, concentration(points)))
+        self.initial_kg = self.transport.inside()
 
     # ---------------------------------------------------------------- the step
 
@@ -139,10 +141,11 @@ class EulerianSolver(Gas):
     # ---------------------------------------------------------------- what is known about the gas
 
     def budget(self) -> dict[str, float]:
-        """Mass emitted, in the domain and gone through its faces [kg]; where they may bring gas, also what came in with
-        air and what surfaces took up.
+        """Mass that was there at the begin, where any was, emitted, in the domain and gone through its faces [kg];
+        where they may bring gas, also what came in with air and what surfaces took up.
         """
         budget = {
+            **({"initial_kg": self.initial_kg} if self.initial_kg else {}),
             "emitted_kg": self.emitted_kg,
             "in_domain_kg": self.transport.inside(),
             "outflow_kg": self.transport.outflow(),

@@ -6,9 +6,10 @@ A surface of temperature T_s gives its cells alpha (T_s - T)/(dx/2) per area, or
 coefficient of heat transfer h is known; all others are adiabatic.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import cast
 
+import numpy as np
 import taichi as ti
 
 from taichi_plume.grid.cut_cells import Air
@@ -35,7 +36,7 @@ def _temperature(vent: Patch) -> float | None:
 class HeatSolver:
     """Temperature on the grid of a flow. Field theta: T - reference [K]."""
 
-    STATE = ("transport", "heaters_joule", "surfaces")
+    STATE = ("transport", "heaters_joule", "initial_joule", "surfaces")
 
     def __init__(
         self,
@@ -82,7 +83,7 @@ class HeatSolver:
         self.reference = model.reference
         self.capacity = model.capacity
         self.heaters = model.heaters
-        self.heaters_joule = 0.0
+        self.heaters_joule = self.initial_joule = 0.0
         if self.release is not None:
             self.release.begin(model.heaters)
         if self.incoming is not None:
@@ -91,6 +92,12 @@ class HeatSolver:
             held = [one.temperature - self.reference for one in (*model.walls, *model.obstacles)]
             self.surfaces.begin(self._transfer(model), held)
         self.transport.begin(model.diffusivity, model.prandtl_turbulent)
+
+    def start_from(self, temperature: Callable[[np.ndarray], np.ndarray]) -> None:
+        """Set theta from a function of points (..., dim) [m] to temperatures [K]."""
+        solid, reference = self.air.solid, self.reference
+        self.transport.start_from(lambda points: np.where(solid, 0.0, temperature(points) - reference))
+        self.initial_joule = self.transport.inside() * self.capacity
 
     # ---------------------------------------------------------------- surfaces and openings
 
@@ -123,8 +130,11 @@ class HeatSolver:
     # ---------------------------------------------------------------- what is known about it
 
     def budget(self) -> dict[str, float]:
-        """Heat [J] that heaters and surfaces gave, that is in the air and that left through the openings."""
+        """Heat [J] above the reference that was there at the begin, where any was, that heaters and surfaces gave, that
+        is in the air and that left through the openings.
+        """
         return {
+            **({"initial_J": self.initial_joule} if self.initial_joule else {}),
             "heaters_J": self.heaters_joule,
             "surfaces_J": (self.surfaces.given() if self.surfaces else 0.0) * self.capacity,
             "in_air_J": self.transport.inside() * self.capacity,

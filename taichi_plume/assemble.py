@@ -22,6 +22,7 @@ from taichi_plume.grid.fields import Gas, Mixture, Wind
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.rng import generator
 from taichi_plume.grid.state import State
+from taichi_plume.initial import begin_fields
 from taichi_plume.kinds import GASES, WINDS, Context
 from taichi_plume.own_code import execute
 from taichi_plume.prepare import Prepared, Resources, again, prepare
@@ -32,7 +33,7 @@ from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.simulation import Simulation
 from taichi_plume.solvers.bodies import MovingObstacle, Wake
 from taichi_plume.solvers.flow import FlowSolver
-from taichi_plume.solvers.forces import forces
+from taichi_plume.solvers.forces import Forces
 from taichi_plume.solvers.momentum import Weighing
 from taichi_plume.solvers.patches import opening_cells, periodic_axes
 from taichi_plume.solvers.resistance import Resistance
@@ -82,6 +83,7 @@ def build(prepared: Prepared, algorithms: Mapping[str, type] | None = None) -> S
     context = Context(scenario, resources, grid, air, scalars, weighing, stirring.makers)
     wind = _wind(context)
     gas = Mixture([_gas(context, path, wind) for path, _ in scenario.gases])
+    begin_fields(scenario, resources, wind, gas.gases)
     sensors = Sensors(swarm, grid.dim, scenario.tick, gas.species)
     driving = teams(swarm, scenario.tick, _own(scenario, resources, algorithms))
     extent, most = (grid.extent[0], grid.extent[1]), swarm.members.shape[1]
@@ -103,6 +105,7 @@ def build(prepared: Prepared, algorithms: Mapping[str, type] | None = None) -> S
         for one, (_, model) in zip(gas.gases, scenario.gases, strict=True):
             one.begin(model, t, scenario.seed)
         gas.begin()
+        begin_fields(scenario, resources, wind, gas.gases)
         swarm.begin(scenario.robots, *starts, _places(scenario), scenario.seed, walkers)
         sensors.begin()
         for team in driving:
@@ -113,7 +116,9 @@ def build(prepared: Prepared, algorithms: Mapping[str, type] | None = None) -> S
 
     sim.begin = begin
     if isinstance(wind, FlowSolver) and wind.area is not None:
-        sim.forces = partial(forces, wind, air, len(resources.obstacles))
+        sim.forces = Forces(wind, air, len(resources.obstacles))
+    if isinstance(wind, FlowSolver):
+        sim.pressure, sim.heat = wind.p, wind.heat
     return sim
 
 

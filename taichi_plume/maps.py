@@ -143,11 +143,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _is_map(folder: Path) -> bool:
     """Whether a folder holds a map that was made before."""
-    try:
-        content = json.loads((folder / "scores.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
-        return False
-    return isinstance(content, dict) and content.keys() >= {"kind", "readings", "known_fraction"}
+    from taichi_plume.files.run_folder import told
+
+    return told(folder / "scores.json").keys() >= {"kind", "readings", "known_fraction"}
 
 
 if __name__ == "__main__":

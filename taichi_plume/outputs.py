@@ -19,7 +19,7 @@ from taichi_plume.map_scores import MapScores
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.outputs import Checkpoint
 from taichi_plume.signals import Ears
-from taichi_plume.simulation import Every, Simulation
+from taichi_plume.simulation import Every, EveryStep, Simulation
 
 KEPT = 10.0  # s of the clock, after which what was computed comes to the disk
 USUAL = 300.0  # s of the clock between checkpoints
@@ -63,7 +63,7 @@ class Outputs:
     OSError as soon as there is no room, ScenarioError where checkpoints are asked for and cannot be made.
     """
 
-    STATE = ("sim", "observers", "map_scores", "tables", "recorder")
+    STATE = ("sim", "observers", "step_observers", "map_scores", "tables", "recorder")
 
     def __init__(self, sim: Simulation, about: About, ears: Ears):
         self.sim, self.about, self.ears = sim, about, ears
@@ -72,7 +72,7 @@ class Outputs:
         self.tables = self._tables()
         self.recorder = self._recorder() if about.recording else None
         sim.observers.append(Every(sim.dt, self.keep, warm_up=True))
-        self.observers = list(sim.observers)
+        self.observers, self.step_observers = list(sim.observers), list(sim.step_observers)
         self._state: State | None = None
         self.remarks: list[str] = []
         self._told = False
@@ -88,6 +88,10 @@ class Outputs:
             tables.append(robots_table.RobotTable(sim, folder / "robots.parquet"))
         if sim.forces is not None:
             tables.append(forces_table.ForceTable(sim, folder / "forces.csv"))
+        if scenario.probes is not None:
+            from taichi_plume.files.probes_table import ProbeTable
+
+            tables.append(ProbeTable(sim, folder / "probes.parquet", scenario.probes))
         if scenario.fields is not None:
             from taichi_plume.files.filming import Filming
 
@@ -96,7 +100,12 @@ class Outputs:
             from taichi_plume.files.plumesim_log import PlumeLogger
 
             tables.append(PlumeLogger(sim, folder / "plume.pslog", scenario.plumesim_log))
-        sim.observers += [table.observer() for table in tables]
+        for table in tables:
+            observer = table.observer()
+            if isinstance(observer, EveryStep):
+                sim.step_observers.append(observer)
+            else:
+                sim.observers.append(observer)
         return tables
 
     def _recorder(self) -> Writer:
@@ -139,7 +148,7 @@ class Outputs:
         self._digest()
         for writer in self._writers:
             writer.start()
-        self._tell("running")
+        self._tell()
 
     def go_on(self, saved: dict[str, Any]) -> None:
         """Continue from a checkpoint's content. Raises RunFolderError where it does not fit, or rows are lost."""
@@ -153,7 +162,7 @@ class Outputs:
         self._digests.set_result(saved["inputs"])
         told = self.about.folder / "result.json"
         before = told.read_bytes() if told.exists() else None
-        self._tell("running")  # first, so that what is left of this can be repaired
+        self._tell()  # first, so that what is left of this can be repaired
         try:
             (self.about.folder / manifest.NAME).unlink(missing_ok=True)
             for writer in self._writers:
@@ -165,9 +174,9 @@ class Outputs:
 
     def _digest(self) -> None:
         """Begin to sum up what the run reads; it takes a while where films are."""
-        with ThreadPoolExecutor(1) as pool:
-            self._digests = pool.submit(manifest.digests, self.about.folder, self.about.inputs)
-            pool.shutdown(wait=False)
+        pool = ThreadPoolExecutor(1)
+        self._digests = pool.submit(manifest.digests, self.about.folder, self.about.inputs)
+        pool.shutdown(wait=False)
 
     def keep(self, sim: Simulation) -> None:
         """Bring what there is to the disk when it is time. Raises KeyboardInterrupt where a signal asks to end."""
@@ -193,7 +202,7 @@ class Outputs:
             raise FileNotFoundError(errno.ENOENT, "the run's directory has been removed", str(folder))
         for table in self.tables:
             table.flush()
-        self._tell("running")
+        self._tell()
         self.ears.asked = False
         self._kept = time.monotonic()
 
@@ -221,9 +230,11 @@ class Outputs:
         """Note why the run makes no checkpoints; it is told where it takes long."""
         self.remarks += [f"{fault}; this run makes no checkpoint" for fault in faults]
 
-    def _tell(self, status: str) -> None:
+    def _tell(self) -> None:
+        """That it runs, and how far it is."""
         result.write_result(
-            self.about.folder, result.begun(self.sim, status, f"t = {self.sim.t:.2f} s", self.about.backend)
+            self.about.folder,
+            result.begun(self.sim, "running", f"t = {self.sim.t:.2f} s", self.about.backend),
         )
 
     # ------------------------------------------------------------ its end

@@ -16,6 +16,7 @@ from taichi_plume.scenario import checks
 from taichi_plume.scenario.algorithms import Own
 from taichi_plume.scenario.gases import PlaybackGas, PureGas
 from taichi_plume.scenario.imported_wind import ImportedWind
+from taichi_plume.scenario.initial import InitialGas, InitialWind
 from taichi_plume.scenario.input_files import strangers
 from taichi_plume.scenario.loading import ScenarioError, overridden, read_scenario
 from taichi_plume.scenario.played import Playback, PlaybackWind, PlumeSimLog, PlumeSimWind
@@ -207,6 +208,27 @@ def _film(resources: Resources, path: str, model: Playback, folder: Path) -> Pur
     return gas
 
 
+def _moment(resources: Resources, path: str, model: InitialWind | InitialGas, folder: Path) -> None:
+    """Open the film that tells how wind or gas begin, and look at the frames that are needed."""
+    if model.film is None:
+        return
+    from taichi_plume.files.film import Film, FilmError
+    from taichi_plume.files.film_moment import moment
+
+    file = folder / model.film
+    try:
+        film = next((film for film in resources.films.values() if film.path == file), None) or Film(file)
+        film.still("air")
+        names = film.wind
+        if model.part == "gas":
+            gas = dict(resources.scenario.gases)[path.removesuffix(".initial")]
+            names = [film.gas_of(gas.species)] if film.gas else []
+        moment(film, names, model.at)
+        resources.films[path] = film
+    except FilmError as error:
+        resources.faults[path] = str(error)
+
+
 def _completed(gas: PlaybackGas, film: "Film") -> PlaybackGas:
     """The gas with the recorded species and sources where it gives none. Raises FilmError."""
     from taichi_plume.files.film import FilmError
@@ -262,5 +284,7 @@ OPENERS: dict[type[Model], Callable[[Resources, str, Any, Path], PureGas | None]
     PlumeSimGas: _points,
     FluentGas: _points,
     ImportedWind: _site,
+    InitialWind: _moment,
+    InitialGas: _moment,
     Own: _own,
 }

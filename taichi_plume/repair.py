@@ -5,7 +5,6 @@ result.json says how far the run came. Nothing that was computed is thrown away,
 resumed afterwards as well. ``--verify`` tells instead which files are no longer as their run left them.
 """
 
-import json
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -14,14 +13,14 @@ from typing import Any
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from taichi_plume.files import checkpoint, manifest, plumesim_log, robots_table
+from taichi_plume.files import checkpoint, manifest, plumesim_log, table_parts
 from taichi_plume.files.result import write_result
-from taichi_plume.files.run_folder import FILES, RunFolder, RunFolderError, resuming
+from taichi_plume.files.run_folder import FILES, RunFolder, RunFolderError, resuming, told
 from taichi_plume.guard.terminal import Parser, say, visible
 from taichi_plume.outputs import OVER
 
 KILLED = "killed"
-PARTS = (robots_table.PARTS, "recording.old.rrd")
+PARTS = ("robots.parts", "probes.parts", "recording.old.rrd")
 """What is there only until a file is finished."""
 
 
@@ -72,8 +71,8 @@ def _verify(folder: Path) -> int:
 
 def _complete(folder: RunFolder) -> int:
     path = folder.path
-    told = _told(path)
-    status, whole = told["status"], not any((path / name).exists() for name in PARTS)
+    content = _content(path)
+    status, whole = content["status"], not any((path / name).exists() for name in PARTS)
     if status != "running" and whole:
         if (path / checkpoint.NAME).exists() and not (path / manifest.NAME).exists():  # killed while it ended
             _seal(path)
@@ -92,7 +91,7 @@ def _complete(folder: RunFolder) -> int:
     try:
         if status == "running":
             status = KILLED
-            write_result(path, told | {"status": status, **_reached(path / "robots.parquet", told)})
+            write_result(path, content | {"status": status, **_reached(path / "robots.parquet", content)})
     except OSError as error:
         raise RunFolderError(f"{path}: cannot be written to: {error.strerror or error}") from None
     _seal(path)
@@ -110,14 +109,9 @@ def _seal(path: Path) -> None:
         raise RunFolderError(f"{path}: cannot be written to: {error.strerror or error}") from None
 
 
-def _told(folder: Path) -> dict[str, Any]:
+def _content(folder: Path) -> dict[str, Any]:
     """What result.json says; where it says nothing, that the run runs."""
-    silent = {"name": folder.name, "status": "running", "seed": None}
-    try:
-        content = json.loads((folder / "result.json").read_text(encoding="utf-8"))
-        return silent | content
-    except (OSError, ValueError, TypeError, RecursionError):
-        return silent
+    return {"name": folder.name, "status": "running", "seed": None} | told(folder / "result.json")
 
 
 def _inputs(folder: Path) -> dict[str, Any]:
@@ -128,14 +122,14 @@ def _inputs(folder: Path) -> dict[str, Any]:
         return {}
 
 
-def _reached(table: Path, told: dict[str, Any]) -> dict[str, Any]:
+def _reached(table: Path, content: dict[str, Any]) -> dict[str, Any]:
     """How far the robots came."""
     try:
         rows = pq.read_table(table, columns=["t", "group", "found"])
     except (OSError, ValueError, LookupError):
         rows = None
     if rows is None or not len(rows):
-        return {"message": told.get("message", "")}
+        return {"message": content.get("message", "")}
     t = pc.max(rows["t"]).as_py()
     last = rows.filter(pc.equal(rows["t"], t))
     groups = [
@@ -152,11 +146,10 @@ def _reached(table: Path, told: dict[str, Any]) -> dict[str, Any]:
 # ---------------------------------------------------------------- files
 
 
-def _robots(path: Path) -> str | None:
-    parts = path.with_name(robots_table.PARTS)
-    if not parts.is_dir():
+def _parts(path: Path) -> str | None:
+    if not table_parts.parts_of(path).is_dir():
         return None
-    robots_table.join(path)
+    table_parts.join(path)
     return f"{pq.read_metadata(path).num_rows:,} rows" if path.exists() else "no rows"
 
 
@@ -201,7 +194,8 @@ def _film(path: Path) -> str | None:
 
 
 COMPLETE: dict[str, Callable[[Path], str | None]] = {
-    "robots.parquet": _robots,
+    "robots.parquet": _parts,
+    "probes.parquet": _parts,
     "forces.csv": _lines,
     "fields.zarr": _film,
     "plume.pslog": _log,

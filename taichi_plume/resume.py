@@ -1,19 +1,18 @@
 """What a run that was cut off is resumed from, and whether all that it reads is still as it was."""
 
-import json
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 from taichi_plume import __version__
 from taichi_plume.files import checkpoint, manifest
-from taichi_plume.files.run_folder import RunFolderError
+from taichi_plume.files.run_folder import RunFolderError, told
 from taichi_plume.outputs import OVER, scenario_digest
 
 
 def saved(folder: Path) -> dict[str, Any]:
     """The content of a run's checkpoint. Raises RunFolderError where the run cannot be resumed."""
-    status = _status(folder)
+    status = str(told(folder / "result.json").get("status", "unknown"))
     if status in OVER:
         raise RunFolderError(f"{folder}: this run is over ({status}), there is nothing to resume")
     path = folder / checkpoint.NAME
@@ -45,10 +44,3 @@ def require_same(folder: Path, inputs: dict[str, Any], files: Iterable[Path]) ->
                 )
     except OSError as error:
         raise RunFolderError(f"{error.filename}: cannot be read: {error.strerror or error}") from None
-
-
-def _status(folder: Path) -> str:
-    try:
-        return str(json.loads((folder / "result.json").read_text(encoding="utf-8"))["status"])
-    except (OSError, ValueError, LookupError, TypeError):
-        return "unknown"

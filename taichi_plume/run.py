@@ -66,7 +66,8 @@ def _new(args: argparse.Namespace) -> int:
     backend = device(args.arch or "cpu")
     inputs = input_paths(prepared.scenario, args.scenario)
     with RunFolder(prepared.scenario.name, args.out, args.force, inputs=inputs) as folder:
-        job = Job(prepared, folder, args.scenario, args.arch or "cpu", backend, not args.no_recording)
+        arch, recording = args.arch or "cpu", not args.no_recording
+        job = Job(prepared, folder, args.scenario, inputs, arch, backend, recording)
         return simulate(job, args.quiet, args.debug)
 
 
@@ -83,11 +84,12 @@ def _resume(args: argparse.Namespace) -> int:
         told = saved(folder.path)
         file = folder.path / "scenario.yaml"
         prepared = load(file, (), args.allow_outside)
-        _, *read = input_paths(prepared.scenario, file)
-        require_same(folder.path, told["inputs"], read)
+        inputs = input_paths(prepared.scenario, file)
+        require_same(folder.path, told["inputs"], inputs[1:])
         execute(prepared, args.allow_code, ask=True)
         backend = device(args.arch or told["arch"])
-        job = Job(prepared, folder, file, args.arch or told["arch"], backend, told["recording"], told)
+        arch = args.arch or told["arch"]
+        job = Job(prepared, folder, file, inputs, arch, backend, told["recording"], told)
         return simulate(job, args.quiet, args.debug)
 
 

@@ -4,6 +4,7 @@ import errno
 import gc
 import textwrap
 import traceback
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,7 +19,6 @@ from taichi_plume.grid import kernels
 from taichi_plume.guard.terminal import say, terminal, visible
 from taichi_plume.outputs import About, Outputs
 from taichi_plume.prepare import Prepared
-from taichi_plume.scenario.input_files import input_paths
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.signals import Ears, deaf, listening, reader_may_leave
 from taichi_plume.simulation import Simulation, UnstableError
@@ -30,13 +30,14 @@ LONGEST_MESSAGE = 300  # characters of an unexpected error
 class Job(NamedTuple):
     """A run that may begin.
 
-    source: the scenario's file; arch, backend: the device asked for, and the one got; saved: what a checkpoint holds of
-    it, if it is resumed.
+    source: the scenario's file; inputs: all files that it reads, this one first; arch, backend: the device asked for,
+    and the one got; saved: what a checkpoint holds of it, if it is resumed.
     """
 
     prepared: Prepared
     folder: RunFolder
     source: Path
+    inputs: Sequence[Path]
     arch: str
     backend: str
     recording: bool
@@ -60,7 +61,7 @@ def device(arch: str) -> str:
 
 
 def simulate(job: Job, quiet: bool = False, debug: bool = False) -> int:
-    """Assemble and run; returns the command's exit code. Raises ScenarioError, CheckpointError, KeyboardInterrupt."""
+    """Assemble and run; returns the command's exit code. Raises ScenarioError, RunFolderError, KeyboardInterrupt."""
     console = terminal(error=True)
     with listening() as ears:
         try:
@@ -97,8 +98,7 @@ def _build(prepared: Prepared) -> Simulation:
 def _begin(job: Job, sim: Simulation, ears: Ears) -> Outputs:
     """Open the run's files; an earlier run goes only once they stand."""
     folder = job.folder
-    inputs = input_paths(job.prepared.scenario, job.source)
-    outputs = Outputs(sim, About(folder.path, job.arch, job.backend, job.recording, inputs), ears)
+    outputs = Outputs(sim, About(folder.path, job.arch, job.backend, job.recording, job.inputs), ears)
     ears.running = True
     if job.saved is not None:
         outputs.go_on(job.saved)

@@ -108,6 +108,22 @@ class Every:
             self.function(sim)
 
 
+@dataclass
+class EveryStep:
+    """A function called with the simulation and its time [s]: at the begin, and after every step of the air."""
+
+    STATE: ClassVar[tuple[str, ...]] = ("_step",)
+
+    function: Callable[["Simulation", float], object]
+    _step: int = field(default=-1, repr=False)
+
+    def call_if_due(self, sim: "Simulation", t: float) -> None:
+        """Call the function, once per step at most."""
+        if sim.steps != self._step:
+            self._step = sim.steps
+            self.function(sim, t)
+
+
 def check_gas(sim: "Simulation") -> None:
     """Raise UnstableError where the gas is no longer finite; the wind is checked at every step."""
     if not sim.gas.is_finite():
@@ -139,8 +155,14 @@ class Simulation:
     """Begins every part anew with the numbers of a scenario, and returns that completed; see `reset`."""
     forces: Callable[[], np.ndarray] | None = None
     """The force of the air on each obstacle [N], shape (obstacles, dim); None where it is not known."""
+    pressure: Any = None
+    """Field of the air's pressure over its density [m²/s²]; None where it is not known."""
+    heat: Any = None
+    """The air's temperature: `theta`, a field [K] above its `reference`; None where it is not computed."""
     observers: list[Every] = field(default_factory=list, init=False)
     """Called when they are due: append what shall watch the run."""
+    step_observers: list[EveryStep] = field(default_factory=list, init=False)
+    """Called after every step of the air."""
     tick: int = field(default=0, init=False)
     steps: int = field(default=0, init=False)
     wall_s: float = field(default=0.0, init=False)
@@ -156,6 +178,7 @@ class Simulation:
         self.tick, self.last_tick = self.scenario.first_tick, self.scenario.last_tick
         self.steps, self.wall_s = 0, 0.0
         self.observers = [Every(1.0, check_gas, warm_up=True)]
+        self.step_observers = []
 
     def reset(self, scenario: Scenario | None = None) -> None:
         """Go back to the begin of the warm-up, with the numbers of `scenario`; unless given, with the same ones again.
@@ -190,6 +213,7 @@ class Simulation:
         self._begun = time.perf_counter()
         try:
             self.observe()
+            self._observe_step(self.t)
             while not self.finished:
                 self.advance()
                 self.observe()
@@ -231,6 +255,11 @@ class Simulation:
             self.gas.advance(t, step)
             self.steps += 1
             t += step
+            self._observe_step(t if end - t > 1e-9 * dt else (self.tick + 1) * self.dt)
+
+    def _observe_step(self, t: float) -> None:
+        for observer in self.step_observers:
+            observer.call_if_due(self, t)
 
     def _wind_limit(self, t: float) -> float:
         """Longest step [s] of the wind from time t on. Raises UnstableError when it has blown up."""

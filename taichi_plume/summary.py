@@ -50,7 +50,8 @@ def summary(content: dict[str, Any]) -> list[tuple[str, str]]:
     if gas:
         text = ", ".join(
             f"{1e3 * gas[f'{name}_kg']:.4g} g {name.replace('_', ' ')}"
-            for name in ("emitted", "in_domain", "outflow")
+            for name in ("initial", "emitted", "in_domain", "outflow")
+            if f"{name}_kg" in gas
         )
         if gas["relative_error"] is not None:
             text += f", {gas['relative_error']:.1e} of it unaccounted for"

@@ -124,7 +124,7 @@ def test_names_of_groups_in_the_summary(tmp_path, said):
     group = {
         "name": f"[/x] {WICKED}", "algorithm": "own", "robots": 1, "trials": 1,
         "per_trial": {"found": [0], "success": [0]}, "summary": {"success_rate": {}},
-        "no_search": None, "unlike_them": [], "trials_differ_by": None,
+        "no_search": None, "unlike_them": False, "trials_differ_by": None,
     }  # fmt: skip
     content = {
         "name": "[bold]", "status": "completed", "message": "", "wall_s": 1.0, "simulated_s": 1.0, "cells": 1,

@@ -8,7 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from taichi_plume import assemble, repair, run
-from taichi_plume.files import checkpoint, manifest, result, robots_table
+from taichi_plume.files import checkpoint, manifest, result, table_parts
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -35,10 +35,10 @@ def told(folder: Path) -> dict:
 def cut_off(folder: Path, status: str = "running", rows: int = 40) -> None:
     """Make it one whose process was killed while the parts of its table were joined."""
     table = pq.read_table(folder / "robots.parquet")
-    parts = folder / robots_table.PARTS
+    parts = folder / "robots.parts"
     parts.mkdir()
     for begin in range(0, len(table), rows):
-        pq.write_table(table.slice(begin, rows), parts / robots_table._name(begin))
+        pq.write_table(table.slice(begin, rows), parts / table_parts.part_name(begin))
     (folder / "robots.parquet").unlink()
     (folder / manifest.NAME).unlink()
     result.write_result(folder, told(folder) | {"status": status})
@@ -72,7 +72,7 @@ def test_a_result_that_says_nothing_is_of_a_killed_run(finished, content):
 
 def test_what_is_damaged_does_not_keep_the_rest_from_being_completed(finished, capsys):
     cut_off(finished)
-    (finished / robots_table.PARTS / robots_table._name(0)).write_bytes(b"PAR1")
+    (finished / "robots.parts" / table_parts.part_name(0)).write_bytes(b"PAR1")
     (finished / "plume.pslog").write_bytes(b"")
     (finished / "forces.csv").write_text("t_s,obstacle,x_N,y_N\n0,0,1,2\n1,0,3")
     assert repair.main([str(finished)]) == 1
@@ -80,7 +80,7 @@ def test_what_is_damaged_does_not_keep_the_rest_from_being_completed(finished, c
     assert "robots.parquet: could not be completed:" in said
     assert "plume.pslog: could not be completed:" in said
     assert (finished / "forces.csv").read_text() == "t_s,obstacle,x_N,y_N\n0,0,1,2\n"
-    assert (finished / robots_table.PARTS).is_dir(), "what can still be read stays"
+    assert (finished / "robots.parts").is_dir(), "what can still be read stays"
 
 
 def test_a_run_that_was_killed_at_its_very_end_is_over(finished):

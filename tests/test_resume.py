@@ -75,7 +75,7 @@ def same(whole: Path, other: Path) -> None:
     assert result(whole) == result(other)
     names = {file.name for file in whole.iterdir()} - {".lock"}
     assert names == {file.name for file in other.iterdir()} - {".lock"}
-    for name in names & {"robots.parquet", "forces.csv", "plume.pslog"}:
+    for name in names & {"robots.parquet", "forces.csv", "probes.parquet", "plume.pslog"}:
         assert (whole / name).read_bytes() == (other / name).read_bytes(), name
 
 

@@ -11,7 +11,7 @@ from taichi_plume.scenario.obstacles import Sphere
 from taichi_plume.scenario.species import AIR_DENSITY
 from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
-from taichi_plume.solvers.forces import forces
+from taichi_plume.solvers.forces import Forces
 from taichi_plume.validation.flow_cases import Errors, advance, at_both_steps, periodic
 
 LAMINAR = {"kind": "cfd", "turbulence": {"kind": "none"}}
@@ -39,7 +39,7 @@ def _around_cylinder(n: int, mean: float) -> tuple[CfdWind, FlowSolver, Air]:
 
 def _drag_and_lift(flow: FlowSolver, air: Air, mean: float) -> np.ndarray:
     """Coefficients of the cylinder."""
-    return 2.0 * forces(flow, air, 1)[0] / (AIR_DENSITY * mean**2 * DIAMETER)
+    return 2.0 * Forces(flow, air, 1)()[0] / (AIR_DENSITY * mean**2 * DIAMETER)
 
 
 def cylinder(n: int) -> Errors:

@@ -86,7 +86,7 @@ def _positive(value: Any, name: str) -> float:
     return number
 
 
-def _places(dimension: str, shape: tuple[int, ...], dx: float) -> np.ndarray:
+def places(dimension: str, shape: tuple[int, ...], dx: float) -> np.ndarray:
     """Coordinates [m] along a dimension."""
     n = shape["xyz".index(dimension[0])]
     if dimension.endswith("_face"):
@@ -124,14 +124,14 @@ class NewFilm:
         self.moving = {}
         for name in moving:
             names = dimensions(name, dim)
-            size = tuple(len(_places(one, shape, dx)) for one in names)
+            size = tuple(len(places(one, shape, dx)) for one in names)
             self.moving[name] = self._array(name, names, (0, *size), (1, *size), "float32")
         for name, values in still.items():
             kind = "int8" if name.startswith("open_") else "float32"
             self._array(name, dimensions(name, dim), values.shape, values.shape, kind, values)
         for name in sorted({d for v in [*moving, *still] for d in dimensions(v, dim)}):
-            places = _places(name, shape, dx)
-            self._array(name, (name,), places.shape, places.shape, "float64", places)
+            along = places(name, shape, dx)
+            self._array(name, (name,), along.shape, along.shape, "float64", along)
 
     def _go_on(self, path: Path, moving: list[str], kept: int) -> None:
         """Raises FilmError where there are fewer frames."""

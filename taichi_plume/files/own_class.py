@@ -13,7 +13,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Protocol, runtime_checkable
 
-from taichi_plume.guard.opening import open_regular
+from taichi_plume.guard.opening import read_regular
 from taichi_plume.guard.terminal import visible
 
 LARGEST_FILE = 1 << 16  # bytes: Python takes minutes to parse some texts of half a megabyte
@@ -50,13 +50,12 @@ class OwnFile:
         if path.suffix != ".py":
             raise OwnAlgorithmError(f"{path}: is no Python file; its name must end in .py")
         try:
-            with open_regular(path) as file:
-                source = file.read(LARGEST_FILE + 1)
+            source = read_regular(path, LARGEST_FILE)
         except FileNotFoundError:
             raise OwnAlgorithmError(f"{path}: does not exist") from None
         except OSError as error:
             raise OwnAlgorithmError(f"{path}: cannot be read: {error.strerror or error}") from None
-        if len(source) > LARGEST_FILE:
+        if source is None:
             raise OwnAlgorithmError(f"{path}: is larger than {LARGEST_FILE >> 10} KiB; is it an algorithm?")
         found = cls(path, name, source)
         found._look()

@@ -54,11 +54,10 @@ def _budget(sim: Simulation) -> dict[str, Any]:
     keys = dict.fromkeys(key for part in kept for key in part)
     total: dict[str, Any] = {key: sum(part.get(key, 0.0) for part in kept) for key in keys}
     for budget in [total, *kept]:
-        brought = (
-            budget["emitted_kg"] + budget.get("inflow_kg", 0.0) + max(0.0, -budget.get("taken_up_kg", 0.0))
-        )
-        missing = budget["emitted_kg"] + budget.get("inflow_kg", 0.0) - budget.get("taken_up_kg", 0.0)
-        missing -= budget["in_domain_kg"] + budget["outflow_kg"]
+        taken = budget.get("taken_up_kg", 0.0)
+        given = sum(budget.get(key, 0.0) for key in ("initial_kg", "emitted_kg", "inflow_kg"))
+        missing = given - taken - budget["in_domain_kg"] - budget["outflow_kg"]
+        brought = given + max(0.0, -taken)
         budget["relative_error"] = missing / brought if brought else None
     if len(parts) > 1:
         names = [gas.species.name for gas in sim.gas.gases]

@@ -29,12 +29,14 @@ FILES = (
     "recording.rrd",
     "robots.parquet",
     "forces.csv",
+    "probes.parquet",
     "fields.zarr",
     "plume.pslog",
     "result.json",
 )
 BESIDE = (
     "robots.parts",
+    "probes.parts",
     "recording.old.rrd",
     "recording.part.rrd",
     "result.json.part",
@@ -205,17 +207,22 @@ class RunFolder:
 
 def is_run(folder: Path) -> bool:
     """Whether a folder holds what a run, finished or not, has left."""
-    try:
-        content = json.loads((folder / "result.json").read_text(encoding="utf-8"))
-        if isinstance(content, dict) and content.keys() >= OURS:
-            return True
-    except (OSError, ValueError, RecursionError):
-        pass
+    if told(folder / "result.json").keys() >= OURS:
+        return True
     try:
         with (folder / "scenario.yaml").open("rb") as file:
             return file.readline(len(HEADER)) == HEADER.encode()
     except OSError:
         return False
+
+
+def told(file: Path) -> dict[str, Any]:
+    """What a JSON file of ours says; nothing where it is none."""
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return content if isinstance(content, dict) else {}
 
 
 def held_input(folder: Path, inputs: Sequence[Path]) -> Path | None:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from taichi_plume.files import manifest
-from taichi_plume.guard.opening import open_regular
+from taichi_plume.guard.opening import read_regular
 
 LARGEST_FILE = 1 << 29  # bytes
 LONGEST_HEADER = 1 << 16  # characters
@@ -29,14 +29,13 @@ class TextFile:
     def __init__(self, path: Path, fault: type[ValueError]):
         self.path, self.fault = path, fault
         try:
-            with open_regular(path) as file:
-                content = file.read(LARGEST_FILE + 1)
+            content = read_regular(path, LARGEST_FILE)
         except OSError as error:
             raise fault(f"{path}: cannot be read: {error.strerror or error}") from None
         damage = manifest.changed(path)
         if damage:
             raise fault(damage)
-        if len(content) > LARGEST_FILE:
+        if content is None:
             raise fault(f"{path}: is too large; {LARGEST_FILE >> 20} MiB are read")
         try:
             self.lines = content.decode("utf-8-sig").splitlines()

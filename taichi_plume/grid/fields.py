@@ -143,8 +143,8 @@ class Gas(Protocol):
         ...
 
     def budget(self) -> dict[str, float]:
-        """Mass emitted_kg, in_domain_kg and outflow_kg (gone through the domain's faces); nothing where it is not
-        kept.
+        """Mass emitted_kg, in_domain_kg and outflow_kg (gone through the domain's faces), and initial_kg where there
+        was some at the begin; nothing where it is not kept.
         """
         return {}
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from taichi_plume.grid.ply_files import DamagedError, read_ply
 from taichi_plume.grid.polygons import triangulated
-from taichi_plume.guard.opening import open_regular
+from taichi_plume.guard.opening import read_regular
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 
 LARGEST_FILE = 1 << 26  # bytes: a million triangles and more
@@ -29,15 +29,14 @@ class MeshError(ValueError):
 def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (n, 3), as in the file, and triangles (m, 3), indices of them. Raises MeshError."""
     try:
-        with open_regular(path) as file:
-            content = file.read(LARGEST_FILE + 1)
+        content = read_regular(path, LARGEST_FILE)
     except IsADirectoryError:
         raise MeshError(f"{path.name}: is a folder; give an STL, OBJ or PLY file in it") from None
     except FileNotFoundError:
         raise MeshError(f"{path.name}: no such file in {path.parent}") from None
     except OSError as error:
         raise MeshError(f"{path.name}: cannot be read: {error.strerror or error}") from None
-    if len(content) > LARGEST_FILE:
+    if content is None:
         raise MeshError(f"{path.name}: is too large; {LARGEST_FILE >> 20} MiB are read")
     reader = READERS.get(path.suffix.lower())
     if reader is None:

@@ -33,6 +33,16 @@ def open_regular(path: Path) -> BinaryIO:
         raise
 
 
+def read_regular(path: Path, most: int) -> bytes | None:
+    """The content of a regular file; None where it has more than `most` bytes, which are not read then.
+
+    Raises OSError as `open_regular`.
+    """
+    with open_regular(path) as file:
+        content = file.read(most + 1)
+    return content if len(content) <= most else None
+
+
 def unopenable(path: Path, folder: bool = False) -> str | None:
     """Why `open_regular` would refuse a path, such as "does not exist", for readers that open it themselves; None where
     it would not.

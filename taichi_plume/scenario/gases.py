@@ -15,6 +15,7 @@ from taichi_plume.scenario.closed_forms import (
     Release,
 )
 from taichi_plume.scenario.context import Context
+from taichi_plume.scenario.initial import InitialGas
 from taichi_plume.scenario.played import Playback
 from taichi_plume.scenario.plumesim import FluentGas, PlumeSimGas, PlumeSimMeander, PlumeSimPuff
 from taichi_plume.scenario.sources import OneGas, OtherSpecies, Source, dishes
@@ -41,6 +42,8 @@ class EulerianGas(OneGas):
     weighs: ClassVar[bool] = True
     convection: Convection = "koren"
     """Scheme of convection; weno5 is of fifth order: it keeps filaments sharper on the same grid and costs more."""
+    initial: InitialGas | None = None
+    """At the begin of the warm-up; unless given, the air is clean."""
     sources: Annotated[tuple[Source, ...], Field(min_length=1)]
     inflow: tuple[Inflow, ...] = ()
     """What air brings along that comes in through openings; unless named, it is clean."""

@@ -7,6 +7,7 @@ from typing import Annotated, ClassVar
 from pydantic import model_validator
 
 from taichi_plume.scenario.context import Context
+from taichi_plume.scenario.initial import InitialHeat
 from taichi_plume.scenario.located import Located
 from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.surfaces import Number, obstacle_faults, wall_faults
@@ -71,6 +72,8 @@ class Heat(Model):
     walls: tuple[TemperedWall, ...] = ()
     obstacles: tuple[TemperedObstacle, ...] = ()
     heaters: tuple[Heater, ...] = ()
+    initial: InitialHeat | None = None
+    """At the begin of the warm-up; unless given, all of the air has the reference temperature."""
 
     @property
     def volume_expansion(self) -> float:

@@ -1,4 +1,4 @@
-"""What a run writes besides its tables: the recording, films and PlumeSim logs."""
+"""What a run writes: the recording, forces, films and PlumeSim logs."""
 
 from collections.abc import Iterator
 from typing import Annotated, Literal
@@ -60,6 +60,19 @@ class Checkpoint(Model):
         """One of the two is enough."""
         if self.wall is not None and self.every is not None:
             yield f"{where}: has wall and every; give one of them"
+
+
+class Forces(Model):
+    """What goes into forces.csv: the force of the air on each obstacle."""
+
+    every: Literal["step"] | Duration = 1.0
+    """Time between its rows [s], in whole ticks; `step`: rows after each step of the air."""
+
+    def problems(self, where: str, context: Context) -> Iterator[str]:
+        """Between ticks there are only steps."""
+        tick = context.scenario.tick
+        if self.every != "step" and self.every < tick * (1 - CLOSE):
+            yield f"{where}.every: {self.every:g} s is shorter than a tick of {tick:g} s; use step, or lower tick"
 
 
 class Fields(Model):

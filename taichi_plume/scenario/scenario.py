@@ -19,7 +19,8 @@ from taichi_plume.scenario.heat import Buoyancy
 from taichi_plume.scenario.maps import Map
 from taichi_plume.scenario.obstacles import Obstacle
 from taichi_plume.scenario.openings import Opening
-from taichi_plume.scenario.outputs import Checkpoint, Fields, PlumeLog, Recording
+from taichi_plume.scenario.outputs import Checkpoint, Fields, Forces, PlumeLog, Recording
+from taichi_plume.scenario.probes import Probes
 from taichi_plume.scenario.robots import Group
 from taichi_plume.scenario.screens import AnyScreen
 from taichi_plume.scenario.starts import too_close
@@ -61,6 +62,9 @@ class Scenario(Model):
     """Whether each group searches as if the others were not there: to compare them in the same air."""
     maps: tuple[Map, ...] = ()
     recording: Annotated[Recording, FREE] = Recording()
+    forces: Annotated[Forces, FREE] = Forces()
+    probes: Annotated[Probes | None, FREE] = None
+    """Unless given, no probes.parquet is written."""
     fields: Annotated[Fields | None, FREE] = None
     """Unless given, no fields.zarr is written."""
     plumesim_log: Annotated[PlumeLog | None, FREE] = None

@@ -12,6 +12,7 @@ from taichi_plume.scenario.any_wind import GUST, AnyWind
 from taichi_plume.scenario.context import Context
 from taichi_plume.scenario.heat import Buoyancy
 from taichi_plume.scenario.imported_wind import ImportedWind
+from taichi_plume.scenario.initial import InitialWind
 from taichi_plume.scenario.openings import Opening
 from taichi_plume.scenario.played import PlaybackWind, PlumeSimWind
 from taichi_plume.scenario.quantities import fault, number
@@ -84,6 +85,8 @@ class CfdWind(AnyWind):
     """Largest sum over the axes of |u| dt/dx in one step."""
     tolerance: number(1e-7, 1e-2) = 2e-5
     """Divergence left by the pressure solver, over the largest |u|/dx."""
+    initial: InitialWind | None = None
+    """At the begin of the warm-up; unless given, the air rests but for what the openings force."""
 
     @property
     def computed(self) -> "CfdWind":
@@ -98,6 +101,8 @@ class CfdWind(AnyWind):
                 speeds += [speed for _, _, speed in one.motion.legs(one.center)]
         if self.buoyancy is not None and self.buoyancy.heat is not None:
             speeds.append(self.buoyancy.heat.top_speed(max(scenario.domain.extent)))
+        if self.initial is not None:
+            speeds.append(self.initial.top_speed(scenario.domain))
         return max(speeds, default=0.0)
 
     def longest_step(self, scenario: "Scenario") -> float:

@@ -6,7 +6,7 @@ from typing import Any
 
 import yaml
 
-from taichi_plume.guard.opening import open_regular
+from taichi_plume.guard.opening import read_regular
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 
 LARGEST_FILE = 1 << 23  # bytes
@@ -40,11 +40,10 @@ def weight(value: Any) -> int:
 def read_text(path: Path) -> str:
     """The text of a file. Raises LineError."""
     try:
-        with open_regular(path) as file:
-            content = file.read(LARGEST_FILE + 1)
+        content = read_regular(path, LARGEST_FILE)
     except OSError as error:
         raise LineError(f"cannot be read: {error.strerror or error}") from None
-    if len(content) > LARGEST_FILE:
+    if content is None:
         raise LineError(f"is larger than {LARGEST_FILE >> 20} MiB; is it a scenario?")
     try:
         return content.decode("utf-8-sig")

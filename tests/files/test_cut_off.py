@@ -9,7 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from taichi_plume.files import robots_table, run_folder
+from taichi_plume.files import robots_table, run_folder, table_parts
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -20,9 +20,9 @@ def test_rows_count_once_wherever_the_joining_is_killed(tmp_path, monkeypatch):
     for last in range(100):
         copy = tmp_path / f"joined {last}"
         shutil.copytree(table.parts, copy / "robots.parts")
-        killed = cut_off(monkeypatch, last, lambda: robots_table.join(copy / "robots.parquet"))
+        killed = cut_off(monkeypatch, last, lambda: table_parts.join(copy / "robots.parquet"))
         if (copy / "robots.parts").exists():
-            robots_table.join(copy / "robots.parquet")
+            table_parts.join(copy / "robots.parquet")
         assert pq.read_table(copy / "robots.parquet").equals(whole)
         if not killed:
             break
@@ -33,7 +33,7 @@ def test_rows_count_once_wherever_the_joining_is_killed(tmp_path, monkeypatch):
 def test_rows_of_a_checkpoint_are_kept_wherever_the_resumption_is_killed(tmp_path, monkeypatch, joined):
     sim, table, whole = half_written(tmp_path)
     if joined:
-        robots_table.join(table.path)
+        table_parts.join(table.path)
     rows = 4 * sim.swarm.count
     for last in range(100):
         copy = tmp_path / f"resumed {last}"
@@ -49,7 +49,7 @@ def test_rows_of_a_checkpoint_are_kept_wherever_the_resumption_is_killed(tmp_pat
         repaired = copy.with_name("repaired")
         shutil.copytree(copy, repaired)
         if (repaired / "robots.parts").exists():
-            robots_table.join(repaired / "robots.parquet")
+            table_parts.join(repaired / "robots.parquet")
         held = pq.read_table(repaired / "robots.parquet")
         assert held.equals(whole.slice(0, len(held)))
         shutil.rmtree(repaired)
@@ -62,11 +62,11 @@ def test_rows_of_a_checkpoint_are_kept_wherever_the_resumption_is_killed(tmp_pat
 
 def test_a_table_whose_rows_have_gone_does_not_go_on(tmp_path):
     sim, table, _ = half_written(tmp_path)
-    robots_table.part_files(table.parts)[0].unlink()
+    table_parts.part_files(table.parts)[0].unlink()
     table.rows = 4 * sim.swarm.count
     with pytest.raises(run_folder.RunFolderError, match="16 of its first 32 rows are left"):
         table.go_on()
-    assert len(robots_table.part_files(table.parts)) == 2, "nothing else went"
+    assert len(table_parts.part_files(table.parts)) == 2, "nothing else went"
 
 
 def half_written(tmp_path: Path):
@@ -81,7 +81,7 @@ def half_written(tmp_path: Path):
         sim.advance()
         if tick % 2:
             table.flush()
-    files = robots_table.part_files(table.parts)
+    files = table_parts.part_files(table.parts)
     return sim, table, pa.concat_tables(map(pq.read_table, files))
 
 

@@ -119,6 +119,29 @@ robots:
     algorithm: {kind: least_known}
 maps: [{kind: time_series, cell: 0.2, window: 0.5}, {kind: inverse_distance, cell: 0.2}]
 """,
+    "probed": """
+duration: 3
+warm_up: 0.4
+domain: {size: [1.2, 1.0], spacing: 0.1}
+wind:
+  kind: cfd
+  openings: [{kind: inlet, face: x-, speed: 0.3 m/s, turbulence_intensity: 0.1}, {kind: outlet, face: x+}]
+  initial: {velocity: ["0.3 + 0.1*sin(pi*y)", 0]}
+  buoyancy: {gravity: [0, -9.81], heat: {initial: {temperature: "where(y > 0.5, 300, 25 + 273.15)"}}}
+obstacles: [{kind: cylinder, center: [0.5, 0.5], radius: 0.15}]
+gas:
+  kind: eulerian
+  sources: [{position: [0.2, 0.5], rate: 1 mg/s}]
+  initial: {concentration: "1e-5*exp(-((x - 0.3)**2 + (y - 0.4)**2)/0.05)"}
+forces: {every: step}
+probes:
+  every: 0.03
+  start: -0.1
+  points:
+    - {kind: point, name: a, at: [0.9, 0.5]}
+    - {kind: line, name: b, start: [0.8, 0.2], end: [0.8, 0.8], count: 4}
+    - {kind: grid, name: c, low: [0.1, 0.1], high: [0.3, 0.3], counts: [2, 1]}
+""",
     "film": """
 duration: 2
 domain: {size: [0.6, 0.5, 0.4], spacing: 0.1}

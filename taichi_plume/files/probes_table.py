@@ -1,0 +1,95 @@
+"""`probes.parquet`: what the air does at a scenario's probes, one row per point and sample."""
+
+from math import ceil
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+
+from taichi_plume.files.table_parts import NAMES, PartsTable, column
+from taichi_plume.grid.sampler import Sampler
+from taichi_plume.scenario.probes import Probes
+from taichi_plume.scenario.species import AIR_DENSITY
+from taichi_plume.simulation import EveryStep, Simulation
+
+CLOSE = 1e-6  # of a period: as good as on time
+
+
+class ProbeTable(PartsTable):
+    """`probes.parquet` of a run.
+
+    Points are sampled after every step of the air; rows at multiples of a period are linear in time between two steps.
+    """
+
+    STATE = (*PartsTable.STATE, "next", "before", "values_before")
+
+    def __init__(self, sim: Simulation, path: Path, model: Probes):
+        self.model, self.heat = model, sim.heat
+        places = np.concatenate([one.places for one in model.points])
+        cells = [field for field in (sim.pressure, sim.heat and sim.heat.theta) if field is not None]
+        self.sampler = Sampler(places, sim.wind, sim.gas, cells, sim.air.solid, sim.grid)
+        axes = "xyz"[: sim.grid.dim]
+        self.measured = [
+            *(column(f"wind_{a}", pa.float32(), "m/s", f"velocity of the air along {a}") for a in axes),
+            *(
+                column(
+                    f"{one.name}_ppm", pa.float32(), "ppm", f"mole fraction of {one.name}",
+                    kg_per_m3=f"{1 / one.ppm_per_density:.9g}",
+                )
+                for one in sim.gas.species
+            ),
+        ]  # fmt: skip
+        if sim.pressure is not None:
+            self.measured.append(column("pressure", pa.float32(), "Pa", "above that of still air"))
+        if sim.heat is not None:
+            self.measured.append(column("temperature", pa.float32(), "K", "of the air"))
+        who = [
+            column("t", pa.float64(), "s", "simulated time"),
+            column("probe", NAMES, "1", "name of the probe"),
+            column("point", pa.int32(), "1", "number of the point in its probe"),
+            *(column(a, pa.float32(), "m", "place of the point") for a in axes),
+        ]
+        names = {"probe": pa.array([one.name for one in model.points])}
+        super().__init__(path, [*who, *self.measured], names, len(places))
+        sizes = [one.size for one in model.points]
+        self.values["probe"][:] = np.repeat(np.arange(len(sizes)), sizes)
+        self.values["point"][:] = np.concatenate([np.arange(size) for size in sizes])
+        for axis, along in zip(axes, places.T, strict=True):
+            self.values[axis][:] = along
+        self.next = 0  # multiple of the period that the next rows are for
+        self.before = 0.0  # time of the sample before [s]
+        self.values_before: np.ndarray | None = None
+
+    def observer(self) -> EveryStep:
+        """What the simulation has to call."""
+        return EveryStep(self.sample)
+
+    def sample(self, sim: Simulation, t: float) -> None:
+        """Take what there is at time t [s], the end of a step."""
+        if t < self.model.start - 1e-9 * sim.dt:
+            return
+        now = self.sampler.sample(t)
+        if self.model.every == "step":
+            self._row(t, now)
+            return
+        period = self.model.every
+        if self.values_before is None:
+            self.next, self.before, self.values_before = ceil(t / period - CLOSE), t, now
+        while self.next * period <= t + CLOSE * period:
+            due, span = self.next * period, t - self.before
+            share = min(1.0, (due - self.before) / span) if span > 0.0 else 1.0
+            self._row(due, now if share > 1 - CLOSE else (1 - share) * self.values_before + share * now)
+            self.next += 1
+        self.before, self.values_before = t, now
+
+    def _row(self, t: float, sampled: np.ndarray) -> None:
+        """A row of each point."""
+        n = self.kept
+        self.values["t"][n] = t
+        for one, row in zip(self.measured, sampled, strict=True):
+            self.values[one.name][n] = row
+        if "pressure" in self.values:
+            self.values["pressure"][n] *= AIR_DENSITY
+        if self.heat is not None:
+            self.values["temperature"][n] += self.heat.reference
+        self.took()

@@ -1,0 +1,58 @@
+"""Everything that is known of the air at given points, in one launch."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import taichi as ti
+
+from taichi_plume.grid.fields import Mixture, Wind, sample_cells
+from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.transfer import uploader
+
+
+@ti.data_oriented
+class Sampler:
+    """Samples wind [m/s], each species of the gas [ppm] and cell fields at points (n, dim) [m].
+
+    solid: which cells hold no air, of the grid's shape.
+    """
+
+    def __init__(
+        self,
+        points: np.ndarray,
+        wind: Wind,
+        gas: Mixture,
+        cells: Sequence[Any],
+        solid: np.ndarray,
+        grid: Grid,
+    ):
+        self.grid, self.dim = grid, grid.dim
+        self.wind, self.gas, self.cells = wind, gas, tuple(cells)
+        self.points = np.ascontiguousarray(points, np.float32)
+        self.species = len(gas.species)
+        self.width = self.dim + self.species + len(self.cells)
+        self.air = grid.field()
+        uploader(self.air)(grid.pad(~solid))
+
+    def sample(self, t: float) -> np.ndarray:
+        """At time t [s], (width, n): components of the wind, species, then cell fields."""
+        out = np.empty((self.width, len(self.points)), np.float32)
+        self._sample(self.points, t, out)
+        return out
+
+    @ti.kernel
+    def _sample(self, points: ti.types.ndarray(), t: float, out: ti.types.ndarray()):  # type: ignore[valid-type]
+        for n in range(points.shape[0]):
+            x = ti.Vector([points[n, d] for d in ti.static(range(self.dim))])
+            u = self.wind.velocity(x, t)
+            for d in ti.static(range(self.dim)):
+                out[d, n] = u[d]
+            ppm = self.gas.ppm(x, t)
+            for s in ti.static(range(self.species)):
+                out[self.dim + s, n] = ppm[s]
+            for c in ti.static(range(len(self.cells))):
+                value = sample_cells(
+                    self.cells[c], self.air, x, self.grid.dx, self.grid.ghost, self.grid.padded
+                )
+                out[self.dim + self.species + c, n] = value

@@ -1,0 +1,186 @@
+"""What the air of a scenario is like at the begin of the warm-up: formulas of the place, or a moment of a film."""
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from taichi_plume.scenario.context import Context
+from taichi_plume.scenario.formulas import AXES, FormulaError, evaluate, formula
+from taichi_plume.scenario.quantities import fault
+from taichi_plume.scenario.vocabulary import FREE, PER_AXIS, FileName, Model, Time
+
+if TYPE_CHECKING:
+    from taichi_plume.scenario.domain import Domain
+
+FASTEST, COLDEST, WARMEST = 100.0, 200.0, 500.0  # as of the keys for speeds and temperatures
+
+
+class Initial(Model):
+    """A quantity at the begin of the warm-up."""
+
+    unit: ClassVar[str]
+    least: ClassVar[float]
+    most: ClassVar[float]
+
+    @property
+    def formulas(self) -> tuple[tuple[str, str], ...]:
+        """Key and text of each formula, one per axis of a vector; none where a film is shown."""
+        raise NotImplementedError
+
+    def values(self, points: np.ndarray) -> np.ndarray:
+        """What the formulas are at points (..., dim) [m], (formulas, ...); nan and inf where they have no value."""
+        places = dict(zip(AXES, np.moveaxis(points, -1, 0), strict=False))
+        found = [evaluate(text, places) for _, text in self.formulas]
+        return np.array([np.broadcast_to(one, points.shape[:-1]) for one in found])
+
+    def on_grid(self, domain: "Domain") -> Iterator[tuple[str, list[np.ndarray], np.ndarray]]:
+        """Key, coordinates and values of each formula, where the grid has them. Raises FormulaError."""
+        for d, (key, text) in enumerate(self.formulas):
+            places = self._places(domain, d)
+            found = evaluate(text, dict(zip(AXES, places, strict=False)))
+            yield key, places, np.broadcast_to(found, np.broadcast_shapes(*(one.shape for one in places)))
+
+    def _places(self, domain: "Domain", d: int) -> list[np.ndarray]:
+        """Of the cells' centres."""
+        return _lattice([(np.arange(n) + 0.5) * domain.spacing for n in domain.shape])
+
+    def problems(self, where: str, context: Context) -> Iterator[str]:
+        """Formulas need a value of the right size wherever there is air."""
+        try:
+            for key, places, values in self.on_grid(context.domain):
+                bad = ~((values >= self.least) & (values <= self.most))
+                if bad.any() and (line := _first(bad, places, values, context)) is not None:
+                    yield (
+                        f"{where}.{key}: {line} {self.unit}; must be {self.least:g} to {self.most:g} {self.unit} "
+                        "wherever there is air"
+                    )
+        except FormulaError as error:
+            yield f"{where}: {error}"
+
+
+class FilmedInitial(Initial):
+    """One that a film may tell as well."""
+
+    part: ClassVar[Literal["wind", "gas"]]
+    film: FileName | None = None
+    """Instead of a formula: path of a fields.zarr, relative to the scenario's folder; its grid may be another one."""
+    at: Time | None = None
+    """Which moment of the film [s], linear in time between its frames; unless given, the last one."""
+
+    @model_validator(mode="after")
+    def _either(self) -> "FilmedInitial":
+        given = [key for key, _ in self.formulas][:1]
+        if (self.film is None) == (not given):
+            raise fault(
+                "takes a {part} or a film, got {got}",
+                {"part": self.key, "got": "both" if given else "neither"},
+            )
+        if self.film is None and self.at is not None:
+            raise fault("at: is the moment of a film; remove it, or give a film")
+        return self
+
+    key: ClassVar[str]
+    """Of its formulas."""
+
+    def unusable(self, where: str, context: Context) -> Iterator[str]:
+        """The film has to show enough."""
+        if self.film is None:
+            return
+        fault = context.resources.faults.get(where)
+        if fault is not None:
+            yield f"{where}.film: {fault}"
+            return
+        film, domain = context.resources.films[where], context.domain
+        if not (film.wind if self.part == "wind" else film.gas):
+            yield f"{where}.film: {film.path}: holds no {self.part}; record it with fields.quantities: [{self.part}]"
+        size = [n * film.dx for n in film.shape]
+        beyond = len(size) != domain.dim or any(
+            need > has + 0.5 * film.dx for need, has in zip(domain.extent, size, strict=True)
+        )
+        if beyond:
+            shown = " x ".join(f"{length:.6g}" for length in size)
+            yield (
+                f"{where}.film: {film.path}: shows {shown} m, the domain is "
+                f"{' x '.join(f'{length:.6g}' for length in domain.extent)} m; record all of it"
+            )
+        first, last = film.times[0], film.times[-1]
+        if self.at is not None and not first <= self.at <= last:
+            yield f"{where}.at: {self.at:g} s is not in {film.path}, which shows {first:g} to {last:g} s"
+
+
+class InitialWind(FilmedInitial):
+    """Velocity of the air; the solver makes it free of divergence."""
+
+    part, key, unit = "wind", "velocity", "m/s"
+    least, most = -FASTEST, FASTEST
+    velocity: Annotated[
+        tuple[formula("m/s"), ...] | None, Field(min_length=2, max_length=3), PER_AXIS, FREE
+    ] = None  # type: ignore[valid-type]
+    """Components [m/s], formulas such as "0.2*sin(pi*x)"."""
+
+    @property
+    def formulas(self) -> tuple[tuple[str, str], ...]:
+        """Of each component."""
+        return tuple((f"velocity[{d}]", text) for d, text in enumerate(self.velocity or ()))
+
+    def _places(self, domain: "Domain", d: int) -> list[np.ndarray]:
+        """Of the faces across axis d."""
+        shape = [n + (a == d) for a, n in enumerate(domain.shape)]
+        return _lattice([(np.arange(n) + 0.5 * (a != d)) * domain.spacing for a, n in enumerate(shape)])
+
+    def top_speed(self, domain: "Domain") -> float:
+        """Largest component [m/s] of the formulas."""
+        try:
+            found = [np.abs(values) for _, _, values in self.on_grid(domain)]
+        except FormulaError:
+            return 0.0
+        return max((float(one[np.isfinite(one)].max(initial=0.0)) for one in found), default=0.0)
+
+
+class InitialGas(FilmedInitial):
+    """Concentration of the gas."""
+
+    part, key, unit = "gas", "concentration", "kg/m^3"
+    least, most = 0.0, 10.0  # heavier than any vapour
+    concentration: Annotated[formula("kg/m^3") | None, FREE] = None  # type: ignore[valid-type]
+    """A formula [kg/m³] such as "1e-5*exp(-((x-1)**2 + (y-1)**2)/0.02)"."""
+
+    @property
+    def formulas(self) -> tuple[tuple[str, str], ...]:
+        """That of the concentration."""
+        return () if self.concentration is None else (("concentration", self.concentration),)
+
+
+class InitialHeat(Initial):
+    """Temperature of the air."""
+
+    unit, least, most = "K", COLDEST, WARMEST
+    temperature: Annotated[formula("K"), FREE]  # type: ignore[valid-type]
+    """A formula [K] such as "295 + 2*z"."""
+
+    @property
+    def formulas(self) -> tuple[tuple[str, str], ...]:
+        """That of the temperature."""
+        return (("temperature", self.temperature),)
+
+
+def _lattice(axes: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Coordinates along each axis, so that they broadcast."""
+    return [axis.reshape([-1 if a == b else 1 for b in range(len(axes))]) for a, axis in enumerate(axes)]
+
+
+def _first(bad: np.ndarray, places: list[np.ndarray], values: np.ndarray, context: Context) -> str | None:
+    """Value and place of the first that is bad and outside of all obstacles."""
+    where = np.argwhere(bad)
+    points = np.stack([axis.ravel()[where[:, a]] for a, axis in enumerate(places)], axis=-1)
+    free = np.ones(len(points), bool)
+    for one in context.resources.shapes.values():
+        if one.model.motion is None:
+            free &= ~one.inside(points)
+    if not free.any():
+        return None
+    n = int(np.argmax(free))
+    place = ", ".join(f"{x:.4g}" for x in points[n])
+    return f"at ({place}) m it is {values[tuple(where[n])]:.4g}"

@@ -1,0 +1,171 @@
+"""Points at which a run notes what the air does, as instruments that disturb nothing."""
+
+from collections.abc import Iterator
+from math import prod
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from taichi_plume.scenario.context import Context, span
+from taichi_plume.scenario.vocabulary import PER_AXIS, Count, Duration, Model, Point, Time
+
+MOST_POINTS = 100_000
+MANY_BYTES = 2e9  # of probes.parquet, beyond which it is noted
+BYTES_PER_NUMBER = 3.5  # measured: f32 of turbulent air, compressed
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
+
+
+class Probe(Model):
+    """One point, or several in their order."""
+
+    what: ClassVar[tuple[str, ...]]
+    """The keys that say where."""
+    name: Name
+
+    @property
+    def places(self) -> np.ndarray:
+        """Of its points, (n, dim) [m]."""
+        raise NotImplementedError
+
+    @property
+    def size(self) -> int:
+        """Number of its points."""
+        return 1
+
+    def problems(self, where: str, context: Context) -> Iterator[str]:
+        """All have to be in the air."""
+        if self.size > MOST_POINTS:
+            return  # all probes together are told
+        places, extent = self.places, context.domain.extent
+        keys = " and ".join(self.what)
+        for axis, length in zip("xyz", extent, strict=False):
+            along = places[:, "xyz".index(axis)]
+            beyond = along[(along < 0) | (along > length)]
+            if len(beyond):
+                yield (
+                    f"{where}.{keys}: {axis} = {beyond[0]:g} m is outside the domain, {span(axis, 0, length)}; "
+                    "move the probe in"
+                )
+                return
+        for obstacle, one in context.resources.shapes.items():
+            inside = np.flatnonzero(one.inside(places) & (one.model.motion is None))
+            if len(inside):
+                place = ", ".join(f"{x:g}" for x in places[inside[0]])
+                yield (
+                    f"{where}.{keys}: ({place}) m is inside {obstacle} ({one.model.kind}); move the probe or the "
+                    "obstacle"
+                )
+                return
+
+
+class ProbePoint(Probe):
+    """A point."""
+
+    kind: Literal["point"]
+    what = ("at",)
+    at: Point
+
+    @property
+    def places(self) -> np.ndarray:
+        """The point."""
+        return np.array([self.at])
+
+
+class ProbeLine(Probe):
+    """Points at even distances, both ends among them."""
+
+    kind: Literal["line"]
+    what = ("start", "end")
+    start: Point
+    end: Point
+    count: Annotated[Count, Field(ge=2)]
+
+    @property
+    def size(self) -> int:
+        """As many as it counts."""
+        return self.count
+
+    @property
+    def places(self) -> np.ndarray:
+        """From start to end."""
+        return np.linspace(self.start, self.end, self.count)
+
+
+class ProbeGrid(Probe):
+    """Points on a lattice that fills a box, its corners among them; the last axis changes first."""
+
+    kind: Literal["grid"]
+    what = ("low", "high")
+    low: Point
+    high: Point
+    counts: Annotated[tuple[Count, ...], Field(min_length=2, max_length=3), PER_AXIS]
+    """Points along each axis; a single one lies in the middle."""
+
+    @property
+    def size(self) -> int:
+        """Of all axes."""
+        return prod(self.counts)
+
+    @property
+    def places(self) -> np.ndarray:
+        """In the order of an array of shape `counts`."""
+        axes = [
+            np.linspace(a, b, n) if n > 1 else np.array([(a + b) / 2])
+            for a, b, n in zip(self.low, self.high, self.counts, strict=True)
+        ]
+        return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
+
+
+class Probes(Model):
+    """What goes into probes.parquet: wind, pressure, gas and temperature at points, up to every step of the air."""
+
+    points: Annotated[
+        tuple[Annotated[ProbePoint | ProbeLine | ProbeGrid, Field(discriminator="kind")], ...],
+        Field(min_length=1),
+    ]
+    every: Literal["step"] | Duration = 0.1
+    """Time between samples [s], linear between the steps of the air; `step`: one after each of them."""
+    start: Time = 0.0
+    """Time of the first sample [s]; negative in the warm-up."""
+
+    @property
+    def size(self) -> int:
+        """Number of points."""
+        return sum(one.size for one in self.points)
+
+    def samples(self, context: Context) -> float:
+        """How often they are sampled, about."""
+        scenario = context.scenario
+        step = min(scenario.tick, scenario.wind.longest_step(scenario))
+        return (scenario.duration - self.start) / (step if self.every == "step" else self.every)
+
+    def problems(self, where: str, context: Context) -> Iterator[str]:
+        """They need names of their own, an end after their begin, and room."""
+        if self.size > MOST_POINTS:
+            yield f"{where}.points: are {self.size:,} points, at most {MOST_POINTS:,} are taken; use fewer"
+        first: dict[str, int] = {}
+        for n, one in enumerate(self.points):
+            if first.setdefault(one.name, n) != n:
+                yield (
+                    f"{where}.points[{n}].name: '{one.name}' is the name of points[{first[one.name]}] too; "
+                    "give each its own"
+                )
+        if self.start > context.scenario.duration:
+            yield (
+                f"{where}.start: {self.start:g} s is after the end at {context.scenario.duration:g} s; start earlier"
+            )
+
+    def remarks(self, where: str, context: Context) -> Iterator[str]:
+        """Large tables take the disk, and points between steps tell nothing new."""
+        scenario = context.scenario
+        step = min(scenario.tick, scenario.wind.longest_step(scenario))
+        if self.every != "step" and self.every < 0.5 * step:
+            yield (
+                f"{where}.every: {self.every:g} s is shorter than the air's steps of about {step:.2g} s, between which "
+                "rows are linear in time; lower tick for more"
+            )
+        numbers = context.domain.dim + 1 + len(scenario.gases)
+        size = self.samples(context) * self.size * numbers * BYTES_PER_NUMBER
+        if size > MANY_BYTES:
+            yield f"{where}: probes.parquet will have about {size / 1e9:.2g} GB; use fewer points or a longer every"
