@@ -1,11 +1,11 @@
 """Wind, gas and heat that begin as a scenario's formulas or a film say."""
 
-import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from taichi_plume.assemble import build
 from taichi_plume.files.filming import Filming
@@ -181,10 +181,9 @@ def test_a_film_goes_on_from_one_of_its_moments_on_any_grid(tmp_path):
         ("gas", {}, "takes a concentration or a film, got neither"),
         ("gas", {"concentration": 1, "film": "a.zarr"}, "takes a concentration or a film, got both"),
         ("gas", {"concentration": "1", "at": 3}, "at: is the moment of a film"),
-        ("gas", {"concentration": "os.system('ls')"}, "is not arithmetic|what is not arithmetic"),
+        ("gas", {"concentration": "os.system('ls')"}, "has what is not arithmetic"),
     ],
 )
 def test_what_cannot_begin_so_is_told(section, initial, told):
-    with pytest.raises(Exception, match=told) as error:
+    with pytest.raises((ScenarioError, ValidationError), match=told):
         checked(Scenario.model_validate(BOX | {section: BOX[section] | {"initial": initial}}), Path())
-    assert not re.search("Traceback", str(error.value))

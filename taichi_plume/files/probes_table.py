@@ -40,7 +40,14 @@ class ProbeTable(PartsTable):
             ),
         ]  # fmt: skip
         if sim.pressure is not None:
-            self.measured.append(column("pressure", pa.float32(), "Pa", "above that of still air"))
+            self.measured.append(
+                column(
+                    "pressure",
+                    pa.float32(),
+                    "Pa",
+                    "over that outside of an outlet; without one, up to a constant",
+                )
+            )
         if sim.heat is not None:
             self.measured.append(column("temperature", pa.float32(), "K", "of the air"))
         who = [
