@@ -15,6 +15,7 @@ from taichi_plume.validation.flow_cases import SMALL_STEPS, drifting, kovasznay,
 from taichi_plume.validation.gas_cases import gaussian_puff
 from taichi_plume.validation.heat_cases import conduction, heated_cavity
 from taichi_plume.validation.import_cases import IMPORT_CASES
+from taichi_plume.validation.inflow_cases import INFLOW_CASES
 from taichi_plume.validation.jet import CORE, DECAY, SPREAD, fan_jet
 from taichi_plume.validation.mapping_cases import MAPPING_CASES
 from taichi_plume.validation.plume_cases import PLUME_CASES
@@ -312,6 +313,7 @@ _ALL = (
         slow=True,
         expected={"u / u_max, largest": Expected(tolerance=2e-6)},
     ),
+    *INFLOW_CASES,
     *IMPORT_CASES,
     *PLUME_CASES,
     *PUFF_CASES,

@@ -1,0 +1,135 @@
+"""What openings and walls prescribe, and what comes of it in the flow."""
+
+from collections.abc import Sequence
+from functools import partial
+from itertools import pairwise
+from math import pi, sqrt
+
+import numpy as np
+
+from taichi_plume.scenario.winds import CfdWind
+from taichi_plume.validation.case import Answer, Case, Curve, Expected
+from taichi_plume.validation.channel_cases import across
+from taichi_plume.validation.flow_cases import Errors, advance, in_empty_box, laminar_flow, periodic, rms
+
+SPEED, INTENSITY = 0.5, 0.1  # m/s; over the speed
+DUCT, BEHIND = 4.0, 0.2  # m: long; where the intensity is looked at
+SETTLED, SAMPLED = 8.0, 40.0  # s
+EXPONENT, DISSIPATION = 1.2, 0.7  # of the decay behind grids, 1.0 to 1.4; epsilon L/u'³, 0.5 to 0.9
+CARRIED = 4.0  # cells: no integral length is shorter
+
+
+def virtual_origin(length: float) -> float:
+    """How far before the inlet [m] the decay u'² ~ (x + x0)^-n begins: dk/dt = -DISSIPATION u'³/L there."""
+    return 1.5 * EXPONENT * length / (DISSIPATION * INTENSITY)
+
+
+def integral_length(planes: Sequence[np.ndarray], apart: float) -> float:
+    """Of velocities at many places [m], `apart` from one sample to the next, up to where they are strangers."""
+    values = np.array(planes).reshape(len(planes), -1)
+    values -= values.mean()
+    lagged = np.array(
+        [(values[: len(values) - n] * values[n:]).mean() for n in range(min(200, len(values) // 2))]
+    )
+    known = lagged[: int(np.argmax(lagged < 0.0)) or len(lagged)] / lagged[0]
+    return apart * float(known.sum() - 0.5)
+
+
+def inflow_turbulence(n: int, length: float) -> Answer:
+    """Turbulent air through a duct of 4 x 1 x 1 m without walls, n cells per metre; `length` [m] as asked for."""
+    inlet = {"turbulence_intensity": INTENSITY, "turbulence_length": length, "speed": SPEED}
+    openings = [{"kind": "inlet", "face": "x-"} | inlet, {"kind": "outlet", "face": "x+"}, *periodic("yz")]
+    wind = CfdWind.model_validate({"kind": "cfd", "convection": "weno5", "openings": openings})
+    flow = in_empty_box(wind, (round(DUCT * n), n, n), 1.0 / n)
+    grid, t, dt = flow.grid, SETTLED, 0.8 / (n * SPEED)
+    advance(flow, t)
+    count = round(SAMPLED / dt)
+    total, squares = np.zeros((3, *grid.shape)), np.zeros((3, *grid.shape))
+    at_inlet, inflows = [], []
+    for _ in range(count):
+        advance(flow, t + dt, t)
+        t += dt
+        u = np.array([grid.read(field) for field in flow.u], float)
+        total += u
+        squares += u**2
+        at_inlet.append(u[0, 0])
+        inflows.append(u[0, 0].mean())
+    # by place along the duct, of air that comes in at other speeds than the mean as well
+    energy = squares.mean(axis=(2, 3)) / count - (total.mean(axis=(2, 3)) / count) ** 2
+    x = np.arange(len(energy[0])) / n
+    mean = energy.mean(axis=0)
+    behind, far = round(BEHIND * n), round(3.0 * n)
+    told = max(length, CARRIED / n)
+    wanted = INTENSITY * SPEED
+    beyond = x + virtual_origin(told)
+    law = (beyond[behind:] / beyond[behind]) ** (-0.5 * EXPONENT)
+    fitted = slice(behind, far + 1)
+    exponent, _ = np.polyfit(np.log(beyond[fitted]), np.log(mean[fitted]), 1)
+    return {
+        "intensity at the inlet": float(abs(sqrt(mean[0]) / wanted - 1.0)),
+        "its components, largest": float(np.abs(np.sqrt(energy[:, 0]) / wanted - 1.0).max()),
+        "intensity at 0.2 m": float(abs(sqrt(mean[behind]) / wanted - 1.0)),
+        "integral length at the inlet": float(abs(integral_length(at_inlet, dt * SPEED) / told - 1.0)),
+        "flow rate": float(np.abs(np.array(inflows) / SPEED - 1.0).max()),
+        "exponent of the decay": -float(exponent),
+        "u' at 3 m over 0.2 m": float(sqrt(mean[far] / mean[behind])),
+        "turbulence behind the inlet": Curve(
+            "x [m]", "u'/U", x[behind:], np.sqrt(mean[behind:]) / SPEED, law * sqrt(mean[behind]) / SPEED
+        ),
+    }
+
+
+def oscillating_wall(n: int) -> Errors:
+    """Air between a wall at rest and one that slides with V = sin wt, after a period; 1 m apart, nu = 1.
+
+    u = V y + sum b_k sin k pi y, db_k/dt = -k² pi² b_k + 2 (-1)^k/(k pi) dV/dt; air is reached to sqrt(2 nu/w) = 0.3.
+    """
+    rate = 2.0 / 0.3**2
+    knots = np.linspace(0.0, 2.0 * pi / rate, 401)
+    steps = [{"at": a, "velocity": (float(np.sin(rate * b)), 0.0)} for a, b in pairwise(knots)]
+    wall = {"kind": "wall", "face": "y+", "velocity": (0.0, 0.0), "ramp": knots[1], "schedule": steps}
+    flow = laminar_flow((4, n), 1.0 / n, 1.0, [*periodic("x"), wall])
+    end = float(knots[-1])
+    advance(flow, end)
+    y, u = across(flow)
+    k = np.arange(1, 200)[:, None]
+    decay = (k * pi) ** 2
+    answer = decay * np.cos(rate * end) + rate * np.sin(rate * end) - decay * np.exp(-decay * end)
+    parts = 2.0 * (-1.0) ** k / (k * pi) * rate * answer / (decay**2 + rate**2) * np.sin(k * pi * y)
+    return {"u, rms": rms(u - np.sin(rate * end) * y - parts.sum(axis=0))}
+
+
+def _turbulence(length: float) -> Case:
+    return Case(
+        f"inflow_turbulence_{100 * length:.0f}_cm",
+        f"intensity 10 % and length {100 * length:.0f} cm at the inlet and behind it",
+        "as asked for; decay behind grids, Comte-Bellot & Corrsin 1966, doi:10.1017/S0022112066000338",
+        partial(inflow_turbulence, length=length),
+        coarse=(20,),
+        fine=(25,),
+        slow=True,
+        # of 40 s of air intensities vary by 1.5 % by chance
+        expected={
+            "intensity at the inlet": Expected(tolerance=0.04),
+            "its components, largest": Expected(tolerance=0.06),
+            "intensity at 0.2 m": Expected(tolerance=0.07),
+            "integral length at the inlet": Expected(tolerance=0.2),
+            "flow rate": Expected(tolerance=1e-5),
+        },
+    )
+
+
+INFLOW_CASES = (
+    _turbulence(0.1),
+    _turbulence(0.2),
+    Case(
+        "oscillating_wall",
+        "a wall slides to and fro",
+        "Stokes' second problem between two walls",
+        oscillating_wall,
+        coarse=(16, 32),
+        fine=(32, 64),
+        slow=True,
+        expected={"u, rms": Expected(order=1.7, tolerance=3e-4, at=32)},
+    ),
+)
