@@ -1,7 +1,8 @@
 """What a sensor on the axis of a plume meets: the mean, how much it fluctuates, and how often there is gas at all.
 
-A duct with a wind of 0.5 m/s and an intensity of 10 %, cells of 5 cm and sources of 2 cm. Fluctuations over the mean are
-about 1 within the first metres and fall beyond (Fackrell & Robins 1982, doi:10.1017/S0022112082000410).
+A duct with a wind of 0.5 m/s and an intensity of 10 %, cells of 5 cm and sources of 2 cm. Fluctuations over the mean
+are about 1 within the first metres and fall beyond: they are made next to the source (Fackrell & Robins 1982, J. Fluid
+Mech. 117, 1-26).
 """
 
 from collections.abc import Callable
@@ -113,7 +114,7 @@ NEAR_SOURCE_CASES = (
     Case(
         "near_source",
         "fluctuations on the axis of a plume within 3 m, sources of 2 cm on cells of 5 cm",
-        "about 1 at first, falling beyond; Fackrell & Robins 1982, doi:10.1017/S0022112082000410",
+        "about 1 at first, falling beyond; Fackrell & Robins 1982, J. Fluid Mech. 117, 1-26",
         on_the_axis,
         coarse=(30,),
         fine=(30, 120),
