@@ -1,8 +1,8 @@
-"""Puffs on the grid: the mean concentration of every cell, for films and whoever wants a field. No mass is lost.
+"""Puffs on the grid: the mean concentration of every cell, for films and for gas that goes on there. No mass is lost.
 
 A puff gives each cell the integral of its Gaussian over it, a product of differences of error functions; what lies
-beyond a closed face is mirrored back. Cells of obstacles, and those behind the tangent plane of the surface next to a
-puff, get nothing, and the others as much more.
+beyond a closed face is mirrored back. Cells of obstacles, those behind the tangent plane of the surface next to a puff,
+and those that no straight row of air cells leads to get nothing, and the others as much more.
 """
 
 from math import sqrt
@@ -14,6 +14,8 @@ import taichi as ti
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.kernels import on_cpu
 from taichi_plume.grid.transfer import uploader
+from taichi_plume.solvers.puff_list import FREE
+from taichi_plume.solvers.transport import raised
 
 REACH = 4.0  # standard deviations to either side that are looked at
 LEAST = 0.01  # share of a cell that is air, below which it gets no gas of its own
@@ -33,10 +35,15 @@ def _below(z):
 class Deposit:
     """The cells of a solver's grid and what its puffs put into them. Field c: [kg/m³]."""
 
-    def __init__(self, solver: Any, air: Air):
-        """solver: a PuffSolver, whose puffs it reads."""
+    def __init__(self, solver: Any, air: Air, c: Any = None, rest: Any = None):
+        """solver: a PuffSolver, whose puffs it reads; c: what they are added to, one of its own unless given; rest:
+        what rounding leaves out of it.
+        """
         self.solver, self.grid, self.dim = solver, solver.grid, solver.dim
-        self.c: Any = self.grid.field()
+        self.c: Any = self.grid.field() if c is None else c
+        self.rest, self.exact = rest, rest is not None
+        carrier = solver.wind.carrier
+        self._area: Any = (carrier.area if carrier is not None else None) or ()
         self.room: Any = self.grid.field()
         uploader(self.room)(self.grid.pad(np.where(air.solid | (air.room < LEAST), 0.0, air.room)))
         # of the puff at hand, per axis and cell; on a GPU of each of some at a time
@@ -57,15 +64,17 @@ class Deposit:
             for turn in range((count + self._lanes - 1) // self._lanes):
                 q = turn * self._lanes + lane
                 if q < count:
-                    self._spread_one(lane, q, t)
+                    self.add(lane, q, ti.sqrt(self.solver.puffs.now[self.solver.puffs.variance][q]), t)
 
     @ti.func
-    def _spread_one(self, lane, q, t: float):
+    def add(self, lane, q, deviation: float, t: float):
+        """Add puff q, of a standard deviation [m], to the cells; returns the share of its mass that they got."""
         puffs = self.solver.puffs
         x = puffs.place(q)
-        s = puffs.cells.size(puffs.now[puffs.variance][q])
+        s = puffs.cells.size(deviation**2)
         first, size = ti.Vector.zero(ti.i32, self.dim), ti.Vector.zero(ti.i32, self.dim)
         dx = ti.static(self.grid.dx)
+        below, above = self.solver.walls.closed(x, REACH * s, t)
         held = 1.0  # share that lies in the domain, or is mirrored into it
         cells = 1
         for d in ti.static(range(self.dim)):
@@ -77,36 +86,41 @@ class Deposit:
                     first[d], last = 0, n - 1
             size[d] = last - first[d] + 1
             cells *= size[d]
-            held *= self._along(lane, d, x, s, first[d], size[d], t)
-        given = 0.0
-        for m in range(cells):
-            given += self._part(lane, q, x, first, size, m)
-        mass = puffs.now[puffs.mass][q] * held
-        if given > 0.0:
+            held *= self._along(lane, d, x, s, first[d], size[d], below[d], above[d])
+        given, mass = ti.cast(0.0, ti.f64), puffs.now[puffs.mass][q] * held
+        for turn in range(2):  # first how much the cells would get in all
             for m in range(cells):
                 part = self._part(lane, q, x, first, size, m)
-                if part > 0.0:
+                if turn == 0:
+                    given += ti.cast(part, ti.f64)
+                elif part > 0.0:
                     I = self._cell(first, size, m)
-                    self.c[I] += mass * part / given / (self.room[I] * ti.static(self.grid.cell_volume))
+                    share = ti.cast(part / given, ti.f32)
+                    self._give(I, mass * share / (self.room[I] * ti.static(self.grid.cell_volume)))
+        return ti.select(given > 0.0, held, 0.0)
 
     @ti.func
-    def _along(self, lane, d: ti.template(), x, s, first, size, t: float):  # type: ignore[valid-type]
-        """Shares of a puff in the cells along an axis; returns what does not lie beyond open faces."""
+    def _give(self, I, more):
+        if ti.static(self.exact):
+            self.c[I], self.rest[I] = raised(self.c[I], self.rest[I], more, 1.0)
+        else:
+            self.c[I] += more
+
+    @ti.func
+    def _along(self, lane, d: ti.template(), x, s, first, size, below, above):  # type: ignore[valid-type]
+        """Shares of a puff in the cells along an axis, whose faces are closed (1) or open (0); returns what does not
+        lie beyond open ones.
+        """
         L, dx = ti.static(self.grid.extent[d]), ti.static(self.grid.dx)
-        below, above = 0.0, 0.0  # 1: closed
-        if ti.static(not self.grid.periodic[d]):
-            if x[d] < REACH * s:
-                below = 1.0 - ti.cast(self.solver.walls.air_goes_through(x, 2 * d, t), ti.f32)
-            if L - x[d] < REACH * s:
-                above = 1.0 - ti.cast(self.solver.walls.air_goes_through(x, 2 * d + 1, t), ti.f32)
         for k in range(size):
             low, high = (first + k) * dx, (first + k + 1) * dx
             share = _below((high - x[d]) / s) - _below((low - x[d]) / s)
-            share += below * (_below((high + x[d]) / s) - _below((low + x[d]) / s))
-            share += above * (_below((high - 2.0 * L + x[d]) / s) - _below((low - 2.0 * L + x[d]) / s))
             if ti.static(self.grid.periodic[d]):
                 share += _below((high - x[d] - L) / s) - _below((low - x[d] - L) / s)
                 share += _below((high - x[d] + L) / s) - _below((low - x[d] + L) / s)
+            else:
+                share += below * (_below((high + x[d]) / s) - _below((low + x[d]) / s))
+                share += above * (_below((high - 2.0 * L + x[d]) / s) - _below((low - 2.0 * L + x[d]) / s))
             self._share[lane, d, k] = share
         gone = (1.0 - below) * _below(-x[d] / s) + (1.0 - above) * _below((x[d] - L) / s)
         if ti.static(self.grid.periodic[d]):
@@ -133,5 +147,39 @@ class Deposit:
             part *= self._share[lane, d, k]
             center = (first[d] + k + 0.5) * ti.static(self.grid.dx)
             before += self.solver.puffs.plane_normal(q, d) * (center - x[d])
-        room = self.room[self._cell(first, size, m)]
+        I = self._cell(first, size, m)
+        room = self.room[I]
+        if ti.static(self.solver.walls.solid):
+            if away < FREE and part * room > 0.0 and before + away > 0.0:
+                room *= self._leads_to(I, x)
         return ti.select(before + away > 0.0, part * room, 0.0)
+
+    @ti.func
+    def _leads_to(self, I, x):
+        """1 where the cells from I to that of x, as straight as they go, and the faces between them are air; else 0."""
+        home, left = I, I
+        for d in ti.static(range(self.dim)):
+            n = ti.static(self.grid.shape[d])
+            home[d] = ti.static(self.grid.ghost) + ti.math.clamp(
+                ti.cast(x[d] / ti.static(self.grid.dx), ti.i32), 0, n - 1
+            )
+            left[d] = home[d] - I[d]
+        J, free = I, 1.0
+        way = ti.abs(left)
+        for _ in range(way.sum()):
+            axis, behind = 0, -1.0
+            for d in ti.static(range(self.dim)):  # the axis that lags most behind the straight line
+                more = ti.cast(ti.abs(home[d] - J[d]), ti.f32) / ti.max(way[d], 1)
+                if more > behind:
+                    axis, behind = d, more
+            for d in ti.static(range(self.dim)):
+                if axis == d:
+                    step = ti.select(left[d] > 0, 1, -1)
+                    if ti.static(len(self._area) > 0):
+                        face = J
+                        face[d] += ti.max(step, 0)
+                        free = ti.select(self._area[d][face] > 0.0, free, 0.0)
+                    J[d] += step
+            if (J != home).any():  # there is air at x, however little the cell holds
+                free = ti.select(self.room[J] > 0.0, free, 0.0)
+        return free

@@ -171,7 +171,12 @@ class PuffList:
     @ti.func
     def _lose(self, k: ti.i32):
         if not self.cells.stays(k):
-            self._gone[None] += ti.cast(self.new[self.mass][k], ti.f64)
+            self.lose(self.new[self.mass][k])
+
+    @ti.func
+    def lose(self, mass: float):
+        """Count a mass [kg] that does not stay."""
+        self._gone[None] += ti.cast(mass, ti.f64)
 
     @ti.func
     def _prepare(self, q: ti.i32):

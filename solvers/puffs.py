@@ -2,7 +2,7 @@
 
     dx = (u + u' + grad K + w) dt,  K = nu_t/Sc_t
     du' = -u'/T dt + s sqrt(2/T) dW
-    R² = R0² + growth + 2 D t + 2 int K dt
+    R² = R0² + growth + 2 D t (see `puff_growth`)
 
 u' stands for the eddies that the wind leaves out. It and its integral are advanced jointly and exactly (Gillespie 1996,
 doi:10.1103/PhysRevE.54.2084), the wind by Heun's method: in a uniform wind the spread does not depend on the step. The
@@ -12,35 +12,32 @@ A puff is a Gaussian that ends at a few standard deviations and holds all its ma
 and obstacles. A closed face of the domain mirrors the concentration, too, and a surface near a puff does so as its
 tangent plane: gas is neither lost nor does it leak through thin walls. Near edges of obstacles a puff does not reach
 behind the plane, and of two surfaces it knows the nearer one only.
+
+Puffs that have become wider than the cells of the grid may go on as gas there (see `handover`): both are one gas.
 """
 
-from collections.abc import Callable
 from math import isfinite
-from typing import Any
 
 import numpy as np
 import taichi as ti
 
 from taichi_plume.grid.cut_cells import Air
-from taichi_plume.grid.fields import Gas, Wind, corner, corner_weight
+from taichi_plume.grid.fields import Gas, Wind
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.level_set import LevelSet
 from taichi_plume.grid.rng import generator, normal4, stream_id
 from taichi_plume.grid.transfer import Numbers
 from taichi_plume.scenario.gases import PuffGas
+from taichi_plume.solvers.handover import Handover
 from taichi_plume.solvers.portions import Portions
 from taichi_plume.solvers.puff_deposit import Deposit
+from taichi_plume.solvers.puff_growth import Growth
 from taichi_plume.solvers.puff_list import PuffList
 from taichi_plume.solvers.puff_walls import Walls
 from taichi_plume.solvers.uniform import UniformSolver
 
-FLUCTUATION, GROWTH = 0.05, 1e-4  # m/s and m²/s in a wind without eddies
-RICHARDSON = 0.5  # constant of the distance of two particles
-COEFFICIENTS: dict[str, Callable[[Any], float]] = {  # of the laws of growth, in m²/s and m^(2/3)/s
-    "diffusive": lambda growth: growth.rate,
-    "inertial": lambda growth: (RICHARDSON * growth.dissipation / 6.0) ** (1 / 3),
-}
+FLUCTUATION = 0.05  # m/s in a wind without eddies
 GRAVITY = 9.81  # m/s²
 FULL = 0.95  # of the places: from then on puffs are merged
 DRAG = 1.0  # coefficient of a sinking puff
@@ -70,7 +67,7 @@ class PuffSolver(Gas):
     Of a wind that has an eddy viscosity it takes nu, viscosity and schmidt as well, as on the grid.
     """
 
-    STATE = ("puffs", "portions", "emitted_kg", "_step", "_released")
+    STATE = ("puffs", "portions", "handover", "emitted_kg", "_step", "_released")
 
     def __init__(
         self,
@@ -86,10 +83,8 @@ class PuffSolver(Gas):
         self.grid, self.dim, self.wind = grid, grid.dim, wind
         self.alone = isinstance(wind, UniformSolver)
         self.fluctuates = self.alone or gas.fluctuation is not None
-        self.inertial = gas.growth is not None and gas.growth.kind == "inertial"
         self.sinks = gas.buoyancy
-        self.eddies: Any = wind.carrier.nu if wind.carrier is not None else None
-        self.eddying = self.eddies is not None
+        self.growth = Growth(gas, grid, wind)
         self.surfaces = None if air.empty else LevelSet(air, grid)
         self.walls = Walls(grid, wind, self.surfaces)
         self.most = gas.most
@@ -97,7 +92,12 @@ class PuffSolver(Gas):
         self.stream = stream_id(f"{name} fluctuations")
         self.portions = [Portions(f"{name}.sources[{n}]", wind) for n in range(len(gas.sources))]
         self._air, self._deposit = air, None  # fields that most runs do not need
-        self._n = Numbers("diffusivity", "growth", "weight", "viscosity", "per_schmidt", "uphill")
+        hands = gas.handover if gas.handover is not None else self.growth.eddying and not gas.buoyancy
+        self.hands = hands and wind.carrier is not None
+        self.handover = None
+        if self.hands and wind.carrier is not None:
+            self.handover = Handover(self, wind.carrier, air, gas.convection)
+        self._n = Numbers("weight")
         self.begin(gas, t, seed)
 
     def begin(self, model: PuffGas, t: float = 0.0, seed: int = 0) -> None:
@@ -117,26 +117,15 @@ class PuffSolver(Gas):
                     f"sources[{n}].position: is not in the air: an obstacle fills its cell or seals it off; "
                     "move it by a cell or lower domain.spacing"
                 )
-        growth = model.growth
-        self._n.set(
-            diffusivity=self.species.diffusivity,
-            growth=(GROWTH if self.alone else 0.0) if growth is None else COEFFICIENTS[growth.kind](growth),
-            weight=self.species.weight_per_density,
-            **self._eddy_numbers(),
-        )
+        self.growth.begin(model, self.alone)
+        if (
+            self.handover is not None
+        ):  # of eddies that are over soon, on the grid their long-time diffusivity is left
+            strayed = self.deviation**2 * self.time
+            self.handover.begin(self.species.diffusivity + strayed + self.growth.diffusive)
+        self._n.set(weight=self.species.weight_per_density)
         self.emitted_kg = 0.0
         self._step = self._released = 0
-
-    def _eddy_numbers(self) -> dict[str, float]:
-        """What the wind's eddies take of numbers."""
-        carrier = self.wind.carrier
-        if carrier is None:
-            return {}
-        return {
-            "viscosity": carrier.viscosity,
-            "per_schmidt": 1.0 / float(np.float32(carrier.schmidt)),
-            "uphill": 1.0 / float(np.float32(carrier.schmidt * self.grid.dx)),
-        }
 
     def start_from(self, x: np.ndarray, mass: float) -> None:
         """Add puffs at places (n, dim) [m] in the air, each of some mass [kg]; it counts as emitted."""
@@ -150,6 +139,8 @@ class PuffSolver(Gas):
 
     def advance(self, t: float, dt: float) -> None:
         """Move all puffs from t to t + dt, those that are released meanwhile from their own moment on."""
+        if self.handover is not None:
+            self.handover.advance(t, dt)
         if self.puffs.count > FULL * self.most:
             self.puffs.merge()
         first, born = self._born(t, dt)
@@ -224,7 +215,7 @@ class PuffSolver(Gas):
                     v[i] = a * before + b * g[i]
                     way[i] = c * before + d * g[i] + e * h[i]
             variance, mass = self.puffs.now[self.puffs.variance][k], self.puffs.now[self.puffs.mass][k]
-            K, uphill = self._eddy_diffusivity(x)
+            K, uphill = self.growth.eddy_diffusivity(x)
             way += dt * uphill
             if ti.static(self.sinks):
                 way[self.dim - 1] -= dt * self._fall(x, variance, t)
@@ -235,30 +226,10 @@ class PuffSolver(Gas):
                 place = self.walls.inside(x + way + dt * u)
             way += drift
             end, speed, stays = self.walls.travel(x, way, v, t)
-            if ti.static(self.inertial):
-                variance = (ti.pow(variance, 1.0 / 3.0) + self._n.growth[None] * dt) ** 3
-            else:
-                variance += self._n.growth[None] * dt
-            variance += 2.0 * dt * (self._n.diffusivity[None] + K)
+            variance = self.growth.grown(variance, x, K, dt)
+            if ti.static(self.hands):
+                stays = stays and mass > 0.0  # it was handed over
             self.puffs.put(k, end, speed, variance, mass, number, stays)
-
-    @ti.func
-    def _eddy_diffusivity(self, x: Template):
-        """nu_t/Sc_t at x [m²/s] and its gradient [m/s]."""
-        K, uphill = 0.0, ti.Vector.zero(ti.f32, self.dim)
-        if ti.static(self.eddying):
-            shift = ti.Vector([0.5] * self.dim)
-            base, weight = corner(x, shift, self.grid.dx, self.grid.ghost, self.grid.padded)
-            for offset in ti.static(ti.grouped(ti.ndrange(*((2,) * self.dim)))):
-                nu = ti.max(self.eddies[base + offset] - self._n.viscosity[None], 0.0)
-                K += corner_weight(weight, offset) * nu
-                for d in ti.static(range(self.dim)):
-                    part = weight
-                    part[d] = 1.0 * offset[d]
-                    uphill[d] += (2.0 * offset[d] - 1.0) * corner_weight(part, offset) * nu
-            K *= self._n.per_schmidt[None]
-            uphill *= self._n.uphill[None]
-        return K, uphill
 
     @ti.func
     def _fall(self, x: Template, variance: float, t: float):
@@ -276,21 +247,25 @@ class PuffSolver(Gas):
         """Mean concentration of every cell [kg/m³] at the present time t [s], of the grid's shape."""
         if self._deposit is None:
             self._deposit = Deposit(self, self._air)
-        return self._deposit.cells(t)
+        held = self._deposit.cells(t)
+        return held if self.handover is None else held + self.handover.cells()
 
     def budget(self) -> dict[str, float]:
         """Mass emitted, in the domain and gone through its faces [kg]."""
         inside = self.puffs.rows()[:, self.puffs.mass].astype(float).sum()
-        waiting = sum(portions.pending for portions in self.portions)
+        waiting, gone = sum(portions.pending for portions in self.portions), self.puffs.gone
+        if self.handover is not None:
+            inside, gone = inside + self.handover.transport.inside(), gone + self.handover.transport.outflow()
         return {
             "emitted_kg": self.emitted_kg,
             "in_domain_kg": float(inside + waiting),
-            "outflow_kg": self.puffs.gone,
+            "outflow_kg": gone,
         }
 
     def is_finite(self) -> bool:
-        """Whether every puff has a place and a size."""
-        return isfinite(float(np.abs(self.puffs.rows()).sum(dtype=float)))
+        """Whether every puff has a place and a size, and the gas on the grid is a number."""
+        held = 0.0 if self.handover is None else self.handover.transport.inside()
+        return isfinite(float(np.abs(self.puffs.rows()).sum(dtype=float)) + held)
 
     @ti.func
     def concentration(self, x: Template, t: float):
@@ -302,4 +277,6 @@ class PuffSolver(Gas):
                 first, size, images = self.walls.images(x, self.puffs.cells.reach(which), below, above)
                 for n in range(images):
                     total += self.puffs.near(self.walls.image(x, first, size, n), which)
+        if ti.static(self.hands):
+            total += self.handover.concentration(x)
         return total

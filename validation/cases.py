@@ -18,6 +18,7 @@ from taichi_plume.validation.import_cases import IMPORT_CASES
 from taichi_plume.validation.inflow_cases import INFLOW_CASES
 from taichi_plume.validation.jet import CORE, DECAY, SPREAD, fan_jet
 from taichi_plume.validation.mapping_cases import MAPPING_CASES
+from taichi_plume.validation.near_source import NEAR_SOURCE_CASES
 from taichi_plume.validation.plume_cases import PLUME_CASES
 from taichi_plume.validation.plumesim_cases import PLUMESIM_CASES
 from taichi_plume.validation.puff_cases import PUFF_CASES
@@ -315,6 +316,7 @@ _ALL = (
     ),
     *INFLOW_CASES,
     *IMPORT_CASES,
+    *NEAR_SOURCE_CASES,
     *PLUME_CASES,
     *PUFF_CASES,
     *PLUMESIM_CASES,

@@ -72,8 +72,9 @@ class InertialGrowth(Model):
     """
 
     kind: Literal["inertial"]
-    dissipation: Dissipation = 1e-3
-    """Turbulent kinetic energy lost per time, epsilon [m²/s³]."""
+    dissipation: Dissipation | None = None
+    """Turbulent kinetic energy lost per time, epsilon [m²/s³]; unless given, that of the wind's eddies about each
+    puff, or 1e-3 in a wind without."""
 
 
 class PuffGas(OneGas):
@@ -93,8 +94,13 @@ class PuffGas(OneGas):
     fluctuation_time: Duration = 0.5
     """Time over which it changes [s]."""
     growth: Annotated[DiffusiveGrowth | InertialGrowth, Field(discriminator="kind")] | None = None
-    """By eddies smaller than a puff, besides what molecules and the wind's eddy viscosity do; unless given, diffusive
-    in a uniform wind and none in the others."""
+    """By eddies smaller than a puff, besides what molecules and the wind's eddy viscosity do; unless given, inertial in
+    a wind with eddies, diffusive in a uniform wind and none in the others."""
+    handover: bool | None = None
+    """Whether puffs that have become wider than the cells of the grid go on as gas there; unless given, in a wind with
+    eddies."""
+    convection: Convection = "koren"
+    """Scheme that carries what was handed over, as of an eulerian gas."""
     buoyancy: bool = False
     """Whether heavy gas sinks (3-D)."""
     cutoff: Annotated[float, Field(ge=2, le=5), COMPILED] = 3.5
@@ -132,6 +138,13 @@ class PuffGas(OneGas):
                 f"{where}.initial_size: puffs of {self.initial_size:g} m do not fit a domain that is "
                 f"{width:g} m across; make them smaller"
             )
+        if self.handover and not context.scenario.wind.on_grid:
+            yield (
+                f"{where}.handover: a wind of kind {context.scenario.wind.kind} is known at points and cannot carry "
+                "gas on the grid; remove it, or use another wind"
+            )
+        if self.handover and self.buoyancy:
+            yield f"{where}.handover: gas on the grid does not sink by itself; remove it, or {where}.buoyancy"
         if buoyancy is not None and buoyancy.solutal:
             yield (
                 f"{where}.kind: puffs do not weigh on the air; use eulerian, or wind.buoyancy.solutal: false, and "

@@ -42,6 +42,10 @@ def test_puffs_are_a_gas_with_defaults(tmp_path):
         (["gas.cutoff=1"], "gas.cutoff: got 1"),
         (["gas.growth={kind: fast}"], "gas.growth: unknown kind 'fast'"),
         (["gas.release=5"], "gas: unknown key 'release'; did you mean 'release_rate'?"),
+        (
+            ["gas.handover=true", "gas.buoyancy=true"],
+            "gas.handover: gas on the grid does not sink by itself; remove it, or gas.buoyancy",
+        ),
         (["wind.buoyancy={}"], "gas.kind: puffs do not weigh on the air"),
         (
             ["domain.size=[4, 3]", "gas.sources=[{position: [1, 1], rate: 1e-5}]", "gas.buoyancy=true"],

@@ -1,0 +1,75 @@
+"""Puffs that have become wider than the cells of the grid, as gas on the grid: the wind carries and mixes it there.
+
+A puff is handed over once its standard deviation is WIDTH cells: from then on eddies larger than a cell mix it, which
+are the wind's, and until then smaller ones, which are not (see `puff_growth`). A mean over cells has 1/12 dx² more of
+variance than the puff, what is interpolated between them another 1/6 dx²: a puff is put into the cells narrower by as
+much, and reads the same before and after.
+"""
+
+from typing import Any
+
+import numpy as np
+import taichi as ti
+
+from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.fields import Carrier, sample_cells
+from taichi_plume.grid.kernels import Template
+from taichi_plume.grid.transfer import uploader
+from taichi_plume.solvers.convection import POSITIVE_FACE_VALUES
+from taichi_plume.solvers.puff_deposit import Deposit
+from taichi_plume.solvers.transport import Transport
+
+WIDTH = 1.0  # cells
+WIDENED = (
+    1.0 / 12.0 + 1.0 / 6.0
+)  # of the cells' area: what means over cells and lines between them add to a variance
+
+
+@ti.data_oriented
+class Handover:
+    """The gas that was in puffs of a solver."""
+
+    STATE = ("transport",)
+
+    def __init__(self, solver: Any, wind: Carrier, air: Air, convection: str):
+        """solver: a PuffSolver, whose puffs it takes. To be begun by its owner."""
+        self.solver, self.grid, self.wind = solver, solver.grid, wind
+        self.limit = (WIDTH * self.grid.dx) ** 2
+        self.air = self.grid.field()
+        uploader(self.air)(self.grid.pad(~air.solid))
+        self.transport = Transport(self.grid, wind, air, POSITIVE_FACE_VALUES[convection], None)
+        self._deposit = Deposit(solver, air, self.transport.q, self.transport.rest)
+
+    def begin(self, diffusivity: float) -> None:
+        """diffusivity [m²/s]: of all that the wind leaves out."""
+        self.transport.begin(diffusivity, self.wind.schmidt)
+
+    def advance(self, t: float, dt: float) -> None:
+        """Take the wide puffs, which keep no mass, and carry the gas from t to t + dt."""
+        self._take(t)
+        steps = self.transport.steps(dt)
+        for _ in range(steps):
+            self.transport.step(dt / steps)
+
+    @ti.kernel
+    def _take(self, t: float):
+        for _ in range(1):  # in order: they share cells
+            puffs = self.solver.puffs
+            for q in range(puffs.cells.alive()):
+                variance = puffs.now[puffs.variance][q]
+                if variance >= ti.static(self.limit):
+                    narrow = ti.sqrt(variance - ti.static(WIDENED * self.grid.dx**2))
+                    mass = puffs.now[puffs.mass][q]
+                    held = self._deposit.add(0, q, narrow, t)
+                    if held > 0.0:  # else no cell of air has a part of it
+                        puffs.now[puffs.mass][q] = 0.0
+                        puffs.lose((1.0 - held) * mass)
+
+    @ti.func
+    def concentration(self, x: Template):
+        """[kg/m³] at point x [m], linear between the centres of cells that hold air."""
+        return sample_cells(self.transport.q, self.air, x, self.grid.dx, self.grid.ghost, self.grid.padded)
+
+    def cells(self) -> np.ndarray:
+        """Concentration of every cell [kg/m³], of the grid's shape."""
+        return self.grid.read(self.transport.q)

@@ -1,0 +1,138 @@
+"""How puffs grow: by molecules, by the wind's eddy viscosity, and by the eddies of their own size.
+
+A puff among eddies of the inertial range grows as R^(2/3) = R0^(2/3) + (g epsilon/6)^(1/3) t. Unless the dissipation is
+given, it is that of the wind about the puff, from the differences of the velocity over r = 4 cells, which are carried
+well even where eddies of two cells are not (Kolmogorov's law, with the constant of Sreenivasan 1995,
+doi:10.1063/1.868656; Taylor's and Obukhov's 4/3 for the components across r):
+
+    epsilon^(1/3) = |u(x + r/2) - u(x - r/2)| / (C W (1 + 4/3 (dim - 1)) r^(2/3))^(1/2),  C = 2.1
+
+W is the share that waves longer than r have in the square of the difference, as shorter ones are not in the wind: with
+E ~ k^(-5/3), 1 - I(2 pi)/I(0), I(a) the integral of x^(-5/3) (1 - sin(x)/x) from a on. Of epsilon^(1/3) the mean over
+the axes counts, so that a mean shear, which is along one, counts little. Eddies larger than a cell are the wind's own:
+a puff that is as wide grows on at the rate that it has then, which is never less than that of the gas on the grid.
+"""
+
+from math import gamma, sqrt
+from typing import Any
+
+import numpy as np
+import taichi as ti
+
+from taichi_plume.grid.fields import Wind, corner, corner_weight
+from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.kernels import Template
+from taichi_plume.grid.transfer import Numbers
+from taichi_plume.scenario.gases import PuffGas
+
+GROWTH = 1e-4  # m²/s in a wind without eddies
+DISSIPATION = 1e-3  # m²/s³ of inertial growth there
+RICHARDSON = 0.5  # constant of the distance of two particles
+KOLMOGOROV = 2.1  # constant of the second-order structure function along the separation
+RESOLVED = 0.64  # W
+HALF = 2  # cells to either side
+
+
+def rate_per_difference(dim: int) -> float:
+    """Of R^(2/3) [m^(2/3)/s], over the mean of |u(x + r) - u(x)| / r^(1/3), Gaussian in its components."""
+    mean_per_rms = sqrt(2.0 / dim) * gamma(0.5 * (dim + 1)) / gamma(0.5 * dim)
+    square = KOLMOGOROV * RESOLVED * (1.0 + 4.0 / 3.0 * (dim - 1))
+    return (RICHARDSON / 6.0) ** (1 / 3) / (mean_per_rms * sqrt(square))
+
+
+@ti.data_oriented
+class Growth:
+    """Of the puffs in a wind."""
+
+    STATE = ()
+
+    def __init__(self, gas: PuffGas, grid: Grid, wind: Wind):
+        """To be begun by its owner."""
+        self.grid, self.dim, self.wind = grid, grid.dim, wind
+        carrier = wind.carrier
+        self.eddies: Any = carrier.nu if carrier is not None else None
+        self.eddying = self.eddies is not None
+        self.u: Any = carrier.u if carrier is not None else ()
+        law = gas.growth
+        self.local = self.eddying and (law is None or (law.kind == "inertial" and law.dissipation is None))
+        self.inertial = self.local or (law is not None and law.kind == "inertial")
+        self._n = Numbers("diffusivity", "rate", "widest", "viscosity", "per_schmidt", "uphill")
+
+    def begin(self, gas: PuffGas, alone: bool) -> None:
+        """alone: whether the wind has no eddies."""
+        law, carrier = gas.growth, self.wind.carrier
+        rate = (GROWTH if alone else 0.0) if law is None or law.kind != "diffusive" else law.rate
+        if self.local:
+            rate = rate_per_difference(self.dim)
+        elif law is not None and law.kind == "inertial":
+            rate = (RICHARDSON * (law.dissipation or DISSIPATION) / 6.0) ** (1 / 3)
+        eddies = {}
+        if carrier is not None:
+            eddies = {
+                "viscosity": carrier.viscosity,
+                "per_schmidt": 1.0 / float(np.float32(carrier.schmidt)),
+                "uphill": 1.0 / float(np.float32(carrier.schmidt * self.grid.dx)),
+            }
+        self._n.set(diffusivity=gas.vapour.diffusivity, rate=rate, widest=self.grid.dx ** (2 / 3), **eddies)
+
+    @property
+    def diffusive(self) -> float:
+        """Diffusivity [m²/s] that grows a puff as a given law does, besides molecules and the wind; 0 if none does."""
+        return 0.0 if self.inertial else 0.5 * self._n["rate"]
+
+    @ti.func
+    def grown(self, variance: float, x: Template, K: float, dt: float):
+        """Variance [m²] of a puff at x [m] after dt [s], where the eddy diffusivity is K [m²/s]."""
+        rate, after = self._n.rate[None], variance
+        if ti.static(self.local):
+            rate *= self._difference(x)
+            width = ti.pow(variance, 1.0 / 3.0)
+            gain = ti.math.clamp(self._n.widest[None] - width, 0.0, dt * rate)
+            after = (width + gain) ** 3 + 3.0 * self._n.widest[None] ** 2 * (dt * rate - gain)
+            after = ti.max(after, variance + 2.0 * dt * K)
+        elif ti.static(self.inertial):
+            after = (ti.pow(variance, 1.0 / 3.0) + rate * dt) ** 3 + 2.0 * dt * K
+        else:
+            after += dt * (rate + 2.0 * K)
+        return after + 2.0 * dt * self._n.diffusivity[None]
+
+    @ti.func
+    def _difference(self, x: Template):
+        """Mean over the axes of the velocity's difference over r = 4 cells about x, fewer at faces, over r^(1/3)."""
+        total = 0.0
+        I = ti.Vector.zero(ti.i32, self.dim)
+        for d in ti.static(range(self.dim)):
+            n = ti.static(self.grid.shape[d])
+            I[d] = ti.math.clamp(ti.cast(x[d] / ti.static(self.grid.dx), ti.i32), 0, n - 1)
+        for e in ti.static(range(self.dim)):
+            low, high = I, I
+            low[e] -= HALF
+            high[e] += HALF
+            if ti.static(not self.grid.periodic[e]):
+                low[e] = ti.max(low[e], 0)
+                high[e] = ti.min(high[e], ti.static(self.grid.shape[e] - 1))
+            square = 0.0
+            for d in ti.static(range(self.dim)):
+                ghost = ti.static(self.grid.ghost)
+                square += (self.u[d][high + ghost] - self.u[d][low + ghost]) ** 2
+            cells = ti.cast(ti.max(high[e] - low[e], 1), ti.f32)
+            total += ti.sqrt(square) * ti.pow(cells * ti.static(self.grid.dx), -1.0 / 3.0)
+        return total * ti.static(1.0 / self.dim)
+
+    @ti.func
+    def eddy_diffusivity(self, x: Template):
+        """nu_t/Sc_t at x [m²/s] and its gradient [m/s]."""
+        K, uphill = 0.0, ti.Vector.zero(ti.f32, self.dim)
+        if ti.static(self.eddying):
+            shift = ti.Vector([0.5] * self.dim)
+            base, weight = corner(x, shift, self.grid.dx, self.grid.ghost, self.grid.padded)
+            for offset in ti.static(ti.grouped(ti.ndrange(*((2,) * self.dim)))):
+                nu = ti.max(self.eddies[base + offset] - self._n.viscosity[None], 0.0)
+                K += corner_weight(weight, offset) * nu
+                for d in ti.static(range(self.dim)):
+                    part = weight
+                    part[d] = 1.0 * offset[d]
+                    uphill[d] += (2.0 * offset[d] - 1.0) * corner_weight(part, offset) * nu
+            K *= self._n.per_schmidt[None]
+            uphill *= self._n.uphill[None]
+        return K, uphill

@@ -1,0 +1,128 @@
+"""What a sensor on the axis of a plume meets: the mean, how much it fluctuates, and how often there is gas at all.
+
+A duct with a wind of 0.5 m/s and an intensity of 10 %, cells of 5 cm and sources of 2 cm. Fluctuations over the mean
+are about 1 within the first metres and fall beyond: they are made next to the source (Fackrell & Robins 1982, J. Fluid
+Mech. 117, 1-26).
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.fields import concentration_at
+from taichi_plume.grid.grid import Grid
+from taichi_plume.scenario.gases import EulerianGas, PuffGas
+from taichi_plume.scenario.winds import CfdWind
+from taichi_plume.solvers.flow import FlowSolver
+from taichi_plume.solvers.gas import EulerianSolver
+from taichi_plume.solvers.puffs import PuffSolver
+from taichi_plume.validation.case import Answer, Case, Expected
+
+INFLOW = {"speed": 0.5, "turbulence_intensity": 0.1, "turbulence_length": 0.2}
+DISTANCES = (0.25, 0.5, 1.0, 2.0, 3.0)  # m
+SETTLED, SAMPLING = 14.0, 0.1  # s: after two times through the duct; between readings
+PLACES = tuple((0.51, y, z) for y in (0.21, 0.63, 1.02, 1.43) for z in (0.32, 0.93))
+"""Of sources, [m], two of the turbulence's lengths apart, anywhere in their cells: samples of one air."""
+LEAST = 0.1  # of the mean: what counts as gas
+
+KINDS: dict[str, tuple[int, Callable[..., Any]]] = {
+    "puffs": (8, lambda one, *air: _puffs(one, False, *air)),
+    "hand-over": (8, lambda one, *air: _puffs(one, True, *air)),
+    "grid": (4, lambda one, *air: EulerianSolver(EulerianGas(kind="eulerian", sources=(one,)), *air)),
+}
+"""How many sources each kind of gas has, and what makes it."""
+
+
+def _puffs(source: Any, handover: bool, *air: Any) -> PuffSolver:
+    return PuffSolver(PuffGas(kind="puffs", sources=(source,), most=20_000, handover=handover), *air)
+
+
+def _readings(seconds: float, convection: str) -> dict[str, np.ndarray]:
+    """Of each kind, concentrations (times, sources, distances) [kg/m³]."""
+    grid = Grid((80, 32, 24), 0.05, periodic=(False, True, True))
+    air = Air.everywhere(grid)
+    openings = (
+        {"kind": "honeycomb", "face": "x-"} | INFLOW,
+        {"kind": "honeycomb", "face": "x+"},
+        {"kind": "periodic", "axis": "y"},
+        {"kind": "periodic", "axis": "z"},
+    )
+    model = {"kind": "cfd", "openings": openings, "convection": convection}
+    flow = FlowSolver(CfdWind.model_validate(model), grid, air)
+    sources = PuffGas.model_validate(
+        {"kind": "puffs", "sources": [{"position": p, "rate": 1e-5, "radius": 0.02} for p in PLACES]}
+    ).sources
+    gases = {
+        kind: [make(sources[n], grid, flow, air, 0.0, n, f"{kind} {n}") for n in range(count)]
+        for kind, (count, make) in KINDS.items()
+    }
+    axes = np.array(PLACES)[:, None] + np.array(DISTANCES)[:, None] * (1.0, 0.0, 0.0)
+    readings: dict[str, list] = {kind: [] for kind in KINDS}
+    t, last = 0.0, SETTLED
+    while t < SETTLED + seconds:
+        dt = min(flow.stable_dt(t), SAMPLING)
+        flow.advance(t, dt)
+        for some in gases.values():
+            for gas in some:
+                gas.advance(t, dt)
+        t += dt
+        if t >= last + SAMPLING:
+            last = t
+            for kind, some in gases.items():
+                readings[kind].append(
+                    [concentration_at(gas, axis, t) for gas, axis in zip(some, axes, strict=False)]
+                )
+    return {kind: np.array(values, float) for kind, values in readings.items()}
+
+
+def fluctuation(c: np.ndarray) -> np.ndarray:
+    """Standard deviation over the mean at each distance, of all times and sources."""
+    return c.std(axis=(0, 1)) / c.mean(axis=(0, 1))
+
+
+def standard_error(c: np.ndarray) -> np.ndarray:
+    """Of `fluctuation`, from leaving out one source after the other (jackknife)."""
+    n = c.shape[1]
+    without = np.array([fluctuation(np.delete(c, k, axis=1)) for k in range(n)])
+    return np.sqrt((n - 1) * without.var(axis=0))
+
+
+def on_the_axis(n: int, convection: str = "weno5") -> Answer:
+    """Readings of n seconds. Judged are puffs that are handed over; told are mean, fluctuation and presence of all."""
+    answer: dict[str, float] = {}
+    for kind, c in _readings(n, convection).items():
+        found, error = fluctuation(c), standard_error(c)
+        mean = c.mean(axis=(0, 1))
+        present = (c > LEAST * mean).mean(axis=(0, 1))
+        if kind == "hand-over":
+            answer |= {
+                f"c'/C at {x:g} m, off 1": abs(float(found[DISTANCES.index(x)]) - 1.0) for x in (0.25, 1.0)
+            }
+            answer["c'/C at 3 m over 1 m"] = float(found[-1] / found[DISTANCES.index(1.0)])
+        for k, x in enumerate(DISTANCES):
+            where = f"{kind} at {x:g} m"
+            answer[f"{where}: mean [mg/m³]"] = float(1e6 * mean[k])
+            answer[f"{where}: c'/C"] = float(found[k])
+            answer[f"{where}: its standard error"] = float(error[k])
+            answer[f"{where}: present"] = float(present[k])
+    return answer
+
+
+NEAR_SOURCE_CASES = (
+    Case(
+        "near_source",
+        "fluctuations on the axis of a plume within 3 m, sources of 2 cm on cells of 5 cm",
+        "about 1 at first, falling beyond; Fackrell & Robins 1982, J. Fluid Mech. 117, 1-26",
+        on_the_axis,
+        coarse=(30,),
+        fine=(30, 120),
+        slow=True,
+        expected={
+            "c'/C at 0.25 m, off 1": Expected(tolerance=0.5),
+            "c'/C at 1 m, off 1": Expected(tolerance=0.5),
+            "c'/C at 3 m over 1 m": Expected(tolerance=1.0),
+        },
+    ),
+)
