@@ -15,7 +15,7 @@ from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier, sample_cells
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import uploader
-from taichi_plume.solvers.convection import POSITIVE_FACE_VALUES
+from taichi_plume.solvers.limited import LIMITED
 from taichi_plume.solvers.puff_deposit import Deposit
 from taichi_plume.solvers.transport import Transport
 
@@ -37,7 +37,7 @@ class Handover:
         self.limit = (WIDTH * self.grid.dx) ** 2
         self.air = self.grid.field()
         uploader(self.air)(self.grid.pad(~air.solid))
-        self.transport = Transport(self.grid, wind, air, POSITIVE_FACE_VALUES[convection], None)
+        self.transport = Transport(self.grid, wind, air, LIMITED[convection], None)
         self._deposit = Deposit(solver, air, self.transport.q, self.transport.rest)
 
     def begin(self, diffusivity: float) -> None:
