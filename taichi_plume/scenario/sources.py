@@ -74,7 +74,7 @@ class Source(Located):
     dish: Dish | None = None
     """Instead of a rate."""
     radius: Annotated[Length, COMPILED] = 0.05
-    """[m]. On a grid the ball is spread further, by 0.7 to 0.9 cells as standard deviation."""
+    """[m]. On a grid the ball is spread further, by 0.75 to 0.9 cells as standard deviation."""
     start: Time | None = None
     """First moment of emission [s]; unless given, the start of the warm-up."""
     stop: Time | None = None
