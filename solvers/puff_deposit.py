@@ -165,7 +165,7 @@ class Deposit:
             )
             left[d] = home[d] - I[d]
         J, free = I, 1.0
-        way = ti.abs(left)
+        way = abs(left)
         for _ in range(way.sum()):
             axis, behind = 0, -1.0
             for d in ti.static(range(self.dim)):  # the axis that lags most behind the straight line
