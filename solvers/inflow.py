@@ -9,13 +9,16 @@ through it, and of those that do not, freedom from divergence leaves only motion
 
 Only what the cells carry is blown in: waves from 6 cells on, and the strongest at least 8 cells long; of shorter ones
 convection would erase too much on their first metres. The intensity is that of all these waves, and k_L such that
-their integral length is the one asked for, where the two limits allow it: at least about 4 cells.
+their integral length is the one asked for, where the two limits allow it: at least about 4 cells. An opening of less
+than 10 cells across has no eddies as long as that: shaking its whole jet with the full intensity would make it spread
+half as fast again. There, what the cells do not carry of shorter eddies is left out, and the intensity is less.
 """
 
 from math import ceil, pi, sqrt
 
 import numpy as np
 from scipy.fft import ifft
+from scipy.special import betainc
 
 from taichi_plume.grid.rng import generator
 from taichi_plume.solvers.patches import JetPatch
@@ -24,6 +27,8 @@ SHORTEST, STRONGEST = 6.0, 8.0  # cells: the shortest waves, and the shortest th
 INTEGRAL = 0.7468  # length times k_L of all waves, Gamma(1/3)^-1 Gamma(5/6) sqrt(pi)
 PLANES = 8  # to the shortest wave: interpolated by cubics, it keeps 99 % of its amplitude
 SCALES = 12  # that are tried for k_L
+CARRIED = 4.0  # cells: integral lengths below become about as long
+WIDEST = 0.4  # of an opening's width: integral length of the eddies in it
 LENGTHS = 12.0  # integral lengths from one box of waves to the next: blending them shortens those by 2 %
 
 Window = tuple[slice, ...]
@@ -34,7 +39,8 @@ class Waves:
 
     k: per axis of the domain, as the differences of the grid see it [1/m], with a third that is zero in 2-D; along the
     wind first, then along the face's axes, of which the last has only one sign. amplitude: of each wave's potential;
-    shift: what each component's place on the staggered grid does to it.
+    shift: what each component's place on the staggered grid does to it; strength: deviation of all that is carried,
+    over the nominal one.
     """
 
     def __init__(self, patch: JetPatch, counts: list[int], length: float):
@@ -72,7 +78,12 @@ class Waves:
         self._through = patch.axis
         self.exponent = 5.0 / 6.0 + (dim + 1) / 2.0
         strongest = 2.0 * pi / (STRONGEST * dx) / sqrt(0.6 * (dim + 1))
-        self.amplitude = np.sqrt(self._spectrum(self._scale(length, strongest)))
+        scale = self._scale(length, strongest)
+        self.strength = 1.0
+        if length < CARRIED * dx and WIDEST * min(counts) < CARRIED:
+            scale = INTEGRAL / length
+            self.strength = sqrt(_share(cut / scale, dim))
+        self.amplitude = np.sqrt(self._spectrum(scale))
 
     @staticmethod
     def _fitting(n: int, dx: float, most: float) -> np.ndarray:
@@ -97,8 +108,13 @@ class Waves:
         return float(np.interp(length, lengths, scales))
 
 
+def _share(x: float, dim: int) -> float:
+    """Of the energy of a von Karman spectrum k^(dim + 1)/(1 + k²)^(5/6 + (dim + 1)/2), the part below k = x."""
+    return float(betainc(1.0 + 0.5 * dim, 1.0 / 3.0, x**2 / (1.0 + x**2)))
+
+
 class Fluctuations:
-    """Turbulent velocity of a jet, as planes of unit variance over the cells of its face.
+    """Turbulent velocity of a jet, as planes of unit variance over the cells of its face; less of small openings.
 
     The waves fill boxes as wide as the opening, each drawn once and blended with the next, so nothing is repeated.
     travelled: how far the air has moved through the opening [m].
@@ -133,7 +149,7 @@ class Fluctuations:
         self._boxes: dict[int, np.ndarray] = {}
 
     def _scales(self) -> np.ndarray:
-        """What makes the variance of each component 1, at its place on the staggered grid.
+        """What makes the deviation of each component what it is to be, at its place on the staggered grid.
 
         Of the flow through the opening less its mean, where obstacles or a round rim leave one.
         """
@@ -145,7 +161,7 @@ class Fluctuations:
         through = self.patch.axis
         lost = (power[through] * np.abs(mean) ** 2).sum()
         total[through] = total[through] - lost if lost < 0.999 * total[through] else 0.0
-        scale = [1.0 / sqrt(t) if t > 0.0 else 0.0 for t in total]
+        scale = [self.waves.strength / sqrt(t) if t > 0.0 else 0.0 for t in total]
         return self.waves.shift * np.reshape(scale, (-1, *(1,) * self.dim))
 
     def _box(self, number: int) -> np.ndarray:

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from scipy.integrate import quad
 from scipy.signal import welch
 
 from taichi_plume.grid.grid import Grid
@@ -111,6 +112,20 @@ def test_any_length_is_possible(length):
     planes = planes_of(noise_of(FACE, SLAB, length), 3, 0.1)
     assert np.isfinite(planes).all()
     assert planes.std() > 0.1
+
+
+def test_a_small_opening_has_the_energy_of_the_waves_that_it_carries():
+    """Of a von Karman spectrum of the nominal length, by quadrature."""
+    fan = FACE | {"center": [1.0, 0.5], "diameter": 0.3}
+    small, wide = (noise_of(one, ROOM, 0.06) for one in (fan, fan | {"diameter": 0.6}))
+    peak, cut = 0.7468 / 0.06, 2 * np.pi / (6 * DX)
+    energy, whole = (
+        quad(lambda k: k**4 / (peak**2 + k**2) ** (17 / 6), 0.0, end)[0] for end in (cut, np.inf)
+    )
+    assert small.waves.strength == pytest.approx(np.sqrt(energy / whole), rel=1e-4)
+    assert wide.waves.strength == 1.0
+    planes = planes_of(small, 1500, 0.1)[:, 0][:, small.patch.covered]
+    assert planes.std() == pytest.approx(np.sqrt(energy / whole), rel=0.06)
 
 
 def test_one_cell_has_only_motion_along_the_face():
