@@ -180,6 +180,6 @@ class Deposit:
                         face[d] += ti.max(step, 0)
                         free = ti.select(self._area[d][face] > 0.0, free, 0.0)
                     J[d] += step
-            if (J != home).any():  # there is air at x, however little the cell holds
+            if (home != J).any():  # there is air at x, however little the cell holds
                 free = ti.select(self.room[J] > 0.0, free, 0.0)
         return free
