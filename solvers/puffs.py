@@ -139,10 +139,10 @@ class PuffSolver(Gas):
 
     def advance(self, t: float, dt: float) -> None:
         """Move all puffs from t to t + dt, those that are released meanwhile from their own moment on."""
-        if self.handover is not None:
-            self.handover.advance(t, dt)
         if self.puffs.count > FULL * self.most:
             self.puffs.merge()
+        if self.handover is not None:
+            self.handover.advance(t, dt)  # what it takes stays in the list until they move
         first, born = self._born(t, dt)
         self._put(first, t + dt - born, t + dt, dt)
 

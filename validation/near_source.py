@@ -28,9 +28,9 @@ PLACES = tuple((0.51, y, z) for y in (0.21, 0.63, 1.02, 1.43) for z in (0.32, 0.
 LEAST = 0.1  # of the mean: what counts as gas
 
 KINDS: dict[str, tuple[int, Callable[..., Any]]] = {
-    "puffs": (8, lambda one, *air: _puffs(one, False, *air)),
+    "puffs": (4, lambda one, *air: _puffs(one, False, *air)),
     "hand-over": (8, lambda one, *air: _puffs(one, True, *air)),
-    "grid": (4, lambda one, *air: EulerianSolver(EulerianGas(kind="eulerian", sources=(one,)), *air)),
+    "grid": (2, lambda one, *air: EulerianSolver(EulerianGas(kind="eulerian", sources=(one,)), *air)),
 }
 """How many sources each kind of gas has, and what makes it."""
 
