@@ -35,6 +35,7 @@ from taichi_plume.solvers.scalar import Scalar
 from taichi_plume.solvers.screens import ScreenResistance
 from taichi_plume.solvers.surfaces import Surfaces
 from taichi_plume.solvers.turbulence import MODELS
+from taichi_plume.solvers.walls import distances, walls_of
 
 STAGES = ((1.0, 1.0, 0.0), (1.0 / 4.0, 1.0 / 2.0, 1.0 / 2.0), (2.0 / 3.0, 1.0, 2.0 / 3.0))
 """Of a step from u0, (k, c, g): u becomes u0 + k (u - u0 + dt du/dt), what it will be c dt later, and is projected
@@ -88,7 +89,9 @@ class FlowSolver(Carrier):
         self.weighing = tuple(weighing)
         fields = [one.field for one in weighing] + ([theta.q] if theta is not None else [])
         areas = None if air.empty else self._area
-        self.momentum = Momentum(model, grid, self.u, self.p, self.nu, openness, areas, fields, tables)
+        away = None if self.nu is None else distances(air, self.boundaries.is_wall, grid)
+        self.momentum = Momentum(model, grid, self.u, self.p, self.nu, openness, areas, fields, tables, away)
+        self.walls = None if self.nu is None else walls_of(self.boundaries, self.momentum.viscosity)
         self.open, self.area = self.momentum.open, self.momentum.area
         self.screens = [ScreenResistance(one, grid, openness, tables) for one in model.screens]
         self.resistances: tuple[Resistance, ...] = (*self.screens, *(make(self.open) for make in resistances))
@@ -138,7 +141,8 @@ class FlowSolver(Carrier):
 
     def _compile_step(self) -> None:
         """The launches of a step: passes over the cells and faces, in the order of the scheme."""
-        m, grid, ghosts, phi = self.momentum, self.grid, Ghosts(self.boundaries), self._phi
+        m, grid, phi = self.momentum, self.grid, self._phi
+        ghosts, walls = Ghosts(self.boundaries, self.walls), self.walls
         u, u0, rate = self.u, self._start, self._rate
 
         def remembered(d: int) -> Callable:
@@ -174,12 +178,14 @@ class FlowSolver(Carrier):
         around = [(begin - 1, end + 1) for begin, end in grid.cells]
         self._begin = launch(
             on_faces(remembered, u0),
+            *([walls.measuring(u)] if walls else []),
             *([ghosts.updating_losses(u)] if self.boundaries.has_loss else []),
             ghosts.filling_pressure(self.p, True),
         )
         self._stage = launch(
             fill,
             *([sweep([eddies], [self.nu], around)] if m.eddies else []),
+            *([walls.slowing(self.nu)] if walls else []),
             on_faces(lambda d: of_axis(terms.tendency, m, d), rate),
             *([Pass(self._slow, self.surfaces.cells)] if self.surfaces else []),
             on_faces(advanced, u),
@@ -248,6 +254,8 @@ class FlowSolver(Carrier):
             if self.heat is not None and heat is not None:
                 self.heat.begin(heat, t, seed)
         self.momentum.begin(model, np.array(pull))
+        for slowing in filter(None, (self.walls, self.surfaces)):
+            slowing.begin(model.roughness)
         for screen, one in zip(self.screens, model.screens, strict=True):
             screen.begin(one, model.viscosity)
         self.max_speed, self.max_courant = 1.0, 0.0

@@ -2,7 +2,7 @@
 
 The ghost value of a velocity component along a face is mirror·u + (1 - mirror)·V, V its target: mirror is 0 for
 blown-in air, 1 for slip and outlets. At a wall that moves with V (mirror -1) it lies on the parabola through V and the
-two cells inside, which makes the friction of second order.
+two cells inside, which makes the friction of second order; beyond the viscous layer see `walls`.
 """
 
 from collections.abc import Callable
@@ -12,14 +12,15 @@ import taichi as ti
 
 from taichi_plume.grid.kernels import Pass, Template, visit
 from taichi_plume.solvers.boundaries import Boundaries
+from taichi_plume.solvers.walls import Walls, straightness
 
 
 @ti.data_oriented
 class Ghosts:
-    """What the boundaries make of the fields of a flow."""
+    """What the boundaries make of the fields of a flow. walls: by the law of the wall, unless they are None."""
 
-    def __init__(self, boundaries: Boundaries):
-        self.b = boundaries
+    def __init__(self, boundaries: Boundaries, walls: Walls | None = None):
+        self.b, self.walls, self.lawful = boundaries, walls, walls is not None
         self.grid, self.dim = boundaries.grid, boundaries.dim
 
     def _visit(self, body: Callable[..., None]) -> Pass:
@@ -110,6 +111,11 @@ class Ghosts:
                         second = u[c][inner - D * outward]
                         parabola = (8.0 * V[c] + second) / 3.0 - 2.0 * u[c][inner]
                         value = ti.select(mirror < 0.0, parabola, value)
+                    if ti.static(self.lawful):
+                        bend = self.walls.bend_at(K, d, c)
+                        straight = straightness(bend)
+                        bent = V[c] + (1.0 - 2.0 * bend) * (u[c][inner] - V[c])
+                        value = ti.select(mirror < 0.0, straight * value + (1.0 - straight) * bent, value)
                     for m in ti.static(range(1, g + 1)):
                         u[c][inner + D * outward * m] = value
             beyond = u[d][face]

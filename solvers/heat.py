@@ -2,8 +2,9 @@
 
     dT/dt + div(u T) = div((alpha + nu_t/Pr_t) grad T) + P/(rho c_p V)
 
-A surface of temperature T_s gives its cells alpha (T_s - T)/(dx/2) per area, or h (T_s - T)/(rho c_p) where its
-coefficient of heat transfer h is known; all others are adiabatic.
+A surface of temperature T_s gives its cells k (T_s - T) per area: k = h/(rho c_p) where its coefficient of heat
+transfer h is known, else alpha/(dx/2), and beyond the conductive layer, where there is a model of eddies, that of
+`wall_law.transfer_velocity`. All others are adiabatic.
 """
 
 from collections.abc import Iterator, Sequence
@@ -16,7 +17,7 @@ from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Pass
-from taichi_plume.grid.transfer import uploader
+from taichi_plume.grid.transfer import Numbers, uploader
 from taichi_plume.scenario.any_opening import Vent
 from taichi_plume.scenario.heat import Heat
 from taichi_plume.solvers.convection import FACE_VALUES
@@ -25,6 +26,7 @@ from taichi_plume.solvers.release import Release
 from taichi_plume.solvers.scalar import Scalar
 from taichi_plume.solvers.tally import Tally
 from taichi_plume.solvers.transport import Transport
+from taichi_plume.solvers.wall_law import friction_velocity, transfer_velocity
 
 
 def _temperature(vent: Patch) -> float | None:
@@ -50,14 +52,16 @@ class HeatSolver:
         """patches: of the wind's openings; scalar: theta, where the flow feels it. Raises ValueError for a heater or a
         surface that touches no air.
         """
-        self.grid, self.air = grid, air
+        self.grid, self.air, self.wind = grid, air, wind
+        self.eddies = wind.nu is not None
+        self.n = Numbers("viscosity", "diffusivity")
         self.release = Release("heaters", heat.heaters, grid, air.room) if heat.heaters else None
         self._from_surfaces = Tally()
         self._vents = [patch for patch in patches if patch.kind in VENTS]
         self._touched = list(self._surfaces(heat))
         self._list_surface_cells()
         self._inflow = self._inflow_fields()
-        self._warm = uploader(self._rate, self._gain, *self._inflow)
+        self._warm = uploader(self._rate, self._gain, self._film, self._film_gain, *self._inflow)
 
         @ti.func
         def add_sources(dt, k):
@@ -88,9 +92,13 @@ class HeatSolver:
         self.heaters_joule = 0.0
         if self.release is not None:
             self.release.begin(model.heaters)
-        rate, gain = self._exchange_rates(model)
-        self._warm(self._listed(rate), self._listed(gain), *self._inflow_theta())
-        self.transport.begin(model.diffusivity, model.prandtl_turbulent, float(rate.max()))
+        known, film = self._exchange_rates(model)
+        self._warm(*(self._listed(part) for part in (*known, *film)), *self._inflow_theta())
+        self.n.set(viscosity=self.wind.viscosity, diffusivity=model.diffusivity)
+        still = 2.0 * model.diffusivity / self.grid.dx
+        self.transport.begin(
+            model.diffusivity, model.prandtl_turbulent, float((known[0] + still * film[0]).max())
+        )
 
     # ---------------------------------------------------------------- surfaces and openings
 
@@ -126,6 +134,7 @@ class HeatSolver:
         count = max(1, len(self._where[0]))
         self._cell = ti.Vector.field(self.grid.dim, ti.i32, count)
         self._room, self._rate, self._gain = (ti.field(ti.f32, count) for _ in range(3))
+        self._film, self._film_gain = (ti.field(ti.f32, count) for _ in range(2))
         if self._touched:
             cell = np.argwhere(touched) + self.grid.ghost
             uploader(self._cell, self._room)(cell, self._listed(self.air.room))
@@ -135,16 +144,19 @@ class HeatSolver:
         return values[self._where] if self._touched else 0.0
 
     def _exchange_rates(self, heat: Heat) -> tuple[np.ndarray, np.ndarray]:
-        """Per cell the rate r [1/s] and the gain g [K/s] of its exchange with surfaces: dT/dt = g - r T."""
-        rate, gain = np.zeros(self.grid.shape), np.zeros(self.grid.shape)
+        """Per cell the rate r and the gain g of its exchange with surfaces, dT/dt = g - r T, arrays (2, *grid.shape):
+        with those whose transfer is known [1/s, K/s], and with others over its velocity k [1/m, K/m].
+        """
+        known, film = np.zeros((2, *self.grid.shape)), np.zeros((2, *self.grid.shape))
         for (cells, size), surface in zip(self._touched, (*heat.walls, *heat.obstacles), strict=True):
-            film = 2.0 * heat.diffusivity / self.grid.dx
+            exchange = size / self.air.room[cells] / self.grid.dx
+            theta = surface.temperature - self.reference
             if surface.transfer is not None:
-                film = surface.transfer / heat.capacity
-            exchange = film / self.grid.dx * size / self.air.room[cells]
-            rate[cells] += exchange
-            gain[cells] += exchange * (surface.temperature - self.reference)
-        return rate, gain
+                exchange = exchange * surface.transfer / heat.capacity
+            chosen = film if surface.transfer is None else known
+            chosen[0][cells] += exchange
+            chosen[1][cells] += exchange * theta
+        return known, film
 
     def _inflow_fields(self) -> list[Any]:
         """For theta of the air that comes in, on the two faces of each axis; none where all of it is at the
@@ -186,10 +198,31 @@ class HeatSolver:
         self._from_surfaces.begin(stage)
         for n in range(self._rate.shape[0]):
             I = self._cell[n]
+            still = self.n.diffusivity[None] / ti.static(0.5 * self.grid.dx)
+            k = still
+            if ti.static(self.eddies):
+                k = self._film_velocity(I)
             given = self._gain[n] - self._rate[n] * self.theta[I]
+            # `steps` allows for `still` only; what the wind adds is implicit
+            given += (
+                k
+                * (self._film_gain[n] - self._film[n] * self.theta[I])
+                / (1.0 + h * ti.max(k - still, 0.0) * self._film[n])
+            )
             self.transport.rate[I] += given
             self._from_surfaces.add(given * self._room[n])
         self._from_surfaces.end(h)
+
+    @ti.func
+    def _film_velocity(self, I):
+        """k [m/s] at the surfaces of cell I."""
+        square = 0.0
+        for d in ti.static(range(self.grid.dim)):
+            D = ti.Vector.unit(self.grid.dim, d, ti.i32)
+            square += 0.25 * (self.wind.u[d][I] + self.wind.u[d][I + D]) ** 2
+        y, nu = ti.static(0.5 * self.grid.dx), self.n.viscosity[None]
+        u_tau, _ = friction_velocity(ti.sqrt(square), y, nu, 0.0)
+        return transfer_velocity(u_tau, y, nu, self.n.diffusivity[None])
 
     # ---------------------------------------------------------------- what is known about it
 

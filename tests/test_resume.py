@@ -41,7 +41,7 @@ CASES |= {
     "plumesim_gaussian": ("own", ["gas={kind: plumesim_gaussian, release_point: [0.5, 1.5], cell: 0.1}"]),
     "plumesim_meandering": ("own", ["gas={kind: plumesim_meandering, release_point: [0.5, 1.5]}"]),
     "ecoli": ("casting_room", ["robots.0.algorithm={kind: ecoli}"]),
-    "weno5": ("mixture", ["wind.convection=weno5", "wind.turbulence={kind: vreman}"]),
+    "weno5": ("mixture", ["wind.convection=weno5", "wind.turbulence={kind: smagorinsky}"]),
 }  # fmt: skip
 
 

@@ -21,6 +21,7 @@ from taichi_plume.validation.plume_cases import PLUME_CASES
 from taichi_plume.validation.plumesim_cases import PLUMESIM_CASES
 from taichi_plume.validation.puff_cases import PUFF_CASES
 from taichi_plume.validation.spiral_cases import SPIRAL_CASES
+from taichi_plume.validation.wall_cases import WALL_CASES
 
 HALF_A_PERCENT = Expected(tolerance=0.005, at=32)  # of laminar profiles, cells across the duct
 AIR_BALANCE = {
@@ -219,6 +220,7 @@ _ALL = (
     _puff(3, 0.05),
     *DISPERSION_CASES,
     *BALANCE_CASES,
+    *WALL_CASES,
     Case(
         "conduction",
         "still air between a warm and a cold wall",
