@@ -221,7 +221,7 @@ class HeatSolver:
             D = ti.Vector.unit(self.grid.dim, d, ti.i32)
             square += 0.25 * (self.wind.u[d][I] + self.wind.u[d][I + D]) ** 2
         y, nu = ti.static(0.5 * self.grid.dx), self.n.viscosity[None]
-        u_tau, _ = friction_velocity(ti.sqrt(square), y, nu, 0.0)
+        u_tau = friction_velocity(ti.sqrt(square), y, nu, 0.0)
         return transfer_velocity(u_tau, y, nu, self.n.diffusivity[None])
 
     # ---------------------------------------------------------------- what is known about it

@@ -5,9 +5,9 @@ Reichardt's law (1951, doi:10.1002/zamm.19510310704), valid from the surface thr
     u+ = ln(1 + k y+)/k + (B - ln(k)/k) (1 - exp(-y+/11) - y+/11 exp(-y+/3)),   u+ = u/u_tau,   y+ = y u_tau/nu
 
 which is u+ = y+ at the surface and u+ = ln(y+)/k + B far from it. What is known is u at a distance y, so u+ is taken as
-a function of u+ y+ = u y/nu: two polynomials of its logarithm, fitted within 0.1 %. A rough surface acts as smooth
-in a fluid of the viscosity nu + c k_s u_tau (Colebrook 1939, doi:10.1680/ijoti.1939.13150): u+ = ln(y/k_s)/k + 8.5
-where that is all, after Nikuradse's sand grains of the size k_s.
+a function of u+ y+ = u y/nu: two polynomials of its logarithm, fitted within 0.1 %. Beside rough surfaces u+ is at most
+ln(1 + y/z)/k, z = exp(-k B) nu/u_tau + exp(-8.5 k) k_s (Colebrook 1939, doi:10.1680/ijoti.1939.13150), k_s the size of
+Nikuradse's sand grains.
 """
 
 from typing import Any
@@ -18,13 +18,11 @@ from numpy.polynomial import Polynomial
 
 KAPPA = 0.41
 B = 5.2
-ROUGH = float(np.exp(KAPPA * (B - 8.5)))  # c above
+SMOOTH, ROUGH = float(np.exp(-KAPPA * B)), float(np.exp(-KAPPA * 8.5))  # of nu/u_tau and k_s, lengths z above
 INNER = float(B - np.log(KAPPA) / KAPPA)
 RESOLVED = 9.0  # u y/nu up to which u+ = y+ counts as exact; y+ is 3 there
-MIDDLE, LAST = (
-    1200.0,
-    1e9,
-)  # u y/nu at which the second polynomial takes over, and beyond which nothing changes
+MIDDLE = 1200.0  # u y/nu at which the second polynomial takes over
+LAST = 1e9  # u y/nu beyond which u+ grows no more
 
 
 def law_of_the_wall(y_plus: Any) -> Any:
@@ -65,35 +63,38 @@ def velocity_in_wall_units(product):
 
 @ti.func
 def friction_velocity(speed, y, viscosity, roughness):
-    """(u_tau [m/s], viscosity of the rough fluid [m²/s]) of air that moves with `speed` [m/s] along a surface.
-
-    y: its distance from it [m]; roughness: k_s [m].
-    """
-    smooth = ti.max(viscosity, 1e-12) + 1e-9 * speed * y
-    fluid = smooth
-    u_tau = speed / ti.max(velocity_in_wall_units(speed * y / fluid), 1e-6)
+    """u_tau [m/s] of air that moves with `speed` [m/s] along a surface, y [m] from it. roughness: k_s [m]."""
+    nu = ti.max(viscosity, 1e-12) + 1e-9 * speed * y
+    u_tau = speed / ti.max(velocity_in_wall_units(speed * y / nu), 1e-6)
     if roughness > 0.0:
+        rough = u_tau
         for _ in range(4):  # the logarithm makes each error a third of the last one, or less
-            fluid = smooth + ROUGH * roughness * u_tau
-            u_tau = speed / ti.max(velocity_in_wall_units(speed * y / fluid), 1.0)
-    return u_tau, fluid
+            z = SMOOTH * nu / ti.max(rough, 1e-9) + ROUGH * roughness
+            rough = speed * KAPPA / ti.max(ti.log(1.0 + y / z), KAPPA)
+        u_tau = ti.max(u_tau, rough)
+    return u_tau
 
 
 @ti.func
-def near_surface(u_tau, y, viscosity):
-    """(nu_w [m²/s], bend) y [m] from a surface of the friction velocity u_tau [m/s]; viscosity: of the rough fluid.
+def near_surface(u_tau, y, viscosity, roughness):
+    """(nu_w [m²/s], bend) y [m] from a surface of the friction velocity u_tau [m/s].
 
     u is u_tau² y/nu_w there and goes with y**bend. In the viscous layer nu_w is the viscosity and bend is 1.
     """
-    y_plus = y * u_tau / viscosity
+    nu = ti.max(viscosity, 1e-12)
+    y_plus = y * u_tau / nu
     near, core = ti.exp(-y_plus / 11.0), ti.exp(-y_plus / 3.0)
     u_plus = ti.log(1.0 + KAPPA * y_plus) / KAPPA + INNER * (1.0 - near - y_plus / 11.0 * core)
     slope = 1.0 / (1.0 + KAPPA * y_plus) + INNER * (near / 11.0 - (1.0 - y_plus / 3.0) * core / 11.0)
-    viscous = y_plus < 3.0  # where Reichardt's law leaves u+ = y+ by up to 1 % in its own way
-    return (
-        ti.select(viscous, viscosity, viscosity * y_plus / ti.max(u_plus, 1e-6)),
-        ti.select(viscous, 1.0, y_plus * slope / ti.max(u_plus, 1e-6)),
-    )
+    bend = y_plus * slope / ti.max(u_plus, 1e-6)
+    if y_plus < 3.0:  # where Reichardt's law leaves u+ = y+ by up to 1 % in its own way
+        u_plus, bend = y_plus, 1.0
+    if roughness > 0.0:
+        z = SMOOTH * nu / ti.max(u_tau, 1e-9) + ROUGH * roughness
+        rough = ti.max(ti.log(1.0 + y / z) / KAPPA, 1.0)
+        if rough < u_plus:
+            u_plus, bend = rough, y / ((y + z) * KAPPA * rough)
+    return ti.select(u_plus < y_plus, u_tau * y / ti.max(u_plus, 1e-6), nu), ti.min(bend, 1.0)
 
 
 @ti.func

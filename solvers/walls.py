@@ -93,12 +93,10 @@ class Walls:
         if self.b.mirror[d][K][d] < 0.0:
             first, outward = self.first_cell(K, d)
             V, y = self.b.target[d][K], ti.static(0.5 * self.grid.dx)
-            u_tau, fluid = self._friction(u, first, V, d, y)
+            u_tau = self._friction(u, first, V, d, y)
             if ti.static(self.grid.shape[d] > 1):
-                further, its_fluid = self._friction(u, first - outward, V, d, 3.0 * y)
-                fluid = ti.select(further > u_tau, its_fluid, fluid)
-                u_tau = ti.max(u_tau, further)
-            viscosity, bend = near_surface(u_tau, y, fluid)
+                u_tau = ti.max(u_tau, self._friction(u, first - outward, V, d, 3.0 * y))
+            viscosity, bend = near_surface(u_tau, y, self.molecular[None], self.roughness[None])
             straight = straightness(bend)
             self.bend[d][K] = bend
             self.viscosity[d][K] = viscosity / (straight + (1.0 - straight) * bend)
