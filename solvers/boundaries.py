@@ -92,7 +92,7 @@ class Boundaries:
                 result = np.pad(result, width, mode="wrap" if self.grid.periodic[a] else "edge")
         return result
 
-    def _spread(self, array: np.ndarray, d: int) -> np.ndarray:
+    def spread(self, array: np.ndarray, d: int) -> np.ndarray:
         """A boundary array of axis d, spread over the ghost layers of the other axes."""
         return array.reshape(-1, *array.shape[self.dim :])[self._repeats[d]]
 
@@ -108,9 +108,11 @@ class Boundaries:
             self._face(mirror[p.axis], p)[p.covered] = 0.0 if blows else MIRRORS[p.kind]
             if p.kind in VENTS and not blows:
                 self._face(free[p.axis], p)[p.covered] = 1
-        spread = [self._spread(faces, d) for d, faces in enumerate(free)]
+        self.is_wall = [(part[..., d] < 0.0) & (not self.grid.periodic[d]) for d, part in enumerate(mirror)]
+        """Per axis, without ghost layers."""
+        spread = [self.spread(faces, d) for d, faces in enumerate(free)]
         for d in range(self.dim):
-            tables.put(self.mirror[d], self._spread(mirror[d], d))
+            tables.put(self.mirror[d], self.spread(mirror[d], d))
             tables.put(self.free[d], spread[d])
         return spread
 
@@ -137,8 +139,8 @@ class Boundaries:
             if opening.kind != "periodic":
                 p.opening = opening
         self._put(
-            *(self._spread(target, d) for d, target in enumerate(self._targets)),
-            *(self._spread(faces, d) for d, faces in enumerate(loss)),
+            *(self.spread(target, d) for d, target in enumerate(self._targets)),
+            *(self.spread(faces, d) for d, faces in enumerate(loss)),
         )
         for n, fan in self.curved.items():
             curve = curve_of(self._openings[n])
@@ -223,7 +225,7 @@ class Boundaries:
     def upload_targets(self) -> None:
         """Take the targets over from the host, of the axes along which openings blow or walls slide."""
         for d, put in self._put_targets.items():
-            put(self._spread(self._targets[d], d))
+            put(self.spread(self._targets[d], d))
 
     def fastest(self, t: float) -> float:
         """Largest velocity component [m/s] that a schedule prescribes from t to HORIZON later."""

@@ -32,32 +32,10 @@ from taichi_plume.solvers.pressure import pressure_solver
 from taichi_plume.solvers.resistance import Resistance
 from taichi_plume.solvers.scalar import Scalar
 from taichi_plume.solvers.screens import ScreenResistance
+from taichi_plume.solvers.stages import STAGES
 from taichi_plume.solvers.surfaces import Surfaces
 from taichi_plume.solvers.turbulence import MODELS
-
-FIRST_STAGE = 0.58
-
-
-def stages(first: float) -> tuple[tuple[float, float, float], ...]:
-    """Of a step from u0, (k, c, g) of each stage: u becomes u0 + k (u - u0 + dt du/dt), what it will be c dt later, and
-    is projected where g is not 0: the pressure has lagged for g dt then.
-
-    All of second order, for any `first`, the length of the first stage over the step's. With 1 it is SSP-RK3 (Shu &
-    Osher 1988, doi:10.1016/0021-9991(88)90177-5), which damps waves that the wind carries: the energy of one that goes
-    by the angle a in a step becomes 1 - a⁴/12 of what it was. In general that is 1 - (2 C - 1/4) a⁴ + C² a⁶, with
-    C = first/(2 + 4 first): from 1/2 on it grows by the last term only, which the upwind scheme of convection outweighs
-    up to a Courant number of 1.3.
-
-    Were the last projection the only one, short waves that the wind carries on by a cell or so would lose or gain
-    energy. One after the first stage changes nothing.
-    """
-    second = 1.0 / (1.0 + 3.0 * first)
-    third = (1.0 + 3.0 * first) / (2.0 + 4.0 * first)
-    reached = second * (1.0 + first)
-    return (first, first, 0.0), (second, reached, reached), (third, 1.0, third)
-
-
-STAGES = stages(FIRST_STAGE)
+from taichi_plume.solvers.walls import distances, walls_of
 
 
 @ti.data_oriented
@@ -103,7 +81,9 @@ class FlowSolver(Carrier):
         self.weighing = tuple(weighing)
         fields = [one.field for one in weighing] + ([theta.q] if theta is not None else [])
         areas = None if air.empty else self._area
-        self.momentum = Momentum(model, grid, self.u, self.p, self.nu, openness, areas, fields, tables)
+        away = None if self.nu is None else distances(air, self.boundaries.is_wall, grid)
+        self.momentum = Momentum(model, grid, self.u, self.p, self.nu, openness, areas, fields, tables, away)
+        self.walls = None if self.nu is None else walls_of(self.boundaries, self.momentum.viscosity)
         self.open, self.area = self.momentum.open, self.momentum.area
         self.screens = [ScreenResistance(one, grid, openness, tables) for one in model.screens]
         self.resistances: tuple[Resistance, ...] = (*self.screens, *(make(self.open) for make in resistances))
@@ -153,7 +133,8 @@ class FlowSolver(Carrier):
 
     def _compile_step(self) -> None:
         """The launches of a step: passes over the cells and faces, in the order of the scheme."""
-        m, grid, ghosts, phi = self.momentum, self.grid, Ghosts(self.boundaries), self._phi
+        m, grid, phi = self.momentum, self.grid, self._phi
+        ghosts, walls = Ghosts(self.boundaries, self.walls), self.walls
         u, u0, rate = self.u, self._start, self._rate
 
         def remembered(d: int) -> Callable:
@@ -189,12 +170,14 @@ class FlowSolver(Carrier):
         around = [(begin - 1, end + 1) for begin, end in grid.cells]
         self._begin = launch(
             on_faces(remembered, u0),
+            *([walls.measuring(u)] if walls else []),
             *([ghosts.updating_losses(u)] if self.boundaries.has_loss else []),
             ghosts.filling_pressure(self.p, True),
         )
         self._stage = launch(
             fill,
             *([sweep([eddies], [self.nu], around)] if m.eddies else []),
+            *([walls.slowing(self.nu)] if walls else []),
             on_faces(lambda d: of_axis(terms.tendency, m, d), rate),
             *([Pass(self._slow, self.surfaces.cells)] if self.surfaces else []),
             on_faces(advanced, u),
@@ -263,6 +246,8 @@ class FlowSolver(Carrier):
             if self.heat is not None and heat is not None:
                 self.heat.begin(heat, t, seed)
         self.momentum.begin(model, np.array(pull))
+        for slowing in filter(None, (self.walls, self.surfaces)):
+            slowing.begin(model.roughness)
         for screen, one in zip(self.screens, model.screens, strict=True):
             screen.begin(one, model.viscosity)
         self.max_speed, self.max_courant = 1.0, 0.0

@@ -1,7 +1,7 @@
 """A vapour on the grid: sources that emit into the air, which carries and spreads it (see `transport`)."""
 
 from collections.abc import Callable, Sequence
-from math import isfinite
+from math import inf, isfinite
 
 import numpy as np
 import taichi as ti
@@ -64,7 +64,7 @@ class EulerianSolver(Gas):
             numbers = [obstacle.number for obstacle in gas.surfaces.obstacles]
             vents = [vent for vent in self._vents.values() if vent.kind in VENTS]
             try:
-                self.surfaces = SurfaceExchange(grid, air, gas.surfaces.walls, numbers, vents)
+                self.surfaces = SurfaceExchange(grid, wind, air, gas.surfaces.walls, numbers, vents)
             except ValueError as error:
                 raise ValueError(f"surfaces.{error}") from None
         self.transport = Transport(
@@ -90,9 +90,9 @@ class EulerianSolver(Gas):
         self.transport.begin(self.species.diffusivity, self._carrier.schmidt)
         if self.surfaces is not None and model.surfaces is not None:
             named = (*model.surfaces.walls, *model.surfaces.obstacles)
-            film = 2.0 * self.species.diffusivity / self.grid.dx
+            takes = [inf if one.uptake is None else one.uptake for one in named]
             held = [self._density(one.concentration or 0.0) for one in named]
-            self.surfaces.begin([one.velocity(film) for one in named], held)
+            self.surfaces.begin([one.transfer for one in named], takes, held, self.species.diffusivity)
         self._carried: list[float] = []
         self._bring(t)
         self.emitted_kg = self.initial_kg = 0.0

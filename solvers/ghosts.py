@@ -3,6 +3,7 @@
 Beyond slip walls and outlets a velocity goes on as in a mirror; where it is prescribed as V, so that V lies half-way
 between a cell and its image, which makes the values that schemes take at the face of second order. At a wall that moves
 with V the first image lies on the parabola through V and the two cells inside: so is its friction.
+Beyond the viscous layer see `walls`.
 """
 
 from collections.abc import Callable
@@ -12,14 +13,15 @@ import taichi as ti
 
 from taichi_plume.grid.kernels import Pass, Template, visit
 from taichi_plume.solvers.boundaries import Boundaries
+from taichi_plume.solvers.walls import Walls, straightness
 
 
 @ti.data_oriented
 class Ghosts:
-    """What the boundaries make of the fields of a flow."""
+    """What the boundaries make of the fields of a flow. walls: by the law of the wall, unless they are None."""
 
-    def __init__(self, boundaries: Boundaries):
-        self.b = boundaries
+    def __init__(self, boundaries: Boundaries, walls: Walls | None = None):
+        self.b, self.walls, self.lawful = boundaries, walls, walls is not None
         self.grid, self.dim = boundaries.grid, boundaries.dim
 
     def _visit(self, body: Callable[..., None]) -> Pass:
@@ -115,6 +117,14 @@ class Ghosts:
                         second = u[c][inner - D * outward]
                         if mirror < 0.0:
                             u[c][inner + D * outward] = (8.0 * V[c] + second) / 3.0 - 2.0 * u[c][inner]
+                    if ti.static(self.lawful):
+                        if mirror < 0.0:
+                            bend = self.walls.bend_at(K, d, c)
+                            straight = straightness(bend)
+                            bent = V[c] + (1.0 - 2.0 * bend) * (u[c][inner] - V[c])
+                            for m in ti.static(range(1, g + 1)):
+                                beyond = inner + D * outward * m
+                                u[c][beyond] = straight * u[c][beyond] + (1.0 - straight) * bent
             at, beyond = u[d][face], u[d][face]
             if self.b.free[d][K] == 1:
                 beyond = ti.select(at * outward > 0.0, at, 0.0)  # still air comes in

@@ -2,11 +2,13 @@
 
     dT/dt + div(u T) = div((alpha + nu_t/Pr_t) grad T) + P/(rho c_p V)
 
-A surface of temperature T_s gives its cells alpha (T_s - T)/(dx/2) per area, or h (T_s - T)/(rho c_p) where its
-coefficient of heat transfer h is known; all others are adiabatic.
+A surface of temperature T_s gives its cells k (T_s - T) per area: k = h/(rho c_p) where its coefficient of heat
+transfer h is known, else alpha/(dx/2), and beyond the conductive layer, where there is a model of eddies, that of
+`wall_law.transfer_velocity`. All others are adiabatic.
 """
 
 from collections.abc import Callable, Sequence
+from math import inf
 from typing import cast
 
 import numpy as np
@@ -56,7 +58,7 @@ class HeatSolver:
         self.surfaces: SurfaceExchange | None = None
         if heat.walls or heat.obstacles:
             numbers = [obstacle.number for obstacle in heat.obstacles]
-            self.surfaces = SurfaceExchange(grid, air, heat.walls, numbers, self._vents)
+            self.surfaces = SurfaceExchange(grid, wind, air, heat.walls, numbers, self._vents)
         self.incoming: Incoming | None = None
         if any(_temperature(vent) is not None for vent in self._vents):
             self.incoming = Incoming(grid)
@@ -89,8 +91,10 @@ class HeatSolver:
         if self.incoming is not None:
             self.incoming.begin(self._incoming())
         if self.surfaces is not None:
-            held = [one.temperature - self.reference for one in (*model.walls, *model.obstacles)]
-            self.surfaces.begin(self._transfer(model), held)
+            named = (*model.walls, *model.obstacles)
+            films = [None if one.transfer is None else one.transfer / model.capacity for one in named]
+            held = [one.temperature - self.reference for one in named]
+            self.surfaces.begin(films, [inf] * len(named), held, model.diffusivity)
         self.transport.begin(model.diffusivity, model.prandtl_turbulent)
 
     def start_from(self, temperature: Callable[[np.ndarray], np.ndarray]) -> None:
@@ -100,15 +104,6 @@ class HeatSolver:
         self.initial_joule = self.transport.inside() * self.capacity
 
     # ---------------------------------------------------------------- surfaces and openings
-
-    def _transfer(self, heat: Heat) -> list[float]:
-        """Of each surface, across half a cell unless it is given [m/s]."""
-        return [
-            2.0 * heat.diffusivity / self.grid.dx
-            if surface.transfer is None
-            else surface.transfer / heat.capacity
-            for surface in (*heat.walls, *heat.obstacles)
-        ]
 
     def _incoming(self) -> list[tuple[Patch, float]]:
         """The openings of which the air has a temperature, and theta of it."""

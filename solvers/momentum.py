@@ -53,8 +53,12 @@ class Momentum:
         areas: Sequence[np.ndarray] | None,
         weighing: Sequence[Any],
         tables: Tables,
+        distance: np.ndarray | None,
     ):
-        """openness, areas: of all faces on the padded grid, see `fields.Carrier`; no areas where no face is cut."""
+        """openness, areas: of all faces on the padded grid, see `fields.Carrier`; no areas where no face is cut.
+
+        distance: of the cells from the next surface [m], grid.shape; None where there are no eddies.
+        """
         self.grid, self.dim, self.dx = grid, grid.dim, grid.dx
         self.u, self.p, self.nu = u, p, nu
 
@@ -78,6 +82,7 @@ class Momentum:
                 for d in range(self.dim)
             )
         self.eddies = nu is not None
+        self.distance = None if distance is None else put(grid.pad(distance))
         self.eddy_model = MODELS.get(model.turbulence.kind)
         self.face_value = FACE_VALUES[model.convection]
         self.driven = model.acceleration is not None
@@ -212,7 +217,8 @@ def loss(m: Template, I, d: Template):
 @ti.func
 def eddy_viscosity(m: Template, I):
     """nu [m²/s] of cell I."""
-    return m.viscosity[None] + m.eddy_model(m.u, I, m.dx, m.constant[None])
+    nu = m.viscosity[None]
+    return nu + m.eddy_model(m.u, I, m.dx, m.constant[None], m.distance[I], nu)
 
 
 def of_axis(term: Callable, m: Momentum, d: int) -> Callable:

@@ -2,8 +2,10 @@
 
     dq/dt = v A/V (q_s - q)
 
-v [m/s]: transfer velocity, across the film of air at the surface; q_s: q of the surface; A/V [1/m]: its area over the
-volume of air of a cell. What is not named exchanges nothing.
+v [m/s]: transfer velocity, across the film of air at the surface and on to the surface itself, one after the other: 1/v
+is the sum of 1/v of both. q_s: q of the surface; A/V [1/m]: its area over the volume of air of a cell. The film's is
+given, or what diffuses through half a cell, or beyond the diffusive layer, where there is a model of eddies, that of
+`wall_law.transfer_velocity`. What is not named exchanges nothing.
 """
 
 from collections.abc import Iterator, Sequence
@@ -13,27 +15,46 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.fields import Carrier
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Pass, Template
-from taichi_plume.grid.transfer import uploader
+from taichi_plume.grid.transfer import Numbers, uploader
 from taichi_plume.scenario.windows import Region
 from taichi_plume.solvers.patches import Patch
 from taichi_plume.solvers.tally import Tally
+from taichi_plume.solvers.wall_law import friction_velocity, transfer_velocity
+
+
+def in_series(first: float, second: float) -> float:
+    """Transfer velocity of two, one after the other."""
+    return 0.0 if 0.0 in (first, second) else 1.0 / (1.0 / first + 1.0 / second)
 
 
 @ti.data_oriented
 class SurfaceExchange:
-    """Some walls and obstacles and the cells that touch them. fastest [1/s]: what they take at most, over q."""
+    """Some walls and obstacles and the cells that touch them.
+
+    fastest [1/s]: what they take at most, over q, beside what the law of the wall adds, which is implicit. A cell at
+    several surfaces whose film is not given sees them as one.
+    """
 
     STATE = ("_given",)
 
     def __init__(
-        self, grid: Grid, air: Air, walls: Sequence[Region], obstacles: Sequence[int], vents: Sequence[Patch]
+        self,
+        grid: Grid,
+        wind: Carrier,
+        air: Air,
+        walls: Sequence[Region],
+        obstacles: Sequence[int],
+        vents: Sequence[Patch],
     ):
         """obstacles: their numbers; vents: openings, where there is no wall. To be begun by its owner. Raises
         ValueError for what touches no air.
         """
-        self.grid, self.room = grid, air.room
+        self.grid, self.wind, self.room = grid, wind, air.room
+        self.eddies = wind.nu is not None
+        self.n = Numbers("viscosity", "diffusivity")
         self.fastest = 0.0
         self._given = Tally()
         self._touched = [*self._of_walls(walls, air, vents), *self._of_obstacles(obstacles, air)]
@@ -44,8 +65,9 @@ class SurfaceExchange:
         self.cells = len(self._where[0])
         self._cell = ti.Vector.field(grid.dim, ti.i32, self.cells)
         self._stores, self._rate, self._gain = (ti.field(ti.f32, self.cells) for _ in range(3))
+        self._film, self._film_gain, self._sticky = (ti.field(ti.f32, self.cells) for _ in range(3))
         uploader(self._cell, self._stores)(np.argwhere(touched) + grid.ghost, self.room[self._where])
-        self._set = uploader(self._rate, self._gain)
+        self._set = uploader(self._rate, self._gain, self._film, self._film_gain, self._sticky)
 
     def _of_walls(
         self, walls: Sequence[Region], air: Air, vents: Sequence[Patch]
@@ -72,15 +94,35 @@ class SurfaceExchange:
                 )
             yield cells, surface[cells]
 
-    def begin(self, transfer: Sequence[float], held: Sequence[float]) -> None:
-        """transfer [m/s] and held, q at the surface, of each wall and then of each obstacle."""
-        rate, gain = np.zeros(self.grid.shape), np.zeros(self.grid.shape)
-        for (cells, size), velocity, q in zip(self._touched, transfer, held, strict=True):
-            exchange = velocity / self.grid.dx * size / self.room[cells]
-            rate[cells] += exchange
-            gain[cells] += exchange * q
-        self.fastest = float(rate.max())
-        self._set(rate[self._where], gain[self._where])
+    def begin(
+        self,
+        films: Sequence[float | None],
+        takes: Sequence[float],
+        held: Sequence[float],
+        diffusivity: float,
+    ) -> None:
+        """Of each wall and then of each obstacle: films, transfer velocity [m/s] of the air at it, where it is given;
+        takes, of the surface itself [m/s], infinite where it holds its q; held, its q. diffusivity [m²/s]: of still
+        air.
+        """
+        still = 2.0 * diffusivity / self.grid.dx
+        known, film = np.zeros((2, *self.grid.shape)), np.zeros((3, *self.grid.shape))
+        for (cells, size), velocity, own, q in zip(self._touched, films, takes, held, strict=True):
+            exchange = size / self.room[cells] / self.grid.dx
+            if velocity is not None:
+                exchange = exchange * in_series(velocity, own)
+                known[0][cells] += exchange
+                known[1][cells] += exchange * q
+            elif own > 0.0:
+                film[0][cells] += exchange
+                film[1][cells] += exchange * q
+                film[2][cells] += exchange / own
+        sticky = film[2] / np.maximum(film[0], 1e-30)  # 1/v of the surfaces
+        fastest = known[0] + film[0] / (1.0 / max(still, 1e-30) + sticky)
+        self.fastest = float(fastest.max())
+        viscosity = self.wind.viscosity if self.eddies else 0.0
+        self.n.set(viscosity=viscosity, diffusivity=diffusivity)
+        self._set(*(part[self._where] for part in (*known, film[0], film[1], sticky)))
 
     def into(self, rate: Template, q: Template) -> Pass:
         """A pass that adds to the rate [1/s] of q what the surfaces give, and counts it."""
@@ -91,11 +133,33 @@ class SurfaceExchange:
             for n in range(self._rate.shape[0]):
                 I = self._cell[n]
                 given = self._gain[n] - self._rate[n] * q[I]
+                still = self._through(self.n.diffusivity[None] / ti.static(0.5 * self.grid.dx), n)
+                v = still
+                if ti.static(self.eddies):
+                    v = self._through(self._film_velocity(I), n)
+                implicit = 1.0 + h * ti.max(v - still, 0.0) * self._film[n]
+                given += v * (self._film_gain[n] - self._film[n] * q[I]) / implicit
                 rate[I] += given
                 self._given.add(given * self._stores[n])
             self._given.end(h)
 
         return Pass(exchange, self.cells)
+
+    @ti.func
+    def _through(self, film, n):
+        """v [m/s] across the film of cell n and on to its surfaces."""
+        return film / (1.0 + film * self._sticky[n])
+
+    @ti.func
+    def _film_velocity(self, I):
+        """v [m/s] across the film in cell I, by the law of the wall."""
+        square = 0.0
+        for d in ti.static(range(self.grid.dim)):
+            D = ti.Vector.unit(self.grid.dim, d, ti.i32)
+            square += 0.25 * (self.wind.u[d][I] + self.wind.u[d][I + D]) ** 2
+        y, nu = ti.static(0.5 * self.grid.dx), self.n.viscosity[None]
+        u_tau = friction_velocity(ti.sqrt(square), y, nu, 0.0)
+        return transfer_velocity(u_tau, y, nu, self.n.diffusivity[None])
 
     def given(self) -> float:
         """What the surfaces have given so far, q times a volume."""

@@ -8,14 +8,17 @@ import taichi as ti
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.tables import Tables
+from taichi_plume.grid.transfer import uploader
 from taichi_plume.solvers.momentum import Momentum
+from taichi_plume.solvers.wall_law import friction_velocity, near_surface
 
 NEAREST = 0.05  # cells: no distance from a surface counts as less
 
 
 @ti.data_oriented
 class Surfaces:
-    """What slows the velocities beside obstacles: the stress nu u_t/s of the velocity u_t along a surface s away.
+    """What slows the velocities beside obstacles: the stress nu_w u_t/s of the velocity u_t along a surface s away,
+    nu_w by the law of the wall where there is a model of eddies.
 
     area, openness: padded arrays of the fields `area` and `open` of the flow. cells: number of these faces.
     """
@@ -29,11 +32,14 @@ class Surfaces:
         tables: Tables,
     ):
         self.m = momentum
+        self.roughness = ti.field(ti.f32, ())
+        self._put = uploader(self.roughness)
         self.grid = grid = momentum.grid
         self.dim = grid.dim
         vectors = np.stack([grid.pad(part) for part in np.moveaxis(air.surface(), -1, 0)], axis=-1)
         self._count: list[int] = []  # faces of each axis
         self._cell: list[Any] = []
+        self._distance: list[Any] = []  # of the face's middle from the surface [m]
         self._rate: list[Any] = []  # surface over (distance times stored volume), in cells
         self._stored: list[Any] = []  # volume that stores the momentum of the face, in cells
         self._normal: list[Any] = []  # of the surface, out of the air
@@ -53,20 +59,23 @@ class Surfaces:
             normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-6)
             self._count.append(len(cell))
             self._cell.append(tables.listed(cell))
+            self._distance.append(tables.listed(distance * grid.dx))
             self._rate.append(tables.listed(size[where] / (distance * stored)))
             self._stored.append(tables.listed(stored))
             self._normal.append(tables.listed(normal))
         self.cells = sum(self._count)
+
+    def begin(self, roughness: float) -> None:
+        """Take k_s [m] over."""
+        self._put(roughness)
 
     @ti.func
     def _friction(self, d: Template, k):
         """(face, rate [1/s] of friction, velocity along the surface [m/s]) of the k-th face of axis d."""
         I, n = self._cell[d][k], self._normal[d][k]
         D = ti.Vector.unit(self.dim, d, ti.i32)
-        nu_here = self.m.viscosity[None]
-        if ti.static(self.m.eddies):
-            nu_here = 0.5 * (self.m.nu[I] + self.m.nu[I - D])
         through = n[d] * self.m.u[d][I]
+        square = self.m.u[d][I] ** 2
         for e in ti.static(range(self.dim)):
             if ti.static(e != d):
                 E = ti.Vector.unit(self.dim, e, ti.i32)
@@ -77,6 +86,12 @@ class Surfaces:
                         flow += self.m.area[e][face] * self.m.u[e][face]
                         width += self.m.area[e][face]
                 through += n[e] * flow / width
+                square += (flow / width) ** 2
+        nu_here = self.m.viscosity[None]
+        if ti.static(self.m.eddies):
+            speed, y = ti.sqrt(ti.max(square - through**2, 0.0)), self._distance[d][k]
+            u_tau = friction_velocity(speed, y, nu_here, self.roughness[None])
+            nu_here, _ = near_surface(u_tau, y, nu_here, self.roughness[None])
         f = self._rate[d][k] * nu_here / ti.static(self.grid.dx**2)
         return I, f, self.m.u[d][I] - n[d] * through
 

@@ -25,6 +25,7 @@ from taichi_plume.validation.puff_cases import PUFF_CASES
 from taichi_plume.validation.source_cases import SOURCE_CASES
 from taichi_plume.validation.spiral_cases import SPIRAL_CASES
 from taichi_plume.validation.through_flow import ethier_steinman
+from taichi_plume.validation.wall_cases import WALL_CASES
 
 HALF_A_PERCENT = Expected(tolerance=0.005, at=32)  # of laminar profiles, cells across the duct
 AIR_BALANCE = {
@@ -245,6 +246,7 @@ _ALL = (
     *DISPERSION_CASES,
     *SOURCE_CASES,
     *BALANCE_CASES,
+    *WALL_CASES,
     Case(
         "conduction",
         "still air between a warm and a cold wall",

@@ -51,7 +51,7 @@ class GasSurface(Model):
     """At the surface [ppm], whatever the air does; instead of `uptake`."""
     transfer: SurfaceVelocity | None = None
     """Of the film of air at the surface, gas per area and difference of concentration [m/s]; unless given, that of
-    diffusion across half a cell. Cells of a room's size are thicker than the film, which passes 1 to 5 mm/s."""
+    the law of the wall, or of diffusion across half a cell where the wind has no model of eddies."""
 
     @model_validator(mode="after")
     def _one(self) -> "GasSurface":
@@ -59,11 +59,6 @@ class GasSurface(Model):
             got = "neither" if self.uptake is None else "both"
             raise fault("takes an uptake or a concentration, got {got}", {"got": got})
         return self
-
-    def velocity(self, film: float) -> float:
-        """Gas exchanged per area and difference of concentration [m/s]; film: what diffuses through half a cell."""
-        passes = film if self.transfer is None else self.transfer
-        return passes if self.uptake is None or passes == 0.0 else 1.0 / (1.0 / passes + 1.0 / self.uptake)
 
 
 class GasWall(GasSurface, Region):

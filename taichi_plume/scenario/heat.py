@@ -41,8 +41,8 @@ class TemperedSurface(Model):
 
     temperature: Temperature
     transfer: HeatTransfer | None = None
-    """Heat given to the air per area and kelvin [W/(m² K)]; unless given, conduction across half a cell. Cells of a
-    room's size are thicker than the film of air at its walls, which passes 1 to 4 W/(m² K)."""
+    """Heat given to the air per area and kelvin [W/(m² K)]; unless given, what the wind beside it takes along, and
+    at least conduction across half a cell. Where nothing but warmth moves the air, a wall passes 1 to 4 W/(m² K)."""
 
 
 class TemperedWall(TemperedSurface, Region):

@@ -20,6 +20,7 @@ from taichi_plume.scenario.screens import AnyScreen
 from taichi_plume.scenario.vocabulary import (
     Accelerations,
     Coefficient,
+    Distance,
     Duration,
     Intensity,
     Length,
@@ -38,7 +39,10 @@ MOST_KNOTS = 1_000_000  # of the gusts; they are drawn at the start
 
 
 class Smagorinsky(Model):
-    """Eddy viscosity (C_s dx)² |S| (Smagorinsky 1963, doi:10.1175/1520-0493(1963)091<0099:GCEWTP>2.3.CO;2)."""
+    """Eddy viscosity (C_s dx)² |S| (Smagorinsky 1963, doi:10.1175/1520-0493(1963)091<0099:GCEWTP>2.3.CO;2).
+
+    Surfaces slow the air by the law of the wall where the cells are thicker than its viscous layer.
+    """
 
     kind: Literal["smagorinsky"]
     constant: Intensity = 0.15
@@ -47,7 +51,10 @@ class Smagorinsky(Model):
 
 
 class Vreman(Model):
-    """Eddy viscosity that vanishes in laminar shear and at walls (Vreman 2004, doi:10.1063/1.1785131)."""
+    """Eddy viscosity that vanishes in laminar shear (Vreman 2004, doi:10.1063/1.1785131).
+
+    Surfaces slow the air by the law of the wall where the cells are thicker than its viscous layer.
+    """
 
     kind: Literal["vreman"]
     constant: Intensity = 0.07
@@ -57,7 +64,7 @@ class Vreman(Model):
 
 
 class NoModel(Model):
-    """Only the molecular viscosity."""
+    """Only the molecular viscosity, at surfaces too: for flows that the cells resolve."""
 
     kind: Literal["none"]
 
@@ -68,9 +75,9 @@ class CfdWind(AnyWind):
     kind: Literal["cfd"]
     viscosity: Viscosity = 1.56e-5
     """Kinematic viscosity [m²/s]; the default is air at 25 °C."""
-    turbulence: Annotated[Smagorinsky | Vreman | NoModel, Field(discriminator="kind")] = Smagorinsky(
-        kind="smagorinsky"
-    )
+    turbulence: Annotated[Smagorinsky | Vreman | NoModel, Field(discriminator="kind")] = Vreman(kind="vreman")
+    roughness: Distance = 0.0
+    """Of walls and obstacles, as the size of the grains of sand that are as rough [m]; felt with a model of eddies."""
     openings: tuple[Opening, ...] = ()
     """What no opening covers is no-slip wall."""
     screens: tuple[AnyScreen, ...] = ()
@@ -108,6 +115,17 @@ class CfdWind(AnyWind):
     def longest_step(self, scenario: "Scenario") -> float:
         """By its Courant number [s]."""
         return self.courant * super().longest_step(scenario)
+
+    def remarks(self, where: str, context: Context) -> Iterator[str]:
+        """What roughness has no effect, or more than it should."""
+        if self.roughness and self.turbulence.kind == "none":
+            yield f"{where}.roughness: is felt only with a model of eddies; use turbulence: {{kind: vreman}}"
+        elif self.roughness > 0.5 * context.domain.spacing:
+            yield (
+                f"{where}.roughness: {self.roughness:g} m is more than half a cell of {context.domain.spacing:g} m, "
+                "too much for the law of the wall; lower it, or make obstacles of what is as large"
+            )
+        yield from super().remarks(where, context)
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
         """Openings must not be in each other's way, and air has to get out."""

@@ -30,8 +30,8 @@ def test_air_may_bring_gas_by_a_schedule_and_surfaces_take_it_up(tmp_path):
     )
     assert [gas.inflow[0].at(t) for t in (-5.0, 119.0, 120.0)] == [20_000.0, 20_000.0, 7.0]
     wall, _ = gas.surfaces.walls
-    assert wall.velocity(0.003) == pytest.approx(0.75e-3)  # one after the other
-    assert gas.surfaces.obstacles[0].velocity(1.0) == pytest.approx(1.2e-3)
+    assert wall.uptake == pytest.approx(1e-3)
+    assert gas.surfaces.obstacles[0].transfer == pytest.approx(3e-3)
 
 
 @pytest.mark.parametrize(

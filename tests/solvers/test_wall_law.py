@@ -1,0 +1,161 @@
+from math import sqrt
+
+import numpy as np
+import pytest
+import taichi as ti
+from scipy.integrate import quad
+from scipy.optimize import brentq
+
+from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.grid import Grid
+from taichi_plume.scenario.winds import CfdWind
+from taichi_plume.solvers.flow import FlowSolver
+from taichi_plume.solvers.patches import periodic_axes
+from taichi_plume.solvers.wall_law import (
+    friction_velocity,
+    law_of_the_wall,
+    near_surface,
+    transfer_velocity,
+)
+from taichi_plume.solvers.walls import distances
+
+pytestmark = pytest.mark.usefixtures("taichi")
+NU = 1.5e-5
+
+
+@pytest.fixture(scope="module")
+def law(taichi):
+    """u_tau, nu_w, bend and the transfer velocity, of arrays."""
+
+    @ti.kernel
+    def found(numbers: ti.types.ndarray(), out: ti.types.ndarray()):
+        for n in range(numbers.shape[0]):
+            speed, y, roughness, diffusivity = numbers[n, 0], numbers[n, 1], numbers[n, 2], numbers[n, 3]
+            u_tau = friction_velocity(speed, y, NU, roughness)
+            out[n, 0] = u_tau
+            out[n, 1], out[n, 2] = near_surface(u_tau, y, NU, roughness)
+            out[n, 3] = transfer_velocity(u_tau, y, NU, diffusivity)
+
+    def of(speed, y, roughness=0.0, diffusivity=NU):
+        numbers = np.stack(np.broadcast_arrays(speed, y, roughness, diffusivity), axis=-1).astype(np.float32)
+        out = np.zeros((len(numbers), 4), np.float32)
+        found(numbers, out)
+        return out.astype(float).T
+
+    return of
+
+
+def test_friction_is_that_of_the_law_from_the_viscous_layer_outwards(law):
+    y_plus = np.geomspace(0.1, 1e5, 200)
+    y, u_tau = 0.025, y_plus * NU / 0.025
+    found = law(u_tau * law_of_the_wall(y_plus), np.full_like(y_plus, y))
+    np.testing.assert_allclose(found[0], u_tau, rtol=6e-3)
+    outer = y_plus > 30
+    log = np.log(y_plus[outer]) / 0.41 + 5.2
+    np.testing.assert_allclose(law_of_the_wall(y_plus[outer]), log, rtol=0.02)
+    viscous = y_plus < 2.9
+    np.testing.assert_allclose(found[1][viscous], NU, rtol=1e-5)
+    np.testing.assert_array_equal(found[2][viscous], 1.0)
+    slope = np.gradient(np.log(law_of_the_wall(y_plus)), np.log(y_plus))
+    np.testing.assert_allclose(found[2][5:-5], slope[5:-5], atol=0.04)
+    speed = u_tau * law_of_the_wall(y_plus)
+    np.testing.assert_allclose(found[1] * speed / y, u_tau**2, rtol=0.02)
+
+
+def test_wholly_rough_walls_follow_nikuradse(law):
+    y, grain, speed = 0.02, 0.005, 5.0
+    u_tau = law([speed], [y], [grain])[0][0]
+    assert grain * u_tau / NU > 100
+    assert speed / u_tau == pytest.approx(np.log(y / grain) / 0.41 + 8.5, rel=0.03)
+
+
+@pytest.mark.parametrize("schmidt", [0.71, 2.0, 1000.0])
+def test_transfer_is_the_integral_of_the_diffusivities(law, schmidt):
+    """In the viscous layer D/y; far out that of a mixing length with van Driest's damping, to the 10 % of its fit."""
+    k = law([1e-4], [0.001], 0.0, [NU / schmidt])[3][0]
+    assert k == pytest.approx(NU / schmidt / 0.001, rel=3e-3)
+    y_plus, u_tau = 500.0, 0.3
+    y = y_plus * NU / u_tau
+    k = law([u_tau * law_of_the_wall(y_plus)], [y], 0.0, [NU / schmidt])[3][0]
+    assert k == pytest.approx(u_tau / resistance(y_plus, schmidt), rel=0.12)
+
+
+def resistance(y_plus: float, schmidt: float) -> float:
+    """u_tau over the transfer velocity: the integral of 1/(1/Sc + nu_t/(0.85 nu)) over y+."""
+
+    def share(log_y: float) -> float:
+        y = np.exp(log_y)
+        length = 0.41 * y * (1.0 - np.exp(-y / 26.0))
+        eddies = 0.5 * (sqrt(1.0 + 4.0 * length**2) - 1.0)
+        return y / (1.0 / schmidt + eddies / 0.85)
+
+    return quad(share, np.log(1e-6), np.log(y_plus), limit=500)[0]
+
+
+# ---------------------------------------------------------------- in the flow
+
+
+def channel(kind: str, roughness: float = 0.0, **more) -> FlowSolver:
+    wind = CfdWind.model_validate(
+        {
+            "kind": "cfd",
+            "viscosity": NU,
+            "turbulence": {"kind": kind},
+            "roughness": roughness,
+            "openings": [{"kind": "periodic", "axis": "x"}],
+        }
+        | more
+    )
+    grid = Grid((8, 8), 0.05, periodic=periodic_axes(wind.openings, 2))
+    return FlowSolver(wind, grid, Air.everywhere(grid))
+
+
+def lost(flow: FlowSolver, speed: float) -> float:
+    """Momentum [m²/s²] that each wall takes per area and second from a uniform flow."""
+    flow.start_from(lambda x: np.stack([np.full(x.shape[:-1], speed), np.zeros(x.shape[:-1])], axis=-1))
+    before = flow.grid.read(flow.u[0]).astype(float).mean()
+    flow.advance(0.0, 1e-3)
+    after = flow.grid.read(flow.u[0]).astype(float).mean()
+    return (before - after) / 1e-3 * 0.4 / 2
+
+
+@pytest.mark.parametrize("kind", ["smagorinsky", "vreman"])
+def test_walls_take_the_momentum_that_the_law_says(kind):
+    u_tau = brentq(lambda v: v * law_of_the_wall(0.025 * v / NU) - 1.0, 1e-4, 1.0)
+    assert lost(channel(kind), 1.0) == pytest.approx(u_tau**2, rel=5e-3)
+
+
+def test_rough_walls_take_more_and_slow_air_feels_viscosity_alone():
+    flow = channel("vreman")
+    smooth = lost(flow, 1.0)
+    slow = lost(flow, 1e-4)
+    rough = lost(channel("vreman", 0.003), 1.0)
+    assert 1.4 * smooth < rough < 2.0 * smooth
+    assert slow == pytest.approx(lost(channel("none"), 1e-4), rel=1e-3)
+
+
+@pytest.mark.parametrize(("kind", "rel"), [("vreman", 0.15), ("none", 1e-3)])
+def test_a_warm_wall_gives_what_the_wind_takes_along(kind, rel):
+    """With a model of eddies by the law; without, by conduction across half a cell."""
+    diffusivity, speed, y = 2e-5, 1.0, 0.025
+    heat = {"reference": 300.0, "diffusivity": diffusivity, "walls": [{"face": "y-", "temperature": 310.0}]}
+    flow = channel(kind, buoyancy={"gravity": (0.0, -9.81), "heat": heat})
+    flow.start_from(lambda x: np.stack([np.full(x.shape[:-1], speed), np.zeros(x.shape[:-1])], axis=-1))
+    flow.heat.advance(0.0, 1e-3)
+    k = flow.heat.budget()["surfaces_J"] / (1e-3 * 10.0 * 0.4 * 1191.0)  # of 0.4 m², a slab of 1 m
+    u_tau = brentq(lambda v: v * law_of_the_wall(y * v / NU) - speed, 1e-4, 1.0)
+    by_law = u_tau / resistance(y * u_tau / NU, NU / diffusivity)
+    assert k == pytest.approx(by_law if kind == "vreman" else diffusivity / y, rel=rel)
+
+
+def test_distances_are_those_of_walls_and_of_true_surfaces():
+    """A wall below, none above; a block whose surface lies within a cell."""
+    grid = Grid((6, 8), 0.1)
+    walls = [np.zeros((2, 8), bool), np.zeros((6, 2), bool)]
+    walls[1][:, 0] = True
+    y = grid.centers()[..., 1]
+    np.testing.assert_allclose(distances(Air.everywhere(grid), walls, grid), y, rtol=1e-5)
+    solid = np.zeros(grid.shape, bool)
+    solid[:, -1] = True
+    away = distances(Air.of(solid, grid), walls, grid)
+    np.testing.assert_allclose(away[:, :-1], np.minimum(y, 0.7 - y)[:, :-1], atol=1e-6)
