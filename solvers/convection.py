@@ -46,14 +46,14 @@ def koren_value(q: Template, I, e, v):
 
 
 @ti.func
-def weno5_value(q: Template, I, e, v):
-    """As `koren_value`: the mean over the cells around it decides on q, weighted essentially non-oscillatory.
+def weno5_value(q: Template, I, e, v, far):
+    """As `koren_value`: the mean over the cells around it decides on q, weighted essentially non-oscillatory. far: the
+    second cell after I, or the last one.
 
     Jiang & Shu 1996, doi:10.1006/jcph.1996.0130, for cell averages (Shu 1998, doi:10.1007/BFb0096355). Smoothness is
     measured against the squares of the values, so that the weights do not depend on the unit; written in differences
     from the upwind cell, which are exactly zero in a uniform field. New extrema can appear, small ones.
     """
-    far = ti.min(I + 2 * e, ti.Vector(q.shape) - 1)  # beyond the domain's upper faces one cell less is stored
     m3, m2, m1, p0, p1, p2 = q[I - 3 * e], q[I - 2 * e], q[I - e], q[I], q[I + e], q[far]
     forward = v > 0.0
     center = ti.select(forward, m1, p0)
@@ -74,15 +74,14 @@ def weno5_value(q: Template, I, e, v):
 
 
 @ti.func
-def upwind5_value(q: Template, I, e, v):
-    """As `koren_value`: fifth order from the cells around it (Wicker & Skamarock 2002,
+def upwind5_value(q: Template, I, e, v, far):
+    """As `weno5_value`: fifth order from the cells around it (Wicker & Skamarock 2002,
     doi:10.1175/1520-0493(2002)130<2088:TSMFEM>2.0.CO;2), held back only where q is not smooth.
 
     Without bounds, short waves grow behind the edges of obstacles. They let q lie between the two cells at the face,
     no further from the upwind cell than four times the slope behind it, and beyond that by what the curvature makes of
     a smooth extremum, if it has one sign in both cells (after Suresh & Huynh 1997, doi:10.1006/jcph.1997.5745).
     """
-    far = ti.min(I + 2 * e, ti.Vector(q.shape) - 1)
     m3, m2, m1, p0, p1, p2 = q[I - 3 * e], q[I - 2 * e], q[I - e], q[I], q[I + e], q[far]
     forward = v > 0.0
     center = ti.select(forward, m1, p0)
@@ -98,4 +97,10 @@ def upwind5_value(q: Template, I, e, v):
     return center + greater(least, lesser(most, change))
 
 
-FACE_VALUES = {"upwind5": upwind5_value, "koren": koren_value, "weno5": weno5_value}
+@ti.func
+def koren_between(q: Template, I, e, v, far):
+    """`koren_value`, which does not look as far."""
+    return koren_value(q, I, e, v)
+
+
+FACE_VALUES = {"upwind5": upwind5_value, "koren": koren_between, "weno5": weno5_value}

@@ -164,7 +164,7 @@ class FlowSolver(Carrier):
             return increased(m, phi, I, dt)
 
         def on_faces(formula: Callable[[int], Callable], out: Any) -> Pass:
-            return sweep([formula(d) for d in range(self.dim)], out, grid.faces)
+            return sweep([formula(d) for d in range(self.dim)], out, *map(grid.faces, range(self.dim)))
 
         fill = ghosts.filling_velocity(u)
         around = [(begin - 1, end + 1) for begin, end in grid.cells]

@@ -50,7 +50,7 @@ class Surfaces:
             lower = (area[d] / np.maximum(area[d] + below, 1e-6))[..., None] * np.roll(vectors, 1, axis=d)
             size = np.linalg.norm(upper, axis=-1) + np.linalg.norm(lower, axis=-1)
             inner = np.zeros(grid.padded, bool)
-            inner[tuple(slice(begin, end) for begin, end in grid.faces)] = True
+            inner[tuple(slice(begin, end) for begin, end in grid.faces(d))] = True
             cell = np.argwhere(inner & (size > 1e-6) & (openness[d] > 0.0))
             where = tuple(cell.T)
             stored = area[d][where] / openness[d][where]

@@ -87,10 +87,9 @@ class Grid:
         """(begin, end) of the inner cells per axis."""
         return tuple((self.ghost, self.ghost + n) for n in self.shape)
 
-    @property
-    def faces(self) -> tuple[tuple[int, int], ...]:
-        """(begin, end) of the lower faces of inner cells and of the domain's upper faces, for any axis."""
-        return tuple((begin, end + 1) for begin, end in self.cells)
+    def faces(self, d: int) -> tuple[tuple[int, int], ...]:
+        """(begin, end) of the faces of axis d: the lower ones of inner cells and the domain's upper ones."""
+        return tuple((begin, end + (a == d)) for a, (begin, end) in enumerate(self.cells))
 
     @property
     def boundary_faces(self) -> int:

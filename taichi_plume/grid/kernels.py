@@ -77,8 +77,13 @@ class Pass:
     cells: int
 
 
-def sweep(bodies: Sequence[Callable], outs: Sequence[Any], ranges: Sequence[tuple[int, int]]) -> Pass:
-    """A pass setting ``out[I] = body(I, a, b)`` per pair of body and out, I in `ranges`, (begin, end) per axis.
+Ranges = Sequence[tuple[int, int]]
+"""(begin, end) per axis."""
+
+
+def sweep(bodies: Sequence[Callable], outs: Sequence[Any], *ranges: Ranges) -> Pass:
+    """A pass setting ``out[I] = body(I, a, b)`` per pair of body and out, I in `ranges`: of all, or of each body,
+    with other ends.
 
     body: ti.func of an index vector and two scalars, without stores and with `ti.select` for `if`; it may read `out` at
     I only. Where `out` is a tuple of fields, it returns a vector with a value for each.
@@ -86,10 +91,12 @@ def sweep(bodies: Sequence[Callable], outs: Sequence[Any], ranges: Sequence[tupl
     On a CPU a row is cut into strips: 32 values are computed into registers, then stored. LLVM vectorises loops
     only while they store nothing global, so this is up to five times faster than storing cell by cell.
     """
-    dim = len(ranges)
-    begin, end = ranges[0]  # axis 0 is contiguous in memory
+    own = ranges if len(ranges) == len(bodies) else ranges * len(bodies)
+    whole = [max(axis) for axis in zip(*own, strict=True)]
+    dim = len(whole)
+    begin, end = whole[0]  # axis 0 is contiguous in memory
     strips = -(-(end - begin) // STRIP)
-    rows = tuple(reversed(ranges[1:]))  # last axis slowest
+    rows = tuple(reversed(whole[1:]))  # last axis slowest
     flat = prod(b - a for a, b in rows) < FEW_ROWS
     pairs = tuple(range(len(bodies)))
     bodies = tuple(bodies)
@@ -106,8 +113,11 @@ def sweep(bodies: Sequence[Callable], outs: Sequence[Any], ranges: Sequence[tupl
     @ti.func
     def strip(row: Template, k, a, b):
         first = begin + k * STRIP
-        count = ti.min(STRIP, end - first)
         for q in ti.static(pairs):
+            count = ti.min(STRIP, ti.static(own[q][0][1]) - first)
+            for d in ti.static(range(1, dim)):
+                if ti.static(own[q][d] != whole[d]):
+                    count = ti.select(row[dim - 1 - d] < ti.static(own[q][d][1]), count, 0)
             values = ti.Vector([0.0] * STRIP * ti.static(len(outs[q])))
             for n in range(count):
                 if ti.static(len(outs[q]) == 1):
@@ -136,14 +146,19 @@ def sweep(bodies: Sequence[Callable], outs: Sequence[Any], ranges: Sequence[tupl
         for J in ti.grouped(ti.ndrange(*rows, (begin, end))):
             I = index(J, J[dim - 1])
             for q in ti.static(pairs):
-                if ti.static(len(outs[q]) == 1):
-                    outs[q][0][I] = bodies[q](I, a, b)
-                else:
-                    several = bodies[q](I, a, b)
-                    for m in ti.static(range(len(outs[q]))):
-                        outs[q][m][I] = several[m]
+                inside = True
+                for d in ti.static(range(dim)):
+                    if ti.static(own[q][d] != whole[d]):
+                        inside = inside and I[d] < ti.static(own[q][d][1])
+                if inside:
+                    if ti.static(len(outs[q]) == 1):
+                        outs[q][0][I] = bodies[q](I, a, b)
+                    else:
+                        several = bodies[q](I, a, b)
+                        for m in ti.static(range(len(outs[q]))):
+                            outs[q][m][I] = several[m]
 
-    cells = prod(b - a for a, b in ranges) * len(bodies)
+    cells = prod(b - a for a, b in whole) * len(bodies)
     if not on_cpu():
         return Pass(by_cell, cells)
     return Pass(by_strip if flat and cells > FEW_CELLS else by_row, cells)

@@ -34,7 +34,8 @@ def reconstructed(taichi):
     def at_faces(v: float):
         for i in range(3, CELLS + 3):
             for scheme in ti.static(SCHEMES):
-                out[scheme][i] = FACE_VALUES[scheme](q, ti.Vector([i]), ti.Vector([1]), v)
+                I = ti.Vector([i])
+                out[scheme][i] = FACE_VALUES[scheme](q, I, ti.Vector([1]), v, I + 2)
 
     def values(scheme: str, averages: np.ndarray, v: float) -> np.ndarray:
         n = len(averages)
