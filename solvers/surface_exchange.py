@@ -158,7 +158,7 @@ class SurfaceExchange:
             D = ti.Vector.unit(self.grid.dim, d, ti.i32)
             square += 0.25 * (self.wind.u[d][I] + self.wind.u[d][I + D]) ** 2
         y, nu = ti.static(0.5 * self.grid.dx), self.n.viscosity[None]
-        u_tau = friction_velocity(ti.sqrt(square), y, nu, 0.0)
+        u_tau = friction_velocity(ti.sqrt(square), y, nu, 0.0, True)
         return transfer_velocity(u_tau, y, nu, self.n.diffusivity[None])
 
     def given(self) -> float:

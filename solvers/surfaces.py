@@ -90,7 +90,7 @@ class Surfaces:
         nu_here = self.m.viscosity[None]
         if ti.static(self.m.eddies):
             speed, y = ti.sqrt(ti.max(square - through**2, 0.0)), self._distance[d][k]
-            u_tau = friction_velocity(speed, y, nu_here, self.roughness[None])
+            u_tau = friction_velocity(speed, y, nu_here, self.roughness[None], True)
             nu_here, _ = near_surface(u_tau, y, nu_here, self.roughness[None])
         f = self._rate[d][k] * nu_here / ti.static(self.grid.dx**2)
         return I, f, self.m.u[d][I] - n[d] * through

@@ -93,16 +93,18 @@ class Walls:
         if self.b.mirror[d][K][d] < 0.0:
             first, outward = self.first_cell(K, d)
             V, y = self.b.target[d][K], ti.static(0.5 * self.grid.dx)
-            u_tau = self._friction(u, first, V, d, y)
+            u_tau = self._friction(u, first, V, d, y, True)
             if ti.static(self.grid.shape[d] > 1):
-                u_tau = ti.max(u_tau, self._friction(u, first - outward, V, d, 3.0 * y))
+                u_tau = ti.max(u_tau, self._friction(u, first - outward, V, d, 3.0 * y, False))
             viscosity, bend = near_surface(u_tau, y, self.molecular[None], self.roughness[None])
             straight = straightness(bend)
             self.bend[d][K] = bend
             self.viscosity[d][K] = viscosity / (straight + (1.0 - straight) * bend)
 
     @ti.func
-    def _friction(self, u: Template, cell: Template, V: Template, d: Template, y: float):
+    def _friction(
+        self, u: Template, cell: Template, V: Template, d: Template, y: float, at_surface: Template
+    ):
         """As `friction_velocity`, from a cell whose middle is y [m] from a wall of axis d that moves with V."""
         square = 0.0
         for c in ti.static(range(self.dim)):
@@ -110,7 +112,7 @@ class Walls:
                 above = cell
                 above[c] = ti.min(cell[c] + 1, ti.static(self.grid.padded[c] - 1))
                 square += (0.5 * (u[c][cell] + u[c][above]) - V[c]) ** 2
-        return friction_velocity(ti.sqrt(square), y, self.molecular[None], self.roughness[None])
+        return friction_velocity(ti.sqrt(square), y, self.molecular[None], self.roughness[None], at_surface)
 
     @ti.func
     def bend_at(self, K: Template, d: Template, c: Template):

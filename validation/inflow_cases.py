@@ -39,7 +39,7 @@ def inflow_turbulence(n: int, length: float) -> Answer:
     """Turbulent air through a duct of 4 x 1 x 1 m without walls, n cells per metre; `length` [m] as asked for."""
     inlet = {"turbulence_intensity": INTENSITY, "turbulence_length": length, "speed": SPEED}
     openings = [{"kind": "inlet", "face": "x-"} | inlet, {"kind": "outlet", "face": "x+"}, *periodic("yz")]
-    wind = CfdWind.model_validate({"kind": "cfd", "convection": "weno5", "openings": openings})
+    wind = CfdWind.model_validate({"kind": "cfd", "openings": openings})
     flow = in_empty_box(wind, (round(DUCT * n), n, n), 1.0 / n)
     grid, t, dt = flow.grid, SETTLED, 0.8 / (n * SPEED)
     advance(flow, t)

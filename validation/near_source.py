@@ -89,7 +89,7 @@ def standard_error(c: np.ndarray) -> np.ndarray:
     return np.sqrt((n - 1) * without.var(axis=0))
 
 
-def on_the_axis(n: int, convection: str = "weno5") -> Answer:
+def on_the_axis(n: int, convection: str = "upwind5") -> Answer:
     """Readings of n seconds. Judged are puffs that are handed over; told are mean, fluctuation and presence of all."""
     answer: dict[str, float] = {}
     for kind, c in _readings(n, convection).items():

@@ -57,9 +57,7 @@ def log_layer(n: int, reynolds: float = 1000.0) -> Answer:
     """
     u_tau = reynolds * VISCOSITY / HALF
     turnover = HALF / u_tau
-    flow = _flow(
-        (2 * n, n, n), n, periodic("xy"), acceleration=(u_tau**2 / HALF, 0.0, 0.0), convection="weno5"
-    )
+    flow = _flow((2 * n, n, n), n, periodic("xy"), acceleration=(u_tau**2 / HALF, 0.0, 0.0))
 
     def law(y: np.ndarray) -> np.ndarray:
         return u_tau * (np.log(y * u_tau / VISCOSITY) / 0.41 + 5.2)

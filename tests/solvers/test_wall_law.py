@@ -25,48 +25,59 @@ NU = 1.5e-5
 
 @pytest.fixture(scope="module")
 def law(taichi):
-    """u_tau, nu_w, bend and the transfer velocity, of arrays."""
+    """u_tau of a cell at the surface, nu_w, bend, the transfer velocity and u_tau of one away from it, of arrays."""
 
     @ti.kernel
     def found(numbers: ti.types.ndarray(), out: ti.types.ndarray()):
         for n in range(numbers.shape[0]):
             speed, y, roughness, diffusivity = numbers[n, 0], numbers[n, 1], numbers[n, 2], numbers[n, 3]
-            u_tau = friction_velocity(speed, y, NU, roughness)
+            u_tau = friction_velocity(speed, y, NU, roughness, True)
             out[n, 0] = u_tau
             out[n, 1], out[n, 2] = near_surface(u_tau, y, NU, roughness)
+            out[n, 4] = friction_velocity(speed, y, NU, roughness, False)
             out[n, 3] = transfer_velocity(u_tau, y, NU, diffusivity)
 
     def of(speed, y, roughness=0.0, diffusivity=NU):
         numbers = np.stack(np.broadcast_arrays(speed, y, roughness, diffusivity), axis=-1).astype(np.float32)
-        out = np.zeros((len(numbers), 4), np.float32)
+        out = np.zeros((len(numbers), 5), np.float32)
         found(numbers, out)
         return out.astype(float).T
 
     return of
 
 
+def mean_of_the_law(y_plus: float) -> float:
+    """u+ of a cell from the surface to 2 y+, by quadrature."""
+    return quad(law_of_the_wall, 0.0, 2.0 * y_plus, limit=500)[0] / (2.0 * y_plus)
+
+
 def test_friction_is_that_of_the_law_from_the_viscous_layer_outwards(law):
     y_plus = np.geomspace(0.1, 1e5, 200)
     y, u_tau = 0.025, y_plus * NU / 0.025
-    found = law(u_tau * law_of_the_wall(y_plus), np.full_like(y_plus, y))
-    np.testing.assert_allclose(found[0], u_tau, rtol=6e-3)
+    there = law(u_tau * law_of_the_wall(y_plus), np.full_like(y_plus, y))
+    np.testing.assert_allclose(there[4], u_tau, rtol=6e-3)
     outer = y_plus > 30
     log = np.log(y_plus[outer]) / 0.41 + 5.2
     np.testing.assert_allclose(law_of_the_wall(y_plus[outer]), log, rtol=0.02)
-    viscous = y_plus < 2.9
+    speed = u_tau * [mean_of_the_law(one) for one in y_plus]
+    found = law(speed, np.full_like(y_plus, y))
+    np.testing.assert_allclose(found[0], u_tau, rtol=8e-3)
+    viscous = y_plus < 1.45
     np.testing.assert_allclose(found[1][viscous], NU, rtol=1e-5)
     np.testing.assert_array_equal(found[2][viscous], 1.0)
-    slope = np.gradient(np.log(law_of_the_wall(y_plus)), np.log(y_plus))
-    np.testing.assert_allclose(found[2][5:-5], slope[5:-5], atol=0.04)
-    speed = u_tau * law_of_the_wall(y_plus)
     np.testing.assert_allclose(found[1] * speed / y, u_tau**2, rtol=0.02)
+    slope = np.gradient(law_of_the_wall(y_plus), y_plus) * u_tau**2 / NU
+    np.testing.assert_allclose((found[2] * speed / y / slope)[5:-5], 1.0, atol=0.05)
 
 
 def test_wholly_rough_walls_follow_nikuradse(law):
     y, grain, speed = 0.02, 0.005, 5.0
-    u_tau = law([speed], [y], [grain])[0][0]
+    numbers = law([speed], [y], [grain])
+    u_tau = numbers[4][0]
     assert grain * u_tau / NU > 100
     assert speed / u_tau == pytest.approx(np.log(y / grain) / 0.41 + 8.5, rel=0.03)
+    mean = quad(lambda x: np.log(1.0 + x / (grain * np.exp(-0.41 * 8.5))) / 0.41, 0.0, 2 * y)[0] / (2 * y)
+    assert speed / numbers[0][0] == pytest.approx(mean, rel=0.03)
 
 
 @pytest.mark.parametrize("schmidt", [0.71, 2.0, 1000.0])
@@ -76,7 +87,7 @@ def test_transfer_is_the_integral_of_the_diffusivities(law, schmidt):
     assert k == pytest.approx(NU / schmidt / 0.001, rel=3e-3)
     y_plus, u_tau = 500.0, 0.3
     y = y_plus * NU / u_tau
-    k = law([u_tau * law_of_the_wall(y_plus)], [y], 0.0, [NU / schmidt])[3][0]
+    k = law([u_tau * mean_of_the_law(y_plus)], [y], 0.0, [NU / schmidt])[3][0]
     assert k == pytest.approx(u_tau / resistance(y_plus, schmidt), rel=0.12)
 
 
@@ -121,7 +132,7 @@ def lost(flow: FlowSolver, speed: float) -> float:
 
 @pytest.mark.parametrize("kind", ["smagorinsky", "vreman"])
 def test_walls_take_the_momentum_that_the_law_says(kind):
-    u_tau = brentq(lambda v: v * law_of_the_wall(0.025 * v / NU) - 1.0, 1e-4, 1.0)
+    u_tau = brentq(lambda v: v * mean_of_the_law(0.025 * v / NU) - 1.0, 1e-4, 1.0)
     assert lost(channel(kind), 1.0) == pytest.approx(u_tau**2, rel=5e-3)
 
 
@@ -143,7 +154,7 @@ def test_a_warm_wall_gives_what_the_wind_takes_along(kind, rel):
     flow.start_from(lambda x: np.stack([np.full(x.shape[:-1], speed), np.zeros(x.shape[:-1])], axis=-1))
     flow.heat.advance(0.0, 1e-3)
     k = flow.heat.budget()["surfaces_J"] / (1e-3 * 10.0 * 0.4 * 1191.0)  # of 0.4 m², a slab of 1 m
-    u_tau = brentq(lambda v: v * law_of_the_wall(y * v / NU) - speed, 1e-4, 1.0)
+    u_tau = brentq(lambda v: v * mean_of_the_law(y * v / NU) - speed, 1e-4, 1.0)
     by_law = u_tau / resistance(y * u_tau / NU, NU / diffusivity)
     assert k == pytest.approx(by_law if kind == "vreman" else diffusivity / y, rel=rel)
 
