@@ -83,7 +83,11 @@ class FlowSolver(Carrier):
         areas = None if air.empty else self._area
         away = None if self.nu is None else distances(air, self.boundaries.is_wall, grid)
         self.momentum = Momentum(model, grid, self.u, self.p, self.nu, openness, areas, fields, tables, away)
-        self.walls = None if self.nu is None else walls_of(self.boundaries, self.momentum.viscosity)
+        self.walls = (
+            None
+            if self.nu is None
+            else walls_of(self.boundaries, self.momentum.viscosity, self.momentum.rough)
+        )
         self.open, self.area = self.momentum.open, self.momentum.area
         self.screens = [ScreenResistance(one, grid, openness, tables) for one in model.screens]
         self.resistances: tuple[Resistance, ...] = (*self.screens, *(make(self.open) for make in resistances))
@@ -170,7 +174,7 @@ class FlowSolver(Carrier):
         around = [(begin - 1, end + 1) for begin, end in grid.cells]
         self._begin = launch(
             on_faces(remembered, u0),
-            *([walls.measuring(u)] if walls else []),
+            *(walls.measuring(u) if walls else []),
             *([ghosts.updating_losses(u)] if self.boundaries.has_loss else []),
             ghosts.filling_pressure(self.p, True),
         )

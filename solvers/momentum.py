@@ -82,6 +82,7 @@ class Momentum:
                 for d in range(self.dim)
             )
         self.eddies = nu is not None
+        self.rough = model.roughness is not None
         self.distance = None if distance is None else put(grid.pad(distance))
         self.eddy_model = MODELS.get(model.turbulence.kind)
         self.face_value = FACE_VALUES[model.convection]

@@ -22,7 +22,7 @@ from taichi_plume.grid.transfer import Numbers, uploader
 from taichi_plume.scenario.windows import Region
 from taichi_plume.solvers.patches import Patch
 from taichi_plume.solvers.tally import Tally
-from taichi_plume.solvers.wall_law import friction_velocity, transfer_velocity
+from taichi_plume.solvers.wall_law import transfer_velocity
 
 
 def in_series(first: float, second: float) -> float:
@@ -158,8 +158,7 @@ class SurfaceExchange:
             D = ti.Vector.unit(self.grid.dim, d, ti.i32)
             square += 0.25 * (self.wind.u[d][I] + self.wind.u[d][I + D]) ** 2
         y, nu = ti.static(0.5 * self.grid.dx), self.n.viscosity[None]
-        u_tau = friction_velocity(ti.sqrt(square), y, nu, 0.0, True)
-        return transfer_velocity(u_tau, y, nu, self.n.diffusivity[None])
+        return transfer_velocity(ti.sqrt(square), y, nu, self.n.diffusivity[None])
 
     def given(self) -> float:
         """What the surfaces have given so far, q times a volume."""

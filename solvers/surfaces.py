@@ -10,7 +10,7 @@ from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.tables import Tables
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.solvers.momentum import Momentum
-from taichi_plume.solvers.wall_law import friction_velocity, near_surface
+from taichi_plume.solvers.wall_law import near_surface
 
 NEAREST = 0.05  # cells: no distance from a surface counts as less
 
@@ -65,9 +65,9 @@ class Surfaces:
             self._normal.append(tables.listed(normal))
         self.cells = sum(self._count)
 
-    def begin(self, roughness: float) -> None:
+    def begin(self, roughness: float | None) -> None:
         """Take k_s [m] over."""
-        self._put(roughness)
+        self._put(roughness or 0.0)
 
     @ti.func
     def _friction(self, d: Template, k):
@@ -90,8 +90,7 @@ class Surfaces:
         nu_here = self.m.viscosity[None]
         if ti.static(self.m.eddies):
             speed, y = ti.sqrt(ti.max(square - through**2, 0.0)), self._distance[d][k]
-            u_tau = friction_velocity(speed, y, nu_here, self.roughness[None], True)
-            nu_here, _ = near_surface(u_tau, y, nu_here, self.roughness[None])
+            nu_here, _ = near_surface(speed, y, nu_here, self.roughness[None], self.m.rough)
         f = self._rate[d][k] * nu_here / ti.static(self.grid.dx**2)
         return I, f, self.m.u[d][I] - n[d] * through
 

@@ -7,7 +7,7 @@ Reichardt's law (1951, doi:10.1002/zamm.19510310704), valid from the surface thr
 which is u+ = y+ at the surface and u+ = ln(y+)/k + B far from it. A cell at the surface knows the mean of u from there
 to 2 y, y its middle's distance: by (1 - ln 2)/k less than u there, 5 % where y+ is 50; the friction is 10 % more than
 if that were u at y. What is known is u at a distance y, so u+ is taken as a function of u+ y+ = u y/nu: two polynomials
-of its logarithm, fitted within 0.3 %. Beside rough surfaces u+ is at most ln(1 + y/z)/k, z = exp(-k B) nu/u_tau +
+of its logarithm, fitted within 0.1 %. Beside rough surfaces u+ is at most ln(1 + y/z)/k, z = exp(-k B) nu/u_tau +
 exp(-8.5 k) k_s (Colebrook 1939, doi:10.1680/ijoti.1939.13150), k_s the size of Nikuradse's sand grains.
 """
 
@@ -19,6 +19,7 @@ import taichi as ti
 from numpy.polynomial import Polynomial
 
 from taichi_plume.grid.kernels import Template
+from taichi_plume.solvers.convection import greater, lesser
 
 KAPPA = 0.41
 B = 5.2
@@ -44,37 +45,87 @@ def mean_law(y_plus: Any) -> Any:
     return outer + INNER * inner / far
 
 
-def _fitted(law: Callable[[Any], Any], viscous: float) -> tuple[float, list[float], list[float]]:
-    """u+ y+ up to which u+ = y+, then u+ as polynomials of ln(u+ y+), below MIDDLE and above: their coefficients, the
-    constant one first. viscous: y+ where they begin.
-    """
-    y_plus = np.geomspace(0.5 * viscous, 1e8, 3000)
-    u_plus = law(y_plus)
-    product, parts = u_plus * y_plus, []
-    for low, high, degree in ((viscous**2, MIDDLE, 6), (MIDDLE, LAST, 3)):
+def bend_of_law(y_plus: Any) -> Any:
+    """du+/dy+ at y+ over that mean's slope from the surface."""
+    slope = 1.0 / (1.0 + KAPPA * y_plus) + INNER / 11.0 * (
+        np.exp(-y_plus / 11.0) - (1.0 - y_plus / 3.0) * np.exp(-y_plus / 3.0)
+    )
+    return y_plus * slope / mean_law(y_plus)
+
+
+RESOLVED = (0.5 * VISCOUS) ** 2  # u y/nu up to which all of the cell is viscous
+
+
+def _fitted(law: Callable[[Any], Any]) -> tuple[list[float], list[float]]:
+    """A function of y+ as polynomials of ln(u y/nu), below MIDDLE and above: their coefficients, the constant first."""
+    y_plus = np.geomspace(0.25 * VISCOUS, 1e8, 3000)
+    values, product = law(y_plus), mean_law(y_plus) * y_plus
+    parts = []
+    for low, high, degree in ((RESOLVED, MIDDLE, 7), (MIDDLE, LAST, 4)):
         there = (product >= low) & (product <= high)
-        x, u = np.log(product[there]), u_plus[there]
-        parts.append(Polynomial.fit(x, u, degree, w=1.0 / u).convert().coef.tolist())
-    return viscous**2, *parts
+        x, value = np.log(product[there]), values[there]
+        parts.append(Polynomial.fit(x, value, degree, w=1.0 / value).convert().coef.tolist())
+    return parts[0], parts[1]
 
 
-THERE = _fitted(law_of_the_wall, VISCOUS)
-MEAN = _fitted(mean_law, 0.5 * VISCOUS)
+LN_MIDDLE = float(np.log(MIDDLE))
+U_PLUS, BEND = _fitted(mean_law), _fitted(bend_of_law)
+LN2 = float(np.log(2.0))
+MANTISSA = np.linspace(1.0, 2.0, 200)
+LOGARITHM = Polynomial.fit(MANTISSA, np.log(MANTISSA), 6).convert().coef.tolist()
 
 
 @ti.func
-def velocity_in_wall_units(product, fit: Template):
-    """u+ where u+ y+ = u y/nu is `product`; fit: THERE or MEAN."""
-    resolved, low_part, high_part = ti.static(fit[0], fit[1], fit[2])
-    x = ti.log(ti.math.clamp(product, resolved, LAST))
+def logarithm(x):
+    """ln(x) of a positive normal x, within 1e-5; no CPU vectorises Taichi's."""
+    bits = ti.bit_cast(x, ti.i32)
+    mantissa = ti.bit_cast((bits & 0x7FFFFF) | 0x3F800000, ti.f32)
+    result = 0.0
+    for c in ti.static(LOGARITHM[::-1]):
+        result = result * mantissa + c
+    return result + LN2 * ti.cast((bits >> 23) - 127, ti.f32)
+
+
+@ti.func
+def _of_fit(x, fit: Template):
+    """A fitted function where ln(u y/nu) is x."""
     low, high = 0.0, 0.0
-    for c in ti.static(low_part[::-1]):
+    for c in ti.static(fit[0][::-1]):
         low = low * x + c
-    for c in ti.static(high_part[::-1]):
+    for c in ti.static(fit[1][::-1]):
         high = high * x + c
-    return ti.select(
-        product > MIDDLE, high, ti.select(product > resolved, low, ti.sqrt(ti.max(product, 0.0)))
-    )
+    return ti.select(x > LN_MIDDLE, high, low)
+
+
+@ti.func
+def near_surface(speed, y, viscosity, roughness, rough: Template):
+    """(nu_w [m²/s], bend) of air that moves with `speed` [m/s] along a surface, on the mean from there to 2 y [m].
+
+    The friction is nu_w speed/y [m²/s²], and du/dy in the middle is bend speed/y. In the viscous layer nu_w is the
+    viscosity and bend is 1. roughness: k_s [m], where the surface is `rough`.
+    """
+    nu = ti.max(viscosity, 1e-12) + 1e-9 * speed * y
+    product = speed * y / nu
+    x = logarithm(greater(lesser(product, LAST), RESOLVED))
+    u_plus = _of_fit(x, U_PLUS)
+    viscous = product < RESOLVED
+    result = ti.select(viscous, viscosity, nu * greater(product / (u_plus * u_plus), 1.0))
+    bend = ti.select(viscous, 1.0, lesser(_of_fit(x, BEND), 1.0))
+    if ti.static(rough):
+        u_tau = speed / u_plus
+        for _ in range(4):  # the logarithm makes each error a third of the last one, or less
+            u_tau = speed / rough_law(2.0 * y, _grain(u_tau, nu, roughness))
+        drag = u_tau * u_tau * y / ti.max(speed, 1e-9)
+        if drag > result:
+            z = _grain(u_tau, nu, roughness)
+            result, bend = drag, ti.min(y / ((y + z) * KAPPA * rough_law(2.0 * y, z)), 1.0)
+    return result, bend
+
+
+@ti.func
+def _grain(u_tau, nu, roughness):
+    """z [m] of the law above."""
+    return SMOOTH * nu / ti.max(u_tau, 1e-9) + ROUGH * roughness
 
 
 @ti.func
@@ -85,64 +136,16 @@ def rough_law(far, z):
 
 
 @ti.func
-def friction_velocity(speed, y, viscosity, roughness, at_surface: Template):
-    """u_tau [m/s] of air that moves with `speed` [m/s] along a surface, y [m] from it. roughness: k_s [m]; at_surface:
-    whether `speed` is the mean from the surface to 2 y, else that at y.
-    """
-    nu = ti.max(viscosity, 1e-12) + 1e-9 * speed * y
-    u_tau = speed / ti.max(
-        velocity_in_wall_units(speed * y / nu, MEAN if ti.static(at_surface) else THERE), 1e-6
-    )
-    if roughness > 0.0:
-        rough = u_tau
-        for _ in range(4):  # the logarithm makes each error a third of the last one, or less
-            z = SMOOTH * nu / ti.max(rough, 1e-9) + ROUGH * roughness
-            if ti.static(at_surface):
-                rough = speed / rough_law(2.0 * y, z)
-            else:
-                rough = speed * KAPPA / ti.max(ti.log(1.0 + y / z), KAPPA)
-        u_tau = ti.max(u_tau, rough)
-    return u_tau
-
-
-@ti.func
-def near_surface(u_tau, y, viscosity, roughness):
-    """(nu_w [m²/s], bend) of the cell at a surface of the friction velocity u_tau [m/s], its middle y [m] away.
-
-    Its mean u is u_tau² y/nu_w, and du/dy in its middle is bend u/y. In the viscous layer nu_w is the viscosity and
-    bend is 1.
-    """
-    nu = ti.max(viscosity, 1e-12)
-    y_plus = y * u_tau / nu
-    near, core = (
-        ti.exp(-y_plus / 11.0),
-        ti.exp(-y_plus / 3.0),
-    )  # of the middle; their squares are of the far side
-    slope = 1.0 / (1.0 + KAPPA * y_plus) + INNER * (near / 11.0 - (1.0 - y_plus / 3.0) * core / 11.0)
-    far = ti.max(2.0 * y_plus, 1e-3)
-    outer = ((1.0 + 1.0 / (KAPPA * far)) * ti.log(1.0 + KAPPA * far) - 1.0) / KAPPA
-    inner = far + 11.0 * (near**2 - 1.0) + (3.0 * (far + 3.0) * core**2 - 9.0) / 11.0
-    u_plus = outer + INNER * inner / far
-    bend = y_plus * slope / ti.max(u_plus, 1e-6)
-    if far < VISCOUS:
-        u_plus, bend = y_plus, 1.0
-    if roughness > 0.0:
-        z = SMOOTH * nu / ti.max(u_tau, 1e-9) + ROUGH * roughness
-        rough = rough_law(2.0 * y, z)
-        if rough < u_plus:
-            u_plus, bend = rough, y / ((y + z) * KAPPA * rough)
-    return ti.select(u_plus < y_plus, u_tau * y / ti.max(u_plus, 1e-6), nu), ti.min(bend, 1.0)
-
-
-@ti.func
-def transfer_velocity(u_tau, y, viscosity, diffusivity):
+def transfer_velocity(speed, y, viscosity, diffusivity):
     """Flux per difference [m/s] of a scalar, such as heat or a gas, between a smooth surface and the air at a distance
     y [m] from it: Kader 1981, doi:10.1016/0017-9310(81)90220-9, eq 33; diffusivity/y in the viscous layer.
 
-    u_tau: friction velocity [m/s]. Valid for Schmidt (or Prandtl) numbers viscosity/diffusivity of 0.006 to 40,000; the
-    turbulent one is 0.85.
+    speed: as of `near_surface` [m/s]. Valid for Schmidt (or Prandtl) numbers viscosity/diffusivity of 0.006 to 40,000;
+    the turbulent one is 0.85.
     """
     nu = ti.max(viscosity, 1e-12)
+    drag, _ = near_surface(speed, y, viscosity, 0.0, False)
+    u_tau = ti.sqrt(drag * speed / y)
     schmidt = nu / ti.max(diffusivity, 1e-12)
     y_plus = ti.max(y * u_tau / nu, 1e-6)
     gamma = 0.01 * (schmidt * y_plus) ** 4 / (1.0 + 5.0 * schmidt**3 * y_plus)

@@ -15,10 +15,10 @@ from scipy.ndimage import distance_transform_edt
 
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Pass, Template, visit
+from taichi_plume.grid.kernels import Pass, Template, sweep, visit
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.solvers.boundaries import Boundaries
-from taichi_plume.solvers.wall_law import friction_velocity, near_surface
+from taichi_plume.solvers.wall_law import near_surface
 
 FAR = 1e3  # m: distance where there is no surface
 
@@ -31,8 +31,9 @@ class Walls:
     viscosity [m²/s]: that has the stress of the law with the slope that the ghost values make.
     """
 
-    def __init__(self, boundaries: Boundaries, molecular: Any):
-        """molecular: field () of the viscosity [m²/s]."""
+    def __init__(self, boundaries: Boundaries, molecular: Any, rough: bool):
+        """molecular: field () of the viscosity [m²/s]; rough: whether they may be."""
+        self.rough = rough
         self.b, self.molecular = boundaries, molecular
         self.grid, self.dim = boundaries.grid, boundaries.dim
         self.bend, self.viscosity = (
@@ -41,9 +42,9 @@ class Walls:
         self.roughness = ti.field(ti.f32, ())
         self._put = uploader(self.roughness)
 
-    def begin(self, roughness: float) -> None:
+    def begin(self, roughness: float | None) -> None:
         """Take k_s [m] over."""
-        self._put(roughness)
+        self._put(roughness or 0.0)
 
     def _visit(self, body: Callable[..., None]) -> Pass:
         def of_axis(d: int) -> Callable:
@@ -56,14 +57,19 @@ class Walls:
         axes = [d for d in range(self.dim) if self.b.is_wall[d].any()]
         return visit([of_axis(d) for d in axes], [self.b.sides[d] for d in axes])
 
-    def measuring(self, u: Any) -> Pass:
-        """Takes the law from the velocities u."""
+    def measuring(self, u: Any) -> list[Pass]:
+        """Take the law from the velocities u."""
 
-        @ti.func
-        def measure(K, d: Template):
-            self._measure_at(u, K, d)
+        def of_axis(d: int) -> Callable:
+            @ti.func
+            def measure(K, a, b):
+                return self._measured(u, K, d)
 
-        return self._visit(measure)
+            return measure
+
+        axes = [d for d in range(self.dim) if self.b.is_wall[d].any()]
+        inner = {d: [(0, n - (a != d)) for a, n in enumerate(self.b.sides[d])] for d in axes}
+        return [sweep([of_axis(d)], [(self.bend[d], self.viscosity[d])], inner[d]) for d in axes]
 
     def slowing(self, nu: Any) -> Pass:
         """Sets nu beyond the walls such that the mean with that inside is the law's."""
@@ -77,42 +83,27 @@ class Walls:
         return self._visit(beyond)
 
     @ti.func
-    def first_cell(self, K: Template, d: Template):
+    def first_cell(self, K, d: Template):
         """Index of the first cell inside of boundary face K of axis d, and the step out of the domain."""
         D = ti.Vector.unit(self.dim, d, ti.i32)
         n, g = ti.static(self.grid.shape[d], self.grid.ghost)
         return K + D * (g + K[d] * (n - 1) - K[d]), D * (2 * K[d] - 1)
 
     @ti.func
-    def _measure_at(self, u: Template, K: Template, d: Template):
-        """The friction comes from the first or the second cell, whichever tells more: the first one is too slow where
-        the grid's own eddies carry too little to it (Kawai & Larsson 2012, doi:10.1063/1.3678331), the second one where
-        the wind's layer at the wall is thinner than two cells.
-        """
-        self.bend[d][K] = 1.0
-        if self.b.mirror[d][K][d] < 0.0:
-            first, outward = self.first_cell(K, d)
-            V, y = self.b.target[d][K], ti.static(0.5 * self.grid.dx)
-            u_tau = self._friction(u, first, V, d, y, True)
-            if ti.static(self.grid.shape[d] > 1):
-                u_tau = ti.max(u_tau, self._friction(u, first - outward, V, d, 3.0 * y, False))
-            viscosity, bend = near_surface(u_tau, y, self.molecular[None], self.roughness[None])
-            straight = straightness(bend)
-            self.bend[d][K] = bend
-            self.viscosity[d][K] = viscosity / (straight + (1.0 - straight) * bend)
-
-    @ti.func
-    def _friction(
-        self, u: Template, cell: Template, V: Template, d: Template, y: float, at_surface: Template
-    ):
-        """As `friction_velocity`, from a cell whose middle is y [m] from a wall of axis d that moves with V."""
+    def _measured(self, u: Template, K, d: Template):
+        """(bend, viscosity) of the first cell inside of boundary face K of axis d."""
+        cell, _ = self.first_cell(K, d)
+        V, y = self.b.target[d][K], ti.static(0.5 * self.grid.dx)
         square = 0.0
         for c in ti.static(range(self.dim)):
             if ti.static(c != d):
-                above = cell
-                above[c] = ti.min(cell[c] + 1, ti.static(self.grid.padded[c] - 1))
+                above = cell + ti.Vector.unit(self.dim, c, ti.i32)
                 square += (0.5 * (u[c][cell] + u[c][above]) - V[c]) ** 2
-        return friction_velocity(ti.sqrt(square), y, self.molecular[None], self.roughness[None], at_surface)
+        speed, molecular, grain = ti.sqrt(square), self.molecular[None], self.roughness[None]
+        viscosity, bend = near_surface(speed, y, molecular, grain, self.rough)
+        bend = ti.select(self.b.mirror[d][K][d] < 0.0, bend, 1.0)
+        straight = straightness(bend)
+        return ti.Vector([bend, viscosity / (straight + (1.0 - straight) * bend)])
 
     @ti.func
     def bend_at(self, K: Template, d: Template, c: Template):
@@ -122,9 +113,9 @@ class Walls:
         return 0.5 * (self.bend[d][K] + self.bend[d][below])
 
 
-def walls_of(boundaries: Boundaries, molecular: Any) -> Walls | None:
+def walls_of(boundaries: Boundaries, molecular: Any, rough: bool) -> Walls | None:
     """Those of a domain; None where it has none."""
-    return Walls(boundaries, molecular) if any(faces.any() for faces in boundaries.is_wall) else None
+    return Walls(boundaries, molecular, rough) if any(faces.any() for faces in boundaries.is_wall) else None
 
 
 @ti.func

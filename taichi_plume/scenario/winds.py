@@ -76,7 +76,7 @@ class CfdWind(AnyWind):
     viscosity: Viscosity = 1.56e-5
     """Kinematic viscosity [m²/s]; the default is air at 25 °C."""
     turbulence: Annotated[Smagorinsky | Vreman | NoModel, Field(discriminator="kind")] = Vreman(kind="vreman")
-    roughness: Distance = 0.0
+    roughness: Distance | None = None
     """Of walls and obstacles, as the size of the grains of sand that are as rough [m]; felt with a model of eddies."""
     openings: tuple[Opening, ...] = ()
     """What no opening covers is no-slip wall."""
@@ -120,7 +120,7 @@ class CfdWind(AnyWind):
         """What roughness has no effect, or more than it should."""
         if self.roughness and self.turbulence.kind == "none":
             yield f"{where}.roughness: is felt only with a model of eddies; use turbulence: {{kind: vreman}}"
-        elif self.roughness > 0.5 * context.domain.spacing:
+        elif (self.roughness or 0.0) > 0.5 * context.domain.spacing:
             yield (
                 f"{where}.roughness: {self.roughness:g} m is more than half a cell of {context.domain.spacing:g} m, "
                 "too much for the law of the wall; lower it, or make obstacles of what is as large"
