@@ -17,7 +17,8 @@ import taichi as ti
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier, sample_faces
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Pass, Template, launch, sweep
+from taichi_plume.grid.kernels import Pass, Template, launch
+from taichi_plume.grid.sweeps import flux_sweep, sweep
 from taichi_plume.grid.tables import Tables
 from taichi_plume.grid.transfer import reader, uploader
 from taichi_plume.scenario.winds import CfdWind
@@ -140,6 +141,7 @@ class FlowSolver(Carrier):
         m, grid, phi = self.momentum, self.grid, self._phi
         ghosts, walls = Ghosts(self.boundaries, self.walls), self.walls
         u, u0, rate = self.u, self._start, self._rate
+        axes, faces = range(self.dim), [grid.faces(d) for d in range(self.dim)]
 
         def remembered(d: int) -> Callable:
             @ti.func
@@ -168,7 +170,11 @@ class FlowSolver(Carrier):
             return increased(m, phi, I, dt)
 
         def on_faces(formula: Callable[[int], Callable], out: Any) -> Pass:
-            return sweep([formula(d) for d in range(self.dim)], out, *map(grid.faces, range(self.dim)))
+            return sweep([formula(d) for d in axes], out, *faces)
+
+        def by_fluxes(term: Callable, out: Any) -> Pass:
+            through = [terms.fluxes(m, d) for d in axes]
+            return flux_sweep(through, [of_axis(term, m, d) for d in axes], out, *faces)
 
         fill = ghosts.filling_velocity(u)
         around = [(begin - 1, end + 1) for begin, end in grid.cells]
@@ -182,7 +188,7 @@ class FlowSolver(Carrier):
             fill,
             *([sweep([eddies], [self.nu], around)] if m.eddies else []),
             *([walls.slowing(self.nu)] if walls else []),
-            on_faces(lambda d: of_axis(terms.tendency, m, d), rate),
+            by_fluxes(terms.tendency, rate),
             *([Pass(self._slow, self.surfaces.cells)] if self.surfaces else []),
             on_faces(advanced, u),
             *([Pass(self._resist, sum(one.cells for one in self.resistances))] if self.resistances else []),
@@ -196,7 +202,7 @@ class FlowSolver(Carrier):
         )
         self._finish = launch(fill, *self.limits.passes())
         self._lose = launch(
-            on_faces(lambda d: of_axis(terms.loss, m, d), rate),
+            by_fluxes(terms.loss, rate),
             *([Pass(self._add_loss, self.surfaces.cells)] if self.surfaces else []),
         )
 

@@ -107,24 +107,22 @@ class Ghosts:
             for c in ti.static(range(self.dim)):
                 if ti.static(c != d):
                     mirror = self.b.mirror[d][K][c]
-                    if mirror == 0.0 and V[d] * outward > 0.0:
-                        mirror = 1.0  # what is drawn out leaves with its own velocity
-                    for m in ti.static(range(g)):
-                        image = u[c][inner - D * outward * ti.min(m, n - 1)]
-                        value = ti.select(mirror > 0.0, image, 2.0 * V[c] - image)
-                        u[c][inner + D * outward * (m + 1)] = value
-                    if ti.static(n > 1):  # at a wall the parabola through V and two cells
-                        second = u[c][inner - D * outward]
-                        if mirror < 0.0:
-                            u[c][inner + D * outward] = (8.0 * V[c] + second) / 3.0 - 2.0 * u[c][inner]
+                    first = u[c][inner]
+                    free = mirror > 0.0 or (
+                        mirror == 0.0 and V[d] * outward > 0.0
+                    )  # drawn out with its own velocity
+                    straight, bent = 1.0, 0.0
                     if ti.static(self.lawful):
-                        if mirror < 0.0:
-                            bend = self.walls.bend_at(K, d, c)
-                            straight = straightness(bend)
-                            bent = V[c] + (1.0 - 2.0 * bend) * (u[c][inner] - V[c])
-                            for m in ti.static(range(1, g + 1)):
-                                beyond = inner + D * outward * m
-                                u[c][beyond] = straight * u[c][beyond] + (1.0 - straight) * bent
+                        bend = self.walls.bend_at(K, d, c)
+                        straight = ti.select(mirror < 0.0, straightness(bend), 1.0)
+                        bent = V[c] + (1.0 - 2.0 * bend) * (first - V[c])
+                    for m in ti.static(range(g)):
+                        image = u[c][inner - D * outward * ti.static(min(m, n - 1))]
+                        value = ti.select(free, image, 2.0 * V[c] - image)
+                        if ti.static(m == 0 and n > 1):  # at a wall the parabola through V and two cells
+                            second = u[c][inner - D * outward]
+                            value = ti.select(mirror < 0.0, (8.0 * V[c] + second) / 3.0 - 2.0 * first, value)
+                        u[c][inner + D * outward * (m + 1)] = straight * value + (1.0 - straight) * bent
             at, beyond = u[d][face], u[d][face]
             if self.b.free[d][K] == 1:
                 beyond = ti.select(at * outward > 0.0, at, 0.0)  # still air comes in

@@ -19,7 +19,7 @@ from taichi_plume.grid.tables import Tables
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.convection import FACE_VALUES
-from taichi_plume.solvers.turbulence import MODELS
+from taichi_plume.solvers.turbulence import MODELS, mixing_lengths
 
 
 @dataclass
@@ -36,7 +36,8 @@ class Momentum:
     """What the terms read: the fields of the flow (see `FlowSolver`) and the numbers of the scenario.
 
     viscosity [m²/s]; constant: of the eddy model; force: g dx [m²/s²] per axis; weighing: cell fields that make the air
-    rise or sink; pull: acceleration [m/s²] that a unit of each gives; half_pull: pull dx/2.
+    rise or sink; pull: acceleration [m/s²] that a unit of each gives; half_pull: pull dx/2. distance, mixing [m]: of
+    cells from the next surface, and the mixing length that depends on it.
 
     Where obstacles cut the grid, volumes in cells and areas in faces: spread[d], one over the volume that stores the
     momentum of a face, 0 where the velocity is not solved for; sheared[d][e], see `sheared_areas`.
@@ -83,7 +84,12 @@ class Momentum:
             )
         self.eddies = nu is not None
         self.rough = model.roughness is not None
-        self.distance = None if distance is None else put(grid.pad(distance))
+        self.distance = self.mixing = None
+        self._near: Any = None  # distance, on the padded grid
+        if distance is not None:
+            self._near = grid.pad(distance)
+            self.distance, self.mixing = put(self._near), grid.field()
+            self._put_mixing = uploader(self.mixing)
         self.eddy_model = MODELS.get(model.turbulence.kind)
         self.face_value = FACE_VALUES[model.convection]
         self.driven = model.acceleration is not None
@@ -100,6 +106,10 @@ class Momentum:
         force = np.array(model.acceleration or (0.0,) * self.dim) * self.dx
         pull = pull if len(pull) else np.zeros((1, self.dim))
         self._put(model.viscosity, constant, force, pull, 0.5 * self.dx * pull)
+        if model.turbulence.kind != "none":
+            grids, surface = mixing_lengths(self._near, self.dx, constant)
+            smagorinsky = model.turbulence.kind == "smagorinsky"
+            self._put_mixing(np.maximum(grids, surface) if smagorinsky else surface)
 
 
 def sheared_areas(areas: Sequence[np.ndarray], d: int) -> list[np.ndarray]:
@@ -163,15 +173,10 @@ def stress(m: Template, I, d: Template, e: Template):
 
 
 @ti.func
-def inflow(m: Template, I, d: Template):
-    """Net flux of u_d [m²/s²] into the volume around face I: convection less stress, of all its sides."""
-    total = 0.0
-    for e in ti.static(range(m.dim)):
-        for side in range(2):  # not unrolled by Taichi: half the compile time; LLVM unrolls it
-            J = I + side * ti.Vector.unit(m.dim, e, ti.i32)
-            viscous = stress(m, J, d, e)
-            total += (1 - 2 * side) * (convective_flux(m, J, d, e) - viscous)
-    return total
+def flux(m: Template, I, d: Template, e: Template):
+    """Of u_d [m²/s²] through the lower e-side of the volume around face I: convection less stress."""
+    viscous = stress(m, I, d, e)
+    return convective_flux(m, I, d, e) - viscous
 
 
 # ---------------------------------------------------------------- forces on it, times dx [m²/s²]
@@ -200,8 +205,8 @@ def buoyancy(m: Template, I, d: Template, n: Template):
 
 
 @ti.func
-def tendency(m: Template, I, d: Template):
-    """du_d/dt [m/s²] at face I; 0 where the velocity is not solved for."""
+def tendency(m: Template, I, d: Template, net):
+    """du_d/dt [m/s²] at face I; 0 where the velocity is not solved for. net: `flux` into the volume around it."""
     push = pressure_force(m, I, d)
     if ti.static(m.driven):
         push += body_force(m, d)
@@ -209,27 +214,40 @@ def tendency(m: Template, I, d: Template):
         push += buoyancy(m, I, d, n)
     if ti.static(m.cut):
         push *= m.area[d][I]
-    return m.spread[d][I] * (push + inflow(m, I, d)) / m.dx
+    return m.spread[d][I] * (push + net) / m.dx
 
 
 @ti.func
-def loss(m: Template, I, d: Template):
+def loss(m: Template, I, d: Template, net):
     """Momentum [m/s² of a whole cell] that flows on to faces that obstacles close."""
-    return ti.select(m.open[d][I] > 0.0, 0.0, inflow(m, I, d) / m.dx)
+    return ti.select(m.open[d][I] > 0.0, 0.0, net / m.dx)
 
 
 @ti.func
 def eddy_viscosity(m: Template, I):
     """nu [m²/s] of cell I."""
     nu = m.viscosity[None]
-    return nu + m.eddy_model(m.u, I, m.dx, m.constant[None], m.distance[I], nu)
+    return nu + m.eddy_model(m, I)
+
+
+def fluxes(m: Momentum, d: int) -> list[Callable]:
+    """`flux` of u_d through each axis' sides, as formulas of a sweep."""
+
+    def through(e: int) -> Callable:
+        @ti.func
+        def formula(I):
+            return flux(m, I, d, e)
+
+        return formula
+
+    return [through(e) for e in range(m.dim)]
 
 
 def of_axis(term: Callable, m: Momentum, d: int) -> Callable:
-    """A term (m, I, d) as the formula of a sweep over the d-faces."""
+    """A term (m, I, d, net) as the formula of a sweep over the d-faces."""
 
     @ti.func
-    def formula(I, dt, k):
-        return term(m, I, d)
+    def formula(I, net, dt, k):
+        return term(m, I, d, net)
 
     return formula

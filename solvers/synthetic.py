@@ -17,8 +17,9 @@ from scipy.ndimage import distance_transform_edt
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier, sample_faces
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Template, launch, sweep
+from taichi_plume.grid.kernels import Template, launch
 from taichi_plume.grid.rng import generator
+from taichi_plume.grid.sweeps import sweep
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.winds import SyntheticWind
 

@@ -19,7 +19,8 @@ import taichi as ti
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Pass, Template, launch, sweep, visit
+from taichi_plume.grid.kernels import Pass, Template, launch, visit
+from taichi_plume.grid.sweeps import sweep
 from taichi_plume.grid.transfer import Numbers, uploader
 from taichi_plume.solvers.incoming import Incoming
 from taichi_plume.solvers.limited import Limited

@@ -1,8 +1,10 @@
 """Viscosity of what the grid does not resolve."""
 
+import numpy as np
 import taichi as ti
 
 from taichi_plume.grid.kernels import Template
+from taichi_plume.solvers.convection import greater, lesser
 from taichi_plume.solvers.wall_law import KAPPA
 
 # Cells from a surface within which the grid's own eddies carry little of its friction. With it a channel at Re_tau 1000
@@ -32,46 +34,51 @@ def strain_rate(u: Template, I, dx: float):
     return ti.sqrt(total)
 
 
-@ti.func
-def near_surfaces(rate, dx: float, constant: float, distance: float, viscosity: float):
-    """(l², l_s²) [m²]: squares of the mixing lengths of what the grid does not resolve, and of all eddies so near to a
-    surface that it resolves none of them; for a strain rate [1/s] at a distance [m] from the next surface.
+def mixing_lengths(distance: np.ndarray, dx: float, constant: float) -> tuple[np.ndarray, np.ndarray]:
+    """l and l_s [m] of `damped` at distances [m] from the next surface.
 
-    l = min(C dx, k d) D with van Driest's damping D = 1 - exp(-y+/26) (1956, doi:10.2514/8.3662). y+ is taken with the
-    friction that is here, (nu + nu_t) |S| before the damping: near a surface, where D is not 1, it is the surface's.
-    l_s = k d D/(1 + (d/LAYER dx)^4) (after the hybrid of Senocak et al. 2007, doi:10.1007/s10546-007-9181-y).
+    l = min(C dx, k d), of what the grid does not resolve; l_s = k d/(1 + (d/LAYER dx)^4), of all eddies so near to a
+    surface that it resolves none of them (after the hybrid of Senocak et al. 2007, doi:10.1007/s10546-007-9181-y).
     """
     layer = KAPPA * distance
-    whole = layer / (1.0 + (distance / (LAYER * dx)) ** 4)
-    length = ti.min(constant * dx, layer)
-    undamped = ti.max(length, whole) ** 2 * rate
-    y_plus = distance * ti.sqrt((viscosity + undamped) * rate) / ti.max(viscosity, 1e-12)
-    x = ti.min(y_plus, 1e4) / 26.0
-    damping = 1.0 - 1.0 / (1.0 + x * (1.0 + x * (0.5 + x * (1.0 / 6.0 + x / 24.0))))  # no CPU vectorises exp
-    return (length * damping) ** 2, (whole * damping) ** 2
+    return np.minimum(constant * dx, layer), layer / (1.0 + (distance / (LAYER * dx)) ** 4)
 
 
 @ti.func
-def smagorinsky(u: Template, I, dx: float, constant: float, distance: float, viscosity: float):
-    """Eddy viscosity [m²/s]: l² |S| (Smagorinsky 1963), near surfaces as `near_surfaces` has it."""
-    rate = strain_rate(u, I, dx)
-    unresolved, whole = near_surfaces(rate, dx, constant, distance, viscosity)
-    return ti.max(unresolved, whole) * rate
+def damped(length, rate, distance, viscosity):
+    """Eddy viscosity (length D)² rate [m²/s], with van Driest's damping D = 1 - exp(-y+/26) (1956, doi:10.2514/8.3662).
+
+    y+ is taken with the friction that is here, (nu + nu_t) |S| before the damping: near a surface, where D is not 1, it
+    is the surface's.
+    """
+    undamped = length * length * rate
+    y_plus = distance * ti.sqrt((viscosity + undamped) * rate) / greater(viscosity, 1e-12)
+    x = lesser(y_plus, 1e4) * (1.0 / 26.0)
+    damping = 1.0 - 1.0 / (
+        1.0 + x * (1.0 + x * (0.5 + x * (1.0 / 6.0 + x * (1.0 / 24.0))))
+    )  # no CPU vectorises exp
+    return undamped * damping * damping
 
 
 @ti.func
-def vreman(u: Template, I, dx: float, constant: float, distance: float, viscosity: float):
+def smagorinsky(m: Template, I):
+    """Eddy viscosity [m²/s]: l² |S| (Smagorinsky 1963), near surfaces the larger of l and l_s, damped."""
+    return damped(m.mixing[I], strain_rate(m.u, I, m.dx), m.distance[I], m.viscosity[None])
+
+
+@ti.func
+def vreman(m: Template, I):
     """Eddy viscosity that vanishes in laminar shear (Vreman 2004, doi:10.1063/1.1785131, eq 5-8).
 
     c sqrt(B / (a_ij a_ij)) with a_ij = du_j/dx_i, b_ij = dx² a_mi a_mj and B the second invariant of b. c stands for
-    2.5 (C dx)², and beside surfaces for no more than 2.5 (k d)²; there it is at least the l_s² |S| of `near_surfaces`.
+    2.5 (C dx)², and beside surfaces for no more than 2.5 (k d)²; there it is at least l_s² |S|, damped.
     """
-    dim = ti.static(len(u))
+    dim = ti.static(len(m.u))
     a = ti.Matrix.zero(ti.f32, dim, dim)
     for i in ti.static(range(dim)):
         for j in ti.static(range(dim)):
-            a[i, j] = velocity_gradient(u, I, j, i, dx)
-    b = dx**2 * (a.transpose() @ a)
+            a[i, j] = velocity_gradient(m.u, I, j, i, m.dx)
+    b = m.dx**2 * (a.transpose() @ a)
     squares, invariant, strain = 0.0, 0.0, 0.0
     for i in ti.static(range(dim)):
         for j in ti.static(range(dim)):
@@ -79,11 +86,10 @@ def vreman(u: Template, I, dx: float, constant: float, distance: float, viscosit
             strain += a[i, j] * (a[i, j] + a[j, i])
             if ti.static(i < j):
                 invariant += b[i, i] * b[j, j] - b[i, j] ** 2
-    rate = ti.sqrt(ti.max(strain, 0.0))
-    _, whole = near_surfaces(rate, dx, 0.0, distance, viscosity)
-    factor = ti.min(constant, 2.5 * (KAPPA * distance / dx) ** 2)
-    eddies = factor * ti.sqrt(ti.max(invariant, 0.0) / ti.max(squares, 1e-12))
-    return ti.max(eddies, whole * rate)
+    factor = lesser(m.constant[None], 2.5 * (KAPPA * m.distance[I] / m.dx) ** 2)
+    eddies = factor * ti.sqrt(greater(invariant, 0.0) / greater(squares, 1e-12))
+    rate = ti.sqrt(greater(strain, 0.0))
+    return greater(eddies, damped(m.mixing[I], rate, m.distance[I], m.viscosity[None]))
 
 
 MODELS = {"smagorinsky": smagorinsky, "vreman": vreman}

@@ -15,7 +15,8 @@ from scipy.ndimage import distance_transform_edt
 
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Pass, Template, sweep, visit
+from taichi_plume.grid.kernels import Pass, Template, visit
+from taichi_plume.grid.sweeps import sweep
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.solvers.boundaries import Boundaries
 from taichi_plume.solvers.wall_law import near_surface

@@ -30,7 +30,7 @@ def _mean_profile(flow: FlowSolver, begin: float, end: float, parts: int, at: in
     return result
 
 
-def floor(n: int, turbulence: str = "vreman") -> Answer:
+def floor(n: int, turbulence: str = "smagorinsky") -> Answer:
     """Even wind of 0.5 m/s along a floor, 2 m from where it comes in.
 
     At 5 cm turbulent and laminar plates have 0.90 to 1.00 of the outer wind, and displace it by 10.2 (Schlichting's

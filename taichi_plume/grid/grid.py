@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from taichi_plume.grid.kernels import Template, launch, sweep
+from taichi_plume.grid.kernels import Template, launch
 from taichi_plume.grid.memory import view
+from taichi_plume.grid.sweeps import sweep
 
 
 @ti.kernel

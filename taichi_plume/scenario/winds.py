@@ -75,7 +75,9 @@ class CfdWind(AnyWind):
     kind: Literal["cfd"]
     viscosity: Viscosity = 1.56e-5
     """Kinematic viscosity [m²/s]; the default is air at 25 °C."""
-    turbulence: Annotated[Smagorinsky | Vreman | NoModel, Field(discriminator="kind")] = Vreman(kind="vreman")
+    turbulence: Annotated[Smagorinsky | Vreman | NoModel, Field(discriminator="kind")] = Smagorinsky(
+        kind="smagorinsky"
+    )
     roughness: Distance | None = None
     """Of walls and obstacles, as the size of the grains of sand that are as rough [m]; felt with a model of eddies."""
     openings: tuple[Opening, ...] = ()
@@ -119,7 +121,7 @@ class CfdWind(AnyWind):
     def remarks(self, where: str, context: Context) -> Iterator[str]:
         """What roughness has no effect, or more than it should."""
         if self.roughness and self.turbulence.kind == "none":
-            yield f"{where}.roughness: is felt only with a model of eddies; use turbulence: {{kind: vreman}}"
+            yield f"{where}.roughness: is felt only with a model of eddies; use turbulence: {{kind: smagorinsky}}"
         elif (self.roughness or 0.0) > 0.5 * context.domain.spacing:
             yield (
                 f"{where}.roughness: {self.roughness:g} m is more than half a cell of {context.domain.spacing:g} m, "

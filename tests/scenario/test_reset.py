@@ -50,7 +50,7 @@ def room(tmp_path):
         "fields={rate: 1}",
         "plumesim_log={}",
         "wind.viscosity=2e-5",
-        "wind.turbulence={kind: vreman, constant: 0.1}",
+        "wind.turbulence={kind: smagorinsky, constant: 0.1}",
         "wind.openings.0.speed=-0.2",
         "wind.screens.0.transverse=9",
         "wind.acceleration=[1, 0]",
@@ -70,7 +70,7 @@ def test_numbers_seeds_and_outputs_may_differ(room, change):
     ("change", "line"),
     [
         ("wind={kind: uniform, velocity: [1, 0]}", "wind.kind: was cfd, is uniform"),
-        ("wind.turbulence={kind: smagorinsky}", "wind.turbulence.kind: was vreman, is smagorinsky"),
+        ("wind.turbulence={kind: vreman}", "wind.turbulence.kind: was smagorinsky, is vreman"),
         ("wind.convection=weno5", "wind.convection: was upwind5, is weno5"),
         ("rivals=true", "rivals: was False, is True"),
         ("robots.0.first_trial=3", "robots[0].first_trial: was 0, is 3"),
