@@ -173,8 +173,9 @@ class FlowSolver(Carrier):
             return sweep([formula(d) for d in axes], out, *faces)
 
         def by_fluxes(term: Callable, out: Any) -> Pass:
-            through = [terms.fluxes(m, d) for d in axes]
-            return flux_sweep(through, [of_axis(term, m, d) for d in axes], out, *faces)
+            inner = [[terms.through(m, d, e, d == e > 0) for e in axes] for d in axes]
+            lasts = [terms.through(m, d, 0, d == 0) for d in axes]
+            return flux_sweep(inner, lasts, [of_axis(term, m, d) for d in axes], out, *faces)
 
         fill = ghosts.filling_velocity(u)
         around = [(begin - 1, end + 1) for begin, end in grid.cells]

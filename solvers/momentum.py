@@ -129,14 +129,17 @@ def sheared_areas(areas: Sequence[np.ndarray], d: int) -> list[np.ndarray]:
 
 
 @ti.func
-def convective_flux(m: Template, I, d: Template, e: Template):
-    """u_e u_d [m²/s²] through the lower e-side of the volume around face I of axis d; u_d as `convection` has it."""
+def convective_flux(m: Template, I, d: Template, e: Template, last: Template):
+    """u_e u_d [m²/s²] through the lower e-side of the volume around face I of axis d; u_d as `convection` has it.
+
+    last: whether I may lie beyond the domain's upper face, where one face less is stored.
+    """
     D, E = ti.Vector.unit(m.dim, d, ti.i32), ti.Vector.unit(m.dim, e, ti.i32)
     v = 0.5 * (m.u[e][I] + m.u[e][I - D])
     if ti.static(m.cut):
         v = 0.5 * (m.area[e][I] * m.u[e][I] + m.area[e][I - D] * m.u[e][I - D])
     far = I + 2 * E
-    if ti.static(d == e):  # beyond the domain's upper faces one face less is stored
+    if ti.static(last):
         far[e] = ti.min(far[e], ti.static(m.grid.padded[e] - 1))
     return v * m.face_value(m.u[d], I, E, v, far)
 
@@ -173,10 +176,10 @@ def stress(m: Template, I, d: Template, e: Template):
 
 
 @ti.func
-def flux(m: Template, I, d: Template, e: Template):
+def flux(m: Template, I, d: Template, e: Template, last: Template):
     """Of u_d [m²/s²] through the lower e-side of the volume around face I: convection less stress."""
     viscous = stress(m, I, d, e)
-    return convective_flux(m, I, d, e) - viscous
+    return convective_flux(m, I, d, e, last) - viscous
 
 
 # ---------------------------------------------------------------- forces on it, times dx [m²/s²]
@@ -230,17 +233,14 @@ def eddy_viscosity(m: Template, I):
     return nu + m.eddy_model(m, I)
 
 
-def fluxes(m: Momentum, d: int) -> list[Callable]:
-    """`flux` of u_d through each axis' sides, as formulas of a sweep."""
+def through(m: Momentum, d: int, e: int, last: bool) -> Callable:
+    """`flux` as the formula of a sweep over the d-faces."""
 
-    def through(e: int) -> Callable:
-        @ti.func
-        def formula(I):
-            return flux(m, I, d, e)
+    @ti.func
+    def formula(I):
+        return flux(m, I, d, e, last)
 
-        return formula
-
-    return [through(e) for e in range(m.dim)]
+    return formula
 
 
 def of_axis(term: Callable, m: Momentum, d: int) -> Callable:

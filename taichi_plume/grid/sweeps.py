@@ -100,12 +100,14 @@ BLOCK = 16  # rows of which each gives what it passes on to the next one
 
 def flux_sweep(
     fluxes: Sequence[Sequence[Callable]],
+    lasts: Sequence[Callable],
     bodies: Sequence[Callable],
     outs: Sequence[Any],
     *ranges: Ranges,
 ) -> Pass:
     """As `sweep`, ``out[I] = body(I, net, a, b)``, net what flows into volume I: of each axis e the flux through its
-    lower side, ``fluxes[n][e](I)``, less that through its upper one, which is the lower one of I + e.
+    lower side, ``fluxes[n][e](I)``, less that through its upper one, which is the lower one of I + e. lasts: as the
+    fluxes along a row, but also beyond the range's last volume.
 
     On a CPU the fluxes along a row and from a row to the next are reckoned once, for both volumes beside them.
     """
@@ -117,7 +119,7 @@ def flux_sweep(
     slabs = tuple(reversed(whole[2:]))
     pairs, across = tuple(range(len(bodies))), tuple(range(2, dim))
     bodies, outs = tuple(bodies), tuple(outs)
-    fluxes = tuple(tuple(one) for one in fluxes)
+    fluxes, lasts = tuple(tuple(one) for one in fluxes), tuple(lasts)
 
     @ti.func
     def index(J: Template, row, i):
@@ -144,8 +146,9 @@ def flux_sweep(
                     below[n] = above
                 if row >= start:
                     along = ti.Vector([0.0] * (STRIP + 1))
-                    for n in range(count + 1):
+                    for n in range(count):
                         along[n] = fluxes[q][0](index(J, row, first + n))
+                    along[count] = lasts[q](index(J, row, first + count))
                     for n in range(count):
                         net[n] += along[n] - along[n + 1]
                     for e in ti.static(across):
@@ -181,8 +184,8 @@ def flux_sweep(
                     if ti.static(own[q][d] != whole[d]):
                         inside = inside and I[d] < ti.static(own[q][d][1])
                 if inside:
-                    net = 0.0
-                    for e in ti.static(range(dim)):
+                    net = fluxes[q][0](I) - lasts[q](I + ti.Vector.unit(dim, 0, ti.i32))
+                    for e in ti.static(range(1, dim)):
                         for side in range(2):
                             net += (1 - 2 * side) * fluxes[q][e](I + side * ti.Vector.unit(dim, e, ti.i32))
                     outs[q][I] = bodies[q](I, net, a, b)
