@@ -12,6 +12,17 @@ Ranges = Sequence[tuple[int, int]]
 """(begin, end) per axis."""
 
 
+def _strips(cells: int) -> tuple[int, int]:
+    """How many a row of so many cells has, and how many cells each of them but the last.
+
+    The last one has several: LLVM makes faulty code of loops over one cell and, of another field, none.
+    """
+    strips = -(-cells // STRIP)
+    even = -(-cells // strips)
+    whole = 8 * -(-even // 8)
+    return strips, whole if cells - (strips - 1) * whole >= min(4, cells) else even
+
+
 def sweep(bodies: Sequence[Callable], outs: Sequence[Any], *ranges: Ranges) -> Pass:
     """A pass setting ``out[I] = body(I, a, b)`` per pair of body and out, I in `ranges`: of all, or of each body,
     with other ends.
@@ -26,7 +37,7 @@ def sweep(bodies: Sequence[Callable], outs: Sequence[Any], *ranges: Ranges) -> P
     whole = [max(axis) for axis in zip(*own, strict=True)]
     dim = len(whole)
     begin, end = whole[0]  # axis 0 is contiguous in memory
-    strips = -(-(end - begin) // STRIP)
+    strips, width = _strips(end - begin)
     rows = tuple(reversed(whole[1:]))  # last axis slowest
     flat = prod(b - a for a, b in rows) < FEW_ROWS
     pairs = tuple(range(len(bodies)))
@@ -43,9 +54,9 @@ def sweep(bodies: Sequence[Callable], outs: Sequence[Any], *ranges: Ranges) -> P
 
     @ti.func
     def strip(row: Template, k, a, b):
-        first = begin + k * STRIP
+        first = begin + k * width
         for q in ti.static(pairs):
-            count = ti.min(STRIP, ti.static(own[q][0][1]) - first)
+            count = ti.min(width, ti.static(own[q][0][1]) - first)
             for d in ti.static(range(1, dim)):
                 if ti.static(own[q][d] != whole[d]):
                     count = ti.select(row[dim - 1 - d] < ti.static(own[q][d][1]), count, 0)
@@ -115,7 +126,7 @@ def flux_sweep(
     whole = [max(axis) for axis in zip(*own, strict=True)]
     dim = len(whole)
     (begin, end), (low, high) = whole[:2]
-    strips, blocks = -(-(end - begin) // STRIP), -(-(high - low) // BLOCK)
+    (strips, width), blocks = _strips(end - begin), -(-(high - low) // BLOCK)
     slabs = tuple(reversed(whole[2:]))
     pairs, across = tuple(range(len(bodies))), tuple(range(2, dim))
     bodies, outs = tuple(bodies), tuple(outs)
@@ -131,9 +142,9 @@ def flux_sweep(
 
     @ti.func
     def strip(J: Template, block, k, a, b):
-        first, start = begin + k * STRIP, low + block * BLOCK
+        first, start = begin + k * width, low + block * BLOCK
         for q in ti.static(pairs):
-            count = ti.min(STRIP, ti.static(own[q][0][1]) - first)
+            count = ti.min(width, ti.static(own[q][0][1]) - first)
             for d in ti.static(across):
                 if ti.static(own[q][d] != whole[d]):
                     count = ti.select(J[dim - 1 - d] < ti.static(own[q][d][1]), count, 0)
