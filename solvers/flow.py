@@ -174,11 +174,12 @@ class FlowSolver(Carrier):
             *([ghosts.updating_losses(u)] if self.boundaries.has_loss else []),
             ghosts.filling_pressure(self.p, True),
         )
+        slipping = self.surfaces.slipping if self.surfaces else lambda one: [one]
         self._stage = launch(
             fill,
             *([sweep([eddies], [self.nu], around)] if m.eddies else []),
             *([walls.slowing(self.nu)] if walls else []),
-            on_faces(lambda d: of_axis(terms.tendency, m, d), rate),
+            *slipping(on_faces(lambda d: of_axis(terms.tendency, m, d), rate)),
             *([Pass(self._slow, self.surfaces.cells)] if self.surfaces else []),
             on_faces(advanced, u),
             *([Pass(self._resist, sum(one.cells for one in self.resistances))] if self.resistances else []),
@@ -192,7 +193,7 @@ class FlowSolver(Carrier):
         )
         self._finish = launch(fill, *self.limits.passes())
         self._lose = launch(
-            on_faces(lambda d: of_axis(terms.loss, m, d), rate),
+            *slipping(on_faces(lambda d: of_axis(terms.loss, m, d), rate)),
             *([Pass(self._add_loss, self.surfaces.cells)] if self.surfaces else []),
         )
 
