@@ -9,7 +9,7 @@ air that slips they do not (a cylinder of 8 cells at Re 10,000 had a drag coeffi
 it has 1.15, as measured ones about have). Along the axes no air passes closed faces.
 """
 
-from itertools import product
+from itertools import combinations_with_replacement, product
 from typing import Any
 
 import numpy as np
@@ -40,9 +40,9 @@ def oblique_planes(vectors: np.ndarray, cells: np.ndarray, grid: Grid) -> np.nda
             along[: begin + 1] = along[end - 1 :] = 0.0
     dim, size = vectors.shape[-1], np.maximum(np.linalg.norm(vectors, axis=-1), 1e-6)
     squares = np.empty((len(cells), dim, dim))
-    for i, j in product(range(dim), repeat=2):
+    for i, j in combinations_with_replacement(range(dim), 2):
         mean = uniform_filter(vectors[..., i] * vectors[..., j] / size, 2 * REACH + 1, mode="nearest")
-        squares[:, i, j] = mean[tuple(cells.T)]
+        squares[:, i, j] = squares[:, j, i] = mean[tuple(cells.T)]
     squares /= np.maximum(np.trace(squares, axis1=1, axis2=2), 1e-12)[:, None, None]
     plane = np.linalg.eigvalsh(squares)[:, -1] > PLANE
     return plane & (np.diagonal(squares, axis1=1, axis2=2).max(axis=1, initial=0.0) < ALONG)
@@ -60,24 +60,36 @@ class Extension:
         self._count: list[int] = []  # closed faces of each axis
         self._face: list[Any] = []
         self._end: list[Any] = []  # of a face's part of the next two
-        self._source: list[Any] = []  # number of a face in `surfaces`
+        self._source: list[Any] = []  # number of one of the next two
         self._weight: list[Any] = []
-        self._slip: list[Any] = []  # of the faces in `surfaces` [m/s]
+        self._beside: list[Any] = []  # faces in `surfaces`
+        self._slip: list[Any] = []  # their velocity [m/s]
+        self._besides: list[int] = []
+        slips = oblique_planes(surfaces.vectors, np.concatenate(surfaces.faces), self.grid)
+        parts = np.split(slips, np.cumsum([len(faces) for faces in surfaces.faces])[:-1])
         for d in range(self.grid.dim):
-            face, end, source, weight = self._sources(d, area[d])
+            face, end, source, weight = self._sources(d, area[d], parts[d])
+            beside, source = np.unique(source, return_inverse=True)
             self._count.append(len(face))
+            self._besides.append(len(beside))
             self._face.append(tables.listed(face))
             self._end.append(tables.listed(end))
             self._source.append(tables.listed(source))
             self._weight.append(tables.listed(weight))
-            self._slip.append(ti.field(ti.f32, max(1, len(surfaces.faces[d]))))
+            self._beside.append(tables.listed(beside))
+            self._slip.append(tables.listed(np.zeros(len(beside))))
         self.cells = sum(self._count)
 
-    def _sources(self, d: int, area: np.ndarray) -> tuple[np.ndarray, ...]:
+    def _sources(self, d: int, area: np.ndarray, slips: np.ndarray) -> tuple[np.ndarray, ...]:
         """Closed faces of axis d, (n, dim), those in the ghost layers of periodic axes too; the ends (n) of their parts
         of the other two arrays: numbers of the faces in `surfaces` that make their velocity, and their weights.
+
+        slips: which of the faces in `surfaces` do, bool.
         """
         grid, listed = self.grid, self.surfaces.faces[d]
+        if not slips.any():
+            none = np.zeros(0, int)
+            return listed[:0], none, none, np.zeros(0)
         number, solved = np.full(grid.padded, -1), np.ones(grid.padded, bool)
         number[tuple(listed.T)] = np.arange(len(listed))
         for a, (begin, end) in enumerate(grid.cells):
@@ -88,7 +100,6 @@ class Extension:
             else:  # its boundary faces are prescribed, or open
                 along = np.moveaxis(solved, a, 0)
                 along[: begin + (a == d)], along[end:] = False, False
-        slips = oblique_planes(self.surfaces.vectors, listed, grid)
         near = maximum_filter(np.where(number >= 0, slips[number], False), 2 * REACH + 1, mode="constant")
         face = np.argwhere(solved & near & (area == 0.0))
         steps = np.array([step for step in product(range(-REACH, REACH + 1), repeat=grid.dim) if any(step)])
@@ -113,7 +124,7 @@ class Extension:
             self._take()
             self._spread()
 
-        return Pass(extend, self.surfaces.cells + self.cells)
+        return Pass(extend, sum(self._besides) + self.cells)
 
     def clearing(self) -> Pass:
         """Makes them 0 again."""
@@ -127,8 +138,8 @@ class Extension:
     @ti.func
     def _take(self):
         for d in ti.static(range(self.grid.dim)):
-            for k in range(ti.static(len(self.surfaces.faces[d]))):
-                self._slip[d][k] = self.surfaces.slip(d, k)
+            for k in range(ti.static(self._besides[d])):
+                self._slip[d][k] = self.surfaces.slip(d, self._beside[d][k])
 
     @ti.func
     def _spread(self):
