@@ -21,7 +21,7 @@ from taichi_plume.grid.kernels import Pass
 from taichi_plume.grid.tables import Tables
 
 REACH = 3  # cells: as far as schemes look
-PLANE = 0.99  # of the sum of squares of the normals' components, the share along one direction within REACH
+PLANE = 0.994  # of the sum of squares of the normals' components, the share along one direction within REACH
 ALONG = 0.999  # share above which that direction counts as one of the axes
 FAR = 1000  # no distance squared
 
