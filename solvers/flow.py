@@ -29,6 +29,7 @@ from taichi_plume.solvers.ghosts import Ghosts
 from taichi_plume.solvers.heat import HeatSolver
 from taichi_plume.solvers.limits import HUGE, Limits
 from taichi_plume.solvers.momentum import Momentum, Weighing, eddy_viscosity, of_axis
+from taichi_plume.solvers.openness import opennesses
 from taichi_plume.solvers.pressure import pressure_solver
 from taichi_plume.solvers.resistance import Resistance
 from taichi_plume.solvers.scalar import Scalar
@@ -70,7 +71,7 @@ class FlowSolver(Carrier):
         tables = Tables()
         self.boundaries = Boundaries(model.openings, grid, air.solid, tables)
         self._area = [grid.pad_faces(faces, d) for d, faces in enumerate(air.area)]
-        openness = self._openness(self._area)
+        openness = opennesses(grid, self._area, self.boundaries.is_free)
         self.u = grid.faces_field()
         self.p = grid.field()
         self.nu = grid.field() if model.turbulence.kind in MODELS else None
@@ -106,33 +107,6 @@ class FlowSolver(Carrier):
             except ValueError as error:
                 raise ValueError(f"buoyancy.heat.{error}") from None
         self.begin(model, t, seed)
-
-    def _widest(self, area: list[np.ndarray]) -> list[np.ndarray]:
-        """The widest passage of the volume around each face, which counts as the volume that stores its momentum.
-
-        However little of a volume is air, it then does not shorten the step; what is steady does not depend on it.
-        """
-        result = []
-        for d in range(self.dim):
-            widest = area[d].copy()
-            for e in range(self.dim):
-                low = 0.5 * (area[e] + np.roll(area[e], 1, axis=d))
-                widest = np.maximum(widest, np.maximum(low, np.roll(low, -1, axis=e)))
-            result.append(np.maximum(widest, 1e-6))
-        return result
-
-    def _openness(self, area: list[np.ndarray]) -> list[np.ndarray]:
-        """Area over stored volume, 0 where the velocity is not solved for; padded."""
-        g = self.grid.ghost
-        result = []
-        for d, widest in enumerate(self._widest(area)):
-            faces = area[d] / widest
-            if not self.grid.periodic[d]:
-                along = np.moveaxis(faces, d, 0)
-                for side, face in enumerate((g, g + self.grid.shape[d])):
-                    along[face] = (along[face] > 0.0) * np.take(self.boundaries.is_free[d], side, axis=d)
-            result.append(faces)
-        return result
 
     # ---------------------------------------------------------------- the step
 
@@ -185,11 +159,12 @@ class FlowSolver(Carrier):
             *([ghosts.updating_losses(u)] if self.boundaries.has_loss else []),
             ghosts.filling_pressure(self.p, True),
         )
+        slipping = self.surfaces.slipping if self.surfaces else lambda one: [one]
         self._stage = launch(
             fill,
             *([sweep([eddies], [self.nu], around)] if m.eddies else []),
             *([walls.slowing(self.nu)] if walls else []),
-            by_fluxes(terms.tendency, rate),
+            *slipping(by_fluxes(terms.tendency, rate)),
             *([Pass(self._slow, self.surfaces.cells)] if self.surfaces else []),
             on_faces(advanced, u),
             *([Pass(self._resist, sum(one.cells for one in self.resistances))] if self.resistances else []),
@@ -203,7 +178,7 @@ class FlowSolver(Carrier):
         )
         self._finish = launch(fill, *self.limits.passes())
         self._lose = launch(
-            by_fluxes(terms.loss, rate),
+            *slipping(by_fluxes(terms.loss, rate)),
             *([Pass(self._add_loss, self.surfaces.cells)] if self.surfaces else []),
         )
 

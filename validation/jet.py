@@ -3,9 +3,9 @@
 Beyond its core the time-averaged jet is the same at every distance x but for its scales: the velocity on the axis
 falls as U_c/U0 = K d/x and the radius where it is half of U_c grows as r_half = S x, with x from the fan or nearly so.
 
-Smagorinsky's model, the default, has it right at six cells per diameter (core 6.2 d, K 5.6, S 0.095); Vreman's leaves the
-laminar shear layer at the fan alone and makes it a little too wide (core 5.2 d, K 4.9, S 0.106). With the full intensity
-at the lengths that six cells carry, the jet would shake as a whole and spread by 0.135.
+Smagorinsky's model, the default, has it right at six cells per diameter (core 6.2 d, K 5.6, S 0.095); Vreman's leaves
+the laminar shear layer at the fan alone and makes it a little too wide (core 5.2 d, K 4.9, S 0.106). With the full
+intensity at the lengths that six cells carry, the jet would shake as a whole and spread by 0.135.
 """
 
 import numpy as np
@@ -28,7 +28,9 @@ END_OF_CORE = 0.95  # of U0, on the axis
 DECAY, SPREAD, CORE = (5.75, 0.75), (0.095, 0.01), (5.25, 1.25)
 
 
-def mean_jet(n: int, averaged: float = AVERAGED, turbulence: str = "smagorinsky") -> tuple[np.ndarray, FlowSolver]:
+def mean_jet(
+    n: int, averaged: float = AVERAGED, turbulence: str = "smagorinsky"
+) -> tuple[np.ndarray, FlowSolver]:
     """Velocity along the axis [m/s] on the faces along x, averaged over `averaged` seconds, and the flow at the end."""
     fan = {"kind": "fan", "face": "x-", "center": (WIDTH / 2, WIDTH / 2), "diameter": 1.0, "speed": 1.0}
     fan["turbulence_intensity"] = 0.05

@@ -1,0 +1,157 @@
+"""Velocities on the faces that obstacles close, as the convection of the air beside them needs them.
+
+Where a surface cuts the cells, air that flows along it passes closed faces. With the velocity 0 there the surface takes
+the momentum of that air, as though it were a stair. So far as convection goes the air there keeps the velocity that it
+has beside the surface: what flows in flows out again, and friction takes what is to be taken (see `surfaces`).
+
+Only beside plane surfaces: on curved ones and at edges the layers separate, for which the grid is too coarse, and with
+air that slips they do not (a cylinder of 8 cells at Re 10,000 had a drag coefficient of 0.2; with 0 on the closed faces
+it has 1.15, as measured ones about have). Along the axes no air passes closed faces.
+"""
+
+from itertools import combinations_with_replacement, product
+from typing import Any
+
+import numpy as np
+import taichi as ti
+from scipy.ndimage import maximum_filter, uniform_filter
+
+from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.kernels import Pass
+from taichi_plume.grid.tables import Tables
+
+REACH = 3  # cells: as far as schemes look
+PLANE = 0.994  # of the sum of squares of the normals' components, the share along one direction within REACH
+ALONG = 0.999  # share above which that direction counts as one of the axes
+FAR = 1000  # no distance squared
+
+
+def oblique_planes(vectors: np.ndarray, cells: np.ndarray, grid: Grid) -> np.ndarray:
+    """Of the cells (n, dim), padded: whether all surface within REACH of them is plane and along no axis, bool (n,).
+
+    vectors: areas of the surface, (*padded, dim). Opposite sides of a sheet count as one plane.
+    """
+    vectors = vectors.copy()
+    for a, (begin, end) in enumerate(grid.cells):
+        if not grid.periodic[
+            a
+        ]:  # faces of the domain are open or closed as a whole, so cells there tell no direction
+            along = np.moveaxis(vectors, a, 0)
+            along[: begin + 1] = along[end - 1 :] = 0.0
+    dim, size = vectors.shape[-1], np.maximum(np.linalg.norm(vectors, axis=-1), 1e-6)
+    squares = np.empty((len(cells), dim, dim))
+    for i, j in combinations_with_replacement(range(dim), 2):
+        mean = uniform_filter(vectors[..., i] * vectors[..., j] / size, 2 * REACH + 1, mode="nearest")
+        squares[:, i, j] = squares[:, j, i] = mean[tuple(cells.T)]
+    squares /= np.maximum(np.trace(squares, axis1=1, axis2=2), 1e-12)[:, None, None]
+    plane = np.linalg.eigvalsh(squares)[:, -1] > PLANE
+    return plane & (np.diagonal(squares, axis1=1, axis2=2).max(axis=1, initial=0.0) < ALONG)
+
+
+@ti.data_oriented
+class Extension:
+    """Sets the velocities on closed faces near an oblique plane surface to those of the nearest faces that have some of
+    it: their mean, by area. None where the viscous layer is resolved (see `Surfaces.slip`).
+    """
+
+    def __init__(self, surfaces: Any, area: list[np.ndarray], tables: Tables):
+        """surfaces: `Surfaces`; area: padded arrays of the field `area` of the flow."""
+        self.surfaces, self.grid = surfaces, surfaces.grid
+        self._count: list[int] = []  # closed faces of each axis
+        self._face: list[Any] = []
+        self._end: list[Any] = []  # of a face's part of the next two
+        self._source: list[Any] = []  # number of one of the next two
+        self._weight: list[Any] = []
+        self._beside: list[Any] = []  # faces in `surfaces`
+        self._slip: list[Any] = []  # their velocity [m/s]
+        self._besides: list[int] = []
+        slips = oblique_planes(surfaces.vectors, np.concatenate(surfaces.faces), self.grid)
+        parts = np.split(slips, np.cumsum([len(faces) for faces in surfaces.faces])[:-1])
+        for d in range(self.grid.dim):
+            face, end, source, weight = self._sources(d, area[d], parts[d])
+            beside, source = np.unique(source, return_inverse=True)
+            self._count.append(len(face))
+            self._besides.append(len(beside))
+            self._face.append(tables.listed(face))
+            self._end.append(tables.listed(end))
+            self._source.append(tables.listed(source))
+            self._weight.append(tables.listed(weight))
+            self._beside.append(tables.listed(beside))
+            self._slip.append(tables.listed(np.zeros(len(beside))))
+        self.cells = sum(self._count)
+
+    def _sources(self, d: int, area: np.ndarray, slips: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Closed faces of axis d, (n, dim), those in the ghost layers of periodic axes too; the ends (n) of their parts
+        of the other two arrays: numbers of the faces in `surfaces` that make their velocity, and their weights.
+
+        slips: which of the faces in `surfaces` do, bool.
+        """
+        grid, listed = self.grid, self.surfaces.faces[d]
+        if not slips.any():
+            none = np.zeros(0, int)
+            return listed[:0], none, none, np.zeros(0)
+        number, solved = np.full(grid.padded, -1), np.ones(grid.padded, bool)
+        number[tuple(listed.T)] = np.arange(len(listed))
+        for a, (begin, end) in enumerate(grid.cells):
+            if grid.periodic[a]:
+                within = np.take(number, np.arange(begin, end), axis=a)
+                width = [(grid.ghost, grid.ghost) if b == a else (0, 0) for b in range(grid.dim)]
+                number = np.pad(within, width, mode="wrap")
+            else:  # its boundary faces are prescribed, or open
+                along = np.moveaxis(solved, a, 0)
+                along[: begin + (a == d)], along[end:] = False, False
+        near = maximum_filter(np.where(number >= 0, slips[number], False), 2 * REACH + 1, mode="constant")
+        face = np.argwhere(solved & near & (area == 0.0))
+        steps = np.array([step for step in product(range(-REACH, REACH + 1), repeat=grid.dim) if any(step)])
+        away = (steps**2).sum(axis=-1)
+        steps, away = steps[away <= REACH**2], away[away <= REACH**2]
+        places = face[:, None] + steps
+        inside = ((places >= 0) & (places < grid.padded)).all(axis=-1)
+        places = tuple(np.moveaxis(np.clip(places, 0, np.array(grid.padded) - 1), -1, 0))
+        far = np.where(inside & (number[places] >= 0), away, FAR)
+        nearest = (far < FAR) & (far == far.min(axis=1, keepdims=True, initial=FAR))
+        weight = np.where(nearest, area[places], 0.0)
+        weight /= np.maximum(weight.sum(axis=1, keepdims=True), 1e-6)
+        used = nearest & slips[number[places]]
+        kept = used.any(axis=1)
+        return face[kept], np.cumsum(used[kept].sum(axis=1)), number[places][used], weight[used]
+
+    def setting(self) -> Pass:
+        """Sets the velocities on closed faces; that on others must be there, ghosts included."""
+
+        @ti.func
+        def extend(a, b):
+            self._take()
+            self._spread()
+
+        return Pass(extend, sum(self._besides) + self.cells)
+
+    def clearing(self) -> Pass:
+        """Makes them 0 again."""
+
+        @ti.func
+        def clear(a, b):
+            self._clear()
+
+        return Pass(clear, self.cells)
+
+    @ti.func
+    def _take(self):
+        for d in ti.static(range(self.grid.dim)):
+            for k in range(ti.static(self._besides[d])):
+                self._slip[d][k] = self.surfaces.slip(d, self._beside[d][k])
+
+    @ti.func
+    def _spread(self):
+        for d in ti.static(range(self.grid.dim)):
+            for k in range(ti.static(self._count[d])):
+                total = 0.0
+                for m in range(ti.select(k > 0, self._end[d][ti.max(k - 1, 0)], 0), self._end[d][k]):
+                    total += self._weight[d][m] * self._slip[d][self._source[d][m]]
+                self.surfaces.m.u[d][self._face[d][k]] = total
+
+    @ti.func
+    def _clear(self):
+        for d in ti.static(range(self.grid.dim)):
+            for k in range(ti.static(self._count[d])):
+                self.surfaces.m.u[d][self._face[d][k]] = 0.0
