@@ -112,7 +112,7 @@ def _turbulence(length: float) -> Case:
         expected={
             "intensity at the inlet": Expected(tolerance=0.04),
             "its components, largest": Expected(tolerance=0.06),
-            "intensity at 0.2 m": Expected(tolerance=0.07),
+            "intensity at 0.2 m": Expected(tolerance=0.05),
             "integral length at the inlet": Expected(tolerance=0.2),
             "flow rate": Expected(tolerance=1e-5),
         },
