@@ -1,3 +1,4 @@
+from collections.abc import Callable
 from math import sqrt
 
 import numpy as np
@@ -41,6 +42,11 @@ def law(taichi):
         return out.astype(float).T
 
     return of
+
+
+def root(function: Callable[[float], float]) -> float:
+    """Where a function of a friction velocity is 0."""
+    return float(brentq(function, 1e-4, 1.0))  # type: ignore[arg-type]
 
 
 def mean_of_the_law(y_plus: float) -> float:
@@ -125,7 +131,7 @@ def lost(flow: FlowSolver, speed: float) -> float:
 
 @pytest.mark.parametrize("kind", ["smagorinsky", "vreman"])
 def test_walls_take_the_momentum_that_the_law_says(kind):
-    u_tau = brentq(lambda v: v * mean_of_the_law(0.025 * v / NU) - 1.0, 1e-4, 1.0)
+    u_tau = root(lambda v: v * mean_of_the_law(0.025 * v / NU) - 1.0)
     assert lost(channel(kind), 1.0) == pytest.approx(u_tau**2, rel=5e-3)
 
 
@@ -147,7 +153,7 @@ def test_a_warm_wall_gives_what_the_wind_takes_along(kind, rel):
     flow.start_from(lambda x: np.stack([np.full(x.shape[:-1], speed), np.zeros(x.shape[:-1])], axis=-1))
     flow.heat.advance(0.0, 1e-3)
     k = flow.heat.budget()["surfaces_J"] / (1e-3 * 10.0 * 0.4 * 1191.0)  # of 0.4 m², a slab of 1 m
-    u_tau = brentq(lambda v: v * mean_of_the_law(y * v / NU) - speed, 1e-4, 1.0)
+    u_tau = root(lambda v: v * mean_of_the_law(y * v / NU) - speed)
     by_law = u_tau / resistance(y * u_tau / NU, NU / diffusivity)
     assert k == pytest.approx(by_law if kind == "vreman" else diffusivity / y, rel=rel)
 
