@@ -34,7 +34,7 @@ from taichi_plume.solvers.pressure import pressure_solver
 from taichi_plume.solvers.resistance import Resistance
 from taichi_plume.solvers.scalar import Scalar
 from taichi_plume.solvers.screens import ScreenResistance
-from taichi_plume.solvers.stages import STAGES
+from taichi_plume.solvers.stages import stages_for
 from taichi_plume.solvers.surfaces import Surfaces
 from taichi_plume.solvers.turbulence import MODELS
 from taichi_plume.solvers.walls import distances, walls_of
@@ -201,7 +201,7 @@ class FlowSolver(Carrier):
         for resistance in self.resistances:
             resistance.advance(t, dt)
         self._begin(dt)
-        for k, c, lag in STAGES:
+        for k, c, lag in self._stages:
             self._stage(dt, k)
             self._prescribe(c)
             if lag > 0.0:
@@ -243,6 +243,7 @@ class FlowSolver(Carrier):
 
     def _take_numbers(self, model: CfdWind) -> None:
         self.courant, self.tolerance, self.viscosity = model.courant, model.tolerance, model.viscosity
+        self._stages = stages_for(model.courant)
         self.schmidt = 1.0 if model.turbulence.kind == "none" else model.turbulence.schmidt
 
     def start_from(self, velocity: Callable[[np.ndarray], np.ndarray]) -> None:

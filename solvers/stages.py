@@ -1,6 +1,12 @@
 """The stages of a step of the flow in time."""
 
-FIRST_STAGE = 0.58
+SHORT, LONG = 0.58, 1.0  # first stages, over the step
+STABLE = 1.3  # Courant number up to which the short one is
+
+
+def stages_for(courant: float) -> tuple[tuple[float, float, float], ...]:
+    """`stages` of steps of up to a Courant number: those that damp least."""
+    return stages(SHORT if courant <= STABLE else LONG)
 
 
 def stages(first: float) -> tuple[tuple[float, float, float], ...]:
@@ -20,6 +26,3 @@ def stages(first: float) -> tuple[tuple[float, float, float], ...]:
     third = (1.0 + 3.0 * first) / (2.0 + 4.0 * first)
     reached = second * (1.0 + first)
     return (first, first, 0.0), (second, reached, reached), (third, 1.0, third)
-
-
-STAGES = stages(FIRST_STAGE)

@@ -90,7 +90,7 @@ class CfdWind(AnyWind):
     """Scheme of convection; weno5 is more accurate on the same grid and costs more."""
     buoyancy: Buoyancy | None = None
     """Unless given, neither warm air rises nor heavy gas sinks."""
-    courant: number(0.01, 1.3) = 1.2
+    courant: number(0.01, 1.4) = 1.2
     """Largest sum over the axes of |u| dt/dx in one step."""
     tolerance: number(1e-7, 1e-2) = 2e-5
     """Divergence left by the pressure solver, over the largest |u|/dx."""
