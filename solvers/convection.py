@@ -80,7 +80,7 @@ def upwind5_value(q: Template, I, e, v, far):
 
     Without bounds, short waves grow behind the edges of obstacles. They let q lie between the two cells at the face,
     no further from the upwind cell than four times the slope behind it, and beyond that by what the curvature makes of
-    a smooth extremum, if it has one sign in both cells (after Suresh & Huynh 1997, doi:10.1006/jcph.1997.5745).
+    a smooth extremum, if it is alike in both cells (after Suresh & Huynh 1997, doi:10.1006/jcph.1997.5745).
     """
     m3, m2, m1, p0, p1, p2 = q[I - 3 * e], q[I - 2 * e], q[I - e], q[I], q[I + e], q[far]
     forward = v > 0.0
@@ -91,7 +91,11 @@ def upwind5_value(q: Template, I, e, v, far):
     b2 = ti.select(forward, p1, m2) - center
     change = (2.0 * a2 - 13.0 * a1 + 27.0 * b1 - 3.0 * b2) * (1.0 / 60.0)
     here, there = a1 + b1, b2 - 2.0 * b1
-    room = 0.5 * (greater(0.0, lesser(here, there)) - lesser(0.0, greater(here, there)))
+    less, more = (
+        4.0 * here - there,
+        4.0 * there - here,
+    )  # of one sign where neither curvature is four times the other
+    room = (1.0 / 3.0) * (greater(0.0, lesser(less, more)) - lesser(0.0, greater(less, more)))
     most = greater(0.0, lesser(b1, -4.0 * a1)) + room
     least = lesser(0.0, greater(b1, -4.0 * a1)) - room
     return center + greater(least, lesser(most, change))

@@ -3,7 +3,7 @@
 Beyond its core the time-averaged jet is the same at every distance x but for its scales: the velocity on the axis
 falls as U_c/U0 = K d/x and the radius where it is half of U_c grows as r_half = S x, with x from the fan or nearly so.
 
-Smagorinsky's model, the default, has it right at six cells per diameter (core 6.2 d, K 5.6, S 0.095); Vreman's leaves
+Smagorinsky's model, the default, has it right at six cells per diameter (core 5.8 d, K 5.3, S 0.099); Vreman's leaves
 the laminar shear layer at the fan alone and makes it a little too wide (core 5.2 d, K 4.9, S 0.106). With the full
 intensity at the lengths that six cells carry, the jet would shake as a whole and spread by 0.135.
 """
