@@ -74,13 +74,9 @@ def weno5_value(q: Template, I, e, v, far):
 
 
 @ti.func
-def upwind5_value(q: Template, I, e, v, far):
-    """As `weno5_value`: fifth order from the cells around it (Wicker & Skamarock 2002,
-    doi:10.1175/1520-0493(2002)130<2088:TSMFEM>2.0.CO;2), held back only where q is not smooth.
-
-    Without bounds, short waves grow behind the edges of obstacles. They let q lie between the two cells at the face,
-    no further from the upwind cell than four times the slope behind it, and beyond that by what the curvature makes of
-    a smooth extremum, if it is alike in both cells (after Suresh & Huynh 1997, doi:10.1006/jcph.1997.5745).
+def from_upwind(q: Template, I, e, v, far):
+    """The cell upwind of the lower face of cell I along e, and what the others have more: two upwind of it, the outer
+    one first, and two downwind. far: as of `weno5_value`. Exactly 0 in a uniform field.
     """
     m3, m2, m1, p0, p1, p2 = q[I - 3 * e], q[I - 2 * e], q[I - e], q[I], q[I + e], q[far]
     forward = v > 0.0
@@ -89,12 +85,29 @@ def upwind5_value(q: Template, I, e, v, far):
     a1 = ti.select(forward, m2, p1) - center
     b1 = ti.select(forward, p0, m1) - center
     b2 = ti.select(forward, p1, m2) - center
-    change = (2.0 * a2 - 13.0 * a1 + 27.0 * b1 - 3.0 * b2) * (1.0 / 60.0)
+    return center, a2, a1, b1, b2
+
+
+@ti.func
+def fifth_order(a2, a1, b1, b2):
+    """Of the value at the face, what it is more than the upwind cell, from the differences of `from_upwind`."""
+    return (2.0 * a2 - 13.0 * a1 + 27.0 * b1 - 3.0 * b2) * (1.0 / 60.0)
+
+
+@ti.func
+def upwind5_value(q: Template, I, e, v, far):
+    """As `weno5_value`: fifth order from the cells around it (Wicker & Skamarock 2002,
+    doi:10.1175/1520-0493(2002)130<2088:TSMFEM>2.0.CO;2), held back only where q is not smooth.
+
+    Without bounds, short waves grow behind the edges of obstacles. They let q lie between the two cells at the face,
+    no further from the upwind cell than four times the slope behind it, and beyond that by what the curvature makes of
+    a smooth extremum, if it is alike in both cells (after Suresh & Huynh 1997, doi:10.1006/jcph.1997.5745).
+    """
+    center, a2, a1, b1, b2 = from_upwind(q, I, e, v, far)
+    change = fifth_order(a2, a1, b1, b2)
     here, there = a1 + b1, b2 - 2.0 * b1
-    less, more = (
-        4.0 * here - there,
-        4.0 * there - here,
-    )  # of one sign where neither curvature is four times the other
+    # of one sign where neither curvature is four times the other
+    less, more = 4.0 * here - there, 4.0 * there - here
     room = (1.0 / 3.0) * (greater(0.0, lesser(less, more)) - lesser(0.0, greater(less, more)))
     most = greater(0.0, lesser(b1, -4.0 * a1)) + room
     least = lesser(0.0, greater(b1, -4.0 * a1)) - room

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import taichi as ti
 
 from taichi_plume.grid.kernels import Template
-from taichi_plume.solvers.convection import greater, koren_value, lesser
+from taichi_plume.solvers.convection import fifth_order, from_upwind, greater, koren_value, lesser
 
 STEEPEST = 3.0
 
@@ -39,16 +39,10 @@ def minmod(a, b, c, d):
 @ti.func
 def fifth_order_value(q: Template, I, e, v):
     """q on the lower face of cell I along unit vector e, where the air moves with v [m/s] along e; q is nowhere
-    negative. Written in differences from the upwind cell, which are exactly zero in a uniform field.
+    negative.
     """
-    m3, m2, m1, p0, p1, p2 = q[I - 3 * e], q[I - 2 * e], q[I - e], q[I], q[I + e], q[I + 2 * e]
-    forward = v > 0.0
-    center = ti.select(forward, m1, p0)
-    a2 = ti.select(forward, m3, p2) - center
-    a1 = ti.select(forward, m2, p1) - center
-    b1 = ti.select(forward, p0, m1) - center
-    b2 = ti.select(forward, p1, m2) - center
-    change = (2.0 * a2 - 13.0 * a1 + 27.0 * b1 - 3.0 * b2) * (1.0 / 60.0)
+    center, a2, a1, b1, b2 = from_upwind(q, I, e, v, I + 2 * e)
+    change = fifth_order(a2, a1, b1, b2)
     curved, before, beyond = a1 + b1, a2 - 2.0 * a1, b2 - 2.0 * b1
     median = 0.5 * (b1 - minmod(4.0 * curved - beyond, 4.0 * beyond - curved, curved, beyond))
     steep = (1.0 - STEEPEST) * a1
