@@ -7,6 +7,9 @@ from typing import Any
 from taichi_plume.files.run_folder import FILES
 from taichi_plume.guard.terminal import show, visible
 
+MEAN = ("error_ppm", "correlation", "peak_distance_m")
+"""What is told of a map beside the mean of the gas since the start."""
+
 
 def print_summary(content: dict[str, Any], folder: Path) -> None:
     """Print a result for a person, and what to do next."""
@@ -127,15 +130,19 @@ def _map_line(gas_map: dict[str, Any]) -> str:
     if gas_map["mae_ppm"] is None:
         return "knows no cell"
     trials = len(gas_map["per_trial"]["mae_ppm"])
-    text = (
-        f"mean error {gas_map['mae_ppm']:.3g} ppm over {100 * gas_map['known_fraction']:.0f} % of the cells"
-    )
-    text += f", mean of {trials} trials" if trials > 1 else ""
+    of = f", mean of {trials} trials" if trials > 1 else ""
+    now = f"error {gas_map['mae_ppm']:.3g} ppm"
     if gas_map["correlation"] is not None:
-        text += f", correlation {gas_map['correlation']:.2f}"
-    over_time = gas_map.get("mean_gas", {})
-    if over_time.get("time_s") and (error := over_time["error_ppm"][-1]) is not None:
-        text += f"; from the mean of the gas {error:.3g} ppm"
-        if (peak := over_time["peak_distance_m"][-1]) is not None:
-            text += f", its peak {peak:.2f} m from a source"
-    return text
+        now += f", correlation {gas_map['correlation']:.2f}"
+    known = f"over {100 * gas_map['known_fraction']:.0f} % of the cells"
+    mean = {
+        name: values[-1] for name, values in gas_map.get("mean_gas", {}).items() if values and name in MEAN
+    }
+    if mean.get("error_ppm") is None:
+        return f"{now} {known}{of}"
+    text = f"beside the mean of the gas {known}{of}: error {mean['error_ppm']:.3g} ppm"
+    if mean["correlation"] is not None:
+        text += f", correlation {mean['correlation']:.2f}"
+    if mean["peak_distance_m"] is not None:
+        text += f", peak {mean['peak_distance_m']:.2f} m from a source"
+    return f"{text}; beside the gas at the end: {now}"

@@ -60,8 +60,8 @@ def test_maps_of_rivals_are_scored_by_name():
     assert len(sweepers["mean_gas"]["per_trial_at_end"]["error_ppm"]) == 3
     assert sweepers["mean_gas"]["error_ppm"][-1] > casters["mean_gas"]["error_ppm"][-1] + 15.0
     assert [len(part["forecast"]["time_s"]) for part in other["groups"]] == [2, 2]
-    assert f"mean error {casters['mae_ppm']:.3g} ppm" in lines["time series map, casters"]
-    assert f"mean error {sweepers['mae_ppm']:.3g} ppm" in lines["time series map, sweepers"]
+    assert f"at the end: error {casters['mae_ppm']:.3g} ppm" in lines["time series map, casters"]
+    assert f"at the end: error {sweepers['mae_ppm']:.3g} ppm" in lines["time series map, sweepers"]
     assert "mean of 3 trials" in lines["inverse distance map, sweepers"]
     assert "one arena" not in lines
 
