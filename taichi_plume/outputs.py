@@ -47,13 +47,17 @@ class Writer(Protocol):
 
 
 class About(NamedTuple):
-    """Where a run takes place: its directory, the device asked for and the one got, and the files it reads."""
+    """Where a run takes place: its directory, the device asked for and the one got, and the files it reads.
+
+    live: the address of a viewer that shows it meanwhile.
+    """
 
     folder: Path
     arch: str
     backend: str
     recording: bool
     inputs: Sequence[Path]
+    live: str | None = None
 
 
 class Outputs:
@@ -112,7 +116,7 @@ class Outputs:
         from taichi_plume.record.recorder import Recorder
 
         path = self.about.folder / "recording.rrd"
-        recorder = Recorder(self.sim, path, self.about.backend, self.map_scores)
+        recorder = Recorder(self.sim, path, self.about.backend, self.map_scores, self.about.live)
         self.sim.observers += recorder.observers()
         return recorder
 

@@ -67,7 +67,7 @@ def _new(args: argparse.Namespace) -> int:
     inputs = input_paths(prepared.scenario, args.scenario)
     with RunFolder(prepared.scenario.name, args.out, args.force, inputs=inputs) as folder:
         arch, recording = args.arch or "cpu", not args.no_recording
-        job = Job(prepared, folder, args.scenario, inputs, arch, backend, recording)
+        job = Job(prepared, folder, args.scenario, inputs, arch, backend, recording, live=_viewer(args))
         return simulate(job, args.quiet, args.debug)
 
 
@@ -89,8 +89,18 @@ def _resume(args: argparse.Namespace) -> int:
         execute(prepared, args.allow_code, ask=True)
         backend = device(args.arch or told["arch"])
         arch = args.arch or told["arch"]
-        job = Job(prepared, folder, file, inputs, arch, backend, told["recording"], told)
+        live = _viewer(args) if told["recording"] else None
+        job = Job(prepared, folder, file, inputs, arch, backend, told["recording"], told, live)
         return simulate(job, args.quiet, args.debug)
+
+
+def _viewer(args: argparse.Namespace) -> str | None:
+    """The address of a viewer, opened where it is asked for."""
+    if not args.live:
+        return None
+    from taichi_plume.record.live import open_viewer
+
+    return open_viewer()
 
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
@@ -118,6 +128,9 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
         "--check", action="store_true", help="only check, print the resolved scenario and its size"
     )
     parser.add_argument("--no-recording", action="store_true", help="write no recording.rrd")
+    parser.add_argument(
+        "--live", action="store_true", help="open the viewer while the run goes on (on this machine alone)"
+    )
     parser.add_argument("--quiet", action="store_true", help="no progress bar, no summary")
     parser.add_argument("--force", action="store_true", help="replace an earlier run in --out")
     parser.add_argument(
@@ -133,6 +146,8 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     args = parser.parse_args(argv)
     if args.resume is None and args.scenario is None:
         parser.error("the following arguments are required: scenario")
+    if args.live and args.no_recording:
+        parser.error("--live shows the recording: it has no place beside --no-recording")
     fixed = [f"--{key}" for key in ("out", "seed", "duration", "set", "check", "force") if getattr(args, key)]
     if args.resume is not None and (args.scenario or args.no_recording or fixed):
         what = fixed[0] if fixed else args.scenario or "--no-recording"

@@ -31,7 +31,7 @@ class Job(NamedTuple):
     """A run that may begin.
 
     source: the scenario's file; inputs: all files that it reads, this one first; arch, backend: the device asked for,
-    and the one got; saved: what a checkpoint holds of it, if it is resumed.
+    and the one got; saved: what a checkpoint holds of it, if it is resumed; live: the address of a viewer.
     """
 
     prepared: Prepared
@@ -42,6 +42,7 @@ class Job(NamedTuple):
     backend: str
     recording: bool
     saved: dict[str, Any] | None = None
+    live: str | None = None
 
 
 class End(NamedTuple):
@@ -98,7 +99,9 @@ def _build(prepared: Prepared) -> Simulation:
 def _begin(job: Job, sim: Simulation, ears: Ears) -> Outputs:
     """Open the run's files; an earlier run goes only once they stand."""
     folder = job.folder
-    outputs = Outputs(sim, About(folder.path, job.arch, job.backend, job.recording, job.inputs), ears)
+    outputs = Outputs(
+        sim, About(folder.path, job.arch, job.backend, job.recording, job.inputs, job.live), ears
+    )
     ears.running = True
     if job.saved is not None:
         outputs.go_on(job.saved)

@@ -23,9 +23,12 @@ MAP_TITLES = ("Error [ppm]", "Correlation", "Peak to source [m]", "NLPD of the n
 BACKGROUND = (24, 26, 32)
 
 
-def blueprint(sim: Simulation, stage: Stage, robots: list[str], ghosts: list[str]) -> rrb.Blueprint:
-    """What the viewer shows of a run, with the recorded robots of these names; ghosts: those with a believed pose.
+def blueprint(
+    sim: Simulation, stage: Stage, robots: list[str], ghosts: list[str], live: bool = False
+) -> rrb.Blueprint:
+    """What the viewer shows of a run, with the recorded robots of these names.
 
+    ghosts: those with a believed pose; live: as it comes.
     On the left the arena above sensors and behaviour, on the right views from above, errors and events.
     """
     flat = sim.grid.dim == 2
@@ -88,7 +91,7 @@ def blueprint(sim: Simulation, stage: Stage, robots: list[str], ghosts: list[str
         rrb.TimePanel(
             state="collapsed",
             timeline=TIME,
-            play_state="playing",
+            play_state="following" if live else "playing",
             playback_speed=float(np.clip(total / 60, 1, 20)),
         ),
         auto_views=False,

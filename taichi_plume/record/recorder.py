@@ -5,6 +5,7 @@ The file can be read up to the last flush even when the process dies.
 Only the files of this folder know rerun.
 """
 
+import time
 from pathlib import Path
 from typing import Protocol, cast
 
@@ -23,6 +24,7 @@ from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.simulation import Every, Simulation
 
 SAMPLE_PERIOD = 0.1  # s, robots
+LIVE = 0.5  # s of the clock between what a viewer is sent
 BATCHES = 250  # at most: rerun keeps 1.5 kB of each, of each entity, in memory until the end
 EARLIER = "recording.old.rrd"
 MENDED = "recording.part.rrd"
@@ -31,7 +33,7 @@ MENDED = "recording.part.rrd"
 class Recorder:
     """Writes `path` while `sim` runs. Add `observers()` to the simulation's; call `close()` whatever happens.
 
-    `start()` begins it, `go_on()` continues that of a run that was resumed.
+    `start()` begins it, `go_on()` continues that of a run that was resumed. live: address of a viewer (see `live`).
 
     Raises OSError, from the constructor or an observer, as soon as the disk has no room for more.
     """
@@ -39,7 +41,12 @@ class Recorder:
     STATE = ("t", "schedule", "tracks", "maps")
 
     def __init__(
-        self, sim: Simulation, path: Path, backend: str = "cpu", map_scores: MapScores | None = None
+        self,
+        sim: Simulation,
+        path: Path,
+        backend: str = "cpu",
+        map_scores: MapScores | None = None,
+        live: str | None = None,
     ):
         scenario = sim.scenario
         self.sim, self.path, self.t = sim, path, -np.inf
@@ -57,8 +64,9 @@ class Recorder:
         self.own_scores = None if map_scores else scores
         stage = scene.Stage.of(sim)
         ghosts = [robot.name for robot in robots if robot.reckons]
-        blueprint = layout.blueprint(sim, stage, [robot.name for robot in robots], ghosts)
-        self.stream = Stream(path, scenario.name, scenario.seed, blueprint)
+        blueprint = layout.blueprint(sim, stage, [robot.name for robot in robots], ghosts, live is not None)
+        self.stream = Stream(path, scenario.name, scenario.seed, blueprint, live)
+        self.shown = -np.inf  # on the clock, to the viewer
         properties = rr.AnyValues(
             seed=scenario.seed, backend=backend, version=__version__, spacing_m=sim.grid.dx
         )
@@ -81,7 +89,14 @@ class Recorder:
             Every(1.0, self.maps.show),
             Every(max(1.0, self.sim.scenario.duration / BATCHES), self.note, warm_up=True),
             Every(1.0, lambda _: self.stream.require_room(), warm_up=True),
+            *([Every(SAMPLE_PERIOD, self.show_now, warm_up=True)] if self.stream.live else []),
         ]
+
+    def show_now(self, sim: Simulation) -> None:
+        """Let the viewer have what was gathered, twice a second of the clock."""
+        if time.monotonic() - self.shown > LIVE:
+            self.flush()
+            self.shown = time.monotonic()
 
     def start(self) -> None:
         """Begin the file."""

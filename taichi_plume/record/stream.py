@@ -17,6 +17,7 @@ import rerun.blueprint as rrb
 
 from taichi_plume.files import disk
 from taichi_plume.record.layout import TIME
+from taichi_plume.record.live import SEVERED
 from taichi_plume.record.scene import Entities
 
 FLUSH_TIMEOUT = 60.0  # s
@@ -25,11 +26,12 @@ FLUSH_TIMEOUT = 60.0  # s
 class Stream:
     """Writes `path`. Pictures are logged one by one, series sent by columns; nothing is on the disk before `flush`.
 
+    live: the address of a viewer that is to see it as it comes; whatever becomes of that, the file goes on.
     Raises OSError, from `begin` and `flush`, as soon as the disk has no room for more.
     """
 
-    def __init__(self, path: Path, name: str, seed: int, blueprint: rrb.Blueprint):
-        self.path = path
+    def __init__(self, path: Path, name: str, seed: int, blueprint: rrb.Blueprint, live: str | None = None):
+        self.path, self.live = path, live
         self.good_size = self.largest_batch = 0  # bytes
         self.open = False
         batches = rr.ChunkBatcherConfig.DEFAULT()
@@ -45,7 +47,11 @@ class Stream:
         disk.require_room(self.path)
         self.open = True
         try:
-            self.rerun.save(self.path, default_blueprint=self.blueprint)
+            if self.live:
+                sinks = rr.FileSink(self.path), rr.GrpcSink(self.live)
+                self.rerun.set_sinks(*sinks, default_blueprint=self.blueprint)
+            else:
+                self.rerun.save(self.path, default_blueprint=self.blueprint)
         except RuntimeError as error:
             self._abandon()
             raise OSError(errno.EIO, str(error), str(self.path)) from None
@@ -81,9 +87,11 @@ class Stream:
         try:
             self.rerun.flush(timeout_sec=FLUSH_TIMEOUT)
         except RuntimeError as error:
-            self._abandon()
-            disk.require_room(self.path)
-            raise OSError(errno.EIO, f"writing failed ({error})", str(self.path)) from None
+            if not (self.live and str(error).startswith(SEVERED)):
+                self._abandon()
+                disk.require_room(self.path)
+                raise OSError(errno.EIO, f"writing failed ({error})", str(self.path)) from None
+            disk.require_room(self.path)  # of two faults rerun tells but one
         size = self.path.stat().st_size
         self.largest_batch = max(self.largest_batch, size - self.good_size)
         self.good_size = size

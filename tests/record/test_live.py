@@ -1,0 +1,121 @@
+"""A run that a viewer follows: what it is sent, that nothing listens beyond the loopback, and its going away."""
+
+import signal
+import subprocess
+import time
+from pathlib import Path
+from typing import Any
+
+import fake_run
+import psutil
+import pytest
+import rerun as rr
+
+from taichi_plume import run
+from taichi_plume.files.run_folder import RunFolderError
+from taichi_plume.record import live
+from taichi_plume.record.recorder import Recorder
+from taichi_plume.simulation import Every
+
+pytestmark = pytest.mark.usefixtures("taichi")
+
+
+def rows(recording: Path) -> dict[str, int]:
+    """Of every entity that changes, by path."""
+    found: dict[str, int] = {}
+    for chunk in rr.chunk.RrdReader(str(recording)).stream():
+        if not chunk.is_static and not chunk.entity_path.startswith("/__"):
+            found[chunk.entity_path] = found.get(chunk.entity_path, 0) + chunk.num_rows
+    return found
+
+
+@pytest.fixture
+def viewer(monkeypatch, tmp_path):
+    """Rerun's server without a window in the viewer's place: it keeps what it gets. Processes that were opened."""
+    opened: list[subprocess.Popen] = []
+    start = subprocess.Popen
+
+    def popen(command: Any, *args: Any, **keys: Any) -> subprocess.Popen:
+        process = start(command, *args, **keys)
+        if "--port" in command:
+            opened.append(process)
+        return process
+
+    monkeypatch.setattr(live, "OPTIONS", ("--save", str(tmp_path / "seen.rrd")))
+    monkeypatch.setattr(subprocess, "Popen", popen)
+    yield opened
+    for process in opened:
+        if psutil.pid_exists(process.pid):
+            for one in [*psutil.Process(process.pid).children(recursive=True), psutil.Process(process.pid)]:
+                one.terminate()
+
+
+def recorded(path: Path, address: str, observers: tuple[Every, ...] = ()) -> None:
+    """A recording of a short run that a viewer at the address follows."""
+    sim: Any = fake_run.simulation(fake_run.scenario(2, duration=5))
+    recorder = Recorder(sim, path, live=address)
+    sim.observers += [*recorder.observers(), *observers]
+    recorder.start()
+    sim.run()
+    recorder.close()
+
+
+def sockets(pid: int) -> list[Any]:
+    """Of a process and those that it began."""
+    process = psutil.Process(pid)
+    return [one for part in [process, *process.children(recursive=True)] for one in part.net_connections()]
+
+
+def test_a_viewer_gets_what_the_file_gets_on_the_loopback_alone(viewer, tmp_path):
+    address = live.open_viewer()
+    listening = [one for one in sockets(viewer[0].pid) if one.status == psutil.CONN_LISTEN]
+    assert {one.laddr.ip for one in listening} == {"127.0.0.1"}
+    recorded(tmp_path / "recording.rrd", address)
+    time.sleep(0.5)
+    for one in psutil.Process(viewer[0].pid).children(recursive=True) or [psutil.Process(viewer[0].pid)]:
+        one.send_signal(signal.SIGINT)
+    viewer[0].wait(20)
+    whole = rows(tmp_path / "recording.rrd")
+    assert whole["/gas/slice"] > 5
+    assert rows(tmp_path / "seen.rrd") == whole
+
+
+def test_a_run_goes_on_when_its_viewer_is_closed(viewer, tmp_path):
+    address = live.open_viewer()
+
+    def leave(sim: Any) -> None:
+        for one in [*psutil.Process(viewer[0].pid).children(recursive=True), viewer[0]]:
+            one.kill()
+
+    once = Every(3.0, leave)
+    recorded(tmp_path / "recording.rrd", address, (once,))
+    recorded(tmp_path / "alone.rrd", "")
+    assert rows(tmp_path / "recording.rrd") == rows(tmp_path / "alone.rrd")
+
+
+def test_what_keeps_a_viewer_from_opening_is_one_line(monkeypatch, tmp_path, capsys):
+    monkeypatch.chdir(tmp_path)
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(live, "OPTIONS", ("--no-such-option",))
+    scenario = Path(__file__).parents[2] / "configs" / "gaussian.yaml"
+    assert run.main([str(scenario), "--live", "--quiet"]) == 2
+    told = capsys.readouterr().err
+    assert told.startswith("--live: the viewer cannot be opened: ")
+    assert told.count("\n") == 1
+    assert not list(tmp_path.glob("runs/*")), "no folder is left"
+    with pytest.raises(SystemExit):
+        run.main([str(scenario), "--live", "--no-recording"])
+
+
+def test_a_viewer_that_would_report_is_not_opened(monkeypatch, tmp_path):
+    told = subprocess.CompletedProcess((), 0, '{"analytics_enabled": true}')
+    monkeypatch.setattr(subprocess, "run", lambda *_, **__: told)
+    with pytest.raises(RunFolderError, match="rerun analytics disable"):
+        live.quiet(str(tmp_path))
+
+
+def test_what_a_viewer_reads_says_that_it_sends_nothing(tmp_path):
+    environment = live.quiet(str(tmp_path))
+    assert '"analytics_enabled":false' in next(tmp_path.rglob("analytics.json")).read_text().replace(" ", "")
+    assert environment["HTTPS_PROXY"].startswith("http://127.0.0.1:")
