@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from taichi_plume.scenario.scenario import Scenario
     from taichi_plume.simulation import Simulation
 
-__version__ = "0.1.0"
+__version__ = "0.2.0.dev0"
 __all__ = ["Scenario", "Simulation", "load_scenario"]
 
 
