@@ -5,6 +5,7 @@ result.json says how far the run came. Nothing that was computed is thrown away,
 resumed afterwards as well. ``--verify`` tells instead which files are no longer as their run left them.
 """
 
+import shutil
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -13,7 +14,7 @@ from typing import Any
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from taichi_plume.files import checkpoint, manifest, plumesim_log, table_parts
+from taichi_plume.files import checkpoint, manifest, maps_file, plumesim_log, table_parts
 from taichi_plume.files.result import write_result
 from taichi_plume.files.run_folder import FILES, RunFolder, RunFolderError, resuming, told
 from taichi_plume.guard.terminal import Parser, say, visible
@@ -193,12 +194,18 @@ def _film(path: Path) -> str | None:
     return "whole up to its last frame"
 
 
+def _maps(path: Path) -> None:
+    """Maps are whole or not there; what was being written of them goes."""
+    shutil.rmtree(path.with_name(maps_file.PART), ignore_errors=True)
+
+
 COMPLETE: dict[str, Callable[[Path], str | None]] = {
     "robots.parquet": _parts,
     "probes.parquet": _parts,
     "forces.csv": _lines,
     "fields.zarr": _film,
     "plume.pslog": _log,
+    "maps.zarr": _maps,
     "recording.rrd": _recording,
 }
 
