@@ -185,13 +185,11 @@ def _recording(path: Path) -> str | None:
 
 
 def _film(path: Path) -> str | None:
-    """A film is whole up to its last frame; what a chunk was being written to goes."""
     if not path.is_dir():
         return None
-    from taichi_plume.files.film import tidy
+    from taichi_plume.files.new_film import complete
 
-    tidy(path)
-    return "whole up to its last frame"
+    return f"{complete(path)} frames"
 
 
 def _maps(path: Path) -> None:

@@ -1,7 +1,7 @@
 """What our zarr groups have in common: chunks with checksums, metadata that readers find in one place, and faults.
 
 Each group is consolidated: its zarr.json repeats the metadata of all its arrays, so that ``xarray.open_zarr(path)``
-gives no warning. What grows is consolidated when it comes to the disk; a reader sees it as it was at that moment, whole.
+gives no warning. What grows is consolidated when it comes to the disk: a reader sees it as it was then, whole.
 """
 
 import warnings
