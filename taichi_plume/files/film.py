@@ -24,16 +24,18 @@ A frame counts once its time is written, so a film that was interrupted holds al
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import zarr
 
 from taichi_plume.files import manifest
 from taichi_plume.files.zarr_groups import FAULTS, reason
-from taichi_plume.grid.cut_cells import Air
 from taichi_plume.guard.opening import irregular, unopenable
 from taichi_plume.scenario.sources import OtherSpecies
+
+if TYPE_CHECKING:
+    from taichi_plume.grid.cut_cells import Air
 
 FORMAT = "taichi_plume film 3"
 EARLIER = "taichi_plume film"  # all of them begin so
@@ -186,8 +188,10 @@ class Film:
         except FAULTS as error:
             raise FilmError(f"{self.path}: is damaged: {name}: {reason(error)}") from None
 
-    def air(self) -> Air:
+    def air(self) -> "Air":
         """The air of a recorded wind; whose surfaces these are, and how far away, is not known."""
+        from taichi_plume.grid.cut_cells import Air  # brings Taichi, which those that only look do without
+
         area = tuple(self.still(f"area_{name}").astype(float) for name in VELOCITIES[: len(self.shape)])
         volume = self.still("air").astype(float)
         return Air(volume, area, area, np.full(volume.shape, -1), self.periodic)

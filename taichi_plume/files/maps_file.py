@@ -23,11 +23,12 @@ from taichi_plume import __version__
 from taichi_plume.files import disk, manifest
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.guard.opening import irregular, unopenable
-from taichi_plume.map_scores import MapScores, MapSeries
-from taichi_plume.simulation import Simulation, Uncertain
 
 if TYPE_CHECKING:
     import xarray
+
+    from taichi_plume.map_scores import MapScores, MapSeries
+    from taichi_plume.simulation import Simulation
 
 FORMAT = "taichi_plume maps 1"
 PART = "maps.part"  # what is being written
@@ -52,7 +53,7 @@ class MapsFile:
 
     STATE = ()
 
-    def __init__(self, sim: Simulation, path: Path, map_scores: MapScores):
+    def __init__(self, sim: "Simulation", path: Path, map_scores: "MapScores"):
         self.sim, self.path, self.map_scores = sim, path, map_scores
         self.open = False
 
@@ -123,8 +124,10 @@ def _axis(name: str) -> dict[str, str]:
     return {"axis": name.upper()} if name in ("x", "y") else {}
 
 
-def _variables(series: MapSeries) -> dict[str, np.ndarray]:
+def _variables(series: "MapSeries") -> dict[str, np.ndarray]:
     """By name, as they are stored."""
+    from taichi_plume.simulation import Uncertain  # brings Taichi, which those that only read do without
+
     estimate = np.asarray(series.map.estimate(), np.float32)
     trials, nx, ny = estimate.shape
     cells = {"estimate": estimate, "weight": np.asarray(series.map.weight(), np.float32)}

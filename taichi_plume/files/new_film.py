@@ -3,7 +3,7 @@
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import zarr
@@ -19,7 +19,9 @@ from taichi_plume.files.film import (
     dimensions,
     places,
 )
-from taichi_plume.grid.fields import Species
+
+if TYPE_CHECKING:
+    from taichi_plume.grid.fields import Species
 
 TIMES = 4096  # per chunk
 WIND_NAMES = {"u": "x_wind", "v": "y_wind", "w": "upward_air_velocity"}
@@ -64,7 +66,7 @@ class NewFilm:
         moving: list[str],
         still: dict[str, np.ndarray],
         kept: int | None = None,
-        species: Sequence[Species] = (),
+        species: "Sequence[Species]" = (),
     ):
         self.path, self.dim = path, len(shape)
         self.ppm = {f"{GAS}{one.name}": (f"{one.name}_ppm", one.ppm_per_density) for one in species}
