@@ -33,7 +33,8 @@ MEANING = {
     "time": ("s", "simulated time since the robots start"),
     "viscosity": ("m2 s-1", "molecular and eddy viscosity of the air"),
     "temperature": ("K", "temperature of the air"),
-    "air": ("1", "share of the cell that is air"),
+    "air": ("1", "share of the cell that holds its gas, 0 in obstacles"),
+    "volume": ("1", "share of the cell that is air"),
 }
 PLACES = {
     "": "the cells' middles",
@@ -176,7 +177,7 @@ def _facts(name: str, known: dict[str, tuple[str, str, str | None]]) -> dict[str
     elif name in MEANING:
         units, meaning = MEANING[name]
         standard = "air_temperature" if name == "temperature" else None
-        more = {"axis": "T"} if name == "time" else None
+        more = {"axis": "T", "standard_name": "time"} if name == "time" else None
     elif name.startswith(STILL):
         shown = (
             "1 where the velocity was solved for, 0 on walls" if component == "open" else "share that is air"

@@ -42,7 +42,7 @@ def new_film(path: Path, frames: int = 3) -> list[dict[str, np.ndarray]]:
     """A film of noise; returns its frames, axes (z, y, x)."""
     rng = np.random.default_rng(5)
     moving = ["u_face", "v_face", "w_face", "gas_acetone"]
-    names = ["air", *(kind + name for kind in ("open_", "area_") for name in moving[:3])]
+    names = ["volume", "air", *(kind + name for kind in ("open_", "area_") for name in moving[:3])]
     still = {name: np.ones(size_of(name)[::-1], np.float32) for name in names}
     facts = {
         "depth": 1.0,
@@ -200,7 +200,7 @@ def emptied(path: Path) -> None:
         (lambda path: (path / "v_face/c/1/0/0/0").unlink(), "v_face has 2 of 3 frames"),
         (lambda path: shutil.rmtree(path / "w_face"), "w_face is missing"),
         (lambda path: shutil.rmtree(path / "open_v_face"), "open_v_face is missing"),
-        (lambda path: (path / "air/c/0/0/0").unlink(), "air has 0 of 1 frames"),
+        (lambda path: (path / "volume/c/0/0/0").unlink(), "volume has 0 of 1 frames"),
         (emptied, "holds no frame"),
     ],
 )

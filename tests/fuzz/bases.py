@@ -229,7 +229,7 @@ def _write_film(path: Path) -> None:
 
     rng = np.random.default_rng(5)
     moving = ["u_face", "v_face", "w_face", "gas_acetone"]
-    names = ["air", *(kind + name for kind in ("open_", "area_") for name in moving[:3])]
+    names = ["volume", "air", *(kind + name for kind in ("open_", "area_") for name in moving[:3])]
     still = {name: np.ones(size(name), np.float32) for name in names}
     source = {"position": [0.3, 0.2, 0.2], "rate": 1e-5}
     facts = {

@@ -153,7 +153,9 @@ def _scenario(folder: Path, kind: Format) -> tuple[Callable[[], Any], tuple]:
             names = [*film.wind, *film.gas]
             found += [film.frame(n, names) for n in range(len(film.times))]
             found += [
-                film.still(name) for name in sorted(film.arrays) if name.startswith(("open_", "area_", "air"))
+                film.still(name)
+                for name in sorted(film.arrays)
+                if name.startswith(("open_", "area_", "volume"))
             ]
             found += [film.times, film.attributes, film.shape, film.dx, film.air().volume]
         if resources.site:
