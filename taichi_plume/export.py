@@ -52,12 +52,12 @@ def export(run: Run, to: str, out: Path, source: str | None = None, force: bool 
 def _write(data: "xarray.Dataset", to: str, part: Path, folder: Path) -> None:
     from taichi_plume.files import disk, netcdf, vtkhdf
 
-    for coming in (vtkhdf if to == "vtkhdf" else netcdf).write(part, data, _reading(data, folder)):
+    for coming in (vtkhdf if to == "vtkhdf" else netcdf).write(part, data, frames(data, folder)):
         disk.require_room(part, coming)
 
 
-def _reading(data: "xarray.Dataset", folder: Path) -> "Callable[[str, int], np.ndarray]":
-    """How to get the values of a variable at a frame, with a line where these are damaged."""
+def frames(data: "xarray.Dataset", folder: Path) -> "Callable[[str, int], np.ndarray]":
+    """How to get the values of a variable of a run at a frame; raises RunFolderError where these are damaged."""
     from taichi_plume.files.zarr_groups import FAULTS, reason
 
     def read(name: str, n: int) -> "np.ndarray":

@@ -66,7 +66,7 @@ class Filming:
         moving += ["temperature"] if self.heat is not None else []
         self.frames = 0
         species = sim.gas.species if "gas" in model.quantities else ()
-        self._new = partial(NewFilm, path, grid.shape, grid.dx, attributes, moving, still, species=species)
+        self._new = partial(NewFilm, path, grid.shape, grid.dx, attributes, moving, still, species)
 
     def start(self) -> None:
         """Begin the film."""

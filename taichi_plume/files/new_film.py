@@ -54,8 +54,8 @@ class NewFilm:
     """A film being written.
 
     shape: cells per axis (x, y, z); dx [m]; attributes: of the group; moving: names of the variables of a frame;
-    still: those that do not change, with their values. kept: go on with the film that is there, after so many frames.
-    species: of the gases among `moving`, for what is also told in ppm.
+    still: those that do not change, with their values; species: of the gases among `moving`. kept: go on with the film
+    that is there, after so many frames.
     """
 
     def __init__(
@@ -66,8 +66,8 @@ class NewFilm:
         attributes: dict[str, Any],
         moving: list[str],
         still: dict[str, np.ndarray],
+        species: "Sequence[Species]",
         kept: int | None = None,
-        species: "Sequence[Species]" = (),
     ):
         self.path, self.dim = path, len(shape)
         self.ppm = {f"{GAS}{one.name}": (f"{one.name}_ppm", one.ppm_per_density) for one in species}

@@ -56,7 +56,7 @@ def new_film(path: Path, frames: int = 3) -> list[dict[str, np.ndarray]]:
             }
         },
     }
-    film = NewFilm(path, SHAPE, DX, facts, moving, still, species=(SPECIES["acetone"],))
+    film = NewFilm(path, SHAPE, DX, facts, moving, still, (SPECIES["acetone"],))
     shown = [{name: rng.random(size_of(name)[::-1], np.float32) for name in moving} for _ in range(frames)]
     for n, frame in enumerate(shown):
         film.append(0.5 * n, frame)
@@ -144,7 +144,7 @@ def test_a_film_that_is_growing_shows_others_its_last_frames_of_which_all_is_the
 
 def test_a_film_goes_on_after_the_frames_that_are_kept(path, whole):
     film = NewFilm(
-        path, SHAPE, DX, {}, ["u_face", "v_face", "w_face", "gas_acetone"], {}, 2, (SPECIES["acetone"],)
+        path, SHAPE, DX, {}, ["u_face", "v_face", "w_face", "gas_acetone"], {}, (SPECIES["acetone"],), 2
     )
     assert xarray.open_zarr(path).sizes["time"] == 2
     held = Film(whole)

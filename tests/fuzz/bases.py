@@ -220,6 +220,7 @@ def _write_film(path: Path) -> None:
     """Three frames of noise, of a wind and a gas."""
     from taichi_plume.files.film import dimensions
     from taichi_plume.files.new_film import NewFilm
+    from taichi_plume.scenario.species import SPECIES
 
     shape = (6, 5, 4)
     more = {"": 0, "face": 1, "ghost": 2}
@@ -240,6 +241,7 @@ def _write_film(path: Path) -> None:
         "gases": {"gas_acetone": {"species": "acetone", "sources": [source]}},
     }
     shutil.rmtree(path, ignore_errors=True)
-    film = NewFilm(path, shape, 0.1, facts, moving, still)
+    film = NewFilm(path, shape, 0.1, facts, moving, still, (SPECIES["acetone"],))
     for n in range(3):
         film.append(0.5 * n, {name: 0.1 * rng.random(size(name), np.float32) for name in moving})
+    film.flush()
