@@ -67,7 +67,8 @@ def _new(args: argparse.Namespace) -> int:
     inputs = input_paths(prepared.scenario, args.scenario)
     with RunFolder(prepared.scenario.name, args.out, args.force, inputs=inputs) as folder:
         arch, recording = args.arch or "cpu", not args.no_recording
-        job = Job(prepared, folder, args.scenario, inputs, arch, backend, recording, live=_viewer(args))
+        shown = {"live": _viewer(args), "report": not args.no_report}
+        job = Job(prepared, folder, args.scenario, inputs, arch, backend, recording, **shown)
         return simulate(job, args.quiet, args.debug)
 
 
@@ -89,8 +90,8 @@ def _resume(args: argparse.Namespace) -> int:
         execute(prepared, args.allow_code, ask=True)
         backend = device(args.arch or told["arch"])
         arch = args.arch or told["arch"]
-        live = _viewer(args) if told["recording"] else None
-        job = Job(prepared, folder, file, inputs, arch, backend, told["recording"], told, live)
+        shown = {"live": _viewer(args) if told["recording"] else None, "report": not args.no_report}
+        job = Job(prepared, folder, file, inputs, arch, backend, told["recording"], told, **shown)
         return simulate(job, args.quiet, args.debug)
 
 
@@ -131,6 +132,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--live", action="store_true", help="open the viewer while the run goes on (on this machine alone)"
     )
+    parser.add_argument("--no-report", action="store_true", help="write no report.html")
     parser.add_argument("--quiet", action="store_true", help="no progress bar, no summary")
     parser.add_argument("--force", action="store_true", help="replace an earlier run in --out")
     parser.add_argument(
