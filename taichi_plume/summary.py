@@ -26,6 +26,8 @@ def print_summary(content: dict[str, Any], folder: Path) -> None:
     if "recording.rrd" in files:
         command = shlex.join(["rerun", str(folder / "recording.rrd")])
         show(Text.assemble("look at it:  ", (command, "bold cyan")), soft_wrap=True)
+    if "report.html" in files:
+        show(Text.assemble("read it:     ", (visible(folder / "report.html"), "bold cyan")), soft_wrap=True)
 
 
 def summary(content: dict[str, Any]) -> list[tuple[str, str]]:

@@ -84,11 +84,15 @@ def test_a_run_leaves_its_directory(scenario, capsys):
         "scenario.yaml",
         "recording.rrd",
         "robots.parquet",
+        "maps.zarr",
         "result.json",
+        "report.html",
     }
     assert result(folder)["status"] == "completed"
     assert readable(folder) == pytest.approx(1.0)
-    assert "rerun runs/small-1/recording.rrd" in capsys.readouterr().out
+    told = capsys.readouterr().out
+    assert "rerun runs/small-1/recording.rrd" in told
+    assert "read it:     runs/small-1/report.html" in told
 
 
 def test_remarks_are_printed_and_kept(scenario, fake, capsys):
