@@ -7,17 +7,16 @@ Only the files of this folder know rerun.
 
 import time
 from pathlib import Path
-from typing import Protocol, cast
 
 import numpy as np
 import rerun as rr
 
 from taichi_plume import __version__
-from taichi_plume.grid.fields import Wind
 from taichi_plume.map_scores import MapScores
-from taichi_plume.record import layout, scene
+from taichi_plume.record import about, layout, legends, planes, scales, scene
 from taichi_plume.record.map_pictures import MapPictures
-from taichi_plume.record.pictures import Pictures
+from taichi_plume.record.pictures import Arrows, Pictures
+from taichi_plume.record.stage import Stage
 from taichi_plume.record.stream import Stream, mend
 from taichi_plume.record.tracks import Event, Tracks, recorded_robots
 from taichi_plume.scenario.scenario import Scenario
@@ -25,6 +24,7 @@ from taichi_plume.simulation import Every, Simulation
 
 SAMPLE_PERIOD = 0.1  # s, robots
 LIVE = 0.5  # s of the clock between what a viewer is sent
+BATCH = 2.0  # s, at least
 BATCHES = 250  # at most: rerun keeps 1.5 kB of each, of each entity, in memory until the end
 EARLIER = "recording.old.rrd"
 MENDED = "recording.part.rrd"
@@ -38,7 +38,7 @@ class Recorder:
     Raises OSError, from the constructor or an observer, as soon as the disk has no room for more.
     """
 
-    STATE = ("t", "schedule", "tracks", "maps")
+    STATE = ("t", "schedule", "tracks", "maps", "arrows")
 
     def __init__(
         self,
@@ -62,41 +62,46 @@ class Recorder:
         """(time, x, y) of the way of each moving obstacle since the last flush."""
         scores = map_scores or MapScores(sim)
         self.own_scores = None if map_scores else scores
-        stage = scene.Stage.of(sim)
-        ghosts = [robot.name for robot in robots if robot.reckons]
-        blueprint = layout.blueprint(sim, stage, [robot.name for robot in robots], ghosts, live is not None)
+        stage = Stage.of(sim)
+        seen, shown = planes.planes(scenario, sim.grid.extent), scales.quantities(sim)
+        blueprint = layout.Layout(sim, layout.Shown(stage, robots, seen, shown, live is not None)).blueprint()
         self.stream = Stream(path, scenario.name, scenario.seed, blueprint, live)
-        self.shown = -np.inf  # on the clock, to the viewer
+        self.sent = -np.inf  # on the clock, to the viewer
         properties = rr.AnyValues(
             seed=scenario.seed, backend=backend, version=__version__, spacing_m=sim.grid.dx
         )
         self.stream.rerun.send_property("run", properties)
         self.stream.log_still(scene.arena(sim, stage))
-        self.stream.log_still(scene.legends(sim, stage))
-        self.stream.log_still(scene.about(sim, backend, len(robots)))
+        for raster in (
+            planes.Raster(plane, sim.grid, sim.air.solid) for plane in seen if plane.letters != "xy"
+        ):
+            self.stream.log_still(scene.section(sim, raster, stage))
+        self.stream.log_still(legends.legends(sim, stage, seen, shown))
+        self.stream.log_still(about.about(sim, backend, len(robots), seen, shown))
         self.tracks = Tracks(self.stream, stage, robots, self.thresholds, self.events)
-        self.pictures = Pictures(self.stream, sim, stage, _top_speed(sim))
+        self.pictures = Pictures(self.stream, sim, stage, seen, shown)
+        self.arrows = Arrows(self.stream, sim, stage, seen)
         self.maps = MapPictures(self.stream, sim, stage, scores.series)
 
     def observers(self) -> list[Every]:
         """What the simulation has to call, in this order."""
         return [
-            Every(1 / self.rates.rate, self.pictures.show_gas, warm_up=True),
-            Every(1 / self.rates.wind_rate, self.pictures.show_wind, warm_up=True),
+            Every(1 / self.rates.rate, self.pictures.show, warm_up=True),
+            Every(1 / self.rates.wind_rate, self.arrows.show, warm_up=True),
             Every(SAMPLE_PERIOD, self.tracks.sample),
             Every(SAMPLE_PERIOD, self.sample_obstacles, warm_up=True),
             *([self.own_scores.observer()] if self.own_scores else []),
             Every(1.0, self.maps.show),
-            Every(max(1.0, self.sim.scenario.duration / BATCHES), self.note, warm_up=True),
+            Every(max(BATCH, self.sim.scenario.duration / BATCHES), self.note, warm_up=True),
             Every(1.0, lambda _: self.stream.require_room(), warm_up=True),
             *([Every(SAMPLE_PERIOD, self.show_now, warm_up=True)] if self.stream.live else []),
         ]
 
     def show_now(self, sim: Simulation) -> None:
         """Let the viewer have what was gathered, twice a second of the clock."""
-        if time.monotonic() - self.shown > LIVE:
+        if time.monotonic() - self.sent > LIVE:
             self.flush()
-            self.shown = time.monotonic()
+            self.sent = time.monotonic()
 
     def start(self) -> None:
         """Begin the file."""
@@ -172,20 +177,6 @@ def _schedule(scenario: Scenario) -> list[tuple[float, str]]:
             text = f"{opening.kind} {n} on face {face}: {step.speed:g} m/s from now on"
             changes.append((step.at, text))
     return sorted(changes)
-
-
-class Shown(Wind, Protocol):
-    """A wind whose files tell how fast it gets."""
-
-    top_speed: float
-
-
-def _top_speed(sim: Simulation) -> float:
-    """Largest prescribed or recorded speed [m/s]: the arrows' full length."""
-    speed = sim.scenario.wind.top_speed(sim.scenario)
-    if speed is None:
-        speed = cast(Shown, sim.wind).top_speed
-    return speed or 0.1
 
 
 def _packed(color: tuple[int, ...]) -> np.uint32:
