@@ -6,7 +6,8 @@ import numpy as np
 import rerun as rr
 
 from taichi_plume.map_scores import MapSeries
-from taichi_plume.record import drawing, layout, scene
+from taichi_plume.record import drawing, layout, legends, scene
+from taichi_plume.record.scales import Scale
 from taichi_plume.record.stream import Stream
 from taichi_plume.scores import map_rows
 from taichi_plume.simulation import Simulation
@@ -62,8 +63,8 @@ class MapPictures:
             places = {
                 "estimate": drawing.logarithmic(estimate, low, high),
                 "truth": drawing.logarithmic(truth, low, high),
-                "weight": drawing.logarithmic(np.where(weight > 0, weight, np.nan), *scene.WEIGHTS),
-                "error": drawing.logarithmic(ratio, *scene.RATIOS),
+                "weight": _places(legends.WEIGHTS, np.where(weight > 0, weight, np.nan)),
+                "error": _places(legends.RATIOS, ratio),
             }
             for name, palette in scene.ESTIMATES.items():
                 pixels = drawing.rows(drawing.painted(places[name], palette))
@@ -87,3 +88,8 @@ class MapPictures:
         if known:
             t, scalars = zip(*known, strict=True)
             self.stream.send(entity, t, rr.Scalars.columns(scalars=scalars))
+
+
+def _places(scale: Scale, values: np.ndarray) -> np.ndarray:
+    """From 0 to 1; NaN where nothing is known."""
+    return np.where(np.isfinite(values), scale.places(values), np.nan)
