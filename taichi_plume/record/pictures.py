@@ -19,6 +19,7 @@ SHORTEST = 0.04  # of the key's: what is shorter is not drawn
 SLOWEST = 1e-3  # m/s: arrows of less are not made longer
 THIN = 0.038  # radius of arrows, over the distance between them
 ARROW_COLOR = (165, 180, 200, 180)
+HALVES = (np.arange(256) / 255).astype(np.float16)
 DENSITY = 3.5  # optical, of the volume across the arena's height, or its length where it is as high as that
 
 
@@ -86,8 +87,7 @@ class Pictures:
                     assert cells is not None
                     pixels = raster.of_cells(cells)
                 data = drawing.rows(quantity.scale.bytes(pixels))
-                entity = f"{quantity.entity}/{raster.plane.name}"
-                self.stream.log(sim.t, entity, rr.GridMap.from_fields(data=data))
+                self.stream.picture(sim.t, f"{quantity.entity}/{raster.plane.name}", data)
             if volume and cells is not None:
                 self._show_volume(sim, quantity, cells)
 
@@ -103,9 +103,8 @@ class Pictures:
 
     def _show_volume(self, sim: Simulation, quantity: Quantity, cells: np.ndarray) -> None:
         assert self.voxels is not None
-        places = quantity.scale.places(planes.largest(cells, self.voxels))
-        values = ((255 * places).round() / 255).astype(np.float16)  # fewer values pack better
-        volume = rr.Volume3D.from_fields(values=np.ascontiguousarray(values.transpose(2, 1, 0)))
+        voxels = quantity.scale.bytes(planes.largest(cells, self.voxels))  # fewer values pack better
+        volume = rr.Volume3D.from_fields(values=HALVES[np.ascontiguousarray(voxels.transpose(2, 1, 0))])
         self.stream.log(sim.t, "gas/volume", volume)
 
 
@@ -150,6 +149,8 @@ class Arrows:
                 places = np.insert(places, plane.normal, plane.level, axis=-1)
             self.places.append(places)
             self.steps.append(step)
+            style = rr.Arrows3D.from_fields(colors=ARROW_COLOR, radii=THIN * step)
+            stream.log_still(iter([(f"wind/{plane.name}", style)]))
         self.points = np.concatenate(self.places).astype(np.float32)
 
     def show(self, sim: Simulation) -> None:
@@ -179,5 +180,6 @@ class Arrows:
         drawn = length > SHORTEST * ARROW * step
         vectors = vectors[drawn]
         origins = scene.placed(plane, places[drawn][:, along], self.stage, 6) - vectors / 2
-        arrows = rr.Arrows3D(origins=origins, vectors=vectors, colors=ARROW_COLOR, radii=THIN * step)
-        self.stream.log(sim.t, f"wind/{plane.name}", arrows)
+        self.stream.log(
+            sim.t, f"wind/{plane.name}", rr.Arrows3D.from_fields(origins=origins, vectors=vectors)
+        )

@@ -21,6 +21,7 @@ from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.simulation import Every, Simulation
 
 SAMPLE_PERIOD = 0.1  # s, robots
+BATCH = 2.0  # s, at least
 BATCHES = 250  # at most: rerun keeps 1.5 kB of each, of each entity, in memory until the end
 EARLIER = "recording.old.rrd"
 MENDED = "recording.part.rrd"
@@ -82,7 +83,7 @@ class Recorder:
             Every(SAMPLE_PERIOD, self.sample_obstacles, warm_up=True),
             *([self.own_scores.observer()] if self.own_scores else []),
             Every(1.0, self.maps.show),
-            Every(max(1.0, self.sim.scenario.duration / BATCHES), self.note, warm_up=True),
+            Every(max(BATCH, self.sim.scenario.duration / BATCHES), self.note, warm_up=True),
             Every(1.0, lambda _: self.stream.require_room(), warm_up=True),
         ]
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import ceil, floor
+from math import ceil, floor, log
 from typing import Literal
 
 import numpy as np
@@ -24,17 +24,15 @@ class Scale:
     high: float
     kind: Literal["log", "linear"]
 
-    def places(self, values: np.ndarray) -> np.ndarray:
-        """From 0 (low) to 1 (high); NaN becomes 0."""
-        if self.kind == "log":
-            places = drawing.logarithmic(values, self.low, self.high)
-        else:
-            places = np.clip((values - self.low) / (self.high - self.low), 0.0, 1.0)
-        return np.nan_to_num(places)
-
     def bytes(self, values: np.ndarray) -> np.ndarray:
-        """As u8."""
-        return (255 * self.places(values) + 0.5).astype(np.uint8)
+        """As u8; NaN becomes 0."""
+        known = np.fmax(values, np.float32(self.low))
+        if self.kind == "log":
+            places = np.log(known) - np.float32(log(self.low))
+            places *= np.float32(255 / log(self.high / self.low))
+        else:
+            places = (known - np.float32(self.low)) * np.float32(255 / (self.high - self.low))
+        return np.minimum(places + np.float32(0.5), 255).astype(np.uint8)
 
     def marks(self) -> list[tuple[float, str]]:
         """Place and label of what a legend shows."""
