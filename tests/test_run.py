@@ -85,6 +85,7 @@ def test_a_run_leaves_its_directory(scenario, capsys):
         "recording.rrd",
         "robots.parquet",
         "report.html",
+        "maps.zarr",
         "result.json",
     }
     assert result(folder)["status"] == "completed"

@@ -64,7 +64,7 @@ def arrows_of_film(
     if here is None or not frames:
         return Arrows(np.zeros(0), [], [])
     flat, step = arrow_places([extent[d] for d in here.axes])
-    points = flat if here.normal is None else np.insert(flat, here.normal, here.level, axis=-1)
+    points = flat if here.normal is None else np.insert(flat, here.normal, here.level or 0.0, axis=-1)
     try:
         found = [velocity(film, float(film.times[n]))(points) for n in frames]
     except FilmError as error:
