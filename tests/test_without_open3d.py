@@ -60,7 +60,7 @@ def test_all_commands_work_without_it(tmp_path):
         "run s.yaml --quiet --no-recording --out a",
         "run s.yaml --quiet --out b",
         "report b",
-        "picture a --at 0.4 --out x.png",
+        "picture b --at 0.4 --out x.png",
         "export a --to vtkhdf",
         "export a --to netcdf",
         "export a --to csv",
