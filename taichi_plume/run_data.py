@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 from taichi_plume import __version__
 from taichi_plume.files import manifest
 from taichi_plume.files.run_folder import OURS, RunFolderError, is_run, told
+from taichi_plume.files.tables import LONGEST_TEXT, plain
 from taichi_plume.guard.opening import read_regular, unopenable
 from taichi_plume.guard.terminal import visible
 
@@ -66,8 +67,9 @@ class Run:
             raise RunFolderError(f"{folder}: is not the folder of a run")
         made = told(folder / "result.json").get("version", __version__)
         if str(made).split(".")[:2] != __version__.split(".")[:2]:
+            of = visible(made, LONGEST_TEXT)
             raise RunFolderError(
-                f"{folder}: was made by taichi_plume {made}, this is {__version__}; open it with that version"
+                f"{folder}: was made by taichi_plume {of}, this is {__version__}; use that one"
             )
 
     @cached_property
@@ -96,11 +98,15 @@ class Run:
     def fields(self) -> "xarray.Dataset":
         """Wind, gas and temperature at the cells' middles, over time."""
         path = self._path("fields")
-        if path.name == "fields.zarr":
-            return _film(path)
+        return _film(path) if path.name == "fields.zarr" else self.pictures
+
+    @cached_property
+    def pictures(self) -> "xarray.Dataset":
+        """What the recording's pictures show, over time; coarser than a film, and of planes."""
         from taichi_plume.record.reading import pictures
 
-        return pictures(path)
+        self.require("recording.rrd")
+        return pictures(self.folder / "recording.rrd")
 
     @cached_property
     def robots(self) -> "pandas.DataFrame":
@@ -123,6 +129,12 @@ class Run:
         from taichi_plume.files import maps_file
 
         return maps_file.read(self._path("maps"))
+
+    def require(self, name: str) -> None:
+        """Raises RunFolderError where the run has no film or recording, whichever is named."""
+        if not (self.folder / name).exists():
+            how = "`fields: {rate: 2}` in the scenario" if name == "fields.zarr" else "a recording"
+            raise RunFolderError(f"{self.folder}: has no {name}; run with {how}")
 
     def _path(self, part: str) -> Path:
         """The file of a part that there is. Raises RunFolderError."""
@@ -162,7 +174,7 @@ def _film(path: Path) -> "xarray.Dataset":
         raise RunFolderError(str(error)) from None
     try:
         data = xarray.open_zarr(path, consolidated=True, chunks=None)
-        for name in data.data_vars:
+        for name in map(str, data.data_vars):
             stored, wanted = film.arrays[name].nchunks_initialized, data[name].sizes.get("time", 1)
             if stored < wanted:
                 raise ValueError(f"{name} has {stored} of {wanted} frames")
@@ -173,7 +185,7 @@ def _film(path: Path) -> "xarray.Dataset":
     beside = [
         name for name in data.variables if any(d.endswith(("_face", "_ghost")) for d in data[name].dims)
     ]
-    return data.drop_vars(beside)
+    return data.drop_vars([*beside, "volume"])
 
 
 def _table(path: Path) -> "pandas.DataFrame":
@@ -187,7 +199,7 @@ def _table(path: Path) -> "pandas.DataFrame":
         frame.attrs["units"] = {name: one.get(b"unit", b"1").decode() for name, one in about.items()}
         frame.attrs["meanings"] = {name: one.get(b"meaning", b"").decode() for name, one in about.items()}
     except (ValueError, TypeError, LookupError) as error:
-        raise RunFolderError(f"{path}: is damaged: {' '.join(str(error).split())}") from None
+        raise RunFolderError(f"{path}: is damaged: {plain(' '.join(str(error).split()))}") from None
     return frame
 
 
@@ -207,7 +219,7 @@ def _rows(path: Path) -> "pandas.DataFrame":
         frame = frame.astype({name: int if name == "obstacle" else float for name in frame.columns})
         if list(frame.columns[:2]) != ["t_s", "obstacle"]:
             raise ValueError("its first line names other columns")
-    except (ValueError, TypeError) as error:
-        raise RunFolderError(f"{path}: is damaged: {' '.join(str(error).split())[:200]}") from None
+    except (ValueError, TypeError, ArithmeticError) as error:
+        raise RunFolderError(f"{path}: is damaged: {plain(' '.join(str(error).split()))}") from None
     frame.attrs["units"] = {name: name.partition("_")[2] or "1" for name in frame.columns}
     return frame
