@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 from taichi_plume import __version__
 from taichi_plume.files import manifest
 from taichi_plume.files.run_folder import OURS, RunFolderError, is_run, told
+from taichi_plume.files.tables import LONGEST_TEXT, plain
 from taichi_plume.guard.opening import read_regular, unopenable
 from taichi_plume.guard.terminal import visible
 
@@ -66,8 +67,9 @@ class Run:
             raise RunFolderError(f"{folder}: is not the folder of a run")
         made = told(folder / "result.json").get("version", __version__)
         if str(made).split(".")[:2] != __version__.split(".")[:2]:
+            of = visible(made, LONGEST_TEXT)
             raise RunFolderError(
-                f"{folder}: was made by taichi_plume {made}, this is {__version__}; open it with that version"
+                f"{folder}: was made by taichi_plume {of}, this is {__version__}; use that one"
             )
 
     @cached_property
@@ -197,7 +199,7 @@ def _table(path: Path) -> "pandas.DataFrame":
         frame.attrs["units"] = {name: one.get(b"unit", b"1").decode() for name, one in about.items()}
         frame.attrs["meanings"] = {name: one.get(b"meaning", b"").decode() for name, one in about.items()}
     except (ValueError, TypeError, LookupError) as error:
-        raise RunFolderError(f"{path}: is damaged: {' '.join(str(error).split())}") from None
+        raise RunFolderError(f"{path}: is damaged: {plain(' '.join(str(error).split()))}") from None
     return frame
 
 
@@ -217,7 +219,7 @@ def _rows(path: Path) -> "pandas.DataFrame":
         frame = frame.astype({name: int if name == "obstacle" else float for name in frame.columns})
         if list(frame.columns[:2]) != ["t_s", "obstacle"]:
             raise ValueError("its first line names other columns")
-    except (ValueError, TypeError) as error:
-        raise RunFolderError(f"{path}: is damaged: {' '.join(str(error).split())[:200]}") from None
+    except (ValueError, TypeError, ArithmeticError) as error:
+        raise RunFolderError(f"{path}: is damaged: {plain(' '.join(str(error).split()))}") from None
     frame.attrs["units"] = {name: name.partition("_")[2] or "1" for name in frame.columns}
     return frame

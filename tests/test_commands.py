@@ -10,7 +10,7 @@ from taichi_plume import __version__
 HERE = Path(commands.__file__).parent
 
 
-@pytest.mark.parametrize("name", [name for name in commands.COMMANDS if name != "report"])
+@pytest.mark.parametrize("name", commands.COMMANDS)
 def test_each_command_tells_of_itself(name, capsys):
     with pytest.raises(SystemExit) as end:
         commands.main([name, "--help"])

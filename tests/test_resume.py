@@ -41,6 +41,7 @@ CASES |= {
     "plumesim_gaussian": ("own", ["gas={kind: plumesim_gaussian, release_point: [0.5, 1.5], cell: 0.1}"]),
     "plumesim_meandering": ("own", ["gas={kind: plumesim_meandering, release_point: [0.5, 1.5]}"]),
     "ecoli": ("casting_room", ["robots.0.algorithm={kind: ecoli}"]),
+    "filmed": ("casting_room", ["fields={rate: 2}"]),
     "handover": ("puffs_arena", ["gas.initial_size=4.5 cm", "gas.convection=weno5"]),
     "weno5": ("mixture", ["wind.convection=weno5", "wind.turbulence={kind: vreman}"]),
 }  # fmt: skip

@@ -43,7 +43,7 @@ def small(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("data")
     (folder / "s.yaml").write_text(SCENARIO)
     out = folder / "run"
-    assert run.main([str(folder / "s.yaml"), "--out", str(out), "--quiet", "--no-recording"]) == 0
+    assert run.main([str(folder / "s.yaml"), "--out", str(out), "--quiet", "--no-report"]) == 0
     return out
 
 
@@ -66,11 +66,8 @@ def test_all_parts_are_there_with_units(small):
         fields = one.fields.load()
     assert set(fields.data_vars) == {"u", "v", "w", "ethanol_ppm", "gas_ethanol", "temperature", "air"}
     assert fields["u"].dims == ("time", "z", "y", "x")
-    assert {name: fields[name].attrs["units"] for name in ("u", "ethanol_ppm", "temperature")} == {
-        "u": "m s-1",
-        "ethanol_ppm": "ppm",
-        "temperature": "K",
-    }
+    units = [fields[name].attrs["units"] for name in ("u", "ethanol_ppm", "temperature")]
+    assert units == ["m s-1", "ppm", "K"]
     np.testing.assert_allclose(fields["time"], [0, 0.5, 1, 1.5, 2])
     assert (
         298 < fields["temperature"].isel(time=0, z=0).mean() < fields["temperature"].isel(time=-1, z=0).mean()
@@ -81,6 +78,9 @@ def test_all_parts_are_there_with_units(small):
     assert [each.attrs["kind"] for each in one.maps] == ["time_series", "gmrf"]
     assert "variance" in one.maps[1]
     assert one.fields is one.fields
+    told = repr(one)
+    assert "small, completed, 2 s" in told
+    assert "probes.parquet" in told
 
 
 def test_the_film_tells_what_probes_tell(small):
@@ -96,6 +96,27 @@ def test_the_film_tells_what_probes_tell(small):
     assert last.sel(place, method="nearest")["u"] > 0
 
 
+def test_without_a_film_the_fields_are_what_was_recorded(folder, tmp_path):
+    """Coarser, and of the range of the colours; a NetCDF file can be made of them as well."""
+    film = open_run(folder).fields.load()
+    assert (
+        export.main([str(folder), "--to", "netcdf", "--from", "recording", "--out", str(tmp_path / "r.nc")])
+        == 0
+    )
+    shutil.rmtree(folder / "fields.zarr")
+    pictures = open_run(folder).fields
+    assert pictures.equals(xarray.open_dataset(tmp_path / "r.nc"))
+    column = pictures["gas_column"].sel(time=2.0)
+    here = film["ethanol_ppm"].sel(time=2.0).max("z").sel(x=column["x"], y=column["y"], method="nearest")
+    assert column.attrs["units"] == "ppm"
+    known = (here > 1.0) & (here < 900.0)
+    assert known.sum() > 5
+    np.testing.assert_allclose(column.where(known), here.where(known), rtol=0.03)
+    for to in ("vtkhdf", "netcdf"):
+        where = ["--from", "film"] if to == "netcdf" else []
+        assert export.main([str(folder), "--to", to, *where, "--out", str(tmp_path / "x")]) == 2
+
+
 def test_pandas_and_polars_find_units_in_the_file(small):
     for name in ("robots", "probes"):
         path = small / f"{name}.parquet"
@@ -106,14 +127,6 @@ def test_pandas_and_polars_find_units_in_the_file(small):
         told = polars.read_parquet_metadata(path)
         assert json.loads(told["units"]) == frame.attrs["units"]
         assert polars.read_parquet(path)["t"].to_list() == frame["t"].tolist()
-
-
-def test_what_there_is_is_listed(small):
-    told = repr(open_run(small))
-    assert "small, completed, 2 s" in told
-    assert "fields.zarr" in told
-    (line,) = [line for line in repr(open_run(small)).splitlines() if "probes" in line]
-    assert "probes.parquet" in line
 
 
 def test_a_running_run_is_read_as_far_as_it_is(folder):
@@ -185,27 +198,6 @@ def test_paraview_reads_every_time_and_all_the_mass(small, tmp_path):
     assert ((mesh["air"] > 0) & (mesh["air"] < 1)).any(), "the sphere cuts cells"
     mass = (mesh["gas_ethanol"].astype(float) * mesh["air"] * volume).sum()
     assert mass == pytest.approx(open_run(small).result["gas"]["in_domain_kg"], rel=1e-6)
-
-
-def test_a_flat_film_is_a_layer_as_thick_as_its_slab(tmp_path):
-    import pyvista
-
-    from taichi_plume.files import vtkhdf
-
-    u, gas = np.random.default_rng(3).random((2, 3, 4, 5), np.float32)
-    data = xarray.Dataset(
-        {"u": (("time", "y", "x"), u), "v": (("time", "y", "x"), -u), "gas_a": (("time", "y", "x"), gas)},
-        {"time": [0.0, 1.0, 2.5]},
-        {"spacing": 0.1, "depth": 0.5},
-    )
-    list(vtkhdf.write(tmp_path / "a.vtkhdf", data, lambda name, n: data[name].values[n]))
-    reader = pyvista.get_reader(tmp_path / "a.vtkhdf").reader
-    reader.UpdateTimeStep(2.5)
-    mesh = pyvista.wrap(reader.GetOutputDataObject(0))
-    np.testing.assert_allclose(mesh.bounds, [0, 0.5, 0, 0.4, 0, 0.5])
-    np.testing.assert_array_equal(mesh["wind"], np.stack([u[2], -u[2], 0 * u[2]], -1).reshape(-1, 3))
-    assert mesh.volume == pytest.approx(0.1)
-    assert mesh.compute_cell_sizes()["Volume"] @ mesh["gas_a"] == pytest.approx(0.005 * gas[2].sum())
 
 
 def test_netcdf_is_the_same_data_and_follows_cf(small, tmp_path):

@@ -59,7 +59,8 @@ def test_all_commands_work_without_it(tmp_path):
         "run s.yaml --check",
         "run s.yaml --quiet --no-recording --out a",
         "run s.yaml --quiet --out b",
-        "picture a --at 0.4 --out x.png",
+        "report b",
+        "picture b --at 0.4 --out x.png",
         "export a --to vtkhdf",
         "export a --to netcdf",
         "export a --to csv",
@@ -71,6 +72,7 @@ def test_all_commands_work_without_it(tmp_path):
     assert done.returncode == 0, done.stderr
     for name in (
         "b/recording.rrd",
+        "b/report.html",
         "x.png",
         "a/fields.vtkhdf",
         "a/fields.nc",
