@@ -31,6 +31,8 @@ FOUND = 0x43A047FF  # green, which no state is; red are sources
 VIRIDIS = ((68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (253, 231, 37))
 EMBER = ((24, 26, 32), (78, 52, 46), (191, 97, 44), (255, 183, 77), (255, 245, 200))
 BLUE_RED = ((33, 102, 172), (103, 169, 207), (236, 239, 241), (239, 138, 98), (178, 24, 43))
+TIME = "sim_time"
+"""The axis of time of recordings."""
 FIELD_OF_VIEW = radians(55)  # of the viewer's camera, over the height of its panel
 
 # ---------------------------------------------------------------- colours
@@ -48,12 +50,18 @@ def logarithmic(values: np.ndarray, low: float, high: float) -> np.ndarray:
 
 
 def decades(low: float, high: float) -> list[tuple[float, str]]:
-    """Place on the logarithmic scale and label of each power of ten from `low` to `high`."""
-    powers = range(ceil(log10(low) - 1e-9), floor(log10(high) + 1e-9) + 1)
-    labels = [f"{10.0**n:g}" if -4 < n < 4 else f"1e{n}" for n in powers]
+    """Place on the logarithmic scale and label of each power of ten from `low` to `high`; of few, with 3 times them."""
+    powers = range(floor(log10(low)), floor(log10(high) + 1e-9) + 1)
+    factors = (1, 3) if log10(high / low) < 4 - 1e-9 else (1,)
+    marks = [
+        (factor * 10.0**n, f"{factor * 10.0**n:g}" if -4 < n < 4 else f"{factor}e{n}")
+        for n in powers
+        for factor in factors
+    ]
     return [
-        (float(logarithmic(np.array(10.0**n), low, high)), text)
-        for n, text in zip(powers, labels, strict=True)
+        (float(logarithmic(np.array(value), low, high)), text)
+        for value, text in marks
+        if low * (1 - 1e-9) <= value <= high * (1 + 1e-9)
     ]
 
 

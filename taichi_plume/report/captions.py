@@ -14,6 +14,7 @@ TRAILS = (
     "Lines are the ways of the robots, discs with a nose where they were at the end; those with a green rim have "
     "found the source.{part}"
 )
+ASIDE = "Seen from the side: obstacles are pale, as they may stand before this plane or behind it."
 SMELT = (
     "Grey: the true concentration where the sensor is; line: what the sensor says, late and smoothed as real ones "
     "are; both on a logarithmic scale. Dashed: the reading from which the algorithm takes it for gas; green: a source "

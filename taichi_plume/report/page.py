@@ -165,11 +165,9 @@ class Parts:
         run = self.run
         section = Section("Where the gas was, and where the robots went", "plume")
         spacing = max(run.scenario.duration + run.scenario.warm_up, 1e-3) / MOST_FRAMES
-        pictures = self._tried(lambda: run.pictures(None, (0.0, inf), spacing), {})
+        pictures = self._tried(lambda: run.pictures(self._planes(), (0.0, inf), spacing), {})
         pictures = {name: one for name, one in pictures.items() if len(one.times)}
         trails = self._trails()
-        if "gas_column" in pictures:  # of the two the one that shows the gas wherever it is
-            pictures.pop("gas_slice", None)
         for one in sorted(
             pictures.values(), key=lambda one: (one.axes != "xy", not one.name.startswith("gas"))
         ):
@@ -179,7 +177,7 @@ class Parts:
                 begin=one.times[0],
                 end=one.times[-1],
                 kind="logarithmic" if one.logarithmic else "linear",
-                trails=trails if one.axes == "xy" else "",
+                trails=trails if one.axes == "xy" else captions.ASIDE,
             )
             image = figures.mean_plume(run, one, self.tracks)
             title = visible(f"Mean {one.quantity}{where}")
@@ -190,6 +188,11 @@ class Parts:
                 image = figures.only_tracks(run, self.tracks)
                 section.images.append(Image(look.inline(image), "Tracks", trails))
         return section
+
+    def _planes(self) -> list[str]:
+        """The first plane of each kind; of slice and column the one that shows the gas wherever it is."""
+        names = [name for name in self.run.planes() if name.count("_") == 1]
+        return [name for name in names if not (name == "gas_slice" and "gas_column" in names)]
 
     def _trails(self) -> str:
         if not self.tracks:

@@ -47,6 +47,9 @@ class PlumeView:
         )  # fmt: skip
         axes.set_xlim(*_around(extent[self.plane[0]], self.length))
         axes.set_ylim(*_around(extent[self.plane[1]], self.length))
+        if self.plane != look.ABOVE:  # they may stand before the plane or behind it
+            for solid in solids:
+                solid.set_alpha(0.55)
         self.walkers = [
             (patch, one.model) for patch, one in zip(solids, run.shapes, strict=True) if _walks(one)
         ]
