@@ -144,7 +144,7 @@ def test_check_runs_nothing(scenario, capsys):
     told = capsys.readouterr().out
     assert "tick: 0.1" in told  # a default
     assert "# cells: 300" in told
-    assert not Path("runs").exists()
+    assert [file.name for file in Path("runs").iterdir()] == ["small-check.png"]
 
 
 @pytest.mark.parametrize(

@@ -155,7 +155,7 @@ class Cylinder(AnyObstacle):
     center: Annotated[Point2, COMPILED]
     """Where its axis stands on the floor, x and y."""
     radius: Annotated[Length, COMPILED]
-    """Radius of the cylinder, half of what a tape across it shows."""
+    """Radius of its round footprint."""
     base: Annotated[Distance, COMPILED] = 0.0
     """Height of its lower end over the floor; 3-D only."""
     height: Annotated[Length, COMPILED] | None = None

@@ -108,7 +108,8 @@ def test_a_mesh_that_became_too_small_is_told_with_the_scale(tmp_path):
     assert "if table.stl is in metres, not millimetres, give scale: 1; otherwise lower domain.spacing" in line
 
 
-def test_a_check_prints_remarks(tmp_path, capsys):
+def test_a_check_prints_remarks(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "s.yaml").write_text(FLOOR)
     assert run.main([str(tmp_path / "s.yaml"), "--set", "robots.0.reach=0", "--check"]) == 0
     (line,) = capsys.readouterr().err.splitlines()
