@@ -126,7 +126,9 @@ def _limits(kind: Any, marks: tuple) -> tuple[str, str]:
 
 def _shown(value: float) -> str:
     """A number as one would write it."""
-    return f"{int(value)}" if value == int(value) and abs(value) < 1e7 else f"{value:g}"
+    if value == int(value) and abs(value) < 1e7:
+        return str(int(value))
+    return re.sub(r"e\+?(-?)0*(?=\d)", r"e\1", f"{value:g}")
 
 
 def _type(kind: Any, marks: tuple = ()) -> str:

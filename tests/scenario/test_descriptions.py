@@ -73,7 +73,7 @@ def test_units_limits_and_defaults_are_those_of_the_models():
     assert facts(Fan, "speed").default == "not given"
     assert facts(Fan, "turbulence_intensity").limits == "0 to 1"
     assert facts(Fan, "center").type == "list of quantities, one in 2-D, two in 3-D"
-    assert facts(Scenario, "warm_up").limits == "0, or 1e-06 to 1e+09"
+    assert facts(Scenario, "warm_up").limits == "0, or 1e-6 to 1e9"
     assert facts(Scenario, "tick").limits == "0.0001 to 1"
     assert facts(Group, "capture").type == "one of disc, square"
     assert facts(PidSensor, "correction").default == "{ethanol: 10, acetone: 1.1}"
@@ -87,7 +87,7 @@ def test_units_limits_and_defaults_are_those_of_the_models():
 
 def test_the_schema_tells_an_editor_units_and_limits():
     spacing = SCHEMA["$defs"]["Domain"]["properties"]["spacing"]
-    assert "quantity [m]; 1e-06 to 100000; has to be given" in spacing["description"]
+    assert "quantity [m]; 1e-6 to 100000; has to be given" in spacing["description"]
     assert {"type": "number", "minimum": 1e-6, "maximum": 1e5} in spacing["anyOf"]
     assert {"type": "string"} in spacing["anyOf"]
 
