@@ -41,7 +41,10 @@ def test_an_example_is_valid_and_of_its_kind(name, files):
     for step in path.split("."):
         parts = [getattr(one, step.removesuffix("[]"), None) for one in found]
         found = [
-            one for part in parts for one in (part if step.endswith("[]") else [part]) if one is not None
+            one
+            for part in parts
+            for one in (part or () if step.endswith("[]") else [part])
+            if one is not None
         ]
     assert kind in {one.kind for one in found}  # type: ignore[attr-defined]
 
