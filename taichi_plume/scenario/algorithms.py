@@ -1,7 +1,7 @@
 """The search algorithms of a scenario and their parameters."""
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 class PlumeTracking(AnyAlgorithm):
     """What algorithms share that follow a plume upwind. See agents/tracking.py."""
 
+    searches: ClassVar[bool] = True
     kind: str
     speed: Speed | None = None
     """Speed at which they drive; unless given, the body's largest."""

@@ -1,12 +1,14 @@
 """Gases of a scenario that a formula tells: puffs and plumes in a uniform wind."""
 
 from collections.abc import Iterator
+from math import pi, sqrt
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from taichi_plume.scenario.context import Context
+from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.located import Located
 from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.sources import OneGas
@@ -37,6 +39,10 @@ class ClosedForm(OneGas):
     def reflecting(self, dim: int) -> tuple[Face, ...]:
         """The faces that let no gas through, in `dim` dimensions."""
         return (("z-",) if dim == 3 else ()) if self.walls is None else self.walls
+
+    def begins_in(self, radius: float, domain: Domain) -> float:
+        """Its rate over speed and peak concentration, of a Gaussian of that standard deviation."""
+        return sqrt(2.0 * pi) * radius * domain.depth if domain.dim == 2 else 2.0 * pi * radius**2
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
         """It holds in a uniform wind."""

@@ -1,6 +1,7 @@
 """The gas of a scenario: its kinds, and mixtures of them."""
 
 from collections.abc import Iterator, Mapping
+from math import pi
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
@@ -15,6 +16,7 @@ from taichi_plume.scenario.closed_forms import (
     Release,
 )
 from taichi_plume.scenario.context import Context
+from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.initial import InitialGas
 from taichi_plume.scenario.played import Playback
 from taichi_plume.scenario.plumesim import FluentGas, PlumeSimGas, PlumeSimMeander, PlumeSimPuff
@@ -51,6 +53,11 @@ class EulerianGas(OneGas):
     """Gas that the air of openings brings along; unless named, it is clean."""
     surfaces: GasSurfaces | None = None
     """Walls and obstacles that take gas up or give it off; unless named, none do."""
+
+    def begins_in(self, radius: float, domain: Domain) -> float:
+        """Across a ball of a cell at least."""
+        r = max(radius, 0.5 * domain.spacing)
+        return 2.0 * r * domain.depth if domain.dim == 2 else pi * r**2
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
         """What evaporates must do so, and air come in that carries gas."""

@@ -32,6 +32,8 @@ class AnyAlgorithm(Model):
 
     talks: ClassVar[bool] = False
     """Whether its robots keep the messages of each other."""
+    searches: ClassVar[bool] = False
+    """Whether all that its robots do is to go for a source."""
 
     @property
     def threshold(self) -> float | None:
@@ -73,6 +75,7 @@ class Spiral(Listening):
     Ferri et al. 2009. See agents/spiral.py.
     """
 
+    searches: ClassVar[bool] = True
     kind: Literal["spiral"]
     acquisition: Annotated[Wait, COMPILED] = 30.0
     sample_period: Annotated[Wait, COMPILED] = 0.5
@@ -114,6 +117,7 @@ class Spiral(Listening):
 class EColi(Listening):
     """Run and tumble, as bacteria do (Russell et al. 2003). See agents/ecoli.py."""
 
+    searches: ClassVar[bool] = True
     kind: Literal["ecoli"]
     acquisition: Wait = 3.0
     step: Length = 0.25
@@ -127,6 +131,7 @@ class EColi(Listening):
 class Infotaxis(Listening):
     """The way that is expected to tell most about the source (Vergassola et al. 2007). See agents/infotaxis.py."""
 
+    searches: ClassVar[bool] = True
     kind: Literal["infotaxis"]
     acquisition: Wait = 2.0
     threshold_ppm: SomePpm = 5.0

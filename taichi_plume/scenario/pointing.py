@@ -47,5 +47,5 @@ def _place(where: str, section: Any, scenario: Scenario, resources: Resources) -
         places = section.places(scenario.floor)
         if isinstance(section.start, StartArea):
             return np.mean([section.start.low, section.start.high], axis=0)
-        return None if places is None else places.mean(axis=0)
+        return None if places is None else places[0]
     return np.mean([section.low, section.high], axis=0) if isinstance(section, Arena) else None

@@ -6,6 +6,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from pydantic import model_validator
 
 from taichi_plume.scenario.context import Context
+from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.located import Located
 from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.species import PRESSURE, SPECIES, TEMPERATURE, Species
@@ -161,6 +162,10 @@ class OneGas(Model):
         if isinstance(self.species, str):
             return SPECIES[self.species]
         return Species(**self.species.model_dump())
+
+    def begins_in(self, radius: float, domain: Domain) -> float | None:
+        """Area across the wind [m²] that what a source of that radius [m] emits goes through at first, if known."""
+        return None
 
     def bytes(self, dim: int) -> float:
         """What it needs of memory besides fields on the grid."""

@@ -4,16 +4,15 @@ Each remark is one line and cheap to know; where it is not certain it keeps a wi
 """
 
 from collections.abc import Iterator
-from math import pi, sqrt
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
 
 from taichi_plume.scenario.algorithms import PlumeTracking
-from taichi_plume.scenario.closed_forms import ContinuousGas, GaussianPlumeGas, MeanderingGas
 from taichi_plume.scenario.context import Context
-from taichi_plume.scenario.gases import AnySource, EulerianGas, PureGas
-from taichi_plume.scenario.listening import EColi, Infotaxis, Listening, Spiral
+from taichi_plume.scenario.gases import AnySource, PureGas
+from taichi_plume.scenario.listening import Listening
 from taichi_plume.scenario.robots import Group
 from taichi_plume.scenario.sensors import MOX_MODELS, MoxSensor
 from taichi_plume.scenario.species import PRESSURE
@@ -27,7 +26,6 @@ AT_THE_END = 0.05  # of the room: a source as near to where the air leaves makes
 FEWEST_ACROSS = 3  # cells of an opening that blows
 FEWEST = 6  # cells across a room whose flow is computed
 JET = 0.25  # growth of a jet's half width with the distance: beyond, its air goes round in circles
-SEARCHERS = (PlumeTracking, Spiral, EColi, Infotaxis)
 
 
 class Course(NamedTuple):
@@ -130,7 +128,7 @@ def _source(path: str, source: AnySource, context: Context, where: Course | None
     """One that is where the air does not carry gas to anyone, or smaller than the grid sees."""
     scenario, domain = context.scenario, context.domain
     gas = dict(scenario.gases)[path.rpartition(".")[0]]
-    if isinstance(gas, EulerianGas) and source.radius < 0.5 * domain.spacing * (1 - 1e-6):
+    if gas.on_grid and source.radius < 0.5 * domain.spacing * (1 - 1e-6):
         yield (
             f"{path}.radius: {source.radius:g} m is less than half a cell of {domain.spacing:g} m: its gas begins "
             f"about {domain.spacing:g} m wide; lower domain.spacing where peaks near the source count"
@@ -168,8 +166,8 @@ def peak(gas: PureGas, source: AnySource, context: Context, slow: bool = True) -
 
     slow: in the slowest air that is to be expected there; otherwise in the fastest.
     """
-    scenario, domain = context.scenario, context.domain
-    dish, rate, radius = getattr(source, "dish", None), getattr(source, "rate", None), source.radius
+    scenario = context.scenario
+    dish, rate = getattr(source, "dish", None), getattr(source, "rate", None)
     if dish is not None:
         liquid = gas.vapour.antoine or gas.vapour.vapour_pressure
         if not (slow and liquid):
@@ -181,14 +179,8 @@ def peak(gas: PureGas, source: AnySource, context: Context, slow: bool = True) -
         return None
     if scenario.wind.uniform is None and slow:
         speed *= SLOW
-    if isinstance(gas, EulerianGas):
-        radius = max(radius, 0.5 * domain.spacing)
-        area = 2.0 * radius * domain.depth if domain.dim == 2 else pi * radius**2
-    elif isinstance(gas, ContinuousGas | GaussianPlumeGas | MeanderingGas):
-        area = sqrt(2.0 * pi) * radius * domain.depth if domain.dim == 2 else 2.0 * pi * radius**2
-    else:
-        return None
-    return rate / (speed * area) * gas.vapour.ppm_per_density
+    area = gas.begins_in(source.radius, context.domain)
+    return rate / (speed * area) * gas.vapour.ppm_per_density if area else None
 
 
 def _peaks(context: Context) -> list[float] | None:
@@ -307,11 +299,7 @@ def _starts(path: str, group: Group, context: Context, where: Course | None) -> 
     way = float(apart.min()) - group.reach
     speed = getattr(group.algorithm, "speed", None)
     speed = group.body.max_speed if speed is None else min(speed, group.body.max_speed)
-    if (
-        speed
-        and way > speed * scenario.duration
-        and (isinstance(group.algorithm, SEARCHERS) or not scenario.maps)
-    ):
+    if speed and way > speed * scenario.duration and (group.algorithm.searches or not scenario.maps):
         yield (
             f"{path}: start {way:.3g} m or more from where a source counts as found, and drive at most "
             f"{speed * scenario.duration:.3g} m in the whole duration; start them nearer, or make it longer"

@@ -28,7 +28,7 @@ robots:
         ("wind.screens[0].at", (0.4, 1.5, 0.25)),
         ("obstacles[0]", (2.0, 1.0, 0.15)),
         ("gas.sources[0].radius", (1.0, 1.5, 0.1)),
-        ("robots[0].algorithm.threshold_ppm", (1.0, 1.5)),
+        ("robots[0].algorithm.threshold_ppm", (1.0, 1.0)),
         ("robots[1].reach", (3.25, 1.5)),
         ("duration", None),
         ("wind", None),
