@@ -14,9 +14,10 @@ from pydantic_core import PydanticCustomError
 
 from taichi_plume.files.readings import ReadingsError
 from taichi_plume.guard.terminal import Parser
+from taichi_plume.scenario.facts import facts
 from taichi_plume.scenario.loading import ScenarioError, load_part
 from taichi_plume.scenario.maps import Map
-from taichi_plume.scenario.meanings import meanings
+from taichi_plume.scenario.meanings import purpose
 from taichi_plume.scenario.quantities import parse
 
 LARGEST_FLOOR = 1e4  # m
@@ -89,7 +90,7 @@ def _options(end: str) -> _Parser:
 
 def _kinds() -> str:
     """The kinds of maps, each with what it is."""
-    lines = [_item(kind, (model.__doc__ or "").strip()) for kind, model in KINDS.items()]
+    lines = [_item(kind, purpose(model)) for kind, model in KINDS.items()]
     whole = "unless its parameters say for how long readings count, as those of online maps do."
     return "\n".join(
         ["kinds of maps; --kind KIND --help tells the parameters of one:", *lines, "", _whole_log(whole)]
@@ -104,7 +105,9 @@ def _parameters(model: Map) -> str:
             default = "" if field.default is None else f" (default: {json.dumps(field.default)})"
             if name in model.times:
                 default = " (default: such that nothing of the log is forgotten)"
-            lines.append(_item(name, " ".join(meanings(type(model)).get(name, "").split()) + default))
+            its = facts(type(model), name)
+            unit = f" [{its.unit}]" if its.unit else ""
+            lines.append(_item(name, its.meaning + unit + default))
     if model.times:
         how = " ".join((model.of_log.__doc__ or "").split())
         lines += ["", _whole_log(f"unless {' or '.join(model.times)} is given. {how}")]

@@ -10,13 +10,9 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from taichi_plume.guard.terminal import Parser, say, visible
 from taichi_plume.signals import reader_may_leave
-
-if TYPE_CHECKING:
-    from taichi_plume.scenario.scenario import Scenario
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -51,11 +47,14 @@ def _new(args: argparse.Namespace) -> int:
         if getattr(args, key) is not None:
             overrides.append(f"{key}={getattr(args, key)}")
     prepared = load(args.scenario, overrides, args.allow_outside)
-    for remark in () if args.quiet else prepared.resources.remarks:
+    told_below = args.check and sys.stdout.isatty()  # where the notes would have scrolled away
+    for remark in () if args.quiet or told_below else prepared.resources.remarks:
         say(visible(f"note: {remark}"), error=True)
     if args.check:
+        from taichi_plume.checking import print_check
+
         with reader_may_leave():
-            _print_check(prepared.scenario)
+            print_check(prepared, args.out)
         return 0
     from taichi_plume.files.run_folder import RunFolder
     from taichi_plume.own_code import execute
@@ -126,7 +125,9 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
         help="change any key, such as robots.0.count=3; may be repeated",
     )
     parser.add_argument(
-        "--check", action="store_true", help="only check, print the resolved scenario and its size"
+        "--check",
+        action="store_true",
+        help="only check: print the scenario with every default explained, its size and what is unlikely, and draw it",
     )
     parser.add_argument("--no-recording", action="store_true", help="write no recording.rrd")
     parser.add_argument(
@@ -155,22 +156,6 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
         what = fixed[0] if fixed else args.scenario or "--no-recording"
         parser.error(f"--resume goes on with the run as it was: {what} has no place beside it")
     return args
-
-
-def _print_check(scenario: "Scenario") -> None:
-    from taichi_plume.files.run_folder import to_yaml
-    from taichi_plume.scenario.size import estimate
-
-    size = estimate(scenario)
-    say(to_yaml(scenario), longest=None, end="")
-    say(f"# cells: {size['cells']:,}, about {size['bytes'] / 1e6:,.0f} MB of memory")
-    say(f"# flow steps: about {size['steps']:,}, about {_duration(size['wall_s'])} on a few CPU cores")
-
-
-def _duration(seconds: float) -> str:
-    if seconds < 100:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.0f} h"
 
 
 if __name__ == "__main__":

@@ -45,7 +45,8 @@ def path(tmp_path) -> Path:
     return case / "s.yaml"
 
 
-def test_checking_executes_nothing(path, capsys):
+def test_checking_executes_nothing(path, monkeypatch, capsys):
+    monkeypatch.chdir(path.parent)
     assert run.main([str(path), "--check", "--allow-code"]) == 0
     assert load(path).resources.own == {}
     assert not path.with_name("executed").exists()

@@ -99,7 +99,7 @@ def helped(capsys, *options):
 def test_help_tells_the_kinds(capsys):
     told = helped(capsys)
     assert all(f"\n  {kind} " in told for kind in KINDS)
-    assert "Gaussian Markov random field with obstacles" in told
+    assert "Gaussian Markov random field, cut by obstacles" in " ".join(told.split())
     assert "raw_samples" not in told
 
 
@@ -107,7 +107,7 @@ def test_help_tells_the_kinds(capsys):
 def test_help_tells_the_parameters_of_a_kind(kind, capsys):
     told = helped(capsys, "--kind", kind)
     assert told == helped(capsys, "--map", f"{{kind: {kind}}}")
-    assert "Edge of the cells [m]. (default: 0." in told
+    assert "Edge of the square cells of the map. [m] (default: 0." in told
     assert ("raw_samples" in told) == (kind == "time_series")
     assert ("lambda_prior" in told) == (kind == "gmrf")
 

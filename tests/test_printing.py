@@ -139,7 +139,8 @@ def test_names_of_groups_in_the_summary(tmp_path, said):
     assert "[bold]" in told
 
 
-def test_a_group_that_looks_like_markup_is_run(tmp_path, said):
+def test_a_group_that_looks_like_markup_is_run(tmp_path, monkeypatch, said):
+    monkeypatch.chdir(tmp_path)
     start = "{kind: positions, positions: [[3, 1]]}"
     robots = f"robots: [{{name: '[/x]', count: 1, start: {start}, algorithm: {{kind: casting}}}}]"
     (tmp_path / "s.yaml").write_text(SCENARIO + robots)

@@ -51,6 +51,7 @@ BESIDE = (
 """What a run writes besides: parts of files that are not finished, and what it can be resumed from."""
 STANDS = "result.json"  # the last file that a run begins
 LOCK = ".lock"
+CHECK = "check.png"  # the scene, drawn by --check; a run may begin beside it
 REPLACING = ".replacing"  # an earlier run while it is set aside or put back: nothing of a new one is there
 REPLACED = ".replaced"  # all of it, while the files of a new one are begun
 OPTIONS = ("--allow-code", "--allow-outside")
@@ -138,7 +139,7 @@ class RunFolder:
             raise RunFolderError(f"{self.path}: cannot be written to: {reason}") from None
 
     def _check(self, force: bool, inputs: Sequence[Path]) -> None:
-        if not any(file.name != LOCK for file in self.path.iterdir()):
+        if not any(file.name not in (LOCK, CHECK) for file in self.path.iterdir()):
             return
         held = held_input(self.path, inputs)
         if held is not None:
@@ -287,7 +288,16 @@ def to_yaml(scenario: Scenario, source: Path = Path(), target: Path | None = Non
             for step in above:
                 place = place[int(step) if step.isdecimal() else step]
             place[key] = os.path.relpath(source.resolve() / name, target.resolve())
-    return yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=100)
+    return yaml.dump(data, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100)
+
+
+class _Dumper(yaml.SafeDumper):
+    """One that writes a list of numbers or names in a line."""
+
+    def represent_sequence(self, tag: str, sequence: Any, flow_style: bool | None = None) -> Any:
+        """As the base class."""
+        flat = not any(isinstance(one, list | dict) for one in sequence)
+        return super().represent_sequence(tag, sequence, flow_style=flat)
 
 
 def _say_none(part: Any, data: Any) -> None:

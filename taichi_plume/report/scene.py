@@ -16,6 +16,7 @@ from taichi_plume.grid.shapes import Shape
 from taichi_plume.report import look, openings, solids
 from taichi_plume.report.look import ABOVE, SIDE
 from taichi_plume.scenario.obstacles import Mesh
+from taichi_plume.scenario.pointing import numbered
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.shapes import shape
 
@@ -88,8 +89,13 @@ def simple_shapes(scenario: Scenario) -> list[Shape]:
     return [shape(one, scenario.domain, Path()) for one in scenario.obstacles if not isinstance(one, Mesh)]
 
 
-def picture(scenario: Scenario, shapes: Sequence[Any], dpi: float = 110) -> bytes:
-    """The scene as a PNG: from above and, in 3-D, from the side below, on one scale."""
+def picture(
+    scenario: Scenario,
+    shapes: Sequence[Any],
+    dpi: float = 110,
+    numbers: Sequence[tuple[int, tuple[float, ...]]] = (),
+) -> bytes:
+    """The scene as a PNG: from above and, in 3-D, from the side below, on one scale. numbers: drawn at places [m]."""
     extent = scenario.domain.extent
     planes = [ABOVE] if len(extent) == 2 else [ABOVE, SIDE]
     ways = [_sides(extent, plane) for plane in planes]
@@ -103,6 +109,8 @@ def picture(scenario: Scenario, shapes: Sequence[Any], dpi: float = 110) -> byte
             left = (LEFT + (WIDE - LEFT - RIGHT - scale * width) / 2) / WIDE
             axes = figure.add_axes((left, bottom / height, scale * width / WIDE, scale * tall / height))
             draw(axes, scenario, shapes, plane=plane)
+            if plane == ABOVE:
+                _numbers(axes, numbers)
             top = bottom - BELOW
         return look.png(figure)
 
@@ -114,8 +122,21 @@ def _sides(extent: tuple[float, ...], plane: tuple[int, int]) -> tuple[float, fl
 
 
 def save_check(prepared: "Prepared", path: Path) -> None:
-    """Write the scene of a checked scenario as a PNG. Raises OSError."""
-    path.write_bytes(picture(prepared.scenario, all_shapes(prepared), 150))
+    """Write the scene of a checked scenario as a PNG, with the numbers of what is unlikely. Raises OSError."""
+    numbers = numbered(prepared.resources.remarks, prepared.scenario, prepared.resources)
+    path.write_bytes(picture(prepared.scenario, all_shapes(prepared), 150, numbers))
+
+
+def _numbers(axes: Axes, numbers: Sequence[tuple[int, tuple[float, ...]]]) -> None:
+    """Numbers in discs, those of one place side by side."""
+    beside: dict[tuple[float, ...], int] = {}
+    for number, place in numbers:
+        n = beside[place] = beside.get(place, -1) + 1
+        axes.annotate(
+            str(number), place[:2], (-11 + 15 * n, -13), textcoords="offset points", ha="center", va="center",
+            fontsize=7.5, color="white", weight="bold", zorder=13, annotation_clip=False,
+            bbox={"boxstyle": "circle,pad=0.25", "facecolor": look.INK, "edgecolor": "white"},
+        )  # fmt: skip
 
 
 def all_shapes(prepared: "Prepared") -> list[Any]:

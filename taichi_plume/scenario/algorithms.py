@@ -1,12 +1,13 @@
 """The search algorithms of a scenario and their parameters."""
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
 from taichi_plume.scenario.context import Context
 from taichi_plume.scenario.listening import AnyAlgorithm, EColi, Infotaxis, Spiral
+from taichi_plume.scenario.quantities import number
 from taichi_plume.scenario.team_algorithms import Dapso, LeastKnown, LineUp, Sweep
 from taichi_plume.scenario.vocabulary import (
     INPUT_FILE,
@@ -25,19 +26,22 @@ if TYPE_CHECKING:
 class PlumeTracking(AnyAlgorithm):
     """What algorithms share that follow a plume upwind. See agents/tracking.py."""
 
+    searches: ClassVar[bool] = True
     kind: str
     speed: Speed | None = None
-    """Unless given, the body's largest."""
+    """Speed at which they drive; unless given, the body's largest."""
     threshold_ppm: SomePpm = 5.0
-    """Reading that means plume; it is left at 70 % of it."""
+    """Reading that means plume; it is left at 70 % of it. Set it above the sensor's noise and below what the plume
+    has where they search."""
     lost_distance: Length = 0.3
-    """Travelled without gas before the plume counts as lost [m]."""
+    """Way travelled without gas before the plume counts as lost. Longer bridges gaps between whiffs."""
     find_step: Length = 0.3
-    """Upwind step between sweeps of the plume finding [m]."""
+    """Step upwind between crosswind sweeps, while no plume has been found."""
     peak_fraction: Fraction = 0.7
-    """Also out of the plume below this share of the last peak, so that a slow sensor notices; 0 switches it off."""
+    """Also out of the plume below this share of the last peak, so that a slow sensor notices in time; 0 switches it
+    off."""
     wind_memory: Delay = 1.0
-    """Time constant of the average of the measured wind direction [s]."""
+    """Time constant of the average of the measured wind's direction. Longer ignores gusts."""
 
     @property
     def threshold(self) -> float:
@@ -49,10 +53,10 @@ class Casting(PlumeTracking):
     """Upwind while in the plume, crosswind when it is lost (Lochmatter & Martinoli's family). See agents/casting.py."""
 
     kind: Literal["casting"]  # type: ignore[assignment]
-    upwind_angle_deg: Annotated[float, Field(ge=0, le=80)] = 20.0
-    """Between the course in the plume and straight upwind."""
+    upwind_angle_deg: number(0, 80, "deg") = 20.0
+    """Angle between the course in the plume and straight upwind; 0 surges."""
     cast_distance: Length = 0.6
-    """First crosswind search [m]; doubled at each failure."""
+    """First crosswind search, when the plume is lost; doubled at each failure."""
 
 
 class SurgeCast(PlumeTracking):
@@ -60,7 +64,8 @@ class SurgeCast(PlumeTracking):
 
     kind: Literal["surge_cast"]  # type: ignore[assignment]
     cast_distance: Length = 0.4
-    """First crosswind search [m]; the next one goes back and as far to the other side, and each pair twice as far."""
+    """First crosswind search, when the plume is lost. The next one goes back and as far to the other side, and each
+    pair twice as far."""
 
 
 class SurgeSpiral(PlumeTracking):
@@ -68,9 +73,9 @@ class SurgeSpiral(PlumeTracking):
 
     kind: Literal["surge_spiral"]  # type: ignore[assignment]
     gap: Length = 0.3
-    """Between two turns of the spiral [m]."""
+    """Distance between two turns of the spiral; less than a plume's width finds it."""
     turns: SomeCoefficient = 4.0
-    """Of a spiral, before the search starts anew."""
+    """Turns of a spiral before the search starts anew."""
 
 
 class RandomWalk(AnyAlgorithm):
@@ -78,10 +83,12 @@ class RandomWalk(AnyAlgorithm):
 
     kind: Literal["random_walk"]
     speed: Speed | None = None
+    """Speed at which they drive; unless given, the body's largest."""
     leg: Length = 1.0
+    """Mean length of a leg."""
     leg_spread: Fraction = 0.5
-    """Each leg is leg (1 ± leg_spread), drawn uniformly."""
-    turn_angle_deg: Annotated[float, Field(ge=0, le=180)] = 180.0
+    """Randomness of the length: each leg is leg (1 ± leg_spread), drawn uniformly."""
+    turn_angle_deg: number(0, 180, "deg") = 180.0
     """Largest turn between legs; after a bump it is 180°."""
 
 
@@ -90,11 +97,11 @@ class Own(AnyAlgorithm):
 
     kind: Literal["own"]
     file: Annotated[str, INPUT_FILE] = ""
-    """Path, relative to the scenario's folder; empty where the class is handed over in Python."""
+    """Path of the Python file, relative to the scenario's folder. Empty where the class is handed over in Python."""
     name: str | None = None
-    """Of the class; unless given, the only one in the file that has an `act`."""
+    """Name of the class; unless given, the only one in the file that has an `act`."""
     parameters: dict[str, Any] = Field(default_factory=dict)
-    """Keywords for the class."""
+    """Keywords that the class is made with, by their names."""
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
         """The file has to hold an algorithm."""

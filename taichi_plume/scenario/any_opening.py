@@ -20,19 +20,21 @@ class Change(Model):
     """One step of a schedule."""
 
     at: Time
-    """Simulated time [s]; the robots start at 0, the warm-up is before."""
+    """When the change begins. The robots start at 0, the warm-up is before."""
 
 
 class SpeedAt(Change):
     """From `at` on, blow with `speed`."""
 
     speed: Velocity
+    """Mean speed into the room from then on; negative draws air out."""
 
 
 class VelocityAt(Change):
     """From `at` on, slide with `velocity`."""
 
     velocity: Velocities
+    """Velocity of the sliding wall from then on, per axis; 0 along the axis through it."""
 
     @property
     def speed(self) -> float:
@@ -118,7 +120,7 @@ class Scheduled(AnyOpening):
     """An opening whose `schedule` of changes comes with its kind."""
 
     ramp: Delay = 0.5
-    """Time over which a scheduled change takes place [s]."""
+    """Time that each scheduled change takes. 0 switches at once."""
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
@@ -177,7 +179,8 @@ class Vent(FaceOpening):
     """An opening through which air may come in."""
 
     temperature: Temperature | None = None
-    """Of the air that comes in [K]; unless given, `buoyancy.heat.reference`."""
+    """Temperature of the air that comes in; unless given, `buoyancy.heat.reference`. It takes a wind with
+    `buoyancy.heat`."""
 
     @property
     def warms(self) -> bool:

@@ -11,7 +11,9 @@ class Arena(Model):
     """Part of the floor that the robots do not leave: its edges stop them as walls do, air passes them."""
 
     low: Annotated[Point2, COMPILED]
+    """Lower corner of the part of the floor, x and y."""
     high: Annotated[Point2, COMPILED]
+    """Upper corner of the part of the floor, x and y."""
 
     @property
     def size(self) -> tuple[float, float]:

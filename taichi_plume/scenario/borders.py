@@ -15,17 +15,18 @@ class ConcentrationAt(Model):
     """From `at` on, air comes in with `concentration`."""
 
     at: Time
-    """Simulated time [s]; the robots start at 0, the warm-up is before."""
+    """When it begins. The robots start at 0, the warm-up is before."""
     concentration: Concentration
+    """Gas in the air that comes in from then on."""
 
 
 class Inflow(Model):
     """The gas of the air that comes in through an opening, whether it is blown in or drawn in."""
 
     opening: Number
-    """Its place in `wind.openings`, counted from 0."""
+    """Which opening: its place in `wind.openings`, counted from 0."""
     concentration: Concentration
-    """[ppm]."""
+    """Gas in the air that comes in through it."""
     schedule: tuple[ConcentrationAt, ...] = ()
     """Concentrations from given times on; before the first, `concentration` holds."""
 
@@ -45,13 +46,14 @@ class GasSurface(Model):
     """A surface that takes gas up, or at which the concentration is given."""
 
     uptake: SurfaceVelocity | None = None
-    """Gas taken up per area over the concentration at the surface [m/s]: its deposition velocity, through which the gas
-    has to come after the film of air at the surface."""
+    """How eagerly the surface takes gas up: its deposition velocity. Gas per area and time over the concentration at
+    the surface; it has to come through the film of air at the surface first."""
     concentration: Concentration | None = None
-    """At the surface [ppm], whatever the air does; instead of `uptake`."""
+    """Concentration at the surface, whatever the air does; instead of `uptake`."""
     transfer: SurfaceVelocity | None = None
-    """Of the film of air at the surface, gas per area and difference of concentration [m/s]; unless given, that of
-    the law of the wall, or of diffusion across half a cell where the wind has no model of eddies."""
+    """How fast gas comes through the film of air at the surface. Gas per area and time over the difference of
+    concentration; unless given, that of the law of the wall, or of diffusion across half a cell where the wind has no
+    model of eddies."""
 
     @model_validator(mode="after")
     def _one(self) -> "GasSurface":
@@ -66,17 +68,19 @@ class GasWall(GasSurface, Region):
 
 
 class GasObstacle(GasSurface):
-    """An obstacle."""
+    """An obstacle that exchanges gas with the air."""
 
     number: Number
-    """Its place in `obstacles`, counted from 0."""
+    """Which obstacle: its place in `obstacles`, counted from 0."""
 
 
 class GasSurfaces(Model):
     """Walls and obstacles that gas sticks to or comes from; those that are not named let none through."""
 
     walls: tuple[GasWall, ...] = ()
+    """Faces of the room, or regions of them, that exchange gas with the air."""
     obstacles: tuple[GasObstacle, ...] = ()
+    """Obstacles that exchange gas with the air."""
 
     @model_validator(mode="after")
     def _some(self) -> "GasSurfaces":

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from taichi_plume.scenario import unlikely
 from taichi_plume.scenario.context import Context
 from taichi_plume.scenario.resources import Resources
 from taichi_plume.scenario.scenario import Scenario
@@ -33,7 +34,8 @@ def misfits(scenario: Scenario) -> list[str]:
 def remarks(scenario: Scenario, resources: Resources) -> list[str]:
     """What of a scenario, of which nothing is wrong, is probably not meant: lines ``path: message``."""
     context = Context(scenario, resources)
-    return [line for where, section in every(scenario) for line in section.remarks(where, context)]
+    lines = [line for where, section in every(scenario) for line in section.remarks(where, context)]
+    return [*lines, *unlikely.remarks(context)]
 
 
 def problems(scenario: Scenario, resources: Resources) -> list[str]:

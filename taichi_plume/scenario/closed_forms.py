@@ -1,12 +1,14 @@
 """Gases of a scenario that a formula tells: puffs and plumes in a uniform wind."""
 
 from collections.abc import Iterator
+from math import pi, sqrt
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from taichi_plume.scenario.context import Context
+from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.located import Located
 from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.sources import OneGas
@@ -31,11 +33,16 @@ class ClosedForm(OneGas):
     swept: ClassVar[bool] = False
     """Whether gusts carry it along as a whole; of a plume they may sweep the centre to and fro."""
     walls: tuple[Face, ...] | None = None
-    """Faces of the domain that let no gas through; unless given the ground, z-, in 3-D and none in 2-D."""
+    """Faces of the room that reflect the gas. Unless given the ground, z-, in 3-D and none in 2-D: gas leaves through
+    the others."""
 
     def reflecting(self, dim: int) -> tuple[Face, ...]:
         """The faces that let no gas through, in `dim` dimensions."""
         return (("z-",) if dim == 3 else ()) if self.walls is None else self.walls
+
+    def begins_in(self, radius: float, domain: Domain) -> float:
+        """Its rate over speed and peak concentration, of a Gaussian of that standard deviation."""
+        return sqrt(2.0 * pi) * radius * domain.depth if domain.dim == 2 else 2.0 * pi * radius**2
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
         """It holds in a uniform wind."""
@@ -74,9 +81,11 @@ class Release(Located):
     """A puff, at first a Gaussian of standard deviation `radius`."""
 
     mass: Mass
+    """Mass of gas in the puff."""
     time: Time = 0.0
-    """When it is released [s]; the robots start at 0."""
+    """When it is released; the robots start at 0."""
     radius: Length = 0.05
+    """Size of the new puff, as standard deviation."""
 
     def remarks(self, where: str, context: Context) -> Iterator[str]:
         """It should be released while the run lasts."""
@@ -85,14 +94,15 @@ class Release(Located):
 
 
 class GaussianPuffGas(ClosedForm):
-    """Puffs that drift and spread: one Gaussian each."""
+    """Single puffs that drift with a uniform wind and spread: one Gaussian each."""
 
     swept: ClassVar[bool] = True
     kind: Literal["gaussian_puff"]
     sources_key: ClassVar[str] = "releases"
     releases: Annotated[tuple[Release, ...], Field(min_length=1)]
+    """The puffs, each with its place, time and mass; robots search for these places."""
     diffusivity: Diffusivities | None = None
-    """One for all axes or one per axis [m²/s]; unless given, the species' in still air."""
+    """How fast puffs spread: one number for all axes or one per axis. Unless given, the species' in still air."""
 
     @property
     def sources(self) -> tuple[Release, ...]:
@@ -116,15 +126,18 @@ class PlumeSource(Located):
     """A steady source, at its place a Gaussian of standard deviation `radius`."""
 
     rate: Rate
-    """Mass per time [kg/s]."""
+    """Mass that it emits per time."""
     radius: Length = 0.05
+    """Size of the plume at its begin, as standard deviation."""
 
 
 class ContinuousSource(PlumeSource):
     """A source that emits evenly from `start` to `stop`, from and for ever unless they are given."""
 
     start: Time | None = None
+    """When it begins to emit; unless given, it has done so for ever."""
     stop: Time | None = None
+    """When it ends; unless given, it emits for ever."""
 
     @model_validator(mode="after")
     def _ordered(self) -> "ContinuousSource":
@@ -134,12 +147,14 @@ class ContinuousSource(PlumeSource):
 
 
 class ContinuousGas(ClosedForm):
-    """What steady sources emit drifts and spreads: the exact solution for constant diffusivities."""
+    """The exact plume of steady or switched sources in a uniform wind that spreads evenly (constant diffusivity)."""
 
     kind: Literal["continuous"]
     sources: Annotated[tuple[ContinuousSource, ...], Field(min_length=1)]
+    """Where gas is emitted evenly, at least one place; robots search for these."""
     diffusivity: Diffusivities | None = None
-    """One for all axes or one per axis [m²/s]; unless given, the species' in still air."""
+    """How fast the plume spreads: one number for all axes or one per axis. Unless given, the species' in still air.
+    """
 
     def in_wind(self, where: str, wind: UniformWind, context: Context) -> Iterator[str]:
         """It takes a steady wind; in a calm gas must not have been emitted for ever."""
@@ -161,15 +176,18 @@ class ContinuousGas(ClosedForm):
 
 
 class GaussianPlumeGas(ClosedForm):
-    """Mean plume: a Gaussian across the wind whose standard deviation grows with the distance x from the source."""
+    """The mean plume of the textbooks: a Gaussian across a uniform wind that widens with the distance."""
 
     kind: Literal["gaussian_plume"]
     width_fluctuation: ClassVar[float] = 0.0
     sources: Annotated[tuple[PlumeSource, ...], Field(min_length=1)]
+    """Where gas is emitted evenly, at least one place; robots search for these."""
     intensity: Intensities | None = None
-    """sigma = radius + intensity x; one number, or two: horizontal and vertical. Of turbulence, about 0.05 to 0.15."""
+    """Widening with the distance x: standard deviation = radius + intensity x. One number, or two: horizontal and
+    vertical. Turbulence makes about 0.05 to 0.15."""
     diffusivity: Diffusivities | None = None
-    """sigma² = radius² + 2 diffusivity x/U [m²/s]; one number, or two: horizontal and vertical."""
+    """Widening by diffusion, instead of `intensity`: variance = radius² + 2 diffusivity x/U. One number, or two:
+    horizontal and vertical."""
 
     @model_validator(mode="after")
     def _one_law(self) -> "GaussianPlumeGas":
@@ -212,12 +230,13 @@ class MeanderingGas(ClosedForm):
 
     kind: Literal["meandering"]
     sources: Annotated[tuple[PlumeSource, ...], Field(min_length=1)]
+    """Where gas is emitted evenly, at least one place; robots search for these."""
     width_slope: Intensity = 0.08
     """Growth of the horizontal standard deviation with the distance from the source."""
     height_slope: Intensity = 0.06
-    """Growth of the vertical one."""
+    """Growth of the vertical standard deviation with the distance from the source."""
     width_fluctuation: Intensity = 0.0
-    """Standard deviation of the logarithm of the width, which varies as the gusts do."""
+    """How much the width varies, as the gusts do: standard deviation of its logarithm."""
 
     @property
     def by_chance(self) -> bool:

@@ -14,11 +14,14 @@ class Domain(Model):
     """The box that is simulated, with its lower corner at the origin."""
 
     size: Annotated[tuple[Length, ...], Field(min_length=2, max_length=3), COMPILED]
-    """Extent per axis [m]; two numbers make a 2-D run."""
+    """Lengths of the room along x and y, and in 3-D along z. Two numbers make a 2-D run, seen from above; three a 3-D
+    one."""
     spacing: Annotated[Length, COMPILED]
-    """Edge of the cubic cells [m]; every extent is rounded to whole cells."""
+    """Edge of the square or cubic cells of the grid. Half of it shows finer eddies and smaller objects, and takes
+    about 8 times as long in 2-D and 16 times in 3-D. The size is rounded to whole cells."""
     depth: Annotated[Length, COMPILED] = 1.0
-    """Thickness of the slab that a 2-D run stands for [m]: it turns kg/s into kg/m³."""
+    """Thickness of the layer of air that a 2-D run stands for. It decides how many ppm a source of so many mg/s
+    makes: twice the depth halves them. Without effect in 3-D."""
 
     @property
     def dim(self) -> int:

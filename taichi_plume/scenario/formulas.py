@@ -8,14 +8,14 @@ import ast
 import warnings
 from collections.abc import Callable
 from functools import lru_cache
-from math import isfinite
+from math import inf, isfinite
 from typing import Annotated, Any
 
 import numpy as np
 from pydantic import BeforeValidator
 from pydantic_core import PydanticCustomError
 
-from taichi_plume.scenario.quantities import fault, parse
+from taichi_plume.scenario.quantities import Quantity, fault, parse
 
 LONGEST = 1000  # characters
 DEEPEST = 100  # levels of a syntax tree
@@ -137,4 +137,5 @@ def formula(unit: str) -> Any:
             ) from None
         return value
 
-    return Annotated[str, BeforeValidator(check, json_schema_input_type=float | str)]
+    unbounded = Quantity(unit, -inf, inf)
+    return Annotated[str, BeforeValidator(check, json_schema_input_type=float | str), unbounded]

@@ -1,6 +1,7 @@
 """The gas of a scenario: its kinds, and mixtures of them."""
 
 from collections.abc import Iterator, Mapping
+from math import pi
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
@@ -15,6 +16,7 @@ from taichi_plume.scenario.closed_forms import (
     Release,
 )
 from taichi_plume.scenario.context import Context
+from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.initial import InitialGas
 from taichi_plume.scenario.played import Playback
 from taichi_plume.scenario.plumesim import FluentGas, PlumeSimGas, PlumeSimMeander, PlumeSimPuff
@@ -35,20 +37,27 @@ from taichi_plume.scenario.vocabulary import (
 
 
 class EulerianGas(OneGas):
-    """Convection and diffusion of a concentration on the grid."""
+    """Gas on the grid: the wind carries it, molecules and eddies spread it. The usual kind."""
 
     kind: Literal["eulerian"]
     on_grid: ClassVar[bool] = True
     weighs: ClassVar[bool] = True
     convection: Convection = "koren"
-    """Scheme of convection; weno5 is of fifth order: it keeps filaments sharper on the same grid and costs more."""
+    """Scheme that carries the gas. weno5 is of fifth order: it keeps filaments sharper on the same grid and costs
+    more."""
     initial: InitialGas | None = None
-    """At the begin of the warm-up; unless given, the air is clean."""
+    """Concentration at the begin of the warm-up; unless given, the air is clean."""
     sources: Annotated[tuple[Source, ...], Field(min_length=1)]
+    """Where gas is emitted, at least one place; robots search for these."""
     inflow: tuple[Inflow, ...] = ()
-    """What air brings along that comes in through openings; unless named, it is clean."""
+    """Gas that the air of openings brings along; unless named, it is clean."""
     surfaces: GasSurfaces | None = None
-    """Walls and obstacles that take gas up or give it off."""
+    """Walls and obstacles that take gas up or give it off; unless named, none do."""
+
+    def begins_in(self, radius: float, domain: Domain) -> float:
+        """Across a ball of a cell at least."""
+        r = max(radius, 0.5 * domain.spacing)
+        return 2.0 * r * domain.depth if domain.dim == 2 else pi * r**2
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
         """What evaporates must do so, and air come in that carries gas."""
@@ -57,15 +66,20 @@ class EulerianGas(OneGas):
 
 
 class DiffusiveGrowth(Model):
-    """R² = R0² + rate t (Farrell et al. 2002, doi:10.1023/A:1016283702837)."""
+    """Puffs whose squared size grows evenly.
+
+    R² = R0² + rate t (Farrell et al. 2002, doi:10.1023/A:1016283702837).
+    """
 
     kind: Literal["diffusive"]
     rate: EddyDiffusivity = 1e-4
-    """[m²/s]."""
+    """How fast the square of a puff's size grows."""
 
 
 class InertialGrowth(Model):
-    """R^(2/3) = R0^(2/3) + (g epsilon/6)^(1/3) t: puffs among the eddies of the inertial range.
+    """Puffs that grow faster the larger they are, as among the eddies of turbulence.
+
+    R^(2/3) = R0^(2/3) + (g epsilon/6)^(1/3) t, the law of the inertial range.
 
     g = 0.5 is Richardson's constant: the mean square distance of two particles, 6 R², grows as g epsilon t³ (Ott & Mann
     2000, doi:10.1017/S0022112000001658).
@@ -73,40 +87,45 @@ class InertialGrowth(Model):
 
     kind: Literal["inertial"]
     dissipation: Dissipation | None = None
-    """Turbulent kinetic energy lost per time, epsilon [m²/s³]; unless given, that of the wind's eddies about each
-    puff, or 1e-3 in a wind without."""
+    """Turbulent kinetic energy lost per time, epsilon: more makes puffs grow faster. Unless given, that of the wind's
+    eddies about each puff, or 1e-3 in a wind without."""
 
 
 class PuffGas(OneGas):
-    """Turbulent puffs that the wind carries, see solvers/puffs.py."""
+    """Puffs that the wind carries and its eddies scatter: whiffs and peaks finer than the grid.
+
+    See solvers/puffs.py.
+    """
 
     kind: Literal["puffs"]
     sources: Annotated[tuple[Source, ...], Field(min_length=1)]
+    """Where puffs are released, at least one place; robots search for these."""
     release_rate: Frequency = 50.0
-    """Puffs per second and source [1/s]; each holds what its source has emitted since the one before."""
+    """Puffs per second and source. Each holds what its source has emitted since the one before; more make a smoother
+    plume and take longer."""
     poisson: bool = False
-    """Whether they come at random times rather than steadily."""
+    """Release puffs at random times rather than steadily."""
     initial_size: Length = 0.01
-    """Standard deviation of a new puff [m]."""
+    """Size of a new puff, as standard deviation. Smaller ones begin with higher peaks."""
     fluctuation: Speed | None = None
-    """Standard deviation of each component of the velocity that the wind leaves out [m/s]; unless given 0.05 in a
-    uniform wind, which has no eddies, and 0 in the others, which have their own."""
+    """Random velocity of each puff, as standard deviation of a component. It stands for what the wind leaves out:
+    unless given 0.05 in a uniform wind, which has no eddies, and 0 in the others, which have their own."""
     fluctuation_time: Duration = 0.5
-    """Time over which it changes [s]."""
+    """Time over which that random velocity changes. Longer lets puffs stray farther."""
     growth: Annotated[DiffusiveGrowth | InertialGrowth, Field(discriminator="kind")] | None = None
-    """By eddies smaller than a puff, besides what molecules and the wind's eddy viscosity do; unless given, inertial in
-    a wind with eddies, diffusive in a uniform wind and none in the others."""
+    """How eddies smaller than a puff widen it, besides molecules and the wind's eddy viscosity. Unless given,
+    inertial in a wind with eddies, diffusive in a uniform wind and none in the others."""
     handover: bool | None = None
-    """Whether puffs that have become wider than the cells of the grid go on as gas there; unless given, in a wind with
-    eddies."""
+    """Whether puffs that have become wider than a cell go on as gas on the grid. Unless given, in a wind with eddies,
+    which then mix it."""
     convection: Convection = "koren"
-    """Scheme that carries what was handed over, as of an eulerian gas."""
+    """Scheme that carries what was handed over to the grid, as of an eulerian gas."""
     buoyancy: bool = False
-    """Whether heavy gas sinks (3-D)."""
+    """Whether puffs of heavy gas sink; 3-D only."""
     cutoff: Annotated[float, Field(ge=2, le=5), COMPILED] = 3.5
-    """Standard deviations at which a puff ends."""
+    """Where a puff ends, in standard deviations from its middle. More is more exact and takes longer."""
     most: Annotated[Count, Field(ge=100)] = 200_000
-    """Puffs at a time: beyond, neighbours are merged."""
+    """Puffs at a time: beyond, neighbours are merged. More keep finer filaments and take more memory."""
 
     @property
     def by_chance(self) -> bool:
@@ -158,9 +177,9 @@ class PlaybackGas(OneGas, Playback):
     part: ClassVar[Literal["wind", "gas"]] = "gas"
     kind: Literal["playback"]
     species: Literal["ethanol", "acetone"] | OtherSpecies | None = None  # type: ignore[assignment]
-    """Unless given, the recorded one."""
+    """Which vapour is played back; unless given, the recorded one."""
     sources: tuple[Source, ...] = ()
-    """What the robots search for; unless given, the recorded ones."""
+    """Places that robots search for; unless given, the recorded ones."""
 
 
 AnySource = Source | Release | PlumeSource
@@ -189,6 +208,7 @@ class MixtureGas(Model):
     parts: Annotated[
         tuple[Annotated[PureGas, Field(discriminator="kind")], ...], Field(min_length=1, max_length=16)
     ]
+    """The gases, each with all keys of a `gas` section of its own. What they have in common adds up."""
 
     def alone(self, where: str) -> "tuple[tuple[str, PureGas], ...]":
         """Every gas of one species in it, with its path."""

@@ -32,17 +32,19 @@ class Heater(Located):
 
     what: ClassVar[str] = "heater"
     power: Power
-    """Heat that goes into the air [W], without what is radiated: half of a person's 100 W. Negative cools."""
+    """Heat that goes into the air; negative cools. Without what is radiated: half of a person's 100 W."""
     radius: Annotated[Length, COMPILED] = 0.1
+    """Radius of the ball (in 2-D the disc) of air that is warmed evenly."""
 
 
 class TemperedSurface(Model):
     """A surface that keeps its temperature whatever the air does."""
 
     temperature: Temperature
+    """Temperature of the surface, which it keeps whatever the air does."""
     transfer: HeatTransfer | None = None
-    """Heat given to the air per area and kelvin [W/(m² K)]; unless given, what the wind beside it takes along, and
-    at least conduction across half a cell. Where nothing but warmth moves the air, a wall passes 1 to 4 W/(m² K)."""
+    """Heat given to the air per area and kelvin. Unless given, what the wind beside it takes along, and at least
+    conduction across half a cell. Where nothing but warmth moves the air, a wall passes 1 to 4 W/(m² K)."""
 
 
 class TemperedWall(TemperedSurface, Region):
@@ -53,27 +55,30 @@ class TemperedObstacle(TemperedSurface):
     """An obstacle with a temperature."""
 
     number: Number
-    """Its place in `obstacles`, counted from 0."""
+    """Which obstacle: its place in `obstacles`, counted from 0."""
 
 
 class Heat(Model):
     """Temperature of the air. Walls and obstacles that are not named let no heat through."""
 
     reference: Temperature = 298.15
-    """Of the air at the start, of the still air outside and of what comes in [K]."""
+    """Temperature of the air at the start, of the still air outside and of what comes in."""
     expansion: Expansion | None = None
-    """Relative change of the volume per kelvin [1/K]; unless given, an ideal gas's: 1/reference."""
+    """Relative change of the volume per kelvin; unless given, an ideal gas's: 1/reference."""
     diffusivity: Diffusivity = 2.2e-5
-    """Of heat in still air [m²/s]."""
+    """Diffusivity of heat in still air."""
     prandtl_turbulent: Prandtl = 0.85
-    """Eddy viscosity over eddy diffusivity of heat."""
+    """Turbulent Prandtl number: eddy viscosity over eddy diffusivity of heat. A smaller one mixes heat more."""
     capacity: HeatCapacity = 1191.0
-    """Heat per volume and kelvin, density times c_p [J/(m³ K)]; the default is air at 25 °C."""
+    """Heat per volume and kelvin, density times c_p; the default is air at 25 °C."""
     walls: tuple[TemperedWall, ...] = ()
+    """Faces of the room, or regions of them, that keep a temperature. Others let no heat through."""
     obstacles: tuple[TemperedObstacle, ...] = ()
+    """Obstacles that keep a temperature. Others let no heat through."""
     heaters: tuple[Heater, ...] = ()
+    """Balls of air that are warmed, such as by a person, a computer or a lamp."""
     initial: InitialHeat | None = None
-    """At the begin of the warm-up; unless given, all of the air has the reference temperature."""
+    """Temperature at the begin of the warm-up; unless given, all of the air has the reference temperature."""
 
     @property
     def volume_expansion(self) -> float:
@@ -114,11 +119,12 @@ class Buoyancy(Model):
     """Weight of what makes air lighter or heavier (Boussinesq): rho/rho0 = 1 - (T - T0)/T0 + (M/M_air - 1) x."""
 
     gravity: Accelerations | None = None
-    """[m/s²]; in 3-D (0, 0, -9.81) unless given. A 2-D run is a view from above unless it is given."""
+    """Acceleration of gravity per axis; in 3-D (0, 0, -9.81) unless given. A 2-D run is seen from above, [0, -9.81]
+    makes it an upright section."""
     solutal: bool = True
-    """Whether the gas weighs: x is its mole fraction, M its molar mass."""
+    """Whether the weight of the gas counts: most vapours are heavier than air, and sink."""
     heat: Heat | None = None
-    """Whether temperature counts, and what warms the air."""
+    """Temperature of the air and what warms it; unless given, it is not computed and nothing rises by warmth."""
 
     def pull(self, dim: int) -> tuple[float, ...]:
         """Gravity [m/s²] in `dim` dimensions."""

@@ -27,7 +27,7 @@ ROUNDING = 0.01  # cells that the domain may reach beyond the points
 
 
 class ImportedWind(AnyWind, Played):
-    """Air flow from elsewhere, such as OpenFOAM, ParaView, Fluent or GADEN; `wind_files` tells the formats.
+    """Air flow from elsewhere, such as OpenFOAM, ParaView, Fluent or GADEN. See files/wind_points.py.
 
     Between its points it is linear, between its files linear in time. It is made divergence-free; through the faces of
     the domain air goes as in the files, but for an even share that balances what comes in and what goes out.
@@ -35,25 +35,26 @@ class ImportedWind(AnyWind, Played):
 
     kind: Literal["imported"]
     files: FileName
-    """A file, relative to the scenario's folder, or several: %d stands for numbers that count up by one, such as in
-    wind_at_cell_centers_%d.csv, %g for times [s], such as in postProcessing/cloud/%g/points_U.xy."""
+    """Path of a file, or of several, relative to the scenario's folder. %d stands for numbers that count up by one,
+    such as in wind_at_cell_centers_%d.csv, %g for times in s, such as in postProcessing/cloud/%g/points_U.xy."""
     interval: Annotated[Duration, COMPILED] = 1.0
-    """Time from one numbered file to the next [s]; the first shows the time 0."""
+    """Time from one numbered file to the next; the first shows the time 0."""
     origin: Annotated[Point, COMPILED] | None = None
-    """Where the domain's lower corner lies in the files [m]; unless given, the lower corner of the occupancy grid, or
+    """Where the domain's lower corner lies in the files. Unless given, the lower corner of the occupancy grid, or
     without one that of the points."""
     height: Annotated[Coordinate, COMPILED] | None = None
-    """z in the files of the section that a 2-D run takes [m]; unless given, the middle of the points."""
+    """Height z in the files at which a 2-D run cuts them; unless given, the middle of the points."""
     occupancy: FileName | None = None
     """Path of an OccupancyGrid3D.csv of GADEN's: obstacles besides the scenario's own."""
     walls: tuple[Face, ...] = ()
-    """Faces of the domain that let no air through."""
+    """Faces of the domain that let no air through; through the others it goes as in the files."""
     viscosity: Viscosity = 1.56e-5
-    """Kinematic viscosity [m²/s]; the default is air at 25 °C."""
+    """Kinematic viscosity: the default is air at 25 °C."""
     eddy_viscosity: EddyDiffusivity | None = None
-    """Of the turbulence that the files do not resolve [m²/s]; unless given, their column nut, or none."""
+    """Viscosity of the turbulence that the files do not resolve: it mixes the gas. Unless given, their column nut, or
+    none."""
     schmidt: Prandtl = 0.7
-    """Turbulent Schmidt number: eddy viscosity over eddy diffusivity of gas."""
+    """Turbulent Schmidt number: eddy viscosity over eddy diffusivity of gas. A smaller one mixes gas more."""
 
     def misfits(self, where: str, dim: int) -> Iterator[str]:
         """Faces and sections that there are not."""

@@ -65,9 +65,9 @@ class FilmedInitial(Initial):
 
     part: ClassVar[Literal["wind", "gas"]]
     film: FileName | None = None
-    """Instead of a formula: path of a fields.zarr, relative to the scenario's folder; its grid may be another one."""
+    """Path of a fields.zarr to begin with, instead of a formula; its grid may be another one."""
     at: Time | None = None
-    """Which moment of the film [s], linear in time between its frames; unless given, the last one."""
+    """Which moment of the film, linear in time between its frames; unless given, the last one."""
 
     @model_validator(mode="after")
     def _either(self) -> "FilmedInitial":
@@ -118,7 +118,8 @@ class InitialWind(FilmedInitial):
     velocity: Annotated[
         tuple[formula("m/s"), ...] | None, Field(min_length=2, max_length=3), PER_AXIS, FREE
     ] = None  # type: ignore[valid-type]
-    """Components [m/s], formulas such as "0.2*sin(pi*x)"."""
+    """Components per axis, each a number or a formula of x, y and z. Such as "0.2*sin(pi*x)"; the solver makes the
+    whole free of divergence."""
 
     @property
     def formulas(self) -> tuple[tuple[str, str], ...]:
@@ -145,7 +146,7 @@ class InitialGas(FilmedInitial):
     part, key, unit = "gas", "concentration", "kg/m^3"
     least, most = 0.0, 10.0  # heavier than any vapour
     concentration: Annotated[formula("kg/m^3") | None, FREE] = None  # type: ignore[valid-type]
-    """A formula [kg/m³] such as "1e-5*exp(-((x-1)**2 + (y-1)**2)/0.02)"."""
+    """A number or a formula of x, y and z, such as "1e-5*exp(-((x-1)**2 + (y-1)**2)/0.02)"."""
 
     @property
     def formulas(self) -> tuple[tuple[str, str], ...]:
@@ -158,7 +159,7 @@ class InitialHeat(Initial):
 
     unit, least, most = "K", COLDEST, WARMEST
     temperature: Annotated[formula("K"), FREE]  # type: ignore[valid-type]
-    """A formula [K] such as "295 + 2*z"."""
+    """A number or a formula of x, y and z, such as "295 + 2*z" for air that is warmer above."""
 
     @property
     def formulas(self) -> tuple[tuple[str, str], ...]:

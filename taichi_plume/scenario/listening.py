@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from taichi_plume.scenario.quantities import fault, ill_sized
+from taichi_plume.scenario.quantities import fault, ill_sized, number
 from taichi_plume.scenario.vocabulary import (
     COMPILED,
     Coefficient,
@@ -32,6 +32,8 @@ class AnyAlgorithm(Model):
 
     talks: ClassVar[bool] = False
     """Whether its robots keep the messages of each other."""
+    searches: ClassVar[bool] = False
+    """Whether all that its robots do is to go for a source."""
 
     @property
     def threshold(self) -> float | None:
@@ -55,36 +57,38 @@ class Listening(AnyAlgorithm):
     """What algorithms share that stand still to listen: an acquisition is a series of samples."""
 
     speed: Speed | None = None
-    """Unless given, the body's largest."""
+    """Speed at which they drive; unless given, the body's largest."""
     acquisition: Wait = 30.0
-    """Time of listening [s]."""
+    """Time for which a robot stands still and listens. Longer averages over more whiffs, and slows the search."""
     sample_period: Wait = 0.5
-    """Between the samples of an acquisition [s]."""
+    """Time between the samples of an acquisition."""
     settle: Pause = 1.0
-    """Standing still before it [s]."""
+    """Time of standing still before it listens, for a slow sensor to catch up."""
 
 
 MOST_BELIEFS = 250_000  # cells of a map of beliefs: a step of a robot looks at all of them five times
 
 
 class Spiral(Listening):
-    """SPIRAL (Ferri et al. 2009). See agents/spiral.py."""
+    """Spirals of straight arms around places that smell more and more, for rooms without strong wind.
 
+    Ferri et al. 2009. See agents/spiral.py.
+    """
+
+    searches: ClassVar[bool] = True
     kind: Literal["spiral"]
     acquisition: Annotated[Wait, COMPILED] = 30.0
-    """Time of listening [s]."""
     sample_period: Annotated[Wait, COMPILED] = 0.5
-    """Between the samples of an acquisition [s]."""
     minimum_ppm: SomePpm = 0.2
     """Threshold of the proximity index at the start, and after an escape: a mean index far from the source."""
     delta: Annotated[float, Field(ge=1e-6, lt=1)] = 0.2
     """By how much misses lower the threshold below the minimum, over the minimum."""
     mean_weight: Coefficient = 1.0
-    """Of the mean of an acquisition in its proximity index."""
+    """Weight of the mean of an acquisition in its proximity index."""
     peak_weight: Coefficient = 0.5
-    """Of the sum of its peaks."""
+    """Weight of the sum of its peaks in the proximity index. Peaks are higher near the source."""
     peak_window: Wait = 5.0
-    """Only the largest peak of so long a time counts [s]."""
+    """Only the largest peak within so long a time counts."""
     peak_height: Literal["absolute", "above_mean"] = "absolute"
     """What of a peak counts: its concentration, or what of it is above the mean."""
     arms: Annotated[tuple[Length, ...], Field(min_length=1, max_length=100)] = (
@@ -95,15 +99,15 @@ class Spiral(Listening):
         1.05,
         1.05,
     )
-    """Lengths of a spiral's arms [m]."""
+    """Lengths of a spiral's arms, in their order."""
     escape_length: Length = 0.75
-    """Way to the place of a new spiral when all arms were in vain [m]."""
+    """Way to the place of a new spiral when all arms were in vain."""
     bump_side: Literal["spiral", "gradient"] = "spiral"
     """Where it turns at a bump: as the spiral does, or to the side of the best of the last 10 acquisitions."""
     strict_minimum: bool = False
-    """Whether no index below the minimum is a hit, even with a lowered threshold."""
+    """Take no index below the minimum for a hit, even with a lowered threshold."""
     random: bool = False
-    """Random SPIRAL: the index is drawn uniformly between 0 and 1; nothing is smelt."""
+    """Random SPIRAL, to compare with: the index is drawn between 0 and 1, and nothing is smelt."""
 
     def bytes(self, group: "Group", floor: "Arena", tick: float) -> float:
         """Of the samples of an acquisition, which every robot keeps."""
@@ -113,37 +117,39 @@ class Spiral(Listening):
 class EColi(Listening):
     """Run and tumble, as bacteria do (Russell et al. 2003). See agents/ecoli.py."""
 
+    searches: ClassVar[bool] = True
     kind: Literal["ecoli"]
     acquisition: Wait = 3.0
     step: Length = 0.25
-    """Driven after each acquisition [m]."""
+    """Way driven after each acquisition."""
     step_spread: Fraction = 0.05
-    """Each step is step (1 ± step_spread), drawn uniformly."""
-    run_angle_deg: Annotated[float, Field(ge=0, le=180)] = 5.0
-    """Largest turn before a run; a tumble turns by any angle."""
+    """Randomness of the way: each step is step (1 ± step_spread), drawn uniformly."""
+    run_angle_deg: number(0, 180, "deg") = 5.0
+    """Largest turn before a run, that is after a rise; a tumble turns by any angle."""
 
 
 class Infotaxis(Listening):
     """The way that is expected to tell most about the source (Vergassola et al. 2007). See agents/infotaxis.py."""
 
+    searches: ClassVar[bool] = True
     kind: Literal["infotaxis"]
     acquisition: Wait = 2.0
     threshold_ppm: SomePpm = 5.0
     """Mean reading of an acquisition that counts as a detection."""
     step: Length = 0.25
-    """Driven after each acquisition, unless it stays [m]."""
+    """Way driven after each acquisition, unless it stays."""
     cell: Annotated[Length, COMPILED] = 0.1
-    """Edge of the cells of its map of beliefs [m]."""
+    """Edge of the cells of the robot's map of beliefs. Smaller ones take longer."""
     rate: Frequency = 1.0
-    """Of the model that it believes in: detections per second close to the source."""
+    """Detections per second close to the source, in the model that the robot believes in."""
     diffusivity: Annotated[EddyDiffusivity, Field(ge=1e-9)] = 0.05
-    """Of patches of gas [m²/s]."""
+    """Diffusivity of patches of gas, in the model that the robot believes in. More makes its plume wider."""
     wind_speed: Speed = 0.5
-    """Mean [m/s]."""
+    """Mean speed of the wind, in the model that the robot believes in."""
     lifetime: Duration = 10.0
-    """Of patches of gas [s]."""
+    """How long patches of gas last, in the model that the robot believes in."""
     size: Length = 0.05
-    """Of what detects them [m]."""
+    """Size of what detects patches, in the model that the robot believes in; small beside the plume."""
 
     @property
     def threshold(self) -> float:

@@ -15,6 +15,7 @@ class Located(Model):
     what: ClassVar[str] = "source"
     """It is called so."""
     position: Point
+    """Where its middle is, per axis. It has to be in the air: in the room and outside of all obstacles."""
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
         """It has to be in the domain and outside of all obstacles."""

@@ -35,7 +35,7 @@ class AnyMap(Model):
     """Keys that say for how long readings count. A map of a log chooses them, unless one of them is given."""
     kind: str
     cell: Length
-    """Edge of the cells [m]."""
+    """Edge of the square cells of the map."""
 
     def of_log(self, duration: float, size: tuple[float, float]) -> dict[str, Any]:
         """What `times` have to be for a map of a log, on a floor of that size [m], that forgets nothing of its
@@ -68,13 +68,12 @@ class Snaps(AnyMap):
     """Readings of a window each, and what they tell of the cells of a map."""
 
     cell: Annotated[Length, COMPILED] = 0.25
-    """Edge of the cells [m]."""
     window: Annotated[Duration, COMPILED] = 5.0
-    """Length of a snap [s]."""
+    """Length of a snap: readings within it count as taken at once."""
     power: Annotated[Exponent, COMPILED] = 2.0
-    """Exponent of the inverse distance."""
+    """Exponent of the inverse distance: more lets the nearest reading count more."""
     min_distance: Annotated[Length, COMPILED] | None = None
-    """Distances below it count as it [m]; unless given, half a cell."""
+    """Distances below it count as it; unless given, half a cell."""
 
     def bytes(self, size: tuple[float, ...], readings: float) -> float:
         """With the samples of a snap."""
@@ -82,17 +81,20 @@ class Snaps(AnyMap):
 
 
 class TimeSeriesMap(Snaps):
-    """Spatio-temporal gas map (Marjovi & Marques, ICRA 2014, eq 1-7)."""
+    """A map from neighbours in space and time: readings count less, the farther and the older they are.
+
+    Marjovi & Marques, ICRA 2014, eq 1-7.
+    """
 
     kind: Literal["time_series"]  # type: ignore[assignment]
     alpha: Annotated[float, Field(ge=1e-6, lt=1), COMPILED] = 0.9
-    """Weight of distance against age in the neighbourhood."""
+    """Weight of distance against age in the neighbourhood: near 1, old readings still count."""
     beta: Annotated[SomeCoefficient, COMPILED] = 0.5
-    """Size of the neighbourhood."""
+    """Size of the neighbourhood. A reading counts where alpha distance + (1 - alpha) time_scale age is below it."""
     time_scale: Annotated[SomeCoefficient, COMPILED] = 0.1
-    """Distance that a second of age counts as [m/s]."""
+    """Distance that a second of age counts as. More forgets faster."""
     raw_samples: bool = False
-    """Whether the neighbourhood is one of samples, rather than of interpolated cells."""
+    """Take the samples themselves as neighbours, rather than the cells interpolated from them."""
     times: ClassVar[tuple[str, ...]] = ("window", "time_scale")
 
     @model_validator(mode="after")
@@ -151,7 +153,10 @@ class TimeSeriesMap(Snaps):
 
 
 class InverseDistanceMap(Snaps):
-    """Inverse-distance interpolation of each snap's readings (Marjovi & Marques, ICRA 2014, eq 1-3)."""
+    """A map from the readings of one snap alone, weighted by the inverse distance.
+
+    Marjovi & Marques, ICRA 2014, eq 1-3.
+    """
 
     times: ClassVar[tuple[str, ...]] = ("window",)
     kind: Literal["inverse_distance"]  # type: ignore[assignment]
@@ -162,24 +167,23 @@ class InverseDistanceMap(Snaps):
 
 
 class KernelMap(AnyMap):
-    """Mean and variance by Gaussian weights (Kernel DM+V: Lilienthal et al., IROS 2009)."""
+    """Mean and variance by Gaussian weights: Kernel DM+V (Lilienthal et al., IROS 2009)."""
 
     times: ClassVar[tuple[str, ...]] = ("memory",)
     kind: Literal["kernel_dmv"]  # type: ignore[assignment]
     cell: Annotated[Length, COMPILED] = 0.1
-    """Edge of the cells [m]."""
     window: ClassVar[None] = None
     """It has none: each reading counts at once."""
     sigma: Length = 0.25
-    """Width of the kernel [m]: how far a reading tells of the gas around it."""
+    """Width of the kernel: how far a reading tells of the gas around it."""
     sigma_omega: SomeCoefficient = 5.0
-    """Readings taken in the middle of a cell that make its confidence 1 - 1/e; with few, the mean of all counts."""
+    """Readings in the middle of a cell that make its confidence 1 - 1/e; with few, the mean of all counts."""
     memory: Duration | None = None
-    """Age at which a reading counts 1/e of a fresh one [s] (TD Kernel DM+V: Asadi et al. 2011); unless given, all count
+    """Age at which a reading counts 1/e of a fresh one (TD Kernel DM+V: Asadi et al. 2011). Unless given, all count
     alike. One minute is a good begin."""
     wind_stretch: Delay = 0.0
-    """Widening of the kernel along the wind that a robot feels, per wind speed [s] (Kernel DM+V/W: Reggente &
-    Lilienthal 2009); 0.25 s suits winds of 0.7 m/s."""
+    """Widening of the kernel along the wind that a robot feels, per wind speed. 0.25 s suits winds of 0.7 m/s (Kernel
+    DM+V/W: Reggente & Lilienthal 2009); 0 keeps it round."""
     exact: Count = 2000
     """Latest readings of a trial for which the variance is reckoned anew as the mean changes."""
 
@@ -193,20 +197,19 @@ class KernelMap(AnyMap):
 
 
 class MarkovMap(AnyMap):
-    """Gaussian Markov random field with obstacles (Monroy et al., Autonomous Robots 2016)."""
+    """Mean and variance by a Gaussian Markov random field, cut by obstacles (Monroy et al. 2016, Autonomous Robots)."""
 
     times: ClassVar[tuple[str, ...]] = ("memory",)
     kind: Literal["gmrf"]  # type: ignore[assignment]
     cell: Annotated[Length, COMPILED] = 0.1
-    """Edge of the cells [m]."""
     lambda_prior: SomeCoefficient = 0.01
-    """Precision of the difference of neighbouring cells [1/ppm²]: less lets the map vary more."""
+    """Precision of the difference of neighbouring cells, in 1/ppm²: less lets the map vary more."""
     lambda_observation: SomeCoefficient = 10.0
-    """Precision of a fresh reading [1/ppm²]; the mean depends on the two by their ratio alone."""
+    """Precision of a fresh reading, in 1/ppm². The mean depends on the two by their ratio alone."""
     memory: Duration | None = 60.0
-    """Age at which a reading counts no more, after steady loss [s]; null: readings count for ever."""
+    """Age at which a reading counts no more, after steady loss; null: readings count for ever."""
     window: Duration = 1.0
-    """Time between updates [s]; readings within it are of the same age."""
+    """Time between updates; readings within it are of the same age."""
 
     def of_log(self, duration: float, size: tuple[float, float]) -> dict[str, Any]:
         """All readings count alike."""

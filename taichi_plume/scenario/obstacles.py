@@ -1,19 +1,16 @@
 """The obstacles of a scenario: shapes that stand in the air or walk through it."""
 
-from bisect import bisect_right
 from collections.abc import Iterator
-from itertools import pairwise
 from math import hypot, inf, pi
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from taichi_plume.grid.missed import SAMPLES, missed
-from taichi_plume.grid.shapes import Shape
 from taichi_plume.scenario.context import Context, span
 from taichi_plume.scenario.domain import Domain
-from taichi_plume.scenario.quantities import fault
+from taichi_plume.scenario.motion import Motion
 from taichi_plume.scenario.vocabulary import (
     COMPILED,
     Angle,
@@ -26,7 +23,6 @@ from taichi_plume.scenario.vocabulary import (
     Point,
     Point2,
     SomeCoefficient,
-    Time,
 )
 
 TOO_LARGE = 10  # times the domain: a body that is larger has another unit
@@ -34,80 +30,7 @@ MOSTLY_OUTSIDE = 0.4  # share of a body's base in the domain; a wall may stand a
 UNITS = {0.001: "millimetres", 0.01: "centimetres", 0.0254: "inches", 1000.0: "metres, not millimetres"}
 MOST_EDGES = 500  # of a polygon whose edges are tested against one another
 SLIVER = 1e-6  # of the square of a polygon's width: less area is none
-FASTEST_BODY = 20.0  # m/s: the air does not count as incompressible much beyond
 TOUCHING = 1e-9  # of the same: a corner this close to an edge lies on it
-
-
-class Motion(Model):
-    """A walk over the ground: straight and even from way point to way point, without turning.
-
-    The centre is at the obstacle's `center` at t = 0, and before; after the last way point it stands still.
-    """
-
-    path: Annotated[tuple[tuple[Time, Coordinate, Coordinate], ...], Field(min_length=1, max_length=10_000)]
-    """Way points of the centre after t = 0: [time, x, y]."""
-    loop: bool = False
-    """Whether it starts over after the last way point, which must be the `center`; it then walks before t = 0 too."""
-
-    @model_validator(mode="after")
-    def _ascending(self) -> "Motion":
-        times = [0.0, *(point[0] for point in self.path)]
-        for n, (a, b) in enumerate(pairwise(times)):
-            if not b > a:
-                raise fault(
-                    "times must ascend from above 0: path[{n}] has {b} s after {a} s",
-                    {"n": n, "a": f"{a:g}", "b": f"{b:g}"},
-                )
-        return self
-
-    def place(self, center: tuple[float, ...], t: float) -> tuple[float, float]:
-        """Where the centre is at time t [s], x and y [m]; `center` at t = 0."""
-        times = [0.0, *(point[0] for point in self.path)]
-        if self.loop:
-            t %= times[-1]
-        n = bisect_right(times, t) - 1
-        if n < 0:
-            return center[0], center[1]
-        places = [center[:2], *(point[1:] for point in self.path)]
-        if n == len(self.path):
-            return self.path[-1][1:]
-        share = (t - times[n]) / (times[n + 1] - times[n])
-        (x, y), (next_x, next_y) = places[n], places[n + 1]
-        return x + share * (next_x - x), y + share * (next_y - y)
-
-    def legs(self, center: tuple[float, ...]) -> list[tuple[float, float, float]]:
-        """Of each straight part its begin [s], its end [s] and the speed [m/s]."""
-        points = [(0.0, center[0], center[1]), *self.path]
-        return [(a[0], b[0], hypot(b[1] - a[1], b[2] - a[2]) / (b[0] - a[0])) for a, b in pairwise(points)]
-
-    def clashes(self, where: str, center: tuple[float, ...], shape: Shape, domain: Domain) -> Iterator[str]:
-        """A way has to stay in the domain, and the body be seen by the grid; `where` is obstacles[n]."""
-        for k, point in enumerate(self.path):
-            for axis, x in enumerate(point[1:]):
-                if not 0 <= x <= domain.extent[axis]:
-                    yield (
-                        f"{where}.motion.path[{k}]: {'xy'[axis]} = {x:g} m is outside the domain, "
-                        f"{span('xy'[axis], 0, domain.extent[axis])}; keep the centre inside"
-                    )
-                    return
-        if self.loop and hypot(self.path[-1][1] - center[0], self.path[-1][2] - center[1]) > 1e-6:
-            yield (
-                f"{where}.motion.path[{len(self.path) - 1}]: a loop must end at the center "
-                f"({center[0]:g}, {center[1]:g}) m, got ({self.path[-1][1]:g}, {self.path[-1][2]:g}) m"
-            )
-        for k, (begin, end, speed) in enumerate(self.legs(center)):
-            if speed > FASTEST_BODY:
-                yield (
-                    f"{where}.motion.path[{k}]: moves at {speed:.3g} m/s from {begin:g} to {end:g} s; "
-                    f"at most {FASTEST_BODY:g} m/s"
-                )
-                break
-        width = float((shape.high - shape.low).min())
-        if width < domain.spacing:
-            yield (
-                f"{where}: is {width:.3g} m thin, less than a cell of {domain.spacing:g} m, and would not move "
-                "the air; make it larger or lower domain.spacing"
-            )
 
 
 class AnyObstacle(Model):
@@ -197,13 +120,17 @@ class Standing(AnyObstacle):
 
 
 class Box(AnyObstacle):
-    """An upright box, turned by `yaw_deg` about the vertical."""
+    """An upright box, which may be turned about the vertical: a table, a cupboard, a wall."""
 
     kind: Literal["box"]
     center: Annotated[Point, COMPILED]
+    """Middle of the box, per axis."""
     size: Annotated[Edges, COMPILED]
+    """Edges of the box along its own x, y and z, before it is turned."""
     yaw_deg: Annotated[Angle, COMPILED] = 0.0
+    """Angle by which it is turned about the vertical, to the left seen from above."""
     motion: Motion | None = None
+    """A walk over the floor, which stirs the air of a computed wind; unless given, it stands."""
 
     def surface(self, domain: Domain) -> float:
         """Of its six faces, in 2-D of four."""
@@ -222,14 +149,19 @@ class Box(AnyObstacle):
 
 
 class Cylinder(AnyObstacle):
-    """A vertical cylinder; in 3-D it stands on `base` and reaches the ceiling unless `height` says otherwise."""
+    """An upright cylinder: a pillar, a bin, or with a `motion` a person who walks."""
 
     kind: Literal["cylinder"]
     center: Annotated[Point2, COMPILED]
+    """Where its axis stands on the floor, x and y."""
     radius: Annotated[Length, COMPILED]
+    """Radius of its round footprint."""
     base: Annotated[Distance, COMPILED] = 0.0
+    """Height of its lower end over the floor; 3-D only."""
     height: Annotated[Length, COMPILED] | None = None
+    """Length from its base upward; unless given, it reaches the ceiling. 3-D only."""
     motion: Motion | None = None
+    """A walk over the floor, which stirs the air of a computed wind; unless given, it stands."""
 
     def surface(self, domain: Domain) -> float:
         """Of its side and its ends."""
@@ -252,8 +184,11 @@ class Sphere(AnyObstacle):
 
     kind: Literal["sphere"]
     center: Annotated[Point, COMPILED]
+    """Middle of the sphere, per axis."""
     radius: Annotated[Length, COMPILED]
+    """Radius of the sphere, in 2-D of the disc."""
     motion: Motion | None = None
+    """A walk over the floor, which stirs the air of a computed wind; unless given, it stands."""
 
     def surface(self, domain: Domain) -> float:
         """In 2-D of a disc."""
@@ -271,12 +206,15 @@ class Sphere(AnyObstacle):
 
 
 class Prism(Standing):
-    """A vertical prism over a simple polygon; in 3-D from `base` to the ceiling unless `height` says otherwise."""
+    """An upright body over any polygon: walls with corners, furniture."""
 
     kind: Literal["prism"]
     vertices: Annotated[tuple[Point2, ...], Field(min_length=3, max_length=10_000), COMPILED]
+    """Corners of the outline, each [x, y], in the order in which it meets them; it must not cross itself."""
     base: Annotated[Distance, COMPILED] = 0.0
+    """Height of its lower end over the floor; 3-D only."""
     height: Annotated[Length, COMPILED] | None = None
+    """Length from its base upward; unless given, it reaches the ceiling. 3-D only."""
 
     def surface(self, domain: Domain) -> float:
         """Of its sides and its ends."""
@@ -291,15 +229,19 @@ class Prism(Standing):
 
 
 class Mesh(Standing):
-    """A closed triangle mesh (STL, OBJ or PLY); in 2-D its section at `section` [m] above the ground."""
+    """Closed bodies from a file of triangles (STL, OBJ or PLY); a 2-D run cuts them at a height."""
 
     kind: Literal["mesh"]
     file: FileName
-    """Path, relative to the scenario's folder."""
+    """Path of an STL, OBJ or PLY file of closed bodies, relative to the scenario's folder."""
     scale: Annotated[SomeCoefficient, COMPILED] = 1.0
+    """Factor from the file's unit to metres: 0.001 for a file in millimetres."""
     yaw_deg: Annotated[Angle, COMPILED] = 0.0
+    """Angle by which it is turned about the file's z axis, after scaling, to the left seen from above."""
     translate: Annotated[tuple[Coordinate, Coordinate, Coordinate], COMPILED] = (0.0, 0.0, 0.0)
+    """How far it is moved after scaling and turning, per axis."""
     section: Annotated[Coordinate, COMPILED] = 0.0
+    """Height at which a 2-D run cuts the mesh, once it has been moved."""
 
     def _another_scale(self, size: np.ndarray, domain: Domain) -> str:
         """Where it would be a tenth to all of the domain, in a common unit."""

@@ -37,15 +37,15 @@ class Jet(Scheduled, Vent):
     inward: ClassVar[bool] = True
     """Whether it is commonly meant to blow air in."""
     speed: Velocity | None = None
-    """Mean speed into the domain [m/s]; negative extracts."""
+    """Mean speed of the air into the room; negative draws air out. A honeycomb without it is an outlet."""
     turbulence_intensity: Fraction = 0.0
-    """Standard deviation of each velocity component over the mean speed, of the eddies that the cells carry."""
+    """Standard deviation of each velocity component over the mean speed. It is that of the eddies that the cells
+    carry; 0 blows perfectly smooth air, which keeps plumes narrow."""
     turbulence_length: Length | None = None
-    """Integral length of the fluctuations along the wind [m]; a fifth of the opening's width unless given, and about
-    four cells at least.
-    """
+    """Size of the eddies that are blown in: integral length along the wind. Unless given a fifth of the opening's
+    width, and about four cells at least."""
     schedule: tuple[SpeedAt, ...] = ()
-    """Speeds from given times on; before the first, `speed` holds."""
+    """Speeds from given times on, for fans that are switched; before the first, `speed` holds."""
 
     @model_validator(mode="after")
     def _begun(self) -> "Jet":
@@ -115,15 +115,15 @@ class FanCurve(Model):
     """What a fan can do against a pressure: dp = pressure (1 - (Q/flow)²)."""
 
     pressure: Pressure
-    """That it builds up when no air gets through [Pa]."""
+    """Pressure that the fan builds up when no air gets through, as its data sheet says."""
     flow: FlowRate
-    """That it blows against no pressure [m³/s]; in 2-D through the whole `depth` of the slab."""
+    """Air that it moves against no pressure, as its data sheet says; in 2-D through the whole `depth` of the slab."""
     response: Duration = 0.2
-    """Time in which its speed follows the pressure [s]; the inertia of the air adds to it."""
+    """Time in which the fan's speed follows the pressure; the inertia of the air adds to it."""
 
 
 class Fan(Jet):
-    """A disc (in 2-D a slot) blowing a top-hat jet with a soft edge, optionally swirling.
+    """A fan: a disc (in 2-D a slot) that blows an even jet with a soft edge, which may turn.
 
     Profile: U/2 (1 - tanh((r - R)/(0.05 R))), scaled to the flow rate of a uniform disc; swirl velocity S U r/R.
     """
@@ -132,9 +132,10 @@ class Fan(Jet):
     inward: ClassVar[bool] = False
     kind: Literal["fan"]
     swirl: Swirl = 0.0
-    """Tangential over axial speed at the rim; 3-D only."""
+    """How much the jet turns: tangential over axial speed at the rim; 3-D only."""
     curve: FanCurve | None = None
-    """The speed follows the pressure behind the fan; `speed` is then the one that it starts with, 0 unless given."""
+    """What the fan can do against a pressure. Its speed then follows the pressure behind it, and `speed` is what it
+    starts with, 0 unless given."""
 
     @model_validator(mode="after")
     def _driven(self) -> "Fan":
@@ -169,13 +170,15 @@ class Fan(Jet):
 
 
 class Inlet(Jet):
-    """Air blown in with a profile of mean `speed`."""
+    """Air that is blown in with a given mean speed and profile, such as from the next room."""
 
     color: ClassVar[Color] = BLUE
     kind: Literal["inlet"]
     speed: Velocity  # type: ignore[assignment]
+    """Mean speed of the air into the room; negative draws air out."""
     profile: Literal["uniform", "parabolic"] | Profile = "uniform"
-    """Or one by the height over walls: {kind: log}, power or table."""
+    """How the speed varies over the opening. uniform, parabolic, or by the height over walls: {kind: log}, power or
+    table."""
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
         """Its profile has to fit it."""
@@ -191,11 +194,11 @@ class Honeycomb(Jet):
     straight: ClassVar[bool] = True
     kind: Literal["honeycomb"]
     loss_coefficient: Coefficient = 2.0
-    """Pressure loss over the dynamic pressure, for the outlet."""
+    """Pressure loss over the dynamic pressure, where it is an outlet. More spreads the outflow more evenly."""
 
 
 class Outlet(Vent):
-    """An opening to still air at ambient pressure."""
+    """An opening to still air outside, through which air goes in or out as the pressure wants."""
 
     color: ClassVar[Color] = GREEN
     kind: Literal["outlet"]
@@ -207,17 +210,18 @@ class Outlet(Vent):
 
 
 class Slip(FaceOpening):
-    """A frictionless, closed face."""
+    """A wall without friction: air glides along it. It stands for a plane of symmetry, or the air far above."""
 
     kind: Literal["slip"]
 
 
 class MovingWall(Scheduled, FaceOpening):
-    """A no-slip wall that slides with `velocity` (its component through the face must be zero)."""
+    """A wall that slides in its own plane and drags the air along."""
 
     color: ClassVar[Color] = PURPLE
     kind: Literal["wall"]
     velocity: Velocities
+    """Velocity with which the wall slides, per axis; 0 along the axis through it. It drags the air along."""
     schedule: tuple[VelocityAt, ...] = ()
     """Velocities from given times on; before the first, `velocity` holds."""
 
@@ -256,10 +260,11 @@ class MovingWall(Scheduled, FaceOpening):
 
 
 class Periodic(AnyOpening):
-    """What leaves through one face of the axis enters through the other."""
+    """An endless room along an axis: what leaves through one face enters through the other."""
 
     kind: Literal["periodic"]
     axis: Literal["x", "y", "z"]
+    """What leaves at one end of this axis enters at the other, as in an endless duct."""
 
     @property
     def wraps(self) -> str:

@@ -92,9 +92,9 @@ class Checkpoint(Model):
     """How often all that a run needs to be resumed is written to checkpoint.npz."""
 
     wall: Duration | None = None
-    """Time of the clock between checkpoints [s]; 300 s where neither is given."""
+    """Time of the clock on the wall between checkpoints; 300 s where neither is given."""
     every: Duration | None = None
-    """Simulated time between them [s], in whole ticks."""
+    """Simulated time between checkpoints, in whole ticks; instead of `wall`."""
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
         """One of the two is enough."""
@@ -106,7 +106,7 @@ class Forces(Model):
     """What goes into forces.csv: the force of the air on each obstacle."""
 
     every: Literal["step"] | Duration = 1.0
-    """Time between its rows [s], in whole ticks; `step`: rows after each step of the air."""
+    """Time between its rows, in whole ticks; step: rows after each step of the air."""
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
         """Between ticks there are only steps."""
@@ -147,15 +147,15 @@ class PlumeLog(Model):
     """What goes into plume.pslog: gas and wind on the nodes of a lattice, as a log of PlumeSim."""
 
     rate: Frequency = 1.0
-    """Frames per simulated second."""
+    """Frames per simulated second; each has to last whole ticks and whole milliseconds."""
     start: Time = 0.0
-    """Time of the first frame [s]; negative in the warm-up."""
+    """Time of the first frame; negative in the warm-up."""
     cell: Length = 0.1
-    """Distance of the nodes [m]."""
+    """Distance of the nodes."""
     full_scale_ppm: FullScale = 100.0
-    """What is written as 100 percent; more gas is written as more."""
+    """How many ppm are written as 100 percent; more gas is written as more."""
     height: Distance = 0.1
-    """Of the nodes, in 3-D [m]; the log itself is flat."""
+    """Height of the nodes over the floor, in 3-D; the log itself is flat."""
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
         """Its frames have to come at whole milliseconds and ticks, its nodes to be in the domain."""

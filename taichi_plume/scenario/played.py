@@ -15,11 +15,11 @@ class Played(Model):
     """Frames that were made before; at the end the last one holds."""
 
     loop: bool = False
-    """Start again at the end."""
+    """Start again at the end of the frames; otherwise the last one holds."""
     rate: SomeCoefficient = 1.0
     """Seconds of the frames per simulated second; their velocities stay as they are."""
     start: Time = 0.0
-    """Time of the frames [s] that is shown when the robots start."""
+    """Time of the frames that is shown when the robots start."""
 
 
 class Playback(Played):
@@ -28,7 +28,7 @@ class Playback(Played):
     part: ClassVar[Literal["wind", "gas"]]
     """What of the run is played."""
     file: FileName
-    """Path of a fields.zarr, relative to the scenario's folder."""
+    """Path of a fields.zarr that an earlier run wrote, relative to the scenario's folder."""
 
     def unusable(self, where: str, context: Context) -> Iterator[str]:
         """The film has to be whole, of the same domain and obstacles, and with what is asked of it."""
@@ -90,9 +90,10 @@ class PointPlayback(Played):
     key: ClassVar[str] = "file"
     """What names its frames."""
     offset: Point2 = (0.0, 0.0)
-    """Added to the points' places [m]."""
+    """Added to the points' places, x and y, to move them into the room."""
     interpolate: bool = False
-    """Read between points, bilinear on a lattice as wide as the cell; zero at a cell from the last of them."""
+    """Read between points, bilinear on a lattice as wide as the cell; zero at a cell from the last of them. Otherwise
+    the nearest point counts, as in PlumeSim."""
 
     def unusable(self, where: str, context: Context) -> Iterator[str]:
         """Some of the points have to be in the domain, and there has to be something to show at the start."""
@@ -119,7 +120,7 @@ class PlumeSimLog(PointPlayback):
     """A log of PlumeSim: text; see point_frames.py. `plumesim_log` makes a run write one."""
 
     file: FileName
-    """Its path, relative to the scenario's folder."""
+    """Path of a log of PlumeSim, relative to the scenario's folder."""
 
 
 class PlumeSimWind(AnyWind, PlumeSimLog):

@@ -34,9 +34,9 @@ class PercentGas(OneGas):
     """A plume that is known in percent of a full scale, as PlumeSim's are; in 3-D it is the same at every height."""
 
     full_scale_ppm: FullScale = 100.0
-    """What 100 percent stand for."""
+    """How many ppm 100 percent stand for."""
     sources: tuple[Target, ...] = ()
-    """What the robots search for."""
+    """Places that robots search for; they emit nothing, the plume is given."""
 
 
 class PlumeSimGas(PercentGas, PlumeSimLog):
@@ -51,15 +51,16 @@ class FluentGas(PercentGas, PointPlayback):
     key: ClassVar[str] = "files"
     kind: Literal["fluent"]
     files: FileName
-    """Path of the files, relative to the scenario's folder, such as plume%03d.txt for plume001.txt and so on."""
+    """Path of the files, relative to the scenario's folder. Such as plume%03d.txt for plume001.txt, plume002.txt and
+    so on."""
     frames: Count | None = None
-    """Number of files; unless given, all there are."""
+    """Number of files to take; unless given, all there are."""
     period: Annotated[Duration, COMPILED] = 1.0
-    """Time between frames [s]."""
+    """Time from one file to the next."""
     cell: Annotated[Length, COMPILED] = 0.1
-    """Points count up to this distance [m]."""
+    """Distance up to which a point counts."""
     largest: Annotated[Magnitude, COMPILED] | None = None
-    """Concentration that counts as 100 percent; unless given, the largest in the files."""
+    """Concentration that counts as 100 percent, in the files' unit; unless given, the largest in them."""
 
     @field_validator("files")
     @classmethod
@@ -70,8 +71,9 @@ class FluentGas(PercentGas, PointPlayback):
 
 
 class PlumeSimPuff(PercentGas):
-    """PlumeSim's Gaussian plume: a puff that spreads, frame by frame, on nodes to the right of and above its release.
+    """PlumeSim's Gaussian plume: a puff that spreads, frame by frame.
 
+    It is known on nodes to the right of and above its release:
     Percent = amount/(4 pi sqrt(Dx Dy) n) exp(-(dx²/Dx + dy²/Dy)/(4 n)) with the number n of the frame: 1, 2, ... last,
     then again from `repeat_from`. A reading is that of the nearest node that is closer than the cell, else zero. The
     program has a wind of 0.5 m/s along x with it.
@@ -79,20 +81,23 @@ class PlumeSimPuff(PercentGas):
 
     kind: Literal["plumesim_gaussian"]
     release_point: Point2
+    """Where the puff is released, x and y."""
     diffusion: tuple[SomeCoefficient, SomeCoefficient] = (0.2, 0.005)
-    """Dx, Dy [m² per frame]."""
+    """Spread per frame along x and y, Dx and Dy, in m² per frame."""
     amount: SomeCoefficient = 100.0
-    """Percent m² that are released."""
+    """How much is released, in percent times m². Concentrations are proportional to it."""
     cell: Length = 0.1
-    """Distance of the nodes [m]."""
+    """Distance of the nodes; a reading is that of the nearest one."""
     all_around: bool = False
-    """Nodes to the left of and below the release too, which the program has not."""
+    """Put nodes to the left of and below the release too, which the program has not."""
     period: Duration = 1.0
-    """Time between frames [s]."""
+    """Time from one frame to the next."""
     last: Count = 25
+    """Number of the last frame; after it, frames begin again from `repeat_from`."""
     repeat_from: Count = 20
+    """Number of the frame that follows the last one."""
     start: Time = 0.0
-    """Time since the release [s] when the robots start."""
+    """Time since the release when the robots start."""
 
     @model_validator(mode="after")
     def _returns(self) -> "PlumeSimPuff":
@@ -115,12 +120,15 @@ class PlumeSimMeander(PercentGas):
 
     kind: Literal["plumesim_meandering"]
     release_point: Point2
+    """Where the plume begins, x and y."""
     points: Annotated[int, Field(ge=20, le=1_000_000)] = 200
-    """About so many."""
+    """How many points are strewn, about. More make a smoother plume."""
     release_rate: Coefficient = 10.0
+    """Widens the plume, times `dispersion`; as PlumeSim names it."""
     dispersion: Coefficient = 0.1
-    """Points stray across by a standard deviation of dispersion release_rate (x - x0)."""
+    """Widening: points stray across by a standard deviation of dispersion release_rate (x - x0)."""
     radius: Annotated[Length, COMPILED] = 0.1
+    """Points within this distance of a sensor count for its reading."""
 
     @property
     def by_chance(self) -> bool:

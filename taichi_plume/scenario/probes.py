@@ -22,6 +22,7 @@ class Probe(Model):
     what: ClassVar[tuple[str, ...]]
     """The keys that say where."""
     name: Name
+    """What the probe is called in the table; each needs its own."""
 
     @property
     def places(self) -> np.ndarray:
@@ -60,11 +61,12 @@ class Probe(Model):
 
 
 class ProbePoint(Probe):
-    """A point."""
+    """A single point, as one instrument."""
 
     kind: Literal["point"]
     what = ("at",)
     at: Point
+    """Where the point is, per axis."""
 
     @property
     def places(self) -> np.ndarray:
@@ -78,8 +80,11 @@ class ProbeLine(Probe):
     kind: Literal["line"]
     what = ("start", "end")
     start: Point
+    """First point of the line, per axis."""
     end: Point
+    """Last point of the line, per axis."""
     count: Annotated[Count, Field(ge=2)]
+    """Number of points, both ends among them."""
 
     @property
     def size(self) -> int:
@@ -98,7 +103,9 @@ class ProbeGrid(Probe):
     kind: Literal["grid"]
     what = ("low", "high")
     low: Point
+    """Lower corner of the box, per axis."""
     high: Point
+    """Upper corner of the box, per axis."""
     counts: Annotated[tuple[Count, ...], Field(min_length=2, max_length=3), PER_AXIS]
     """Points along each axis; a single one lies in the middle."""
 
@@ -124,10 +131,11 @@ class Probes(Model):
         tuple[Annotated[ProbePoint | ProbeLine | ProbeGrid, Field(discriminator="kind")], ...],
         Field(min_length=1),
     ]
+    """The points, lines and grids of points, each with a name."""
     every: Literal["step"] | Duration = 0.1
-    """Time between samples [s], linear between the steps of the air; `step`: one after each of them."""
+    """Time between samples, linear between the steps of the air; step: one after each of them."""
     start: Time = 0.0
-    """Time of the first sample [s]; negative in the warm-up."""
+    """Time of the first sample; negative in the warm-up."""
 
     @property
     def size(self) -> int:

@@ -37,7 +37,7 @@ class HeightProfile(Model):
             json_schema_input_type=Face | list[Face],
         ),
     ]
-    """Faces that heights are measured from, such as z-; of several, from the next."""
+    """Faces that heights are measured from, such as z- for the floor; of several, from the nearest."""
 
     def height_at(self, points: Sequence[np.ndarray], extent: Sequence[float]) -> np.ndarray:
         """Height [m] at points, given by their coordinates along each axis, in a domain of `extent`."""
@@ -81,11 +81,12 @@ class HeightProfile(Model):
 
 
 class LogProfile(HeightProfile):
-    """u ~ ln(h/z0), 0 below z0: over a rough or smooth wall, far from the other side."""
+    """Speed that grows with the logarithm of the height, as over a wall far from the other side: u ~ ln(h/z0)."""
 
     kind: Literal["log"]
     roughness: Annotated[Length, COMPILED] | None = None
-    """Roughness length z0 [m]; of a smooth wall about 2e-6 m²/s over the friction velocity."""
+    """Roughness length z0, the height at which the speed is 0. Of a smooth wall about 2e-6 m²/s over the friction
+    velocity."""
     friction: Annotated[SomeFraction, COMPILED] | None = None
     """Friction velocity over the mean speed, instead of the roughness."""
 
@@ -104,10 +105,11 @@ class LogProfile(HeightProfile):
 
 
 class PowerProfile(HeightProfile):
-    """u ~ h^exponent."""
+    """Speed that grows with a power of the height: u ~ h^exponent."""
 
     kind: Literal["power"]
     exponent: Annotated[Exponent, COMPILED] = 1 / 7
+    """Exponent of the height: 1/7 is usual over smooth ground, more makes a slower layer below."""
 
     def _speeds(self, heights: np.ndarray, of_opening: np.ndarray) -> np.ndarray:
         return (np.maximum(heights, 0.0) / max(float(of_opening.max()), 1e-12)) ** self.exponent
@@ -118,9 +120,9 @@ class TableProfile(HeightProfile):
 
     kind: Literal["table"]
     heights: Annotated[tuple[Distance, ...], FEW, COMPILED]
-    """Ascending [m]."""
+    """Heights over the walls at which speeds are given, ascending; they have to cover the opening."""
     speeds: Annotated[tuple[Speed, ...], FEW, COMPILED]
-    """One per height [m/s]."""
+    """Speed at each height, linear in between. Only their ratios count, the opening's `speed` stays the mean."""
 
     @model_validator(mode="after")
     def _of_one_length(self) -> "TableProfile":

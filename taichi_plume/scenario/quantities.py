@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cache
 from math import ceil, floor, inf, log10, sqrt
 from typing import Annotated, Any
@@ -25,6 +26,16 @@ USUAL = {
     ("min", "s"): 60.0,
     ("ms", "s"): 1e-3,
 }
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """Marks numbers that have a unit: which, and from where to where they may lie; or_zero: 0 is allowed besides."""
+
+    unit: str
+    least: float
+    most: float
+    or_zero: bool = False
 
 
 @cache
@@ -94,17 +105,20 @@ def quantity(
             )
         return value
 
+    low, high = max(least, limits.get("ge", -inf)), min(most, limits.get("le", inf))
+    plain = Annotated[float, Field(ge=0.0 if or_zero else low, le=high)]  # for editors, which know no units
     return Annotated[
         float,
         Field(allow_inf_nan=False, **limits),
         AfterValidator(plausible),
-        BeforeValidator(lambda value: parse(value, unit), json_schema_input_type=float | str),
+        BeforeValidator(lambda value: parse(value, unit), json_schema_input_type=plain | str),
+        Quantity(unit, low, high, or_zero),
     ]
 
 
-def number(least: float, most: float) -> Any:
-    """The annotated type of a plain number between these."""
-    return Annotated[float, Field(ge=least, le=most, allow_inf_nan=False)]
+def number(least: float, most: float, unit: str = "") -> Any:
+    """The annotated type of a plain number between these, without texts; unit: the one that it is in."""
+    return Annotated[float, Field(ge=least, le=most, allow_inf_nan=False), Quantity(unit, least, most)]
 
 
 def round_up(value: float) -> float:

@@ -42,16 +42,20 @@ class Body(Model):
     """A disc that drives like a unicycle or, with a wheel base, on two wheels. Defaults: a small indoor robot."""
 
     kind: Literal["free", "momo", "roomba_560", "miniq", "khepera_3"] = "free"
-    """A robot whose figures are the defaults of the others."""
+    """A real robot, whose figures are the defaults of the other keys; free: a small indoor robot."""
     radius: BodyLength = 0.08
+    """Radius of the disc that the robot is, for contact with walls, obstacles and others."""
     height: Annotated[BodyLength, COMPILED] = 0.15
+    """Height of the body: what hangs higher it can pass under. With `wake`, so tall is what disturbs the air."""
     max_speed: TopSpeed = 0.2
+    """Largest speed; with a `wheel_base`, of each wheel."""
     max_turn_rate_deg: TurnRate = 180.0
-    """Degrees per second."""
+    """Largest angle per second by which it turns."""
     wheel_base: BodyLength | None = None
-    """Between the two wheels [m], of which none goes faster than max_speed: in a bend the robot is slower."""
+    """Distance between its two wheels, of which none goes faster than max_speed: in a bend the robot is slower.
+    Unless given, it turns at any speed."""
     max_acceleration: Thrust | None = None
-    """Of the speed [m/s²]; unless given, it changes at once."""
+    """Largest change of speed per time; unless given, it changes at once."""
 
     @model_validator(mode="before")
     @classmethod
@@ -65,7 +69,7 @@ class Communication(Model):
     """Messages between the robots of a team, for algorithms that use them."""
 
     range: Length | None = None
-    """How far a message reaches [m]; unless given, everywhere."""
+    """How far a message reaches; unless given, everywhere."""
     loss: Fraction = 0.0
     """Probability that a robot misses a message."""
 
@@ -82,42 +86,57 @@ class Odometry(Model):
     """
 
     distance_scale: Slight = 0.01
-    """Relative error of distances, from the size of the wheels."""
+    """Relative error of distances, from the size of the wheels. Standard deviation over the robots, each keeps its
+    own for the whole run."""
     turn_scale: Slight = 0.01
-    """Relative error of angles turned, from the distance between the wheels."""
+    """Relative error of angles turned, from the distance between the wheels. Standard deviation over the robots, each
+    keeps its own for the whole run."""
     veer_deg: AngleNoise = 0.5
-    """Angle per metre that it turns without knowing [degrees], from wheels of unequal size."""
+    """Angle per metre that it turns without knowing, from wheels of unequal size. Standard deviation over the robots,
+    each keeps its own for the whole run."""
     distance_noise: Distance = 0.01
-    """Standard deviation of the distance after a metre driven [m]."""
+    """Standard deviation of the distance after a metre driven; it grows with the root of the way."""
     turning_distance_noise: Distance = 0.005
-    """Standard deviation of the distance after a full turn [m]."""
+    """Standard deviation of the distance after a full turn on the spot."""
     heading_noise_deg: AngleNoise = 1.0
-    """Standard deviation of the heading after a metre driven [degrees]."""
+    """Standard deviation of the heading after a metre driven; it grows with the root of the way."""
     turn_noise_deg: AngleNoise = 2.0
-    """Standard deviation of the heading after a full turn [degrees]."""
+    """Standard deviation of the heading after a full turn."""
 
 
 class Group(Model):
     """Robots of one kind. `trials` independent copies of the team run at once in the same air."""
 
     name: str = "robots"
+    """What the group is called in tables and recordings; two groups need two names."""
     count: Count
+    """Robots of the team."""
     trials: Count = 1
+    """Independent copies of the team that search at once in the same air. They neither see nor meet each other: more
+    give better statistics in one run."""
     first_trial: Annotated[int, Field(ge=0, le=1_000_000)] = 0
-    """Number of the first of them: with `trials: 1`, one of many is run again alone, to the same result."""
+    """Number of the first trial. With `trials: 1`, one of many is run again alone, to the same result."""
     start: Start
+    """Where the robots start: at given places, on a line or at random in an area."""
     algorithm: Algorithm
+    """How the robots search: what they do with what they smell and feel."""
     body: Body = Body()
+    """Size and speed of each robot."""
     sensors: Sensors = Sensors()
+    """Gas sensor and anemometer that each robot carries."""
     communication: Communication = Communication()
+    """How far messages between the robots reach, for algorithms that use them."""
     odometry: Odometry | None = None
-    """Unless given, robots know exactly where they are, as if cameras told them."""
+    """Errors of the pose that a robot believes in. Unless given, robots know exactly where they are, as if cameras
+    told them."""
     reach: Distance = 0.35
-    """A robot whose centre comes this close to a source has found it and stops [m]; the robot itself does not know."""
+    """A robot whose centre comes this close to a source has found it and stops. The robot itself does not know;
+    height does not count."""
     capture: Literal["disc", "square"] = "disc"
     """Whether `reach` is the radius of a disc around the source or half the edge of a square."""
     wake: bool = False
-    """Whether the robots disturb the air: in 3-D as solid bodies, in 2-D by their drag; of one trial only."""
+    """Whether the robots disturb the air: in 3-D as solid bodies, in 2-D by their drag. It takes a computed wind and
+    a single trial."""
 
     def misfit(self, floor: Arena) -> str | None:
         """What is wrong with the size of its robots, or with their number; `key: message`."""

@@ -42,35 +42,52 @@ class Scenario(Model):
     """One experiment: everything that decides its outcome."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"), FREE] = "run"
+    """Name of the experiment, and of the folders of its runs. Letters, digits, dot, underscore and dash."""
     seed: Annotated[int, Field(ge=0, lt=2**32), FREE] = 0
+    """Begin of all random numbers: the same seed makes the same run. Another one draws other eddies, noise and start
+    places."""
     duration: Duration
-    """Time the robots are active [s]."""
+    """Time for which robots move and sensors measure, after the warm-up. The air should get through the room several
+    times."""
     warm_up: Delay = 0.0
-    """Flow and gas before the robots start [s]."""
+    """Time before the robots start, for flow and gas to develop. The clock then shows negative times, up to 0; long
+    enough is when the air has gone through the room a few times."""
     tick: Annotated[Tick, COMPILED] = 0.1
-    """Control period [s]."""
+    """Control period: once per tick sensors measure and robots decide. The air takes as many shorter steps in it as
+    it needs."""
     stop_early: Annotated[bool, FREE] = True
-    """End once every robot of every group has found a source."""
+    """End the run once every robot of every group has found a source. With false it lasts the whole duration, as for
+    maps and measurements."""
     domain: Domain
+    """The box of air that is simulated, with its lower corner at the origin, and its grid."""
     wind: Wind
+    """How the air moves: computed, the same everywhere, random eddies, or from files."""
     obstacles: tuple[Obstacle, ...] = ()
+    """Bodies that air and gas go around and robots cannot pass: boxes, cylinders, spheres, prisms, meshes."""
     gas: Gas
+    """What the air carries: which gas, how it disperses and where it comes from."""
     arena: Arena | None = None
-    """Where robots may be; unless given, on the whole floor."""
+    """Part of the floor that the robots may use; unless given, all of it."""
     robots: tuple[Group, ...] = ()
+    """Groups of robots, each with its body, sensors and search algorithm. Without any, air and gas alone are
+    simulated."""
     rivals: bool = False
-    """Whether each group searches as if the others were not there: to compare them in the same air."""
+    """Whether each group searches as if the others were not there. So algorithms are compared in the same air;
+    otherwise the groups share the floor."""
     maps: tuple[Map, ...] = ()
+    """Gas maps made online from the robots' readings, and scored against the mean of the true gas."""
     recording: Annotated[Recording, FREE] = Recording()
+    """What is recorded for the viewer, in recording.rrd."""
     forces: Annotated[Forces, FREE] = Forces()
+    """How often the force of the air on each obstacle is noted, in forces.csv."""
     probes: Annotated[Probes | None, FREE] = None
-    """Unless given, no probes.parquet is written."""
+    """Points at which wind, pressure, gas and temperature are noted, in probes.parquet; unless given, none."""
     fields: Annotated[Fields | None, FREE] = None
-    """Unless given, no fields.zarr is written."""
+    """Whole wind and gas fields over time, in fields.zarr: to look at or to play back; unless given, none."""
     plumesim_log: Annotated[PlumeLog | None, FREE] = None
-    """Unless given, no plume.pslog is written."""
+    """Wind and gas as a log of PlumeSim, in plume.pslog; unless given, none is written."""
     checkpoint: Annotated[Checkpoint | None, FREE] = Checkpoint()
-    """From which a run that was cut off can be resumed; null: none are written."""
+    """How often the state of the run is saved, from which it can be resumed when cut off. null: never."""
 
     @property
     def floor(self) -> Arena:

@@ -16,11 +16,13 @@ class Screen(Window):
 
     color: ClassVar[Color] = (255, 213, 79)
     axis: Literal["x", "y", "z"]
+    """Axis through the screen, across which it stands."""
     at: Annotated[Coordinate, COMPILED]
+    """Where along that axis the middle of the screen is."""
     thickness: Annotated[Distance, COMPILED] = 0.05
-    """Along the axis [m], in whole cells, at least one."""
+    """Thickness along the axis, in whole cells and at least one."""
     transverse: Coefficient = 1000.0
-    """Resistance along the slab over the one through it: large values straighten the flow."""
+    """Resistance along the screen over the one through it. Large values straighten the flow, 1 is for thin sheets."""
 
     @property
     def normal(self) -> int:
@@ -68,10 +70,11 @@ class Straightener(Screen):
 
     kind: Literal["honeycomb"]
     loss_coefficient: Coefficient | None = None
-    """Pressure drop over the dynamic pressure; 2 unless `cell` is given."""
+    """Pressure drop over the dynamic pressure: more evens the flow out more. 2 unless `cell` is given."""
     cell: Length | None = None
-    """Width of a channel [m], in place of the loss coefficient: laminar friction in hexagons, f Re = 60.2
-    (Shah & London 1978, Laminar Flow Forced Convection in Ducts), and 1.2 dynamic pressures at both ends."""
+    """Width of a channel, in place of the loss coefficient. The drop is then that of laminar friction in hexagons, f
+    Re = 60.2 (Shah & London 1978, Laminar Flow Forced Convection in Ducts), and 1.2 dynamic pressures at both ends.
+    """
 
     @model_validator(mode="after")
     def _one_loss(self) -> "Straightener":
@@ -91,7 +94,7 @@ class Perforated(Screen):
 
     kind: Literal["perforated"]
     loss_coefficient: Coefficient = 2.0
-    """Pressure drop over the dynamic pressure."""
+    """Pressure drop over the dynamic pressure: more evens the flow out more."""
     thickness: Annotated[Distance, COMPILED] = 0.0
     transverse: Coefficient = 1.0
 

@@ -96,16 +96,20 @@ class GasSensor(Model):
     """What every gas sensor has. A reading is the mean of samples taken evenly since the reading before."""
 
     rise_time: Delay | None = None
-    """Time constants of the lag [s]; unless given, the kind's or model's own."""
+    """Time constant with which its signal follows more gas; unless given, the kind's or model's own. 0 makes it
+    follow at once."""
     decay_time: Delay | None = None
+    """Time constant with which its signal recovers from gas; unless given, the kind's or model's own. Metal oxides
+    recover slowly, which blurs the edges of a plume."""
     period: Wait = 0.1
-    """Time between readings [s]."""
+    """Time between readings; in between the last one holds."""
     averaged: Count = 1
-    """Samples per reading: their noise averages out. With 1 the reading is a single sample at its end."""
+    """Samples per reading, taken evenly since the one before: their noise averages out. With 1 the reading is a
+    single sample at its end."""
     height: Distance = 0.1
-    """Above the ground, in 3-D [m]."""
+    """Height over the floor; 3-D only. Heavy vapour from a source on the floor is met low."""
     ahead: Annotated[Coordinate, COMPILED] = 0.0
-    """In front of the robot's centre [m]."""
+    """Distance in front of the robot's centre; negative is behind it."""
 
     law: ClassVar[Literal["mox", "linear"]] = "linear"
     """What makes a signal of a concentration, and a reading of it: see agents/gas_laws.py."""
@@ -135,30 +139,36 @@ class MoxSensor(GasSensor):
 
     kind: Literal["mox"]
     model: Literal["tgs800", "tgs822", "tgs2600", "tgs2620", "mics5524"] = "mics5524"
+    """Which metal-oxide sensor, by the maker's name: its response, lag and load resistor."""
     noise: Intensity = 0.003
-    """Standard deviation of ln R per sample."""
+    """Noise of a sample, as standard deviation of ln R."""
     sensitivity: dict[str, Coefficient] = Field(default_factory=dict)
-    """Of a species over that to ethanol, by its name; 1 unless given: the data sheets tell of ethanol alone."""
+    """How much it responds to a species, over ethanol, by the species' name. 1 unless given: the data sheets tell of
+    ethanol alone."""
     calibration: Literal["model", "cubic"] = "model"
     """How a resistance becomes ppm: by the model's own law, or by a cubic in log R fitted to each unit."""
     spread: Intensity = 0.0
-    """Differences between units over those of the data sheet: R_air over its range, the exponent b by 8 %."""
+    """Differences between units, over those of the data sheet: R_air over its range, the exponent b by 8 %. 0 makes
+    all alike, 1 as different as the sheet allows."""
     drift: Intensity = 0.0
     """Random walk of ln R_air, in the root of an hour; data sheets would allow about 0.02."""
     slow_share: Fraction = 0.0
-    """Of the signal that recovers by `slow_decay_time`, the rest by `decay_time`; 0.4 with 5 s and 40 s is common."""
+    """Share of the signal that recovers by `slow_decay_time`, the rest by `decay_time`; 0.4 with 5 s and 40 s is
+    common."""
     slow_decay_time: Duration = 40.0
-    """Time constant of the slow part of the recovery [s]; without a `slow_share` there is none."""
+    """Time constant of the slow part of the recovery; without a `slow_share` there is none."""
     cold_start: Intensity = 0.0
     """What ln R lacks when the sensor is switched on, at t = 0; it dies away with 15 min. 0.2 is common."""
     air_temperature: Temperature | None = None
-    """Of the room [K]: R falls by 1.5 % per kelvin. Unless given 20 degC, at which R_air and calibration were taken."""
+    """Temperature of the room: R falls by 1.5 % per kelvin. Unless given 20 degC, at which R_air and calibration were
+    taken."""
     air_humidity: Annotated[float, Field(ge=0.05, le=1)] | None = None
-    """Relative, as a share: R goes with its power -0.25. Unless given 0.65, as for R_air and calibration."""
+    """Relative humidity of the room, as a share: R goes with its power -0.25. Unless given 0.65, as for R_air and
+    calibration."""
     bits: Annotated[int, Field(ge=4, le=24)] | None = None
     """Resolution of the converter that reads the voltage over `load`; unless given, it does not round."""
     load: Resistance | None = None
-    """In series with the sensor [ohm]; unless given 10 kOhm, for the MiCS 47 kOhm."""
+    """Resistor in series with the sensor; unless given 10 kOhm, for the MiCS 47 kOhm."""
 
     law: ClassVar[Literal["mox", "linear"]] = "mox"
 
@@ -195,12 +205,14 @@ class PidSensor(GasSensor):
 
     kind: Literal["pid"]
     noise_ppm: Ppm = 0.05
+    """Noise of a sample, as standard deviation."""
     detection_limit_ppm: Ppm = 0.1
-    """Below it the reading is zero."""
+    """Smallest concentration that it tells: below, the reading is zero."""
     correction: dict[str, SomeCoefficient] = Field(default_factory=lambda: {"ethanol": 10.0, "acetone": 1.1})
-    """Concentration of a species over that of isobutylene which gives the same signal (10.6 eV lamp)."""
+    """Concentration of a species over that of isobutylene which gives the same signal, by the species' name. Of a
+    10.6 eV lamp."""
     calibrated_for: str = ISOBUTYLENE
-    """Species that it reads rightly."""
+    """Species that it reads rightly; others by the ratio of their corrections."""
 
     @property
     def signal(self) -> Signal:
@@ -235,6 +247,7 @@ class IdealGasSensor(GasSensor):
 
     kind: Literal["ideal"]
     noise_ppm: Ppm = 0.0
+    """Noise of a sample, as standard deviation."""
 
     detection_limit_ppm: ClassVar[float] = 0.0
 
@@ -252,15 +265,19 @@ class Anemometer(Model):
     """Wind relative to the ground (own motion removed). Below its threshold it reads no wind."""
 
     kind: Literal["ultrasonic", "thermal", "ideal"]
+    """What kind of anemometer it is. A thermal one, with a hot wire, has a larger threshold and lag than an ultrasonic
+    one; an ideal one errs in nothing."""
     threshold: Speed | None = None
-    """Smallest speed it sees [m/s]; unless given 0.01 (ultrasonic), 0.05 (thermal), 0 (ideal)."""
+    """Smallest speed that it sees: below, it reads no wind. Unless given 0.01 (ultrasonic), 0.05 (thermal), 0
+    (ideal)."""
     noise: Speed | None = None
-    """Standard deviation per component [m/s]; unless given 0.01 + 2 % of the speed (ideal: 0)."""
+    """Noise of each component, as standard deviation. Unless given 0.01 m/s + 2 % of the speed (ideal: 0)."""
     lag: Delay | None = None
-    """Time constant [s]; unless given 0.1 (ultrasonic), 0.5 (thermal), 0 (ideal)."""
+    """Time constant with which it follows the wind. Unless given 0.1 (ultrasonic), 0.5 (thermal), 0 (ideal)."""
     compensated: bool = True
-    """Whether the robot's own motion, as it drives, is taken out; otherwise it is felt as wind from ahead."""
+    """Whether the robot's own motion is taken out; otherwise it is felt as wind from ahead."""
     height: Distance = 0.1
+    """Height over the floor; 3-D only."""
 
     @property
     def least(self) -> float:
@@ -286,4 +303,6 @@ class Sensors(Model):
     gas: Annotated[MoxSensor | PidSensor | IdealGasSensor, Field(discriminator="kind")] = MoxSensor(
         kind="mox"
     )
+    """Which gas sensor each robot carries."""
     wind: Anemometer = Anemometer(kind="ultrasonic")
+    """Which anemometer each robot carries."""

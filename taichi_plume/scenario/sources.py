@@ -6,6 +6,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from pydantic import model_validator
 
 from taichi_plume.scenario.context import Context
+from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.located import Located
 from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.species import PRESSURE, SPECIES, TEMPERATURE, Species
@@ -30,23 +31,26 @@ class OtherSpecies(Model):
     """A vapour that is not in the table."""
 
     name: str = "gas"
+    """What the vapour is called, in files of the run and in what sensors are told of it."""
     molar_mass: MolarMass
+    """Mass of a mole. It turns kg/m³ into ppm, and vapours above 0.029 kg/mol are heavier than air."""
     diffusivity: Diffusivity
+    """Diffusivity of its molecules in still air, about 1e-5 m²/s for vapours."""
     vapour_pressure: Pressure | None = None
-    """Over the liquid at the temperature of its dish [Pa]; for sources that are dishes."""
+    """Pressure over the liquid at the temperature of its dish; for sources that are dishes."""
     latent_heat: LatentHeat | None = None
-    """Of evaporation [J/kg]; for dishes that cool."""
+    """Heat that evaporation takes per mass; for dishes that cool."""
 
 
 class Puffing(Model):
     """A source that is on and off by turns; the durations are drawn anew each time."""
 
     pulse: Duration
-    """Mean duration of an emission [s]."""
+    """Mean time for which the source is on."""
     pause: Duration
-    """Mean time between emissions [s]."""
+    """Mean time for which it is off between two emissions."""
     spread: Fraction = 0.5
-    """Durations are uniform in mean·(1 ± spread)."""
+    """How irregular it is: durations are uniform in mean·(1 ± spread), drawn anew each time. 0 is a strict rhythm."""
 
     @property
     def by_chance(self) -> bool:
@@ -58,27 +62,31 @@ class Dish(Model):
     """A flat, open dish of liquid: the wind over it says how much evaporates; see solvers/evaporation.py."""
 
     diameter: Length
+    """Diameter of the open surface of liquid. What evaporates grows with it, somewhat less than the area."""
     temperature: Temperature = TEMPERATURE
-    """Of the air and, unless evaporation cools it, of the liquid [K]."""
+    """Temperature of the air and, unless evaporation cools it, of the liquid. Warmer evaporates more."""
     cooling: bool = True
-    """Whether evaporation cools the liquid; otherwise something keeps its temperature."""
+    """Whether evaporation cools the liquid, so that less evaporates; otherwise something keeps its temperature."""
     air_speed: Speed | None = None
-    """Of the air over the dish [m/s]; unless given, of the wind half a diameter above the source (in 2-D: there)."""
+    """Speed of the air over the dish. Unless given, of the wind half a diameter above the source (in 2-D: there)."""
 
 
 class Source(Located):
     """A ball (in 2-D a disc) that emits evenly over its volume, with a given rate or what a dish gives off."""
 
     rate: Rate | None = None
-    """Mass per time while it is on [kg/s]."""
+    """Mass that it emits per time while it is on. Give either this or a `dish`."""
     dish: Dish | None = None
-    """Instead of a rate."""
+    """An open dish of liquid instead of a rate: the wind over it says how much evaporates."""
     radius: Annotated[Length, COMPILED] = 0.05
-    """[m]. On a grid the ball is spread further, by 0.75 to 0.9 cells as standard deviation."""
+    """Radius of the ball (in 2-D the disc) that emits evenly over its volume. On a grid it is spread further, by 0.75
+    to 0.9 cells as standard deviation."""
     start: Time | None = None
-    """First moment of emission [s]; unless given, the start of the warm-up."""
+    """First moment of emission; unless given, the start of the warm-up."""
     stop: Time | None = None
+    """Last moment of emission; unless given, it goes on to the end."""
     puffing: Puffing | None = None
+    """Switches the source on and off by turns; unless given, it emits evenly."""
 
     @model_validator(mode="after")
     def _ordered(self) -> "Source":
@@ -100,6 +108,7 @@ class Target(Source):
     """A source of a plume that is given: robots search for it, here it emits nothing."""
 
     rate: Rate = 0.0
+    """Without effect here: the plume is given, and robots search for this place."""
 
     def remarks(self, where: str, context: Context) -> Iterator[str]:
         """It is not meant to emit."""
@@ -144,6 +153,8 @@ class OneGas(Model):
     weighs: ClassVar[bool] = False
     """Whether its weight can act on the air."""
     species: Literal["ethanol", "acetone"] | OtherSpecies = "ethanol"
+    """Which vapour it is: ethanol, acetone, or the figures of another one. It decides what a kg is in ppm, how it
+    diffuses and sinks."""
 
     @property
     def vapour(self) -> Species:
@@ -151,6 +162,10 @@ class OneGas(Model):
         if isinstance(self.species, str):
             return SPECIES[self.species]
         return Species(**self.species.model_dump())
+
+    def begins_in(self, radius: float, domain: Domain) -> float | None:
+        """Area across the wind [m²] that what a source of that radius [m] emits goes through at first, if known."""
+        return None
 
     def bytes(self, dim: int) -> float:
         """What it needs of memory besides fields on the grid."""

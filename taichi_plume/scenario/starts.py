@@ -24,6 +24,9 @@ FREE_AREA_NODES = 200  # per axis, to measure the free area of a start rectangle
 class AnyStart(Model):
     """What is asked of every start."""
 
+    heading_deg: Angle | None = None
+    """Direction in which each robot looks at the start, from the x axis to the left; unless given, drawn at random."""
+
     @property
     def listed(self) -> np.ndarray:
         """Positions (n, 2) [m] that the scenario lists."""
@@ -43,8 +46,7 @@ class StartAt(AnyStart):
 
     kind: Literal["positions"]
     positions: Annotated[tuple[Point2, ...], Field(min_length=1)]
-    heading_deg: Angle | None = None
-    """Unless given, each robot starts with a random heading."""
+    """Places, each [x, y], one per robot."""
 
     @property
     def listed(self) -> np.ndarray:
@@ -70,8 +72,9 @@ class StartLine(AnyStart):
 
     kind: Literal["line"]
     begin: Point2
+    """Place of the first robot, x and y."""
     end: Point2
-    heading_deg: Angle | None = None
+    """Place of the last robot, x and y; the others are at equal distances between."""
 
     def places(self, count: int) -> np.ndarray:
         """So many on the line."""
@@ -87,8 +90,9 @@ class StartArea(AnyStart):
 
     kind: Literal["area"]
     low: Point2
+    """Lower corner of the rectangle in which the centres are drawn, x and y."""
     high: Point2
-    heading_deg: Angle | None = None
+    """Upper corner of the rectangle in which the centres are drawn, x and y."""
 
     def clashes(self, where: str, body: "Body", count: int, context: Context) -> Iterator[str]:
         """So many discs have to find room at random where their centres may be."""

@@ -42,6 +42,7 @@ class SearchSpace(Model):
 
     kind: Literal["search_space"]
     distance: Length = 1.5
+    """Largest distance to those that it listens to, when it heard them."""
 
     @property
     def limit(self) -> float:
@@ -54,6 +55,7 @@ class FunctionValue(Model):
 
     kind: Literal["function_value"]
     number: Count = 2
+    """To how many it listens."""
 
     @property
     def limit(self) -> float:
@@ -66,7 +68,7 @@ class RandomMates(Model):
 
     kind: Literal["random"]
     probability: Fraction = 0.5
-    """Of each."""
+    """Probability that it listens to each of the others."""
 
     @property
     def limit(self) -> float:
@@ -81,30 +83,31 @@ class Dapso(Listening):
     kind: Literal["dapso"]
     acquisition: Wait = 2.0
     threshold_ppm: Ppm = 1.0
-    """While the best reading known is smaller, the robot explores: it drives to random places; 0: never."""
+    """Smallest best reading that the swarm follows: below, robots explore at random places. 0: they never explore."""
     phi1: Coefficient = 2.05
     """Strength of the pull to the best place of the robot itself."""
     phi2: Coefficient = 2.05
     """Strength of the pull to the best place that its neighbours told of."""
     kappa: SomeFraction = 1.0
-    """Of the constriction chi; less lets steps shorten sooner."""
+    """How far steps may go on: kappa of the constriction chi. Less lets steps shorten sooner."""
     longest_step: Length = 0.5
-    """From way point to way point [m]."""
+    """Longest way from way point to way point."""
     memory: Delay = 60.0
-    """Time constant with which a best reading fades [s], as gas comes and goes; 0: it does not."""
+    """Time constant with which a best reading fades, as gas comes and goes; 0: it does not."""
     neighbourhood: Annotated[SearchSpace | FunctionValue | RandomMates, Field(discriminator="kind")] = (
         SearchSpace(kind="search_space")
     )
     """Whose best places count, of the team mates that were in range (see `communication`)."""
     way_point_tolerance: Length = 0.05
+    """Distance from a way point that counts as there."""
     way_point_timeout: Duration = 15.0
-    """After it the robot measures where it is [s]."""
+    """Time after which it gives a way point up and measures where it is."""
     restart_after: Annotated[int, Field(ge=0, le=1_000_000)] = 3
-    """So many short steps in a row: the robot forgets all and drives to a random place; 0: never."""
+    """After so many short steps in a row it forgets all and drives to a random place; 0: never."""
     restart_step: Length = 0.05
-    """Shorter than it is a short step [m]."""
+    """Length below which a step counts as short."""
     avoidance: Length = 0.2
-    """Air to others and to walls below which they push the robot away [m]."""
+    """Air to others and to walls below which they push the robot away."""
 
     @property
     def threshold(self) -> float:
@@ -129,27 +132,27 @@ class LineUp(AnyAlgorithm):
 
     kind: Literal["lineup"]
     speed: Speed | None = None
-    """Of a robot that takes its place; unless given, the body's largest."""
+    """Speed of a robot that takes its place; unless given, the body's largest."""
     line_speed: TopSpeed = 0.1
-    """Of the line across the wind [m/s]."""
+    """Speed of the line across the wind. Below that of the robots, so that they can keep up."""
     wind_direction_deg: Angle | None = None
     """Where the air goes, from the x axis to the left; unless given, the team measures it at the start."""
     listen: Wait = 5.0
-    """Time for which it measures the wind [s]."""
+    """Time for which the team measures the wind at the start."""
     spacing: Length | None = None
-    """Between neighbours, along the wind [m]; unless given, the line reaches from margin to margin."""
+    """Distance between neighbours along the wind; unless given, the line reaches from margin to margin."""
     stagger: Distance = 0.3
-    """Between neighbours, across the wind [m]; of a lone robot, its step along the wind after each sweep."""
+    """Distance between neighbours across the wind; of a lone robot, its step along the wind after each sweep."""
     mirror: bool = False
-    """Whether the line forms anew before it goes back, so that the same end leads."""
+    """Form the line anew before it goes back, so that the same end leads."""
     margin: Length = 0.3
-    """From the walls to the line [m]."""
+    """Distance from the walls to the line."""
     tolerance: Length = 0.15
-    """The line waits for robots that are farther than this from their places [m]."""
+    """The line waits for robots that are farther than this from their places."""
     patience: Delay = 10.0
-    """Time without progress after which it no longer waits for a robot [s]."""
+    """Time without progress after which the line no longer waits for a robot."""
     avoidance: Length = 0.1
-    """Air to others and to walls below which they push the robot away [m]."""
+    """Air to others and to walls below which they push the robot away."""
 
     def in_group(self, where: str, group: "Group", floor: "Arena") -> Iterator[str]:
         """There has to be air between walls, and room for the line."""
@@ -186,14 +189,15 @@ class Sweep(AnyAlgorithm):
 
     kind: Literal["sweep"]
     speed: Speed | None = None
+    """Speed at which they drive; unless given, the body's largest."""
     lane: Annotated[Length, COMPILED] = 0.3
-    """Largest width of a lane [m]."""
+    """Largest width of a lane: narrower ones leave less of the floor out, and take longer."""
     along: Literal["x", "y"] | None = None
-    """Unless given, the longer side of the floor."""
+    """Axis along which the lanes run; unless given, the longer side of the floor."""
     repeat: bool = True
-    """Whether robots go back the way they came at the end, again and again; otherwise they stay there."""
+    """Go back the way they came at the end, again and again; otherwise the robots stay there."""
     avoidance: Length = 0.05
-    """Air to others and to walls below which they push the robot away [m]."""
+    """Air to others and to walls below which they push the robot away."""
 
     def lanes(self, size: Sequence[float] | np.ndarray, robots: int) -> tuple[int, int]:
         """The axis along which they run, and how many cover a floor of this size [m]: at least one per robot."""
@@ -241,14 +245,15 @@ class LeastKnown(AnyAlgorithm):
 
     kind: Literal["least_known"]
     speed: Speed | None = None
+    """Speed at which they drive; unless given, the body's largest."""
     map: TimeSeriesMap = TimeSeriesMap(kind="time_series")
-    """Whose weights count; what it has forgotten is not known."""
+    """The map whose weights count, of the team's readings; what it has forgotten is not known."""
     share: SomeFraction = 0.1
-    """Of all cells, those that count as the least known; the robot goes to the nearest of them."""
+    """Share of all cells that count as the least known; the robot goes to the nearest of them."""
     apart: Length = 0.5
-    """Least distance of a way point from the robot and from those of its team mates [m]."""
+    """Least distance of a way point from the robot and from those of its team mates."""
     avoidance: Length = 0.1
-    """Air to others and to walls below which they push the robot away [m]."""
+    """Air to others and to walls below which they push the robot away."""
 
     def unfit(self, where: str, floor: "Arena") -> str | None:
         """Its map has to have cells, and not too many."""

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_args, ge
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
-from taichi_plume.scenario.meanings import meanings
 from taichi_plume.scenario.quantities import fault, number, quantity
 
 if TYPE_CHECKING:
@@ -100,12 +99,12 @@ LatentHeat = quantity("J/kg", gt=0, least=1e4, most=1e8, likely="MJ/kg")
 Expansion = quantity("1/K", ge=0, most=1)
 Fraction = number(0, 1)
 SomeFraction = number(1e-6, 1)
-Angle = number(-1e4, 1e4)
-AngleNoise = number(0, 1e4)
-TurnRate = number(1e-3, 1e6)
-Ppm = number(0, 1e6)
-SomePpm = number(1e-9, 1e6)
-FullScale = number(1e-6, 1e6)
+Angle = number(-1e4, 1e4, "deg")
+AngleNoise = number(0, 1e4, "deg")
+TurnRate = number(1e-3, 1e6, "deg/s")
+Ppm = number(0, 1e6, "ppm")
+SomePpm = number(1e-9, 1e6, "ppm")
+FullScale = number(1e-6, 1e6, "ppm")
 Intensity = number(0, 10)
 Coefficient = number(0, 1e6)
 SomeCoefficient = number(1e-6, 1e6)
@@ -165,9 +164,14 @@ class Model(BaseModel):
 
     @classmethod
     def __get_pydantic_json_schema__(cls, core_schema: Any, handler: Any) -> Any:
+        from taichi_plume.scenario.facts import facts  # it knows what this file marks
+
         schema = handler(core_schema)
-        for key, text in meanings(cls).items():
-            handler.resolve_ref_schema(schema)["properties"][key]["description"] = text
+        for key, told in handler.resolve_ref_schema(schema)["properties"].items():
+            its = facts(cls, key)
+            told["description"] = (
+                f"{its.meaning}\n\n{its.figures}" if key != "kind" or its.default else its.meaning
+            )
         return schema
 
     @model_validator(mode="before")

@@ -22,8 +22,12 @@ class Window(Model):
     center: (
         Annotated[tuple[Coordinate, ...], Field(min_length=1, max_length=2), PER_FACE, COMPILED] | None
     ) = None
+    """Middle of the region in its plane: one number in 2-D, two in 3-D, in x, y, z order. It goes with `size` or
+    `diameter`; without them the region is the whole face, or cross-section."""
     size: Annotated[tuple[Length, ...], Field(min_length=1, max_length=2), PER_FACE, COMPILED] | None = None
+    """Edges of a rectangular region in its plane: one number in 2-D, two in 3-D."""
     diameter: Annotated[Length, COMPILED] | None = None
+    """Diameter of a round region; in 2-D, width of a slot. Instead of `size`."""
 
     @model_validator(mode="after")
     def _one_form(self) -> Self:
@@ -93,6 +97,7 @@ class Region(Window):
     """Where an opening lies on a face of the domain."""
 
     face: Face
+    """Side of the room that it lies on: x- is at x = 0, x+ at the other end, likewise y, and in 3-D z."""
 
     @property
     def axis(self) -> int:

@@ -1,4 +1,4 @@
-"""The air flow of a scenario: its kinds, and how eddies too small for the grid are modelled."""
+"""The air flow of a scenario: its kinds."""
 
 from collections.abc import Iterator
 from itertools import pairwise
@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 
 from taichi_plume.scenario.any_wind import GUST, AnyWind
 from taichi_plume.scenario.context import Context
+from taichi_plume.scenario.eddies import Eddies, Smagorinsky
 from taichi_plume.scenario.heat import Buoyancy
 from taichi_plume.scenario.imported_wind import ImportedWind
 from taichi_plume.scenario.initial import InitialWind
@@ -26,7 +27,6 @@ from taichi_plume.scenario.vocabulary import (
     Length,
     Model,
     MomentumConvection,
-    Prandtl,
     Speed,
     Velocities,
     Viscosity,
@@ -38,65 +38,39 @@ if TYPE_CHECKING:
 MOST_KNOTS = 1_000_000  # of the gusts; they are drawn at the start
 
 
-class Smagorinsky(Model):
-    """Eddy viscosity (C_s dx)² |S| (Smagorinsky 1963, doi:10.1175/1520-0493(1963)091<0099:GCEWTP>2.3.CO;2).
-
-    Surfaces slow the air by the law of the wall where the cells are thicker than its viscous layer.
-    """
-
-    kind: Literal["smagorinsky"]
-    constant: Intensity = 0.13
-    """0.15 keeps a channel's middle 9 to 11 % too fast, 0.1 makes a fan's jet spread by 0.106 (measured 0.095)."""
-    schmidt: Prandtl = 0.7
-    """Turbulent Schmidt number: eddy viscosity over eddy diffusivity of gas."""
-
-
-class Vreman(Model):
-    """Eddy viscosity that vanishes in laminar shear (Vreman 2004, doi:10.1063/1.1785131).
-
-    Surfaces slow the air by the law of the wall where the cells are thicker than its viscous layer.
-    """
-
-    kind: Literal["vreman"]
-    constant: Intensity = 0.07
-    """About 2.5 times the square of Smagorinsky's."""
-    schmidt: Prandtl = 0.7
-    """Turbulent Schmidt number: eddy viscosity over eddy diffusivity of gas."""
-
-
-class NoModel(Model):
-    """Only the molecular viscosity, at surfaces too: for flows that the cells resolve."""
-
-    kind: Literal["none"]
-
-
 class CfdWind(AnyWind):
     """Air flow computed on the grid by the incompressible Navier-Stokes equations."""
 
     kind: Literal["cfd"]
     viscosity: Viscosity = 1.56e-5
-    """Kinematic viscosity [m²/s]; the default is air at 25 °C."""
-    turbulence: Annotated[Smagorinsky | Vreman | NoModel, Field(discriminator="kind")] = Smagorinsky(
-        kind="smagorinsky"
-    )
+    """Kinematic viscosity: the default is air at 25 °C."""
+    turbulence: Eddies = Smagorinsky(kind="smagorinsky")
+    """Model of the eddies that are too small for the cells. Use none where the cells resolve all of them, as in slow
+    air."""
     roughness: Distance | None = None
-    """Of walls and obstacles, as the size of the grains of sand that are as rough [m]; felt with a model of eddies."""
+    """Roughness of walls and obstacles: size of the grains of sand that are as rough. It slows the air beside them;
+    smooth unless given. Without effect with `turbulence: {kind: none}`."""
     openings: tuple[Opening, ...] = ()
-    """What no opening covers is no-slip wall."""
+    """Where air comes in and goes out, and which walls slip, slide or are periodic. What no opening covers is a wall
+    at rest."""
     screens: tuple[AnyScreen, ...] = ()
-    """Flow straighteners and perforated sheets inside the domain."""
+    """Flow straighteners and perforated sheets inside the room, which let air through against a resistance."""
     acceleration: Accelerations | None = None
-    """Force per mass on all the air [m/s²]: what drives the flow along a periodic duct."""
+    """Force per mass on all of the air, per axis: it drives the flow along a periodic duct. Unless given there is
+    none."""
     convection: MomentumConvection = "upwind5"
-    """Scheme of convection; weno5 is more accurate on the same grid and costs more."""
+    """Scheme that carries momentum. weno5 is more accurate on the same grid and costs more; koren is of lower order.
+    """
     buoyancy: Buoyancy | None = None
-    """Unless given, neither warm air rises nor heavy gas sinks."""
+    """Lets warm air rise and heavy gas sink; unless given, neither does."""
     courant: number(0.01, 1.4) = 1.2
-    """Largest sum over the axes of |u| dt/dx in one step."""
+    """Largest sum over the axes of |u| dt/dx in one step. Less makes shorter steps: more exact in time, and slower.
+    """
     tolerance: number(1e-7, 1e-2) = 2e-5
-    """Divergence left by the pressure solver, over the largest |u|/dx."""
+    """Divergence that the pressure solver may leave, over the largest |u|/dx. Less is more exact and, where the
+    solver iterates, slower."""
     initial: InitialWind | None = None
-    """At the begin of the warm-up; unless given, the air rests but for what the openings force."""
+    """Velocity of the air at the begin of the warm-up; unless given, it rests but for what the openings force."""
 
     @property
     def computed(self) -> "CfdWind":
@@ -167,14 +141,17 @@ class CfdWind(AnyWind):
 
 
 class Gusts(Model):
-    """Gusts across a uniform wind, everywhere the same: an Ornstein-Uhlenbeck process, see solvers/gusts.py."""
+    """Gusts across a uniform wind, everywhere the same: an Ornstein-Uhlenbeck process.
+
+    See solvers/gusts.py.
+    """
 
     intensity: Intensity = 0.15
-    """Standard deviation of the horizontal crosswind over the mean speed."""
+    """Strength of the gusts to the left and right: standard deviation over the mean speed."""
     vertical: Intensity = 0.0
-    """The same of the crosswind upward; 3-D only."""
+    """Strength of the gusts up and down: standard deviation over the mean speed; 3-D only."""
     time: Duration = 5.0
-    """Integral time: how long a gust lasts [s]."""
+    """How long a gust lasts (integral time). Long gusts sweep the plume far to the side, short ones shake it."""
 
     @property
     def by_chance(self) -> bool:
@@ -197,9 +174,9 @@ class UniformWind(AnyWind):
 
     kind: Literal["uniform"]
     velocity: Velocities
-    """Mean velocity [m/s]."""
+    """Mean velocity of the air, per axis: where it goes to."""
     gusts: Gusts | None = None
-    """Unless given, the wind is steady."""
+    """Gusts across the wind, which sweep plumes to and fro; unless given, the wind is steady."""
 
     @property
     def speed(self) -> float:
@@ -257,9 +234,10 @@ class FrozenWind(CfdWind):
 
     kind: Literal["frozen"]  # type: ignore[assignment]
     after: Duration = 60.0
-    """Time from the start of the warm-up until the flow stands still [s]."""
+    """Time from the start of the warm-up until the flow stands still. Until then it is computed, then its mean is
+    kept at no cost."""
     average: Duration | None = None
-    """The flow is averaged over so long before [s]; unless given, half of `after`."""
+    """The flow is averaged over so long before it stands still; unless given, half of `after`."""
 
     def moving(self, whole: float) -> float:
         """Until it stands still."""
@@ -281,28 +259,31 @@ class FrozenWind(CfdWind):
 
 
 class SyntheticWind(AnyWind):
-    """Weak convection of a closed room: random eddies and a slowly turning circulation; see solvers/synthetic.py.
+    """Weak convection of a closed room: random eddies and a slowly turning circulation. Nothing is solved.
 
-    All faces of the domain are walls. Nothing is solved, so it costs little.
+    All faces of the domain are walls. It costs little; see solvers/synthetic.py.
     """
 
     kind: Literal["synthetic"]
     speed: Speed = 0.03
-    """Root mean square of the eddies' speed over the room [m/s]."""
+    """Root mean square of the eddies' speed over the room."""
     longest: Length = 2.0
-    """Wavelength of the largest eddies [m]."""
+    """Wavelength of the largest eddies: about as large as what drives them, or the room."""
     shortest: Length | None = None
-    """Wavelength of the smallest eddies [m]; unless given 0.1 m, or four cells where that is more."""
+    """Wavelength of the smallest eddies. Unless given 0.1 m, or four cells where that is more."""
     modes: Annotated[int, Field(ge=1, le=10_000)] = 64
-    """Number of waves, spread evenly over the logarithm of the wavelength."""
+    """Number of random waves that make up the eddies, spread evenly over the logarithm of the wavelength. More waves
+    repeat themselves less and take longer."""
     unsteadiness: Coefficient = 0.5
-    """Frequency of each wave over that of the eddies of its size, sqrt(k³ E(k))."""
+    """How fast the eddies change: frequency of each wave over that of eddies of its size, sqrt(k³ E(k)). 0 keeps them
+    as they are."""
     circulation: Speed = 0.015
-    """Root mean square speed of the rolls that fill the room, over room and time [m/s]."""
+    """Root mean square speed of the rolls that fill the room, over room and time. They carry gas from one end to the
+    other."""
     circulation_time: Duration = 60.0
-    """Time over which the circulation turns [s]."""
+    """Time over which the rolls change their strength and sense."""
     wall_layer: Length = 0.3
-    """How far from walls and obstacles the eddies have about three quarters of their strength [m]."""
+    """How far from walls and obstacles the eddies have about three quarters of their strength."""
 
     @model_validator(mode="after")
     def _ordered(self) -> "SyntheticWind":

@@ -1,0 +1,202 @@
+"""The reference of every scenario key, written from the models before Sphinx reads its sources.
+
+Pages are reStructuredText under ``reference/`` of the sources: one per part of a scenario, with the kinds of its
+sections, an example of each, and every key with its type, unit, limits, default and meaning. A key is an object
+of its own (role ``key``), so that the index and the search lead to it.
+"""
+
+import inspect
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import yaml
+from docutils import nodes
+
+from taichi_plume.scenario.keys import Key, Place, places
+from taichi_plume.scenario.vocabulary import Model
+
+EXAMPLES = Path(__file__).with_name("scenario_examples.yaml")
+PAGES = {
+    "scenario": ("The scenario", [""]),
+    "domain": ("Room and grid", ["domain", "arena"]),
+    "wind": ("Wind", ["wind"]),
+    "openings": ("Openings", ["wind.openings[]"]),
+    "screens": ("Screens", ["wind.screens[]"]),
+    "buoyancy": ("Warm air and heavy gas", ["wind.buoyancy"]),
+    "obstacles": ("Obstacles", ["obstacles[]"]),
+    "gas": ("Gas", ["gas"]),
+    "sources": ("Sources", ["gas.sources[]", "gas.releases[]", "gas.species"]),
+    "robots": ("Robots", ["robots[]"]),
+    "algorithms": ("Search algorithms", ["robots[].algorithm"]),
+    "sensors": ("Sensors", ["robots[].sensors"]),
+    "maps": ("Gas maps", ["maps[]"]),
+    "outputs": (
+        "What a run writes",
+        ["recording", "forces", "probes", "fields", "plumesim_log", "checkpoint"],
+    ),
+}
+"""Of each page its title and the places that it tells of, with all below them that no other page names."""
+
+
+def page_of(path: str) -> str:
+    """The page that tells of a place."""
+    fits = [
+        (len(prefix), page)
+        for page, (_, prefixes) in PAGES.items()
+        for prefix in prefixes
+        if not prefix or path == prefix or path.startswith((f"{prefix}.", f"{prefix}["))
+    ]
+    return max(fits)[1]
+
+
+def pages() -> dict[str, str]:
+    """The text of every page, by its name."""
+    examples = yaml.safe_load(EXAMPLES.read_text(encoding="utf-8"))
+    found = {name: [*_title(title, "=")] for name, (title, _) in PAGES.items()}
+    for path, place in places().items():
+        found[page_of(path)] += _place(place, examples)
+    index = [*_title("Scenario keys", "="), *_introduction(examples["base"])]
+    return {"index": "\n".join(index), **{name: "\n".join(lines) for name, lines in found.items()}}
+
+
+def _introduction(base: str) -> Iterator[str]:
+    yield from (
+        "A scenario is a YAML file of these parts. All units are SI; a *quantity* is a number in the unit that is told "
+        "here, or a text with another one, such as ``20 cm``, ``10 mg/s`` or ``2 min``. A key with *list* in its type "
+        "takes several values in brackets, ``[]`` in a path stands for any of a list, and ``--set robots.0.count=6`` "
+        "changes one. ``python -m taichi_plume.scenario --explain KEY`` tells the same in a terminal, "
+        "``--check`` explains a whole scenario, and ``--schema`` gives it to editors.",
+        "",
+        "Examples replace or add parts of this scenario:",
+        "",
+        *_code(base),
+        ".. toctree::",
+        "   :maxdepth: 1",
+        "",
+        *(f"   {name}" for name in PAGES),
+        "",
+    )
+
+
+def _place(place: Place, examples: dict[str, str]) -> Iterator[str]:
+    """A section of a scenario, or all kinds of it."""
+    where = f"``{place.path}``"
+    if place.path:
+        yield from _title(place.path, "-")
+    if place.within:
+        section = place.path.rpartition(".")[0]
+        yield f"In a section ``{section}`` of kind {_names(place.within)}."
+        yield ""
+    if place.same_as:
+        other = page_of(place.same_as)
+        yield f"Takes all keys of ``{place.same_as}``, see :doc:`{other}`. Its kinds: {_names(place.kinds)}."
+        yield ""
+        return
+    for model in place.models:
+        if not place.kinds:
+            yield from _told(model)
+    for kind, model in place.kinds.items():
+        yield from _title(f"{kind}", "~")
+        yield from _told(model)
+        yield from _code(examples[f"{place.path} {kind}"])
+        keys = [key for key in place.keys if not key.kinds or kind in key.kinds]
+        if keys:
+            yield f"Keys: {', '.join(f':key:`{key.name} <{title_of(key)}>`' for key in keys)}"
+            yield ""
+    if place.keys and place.kinds:
+        yield from _title(f"Keys of {place.path}", "~")
+    elif not place.keys:
+        yield f"{where} has no keys."
+        yield ""
+    for key in place.keys:
+        yield from _key(key)
+
+
+def title_of(key: Key) -> str:
+    """What a key is called: its path, and its kinds where others have it otherwise."""
+    alike = [
+        one for one in places()[key.path.removesuffix(key.name).rstrip(".")].keys if one.name == key.name
+    ]
+    return f"{key.path} ({', '.join(key.kinds)})" if len(alike) > 1 else key.path
+
+
+def _key(key: Key) -> Iterator[str]:
+    its = key.facts
+    yield f".. index:: single: {key.name}; {key.path}"
+    yield ""
+    yield f".. key:: {title_of(key)}"
+    yield ""
+    yield f"   {escaped(its.meaning)}"
+    yield ""
+    told = [f"*{escaped(its.type)}*" + (f" in {escaped(its.unit)}" if its.unit else ""), its.limits]
+    told += [f"default: ``{its.default}``" if its.default else "has to be given"]
+    told += [f"of kind {_names(key.kinds)}"] if key.kinds else []
+    yield f"   {' · '.join(filter(None, told))}"
+    yield ""
+
+
+def _told(model: type[Model]) -> Iterator[str]:
+    """What a section is, as its class says."""
+    for paragraph in inspect.cleandoc(model.__doc__ or "").split("\n\n"):
+        yield escaped(" ".join(paragraph.split()))
+        yield ""
+
+
+def _title(text: str, under: str) -> Iterator[str]:
+    text = escaped(text)
+    yield from ("", text, under * (len(text) + 2), "")
+
+
+def _code(text: str) -> Iterator[str]:
+    yield from (".. code-block:: yaml", "")
+    for line in text.rstrip().splitlines():
+        yield f"   {line}"
+    yield ""
+
+
+def _names(kinds: Any) -> str:
+    return ", ".join(f"``{kind}``" for kind in kinds)
+
+
+def escaped(text: str) -> str:
+    """A text in which nothing but pairs of backticks, which mark code, means something to reStructuredText."""
+    parts = text.split("`")
+    if len(parts) % 2 == 0:
+        parts = [text]
+    plain = [re.sub(r"([\\*_|<>`])", r"\\\1", part) for part in parts[::2]]
+    code = [f"``{part}``" for part in parts[1::2]]
+    return plain[0] + "".join(one + other for one, other in zip(code, plain[1:], strict=True))
+
+
+def _signature(env: Any, text: str, node: Any) -> str:
+    """Show a key by its name, after the path to it."""
+    path, _, kinds = text.partition(" (")
+    before, dot, name = path.rpartition(".")
+    node += nodes.inline("", before + dot, classes=["key-path"])
+    node += nodes.strong("", name)
+    if kinds:
+        node += nodes.inline("", f" ({kinds}")
+    return text
+
+
+def write(app: Any) -> None:
+    """Write the pages, where they have changed: Sphinx reads again what is newer."""
+    folder = Path(app.srcdir) / "reference"
+    folder.mkdir(exist_ok=True)
+    new = {f"{name}.rst": text for name, text in pages().items()}
+    for file in folder.glob("*.rst"):
+        if file.name not in new:
+            file.unlink()
+    for name, text in new.items():
+        file = folder / name
+        if not file.exists() or file.read_text(encoding="utf-8") != text:
+            file.write_text(text, encoding="utf-8")
+
+
+def setup(app: Any) -> dict[str, Any]:
+    """Enter it in Sphinx."""
+    app.add_object_type("key", "key", "single: %s", parse_node=_signature, objname="scenario key")
+    app.connect("builder-inited", write)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,0 +1,127 @@
+"""What ``--check`` tells: the resolved scenario with its keys explained, its size, what is unlikely, and the scene.
+
+All of what is printed is one YAML document, which can be run: what is told besides are comments.
+"""
+
+import os
+import shutil
+import sys
+import textwrap
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from taichi_plume.files.run_folder import CHECK, to_yaml
+from taichi_plume.guard.terminal import say, visible
+from taichi_plume.prepare import Prepared
+from taichi_plume.scenario.facts import facts
+from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.scenario.size import estimate
+from taichi_plume.scenario.vocabulary import Model
+
+COLUMN = 34  # where explanations begin, unless what they explain is longer
+WIDTH = 120  # columns where the output is no terminal
+NARROWEST = 60
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+def print_check(prepared: Prepared, out: Path | None = None) -> None:
+    """Print the scenario with every default, and draw the scene; out: where a run would go."""
+    scenario = prepared.scenario
+    wide = shutil.get_terminal_size((WIDTH, 24)).columns if sys.stdout.isatty() else WIDTH
+    size = estimate(scenario)
+    say(explained(scenario, max(wide, NARROWEST)), longest=None)
+    say("# more of a key: python -m taichi_plume.scenario --explain KEY")
+    say(f"# cells: {size['cells']:,}, about {size['bytes'] / 1e6:,.0f} MB of memory")
+    say(f"# flow steps: about {size['steps']:,}, about {duration(size['wall_s'])} on a few CPU cores")
+    for n, remark in enumerate(prepared.resources.remarks, 1):
+        say(visible(f"# unlikely {n}: {remark}"))
+    path = out / CHECK if out is not None else Path("runs") / f"{scenario.name}-{CHECK}"
+    fault = draw_scene(prepared, path)
+    say(visible(f"# scene: {path}" if fault is None else f"# scene: not drawn, {path}: {fault}"), flush=True)
+    if fault is not None:
+        say(visible(f"note: {path}: {fault}"), error=True)
+
+
+def duration(seconds: float) -> str:
+    """A time in words."""
+    if seconds < 100:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.0f} h"
+
+
+def explained(scenario: Scenario, wide: int = WIDTH) -> str:
+    """The resolved scenario as YAML in which each key is explained where it comes first, in lines `wide` at most unless
+    a value is longer.
+    """
+    text = to_yaml(scenario)
+    keys = {line: (its, lines) for line, its, lines in _keys(yaml.compose(text, yaml.SafeLoader), scenario)}
+    told: set[tuple[str, str]] = set()
+    found: list[str] = []
+    for number, line in enumerate(text.splitlines()):
+        (name, brief), lines = keys.get(number, (("", ""), 1))
+        if name and line == f"{name}:":
+            found.append("")  # before each part of the scenario
+        if not brief or (name, brief) in told:
+            found.append(line)
+            continue
+        told.add((name, brief))
+        beside = f"{line:<{COLUMN}}  # {brief}"
+        if lines == 1 and len(beside) <= wide:
+            found.append(beside)
+        else:
+            indent = " " * (len(line) - len(line.lstrip()))
+            found += textwrap.wrap(
+                brief,
+                wide,
+                initial_indent=f"{indent}# ",
+                subsequent_indent=f"{indent}# ",
+                break_on_hyphens=False,
+            )
+            found.append(line)
+    return "\n".join(found)
+
+
+def _keys(node: Any, part: Any) -> Iterator[tuple[int, tuple[str, str], int]]:
+    """Of each key below a node of the YAML tree its line, name and explanation, and how many lines its value takes."""
+    if isinstance(part, tuple):
+        for one, its in zip(node.value, part, strict=True):
+            if isinstance(its, Model):
+                yield from _keys(one, its)
+    elif isinstance(part, Model):
+        for key, value in node.value:
+            its, line = vars(part)[key.value], key.start_mark.line
+            inside = value.flow_style is False if isinstance(value, yaml.CollectionNode) else False
+            lines = 1 if inside else value.end_mark.line - line + 1
+            yield line, (key.value, facts(type(part), key.value).brief), lines
+            yield from _keys(value, its)
+
+
+def draw_scene(prepared: Prepared, path: Path) -> str | None:
+    """Draw the scene as a PNG at `path`; why it could not be, if so. Nothing but an earlier picture is replaced."""
+    beside = path.with_name(f".{os.getpid()}-{path.name}")
+    try:
+        if path.exists() and not _is_png(path):
+            return "is no picture, and stays as it is"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        from taichi_plume.report.scene import save_check  # it takes a second to import matplotlib
+
+        save_check(prepared, beside)
+        beside.replace(path)
+    except OSError as error:
+        return f"cannot be written: {error.strerror or error}"
+    except ImportError as error:  # no reason for a check to fail
+        return f"cannot be drawn: {error}"
+    finally:
+        if beside.parent.is_dir():
+            beside.unlink(missing_ok=True)
+    return None
+
+
+def _is_png(path: Path) -> bool:
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return file.read(len(PNG)) == PNG

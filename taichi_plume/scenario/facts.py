@@ -1,0 +1,195 @@
+"""What a key of a section is: meaning, type, unit, range and default, all from the models themselves."""
+
+import re
+import types
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from math import inf
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
+
+from annotated_types import Ge, Gt, Le, Lt
+from pydantic.fields import FieldInfo
+from pydantic_core import PydanticUndefined
+
+from taichi_plume.scenario.meanings import meanings
+from taichi_plume.scenario.quantities import Quantity
+from taichi_plume.scenario.vocabulary import InputFile, Model, Vector
+
+UNIONS = (Union, types.UnionType)
+
+
+@dataclass(frozen=True)
+class Facts:
+    """What is told of a key. A quantity is a number in `unit`, or a text with another one such as "20 cm".
+
+    limits: from where to where its numbers may lie; default: empty where the key has to be given.
+    """
+
+    meaning: str
+    type: str
+    unit: str
+    limits: str
+    default: str
+
+    @property
+    def brief(self) -> str:
+        """The meaning's first sentence, and the unit."""
+        return first_sentence(self.meaning) + (f" [{self.unit}]" if self.unit else "")
+
+    @property
+    def figures(self) -> str:
+        """Type, unit, limits and default in a line."""
+        unit = f" [{self.unit}]" if self.unit else ""
+        default = f"default: {self.default}" if self.default else "has to be given"
+        return "; ".join(filter(None, (self.type + unit, self.limits, default)))
+
+
+@cache
+def facts(model: type[Model], key: str) -> Facts:
+    """What a key of a section is."""
+    field = model.model_fields[key]
+    whole = _whole(field)
+    found = {_limits(kind, marks) for kind, marks in _numbers(whole)}
+    unit, limits = found.pop() if len(found) == 1 else ("", "")
+    meaning = meanings(model).get(key, "").replace(f" [{unit}]", "")
+    return Facts(meaning, _type(whole), unit, limits, _default(field))
+
+
+def first_sentence(text: str) -> str:
+    """Without the full stop."""
+    return re.split(r"(?<!\bal)\. ", text, maxsplit=1)[0].removesuffix(".")
+
+
+def models_in(kind: Any) -> Iterator[tuple[type[Model], int]]:
+    """The sections in a type, each with in how many lists it lies."""
+    if isinstance(kind, FieldInfo):
+        kind = _whole(kind)
+    if get_origin(kind) is Annotated:
+        yield from models_in(get_args(kind)[0])
+    elif get_origin(kind) in (*UNIONS, tuple):
+        for part in get_args(kind):
+            if part is not Ellipsis:
+                yield from ((one, depth + (get_origin(kind) is tuple)) for one, depth in models_in(part))
+    elif isinstance(kind, type) and issubclass(kind, Model):
+        yield kind, 0
+
+
+def own_kind(model: type[Model]) -> str:
+    """The kind that a section is, where it says so; else nothing."""
+    field = model.model_fields.get("kind")
+    names = get_args(field.annotation) if field and get_origin(field.annotation) is Literal else ()
+    return names[0] if len(names) == 1 else ""
+
+
+def _whole(field: FieldInfo) -> Any:
+    """The annotated type of a field."""
+    return Annotated[(field.annotation, *field.metadata)] if field.metadata else field.annotation
+
+
+def _numbers(kind: Any, marks: tuple = ()) -> Iterator[tuple[Any, tuple]]:
+    """The numbers in a type outside of sections, each with what it is annotated with; formulas are ones."""
+    bare, more = (get_args(kind)[0], get_args(kind)[1:]) if get_origin(kind) is Annotated else (kind, ())
+    formula = bare is str and any(isinstance(one, Quantity) for one in more)
+    if bare in (float, int) or formula:
+        yield bare, (*marks, *more)
+    elif get_origin(bare) is Annotated:
+        yield from _numbers(bare, (*marks, *more))
+    elif get_origin(bare) in UNIONS:
+        for part in get_args(bare):
+            yield from _numbers(part, (*marks, *more))
+    elif get_origin(bare) in (tuple, dict):
+        for part in get_args(bare):
+            yield from _numbers(part)
+
+
+def _limits(kind: Any, marks: tuple) -> tuple[str, str]:
+    """Unit and limits of a number."""
+    unit, zero, lows, highs = "", False, [-inf], [inf]
+    below = ""
+    for mark in marks:
+        if isinstance(mark, Quantity):
+            unit, zero = mark.unit, mark.or_zero
+            lows.append(mark.least)
+            highs.append(mark.most)
+        for one in getattr(mark, "metadata", [mark]):
+            if isinstance(one, Ge | Gt):
+                lows.append(float(one.ge if isinstance(one, Ge) else one.gt))  # type: ignore[arg-type]
+            elif isinstance(one, Le | Lt):
+                highs.append(float(one.le if isinstance(one, Le) else one.lt))  # type: ignore[arg-type]
+                below = "below " if isinstance(one, Lt) else below
+    low, high = max(lows), min(highs)
+    if low == -inf:
+        return unit, ""
+    return unit, f"{'0, or ' * zero}{_shown(low)} to {below}{_shown(high)}"
+
+
+def _shown(value: float) -> str:
+    """A number as one would write it."""
+    if value == int(value) and abs(value) < 1e7:
+        return str(int(value))
+    return re.sub(r"e\+?(-?)0*(?=\d)", r"e\1", f"{value:g}")
+
+
+def _type(kind: Any, marks: tuple = ()) -> str:
+    """A type in words."""
+    if get_origin(kind) is Annotated:
+        return _type(get_args(kind)[0], (*get_args(kind)[1:], *marks))
+    units = any(isinstance(mark, Quantity) and mark.unit for mark in marks)
+    if kind is float:
+        texts = any("BeforeValidator" in type(mark).__name__ for mark in marks)
+        return "quantity" if texts else "number"
+    if kind is str:
+        return "path" if any(isinstance(m, InputFile) for m in marks) else "formula" if units else "text"
+    if kind in (bool, int):
+        return "true or false" if kind is bool else "whole number"
+    if get_origin(kind) is Literal:
+        return f"{'one of ' * (len(get_args(kind)) > 1)}{', '.join(get_args(kind))}"
+    if get_origin(kind) in UNIONS:
+        parts = [_type(part, marks) for part in get_args(kind) if part is not type(None)]
+        return " or ".join(dict.fromkeys(parts))
+    if get_origin(kind) is tuple:
+        return _list(get_args(kind), marks)
+    if get_origin(kind) is dict:
+        part = get_args(kind)[1]
+        return f"a {'value' if part is Any else _type(part)} by each name"
+    return "section"
+
+
+def _list(parts: tuple[Any, ...], marks: tuple) -> str:
+    """A list in words."""
+    item = _type(parts[0])
+    first, _, rest = item.partition(" of ")
+    plural = "quantities" if first == "quantity" else item if first == "one" else f"{first}s"
+    many = f"{plural} of {rest}" if rest and first != "one" else plural
+    vector = next((mark for mark in marks if isinstance(mark, Vector)), None)
+    if vector is not None:
+        return f"list of {many}, {'one in 2-D, two in 3-D' if vector.fewer else 'one per axis'}"
+    if Ellipsis not in parts:
+        return f"list of {len(parts)} {many}"
+    single = any("BeforeValidator" in type(mark).__name__ for mark in marks)
+    return f"{f'{item}, or ' * single}list of {many}"
+
+
+def _default(field: FieldInfo) -> str:
+    """A default in words; empty where there is none."""
+    if field.is_required():
+        return ""
+    value = field.default_factory() if field.default is PydanticUndefined else field.default  # type: ignore[call-arg]
+    return _value(value)
+
+
+def _value(value: Any) -> str:
+    if value is None:
+        return "not given"
+    if isinstance(value, Model):
+        return f"{{kind: {own_kind(type(value))}}}" if own_kind(type(value)) else "all of its defaults"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, tuple | dict):
+        pairs = [f"{key}: {_value(one)}" for key, one in value.items()] if isinstance(value, dict) else []
+        inside = ", ".join(pairs or map(_value, value))
+        return (f"{{{inside}}}" if pairs else f"[{inside}]") if value else "none"
+    return str(value) or "empty"

@@ -1,0 +1,313 @@
+"""What several sections of a scenario, each of which is sound, probably do not mean together.
+
+Each remark is one line and cheap to know; where it is not certain it keeps a wide margin, so that it is seldom wrong.
+"""
+
+from collections.abc import Iterator
+from math import sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from taichi_plume.scenario.algorithms import PlumeTracking
+from taichi_plume.scenario.context import Context
+from taichi_plume.scenario.gases import AnySource, PureGas
+from taichi_plume.scenario.listening import Listening
+from taichi_plume.scenario.robots import Group
+from taichi_plume.scenario.sensors import MOX_MODELS, MoxSensor
+from taichi_plume.scenario.species import PRESSURE
+from taichi_plume.scenario.starts import StartArea
+from taichi_plume.scenario.windows import Region
+from taichi_plume.scenario.winds import FrozenWind
+
+SLOW = 0.1  # of the fastest air of a computed flow: it is seldom slower where a source stands
+PEAK = 3.0  # standard deviations of noise that are taken for gas every few minutes
+AT_THE_END = 0.05  # of the room: a source as near to where the air leaves makes next to no plume
+FEWEST_ACROSS = 3  # cells of an opening that blows
+FEWEST = 6  # cells across a room whose flow is computed
+JET = 0.25  # growth of a jet's half width with the distance: beyond, its air goes round in circles
+
+
+class Course(NamedTuple):
+    """Where all air of a room goes, as a unit vector, and its largest speed [m/s]."""
+
+    along: np.ndarray
+    speed: float
+
+
+def course(context: Context) -> Course | None:
+    """Known in a uniform wind, and where all that blows is on one face and all that lets air out on the opposite."""
+    scenario, dim = context.scenario, context.domain.dim
+    uniform, speed = scenario.wind.uniform, scenario.wind.top_speed(scenario)
+    if not speed:
+        return None
+    if uniform is not None:
+        return Course(uniform.frame[0], speed)
+    ways: set[tuple[int, int]] = set()
+    blown = [
+        opening.blows and (opening.follows_pressure or opening.inflow(0.0, context.domain) > 0)
+        for opening in scenario.openings
+    ]
+    for opening, inward in zip(scenario.openings, blown, strict=True):
+        region = opening.region
+        if region is None or opening.changes:
+            return None
+        if opening.passes:
+            comes_in = inward if opening.blows else not any(blown)  # what lets air through follows the others
+            ways.add((region.axis, 1 if comes_in == (region.side == 0) else -1))
+    if len(ways) != 1:
+        return None
+    ((axis, sign),) = ways
+    return Course(sign * np.eye(dim)[axis], speed)
+
+
+def remarks(context: Context) -> Iterator[str]:
+    """Of a scenario of which nothing is wrong."""
+    where = course(context)
+    yield from _air(context, where)
+    yield from _openings(context)
+    for path, source in context.scenario.sources:
+        yield from _source(path, source, context, where)
+    yield from _concentrations(context)
+    for n, group in enumerate(context.scenario.robots):
+        yield from _group(f"robots[{n}]", group, context, where)
+
+
+# ---------------------------------------------------------------- air
+
+
+def _air(context: Context, where: Course | None) -> Iterator[str]:
+    scenario, domain, wind = context.scenario, context.domain, context.scenario.wind
+    computed = wind.computed
+    if computed is not None:
+        driven = computed.top_speed(scenario) or any(computed.acceleration or ()) or computed.buoyancy
+        if not (driven or computed.initial or any(group.wake for group in scenario.robots)):
+            yield (
+                "wind: nothing moves the air; add a fan or inlet and an outlet to wind.openings, or use kind: synthetic"
+            )
+        if min(domain.shape) < FEWEST:
+            across = "xyz"[domain.shape.index(min(domain.shape))]
+            yield (
+                f"domain.spacing: makes only {min(domain.shape)} cells along {across}, too few for a flow; use "
+                f"{min(domain.extent) / 10:.2g} m or less"
+            )
+    if where is None:
+        return
+    crossing = float(np.abs(where.along) @ domain.extent) / where.speed
+    whole = scenario.warm_up + scenario.duration
+    if whole < crossing:
+        yield (
+            f"duration: with the warm-up it is {whole:g} s, but the air takes at least {crossing:.3g} s through the "
+            "room; make one of them longer"
+        )
+    if isinstance(wind, FrozenWind) and wind.after < crossing <= whole:
+        yield (
+            f"wind.after: {wind.after:g} s is less than the {crossing:.3g} s or more that the air takes through the "
+            "room: it would be kept before it has got there"
+        )
+
+
+def _openings(context: Context) -> Iterator[str]:
+    """What blows through too few cells."""
+    domain = context.domain
+    for n, opening in enumerate(context.scenario.openings):
+        if opening.region is None or not opening.blows:
+            continue
+        width = 2.0 * min(opening.region.rectangle(domain.extent)[1])
+        if opening.region.center is not None and width < FEWEST_ACROSS * domain.spacing * (1 - 1e-6):
+            yield (
+                f"wind.openings[{n}]: is {width:g} m wide, {width / domain.spacing:.2g} cells, too few for its jet; "
+                f"use a domain.spacing of {width / 6:.2g} m or less"
+            )
+
+
+# ---------------------------------------------------------------- sources
+
+
+def _source(path: str, source: AnySource, context: Context, where: Course | None) -> Iterator[str]:
+    """One that is where the air does not carry gas to anyone, or smaller than the grid sees."""
+    scenario, domain = context.scenario, context.domain
+    gas = dict(scenario.gases)[path.rpartition(".")[0]]
+    if gas.on_grid and source.radius < 0.5 * domain.spacing * (1 - 1e-6):
+        yield (
+            f"{path}.radius: {source.radius:g} m is less than half a cell of {domain.spacing:g} m: its gas begins "
+            f"about {domain.spacing:g} m wide; lower domain.spacing where peaks near the source count"
+        )
+    if where is None:
+        return
+    corner = np.where(where.along > 0, domain.extent, 0.0)  # where the air leaves
+    left = float(where.along @ (corner - source.position))
+    if left < AT_THE_END * float(np.abs(where.along) @ domain.extent):
+        yield (
+            f"{path}.position: is {left:.2g} m from where the air leaves the room: its gas is blown out at once; move "
+            "the source upwind"
+        )
+    elif scenario.openings and not any(
+        _in_jet(opening.region, np.array(source.position), context)
+        for opening in scenario.openings
+        if opening.blows and opening.region is not None
+    ):
+        yield (
+            f"{path}.position: lies beside the jets of all openings that blow, where the air goes round in circles; "
+            "put it in front of one where a plume is wanted"
+        )
+
+
+def _in_jet(region: Region, place: np.ndarray, context: Context) -> bool:
+    """Whether a place is within what may become of the jet of an opening."""
+    center, half = map(np.array, region.rectangle(context.domain.extent))
+    away = abs(place[region.axis] - region.level(context.domain.extent))
+    apart = np.abs(place[region.along(context.domain.dim)] - center)
+    return bool((apart <= 1.2 * half + JET * away).all())
+
+
+def peak(gas: PureGas, source: AnySource, context: Context, slow: bool = True) -> float | None:
+    """About the largest concentration [ppm] at a source; None where that cannot be told.
+
+    slow: in the slowest air that is to be expected there; otherwise in the fastest.
+    """
+    scenario = context.scenario
+    dish, rate = getattr(source, "dish", None), getattr(source, "rate", None)
+    if dish is not None:
+        liquid = gas.vapour.antoine or gas.vapour.vapour_pressure
+        if not (slow and liquid):
+            return None
+        return 1e6 * gas.vapour.saturation(dish.temperature, dish.temperature) / PRESSURE
+    speed = scenario.wind.top_speed(scenario)
+    known = scenario.wind.uniform is not None or course(context) is not None
+    if not rate or not speed or not known:
+        return None
+    if scenario.wind.uniform is None and slow:
+        speed *= SLOW
+    area = gas.begins_in(source.radius, context.domain)
+    return rate / (speed * area) * gas.vapour.ppm_per_density if area else None
+
+
+def _peaks(context: Context) -> list[float] | None:
+    """Of all sources, each as its own; None where one cannot be told."""
+    gases = dict(context.scenario.gases)
+    found = [peak(gases[path.rpartition(".")[0]], one, context) for path, one in context.scenario.sources]
+    told = [one for one in found if one is not None]
+    return told if told and len(told) == len(found) else None
+
+
+def _concentrations(context: Context) -> Iterator[str]:
+    """More gas than there can be, and a scale of colours that shows none."""
+    gases, recording = dict(context.scenario.gases), context.scenario.recording
+    for path, source in context.scenario.sources:
+        least = peak(gases[path.rpartition(".")[0]], source, context, slow=False)
+        if least is not None and least > 1e6:
+            yield (
+                f"{path}.rate: makes about {least:.2g} ppm at the source, more than pure gas; is its unit right?"
+            )
+    peaks = _peaks(context)
+    if peaks and recording.range_ppm[0] > sum(peaks):
+        yield (
+            f"recording.range_ppm: begins at {recording.range_ppm[0]:g} ppm, more than the gas has at its source, "
+            f"about {sum(peaks):.2g} ppm: no plume will be seen"
+        )
+    followers = [one.algorithm for one in context.scenario.robots if isinstance(one.algorithm, PlumeTracking)]
+    least = min((one.threshold_ppm for one in followers), default=None)
+    if least is not None and recording.range_ppm[0] > least:
+        yield (
+            f"recording.range_ppm: begins at {recording.range_ppm[0]:g} ppm, but robots follow gas from {least:g} ppm "
+            "on: they will seem to follow nothing"
+        )
+
+
+# ---------------------------------------------------------------- robots
+
+
+def _group(path: str, group: Group, context: Context, where: Course | None) -> Iterator[str]:
+    yield from _smells(path, group, context)
+    yield from _starts(path, group, context, where)
+    scenario, algorithm = context.scenario, group.algorithm
+    step = group.body.max_speed * scenario.tick
+    if 0 < group.reach < step:
+        yield (
+            f"{path}.reach: {group.reach:g} m is less than the {step:g} m that a robot drives in a tick: it may pass a "
+            "source; lower tick"
+        )
+    if isinstance(algorithm, Listening) and algorithm.settle + algorithm.acquisition >= scenario.duration:
+        yield (
+            f"{path}.algorithm.acquisition: {algorithm.acquisition:g} s and {algorithm.settle:g} s to settle are not "
+            f"over within the duration of {scenario.duration:g} s: they will stand still"
+        )
+    fastest, least = scenario.wind.top_speed(scenario), group.sensors.wind.least
+    if isinstance(algorithm, PlumeTracking) and fastest and least >= fastest:
+        yield (
+            f"{path}.sensors.wind: sees no wind below {least:g} m/s, and the air moves with {fastest:.2g} m/s at most: "
+            f"{algorithm.kind} will not know where upwind is; use another kind or a lower threshold"
+        )
+
+
+def _smells(path: str, group: Group, context: Context) -> Iterator[str]:
+    """Thresholds that noise crosses, or nothing."""
+    sensor, threshold = group.sensors.gas, group.algorithm.threshold
+    if not threshold:
+        return
+    key = f"{path}.algorithm.threshold_ppm"
+    if isinstance(sensor, MoxSensor):
+        model = MOX_MODELS[sensor.model]
+        noise = sensor.noise * model.c0 / model.b  # in clean air
+    else:
+        noise = sensor.noise_ppm
+        if threshold < sensor.detection_limit_ppm:
+            yield (
+                f"{key}: {threshold:g} ppm is below what the sensor tells, sensors.gas.detection_limit_ppm: "
+                f"{sensor.detection_limit_ppm:g} ppm"
+            )
+    noise /= sqrt(sensor.averaged)
+    if threshold < PEAK * noise:
+        yield (
+            f"{key}: {threshold:g} ppm is crossed by the sensor's noise alone, {noise:.2g} ppm; raise it above "
+            f"{PEAK * noise:.2g} ppm, or average more samples"
+        )
+    peaks = _peaks(context)
+    if peaks:
+        most = sum(peaks) * max(sensor.weight(gas.vapour.name) for _, gas in context.scenario.gases)
+        if threshold > most:
+            yield (
+                f"{key}: {threshold:g} ppm is more than the sensor reads at the source itself, about {most:.2g} ppm; "
+                "lower it, or raise the source's rate"
+            )
+
+
+def _starts(path: str, group: Group, context: Context, where: Course | None) -> Iterator[str]:
+    """Robots that cannot come to a source, or search away from it."""
+    scenario, floor = context.scenario, context.scenario.floor
+    sources = np.array([source.position[:2] for _, source in scenario.sources])
+    if not len(sources) or not group.reach:
+        return
+    outside = np.maximum(floor.low - sources, np.maximum(sources - floor.high, 0.0))
+    away = np.linalg.norm(outside, axis=1).min()
+    if away > group.reach:
+        yield (
+            f"{path}.reach: no source is within {group.reach:g} m of where robots may go, the nearest is {away:.3g} m "
+            "outside of the arena; enlarge one of them"
+        )
+        return
+    places = group.places(floor)
+    if isinstance(group.start, StartArea):
+        low, high = group.start.low, group.start.high
+        places = np.array([[x, y] for x in (low[0], high[0]) for y in (low[1], high[1])])
+        apart = np.linalg.norm(sources - np.clip(sources, low, high), axis=1)
+    elif places is None:
+        return
+    else:
+        apart = np.linalg.norm(places[:, None] - sources, axis=-1)
+    way = float(apart.min()) - group.reach
+    speed = getattr(group.algorithm, "speed", None)
+    speed = group.body.max_speed if speed is None else min(speed, group.body.max_speed)
+    if speed and way > speed * scenario.duration and (group.algorithm.searches or not scenario.maps):
+        yield (
+            f"{path}: start {way:.3g} m or more from where a source counts as found, and drive at most "
+            f"{speed * scenario.duration:.3g} m in the whole duration; start them nearer, or make it longer"
+        )
+    if where is not None and isinstance(group.algorithm, PlumeTracking):
+        along = where.along[:2]
+        if (places @ along).max() < (sources @ along).min() - group.reach:
+            yield (
+                f"{path}.start: all robots start upwind of every source, where none of its gas comes, and "
+                f"{group.algorithm.kind} searches upwind first; start them downwind"
+            )

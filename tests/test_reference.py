@@ -1,0 +1,114 @@
+"""The reference of the documentation tells of every key, and what its examples say can be run."""
+
+import json
+import re
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+import yaml
+from test_descriptions import PATHS
+
+from taichi_plume.prepare import load
+from taichi_plume.scenario.keys import all_keys, flat, places
+from tests.fuzz import formats
+
+ROOT = Path(__file__).parent.parent
+sys.path.append(str(ROOT / "docs" / "_ext"))
+reference = import_module("scenario_reference")
+
+EXAMPLES = yaml.safe_load(reference.EXAMPLES.read_text(encoding="utf-8"))
+TEXT = reference.pages()
+WHOLE = "\n".join(TEXT.values())
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory) -> Path:
+    """A folder with a file of each format that examples name."""
+    folder = tmp_path_factory.mktemp("files")
+    formats.make(folder)
+    return folder
+
+
+@pytest.mark.parametrize("name", [name for name in EXAMPLES if name != "base"])
+def test_an_example_is_valid_and_of_its_kind(name, files):
+    path, kind = name.split(" ")
+    data = yaml.safe_load(EXAMPLES["base"]) | yaml.safe_load(EXAMPLES[name])
+    (files / "example.yaml").write_text(yaml.safe_dump(data))
+    scenario = load(files / "example.yaml").scenario
+    found = [scenario]
+    for step in path.split("."):
+        parts = [getattr(one, step.removesuffix("[]"), None) for one in found]
+        found = [
+            one
+            for part in parts
+            for one in (part or () if step.endswith("[]") else [part])
+            if one is not None
+        ]
+    assert kind in {one.kind for one in found}  # type: ignore[attr-defined]
+
+
+def test_the_scenario_that_examples_begin_from(files):
+    (files / "example.yaml").write_text(EXAMPLES["base"])
+    assert load(files / "example.yaml").resources.remarks == []
+
+
+def test_every_kind_has_an_example():
+    kinds = {
+        f"{place.path} {kind}" for place in places().values() if not place.same_as for kind in place.kinds
+    }
+    assert kinds == set(EXAMPLES) - {"base"}
+
+
+def test_every_key_of_the_vocabulary_is_on_a_page():
+    told = {flat(re.sub(r" \(.*", "", one)) for one in re.findall(r"^\.\. key:: (.*)$", WHOLE, re.M)}
+    alike = {flat(path): flat(one.same_as) for path, one in places().items() if one.same_as}
+    for path in PATHS:
+        path = flat(path)
+        for there, here in alike.items():
+            if path.startswith(f"{there}."):
+                path = here + path.removeprefix(there)
+        section, _, name = path.rpartition(".")
+        kinds = name == "kind" and any(flat(one.path) == section and one.kinds for one in places().values())
+        assert path in told or kinds, path
+
+
+def test_each_key_is_told_once_with_all_that_is_known_of_it():
+    names = re.findall(r"^\.\. key:: (.*)$", WHOLE, re.M)
+    assert len(names) == len(set(names)) == len(list(all_keys()))
+    page = TEXT["openings"].replace("\\", "")
+    at = page.index(".. key:: wind.openings[].turbulence_intensity\n")
+    entry = page[at : page.index(".. key::", at + 1)]
+    assert "Standard deviation of each velocity component over the mean speed" in entry
+    assert "*number* · 0 to 1 · default: ``0`` · of kind ``fan``, ``inlet``, ``honeycomb``" in entry
+    assert ".. key:: wind.openings[].speed (inlet)" in page
+
+
+def test_a_section_that_no_page_names_is_told_with_those_around_it():
+    assert reference.page_of("wind.gusts") == "wind"
+    assert reference.page_of("wind.openings[].curve") == "openings"
+    assert reference.page_of("something_new.part") == "scenario"
+
+
+def test_texts_mean_nothing_to_the_markup():
+    assert reference.escaped("a*b_c |u| <x> `code_` d") == r"a\*b\_c \|u\| \<x\> ``code_`` d"
+    assert reference.escaped("a ` b") == r"a \` b"
+
+
+@pytest.mark.slow
+def test_sphinx_takes_the_pages_without_a_warning(tmp_path):
+    sphinx = pytest.importorskip("sphinx.application")
+    (tmp_path / "conf.py").write_text("extensions = ['scenario_reference']\nproject = 'a'\n")
+    (tmp_path / "index.rst").write_text("A\n=\n\n.. toctree::\n\n   reference/index\n\n:key:`wind.courant`\n")
+    built = sphinx.Sphinx(
+        *(tmp_path, tmp_path, tmp_path / "html", tmp_path / "trees", "html"), warningiserror=True, status=None
+    )
+    built.build()
+    assert built.statuscode == 0
+    script = (tmp_path / "html" / "searchindex.js").read_text()
+    index = json.loads(script.removeprefix("Search.setIndex(").removesuffix(")"))
+    assert index["objnames"]["0"] == ["std", "key", "scenario key"]
+    found = {f"{path}.{one[-1]}".lstrip(".") for path, several in index["objects"].items() for one in several}
+    assert found == {reference.title_of(key) for key in all_keys()}
+    assert 'id="key-wind.courant"' in (tmp_path / "html" / "reference" / "wind.html").read_text()
