@@ -65,10 +65,10 @@ def decades(low: float, high: float) -> list[tuple[float, str]]:
     ]
 
 
-def rounded_up(value: float) -> float:
-    """The next of 1, 1.5, 2, 3, 5, 7, 10, 15 ... that is not below a value."""
+def rounded_up(value: float, steps: Sequence[float] = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)) -> float:
+    """The next of these numbers, times a power of ten, that is not below a value above 0."""
     power = 10.0 ** ceil(log10(value) - 1 - 1e-9)
-    return next(n * power for n in (1.0, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0) if n * power >= value * (1 - 1e-9))
+    return next(n * power for n in (*steps, 10.0) if n * power >= value * (1 - 1e-9))
 
 
 def painted(places: np.ndarray, palette: Sequence[Sequence[int]]) -> np.ndarray:

@@ -47,7 +47,7 @@ def _bar(
 ) -> Entities:
     """A colour bar below a plane. colors: the viewer's colormap, or a palette."""
     length = stage.extent[plane.axes[0]]
-    left, right = (0.05 * length, 0.95 * length) if plane is MAPS else (0.24 * length, 0.96 * length)
+    left, right = (0.05 * length, 0.95 * length) if plane is MAPS else (0.26 * length, 0.97 * length)
     width = right - left
     pixel = width / 256
     thick = max(1, round(0.022 * stage.length / pixel))
@@ -80,7 +80,7 @@ def _bar(
 
 def arrow_key(plane: Plane, text: str, length: float, color: Any, radius: float, stage: Stage) -> Entities:
     """An arrow of some length [m] below a plane, left of the colour bar, and what it stands for."""
-    left = 0.1 * stage.extent[plane.axes[0]] - length / 2
+    left = 0.08 * stage.extent[plane.axes[0]] - length / 2
     ends = placed(plane, [[left, -0.042 * stage.length], [left + length, -0.042 * stage.length]], stage)
     arrow = rr.Arrows3D(origins=ends[:1], vectors=ends[1:] - ends[:1], colors=color, radii=radius)
     yield f"legend/wind/{plane.name}/arrow", arrow

@@ -38,7 +38,7 @@ class Scale:
         """Place and label of what a legend shows."""
         if self.kind == "log":
             return drawing.decades(self.low, self.high)
-        step = drawing.rounded_up((self.high - self.low) / 5)
+        step = drawing.rounded_up((self.high - self.low) / 7, (1.0, 2.0, 5.0))
         values = np.arange(ceil(self.low / step - 1e-9), floor(self.high / step + 1e-9) + 1) * step
         return [((value - self.low) / (self.high - self.low), f"{value:.6g}") for value in values.tolist()]
 
