@@ -117,11 +117,16 @@ def _text_of(kind: object) -> object:
 def _fresh(files: Sequence[Path], force: bool) -> Iterator[list[Path]]:
     """Names to write new files under; the files are there once all of them are whole, or none is.
 
-    Raises RunFolderError where one is there, unless by `force`.
+    Raises RunFolderError where one is there, unless by `force`, and where there can be none.
     """
     for file in files:
-        if file.is_dir():
-            raise RunFolderError(f"{file}: is a folder; give the name of a file")
+        if not file.parent.is_dir():
+            raise RunFolderError(f"{file}: its folder does not exist")
+        if (
+            os.path.lexists(file) and not file.is_file()
+        ):  # nor does --force replace a device, or a link to nowhere
+            what = "a folder" if file.is_dir() else "no plain file"
+            raise RunFolderError(f"{file}: is {what}; give the name of a file")
         if os.path.lexists(file) and not force:
             raise RunFolderError(f"{file}: exists; choose another --out or add --force to overwrite")
     parts = [file.with_name(f".{file.name}.{os.getpid()}.part") for file in files]

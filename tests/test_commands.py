@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+import taichi_plume
 from taichi_plume import __main__ as commands
 from taichi_plume import __version__
 
@@ -42,6 +43,11 @@ def test_options_go_to_the_command(tmp_path, capsys):
     assert "nowhere: is no folder" in capsys.readouterr().err
     assert commands.main(["export", str(tmp_path), "--to", "csv"]) == 2
     assert "is not the folder of a run" in capsys.readouterr().err
+
+
+def test_public_names_are_few_and_there():
+    assert len(taichi_plume.__all__) <= 10
+    assert all(getattr(taichi_plume, name) for name in taichi_plume.__all__)
 
 
 def test_help_lists_all(capsys):
