@@ -67,6 +67,8 @@ class Run:
 
     def _shapes(self, allow_outside: bool) -> list[Any]:
         found = []
+        if getattr(self.scenario.wind, "occupancy", None) is not None:
+            self.lacks.append("What stands in the occupancy grid of the imported wind is not drawn.")
         held_back = not allow_outside and strangers(self.scenario, self.folder, ())
         for n, one in enumerate(self.scenario.obstacles):
             if isinstance(one, Mesh) and held_back:
