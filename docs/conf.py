@@ -15,9 +15,9 @@ copyright = "the authors of taichi_plume, Apache-2.0"
 version = release = taichi_plume.__version__
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx_gallery.gen_gallery", "mathml"]
-if (HERE / "_ext" / "scenario_reference.py").exists():
-    extensions.append("scenario_reference")
-exclude_patterns = ["_build", "_ext", "tutorial", "**/GALLERY_HEADER.*"]
+OURS = ("scenario_reference", "validation_page")  # they write pages before a build
+extensions += [name for name in OURS if (HERE / "_ext" / f"{name}.py").exists()]
+exclude_patterns = ["_build", "_ext", "tutorial", "validation/*", "**/GALLERY_HEADER.*"]
 nitpicky = False
 
 # Text

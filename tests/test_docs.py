@@ -8,6 +8,8 @@ How blocks of a page are read, in README.md and docs/**/*.md:
 - a ``{code-block}`` with a `:caption:` is a file of that name, which the other blocks of the page find.
 - ``python`` blocks of a page are run one after the other, in a folder with those files; a ``pycon`` block is a doctest.
 - of lines ``python -m taichi_plume.NAME`` the options are looked up in its ``--help``.
+
+Scenarios of docs/coming-from are loaded by test_coming_from.py, which makes the foreign files that they read.
 """
 
 import copy
@@ -34,6 +36,7 @@ MADE = ("reference", "tutorials", "gallery", "_build")  # by the build
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md"] + [
     path for path in sorted(DOCS.rglob("*.md")) if path.relative_to(DOCS).parts[0] not in MADE
 ]
+FOREIGN = DOCS / "coming-from"
 FENCE = re.compile(r"^(`{3,})(.*)\n((?:.*\n)*?)\1$", re.MULTILINE)
 LINK = re.compile(r"(?<!`)\[[^\]`]*(?:`[^`]*`[^\]`]*)*\]\(([^)\s]+)\)")
 COMMAND = re.compile(r"^(?:python -m taichi_plume\.|taichi-plume )(\w+)((?:.|\\\n)*)$", re.MULTILINE)
@@ -88,7 +91,7 @@ def of(*languages: str) -> list[Any]:
         pytest.param(block, id=f"{block.page.relative_to(ROOT)}:{block.line}")
         for page in PAGES
         for block in blocks(page)
-        if block.language in languages
+        if block.language in languages and FOREIGN not in page.parents
     ]
 
 
@@ -229,10 +232,10 @@ def help_of(module: str) -> str:
 @pytest.mark.parametrize(("module", "options"), COMMANDS)
 def test_commands_have_these_options(module, options):
     """By their names, as the command's help has them."""
-    words = shlex.split(re.sub(r"[\[\]]", " ", options), comments=True)
-    for word in words:
+    told = help_of(module)
+    for word in shlex.split(re.sub(r"[\[\]]", " ", options), comments=True):
         if word.startswith("--"):
-            assert re.search(rf"{re.escape(word.partition('=')[0])}\b", help_of(module)), word
+            assert re.search(rf"{re.escape(word.partition('=')[0])}\b", told), word
 
 
 class References(HTMLParser):

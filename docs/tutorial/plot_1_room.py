@@ -5,9 +5,8 @@
 From an empty file to robots that find a leak of ethanol: you write one text file, step by step, and run one command.
 Everything here takes some seconds on a laptop.
 
-In a terminal, in an empty folder, you would write the file ``room.yaml`` with your editor and type commands such as
-``python -m taichi_plume.run room.yaml --check``. This page is a Python file instead, so that it could be executed: it
-writes the file itself, and ``run("room.yaml --check")`` stands for that command.
+You would do this in an empty folder: write the file ``room.yaml`` with your editor, and type commands in a terminal.
+This page is a Python file instead, so that it could be executed.
 """
 
 # %%
@@ -16,15 +15,15 @@ writes the file itself, and ``run("room.yaml --check")`` stands for that command
 import shlex
 import sys
 from contextlib import redirect_stderr
+from importlib import import_module
 from pathlib import Path
 
-from taichi_plume.run import main
 
-
-def run(options):
-    """Type ``python -m taichi_plume.run OPTIONS`` in a terminal."""
+def terminal(command):
+    """Type a command, such as ``python -m taichi_plume.run room.yaml``."""
+    module, *options = shlex.split(command.strip().removeprefix("python -m "))
     with redirect_stderr(sys.stdout):
-        main(shlex.split(options))
+        import_module(module).main(options)
 
 
 def write(text):
@@ -38,7 +37,7 @@ def write(text):
 # Begin with nothing, and ask. ``--check`` reads a scenario and says what is wrong with it, without running anything.
 
 write("")
-run("room.yaml --check")
+terminal("python -m taichi_plume.run room.yaml --check")
 
 # %%
 # So four things are needed: how long it lasts, how large the room is, how the air moves, and what gas is in it.
@@ -64,7 +63,7 @@ gas:
   sources:
     - {position: [0.8, 2.1], rate: 20 mg/s}
 """)
-run("room.yaml --check")
+terminal("python -m taichi_plume.run room.yaml --check")
 
 # %%
 # A mistake, told in one line with the path of the key and what is allowed there: an inlet has a ``speed``, as it always
@@ -98,7 +97,7 @@ gas:
     - {position: [0.8, 2.1], rate: 20 mg/s}
 """
 write(AIR)
-run("room.yaml --out runs/air --force")
+terminal("python -m taichi_plume.run room.yaml --out runs/air --force")
 
 # %%
 # That was the whole run: the air was solved for 40 seconds, of which the first 20 were a warm-up, and the ethanol was
@@ -106,7 +105,9 @@ run("room.yaml --out runs/air --force")
 #
 # ``--out`` names the folder of the run; without it, it would be ``runs/room-1``, and the next one ``runs/room-2``.
 # ``--force`` replaces what an earlier run left there. The folder holds a recording that you can look at, stop and wind
-# back, with ``rerun runs/air/recording.rrd``, and a picture can be had without opening anything:
+# back, with ``rerun runs/air/recording.rrd``, and ``report.html``, which your browser opens. A picture for your talk:
+
+terminal("python -m taichi_plume.picture runs/air --at 20 --out air.png")
 
 # %%
 # Robots
@@ -124,7 +125,12 @@ robots:
     sensors: {gas: {kind: mox, model: tgs2620}, wind: {kind: ultrasonic}}
 """
 write(AIR.replace("duration: 20 s", "duration: 120 s") + ROBOTS)
-run("room.yaml --out runs/robots --force")
+terminal("python -m taichi_plume.run room.yaml --out runs/robots --force")
+
+# %%
+# The same, as a picture of the moment when the first of them arrives:
+
+terminal("python -m taichi_plume.picture runs/robots --at 26 --out robots.png")
 
 # %%
 # All three found it, long before the 120 seconds were over, so the run ended there. ("Found" means: within 35 cm of the
@@ -132,9 +138,9 @@ run("room.yaml --out runs/robots --force")
 #
 # What the robots did and felt is a table, one row per robot and tick.
 
-import pandas as pd
+from taichi_plume import open_run
 
-table = pd.read_parquet("runs/robots/robots.parquet")
+table = open_run("runs/robots").robots
 table.tail(3)
 
 # %%
@@ -162,16 +168,19 @@ series.legend()
 # One search says little. ``trials`` puts many independent copies of the team into the same air, at once: they do not
 # meet, and each has its own sensors, noise and chance. ``--set`` changes any key for one run, without editing the file.
 
-run("room.yaml --duration 90 --set robots.0.trials=50 --no-recording --out runs/casting --force")
+terminal("""
+python -m taichi_plume.run room.yaml --duration 90 --set robots.0.trials=50 \
+    --no-recording --out runs/casting --force
+""")
 
 # %%
 # With an interval, as 50 trials are still few, and with a warning: all of these trials are in *one* air. Another
 # ``--seed`` makes another air. And another algorithm, in the same air, for a fair comparison:
 
-run(
-    "room.yaml --duration 90 --set robots.0.trials=50 --set 'robots.0.algorithm={kind: surge_spiral}' "
-    "--no-recording --out runs/spiral --force"
-)
+terminal("""
+python -m taichi_plume.run room.yaml --duration 90 --set robots.0.trials=50 \
+    --set 'robots.0.algorithm={kind: surge_spiral}' --no-recording --out runs/spiral --force
+""")
 
 # %%
 # The figures are in ``result.json`` too, per trial and with 95 % intervals.

@@ -12,17 +12,17 @@ number more in every position; the rest of the scenario is written alike.
 import shlex
 import sys
 from contextlib import redirect_stderr
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 
-from taichi_plume.run import main
 
-
-def run(options):
-    """Type ``python -m taichi_plume.run OPTIONS`` in a terminal."""
+def terminal(command):
+    """Type a command, such as ``python -m taichi_plume.run room.yaml``."""
+    module, *options = shlex.split(command.strip().removeprefix("python -m "))
     with redirect_stderr(sys.stdout):
-        main(shlex.split(options))
+        import_module(module).main(options)
 
 
 def write(text):
@@ -95,7 +95,7 @@ gas:
     - {position: [0.9, 1.5, 0.15], rate: 20 mg/s}
 """
 write(LAB)
-run("lab.yaml --check")
+terminal("python -m taichi_plume.run lab.yaml --check")
 
 # %%
 # The bench is a thousand times too large: STL files do not say their unit, and the message tells which factor fits.
@@ -112,4 +112,41 @@ robots:
     sensors: {gas: {kind: mox, model: mics5524}, wind: {kind: ultrasonic}}
 """
 write(LAB + ROBOTS)
-run("lab.yaml --set 'fields={rate: 1}' --out runs/lab --force")
+terminal("python -m taichi_plume.run lab.yaml --set 'fields={rate: 1}' --out runs/lab --force")
+
+# %%
+# Look at it
+# ----------
+# From above, each point shows the largest concentration over the height, so that a plume is seen wherever it is.
+
+terminal("python -m taichi_plume.picture runs/lab --at 14 --out above.png")
+
+# %%
+# And from the side, in the plane of the source. The vapour is carried over the bench by the fan's jet.
+
+terminal("python -m taichi_plume.picture runs/lab --at 14 --view section --out section.png")
+
+# %%
+# In the recording, ``rerun runs/lab/recording.rrd``, you can walk around it, stop and go back.
+#
+# A profile
+# ---------
+# ``fields`` in the scenario records wind and gas of every cell, as an xarray Dataset with units. How does the gas lie
+# over the height, at a place half-way between source and robots?
+
+import matplotlib.pyplot as plt
+
+from taichi_plume import open_run
+
+fields = open_run("runs/lab").fields
+column = fields.gas_acetone_ppm.sel(x=2.2, y=1.5, method="nearest").mean("time")
+figure, axes = plt.subplots(figsize=(4, 4), layout="constrained")
+axes.plot(column, column.z)
+axes.set(xlabel="acetone, mean [ppm]", ylabel="z [m]", ylim=(0, 1.2))
+
+# %%
+# Where to go from here
+# ---------------------
+# - What 8 cm cells show of a jet and of a floor, and what they do not: :doc:`/air`.
+# - Record one flow and search it a hundred times: :doc:`/howto/many_trials`.
+# - Open the fields in ParaView: :doc:`/howto/results`.
