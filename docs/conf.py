@@ -61,6 +61,8 @@ sphinx_gallery_conf = {
     "image_scrapers": ("matplotlib", pictures_written),
     "abort_on_example_error": True,
     "within_subsection_order": "FileNameSortKey",
+    "capture_repr": ("_repr_html_",),  # tables, and not what matplotlib returns
+    "thumbnail_size": (480, 373),
     "download_all_examples": False,
     "show_memory": False,
     "show_signature": False,

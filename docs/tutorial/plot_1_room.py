@@ -181,7 +181,8 @@ python -m taichi_plume.run room.yaml --duration 90 --set robots.0.trials=50 \
 
 terminal("""
 python -m taichi_plume.run room.yaml --duration 90 --set robots.0.trials=50 \
-    --set 'robots.0.algorithm={kind: surge_spiral}' --no-recording --out runs/spiral --force
+    --set 'robots.0.algorithm={kind: surge_spiral}' \
+    --no-recording --out runs/spiral --force
 """)
 
 # %%
