@@ -170,15 +170,9 @@ def _figure(run: "Run", one: "Picture", args: argparse.Namespace, width: int) ->
     from taichi_plume.report.plume import figure_of
 
     dpi = DPI * width / PICTURE_WIDTH
-    with styled():
-        import matplotlib as mpl
-
-        larger: Any = {key: LETTERS * size for key, size in SIZES.items()}
-        with mpl.rc_context(larger | {"xtick.labelsize": 11, "ytick.labelsize": 11}):
-            figure, view = figure_of(
-                run, one, run.tracks, PICTURE_WIDTH / DPI, dpi, LETTERS, not args.no_wind
-            )
-    return figure, view
+    larger = {key: LETTERS * size for key, size in SIZES.items()}
+    with styled(larger | {"xtick.labelsize": 11, "ytick.labelsize": 11}):
+        return figure_of(run, one, run.tracks, PICTURE_WIDTH / DPI, dpi, LETTERS, not args.no_wind)
 
 
 def _save(figure: Any, out: Path) -> None:

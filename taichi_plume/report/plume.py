@@ -54,7 +54,7 @@ class PlumeView:
             PolyCollection([], facecolor="#27445f", edgecolor="none", alpha=0.42, zorder=3)
         )
         self.arrows.set_visible(wind)
-        colors = [look.ROBOTS[track.number % len(look.ROBOTS)] for track in self.tracks]
+        colors = [look.robot(track.number) for track in self.tracks]
         self.trails = axes.add_collection(LineCollection([], colors=colors, linewidths=1.3, zorder=8))
         self.bodies = axes.add_collection(
             PolyCollection([], facecolors=colors, edgecolors="white", linewidths=0.8, zorder=11)
@@ -167,7 +167,7 @@ def _legend(figure: Figure, run: Run, view: PlumeView, x: float, y: float) -> No
         handles.append(mark("heater", marker="o", color="#fb8c00", alpha=0.6, markersize=9))
     for track in view.tracks if len(view.tracks) <= MOST_NAMES else view.tracks[:1]:
         name = track.name if len(view.tracks) <= MOST_NAMES else "robots and their trails"
-        color = look.ROBOTS[track.number % len(look.ROBOTS)]
+        color = look.robot(track.number)
         handles.append(
             mark(name, marker="o", color=color, linestyle="-", markeredgecolor="white", markersize=7)
         )
