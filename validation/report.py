@@ -72,7 +72,7 @@ def _thin(values: Any) -> np.ndarray:
 
 
 def _numbers(values: np.ndarray) -> list[float | None]:
-    return [float(f"{value:.4g}") if np.isfinite(value) else None for value in values]
+    return [float(f"{value:.4g}") if np.isfinite(value) else None for value in np.ravel(values)]
 
 
 def _index_row(case: dict[str, Any]) -> str:

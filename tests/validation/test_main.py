@@ -96,6 +96,12 @@ def test_pictures_are_thinned_and_rounded_for_json():
     assert points[-1] == [3.142, None]
 
 
+def test_a_column_is_as_good_as_a_row_in_json():
+    x = np.linspace(0.0, 1.0, 5)
+    (told,) = plain({"c": Curve("x", "c", x, x[:, None], x[:, None])}).values()
+    assert told["computed"] == told["x"] == [0.0, 0.25, 0.5, 0.75, 1.0]
+
+
 def test_the_page_shows_norms_curves_and_faults(table, idle, tmp_path):
     main(["--out", str(tmp_path)])
     page = (tmp_path / "report.html").read_text()
