@@ -7,6 +7,7 @@ import json
 import re
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 GROUPS = (
     (
@@ -100,43 +101,45 @@ def _table(names: list[str], cases: dict[str, tuple[str, str]], results: dict[st
     rows = ["| what was compared | with what | wanted | measured | verdict |", "|---|---|---|---|---|"]
     for name in names:
         about, reference = cases[name]
-        what = f"{_plain(about)} (`{name}`)"
-        wanted, measured, verdict = _told(results[name]) if name in results else ("", "", "not run")
-        rows.append(f"| {what} | {_plain(reference)} | {wanted} | {measured} | {verdict} |")
+        first = f"{_plain(about)} (`{name}`)", _linked(reference)
+        for told in _told(results[name]) if name in results else [("", "", "not run")]:
+            rows.append(f"| {' | '.join((*first, *told))} |")
+            first = "", ""
     return "\n".join(rows) + "\n"
 
 
-def _told(result: dict[str, Any]) -> tuple[str, str, str]:
-    """What was wanted, what was measured, and the verdict."""
+def _told(result: dict[str, Any]) -> list[tuple[str, str, str]]:
+    """What was wanted, what was measured, and the verdict, of all that is judged."""
     if result["message"]:
-        return "", _plain(result["message"]), WORDS[False]
-    lines = [_norm(row) for row in result.get("norms", ()) if row["met"] is not None]
-    lines += [_mean(row) for row in result.get("rows", ()) if row["met"] is not None]
-    wanted, measured = (
-        ("<br>".join(parts) for parts in zip(*lines, strict=True)) if lines else ("", "told below")
-    )
-    missed = [row for row in (*result.get("norms", ()), *result.get("rows", ())) if row["met"] is False]
-    judged = f" ({len(missed)} of {len(lines)})" if missed and len(lines) > 1 else ""
-    return wanted, measured, WORDS[result["passed"]] + judged
+        return [("", _plain(result["message"]), WORDS[False])]
+    told = [(*_norm(row), WORDS[row["met"]]) for row in result.get("norms", ()) if row["met"] is not None]
+    told += [(*_mean(row), WORDS[row["met"]]) for row in result.get("rows", ()) if row["met"] is not None]
+    return told or [("", "told, not judged", "")]
 
 
 def _norm(row: dict[str, Any]) -> tuple[str, str]:
     size, error = list(row["errors"].items())[-1]
     number = "no number" if error is None else f"{error:.2g}"
     order = "" if row["order"] is None or len(row["errors"]) < 2 else f", order {row['order']:.2f}"
-    mark = " ✗" if row["met"] is False else ""
-    return f"{_plain(row['norm'])}: {_plain(row['expected'])}", f"{number} at {size}{order}{mark}"
+    return f"{_plain(row['norm'])}: {_plain(row['expected'])}", f"{number} at {size}{order}"
 
 
 def _mean(row: dict[str, Any]) -> tuple[str, str]:
     between = "" if row["low"] is None else f" ({row['low']:.3g} to {row['high']:.3g})"
     mean = "none" if row["mean"] is None else f"{row['mean']:.3g}{between}"
     published = f"; published: {_plain(row['published'])}" if row["published"] else ""
-    mark = " ✗" if row["met"] is False else ""
-    return (
-        f"{_plain(row['condition'])}, {_plain(row['quantity'])}: {_plain(row['expected'])}",
-        f"{mean}, n = {row['n']}{published}{mark}",
-    )
+    wanted = f"{_plain(row['condition'])}, {_plain(row['quantity'])}: {_plain(row['expected'])}"
+    return wanted, f"{mean}, n = {row['n']}{published}"
+
+
+def _linked(reference: str) -> str:
+    """With a short link in place of a DOI, which would make the column wide."""
+    text, _, doi = reference.partition("doi:")
+    number = re.match(r"[^\s,;)]+", doi)
+    if number is None:
+        return _plain(reference)
+    rest = _plain(doi[number.end() :])
+    return f"{_plain(text)}[doi](https://doi.org/{quote(number[0])}){rest}"
 
 
 def _plain(text: str) -> str:

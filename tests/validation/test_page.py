@@ -70,9 +70,22 @@ def test_what_failed_or_was_not_run_is_said(extension):
     assert "Of 3 cases, 2 have been run" in page
     assert "not all is met by `duct_1`, `pipe`" in page
     assert row_of(page, "duct_1")[-1] == "**not met**"
-    assert row_of(page, "duct_1")[3].endswith("✗")
     assert row_of(page, "duct_6")[2:] == ["", "", "not run"]
     assert row_of(page, "pipe")[3] == r"RuntimeError: no \<steady\> state"
+
+
+def test_each_judgement_has_its_row_and_a_doi_is_a_short_link(extension):
+    told = result("pipe")
+    told["norms"] = [
+        told["norms"][0] | {"norm": norm, "met": met}
+        for norm, met in (("u", True), ("p", None), ("q", False))
+    ]
+    page = extension.page({"pipe": ("a pipe", "X 1996, case <2>, doi:10.1007/978-3_39")}, {"pipe": told})
+    first, second = [line for line in page.splitlines() if line.endswith(("met |", "met** |"))]
+    assert first.startswith(
+        r"| a pipe (`pipe`) | X 1996, case \<2\>, [doi](https://doi.org/10.1007/978-3_39) | u: "
+    )
+    assert second.startswith("|  |  | q: ")
 
 
 def test_means_of_experiments_are_told_with_their_intervals(extension):
