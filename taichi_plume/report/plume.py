@@ -1,0 +1,206 @@
+"""Gas over the scene, with wind and robots, at any moment of a run: for pictures, films and the report.
+
+What changes is kept and changed: a film draws walls, scales and letters once.
+"""
+
+from collections.abc import Sequence
+from math import pi
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.transforms import Affine2D
+
+from taichi_plume.record.reading import Arrows, Picture
+from taichi_plume.report import look, scene
+from taichi_plume.report.run import Run
+from taichi_plume.report.tracks import Track
+
+BODY = 0.011  # robots are drawn at least this large, over the longer side of the view
+ROUND = 20  # corners of a body
+MOST_NAMES = 6  # robots that the legend names one by one
+BESIDE, BELOW, ON_TOP = 0.6, 0.5, 0.68  # inches around the axes, for letters of 9 points
+BAR = 1.15
+
+
+class PlumeView:
+    """A picture's plane of a run, drawn on axes; `show` puts a moment there.
+
+    moving: what `show` changes, to be drawn again; the rest stays.
+    """
+
+    def __init__(
+        self, axes: Axes, run: Run, picture: Picture, tracks: Sequence[Track] = (), wind: bool = True
+    ):
+        self.axes, self.run, self.picture, self.tracks = axes, run, picture, list(tracks)
+        self.plane = look.PLANES[picture.axes]
+        extent = run.scenario.domain.extent
+        self.length = max(extent[d] for d in self.plane)
+        solids = scene.draw(axes, run.scenario, run.shapes, False, self.plane, starts=False)
+        colors = look.WARMTH if picture.unit == "K" else look.GAS
+        self.image = axes.imshow(
+            np.zeros(picture.data.shape[1:], np.uint8), cmap=colors, vmin=0, vmax=255, origin="lower",
+            extent=picture.extent, interpolation="bilinear", zorder=1,
+        )  # fmt: skip
+        axes.set_xlim(*_around(extent[self.plane[0]], self.length))
+        axes.set_ylim(*_around(extent[self.plane[1]], self.length))
+        self.walkers = [
+            (patch, one.model) for patch, one in zip(solids, run.shapes, strict=True) if _walks(one)
+        ]
+        self.arrows = axes.add_collection(
+            PolyCollection([], facecolor="#27445f", edgecolor="none", alpha=0.42, zorder=3)
+        )
+        self.arrows.set_visible(wind)
+        colors = [look.ROBOTS[track.number % len(look.ROBOTS)] for track in self.tracks]
+        self.trails = axes.add_collection(LineCollection([], colors=colors, linewidths=1.3, zorder=8))
+        self.bodies = axes.add_collection(
+            PolyCollection([], facecolors=colors, edgecolors="white", linewidths=0.8, zorder=11)
+        )
+        self.clock: Any = None  # letters of `figure_of`
+        self.moving: list[Any] = [
+            self.image, *(patch for patch, _ in self.walkers), self.arrows, self.trails, self.bodies,
+        ]  # fmt: skip
+
+    def show(self, t: float, pixels: np.ndarray, arrows: Arrows | None = None) -> None:
+        """Put there the pixels (rows, columns) of a picture, on its scale of bytes, and all else of time t [s]."""
+        self.image.set_data(pixels)
+        for patch, model in self.walkers:
+            place = (*model.motion.place(model.center, t), 0.0)
+            way = [place[d] - (*model.center[:2], 0.0)[d] for d in self.plane]
+            patch.set_transform(Affine2D().translate(*way) + self.axes.transData)
+        if arrows is not None and len(arrows.times):
+            n = max(0, int(np.searchsorted(arrows.times, t + 1e-6, side="right")) - 1)
+            flat = list(self.plane)
+            self.arrows.set_verts(arrow_outlines(arrows.tails[n][:, flat], arrows.ways[n][:, flat]))
+        self._robots(t)
+
+    def _robots(self, t: float) -> None:
+        shown = [(track, track.at(t)) for track in self.tracks]
+        self.bodies.set_verts([self._body(track, n) if n >= 0 else np.zeros((0, 2)) for track, n in shown])
+        found = [n >= 0 and bool(track.values["found"][n]) for track, n in shown]
+        self.bodies.set_edgecolor([look.FOUND if one else "white" for one in found])
+        self.bodies.set_linewidth([2.4 if one else 0.8 for one in found])
+        if self.plane == look.ABOVE:
+            self.trails.set_segments(
+                [
+                    np.column_stack([track.values["x"][: n + 1], track.values["y"][: n + 1]])
+                    for track, n in shown
+                ]
+            )
+
+    def _body(self, track: Track, n: int) -> np.ndarray:
+        """Outline of a robot: a disc with a nose or, from the side, a box."""
+        place = (float(track.values["x"][n]), float(track.values["y"][n]))
+        radius = max(track.group.body.radius, BODY * self.length)
+        if self.plane != look.ABOVE:
+            low, high = place[self.plane[0]] - radius, place[self.plane[0]] + radius
+            top = max(track.group.body.height, radius)
+            return np.array([[low, 0.0], [high, 0.0], [high, top], [low, top]])
+        side = np.arccos(1 / 1.8)  # where the nose's flanks touch the disc
+        angle = float(track.values["heading"][n]) + np.linspace(side, 2 * pi - side, ROUND)
+        ring = np.column_stack([np.cos(angle), np.sin(angle)])
+        heading = float(track.values["heading"][n])
+        nose = 1.8 * np.array([np.cos(heading), np.sin(heading)])
+        return np.array(place) + radius * np.vstack([nose, ring])
+
+
+def arrow_outlines(tails: np.ndarray, ways: np.ndarray) -> np.ndarray:
+    """Arrows (n, 7, 2) in the plane: slim, their heads in proportion; tails, ways (n, 2) [m]."""
+    along, across = ways[:, None], np.stack([-ways[:, 1], ways[:, 0]], axis=-1)[:, None]
+    shape = np.array(
+        [[0, 0.028], [0.62, 0.028], [0.62, 0.15], [1, 0], [0.62, -0.15], [0.62, -0.028], [0, -0.028]]
+    )
+    return tails[:, None] + shape[None, :, :1] * along + shape[None, :, 1:] * across
+
+
+def figure_of(
+    run: Run,
+    picture: Picture,
+    tracks: Sequence[Track],
+    width: float,
+    dpi: float,
+    letters: float = 1.0,
+    wind: bool = True,
+) -> tuple[Figure, PlumeView]:
+    """A figure `width` inches wide with a view, its scale in ppm or K and a legend; letters: over 9 points."""
+    extent = run.scenario.domain.extent
+    sides = [extent[d] for d in look.PLANES[picture.axes]]
+    left, right, below, above = (letters * part for part in (BESIDE, BAR, BELOW, ON_TOP))
+    ways = [high - low for low, high in (_around(side, max(sides)) for side in sides)]
+    broad = width - left - right
+    tall = broad * ways[1] / ways[0]
+    if tall > 1.05 * width:
+        tall = 1.05 * width
+    height = _even(tall + below + above, dpi)
+    figure = look.figure(width, height, dpi)
+    axes = figure.add_axes((left / width, below / height, broad / width, tall / height))
+    view = PlumeView(axes, run, picture, tracks, wind)
+    beside = figure.add_axes(
+        ((left + broad + 0.1 * letters) / width, below / height, 0.14 * letters / width, tall / height)
+    )
+    where = f"\n{picture.plane}" if picture.plane else ""
+    look.scale(
+        axes, view.image, picture.low, picture.high, picture.logarithmic,
+        f"{picture.quantity} [{picture.unit}]{where}", cax=beside,
+    )  # fmt: skip
+    _legend(figure, run, view, left / width, 1 - 0.12 * letters / height)
+    top = (below + tall + 0.04 * letters) / height
+    view.clock = figure.text(left / width, top, "", va="bottom", fontweight="bold")
+    view.moving.append(view.clock)
+    return figure, view
+
+
+def _legend(figure: Figure, run: Run, view: PlumeView, x: float, y: float) -> None:
+    """What the marks of a picture mean, in a row on top."""
+
+    def mark(label: str, **how: Any) -> Line2D:
+        return Line2D([], [], linestyle=how.pop("linestyle", "none"), label=label, **how)
+
+    handles = []
+    if run.scenario.sources:
+        handles.append(mark("source", marker="*", color=look.SOURCE, markeredgecolor="white", markersize=12))
+    heat = run.scenario.buoyancy.heat if run.scenario.buoyancy else None
+    if heat and heat.heaters:
+        handles.append(mark("heater", marker="o", color="#fb8c00", alpha=0.6, markersize=9))
+    for track in view.tracks if len(view.tracks) <= MOST_NAMES else view.tracks[:1]:
+        name = track.name if len(view.tracks) <= MOST_NAMES else "robots and their trails"
+        color = look.ROBOTS[track.number % len(look.ROBOTS)]
+        handles.append(
+            mark(name, marker="o", color=color, linestyle="-", markeredgecolor="white", markersize=7)
+        )
+    if any(track.found_at is not None for track in view.tracks):
+        handles.append(
+            mark(
+                "has found it",
+                marker="o",
+                color="white",
+                markeredgecolor=look.FOUND,
+                markeredgewidth=2,
+                markersize=7,
+            )
+        )
+    if view.arrows.get_visible():
+        handles.append(mark("wind", marker=r"$\rightarrow$", color="#27445f", alpha=0.7, markersize=11))
+    legend = figure.legend(
+        handles=handles, loc="upper left", bbox_to_anchor=(x, y), ncols=len(handles), borderaxespad=0,
+        columnspacing=1.0, handletextpad=0.3, handlelength=1.3,
+    )  # fmt: skip
+    for text in legend.get_texts():
+        text.set_parse_math(False)
+
+
+def _around(length: float, longest: float) -> tuple[float, float]:
+    """Limits of an axis: the room and a little more."""
+    return -0.025 * longest, length + 0.025 * longest
+
+
+def _even(inches: float, dpi: float) -> float:
+    """A length of a whole, even number of pixels, as films need it."""
+    return 2 * round(inches * dpi / 2) / dpi
+
+
+def _walks(one: Any) -> bool:
+    return getattr(getattr(one, "model", None), "motion", None) is not None

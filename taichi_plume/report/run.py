@@ -1,0 +1,163 @@
+"""What a run's folder tells of it, whole or not: scenario, result, pictures and tracks, each when asked for."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from math import inf
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from taichi_plume.files.run_folder import HEADER, RunFolderError, is_run, told
+from taichi_plume.grid.meshes import MeshError
+from taichi_plume.report.tracks import Track, tracks
+from taichi_plume.scenario.input_files import strangers
+from taichi_plume.scenario.loading import ScenarioError, read_scenario
+from taichi_plume.scenario.obstacles import Mesh
+from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.scenario.shapes import shape
+
+if TYPE_CHECKING:  # zarr and rerun, where they are needed
+    from taichi_plume.files.film import Film
+    from taichi_plume.record.reading import Arrows, Picture
+
+RECORDING, FILM, TABLE = "recording.rrd", "fields.zarr", "robots.parquet"
+UNFINISHED = ("running", "killed")
+"""What result.json says of a run that has not come to its own end."""
+
+
+class Began(NamedTuple):
+    """What the head of a run's scenario.yaml says: the command to run it again, and what it ran with."""
+
+    again: str
+    lines: list[str]
+
+
+@dataclass
+class Run:
+    """The folder of a run; raises RunFolderError, a line that begins with a path, where something cannot be read.
+
+    shapes: of its obstacles, as far as they may be read. lacks: sentences about what there is not.
+    """
+
+    folder: Path
+    scenario: Scenario
+    result: dict[str, Any]
+    began: Began
+    shapes: list[Any]
+    lacks: list[str] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, folder: Path, shapes: Sequence[Any] | None = None, allow_outside: bool = False) -> "Run":
+        """The run of a folder. shapes: of its obstacles, where they are known; files outside are read if allowed."""
+        if not folder.is_dir():
+            raise RunFolderError(f"{folder}: is no folder; give the folder of a run")
+        if not is_run(folder):
+            raise RunFolderError(f"{folder}: is not the folder of a run")
+        file = folder / "scenario.yaml"
+        try:
+            scenario = read_scenario(file)
+        except ScenarioError as error:
+            raise RunFolderError(f"{error.faults[0]} (damaged, or of another version)") from None
+        result = told(folder / "result.json")
+        run = cls(folder, scenario, result, _began(file), [])
+        if not result:
+            run.lacks.append("result.json is missing or damaged: how the run ended is not known.")
+        run.shapes = list(shapes) if shapes is not None else run._shapes(allow_outside)
+        return run
+
+    def _shapes(self, allow_outside: bool) -> list[Any]:
+        found = []
+        held_back = not allow_outside and strangers(self.scenario, self.folder, ())
+        for n, one in enumerate(self.scenario.obstacles):
+            if isinstance(one, Mesh) and held_back:
+                self.lacks.append(
+                    f"Obstacle {n} is drawn by no line: its file lies outside of the run's folder and is read with "
+                    "--allow-outside only."
+                )
+                continue
+            try:
+                found.append(shape(one, self.scenario.domain, self.folder))
+            except MeshError as error:
+                self.lacks.append(f"Obstacle {n} is drawn by no line: {error}.")
+        return found
+
+    @property
+    def status(self) -> str:
+        """How it ended, in a word."""
+        return str(self.result.get("status", "unknown"))
+
+    @property
+    def unfinished(self) -> bool:
+        """Whether it runs, or was killed: its files may end anywhere."""
+        return self.status in (*UNFINISHED, "unknown")
+
+    @property
+    def begin(self) -> float:
+        """Simulated time at which it begins [s]."""
+        return self.scenario.first_tick * self.scenario.tick
+
+    @property
+    def has_recording(self) -> bool:
+        """Whether there is one."""
+        return (self.folder / RECORDING).exists()
+
+    @property
+    def has_film(self) -> bool:
+        """Whether there are recorded fields."""
+        return (self.folder / FILM).is_dir()
+
+    def pictures(
+        self,
+        names: Sequence[str] | None = None,
+        between: tuple[float, float] = (-inf, inf),
+        spacing: float = 0.0,
+    ) -> "dict[str, Picture]":
+        """Pictures of its recording or, where it has none, of its recorded fields; empty where it has neither."""
+        if self.has_recording:
+            from taichi_plume.record import reading
+
+            return reading.read(self.folder / RECORDING, names, between, spacing)
+        if self.has_film:
+            from taichi_plume.report.film_pictures import of_film
+
+            return of_film(self.film, self.scenario, names, between, spacing)
+        return {}
+
+    @cached_property
+    def film(self) -> "Film":
+        """Its recorded fields."""
+        from taichi_plume.files.film import Film, FilmError
+
+        try:
+            return Film(self.folder / FILM)
+        except FilmError as error:
+            raise RunFolderError(str(error)) from None
+
+    def arrows(self, between: tuple[float, float] = (-inf, inf), spacing: float = 0.0) -> "Arrows | None":
+        """The wind of its recording or of its recorded fields."""
+        if self.has_recording:
+            from taichi_plume.record import reading
+
+            return reading.arrows(self.folder / RECORDING, between, spacing)
+        if self.has_film:
+            from taichi_plume.report.film_pictures import arrows_of_film
+
+            return arrows_of_film(self.film, self.scenario, between, spacing)
+        return None
+
+    @cached_property
+    def tracks(self) -> list[Track]:
+        """Of the robots of each group's first trial, as many as can be told apart."""
+        return tracks(self.folder / TABLE, self.scenario.robots)
+
+
+def _began(file: Path) -> Began:
+    """The comment on top of a run's scenario.yaml."""
+    lines = []
+    with file.open(encoding="utf-8", errors="replace") as head:
+        for line in head:
+            if not line.startswith("#"):
+                break
+            lines.append(line.removeprefix("#").strip())
+    again = lines[0].removeprefix(HEADER.removeprefix("#").strip()).strip() if lines else ""
+    return Began(again.removeprefix("Again:").strip(), lines[1:])

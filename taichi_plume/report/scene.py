@@ -1,0 +1,204 @@
+"""The scene of a scenario as a drawing: seen from above or, in 3-D, from the side; sizes in metres.
+
+From a checked scenario and the shapes of its obstacles alone: nothing is computed, and Taichi is not needed.
+"""
+
+from collections.abc import Sequence
+from math import cos, radians, sin
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.patches import Circle, Rectangle
+
+from taichi_plume.grid.shapes import Shape
+from taichi_plume.report import look, openings, solids
+from taichi_plume.report.look import ABOVE, SIDE
+from taichi_plume.scenario.obstacles import Mesh
+from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.scenario.shapes import shape
+
+if TYPE_CHECKING:
+    from taichi_plume.prepare import Prepared
+
+MOST_LABELS = 8  # obstacles, openings and the like of which each gets its name
+MOST_BODIES = 60  # robots whose starts are drawn one by one
+
+
+def draw(
+    axes: Axes,
+    scenario: Scenario,
+    shapes: Sequence[Any] | None = None,
+    sizes: bool = True,
+    plane: tuple[int, int] = ABOVE,
+    starts: bool = True,
+) -> list[Any]:
+    """Draw walls, openings, screens, obstacles, heaters, sources, the robots' arena and starts.
+
+    shapes: of the obstacles, and cubes of an imported wind; unless given, of those that no file tells. sizes: whether
+    names and sizes are written. plane: `ABOVE`, in 3-D also `SIDE` or `FRONT`. Returns what was drawn of the obstacles,
+    one entry for each of the shapes.
+    """
+    extent = scenario.domain.extent
+    a, b = plane
+    width, height = extent[a], extent[b]
+    axes.add_patch(Rectangle((0, 0), width, height, facecolor=look.FLOOR, edgecolor="none", zorder=0))
+    shapes = simple_shapes(scenario) if shapes is None else shapes
+    drawn = [solids.solid(axes, one, plane) for one in shapes]
+    axes.add_patch(Rectangle((0, 0), width, height, fill=False, edgecolor=look.INK, linewidth=1.6, zorder=6))
+    if plane == ABOVE and scenario.arena is not None:
+        low, size = scenario.arena.low, scenario.arena.size
+        edge = Rectangle(low, *size, fill=False, edgecolor=look.FAINT, linestyle=(0, (5, 3)), zorder=6)
+        axes.add_patch(edge)
+        if sizes:
+            look.note(axes, low[0] + size[0], low[1], "robots' arena ", look.FAINT, ha="right", va="bottom")
+    openings.windows(axes, scenario, plane, sizes)
+    _sources(axes, scenario, plane, sizes)
+    if starts:
+        _starts(axes, scenario, plane, sizes)
+    if sizes and plane == ABOVE and len(shapes) <= MOST_LABELS:
+        for one in shapes:
+            solids.name(axes, one)
+    openings.wind(axes, scenario, plane)
+    axes.set_aspect("equal")
+    margin = 0.09 * max(width, height) if sizes else 0.03 * max(width, height)
+    axes.set_xlim(-margin, width + margin)
+    axes.set_ylim(-margin, height + margin)
+    for along, length in ((axes.xaxis, width), (axes.yaxis, height)):
+        along.set_ticks([place for place in along.get_ticklocs() if -1e-9 <= place <= length * (1 + 1e-9)])
+    axes.set_xlabel(f"{'xyz'[a]} [m]")
+    axes.set_ylabel(f"{'xyz'[b]} [m]")
+    axes.spines[:].set_visible(False)
+    axes.tick_params(length=3)
+    return drawn
+
+
+def draw_side(
+    axes: Axes, scenario: Scenario, shapes: Sequence[Any] | None = None, sizes: bool = True
+) -> None:
+    """As `draw`, of a 3-D scene from the side: x to the right, z up."""
+    draw(axes, scenario, shapes, sizes, SIDE)
+
+
+def simple_shapes(scenario: Scenario) -> list[Shape]:
+    """Shapes of the obstacles that no file tells."""
+    return [shape(one, scenario.domain, Path()) for one in scenario.obstacles if not isinstance(one, Mesh)]
+
+
+def picture(scenario: Scenario, shapes: Sequence[Any], dpi: float = 110) -> bytes:
+    """The scene as a PNG: from above and, in 3-D, from the side below."""
+    extent = scenario.domain.extent
+    with look.styled():
+        if len(extent) == 2:
+            figure = look.figure(7.2, float(np.clip(7.2 * extent[1] / extent[0], 2.4, 8.0)) + 0.5, dpi)
+            draw(figure.add_subplot(), scenario, shapes)
+        else:
+            tall = [float(np.clip(6.6 * extent[d] / extent[0], 0.9, 8.0)) for d in (1, 2)]
+            figure = look.figure(7.2, sum(tall) + 2.0, dpi)
+            above, side = figure.subplots(2, 1, gridspec_kw={"height_ratios": [tall[0] + 0.5, tall[1] + 0.5]})
+            draw(above, scenario, shapes)
+            above.set_title("from above")
+            draw_side(side, scenario, shapes)
+            side.set_title("from the side")
+        figure.subplots_adjust(0.08, 0.09, 0.98, 0.95, hspace=0.35)
+        return look.png(figure)
+
+
+def save_check(prepared: "Prepared", path: Path) -> None:
+    """Write the scene of a checked scenario as a PNG. Raises OSError."""
+    path.write_bytes(picture(prepared.scenario, all_shapes(prepared), 150))
+
+
+def all_shapes(prepared: "Prepared") -> list[Any]:
+    """Those of the obstacles, and the cubes of an imported wind."""
+    resources = prepared.resources
+    cubes = resources.site.cubes if resources.site is not None else None
+    return [*resources.obstacles, *([cubes] if cubes is not None else [])]
+
+
+# ---------------------------------------------------------------- sources and robots
+
+
+def _sources(axes: Axes, scenario: Scenario, plane: tuple[int, int], sizes: bool) -> None:
+    """Sources with what they give off, and heaters."""
+    named = sizes and plane == ABOVE and len(scenario.sources) <= MOST_LABELS
+    for _, source in scenario.sources:
+        place = _place(source.position, plane)
+        axes.add_patch(
+            Circle(place, source.radius, facecolor=look.SOURCE, edgecolor="none", alpha=0.35, zorder=9)
+        )
+        axes.plot(*place, "*", color=look.SOURCE, markeredgecolor="white", markersize=13, zorder=10)
+        if named:
+            look.note(axes, *place, _given_off(source), look.SOURCE, ha="left", va="bottom", dx=6, dy=4)
+    heat = scenario.buoyancy.heat if scenario.buoyancy else None
+    for heater in heat.heaters if heat else ():
+        place = _place(heater.position, plane)
+        axes.add_patch(Circle(place, heater.radius, facecolor="#fb8c00", alpha=0.6, zorder=8))
+        if named:
+            look.note(axes, *place, f"heater, {heater.power:g} W", "#c25e00")
+    for wall in heat.walls if heat else ():
+        color = "#c0392b" if wall.temperature > heat.reference else "#2471a3"
+        openings.one_window(
+            axes, scenario, wall, color, plane, f"{wall.temperature:.4g} K" if named else "", 0
+        )
+
+
+def _place(position: tuple[float, ...], plane: tuple[int, int]) -> tuple[float, float]:
+    return position[plane[0]], position[plane[1]]
+
+
+def _given_off(source: Any) -> str:
+    """What a source is, in a word or two."""
+    rate, dish = getattr(source, "rate", None), getattr(source, "dish", None)
+    if dish is not None:
+        return f"source, dish of {100 * dish.diameter:.3g} cm"
+    return f"source, {1e6 * rate:.3g} mg/s" if rate else "source"
+
+
+def _starts(axes: Axes, scenario: Scenario, plane: tuple[int, int], sizes: bool) -> None:
+    """Where robots start: the bodies, or the area in which places are drawn."""
+    first = 0
+    named = sizes and plane == ABOVE and len(scenario.robots) <= MOST_LABELS
+    for group in scenario.robots:
+        radius, height = group.body.radius, group.body.height
+        colors = [look.ROBOTS[(first + k) % len(look.ROBOTS)] for k in range(group.count)]
+        first += group.count
+        places = group.places(scenario.floor)
+        text = f"{group.count} × {group.name}" if group.count > 1 else group.name
+        if places is None:
+            low, high = (np.array(getattr(group.start, key, (0, 0)), float) for key in ("low", "high"))
+            corner = np.array([*low, 0.0])[list(plane)]
+            size = (np.array([*high, height]) - np.array([*low, 0.0]))[list(plane)]
+            area = Rectangle(
+                tuple(corner),
+                *size,
+                facecolor=look.START,
+                alpha=0.16,
+                edgecolor=look.START,
+                linestyle=":",
+                zorder=3,
+            )
+            axes.add_patch(area)
+            at = corner + size * [0.5, 1.0]
+            text += " start somewhere here" if group.count > 1 else " starts somewhere here"
+        else:
+            heading = group.start.heading_deg
+            for place, color in zip(places[:MOST_BODIES], colors, strict=False):
+                if plane == ABOVE:
+                    axes.add_patch(
+                        Circle(
+                            tuple(place), radius, facecolor=color, edgecolor="white", linewidth=0.6, zorder=11
+                        )
+                    )
+                    if heading is not None:
+                        nose = place + 2.2 * radius * np.array([cos(radians(heading)), sin(radians(heading))])
+                        axes.plot(*zip(place, nose, strict=True), color=color, linewidth=1.6, zorder=11)
+                else:
+                    corner = (place[plane[0]] - radius, 0.0)
+                    axes.add_patch(Rectangle(corner, 2 * radius, height, facecolor=color, zorder=11))
+            up = places[:, 1] + radius if plane == ABOVE else np.full(len(places), height)
+            at = (places[up.argmax(), plane[0]], up.max())
+            text += " starts" if group.count == 1 else " start"
+        if named:
+            look.note(axes, at[0], at[1], text, look.INK, va="bottom", dy=3)

@@ -1,0 +1,108 @@
+"""Where the robots of a run were and what they smelt, from robots.parquet, or from its parts while the run lasts."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from taichi_plume.files.run_folder import RunFolderError
+from taichi_plume.files.table_parts import part_files, parts_of
+from taichi_plume.files.tables import plain
+from taichi_plume.guard.opening import unopenable
+
+if TYPE_CHECKING:
+    from taichi_plume.scenario.robots import Group
+
+MOST_ROBOTS = 50
+COLUMNS = ("x", "y", "heading", "reading_ppm", "true_ppm", "believed_x", "believed_y", "found")
+FAULTS = (OSError, ValueError, LookupError, TypeError, pa.ArrowException)
+
+
+class Track(NamedTuple):
+    """One robot over time: t (n,) [s]; values: by the names of the table's columns, (n,); states: their names."""
+
+    name: str
+    number: int
+    """Among those that are shown: it decides on the colour."""
+    group: "Group"
+    t: np.ndarray
+    values: dict[str, np.ndarray]
+    states: list[str]
+    state: np.ndarray
+    """Index in `states` over time."""
+
+    @property
+    def found_at(self) -> int | None:
+        """Index of the first row in which it has found a source."""
+        found = self.values["found"]
+        return int(found.argmax()) if found.any() else None
+
+    def at(self, t: float) -> int:
+        """Index of the last row that is not later than t [s]; -1 before the first."""
+        return int(np.searchsorted(self.t, t + 1e-6, side="right")) - 1
+
+
+def tracks(path: Path, groups: "Sequence[Group]") -> list[Track]:
+    """Those of the first trial of each group, in equal shares; none where there is no table. Raises RunFolderError."""
+    try:
+        table = _table(path, {group.name: group.first_trial for group in groups})
+    except FAULTS as error:
+        raise RunFolderError(f"{path}: is damaged: {plain(' '.join(str(error).split()))}") from None
+    if table is None:
+        return []
+    share = max(1, MOST_ROBOTS // max(1, len(groups)))
+    names = np.asarray(table["group"].cast(pa.string()).to_pylist(), object)
+    robot = table["robot"].to_numpy()
+    found: list[Track] = []
+    for group in groups:
+        mine = np.flatnonzero(names == group.name)
+        for k in range(min(group.count, share)):
+            rows = mine[robot[mine] == k]
+            if len(rows) and len(found) < MOST_ROBOTS:
+                label = group.name if group.count == 1 else f"{group.name} {k}"
+                found.append(_track(table.take(rows), label, len(found), group))
+    return found
+
+
+def _track(rows: pa.Table, name: str, number: int, group: "Group") -> Track:
+    values = {key: rows[key].to_numpy() for key in COLUMNS}
+    state = rows["state"].combine_chunks().cast(pa.string()).dictionary_encode()
+    state = state.combine_chunks() if isinstance(state, pa.ChunkedArray) else state
+    indices = state.indices.to_numpy(zero_copy_only=False)
+    return Track(name, number, group, rows["t"].to_numpy(), values, state.dictionary.to_pylist(), indices)
+
+
+def _table(path: Path, first: dict[str, int]) -> pa.Table | None:
+    """The rows of each group's first trial."""
+    if path.exists():
+        reason = unopenable(path)
+        if reason:
+            raise RunFolderError(f"{path}: {reason}")
+        files = [(0, path)]
+    else:
+        files = [(int(file.stem), file) for file in part_files(parts_of(path))]
+    tables, done = [], 0
+    for begin, file in files:
+        with pq.ParquetFile(file) as part:
+            for n in range(part.num_row_groups):
+                rows = part.read_row_group(n, columns=["t", "group", "trial", "robot", "state", *COLUMNS])
+                rows = rows.slice(max(0, done - begin))  # what an earlier part holds, too
+                begin += part.metadata.row_group(n).num_rows
+                tables.append(_firsts(rows, first))
+            done = max(done, begin)
+    return pa.concat_tables(tables, promote_options="permissive") if tables else None
+
+
+def _firsts(rows: pa.Table, first: dict[str, int]) -> pa.Table:
+    """Those rows that are of a group's first trial."""
+    import pyarrow.compute as pc
+
+    kept: Any = None
+    for trial in set(first.values()):
+        names = pa.array([name for name, number in first.items() if number == trial])
+        mask = pc.and_(pc.equal(rows["trial"], trial), pc.is_in(rows["group"].cast(pa.string()), names))
+        kept = mask if kept is None else pc.or_(kept, mask)
+    return rows.filter(kept) if kept is not None else rows.slice(0, 0)

@@ -1,0 +1,112 @@
+from pathlib import Path
+
+import made_run
+import numpy as np
+import pytest
+
+from taichi_plume.files.run_folder import RunFolderError
+from taichi_plume.record import reading
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("reading") / "recording.rrd"
+    made_run.record(
+        path,
+        {
+            "gas/slice": {"plane": "0.1 m above the floor"},
+            "gas/section": {"plane": "y = 1.5 m", "axes": "xz", "shape": (40, 10)},
+            "temperature/slice": {
+                "quantity": "temperature", "unit": "K", "low": 290.0, "high": 300.0, "scale": "linear",
+                "shape": (20, 15), "cell": [0.2, 0.4], "origin": [1.0, 2.0],
+            },
+        },
+    )  # fmt: skip
+    return path
+
+
+def test_bytes_become_concentrations_where_they_were(room):
+    gas = reading.pictures(room)["gas_slice"]
+    assert gas.dims == ("time", "y", "x")
+    assert gas.dtype == np.float32
+    assert gas.attrs["units"] == "ppm"
+    assert gas.attrs["plane"] == "0.1 m above the floor"
+    n = 10
+    byte = made_run.pixels(n)
+    expected = np.where(byte > 0, made_run.LOW * (made_run.HIGH / made_run.LOW) ** (byte / 255), 0.0)
+    np.testing.assert_allclose(gas[n].transpose("x", "y"), expected, rtol=1e-5)
+    peak = gas[n].where(gas[n] == gas[n].max(), drop=True)
+    assert (float(peak.x[0]), float(peak.y[0])) == pytest.approx((2.35, 1.15))
+
+
+def test_times_and_axes_are_those_of_cf(room):
+    found = reading.pictures(room)
+    np.testing.assert_allclose(found.time, made_run.TIMES)
+    assert {name: found[name].attrs["axis"] for name in ("time", "x", "y", "z")} == {
+        "time": "T", "x": "X", "y": "Y", "z": "Z",
+    }  # fmt: skip
+    assert found["gas_section"].dims == ("time", "z", "x")
+
+
+def test_planes_with_other_pixels_have_other_axes(room):
+    warm = reading.pictures(room)["temperature_slice"]
+    assert warm.dims == ("time", "y_slice", "x_slice")
+    np.testing.assert_allclose(warm["x_slice"], 1.0 + 0.2 * (np.arange(20) + 0.5))
+    np.testing.assert_allclose(warm["y_slice"], 2.0 + 0.4 * (np.arange(15) + 0.5))
+    byte = made_run.pixels(22, (20, 15)).T.astype(float)
+    np.testing.assert_allclose(warm[22], 290 + 10 * byte / 255, rtol=1e-6)
+
+
+def test_a_part_of_the_frames(room):
+    one = reading.read(room, ["gas_slice"], between=(2.0, 6.0), spacing=1.0)
+    assert list(one) == ["gas_slice"]
+    np.testing.assert_allclose(one["gas_slice"].times, [2, 3, 4, 5, 6])
+    np.testing.assert_array_equal(one["gas_slice"].data[0], made_run.pixels(6).T)
+
+
+def test_the_mean_is_of_what_bytes_stand_for(room):
+    gas = reading.read(room, ["gas_slice"])["gas_slice"]
+    np.testing.assert_allclose(gas.mean(), gas.values().astype(float).mean(axis=0), rtol=1e-6)
+    assert gas.extent == pytest.approx((0, 4, 0, 3))
+
+
+def test_arrows_of_a_changing_number(room):
+    wind = reading.arrows(room)
+    np.testing.assert_allclose(wind.times, made_run.TIMES)
+    assert [len(tails) for tails in wind.tails] == [2 + n % 3 for n in range(len(made_run.TIMES))]
+    np.testing.assert_allclose(wind.ways[4], [[0.5, 0, 0]] * 3)
+
+
+def refused(path: Path) -> str:
+    with pytest.raises(RunFolderError) as error:
+        reading.pictures(path)
+    told = str(error.value)
+    assert told.startswith(f"{path}: ")
+    assert "\n" not in told
+    return told
+
+
+def test_what_is_no_recording_of_ours_is_told_in_a_line(room, tmp_path):
+    assert "does not exist" in refused(tmp_path / "none.rrd")
+    assert "is a folder" in refused(tmp_path)
+    (tmp_path / "text.rrd").write_text("hello")
+    assert "no recording" in refused(tmp_path / "text.rrd")
+    (tmp_path / "cut.rrd").write_bytes(room.read_bytes()[:3000])
+    assert "cut off" in refused(tmp_path / "cut.rrd")
+    made_run.record(tmp_path / "old.rrd", scales=False)
+    assert "another version" in refused(tmp_path / "old.rrd")
+
+
+@pytest.mark.parametrize(
+    "about", [{"low": 0.0}, {"low": 5.0, "high": 5.0}, {"high": float("nan")}, {"cell": []}]
+)
+def test_scales_that_cannot_be(tmp_path, about):
+    made_run.record(tmp_path / "bad.rrd", **about)
+    assert "damaged" in refused(tmp_path / "bad.rrd")
+
+
+def test_pictures_of_another_size_than_they_say(tmp_path, monkeypatch):
+    shown = made_run.pixels
+    monkeypatch.setattr(made_run, "pixels", lambda n, shape: shown(n, (39, 30)))
+    made_run.record(tmp_path / "bad.rrd")
+    assert "another size" in refused(tmp_path / "bad.rrd")

@@ -1,0 +1,185 @@
+import io
+from pathlib import Path
+from typing import Any
+
+import made_run
+import numpy as np
+import pytest
+from PIL import Image
+
+from taichi_plume import picture
+from taichi_plume.report import films, look, plume
+from taichi_plume.report.run import Run
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    return made_run.made(tmp_path_factory.mktemp("picture") / "run")
+
+
+@pytest.fixture(scope="module")
+def tall(tmp_path_factory) -> Path:
+    return made_run.made(tmp_path_factory.mktemp("picture") / "tall", made_run.scenario(3))
+
+
+@pytest.fixture
+def told(capsys):
+    """Exit code, and what was printed."""
+
+    def call(*args: object) -> tuple[int, str]:
+        code = picture.main([str(arg) for arg in args])
+        return code, "".join(capsys.readouterr())
+
+    return call
+
+
+def test_colours_are_those_of_the_scale_where_the_gas_is(folder):
+    """The peak's pixel has its colour; where there is none, the floor shows."""
+    run = Run.of(folder)
+    one = run.pictures()["gas_slice"]
+    figure, view = plume.figure_of(run, one, [], 8, 100, wind=False)
+    view.show(6.0, one.data[14])
+    image: Any = np.asarray(Image.open(io.BytesIO(look.png(figure))).convert("RGB"), float)
+
+    def at(x: float, y: float) -> np.ndarray:
+        column, row = view.axes.transData.transform((x, y))
+        return image[round(len(image) - 1 - row), round(column)]
+
+    level = made_run.pixels(14)[made_run.PEAK] / 255
+    np.testing.assert_allclose(at(2.35, 1.15), 255 * np.array(look.GAS(level)[:3]), atol=8)
+    np.testing.assert_allclose(at(0.5, 2.5), 255 * np.array(look.GAS(0.0)[:3]), atol=2)
+
+
+def test_a_moment_shows_its_own_frame_robots_and_wind(folder):
+    run = Run.of(folder)
+    one = run.pictures()["gas_slice"]
+    _, view = plume.figure_of(run, one, run.tracks, 8, 100)
+    view.show(4.0, one.data[10], run.arrows())
+    bodies = [np.asarray(path.vertices).mean(axis=0) for path in view.bodies.get_paths()]
+    np.testing.assert_allclose(bodies, [[2.5, 0.5], [2.5, 1.5]], atol=0.05)
+    assert [len(np.asarray(path.vertices)) for path in view.trails.get_paths()] == [9, 9]
+    assert len(view.arrows.get_paths()) == 2 + 10 % 3
+    ends = np.asarray(view.arrows.get_paths()[0].vertices)
+    assert (ends[:, 0].min(), ends[:, 0].max()) == pytest.approx((1.0, 1.5))
+    edges: Any = view.bodies.get_edgecolor()
+    view.show(8.0, one.data[18])
+    later: Any = view.bodies.get_edgecolor()
+    assert not np.array_equal(edges[0], later[0])  # the first has found it
+    assert np.array_equal(edges[0], later[1])
+
+
+def test_a_picture_is_as_wide_as_asked_for(folder, tmp_path, told):
+    code, said = told(folder, "--at", 3.2, "--out", tmp_path / "x.png", "--width", 500)
+    assert code == 0
+    assert "t = 3 s" in said  # the last frame that is not later
+    assert Image.open(tmp_path / "x.png").size[0] == 500
+
+
+def test_by_default_the_end_from_above_here(folder, tmp_path, told, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert told(folder)[0] == 0
+    assert [file.name for file in tmp_path.iterdir()] == ["run-above-10s.png"]
+
+
+@pytest.mark.parametrize(("view", "name"), [("column", "column"), ("side", "section"), ("above", "slice")])
+def test_views_of_a_room(tall, tmp_path, told, view, name):
+    code, said = told(tall, "--view", view, "--out", tmp_path / "x.png", "--width", 400)
+    assert code == 0
+    assert f"gas {name}" in said
+
+
+def test_a_room_is_seen_by_its_column_unless_told(tall, tmp_path, told):
+    assert "gas column" in told(tall, "--out", tmp_path / "x.png", "--width", 400)[1]
+
+
+def test_a_film_has_its_frames_and_moves(folder, tmp_path, told):
+    code, said = told(folder, "--film", tmp_path / "x.gif", "--frames", 5, "--width", 300, "--fps", 10)
+    assert code == 0
+    assert "5 frames, t = 0 to 10 s" in said
+    film = Image.open(tmp_path / "x.gif")
+    assert film.n_frames == 5
+    assert film.info["duration"] == 100
+    frames = []
+    for n in range(5):
+        film.seek(n)
+        frames.append(np.asarray(film.convert("RGB"), int))
+    away = [np.abs(frame - frames[0]).max(axis=-1) for frame in frames[1:]]
+    assert all((one > 60).sum() > 50 for one in away)
+    still = np.abs(frames[4] - frames[0])[-25:]  # the letters below the axis
+    assert still.max() < 40
+
+
+def test_a_frame_of_a_film_is_the_picture_of_that_moment(folder, tmp_path):
+    """What is drawn on what stood still is what would have been drawn at once."""
+    run = Run.of(folder)
+    one = run.pictures()["gas_slice"]
+
+    def drawn(times: list[int], still: bool) -> np.ndarray:
+        figure, view = plume.figure_of(run, one, run.tracks, 6, 80)
+        canvas = films.Still(figure, view.moving) if still else figure.canvas
+        for n in times:
+            view.show(one.times[n], one.data[n], run.arrows())
+            canvas.draw()
+        return np.asarray(canvas.buffer_rgba()).astype(int)
+
+    away = np.abs(drawn([3, 9, 15], True) - drawn([15], False))
+    assert (away.max(axis=-1) > 8).mean() < 2e-3
+
+
+def test_mp4_without_ffmpeg_is_one_line(folder, tmp_path, told, monkeypatch):
+    monkeypatch.setattr(films.animation.FFMpegWriter, "isAvailable", classmethod(lambda cls: False))
+    code, said = told(folder, "--film", tmp_path / "x.mp4")
+    assert code == 2
+    assert said.startswith(str(tmp_path / "x.mp4"))
+    assert said.count("\n") == 1
+
+
+def bad_folders(tmp_path: Path) -> dict[str, Path]:
+    """Folders of which no picture can be made, with what is told."""
+    folders = {"no folder": tmp_path / "none", "not the folder of a run": tmp_path / "empty"}
+    folders["not the folder of a run"].mkdir()
+    folders["neither"] = made_run.made(tmp_path / "bare", recording=False)
+    folders["another version"] = made_run.made(tmp_path / "old", recording=False)
+    made_run.record(folders["another version"] / "recording.rrd", scales=False)
+    cut = folders["cut off"] = made_run.made(tmp_path / "cut")
+    (cut / "recording.rrd").write_bytes((cut / "recording.rrd").read_bytes()[:2000])
+    other = folders["frobnicate"] = made_run.made(tmp_path / "other")
+    made_run.reworded(other, frobnicate=3)
+    torn = folders["robots.parquet: is damaged"] = made_run.made(tmp_path / "torn")
+    (torn / "robots.parquet").write_bytes(b"PAR1 nothing")
+    return folders
+
+
+def test_bad_folders_are_one_line_each(tmp_path, told):
+    for words, bad in bad_folders(tmp_path).items():
+        code, said = told(bad, "--out", tmp_path / "x.png")
+        assert code == 2, words
+        assert said.startswith(str(bad)), said
+        assert words in said
+        assert said.count("\n") == 1
+    assert not (tmp_path / "x.png").exists()
+
+
+@pytest.mark.parametrize("at", ["-5", "20"])
+def test_a_time_outside_the_run_is_one_line(folder, told, at):
+    code, said = told(folder, "--at", at)
+    assert code == 2
+    assert "from -1 to 10 s" in said
+    assert said.count("\n") == 1
+
+
+def test_a_view_that_there_is_not(folder, told):
+    code, said = told(folder, "--view", "section")
+    assert code == 2
+    assert "gas_slice" in said
+
+
+def test_a_run_that_goes_on_is_shown_as_far_as_it_is(tmp_path, told):
+    """Its robots are in parts, its result says little."""
+    folder = made_run.made(tmp_path / "run", told={"name": "made", "status": "running", "seed": 0})
+    (folder / "robots.parts").mkdir()
+    (folder / "robots.parquet").rename(folder / "robots.parts" / f"{0:012d}.parquet")
+    assert len(Run.of(folder).tracks) == 2
+    code, said = told(folder, "--out", tmp_path / "x.png", "--width", 300)
+    assert code == 0
+    assert "t = 10 s" in said
