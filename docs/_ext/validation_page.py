@@ -121,14 +121,14 @@ def _norm(row: dict[str, Any]) -> tuple[str, str]:
     size, error = list(row["errors"].items())[-1]
     number = "no number" if error is None else f"{error:.2g}"
     order = "" if row["order"] is None or len(row["errors"]) < 2 else f", order {row['order']:.2f}"
-    return f"{_plain(row['norm'])}: {_plain(row['expected'])}", f"{number} at {size}{order}"
+    return f"{_plain(row['norm'])}: {_limit(row['expected'])}", f"{number} at {size}{order}"
 
 
 def _mean(row: dict[str, Any]) -> tuple[str, str]:
     between = "" if row["low"] is None else f" ({row['low']:.3g} to {row['high']:.3g})"
     mean = "none" if row["mean"] is None else f"{row['mean']:.3g}{between}"
     published = f"; published: {_plain(row['published'])}" if row["published"] else ""
-    wanted = f"{_plain(row['condition'])}, {_plain(row['quantity'])}: {_plain(row['expected'])}"
+    wanted = f"{_plain(row['condition'])}, {_plain(row['quantity'])}: {_limit(row['expected'])}"
     return wanted, f"{mean}, n = {row['n']}{published}"
 
 
@@ -140,6 +140,10 @@ def _linked(reference: str) -> str:
         return _plain(reference)
     rest = _plain(doi[number.end() :])
     return f"{_plain(text)}[doi](https://doi.org/{quote(number[0])}){rest}"
+
+
+def _limit(expected: str) -> str:
+    return expected.replace(">=", "≥").replace("<=", "≤")
 
 
 def _plain(text: str) -> str:

@@ -57,7 +57,7 @@ def test_what_is_kept_is_of_cases_that_there_are():
 def test_a_row_tells_what_was_wanted_and_measured(extension):
     page = extension.page({"duct_1": ("a duct", "series")}, {"duct_1": result("duct_1")})
     cells = row_of(page, "duct_1")
-    assert cells[2:] == [r"u \| rms: order \>= 1.9", "0.01 at 16, order 2.00", "met"]
+    assert cells[2:] == [r"u \| rms: order ≥ 1.9", "0.01 at 16, order 2.00", "met"]
     assert "all is met" in page
 
 
