@@ -21,20 +21,24 @@ os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 os.environ.setdefault("TI_SKIP_VERSION_CHECK", "ON")
 
 if TYPE_CHECKING:
+    from taichi_plume.files.run_folder import RunFolderError
     from taichi_plume.prepare import load_scenario
+    from taichi_plume.run_data import open_run
     from taichi_plume.scenario.scenario import Scenario
     from taichi_plume.simulation import Simulation
 
 __version__ = "0.1.0"
-__all__ = ["Scenario", "Simulation", "load_scenario"]
+__all__ = ["RunFolderError", "Scenario", "Simulation", "load_scenario", "open_run"]
 
 
 def __getattr__(name: str) -> Any:
     """The public names, imported when first used: `import taichi_plume` alone is instant."""
     where = {
+        "RunFolderError": "files.run_folder",
         "Scenario": "scenario.scenario",
         "Simulation": "simulation",
         "load_scenario": "prepare",
+        "open_run": "run_data",
     }
     if name not in where:
         raise AttributeError(f"module 'taichi_plume' has no attribute '{name}'")

@@ -47,10 +47,12 @@ def assemble(
     allow_code: bool = False,
     allow_outside: bool = False,
 ) -> Simulation:
-    """The simulation of a scenario of which nothing is wrong; `folder` is where its files lie.
+    """The simulation of a scenario of which nothing is wrong, at the begin of its warm-up.
 
-    As `build`. allow_code: whether Python files that it names are executed; allow_outside: whether its files may lie
-    outside of `folder`. Raises ScenarioError where a file may not or cannot be used, or robots do not fit.
+    Taichi must have been started. folder: where the files that it names lie. algorithms: own classes by the name of the
+    group that they drive, whose algorithm is of kind own. allow_code: whether Python files that it names are executed;
+    allow_outside: whether its files may lie outside of `folder`. Raises ScenarioError where a file may not or cannot be
+    used, or robots do not fit.
     """
     prepared = prepare(scenario, folder, allow_outside)
     faults = prepared.resources.faults

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, Protocol
 
 from taichi_plume import __version__
 from taichi_plume.agents.own import OwnAlgorithm
-from taichi_plume.files import checkpoint, forces_table, manifest, result, robots_table
+from taichi_plume.files import checkpoint, forces_table, manifest, maps_file, result, robots_table
 from taichi_plume.files.own_class import OwnAlgorithmError
 from taichi_plume.files.run_folder import FILES, RunFolderError
 from taichi_plume.grid.state import State
@@ -106,6 +106,8 @@ class Outputs:
                 sim.step_observers.append(observer)
             else:
                 sim.observers.append(observer)
+        if sim.maps:
+            tables.append(maps_file.MapsFile(sim, folder / "maps.zarr", self.map_scores))
         return tables
 
     def _recorder(self) -> Writer:

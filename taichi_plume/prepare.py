@@ -106,7 +106,11 @@ class Prepared(NamedTuple):
 
 
 def load_scenario(path: str | Path, overrides: Sequence[str] = (), allow_outside: bool = False) -> Scenario:
-    """The checked scenario of a YAML file with overrides such as ``robots.0.count=3``; as `load`."""
+    """The checked scenario of a YAML file with overrides such as ``robots.0.count=3``; no code of it is executed.
+
+    allow_outside: whether files that it names may lie outside its folder; those in overrides always may. Raises
+    ScenarioError, with a line for each fault.
+    """
     return load(path, overrides, allow_outside).scenario
 
 

@@ -5,6 +5,7 @@ result.json says how far the run came. Nothing that was computed is thrown away,
 resumed afterwards as well. ``--verify`` tells instead which files are no longer as their run left them.
 """
 
+import shutil
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -13,7 +14,7 @@ from typing import Any
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from taichi_plume.files import checkpoint, manifest, plumesim_log, table_parts
+from taichi_plume.files import checkpoint, manifest, maps_file, plumesim_log, table_parts
 from taichi_plume.files.result import write_result
 from taichi_plume.files.run_folder import FILES, RunFolder, RunFolderError, resuming, told
 from taichi_plume.guard.terminal import Parser, say, visible
@@ -184,13 +185,16 @@ def _recording(path: Path) -> str | None:
 
 
 def _film(path: Path) -> str | None:
-    """A film is whole up to its last frame; what a chunk was being written to goes."""
     if not path.is_dir():
         return None
-    from taichi_plume.files.film import tidy
+    from taichi_plume.files.new_film import complete
 
-    tidy(path)
-    return "whole up to its last frame"
+    return f"{complete(path)} frames"
+
+
+def _maps(path: Path) -> None:
+    """Maps are whole or not there; what was being written of them goes."""
+    shutil.rmtree(path.with_name(maps_file.PART), ignore_errors=True)
 
 
 COMPLETE: dict[str, Callable[[Path], str | None]] = {
@@ -199,6 +203,7 @@ COMPLETE: dict[str, Callable[[Path], str | None]] = {
     "forces.csv": _lines,
     "fields.zarr": _film,
     "plume.pslog": _log,
+    "maps.zarr": _maps,
     "recording.rrd": _recording,
 }
 

@@ -72,12 +72,18 @@ def killed(command: list[str], tick: int, number: int = signal.SIGKILL) -> "subp
     return subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
 
 
+def content(folder: Path) -> dict[str, bytes]:
+    return {str(file.relative_to(folder)): file.read_bytes() for file in folder.rglob("*") if file.is_file()}
+
+
 def same(whole: Path, other: Path) -> None:
     assert result(whole) == result(other)
     names = {file.name for file in whole.iterdir()} - {".lock"}
     assert names == {file.name for file in other.iterdir()} - {".lock"}
     for name in names & {"robots.parquet", "forces.csv", "probes.parquet", "plume.pslog"}:
         assert (whole / name).read_bytes() == (other / name).read_bytes(), name
+    for name in names & {"fields.zarr", "maps.zarr"}:
+        assert content(whole / name) == content(other / name), name
 
 
 @pytest.mark.slow

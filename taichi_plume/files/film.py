@@ -1,57 +1,47 @@
 """A film: wind and gas on the whole grid, frame by frame, in a zarr group that xarray opens as it is.
 
 Dimensions, for `a` in x, y, z: `a` cell centres, `a_face` cell faces, `a_ghost` cell centres and one more beyond each
-end. Variables are float32 in the order (time, z, y, x), one chunk per frame and variable:
+end. Variables are float32 in the order (time, z, y, x), one chunk per frame and variable; attributes follow CF. To look
+at, on the cells' middles:
 
-    u, v, w     [m/s]    air velocity on the faces, so that its divergence over a cell stays what it was; along the
+    u, v, w     [m/s]    air velocity
+    NAME_ppm    [ppm]    of a species, at 25 °C and 1 atm
+    temperature [K]      where it is solved for
+
+To go on with, played back or as the start of a run:
+
+    u_face, ... [m/s]    air velocity on the faces, so that its divergence over a cell stays what it was; along the
                          other axes over ghosts, so that interpolation gives the walls' own velocity at the walls
     viscosity   [m²/s]   molecular and eddy viscosity, over ghosts; only of a flow with eddies
-    gas_NAME    [kg/m³]  concentration of a species
+    gas_NAME    [kg/m³]  concentration of a species; over cells, the sum of gas_NAME * air * cell_volume is its mass
     air         share of the cells that is air; without time
-    area_u, ... share of the faces that is air; without time
-    open_u, ... 1 on faces whose velocity was solved for, 0 on walls; without time
+    area_u_face, ... share of the faces that is air; without time
+    open_u_face, ... 1 on faces whose velocity was solved for, 0 on walls; without time
 
 A frame counts once its time is written, so a film that was interrupted holds all frames before. To look at one:
-``xarray.open_zarr("runs/arena-1/fields.zarr", consolidated=False)``.
+``xarray.open_zarr("runs/arena-1/fields.zarr")``.
 """
 
+import json
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import zarr
-from zarr.codecs import BloscCodec, Crc32cCodec
 
 from taichi_plume.files import manifest
-from taichi_plume.files.tables import plain
-from taichi_plume.grid.cut_cells import Air
+from taichi_plume.files.zarr_groups import FAULTS, reason
 from taichi_plume.guard.opening import irregular, unopenable
 from taichi_plume.scenario.sources import OtherSpecies
 
-FORMAT = "taichi_plume film 2"
-TIMES = 4096  # per chunk
-VELOCITIES = ("u", "v", "w")
+if TYPE_CHECKING:
+    from taichi_plume.grid.cut_cells import Air
+
+FORMAT = "taichi_plume film 3"
+EARLIER = "taichi_plume film"  # all of them begin so
+VELOCITIES = ("u_face", "v_face", "w_face")
 STILL = ("open_", "area_")
 GAS = "gas_"  # and the name of the species
-MEANING = {
-    "time": ("s", "simulated time"),
-    "u": ("m s-1", "velocity of the air along x"),
-    "v": ("m s-1", "velocity of the air along y"),
-    "w": ("m s-1", "velocity of the air along z"),
-    "viscosity": ("m2 s-1", "molecular and eddy viscosity"),
-    "air": ("1", "share of the cell that is air"),
-}
-FAULTS = (
-    OSError,
-    ValueError,
-    LookupError,
-    TypeError,
-    AttributeError,
-    RuntimeError,
-    ArithmeticError,
-    MemoryError,
-)
-"""Of what zarr reads."""
 MOST = 1e9
 """Of a number in the attributes, cells along an axis among them."""
 
@@ -96,119 +86,31 @@ def places(dimension: str, shape: tuple[int, ...], dx: float) -> np.ndarray:
     return (np.arange(n) + 0.5) * dx
 
 
-class NewFilm:
-    """A film being written.
-
-    shape: cells per axis (x, y, z); dx [m]; attributes: of the group; moving: names of the variables of a frame;
-    still: those that do not change, with their values. kept: go on with the film that is there, after so many frames.
-    """
-
-    def __init__(
-        self,
-        path: Path,
-        shape: tuple[int, ...],
-        dx: float,
-        attributes: dict[str, Any],
-        moving: list[str],
-        still: dict[str, np.ndarray],
-        kept: int | None = None,
-    ):
-        if kept is not None:
-            self._go_on(path, moving, kept)
-            return
-        facts = {"format": FORMAT, "shape": list(shape), "spacing": dx, **attributes}
-        self.group = zarr.create_group(path, zarr_format=3, attributes=facts)
-        self.frames = 0
-        dim = len(shape)
-        self.time = self._array("time", (), (0,), (TIMES,), "float64")
-        self.moving = {}
-        for name in moving:
-            names = dimensions(name, dim)
-            size = tuple(len(places(one, shape, dx)) for one in names)
-            self.moving[name] = self._array(name, names, (0, *size), (1, *size), "float32")
-        for name, values in still.items():
-            kind = "int8" if name.startswith("open_") else "float32"
-            self._array(name, dimensions(name, dim), values.shape, values.shape, kind, values)
-        for name in sorted({d for v in [*moving, *still] for d in dimensions(v, dim)}):
-            along = places(name, shape, dx)
-            self._array(name, (name,), along.shape, along.shape, "float64", along)
-
-    def _go_on(self, path: Path, moving: list[str], kept: int) -> None:
-        """Raises FilmError where there are fewer frames."""
-        try:
-            self.group = zarr.open_group(path, mode="r+")
-            arrays: dict[str, Any] = {name: self.group[name] for name in _arrays(path)}
-            self.frames, self.time = kept, arrays["time"]
-            self.moving = {name: arrays[name] for name in moving}
-            held = int(np.isfinite(self.time[:kept]).sum())
-            held = min(held, *(min(one.shape[0], one.nchunks_initialized) for one in self.moving.values()))
-        except FAULTS as error:
-            raise FilmError(f"{path}: is damaged, without it the run cannot go on: {_line(error)}") from None
-        if held < kept:
-            raise FilmError(
-                f"{path}: {held} of its first {kept} frames are left, without which the run cannot go on"
-            )
-        tidy(path)
-        for array in (self.time, *self.moving.values()):
-            array.resize((kept, *array.shape[1:]))
-
-    def _array(
-        self, name: str, dims: tuple, shape: tuple, chunks: tuple, kind: str, values: Any = None
-    ) -> Any:
-        units, meaning = MEANING.get(name, ("1" if name.startswith(STILL) else "m", name.replace("_", " ")))
-        if name.startswith(GAS):
-            units, meaning = "kg m-3", f"concentration of {name.removeprefix(GAS)}"
-        array = self.group.create_array(
-            name,
-            shape=shape,
-            chunks=chunks,
-            dtype=kind,
-            fill_value=0 if kind == "int8" else np.nan,
-            dimension_names=("time", *dims) if len(dims) < len(shape) else dims,
-            attributes={"units": units, "long_name": meaning},
-            compressors=[BloscCodec(cname="zstd", clevel=3, shuffle="shuffle"), Crc32cCodec()],
-        )
-        if values is not None:
-            array[...] = values
-        return array
-
-    def append(self, t: float, frame: dict[str, np.ndarray]) -> None:
-        """Add the frame of time t [s]: the values of every moving variable."""
-        n = self.frames
-        for name, array in self.moving.items():
-            array.resize((n + 1, *array.shape[1:]))
-            array[n] = frame[name]
-        self.time.resize((n + 1,))
-        self.time[n] = t
-        self.frames = n + 1
-
-
-def tidy(path: Path) -> None:
-    """Remove what of a film was being written when its run was killed."""
-    for part in path.rglob("*.partial"):
-        part.unlink()
-
-
 class Film:
     """A film on disk. Raises FilmError where it is not one or not whole."""
 
     def __init__(self, path: Path):
         self.path = path
-        reason = unopenable(path, folder=True)
-        if reason:
-            raise FilmError(f"{path}: {reason}; a run with `fields` writes fields.zarr into its folder")
-        reason = irregular(path)
-        if reason:
-            raise FilmError(f"{path}: {reason}")
+        fault = unopenable(path, folder=True)
+        if fault:
+            raise FilmError(f"{path}: {fault}; a run with `fields` writes fields.zarr into its folder")
+        fault = irregular(path)
+        if fault:
+            raise FilmError(f"{path}: {fault}")
         damage = manifest.changed(path)  # zarr.json has no checksum
         if damage:
             raise FilmError(damage)
         try:
-            self.group: Any = zarr.open_group(path, mode="r")
+            self.group: Any = zarr.open_group(path, mode="r", use_consolidated=False)
             self.attributes: dict[str, Any] = dict(self.group.attrs)
         except FAULTS:
             raise FilmError(f"{path}: is no zarr group; give the fields.zarr of an earlier run") from None
-        if self.attributes.get("format") != FORMAT:
+        made = self.attributes.get("format")
+        if made != FORMAT and str(made).startswith(EARLIER):
+            raise FilmError(
+                f"{path}: was written by another version of ours ({made}); make it again with this one"
+            )
+        if made != FORMAT:
             raise FilmError(f"{path}: was not written by a run of ours (its format is not '{FORMAT}')")
         try:
             self.shape: tuple[int, ...] = tuple(int(_positive(n, "shape")) for n in self.attributes["shape"])
@@ -217,13 +119,15 @@ class Film:
             self.periodic: tuple[bool, ...] = tuple(map(bool, self.attributes["periodic"]))
             if not len(self.periodic) == len(self.shape) in (2, 3):
                 raise ValueError("its shape or periodic are not those of a plane or a room")
+            if "gases" in self.attributes:
+                self.attributes["gases"] = json.loads(self.attributes["gases"])
             self.times: np.ndarray = self.group["time"][:]
-            self.arrays: dict[str, Any] = {name: self.group[name] for name in _arrays(path)}
+            self.arrays: dict[str, Any] = {name: self.group[name] for name in arrays_in(path)}
             if self.wind:
                 _positive(self.attributes["schmidt"], "schmidt")
                 _positive(self.attributes["viscosity"] or 1.0, "viscosity")  # there may be none
         except FAULTS as error:
-            raise FilmError(f"{path}: is damaged: {_line(error)}") from None
+            raise FilmError(f"{path}: is damaged: {reason(error)}") from None
         unknown = np.flatnonzero(~np.isfinite(self.times))  # interrupted while it was written
         self.times = self.times[: unknown[0]] if len(unknown) else self.times
         if not len(self.times):
@@ -247,7 +151,7 @@ class Film:
                 raise ValueError(f"it has the shape {size}, not {wanted}")
             stored = min(array.shape[0], array.nchunks_initialized) if frames else array.nchunks_initialized
         except FAULTS as error:
-            raise FilmError(f"{self.path}: is damaged: {name}: {_line(error)}") from None
+            raise FilmError(f"{self.path}: is damaged: {name}: {reason(error)}") from None
         if stored < (frames or 1):
             raise FilmError(
                 f"{self.path}: is not whole: {name} has {stored} of {frames or 1} frames; copy all of it"
@@ -257,7 +161,7 @@ class Film:
     def wind(self) -> list[str]:
         """Names of the wind's variables; empty where none was recorded."""
         names = [*VELOCITIES[: len(self.shape)], *(["viscosity"] if "viscosity" in self.arrays else [])]
-        return names if "u" in self.arrays else []
+        return names if VELOCITIES[0] in self.arrays else []
 
     @property
     def gas(self) -> list[str]:
@@ -282,10 +186,12 @@ class Film:
         try:
             return self.arrays[name][...].T
         except FAULTS as error:
-            raise FilmError(f"{self.path}: is damaged: {name}: {_line(error)}") from None
+            raise FilmError(f"{self.path}: is damaged: {name}: {reason(error)}") from None
 
-    def air(self) -> Air:
+    def air(self) -> "Air":
         """The air of a recorded wind; whose surfaces these are, and how far away, is not known."""
+        from taichi_plume.grid.cut_cells import Air  # brings Taichi, which those that only look do without
+
         area = tuple(self.still(f"area_{name}").astype(float) for name in VELOCITIES[: len(self.shape)])
         volume = self.still("air").astype(float)
         return Air(volume, area, area, np.full(volume.shape, -1), self.periodic)
@@ -297,7 +203,7 @@ class Film:
             try:
                 result[name] = self.arrays[name][n].T
             except FAULTS as error:
-                raise FilmError(f"{self._place(name, n)} is damaged: {_line(error)}") from None
+                raise FilmError(f"{self._place(name, n)} is damaged: {reason(error)}") from None
             if not np.isfinite(result[name]).all():
                 raise FilmError(f"{self._place(name, n)} is damaged: not all of its values are numbers")
         return result
@@ -306,11 +212,6 @@ class Film:
         return f"{self.path}: frame {n} of {name} (t = {self.times[n]:g} s)"
 
 
-def _arrays(path: Path) -> list[str]:
+def arrays_in(path: Path) -> list[str]:
     """Names of the arrays in a group's folder; zarr, asked for all at once, prints a traceback where several fail."""
     return sorted(file.parent.name for file in path.glob("*/zarr.json"))
-
-
-def _line(error: Exception) -> str:
-    """What zarr says, in one line; after a checksum's mismatch it lists bytes."""
-    return plain(" ".join(str(error).partition(". Stored")[0].split())) or type(error).__name__

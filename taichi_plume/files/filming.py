@@ -8,7 +8,8 @@ import numpy as np
 
 from taichi_plume import __version__
 from taichi_plume.files import disk
-from taichi_plume.files.film import GAS, VELOCITIES, FilmError, NewFilm
+from taichi_plume.files.film import GAS, VELOCITIES, FilmError
+from taichi_plume.files.new_film import NewFilm
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.grid.fields import Carrier, concentration_at
 from taichi_plume.scenario.outputs import Fields
@@ -30,11 +31,14 @@ class Filming:
         self.wind = sim.wind.carrier if "wind" in model.quantities else None
         scenario, grid = sim.scenario, sim.grid
         attributes: dict[str, Any] = {
-            "title": scenario.name,
+            "title": f"Wind and gas of {scenario.name}",
             "source": f"taichi_plume {__version__}",
+            "history": f"taichi_plume {__version__} ran the scenario {scenario.name} with seed {scenario.seed}",
+            "scenario": scenario.name,
             "seed": scenario.seed,
             "depth": grid.depth,
-            "periodic": list(grid.periodic),
+            "cell_volume": grid.dx**grid.dim * (grid.depth if grid.dim == 2 else 1.0),
+            "periodic": list(map(int, grid.periodic)),
         }
         still: dict[str, np.ndarray] = {"air": sim.air.volume.T.astype(np.float32)}
         moving = []
@@ -54,8 +58,11 @@ class Filming:
         if "gas" in model.quantities:
             moving += [f"{GAS}{species.name}" for species in sim.gas.species]
             attributes["gases"] = _origins(scenario)
+        self.heat = sim.heat if "temperature" in model.quantities else None
+        moving += ["temperature"] if self.heat is not None else []
         self.frames = 0
-        self._new = partial(NewFilm, path, grid.shape, grid.dx, attributes, moving, still)
+        species = sim.gas.species if "gas" in model.quantities else ()
+        self._new = partial(NewFilm, path, grid.shape, grid.dx, attributes, moving, still, species=species)
 
     def start(self) -> None:
         """Begin the film."""
@@ -80,15 +87,20 @@ class Filming:
         frame = self._wind(sim, self.wind) if self.wind is not None else {}
         if "gas" in self.model.quantities:
             frame |= self._gas(sim)
+        if self.heat is not None:
+            frame["temperature"] = sim.grid.read(self.heat.theta).T + np.float32(self.heat.reference)
         disk.require_room(self.path, sum(values.nbytes for values in frame.values()))
         self.film.append(sim.t, frame)
 
     def flush(self) -> None:
-        """All is on the disk after every frame."""
+        """Show readers the frames up to here; all are on the disk."""
+        self.film.flush()
         self.frames = self.film.frames
 
     def close(self) -> None:
-        """Nothing is left to do."""
+        """Show readers all frames."""
+        if hasattr(self, "film"):
+            self.film.flush()
 
     def _gas(self, sim: Simulation) -> dict[str, np.ndarray]:
         """Concentration of each species [kg/m³]."""

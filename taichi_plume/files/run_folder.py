@@ -32,11 +32,13 @@ FILES = (
     "probes.parquet",
     "fields.zarr",
     "plume.pslog",
+    "maps.zarr",
     "result.json",
 )
 BESIDE = (
     "robots.parts",
     "probes.parts",
+    "maps.part",
     "recording.old.rrd",
     "recording.part.rrd",
     "result.json.part",

@@ -1,9 +1,13 @@
-"""A Parquet table that grows while a run lasts, units and meanings as metadata of its columns.
+"""A Parquet table that grows while a run lasts, units and meanings as metadata of its columns, and of the whole.
+
+pandas finds them in `attrs["units"]` and `attrs["meanings"]`, polars as texts in JSON, `units` and `meanings` of
+``polars.read_parquet_metadata``.
 
 Until its end its rows are in a folder beside it, in small files each of which can be read; then they become one. Each
 is named after its first row: a row that is in two files, as the process was killed between two steps, counts once.
 """
 
+import json
 from collections.abc import Iterator, Sequence
 from math import inf
 from pathlib import Path
@@ -14,8 +18,10 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from taichi_plume.files import disk
+from taichi_plume.files import disk, manifest
 from taichi_plume.files.run_folder import RunFolderError
+from taichi_plume.files.tables import plain
+from taichi_plume.guard.opening import unopenable
 
 ROW_GROUP = 50_000
 NAMES = pa.dictionary(pa.int32(), pa.string())
@@ -26,6 +32,16 @@ Found = tuple[int, Path]
 def column(name: str, kind: pa.DataType, unit: str, meaning: str, **more: str) -> pa.Field:
     """A column of a table; more: other metadata."""
     return pa.field(name, kind, metadata={"unit": unit, "meaning": meaning, **more})
+
+
+def schema_of(columns: Sequence[pa.Field]) -> pa.Schema:
+    """A table's columns, and what others look for: pandas takes what its own files have as `attributes`."""
+    told = {
+        "units": {one.name: one.metadata[b"unit"].decode() for one in columns},
+        "meanings": {one.name: one.metadata[b"meaning"].decode() for one in columns},
+    }
+    pandas = {"index_columns": [], "column_indexes": [], "columns": [], "attributes": told}
+    return pa.schema(columns, {name: json.dumps(one) for name, one in {"pandas": pandas, **told}.items()})
 
 
 def parts_of(path: Path) -> Path:
@@ -48,7 +64,7 @@ class PartsTable:
         self.rows = 0  # that are in the parts
         self.open = False
         self.names = names
-        self.schema = pa.schema(columns)
+        self.schema = schema_of(columns)
         self.kept = 0  # samples that are in no part yet
         samples = max(1, ROW_GROUP // count)
         self.values = {
@@ -134,6 +150,31 @@ def _found(path: Path) -> list[Found]:
     """The files that hold rows of a table: itself, if it has been made before, and its parts."""
     whole = [(0, path)] if path.exists() else []
     return whole + [(int(file.stem), file) for file in part_files(parts_of(path))]
+
+
+def read(path: Path) -> pa.Table:
+    """A table, as far as it is: of its parts where it is not finished. Raises RunFolderError, in a line.
+
+    The bytes are checked, by the manifest beside it and the sums of its pages.
+    """
+    damage = manifest.changed(path) if path.exists() else None
+    if damage:
+        raise RunFolderError(damage)
+    try:
+        files = _found(path)
+        for _, file in files:
+            fault = unopenable(file)
+            if fault:
+                raise RunFolderError(f"{file}: {fault}")
+        batches = list(_once(files, None))
+        schema = batches[0].schema if batches else pq.read_schema(files[0][1])
+        return pa.Table.from_batches(batches, schema).unify_dictionaries()
+    except FileNotFoundError as error:  # its parts become one file at this moment
+        if path.exists() and not parts_of(path).exists():
+            return read(path)
+        raise RunFolderError(f"{path}: cannot be read: {error.strerror}") from None
+    except (pa.ArrowException, OSError, ValueError, LookupError) as error:
+        raise RunFolderError(f"{path}: cannot be read: {plain(str(error))}") from None
 
 
 def join(path: Path, names: dict[str, pa.Array] | None = None) -> None:

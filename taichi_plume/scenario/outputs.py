@@ -76,22 +76,30 @@ class Forces(Model):
 
 
 class Fields(Model):
-    """What goes into fields.zarr: wind and gas on the whole grid, to be looked at or played back by later runs."""
+    """What goes into fields.zarr: wind, gas and temperature on the whole grid, to be looked at or played back."""
 
     rate: Frequency = 2.0
     """Frames per simulated second."""
     start: Time = 0.0
     """Time of the first frame [s]; negative in the warm-up."""
-    quantities: Annotated[tuple[Literal["wind", "gas"], ...], Field(min_length=1)] = ("wind", "gas")
+    quantities: Annotated[tuple[Literal["wind", "gas", "temperature"], ...], Field(min_length=1)] = (
+        "wind",
+        "gas",
+        "temperature",
+    )
+    """What to film; temperature only where it is solved for (`buoyancy: {heat: ...}` of the wind)."""
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
-        """There is at most a frame per tick, and one before the end."""
+        """There is at most a frame per tick, one before the end, and something in it."""
         tick = context.scenario.tick
         if self.rate * tick > 1 + 1e-9:
             yield (
                 f"{where}.rate: {self.rate:g} frames per second are more than one per tick of {tick:g} s; "
                 f"use at most {1 / tick:g}, or lower tick"
             )
+        buoyancy = getattr(context.scenario.wind, "buoyancy", None)
+        if set(self.quantities) == {"temperature"} and (buoyancy is None or buoyancy.heat is None):
+            yield f"{where}.quantities: this run solves for no temperature; give wind.buoyancy.heat, or add wind or gas"
         yield from _begins(where, self.start, context)
 
 

@@ -1,17 +1,21 @@
 """Films on disk: what they hold, what is kept of an interrupted one, and what is said of bad ones."""
 
 import shutil
+import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import xarray
 import zarr
 
 from taichi_plume.files import manifest
-from taichi_plume.files.film import Film, FilmError, NewFilm, dimensions
+from taichi_plume.files.film import Film, FilmError, dimensions
+from taichi_plume.files.new_film import NewFilm, complete
 from taichi_plume.prepare import load_scenario
 from taichi_plume.scenario.loading import ScenarioError
+from taichi_plume.scenario.species import SPECIES
 
 SHAPE, DX = (6, 5, 4), 0.1
 PLAY = """
@@ -31,14 +35,14 @@ def size_of(name: str, shape: tuple[int, ...] = SHAPE) -> tuple[int, ...]:
 
 
 def opened(path: Path) -> Any:
-    return zarr.open_group(path, mode="r+")
+    return zarr.open_group(path, mode="r+", use_consolidated=False)
 
 
 def new_film(path: Path, frames: int = 3) -> list[dict[str, np.ndarray]]:
     """A film of noise; returns its frames, axes (z, y, x)."""
     rng = np.random.default_rng(5)
-    moving = ["u", "v", "w", "gas_acetone"]
-    names = ["air", *(kind + name for kind in ("open_", "area_") for name in "uvw")]
+    moving = ["u_face", "v_face", "w_face", "gas_acetone"]
+    names = ["air", *(kind + name for kind in ("open_", "area_") for name in moving[:3])]
     still = {name: np.ones(size_of(name)[::-1], np.float32) for name in names}
     facts = {
         "depth": 1.0,
@@ -52,10 +56,11 @@ def new_film(path: Path, frames: int = 3) -> list[dict[str, np.ndarray]]:
             }
         },
     }
-    film = NewFilm(path, SHAPE, DX, facts, moving, still)
+    film = NewFilm(path, SHAPE, DX, facts, moving, still, species=(SPECIES["acetone"],))
     shown = [{name: rng.random(size_of(name)[::-1], np.float32) for name in moving} for _ in range(frames)]
     for n, frame in enumerate(shown):
         film.append(0.5 * n, frame)
+    film.flush()
     return shown
 
 
@@ -92,16 +97,69 @@ def test_dimensions_have_names_coordinates_and_units(path):
         for length, dimension in zip(array.shape, array.metadata.dimension_names, strict=True):
             assert arrays[dimension].shape == (length,), f"{name} along {dimension}"
         assert array.attrs["units"]
-    assert arrays["u"].metadata.dimension_names == ("time", "z_ghost", "y_ghost", "x_face")
+    assert arrays["u_face"].metadata.dimension_names == ("time", "z_ghost", "y_ghost", "x_face")
     np.testing.assert_allclose(arrays["x_face"], np.linspace(0, 0.6, 7), atol=1e-12)
     np.testing.assert_allclose(arrays["z_ghost"], [-0.05, 0.05, 0.15, 0.25, 0.35, 0.45])
     assert arrays["gas_acetone"].chunks == (1, 4, 5, 6)
 
 
+def test_others_open_it_without_a_warning(path):
+    """With axes, and what is to look at: the wind at the cells' middles, gas in ppm."""
+    import cf_xarray  # noqa: F401
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        film = xarray.open_zarr(path)
+        assert film.identical(xarray.open_zarr(path, consolidated=True))
+    assert [film.cf[axis].name for axis in "XYZT"] == ["x", "y", "z", "time"]
+    assert film["time"].values.tolist() == [0.0, 0.5, 1.0]
+    faces = film["u_face"].isel(z_ghost=slice(1, -1), y_ghost=slice(1, -1))
+    np.testing.assert_allclose(film["u"], faces.rolling(x_face=2).mean()[..., 1:], rtol=1e-5)
+    faces = film["w_face"].isel(x_ghost=slice(1, -1), y_ghost=slice(1, -1))
+    np.testing.assert_allclose(film["w"], faces.rolling(z_face=2).mean()[:, 1:], rtol=1e-5)
+    for name, standard in [("u", "x_wind"), ("v", "y_wind"), ("w", "upward_air_velocity")]:
+        assert film.cf[standard].name == name
+        assert film[name].dims == film["acetone_ppm"].dims == ("time", "z", "y", "x")
+    moles = film["gas_acetone"] / 58.080e-3 / (101325 / 8.314462618 / 298.15)
+    np.testing.assert_allclose(film["acetone_ppm"], 1e6 * moles, rtol=1e-5)
+    assert film.attrs["Conventions"].startswith("CF-")
+    for one in film.attrs.values():
+        assert isinstance(one, str | int | float | list), "NetCDF takes no other"
+
+
+def test_a_film_that_is_growing_shows_others_its_last_frames_of_which_all_is_there(path):
+    """What came after them is found by us, and by all once the film has been completed."""
+    group = opened(path)
+    for name in ("u_face", "u"):
+        group[name].resize((4, *group[name].shape[1:]))
+        group[name][3] = 1.0
+    assert xarray.open_zarr(path).sizes["time"] == 3
+    (path / "u" / "c" / "3" / "x.partial").touch()
+    assert complete(path) == 3
+    assert xarray.open_zarr(path, consolidated=False).sizes["time"] == 3
+    assert xarray.open_zarr(path)["u"].isel(time=2).notnull().all()
+    assert not list(path.rglob("*.partial"))
+    assert len(Film(path).times) == 3
+
+
+def test_a_film_goes_on_after_the_frames_that_are_kept(path, whole):
+    film = NewFilm(
+        path, SHAPE, DX, {}, ["u_face", "v_face", "w_face", "gas_acetone"], {}, 2, (SPECIES["acetone"],)
+    )
+    assert xarray.open_zarr(path).sizes["time"] == 2
+    held = Film(whole)
+    film.append(1.0, {name: one.T for name, one in held.frame(2, [*held.wind, *held.gas]).items()})
+    film.flush()
+    files = {file.relative_to(path) for file in path.rglob("*") if file.is_file()}
+    assert files == {file.relative_to(whole) for file in whole.rglob("*") if file.is_file()}
+    for file in files:
+        assert (path / file).read_bytes() == (whole / file).read_bytes(), file
+
+
 def test_interrupted_film_keeps_its_frames(path):
     group = opened(path)
-    group["u"].resize((4, *group["u"].shape[1:]))  # a frame was begun
-    group["u"][3] = 1.0
+    group["u_face"].resize((4, *group["u_face"].shape[1:]))  # a frame was begun
+    group["u_face"][3] = 1.0
     assert len(Film(path).times) == 3
     group["time"].resize((4,))  # and its time not yet written
     assert len(Film(path).times) == 3
@@ -133,13 +191,15 @@ def emptied(path: Path) -> None:
         (cut("zarr.json"), "is no zarr group"),
         (lambda path: (path / "zarr.json").unlink(), "is no zarr group"),
         (replaced("format", "another"), "was not written by a run of ours"),
+        (replaced("format", "taichi_plume film 2"), "was written by another version of ours"),
+        (replaced("gases", "{"), "is damaged"),
         (replaced("shape", "wide"), "is damaged"),
-        (cut("u/zarr.json"), "is damaged"),
+        (cut("u_face/zarr.json"), "is damaged"),
         (cut("time/c/0"), "is damaged: Stored and computed checksum do not match"),
-        (cut("u/c/2/0/0/0"), "frame 2 of u (t = 1 s) is damaged"),
-        (lambda path: (path / "v/c/1/0/0/0").unlink(), "v has 2 of 3 frames"),
-        (lambda path: shutil.rmtree(path / "w"), "w is missing"),
-        (lambda path: shutil.rmtree(path / "open_v"), "open_v is missing"),
+        (cut("u_face/c/2/0/0/0"), "frame 2 of u_face (t = 1 s) is damaged"),
+        (lambda path: (path / "v_face/c/1/0/0/0").unlink(), "v_face has 2 of 3 frames"),
+        (lambda path: shutil.rmtree(path / "w_face"), "w_face is missing"),
+        (lambda path: shutil.rmtree(path / "open_v_face"), "open_v_face is missing"),
         (lambda path: (path / "air/c/0/0/0").unlink(), "air has 0 of 1 frames"),
         (emptied, "holds no frame"),
     ],
@@ -196,7 +256,7 @@ def test_species_and_sources_come_from_the_film(path):
 def test_metadata_that_are_not_as_the_run_left_them_are_noticed(path):
     manifest.write(path.parent, {}, [path])
     Film(path)
-    array = path / "u" / "zarr.json"
+    array = path / "u_face" / "zarr.json"
     array.write_text(array.read_text().replace('"m s-1"', '"km s-1"'))
     with pytest.raises(FilmError, match="is not as its run left it"):
         Film(path)
@@ -209,7 +269,7 @@ def test_what_else_lies_in_a_film_is_left_alone(path, recwarn):
 
 
 def test_a_message_is_no_longer_than_a_line_may_be(path):
-    array = path / "u" / "zarr.json"
+    array = path / "u_face" / "zarr.json"
     array.write_text(array.read_text().replace("crc32c", "crc" * 3000))
     with pytest.raises(FilmError) as caught:
         Film(path)
@@ -224,8 +284,8 @@ def test_a_message_is_no_longer_than_a_line_may_be(path):
         (".", '"shape": [', '"shape": [999999,', "not those of a plane or a room"),
         (".", '"viscosity"', '"vicosity"', "'viscosity'"),
         (".", '"schmidt": 1.0', '"schmidt": -1.0', "its schmidt is -1"),
-        ("v", '"chunk_shape": [1,', '"chunk_shape": [0,', "v: "),
-        ("open_u", '"fill_value": 0', '"fill_value": 99999999999999999999', "damaged"),
+        ("v_face", '"chunk_shape": [1,', '"chunk_shape": [0,', "v_face: "),
+        ("open_u_face", '"fill_value": 0', '"fill_value": 99999999999999999999', "damaged"),
     ],
 )
 def test_damaged_metadata_are_told_without_a_manifest(path, array, old, new, fault):

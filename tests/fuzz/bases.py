@@ -218,7 +218,8 @@ def _write_box(path: Path) -> None:
 
 def _write_film(path: Path) -> None:
     """Three frames of noise, of a wind and a gas."""
-    from taichi_plume.files.film import NewFilm, dimensions
+    from taichi_plume.files.film import dimensions
+    from taichi_plume.files.new_film import NewFilm
 
     shape = (6, 5, 4)
     more = {"": 0, "face": 1, "ghost": 2}
@@ -227,8 +228,8 @@ def _write_film(path: Path) -> None:
         return [shape["xyz".index(d[0])] + more[d.partition("_")[2]] for d in dimensions(name, 3)]
 
     rng = np.random.default_rng(5)
-    moving = ["u", "v", "w", "gas_acetone"]
-    names = ["air", *(kind + name for kind in ("open_", "area_") for name in "uvw")]
+    moving = ["u_face", "v_face", "w_face", "gas_acetone"]
+    names = ["air", *(kind + name for kind in ("open_", "area_") for name in moving[:3])]
     still = {name: np.ones(size(name), np.float32) for name in names}
     source = {"position": [0.3, 0.2, 0.2], "rate": 1e-5}
     facts = {

@@ -134,6 +134,7 @@ FAULTS = [
         "fields.rate: 11 frames per second are more than one per tick of 0.1 s",
         "use at most 10",
     ),
+    ("fields.quantities=[temperature]", "fields.quantities: this run solves for no temperature", "heat"),
     ("fields.start=10.5", "fields.start: 10.5 s is after the end at 10 s", "start it earlier"),
     # sizes
     ("domain.spacing=1e-3", "domain.spacing: 6e+09 cells need 3,120 GB", "GB are free; a spacing of 0.0"),

@@ -333,4 +333,4 @@ def test_films_of_imported_air_can_be_played(case):
     sim = assemble(scenario, case)
     assert divergence(sim) < 1e-5
     film = ImportedFilm(Site(ImportedWind(kind="imported", files="wind_0.csv"), 3, case), sim.grid, sim.air)
-    np.testing.assert_array_equal(sim.grid.read(sim.wind.u[0], 1)[1:], film.frame(0, ["u"])["u"])
+    np.testing.assert_array_equal(sim.grid.read(sim.wind.u[0], 1)[1:], film.frame(0, ["u_face"])["u_face"])

@@ -163,7 +163,7 @@ def u_of(wind: PlayedWind) -> np.ndarray:
     ],
 )
 def test_time_of_the_film(noise, keys, t, weights):
-    wanted = sum(w * frame["u"].T for w, frame in zip(weights, noise.frames, strict=True))
+    wanted = sum(w * frame["u_face"].T for w, frame in zip(weights, noise.frames, strict=True))
     wind = noise.wind(t, **keys)
     np.testing.assert_allclose(u_of(wind), wanted, atol=1e-6)
     for n in range(11):  # back by a second, and step by step

@@ -1,0 +1,201 @@
+"""
+1. A room in 2-D
+================
+
+From an empty file to robots that find a leak of ethanol: you write one text file, step by step, and run one command.
+Everything here takes some seconds on a laptop.
+
+You would do this in an empty folder: write the file ``room.yaml`` with your editor, and type commands in a terminal.
+This page is a Python file instead, so that it could be executed.
+"""
+
+# %%
+# Two helpers stand for your terminal and your editor; in these you need neither.
+
+import shlex
+import sys
+from contextlib import redirect_stderr
+from importlib import import_module
+from pathlib import Path
+
+
+def terminal(command):
+    """Type a command, such as ``python -m taichi_plume.run room.yaml``."""
+    module, *options = shlex.split(command.strip().removeprefix("python -m "))
+    with redirect_stderr(sys.stdout):
+        import_module(module).main(options)
+
+
+def write(text):
+    """Save the scenario, as your editor would."""
+    Path("room.yaml").write_text(text)
+
+
+# %%
+# What a scenario needs
+# ---------------------
+# Begin with nothing, and ask. ``--check`` reads a scenario and says what is wrong with it, without running anything.
+
+write("")
+terminal("python -m taichi_plume.run room.yaml --check")
+
+# %%
+# So four things are needed: how long it lasts, how large the room is, how the air moves, and what gas is in it.
+#
+# The room is 5 m by 4 m. A run in 2-D is a view from above on a slab of air; ``depth`` says how high the slab is, which
+# decides how many ppm a leak of so many milligrams per second makes. The air is cut into square cells of ``spacing``:
+# smaller cells see more and take longer (:doc:`/air`). Air comes in through a window on the left wall (``x-``) and
+# leaves through the right one (``x+``); what no opening covers is wall. Numbers may have a unit, else they are SI.
+
+write("""
+name: room
+duration: 20 s
+warm_up: 20 s
+domain: {size: [5 m, 4 m], spacing: 5 cm, depth: 0.5 m}
+wind:
+  kind: cfd
+  openings:
+    - {kind: inlet, face: x-, center: [2], size: [2.4], velocity: 0.5 m/s}
+    - {kind: outlet, face: x+}
+gas:
+  kind: eulerian
+  species: ethanol
+  sources:
+    - {position: [0.8, 2.1], rate: 20 mg/s}
+""")
+terminal("python -m taichi_plume.run room.yaml --check")
+
+# %%
+# A mistake, told in one line with the path of the key and what is allowed there: an inlet has a ``speed``, as it always
+# blows straight in. Every such line looks the same, and nothing is run before all of them are gone.
+#
+# Here is the file again, put right, with furniture that reaches to the ceiling of the slab: a cupboard and a pillar.
+
+AIR = """
+name: room
+seed: 1
+duration: 20 s
+warm_up: 20 s                  # wind and gas before t = 0
+domain: {size: [5 m, 4 m], spacing: 5 cm, depth: 0.5 m}
+wind:
+  kind: cfd                    # solve for the flow of the air
+  openings:
+    - kind: inlet
+      face: x-
+      center: [2]              # middle of the window, along the wall
+      size: [2.4]
+      speed: 0.5 m/s
+      turbulence_intensity: 0.1
+    - {kind: outlet, face: x+}
+obstacles:
+  - {kind: box, center: [2.2, 2.9], size: [0.8, 0.4]}
+  - {kind: cylinder, center: [2.4, 1.3], radius: 0.15}
+gas:
+  kind: eulerian               # gas on the same cells as the air
+  species: ethanol
+  sources:
+    - {position: [0.8, 2.1], rate: 20 mg/s}
+"""
+write(AIR)
+terminal("python -m taichi_plume.run room.yaml --out runs/air --force")
+
+# %%
+# That was the whole run: the air was solved for 40 seconds, of which the first 20 were a warm-up, and the ethanol was
+# carried with it. ``unaccounted for`` is the check on the books: gas that is neither in the room nor blown out.
+#
+# ``--out`` names the folder of the run; without it, it would be ``runs/room-1``, and the next one ``runs/room-2``.
+# ``--force`` replaces what an earlier run left there. The folder holds a recording that you can look at, stop and wind
+# back, with ``rerun runs/air/recording.rrd``, and ``report.html``, which your browser opens. A picture for your talk:
+
+terminal("python -m taichi_plume.picture runs/air --at 20 --out air.png")
+
+# %%
+# Robots
+# ------
+# A robot has a body, a gas sensor, perhaps an anemometer, and a search algorithm. These three are small wheeled robots
+# with a TGS2620, a metal-oxide sensor that needs seconds to rise and longer to fall, and an ultrasonic anemometer. They
+# *cast*: upwind while they smell gas, across the wind when they have lost it. Nobody tells them where the source is.
+
+ROBOTS = """
+robots:
+  - name: seekers
+    count: 3
+    start: {kind: line, begin: [4.5, 0.6], end: [4.5, 3.4]}
+    algorithm: {kind: casting, threshold_ppm: 5}
+    sensors: {gas: {kind: mox, model: tgs2620}, wind: {kind: ultrasonic}}
+"""
+write(AIR.replace("duration: 20 s", "duration: 120 s") + ROBOTS)
+terminal("python -m taichi_plume.run room.yaml --out runs/robots --force")
+
+# %%
+# The same, as a picture of the moment when the first of them arrives:
+
+terminal("python -m taichi_plume.picture runs/robots --at 26 --out robots.png")
+
+# %%
+# All three found it, long before the 120 seconds were over, so the run ended there. ("Found" means: within 35 cm of the
+# source, the key ``reach``. The robot itself does not know.)
+#
+# What the robots did and felt is a table, one row per robot and tick.
+
+from taichi_plume import open_run
+
+table = open_run("runs/robots").robots
+table.tail(3)
+
+# %%
+# Their ways, and what one of them smelt. The grey line is the true concentration at its nose; the reading lags behind
+# it and smooths it. This is what a search algorithm has to live with, and why it is tested with such a sensor here.
+
+import matplotlib.pyplot as plt
+
+figure, (plan, series) = plt.subplots(1, 2, figsize=(11, 4), layout="constrained")
+for number, way in table.groupby("robot"):
+    plan.plot(way.x, way.y, label=f"robot {number}")
+    plan.plot(way.x.iloc[0], way.y.iloc[0], "k.")
+plan.plot(0.8, 2.1, "*", color="crimson", markersize=14, label="source")
+plan.set(xlim=(0, 5), ylim=(0, 4), aspect="equal", xlabel="x [m]", ylabel="y [m]")
+plan.legend(loc="upper right")
+one = table[table.robot == 1]
+series.plot(one.t, one.true_ppm, color="0.6", label="true")
+series.plot(one.t, one.reading_ppm, label="TGS2620")
+series.set(xlabel="t [s]", ylabel="ethanol [ppm]", title="robot 1")
+series.legend()
+
+# %%
+# Is that luck?
+# -------------
+# One search says little. ``trials`` puts many independent copies of the team into the same air, at once: they do not
+# meet, and each has its own sensors, noise and chance. ``--set`` changes any key for one run, without editing the file.
+
+terminal("""
+python -m taichi_plume.run room.yaml --duration 90 --set robots.0.trials=50 \
+    --no-recording --out runs/casting --force
+""")
+
+# %%
+# With an interval, as 50 trials are still few, and with a warning: all of these trials are in *one* air. Another
+# ``--seed`` makes another air. And another algorithm, in the same air, for a fair comparison:
+
+terminal("""
+python -m taichi_plume.run room.yaml --duration 90 --set robots.0.trials=50 \
+    --set 'robots.0.algorithm={kind: surge_spiral}' --no-recording --out runs/spiral --force
+""")
+
+# %%
+# The figures are in ``result.json`` too, per trial and with 95 % intervals.
+
+import json
+
+for name in ("casting", "spiral"):
+    (team,) = json.loads(Path(f"runs/{name}/result.json").read_text())["groups"]
+    time = team["summary"]["time_s"]
+    print(f"{team['algorithm']:13} {time['mean']:5.1f} s, 95 %: {time['low']:.1f} to {time['high']:.1f} s")
+
+# %%
+# Where to go from here
+# ---------------------
+# - :doc:`plot_2_mesh` takes furniture from a CAD file and goes to 3-D.
+# - :doc:`/howto/results` reads what a run leaves: tables, fields, pictures, the report.
+# - :doc:`/howto/own_algorithm` puts your own search algorithm into this room.
+# - :doc:`/reference/index` has every key of a scenario, with its unit, range and default.

@@ -1,0 +1,177 @@
+"""`maps.zarr`: the gas maps of a run as they were at its end, beside the truth, in a zarr group that xarray opens.
+
+Map number n of the scenario is the group "n", with the kind and parameters of the map and its time `t_s` [s] as
+attributes. `groups` of these says whose readings made it: names, the first of their trials, and how many there are.
+Variables are float32 in the order (trial, y, x), NaN where nothing is known:
+
+    estimate    [ppm]   what the map says
+    variance    [ppm²]  of the estimate; of maps that tell it
+    weight      [1]     what stands behind the estimate, in the method's own measure
+    truth       [ppm]   mean of the gas since the robots started, at the height of their sensors; of all trials the same
+    measurable  1 where a robot could be; without trial
+
+To look at one: ``xarray.open_zarr("runs/arena-1/maps.zarr", group="0")``.
+"""
+
+import shutil
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from taichi_plume import __version__
+from taichi_plume.files import disk, manifest
+from taichi_plume.files.run_folder import RunFolderError
+from taichi_plume.guard.opening import irregular, unopenable
+
+if TYPE_CHECKING:
+    import xarray
+
+    from taichi_plume.map_scores import MapScores, MapSeries
+    from taichi_plume.simulation import Simulation
+
+FORMAT = "taichi_plume maps 1"
+PART = "maps.part"  # what is being written
+WHOLE = ("trial", "y", "x")
+MEANING = {
+    "trial": ("1", "number of the trial", ()),
+    "y": ("m", "y of the cells' middles", ()),
+    "x": ("m", "x of the cells' middles", ()),
+    "estimate": ("ppm", "gas as the map says", WHOLE),
+    "variance": ("ppm2", "variance of the estimate", WHOLE),
+    "weight": ("1", "what stands behind the estimate, in the method's own measure", WHOLE),
+    "truth": ("ppm", "mean of the gas since the robots started", WHOLE),
+    "measurable": ("1", "1 where a robot could be", WHOLE[1:]),
+}
+
+
+class MapsFile:
+    """Writes `path` when the run ends, however it does.
+
+    `start()` and `go_on()` remove that of a run that had ended before.
+    """
+
+    STATE = ()
+
+    def __init__(self, sim: "Simulation", path: Path, map_scores: "MapScores"):
+        self.sim, self.path, self.map_scores = sim, path, map_scores
+        self.open = False
+
+    def start(self) -> None:
+        """Nothing is written before the end."""
+        disk.require_room(self.path)
+        self.open = True
+
+    def go_on(self) -> None:
+        """What there is is of an earlier end."""
+        shutil.rmtree(self.path, ignore_errors=True)
+        self.start()
+
+    def flush(self) -> None:
+        """Nothing is written before the end."""
+
+    def close(self) -> None:
+        """Write the maps, all or none. Raises OSError when the disk is full."""
+        if not self.open:
+            return
+        self.open = False
+        from taichi_plume.files import zarr_groups
+
+        disk.require_room(self.path)
+        part = self.path.with_name(PART)
+        shutil.rmtree(part, ignore_errors=True)
+        try:
+            scenario = self.sim.scenario
+            facts = {
+                "format": FORMAT,
+                "title": f"Gas maps of {scenario.name}",
+                "source": f"taichi_plume {__version__}",
+                "seed": scenario.seed,
+                "maps": len(self.map_scores.series),
+            }
+            root = zarr_groups.create(part, facts)
+            for n, series in enumerate(self.map_scores.series):
+                group = root.create_group(
+                    str(n), attributes={"Conventions": zarr_groups.CONVENTIONS, **self._facts(n)}
+                )
+                for name, values in _variables(series).items():
+                    units, meaning, dimensions = MEANING[name]
+                    facts = {"units": units, "long_name": meaning} | _axis(name)
+                    zarr_groups.add(group, name, dimensions or (name,), values, facts)
+                zarr_groups.consolidate(part, str(n))
+            zarr_groups.consolidate(part)
+            part.rename(self.path)
+        finally:
+            shutil.rmtree(part, ignore_errors=True)
+
+    def _facts(self, n: int) -> dict[str, Any]:
+        model, series = self.sim.scenario.maps[n], self.map_scores.series[n]
+        rivals = len(series.parts) > 1
+        names = [group.name for group in self.sim.swarm.groups] if self.sim.swarm.count else []
+        made = [[names[k]] if rivals else names for k in range(len(series.parts))]
+        return {
+            "title": f"Gas map {n} of {self.sim.scenario.name}",
+            **model.model_dump(mode="json"),
+            "t_s": self.sim.t,
+            "groups": [
+                {"names": who, "first_trial": rows.start, "trials": rows.stop - rows.start}
+                for who, rows in zip(made, series.parts, strict=True)
+            ],
+        }
+
+
+def _axis(name: str) -> dict[str, str]:
+    return {"axis": name.upper()} if name in ("x", "y") else {}
+
+
+def _variables(series: "MapSeries") -> dict[str, np.ndarray]:
+    """By name, as they are stored."""
+    from taichi_plume.simulation import Uncertain  # brings Taichi, which those that only read do without
+
+    estimate = np.asarray(series.map.estimate(), np.float32)
+    trials, nx, ny = estimate.shape
+    cells = {"estimate": estimate, "weight": np.asarray(series.map.weight(), np.float32)}
+    if isinstance(series.map, Uncertain):
+        cells["variance"] = np.asarray(series.map.variance(), np.float32)
+    cells["truth"] = np.broadcast_to(series.truth.astype(np.float32), estimate.shape)
+    return {
+        "trial": np.arange(trials, dtype=np.int32),
+        "y": (np.arange(ny) + 0.5) * series.cell,
+        "x": (np.arange(nx) + 0.5) * series.cell,
+        **{name: np.ascontiguousarray(values.transpose(0, 2, 1)) for name, values in cells.items()},
+        "measurable": series.measurable.T.astype(np.int8),
+    }
+
+
+def read(path: Path) -> "list[xarray.Dataset]":
+    """The maps of a run, in memory. Raises RunFolderError where the file is none of ours or not whole."""
+    fault = unopenable(path, folder=True) or irregular(path)
+    if fault:
+        raise RunFolderError(f"{path}: {fault}")
+    damage = manifest.changed(path)
+    if damage:
+        raise RunFolderError(damage)
+    import xarray
+    import zarr
+
+    from taichi_plume.files import zarr_groups
+
+    try:
+        root: Any = zarr.open_group(path, mode="r", use_consolidated=False)
+        made, count = root.attrs.get("format"), root.attrs.get("maps", 0)
+    except zarr_groups.FAULTS as error:
+        raise RunFolderError(f"{path}: is damaged: {zarr_groups.reason(error)}") from None
+    if made != FORMAT:
+        raise RunFolderError(f"{path}: was made by another version (its format is not '{FORMAT}')")
+    maps = []
+    try:
+        for n in range(int(count)):
+            for file in (path / str(n)).glob("*/zarr.json"):
+                zarr_groups.whole(root[f"{n}/{file.parent.name}"], file.parent.name)
+            one = xarray.open_zarr(path, group=str(n), consolidated=False).load()
+            if tuple(one["estimate"].dims) != WHOLE:
+                raise ValueError(f"map {n} has an estimate of {one['estimate'].dims}")
+            maps.append(one)
+    except zarr_groups.FAULTS as error:
+        raise RunFolderError(f"{path}: is damaged: {zarr_groups.reason(error)}") from None
+    return maps

@@ -1,0 +1,213 @@
+"""What a run has left, for notebooks and plots: ``run = taichi_plume.open_run("runs/casting_room-1")``.
+
+    run.fields      xarray.Dataset: wind, gas [ppm] and temperature over time; the film of a run with `fields`, which is
+                    read as it is looked at, otherwise the pictures of its recording
+    run.robots      pandas.DataFrame: a row per robot and tick; units in `run.robots.attrs["units"]`
+    run.probes      pandas.DataFrame, of a run with `probes`
+    run.forces      pandas.DataFrame: the force of the air on each obstacle
+    run.maps        list of xarray.Dataset: each gas map at the end, beside the truth
+    run.result      dict: what came of the run
+    run.scenario    Scenario: with every default
+
+Opening is instant, each part is read when it is first asked for. Of a run that still runs, or was killed, there is what
+has come to the disk. What is missing or damaged is told in one line, as a RunFolderError.
+"""
+
+import io
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from taichi_plume import __version__
+from taichi_plume.files import manifest
+from taichi_plume.files.run_folder import OURS, RunFolderError, is_run, told
+from taichi_plume.guard.opening import read_regular, unopenable
+from taichi_plume.guard.terminal import visible
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+
+    from taichi_plume.scenario.scenario import Scenario
+
+LARGEST_CSV = 1 << 30  # bytes
+FILES = {
+    "fields": ("fields.zarr", "recording.rrd"),
+    "robots": ("robots.parquet", "robots.parts"),
+    "probes": ("probes.parquet", "probes.parts"),
+    "forces": ("forces.csv",),
+    "maps": ("maps.zarr",),
+}
+"""Where each part may be, the best first."""
+WANTED = {
+    "fields": "run with `fields: {rate: 2}` in the scenario, or with a recording",
+    "robots": "the scenario has no robots",
+    "probes": "run with `probes: {points: [{kind: point, name: a, at: [1, 2]}]}` in the scenario",
+    "forces": "the air of this run tells no forces; a wind of kind cfd with obstacles does",
+    "maps": "run with `maps: [{kind: time_series}]` in the scenario; they are written when a run ends",
+}
+"""How to get what is not there."""
+
+
+def open_run(folder: Path | str) -> "Run":
+    """The run of a folder. Raises RunFolderError, in one line, where it is none or of another version."""
+    return Run(Path(folder))
+
+
+class Run:
+    """What a run has left; see `open_run`. Every attribute may raise RunFolderError."""
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+        fault = unopenable(folder, folder=True)
+        if fault:
+            raise RunFolderError(f"{folder}: {fault}; give the folder of a run")
+        if not is_run(folder):
+            raise RunFolderError(f"{folder}: is not the folder of a run")
+        made = told(folder / "result.json").get("version", __version__)
+        if str(made).split(".")[:2] != __version__.split(".")[:2]:
+            raise RunFolderError(
+                f"{folder}: was made by taichi_plume {made}, this is {__version__}; open it with that version"
+            )
+
+    @cached_property
+    def result(self) -> dict[str, Any]:
+        """What came of the run: result.json."""
+        path = self.folder / "result.json"
+        content = told(path)
+        if not content.keys() >= OURS:
+            raise RunFolderError(f"{path}: {'is damaged' if path.exists() else 'does not exist'}")
+        _require_same(path)
+        return content
+
+    @cached_property
+    def scenario(self) -> "Scenario":
+        """The scenario with every default; the files that it names are not opened."""
+        from taichi_plume.scenario.loading import ScenarioError, read_scenario
+
+        path = self.folder / "scenario.yaml"
+        _require_same(path)
+        try:
+            return read_scenario(path)
+        except ScenarioError as error:
+            raise RunFolderError(f"{path}: cannot be read: {error.lines[0]}") from None
+
+    @cached_property
+    def fields(self) -> "xarray.Dataset":
+        """Wind, gas and temperature at the cells' middles, over time."""
+        path = self._path("fields")
+        if path.name == "fields.zarr":
+            return _film(path)
+        from taichi_plume.record.reading import pictures
+
+        return pictures(path)
+
+    @cached_property
+    def robots(self) -> "pandas.DataFrame":
+        """A row per robot and tick, as far as the run has come."""
+        return _table(self._path("robots").with_name("robots.parquet"))
+
+    @cached_property
+    def probes(self) -> "pandas.DataFrame":
+        """A row per point and sample, as far as the run has come."""
+        return _table(self._path("probes").with_name("probes.parquet"))
+
+    @cached_property
+    def forces(self) -> "pandas.DataFrame":
+        """The force of the air on each obstacle [N]; of a run that was killed up to its last whole row."""
+        return _rows(self._path("forces"))
+
+    @cached_property
+    def maps(self) -> "list[xarray.Dataset]":
+        """The gas maps at the end, in the order of the scenario; see files/maps_file.py."""
+        from taichi_plume.files import maps_file
+
+        return maps_file.read(self._path("maps"))
+
+    def _path(self, part: str) -> Path:
+        """The file of a part that there is. Raises RunFolderError."""
+        for name in FILES[part]:
+            if (self.folder / name).exists():
+                return self.folder / name
+        raise RunFolderError(f"{self.folder}: has no {FILES[part][0]}; {WANTED[part]}")
+
+    def __repr__(self) -> str:
+        content = told(self.folder / "result.json")
+        status = content.get("status", "of which nothing is told")
+        lines = [f"{self.folder}: {content.get('name', 'a run')}, {status}"]
+        if isinstance(content.get("simulated_s"), int | float):
+            lines[0] += f", {content['simulated_s']:g} s"
+        for part, files in FILES.items():
+            there = next((name for name in files if (self.folder / name).exists()), None)
+            lines.append(f"  {part:<8} {there or f'none: {WANTED[part]}'}")
+        return "\n".join(visible(line) for line in [*lines, "  result", "  scenario"])
+
+
+def _require_same(path: Path) -> None:
+    damage = manifest.changed(path)
+    if damage:
+        raise RunFolderError(damage)
+
+
+def _film(path: Path) -> "xarray.Dataset":
+    """What of a film is at the cells' middles."""
+    import xarray
+
+    from taichi_plume.files import zarr_groups
+    from taichi_plume.files.film import Film, FilmError
+
+    try:
+        film = Film(path)
+    except FilmError as error:
+        raise RunFolderError(str(error)) from None
+    try:
+        data = xarray.open_zarr(path, consolidated=True, chunks=None)
+        for name in data.data_vars:
+            stored, wanted = film.arrays[name].nchunks_initialized, data[name].sizes.get("time", 1)
+            if stored < wanted:
+                raise ValueError(f"{name} has {stored} of {wanted} frames")
+        if not {"time", "air"} <= data.variables.keys():
+            raise ValueError("time or air is missing")
+    except zarr_groups.FAULTS as error:
+        raise RunFolderError(f"{path}: is damaged: {zarr_groups.reason(error)}") from None
+    beside = [
+        name for name in data.variables if any(d.endswith(("_face", "_ghost")) for d in data[name].dims)
+    ]
+    return data.drop_vars(beside)
+
+
+def _table(path: Path) -> "pandas.DataFrame":
+    """A table of ours as pandas has them, with units and meanings."""
+    from taichi_plume.files import table_parts
+
+    table = table_parts.read(path)
+    try:
+        frame = table.to_pandas()
+        about = {one.name: one.metadata or {} for one in table.schema}
+        frame.attrs["units"] = {name: one.get(b"unit", b"1").decode() for name, one in about.items()}
+        frame.attrs["meanings"] = {name: one.get(b"meaning", b"").decode() for name, one in about.items()}
+    except (ValueError, TypeError, LookupError) as error:
+        raise RunFolderError(f"{path}: is damaged: {' '.join(str(error).split())}") from None
+    return frame
+
+
+def _rows(path: Path) -> "pandas.DataFrame":
+    """The whole rows of a CSV of ours, of which each name ends in its unit."""
+    import pandas
+
+    _require_same(path)
+    try:
+        content = read_regular(path, LARGEST_CSV)
+    except OSError as error:
+        raise RunFolderError(f"{path}: cannot be read: {error.strerror or error}") from None
+    if content is None:
+        raise RunFolderError(f"{path}: is too large; {LARGEST_CSV >> 20} MiB are read")
+    try:
+        frame = pandas.read_csv(io.BytesIO(content[: content.rfind(b"\n") + 1]))
+        frame = frame.astype({name: int if name == "obstacle" else float for name in frame.columns})
+        if list(frame.columns[:2]) != ["t_s", "obstacle"]:
+            raise ValueError("its first line names other columns")
+    except (ValueError, TypeError) as error:
+        raise RunFolderError(f"{path}: is damaged: {' '.join(str(error).split())[:200]}") from None
+    frame.attrs["units"] = {name: name.partition("_")[2] or "1" for name in frame.columns}
+    return frame

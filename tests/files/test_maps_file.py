@@ -1,0 +1,150 @@
+"""`maps.zarr` is opened by others without a warning, holds what the maps said, and is refused in a line if damaged."""
+
+import errno
+import json
+import shutil
+import warnings
+from pathlib import Path
+from typing import Any
+
+import fake_run
+import numpy as np
+import pytest
+import xarray
+
+from taichi_plume.files import maps_file, zarr_groups
+from taichi_plume.files.run_folder import RunFolderError
+from taichi_plume.map_scores import MapScores
+
+pytestmark = pytest.mark.usefixtures("taichi")
+
+
+@pytest.fixture(scope="module")
+def ended(tmp_path_factory) -> tuple[Any, MapScores, Path]:
+    """A run that is over, its scores and its maps; the second one tells a variance, and knows half the cells."""
+    sim: Any = fake_run.simulation(fake_run.scenario(2, duration=6))
+    judge = MapScores(sim)
+    sim.observers.append(judge.observer())
+    path = tmp_path_factory.mktemp("run") / "maps.zarr"
+    writer = maps_file.MapsFile(sim, path, judge)
+    writer.start()
+    sim.run()
+    last, says = sim.maps[-1], sim.maps[-1].estimate
+
+    def half() -> np.ndarray:
+        return np.where(np.arange(last.shape[0])[:, None] % 2, np.nan, says())
+
+    last.estimate, last.variance, last.noise = half, lambda: half() ** 2 + 1, 0.0
+    writer.close()
+    return sim, judge, path
+
+
+@pytest.fixture
+def path(ended, tmp_path) -> Path:
+    """A copy to damage."""
+    return shutil.copytree(ended[2], tmp_path / "maps.zarr")
+
+
+def test_it_holds_what_the_maps_say(ended):
+    sim, judge, path = ended
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        held = [xarray.open_zarr(path, group=str(n)) for n in range(len(sim.maps))]
+    assert len(held) > 1
+    for one, series, model in zip(held, judge.series, sim.scenario.maps, strict=True):
+        estimate = series.map.estimate()
+        assert one["estimate"].dims == one["truth"].dims == ("trial", "y", "x")
+        np.testing.assert_array_equal(one["estimate"], np.float32(estimate.transpose(0, 2, 1)))
+        np.testing.assert_array_equal(one["weight"], np.float32(series.map.weight().transpose(0, 2, 1)))
+        for trial in range(len(estimate)):
+            np.testing.assert_allclose(one["truth"][trial], series.truth.T, rtol=1e-6)
+        np.testing.assert_array_equal(one["measurable"], series.measurable.T)
+        at = one["estimate"].sel(x=0.6 * model.cell, y=2.4 * model.cell, method="nearest")
+        np.testing.assert_array_equal(at, np.float32(estimate[:, 0, 2]))
+        assert one["estimate"].attrs["units"] == "ppm"
+        assert one.attrs["kind"] == model.kind
+        assert one.attrs["t_s"] == sim.t
+    assert "variance" not in held[0]
+    np.testing.assert_allclose(held[-1]["variance"], held[-1]["estimate"] ** 2 + 1, rtol=1e-6)
+    assert np.isnan(held[-1]["estimate"]).any()
+    assert sum(part["trials"] for part in held[0].attrs["groups"]) == held[0].sizes["trial"]
+
+
+def test_axes_are_found(ended):
+    import cf_xarray  # noqa: F401
+
+    one = xarray.open_zarr(ended[2], group="0")
+    assert (one.cf["X"].name, one.cf["Y"].name) == ("x", "y")
+
+
+def test_it_is_read_as_it_was_written(ended):
+    for n, one in enumerate(maps_file.read(ended[2])):
+        assert one.identical(xarray.open_zarr(ended[2], group=str(n)))
+
+
+def cut(file: Path) -> None:
+    file.write_bytes(file.read_bytes()[:-7])
+
+
+def another_version(path: Path) -> None:
+    about = json.loads((path / "zarr.json").read_text())
+    about["attributes"]["format"] = "taichi_plume maps 0"
+    (path / "zarr.json").write_text(json.dumps(about))
+
+
+def linked(path: Path) -> None:
+    chunk = path / "1" / "y" / "c" / "0"
+    chunk.unlink()
+    chunk.symlink_to("/dev/zero")
+
+
+@pytest.mark.parametrize(
+    ("damage", "fault"),
+    [
+        (shutil.rmtree, "does not exist"),
+        (lambda path: cut(path / "zarr.json"), "is damaged"),
+        (lambda path: (path / "zarr.json").unlink(), "is damaged"),
+        (another_version, "was made by another version"),
+        (
+            lambda path: cut(path / "0" / "estimate" / "c" / "0" / "0" / "0"),
+            "is damaged: Stored and computed",
+        ),
+        (lambda path: (path / "0" / "truth" / "c" / "0" / "0" / "0").unlink(), "truth has 0 of 1 chunks"),
+        (lambda path: shutil.rmtree(path / "1"), "is damaged"),
+        (lambda path: shutil.rmtree(path / "0" / "estimate"), "is damaged"),
+        (lambda path: cut(path / "1" / "x" / "zarr.json"), "is damaged"),
+        (linked, "which is no plain file"),
+    ],
+)
+def test_damage_is_told_in_a_line(path, damage, fault):
+    damage(path)
+    with pytest.raises(RunFolderError) as told:
+        maps_file.read(path)
+    assert str(told.value).startswith(f"{path}: ")
+    assert fault in str(told.value)
+    assert "\n" not in str(told.value)
+
+
+def test_a_run_that_goes_on_has_no_maps_of_its_earlier_end(ended, path):
+    sim, judge, _ = ended
+    writer = maps_file.MapsFile(sim, path, judge)
+    writer.go_on()
+    assert not path.exists()
+    writer.flush()
+    assert not path.exists()
+    writer.close()
+    assert maps_file.read(path)[0].identical(maps_file.read(ended[2])[0])
+
+
+def test_a_full_disk_leaves_no_half_of_a_file(ended, tmp_path, monkeypatch):
+    sim, judge, _ = ended
+    writer = maps_file.MapsFile(sim, tmp_path / "maps.zarr", judge)
+    writer.start()
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left")
+
+    monkeypatch.setattr(zarr_groups, "consolidate", full)
+    with pytest.raises(OSError, match="No space"):
+        writer.close()
+    assert not list(tmp_path.iterdir())
