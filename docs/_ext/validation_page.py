@@ -172,7 +172,7 @@ def _panels(result: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
     """What there is to draw: titles and pictures; converging errors first."""
     rows = [row for row in result.get("norms", ()) if row["order"] is not None and len(row["errors"]) > 1]
     first = [("Error over resolution", {"kind": "errors", "rows": rows})] if rows else []
-    return first + list(result.get("pictures", {}).items())[:5]
+    return first + list(result.get("pictures", {}).items())
 
 
 def _draw(result: dict[str, Any], path: Path) -> None:

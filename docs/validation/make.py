@@ -18,6 +18,7 @@ from typing import Any
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 RESULTS = HERE / "results.json"
+PICTURES = 5  # of a case, that are kept
 
 
 def main() -> int:
@@ -71,7 +72,10 @@ def take(report: Path) -> None:
         "backend": told["backend"],
         "commit": subprocess.run(commit, cwd=ROOT, capture_output=True, text=True).stdout.strip() or None,
     }
-    results = known() | {case["name"]: case | made for case in told["cases"]}
+    results = known()
+    for case in told["cases"]:
+        shown = dict(list(case.get("pictures", {}).items())[:PICTURES])
+        results[case["name"]] = case | made | {"pictures": shown}
     lines = (
         f"{json.dumps(name)}: {json.dumps(results[name], ensure_ascii=False)}" for name in sorted(results)
     )
