@@ -1,5 +1,6 @@
 """The documentation, built without a network: ``python -m sphinx -W --keep-going -b html docs docs/_build/html``."""
 
+import re
 import sys
 from pathlib import Path
 
@@ -39,14 +40,16 @@ autodoc_member_order = "bysource"
 
 # Tutorials: executed when they have changed, each in the folder it lies in
 def pictures_written(block, block_vars, gallery_conf):
-    """Take up the PNG files that a block of a tutorial has written, besides what it has drawn with matplotlib."""
+    """Take up the PNG files that a block of a tutorial names, besides what it has drawn with matplotlib."""
     from shutil import move
 
     from sphinx_gallery.scrapers import figure_rst
 
-    paths = block_vars["image_path_iterator"]
-    made = sorted(Path(block_vars["src_file"]).parent.glob("*.png"))
-    taken = [str(move(path, target)) for path, target in zip(made, paths, strict=False)]
+    folder, targets = Path(block_vars["src_file"]).parent, block_vars["image_path_iterator"]
+    named = re.findall(r"--out (\S+\.png)", block[1]) if block[0] == "code" else []
+    taken = [
+        str(move(folder / name, next(targets))) for name in named
+    ]  # fails where a command has drawn none
     return figure_rst(taken, gallery_conf["src_dir"])
 
 

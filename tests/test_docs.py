@@ -32,7 +32,7 @@ from taichi_plume.scenario.loading import ScenarioError
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
-MADE = ("reference", "tutorials", "gallery", "_build")  # by the build
+MADE = ("reference", "tutorials", "_build")  # by the build
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md"] + [
     path for path in sorted(DOCS.rglob("*.md")) if path.relative_to(DOCS).parts[0] not in MADE
 ]

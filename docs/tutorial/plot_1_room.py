@@ -9,6 +9,8 @@ You would do this in an empty folder: write the file ``room.yaml`` with your edi
 This page is a Python file instead, so that it could be executed.
 """
 
+# sphinx_gallery_thumbnail_number = 2
+
 # %%
 # Two helpers stand for your terminal and your editor; in these you need neither.
 
@@ -128,7 +130,7 @@ write(AIR.replace("duration: 20 s", "duration: 120 s") + ROBOTS)
 terminal("python -m taichi_plume.run room.yaml --out runs/robots --force")
 
 # %%
-# The same, as a picture of the moment when the first of them arrives:
+# As a picture, a moment before the first of them arrives:
 
 terminal("python -m taichi_plume.picture runs/robots --at 26 --out robots.png")
 
@@ -183,7 +185,8 @@ python -m taichi_plume.run room.yaml --duration 90 --set robots.0.trials=50 \
 """)
 
 # %%
-# The figures are in ``result.json`` too, per trial and with 95 % intervals.
+# The figures are in ``result.json`` too, per trial and with 95 % intervals. Where two intervals overlap, the difference
+# may be chance.
 
 import json
 

@@ -118,13 +118,14 @@ terminal("python -m taichi_plume.run lab.yaml --set 'fields={rate: 1}' --out run
 # Look at it
 # ----------
 # From above, each point shows the largest concentration over the height, so that a plume is seen wherever it is.
+# ``--allow-outside`` lets the command read the bench, which lies beside the scenario and not in the folder of the run.
 
-terminal("python -m taichi_plume.picture runs/lab --at 14 --out above.png")
+terminal("python -m taichi_plume.picture runs/lab --at 14 --allow-outside --out above.png")
 
 # %%
-# And from the side, in the plane of the source. The vapour is carried over the bench by the fan's jet.
+# And from the side, in the plane of the source: in 3-D the heights of source and nose decide what is smelt.
 
-terminal("python -m taichi_plume.picture runs/lab --at 14 --view section --out section.png")
+terminal("python -m taichi_plume.picture runs/lab --at 14 --view section --allow-outside --out section.png")
 
 # %%
 # In the recording, ``rerun runs/lab/recording.rrd``, you can walk around it, stop and go back.
@@ -139,7 +140,7 @@ import matplotlib.pyplot as plt
 from taichi_plume import open_run
 
 fields = open_run("runs/lab").fields
-column = fields.gas_acetone_ppm.sel(x=2.2, y=1.5, method="nearest").mean("time")
+column = fields.acetone_ppm.sel(x=2.2, y=1.5, method="nearest").mean("time")
 figure, axes = plt.subplots(figsize=(4, 4), layout="constrained")
 axes.plot(column, column.z)
 axes.set(xlabel="acetone, mean [ppm]", ylabel="z [m]", ylim=(0, 1.2))
