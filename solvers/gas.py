@@ -28,6 +28,7 @@ class EulerianSolver(Gas):
     """Gas on the grid of a wind that has face velocities. Field c: concentration [kg/m³]."""
 
     STATE = ("transport", "emissions", "emitted_kg", "initial_kg", "surfaces")
+    finer_than_cells = False
 
     def __init__(
         self,

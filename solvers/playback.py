@@ -198,6 +198,7 @@ class PlayedGas(Gas):
     """A recorded gas; its frames were looked at when they were read."""
 
     STATE = ("film",)
+    finer_than_cells = False
 
     def __init__(self, gas: PlaybackGas, film: Film, grid: Grid, t: float = 0.0):
         """t: begin of the run [s]."""

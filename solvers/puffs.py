@@ -68,6 +68,7 @@ class PuffSolver(Gas):
     """
 
     STATE = ("puffs", "portions", "handover", "emitted_kg", "_step", "_released")
+    details = 2
 
     def __init__(
         self,

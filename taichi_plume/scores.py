@@ -13,6 +13,7 @@ from taichi_plume.grid.grid import block_mean, centers
 from taichi_plume.scenario.played import Played
 from taichi_plume.simulation import Mapper, Simulation, Uncertain
 
+SENSORS = 0.1  # m, height of sensors unless a scenario says more
 SAMPLES = 4  # per axis of a map cell, at most
 PERIOD = 5.0  # s, between scores of a map that has no snaps
 SETTLED = 30.0  # s: forecasts count from then on, as in Marjovi & Marques
@@ -48,9 +49,9 @@ def measurable(sim: Simulation, cell: float, shape: tuple[int, int]) -> np.ndarr
 
 
 def sensor_height(sim: Simulation) -> float:
-    """Height of the first group's gas sensors [m]."""
+    """Height of the first group's gas sensors [m]; that of sensors by default where there are no robots."""
     groups = sim.scenario.robots
-    return groups[0].sensors.gas.height if groups else sim.scenario.recording.slice_height
+    return groups[0].sensors.gas.height if groups else min(SENSORS, sim.grid.extent[-1])
 
 
 def map_rows(sim: Simulation) -> list[tuple[tuple[str, ...], slice]]:

@@ -124,6 +124,12 @@ class Gas(Protocol):
     species: Species
     """Of the vapour."""
 
+    finer_than_cells: bool = True
+    """Whether points know more of it than `cells`: of all but what is solved for on the grid."""
+
+    details: int = 1
+    """How many details there are per cell and axis: pictures of it are so much finer than the grid."""
+
     def begin(self, model: Any, t: float, seed: int) -> None:
         """Begin a run at time t [s] with the numbers of the scenario's section, of the structure that it was made for
         (see `state`).

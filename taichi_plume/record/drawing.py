@@ -24,10 +24,10 @@ ROBOTS = np.array(
 )
 """One colour per robot, round and round."""
 STATES = np.array(
-    [0x546E7AFF, 0xFFB300FF, 0x29B6F6FF, 0xAB47BCFF, 0x66BB6AFF, 0xEC407AFF, 0x8D6E63FF, 0x26A69AFF],
+    [0x546E7AFF, 0xFFB300FF, 0x29B6F6FF, 0xAB47BCFF, 0x5C6BC0FF, 0xEC407AFF, 0x8D6E63FF, 0x26A69AFF],
     np.uint32,
 )
-FOUND = 0xE53935FF
+FOUND = 0x43A047FF  # green, which no state is; red are sources
 VIRIDIS = ((68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (253, 231, 37))
 EMBER = ((24, 26, 32), (78, 52, 46), (191, 97, 44), (255, 183, 77), (255, 245, 200))
 BLUE_RED = ((33, 102, 172), (103, 169, 207), (236, 239, 241), (239, 138, 98), (178, 24, 43))
@@ -55,6 +55,12 @@ def decades(low: float, high: float) -> list[tuple[float, str]]:
         (float(logarithmic(np.array(10.0**n), low, high)), text)
         for n, text in zip(powers, labels, strict=True)
     ]
+
+
+def rounded_up(value: float) -> float:
+    """The next of 1, 1.5, 2, 3, 5, 7, 10, 15 ... that is not below a value."""
+    power = 10.0 ** ceil(log10(value) - 1 - 1e-9)
+    return next(n * power for n in (1.0, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0) if n * power >= value * (1 - 1e-9))
 
 
 def painted(places: np.ndarray, palette: Sequence[Sequence[int]]) -> np.ndarray:
@@ -202,16 +208,17 @@ def comb(region: Window, extent: Sequence[float], height: float) -> list[np.ndar
 
 
 def camera(
-    points: np.ndarray, aspect: float, elevation_deg: float
+    points: np.ndarray, aspect: float, elevation_deg: float, azimuth_deg: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Position, target [m] and up of a camera that just frames points (n, 3), looking along +y and down.
+    """Position, target [m] and up of a camera that just frames points (n, 3).
 
-    aspect: width over height of its panel; elevation_deg: above the ground, 90 looks straight down.
+    aspect: width over height of its panel; elevation_deg: above the ground, 90 looks straight down; azimuth_deg: 0
+    looks along +y, 90 along -x.
     """
-    e = radians(elevation_deg)
-    forward = np.array([0.0, cos(e), -sin(e)])
-    up = np.array([0.0, sin(e), cos(e)])
-    right = np.array([1.0, 0.0, 0.0])
+    e, a = radians(elevation_deg), radians(azimuth_deg)
+    ahead, right = np.array([-sin(a), cos(a), 0.0]), np.array([cos(a), sin(a), 0.0])
+    forward = cos(e) * ahead - np.array([0.0, 0.0, sin(e)])
+    up = sin(e) * ahead + np.array([0.0, 0.0, cos(e)])
     half_height = tan(FIELD_OF_VIEW / 2)
     target = (points.min(axis=0) + points.max(axis=0)) / 2
     distance = 0.0
@@ -235,10 +242,7 @@ def lattice(extent: Sequence[float], counts: Sequence[int]) -> np.ndarray:
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
 
 
-def arrow_places(extent: Sequence[float], height: float) -> tuple[np.ndarray, float]:
-    """Where wind arrows stand, (n, dim) [m], and the distance between them [m]."""
-    step = hypot(*extent[:2]) / 26
-    places = lattice(extent[:2], [max(1, round(length / step)) for length in extent[:2]]).reshape(-1, 2)
-    if len(extent) == 3:
-        places = np.column_stack([places, np.full(len(places), height)])
-    return places, step
+def arrow_places(extent: Sequence[float]) -> tuple[np.ndarray, float]:
+    """Where wind arrows stand on a rectangle, (n, 2) [m], and the distance between them [m]."""
+    step = hypot(*extent) / 26
+    return lattice(extent, [max(1, round(length / step)) for length in extent]).reshape(-1, 2), step

@@ -1,16 +1,23 @@
 """How the viewer lays a recording out: views, cameras, panels. For rerun, as `recording` and `scene`."""
 
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import rerun.blueprint as rrb
 
 from taichi_plume.record import drawing
-from taichi_plume.record.scene import ESTIMATES, Stage
+from taichi_plume.record.legends import TICKS, TITLE
+from taichi_plume.record.planes import Plane
+from taichi_plume.record.scales import Quantity
+from taichi_plume.record.scene import Stage, beside, placed
 from taichi_plume.simulation import Simulation, Uncertain
 
+if TYPE_CHECKING:
+    from taichi_plume.record.tracks import Robot
+
 TIME = "sim_time"
-TRAIL = 30.0  # s
 MOST_LANES = 12  # behaviour lanes and entries of a legend that one can still read
 MAP_SERIES = {
     "map_errors": "error_ppm",
@@ -19,108 +26,278 @@ MAP_SERIES = {
     "map_surprises": "nlpd",
 }
 """Where the scores of maps are (see `map_scores`), the error first."""
+MAP_NAMES = {
+    "estimate": "Estimate [ppm]",
+    "weight": "Weight",
+    "error": "Estimate / truth",
+    "truth": "Truth: mean gas so far [ppm]",
+}
+"""What is shown of a map."""
 MAP_TITLES = ("Error [ppm]", "Correlation", "Peak to source [m]", "NLPD of the next readings")
 BACKGROUND = (24, 26, 32)
+TEXT_HEIGHT = 32  # pixels, of a label and the gap above
 
 
-def blueprint(sim: Simulation, stage: Stage, robots: list[str], ghosts: list[str]) -> rrb.Blueprint:
-    """What the viewer shows of a run, with the recorded robots of these names; ghosts: those with a believed pose.
+@dataclass(frozen=True)
+class Shown:
+    """What a recording holds: its robots, planes and quantities."""
 
-    On the left the arena above sensors and behaviour, on the right views from above, errors and events.
+    stage: Stage
+    robots: Sequence["Robot"]
+    seen: Sequence[Plane]
+    quantities: Sequence[Quantity]
+
+
+class Panel(NamedTuple):
+    """Size of a view [pixels]."""
+
+    width: float
+    height: float
+
+    @staticmethod
+    def of(wide: float, tall: float, bars: int = 1) -> "Panel":
+        """With these shares of a 1600 x 900 window, under `bars` title bars."""
+        return Panel(1600 * wide, 830 * tall - 28 * bars)
+
+    @property
+    def titled(self) -> bool:
+        """Whether there is room for the titles of legends; the names of views tell the same."""
+        return self.height > 330
+
+
+class Layout:
+    """Makes views. At the left the arena above sections, sensors and behaviour; at the right views from above and maps
+    above their scores and the events.
     """
-    flat = sim.grid.dim == 2
-    lines = [f"/trails/{name}" for name in robots] + [f"/believed_trails/{name}" for name in ghosts]
-    trails = _recent(lines)
-    lx, ly = sim.grid.extent[:2]
-    side = 0.03 * stage.length  # room for labels
-    box = [[x, y, z] for x in (-side, lx + side) for y in (0.0, ly) for z in (0.0, stage.height)]
-    legend = -0.15 * stage.length
-    framed = np.array([*box, [0.2 * lx, legend, 0.0], [0.8 * lx, legend, 0.0]])
-    world = ["/world/**", "/robots/**", "/trails/**"]
-    if ghosts:
-        world += ["/believed/**", "/believed_trails/**"]
 
-    def arena(name: str, contents: list[str], aspect: float, elevation_deg: float) -> rrb.Spatial3DView:
-        position, target, up = drawing.camera(framed, aspect, elevation_deg)
+    def __init__(self, sim: Simulation, shown: Shown):
+        self.sim, self.shown, self.stage = sim, shown, shown.stage
+        self.flat = sim.grid.dim == 2
+        self.names = [robot.name for robot in shown.robots]
+        ghosts = [robot.name for robot in shown.robots if robot.reckons]
+        lines = [f"/trails/{name}" for name in self.names] + [f"/believed_trails/{name}" for name in ghosts]
+        self.trails = _recent(lines, trail(sim, len(self.names)))
+        self.robots = ["/robots/**", "/trails/**"]
+        if ghosts:
+            self.robots += ["/believed/**", "/believed_trails/**"]
+        self.tops = [plane for plane in shown.seen if plane.letters == "xy"]
+        self.sides = [plane for plane in shown.seen if plane.letters != "xy"]
+        self.main = [one for one in shown.quantities if one.entity in ("gas", "temperature")]
+
+    def blueprint(self) -> rrb.Blueprint:
+        """All of it."""
+        left, wide = self._left()
+        total = self.sim.scenario.warm_up + self.sim.scenario.duration
+        return rrb.Blueprint(
+            rrb.Horizontal(left, self._right(1 - wide), column_shares=[wide, 1 - wide]),
+            rrb.TopPanel(state="collapsed"),
+            rrb.BlueprintPanel(state="collapsed"),
+            rrb.SelectionPanel(state="collapsed"),
+            rrb.TimePanel(
+                state="collapsed",
+                timeline=TIME,
+                play_state="playing",
+                playback_speed=float(np.clip(total / 60, 1, 20)),
+            ),
+            auto_views=False,
+        )
+
+    # ------------------------------------------------------------ spatial views
+
+    def _view(self, name: str, contents: list[str], points: np.ndarray, panel: Panel, *angles: float) -> Any:
+        """A camera on some points (n, 3) [m]; angles: see `drawing.camera`."""
+        position, target, up = drawing.camera(points, panel.width / panel.height, *angles)
         return rrb.Spatial3DView(
             origin="/",
             name=name,
             contents=contents,
-            overrides=trails,
+            overrides=self.trails,
             background=BACKGROUND,
             line_grid=rrb.LineGrid3D(visible=False),
             eye_controls=rrb.EyeControls3D(position=position, look_target=target, eye_up=up),
         )
 
-    ground = [*world, "/gas/slice", "/wind", "/legend/gas/**"]
-    plots = _plots(robots)
-    wide = 0.5 if sim.maps and flat else 0.62 if not flat else 0.72
-    tall = 1.0
-    if plots:
-        tall = float(np.clip(1.9 * wide * (ly - legend) / (lx + 2 * side), 0.35, 0.6)) if flat else 0.6
-    aspect = _aspect(wide, tall)
-    if flat:
-        main = arena("Arena", ground, aspect, 90.0)
-    else:
-        main = arena("Arena", [*world, "/gas/**", "/wind", "/legend/gas/**"], aspect, 48.0)
-    shares = [tall, 0.45 * (1 - tall), 0.55 * (1 - tall)][: 1 + len(plots)]
-    left = rrb.Vertical(main, *plots, row_shares=shares)
+    def _framed(self, u: float, v: float, panel: Panel) -> tuple[float, float, float]:
+        """Left, right and lower end [m] of a picture u x v with its legend, and room for the texts below."""
+        side, length = 0.03 * self.stage.length, self.stage.length
+        below = (TITLE if panel.titled else TICKS) * length
+        room = min(TEXT_HEIGHT, 0.3 * panel.height)
+        scale = max((v + below) / (panel.height - room), (u + 2 * side) / panel.width)  # m per pixel
+        return -side, u + side, -below - room * scale
 
-    aspect = _aspect(1 - wide, 0.5, bars=2 if sim.maps else 1)
-    above: list[Any] = [] if flat else [arena("From above", ground, aspect, 90.0)]
-    aspect = _aspect((1 - wide) / 2, 0.5, bars=2)  # of a map beside the truth
-    unnamed = [f"- /world/openings/{n}/name" for n in range(len(sim.scenario.openings))]
-    for n, gas_map in enumerate(sim.scenario.maps):
-        pictures = {}
-        for what in ESTIMATES:
-            seen = [*world, *unnamed, f"/maps/{n}/{what}", f"/legend/{what}/**"]
-            pictures[what] = arena(what.capitalize(), seen, aspect, 90.0)
-        truth = pictures.pop("truth")
-        name = gas_map.kind.replace("_", " ").capitalize()
-        above.append(rrb.Horizontal(rrb.Tabs(*pictures.values(), active_tab=0), rrb.Tabs(truth), name=name))
-    right = _beside(sim, above, bool(robots), flat)
-    total = sim.scenario.warm_up + sim.scenario.duration
-    return rrb.Blueprint(
-        rrb.Horizontal(left, right, column_shares=[wide, 1 - wide]),
-        rrb.TopPanel(state="collapsed"),
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
-        rrb.TimePanel(
-            state="collapsed",
-            timeline=TIME,
-            play_state="playing",
-            playback_speed=float(np.clip(total / 60, 1, 20)),
-        ),
-        auto_views=False,
-    )
+    def _floor(self, height: float, panel: Panel) -> np.ndarray:
+        """Corners of the arena up to a height, and of its legend."""
+        lx, ly = self.stage.extent[:2]
+        left, right, below = self._framed(lx, ly, panel)
+        box = [[x, y, z] for x in (left, right) for y in (0.0, ly) for z in (0.0, height)]
+        return np.array([*box, [0.2 * lx, below, 0.0], [0.8 * lx, below, 0.0]])
+
+    def _pictures(self, quantity: Quantity, plane: Plane, panel: Panel) -> list[str]:
+        """Entities of a picture with its legend and the wind."""
+        entity = f"{quantity.entity}/{plane.name}"
+        wind = "slice" if plane.letters == "xy" else plane.name
+        seen = [f"/{entity}", f"/legend/{entity}/**", f"/wind/{wind}", f"/legend/wind/{wind}/**"]
+        return seen if panel.titled else [*seen, f"- /legend/{entity}/title"]
+
+    def _above(self, quantity: Quantity, plane: Plane, name: str, panel: Panel) -> Any:
+        """From above; of a 3-D arena without what stands up from its floor."""
+        world = ["/world/**", "- /world/walls", *([] if self.flat else self._unnamed()), *self.robots]
+        contents = [*world, *self._pictures(quantity, plane, panel)]
+        return self._view(name, contents, self._floor(0.0, panel), panel, 90.0)
+
+    def _unnamed(self) -> list[str]:
+        """Leaves out what has no room for names."""
+        return [f"- /world/openings/{n}/name" for n in range(len(self.sim.scenario.openings))]
+
+    def _side(self, quantity: Quantity, plane: Plane, name: str, panel: Panel) -> Any:
+        """A vertical section."""
+        u, v = (self.stage.extent[d] for d in plane.axes)
+        left, right, below = self._framed(u, v, panel)
+        corners = [[left, -0.01 * v], [right, 1.02 * v], [0.2 * u, below], [0.8 * u, below]]
+        contents = [f"/outlines/{plane.name}/**", *(f"/world/{one}" for one in beside(self.sim, plane))]
+        contents += self._pictures(quantity, plane, panel)
+        azimuth = 0.0 if plane.normal == 1 else 90.0
+        return self._view(name, contents, placed(plane, corners, self.stage), panel, 0.0, azimuth)
+
+    # ------------------------------------------------------------ columns
+
+    def _left(self) -> tuple[Any, float]:
+        """The left column, and its share of the width."""
+        plots = _plots(self.names)
+        lx, ly = self.stage.extent[:2]
+        if self.flat:
+            wide, tall = (0.5 if self.sim.maps else 0.72), 1.0
+            if plots:
+                tall = float(np.clip(1.9 * wide * (ly + 0.15 * self.stage.length) / lx, 0.35, 0.6))
+            main, shares = [self._flat_arena(Panel.of(wide, tall, bars=min(2, len(self.main))))], [tall]
+        else:
+            wide, tall = 0.6, 0.4 if plots else 0.58
+            main, shares = [self._arena(Panel.of(wide, tall))], [tall]
+            if self.sides and self.main:
+                share = 0.21 if plots else 0.42
+                main.append(self._sections(wide, share))
+                shares.append(share)
+        rest = 1 - sum(shares)
+        if plots:
+            shares += [0.45 * rest, 0.55 * rest]
+        return rrb.Vertical(*main, *plots, row_shares=shares), wide
+
+    def _flat_arena(self, panel: Panel) -> Any:
+        """The arena of a 2-D run: a tab for each quantity."""
+        views = [
+            self._above(one, self.tops[0], "Arena" if one.entity == "gas" else one.heading, panel)
+            for one in self.shown.quantities
+        ]
+        if not views:
+            world = ["/world/**", *self.robots, "/wind/slice", "/legend/wind/**"]
+            return self._view("Arena", world, self._floor(0.0, panel), panel, 90.0)
+        return views[0] if len(views) == 1 else rrb.Tabs(*views, active_tab=0)
+
+    def _arena(self, panel: Panel) -> Any:
+        """The arena in 3-D; on its floor the largest of the gas over the height."""
+        contents = ["/world/**", *self.robots]
+        for quantity in self.main[:1]:
+            floor = next(
+                (plane for plane in self.tops if quantity.on(plane) and plane.over_height), self.tops[0]
+            )
+            contents += [*self._pictures(quantity, floor, panel), "/gas/volume"]
+        return self._view("Arena", contents, self._floor(self.stage.height, panel), panel, 48.0)
+
+    def _sections(self, wide: float, tall: float) -> Any:
+        """Gas and temperature side by side, each with a tab for every section: of temperature the last one first."""
+        groups = []
+        for quantity in self.main:
+            planes = self.sides if quantity.unit == "ppm" else self.sides[::-1]
+            panel = Panel.of(wide / len(self.main), tall)
+            views = [
+                self._side(quantity, plane, _name(quantity, plane, n), panel)
+                for n, plane in enumerate(planes)
+            ]
+            groups.append(views[0] if len(views) == 1 else rrb.Tabs(*views, active_tab=0))
+        return groups[0] if len(groups) == 1 else rrb.Horizontal(*groups)
+
+    def _right(self, wide: float) -> rrb.Vertical:
+        parts: list[Any] = []
+        shares: list[float] = []
+        if not self.flat:
+            groups = self._groups()
+            tall = 0.4 if not self.sim.maps else 0.34 / max(1, len(groups))
+            for group in groups:
+                panel = Panel.of(wide, tall)
+                views = [
+                    self._above(one, plane, _name(one, plane, n), panel)
+                    for n, (one, plane) in enumerate(group)
+                ]
+                parts.append(rrb.Tabs(*views, active_tab=0, name="From above"))
+                shares.append(tall)
+        if self.sim.maps:
+            tall = 0.5 if self.flat else 0.3
+            parts.append(rrb.Tabs(*self._maps(wide, tall), active_tab=0, name="Maps"))
+            kinds = list(zip(MAP_SERIES, MAP_TITLES, strict=True))
+            if not any(isinstance(gas_map, Uncertain) for gas_map in self.sim.maps):
+                kinds.pop()
+            few = len(self.sim.maps) <= MOST_LANES
+            scored = [_series(f"/{origin}", title, few) for origin, title in kinds]
+            parts.append(rrb.Tabs(*scored, active_tab=0, name="Scores"))
+            shares += [tall, 0.18]
+        columns = rrb.TextLogColumns(timeline_columns=[TIME], text_log_columns=["loglevel", "body"])
+        events = rrb.TextLogView(origin="/events", name="Events", columns=columns)
+        described = rrb.TextDocumentView(origin="/about", name="About: what is what")
+        parts.append(rrb.Tabs(events, described, active_tab=0 if self.names else 1))
+        shares.append(max(0.18, 1 - sum(shares)))
+        return rrb.Vertical(*parts, row_shares=shares)
+
+    def _groups(self) -> list[list[tuple[Quantity, Plane]]]:
+        """Pictures from above that share a panel: of the gas, the largest over the height first, and of temperature,
+        the last slice first.
+        """
+        groups = []
+        for unit in ("ppm", "K"):
+            planes = sorted(self.tops, key=lambda plane: not plane.over_height)
+            planes = planes if unit == "ppm" else planes[::-1]
+            group = [
+                (one, plane)
+                for one in self.shown.quantities
+                for plane in planes
+                if one.unit == unit and one.on(plane)
+            ]
+            if group:
+                groups.append(group)
+        return groups
+
+    def _maps(self, wide: float, tall: float) -> list[Any]:
+        """Of each map what it tells beside the truth."""
+        panel = Panel.of(wide / 2, tall, bars=2)
+        species = " + ".join(one.name for one in self.sim.gas.species)
+        maps = []
+        for n, gas_map in enumerate(self.sim.scenario.maps):
+            pictures = {}
+            for what, title in MAP_NAMES.items():
+                seen = ["/world/**", "- /world/walls", *self._unnamed(), *self.robots]
+                seen += [f"/maps/{n}/{what}", f"/legend/{what}/**", f"- /legend/{what}/title"]
+                pictures[what] = self._view(title, seen, self._floor(0.0, panel), panel, 90.0)
+            truth = pictures.pop("truth")
+            name = f"{species.capitalize()} map: {gas_map.kind.replace('_', ' ')}"
+            beside = rrb.Horizontal(rrb.Tabs(*pictures.values(), active_tab=0), rrb.Tabs(truth), name=name)
+            maps.append(beside)
+        return maps
 
 
-def _beside(sim: Simulation, above: list[Any], robots: bool, flat: bool) -> rrb.Vertical:
-    """What stands beside the arena: views from above and maps, the maps' scores, events and the text."""
-    parts: list[Any] = []
-    shares = []
-    if above:
-        first = 1 if sim.maps and not flat else 0
-        parts.append(rrb.Tabs(*above, active_tab=first, name="Maps"))
-        shares.append(0.5)
-    if sim.maps:
-        kinds = list(zip(MAP_SERIES, MAP_TITLES, strict=True))
-        if not any(isinstance(gas_map, Uncertain) for gas_map in sim.maps):
-            kinds.pop()
-        scored = [_series(f"/{origin}", title, len(sim.maps) <= MOST_LANES) for origin, title in kinds]
-        parts.append(rrb.Tabs(*scored, active_tab=0, name="Scores"))
-        shares.append(0.2)
-    columns = rrb.TextLogColumns(timeline_columns=[TIME], text_log_columns=["loglevel", "body"])
-    events = rrb.TextLogView(origin="/events", name="Events", columns=columns)
-    about = rrb.TextDocumentView(origin="/about", name="About")
-    parts.append(rrb.Tabs(events, about, active_tab=0 if robots else 1))
-    shares.append(0.3)
-    return rrb.Vertical(*parts, row_shares=shares)
+def trail(sim: Simulation, robots: int) -> float | None:
+    """How long trails last [s]; None: all of the way."""
+    if sim.scenario.recording.trail is not None:
+        return sim.scenario.recording.trail
+    if robots <= 2:
+        return None
+    speeds = [
+        getattr(group.algorithm, "speed", None) or group.body.max_speed for group in sim.scenario.robots
+    ]
+    return max(20.0, 2 * max(sim.grid.extent[:2]) / min(speeds))
 
 
-def _aspect(width: float, height: float, bars: int = 1) -> float:
-    """Width over height of a view with these shares of a 1600 x 900 window, under `bars` title bars."""
-    return 1600 * width / (830 * height - 28 * bars)
+def _name(quantity: Quantity, plane: Plane, n: int) -> str:
+    """Of view n of a group; the first tells the quantity."""
+    return f"{quantity.heading}, {plane.text}" if n == 0 else plane.text
 
 
 def _plots(robots: list[str]) -> list[Any]:
@@ -139,7 +316,9 @@ def _series(origin: str, name: str, legend: bool) -> rrb.TimeSeriesView:
     )
 
 
-def _recent(entities: list[str]) -> Any:
+def _recent(entities: list[str], seconds: float | None) -> Any:
+    """What was there in the last seconds, or from the begin on."""
     edge = rrb.TimeRangeBoundary
-    span = rrb.VisibleTimeRange(TIME, start=edge.cursor_relative(seconds=-TRAIL), end=edge.cursor_relative())
+    start = edge.infinite() if seconds is None else edge.cursor_relative(seconds=-seconds)
+    span = rrb.VisibleTimeRange(TIME, start=start, end=edge.cursor_relative())
     return {entity: rrb.VisibleTimeRanges(span) for entity in entities}

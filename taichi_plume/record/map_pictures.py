@@ -6,7 +6,8 @@ import numpy as np
 import rerun as rr
 
 from taichi_plume.map_scores import MapSeries
-from taichi_plume.record import drawing, layout, scene
+from taichi_plume.record import drawing, layout, legends, scene
+from taichi_plume.record.scales import Scale
 from taichi_plume.record.stream import Stream
 from taichi_plume.scores import map_rows
 from taichi_plume.simulation import Simulation
@@ -19,7 +20,10 @@ class MapPictures:
 
     def __init__(self, stream: Stream, sim: Simulation, stage: scene.Stage, series: list[MapSeries]):
         self.stream, self.maps, self.series = stream, list(sim.maps), series
-        self.range_ppm = sim.scenario.recording.range_ppm
+        gas = Scale(*sim.scenario.recording.range_ppm, "log")
+        self.scales = {"estimate": gas, "truth": gas, "weight": legends.WEIGHTS, "error": legends.RATIOS}
+        ramp = np.arange(256) / 255
+        self.colors = {name: drawing.painted(ramp, palette) for name, palette in scene.ESTIMATES.items()}
         self.sent = [{"forecast": 0, "rows": 0} for _ in self.maps]
         """Of each map's errors and scores."""
         made_by = [names for names, _ in map_rows(sim)]
@@ -53,21 +57,21 @@ class MapPictures:
 
     def show(self, sim: Simulation) -> None:
         """What the maps are now, and what is new of their scores."""
-        low, high = self.range_ppm
+        low = self.scales["estimate"].low
         for n, gas_map in enumerate(self.maps):
             estimate = np.asarray(gas_map.estimate())[0]
             weight = np.asarray(gas_map.weight(), float)[0]
             truth = self.series[n].truth
-            ratio = np.maximum(estimate, low) / np.maximum(truth, low)
-            places = {
-                "estimate": drawing.logarithmic(estimate, low, high),
-                "truth": drawing.logarithmic(truth, low, high),
-                "weight": drawing.logarithmic(np.where(weight > 0, weight, np.nan), *scene.WEIGHTS),
-                "error": drawing.logarithmic(ratio, *scene.RATIOS),
+            values = {
+                "estimate": estimate,
+                "truth": truth,
+                "weight": np.where(weight > 0, weight, np.nan),
+                "error": np.maximum(estimate, low) / np.maximum(truth, low),
             }
-            for name, palette in scene.ESTIMATES.items():
-                pixels = drawing.rows(drawing.painted(places[name], palette))
-                self.stream.log(sim.t, f"maps/{n}/{name}", rr.GridMap.from_fields(data=pixels))
+            for name, scale in self.scales.items():
+                colors = self.colors[name][scale.bytes(values[name])]
+                colors[~np.isfinite(values[name])] = 0
+                self.stream.picture(sim.t, f"maps/{n}/{name}", drawing.rows(colors))
             self._send_scores(n)
 
     def _send_scores(self, n: int) -> None:

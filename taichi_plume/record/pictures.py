@@ -1,83 +1,185 @@
-"""Gas and wind in the recording: a slice above the floor, in 3-D a volume, and arrows."""
+"""Gas, temperature and wind in the recording: planes, in 3-D a volume, and arrows."""
 
-from math import ceil
+from collections.abc import Sequence
 
 import numpy as np
 import rerun as rr
 
 from taichi_plume.grid import fields
-from taichi_plume.record import drawing, scene
+from taichi_plume.record import drawing, legends, planes, scene
+from taichi_plume.record.planes import Plane, Raster
+from taichi_plume.record.scales import Quantity
 from taichi_plume.record.stream import Stream
 from taichi_plume.simulation import Simulation
 
-MOST_PIXELS = 400  # per axis of the slice
-MOST_VOXELS = 96  # per axis of the volume
+SPLIT = 2  # samples per cell and axis, where points know more than cells do
+ARROW = 1.2  # length of the arrow in the key, over the distance between arrows
+KEY = 0.95  # share of the arrows that are shorter
+SHORTEST = 0.04  # of the key's: what is shorter is not drawn
+SLOWEST = 1e-3  # m/s: arrows of less are not made longer
+THIN = 0.038  # radius of arrows, over the distance between them
+ARROW_COLOR = (165, 180, 200, 180)
+HALVES = (np.arange(256) / 255).astype(np.float16)
+DENSITY = 3.5  # optical, of the volume across the arena's height, or its length where it is as high as that
 
 
 class Pictures:
-    """Draws gas and wind picture by picture. top_speed: wind whose arrows have their full length [m/s]."""
+    """Draws quantities on planes and in 3-D the gas as a volume, picture by picture.
 
-    def __init__(self, stream: Stream, sim: Simulation, stage: scene.Stage, top_speed: float):
-        self.stream, self.stage, self.top_speed = stream, stage, top_speed
-        grid, recording = sim.grid, sim.scenario.recording
-        self.range_ppm = recording.range_ppm
-        pixel = grid.dx * ceil(max(grid.shape[:2]) / MOST_PIXELS)
-        pixels = tuple(max(1, round(length / pixel)) for length in grid.extent[:2])
-        self.slice_points = drawing.lattice([n * pixel for n in pixels], pixels)
-        if grid.dim == 3:
-            height = np.full((*pixels, 1), min(recording.slice_height, grid.extent[2]))
-            self.slice_points = np.concatenate([self.slice_points, height], axis=-1)
-        picture = rr.GridMap.from_fields(
-            format=scene.picture_format(*pixels, color=False),
-            cell_size=pixel,
-            translation=[0, 0, stage.lift],
-            colormap="inferno",
-            opacity=0.95,
-        )
-        stream.log_still(iter([("gas/slice", picture)]))
-        self.volume_points = None
-        if grid.dim == 3 and recording.volume:
-            counts = [min(ceil(n / 2), MOST_VOXELS) for n in grid.shape]
-            self.volume_points = drawing.lattice(grid.extent, counts)
-            self.voxel = [length / n for length, n in zip(grid.extent, counts, strict=True)]
-        height = min(recording.slice_height, grid.extent[-1])
-        self.arrow_points, self.arrow_step = drawing.arrow_places(grid.extent, height)
+    A byte of a picture stands for the largest of the cells that its pixel covers. What it is of, the static values
+    `quantity`, `unit`, `low`, `high`, `scale`, `plane`, `axes`, `cell` and `origin` of its entity tell.
+    """
 
-    def show_gas(self, sim: Simulation) -> None:
-        """The slice above the floor and, in 3-D, the volume."""
-        image = (255 * self._gas(sim, self.slice_points)).round().astype(np.uint8)
-        self.stream.log(sim.t, "gas/slice", rr.GridMap.from_fields(data=drawing.rows(image)))
-        if self.volume_points is not None:
-            values = (self._gas(sim, self.volume_points) * 255).round() / 255  # fewer values pack better
-            volume = rr.Volume3D(
-                np.ascontiguousarray(values.transpose(2, 1, 0), np.float16),
-                voxel_size=self.voxel,
+    def __init__(
+        self,
+        stream: Stream,
+        sim: Simulation,
+        stage: scene.Stage,
+        seen: Sequence[Plane],
+        quantities: Sequence[Quantity],
+    ):
+        self.stream, self.quantities, self.seen = stream, quantities, seen
+        grid = sim.grid
+        self.rasters = {
+            one.entity: [
+                Raster(plane, grid, sim.air.solid, *((SPLIT, one.details) if one.points is not None else ()))
+                for plane in seen
+                if one.on(plane)
+            ]
+            for one in quantities
+        }
+        self.sampled = {
+            one.entity: [
+                raster.points if one.points is not None and not raster.plane.over_height else None
+                for raster in self.rasters[one.entity]
+            ]
+            for one in quantities
+        }
+        self.centers: np.ndarray | None = None
+        for one in quantities:
+            for raster in self.rasters[one.entity]:
+                stream.log_still(_still(one, raster, stage))
+        self.voxels: tuple[int, ...] | None = None
+        if grid.dim == 3 and sim.scenario.recording.volume and quantities:
+            self.voxels = planes.voxels(grid.shape)
+            size = [length / n for length, n in zip(grid.extent, self.voxels, strict=True)]
+            volume = rr.Volume3D.from_fields(
+                voxel_size=size,
                 value_range=[0.0, 1.0],
                 gamma=2.0,
-                optical_density=3.0 / self.stage.height,
+                optical_density=DENSITY / max(grid.extent[2], stage.length / 4),
                 colormap="inferno",
             )
-            self.stream.log(sim.t, "gas/volume", volume)
+            stream.log_still(iter([("gas/volume", volume)]))
 
-    def _gas(self, sim: Simulation, points: np.ndarray) -> np.ndarray:
-        """Place on the colour scale of the gas at some points."""
-        ppm = fields.ppm_at(sim.gas, points, sim.t).sum(axis=-1)
-        return np.nan_to_num(drawing.logarithmic(ppm, *self.range_ppm))
+    def show(self, sim: Simulation) -> None:
+        """All quantities on all planes, and the volume."""
+        for quantity in self.quantities:
+            cells: np.ndarray | None = None
+            volume = self.voxels is not None and quantity.entity == "gas"
+            places = self.sampled[quantity.entity]
+            if volume or any(points is None for points in places):
+                cells = self._cells(sim, quantity)
+            for raster, points in zip(self.rasters[quantity.entity], places, strict=True):
+                if points is not None and quantity.points is not None:
+                    pixels = raster.of_samples(quantity.points(sim, points))
+                else:
+                    assert cells is not None
+                    pixels = raster.of_cells(cells)
+                data = drawing.rows(quantity.scale.bytes(pixels))
+                self.stream.picture(sim.t, f"{quantity.entity}/{raster.plane.name}", data)
+            if volume and cells is not None:
+                self._show_volume(sim, quantity, cells)
 
-    def show_wind(self, sim: Simulation) -> None:
+    def _cells(self, sim: Simulation, quantity: Quantity) -> np.ndarray:
+        """In all cells; at their centres where only points know."""
+        cells = quantity.cells(sim)
+        if cells is None:
+            assert quantity.points is not None
+            if self.centers is None:
+                self.centers = sim.grid.centers().astype(np.float32)
+            cells = quantity.points(sim, self.centers)
+        return cells
+
+    def _show_volume(self, sim: Simulation, quantity: Quantity, cells: np.ndarray) -> None:
+        assert self.voxels is not None
+        voxels = quantity.scale.bytes(planes.largest(cells, self.voxels))  # fewer values pack better
+        volume = rr.Volume3D.from_fields(values=HALVES[np.ascontiguousarray(voxels.transpose(2, 1, 0))])
+        self.stream.log(sim.t, "gas/volume", volume)
+
+
+def _still(quantity: Quantity, raster: Raster, stage: scene.Stage) -> scene.Entities:
+    """Where a picture lies, and what its bytes stand for."""
+    plane, scale = raster.plane, quantity.scale
+    entity = f"{quantity.entity}/{plane.name}"
+    how = {"colormap": quantity.colormap, "opacity": 0.95}
+    yield entity, scene.picture(plane, raster.shape, raster.cell, raster.origin, stage, **how)
+    yield (
+        entity,
+        rr.AnyValues(
+            quantity=quantity.name,
+            unit=quantity.unit,
+            low=scale.low,
+            high=scale.high,
+            scale=scale.kind,
+            plane=plane.text,
+            axes=plane.letters,
+            cell=raster.cell,
+            origin=list(raster.origin),
+        ),
+    )
+
+
+class Arrows:
+    """Draws the wind as arrows on the first slice and on sections, as long as the air is fast.
+
+    top: speed [m/s] of the key's arrow, of which nearly all arrows fall short: the largest so far.
+    """
+
+    STATE = ("top",)
+
+    def __init__(self, stream: Stream, sim: Simulation, stage: scene.Stage, seen: Sequence[Plane]):
+        self.stream, self.stage, self.top = stream, stage, 0.0
+        extent = sim.grid.extent
+        self.planes = [plane for plane in seen if plane.name == "slice" or plane.letters != "xy"]
+        self.places, self.steps = [], []
+        for plane in self.planes:
+            places, step = drawing.arrow_places([extent[d] for d in plane.axes])
+            if plane.normal is not None:
+                places = np.insert(places, plane.normal, plane.level, axis=-1)
+            self.places.append(places)
+            self.steps.append(step)
+            style = rr.Arrows3D.from_fields(colors=ARROW_COLOR, radii=THIN * step)
+            stream.log_still(iter([(f"wind/{plane.name}", style)]))
+        self.points = np.concatenate(self.places).astype(np.float32)
+
+    def show(self, sim: Simulation) -> None:
         """Arrows centred on their points."""
-        velocity = fields.velocity_at(sim.wind, self.arrow_points, sim.t)
+        velocity = fields.velocity_at(sim.wind, self.points, sim.t)
         speed = np.linalg.norm(velocity, axis=-1)
-        share = np.sqrt(np.minimum(speed / self.top_speed, 1.0))
-        seen = (share > 0.05) & np.isfinite(speed)
-        direction = velocity[seen] / speed[seen, None]
-        vectors = np.zeros((seen.sum(), 3))
-        origins = np.full((seen.sum(), 3), 6 * self.stage.lift)
-        vectors[:, : velocity.shape[1]] = direction * (0.95 * self.arrow_step * share[seen])[:, None]
-        origins[:, : velocity.shape[1]] = self.arrow_points[seen]
-        alpha = 60 + 150 * share[seen]
-        colors = np.column_stack([np.full((len(alpha), 3), 230), alpha]).astype(np.uint8)
-        arrows = rr.Arrows3D(
-            origins=origins - vectors / 2, vectors=vectors, colors=colors, radii=0.055 * self.arrow_step
+        fast = max(SLOWEST, float(np.quantile(speed[np.isfinite(speed)], KEY)))
+        if fast > self.top:
+            self.top = drawing.rounded_up(fast)
+            for plane, step in zip(self.planes, self.steps, strict=True):
+                key = legends.arrow_key(
+                    plane, f"{self.top:g} m/s", ARROW * step, ARROW_COLOR, THIN * step, self.stage
+                )
+                for entity, what in key:
+                    self.stream.log(sim.t, entity, what)
+        for n, (plane, step) in enumerate(zip(self.planes, self.steps, strict=True)):
+            begin = sum(len(places) for places in self.places[:n])
+            self._show(sim, plane, self.places[n], velocity[begin : begin + len(self.places[n])], step)
+
+    def _show(
+        self, sim: Simulation, plane: Plane, places: np.ndarray, velocity: np.ndarray, step: float
+    ) -> None:
+        along = list(plane.axes)
+        vectors = np.zeros((len(places), 3))
+        vectors[:, along] = velocity[:, along] * (ARROW * step / self.top)
+        length = np.linalg.norm(vectors, axis=-1)
+        drawn = length > SHORTEST * ARROW * step
+        vectors = vectors[drawn]
+        origins = scene.placed(plane, places[drawn][:, along], self.stage, 6) - vectors / 2
+        self.stream.log(
+            sim.t, f"wind/{plane.name}", rr.Arrows3D.from_fields(origins=origins, vectors=vectors)
         )
-        self.stream.log(sim.t, "wind", arrows)

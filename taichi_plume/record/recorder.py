@@ -6,23 +6,22 @@ Only the files of this folder know rerun.
 """
 
 from pathlib import Path
-from typing import Protocol, cast
 
 import numpy as np
 import rerun as rr
 
 from taichi_plume import __version__
-from taichi_plume.grid.fields import Wind
 from taichi_plume.map_scores import MapScores
-from taichi_plume.record import layout, scene
+from taichi_plume.record import about, layout, legends, planes, scales, scene
 from taichi_plume.record.map_pictures import MapPictures
-from taichi_plume.record.pictures import Pictures
+from taichi_plume.record.pictures import Arrows, Pictures
 from taichi_plume.record.stream import Stream, mend
 from taichi_plume.record.tracks import Event, Tracks, recorded_robots
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.simulation import Every, Simulation
 
 SAMPLE_PERIOD = 0.1  # s, robots
+BATCH = 2.0  # s, at least
 BATCHES = 250  # at most: rerun keeps 1.5 kB of each, of each entity, in memory until the end
 EARLIER = "recording.old.rrd"
 MENDED = "recording.part.rrd"
@@ -36,7 +35,7 @@ class Recorder:
     Raises OSError, from the constructor or an observer, as soon as the disk has no room for more.
     """
 
-    STATE = ("t", "schedule", "tracks", "maps")
+    STATE = ("t", "schedule", "tracks", "maps", "arrows")
 
     def __init__(
         self, sim: Simulation, path: Path, backend: str = "cpu", map_scores: MapScores | None = None
@@ -56,30 +55,35 @@ class Recorder:
         scores = map_scores or MapScores(sim)
         self.own_scores = None if map_scores else scores
         stage = scene.Stage.of(sim)
-        ghosts = [robot.name for robot in robots if robot.reckons]
-        blueprint = layout.blueprint(sim, stage, [robot.name for robot in robots], ghosts)
+        seen, shown = planes.planes(scenario, sim.grid.extent), scales.quantities(sim)
+        blueprint = layout.Layout(sim, layout.Shown(stage, robots, seen, shown)).blueprint()
         self.stream = Stream(path, scenario.name, scenario.seed, blueprint)
         properties = rr.AnyValues(
             seed=scenario.seed, backend=backend, version=__version__, spacing_m=sim.grid.dx
         )
         self.stream.rerun.send_property("run", properties)
         self.stream.log_still(scene.arena(sim, stage))
-        self.stream.log_still(scene.legends(sim, stage))
-        self.stream.log_still(scene.about(sim, backend, len(robots)))
+        for raster in (
+            planes.Raster(plane, sim.grid, sim.air.solid) for plane in seen if plane.letters != "xy"
+        ):
+            self.stream.log_still(scene.section(sim, raster, stage))
+        self.stream.log_still(legends.legends(sim, stage, seen, shown))
+        self.stream.log_still(about.about(sim, backend, len(robots), seen, shown))
         self.tracks = Tracks(self.stream, stage, robots, self.thresholds, self.events)
-        self.pictures = Pictures(self.stream, sim, stage, _top_speed(sim))
+        self.pictures = Pictures(self.stream, sim, stage, seen, shown)
+        self.arrows = Arrows(self.stream, sim, stage, seen)
         self.maps = MapPictures(self.stream, sim, stage, scores.series)
 
     def observers(self) -> list[Every]:
         """What the simulation has to call, in this order."""
         return [
-            Every(1 / self.rates.rate, self.pictures.show_gas, warm_up=True),
-            Every(1 / self.rates.wind_rate, self.pictures.show_wind, warm_up=True),
+            Every(1 / self.rates.rate, self.pictures.show, warm_up=True),
+            Every(1 / self.rates.wind_rate, self.arrows.show, warm_up=True),
             Every(SAMPLE_PERIOD, self.tracks.sample),
             Every(SAMPLE_PERIOD, self.sample_obstacles, warm_up=True),
             *([self.own_scores.observer()] if self.own_scores else []),
             Every(1.0, self.maps.show),
-            Every(max(1.0, self.sim.scenario.duration / BATCHES), self.note, warm_up=True),
+            Every(max(BATCH, self.sim.scenario.duration / BATCHES), self.note, warm_up=True),
             Every(1.0, lambda _: self.stream.require_room(), warm_up=True),
         ]
 
@@ -157,20 +161,6 @@ def _schedule(scenario: Scenario) -> list[tuple[float, str]]:
             text = f"{opening.kind} {n} on face {face}: {step.speed:g} m/s from now on"
             changes.append((step.at, text))
     return sorted(changes)
-
-
-class Shown(Wind, Protocol):
-    """A wind whose files tell how fast it gets."""
-
-    top_speed: float
-
-
-def _top_speed(sim: Simulation) -> float:
-    """Largest prescribed or recorded speed [m/s]: the arrows' full length."""
-    speed = sim.scenario.wind.top_speed(sim.scenario)
-    if speed is None:
-        speed = cast(Shown, sim.wind).top_speed
-    return speed or 0.1
 
 
 def _packed(color: tuple[int, ...]) -> np.uint32:

@@ -1,23 +1,22 @@
-"""What stands still in a recording: arena, obstacles, openings, sources, bodies, legends, the description.
+"""What stands still in a recording: arena, obstacles, openings, what warms, sources, bodies, outlines of planes.
 
-For rerun, as `recording` and `layout`: every function yields (entity, rerun archetype).
+For rerun, as `legends` and `layout`: every function yields (entity, rerun archetype).
 """
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from math import prod
 from typing import Any
 
 import numpy as np
 import rerun as rr
 
-from taichi_plume import __version__
 from taichi_plume.files.gaden import Cubes
-from taichi_plume.files.run_folder import to_yaml
 from taichi_plume.grid.meshes import Solid
 from taichi_plume.grid.shapes import Shape
 from taichi_plume.record import drawing
+from taichi_plume.record.planes import Plane, Raster
 from taichi_plume.scenario.gases import AnySource
+from taichi_plume.scenario.heat import Heat
 from taichi_plume.scenario.obstacles import Cylinder, Prism
 from taichi_plume.scenario.vocabulary import Color, Point2
 from taichi_plume.scenario.windows import Window
@@ -32,15 +31,17 @@ ESTIMATES = {
     "error": drawing.BLUE_RED,
 }
 """What is shown of a map, with its palette."""
-WEIGHTS = (10.0, 1e6)
-RATIOS = (0.01, 100.0)  # estimate over truth
 
 FLOOR = (44, 48, 58)
 GREY = (150, 155, 165)
 LINES = (150, 160, 175)
 FAINT = (90, 98, 112)
+WALKER = (225, 245, 254)
 RED = (255, 60, 60)
+WARM, COOL = (255, 138, 101), (100, 181, 246)
 TEXT = (205, 210, 218)
+WHITE = (255, 255, 255)
+KELVIN = 273.15  # K at 0 °C
 
 Entities = Iterator[tuple[str, Any]]
 
@@ -88,9 +89,12 @@ def arena(sim: Simulation, stage: Stage) -> Entities:
         edges = ring(stage.lift, sim.scenario.arena.low, sim.scenario.arena.high)
         yield "world/arena", rr.LineStrips3D([edges], colors=LINES, radii=rr.Radius.ui_points(1.5))
     for n, shape in enumerate(sim.obstacles):
-        yield f"world/obstacles/{n}", _solid(shape, stage)
+        walks = n < len(sim.scenario.obstacles) and sim.scenario.obstacles[n].motion is not None
+        yield f"world/obstacles/{n}", _solid(shape, stage, WALKER if walks else GREY)
+        if walks:
+            yield from _walk(n, shape.model, stage)
     for n, source in enumerate(source for _, source in sim.scenario.sources):
-        yield f"world/sources/{n}", _source(source, stage)
+        yield from _source(f"world/sources/{n}", source, stage)
     for n, opening in enumerate(sim.scenario.openings):
         if opening.region is not None:
             name = opening.label if opening.passes else None
@@ -99,20 +103,49 @@ def arena(sim: Simulation, stage: Stage) -> Entities:
             )
     for n, screen in enumerate(sim.scenario.screens):
         yield from _window(f"world/screens/{n}", screen, screen.color, True, screen.kind, stage)
+    if sim.scenario.buoyancy is not None and sim.scenario.buoyancy.heat is not None:
+        yield from _warmth(sim.scenario.buoyancy.heat, stage)
 
 
-def _solid(shape: Any, stage: Stage) -> Any:
+def _walk(n: int, model: Any, stage: Stage) -> Entities:
+    """The name of an obstacle that moves, and its way."""
+    center = np.array(model.center[:2])
+    way = np.array([center, *(point[1:] for point in model.motion.path)])
+    way = np.column_stack([way, np.full(len(way), stage.lift)])
+    yield f"world/walks/{n}", rr.LineStrips3D([way], colors=WALKER, radii=rr.Radius.ui_points(0.7))
+    yield f"world/obstacles/{n}/name", label("walker", [*center, stage.height], WALKER)
+
+
+def _warmth(heat: Heat, stage: Stage) -> Entities:
+    """Heaters, and walls that keep a temperature, warmer ones in another colour than cooler ones."""
+    for n, heater in enumerate(heat.heaters):
+        center = [*heater.position, *[stage.height / 2] * (3 - len(heater.position))]
+        color = WARM if heater.power >= 0 else COOL
+        half = [min(heater.radius, stage.height / 2 if len(stage.extent) == 2 else heater.radius)] * 3
+        ball = rr.Ellipsoids3D(
+            centers=[center], half_sizes=[half], colors=color, line_radii=rr.Radius.ui_points(0.8)
+        )
+        yield f"world/heaters/{n}", ball
+        below = [*center[:2], max(0.0, center[2] - heater.radius)]
+        yield f"world/heaters/{n}/name", label(f"heater {heater.power:g} W", below, color)
+    for n, wall in enumerate(heat.walls):
+        color = WARM if wall.temperature >= heat.reference else COOL
+        name = f"{wall.temperature - KELVIN:.3g} °C"
+        yield from _window(f"world/tempered/{n}", wall, color, False, name, stage)
+
+
+def _solid(shape: Any, stage: Stage, color: Color) -> Any:
     """An obstacle; those of a flat arena are as high as its walls."""
     if isinstance(shape, Cubes):
         centers, half = shape.visible(stage.extent), [shape.size / 2] * 3
         if centers.shape[1] == 2:
             centers = np.column_stack([centers, np.full(len(centers), stage.height / 2)])
             half[2] = stage.height / 2
-        return rr.Boxes3D(centers=centers, half_sizes=[half], fill_mode="solid", colors=GREY)
-    return SOLIDS[shape.model.kind](shape, stage)
+        return rr.Boxes3D(centers=centers, half_sizes=[half], fill_mode="solid", colors=color)
+    return SOLIDS[shape.model.kind](shape, stage, color)
 
 
-def _box(shape: Shape, stage: Stage) -> Any:
+def _box(shape: Shape, stage: Stage, color: Color) -> Any:
     center, size = list(shape.model.center), list(shape.model.size)
     if len(center) == 2:
         center, size = [*center, stage.height / 2], [*size, stage.height]
@@ -121,15 +154,15 @@ def _box(shape: Shape, stage: Stage) -> Any:
         half_sizes=[np.array(size) / 2],
         rotation_axis_angles=[rr.RotationAxisAngle([0, 0, 1], degrees=shape.model.yaw_deg)],
         fill_mode="solid",
-        colors=GREY,
+        colors=color,
     )
 
 
-def _ball(shape: Shape, stage: Stage) -> Any:
+def _ball(shape: Shape, stage: Stage, color: Color) -> Any:
     center, half = list(shape.model.center), [shape.model.radius] * 3
     if len(center) == 2:
         center, half[2] = [*center, stage.height / 2], stage.height / 2
-    return rr.Ellipsoids3D(centers=[center], half_sizes=[half], fill_mode="solid", colors=GREY)
+    return rr.Ellipsoids3D(centers=[center], half_sizes=[half], fill_mode="solid", colors=color)
 
 
 def _upright(model: Cylinder | Prism, stage: Stage) -> tuple[float, float]:
@@ -139,28 +172,28 @@ def _upright(model: Cylinder | Prism, stage: Stage) -> tuple[float, float]:
     return model.base, stage.height if model.height is None else min(stage.height, model.base + model.height)
 
 
-def _cylinder(shape: Shape, stage: Stage) -> Any:
+def _cylinder(shape: Shape, stage: Stage, color: Color) -> Any:
     base, top = _upright(shape.model, stage)
     return rr.Cylinders3D(
         lengths=[top - base],
         radii=[shape.model.radius],
         centers=[[*shape.model.center, (base + top) / 2]],
         fill_mode="solid",
-        colors=GREY,
+        colors=color,
     )
 
 
-def _prism(shape: Shape, stage: Stage) -> Any:
+def _prism(shape: Shape, stage: Stage, color: Color) -> Any:
     return mesh(
-        *drawing.prism_mesh(np.array(shape.model.vertices, float), *_upright(shape.model, stage)), GREY
+        *drawing.prism_mesh(np.array(shape.model.vertices, float), *_upright(shape.model, stage)), color
     )
 
 
-def _mesh(shape: Solid, stage: Stage) -> Any:
-    return mesh(*drawing.faceted(shape.vertices, shape.triangles), GREY)
+def _mesh(shape: Solid, stage: Stage, color: Color) -> Any:
+    return mesh(*drawing.faceted(shape.vertices, shape.triangles), color)
 
 
-SOLIDS: dict[str, Callable[[Any, Stage], Any]] = {
+SOLIDS: dict[str, Callable[[Any, Stage, Color], Any]] = {
     "box": _box,
     "sphere": _ball,
     "cylinder": _cylinder,
@@ -170,12 +203,19 @@ SOLIDS: dict[str, Callable[[Any, Stage], Any]] = {
 """How the obstacles of each kind are drawn."""
 
 
-def _source(source: AnySource, stage: Stage) -> Any:
+def _source(entity: str, source: AnySource, stage: Stage) -> Entities:
+    """A red ball, its name above it in white: gas may be as red."""
     position = [*source.position, *[stage.height / 2] * (3 - len(source.position))]
     radius = max(source.radius, 0.006 * stage.length)
     if len(stage.extent) == 2:
         radius = min(radius, 0.02 * stage.length)
-    return rr.Points3D([position], radii=radius, colors=RED, labels=["source"], show_labels=True)
+    yield entity, rr.Points3D([position], radii=radius, colors=RED)
+    above = [
+        position[0],
+        min(position[1] + radius + 0.07 * stage.length, stage.extent[1]),
+        position[2] + radius,
+    ]
+    yield f"{entity}/name", label("source", above, WHITE)
 
 
 def _window(
@@ -193,8 +233,15 @@ def _window(
     triangles = [[0, i, i + 1] for i in range(1, len(outline) - 1)]
     pane = rr.Mesh3D(vertex_positions=outline, triangle_indices=triangles, albedo_factor=[*color, 45])
     yield f"{entity}/pane", pane
-    middle = [*outline.mean(axis=0)[:2], outline[:, 2].max()]
-    yield f"{entity}/name", _label(name, middle, color)
+    yield f"{entity}/name", label(name, _within(outline, stage), color)
+
+
+def _within(outline: np.ndarray, stage: Stage) -> np.ndarray:
+    """Where the name of an opening stands: at its far end, so far inside the arena that it is not cut off."""
+    x, y = outline[:, 0].mean(), outline[:, 1].max()
+    margin = np.minimum(np.array([0.13, 0.04]) * stage.length, np.array(stage.extent[:2]) / 2)
+    place = np.clip([x, y], margin, np.array(stage.extent[:2]) - margin)
+    return np.array([*place, outline[:, 2].max()])
 
 
 # ---------------------------------------------------------------- robots and series
@@ -222,81 +269,75 @@ def lanes(states: tuple[str, ...]) -> rr.StateConfiguration:
     return rr.StateConfiguration(values=list(states), labels=list(states), colors=colors)
 
 
-# ---------------------------------------------------------------- legends and description
-
-
-def legends(sim: Simulation, stage: Stage) -> Entities:
-    """A colour bar for every scale in use."""
-    low, high = sim.scenario.recording.range_ppm
-    scale = drawing.decades(low, high)
-    where = f", {sim.scenario.recording.slice_height:g} m above the floor" if sim.grid.dim == 3 else ""
-    name = " + ".join(species.name for species in sim.gas.species)
-    yield from _legend("gas", f"{name} [ppm]{where}", scale, None, stage)
-    if sim.maps:
-        ratios = [(at, f"{label} x") for at, label in drawing.decades(*RATIOS)]
-        weights = drawing.decades(*WEIGHTS)
-        yield from _legend("estimate", "estimate [ppm]", scale, drawing.VIRIDIS, stage)
-        yield from _legend("truth", "true mean since the start [ppm]", scale, drawing.VIRIDIS, stage)
-        yield from _legend("weight", "weight of the estimate", weights, drawing.EMBER, stage)
-        yield from _legend("error", "estimate over true mean", ratios, drawing.BLUE_RED, stage)
-
-
-def _legend(name: str, title: str, scale: list[tuple[float, str]], palette: Any, stage: Stage) -> Entities:
-    """A colour bar in front of the arena: the viewer has none of its own. palette: None is inferno."""
-    width, left = 0.6 * stage.extent[0], 0.2 * stage.extent[0]
-    pixel = width / 256
-    thick = max(1, round(0.022 * stage.length / pixel))
-    bottom = -0.03 * stage.length - thick * pixel
-    ramp = np.tile(np.arange(256, dtype=np.uint8)[:, None], (1, thick))
-    bar = rr.GridMap(
-        data=drawing.rows(ramp if palette is None else drawing.painted(ramp / 255.0, palette)),
-        format=picture_format(256, thick, palette is not None),
-        cell_size=pixel,
-        translation=[left, bottom, 0],
-        colormap="inferno" if palette is None else None,
-    )
-    yield f"legend/{name}/bar", bar
-    below = bottom - 0.012 * stage.length
-    ticks = rr.Points3D(
-        [[left + at * width, below, 0] for at, _ in scale],
-        radii=rr.Radius.ui_points(1.0),
-        colors=TEXT,
-        labels=[label for _, label in scale],
-        show_labels=True,
-    )
-    yield f"legend/{name}/ticks", ticks
-    yield f"legend/{name}/title", _label(title, [left + width / 2, below - 0.045 * stage.length, 0], TEXT)
-
-
-def about(sim: Simulation, backend: str, recorded: int) -> Entities:
-    """The run's key facts and its resolved scenario."""
-    scenario, grid = sim.scenario, sim.grid
-    robots = "none"
-    if sim.swarm.count:
-        robots = f"{recorded} of {sim.swarm.count} recorded (of several trials the first)"
-        if any(group.odometry for group in scenario.robots):
-            robots += "; pale outlines and trails: where they believe to be"
-    facts = {
-        "arena": " x ".join(f"{length:g}" for length in grid.extent) + " m",
-        "cells": " x ".join(str(n) for n in grid.shape) + f" = {prod(grid.shape):,} of {grid.dx:g} m",
-        "time": f"{scenario.duration:g} s after {scenario.warm_up:g} s of warm-up, tick {sim.dt:g} s",
-        "wind": f"{scenario.wind.kind}; the length of its arrows grows with the root of the speed",
-        "gas": f"{scenario.gas.kind}, {len(scenario.sources)} source(s)",
-        "robots": robots,
-        "maps": ", ".join(gas_map.kind for gas_map in scenario.maps) or "none",
-        "seed": str(scenario.seed),
-        "backend": backend,
-        "version": f"taichi_plume {__version__}",
-    }
-    table = "\n".join(f"| {key} | {value} |" for key, value in facts.items())
-    text = f"# {scenario.name}\n\n| | |\n|---|---|\n{table}\n\n```yaml\n{to_yaml(scenario)}```\n"
-    yield "about", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)
-
-
 # ---------------------------------------------------------------- small conversions
 
 
-def _label(text: str, position: Any, color: tuple[int, ...]) -> rr.Points3D:
+def placed(plane: Plane, points: Any, stage: Stage, above: float = 1.0) -> np.ndarray:
+    """Points (n, 2) [m] in a plane's axes as (n, 3), so many `stage.lift` on the viewer's side of the plane.
+
+    Horizontal planes lie on the floor, whatever their height.
+    """
+    points = np.asarray(points, float)
+    found = np.zeros((len(points), 3))
+    found[:, list(plane.axes)] = points
+    if plane.letters == "xy":
+        found[:, 2] = above * stage.lift
+    else:
+        side = -1.0 if plane.normal == 1 else 1.0
+        found[:, plane.normal] = (plane.level or 0.0) + side * above * stage.lift
+    return found
+
+
+def turned(plane: Plane) -> list[float]:
+    """Quaternion that turns a picture's axes into those of the plane."""
+    return {"xy": [0.0, 0.0, 0.0, 1.0], "xz": [0.5**0.5, 0.0, 0.0, 0.5**0.5], "yz": [0.5] * 4}[plane.letters]
+
+
+def picture(
+    plane: Plane, shape: tuple[int, ...], cell: float, origin: Any, stage: Stage, **how: Any
+) -> rr.GridMap:
+    """A GridMap that lies in a plane, its lower left corner at `origin` in the plane's axes [m]; without pixels."""
+    above = how.pop("above", 1.0)
+    return rr.GridMap.from_fields(
+        format=picture_format(shape[0], shape[1], how.pop("color", False)),
+        cell_size=cell,
+        translation=placed(plane, [origin], stage, above)[0],
+        quaternion=turned(plane),
+        **how,
+    )
+
+
+def section(sim: Simulation, raster: Raster, stage: Stage) -> Entities:
+    """The edges of a vertical section, what of it is solid, and the names of the sources beside it."""
+    plane, name = raster.plane, f"outlines/{raster.plane.name}"
+    u, v = (stage.extent[d] for d in plane.axes)
+    edges = placed(plane, [[0, 0], [u, 0], [u, v], [0, v], [0, 0]], stage, 4)
+    yield f"{name}/edges", rr.LineStrips3D([edges], colors=LINES, radii=rr.Radius.ui_points(1.5))
+    solid = raster.of_cells(sim.air.solid.astype(np.float32)) > 0.5
+    if solid.any():
+        pixels = np.zeros((*solid.shape, 4), np.uint8)
+        pixels[solid] = (*GREY, 255)
+        how = {"color": True, "above": 3.0, "data": drawing.rows(pixels)}
+        yield f"{name}/solid", picture(plane, solid.shape, raster.cell, raster.origin, stage, **how)
+    near = beside(sim, plane)
+    for n, (_, source) in enumerate(sim.scenario.sources):
+        if f"sources/{n}" in near:
+            x, z = (source.position[d] for d in plane.axes)
+            above = placed(plane, [[x, min(z + source.radius + 0.07 * stage.length, v)]], stage, 8)[0]
+            yield f"{name}/sources/{n}", label("source", above, WHITE)
+
+
+def beside(sim: Simulation, plane: Plane) -> list[str]:
+    """Sources and heaters that a section cuts, or nearly so."""
+    heat = sim.scenario.buoyancy.heat if sim.scenario.buoyancy is not None else None
+    there = [(f"sources/{n}", one) for n, (_, one) in enumerate(sim.scenario.sources)]
+    there += [(f"heaters/{n}", one) for n, one in enumerate(heat.heaters if heat is not None else ())]
+    normal, level = plane.normal or 0, plane.level or 0.0
+    return [name for name, one in there if abs(one.position[normal] - level) < one.radius + sim.grid.dx]
+
+
+def label(text: str, position: Any, color: tuple[int, ...]) -> rr.Points3D:
+    """A text at a place."""
     return rr.Points3D(
         [position], radii=rr.Radius.ui_points(0.0), colors=color, labels=[text], show_labels=True
     )

@@ -21,7 +21,7 @@ Event = tuple[float, str, str, tuple[int, ...]]
 
 @dataclass
 class Robot:
-    """A recorded robot, and what was sampled of it since the last batch."""
+    """A recorded robot, and what has changed of it since the last batch."""
 
     STATE: ClassVar[tuple[str, ...]] = ("state", "last")
 
@@ -33,8 +33,6 @@ class Robot:
     """Names of the algorithm's states, and "found" at the end."""
     model: Group
     state: int = -1
-    samples: list[tuple[float, ...]] = field(default_factory=list)
-    """(time, x, y, heading, reading, believed x, y and heading) each."""
     changes: list[tuple[float, str]] = field(default_factory=list)
     last: dict[str, np.ndarray] = field(default_factory=dict)
     """Where each of its trails ends."""
@@ -68,7 +66,7 @@ class Tracks:
     thresholds: lines in the plot of the readings [ppm]; events: where what happens is added.
     """
 
-    STATE = ("robots",)
+    STATE = ("robots", "states")
 
     def __init__(
         self,
@@ -80,6 +78,12 @@ class Tracks:
     ):
         self.stream, self.stage = stream, stage
         self.robots, self.thresholds, self.events = robots, thresholds, events
+        self.index = np.array([robot.index for robot in robots], int)
+        self.found = np.array([len(robot.states) - 1 for robot in robots], int)
+        self.states = np.full(len(robots), -1)
+        """Of the robots when they were last looked at."""
+        self.samples: list[np.ndarray] = []
+        """(robots, 8) each: time, x, y, heading, reading, believed x, y and heading; since the last batch."""
         stream.log_still(self._styles())
 
     def _styles(self) -> scene.Entities:
@@ -105,39 +109,52 @@ class Tracks:
         if not self.robots:
             return
         now = sim.swarm.snapshot()
-        for robot in self.robots:
-            k = robot.index
-            x, y = (float(v) for v in now["position"][k])
-            reading = float(now["reading_ppm"][k])
-            believed = (*(float(v) for v in now["believed_position"][k]), float(now["believed_heading"][k]))
-            robot.samples.append((sim.t, x, y, float(now["heading"][k]), reading, *believed))
-            state = len(robot.states) - 1 if now["found"][k] else int(now["state"][k])
-            if state != robot.state:
-                name = robot.states[state]
-                robot.changes.append((sim.t, name))
-                place = f"at ({x:.2f}, {y:.2f}) m"
-                if now["found"][k]:
-                    text = f"{robot.name} found a source {place}, {now['path_length'][k]:.2f} m driven"
-                    self.events.append((sim.t, "FOUND", text, robot.color))
-                elif robot.state >= 0:
-                    text = f"{robot.name}: {robot.states[robot.state]} -> {name} {place}, {reading:.3g} ppm"
-                    self.events.append((sim.t, "STATE", text, robot.color))
-                robot.state = state
+        k = self.index
+        self.samples.append(
+            np.column_stack(
+                [
+                    np.full(len(k), sim.t),
+                    now["position"][k],
+                    now["heading"][k],
+                    now["reading_ppm"][k],
+                    now["believed_position"][k],
+                    now["believed_heading"][k],
+                ]
+            )
+        )
+        states = np.where(now["found"][k], self.found, now["state"][k])
+        for n in np.flatnonzero(states != self.states):
+            self._note_state(self.robots[n], int(states[n]), self.samples[-1][n], now)
+        self.states = states
+
+    def _note_state(self, robot: Robot, state: int, sample: np.ndarray, now: dict[str, np.ndarray]) -> None:
+        """Tell of a change of state; sample: as in `samples`."""
+        t, x, y, _, reading = (float(value) for value in sample[:5])
+        name = robot.states[state]
+        robot.changes.append((t, name))
+        place = f"at ({x:.2f}, {y:.2f}) m"
+        if now["found"][robot.index]:
+            text = f"{robot.name} found a source {place}, {now['path_length'][robot.index]:.2f} m driven"
+            self.events.append((t, "FOUND", text, robot.color))
+        elif robot.state >= 0:
+            text = f"{robot.name}: {robot.states[robot.state]} -> {name} {place}, {reading:.3g} ppm"
+            self.events.append((t, "STATE", text, robot.color))
+        robot.state = state
 
     def send(self) -> None:
         """Send what was gathered."""
-        for robot in self.robots:
+        samples = np.array(self.samples)
+        self.samples.clear()
+        for n, robot in enumerate(self.robots):
             if robot.changes:
                 times, states = zip(*robot.changes, strict=True)
                 self.stream.send(f"states/{robot.name}", times, rr.StateChange.columns(state=states))
                 robot.changes.clear()
-            if robot.samples:
-                self._send_samples(robot)
+            if len(samples):
+                self._send_samples(robot, samples[:, n].T)
 
-    def _send_samples(self, robot: Robot) -> None:
-        columns = np.array(robot.samples).T
+    def _send_samples(self, robot: Robot, columns: np.ndarray) -> None:
         t, reading = columns[0], columns[4]
-        robot.samples.clear()
         self._send_way(robot, "robots", "trails", t, columns[1:4])
         if robot.reckons:
             self._send_way(robot, "believed", "believed_trails", t, columns[5:8])

@@ -1,7 +1,7 @@
 """What makes the air of a scenario rise and sink: heaters, warm surfaces, heavy gas."""
 
 from collections.abc import Iterator
-from math import sqrt
+from math import copysign, pi, sqrt
 from typing import Annotated, ClassVar
 
 from pydantic import model_validator
@@ -90,6 +90,19 @@ class Heat(Model):
             sqrt(rise * max(differences, default=0.0) * length),
             (rise * power / (self.capacity * length)) ** (1 / 3),
         )
+
+    @property
+    def likely(self) -> list[float]:
+        """Temperatures [K] that the air is likely to have: those given, and about that over each heater, whose heat
+        rises through its own width with the speed it gains over its radius; twice that, as it is not even.
+        """
+        found = [self.reference, *(surface.temperature for surface in (*self.walls, *self.obstacles))]
+        for heater in self.heaters:
+            heat, r = abs(heater.power) / self.capacity, heater.radius
+            speed = (9.81 * self.volume_expansion * heat / r) ** (1 / 3)
+            if speed > 0.0:
+                found.append(self.reference + copysign(2 * heat / (pi * r**2 * speed), heater.power))
+        return found
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
         """Walls have to lie on their faces and apart, temperatures be those of obstacles that there are."""

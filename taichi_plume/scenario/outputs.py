@@ -1,9 +1,9 @@
 """What a run writes: the recording, forces, films and PlumeSim logs."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
 from taichi_plume.scenario.context import Context
 from taichi_plume.scenario.plumesim import nodes
@@ -15,37 +15,77 @@ from taichi_plume.scenario.vocabulary import (
     Length,
     Model,
     SomePpm,
+    Temperature,
     Time,
 )
 
 CLOSE = 1e-6  # of a number: as good as whole
+Heights = Annotated[
+    tuple[Distance, ...],
+    Field(min_length=1, max_length=8),
+    BeforeValidator(
+        lambda value: value if isinstance(value, list | tuple) else (value,),
+        json_schema_input_type=Distance | list[Distance],
+    ),
+]
+"""One, or a list of several."""
+
+
+class Section(Model):
+    """A vertical slice through a 3-D arena, seen from the side."""
+
+    plane: Literal["xz", "yz"] | None = None
+    """The axes that it shows; unless given, z and the longer side of the arena."""
+    at: Distance | None = None
+    """Where it cuts the other axis [m]; unless given, at the first source and another one at the first heater, and
+    without either in the middle."""
+
+    def normal(self, extent: Sequence[float]) -> int:
+        """The axis that it cuts, in a domain of `extent`."""
+        along_x = extent[0] >= extent[1] if self.plane is None else self.plane == "xz"
+        return 1 if along_x else 0
+
+    def problems(self, where: str, context: Context) -> Iterator[str]:
+        """It has to be in the domain."""
+        extent = context.domain.extent
+        axis = self.normal(extent)
+        if self.at is not None and len(extent) == 3 and self.at > extent[axis]:
+            yield f"{where}.at: {self.at:g} m is outside the domain; use at most {extent[axis]:g} m of {'xy'[axis]}"
 
 
 class Recording(Model):
     """What goes into recording.rrd."""
 
     rate: Frequency = 5.0
-    """Pictures of the gas per simulated second."""
+    """Pictures of the gas, and of the temperature, per simulated second."""
     wind_rate: Frequency = 1.0
+    """Pictures of the wind, as arrows, per simulated second."""
     volume: bool = True
-    """In 3-D, the plume as a volume besides the floor slice."""
-    slice_height: Distance = 0.1
-    """Height of the slice in 3-D [m]."""
+    """In 3-D, the plume as a volume besides the pictures on planes."""
+    slice_height: Heights | None = None
+    """Height of the horizontal slice in 3-D [m], or a list of several. Unless given, those of the first source, of
+    the gas sensors and of the first heater, as far as they are a cell apart."""
+    section: Section | None = Section()
+    """In 3-D, the vertical slice; null for none."""
     range_ppm: tuple[SomePpm, SomePpm] = (0.1, 1000.0)
-    """Ends of the logarithmic colour scale."""
+    """Ends of the logarithmic colour scale of the gas [ppm]: less is shown as the lower, more as the upper end."""
+    range_kelvin: tuple[Temperature, Temperature] | None = None
+    """Ends of the colour scale of the temperature [K], where it is computed; unless given, the coldest and the warmest
+    that walls, openings and the air at the begin have, and about what the air over heaters gets."""
+    trail: Duration | None = None
+    """How long the trail behind a robot lasts [s]. Unless given, as long as a robot takes for twice the longer side of
+    the arena, and all of its way where there are but one or two robots."""
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
-        """The slice has to be in the domain, and the scale to ascend."""
+        """Planes have to be in the domain, and scales to ascend."""
         extent = context.domain.extent
-        if len(extent) == 3 and self.slice_height > extent[2]:
-            yield (
-                f"{where}.slice_height: {self.slice_height:g} m is above the ceiling; use at most {extent[2]:g} m"
-            )
-        if self.range_ppm[0] >= self.range_ppm[1]:
-            yield (
-                f"{where}.range_ppm: the first must be below the second, got {self.range_ppm[0]:g} and "
-                f"{self.range_ppm[1]:g}"
-            )
+        for height in self.slice_height or ():
+            if len(extent) == 3 and height > extent[2]:
+                yield f"{where}.slice_height: {height:g} m is above the ceiling; use at most {extent[2]:g} m"
+        for key in ("range_ppm", "range_kelvin"):
+            ends = vars(self)[key]
+            if ends is not None and ends[0] >= ends[1]:
+                yield f"{where}.{key}: the first must be below the second, got {ends[0]:g} and {ends[1]:g}"
 
 
 class Checkpoint(Model):

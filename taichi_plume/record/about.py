@@ -1,0 +1,96 @@
+"""The text beside a recording: what is what by form and colour, the run's key facts, its resolved scenario."""
+
+from collections.abc import Iterator, Sequence
+from math import prod
+
+import rerun as rr
+
+from taichi_plume import __version__
+from taichi_plume.files.run_folder import to_yaml
+from taichi_plume.record.planes import Plane
+from taichi_plume.record.scales import Quantity
+from taichi_plume.record.scene import Entities
+from taichi_plume.simulation import Simulation
+
+
+def about(
+    sim: Simulation, backend: str, recorded: int, seen: Sequence[Plane], quantities: Sequence[Quantity]
+) -> Entities:
+    """As one document."""
+    name = "".join(f"\\{sign}" if sign in "\\`*_{}[]()<>#+-.!|~" else sign for sign in sim.scenario.name)
+    parts = [
+        f"# {name}",
+        "## What you see",
+        _table(_shown(sim, seen, quantities)),
+        "## The run",
+        _table(_facts(sim, backend, recorded).items()),
+        f"```yaml\n{to_yaml(sim.scenario)}```",
+    ]
+    yield "about", rr.TextDocument("\n\n".join(parts), media_type=rr.MediaType.MARKDOWN)
+
+
+def _table(rows: object) -> str:
+    return "| | |\n|---|---|\n" + "\n".join(f"| {key} | {value} |" for key, value in rows)  # type: ignore[attr-defined]
+
+
+def _shown(
+    sim: Simulation, seen: Sequence[Plane], quantities: Sequence[Quantity]
+) -> Iterator[tuple[str, str]]:
+    """What things look like, and what they are."""
+    scenario, deep = sim.scenario, sim.grid.dim == 3
+    if scenario.sources:
+        yield "red ball", "a source of gas"
+    for quantity in quantities:
+        low, high = quantity.scale.low, quantity.scale.high
+        colors = "black to yellow" if quantity.unit == "ppm" else "blue to red"
+        ends = f"{low:.4g} to {high:.4g} {quantity.unit}, {quantity.scale.kind} scale"
+        yield colors, f"{quantity.name}, {ends}; a pixel shows the largest of the cells that it covers"
+    if deep and quantities:
+        if scenario.recording.volume:
+            yield "cloud", "the plume in 3-D: each voxel is the largest of its cells, whatever its height"
+        yield "floor below it", "the largest of the gas over the height"
+        yield "tabs beside it", "; ".join(dict.fromkeys(plane.text for plane in seen))
+    plane = seen[0].text
+    where = f", {plane}, drawn on the floor" if deep else ""
+    yield (
+        "grey arrows",
+        f"wind{where}: as long as the air is fast, the key beside the colour bar tells how much",
+    )
+    if sim.swarm.count:
+        yield (
+            "pointed discs",
+            "robots, each in the colour of its trail, its sensor's curve and its events; large arenas show them larger",
+        )
+        if any(group.odometry for group in scenario.robots):
+            yield "pale outlines and trails", "where robots believe to be"
+        yield "bars of behaviour", "what each robot is doing; green: it has found a source"
+    if any(one.motion for one in scenario.obstacles):
+        yield "white, named walker", "an obstacle that moves, its way as a thin line"
+    if scenario.obstacles:
+        yield "grey", "obstacles"
+    if sim.maps:
+        yield (
+            "map tabs",
+            "left what the robots make of their readings (its weight, its error), right the truth: the mean of the gas "
+            "since the start; purple to yellow, on the gas's scale",
+        )
+
+
+def _facts(sim: Simulation, backend: str, recorded: int) -> dict[str, str]:
+    """Key figures of the run."""
+    scenario, grid = sim.scenario, sim.grid
+    robots = "none"
+    if sim.swarm.count:
+        robots = f"{recorded} of {sim.swarm.count} recorded (of several trials the first)"
+    return {
+        "arena": " x ".join(f"{length:g}" for length in grid.extent) + " m",
+        "cells": " x ".join(str(n) for n in grid.shape) + f" = {prod(grid.shape):,} of {grid.dx:g} m",
+        "time": f"{scenario.duration:g} s after {scenario.warm_up:g} s of warm-up, tick {sim.dt:g} s",
+        "wind": scenario.wind.kind,
+        "gas": f"{scenario.gas.kind}, {len(scenario.sources)} source(s)",
+        "robots": robots,
+        "maps": ", ".join(gas_map.kind for gas_map in scenario.maps) or "none",
+        "seed": str(scenario.seed),
+        "backend": backend,
+        "version": f"taichi_plume {__version__}",
+    }

@@ -1,0 +1,87 @@
+"""Colour bars and keys, which the viewer has none of. For rerun, as `scene`."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import rerun as rr
+
+from taichi_plume.record import drawing
+from taichi_plume.record.planes import Plane
+from taichi_plume.record.scales import Quantity, Scale
+from taichi_plume.record.scene import TEXT, Entities, Stage, label, picture, placed
+from taichi_plume.simulation import Simulation
+
+WEIGHTS = Scale(10.0, 1e6, "log")
+RATIOS = Scale(0.01, 100.0, "log")  # estimate over truth
+MAPS = Plane("map", (0, 1), None, None, "")
+TOP, TICKS, TITLE = (
+    0.03,
+    0.064,
+    0.109,
+)  # below a picture, over the arena's length: of the bar, its ticks, its title
+
+
+def legends(sim: Simulation, stage: Stage, seen: Sequence[Plane], quantities: Sequence[Quantity]) -> Entities:
+    """A colour bar for every picture."""
+    for quantity in quantities:
+        for plane in seen:
+            if not quantity.on(plane):
+                continue
+            title = ", ".join(part for part in (quantity.title, plane.text) if part)
+            entity = f"{quantity.entity}/{plane.name}"
+            yield from _bar(entity, title, quantity.scale.marks(), quantity.colormap, plane, stage)
+    if sim.maps:
+        gas = Scale(*sim.scenario.recording.range_ppm, "log").marks()
+        ratios = [(at, f"{text} x") for at, text in RATIOS.marks()]
+        viridis = drawing.VIRIDIS
+        yield from _bar("estimate", "the robots' estimate [ppm]", gas, viridis, MAPS, stage)
+        yield from _bar("truth", "true mean since the start [ppm]", gas, viridis, MAPS, stage)
+        yield from _bar("weight", "weight of the estimate", WEIGHTS.marks(), drawing.EMBER, MAPS, stage)
+        yield from _bar("error", "estimate over true mean", ratios, drawing.BLUE_RED, MAPS, stage)
+
+
+def _bar(
+    name: str, title: str, scale: list[tuple[float, str]], colors: Any, plane: Plane, stage: Stage
+) -> Entities:
+    """A colour bar below a plane. colors: the viewer's colormap, or a palette."""
+    length = stage.extent[plane.axes[0]]
+    left, right = (0.05 * length, 0.95 * length) if plane is MAPS else (0.24 * length, 0.96 * length)
+    width = right - left
+    pixel = width / 256
+    thick = max(1, round(0.022 * stage.length / pixel))
+    bottom = -TOP * stage.length - thick * pixel
+    ramp = np.tile(np.arange(256, dtype=np.uint8)[:, None], (1, thick))
+    own = not isinstance(colors, str)
+    bar = picture(
+        plane,
+        (256, thick),
+        pixel,
+        (left, bottom),
+        stage,
+        color=own,
+        data=drawing.rows(drawing.painted(ramp / 255.0, colors) if own else ramp),
+        colormap=None if own else colors,
+    )
+    yield f"legend/{name}/bar", bar
+    below = -TICKS * stage.length
+    ticks = rr.Points3D(
+        placed(plane, [[left + at * width, below] for at, _ in scale], stage),
+        radii=rr.Radius.ui_points(1.0),
+        colors=TEXT,
+        labels=[text for _, text in scale],
+        show_labels=True,
+    )
+    yield f"legend/{name}/ticks", ticks
+    middle = placed(plane, [[left + width / 2, -TITLE * stage.length]], stage)[0]
+    yield f"legend/{name}/title", label(title, middle, TEXT)
+
+
+def arrow_key(plane: Plane, text: str, length: float, color: Any, radius: float, stage: Stage) -> Entities:
+    """An arrow of some length [m] below a plane, left of the colour bar, and what it stands for."""
+    left = 0.1 * stage.extent[plane.axes[0]] - length / 2
+    ends = placed(plane, [[left, -0.042 * stage.length], [left + length, -0.042 * stage.length]], stage)
+    arrow = rr.Arrows3D(origins=ends[:1], vectors=ends[1:] - ends[:1], colors=color, radii=radius)
+    yield f"legend/wind/{plane.name}/arrow", arrow
+    middle = placed(plane, [[left + length / 2, -TICKS * stage.length]], stage)[0]
+    yield f"legend/wind/{plane.name}/text", label(text, middle, TEXT)

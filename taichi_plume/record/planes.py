@@ -1,0 +1,190 @@
+"""Where a recording looks: horizontal slices, the largest of each column, a vertical section; and pixels made of cells.
+
+Plain arrays, no rerun. A picture is an array (first axis, second axis) of its plane.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import ceil
+
+import numpy as np
+
+from taichi_plume.grid.grid import Grid
+from taichi_plume.scenario.scenario import Scenario
+
+MOST_PIXELS = 400  # per axis of a plane
+MOST_VOXELS = 96  # per axis of the volume
+FLOOR = 0.1  # m above the floor, where neither a source nor a sensor tells what matters
+
+
+@dataclass(frozen=True)
+class Plane:
+    """Where a picture is taken. axes: those it shows; normal: the other one, None in 2-D.
+
+    level: where it cuts the normal [m]; None where it is the largest along it. text: for people.
+    """
+
+    name: str
+    axes: tuple[int, int]
+    normal: int | None
+    level: float | None
+    text: str
+
+    @property
+    def over_height(self) -> bool:
+        """Whether it is the largest of each column."""
+        return self.normal is not None and self.level is None
+
+    @property
+    def letters(self) -> str:
+        """The axes by their names."""
+        return "".join("xyz"[d] for d in self.axes)
+
+
+def planes(scenario: Scenario, extent: Sequence[float]) -> list[Plane]:
+    """Those of a run's recording, as its `recording` section has them."""
+    if len(extent) == 2:
+        return [Plane("slice", (0, 1), None, None, "")]
+    found = []
+    for n, height in enumerate(heights(scenario, extent)):
+        found.append(Plane(_nth("slice", n), (0, 1), 2, height, f"{height:g} m above the floor"))
+    found.append(Plane("column", (0, 1), 2, None, "maximum over the height"))
+    for n, (normal, level) in enumerate(cuts(scenario, extent)):
+        text = f"{'xy'[normal]} = {level:g} m"
+        found.append(Plane(_nth("section", n), (1 - normal, 2), normal, level, text))
+    return found
+
+
+def _nth(name: str, n: int) -> str:
+    return name if n == 0 else f"{name}_{n + 1}"
+
+
+def heights(scenario: Scenario, extent: Sequence[float]) -> list[float]:
+    """Of the slices [m]; unless given, of the first source, sensors and heater, as far as they are not the same."""
+    if scenario.recording.slice_height is not None:
+        return list(scenario.recording.slice_height)
+    sources, heaters = _first(scenario)
+    sensors = [group.sensors.gas.height for group in scenario.robots[:1]]
+    levels = [place[2] for place in sources] + sensors + [place[2] for place in heaters]
+    return _apart([min(max(level, 0.0), extent[2]) for level in levels or [FLOOR]], scenario.domain.spacing)
+
+
+def cuts(scenario: Scenario, extent: Sequence[float]) -> list[tuple[int, float]]:
+    """Axis that each section cuts, and where [m]; unless given, at the first source and the first heater."""
+    section = scenario.recording.section
+    if section is None:
+        return []
+    normal = section.normal(extent)
+    if section.at is not None:
+        return [(normal, section.at)]
+    sources, heaters = _first(scenario)
+    levels = [place[normal] for place in (*sources, *heaters)] or [extent[normal] / 2]
+    return [(normal, level) for level in _apart(levels, scenario.domain.spacing)]
+
+
+def _first(scenario: Scenario) -> tuple[list[tuple[float, ...]], list[tuple[float, ...]]]:
+    """Where the first source is, and the first heater; none where there is none."""
+    heat = scenario.buoyancy.heat if scenario.buoyancy is not None else None
+    sources = [source.position for _, source in scenario.sources[:1]]
+    return sources, [heater.position for heater in heat.heaters[:1]] if heat is not None else []
+
+
+def _apart(levels: Sequence[float], distance: float) -> list[float]:
+    """Those that are further than so much from all before."""
+    found: list[float] = []
+    for level in levels:
+        if all(abs(level - other) > distance for other in found):
+            found.append(level)
+    return found
+
+
+class Raster:
+    """The pixels of a plane on a grid: at most MOST_PIXELS along each axis, the largest of what each stands for.
+
+    split: samples per cell along each axis, of what is known between the cells' centres; details: of these, so many
+    pixels per cell, if they are not too many. shape: pixels; cell, origin: size of one and the lower left corner, in
+    the plane's axes [m].
+    """
+
+    def __init__(self, plane: Plane, grid: Grid, solid: np.ndarray, split: int = 1, details: int = 1):
+        self.plane, self.grid = plane, grid
+        cells = [grid.shape[d] for d in plane.axes]
+        self.block = (
+            split // details
+            if max(cells) * details <= MOST_PIXELS
+            else split * ceil(max(cells) / MOST_PIXELS)
+        )
+        self.samples = tuple(n * split for n in cells)
+        self.step = grid.dx / split
+        self.shape = tuple(ceil(n / self.block) for n in self.samples)
+        self.cell, self.origin = self.step * self.block, (0.0, 0.0)
+        self._layers: list[tuple[tuple, np.ndarray | float]] = []
+        if plane.normal is not None and plane.level is not None:
+            self._layers = _between(plane.normal, plane.level, grid, solid)
+
+    @property
+    def points(self) -> np.ndarray:
+        """Where samples are taken, (*samples, dim) [m]."""
+        axes = [(np.arange(n) + 0.5) * self.step for n in self.samples]
+        flat = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+        if self.plane.normal is None:
+            return flat
+        return np.insert(flat, self.plane.normal, self.plane.level, axis=-1)
+
+    def of_cells(self, values: np.ndarray) -> np.ndarray:
+        """Pixels of a quantity in all cells, (*grid.shape)."""
+        if self.plane.normal is None:
+            picture = values
+        elif self.plane.over_height:
+            picture = values.max(axis=self.plane.normal)
+        else:
+            picture = sum(values[layer] * weight for layer, weight in self._layers)
+        return self.of_samples(np.asarray(picture))
+
+    def of_samples(self, values: np.ndarray) -> np.ndarray:
+        """Pixels of a quantity at `points`."""
+        if self.block == 1:
+            return values
+        beyond = [(0, n * self.block - have) for n, have in zip(self.shape, values.shape, strict=True)]
+        return largest(np.pad(values, beyond, mode="edge"), self.shape)
+
+
+def _between(
+    normal: int, level: float, grid: Grid, solid: np.ndarray
+) -> list[tuple[tuple, np.ndarray | float]]:
+    """Layers of cells beside a level and their weights: linear between the centres of those that hold air."""
+    at = level / grid.dx - 0.5
+    first = int(np.clip(np.floor(at), 0, max(0, grid.shape[normal] - 2)))
+    share = float(np.clip(at - first, 0.0, 1.0))
+    layers = []
+    total: np.ndarray | float = 0.0
+    for n, weight in ((first, 1.0 - share), (first + 1, share)):
+        if weight > 0.0:
+            layer = tuple(n if d == normal else slice(None) for d in range(grid.dim))
+            weights = weight * ~solid[layer]
+            total = total + weights
+            layers.append((layer, weights))
+    return [(layer, (weights / np.maximum(total, 1e-6)).astype(np.float32)) for layer, weights in layers]
+
+
+def largest(values: np.ndarray, counts: Sequence[int]) -> np.ndarray:
+    """The largest of the cells that each of `counts` equal parts per axis touches."""
+    for axis, (n, count) in enumerate(zip(values.shape, counts, strict=True)):
+        if n == count:
+            continue
+        if n % count == 0:
+            parts = [np.s_[k :: n // count] for k in range(n // count)]
+        else:
+            begin, end = np.arange(count) * n // count, -(-np.arange(1, count + 1) * n // count)
+            parts = [np.minimum(begin + k, end - 1) for k in range(int((end - begin).max()))]
+        index = (slice(None),) * axis
+        picked = values[(*index, parts[0])]
+        for part in parts[1:]:
+            picked = np.maximum(picked, values[(*index, part)])
+        values = picked
+    return values
+
+
+def voxels(shape: Sequence[int]) -> tuple[int, ...]:
+    """How many voxels stand for so many cells per axis."""
+    return tuple(min(ceil(n / 2), MOST_VOXELS) for n in shape)

@@ -1,0 +1,135 @@
+"""How numbers become colours: scales of a byte, and the quantities that a run solves for."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import ceil, floor, log
+from typing import Literal
+
+import numpy as np
+
+from taichi_plume.grid import fields
+from taichi_plume.record import drawing
+from taichi_plume.record.planes import Plane
+from taichi_plume.scenario.heat import Heat
+from taichi_plume.simulation import Simulation
+
+NARROWEST = 1.0  # K: a range of temperatures is not narrower
+
+
+@dataclass(frozen=True)
+class Scale:
+    """What a byte v stands for: low (high/low)^(v/255) with 0 for at most low, or low + (high - low) v/255."""
+
+    low: float
+    high: float
+    kind: Literal["log", "linear"]
+
+    def bytes(self, values: np.ndarray) -> np.ndarray:
+        """As u8; NaN becomes 0."""
+        known = np.fmax(values, np.float32(self.low))
+        if self.kind == "log":
+            places = np.log(known) - np.float32(log(self.low))
+            places *= np.float32(255 / log(self.high / self.low))
+        else:
+            places = (known - np.float32(self.low)) * np.float32(255 / (self.high - self.low))
+        return np.minimum(places + np.float32(0.5), 255).astype(np.uint8)
+
+    def marks(self) -> list[tuple[float, str]]:
+        """Place and label of what a legend shows."""
+        if self.kind == "log":
+            return drawing.decades(self.low, self.high)
+        step = drawing.rounded_up((self.high - self.low) / 5)
+        values = np.arange(ceil(self.low / step - 1e-9), floor(self.high / step + 1e-9) + 1) * step
+        return [((value - self.low) / (self.high - self.low), f"{value:.6g}") for value in values.tolist()]
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A scalar that is drawn. entity: what its pictures are below; colormap: of the viewer.
+
+    cells: of a simulation, its values in all cells (*grid.shape), None where only points know. points: at points
+    (..., dim) [m], where they know more than the cells do; else None.
+    """
+
+    entity: str
+    name: str
+    unit: str
+    scale: Scale
+    colormap: str
+    cells: Callable[[Simulation], np.ndarray | None]
+    points: Callable[[Simulation, np.ndarray], np.ndarray] | None
+    details: int = 1
+    """Pixels per cell and axis."""
+
+    def on(self, plane: Plane) -> bool:
+        """Whether it is drawn there: of a temperature the largest over the height says little."""
+        return self.unit == "ppm" or not plane.over_height
+
+    @property
+    def title(self) -> str:
+        """With its unit."""
+        return f"{self.name} [{self.unit}]"
+
+    @property
+    def heading(self) -> str:
+        """The same with a capital."""
+        return self.title[:1].upper() + self.title[1:]
+
+
+def quantities(sim: Simulation) -> list[Quantity]:
+    """The gas, of several species their sum and then each, and the temperature where it is solved for."""
+    found = []
+    if sim.gas.species:
+        scale = Scale(*sim.scenario.recording.range_ppm, "log")
+        several = list(range(len(sim.gas.species)))
+        found.append(_gas("gas", several, scale, sim))
+        if len(several) > 1:
+            found += [_gas(f"gas/{n}", [n], scale, sim) for n in several]
+    buoyancy = sim.scenario.buoyancy
+    if sim.heat is not None and buoyancy is not None and buoyancy.heat is not None:
+        found.append(_temperature(sim, buoyancy.heat))
+    return found
+
+
+def _gas(entity: str, which: list[int], scale: Scale, sim: Simulation) -> Quantity:
+    """Of the species of these numbers together."""
+    species = [sim.gas.species[n] for n in which]
+    gases = [gas for gas in sim.gas.gases if gas.species in species]
+
+    def cells(sim: Simulation) -> np.ndarray | None:
+        parts = [(gas.cells(sim.t), np.float32(gas.species.ppm_per_density)) for gas in gases]
+        total = None
+        for held, factor in parts:
+            if held is None:
+                return None
+            total = held * factor if total is None else total + held * factor
+        return total
+
+    def points(sim: Simulation, where: np.ndarray) -> np.ndarray:
+        return fields.ppm_at(sim.gas, where, sim.t)[..., which].sum(axis=-1)
+
+    name = " + ".join(one.name for one in species)
+    finer = any(gas.finer_than_cells for gas in gases)
+    details = max(gas.details for gas in gases)
+    return Quantity(entity, name, "ppm", scale, "inferno", cells, points if finer else None, details)
+
+
+def _temperature(sim: Simulation, heat: Heat) -> Quantity:
+    theta, reference = sim.heat.theta, sim.heat.reference
+
+    def cells(sim: Simulation) -> np.ndarray:
+        return sim.grid.read(theta) + np.float32(reference)
+
+    given = sim.scenario.recording.range_kelvin
+    if given is None:
+        air = cells(sim)[~sim.air.solid]
+        openings = [getattr(opening, "temperature", None) for opening in sim.scenario.openings]
+        known = [
+            *heat.likely,
+            *(one for one in openings if one is not None),
+            float(air.min()),
+            float(air.max()),
+        ]
+        middle, half = (min(known) + max(known)) / 2, max(max(known) - min(known), NARROWEST) / 2
+        given = (middle - half, middle + half)
+    return Quantity("temperature", "temperature", "K", Scale(*given, "linear"), "turbo", cells, None)
