@@ -42,7 +42,7 @@ class Pictures:
         grid = sim.grid
         self.rasters = {
             one.entity: [
-                Raster(plane, grid, sim.air.solid, *((SPLIT, one.details) if one.points is not None else ()))
+                Raster(plane, grid, sim.air.solid, *(() if _by_cells(one, plane) else (SPLIT, one.details)))
                 for plane in seen
                 if one.on(plane)
             ]
@@ -50,8 +50,7 @@ class Pictures:
         }
         self.sampled = {
             one.entity: [
-                raster.points if one.points is not None and not raster.plane.over_height else None
-                for raster in self.rasters[one.entity]
+                None if _by_cells(one, raster.plane) else raster.points for raster in self.rasters[one.entity]
             ]
             for one in quantities
         }
@@ -106,6 +105,11 @@ class Pictures:
         voxels = quantity.scale.bytes(planes.largest(cells, self.voxels))  # fewer values pack better
         volume = rr.Volume3D.from_fields(values=HALVES[np.ascontiguousarray(voxels.transpose(2, 1, 0))])
         self.stream.log(sim.t, "gas/volume", volume)
+
+
+def _by_cells(quantity: Quantity, plane: Plane) -> bool:
+    """Whether a picture is of the cells, not of points finer than these."""
+    return quantity.points is None or plane.over_height
 
 
 def _still(quantity: Quantity, raster: Raster, stage: scene.Stage) -> scene.Entities:
