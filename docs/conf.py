@@ -18,7 +18,7 @@ version = release = taichi_plume.__version__
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx_gallery.gen_gallery", "mathml"]
 OURS = ("scenario_reference", "validation_page")  # they write pages before a build
 extensions += [name for name in OURS if (HERE / "_ext" / f"{name}.py").exists()]
-exclude_patterns = ["_build", "_ext", "tutorial", "validation/*", "**/GALLERY_HEADER.*"]
+exclude_patterns = ["_build", "_ext", "tutorial", "gallery/live", "validation/*", "**/GALLERY_HEADER.*"]
 nitpicky = False
 
 # Text
@@ -54,8 +54,8 @@ def pictures_written(block, block_vars, gallery_conf):
 
 
 sphinx_gallery_conf = {
-    "examples_dirs": ["tutorial"],
-    "gallery_dirs": ["tutorials"],
+    "examples_dirs": ["tutorial", "gallery/live"],
+    "gallery_dirs": ["tutorials", "gallery/runs"],
     "filename_pattern": r"/(plot|run)_",
     "ignore_pattern": r"__init__\.py|conf\.py",
     "image_scrapers": ("matplotlib", pictures_written),
