@@ -48,12 +48,18 @@ def logarithmic(values: np.ndarray, low: float, high: float) -> np.ndarray:
 
 
 def decades(low: float, high: float) -> list[tuple[float, str]]:
-    """Place on the logarithmic scale and label of each power of ten from `low` to `high`."""
-    powers = range(ceil(log10(low) - 1e-9), floor(log10(high) + 1e-9) + 1)
-    labels = [f"{10.0**n:g}" if -4 < n < 4 else f"1e{n}" for n in powers]
+    """Place on the logarithmic scale and label of each power of ten from `low` to `high`; of few, with 3 times them."""
+    powers = range(floor(log10(low)), floor(log10(high) + 1e-9) + 1)
+    factors = (1, 3) if log10(high / low) < 4 - 1e-9 else (1,)
+    marks = [
+        (factor * 10.0**n, f"{factor * 10.0**n:g}" if -4 < n < 4 else f"{factor}e{n}")
+        for n in powers
+        for factor in factors
+    ]
     return [
-        (float(logarithmic(np.array(10.0**n), low, high)), text)
-        for n, text in zip(powers, labels, strict=True)
+        (float(logarithmic(np.array(value), low, high)), text)
+        for value, text in marks
+        if low * (1 - 1e-9) <= value <= high * (1 + 1e-9)
     ]
 
 

@@ -11,7 +11,8 @@ from taichi_plume.record import drawing
 from taichi_plume.record.legends import TICKS, TITLE
 from taichi_plume.record.planes import Plane
 from taichi_plume.record.scales import Quantity
-from taichi_plume.record.scene import Stage, beside, placed
+from taichi_plume.record.scene import beside
+from taichi_plume.record.stage import Stage, placed
 from taichi_plume.simulation import Simulation, Uncertain
 
 if TYPE_CHECKING:
@@ -171,10 +172,13 @@ class Layout:
                 tall = float(np.clip(1.9 * wide * (ly + 0.15 * self.stage.length) / lx, 0.35, 0.6))
             main, shares = [self._flat_arena(Panel.of(wide, tall, bars=min(2, len(self.main))))], [tall]
         else:
-            wide, tall = 0.6, 0.4 if plots else 0.58
-            main, shares = [self._arena(Panel.of(wide, tall))], [tall]
+            wide, all_of_it = 0.6, 0.61 if plots else 1.0
+            share = 0.0
             if self.sides and self.main:
-                share = 0.21 if plots else 0.42
+                u, v = (self.stage.extent[d] for d in self.sides[0].axes)
+                share = all_of_it * float(np.clip(0.2 + 0.4 * v / u, 0.28, 0.45))
+            main, shares = [self._arena(Panel.of(wide, all_of_it - share))], [all_of_it - share]
+            if share:
                 main.append(self._sections(wide, share))
                 shares.append(share)
         rest = 1 - sum(shares)

@@ -9,7 +9,8 @@ import rerun as rr
 from taichi_plume.record import drawing
 from taichi_plume.record.planes import Plane
 from taichi_plume.record.scales import Quantity, Scale
-from taichi_plume.record.scene import TEXT, Entities, Stage, label, picture, placed
+from taichi_plume.record.scene import TEXT, Entities
+from taichi_plume.record.stage import Stage, label, picture, placed
 from taichi_plume.simulation import Simulation
 
 WEIGHTS = Scale(10.0, 1e6, "log")

@@ -8,6 +8,7 @@ import rerun as rr
 from taichi_plume.map_scores import MapSeries
 from taichi_plume.record import drawing, layout, legends, scene
 from taichi_plume.record.scales import Scale
+from taichi_plume.record.stage import Stage, picture_format
 from taichi_plume.record.stream import Stream
 from taichi_plume.scores import map_rows
 from taichi_plume.simulation import Simulation
@@ -18,7 +19,7 @@ class MapPictures:
 
     STATE = ("sent",)
 
-    def __init__(self, stream: Stream, sim: Simulation, stage: scene.Stage, series: list[MapSeries]):
+    def __init__(self, stream: Stream, sim: Simulation, stage: Stage, series: list[MapSeries]):
         self.stream, self.maps, self.series = stream, list(sim.maps), series
         gas = Scale(*sim.scenario.recording.range_ppm, "log")
         self.scales = {"estimate": gas, "truth": gas, "weight": legends.WEIGHTS, "error": legends.RATIOS}
@@ -36,7 +37,7 @@ class MapPictures:
             shape = np.shape(gas_map.estimate())[1:]
             for name in scene.ESTIMATES:
                 blank = rr.GridMap.from_fields(
-                    format=scene.picture_format(*shape, color=True),
+                    format=picture_format(*shape, color=True),
                     cell_size=gas_map.cell,
                     translation=[0, 0, stage.lift],
                 )

@@ -9,11 +9,12 @@ from taichi_plume.grid import fields
 from taichi_plume.record import drawing, legends, planes, scene
 from taichi_plume.record.planes import Plane, Raster
 from taichi_plume.record.scales import Quantity
+from taichi_plume.record.stage import Stage, picture, placed
 from taichi_plume.record.stream import Stream
 from taichi_plume.simulation import Simulation
 
 SPLIT = 2  # samples per cell and axis, where points know more than cells do
-ARROW = 1.2  # length of the arrow in the key, over the distance between arrows
+ARROW = 0.9  # length of the arrow in the key, over the distance between arrows
 KEY = 0.95  # share of the arrows that are shorter
 SHORTEST = 0.04  # of the key's: what is shorter is not drawn
 SLOWEST = 1e-3  # m/s: arrows of less are not made longer
@@ -34,26 +35,26 @@ class Pictures:
         self,
         stream: Stream,
         sim: Simulation,
-        stage: scene.Stage,
+        stage: Stage,
         seen: Sequence[Plane],
         quantities: Sequence[Quantity],
     ):
         self.stream, self.quantities, self.seen = stream, quantities, seen
         grid = sim.grid
-        self.rasters = {
-            one.entity: [
-                Raster(plane, grid, sim.air.solid, *(() if _by_cells(one, plane) else (SPLIT, one.details)))
-                for plane in seen
-                if one.on(plane)
-            ]
-            for one in quantities
-        }
-        self.sampled = {
-            one.entity: [
-                None if _by_cells(one, raster.plane) else raster.points for raster in self.rasters[one.entity]
-            ]
-            for one in quantities
-        }
+        self.rasters: dict[str, list[Raster]] = {}
+        self.sampled: dict[str, list[np.ndarray | None]] = {}
+        """Where each raster takes its samples; None where it is made of cells."""
+        for one in quantities:
+            rasters, sampled = (
+                self.rasters.setdefault(one.entity, []),
+                self.sampled.setdefault(one.entity, []),
+            )
+            for plane in (plane for plane in seen if one.on(plane)):
+                at_points = one.points is not None and not plane.over_height
+                rasters.append(
+                    Raster(plane, grid, sim.air.solid, *((SPLIT, one.details) if at_points else ()))
+                )
+                sampled.append(rasters[-1].points if at_points else None)
         self.centers: np.ndarray | None = None
         for one in quantities:
             for raster in self.rasters[one.entity]:
@@ -79,12 +80,16 @@ class Pictures:
             places = self.sampled[quantity.entity]
             if volume or any(points is None for points in places):
                 cells = self._cells(sim, quantity)
+            slices: list[np.ndarray] = []  # of what only points know: finer than the layers of cells
             for raster, points in zip(self.rasters[quantity.entity], places, strict=True):
                 if points is not None and quantity.points is not None:
                     pixels = raster.of_samples(quantity.points(sim, points))
+                    slices += [pixels] if raster.plane.letters == "xy" else []
                 else:
                     assert cells is not None
                     pixels = raster.of_cells(cells)
+                    for other in slices:
+                        pixels = np.maximum(pixels, planes.largest(other, pixels.shape))
                 data = drawing.rows(quantity.scale.bytes(pixels))
                 self.stream.picture(sim.t, f"{quantity.entity}/{raster.plane.name}", data)
             if volume and cells is not None:
@@ -107,17 +112,12 @@ class Pictures:
         self.stream.log(sim.t, "gas/volume", volume)
 
 
-def _by_cells(quantity: Quantity, plane: Plane) -> bool:
-    """Whether a picture is of the cells, not of points finer than these."""
-    return quantity.points is None or plane.over_height
-
-
-def _still(quantity: Quantity, raster: Raster, stage: scene.Stage) -> scene.Entities:
+def _still(quantity: Quantity, raster: Raster, stage: Stage) -> scene.Entities:
     """Where a picture lies, and what its bytes stand for."""
     plane, scale = raster.plane, quantity.scale
     entity = f"{quantity.entity}/{plane.name}"
     how = {"colormap": quantity.colormap, "opacity": 0.95}
-    yield entity, scene.picture(plane, raster.shape, raster.cell, raster.origin, stage, **how)
+    yield entity, picture(plane, raster.shape, raster.cell, raster.origin, stage, **how)
     yield (
         entity,
         rr.AnyValues(
@@ -142,16 +142,14 @@ class Arrows:
 
     STATE = ("top",)
 
-    def __init__(self, stream: Stream, sim: Simulation, stage: scene.Stage, seen: Sequence[Plane]):
+    def __init__(self, stream: Stream, sim: Simulation, stage: Stage, seen: Sequence[Plane]):
         self.stream, self.stage, self.top = stream, stage, 0.0
         extent = sim.grid.extent
         self.planes = [plane for plane in seen if plane.name == "slice" or plane.letters != "xy"]
         self.places, self.steps = [], []
         for plane in self.planes:
             places, step = drawing.arrow_places([extent[d] for d in plane.axes])
-            if plane.normal is not None:
-                places = np.insert(places, plane.normal, plane.level, axis=-1)
-            self.places.append(places)
+            self.places.append(plane.within(places))
             self.steps.append(step)
             style = rr.Arrows3D.from_fields(colors=ARROW_COLOR, radii=THIN * step)
             stream.log_still(iter([(f"wind/{plane.name}", style)]))
@@ -183,7 +181,7 @@ class Arrows:
         length = np.linalg.norm(vectors, axis=-1)
         drawn = length > SHORTEST * ARROW * step
         vectors = vectors[drawn]
-        origins = scene.placed(plane, places[drawn][:, along], self.stage, 6) - vectors / 2
+        origins = placed(plane, places[drawn][:, along], self.stage, 6) - vectors / 2
         self.stream.log(
             sim.t, f"wind/{plane.name}", rr.Arrows3D.from_fields(origins=origins, vectors=vectors)
         )

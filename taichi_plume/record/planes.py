@@ -30,6 +30,12 @@ class Plane:
     level: float | None
     text: str
 
+    def within(self, points: np.ndarray) -> np.ndarray:
+        """Points (..., 2) in its axes as points of the domain, (..., dim) [m]."""
+        if self.normal is None or self.level is None:
+            return points
+        return np.insert(points, self.normal, self.level, axis=-1)
+
     @property
     def over_height(self) -> bool:
         """Whether it is the largest of each column."""
@@ -127,12 +133,10 @@ class Raster:
         """Where samples are taken, (*samples, dim) [m]."""
         axes = [(np.arange(n) + 0.5) * self.step for n in self.samples]
         flat = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-        if self.plane.normal is None:
-            return flat
-        return np.insert(flat, self.plane.normal, self.plane.level, axis=-1)
+        return self.plane.within(flat)
 
     def of_cells(self, values: np.ndarray) -> np.ndarray:
-        """Pixels of a quantity in all cells, (*grid.shape)."""
+        """Pixels of a quantity in all cells, (*grid.shape); only without a `split`."""
         if self.plane.normal is None:
             picture = values
         elif self.plane.over_height:

@@ -15,6 +15,7 @@ from taichi_plume.map_scores import MapScores
 from taichi_plume.record import about, layout, legends, planes, scales, scene
 from taichi_plume.record.map_pictures import MapPictures
 from taichi_plume.record.pictures import Arrows, Pictures
+from taichi_plume.record.stage import Stage
 from taichi_plume.record.stream import Stream, mend
 from taichi_plume.record.tracks import Event, Tracks, recorded_robots
 from taichi_plume.scenario.scenario import Scenario
@@ -54,7 +55,7 @@ class Recorder:
         """(time, x, y) of the way of each moving obstacle since the last flush."""
         scores = map_scores or MapScores(sim)
         self.own_scores = None if map_scores else scores
-        stage = scene.Stage.of(sim)
+        stage = Stage.of(sim)
         seen, shown = planes.planes(scenario, sim.grid.extent), scales.quantities(sim)
         blueprint = layout.Layout(sim, layout.Shown(stage, robots, seen, shown)).blueprint()
         self.stream = Stream(path, scenario.name, scenario.seed, blueprint)

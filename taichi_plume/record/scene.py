@@ -4,7 +4,6 @@ For rerun, as `legends` and `layout`: every function yields (entity, rerun arche
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,7 @@ from taichi_plume.grid.meshes import Solid
 from taichi_plume.grid.shapes import Shape
 from taichi_plume.record import drawing
 from taichi_plume.record.planes import Plane, Raster
+from taichi_plume.record.stage import Stage, label, mesh, picture, placed
 from taichi_plume.scenario.gases import AnySource
 from taichi_plume.scenario.heat import Heat
 from taichi_plume.scenario.obstacles import Cylinder, Prism
@@ -22,7 +22,6 @@ from taichi_plume.scenario.vocabulary import Color, Point2
 from taichi_plume.scenario.windows import Window
 from taichi_plume.simulation import Simulation
 
-FLAT = 0.05  # height of the walls of a 2-D arena over its shorter side
 BODY = 0.009  # robots are drawn at least this large, over the arena's length
 ESTIMATES = {
     "estimate": drawing.VIRIDIS,
@@ -44,23 +43,6 @@ WHITE = (255, 255, 255)
 KELVIN = 273.15  # K at 0 °C
 
 Entities = Iterator[tuple[str, Any]]
-
-
-@dataclass(frozen=True)
-class Stage:
-    """The arena as drawn: floor [m], height of its walls, longer side, gap between what lies on the floor."""
-
-    extent: tuple[float, ...]
-    height: float
-    length: float
-    lift: float
-
-    @staticmethod
-    def of(sim: Simulation) -> "Stage":
-        """That of a simulation; flat ones get low walls."""
-        extent = sim.grid.extent
-        length = max(extent[:2])
-        return Stage(extent, extent[2] if len(extent) == 3 else FLAT * min(extent), length, 5e-4 * length)
 
 
 # ---------------------------------------------------------------- arena
@@ -212,7 +194,7 @@ def _source(entity: str, source: AnySource, stage: Stage) -> Entities:
     yield entity, rr.Points3D([position], radii=radius, colors=RED)
     above = [
         position[0],
-        min(position[1] + radius + 0.07 * stage.length, stage.extent[1]),
+        min(position[1] + radius + 0.1 * stage.length, stage.extent[1]),
         position[2] + radius,
     ]
     yield f"{entity}/name", label("source", above, WHITE)
@@ -233,12 +215,13 @@ def _window(
     triangles = [[0, i, i + 1] for i in range(1, len(outline) - 1)]
     pane = rr.Mesh3D(vertex_positions=outline, triangle_indices=triangles, albedo_factor=[*color, 45])
     yield f"{entity}/pane", pane
-    yield f"{entity}/name", label(name, _within(outline, stage), color)
+    across = 0.0 < outline[:, window.normal].mean() < (*stage.extent[:2], stage.height)[window.normal]
+    yield f"{entity}/name", label(name, _within(outline, stage, across), color)
 
 
-def _within(outline: np.ndarray, stage: Stage) -> np.ndarray:
-    """Where the name of an opening stands: at its far end, so far inside the arena that it is not cut off."""
-    x, y = outline[:, 0].mean(), outline[:, 1].max()
+def _within(outline: np.ndarray, stage: Stage, near: bool) -> np.ndarray:
+    """Where the name of an opening stands: at its far or near end, so far inside the arena that it is not cut off."""
+    x, y = outline[:, 0].mean(), outline[:, 1].min() if near else outline[:, 1].max()
     margin = np.minimum(np.array([0.13, 0.04]) * stage.length, np.array(stage.extent[:2]) / 2)
     place = np.clip([x, y], margin, np.array(stage.extent[:2]) - margin)
     return np.array([*place, outline[:, 2].max()])
@@ -269,42 +252,7 @@ def lanes(states: tuple[str, ...]) -> rr.StateConfiguration:
     return rr.StateConfiguration(values=list(states), labels=list(states), colors=colors)
 
 
-# ---------------------------------------------------------------- small conversions
-
-
-def placed(plane: Plane, points: Any, stage: Stage, above: float = 1.0) -> np.ndarray:
-    """Points (n, 2) [m] in a plane's axes as (n, 3), so many `stage.lift` on the viewer's side of the plane.
-
-    Horizontal planes lie on the floor, whatever their height.
-    """
-    points = np.asarray(points, float)
-    found = np.zeros((len(points), 3))
-    found[:, list(plane.axes)] = points
-    if plane.letters == "xy":
-        found[:, 2] = above * stage.lift
-    else:
-        side = -1.0 if plane.normal == 1 else 1.0
-        found[:, plane.normal] = (plane.level or 0.0) + side * above * stage.lift
-    return found
-
-
-def turned(plane: Plane) -> list[float]:
-    """Quaternion that turns a picture's axes into those of the plane."""
-    return {"xy": [0.0, 0.0, 0.0, 1.0], "xz": [0.5**0.5, 0.0, 0.0, 0.5**0.5], "yz": [0.5] * 4}[plane.letters]
-
-
-def picture(
-    plane: Plane, shape: tuple[int, ...], cell: float, origin: Any, stage: Stage, **how: Any
-) -> rr.GridMap:
-    """A GridMap that lies in a plane, its lower left corner at `origin` in the plane's axes [m]; without pixels."""
-    above = how.pop("above", 1.0)
-    return rr.GridMap.from_fields(
-        format=picture_format(shape[0], shape[1], how.pop("color", False)),
-        cell_size=cell,
-        translation=placed(plane, [origin], stage, above)[0],
-        quaternion=turned(plane),
-        **how,
-    )
+# ---------------------------------------------------------------- vertical sections
 
 
 def section(sim: Simulation, raster: Raster, stage: Stage) -> Entities:
@@ -323,7 +271,7 @@ def section(sim: Simulation, raster: Raster, stage: Stage) -> Entities:
     for n, (_, source) in enumerate(sim.scenario.sources):
         if f"sources/{n}" in near:
             x, z = (source.position[d] for d in plane.axes)
-            above = placed(plane, [[x, min(z + source.radius + 0.07 * stage.length, v)]], stage, 8)[0]
+            above = placed(plane, [[x, min(z + source.radius + 0.14 * stage.length, v)]], stage, 8)[0]
             yield f"{name}/sources/{n}", label("source", above, WHITE)
 
 
@@ -334,25 +282,3 @@ def beside(sim: Simulation, plane: Plane) -> list[str]:
     there += [(f"heaters/{n}", one) for n, one in enumerate(heat.heaters if heat is not None else ())]
     normal, level = plane.normal or 0, plane.level or 0.0
     return [name for name, one in there if abs(one.position[normal] - level) < one.radius + sim.grid.dx]
-
-
-def label(text: str, position: Any, color: tuple[int, ...]) -> rr.Points3D:
-    """A text at a place."""
-    return rr.Points3D(
-        [position], radii=rr.Radius.ui_points(0.0), colors=color, labels=[text], show_labels=True
-    )
-
-
-def mesh(
-    vertices: np.ndarray, triangles: np.ndarray, normals: np.ndarray, color: tuple[int, ...]
-) -> rr.Mesh3D:
-    """A mesh of one colour."""
-    return rr.Mesh3D(
-        vertex_positions=vertices, triangle_indices=triangles, vertex_normals=normals, albedo_factor=color
-    )
-
-
-def picture_format(width: int, height: int, color: bool) -> rr.components.ImageFormat:
-    """Of a GridMap's bytes: RGBA, or one byte that the viewer colours."""
-    model = "RGBA" if color else "L"
-    return rr.components.ImageFormat(width=width, height=height, color_model=model, channel_datatype="U8")

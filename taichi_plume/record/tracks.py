@@ -9,6 +9,7 @@ import numpy as np
 import rerun as rr
 
 from taichi_plume.record import drawing, scene
+from taichi_plume.record.stage import Stage
 from taichi_plume.record.stream import Stream
 from taichi_plume.scenario.robots import Group
 from taichi_plume.simulation import Simulation
@@ -71,7 +72,7 @@ class Tracks:
     def __init__(
         self,
         stream: Stream,
-        stage: scene.Stage,
+        stage: Stage,
         robots: list[Robot],
         thresholds: Sequence[float],
         events: list[Event],

@@ -11,6 +11,7 @@ OTHERS = {
     "Domain.size": "which tells the dimension",
     "ClosedForm.diffusivity": "of which one may stand for all axes",
     "ClosedForm.intensity": "the same",
+    "Recording.slice_height": "of one slice or several",
     "Spiral.arms": "a list of any length",
     "TableProfile.heights": "a list of any length",
     "TableProfile.speeds": "one per height",

@@ -1,0 +1,116 @@
+from itertools import product
+
+import fake_run
+import numpy as np
+import pytest
+
+from taichi_plume.grid.grid import Grid
+from taichi_plume.record import planes
+from taichi_plume.record.planes import Plane, Raster
+from taichi_plume.scenario.scenario import Scenario
+
+
+def random(*shape: int) -> np.ndarray:
+    return np.random.default_rng(1).random(shape).astype(np.float32)
+
+
+@pytest.mark.parametrize(
+    ("shape", "counts"), [((12, 8, 6), (6, 4, 3)), ((13, 7, 5), (7, 4, 3)), ((9, 5, 1), (2, 5, 1))]
+)
+def test_a_voxel_is_the_largest_of_the_cells_that_it_touches(shape, counts):
+    values = random(*shape)
+    found = planes.largest(values, counts)
+    assert found.shape == counts
+    for index in product(*map(range, counts)):
+        edges = [(i * n / c, (i + 1) * n / c) for i, n, c in zip(index, shape, counts, strict=True)]
+        touched = [slice(int(np.floor(a + 1e-9)), int(np.ceil(b - 1e-9))) for a, b in edges]
+        assert found[index] == values[tuple(touched)].max()
+
+
+GRID = Grid((20, 16, 10), 0.1)
+AIR = np.zeros(GRID.shape, bool)
+
+
+def test_column_is_the_largest_over_the_height():
+    values = random(*GRID.shape)
+    raster = Raster(Plane("column", (0, 1), 2, None, ""), GRID, AIR)
+    assert np.array_equal(raster.of_cells(values), values.max(axis=2))
+
+
+@pytest.mark.parametrize("height", [0.0, 0.05, 0.1, 0.33, 0.98])
+def test_slices_are_linear_between_layers_of_cells(height):
+    x, y, z = np.moveaxis(GRID.centers(), -1, 0)
+    raster = Raster(Plane("slice", (0, 1), 2, height, ""), GRID, AIR)
+    expected = (3 * x - y)[..., 0] + 7 * np.clip(height, 0.05, 0.95)
+    assert raster.of_cells(3 * x - y + 7 * z) == pytest.approx(expected, abs=1e-5)
+
+
+def test_slices_leave_out_what_is_solid():
+    values, solid = random(*GRID.shape), AIR.copy()
+    solid[:, :, 2] = True
+    solid[5, 5, 3] = True
+    raster = Raster(Plane("slice", (0, 1), 2, 0.32, ""), GRID, solid)
+    expected = values[:, :, 3].copy()
+    expected[5, 5] = 0
+    assert raster.of_cells(values) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(("axes", "normal"), [((0, 2), 1), ((1, 2), 0)])
+def test_section_through_a_source_has_its_peak(axes, normal):
+    source = np.array([0.75, 0.85, 0.55])  # at the centre of a cell
+    values = np.exp(-((GRID.centers() - source) ** 2).sum(axis=-1) / 0.02)
+    raster = Raster(Plane("section", axes, normal, float(source[normal]), ""), GRID, AIR)
+    pixels = raster.of_cells(values)
+    assert pixels.max() == pytest.approx(values.max(), rel=1e-5)
+    i, k = np.unravel_index(pixels.argmax(), pixels.shape)
+    place = [raster.origin[0] + (i + 0.5) * raster.cell, raster.origin[1] + (k + 0.5) * raster.cell]
+    assert place == pytest.approx(source[list(axes)])
+
+
+def test_pixels_of_large_grids_are_the_largest_of_their_cells():
+    grid = Grid((1001, 30), 0.01)
+    values = np.zeros(grid.shape)
+    values[500, 17] = values[1000, 29] = 1.0
+    raster = Raster(Plane("slice", (0, 1), None, None, ""), grid, np.zeros(grid.shape, bool))
+    pixels = raster.of_cells(values)
+    assert raster.cell == pytest.approx(0.03)
+    assert pixels.shape == (334, 10)
+    assert np.argwhere(pixels).tolist() == [[166, 5], [333, 9]]
+
+
+def test_points_are_the_samples_of_pixels():
+    raster = Raster(Plane("section", (1, 2), 0, 0.7, ""), GRID, AIR, 2, 2)
+    points = raster.points
+    assert points.shape == (32, 20, 3)
+    assert np.unique(points[..., 0]) == pytest.approx([0.7])
+    assert points[0, 0, 1:] == pytest.approx([0.025, 0.025])
+    assert raster.of_samples(points[..., 1]).shape == raster.shape == (32, 20)
+    coarse = Raster(Plane("section", (1, 2), 0, 0.7, ""), GRID, AIR, 2)
+    assert coarse.of_samples(points[..., 1])[0, 0] == pytest.approx(0.075)
+
+
+def scenario(**recording: object) -> Scenario:
+    source = {"kind": "eulerian", "sources": [{"position": [0.6, 1.5, 0.4], "rate": 2e-5}]}
+    return fake_run.scenario(3, gas=source, recording=recording)
+
+
+def levels(model: Scenario) -> dict[str, tuple[str, float | None]]:
+    return {one.name: (one.letters, one.level) for one in planes.planes(model, model.domain.extent)}
+
+
+def test_planes_go_through_the_source_and_the_sensors():
+    expected = {"slice": ("xy", 0.4), "slice_2": ("xy", 0.1), "column": ("xy", None), "section": ("xz", 1.5)}
+    assert levels(scenario()) == expected
+
+
+def test_planes_are_where_the_recording_wants_them():
+    found = levels(scenario(slice_height=["20 cm", 0.3], section={"plane": "yz", "at": 2}))
+    expected = {"slice": ("xy", 0.2), "slice_2": ("xy", 0.3), "column": ("xy", None), "section": ("yz", 2.0)}
+    assert found == expected
+    assert "section" not in levels(scenario(section=None))
+    assert levels(scenario(slice_height=0.3))["slice"] == ("xy", 0.3)
+
+
+def test_flat_runs_have_one_plane():
+    model = fake_run.scenario(2)
+    assert levels(model) == {"slice": ("xy", None)}
