@@ -72,9 +72,9 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--film", type=Path, metavar="FILE", help="make a film: .gif, or .mp4 with ffmpeg")
     parser.add_argument(
         "--view",
-        choices=sorted(VIEWS),
         help="above: at the height of the slice; column: maximum over the height, from above; section or side: the "
-        "vertical plane through the source (default: column in 3-D, else above)",
+        "vertical plane through the source; or another plane of the recording, such as section_2 (default: column in "
+        "3-D, else above)",
     )
     parser.add_argument(
         "--of", default="gas", metavar="QUANTITY", help="gas, temperature, ... (default: gas)"
@@ -115,8 +115,9 @@ def _still(run: "Run", args: argparse.Namespace) -> None:
     if not len(one.times) or at > end + period:
         raise _outside(run, one.name, at)
     figure, view = _figure(run, one, args, args.width or PICTURE_WIDTH)
-    _show(view, one, at, run.arrows((at - 1.5 / _wind_rate(run), at)))
-    what = next(view for view, name in VIEWS.items() if one.name.endswith(name))
+    _show(view, one, at, run.arrows(_plane(one), (at - 1.5 / _wind_rate(run), at)))
+    plane = one.name.partition("_")[2]
+    what = next((view for view, name in VIEWS.items() if plane == name), plane)
     out = args.out or Path(f"{run.folder.resolve().name}-{what}-{at:g}s.png")
     _save(figure, out)
     say(visible(f"{out}: {one.name.replace('_', ' ')} at t = {one.times[-1]:.4g} s"))
@@ -141,7 +142,7 @@ def _film(run: "Run", args: argparse.Namespace) -> None:
     if len(chosen) > count:
         chosen = np.linspace(0, len(chosen) - 1, count).round().astype(int).tolist()
     figure, view = _figure(run, one, args, args.width or FILM_WIDTH)
-    arrows = run.arrows((begin - 1.5 / _wind_rate(run), end), (end - begin) / count)
+    arrows = run.arrows(_plane(one), (begin - 1.5 / _wind_rate(run), end), (end - begin) / count)
     with styled():
         film(
             figure,
@@ -170,15 +171,9 @@ def _figure(run: "Run", one: "Picture", args: argparse.Namespace, width: int) ->
     from taichi_plume.report.plume import figure_of
 
     dpi = DPI * width / PICTURE_WIDTH
-    with styled():
-        import matplotlib as mpl
-
-        larger: Any = {key: LETTERS * size for key, size in SIZES.items()}
-        with mpl.rc_context(larger | {"xtick.labelsize": 11, "ytick.labelsize": 11}):
-            figure, view = figure_of(
-                run, one, run.tracks, PICTURE_WIDTH / DPI, dpi, LETTERS, not args.no_wind
-            )
-    return figure, view
+    larger = {key: LETTERS * size for key, size in SIZES.items()}
+    with styled(larger | {"xtick.labelsize": 11, "ytick.labelsize": 11}):
+        return figure_of(run, one, run.tracks, PICTURE_WIDTH / DPI, dpi, LETTERS, not args.no_wind)
 
 
 def _save(figure: Any, out: Path) -> None:
@@ -197,10 +192,14 @@ def _picture(
     """The pictures of the view that is asked for, of some time. Raises RunFolderError."""
     if not (run.has_recording or run.has_film):
         raise _error(run, "has neither recording.rrd nor fields.zarr, from which pictures are made")
-    wanted = [f"{args.of}_{VIEWS[args.view]}"] if args.view else [f"{args.of}_column", f"{args.of}_slice"]
+    wanted = (
+        [f"{args.of}_{VIEWS.get(args.view, args.view)}"]
+        if args.view
+        else [f"{args.of}_column", f"{args.of}_slice"]
+    )
     found = run.pictures(wanted, between, spacing)
     if not found:
-        there = ", ".join(run.pictures(None, (0.0, -1.0))) or "none"
+        there = ", ".join(run.planes()) or "none"
         raise _error(run, f"has no pictures of {' or '.join(wanted)}, but of {there}")
     return found[next(name for name in wanted if name in found)]
 
@@ -215,6 +214,11 @@ def _period(run: "Run") -> float:
 def _wind_rate(run: "Run") -> float:
     fields = run.scenario.fields
     return run.scenario.recording.wind_rate if run.has_recording or fields is None else fields.rate
+
+
+def _plane(one: "Picture") -> str:
+    """The plane in which the wind is shown beside a picture."""
+    return one.name.partition("_")[2] if one.axes != "xy" else "slice"
 
 
 def _end(run: "Run") -> float:

@@ -19,6 +19,7 @@ from taichi_plume.files.result import write_result
 from taichi_plume.files.run_folder import FILES, RunFolder, RunFolderError, resuming, told
 from taichi_plume.guard.terminal import Parser, say, visible
 from taichi_plume.outputs import OVER
+from taichi_plume.running import report
 
 KILLED = "killed"
 PARTS = ("robots.parts", "probes.parts", "recording.old.rrd")
@@ -34,12 +35,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--verify", action="store_true", help="only tell which files are no longer as their run left them"
     )
+    parser.add_argument("--no-report", action="store_true", help="write no report.html")
     args = parser.parse_args(argv)
     try:
         if args.verify:
             return _verify(args.run)
         with RunFolder.again(args.run) as folder:
-            return _complete(folder)
+            return _complete(folder, not args.no_report)
     except RunFolderError as error:
         say(visible(error), error=True)
         return 2
@@ -70,7 +72,7 @@ def _verify(folder: Path) -> int:
     return int(any(faults))
 
 
-def _complete(folder: RunFolder) -> int:
+def _complete(folder: RunFolder, reported: bool) -> int:
     path = folder.path
     content = _content(path)
     status, whole = content["status"], not any((path / name).exists() for name in PARTS)
@@ -95,6 +97,8 @@ def _complete(folder: RunFolder) -> int:
             write_result(path, content | {"status": status, **_reached(path / "robots.parquet", content)})
     except OSError as error:
         raise RunFolderError(f"{path}: cannot be written to: {error.strerror or error}") from None
+    if reported:
+        report(path)
     _seal(path)
     say(visible(f"result.json: {status}"))
     if (path / checkpoint.NAME).exists():

@@ -67,7 +67,9 @@ def _new(args: argparse.Namespace) -> int:
     inputs = input_paths(prepared.scenario, args.scenario)
     with RunFolder(prepared.scenario.name, args.out, args.force, inputs=inputs) as folder:
         arch, recording = args.arch or "cpu", not args.no_recording
-        job = Job(prepared, folder, args.scenario, inputs, arch, backend, recording)
+        job = Job(
+            prepared, folder, args.scenario, inputs, arch, backend, recording, report=not args.no_report
+        )
         return simulate(job, args.quiet, args.debug)
 
 
@@ -89,7 +91,7 @@ def _resume(args: argparse.Namespace) -> int:
         execute(prepared, args.allow_code, ask=True)
         backend = device(args.arch or told["arch"])
         arch = args.arch or told["arch"]
-        job = Job(prepared, folder, file, inputs, arch, backend, told["recording"], told)
+        job = Job(prepared, folder, file, inputs, arch, backend, told["recording"], told, not args.no_report)
         return simulate(job, args.quiet, args.debug)
 
 
@@ -118,6 +120,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
         "--check", action="store_true", help="only check, print the resolved scenario and its size"
     )
     parser.add_argument("--no-recording", action="store_true", help="write no recording.rrd")
+    parser.add_argument("--no-report", action="store_true", help="write no report.html")
     parser.add_argument("--quiet", action="store_true", help="no progress bar, no summary")
     parser.add_argument("--force", action="store_true", help="replace an earlier run in --out")
     parser.add_argument(

@@ -31,7 +31,7 @@ class Job(NamedTuple):
     """A run that may begin.
 
     source: the scenario's file; inputs: all files that it reads, this one first; arch, backend: the device asked for,
-    and the one got; saved: what a checkpoint holds of it, if it is resumed.
+    and the one got; saved: what a checkpoint holds of it, if it is resumed; report: whether it leaves one.
     """
 
     prepared: Prepared
@@ -42,6 +42,7 @@ class Job(NamedTuple):
     backend: str
     recording: bool
     saved: dict[str, Any] | None = None
+    report: bool = True
 
 
 class End(NamedTuple):
@@ -174,12 +175,26 @@ def _conclude(job: Job, sim: Simulation, outputs: Outputs, end: End) -> tuple[di
         return content, end
     try:
         result.write_result(folder, content)
+        if job.report:
+            report(folder, job.prepared)
         outputs.seal(end.status)
     except OSError as error:
         end = end if end.code else End(*_explain(error), 1)
         reason = visible(error.strerror or error)
         say(f"result.json or {manifest.NAME} could not be written: {reason}", error=True)
     return content, end
+
+
+def report(folder: Path, prepared: Prepared | None = None) -> None:
+    """Write the report of a run that is over; why there is none is told in a line. prepared: what its files hold."""
+    try:
+        from taichi_plume.report import page, scene  # they bring matplotlib, for runs that are over
+        from taichi_plume.report.run import Run
+
+        shapes = scene.all_shapes(prepared) if prepared else None
+        page.write(Run.of(folder, shapes), tolerant=True)
+    except Exception as error:  # of a picture: no reason to call a run a failure
+        say(visible(f"note: report.html could not be written: {_explain(error)[1]}"), error=True)
 
 
 def _tell_kept(folder: Path, end: End) -> None:

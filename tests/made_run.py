@@ -94,7 +94,9 @@ def record(
             data = rows(pixels(n, its.get("shape", (40, 30))))
             stream.log(entity, rr.GridMap.from_fields(data=data))
         ways = [[0.5, 0, 0]] * (2 + n % 3)
-        stream.log("wind", rr.Arrows3D(origins=[[1.0 + k, 0.5, 0] for k in range(len(ways))], vectors=ways))
+        stream.log(
+            "wind/slice", rr.Arrows3D(origins=[[1.0 + k, 0.5, 0] for k in range(len(ways))], vectors=ways)
+        )
     stream.flush()
     stream.disconnect()
 

@@ -54,7 +54,7 @@ def test_a_moment_shows_its_own_frame_robots_and_wind(folder):
     run = Run.of(folder)
     one = run.pictures()["gas_slice"]
     _, view = plume.figure_of(run, one, run.tracks, 8, 100)
-    view.show(4.0, one.data[10], run.arrows())
+    view.show(4.0, one.data[10], run.arrows("slice"))
     bodies = [np.asarray(path.vertices).mean(axis=0) for path in view.bodies.get_paths()]
     np.testing.assert_allclose(bodies, [[2.5, 0.5], [2.5, 1.5]], atol=0.05)
     assert [len(np.asarray(path.vertices)) for path in view.trails.get_paths()] == [9, 9]
@@ -118,7 +118,7 @@ def test_a_frame_of_a_film_is_the_picture_of_that_moment(folder, tmp_path):
         figure, view = plume.figure_of(run, one, run.tracks, 6, 80)
         canvas = films.Still(figure, view.moving) if still else figure.canvas
         for n in times:
-            view.show(one.times[n], one.data[n], run.arrows())
+            view.show(one.times[n], one.data[n], run.arrows("slice"))
             canvas.draw()
         return np.asarray(canvas.buffer_rgba()).astype(int)
 

@@ -84,6 +84,7 @@ def test_a_run_leaves_its_directory(scenario, capsys):
         "scenario.yaml",
         "recording.rrd",
         "robots.parquet",
+        "report.html",
         "result.json",
     }
     assert result(folder)["status"] == "completed"

@@ -34,6 +34,7 @@ FILES = (
     "plume.pslog",
     "maps.zarr",
     "result.json",
+    "report.html",
 )
 BESIDE = (
     "robots.parts",
@@ -42,6 +43,7 @@ BESIDE = (
     "recording.old.rrd",
     "recording.part.rrd",
     "result.json.part",
+    "report.html.part",
     "checkpoint.new",
     "checkpoint.npz",
     "manifest.json",

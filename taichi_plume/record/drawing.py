@@ -31,6 +31,8 @@ FOUND = 0x43A047FF  # green, which no state is; red are sources
 VIRIDIS = ((68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (253, 231, 37))
 EMBER = ((24, 26, 32), (78, 52, 46), (191, 97, 44), (255, 183, 77), (255, 245, 200))
 BLUE_RED = ((33, 102, 172), (103, 169, 207), (236, 239, 241), (239, 138, 98), (178, 24, 43))
+TIME = "sim_time"
+"""The axis of time of recordings."""
 FIELD_OF_VIEW = radians(55)  # of the viewer's camera, over the height of its panel
 
 # ---------------------------------------------------------------- colours

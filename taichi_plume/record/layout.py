@@ -8,6 +8,7 @@ import numpy as np
 import rerun.blueprint as rrb
 
 from taichi_plume.record import drawing
+from taichi_plume.record.drawing import TIME
 from taichi_plume.record.legends import TICKS, TITLE
 from taichi_plume.record.planes import Plane
 from taichi_plume.record.scales import Quantity
@@ -18,7 +19,6 @@ from taichi_plume.simulation import Simulation, Uncertain
 if TYPE_CHECKING:
     from taichi_plume.record.tracks import Robot
 
-TIME = "sim_time"
 MOST_LANES = 12  # behaviour lanes and entries of a legend that one can still read
 MAP_SERIES = {
     "map_errors": "error_ppm",

@@ -15,7 +15,7 @@ import rerun as rr
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.files.tables import plain
 from taichi_plume.guard.opening import unopenable
-from taichi_plume.record.layout import TIME
+from taichi_plume.record.drawing import TIME
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -110,12 +110,12 @@ def read(
     pictures = {}
     for name in scales if names is None else [name for name in names if name in scales]:
         its = scales[name]
-        size = its.pop("size")
+        size, entity = its.pop("size"), its.pop("entity")
         times, parts = [], []
-        for t, kept, column in _rows(path, _entity(name), [DATA], between, spacing):
+        for t, kept, column in _rows(path, entity, [DATA], between, spacing):
             pixels = column[0].flatten().flatten().to_numpy(zero_copy_only=False)
             if pixels.size != len(t) * size[0] * size[1]:
-                raise RunFolderError(f"{path}: is damaged: pictures of {_entity(name)} have another size")
+                raise RunFolderError(f"{path}: is damaged: pictures of {entity} have another size")
             times.append(t[kept])
             parts.append(pixels.reshape(len(t), *size)[kept, ::-1])
         t = np.concatenate(times) if times else np.zeros(0)
@@ -130,10 +130,14 @@ def names(path: Path) -> list[str]:
     return list(_scales(path))
 
 
-def arrows(path: Path, between: tuple[float, float] = ALL_TIMES, spacing: float = 0.0) -> Arrows:
-    """The wind of a recording. Raises RunFolderError."""
+def arrows(
+    path: Path, plane: str = "slice", between: tuple[float, float] = ALL_TIMES, spacing: float = 0.0
+) -> Arrows:
+    """The wind of a recording in a plane, "slice" or "section"; none where it has none. Raises RunFolderError."""
     found: list[tuple[float, np.ndarray, np.ndarray]] = []
-    for t, kept, columns in _rows(path, "/wind", ["Arrows3D:origins", "Arrows3D:vectors"], between, spacing):
+    for t, kept, columns in _rows(
+        path, f"/wind/{plane}", ["Arrows3D:origins", "Arrows3D:vectors"], between, spacing
+    ):
         tails, ways = (_points(column) for column in columns)
         found += [(float(t[k]), tails[k], ways[k]) for k in np.flatnonzero(kept)]
     found.sort(key=lambda one: one[0])
@@ -151,7 +155,7 @@ def pictures(path: Path) -> "xr.Dataset":
     variables: dict[str, Any] = {}
     coords: dict[str, Any] = {}
     for name, one in read(path).items():
-        what = name.partition("_")[2]
+        what = name.partition("_")[2] or name
         dims = []
         for axis, along in (
             ("time", one.times),
@@ -180,11 +184,6 @@ def _about(axis: str) -> dict[str, str]:
 
 
 # ---------------------------------------------------------------- rerun
-
-
-def _entity(name: str) -> str:
-    quantity, _, what = name.partition("_")
-    return f"/{quantity}/{what}"
 
 
 def _stream(path: Path) -> Any:
@@ -221,7 +220,7 @@ def _chunks(path: Path, **wanted: Any) -> Iterator[Any]:
 
 
 def _scales(path: Path) -> dict[str, dict[str, Any]]:
-    """Of each picture what a `Picture` says of it, and `size`: rows and columns."""
+    """Of each picture what a `Picture` says of it, its `entity`, and `size`: rows and columns."""
     told: dict[str, dict[str, Any]] = {}
     for entity, batch in _chunks(path, is_static=True, components=[*SCALE, FORMAT]):
         for key in (*SCALE, FORMAT):
@@ -236,7 +235,10 @@ def _scales(path: Path) -> dict[str, dict[str, Any]]:
             f"{path}: was made by another version, which did not say what its pictures stand for; run it again"
         )
     try:
-        return {entity.strip("/").replace("/", "_"): _scale(its) for entity, its in scaled.items()}
+        return {
+            entity.strip("/").replace("/", "_"): _scale(its) | {"entity": entity}
+            for entity, its in scaled.items()
+        }
     except FAULTS as error:
         raise RunFolderError(f"{path}: is damaged: {plain(str(error))}") from None
 

@@ -16,7 +16,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from taichi_plume.files import disk
-from taichi_plume.record.layout import TIME
+from taichi_plume.record.drawing import TIME
 from taichi_plume.record.scene import Entities
 
 FLUSH_TIMEOUT = 60.0  # s

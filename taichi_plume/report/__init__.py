@@ -1,11 +1,3 @@
 """The report of a run, and the drawings that pictures share with it: all from a run's files, by matplotlib."""
 
-MAY_IMPORT: tuple[str, ...] = (
-    "files",
-    "grid",
-    "guard",
-    "prepare",
-    "record",
-    "scenario",
-    "summary",
-)
+MAY_IMPORT: tuple[str, ...] = ("files", "grid", "guard", "prepare", "record", "scenario", "summary")

@@ -1,13 +1,15 @@
 """Pictures and wind arrows of a run that has fields.zarr and no recording, as the recording would have them."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from taichi_plume.files.film import Film, FilmError
 from taichi_plume.files.film_moment import velocity
 from taichi_plume.files.run_folder import RunFolderError
+from taichi_plume.grid.grid import Grid
 from taichi_plume.record.drawing import arrow_places, logarithmic
+from taichi_plume.record.planes import Plane, Raster, planes
 from taichi_plume.record.reading import Arrows, Picture
 from taichi_plume.scenario.scenario import Scenario
 
@@ -19,7 +21,7 @@ def of_film(
     between: tuple[float, float],
     spacing: float,
 ) -> dict[str, Picture]:
-    """The gas of all species: a slice and, in 3-D, the maximum over the height and a section through the first source.
+    """The gas of all species, on the planes that a recording would show.
 
     names, between, spacing: as `reading.read` has them. Raises RunFolderError.
     """
@@ -28,77 +30,70 @@ def of_film(
     if not gases:
         return {}
     low, high = scenario.recording.range_ppm
-    planes = {
-        name: plane for name, plane in _planes(film, scenario).items() if names is None or name in names
-    }
-    frames = list(_frames(film, between, spacing))
-    data: dict[str, list[np.ndarray]] = {name: [] for name in planes}
-    for n in frames:
-        ppm = sum(factor[name] * values for name, values in _read(film, n, gases).items())
-        for name, (_, _, cut) in planes.items():
-            share = np.nan_to_num(logarithmic(cut(ppm), low, high))
-            data[name].append((255 * share).round().astype(np.uint8).T)
+    try:
+        grid, solid = Grid.of(scenario.domain), film.still("air") <= 0.0
+        rasters = {f"gas_{plane.name}": Raster(plane, grid, solid) for plane in planes(scenario, grid.extent)}
+        rasters = {name: one for name, one in rasters.items() if names is None or name in names}
+        frames = _frames(film, between, spacing)
+        data: dict[str, list[np.ndarray]] = {name: [] for name in rasters}
+        for n in frames:
+            ppm = sum(factor[name] * values for name, values in film.frame(n, gases).items())
+            for name, raster in rasters.items():
+                share = np.nan_to_num(logarithmic(raster.of_cells(np.asarray(ppm)), low, high))
+                data[name].append((255 * share).round().astype(np.uint8).T)
+    except FilmError as error:
+        raise RunFolderError(str(error)) from None
     quantity = " + ".join(name.removeprefix("gas_") for name in gases)
     return {
         name: Picture(
-            name, quantity, "ppm", low, high, True, where, axes, (film.dx, film.dx), (0.0, 0.0),
-            film.times[frames], np.array(data[name]),
+            name, quantity, "ppm", low, high, True, raster.plane.text, raster.plane.letters,
+            (raster.cell, raster.cell), raster.origin, film.times[frames],
+            np.array(data[name], np.uint8).reshape(-1, *raster.shape[::-1]),
         )
-        for name, (where, axes, _) in planes.items()
-        if frames
+        for name, raster in rasters.items()
     }  # fmt: skip
 
 
-def arrows_of_film(film: Film, scenario: Scenario, between: tuple[float, float], spacing: float) -> Arrows:
-    """The wind where the recording shows it. Raises RunFolderError."""
-    frames = list(_frames(film, between, spacing)) if film.wind else []
+def arrows_of_film(
+    film: Film, scenario: Scenario, plane: str, between: tuple[float, float], spacing: float
+) -> Arrows:
+    """The wind in a plane of that name, as long as the air is fast. Raises RunFolderError."""
     extent = scenario.domain.extent
-    places, step = arrow_places(extent, min(scenario.recording.slice_height, extent[-1]))
-    tails, ways = [], []
-    for n in frames:
-        try:
-            found = velocity(film, float(film.times[n]))(places)
-        except FilmError as error:
-            raise RunFolderError(str(error)) from None
-        speed = np.linalg.norm(found, axis=-1, keepdims=True)
-        top = scenario.wind.top_speed(scenario) or float(np.nanmax(speed)) or 1.0
-        share = np.sqrt(np.minimum(speed / top, 1.0))
-        way = np.zeros((len(places), 3))
-        way[:, : found.shape[1]] = 0.95 * step * share * found / np.maximum(speed, 1e-12)
-        tail = np.zeros((len(places), 3))
-        tail[:, : places.shape[1]] = places
-        tails.append(tail - way / 2)
-        ways.append(way)
-    return Arrows(film.times[frames], tails, ways)
-
-
-def _planes(film: Film, scenario: Scenario) -> dict:
-    """Of each picture where it is, its axes, and how it is cut out of the gas (x, y, z)."""
-    if len(film.shape) == 2:
-        return {"gas_slice": ("", "xy", lambda ppm: ppm)}
-    height = min(scenario.recording.slice_height, scenario.domain.extent[2])
-    k = min(int(height / film.dx), film.shape[2] - 1)
-    planes = {
-        "gas_slice": (f"{height:g} m above the floor", "xy", lambda ppm: ppm[:, :, k]),
-        "gas_column": ("maximum over the height", "xy", lambda ppm: ppm.max(axis=2)),
-    }
-    if scenario.sources:
-        y = scenario.sources[0][1].position[1]
-        j = min(int(y / film.dx), film.shape[1] - 1)
-        planes["gas_section"] = (f"y = {y:g} m", "xz", lambda ppm: ppm[:, j])
-    return planes
-
-
-def _frames(film: Film, between: tuple[float, float], spacing: float) -> Iterator[int]:
-    latest = -np.inf
-    for n, t in enumerate(film.times):
-        if between[0] - 1e-9 <= t <= between[1] + 1e-9 and t >= latest + spacing - 1e-6:
-            latest = t
-            yield n
-
-
-def _read(film: Film, n: int, names: list[str]) -> dict[str, np.ndarray]:
+    here = next((one for one in planes(scenario, extent) if one.name == plane), None)
+    frames = _frames(film, between, spacing) if film.wind and here is not None else []
+    if here is None or not frames:
+        return Arrows(np.zeros(0), [], [])
+    flat, step = arrow_places([extent[d] for d in here.axes])
+    points = flat if here.normal is None else np.insert(flat, here.normal, here.level, axis=-1)
     try:
-        return film.frame(n, names)
+        found = [velocity(film, float(film.times[n]))(points) for n in frames]
     except FilmError as error:
         raise RunFolderError(str(error)) from None
+    return _drawn(here, points, found, step, film.times[frames])
+
+
+def _drawn(
+    plane: Plane, points: np.ndarray, found: list[np.ndarray], step: float, times: np.ndarray
+) -> Arrows:
+    """Arrows centred on points (n, dim): the fastest 5 % are longer than the distance between them."""
+    along = list(plane.axes)
+    speed = np.concatenate([np.linalg.norm(one[:, along], axis=-1) for one in found])
+    top = max(float(np.nanquantile(speed, 0.95)), 1e-3)
+    middle = np.zeros((len(points), 3))
+    middle[:, : points.shape[1]] = points
+    ways = []
+    for one in found:
+        way = np.zeros((len(points), 3))
+        way[:, along] = one[:, along] * (1.2 * step / top)
+        ways.append(way)
+    return Arrows(times, [middle - way / 2 for way in ways], ways)
+
+
+def _frames(film: Film, between: tuple[float, float], spacing: float) -> list[int]:
+    """Numbers of the frames that are in time, and apart."""
+    found: list[int] = []
+    for n, t in enumerate(film.times):
+        if between[0] - 1e-9 <= t <= between[1] + 1e-9:
+            if not found or t >= film.times[found[-1]] + spacing - 1e-6:
+                found.append(n)
+    return found

@@ -1,7 +1,9 @@
 """How figures look: colours, sizes of letters, scales; and figures without a window."""
 
 import base64
-from collections.abc import Sequence
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from io import BytesIO
 from typing import Any
 
@@ -77,9 +79,19 @@ HALO = [withStroke(linewidth=2.2, foreground=PAPER)]
 """Around letters that stand on a picture."""
 
 
-def styled() -> Any:
-    """The context in which our figures are made and saved."""
-    return mpl.rc_context(STYLE)
+def robot(number: int) -> str:
+    """The colour of a robot or a group."""
+    return ROBOTS[number % len(ROBOTS)]
+
+
+@contextmanager
+def styled(more: Any = None) -> Iterator[None]:
+    """The context in which our figures are made and saved; more: other settings of matplotlib."""
+    with warnings.catch_warnings(), mpl.rc_context(STYLE | (more or {})):
+        warnings.filterwarnings(
+            "ignore", "Glyph .* missing"
+        )  # of names in scripts that the font does not have
+        yield
 
 
 def figure(width: float, height: float, dpi: float = 110) -> Figure:
@@ -111,7 +123,7 @@ def plain(axes: Any) -> None:
 def scale(axes: Any, image: Any, low: float, high: float, logarithmic: bool, label: str, **where: Any) -> Any:
     """A colour bar beside an image of bytes or shares: its ends 0 and `top` stand for low and high."""
     bottom, top = image.get_clim()
-    bar = axes.figure.colorbar(image, ax=axes, **({"fraction": 0.04, "pad": 0.02, "aspect": 28} | where))
+    bar = image.figure.colorbar(image, ax=axes, **({"fraction": 0.04, "pad": 0.02, "aspect": 28} | where))
     if logarithmic:
         places, labels = zip(*(decades(low, high) or [(0.0, f"{low:g}")]), strict=True)
     else:

@@ -47,6 +47,9 @@ class PlumeView:
         )  # fmt: skip
         axes.set_xlim(*_around(extent[self.plane[0]], self.length))
         axes.set_ylim(*_around(extent[self.plane[1]], self.length))
+        if self.plane != look.ABOVE:  # they may stand before the plane or behind it
+            for solid in solids:
+                solid.set_alpha(0.55)
         self.walkers = [
             (patch, one.model) for patch, one in zip(solids, run.shapes, strict=True) if _walks(one)
         ]
@@ -54,7 +57,7 @@ class PlumeView:
             PolyCollection([], facecolor="#27445f", edgecolor="none", alpha=0.42, zorder=3)
         )
         self.arrows.set_visible(wind)
-        colors = [look.ROBOTS[track.number % len(look.ROBOTS)] for track in self.tracks]
+        colors = [look.robot(track.number) for track in self.tracks]
         self.trails = axes.add_collection(LineCollection([], colors=colors, linewidths=1.3, zorder=8))
         self.bodies = axes.add_collection(
             PolyCollection([], facecolors=colors, edgecolors="white", linewidths=0.8, zorder=11)
@@ -167,7 +170,7 @@ def _legend(figure: Figure, run: Run, view: PlumeView, x: float, y: float) -> No
         handles.append(mark("heater", marker="o", color="#fb8c00", alpha=0.6, markersize=9))
     for track in view.tracks if len(view.tracks) <= MOST_NAMES else view.tracks[:1]:
         name = track.name if len(view.tracks) <= MOST_NAMES else "robots and their trails"
-        color = look.ROBOTS[track.number % len(look.ROBOTS)]
+        color = look.robot(track.number)
         handles.append(
             mark(name, marker="o", color=color, linestyle="-", markeredgecolor="white", markersize=7)
         )

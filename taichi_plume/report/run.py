@@ -123,6 +123,14 @@ class Run:
             return of_film(self.film, self.scenario, names, between, spacing)
         return {}
 
+    def planes(self) -> list[str]:
+        """Names of the pictures that there are."""
+        if self.has_recording:
+            from taichi_plume.record import reading
+
+            return reading.names(self.folder / RECORDING)
+        return list(self.pictures(None, (inf, inf)))
+
     @cached_property
     def film(self) -> "Film":
         """Its recorded fields."""
@@ -133,16 +141,18 @@ class Run:
         except FilmError as error:
             raise RunFolderError(str(error)) from None
 
-    def arrows(self, between: tuple[float, float] = (-inf, inf), spacing: float = 0.0) -> "Arrows | None":
-        """The wind of its recording or of its recorded fields."""
+    def arrows(
+        self, plane: str, between: tuple[float, float] = (-inf, inf), spacing: float = 0.0
+    ) -> "Arrows | None":
+        """The wind in a plane of its recording or of its recorded fields, "slice" or "section"."""
         if self.has_recording:
             from taichi_plume.record import reading
 
-            return reading.arrows(self.folder / RECORDING, between, spacing)
+            return reading.arrows(self.folder / RECORDING, plane, between, spacing)
         if self.has_film:
             from taichi_plume.report.film_pictures import arrows_of_film
 
-            return arrows_of_film(self.film, self.scenario, between, spacing)
+            return arrows_of_film(self.film, self.scenario, plane, between, spacing)
         return None
 
     @cached_property

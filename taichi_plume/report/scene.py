@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from taichi_plume.prepare import Prepared
 
 MOST_LABELS = 8  # obstacles, openings and the like of which each gets its name
+WIDE, MOST_TALL, LEFT, RIGHT, BELOW = 7.2, 9.0, 0.55, 0.1, 0.48  # inches of a drawing, and around its axes
+MARGIN = 0.09  # around a room, for names, over its longer side
 MOST_BODIES = 60  # robots whose starts are drawn one by one
 
 
@@ -62,7 +64,7 @@ def draw(
             solids.name(axes, one)
     openings.wind(axes, scenario, plane)
     axes.set_aspect("equal")
-    margin = 0.09 * max(width, height) if sizes else 0.03 * max(width, height)
+    margin = (MARGIN if sizes else MARGIN / 3) * max(width, height)
     axes.set_xlim(-margin, width + margin)
     axes.set_ylim(-margin, height + margin)
     for along, length in ((axes.xaxis, width), (axes.yaxis, height)):
@@ -87,22 +89,28 @@ def simple_shapes(scenario: Scenario) -> list[Shape]:
 
 
 def picture(scenario: Scenario, shapes: Sequence[Any], dpi: float = 110) -> bytes:
-    """The scene as a PNG: from above and, in 3-D, from the side below."""
+    """The scene as a PNG: from above and, in 3-D, from the side below, on one scale."""
     extent = scenario.domain.extent
+    planes = [ABOVE] if len(extent) == 2 else [ABOVE, SIDE]
+    ways = [_sides(extent, plane) for plane in planes]
+    scale = min((WIDE - LEFT - RIGHT) / ways[0][0], MOST_TALL / sum(way[1] for way in ways))
+    height = sum(scale * way[1] for way in ways) + BELOW * len(planes) + 0.1
     with look.styled():
-        if len(extent) == 2:
-            figure = look.figure(7.2, float(np.clip(7.2 * extent[1] / extent[0], 2.4, 8.0)) + 0.5, dpi)
-            draw(figure.add_subplot(), scenario, shapes)
-        else:
-            tall = [float(np.clip(6.6 * extent[d] / extent[0], 0.9, 8.0)) for d in (1, 2)]
-            figure = look.figure(7.2, sum(tall) + 2.0, dpi)
-            above, side = figure.subplots(2, 1, gridspec_kw={"height_ratios": [tall[0] + 0.5, tall[1] + 0.5]})
-            draw(above, scenario, shapes)
-            above.set_title("from above")
-            draw_side(side, scenario, shapes)
-            side.set_title("from the side")
-        figure.subplots_adjust(0.08, 0.09, 0.98, 0.95, hspace=0.35)
+        figure = look.figure(WIDE, height, dpi)
+        top = height - 0.1
+        for plane, (width, tall) in zip(planes, ways, strict=True):
+            bottom = top - scale * tall
+            left = (LEFT + (WIDE - LEFT - RIGHT - scale * width) / 2) / WIDE
+            axes = figure.add_axes((left, bottom / height, scale * width / WIDE, scale * tall / height))
+            draw(axes, scenario, shapes, plane=plane)
+            top = bottom - BELOW
         return look.png(figure)
+
+
+def _sides(extent: tuple[float, ...], plane: tuple[int, int]) -> tuple[float, float]:
+    """Width and height of a drawing with names around it [m]."""
+    margin = 2 * MARGIN * max(extent[d] for d in plane)
+    return extent[plane[0]] + margin, extent[plane[1]] + margin
 
 
 def save_check(prepared: "Prepared", path: Path) -> None:
@@ -130,7 +138,7 @@ def _sources(axes: Axes, scenario: Scenario, plane: tuple[int, int], sizes: bool
         )
         axes.plot(*place, "*", color=look.SOURCE, markeredgecolor="white", markersize=13, zorder=10)
         if named:
-            look.note(axes, *place, _given_off(source), look.SOURCE, ha="left", va="bottom", dx=6, dy=4)
+            look.note(axes, *place, _given_off(source), look.SOURCE, va="bottom", dy=8)
     heat = scenario.buoyancy.heat if scenario.buoyancy else None
     for heater in heat.heaters if heat else ():
         place = _place(heater.position, plane)
@@ -181,7 +189,7 @@ def _starts(axes: Axes, scenario: Scenario, plane: tuple[int, int], sizes: bool)
             )
             axes.add_patch(area)
             at = corner + size * [0.5, 1.0]
-            text += " start somewhere here" if group.count > 1 else " starts somewhere here"
+            text += " start here" if group.count > 1 else " starts here"
         else:
             heading = group.start.heading_deg
             for place, color in zip(places[:MOST_BODIES], colors, strict=False):

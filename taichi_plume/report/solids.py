@@ -10,7 +10,6 @@ from matplotlib.collections import PatchCollection
 from matplotlib.patches import Circle, PathPatch, Polygon, Rectangle
 from matplotlib.path import Path as Outline
 
-from taichi_plume.files.gaden import Cubes
 from taichi_plume.grid.meshes import Solid
 from taichi_plume.grid.shapes import Ball, Shape, UprightBox, UprightCylinder, UprightPrism
 from taichi_plume.report import look
@@ -22,7 +21,7 @@ SECTION_NODES = 200  # per axis, at which the section of a mesh is looked for in
 def solid(axes: Axes, one: Any, plane: tuple[int, int]) -> Any:
     """An obstacle; an outline of its shadow along the third axis."""
     style = {"facecolor": look.SOLID, "edgecolor": look.SOLID_EDGE, "linewidth": 0.9, "zorder": 4}
-    if isinstance(one, Cubes):
+    if _is_cubes(one):
         places = one.visible([np.inf] * len(one.solid.shape))
         corners = np.unique(np.round(places[:, list(plane)] - one.size / 2, 6), axis=0)
         return axes.add_collection(
@@ -34,6 +33,11 @@ def solid(axes: Axes, one: Any, plane: tuple[int, int]) -> Any:
             )
         )
     return axes.add_patch(OUTLINES.get(type(one), _bounds)(one, plane, style))
+
+
+def _is_cubes(one: Any) -> bool:
+    """Whether it is the occupancy of an imported wind (`files.gaden.Cubes`, which would bring Taichi)."""
+    return hasattr(one, "visible")
 
 
 def _bounds(one: Shape, plane: tuple[int, int], style: dict[str, Any]) -> Any:
@@ -99,7 +103,7 @@ OUTLINES: dict[type, Callable[[Any, tuple[int, int], dict[str, Any]], Any]] = {
 
 def name(axes: Axes, one: Any) -> None:
     """Kind and size of an obstacle, below it."""
-    if isinstance(one, Cubes):
+    if _is_cubes(one):
         return
     model = one.model
     if hasattr(model, "radius"):

@@ -1,0 +1,183 @@
+"""The tables of a report: what was run, how the trials went, where the gas is, which files there are."""
+
+from collections.abc import Sequence
+from math import prod
+from typing import Any
+
+from taichi_plume.report.run import Run
+from taichi_plume.scenario.scenario import Scenario
+
+Rows = list[tuple[str, ...]]
+
+FILES = {
+    "report.html": "this report",
+    "recording.rrd": "gas, wind, robots, sensors and maps over time, for the viewer: rerun recording.rrd",
+    "result.json": "what came of the run, as numbers",
+    "robots.parquet": "a row per robot and moment: pose, reading, true gas, wind, state",
+    "maps.zarr": "the gas maps at the end, beside the truth",
+    "fields.zarr": "wind and gas on the grid over time, for xarray, ParaView (by export) and playing back",
+    "probes.parquet": "wind, pressure and gas at points",
+    "forces.csv": "the force of the air on each obstacle",
+    "plume.pslog": "wind and gas as a log of PlumeSim",
+    "scenario.yaml": "the scenario with every default written out; run it again with the command on top of it",
+    "manifest.json": "size and SHA-256 of what the run read and wrote",
+    "checkpoint.npz": "what the run can be resumed from",
+}
+QUANTITIES = {
+    "time_s": ("time to find the source", "s", "successful trial"),
+    "path_m": ("way driven by the robot that found it", "m", "successful trial"),
+    "overhead": ("this way over the straight one", "×", "successful trial"),
+    "time_with_failures_s": ("time, where a failure counts as the whole run", "s", "trial"),
+}
+BUDGET = {
+    "initial_kg": "there at the begin",
+    "emitted_kg": "given off by the sources",
+    "inflow_kg": "brought in by the air",
+    "in_domain_kg": "still in the room at the end",
+    "outflow_kg": "carried out by the air",
+    "taken_up_kg": "taken up by surfaces",
+}
+FLOW = {
+    "max_divergence": ("largest divergence", "should be all but zero: air is neither made nor lost"),
+    "max_courant": (
+        "largest Courant number",
+        "cells that the air crossed in a step; the scheme takes up to 1.3",
+    ),
+    "max_speed": ("largest speed", "in m/s"),
+}
+
+
+def key_facts(run: Run) -> Rows:
+    """The scenario in a dozen lines."""
+    scenario, domain = run.scenario, run.scenario.domain
+    room = " × ".join(f"{length:g}" for length in domain.extent) + " m"
+    room += f", a slab {domain.depth:g} m deep seen from above" if domain.dim == 2 else ""
+    shape = domain.shape
+    rows: Rows = [
+        ("room", room),
+        ("grid", f"{' × '.join(map(str, shape))} = {prod(shape):,} cells of {domain.spacing:g} m"),
+        (
+            "time",
+            f"{scenario.duration:g} s, after {scenario.warm_up:g} s without robots; a tick is {scenario.tick:g} s",
+        ),
+        ("wind", _wind(scenario)),
+        (
+            "gas",
+            ", ".join(
+                dict.fromkeys(
+                    f"{gas.vapour.name} ({gas.kind.replace('_', ' ')})" for _, gas in scenario.gases
+                )
+            ),
+        ),
+        ("sources", f"{len(scenario.sources)}"),
+    ]
+    if scenario.obstacles:
+        rows.append(("obstacles", _counted([one.kind for one in scenario.obstacles])))
+    for group in scenario.robots:
+        trials = f", {group.trials} trials at once in the same air" if group.trials > 1 else ""
+        sensor = group.sensors.gas
+        smells = " ".join(
+            str(part) for part in (sensor.kind, getattr(sensor, "model", "")) if isinstance(part, str)
+        )
+        how = f"{group.body.kind} by {group.algorithm.kind.replace('_', ' ')}"
+        rows.append((group.name, f"{group.count} × {how}{trials}; smells by {smells}"))
+    if scenario.maps:
+        rows.append(("maps", ", ".join(one.kind.replace("_", " ") for one in scenario.maps)))
+    rows.append(("seed", str(scenario.seed)))
+    return rows
+
+
+def _wind(scenario: Scenario) -> str:
+    kinds = [one.label for one in scenario.openings]
+    return scenario.wind.kind + (f": {_counted(kinds)}" if kinds else "")
+
+
+def _counted(names: Sequence[str]) -> str:
+    """Names with how often each is there."""
+    return ", ".join(
+        f"{n} × {name}" if (n := names.count(name)) > 1 else name for name in dict.fromkeys(names)
+    )
+
+
+def trials(group: dict[str, Any]) -> Rows:
+    """A group's means with their intervals: (what, mean, interval of 95 % confidence, over what)."""
+    told = group["summary"]
+    rows: Rows = []
+    rate = told.get("success_rate", {})
+    if rate.get("mean") is not None:
+        interval = f"{100 * rate['low']:.0f} to {100 * rate['high']:.0f} %"
+        rows.append(
+            ("success", f"{100 * rate['mean']:.0f} %", interval, f"{_trials(rate['n'], 'trial')} (Wilson)")
+        )
+    for key, (name, unit, over) in QUANTITIES.items():
+        one = told.get(key, {})
+        if one.get("mean") is not None:
+            known = one.get("low") is not None
+            interval = f"{one['low']:.3g} to {one['high']:.3g} {unit}" if known else "none: a single one"
+            rows.append((name, f"{one['mean']:.3g} {unit}", interval, _trials(one["n"], over)))
+    return rows
+
+
+def _trials(n: int, what: str) -> str:
+    return f"{n:,} {what}{'s' if n != 1 else ''}"
+
+
+def budget(result: dict[str, Any]) -> Rows:
+    """Where the gas went."""
+    gas = result.get("gas") or {}
+    rows: Rows = [
+        (name, f"{1e3 * gas[key]:.4g} g") for key, name in BUDGET.items() if gas.get(key) is not None
+    ]
+    error = gas.get("relative_error")
+    if rows and error is not None:
+        rows.append(("unaccounted for", f"{error:.1e} of what came"))
+    return rows
+
+
+def flow(result: dict[str, Any]) -> Rows:
+    """What the solver says of its air: (name, value, what it means)."""
+    told = result.get("flow") or {}
+    named = {key: FLOW.get(key, (key.replace("_", " "), "")) for key in told}
+    return [
+        (named[key][0], f"{told[key]:.3g}", named[key][1])
+        for key in told
+        if isinstance(told[key], int | float)
+    ]
+
+
+def map_rows(maps: Sequence[dict[str, Any]], names: Sequence[str]) -> Rows:
+    """Scores at the end: (map, error, correlation, share of cells known, error against the mean gas)."""
+    rows: Rows = []
+    for name, one in zip(names, maps, strict=True):
+        for part in one.get("groups", [one]):
+            over = part.get("mean_gas", {}).get("error_ppm") or [None]
+            whose = f"{name}, {part['name']}" if "groups" in one else name
+            share = part.get("known_fraction")
+            rows.append(
+                (whose, _number(part.get("mae_ppm")), _number(part.get("correlation"), "{:.2f}"),
+                 "–" if share is None else f"{100 * share:.0f} %", _number(over[-1]))
+            )  # fmt: skip
+    return rows
+
+
+def map_names(maps: Sequence[dict[str, Any]]) -> list[str]:
+    """What the maps of a result are called, none twice."""
+    kinds = [str(one.get("kind", "?")).replace("_", " ") for one in maps]
+    return [f"{kind} (maps[{n}])" if kinds.count(kind) > 1 else kind for n, kind in enumerate(kinds)]
+
+
+def _number(value: Any, form: str = "{:.3g}") -> str:
+    return "–" if value is None else form.format(value)
+
+
+def files(run: Run) -> Rows:
+    """What lies in the folder: (name, size, what it is)."""
+    rows: Rows = []
+    for name, what in FILES.items():
+        path = run.folder / name
+        if path.exists() and name != "report.html":
+            size = (
+                sum(part.stat().st_size for part in path.rglob("*")) if path.is_dir() else path.stat().st_size
+            )
+            rows.append((name, f"{size / 1e6:.3g} MB" if size > 1e5 else f"{size / 1e3:.3g} kB", what))
+    return rows

@@ -1,0 +1,271 @@
+"""The figures of a report: mean plume and tracks, what robots smelt and did, success over time, maps and scores."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch, Rectangle
+
+from taichi_plume.record.drawing import decades, logarithmic
+from taichi_plume.record.reading import Picture
+from taichi_plume.report import look, plume, scene
+from taichi_plume.report.maps import MapAtEnd
+from taichi_plume.report.run import Run
+from taichi_plume.report.tracks import Track
+
+WIDE = 7.2  # inches
+DPI = 100
+MOST_SERIES = 4  # robots whose readings are shown
+MOST_LANES = 12  # robots whose behaviour is shown
+MOST_POINTS = 1200  # of a line, by and by more than a page has dots
+MOST_MAPS = 4
+PLOT, LANE, GAP = 1.1, 0.19, 0.2  # inches: a robot's readings, its behaviour, between them
+
+
+def mean_plume(run: Run, picture: Picture, tracks: Sequence[Track]) -> bytes:
+    """The mean of the recorded pictures, and where the robots went."""
+    with look.styled():
+        figure, view = plume.figure_of(run, picture, tracks, WIDE, DPI, wind=False)
+        mean = picture.mean()
+        if picture.logarithmic:
+            share = logarithmic(mean, picture.low, picture.high)
+        else:
+            share = np.clip((mean - picture.low) / (picture.high - picture.low), 0.0, 1.0)
+        end = max([float(picture.times[-1]), *(float(track.t[-1]) for track in tracks)])
+        view.show(end, (255 * share).round().astype(np.uint8))
+        view.trails.set_segments(_trails(tracks) if view.plane == look.ABOVE else [])
+        return look.png(figure)
+
+
+def only_tracks(run: Run, tracks: Sequence[Track]) -> bytes:
+    """Where the robots went, over the scene."""
+    extent = run.scenario.domain.extent
+    with look.styled():
+        figure = look.figure(WIDE, float(np.clip(WIDE * extent[1] / extent[0], 2.4, 8.0)) + 0.4, DPI)
+        axes = figure.add_axes((0.08, 0.1, 0.9, 0.86))
+        scene.draw(axes, run.scenario, run.shapes, sizes=False, starts=False)
+        colors = [look.robot(track.number) for track in tracks]
+        axes.add_collection(LineCollection(_trails(tracks), colors=colors, linewidths=1.3, zorder=8))
+        return look.png(figure)
+
+
+def _trails(tracks: Sequence[Track]) -> list[np.ndarray]:
+    trails = []
+    for track in tracks:
+        step = max(1, len(track.t) // MOST_POINTS)
+        trails.append(np.column_stack([track.values["x"][::step], track.values["y"][::step]]))
+    return trails
+
+
+# ---------------------------------------------------------------- series
+
+
+def smelt(run: Run, tracks: Sequence[Track]) -> bytes:
+    """Readings beside the true gas of a few robots, and the behaviour of some more, over one axis of time.
+
+    All in one pair of axes, in inches upwards: each of its own would take as long to draw as all the rest.
+    """
+    shown, lanes = tracks[:MOST_SERIES], tracks[:MOST_LANES]
+    low, high = _ends(run, shown)
+    tall = len(shown) * PLOT + len(lanes) * LANE + GAP
+    whole = tall + 1.15
+    with look.styled():
+        figure = look.figure(WIDE, whole, DPI)
+        axes = figure.add_axes((0.12, 0.75 / whole, 0.86, tall / whole))
+        axes.spines[["top", "right", "left"]].set_visible(False)
+        ends = [(track.t[0], track.t[-1]) for track in lanes]
+        axes.set_xlim(min(begin for begin, _ in ends), max(max(end for _, end in ends), 1e-3))
+        axes.set_ylim(0, tall)
+        axes.set_xlabel("time [s]")
+        places, labels = _behaviour(axes, lanes)
+        for n, track in enumerate(shown):
+            marks = _readings(axes, track, tall - (n + 1) * PLOT, low, high)
+            places, labels = (
+                [*places, *(place for place, _ in marks)],
+                [*labels, *(label for _, label in marks)],
+            )
+        axes.set_yticks(places, labels=labels)
+        for text in axes.get_yticklabels():
+            text.set_parse_math(False)
+        axes.tick_params(axis="y", length=0)
+        handles: list[Any] = [
+            Patch(facecolor="#c3cad2", label="true gas at the sensor [ppm]"),
+            Line2D([], [], color=look.INK, label="reading of the sensor [ppm]"),
+        ]
+        if any(track.group.algorithm.threshold is not None for track in shown):
+            handles.append(
+                Line2D([], [], color=look.SOURCE, linestyle="--", linewidth=0.9, label="threshold")
+            )
+        figure.legend(handles=handles, loc="upper left", bbox_to_anchor=(0.11, 1), ncols=3, borderaxespad=0.2)
+        return look.png(figure)
+
+
+def _ends(run: Run, tracks: Sequence[Track]) -> tuple[float, float]:
+    """Whole decades between which the readings are shown [ppm]."""
+    values = [track.values[key] for track in tracks for key in ("reading_ppm", "true_ppm")]
+    largest = max((float(np.nanmax(one, initial=0.0)) for one in values), default=0.0)
+    low = 10.0 ** np.floor(np.log10(run.scenario.recording.range_ppm[0]))
+    return low, max(10.0 ** np.ceil(np.log10(max(largest, low))), 100 * low)
+
+
+def _readings(axes: Any, track: Track, base: float, low: float, high: float) -> list[tuple[float, str]]:
+    """One robot's, above `base`: true gas as an area, reading as a line, logarithmic; returns the scale's marks."""
+
+    def up(ppm: Any) -> np.ndarray:
+        return base + (PLOT - GAP) * logarithmic(np.asarray(ppm), low, high)
+
+    color = look.robot(track.number)
+    axes.axhline(base, color=look.FAINT, linewidth=0.6)
+    t, true = thinned(track.t, track.values["true_ppm"])
+    axes.fill_between(t, up(true), base, color="#c3cad2", linewidth=0)
+    t, reading = thinned(track.t, track.values["reading_ppm"])
+    axes.plot(t, up(reading), color=color, linewidth=1.1)
+    threshold = track.group.algorithm.threshold
+    if threshold is not None:
+        axes.axhline(float(up(threshold)), color=look.SOURCE, linewidth=0.9, linestyle="--")
+    if track.found_at is not None:
+        at = track.t[track.found_at]
+        axes.plot([at, at], [base, base + PLOT - GAP], color=look.FOUND, linewidth=1.4)
+    look.note(axes, axes.get_xlim()[0], base + PLOT - GAP, f" {track.name}", color, ha="left", va="top")
+    marks = decades(low, high)
+    return [(base + (PLOT - GAP) * place, label) for place, label in marks[:: max(1, round(len(marks) / 3))]]
+
+
+def _behaviour(axes: Any, tracks: Sequence[Track]) -> tuple[list[float], list[str]]:
+    """A lane per robot at the bottom, coloured by its state; returns where their names go, and these."""
+    names = list(dict.fromkeys(name for track in tracks for name in track.states))
+    boxes, colors = [], []
+    places = [(len(tracks) - lane - 0.5) * LANE for lane in range(len(tracks))]
+    for place, track in zip(places, tracks, strict=True):
+        cuts = np.flatnonzero(np.diff(track.state)) + 1
+        begins, ends = np.concatenate([[0], cuts]), np.concatenate([cuts, [len(track.t) - 1]])
+        kept = max(1, len(begins) // MOST_POINTS)
+        low, high = place - 0.4 * LANE, place + 0.4 * LANE
+        for begin, end in list(zip(begins, ends, strict=True))[::kept]:
+            left, right = track.t[begin], track.t[end]
+            boxes.append([(left, low), (right, low), (right, high), (left, high)])
+            colors.append(look.STATES[names.index(track.states[track.state[begin]]) % len(look.STATES)])
+        if track.found_at is not None:
+            found = track.t[track.found_at]
+            axes.plot(
+                found, place, "*", color=look.FOUND, markeredgecolor="white", markersize=10, clip_on=False
+            )
+    axes.add_collection(PolyCollection(boxes, facecolors=colors, linewidths=0))
+    marks = [Patch(facecolor=look.STATES[k % len(look.STATES)], label=name) for k, name in enumerate(names)]
+    below = -0.48 / (axes.get_position().height * axes.figure.get_figheight())
+    legend = axes.legend(
+        handles=marks, loc="upper left", bbox_to_anchor=(0, below), ncols=6, borderaxespad=0, columnspacing=1.0,
+        handlelength=1.0,
+    )  # fmt: skip
+    for text in legend.get_texts():
+        text.set_parse_math(False)
+    return places, [track.name[:16] for track in tracks]
+
+
+def thinned(t: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A long series by the least and largest of its parts, so that no peak is lost."""
+    parts = len(t) // (MOST_POINTS // 2)
+    if parts < 2:
+        return t, values
+    n = len(t) // parts * parts
+    table = values[:n].reshape(-1, parts)
+    rows = np.arange(len(table))
+    filled = np.where(np.isfinite(table), table, -np.inf)
+    first = np.where(np.isfinite(table), table, np.inf).argmin(axis=1)
+    chosen = np.sort(np.stack([rows * parts + first, rows * parts + filled.argmax(axis=1)]), axis=0).T.ravel()
+    return t[chosen], values[chosen]
+
+
+# ---------------------------------------------------------------- trials
+
+
+def success(groups: Sequence[dict[str, Any]], end: float) -> bytes:
+    """The share of each group's trials in which a source had been found by a time."""
+    with look.styled():
+        figure = look.figure(WIDE, 2.6, DPI)
+        axes = figure.add_axes((0.1, 0.2, 0.87, 0.72))
+        look.plain(axes)
+        for n, group in enumerate(groups):
+            times = np.sort([t for t in group["per_trial"]["time_s"] if t is not None])
+            share = np.arange(len(times) + 1) / group["trials"]
+            axes.step(
+                [0, *times, end], [*share, share[-1]], where="post", color=look.robot(n),
+                label=f"{group['name']} ({group['trials']} trials)",
+            )  # fmt: skip
+        axes.set_xlim(0, end)
+        axes.set_ylim(0, 1.02)
+        axes.set_xlabel("time since the robots started [s]")
+        axes.set_ylabel("share of trials")
+        for text in axes.legend(loc="upper left").get_texts():
+            text.set_parse_math(False)
+        return look.png(figure)
+
+
+# ---------------------------------------------------------------- maps
+
+
+def beside_truth(run: Run, maps: Sequence[MapAtEnd]) -> bytes:
+    """Each map's estimate on the left, the truth on the right, on one scale; all in one pair of axes."""
+    width, length = run.scenario.domain.extent[:2]
+    low, high = run.scenario.recording.range_ppm
+    aside, up = 1.05 * width, length + 0.1 * width
+    across, tall = aside + width, len(maps) * up
+    inches = 6.4 / across
+    with look.styled():
+        figure = look.figure(WIDE, tall * inches + 0.1, DPI)
+        axes = figure.add_axes((0.01, 0, 6.4 / WIDE, tall * inches / (tall * inches + 0.1)))
+        axes.set_axis_off()
+        image: Any = None
+        for n, one in enumerate(maps):
+            bottom = tall - (n + 1) * up
+            told = ((one.estimate, f"{one.name}: estimate"), (one.truth, "truth: mean of the gas"))
+            for k, (values, title) in enumerate(told):
+                left, (rows, columns) = k * aside, values.shape
+                axes.add_patch(Rectangle((left, bottom), width, length, facecolor="#d5dbe1", zorder=0))
+                reach = (left, left + one.cell * columns, bottom, bottom + one.cell * rows)
+                places = logarithmic(values, low, high)
+                image = axes.imshow(places, cmap=look.GAS, vmin=0, vmax=1, origin="lower", extent=reach)
+                frame = Rectangle((left, bottom), width, length, fill=False, edgecolor=look.INK, linewidth=1)
+                axes.add_patch(frame)
+                for _, source in run.scenario.sources:
+                    x, y = left + source.position[0], bottom + source.position[1]
+                    axes.plot(x, y, "*", color=look.SOURCE, markeredgecolor="white", markersize=11)
+                axes.text(left, bottom + length + 0.02 * width, title, fontweight="bold", fontsize=9)
+        axes.set_xlim(-0.01 * width, across + 0.01 * width)
+        axes.set_ylim(-0.01 * width, tall)
+        bar = figure.add_axes((0.92, 0.04, 0.015, 0.85))
+        look.scale(None, image, low, high, True, "ppm", cax=bar)
+        return look.png(figure)
+
+
+def scores(maps: Sequence[dict[str, Any]], names: Sequence[str]) -> bytes | None:
+    """How the maps' error and correlation went; None where they were not scored over time."""
+    known = [
+        (name, one["mean_gas"])
+        for name, one in zip(names, maps, strict=True)
+        if one.get("mean_gas", {}).get("time_s")
+    ]
+    if not known:
+        return None
+    with look.styled():
+        figure = look.figure(WIDE, 2.4, DPI)
+        for k, (key, label) in enumerate(
+            (("error_ppm", "mean error [ppm]"), ("correlation", "correlation with the truth"))
+        ):
+            axes = figure.add_axes((0.08 + 0.49 * k, 0.2, 0.42, 0.68))
+            look.plain(axes)
+            for n, (name, told) in enumerate(known):
+                values = [np.nan if value is None else value for value in told[key]]
+                axes.plot(
+                    *thinned(np.array(told["time_s"]), np.array(values, float)),
+                    color=look.robot(n),
+                    label=name,
+                )
+            axes.set_xlabel("time [s]")
+            axes.set_title(label, fontsize=9)
+            if k == 0:
+                for text in axes.legend(loc="best").get_texts():
+                    text.set_parse_math(False)
+        return look.png(figure)

@@ -1,0 +1,281 @@
+"""`report.html`: a run on one page that needs nothing else: no net, no scripts, its images inside."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from math import inf
+from pathlib import Path
+from typing import Any
+
+from taichi_plume import __version__, summary
+from taichi_plume.files.run_folder import RunFolderError
+from taichi_plume.guard.terminal import visible
+from taichi_plume.report import captions, facts, figures, look, scene
+from taichi_plume.report.maps import maps_of
+from taichi_plume.report.references import papers
+from taichi_plume.report.run import Run
+
+NAME = "report.html"
+TEMPLATE = Path(__file__).with_name("page.html")
+MOST_FRAMES = 240  # of a recording, that its mean is made of
+TOLD = {"wall_s", "simulated_s", "cells", "steps", "backend", "flow", "gas", "groups", "maps"}
+"""What a result has that tells how a run went; those of runs that were killed have less."""
+
+
+@dataclass
+class Image:
+    """A figure: the image itself as an address, what it shows in a line, and how to read it."""
+
+    address: str
+    title: str
+    caption: str
+
+
+@dataclass
+class Table:
+    """Rows under their heads, with a line on what they say."""
+
+    rows: facts.Rows
+    heads: tuple[str, ...] = ()
+    caption: str = ""
+
+
+@dataclass
+class Section:
+    """A part of the page, in the order in which it is read: lines, images, tables."""
+
+    title: str
+    key: str
+    lines: list[str] = field(default_factory=list)
+    images: list[Image] = field(default_factory=list)
+    tables: list[Table] = field(default_factory=list)
+
+    @property
+    def empty(self) -> bool:
+        """Whether there is nothing to be said."""
+        return not (self.lines or self.images or self.tables)
+
+
+def write(run: Run, tolerant: bool | None = None) -> Path:
+    """Write the report of a run into its folder; returns its path.
+
+    tolerant: whether what cannot be read is only told on the page, as it is of runs that have not ended by themselves.
+    Raises RunFolderError and OSError.
+    """
+    parts = Parts(run, run.unfinished if tolerant is None else tolerant)
+    html = _page(run, [one for one in parts.all() if not one.empty])
+    path, part = run.folder / NAME, run.folder / f"{NAME}.part"
+    try:
+        part.write_text(html, encoding="utf-8", errors="backslashreplace")
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+    return path
+
+
+def _page(run: Run, sections: list[Section]) -> str:
+    import jinja2
+
+    environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    template = environment.from_string(TEMPLATE.read_text(encoding="utf-8"))
+    message = str(run.result.get("message") or "")
+    return template.render(
+        name=visible(run.scenario.name), status=visible(run.status), message=visible(message), sections=sections,
+        good=run.status in ("completed", "stopped"), began=[visible(line) for line in run.began.lines],
+        version=__version__,
+    )  # fmt: skip
+
+
+class Parts:
+    """The sections of a run's report, in their order. What cannot be read is raised or, if tolerant, told."""
+
+    def __init__(self, run: Run, tolerant: bool):
+        self.run, self.tolerant = run, tolerant
+        self.result = run.result if run.result.keys() >= TOLD else {}
+        self.lacks = list(run.lacks)
+        self.tracks = self._tried(lambda: run.tracks, [])
+
+    def _tried(self, read: Callable[[], Any], without: Any) -> Any:
+        try:
+            return read()
+        except RunFolderError as error:
+            if not self.tolerant:
+                raise
+            self.lacks.append(f"{visible(error)}.")
+            return without
+
+    def all(self) -> Iterator[Section]:
+        """Each of them; those of which there is nothing are empty."""
+        for make in (
+            self.words, self.setting, self.trials, self.plume, self.smelt, self.maps, self.balance, self.notes,
+            self.citing, self.again,
+        ):  # fmt: skip
+            yield make()
+
+    def words(self) -> Section:
+        """The result as the command printed it."""
+        section = Section("The result in words", "words")
+        if self.result:
+            section.tables.append(
+                Table([(visible(name), visible(text)) for name, text in summary.summary(self.result)[1:]])
+            )
+            return section
+        if self.run.unfinished:
+            status, folder = visible(self.run.status), visible(self.run.folder)
+            section.lines.append(captions.UNFINISHED.format(status=status, folder=folder))
+        for group in self.run.result.get("groups", []):
+            if "found" in group:
+                of = group.get("robots_of_all_trials", "?")
+                section.lines.append(
+                    f"{visible(group.get('name'))}: {group['found']} of {of} robots had found a source."
+                )
+        return section
+
+    def setting(self) -> Section:
+        """The scene and the key facts."""
+        run = self.run
+        seen = "from above" if run.scenario.domain.dim == 2 else "from above and from the side"
+        robots = "; coloured discs are the robots at their start" if run.scenario.robots else ""
+        caption = captions.SCENE.format(seen=seen, robots=robots)
+        image = Image(look.inline(scene.picture(run.scenario, run.shapes, figures.DPI)), "The scene", caption)
+        rows = [(visible(name), visible(text)) for name, text in facts.key_facts(run)]
+        return Section("What was run", "setting", images=[image], tables=[Table(rows)])
+
+    def trials(self) -> Section:
+        """Success and times with their intervals."""
+        section = Section("Success and times", "trials")
+        groups = self.result.get("groups", [])
+        searched = [group for group in groups if not group["no_search"]]
+        for group in searched:
+            heads = (visible(group["name"]), "mean", "95 % interval", "over")
+            caption = captions.TRIALS if group["trials"] > 1 else ""
+            section.tables.append(Table(facts.trials(group), heads, caption))
+        for group in groups:
+            if group["no_search"]:
+                why = visible(group["no_search"])
+                section.lines.append(f"{visible(group['name'])}: no source to be found, {why}.")
+        many = [one for one in searched if one["trials"] > 4 and one["trials_differ_by"] != "nothing"]
+        if many:
+            end = max(float(self.result["simulated_s"]) + self.run.begin, 1e-3)
+            image = figures.success(many, end)
+            section.images.append(Image(look.inline(image), "Found by when", captions.SUCCESS))
+        return section
+
+    def plume(self) -> Section:
+        """Mean pictures of the recording with tracks."""
+        run = self.run
+        section = Section("Where the gas was, and where the robots went", "plume")
+        spacing = max(run.scenario.duration + run.scenario.warm_up, 1e-3) / MOST_FRAMES
+        pictures = self._tried(lambda: run.pictures(self._planes(), (0.0, inf), spacing), {})
+        pictures = {name: one for name, one in pictures.items() if len(one.times)}
+        trails = self._trails()
+        for one in sorted(
+            pictures.values(), key=lambda one: (one.axes != "xy", not one.name.startswith("gas"))
+        ):
+            where = f", {one.plane}" if one.plane else ""
+            caption = captions.MEAN.format(
+                count=len(one.times),
+                begin=one.times[0],
+                end=one.times[-1],
+                kind="logarithmic" if one.logarithmic else "linear",
+                trails=trails if one.axes == "xy" else captions.ASIDE,
+            )
+            image = figures.mean_plume(run, one, self.tracks)
+            title = visible(f"Mean {one.quantity}{where}")
+            section.images.append(Image(look.inline(image), title, visible(caption)))
+        if not pictures:
+            section.lines.append(captions.NO_PICTURES)
+            if self.tracks:
+                image = figures.only_tracks(run, self.tracks)
+                section.images.append(Image(look.inline(image), "Tracks", trails))
+        return section
+
+    def _planes(self) -> list[str]:
+        """The first plane of each kind; of slice and column the one that shows the gas wherever it is."""
+        names = [name for name in self.run.planes() if name.count("_") == 1]
+        return [name for name in names if not (name == "gas_slice" and "gas_column" in names)]
+
+    def _trails(self) -> str:
+        if not self.tracks:
+            return ""
+        total = sum(group.count * group.trials for group in self.run.scenario.robots)
+        shown = len(self.tracks)
+        part = f" Shown are {shown} of {total:,} robots: those of the first trial." if shown < total else ""
+        return captions.TRAILS.format(part=part)
+
+    def smelt(self) -> Section:
+        """Readings and behaviour."""
+        section = Section("What the robots smelt and did", "smelt")
+        if self.tracks and max(len(track.t) for track in self.tracks) > 1:
+            some = min(len(self.tracks), figures.MOST_SERIES)
+            lanes = min(len(self.tracks), figures.MOST_LANES)
+            part = ""
+            if some < len(self.tracks):
+                part = f" The readings are of the first {some} robots, the lanes of the first {lanes}."
+            image = look.inline(figures.smelt(self.run, self.tracks))
+            caption = captions.SMELT.format(part=part)
+            section.images.append(Image(image, "Readings and behaviour over time", caption))
+        return section
+
+    def maps(self) -> Section:
+        """Maps beside the truth, and their scores."""
+        section = Section("Gas maps beside the truth", "maps")
+        if not self.run.scenario.maps:
+            return section
+        most = figures.MOST_MAPS
+        made = self._tried(lambda: maps_of(self.run.folder), [])
+        if made:
+            part = f" Shown are the first {most} of {len(made)} maps." if len(made) > most else ""
+            image = look.inline(figures.beside_truth(self.run, made[:most]))
+            section.images.append(Image(image, "Maps at the end", captions.MAPS.format(part=part)))
+        else:
+            section.lines.append(captions.NO_MAPS)
+        told = self.result.get("maps", [])
+        if told:
+            names = [visible(name) for name in facts.map_names(told)]
+            heads = (
+                "map",
+                "mean error [ppm]",
+                "correlation",
+                "cells known",
+                "error against the mean gas [ppm]",
+            )
+            section.tables.append(Table(facts.map_rows(told, names), heads, captions.MAP_SCORES))
+            over_time = figures.scores(told[:most], names[:most])
+            if over_time:
+                section.images.append(Image(look.inline(over_time), "Scores over time", captions.OVER_TIME))
+        return section
+
+    def balance(self) -> Section:
+        """What became of the gas, and how well the air was solved."""
+        section = Section("Gas budget and numerics", "balance")
+        gas, flow = facts.budget(self.result), facts.flow(self.result)
+        if gas:
+            section.tables.append(Table(gas, ("gas", "mass"), captions.BUDGET))
+        if flow:
+            section.tables.append(Table(flow, ("air", "value", "what it says")))
+        if self.result and not (gas or flow):
+            section.lines.append("This kind of wind and gas keeps no budget.")
+        return section
+
+    def notes(self) -> Section:
+        """What is unlikely, and what this page lacks."""
+        remarks = [visible(one) for one in self.run.result.get("remarks", []) if isinstance(one, str)]
+        return Section("Notes", "notes", lines=remarks + self.lacks)
+
+    def citing(self) -> Section:
+        """Software and papers."""
+        version = visible(self.run.result.get("version", "of unknown version"))
+        section = Section("How to cite", "citing")
+        section.lines.append(captions.CITE.format(version=version))
+        rows = [(visible(name), visible(" ".join(lines), None)) for name, lines in papers(self.run.scenario)]
+        if rows:
+            section.tables.append(Table(rows, ("used here", "rests on")))
+        return section
+
+    def again(self) -> Section:
+        """Command, versions, files."""
+        section = Section("How to run it again", "again")
+        if self.run.began.again:
+            section.lines.append(visible(self.run.began.again, None))
+        section.tables.append(Table(facts.files(self.run), ("file", "size", "what it holds")))
+        return section

@@ -1,0 +1,256 @@
+import base64
+import io
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import made_run
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from PIL import Image
+
+from taichi_plume.files.result import write_result
+from taichi_plume.report import figures, references
+from taichi_plume.report.__main__ import main
+from taichi_plume.report.page import NAME
+
+ADDRESSES = {"src", "href", "action", "data", "poster", "srcset", "background", "formaction", "cite", "ping"}
+VOID = {"meta", "img", "br", "link", "hr", "input"}
+
+
+class Read(HTMLParser):
+    """What a browser would find in a page: tags, their attributes, texts; whether each tag is closed."""
+
+    def __init__(self, html: str):
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str]]] = []
+        self.open: list[str] = []
+        self.texts: list[str] = []
+        self.feed(html)
+        assert self.open == []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, {key: value or "" for key, value in attrs}))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open[-1:] != ["style"]:
+            self.texts.append(data)
+
+    @property
+    def text(self) -> str:
+        return " ".join(" ".join(self.texts).split())
+
+    @property
+    def titles(self) -> list[str]:
+        return [attrs["alt"].partition(".")[0] for tag, attrs in self.tags if tag == "img"]
+
+
+@pytest.fixture
+def report(capsys):
+    """The page of a folder, read."""
+
+    def make(folder: Path) -> Read:
+        assert main([str(folder)]) == 0
+        assert str(folder / NAME) in capsys.readouterr().out
+        return Read((folder / NAME).read_text(encoding="utf-8"))
+
+    return make
+
+
+def test_nothing_leaves_the_page(tmp_path, report):
+    page = report(made_run.made(tmp_path / "run"))
+    for tag, attrs in page.tags:
+        assert tag not in ("script", "link", "iframe", "object", "embed", "base", "form")
+        assert not [key for key in attrs if key.startswith("on")]
+        for key in ADDRESSES & attrs.keys():
+            assert attrs[key].startswith(("data:image/png;base64,", "#")), (tag, key)
+    policy = [
+        attrs["content"] for _, attrs in page.tags if attrs.get("http-equiv") == "Content-Security-Policy"
+    ]
+    assert policy
+    assert "default-src 'none'" in policy[0]
+    style = (tmp_path / "run" / NAME).read_text()
+    assert not re.search(r"url\(|@import|https?:", style)
+    ids = {attrs["id"] for _, attrs in page.tags if "id" in attrs}
+    links = [attrs["href"] for _, attrs in page.tags if "href" in attrs]
+    assert links
+    assert {link[1:] for link in links} <= ids
+
+
+def test_images_are_images_with_words_for_those_who_do_not_see_them(tmp_path, report):
+    page = report(made_run.made(tmp_path / "run"))
+    images = [attrs for tag, attrs in page.tags if tag == "img"]
+    assert len(images) == 3
+    for one in images:
+        image = Image.open(io.BytesIO(base64.b64decode(one["src"].partition(",")[2])))
+        assert image.size[0] == round(figures.WIDE * figures.DPI)
+        assert len(one["alt"]) > 60
+
+
+WORDS = "<script>alert(1)</script> $\\frac{1}{0}$ 日本 \"'&amp;"
+WICKED = f"{WORDS} \x1b[2J"
+
+
+def test_names_stay_text(tmp_path, report):
+    """Of a scenario, a group, a species, a message, a remark, the command on top of scenario.yaml."""
+    model = made_run.scenario()
+    group = model.robots[0].model_copy(update={"name": WORDS})
+    folder = made_run.made(tmp_path / "run", model.model_copy(update={"robots": (group,)}))
+    told = made_run.result(
+        model, message=WICKED, remarks=[WICKED], name=WICKED, status="<b>odd", version="<i>"
+    )
+    told["groups"][0]["name"] = WORDS
+    write_result(folder, told)
+    made_run.record(folder / "recording.rrd", quantity=WICKED)
+    file = folder / "scenario.yaml"
+    head, _, rest = file.read_text(encoding="utf-8").partition("\n")
+    file.write_text(f"{head} <img src=x onerror=alert(1)>\n{rest}", encoding="utf-8")
+    page = report(folder)
+    assert not [tag for tag, _ in page.tags if tag in ("script", "b", "i") and tag != "b"]
+    assert not [attrs for tag, attrs in page.tags if "onerror" in attrs or attrs.get("src") == "x"]
+    assert page.text.count("<script>alert(1)</script>") >= 5
+    assert "\x1b" not in (folder / NAME).read_text(encoding="utf-8")
+
+
+def test_a_run_with_robots_in_2d(tmp_path, report):
+    page = report(made_run.made(tmp_path / "run"))
+    assert page.titles == ["The scene", "Mean ethanol", "Readings and behaviour over time"]
+    for words in (
+        "1 of 2 robots found a source",
+        "20 to 100 %",
+        "one thing is unlikely",
+        "Mean of 21 recorded pictures",
+        "Lochmatter & Martinoli",
+        "python -m taichi_plume.run",
+        "seed: 0",
+        "0.01 g",
+        "1.0e-08 of what came",
+    ):
+        assert words in page.text, words
+
+
+def test_a_room_shows_its_column_and_its_section(tmp_path, report):
+    page = report(made_run.made(tmp_path / "run", made_run.scenario(3)))
+    assert page.titles[1:3] == ["Mean ethanol, maximum over the height", "Mean ethanol, y = 1"]  # .5 m
+
+
+def test_a_run_without_robots(tmp_path, report):
+    model = made_run.scenario(robots=[])
+    page = report(made_run.made(tmp_path / "run", model))
+    assert page.titles == ["The scene", "Mean ethanol"]
+    assert "robots smelt" not in page.text
+
+
+def test_a_run_without_a_recording_says_so_and_shows_tracks(tmp_path, report):
+    page = report(made_run.made(tmp_path / "run", recording=False))
+    assert page.titles == ["The scene", "Tracks", "Readings and behaviour over time"]
+    assert "neither a recording nor recorded fields" in page.text
+
+
+def test_a_run_without_maps_zarr_says_so(tmp_path, report):
+    model = made_run.scenario(maps=[{"kind": "gmrf", "cell": 0.5}])
+    page = report(made_run.made(tmp_path / "run", model))
+    assert "no maps.zarr" in page.text
+    assert "Monroy, Blanco" in page.text
+
+
+@pytest.mark.parametrize("status", ["failed", "unstable", "interrupted"])
+def test_runs_that_failed_are_told_and_shown(tmp_path, report, status):
+    told = {"name": "made", "status": status, "message": "it broke at t = 3 s", "seed": 0}
+    page = report(made_run.made(tmp_path / "run", told=told))
+    assert f"{status} it broke at t = 3 s" in page.text
+    assert "Mean ethanol" in page.titles
+
+
+def test_a_run_that_was_killed_is_shown_as_far_as_it_came(tmp_path, report):
+    told = {"name": "made", "status": "running", "message": "t = 4.00 s", "seed": 0}
+    folder = made_run.made(tmp_path / "run", told=told)
+    (folder / "recording.rrd").write_bytes((folder / "recording.rrd").read_bytes()[:-1500])
+    (folder / "robots.parts").mkdir()
+    (folder / "robots.parquet").rename(folder / "robots.parts" / f"{0:012d}.parquet")
+    page = report(folder)
+    assert "taichi_plume.repair" in page.text
+    assert "recording.rrd: is cut off" in page.text
+    assert page.titles == ["The scene", "Tracks", "Readings and behaviour over time"]
+
+
+def test_numbers_that_are_none(tmp_path, report):
+    """An unstable run: readings, gas and result are no numbers."""
+    folder = made_run.made(tmp_path / "run")
+    table = pq.read_table(folder / "robots.parquet").to_pandas()
+    table.loc[table.t > 3, ["reading_ppm", "true_ppm", "x", "y", "heading"]] = np.nan
+    import pyarrow as pa
+
+    for key in ("group", "state"):
+        table[key] = table[key].astype(str)
+    pq.write_table(pa.Table.from_pandas(table, preserve_index=False), folder / "robots.parquet")
+    assert "Readings and behaviour over time" in report(folder).titles
+
+
+def test_bad_folders_are_one_line_each(tmp_path, capsys):
+    gone, empty = tmp_path / "none", tmp_path / "empty"
+    empty.mkdir()
+    old = made_run.made(tmp_path / "old")
+    made_run.record(old / "recording.rrd", scales=False)
+    other = made_run.made(tmp_path / "other")
+    made_run.reworded(other, frobnicate=3)
+    torn = made_run.made(tmp_path / "torn")
+    (torn / "robots.parquet").write_bytes(b"PAR1 nothing")
+    for folder, words in (
+        (gone, "is no folder"), (empty, "is not the folder of a run"), (old, "another version"),
+        (other, "frobnicate"), (torn, "is damaged"),
+    ):  # fmt: skip
+        assert main([str(folder)]) == 2
+        said = capsys.readouterr().err
+        assert said.startswith(str(folder)), said
+        assert said.count("\n") == 1
+        assert words in said
+        assert not (folder / NAME).exists()
+
+
+def test_thousands_of_trials_make_a_small_page(tmp_path, report):
+    """Of many robots some are shown, of long series the peaks."""
+    area = {"kind": "area", "low": [2, 0.3], "high": [3.8, 2.7]}
+    team = {"name": "pair", "count": 2, "trials": 1000, "algorithm": {"kind": "casting"}, "start": area}
+    model = made_run.scenario(robots=[team])
+    told = made_run.result(model)
+    trials = told["groups"][0]
+    trials |= {"trials": 1000, "trials_differ_by": "starts and chance"}
+    trials["per_trial"] = {
+        "success": [True] * 1000,
+        "found": [1] * 1000,
+        "time_s": list(np.linspace(2, 9, 1000)),
+    }
+    page = report(made_run.made(tmp_path / "run", model, trials=200, told=told))
+    assert "Shown are 2 of 2,000 robots" in page.text
+    assert "Found by when" in page.titles
+    assert (tmp_path / "run" / NAME).stat().st_size < 1e6
+
+
+def test_a_long_series_keeps_its_peaks():
+    t = np.arange(400_000) * 0.1
+    values = np.sin(t)
+    values[123_456], values[7], values[300_000:300_010] = 50.0, -50.0, np.nan
+    short, kept = figures.thinned(t, values)
+    assert len(short) <= figures.MOST_POINTS + 10
+    assert kept[np.isfinite(kept)].max() == 50.0
+    assert kept[np.isfinite(kept)].min() == -50.0
+    assert (np.diff(short) >= 0).all()
+    assert figures.thinned(t[:100], values[:100])[0] is not None
+
+
+def test_the_papers_are_those_of_the_kinds_that_are_used():
+    """What the modules' docstrings cite, read as text."""
+    maps = [{"kind": "kernel_dmv"}, {"kind": "time_series"}]
+    told = dict(references.papers(made_run.scenario(maps=maps)))
+    assert any("ISER 2008" in line for line in told["search algorithm casting"])
+    assert any("IROS 2009" in line for line in told["gas map kernel dmv"])
+    assert any("ICRA 2014" in line for line in told["gas map time series"])
+    assert not any("Vergassola" in line for lines in told.values() for line in lines)
+    assert any("10.1017/S0022112092001423" in line for line in told["wind synthetic"])
