@@ -3,6 +3,7 @@
 import re
 import sys
 from pathlib import Path
+from typing import Any
 
 HERE = Path(__file__).parent
 ROOT = HERE.parent
@@ -47,9 +48,8 @@ def pictures_written(block, block_vars, gallery_conf):
 
     folder, targets = Path(block_vars["src_file"]).parent, block_vars["image_path_iterator"]
     named = re.findall(r"--out (\S+\.png)", block[1]) if block[0] == "code" else []
-    taken = [
-        str(move(folder / name, next(targets))) for name in named
-    ]  # fails where a command has drawn none
+    # fails where a command has drawn none
+    taken: list[Any] = [str(move(folder / name, next(targets))) for name in named]
     return figure_rst(taken, gallery_conf["src_dir"])
 
 
@@ -61,6 +61,8 @@ sphinx_gallery_conf = {
     "image_scrapers": ("matplotlib", pictures_written),
     "abort_on_example_error": True,
     "within_subsection_order": "FileNameSortKey",
+    "capture_repr": ("_repr_html_",),  # tables, and not what matplotlib returns
+    "thumbnail_size": (480, 373),
     "download_all_examples": False,
     "show_memory": False,
     "show_signature": False,

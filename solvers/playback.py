@@ -208,7 +208,7 @@ class PlayedGas(Gas):
         self.film = FramePlayer(film, grid, [name], grid.ghost, self._prepare)
         self.c = self.film.now[name]
         self.air = grid.field()
-        uploader(self.air)(grid.pad(film.still("air") > 0))
+        uploader(self.air)(grid.pad(film.still("volume") > 0))
         self.begin(gas, t, 0)
 
     def begin(self, model: PlaybackGas, t: float, seed: int) -> None:

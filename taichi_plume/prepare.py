@@ -70,7 +70,7 @@ class Resources:
             from taichi_plume.grid.cut_cells import air_of
             from taichi_plume.grid.grid import Grid
 
-            recorded = film.still("air")
+            recorded = film.still("volume")
             here = air_of(self.standing, Grid.of(self.scenario.domain, film.periodic), recorded > 0)
             self._unlike[film.path] = int((np.abs(here.volume - recorded) > 0.01).sum())
         return self._unlike[film.path]
@@ -203,7 +203,7 @@ def _film(resources: Resources, path: str, model: Playback, folder: Path) -> Pur
         film = next((film for film in resources.films.values() if film.path == file), None) or Film(file)
         if isinstance(model, PlaybackGas):
             gas = _completed(model, film)
-        film.still("air")
+        film.still("volume")
         for n in {0, len(film.times) - 1}:
             film.frame(n, film.wind if model.part == "wind" else film.gas)
         resources.films[path] = film
@@ -222,7 +222,7 @@ def _moment(resources: Resources, path: str, model: InitialWind | InitialGas, fo
     file = folder / model.film
     try:
         film = next((film for film in resources.films.values() if film.path == file), None) or Film(file)
-        film.still("air")
+        film.still("volume")
         names = film.wind
         if model.part == "gas":
             gas = dict(resources.scenario.gases)[path.removesuffix(".initial")]

@@ -96,11 +96,15 @@ class Run:
     def fields(self) -> "xarray.Dataset":
         """Wind, gas and temperature at the cells' middles, over time."""
         path = self._path("fields")
-        if path.name == "fields.zarr":
-            return _film(path)
+        return _film(path) if path.name == "fields.zarr" else self.pictures
+
+    @cached_property
+    def pictures(self) -> "xarray.Dataset":
+        """What the recording's pictures show, over time; coarser than a film, and of planes."""
         from taichi_plume.record.reading import pictures
 
-        return pictures(path)
+        self.require("recording.rrd")
+        return pictures(self.folder / "recording.rrd")
 
     @cached_property
     def robots(self) -> "pandas.DataFrame":
@@ -123,6 +127,12 @@ class Run:
         from taichi_plume.files import maps_file
 
         return maps_file.read(self._path("maps"))
+
+    def require(self, name: str) -> None:
+        """Raises RunFolderError where the run has no film or recording, whichever is named."""
+        if not (self.folder / name).exists():
+            how = "`fields: {rate: 2}` in the scenario" if name == "fields.zarr" else "a recording"
+            raise RunFolderError(f"{self.folder}: has no {name}; run with {how}")
 
     def _path(self, part: str) -> Path:
         """The file of a part that there is. Raises RunFolderError."""
@@ -162,7 +172,7 @@ def _film(path: Path) -> "xarray.Dataset":
         raise RunFolderError(str(error)) from None
     try:
         data = xarray.open_zarr(path, consolidated=True, chunks=None)
-        for name in data.data_vars:
+        for name in map(str, data.data_vars):
             stored, wanted = film.arrays[name].nchunks_initialized, data[name].sizes.get("time", 1)
             if stored < wanted:
                 raise ValueError(f"{name} has {stored} of {wanted} frames")
@@ -173,7 +183,7 @@ def _film(path: Path) -> "xarray.Dataset":
     beside = [
         name for name in data.variables if any(d.endswith(("_face", "_ghost")) for d in data[name].dims)
     ]
-    return data.drop_vars(beside)
+    return data.drop_vars([*beside, "volume"])
 
 
 def _table(path: Path) -> "pandas.DataFrame":

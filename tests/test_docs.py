@@ -14,6 +14,7 @@ Scenarios of docs/coming-from are loaded by test_coming_from.py, which makes the
 
 import copy
 import doctest
+import importlib
 import os
 import re
 import shlex
@@ -202,11 +203,10 @@ def test_python_runs(page, tmp_path):
     assert done.returncode == 0, done.stderr[-2000:]
 
 
-@pytest.mark.parametrize("block", of("pycon") or [pytest.param(None, id="none")])
-def test_doctests_hold(block):
-    """Blocks with >>>."""
-    if block is None:
-        pytest.skip("no page has one")
+@pytest.mark.parametrize("block", of("pycon"))
+def test_doctests_hold(block, monkeypatch):
+    """Blocks with >>>, typed in the folder of a clone."""
+    monkeypatch.chdir(ROOT)
     test = doctest.DocTestParser().get_doctest(block.text, {}, name(block.page), None, block.line)
     assert not doctest.DocTestRunner(optionflags=doctest.ELLIPSIS).run(test).failed
 
@@ -236,6 +236,19 @@ def test_commands_have_these_options(module, options):
     for word in shlex.split(re.sub(r"[\[\]]", " ", options), comments=True):
         if word.startswith("--"):
             assert re.search(rf"{re.escape(word.partition('=')[0])}\b", told), word
+
+
+@pytest.mark.parametrize(
+    ("tex", "numbers"),
+    [(r"\tfrac56 - f", ["5", "6"]), (r"x^23", ["2", "3"]), (r"\frac{12}{3}", ["12", "3"]), ("21 °", ["21"])],
+)
+def test_digits_in_formulas_are_read_as_in_tex(tex, numbers, monkeypatch):
+    """After a fraction or a power, one by one."""
+    nodes = pytest.importorskip("docutils.nodes", reason="pip install -e .[docs]")
+    pytest.importorskip("sphinx", reason="pip install -e .[docs]")
+    monkeypatch.syspath_prepend(str(DOCS / "_ext"))
+    made = importlib.import_module("mathml").made(nodes.math(tex, tex), False)
+    assert re.findall(r"<mn>(.*?)</mn>", made) == numbers
 
 
 class References(HTMLParser):

@@ -1,5 +1,6 @@
 """Formulas as MathML, made at build time by docutils: pages show them without a script and without another host."""
 
+import re
 from html import escape
 
 from docutils import nodes
@@ -9,6 +10,8 @@ from sphinx.application import Sphinx
 from sphinx.util import logging
 from sphinx.writers.html5 import HTML5Translator
 
+# In TeX what follows a fraction or a power is one digit, docutils takes the whole number.
+DIGITS = {r"(\\[dt]?frac)\s*(\d)(\d)": r"\1{\2}{\3}", r"([\^_])(\d)(?=\d)": r"\1{\2}"}
 SIGNS = {"°": r"{}^{\circ}", "²": "^2", "³": "^3", "·": r"\cdot "}  # that docutils does not know in formulas
 
 
@@ -17,6 +20,8 @@ def made(node: nodes.Element, as_block: bool) -> str:
     text = node.astext()
     for sign, tex in SIGNS.items():
         text = text.replace(sign, tex)
+    for digits, tex in DIGITS.items():
+        text = re.sub(digits, tex, text)
     try:
         return tex2mathml(text, as_block=as_block)
     except MathError as error:

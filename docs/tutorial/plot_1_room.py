@@ -9,8 +9,6 @@ You would do this in an empty folder: write the file ``room.yaml`` with your edi
 This page is a Python file instead, so that it could be executed.
 """
 
-# sphinx_gallery_thumbnail_number = 2
-
 # %%
 # Two helpers stand for your terminal and your editor; in these you need neither.
 
@@ -133,6 +131,7 @@ terminal("python -m taichi_plume.run room.yaml --out runs/robots --force")
 # As a picture, a moment before the first of them arrives:
 
 terminal("python -m taichi_plume.picture runs/robots --at 26 --out robots.png")
+# sphinx_gallery_thumbnail_number = 2
 
 # %%
 # All three found it, long before the 120 seconds were over, so the run ended there. ("Found" means: within 35 cm of the
@@ -181,7 +180,8 @@ python -m taichi_plume.run room.yaml --duration 90 --set robots.0.trials=50 \
 
 terminal("""
 python -m taichi_plume.run room.yaml --duration 90 --set robots.0.trials=50 \
-    --set 'robots.0.algorithm={kind: surge_spiral}' --no-recording --out runs/spiral --force
+    --set 'robots.0.algorithm={kind: surge_spiral}' \
+    --no-recording --out runs/spiral --force
 """)
 
 # %%

@@ -36,10 +36,9 @@ def write(text):
 # You would export it from your CAD program: one closed body or several, in a file of kind STL, OBJ or PLY. Here an
 # L-shaped bench is made with NumPy, in millimetres, as most CAD programs do: an outline, pulled up to its height.
 
-OUTLINE = np.array(
-    [[0, 0], [1000, 0], [1000, 400], [400, 400], [400, 1200], [0, 1200]]
-)  # mm, counter-clockwise
-CAP = [(0, 1, 2), (0, 2, 3), (0, 3, 4), (0, 4, 5)]  # triangles that fill the outline
+# corners in mm, counter-clockwise, and triangles that fill the outline
+OUTLINE = np.array([[0, 0], [1000, 0], [1000, 400], [400, 400], [400, 1200], [0, 1200]])
+CAP = [(0, 1, 2), (0, 2, 3), (0, 3, 4), (0, 4, 5)]
 HEIGHT = 500  # mm
 
 
@@ -57,9 +56,11 @@ def bench():
 
 def save_stl(path, triangles):
     """Write a binary STL."""
-    record = np.zeros(len(triangles), [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("spare", "<u2")])
+    layout = [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("spare", "<u2")]
+    record = np.zeros(len(triangles), layout)
     record["corners"] = triangles
-    path.write_bytes(b"made with NumPy".ljust(80) + np.uint32(len(triangles)).tobytes() + record.tobytes())
+    header = b"made with NumPy".ljust(80) + np.uint32(len(triangles)).tobytes()
+    path.write_bytes(header + record.tobytes())
 
 
 save_stl(Path("bench.stl"), bench())
@@ -112,7 +113,10 @@ robots:
     sensors: {gas: {kind: mox, model: mics5524}, wind: {kind: ultrasonic}}
 """
 write(LAB + ROBOTS)
-terminal("python -m taichi_plume.run lab.yaml --set 'fields={rate: 1}' --out runs/lab --force")
+terminal("""
+python -m taichi_plume.run lab.yaml --set 'fields={rate: 1}' \
+    --out runs/lab --force
+""")
 
 # %%
 # Look at it
@@ -120,12 +124,17 @@ terminal("python -m taichi_plume.run lab.yaml --set 'fields={rate: 1}' --out run
 # From above, each point shows the largest concentration over the height, so that a plume is seen wherever it is.
 # ``--allow-outside`` lets the command read the bench, which lies beside the scenario and not in the folder of the run.
 
-terminal("python -m taichi_plume.picture runs/lab --at 14 --allow-outside --out above.png")
+terminal("""
+python -m taichi_plume.picture runs/lab --at 14 --allow-outside --out above.png
+""")
 
 # %%
 # And from the side, in the plane of the source: in 3-D the heights of source and nose decide what is smelt.
 
-terminal("python -m taichi_plume.picture runs/lab --at 14 --view section --allow-outside --out section.png")
+terminal("""
+python -m taichi_plume.picture runs/lab --at 14 --view section \
+    --allow-outside --out section.png
+""")
 
 # %%
 # In the recording, ``rerun runs/lab/recording.rrd``, you can walk around it, stop and go back.

@@ -7,14 +7,17 @@ at, on the cells' middles:
     u, v, w     [m/s]    air velocity
     NAME_ppm    [ppm]    of a species, at 25 °C and 1 atm
     temperature [K]      where it is solved for
+    gas_NAME    [kg/m³]  concentration of a species
+    air         share of the cell that holds its gas, 0 in obstacles: the sum of gas_NAME * air * cell_volume is the
+                mass; without time
 
 To go on with, played back or as the start of a run:
 
     u_face, ... [m/s]    air velocity on the faces, so that its divergence over a cell stays what it was; along the
                          other axes over ghosts, so that interpolation gives the walls' own velocity at the walls
     viscosity   [m²/s]   molecular and eddy viscosity, over ghosts; only of a flow with eddies
-    gas_NAME    [kg/m³]  concentration of a species; over cells, the sum of gas_NAME * air * cell_volume is its mass
-    air         share of the cells that is air; without time
+    volume      share of the cells that is air; without time. Cells that an obstacle cuts hold gas as though they
+                were as wide as their widest face, hence `air`
     area_u_face, ... share of the faces that is air; without time
     open_u_face, ... 1 on faces whose velocity was solved for, 0 on walls; without time
 
@@ -136,7 +139,10 @@ class Film:
             raise FilmError(f"{path}: is damaged: its times do not increase")
         for name in [*self.wind, *self.gas]:
             self._check(name, len(self.times))
-        for name in ["air", *(f"{still}{one}" for still in STILL for one in self.wind if one in VELOCITIES)]:
+        for name in [
+            "volume",
+            *(f"{still}{one}" for still in STILL for one in self.wind if one in VELOCITIES),
+        ]:
             self._check(name, 0)
 
     def _check(self, name: str, frames: int) -> None:
@@ -193,7 +199,7 @@ class Film:
         from taichi_plume.grid.cut_cells import Air  # brings Taichi, which those that only look do without
 
         area = tuple(self.still(f"area_{name}").astype(float) for name in VELOCITIES[: len(self.shape)])
-        volume = self.still("air").astype(float)
+        volume = self.still("volume").astype(float)
         return Air(volume, area, area, np.full(volume.shape, -1), self.periodic)
 
     def frame(self, n: int, names: list[str]) -> dict[str, np.ndarray]:

@@ -34,7 +34,7 @@ def velocity(film: Film, t: float | None) -> Places:
 
 def concentration(film: Film, name: str, t: float | None) -> Places:
     """Of its gas of that name [kg/m³], from the cells that hold air. Raises FilmError."""
-    air = (film.still("air") > 0).astype(float)
+    air = (film.still("volume") > 0).astype(float)
     held, share = _linear(film, name, moment(film, [name], t)[name] * air), _linear(film, name, air)
     return lambda points: np.maximum(held(points), 0.0) / np.maximum(share(points), 1e-6)
 

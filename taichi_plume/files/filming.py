@@ -40,7 +40,11 @@ class Filming:
             "cell_volume": grid.dx**grid.dim * (grid.depth if grid.dim == 2 else 1.0),
             "periodic": list(map(int, grid.periodic)),
         }
-        still: dict[str, np.ndarray] = {"air": sim.air.volume.T.astype(np.float32)}
+        held = np.where(sim.air.solid, 0.0, sim.air.room)
+        still: dict[str, np.ndarray] = {
+            "volume": sim.air.volume.T.astype(np.float32),
+            "air": held.T.astype(np.float32),
+        }
         moving = []
         if "wind" in model.quantities and self.wind is None:
             kind = scenario.wind.kind
@@ -62,7 +66,7 @@ class Filming:
         moving += ["temperature"] if self.heat is not None else []
         self.frames = 0
         species = sim.gas.species if "gas" in model.quantities else ()
-        self._new = partial(NewFilm, path, grid.shape, grid.dx, attributes, moving, still, species=species)
+        self._new = partial(NewFilm, path, grid.shape, grid.dx, attributes, moving, still, species)
 
     def start(self) -> None:
         """Begin the film."""

@@ -33,7 +33,8 @@ MEANING = {
     "time": ("s", "simulated time since the robots start"),
     "viscosity": ("m2 s-1", "molecular and eddy viscosity of the air"),
     "temperature": ("K", "temperature of the air"),
-    "air": ("1", "share of the cell that is air"),
+    "air": ("1", "share of the cell that holds its gas, 0 in obstacles"),
+    "volume": ("1", "share of the cell that is air"),
 }
 PLACES = {
     "": "the cells' middles",
@@ -53,8 +54,8 @@ class NewFilm:
     """A film being written.
 
     shape: cells per axis (x, y, z); dx [m]; attributes: of the group; moving: names of the variables of a frame;
-    still: those that do not change, with their values. kept: go on with the film that is there, after so many frames.
-    species: of the gases among `moving`, for what is also told in ppm.
+    still: those that do not change, with their values; species: of the gases among `moving`. kept: go on with the film
+    that is there, after so many frames.
     """
 
     def __init__(
@@ -65,8 +66,8 @@ class NewFilm:
         attributes: dict[str, Any],
         moving: list[str],
         still: dict[str, np.ndarray],
+        species: "Sequence[Species]",
         kept: int | None = None,
-        species: "Sequence[Species]" = (),
     ):
         self.path, self.dim = path, len(shape)
         self.ppm = {f"{GAS}{one.name}": (f"{one.name}_ppm", one.ppm_per_density) for one in species}
@@ -176,7 +177,7 @@ def _facts(name: str, known: dict[str, tuple[str, str, str | None]]) -> dict[str
     elif name in MEANING:
         units, meaning = MEANING[name]
         standard = "air_temperature" if name == "temperature" else None
-        more = {"axis": "T"} if name == "time" else None
+        more = {"axis": "T", "standard_name": "time"} if name == "time" else None
     elif name.startswith(STILL):
         shown = (
             "1 where the velocity was solved for, 0 on walls" if component == "open" else "share that is air"

@@ -152,29 +152,34 @@ def _found(path: Path) -> list[Found]:
     return whole + [(int(file.stem), file) for file in part_files(parts_of(path))]
 
 
-def read(path: Path) -> pa.Table:
-    """A table, as far as it is: of its parts where it is not finished. Raises RunFolderError, in a line.
+def batches(path: Path) -> Iterator[pa.RecordBatch]:
+    """The rows of a table, at least one batch, as far as they are: of its parts where it is not finished.
 
-    The bytes are checked, by the manifest beside it and the sums of its pages.
+    The bytes are checked, by the manifest beside it and the sums of its pages. Raises RunFolderError, in a line.
     """
     damage = manifest.changed(path) if path.exists() else None
     if damage:
         raise RunFolderError(damage)
     try:
         files = _found(path)
+        if not files:
+            raise RunFolderError(f"{path}: holds no row yet")
         for _, file in files:
             fault = unopenable(file)
             if fault:
                 raise RunFolderError(f"{file}: {fault}")
-        batches = list(_once(files, None))
-        schema = batches[0].schema if batches else pq.read_schema(files[0][1])
-        return pa.Table.from_batches(batches, schema).unify_dictionaries()
-    except FileNotFoundError as error:  # its parts become one file at this moment
-        if path.exists() and not parts_of(path).exists():
-            return read(path)
-        raise RunFolderError(f"{path}: cannot be read: {error.strerror}") from None
+        yield pa.RecordBatch.from_pylist([], pq.read_schema(files[0][1]))
+        yield from _once(files, None)
     except (pa.ArrowException, OSError, ValueError, LookupError) as error:
+        if isinstance(error, RunFolderError):
+            raise
         raise RunFolderError(f"{path}: cannot be read: {plain(str(error))}") from None
+
+
+def read(path: Path) -> pa.Table:
+    """All rows of `batches`. Raises RunFolderError."""
+    first, *rest = batches(path)
+    return pa.Table.from_batches([first, *rest], first.schema).unify_dictionaries()
 
 
 def join(path: Path, names: dict[str, pa.Array] | None = None) -> None:

@@ -1,6 +1,7 @@
 """Closed bodies from mesh files (STL, OBJ, PLY), measured by open3d."""
 
 import ctypes
+from contextlib import suppress
 from functools import cache
 from math import inf
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 from taichi_plume.grid.mesh_files import MeshError, read_mesh
 from taichi_plume.grid.shapes import Shape, rotation
 
+LONGEST_REASON = 150  # characters of why a library cannot be imported
 CHUNK = 1 << 18  # points handed to open3d at a time
 FLAT = 1e-9  # of its length: a thinner body has the same place on both sides in single precision
 SKIN = 1e-5  # m: a section this far from the height asked for does not run within a level face
@@ -84,13 +86,20 @@ class Solid(Shape):
 
 @cache
 def _open3d() -> Any:
-    """The open3d module: 2 s to import and 100 MB, so only for scenarios with meshes."""
-    import libusb_package
+    """The open3d module: 2 s to import and 100 MB, so only for scenarios with meshes. Raises MeshError without it."""
+    with suppress(ImportError, OSError):
+        import libusb_package
 
-    # open3d links libusb for its cameras; a machine without it gets the one from the Python package
-    ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
-    import open3d
-
+        # open3d links libusb for its cameras; a machine without it gets the one from the Python package
+        ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
+    try:
+        import open3d
+    except (ImportError, OSError) as error:
+        reason = " ".join(str(error).split())[:LONGEST_REASON]
+        raise MeshError(
+            f"meshes are measured by open3d, which cannot be imported ({reason}); pip install open3d libusb-package, "
+            "or use boxes, cylinders, spheres and prisms"
+        ) from None
     return open3d
 
 

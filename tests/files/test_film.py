@@ -42,7 +42,7 @@ def new_film(path: Path, frames: int = 3) -> list[dict[str, np.ndarray]]:
     """A film of noise; returns its frames, axes (z, y, x)."""
     rng = np.random.default_rng(5)
     moving = ["u_face", "v_face", "w_face", "gas_acetone"]
-    names = ["air", *(kind + name for kind in ("open_", "area_") for name in moving[:3])]
+    names = ["volume", "air", *(kind + name for kind in ("open_", "area_") for name in moving[:3])]
     still = {name: np.ones(size_of(name)[::-1], np.float32) for name in names}
     facts = {
         "depth": 1.0,
@@ -56,7 +56,7 @@ def new_film(path: Path, frames: int = 3) -> list[dict[str, np.ndarray]]:
             }
         },
     }
-    film = NewFilm(path, SHAPE, DX, facts, moving, still, species=(SPECIES["acetone"],))
+    film = NewFilm(path, SHAPE, DX, facts, moving, still, (SPECIES["acetone"],))
     shown = [{name: rng.random(size_of(name)[::-1], np.float32) for name in moving} for _ in range(frames)]
     for n, frame in enumerate(shown):
         film.append(0.5 * n, frame)
@@ -144,7 +144,7 @@ def test_a_film_that_is_growing_shows_others_its_last_frames_of_which_all_is_the
 
 def test_a_film_goes_on_after_the_frames_that_are_kept(path, whole):
     film = NewFilm(
-        path, SHAPE, DX, {}, ["u_face", "v_face", "w_face", "gas_acetone"], {}, 2, (SPECIES["acetone"],)
+        path, SHAPE, DX, {}, ["u_face", "v_face", "w_face", "gas_acetone"], {}, (SPECIES["acetone"],), 2
     )
     assert xarray.open_zarr(path).sizes["time"] == 2
     held = Film(whole)
@@ -200,7 +200,7 @@ def emptied(path: Path) -> None:
         (lambda path: (path / "v_face/c/1/0/0/0").unlink(), "v_face has 2 of 3 frames"),
         (lambda path: shutil.rmtree(path / "w_face"), "w_face is missing"),
         (lambda path: shutil.rmtree(path / "open_v_face"), "open_v_face is missing"),
-        (lambda path: (path / "air/c/0/0/0").unlink(), "air has 0 of 1 frames"),
+        (lambda path: (path / "volume/c/0/0/0").unlink(), "volume has 0 of 1 frames"),
         (emptied, "holds no frame"),
     ],
 )

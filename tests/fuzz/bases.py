@@ -220,6 +220,7 @@ def _write_film(path: Path) -> None:
     """Three frames of noise, of a wind and a gas."""
     from taichi_plume.files.film import dimensions
     from taichi_plume.files.new_film import NewFilm
+    from taichi_plume.scenario.species import SPECIES
 
     shape = (6, 5, 4)
     more = {"": 0, "face": 1, "ghost": 2}
@@ -229,7 +230,7 @@ def _write_film(path: Path) -> None:
 
     rng = np.random.default_rng(5)
     moving = ["u_face", "v_face", "w_face", "gas_acetone"]
-    names = ["air", *(kind + name for kind in ("open_", "area_") for name in moving[:3])]
+    names = ["volume", "air", *(kind + name for kind in ("open_", "area_") for name in moving[:3])]
     still = {name: np.ones(size(name), np.float32) for name in names}
     source = {"position": [0.3, 0.2, 0.2], "rate": 1e-5}
     facts = {
@@ -240,6 +241,7 @@ def _write_film(path: Path) -> None:
         "gases": {"gas_acetone": {"species": "acetone", "sources": [source]}},
     }
     shutil.rmtree(path, ignore_errors=True)
-    film = NewFilm(path, shape, 0.1, facts, moving, still)
+    film = NewFilm(path, shape, 0.1, facts, moving, still, (SPECIES["acetone"],))
     for n in range(3):
         film.append(0.5 * n, {name: 0.1 * rng.random(size(name), np.float32) for name in moving})
+    film.flush()

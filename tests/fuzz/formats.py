@@ -1,12 +1,16 @@
 """The formats that are read: a good file of each, and how a damaged one is read."""
 
+import json
+import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
+from taichi_plume import __version__
 from taichi_plume.files import manifest
 from tests.fuzz import bases
 from tests.fuzz.watched import Outcome, tried
@@ -19,12 +23,14 @@ CSV = "t,x,y,reading,wind_x,wind_y,trial,group\n" + "".join(
 
 @dataclass(frozen=True)
 class Format:
-    """file: which of the base's files is damaged; scenario: the one that reads it, if any; checked: whether the format
-    has checksums, so that what is read has to be what was written; text: whether it is text.
+    """file: which of the base's files is damaged; scenario: the one that reads it, if any; part: of a run, that
+    `open_run` reads; checked: whether the format has checksums, so that what is read has to be what was written; text:
+    whether it is text.
     """
 
     file: str
     scenario: str = ""
+    part: str = ""
     checked: bool = False
     text: bool = True
 
@@ -39,6 +45,11 @@ FORMATS = {
     "gaden_wind": Format("gaden_0.csv", "gaden"),
     "openfoam": Format("set/0/U.xy", "openfoam"),
     "occupancy": Format("occupancy.csv", "imported"),
+    "run_film": Format("fields.zarr", part="fields", checked=True, text=False),
+    "run_maps": Format("maps.zarr", part="maps", checked=True, text=False),
+    "run_robots": Format("robots.parquet", part="robots", checked=True, text=False),
+    "run_forces": Format("forces.csv", part="forces"),
+    "run_result": Format("result.json", part="result"),
     "yaml": Format("mixture.yaml", "mixture"),
 }
 WIND = "wind: {kind: imported, files: wind_%d.csv, occupancy: occupancy.csv, interval: 0.5}"
@@ -67,7 +78,14 @@ def make(folder: Path) -> None:
         imported.replace(WIND, "wind: {kind: imported, files: set/%g/U.xy}")
     )
     _write_table(folder / "robots.parquet")
-    manifest.write(folder, {}, [folder / "robots.parquet", folder / "fields.zarr"])
+    (folder / "forces.csv").write_text(
+        "t_s,obstacle,x_N,y_N\n" + "".join(f"{n},0,{0.1 * n},-1e-3\n" for n in range(9))
+    )
+    (folder / "result.json").write_text(
+        json.dumps({"name": "a", "status": "completed", "seed": 1, "version": __version__})
+    )
+    _write_maps(folder / "maps.zarr")
+    manifest.write(folder, {}, [folder / name for name in ("robots.parquet", "fields.zarr", "maps.zarr")])
 
 
 def _node(k: int, n: int) -> str:
@@ -92,6 +110,27 @@ def _write_table(path: Path) -> None:
     pq.write_table(pa.table(table), path, compression="zstd", write_page_checksum=True, row_group_size=1000)
 
 
+def _write_maps(path: Path) -> None:
+    """A map of two trials as a run leaves it."""
+    from taichi_plume.files.maps_file import MapsFile
+    from taichi_plume.scenario.maps import TimeSeriesMap
+
+    values = np.random.default_rng(2).random((2, 6, 5))
+    series = SimpleNamespace(
+        map=SimpleNamespace(estimate=lambda: values, weight=lambda: 2 * values),
+        truth=values[0],
+        measurable=values[0] > 0.1,
+        cell=0.25,
+        parts=[slice(0, 2)],
+    )
+    scenario = SimpleNamespace(name="a", seed=1, maps=[TimeSeriesMap(kind="time_series")])
+    sim: Any = SimpleNamespace(scenario=scenario, swarm=SimpleNamespace(count=0), t=5.0)
+    shutil.rmtree(path, ignore_errors=True)
+    writer = MapsFile(sim, path, SimpleNamespace(series=[series]))  # type: ignore[arg-type]
+    writer.start()
+    writer.close()
+
+
 # ---------------------------------------------------------------- reading
 
 
@@ -102,7 +141,7 @@ class Reader:
         self.folder = folder
         self.read = {}
         for name, kind in FORMATS.items():
-            values, errors = (_scenario if kind.scenario else _readings)(folder, kind)
+            values, errors = (_run if kind.part else _scenario if kind.scenario else _readings)(folder, kind)
             self.read[name] = (values, errors, _facts(values()))
 
     def __call__(self, job: tuple[str, bytes | None]) -> Outcome:
@@ -140,6 +179,25 @@ def _readings(folder: Path, kind: Format) -> tuple[Callable[[], Any], tuple]:
     return values, (ReadingsError,)
 
 
+def _run(folder: Path, kind: Format) -> tuple[Callable[[], Any], tuple]:
+    from taichi_plume import open_run
+    from taichi_plume.export import frames
+    from taichi_plume.files.run_folder import RunFolderError
+
+    def values() -> Any:
+        part = getattr(open_run(folder), kind.part)
+        if kind.part == "result":
+            return part
+        if kind.part == "maps":
+            return [[one.attrs, {name: one[name].values for name in map(str, one.variables)}] for one in part]
+        if kind.part == "fields":
+            read = frames(part, folder)
+            return [part.attrs, [[read(name, n) for n in range(3)] for name in map(str, part.variables)]]
+        return [part.attrs, {name: part[name].to_numpy().astype(str) for name in part.columns}]
+
+    return values, (RunFolderError,)
+
+
 def _scenario(folder: Path, kind: Format) -> tuple[Callable[[], Any], tuple]:
     from taichi_plume.files.film import FilmError
     from taichi_plume.files.wind_points import WindFileError
@@ -153,7 +211,9 @@ def _scenario(folder: Path, kind: Format) -> tuple[Callable[[], Any], tuple]:
             names = [*film.wind, *film.gas]
             found += [film.frame(n, names) for n in range(len(film.times))]
             found += [
-                film.still(name) for name in sorted(film.arrays) if name.startswith(("open_", "area_", "air"))
+                film.still(name)
+                for name in sorted(film.arrays)
+                if name.startswith(("open_", "area_", "volume"))
             ]
             found += [film.times, film.attributes, film.shape, film.dx, film.air().volume]
         if resources.site:

@@ -1,0 +1,49 @@
+"""All commands under one name: ``taichi-plume run CONFIG`` is ``python -m taichi_plume.run CONFIG``, and so on.
+
+Exit codes are those of the commands; 2 where there is no such command.
+"""
+
+import sys
+from argparse import RawDescriptionHelpFormatter
+from collections.abc import Sequence
+from importlib import import_module
+
+from taichi_plume import __version__
+from taichi_plume.guard.terminal import Parser
+
+COMMANDS = {
+    "run": "run a scenario, or only check it; go on with a run that was cut off",
+    "report": "write the report of a run again",
+    "picture": "draw a run at a time, or as a film",
+    "export": "write a run's data for ParaView, NetCDF or spreadsheets",
+    "maps": "make a gas map of recorded readings",
+    "repair": "complete the files of a run that was killed",
+    "scenario": "print the JSON schema of scenarios",
+    "validation": "run the solvers against exact solutions, and published experiments",
+}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line `argv` (without the program's name) and return its exit code."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    if arguments and arguments[0] in COMMANDS:
+        module = import_module(f"taichi_plume.{arguments[0]}")
+        if hasattr(module, "__path__"):
+            module = import_module(f"{module.__name__}.__main__")
+        return module.main(arguments[1:])
+    parser = Parser(
+        prog="taichi-plume",
+        description="Mobile-robot olfaction: air flow, gas, robots and maps from one YAML file.",
+        epilog="commands:\n"
+        + "\n".join(f"  {name:<12} {what}" for name, what in COMMANDS.items())
+        + "\n\n`taichi-plume COMMAND --help` tells more of one.",
+        formatter_class=RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("command", metavar="COMMAND", choices=COMMANDS, help="see below")
+    parser.add_argument("--version", action="version", version=f"taichi_plume {__version__}")
+    parser.parse_args(arguments[:1])
+    return 2  # not reached: what is no command has been refused
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,183 @@
+"""A run's data for other programs: ``python -m taichi_plume.export RUN --to vtkhdf|netcdf|csv [--out FILE]``.
+
+    vtkhdf   the film, frame by frame: gas, wind as vectors, temperature on the cells; for ParaView and pyvista
+    netcdf   the same, or the pictures of a recording, after CF; for xarray, MATLAB, Panoply ...
+    csv      the tables, robots.csv and probes.csv, and columns.csv, which tells their units and meanings
+
+Exit code 0: done; 1: it could not be written; 2: there is no such run, or it has no such data; 130: interrupted.
+"""
+
+import os
+import sys
+from argparse import Namespace
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from taichi_plume.files.run_folder import RunFolderError
+from taichi_plume.guard.terminal import Parser, say, visible
+from taichi_plume.run_data import FILES, Run, open_run
+
+if TYPE_CHECKING:
+    import numpy as np
+    import xarray
+
+DEFAULT = {"vtkhdf": "fields.vtkhdf", "netcdf": "fields.nc"}  # in the run's folder
+TABLES = ("robots", "probes")
+
+
+def export(run: Run, to: str, out: Path, source: str | None = None, force: bool = False) -> list[Path]:
+    """Write a run's data as `to` says, one of vtkhdf, netcdf and csv; returns the files.
+
+    out: the file, of csv the folder; source: film or recording, by default the film where there is one. Raises
+    RunFolderError where the run has no such data or a file is there, unless by `force`; and OSError.
+    """
+    if to == "csv":
+        return _tables(run, out, force)
+    if to == "vtkhdf" and source == "recording":
+        raise RunFolderError(f"{run.folder}: pictures of a recording go to netcdf; vtkhdf takes a film")
+    if to == "vtkhdf" or source == "film":
+        run.require("fields.zarr")
+    if source == "recording":
+        run.require("recording.rrd")
+        data = run.pictures
+    else:
+        data = run.fields
+    with _fresh([out], force) as (part,):
+        _write(data, to, part, run.folder)
+    return [out]
+
+
+def _write(data: "xarray.Dataset", to: str, part: Path, folder: Path) -> None:
+    from taichi_plume.files import disk, netcdf, vtkhdf
+
+    for coming in (vtkhdf if to == "vtkhdf" else netcdf).write(part, data, frames(data, folder)):
+        disk.require_room(part, coming)
+
+
+def frames(data: "xarray.Dataset", folder: Path) -> "Callable[[str, int], np.ndarray]":
+    """How to get the values of a variable of a run at a frame; raises RunFolderError where these are damaged."""
+    from taichi_plume.files.zarr_groups import FAULTS, reason
+
+    def read(name: str, n: int) -> "np.ndarray":
+        one = data[name]
+        try:
+            return (one.isel(time=n) if "time" in one.dims and one.ndim > 1 else one).values
+        except FAULTS as error:
+            raise RunFolderError(f"{folder}: frame {n} of {name} is damaged: {reason(error)}") from None
+
+    return read
+
+
+def _tables(run: Run, out: Path, force: bool) -> list[Path]:
+    """The tables that a run has, as CSV in a folder."""
+    import pyarrow as pa
+    import pyarrow.csv
+
+    from taichi_plume.files import disk, table_parts
+
+    there = [name for name in TABLES if any((run.folder / file).exists() for file in FILES[name])]
+    if not there:
+        raise RunFolderError(f"{run.folder}: has no tables, neither robots nor probes")
+    out.mkdir(parents=True, exist_ok=True)
+    files = [out / f"{name}.csv" for name in (*there, "columns")]
+    with _fresh(files, force) as parts:
+        columns = []
+        for name, part in zip(there, parts, strict=False):
+            rows = table_parts.batches(run.folder / f"{name}.parquet")
+            first = next(rows)
+            plain = pa.schema([(one.name, _text_of(one.type)) for one in first.schema])
+            with pa.csv.CSVWriter(
+                part, plain, write_options=pa.csv.WriteOptions(quoting_style="needed")
+            ) as csv:
+                for batch in rows:
+                    disk.require_room(part, batch.nbytes)
+                    csv.write_batch(batch.cast(plain))
+            for one in first.schema:
+                told = one.metadata or {}
+                columns.append(
+                    [name, one.name, *(told.get(key, b"").decode() for key in (b"unit", b"meaning"))]
+                )
+        about = dict(
+            zip(("table", "column", "unit", "meaning"), map(list, zip(*columns, strict=True)), strict=True)
+        )
+        pa.csv.write_csv(pa.table(about), parts[-1], pa.csv.WriteOptions(quoting_style="needed"))
+    return files
+
+
+def _text_of(kind: object) -> object:
+    """A column's type in a CSV: names as text."""
+    import pyarrow as pa
+
+    return pa.string() if pa.types.is_dictionary(kind) else kind
+
+
+@contextmanager
+def _fresh(files: Sequence[Path], force: bool) -> Iterator[list[Path]]:
+    """Names to write new files under; the files are there once all of them are whole, or none is.
+
+    Raises RunFolderError where one is there, unless by `force`.
+    """
+    for file in files:
+        if file.is_dir():
+            raise RunFolderError(f"{file}: is a folder; give the name of a file")
+        if os.path.lexists(file) and not force:
+            raise RunFolderError(f"{file}: exists; choose another --out or add --force to overwrite")
+    parts = [file.with_name(f".{file.name}.{os.getpid()}.part") for file in files]
+    try:
+        yield parts
+        for part, file in zip(parts, files, strict=True):
+            os.replace(part, file)
+    finally:
+        for part in parts:
+            part.unlink(missing_ok=True)
+
+
+# ---------------------------------------------------------------- the command
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line `argv` (without the program's name) and return its exit code."""
+    args = _arguments(argv)
+    out = args.out or (args.run / DEFAULT[args.to] if args.to in DEFAULT else args.run)
+    try:
+        files = export(open_run(args.run), args.to, out, args.source, args.force)
+    except RunFolderError as error:
+        say(visible(error), error=True)
+        return 2
+    except KeyboardInterrupt:
+        say(f"interrupted, nothing was written to {visible(out)}", error=True)
+        return 130
+    except OSError as error:
+        say(visible(f"{out}: cannot be written: {error.strerror or error}"), error=True)
+        return 1
+    for file in files:
+        say(visible(f"{file}: {file.stat().st_size / 1e6:,.3g} MB"))
+    return 0
+
+
+def _arguments(argv: Sequence[str] | None) -> Namespace:
+    parser = Parser(
+        prog="python -m taichi_plume.export", description="Write a run's data for other programs."
+    )
+    parser.add_argument("run", type=Path, metavar="RUN", help="the run's folder")
+    parser.add_argument(
+        "--to",
+        required=True,
+        choices=("vtkhdf", "netcdf", "csv"),
+        help="vtkhdf: the film for ParaView and pyvista; netcdf: fields after CF; csv: the tables",
+    )
+    parser.add_argument("--out", type=Path, help="the file, of csv a folder (default: in the run's folder)")
+    parser.add_argument(
+        "--from",
+        dest="source",
+        choices=("film", "recording"),
+        help="what netcdf is made of (default: the film, else the pictures of the recording)",
+    )
+    parser.add_argument("--force", action="store_true", help="replace what is there")
+    return parser.parse_args(argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

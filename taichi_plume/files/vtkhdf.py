@@ -1,0 +1,90 @@
+"""VTKHDF files of ImageData over time, for ParaView and pyvista, written by h5py after VTK's documented layout.
+
+Values belong to cells: each array over (time, z, y, x), vectors with three components last. What does not change is
+there once, and each step's offset leads to it. A flat grid becomes one layer, as thick as the slab that it stands for.
+The mass of a species is the sum of gas_NAME x air x the cell's volume, over all cells.
+
+Layout: VTK file formats, "VTKHDF", version 2.0 and later.
+"""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import xarray
+
+VERSION = (2, 0)
+WIND = ("u", "v", "w")
+PACKED = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
+Reading = Callable[[str, int], np.ndarray]
+"""The values (z, y, x), or (y, x), of a variable at the frame of that number."""
+
+
+def write(path: Path, data: "xarray.Dataset", read: Reading) -> Iterator[int]:
+    """Write a new file, frame by frame; yields the number of bytes that come next, before each frame.
+
+    data: a film's variables at the cells' middles, `depth` among its attributes; read: how to get their values. Raises
+    OSError.
+    """
+    import h5py
+
+    shape = [data.sizes.get(axis, 1) for axis in "zyx"]
+    names = [name for name in map(str, data.data_vars) if name not in WIND]
+    wind = [name for name in WIND if name in data]
+    steps = data.sizes["time"]
+    with h5py.File(path, "w") as file:
+        root = file.create_group("VTKHDF", track_order=True)
+        _grid(root, data, shape)
+        cells, offsets = root.create_group("CellData"), {}
+        for name in [*names, *(["wind"] if wind else [])]:
+            size = (*shape, 3) if name == "wind" else tuple(shape)
+            moving = name == "wind" or "time" in data[name].dims
+            offsets[name] = np.arange(steps) if moving else np.zeros(steps, int)
+            count = steps if moving else 1
+            array = cells.create_dataset(name, (count, *size), np.float32, chunks=(1, *size), **PACKED)
+            told = data["u" if name == "wind" else name].attrs
+            array.attrs["units"] = told.get("units", "1")
+            array.attrs["long_name"] = (
+                "velocity of the air" if name == "wind" else told.get("long_name", name)
+            )
+            if not moving:
+                array[0] = read(name, 0).reshape(size)
+        _steps(root, data["time"].values, offsets)
+        for n in range(steps):
+            yield sum(4 * int(np.prod(cells[name].shape[1:])) for name in cells)
+            for name in names:
+                if "time" in data[name].dims:
+                    cells[name][n] = read(name, n).reshape(shape)
+            if wind:
+                vector = np.zeros((*shape, 3), np.float32)
+                for d, name in enumerate(wind):
+                    vector[..., d] = read(name, n).reshape(shape)
+                cells["wind"][n] = vector
+
+
+def _grid(root: Any, data: "xarray.Dataset", shape: list[int]) -> None:
+    """What is said of the grid; shape: cells along z, y, x."""
+    import h5py
+
+    dx = float(data.attrs["spacing"])
+    layer = dx if "z" in data.sizes else float(data.attrs["depth"])
+    root.attrs["Version"] = np.array(VERSION, np.int64)
+    root.attrs.create("Type", b"ImageData", dtype=h5py.string_dtype("ascii", len("ImageData")))
+    root.attrs["WholeExtent"] = np.array([0, shape[2], 0, shape[1], 0, shape[0]], np.int64)
+    root.attrs["Origin"] = np.zeros(3)
+    root.attrs["Spacing"] = np.array([dx, dx, layer])
+    root.attrs["Direction"] = np.eye(3).ravel()
+    for name in ("title", "source", "history"):
+        root.attrs[name] = str(data.attrs.get(name, ""))
+
+
+def _steps(root: Any, times: np.ndarray, offsets: dict[str, np.ndarray]) -> None:
+    group = root.create_group("Steps")
+    group.attrs["NSteps"] = len(times)
+    group["Values"] = np.asarray(times, float)
+    of_cells = group.create_group("CellDataOffsets")
+    for name, values in offsets.items():
+        of_cells[name] = values

@@ -1,0 +1,357 @@
+"""What a run leaves, opened by `open_run` and exported, and looked at with other people's readers."""
+
+import json
+import shutil
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pandas
+import polars
+import pytest
+import xarray
+
+import taichi_plume
+from taichi_plume import RunFolderError, export, open_run, repair, run
+from taichi_plume.files import disk, manifest, table_parts
+from taichi_plume.files.result import write_result
+from taichi_plume.scenario.scenario import Scenario
+
+pytestmark = pytest.mark.usefixtures("taichi")
+SCENARIO = """
+name: small
+duration: 2
+domain: {size: [1.2, 0.8, 0.5], spacing: 0.1}
+wind:
+  kind: cfd
+  openings: [{kind: inlet, face: x-, speed: 0.5}, {kind: outlet, face: x+}]
+  buoyancy: {heat: {walls: [{face: z-, temperature: 310}]}}
+obstacles: [{kind: sphere, center: [0.61, 0.42, 0.2], radius: 0.17}]
+gas: {kind: eulerian, sources: [{position: [0.35, 0.4, 0.2], rate: 1 mg/s}]}
+robots: [{name: pair, count: 2, reach: 0, start: {kind: positions, positions: [[1, 0.2], [1, 0.6]]},
+          algorithm: {kind: casting}}]
+maps: [{kind: time_series}, {kind: gmrf}]
+probes: {points: [{kind: point, name: a, at: [0.9, 0.4, 0.2]}], every: 0.5}
+fields: {rate: 2}
+"""
+PARTS = ("fields", "robots", "probes", "forces", "maps", "result", "scenario")
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory) -> Path:
+    """A run that has ended, with a film and every table."""
+    folder = tmp_path_factory.mktemp("data")
+    (folder / "s.yaml").write_text(SCENARIO)
+    out = folder / "run"
+    assert run.main([str(folder / "s.yaml"), "--out", str(out), "--quiet", "--no-recording"]) == 0
+    return out
+
+
+@pytest.fixture
+def folder(small, tmp_path) -> Path:
+    """A copy to damage."""
+    return shutil.copytree(small, tmp_path / "run")
+
+
+# ---------------------------------------------------------------- open_run
+
+
+def test_all_parts_are_there_with_units(small):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        one = open_run(str(small))
+        assert isinstance(one.scenario, Scenario)
+        assert one.scenario.duration == 2
+        assert one.result["status"] == "completed"
+        fields = one.fields.load()
+    assert set(fields.data_vars) == {"u", "v", "w", "ethanol_ppm", "gas_ethanol", "temperature", "air"}
+    assert fields["u"].dims == ("time", "z", "y", "x")
+    assert {name: fields[name].attrs["units"] for name in ("u", "ethanol_ppm", "temperature")} == {
+        "u": "m s-1",
+        "ethanol_ppm": "ppm",
+        "temperature": "K",
+    }
+    np.testing.assert_allclose(fields["time"], [0, 0.5, 1, 1.5, 2])
+    assert (
+        298 < fields["temperature"].isel(time=0, z=0).mean() < fields["temperature"].isel(time=-1, z=0).mean()
+    )
+    assert one.robots.attrs["units"]["reading_ppm"] == "ppm"
+    assert one.probes.attrs["units"]["pressure"] == "Pa"
+    assert one.forces.attrs["units"] == {"t_s": "s", "obstacle": "1", "x_N": "N", "y_N": "N", "z_N": "N"}
+    assert [each.attrs["kind"] for each in one.maps] == ["time_series", "gmrf"]
+    assert "variance" in one.maps[1]
+    assert one.fields is one.fields
+
+
+def test_the_film_tells_what_probes_tell(small):
+    """A probe at a cell's middle."""
+    one = open_run(small)
+    place = {"x": 0.85, "y": 0.45, "z": 0.25}
+    last = one.fields.isel(time=-1)
+    around = last.sel(x=slice(0.8, 1), y=slice(0.3, 0.5), z=slice(0.1, 0.3))  # the cells about it
+    probe = one.probes.iloc[-1]
+    assert probe["t"] == last["time"]
+    for column, name in [("wind_x", "u"), ("temperature", "temperature"), ("ethanol_ppm", "ethanol_ppm")]:
+        assert around[name].min() - 1e-3 <= probe[column] <= around[name].max() + 1e-3, column
+    assert last.sel(place, method="nearest")["u"] > 0
+
+
+def test_pandas_and_polars_find_units_in_the_file(small):
+    for name in ("robots", "probes"):
+        path = small / f"{name}.parquet"
+        frame = pandas.read_parquet(path)
+        assert set(frame.attrs["units"]) == set(frame.columns) == set(frame.attrs["meanings"])
+        assert frame.attrs["units"]["wind_x"] == "m/s"
+        assert frame.equals(getattr(open_run(small), name))
+        told = polars.read_parquet_metadata(path)
+        assert json.loads(told["units"]) == frame.attrs["units"]
+        assert polars.read_parquet(path)["t"].to_list() == frame["t"].tolist()
+
+
+def test_what_there_is_is_listed(small):
+    told = repr(open_run(small))
+    assert "small, completed, 2 s" in told
+    assert "fields.zarr" in told
+    (line,) = [line for line in repr(open_run(small)).splitlines() if "probes" in line]
+    assert "probes.parquet" in line
+
+
+def test_a_running_run_is_read_as_far_as_it_is(folder):
+    whole = open_run(folder).robots
+    table = table_parts.read(folder / "robots.parquet")
+    parts = folder / "robots.parts"
+    parts.mkdir()
+    for begin, rows in ((0, 12), (8, 10)):  # rows 8 to 11 are in two files
+        part = parts / table_parts.part_name(begin)
+        table_parts.pq.write_table(table.slice(begin, rows), part)
+    for name in ("robots.parquet", "maps.zarr", manifest.NAME):
+        remove = shutil.rmtree if (folder / name).is_dir() else Path.unlink
+        remove(folder / name)
+    write_result(folder, open_run(folder).result | {"status": "running"})
+    with (folder / "forces.csv").open("a") as file:
+        file.write("2.5,0,0.1,0.")  # a row is being written
+    one = open_run(folder)
+    assert "running" in repr(one)
+    assert one.robots.equals(whole.iloc[:18])
+    assert one.robots.attrs["units"]["t"] == "s"
+    assert len(one.forces) == 3
+    assert one.fields.sizes["time"] == 5
+    with pytest.raises(RunFolderError, match=r"has no maps.zarr; .*they are written when a run ends"):
+        print(one.maps)
+
+
+def test_parts_that_a_run_has_not_tell_how_to_get_them(folder):
+    for file in folder.iterdir():
+        if file.name not in ("result.json", "scenario.yaml"):
+            shutil.rmtree(file) if file.is_dir() else file.unlink()
+    one = open_run(folder)
+    for part in PARTS[:5]:
+        with pytest.raises(RunFolderError, match="; ") as told:
+            getattr(one, part)
+        assert "\n" not in str(told.value)
+        assert str(told.value).startswith(f"{folder}: has no ")
+    assert "fields: {rate: 2}" in repr(one)
+
+
+def test_public_names_are_few_and_there():
+    assert len(taichi_plume.__all__) <= 10
+    assert all(getattr(taichi_plume, name) for name in taichi_plume.__all__)
+
+
+# ---------------------------------------------------------------- export
+
+
+def test_paraview_reads_every_time_and_all_the_mass(small, tmp_path):
+    import pyvista
+
+    out = tmp_path / "a.vtkhdf"
+    assert export.main([str(small), "--to", "vtkhdf", "--out", str(out)]) == 0
+    film = xarray.open_zarr(small / "fields.zarr")
+    reader = pyvista.get_reader(out).reader
+    reader.UpdateInformation()
+    assert reader.GetNumberOfSteps() == film.sizes["time"]
+    for n in range(film.sizes["time"]):
+        reader.SetStep(n)
+        reader.Update()
+        mesh = pyvista.wrap(reader.GetOutputDataObject(0))
+        assert mesh.field_data["Time"][0] == film["time"][n]
+        for name in ("ethanol_ppm", "gas_ethanol", "temperature"):
+            np.testing.assert_array_equal(mesh.cell_data[name], film[name][n].values.ravel())
+        for d, name in enumerate("uvw"):
+            np.testing.assert_array_equal(mesh.cell_data["wind"][:, d], film[name][n].values.ravel())
+        np.testing.assert_array_equal(mesh.cell_data["air"], film["air"].values.ravel())
+    np.testing.assert_allclose(mesh.cell_centers().points[-1], [1.15, 0.75, 0.45], rtol=1e-6)
+    volume = mesh.compute_cell_sizes()["Volume"]
+    assert ((mesh["air"] > 0) & (mesh["air"] < 1)).any(), "the sphere cuts cells"
+    mass = (mesh["gas_ethanol"].astype(float) * mesh["air"] * volume).sum()
+    assert mass == pytest.approx(open_run(small).result["gas"]["in_domain_kg"], rel=1e-6)
+
+
+def test_a_flat_film_is_a_layer_as_thick_as_its_slab(tmp_path):
+    import pyvista
+
+    from taichi_plume.files import vtkhdf
+
+    u, gas = np.random.default_rng(3).random((2, 3, 4, 5), np.float32)
+    data = xarray.Dataset(
+        {"u": (("time", "y", "x"), u), "v": (("time", "y", "x"), -u), "gas_a": (("time", "y", "x"), gas)},
+        {"time": [0.0, 1.0, 2.5]},
+        {"spacing": 0.1, "depth": 0.5},
+    )
+    list(vtkhdf.write(tmp_path / "a.vtkhdf", data, lambda name, n: data[name].values[n]))
+    reader = pyvista.get_reader(tmp_path / "a.vtkhdf").reader
+    reader.UpdateTimeStep(2.5)
+    mesh = pyvista.wrap(reader.GetOutputDataObject(0))
+    np.testing.assert_allclose(mesh.bounds, [0, 0.5, 0, 0.4, 0, 0.5])
+    np.testing.assert_array_equal(mesh["wind"], np.stack([u[2], -u[2], 0 * u[2]], -1).reshape(-1, 3))
+    assert mesh.volume == pytest.approx(0.1)
+    assert mesh.compute_cell_sizes()["Volume"] @ mesh["gas_a"] == pytest.approx(0.005 * gas[2].sum())
+
+
+def test_netcdf_is_the_same_data_and_follows_cf(small, tmp_path):
+    import cf_xarray  # noqa: F401
+
+    out = tmp_path / "a.nc"
+    assert export.main([str(small), "--to", "netcdf", "--out", str(out)]) == 0
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        data = xarray.open_dataset(out)
+    fields = open_run(small).fields
+    assert data.equals(fields)
+    for name in data.variables:
+        assert data[name].attrs == fields[name].attrs
+    assert [data.cf[axis].name for axis in "XYZT"] == ["x", "y", "z", "time"]
+    assert data.attrs["Conventions"].startswith("CF-")
+
+
+def test_csv_is_read_by_pandas_as_it_is(small, tmp_path):
+    assert export.main([str(small), "--to", "csv", "--out", str(tmp_path / "csv")]) == 0
+    about = pandas.read_csv(tmp_path / "csv" / "columns.csv").set_index(["table", "column"])
+    for name in ("robots", "probes"):
+        frame, wanted = pandas.read_csv(tmp_path / "csv" / f"{name}.csv"), getattr(open_run(small), name)
+        assert list(frame.columns) == list(wanted.columns)
+        pandas.testing.assert_frame_equal(
+            frame, wanted, check_dtype=False, check_categorical=False, rtol=1e-6
+        )
+        assert about.loc[name]["unit"].to_dict() == wanted.attrs["units"]
+
+
+@pytest.mark.parametrize("to", ["vtkhdf", "netcdf", "csv"])
+def test_what_is_there_stays_unless_by_force_and_no_half_is_left(folder, tmp_path, capsys, monkeypatch, to):
+    out = tmp_path / "there" / ("robots.csv" if to == "csv" else "a.out")
+    out.parent.mkdir()
+    out.write_text("mine")
+    command = [str(folder), "--to", to, "--out", str(out.parent if to == "csv" else out)]
+    assert export.main(command) == 2
+    assert f"{out}: exists; choose another --out or add --force" in capsys.readouterr().err
+
+    def full(file: Path, coming: int = 0) -> None:
+        assert file.exists()
+        raise OSError(28, "the disk is full")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(disk, "require_room", full)
+        assert export.main([*command, "--force"]) == 1
+    assert capsys.readouterr().err.endswith("cannot be written: the disk is full\n")
+    assert [file.name for file in out.parent.iterdir()] == [out.name]
+    assert out.read_text() == "mine"
+    assert export.main([*command, "--force"]) == 0
+    assert out.read_bytes() != b"mine"
+
+
+# ---------------------------------------------------------------- bad input
+
+
+def cut(name: str, keep: float = 0.5):
+    def damage(folder: Path) -> None:
+        (file,) = folder.glob(name)
+        file.write_bytes(file.read_bytes()[: int(keep * file.stat().st_size)])
+
+    return damage
+
+
+def gone(name: str):
+    def damage(folder: Path) -> None:
+        (file,) = folder.glob(name)
+        shutil.rmtree(file) if file.is_dir() else file.unlink()
+
+    return damage
+
+
+def other_version(folder: Path) -> None:
+    content = json.loads((folder / "result.json").read_text())
+    write_result(folder, content | {"version": "7.1"})
+
+
+DAMAGE = {
+    "no folder": (shutil.rmtree, "", "does not exist"),
+    "no run": (
+        lambda folder: [gone(name)(folder) for name in ("result.json", "scenario.yaml")],
+        "",
+        "is not the folder",
+    ),
+    "other version": (other_version, "", "was made by taichi_plume 7.1"),
+    "result": (cut("result.json"), "result", "result.json: is damaged"),
+    "scenario": (cut("scenario.yaml"), "scenario", "scenario.yaml: "),
+    "robots": (cut("robots.parquet", 0.9), "robots", "robots.parquet: "),
+    "a bit of robots": (lambda folder: flipped(folder / "robots.parquet"), "robots", "robots.parquet: "),
+    "probes": (cut("probes.parquet"), "probes", "probes.parquet: "),
+    "forces": (
+        lambda folder: (folder / "forces.csv").write_text("t_s,obstacle\n1,x\n"),
+        "forces",
+        "forces.csv: ",
+    ),
+    "empty forces": (cut("forces.csv", 0), "forces", "forces.csv: "),
+    "chunk": (gone("fields.zarr/ethanol_ppm/c/2"), "fields", "fields.zarr: "),
+    "wind chunk": (gone("fields.zarr/u_face/c/2"), "fields", "fields.zarr: "),
+    "zarr.json": (cut("fields.zarr/zarr.json"), "fields", "fields.zarr: "),
+    "array": (cut("fields.zarr/temperature/zarr.json"), "fields", "fields.zarr: "),
+    "maps": (cut("maps.zarr/zarr.json"), "maps", "maps.zarr: "),
+    "map chunk": (gone("maps.zarr/1/variance/c"), "maps", "maps.zarr: "),
+}
+
+
+def flipped(file: Path) -> None:
+    content = bytearray(file.read_bytes())
+    content[200] ^= 4
+    file.write_bytes(bytes(content))
+
+
+@pytest.mark.parametrize("sealed", [True, False])
+@pytest.mark.parametrize("case", DAMAGE)
+def test_damage_is_told_in_a_line(folder, case, sealed, capsys):
+    """With the manifest of the run's end and, as of a killed run, without."""
+    damage, part, fault = DAMAGE[case]
+    if not sealed:
+        (folder / manifest.NAME).unlink()
+    damage(folder)
+    with pytest.raises(RunFolderError) as told:
+        getattr(open_run(folder), part)
+    assert str(told.value).startswith(str(folder))
+    assert fault in str(told.value)
+    assert "\n" not in str(told.value)
+    to = {"": "csv", "robots": "csv", "probes": "csv", "fields": "vtkhdf"}.get(part)
+    if to:
+        assert export.main([str(folder), "--to", to, "--out", str(folder.parent / "out")]) == 2
+        assert capsys.readouterr().err.startswith(str(folder))
+        assert not list(folder.parent.glob("out/*"))
+        assert not list(folder.parent.glob(".out*"))
+
+
+def test_a_damaged_frame_is_told_when_it_is_exported(folder, tmp_path, capsys):
+    flipped(folder / "fields.zarr" / "ethanol_ppm" / "c" / "3" / "0" / "0" / "0")
+    assert export.main([str(folder), "--to", "netcdf", "--out", str(tmp_path / "a.nc")]) == 2
+    told = capsys.readouterr().err
+    assert "frame 3 of ethanol_ppm is damaged" in told
+    assert len(told.splitlines()) == 1
+    assert not (tmp_path / "a.nc").exists()
+
+
+def test_a_killed_run_is_opened_again_after_repair(folder):
+    (folder / manifest.NAME).unlink()
+    write_result(folder, open_run(folder).result | {"status": "running"})
+    assert repair.main([str(folder)]) == 0
+    one = open_run(folder)
+    assert one.result["status"] == "killed"
+    assert one.fields.sizes["time"] == 5
+    assert len(one.maps) == 2
