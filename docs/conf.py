@@ -54,8 +54,8 @@ def pictures_written(block, block_vars, gallery_conf):
 
 
 sphinx_gallery_conf = {
-    "examples_dirs": ["tutorial"],
-    "gallery_dirs": ["tutorials"],
+    "examples_dirs": ["tutorial", "gallery/live"],
+    "gallery_dirs": ["tutorials", "gallery/runs"],
     "filename_pattern": r"/(plot|run)_",
     "ignore_pattern": r"__init__\.py|conf\.py",
     "image_scrapers": ("matplotlib", pictures_written),

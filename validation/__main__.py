@@ -153,6 +153,7 @@ def _size(case: "Case | Experiment", trials: int | None) -> str:
 
 def _result(case: "Case | Experiment", args: argparse.Namespace) -> tuple[dict[str, Any], "Pictures"]:
     from taichi_plume.validation.case import Case
+    from taichi_plume.validation.report import plain
 
     begin = perf_counter()
     found, verdicts, pictures, message = {}, [], {}, ""
@@ -171,6 +172,7 @@ def _result(case: "Case | Experiment", args: argparse.Namespace) -> tuple[dict[s
         "message": message,
         "wall_s": round(perf_counter() - begin, 1),
         **found,
+        "pictures": plain(pictures),
     }
     return result, pictures
 

@@ -16,6 +16,9 @@ from taichi_plume.validation.experiment import Lines, Picture, Tracks
 Pictures = Mapping[str, Picture]
 """By title."""
 
+POINTS = 80
+"""Of a curve in the report's JSON, at most."""
+
 INK = {True: "#2e7d32", False: "#c62828", None: "#777"}
 WORD = {True: "met", False: "NOT MET", None: ""}
 STYLE = """
@@ -41,6 +44,35 @@ def page(report: dict[str, Any], pictures: Mapping[str, Pictures]) -> str:
         + "".join(_case(case, pictures.get(case["name"], {})) for case in report["cases"])
         + "</html>\n"
     )
+
+
+def plain(pictures: Pictures) -> dict[str, Any]:
+    """Pictures as JSON holds them, thinned to `POINTS` and rounded to four digits, each with its `kind`."""
+    return {
+        title: {"kind": type(picture).__name__.lower(), **_plain(picture)}
+        for title, picture in pictures.items()
+    }
+
+
+def _plain(picture: Picture) -> dict[str, Any]:
+    if isinstance(picture, Tracks):
+        ways = [[_numbers(point) for point in _thin(way)] for way in picture.ways]
+        return {"size": list(picture.size), "source": list(picture.source), "ways": ways}
+    axes = {"x_label": picture.x_label, "y_label": picture.y_label, "x": _numbers(_thin(picture.x))}
+    if isinstance(picture, Lines):
+        return axes | {"lines": {name: _numbers(_thin(line)) for name, line in picture.lines.items()}}
+    lines = {"computed": _numbers(_thin(picture.computed)), "reference": _numbers(_thin(picture.reference))}
+    return axes | lines | {"log_x": picture.log_x, "log_y": picture.log_y}
+
+
+def _thin(values: Any) -> np.ndarray:
+    """At most `POINTS` of them, the first and the last among them."""
+    values = np.asarray(values, float)
+    return values[np.unique(np.linspace(0, len(values) - 1, min(len(values), POINTS)).round().astype(int))]
+
+
+def _numbers(values: np.ndarray) -> list[float | None]:
+    return [float(f"{value:.4g}") if np.isfinite(value) else None for value in np.ravel(values)]
 
 
 def _index_row(case: dict[str, Any]) -> str:

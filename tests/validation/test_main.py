@@ -11,6 +11,7 @@ from taichi_plume.validation.__main__ import main
 from taichi_plume.validation.case import Answer, Case, Curve, Expected
 from taichi_plume.validation.cases import CASES
 from taichi_plume.validation.experiment import Condition, Experiment, Mean, Range, Tracks
+from taichi_plume.validation.report import plain
 
 
 def unsolvable(n: int) -> dict[str, float]:
@@ -74,6 +75,31 @@ def test_named_cases_are_solved_and_reported(table, idle, tmp_path, capsys):
     assert case["name"] == "good"
     assert row["errors"] == {"8": 8**-2.0, "16": 16**-2.0}
     assert row["order"] == pytest.approx(2.0)
+
+
+def test_the_report_holds_what_its_plots_show(table, idle, tmp_path):
+    main(["good", "--out", str(tmp_path)])
+    (case,) = json.loads((tmp_path / "report.json").read_text())["cases"]
+    curve = case["pictures"]["parabola"]
+    x = np.array(curve["x"])
+    assert curve["kind"] == "curve"
+    assert curve["computed"] == pytest.approx(x * (1 - x), abs=2e-4)
+    assert curve["reference"] == pytest.approx(x * (1 - x) + 16**-2.0, abs=2e-4)
+
+
+def test_pictures_are_thinned_and_rounded_for_json():
+    way = np.column_stack([np.linspace(0.0, 3.14159, 1000), np.full(1000, np.nan)])
+    (told,) = plain({"ways": Tracks((4.0, 3.0), (0.1, 1.5), (way,))}).values()
+    (points,) = told["ways"]
+    assert len(points) <= 80
+    assert points[0] == [0.0, None]
+    assert points[-1] == [3.142, None]
+
+
+def test_a_column_is_as_good_as_a_row_in_json():
+    x = np.linspace(0.0, 1.0, 5)
+    (told,) = plain({"c": Curve("x", "c", x, x[:, None], x[:, None])}).values()
+    assert told["computed"] == told["x"] == [0.0, 0.25, 0.5, 0.75, 1.0]
 
 
 def test_the_page_shows_norms_curves_and_faults(table, idle, tmp_path):

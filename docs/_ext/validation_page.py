@@ -1,0 +1,239 @@
+"""Makes the tables and plots of the validation's page from validation/results.json (see validation/make.py).
+
+A Sphinx extension: before a build it writes validation/tables.md, which validation.md includes, and validation/plots/.
+"""
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+GROUPS = (
+    (
+        "Does the air move as it should?",
+        "Flows whose answer is known: vortices that die away, ducts, channels, a box with a sliding lid. They show "
+        "that the equations are solved, and how fast errors shrink with the cells.",
+        r"taylor_green|kovasznay|ethier|poiseuille|couette|duct|cavity_\d|drifting_v|oscillating|conduction|"
+        r"heated|one_layer",
+    ),
+    (
+        "Around things, through openings, along walls",
+        "What rooms are made of: cylinders that shed eddies, pipes that the grid cuts, fans and their jets, floors, "
+        "gusts that are blown in. Measured by others in laboratories, or bound to be kept, as mass is.",
+        r"cylinder|shedding|pipe|oblique_channel|room_|fan|floor|log_layer|inflow|imported",
+    ),
+    (
+        "Does the gas spread as it should?",
+        "A puff must drift with the wind and grow by diffusion; a thin plume must not be dragged along the grid; even "
+        "gas must stay even, and all that a source gives off must be somewhere.",
+        r"puff_at|puff_drift|puff_moments|shear_|turning|slotted|taylor_dispersion|source_places|oblique_plume|"
+        r"well_mixed|mass_budget|plume_on_the_grid|near_source",
+    ),
+    (
+        "Closed forms, gusts and puffs",
+        "Plumes that are told by a formula, against other formulas; whiffs and blanks; and turbulent puffs, whose "
+        "spread must not depend on the step, and which must lose nothing at walls.",
+        r"steady_plume|release_|plume_in|puff_between|meandering|whiffs|puffs_",
+    ),
+    (
+        "Experiments of others, repeated",
+        "Published searches and maps, in many trials, with intervals of 95 % confidence. Here much is not told in the "
+        "papers, so the same order and the same size are what can be asked for.",
+        r"plumesim_casting|spiral_table2|dapso_arena|odor_mapping",
+    ),
+)
+"""Title, what it is about, and which cases belong to it."""
+
+WORDS = {True: "met", False: "**not met**", None: ""}
+
+
+def setup(app: Any) -> dict[str, Any]:
+    """Called by Sphinx."""
+    app.connect("builder-inited", lambda app: write(Path(app.srcdir) / "validation"))
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
+
+
+def write(folder: Path) -> None:
+    """Write tables.md and the plots."""
+    results = json.loads((folder / "results.json").read_text(encoding="utf-8"))
+    results_made = max(path.stat().st_mtime for path in (folder / "results.json", Path(__file__)))
+    plots = folder / "plots"
+    plots.mkdir(exist_ok=True)
+    for name, result in results.items():
+        path = plots / f"{name}.svg"
+        if _panels(result) and not (path.exists() and path.stat().st_mtime > results_made):
+            _draw(result, path)
+    text = page(cases(), results)
+    path = folder / "tables.md"
+    if not path.exists() or path.read_text(encoding="utf-8") != text:
+        path.write_text(text, encoding="utf-8")
+
+
+def cases() -> dict[str, tuple[str, str]]:
+    """What each case is about, and what it is compared with."""
+    from taichi_plume.validation.cases import CASES
+
+    return {name: (case.about, case.reference) for name, case in CASES.items()}
+
+
+def page(cases: dict[str, tuple[str, str]], results: dict[str, Any]) -> str:
+    """The part of the page that is made of the results; cases: as of `cases`."""
+    run = [results[name] for name in cases if name in results]
+    failed = [one["name"] for one in run if not one["passed"]]
+    verdict = f"not all is met by {', '.join(f'`{name}`' for name in failed)}" if failed else "all is met"
+    made = sorted({(one["date"], one["versions"]["taichi_plume"], one["commit"] or "?") for one in run})
+    when = "; ".join(f"{day} by version {version}, commit `{commit}`" for day, version, commit in made)
+    parts = [f"Of {len(cases)} cases, {len(run)} have been run for this page ({when}): {verdict}.\n"]
+    left = dict(cases)
+    for title, about, pattern in GROUPS:
+        mine = [name for name in left if re.match(pattern, name)]
+        if mine:
+            parts += [f"## {title}\n", f"{about}\n", _table(mine, cases, results), *_plots(mine, results)]
+        for name in mine:
+            del left[name]
+    if left:
+        parts += ["## Others\n", _table(list(left), cases, results), *_plots(list(left), results)]
+    return "\n".join(parts)
+
+
+def _table(names: list[str], cases: dict[str, tuple[str, str]], results: dict[str, Any]) -> str:
+    rows = ["| what was compared | with what | wanted | measured | verdict |", "|---|---|---|---|---|"]
+    for name in names:
+        about, reference = cases[name]
+        first = f"{_plain(about)} (`{name}`)", _linked(reference)
+        for told in _told(results[name]) if name in results else [("", "", "not run")]:
+            rows.append(f"| {' | '.join((*first, *told))} |")
+            first = "", ""
+    return "\n".join(rows) + "\n"
+
+
+def _told(result: dict[str, Any]) -> list[tuple[str, str, str]]:
+    """What was wanted, what was measured, and the verdict, of all that is judged."""
+    if result["message"]:
+        return [("", _plain(result["message"]), WORDS[False])]
+    told = [(*_norm(row), WORDS[row["met"]]) for row in result.get("norms", ()) if row["met"] is not None]
+    told += [(*_mean(row), WORDS[row["met"]]) for row in result.get("rows", ()) if row["met"] is not None]
+    return told or [("", "told, not judged", "")]
+
+
+def _norm(row: dict[str, Any]) -> tuple[str, str]:
+    size, error = list(row["errors"].items())[-1]
+    number = "no number" if error is None else f"{error:.2g}"
+    order = "" if row["order"] is None or len(row["errors"]) < 2 else f", order {row['order']:.2f}"
+    return f"{_plain(row['norm'])}: {_limit(row['expected'])}", f"{number} at {size}{order}"
+
+
+def _mean(row: dict[str, Any]) -> tuple[str, str]:
+    between = "" if row["low"] is None else f" ({row['low']:.3g} to {row['high']:.3g})"
+    mean = "none" if row["mean"] is None else f"{row['mean']:.3g}{between}"
+    published = f"; published: {_plain(row['published'])}" if row["published"] else ""
+    wanted = f"{_plain(row['condition'])}, {_plain(row['quantity'])}: {_limit(row['expected'])}"
+    return wanted, f"{mean}, n = {row['n']}{published}"
+
+
+def _linked(reference: str) -> str:
+    """With a short link in place of a DOI, which would make the column wide."""
+    text, _, doi = reference.partition("doi:")
+    number = re.match(r"[^\s,;)]+", doi)
+    if number is None:
+        return _plain(reference)
+    rest = _plain(doi[number.end() :])
+    return f"{_plain(text)}[doi](https://doi.org/{quote(number[0])}){rest}"
+
+
+def _limit(expected: str) -> str:
+    return expected.replace(">=", "≥").replace("<=", "≤")
+
+
+def _plain(text: str) -> str:
+    """A text of the report in a cell of a table: no character means anything."""
+    return re.sub(r"([\\`*_{}\[\]|$<>~^])", r"\\\1", text.replace("\n", " "))
+
+
+# ---------------------------------------------------------------- plots
+
+
+def _plots(names: list[str], results: dict[str, Any]) -> list[str]:
+    drawn = [name for name in names if name in results and _panels(results[name])]
+    figures = (
+        f"```{{figure}} validation/plots/{name}.svg\n:alt: plots of {name}\n\n"
+        f"`{name}`: {_plain(results[name]['about'])}\n```\n"
+        for name in drawn
+    )
+    return (
+        [f"<details><summary>Plots of {len(drawn)} of them</summary>\n", *figures, "</details>\n"]
+        if drawn
+        else []
+    )
+
+
+def _panels(result: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
+    """What there is to draw: titles and pictures; converging errors first."""
+    rows = [row for row in result.get("norms", ()) if row["order"] is not None and len(row["errors"]) > 1]
+    first = [("Error over resolution", {"kind": "errors", "rows": rows})] if rows else []
+    return first + list(result.get("pictures", {}).items())
+
+
+def _draw(result: dict[str, Any], path: Path) -> None:
+    from matplotlib import rc_context
+    from matplotlib.figure import Figure
+
+    panels = _panels(result)
+    columns = min(len(panels), 3)
+    lines = -(-len(panels) // columns)
+    with rc_context({"svg.hashsalt": "validation", "svg.fonttype": "none", "font.size": 8}):
+        figure = Figure(figsize=(3.4 * columns, 2.6 * lines), layout="constrained")
+        axes = list(figure.subplots(lines, columns, squeeze=False).flat)
+        for left_over in axes[len(panels) :]:
+            left_over.remove()
+        for axis, (title, picture) in zip(axes, panels, strict=False):
+            axis.set_title(title.replace("$", r"\$"), fontsize=8)
+            DRAWN[picture["kind"]](axis, picture)
+        figure.savefig(path, metadata={"Date": None})
+
+
+def _errors(axis: Any, picture: dict[str, Any]) -> None:
+    for row in picture["rows"]:
+        known = {int(n): error for n, error in row["errors"].items() if error}
+        axis.loglog(list(known), list(known.values()), "o-", markersize=3, linewidth=1, label=row["norm"])
+    axis.set(xlabel="cells", ylabel="error")
+    axis.legend(fontsize=6)
+    axis.grid(alpha=0.3, which="both")
+
+
+def _curve(axis: Any, picture: dict[str, Any]) -> None:
+    axis.plot(picture["x"], _numbers(picture["reference"]), "k-", linewidth=1, label="reference")
+    axis.plot(
+        picture["x"], _numbers(picture["computed"]), "o", color="#d1495b", markersize=2, label="computed"
+    )
+    axis.set(xlabel=picture["x_label"], ylabel=picture["y_label"])
+    axis.set_xscale("log" if picture["log_x"] else "linear")
+    axis.set_yscale("log" if picture["log_y"] else "linear")
+    axis.legend(fontsize=6)
+    axis.grid(alpha=0.3)
+
+
+def _lines(axis: Any, picture: dict[str, Any]) -> None:
+    for name, values in picture["lines"].items():
+        axis.plot(picture["x"], _numbers(values), ".-", markersize=2, linewidth=1, label=name)
+    axis.set(xlabel=picture["x_label"], ylabel=picture["y_label"])
+    axis.legend(fontsize=6)
+    axis.grid(alpha=0.3)
+
+
+def _tracks(axis: Any, picture: dict[str, Any]) -> None:
+    for way in picture["ways"]:
+        x, y = zip(*way, strict=True)
+        axis.plot(x, y, linewidth=0.8)
+        axis.plot(x[0], y[0], "ko", markersize=2)
+    axis.plot(*picture["source"], "k*", markersize=7)
+    axis.set(xlim=(0.0, picture["size"][0]), ylim=(0.0, picture["size"][1]), aspect="equal")
+    axis.set(xlabel="x [m]", ylabel="y [m]")
+
+
+def _numbers(values: list[float | None]) -> list[float]:
+    return [float("nan") if value is None else value for value in values]
+
+
+DRAWN = {"errors": _errors, "curve": _curve, "lines": _lines, "tracks": _tracks}

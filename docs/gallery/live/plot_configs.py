@@ -1,0 +1,59 @@
+"""
+Three quick configs
+===================
+
+``configs/gaussian.yaml``, ``configs/plumesim_casting.yaml`` and ``configs/playback.yaml`` solve no air flow and take
+some seconds each.
+"""
+
+import json
+import shlex
+from importlib import import_module
+from pathlib import Path
+from tempfile import mkdtemp
+
+CONFIGS = next(path for path in Path.cwd().resolve().parents if (path / "configs").is_dir()) / "configs"
+RUNS = Path(mkdtemp())
+
+
+def terminal(command):
+    """Type a command."""
+    module, *options = shlex.split(command.removeprefix("python -m "))
+    import_module(module).main(
+        [one.replace("configs", str(CONFIGS)).replace("runs", str(RUNS)) for one in options]
+    )
+
+
+def told(name):
+    """Say what came of a run."""
+    for group in json.loads((RUNS / name / "result.json").read_text())["groups"]:
+        found = group["success_rate"] * group["trials"]
+        print(f"{group['name']}, {group['algorithm']}: {found:g} of {group['trials']} trials found it")
+
+
+# %%
+# The plume of the textbooks
+# --------------------------
+# Smooth, and a gradient leads to its axis.
+
+terminal("python -m taichi_plume.run configs/gaussian.yaml --out runs/gaussian --quiet")
+terminal("python -m taichi_plume.picture runs/gaussian --width 900 --out gaussian.png")
+told("gaussian")
+
+# %%
+# PlumeSim's experiment
+# ---------------------
+# A Roomba zigzags to a leak at the upwind wall.
+
+terminal("python -m taichi_plume.run configs/plumesim_casting.yaml --out runs/plumesim_casting --quiet")
+terminal("python -m taichi_plume.picture runs/plumesim_casting --width 900 --out plumesim_casting.png")
+told("plumesim_casting")
+
+# %%
+# A plume from a file
+# -------------------
+# Wind and gas of a PlumeSim log, held at its nodes.
+
+terminal("python -m taichi_plume.run configs/playback.yaml --out runs/playback --quiet")
+terminal("python -m taichi_plume.picture runs/playback --width 900 --out playback.png")
+told("playback")

@@ -1,0 +1,72 @@
+"""The models' pages name every kind that a scenario can have, and the states that the algorithms have."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from taichi_plume.scenario.scenario import Scenario
+
+ROOT = Path(__file__).resolve().parents[1]
+SCHEMA = Scenario.model_json_schema()
+DEFINITIONS = SCHEMA["$defs"]
+MODELS = {
+    "air.md": ("CfdWind", "SyntheticWind", "UniformWind", "FrozenWind", "PlaybackWind", "ImportedWind"),
+    "gas.md": (
+        "EulerianGas",
+        "PuffGas",
+        "GaussianPlumeGas",
+        "MeanderingGas",
+        "GaussianPuffGas",
+        "ContinuousGas",
+    ),
+    "sensors.md": ("MoxSensor", "PidSensor", "IdealGasSensor", "Anemometer"),
+}
+"""Sections of a scenario by the page that tells of them."""
+
+
+def page(name: str) -> str:
+    return (ROOT / "docs/models" / name).read_text(encoding="utf-8")
+
+
+def of_union(schema: dict[str, Any]) -> list[str]:
+    """The kinds that a key can have."""
+    found = list(schema["discriminator"]["mapping"])
+    assert len(found) > 3
+    return found
+
+
+def kinds(model: str) -> list[str]:
+    kind = DEFINITIONS[model]["properties"]["kind"]
+    return [kind["const"]] if "const" in kind else kind["enum"]
+
+
+@pytest.mark.parametrize(("name", "models"), MODELS.items())
+def test_a_page_names_the_kinds_of_its_sections(name, models):
+    text = page(name)
+    assert [kind for model in models for kind in kinds(model) if not re.search(rf"\b{kind}\b", text)] == []
+
+
+def test_every_algorithm_is_told():
+    text = page("algorithms.md")
+    algorithms = of_union(DEFINITIONS["Group"]["properties"]["algorithm"])
+    assert [kind for kind in algorithms if f"`kind: {kind}`" not in text] == []
+
+
+def test_every_map_is_told():
+    text = page("maps.md")
+    maps = of_union(SCHEMA["properties"]["maps"]["items"])
+    assert [kind for kind in maps if f"{{kind: {kind}," not in text] == []
+
+
+def test_the_states_are_those_of_the_algorithms():
+    text = page("algorithms.md")
+    told = {name for row in re.findall(r"^\| ([A-Z_, ]+) \|", text, re.M) for name in row.split(", ")}
+    known = set()
+    for file in (ROOT / "agents").glob("*.py"):
+        for names in re.findall(r"STATE_NAMES: .* = \(([^)]*)\)", file.read_text(encoding="utf-8")):
+            known |= set(re.findall(r'"(\w+)"', names))
+    assert len(known) > 15
+    assert told - known == set()
+    assert [name for name in known if not re.search(rf"\b{name}\b", text)] == []

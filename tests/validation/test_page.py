@@ -1,0 +1,107 @@
+"""The documentation's page of the validation: what it makes of the results that are kept."""
+
+import importlib.util
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from taichi_plume.validation.cases import CASES
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+RESULTS = json.loads((DOCS / "validation/results.json").read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module")
+def extension():
+    spec = importlib.util.spec_from_file_location("validation_page", DOCS / "_ext/validation_page.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def result(name: str, **changes) -> dict:
+    """As make.py keeps one."""
+    norm = {
+        "norm": "u | rms",
+        "errors": {"8": 0.04, "16": 0.01},
+        "order": 2.0,
+        "expected": "order >= 1.9",
+        "met": True,
+    }
+    made = {"date": "2026-01-02", "commit": "abc", "versions": {"taichi_plume": "1.2"}, "backend": "cpu"}
+    told = {"name": name, "about": "a flow", "passed": True, "message": "", "norms": [norm], "pictures": {}}
+    return told | made | changes
+
+
+def row_of(page: str, name: str) -> list[str]:
+    (row,) = [line for line in page.splitlines() if f"(`{name}`)" in line]
+    return [cell.strip() for cell in re.split(r"(?<!\\)\|", row)[1:-1]]
+
+
+def test_every_case_belongs_to_one_group(extension):
+    found = {
+        name: [title for title, _, pattern in extension.GROUPS if re.match(pattern, name)] for name in CASES
+    }
+    assert {name: titles for name, titles in found.items() if len(titles) != 1} == {}
+
+
+def test_what_is_kept_is_of_cases_that_there_are():
+    assert set(RESULTS) - set(CASES) == set()
+    assert len(RESULTS) > 50
+
+
+def test_a_row_tells_what_was_wanted_and_measured(extension):
+    page = extension.page({"duct_1": ("a duct", "series")}, {"duct_1": result("duct_1")})
+    cells = row_of(page, "duct_1")
+    assert cells[2:] == [r"u \| rms: order ≥ 1.9", "0.01 at 16, order 2.00", "met"]
+    assert "all is met" in page
+
+
+def test_what_failed_or_was_not_run_is_said(extension):
+    missed = result("duct_1")
+    missed["norms"] = [missed["norms"][0] | {"met": False}]
+    cases = {name: ("a duct", "series") for name in ("duct_1", "duct_6", "pipe")}
+    broken = result("pipe", passed=False, message="RuntimeError: no <steady> state")
+    page = extension.page(cases, {"duct_1": missed | {"passed": False}, "pipe": broken})
+    assert "Of 3 cases, 2 have been run" in page
+    assert "not all is met by `duct_1`, `pipe`" in page
+    assert row_of(page, "duct_1")[-1] == "**not met**"
+    assert row_of(page, "duct_6")[2:] == ["", "", "not run"]
+    assert row_of(page, "pipe")[3] == r"RuntimeError: no \<steady\> state"
+
+
+def test_each_judgement_has_its_row_and_a_doi_is_a_short_link(extension):
+    told = result("pipe")
+    told["norms"] = [
+        told["norms"][0] | {"norm": norm, "met": met}
+        for norm, met in (("u", True), ("p", None), ("q", False))
+    ]
+    page = extension.page({"pipe": ("a pipe", "X 1996, case <2>, doi:10.1007/978-3_39")}, {"pipe": told})
+    first, second = [line for line in page.splitlines() if line.endswith(("met |", "met** |"))]
+    assert first.startswith(
+        r"| a pipe (`pipe`) | X 1996, case \<2\>, [doi](https://doi.org/10.1007/978-3_39) | u: "
+    )
+    assert second.startswith("|  |  | q: ")
+
+
+def test_means_of_experiments_are_told_with_their_intervals(extension):
+    row = {"condition": "casting", "quantity": "time [s]", "mean": 40.0, "low": 35.0, "high": 45.0, "n": 20}
+    told = result(
+        "dapso_arena", rows=[row | {"published": "38 s", "expected": "<= 60", "met": True}], norms=[]
+    )
+    page = extension.page({"dapso_arena": ("teams", "a paper")}, {"dapso_arena": told})
+    assert row_of(page, "dapso_arena")[3] == "40 (35 to 45), n = 20; published: 38 s"
+
+
+def test_results_that_are_kept_can_all_be_shown(extension, tmp_path):
+    (tmp_path / "results.json").write_text(json.dumps({"cylinder": RESULTS["cylinder"]}), encoding="utf-8")
+    extension.write(tmp_path)
+    assert (tmp_path / "plots/cylinder.svg").read_text(encoding="utf-8").rstrip().endswith("</svg>")
+    page = extension.page(extension.cases(), RESULTS)
+    assert page.count("\n| ") >= len(CASES)
+    drawn = set(re.findall(r"plots/(\w+)\.svg", page))
+    assert drawn == {name for name, told in RESULTS.items() if extension._panels(told)}
