@@ -17,8 +17,7 @@ copyright = "the authors of taichi_plume, Apache-2.0"
 version = release = taichi_plume.__version__
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx_gallery.gen_gallery", "mathml"]
-OURS = ("scenario_reference", "validation_page")  # they write pages before a build
-extensions += [name for name in OURS if (HERE / "_ext" / f"{name}.py").exists()]
+extensions += ["scenario_reference", "validation_page"]  # they write pages before a build
 exclude_patterns = ["_build", "_ext", "tutorial", "gallery/live", "validation/*", "**/GALLERY_HEADER.*"]
 nitpicky = False
 
@@ -29,8 +28,6 @@ myst_links_external_new_tab = False
 default_role = "code"  # single backticks in docstrings
 html_math_renderer = "mathml"
 suppress_warnings = ["config.cache"]  # sphinx-gallery's settings hold functions
-# Until all branches are merged; to be removed then.
-suppress_warnings += ["toc.not_readable", "myst.xref_missing", "ref.doc"]
 pygments_style = "default"
 
 # The API, from docstrings

@@ -18,7 +18,7 @@ COMMANDS = {
     "export": "write a run's data for ParaView, NetCDF or spreadsheets",
     "maps": "make a gas map of recorded readings",
     "repair": "complete the files of a run that was killed",
-    "scenario": "print the JSON schema of scenarios",
+    "scenario": "print the JSON schema of scenarios, or explain a key",
     "validation": "run the solvers against exact solutions, and published experiments",
 }
 

@@ -18,7 +18,7 @@ HEAD = """# What is left of a run, whatever ends it
 
 Made by `python tests/faults.py`, and held by a test. Of a run in the folder `out`, with `checkpoint: {every: 5 s}`; its
 files besides `scenario.yaml`. Without a checkpoint the last ten seconds of the clock may be missing, of a recording the
-last 1/250 of the run; with one nothing: `--resume` goes on from it to the same bits.
+last 2 s simulated, or 1/250 of the run; with one nothing: `--resume` goes on from it to the same bits.
 
 | what happens | exit code | status | what is left | what is said |
 |---|---|---|---|---|
