@@ -30,7 +30,7 @@ FILM = ("--frames", "30", "--fps", "6", "--width", "480")
 STILL = ("--width", "1000")
 
 PICTURES: dict[str, dict[str, tuple[str, ...]]] = {
-    "casting_room": {"casting_room.gif": ("--end", "54")},
+    "casting_room": {"casting_room.gif": ("--end", "62")},
     "arena_3d": {"arena_3d.png": ("--at", "16", "--view", "column")},
     "moving_obstacle": {"moving_obstacle.gif": ("--end", "24")},
     "fan_array": {"fan_array.gif": ("--begin", "5", "--end", "55")},

@@ -30,7 +30,7 @@ MAP_SERIES = {
 MAP_NAMES = {
     "estimate": "Estimate [ppm]",
     "weight": "Weight",
-    "error": "Estimate / truth",
+    "error": "Ratio",
     "truth": "Truth: mean gas so far [ppm]",
 }
 """What is shown of a map."""
@@ -182,10 +182,10 @@ class Layout:
             if share:
                 main.append(self._sections(wide, share))
                 shares.append(share)
-        rest = 1 - sum(shares)
-        if plots:
-            shares += [0.45 * rest, 0.55 * rest]
-        return rrb.Vertical(*main, *plots, row_shares=shares), wide
+        if plots:  # side by side: a lane takes some 36 pixels of the height
+            main.append(rrb.Horizontal(*plots))
+            shares.append(1 - sum(shares))
+        return rrb.Vertical(*main, row_shares=shares), wide
 
     def _flat_arena(self, panel: Panel) -> Any:
         """The arena of a 2-D run: a tab for each quantity."""
