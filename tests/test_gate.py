@@ -53,7 +53,7 @@ def test_checking_executes_nothing(path, monkeypatch, capsys):
 
 
 def test_running_executes_nothing_unasked(path, capsys):
-    assert run.main([str(path), "--out", str(path.parent / "out")]) == 2
+    assert run.main([str(path), "--out", str(path.parent / "out"), "--quiet"]) == 2
     told = capsys.readouterr().err
     assert "robots[0].algorithm.file: " in told
     assert "own.py holds Python code" in told

@@ -63,17 +63,17 @@ class Recording(Model):
     volume: bool = True
     """In 3-D, the plume as a volume besides the pictures on planes."""
     slice_height: Heights | None = None
-    """Height of the horizontal slice in 3-D [m], or a list of several. Unless given, those of the first source, of
+    """Height of the horizontal slice in 3-D, or a list of several. Unless given, those of the first source, of
     the gas sensors and of the first heater, as far as they are a cell apart."""
     section: Section | None = Section()
     """In 3-D, the vertical slice; null for none."""
     range_ppm: tuple[SomePpm, SomePpm] = (0.1, 1000.0)
-    """Ends of the logarithmic colour scale of the gas [ppm]: less is shown as the lower, more as the upper end."""
+    """Ends of the logarithmic colour scale of the gas: less is shown as the lower, more as the upper end."""
     range_kelvin: tuple[Temperature, Temperature] | None = None
-    """Ends of the colour scale of the temperature [K], where it is computed; unless given, the coldest and the warmest
-    that walls, openings and the air at the begin have, and about what the air over heaters gets."""
+    """Ends of the colour scale of the temperature, where it is computed. Unless given, the coldest and the warmest that
+    walls, openings and the air at the begin have, and about what the air over heaters gets."""
     trail: Duration | None = None
-    """How long the trail behind a robot lasts [s]. Unless given, as long as a robot takes for twice the longer side of
+    """How long the trail behind a robot lasts. Unless given, as long as a robot takes for twice the longer side of
     the arena, and all of its way where there are but one or two robots."""
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
