@@ -37,7 +37,7 @@ class Section(Model):
     plane: Literal["xz", "yz"] | None = None
     """The axes that it shows; unless given, z and the longer side of the arena."""
     at: Distance | None = None
-    """Where it cuts the other axis [m]; unless given, at the first source and another one at the first heater, and
+    """Where it cuts the other axis. Unless given, at the first source and another one at the first heater, and
     without either in the middle."""
 
     def normal(self, extent: Sequence[float]) -> int:
