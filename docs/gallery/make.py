@@ -23,7 +23,7 @@ ROOT = HERE.parents[1]
 CONFIGS = ROOT / "configs"
 KEPT = HERE / "pictures.json"
 LOCK = threading.Lock()
-LARGEST = 150_000  # bytes of a picture
+LARGEST = 300_000  # bytes of a picture
 COLOURS = {".png": (256, 128, 64, 32, 16), ".gif": (64, 48)}  # fewer and fewer, until a picture fits
 FEWER = 0.85  # of the frames of a film that does not fit with the fewest colours
 FILM = ("--frames", "30", "--fps", "6", "--width", "480")
@@ -46,7 +46,7 @@ PICTURES: dict[str, dict[str, tuple[str, ...]]] = {
     "plumesim_casting": {"plumesim_casting.png": ()},
     "spiral_room": {"spiral_room.png": ()},
     "heated_room": {
-        "heated_room.png": ("--of", "temperature", "--view", "section"),
+        "heated_room.png": ("--of", "temperature", "--view", "section_2"),
         "heated_room_gas.png": ("--view", "section"),
     },
 }
