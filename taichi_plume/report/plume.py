@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
+from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 from matplotlib.transforms import Affine2D
 
@@ -187,12 +188,21 @@ def _legend(figure: Figure, run: Run, view: PlumeView, x: float, y: float) -> No
         )
     if view.arrows.get_visible():
         handles.append(mark("wind", marker=r"$\rightarrow$", color="#27445f", alpha=0.7, markersize=11))
-    legend = figure.legend(
-        handles=handles, loc="upper left", bbox_to_anchor=(x, y), ncols=len(handles), borderaxespad=0,
-        columnspacing=1.0, handletextpad=0.3, handlelength=1.3,
-    )  # fmt: skip
-    for text in legend.get_texts():
-        text.set_parse_math(False)
+
+    def made(size: float | None) -> Legend:
+        legend = figure.legend(
+            handles=handles, loc="upper left", bbox_to_anchor=(x, y), ncols=len(handles), borderaxespad=0,
+            columnspacing=1.0, handletextpad=0.3, handlelength=1.3, fontsize=size,
+        )  # fmt: skip
+        for text in legend.get_texts():
+            text.set_parse_math(False)
+        return legend
+
+    legend = made(None)
+    share = legend.get_window_extent().width / (figure.bbox.width * (1 - x))
+    if handles and share > 1:  # many robots: smaller letters
+        legend.remove()
+        made(float(legend.get_texts()[0].get_fontsize()) / (1.03 * share))
 
 
 def _around(length: float, longest: float) -> tuple[float, float]:
