@@ -133,7 +133,7 @@ def _numbers(axes: Axes, numbers: Sequence[tuple[int, tuple[float, ...]]]) -> No
     for number, place in numbers:
         n = beside[place] = beside.get(place, -1) + 1
         axes.annotate(
-            str(number), place[:2], (-11 + 15 * n, -13), textcoords="offset points", ha="center", va="center",
+            str(number), (place[0], place[1]), (-11 + 15 * n, -13), textcoords="offset points", ha="center", va="center",
             fontsize=7.5, color="white", weight="bold", zorder=13, annotation_clip=False,
             bbox={"boxstyle": "circle,pad=0.25", "facecolor": look.INK, "edgecolor": "white"},
         )  # fmt: skip
