@@ -22,6 +22,7 @@ from taichi_plume.report.tracks import Track
 BODY = 0.011  # robots are drawn at least this large, over the longer side of the view
 ROUND = 20  # corners of a body
 MOST_NAMES = 6  # robots that the legend names one by one
+MOST_LETTERS = 36  # of a quantity, beside its scale
 BESIDE, BELOW, ON_TOP = 0.6, 0.5, 0.68  # inches around the axes, for letters of 9 points
 BAR = 1.15
 
@@ -147,7 +148,7 @@ def figure_of(
     where = f"\n{picture.plane}" if picture.plane else ""
     look.scale(
         axes, view.image, picture.low, picture.high, picture.logarithmic,
-        f"{picture.quantity} [{picture.unit}]{where}", cax=beside,
+        f"{look.short(picture.quantity, MOST_LETTERS)} [{picture.unit}]{where}", cax=beside,
     )  # fmt: skip
     _legend(figure, run, view, left / width, 1 - 0.12 * letters / height)
     top = (below + tall + 0.04 * letters) / height
@@ -169,7 +170,7 @@ def _legend(figure: Figure, run: Run, view: PlumeView, x: float, y: float) -> No
     if heat and heat.heaters:
         handles.append(mark("heater", marker="o", color="#fb8c00", alpha=0.6, markersize=9))
     for track in view.tracks if len(view.tracks) <= MOST_NAMES else view.tracks[:1]:
-        name = track.name if len(view.tracks) <= MOST_NAMES else "robots and their trails"
+        name = look.short(track.name) if len(view.tracks) <= MOST_NAMES else "robots and their trails"
         color = look.robot(track.number)
         handles.append(
             mark(name, marker="o", color=color, linestyle="-", markeredgecolor="white", markersize=7)
