@@ -21,7 +21,8 @@ MOST_SERIES = 4  # robots whose readings are shown
 MOST_LANES = 12  # robots whose behaviour is shown
 MOST_POINTS = 1200  # of a line, by and by more than a page has dots
 MOST_MAPS = 4
-MAPS = 6.1  # inches: a map and its truth
+MAPS, TALLEST_MAP, LOWEST = 6.1, 6.0, 1.4  # inches: a map and its truth, side by side; a figure of them
+TITLE = (2.6, 0.3)  # inches
 MOST_STATES = 6  # side by side in their legend
 PLOT, LANE, GAP = 1.1, 0.19, 0.2  # inches: a robot's readings, its behaviour, between them
 
@@ -233,12 +234,14 @@ def beside_truth(run: Run, maps: Sequence[MapAtEnd]) -> bytes:
     """Each map's estimate on the left, the truth on the right, on one scale; all in one pair of axes."""
     width, length = run.scenario.domain.extent[:2]
     low, high = run.scenario.recording.range_ppm
-    aside, up = 1.05 * width, length + 0.1 * width
+    inches = min(MAPS / (2.05 * width), TALLEST_MAP / length)  # per metre
+    aside, up = max(1.05 * width, TITLE[0] / inches), length + TITLE[1] / inches
     across, tall = aside + width, len(maps) * up
-    inches = MAPS / across
     with look.styled():
-        figure = look.figure(WIDE, tall * inches + 0.1, DPI)
-        axes = figure.add_axes((0.01, 0, MAPS / WIDE, tall * inches / (tall * inches + 0.1)))
+        high_up = max(tall * inches + 0.1, LOWEST)
+        share = tall * inches / high_up
+        figure = look.figure(WIDE, high_up, DPI)
+        axes = figure.add_axes((0.01, 1 - 0.1 / high_up - share, across * inches / WIDE, share))
         axes.set_axis_off()
         image: Any = None
         for n, one in enumerate(maps):
@@ -258,7 +261,7 @@ def beside_truth(run: Run, maps: Sequence[MapAtEnd]) -> bytes:
                 axes.text(left, bottom + length + 0.02 * width, title, fontweight="bold", fontsize=9)
         axes.set_xlim(-0.01 * width, across + 0.01 * width)
         axes.set_ylim(-0.01 * width, tall)
-        bar = figure.add_axes((MAPS / WIDE + 0.025, 0.04, 0.015, 0.85))
+        bar = figure.add_axes((across * inches / WIDE + 0.025, 0.06, 0.015, 0.83))
         look.scale(None, image, low, high, True, "ppm", cax=bar)
         return look.png(figure)
 

@@ -13,6 +13,7 @@ from PIL import Image
 from taichi_plume.files.result import write_result
 from taichi_plume.report import figures, look, references
 from taichi_plume.report.__main__ import main
+from taichi_plume.report.maps import MapAtEnd
 from taichi_plume.report.page import NAME
 from taichi_plume.report.run import Run
 
@@ -249,6 +250,26 @@ def test_all_letters_of_the_series_are_on_the_figure(tmp_path, monkeypatch, stat
         box = one.get_window_extent()
         assert min(box.x0 - whole.x0, whole.x1 - box.x1, box.y0 - whole.y0, whole.y1 - box.y1) >= 0
     assert not axes.xaxis.label.get_window_extent().overlaps(axes.get_legend().get_window_extent())
+
+
+@pytest.mark.parametrize("size", [(4.0, 3.0), (20.0, 0.8), (0.8, 20.0)])
+def test_maps_of_rooms_of_any_shape(tmp_path, monkeypatch, size):
+    """Narrow ones have room for the scale and for the titles, side by side and within a page."""
+    run = Run.of(made_run.made(tmp_path / "run"))
+    monkeypatch.setattr(type(run.scenario.domain), "extent", size)
+    drawn = []
+    monkeypatch.setattr(look, "png", lambda figure: drawn.append(figure) or b"")
+    cells = np.ones((round(size[1] / 0.1), round(size[0] / 0.1)))
+    figures.beside_truth(run, [MapAtEnd("kernel dmv map", 0.1, cells, cells)] * 2)
+    (figure,) = drawn
+    figure.canvas.draw()
+    whole, (axes, scale) = figure.bbox, figure.axes
+    boxes = [one.get_window_extent() for one in axes.texts]
+    for box in (*boxes, scale.yaxis.label.get_window_extent(), scale.get_tightbbox()):
+        assert min(box.x0 - whole.x0, whole.x1 - box.x1, box.y0 - whole.y0, whole.y1 - box.y1) >= 0
+    assert not boxes[0].overlaps(boxes[1])
+    assert scale.bbox.height > 100
+    assert whole.height < 1500
 
 
 def test_long_names_keep_their_ends():
