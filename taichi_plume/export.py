@@ -44,6 +44,8 @@ def export(run: Run, to: str, out: Path, source: str | None = None, force: bool 
         data = run.pictures
     else:
         data = run.fields
+    if not data.sizes.get("time"):
+        raise RunFolderError(f"{run.folder}: holds no frame yet; it ended, or is still, before the first")
     with _fresh([out], force) as (part,):
         _write(data, to, part, run.folder)
     return [out]

@@ -348,3 +348,13 @@ def test_a_killed_run_is_opened_again_after_repair(folder):
     one = open_run(folder)
     assert one.result["status"] == "killed"
     assert (one.fields.sizes["time"], len(one.maps)) == (5, 2)
+
+
+@pytest.mark.parametrize("to", ["vtkhdf", "netcdf"])
+def test_a_run_that_ended_before_its_first_frame_is_one_line(folder, tmp_path, to):
+    """As one that was killed while its warm-up lasted."""
+    data = open_run(folder)
+    data.__dict__["fields"] = data.fields.isel(time=slice(0, 0))
+    with pytest.raises(RunFolderError, match=r"run: holds no frame yet; .*$"):
+        export.export(data, to, tmp_path / "out")
+    assert not (tmp_path / "out").exists()

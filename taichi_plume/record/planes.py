@@ -14,6 +14,7 @@ from taichi_plume.scenario.scenario import Scenario
 
 MOST_PIXELS = 400  # per axis of a plane
 MOST_VOXELS = 96  # per axis of the volume
+SLIGHT = 1e-9  # weight of solids beside air
 FLOOR = 0.1  # m above the floor, where neither a source nor a sensor tells what matters
 
 
@@ -156,7 +157,10 @@ class Raster:
 def _between(
     normal: int, level: float, grid: Grid, solid: np.ndarray
 ) -> list[tuple[tuple, np.ndarray | float]]:
-    """Layers of cells beside a level and their weights: linear between the centres of those that hold air."""
+    """Layers of cells beside a level and their weights: linear between the centres of those that hold air.
+
+    Of solids only in the midst of them, where there is no other: a temperature there is not zero.
+    """
     at = level / grid.dx - 0.5
     first = int(np.clip(np.floor(at), 0, max(0, grid.shape[normal] - 2)))
     share = float(np.clip(at - first, 0.0, 1.0))
@@ -165,10 +169,10 @@ def _between(
     for n, weight in ((first, 1.0 - share), (first + 1, share)):
         if weight > 0.0:
             layer = tuple(n if d == normal else slice(None) for d in range(grid.dim))
-            weights = weight * ~solid[layer]
+            weights = np.where(solid[layer], SLIGHT * weight, weight)
             total = total + weights
             layers.append((layer, weights))
-    return [(layer, (weights / np.maximum(total, 1e-6)).astype(np.float32)) for layer, weights in layers]
+    return [(layer, (weights / total).astype(np.float32)) for layer, weights in layers]
 
 
 def largest(values: np.ndarray, counts: Sequence[int]) -> np.ndarray:

@@ -237,7 +237,7 @@ def _scales(path: Path) -> dict[str, dict[str, Any]]:
     try:
         return {
             entity.strip("/").replace("/", "_"): _scale(its) | {"entity": entity}
-            for entity, its in scaled.items()
+            for entity, its in sorted(scaled.items())  # in a file they come in any order
         }
     except FAULTS as error:
         raise RunFolderError(f"{path}: is damaged: {plain(str(error))}") from None

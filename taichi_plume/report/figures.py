@@ -21,6 +21,9 @@ MOST_SERIES = 4  # robots whose readings are shown
 MOST_LANES = 12  # robots whose behaviour is shown
 MOST_POINTS = 1200  # of a line, by and by more than a page has dots
 MOST_MAPS = 4
+MAPS, TALLEST_MAP, LOWEST = 6.1, 6.0, 1.4  # inches: a map and its truth, side by side; a figure of them
+TITLE = (2.6, 0.3)  # inches
+MOST_STATES = 6  # side by side in their legend
 PLOT, LANE, GAP = 1.1, 0.19, 0.2  # inches: a robot's readings, its behaviour, between them
 
 
@@ -70,10 +73,11 @@ def smelt(run: Run, tracks: Sequence[Track]) -> bytes:
     shown, lanes = tracks[:MOST_SERIES], tracks[:MOST_LANES]
     low, high = _ends(run, shown)
     tall = len(shown) * PLOT + len(lanes) * LANE + GAP
-    whole = tall + 1.15
+    below = 0.55 + 0.2 * _legend_rows(_states(lanes))
+    whole = tall + below + 0.4
     with look.styled():
         figure = look.figure(WIDE, whole, DPI)
-        axes = figure.add_axes((0.12, 0.75 / whole, 0.86, tall / whole))
+        axes = figure.add_axes((0.12, below / whole, 0.86, tall / whole))
         axes.spines[["top", "right", "left"]].set_visible(False)
         ends = [(track.t[0], track.t[-1]) for track in lanes]
         axes.set_xlim(min(begin for begin, _ in ends), max(max(end for _, end in ends), 1e-3))
@@ -128,14 +132,16 @@ def _readings(axes: Any, track: Track, base: float, low: float, high: float) -> 
     if track.found_at is not None:
         at = track.t[track.found_at]
         axes.plot([at, at], [base, base + PLOT - GAP], color=look.FOUND, linewidth=1.4)
-    look.note(axes, axes.get_xlim()[0], base + PLOT - GAP, f" {track.name}", color, ha="left", va="top")
+    look.note(
+        axes, axes.get_xlim()[0], base + PLOT - GAP, f" {look.short(track.name)}", color, ha="left", va="top"
+    )
     marks = decades(low, high)
     return [(base + (PLOT - GAP) * place, label) for place, label in marks[:: max(1, round(len(marks) / 3))]]
 
 
 def _behaviour(axes: Any, tracks: Sequence[Track]) -> tuple[list[float], list[str]]:
     """A lane per robot at the bottom, coloured by its state; returns where their names go, and these."""
-    names = list(dict.fromkeys(name for track in tracks for name in track.states))
+    names = _states(tracks)
     boxes, colors = [], []
     places = [(len(tracks) - lane - 0.5) * LANE for lane in range(len(tracks))]
     for place, track in zip(places, tracks, strict=True):
@@ -153,15 +159,33 @@ def _behaviour(axes: Any, tracks: Sequence[Track]) -> tuple[list[float], list[st
                 found, place, "*", color=look.FOUND, markeredgecolor="white", markersize=10, clip_on=False
             )
     axes.add_collection(PolyCollection(boxes, facecolors=colors, linewidths=0))
-    marks = [Patch(facecolor=look.STATES[k % len(look.STATES)], label=name) for k, name in enumerate(names)]
+    marks = [
+        Patch(facecolor=look.STATES[k % len(look.STATES)], label=look.short(name))
+        for k, name in enumerate(names)
+    ]
     below = -0.48 / (axes.get_position().height * axes.figure.get_figheight())
     legend = axes.legend(
-        handles=marks, loc="upper left", bbox_to_anchor=(0, below), ncols=6, borderaxespad=0, columnspacing=1.0,
-        handlelength=1.0,
+        handles=marks, loc="upper left", bbox_to_anchor=(0, below), ncols=_columns(names), borderaxespad=0,
+        columnspacing=1.0, handlelength=1.0,
     )  # fmt: skip
     for text in legend.get_texts():
         text.set_parse_math(False)
-    return places, [track.name[:16] for track in tracks]
+    return places, [look.short(track.name, 12) for track in tracks]
+
+
+def _states(tracks: Sequence[Track]) -> list[str]:
+    """The names of what they did, in the order of the lanes."""
+    return list(dict.fromkeys(name for track in tracks for name in track.states))
+
+
+def _columns(names: Sequence[str]) -> int:
+    """How many names go side by side under a figure: fewer where they are long."""
+    longest = max((len(look.short(name)) for name in names), default=0)
+    return max(1, min(MOST_STATES, 80 // (longest + 5)))
+
+
+def _legend_rows(names: Sequence[str]) -> int:
+    return -(-len(names) // _columns(names))
 
 
 def thinned(t: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -192,7 +216,7 @@ def success(groups: Sequence[dict[str, Any]], end: float) -> bytes:
             share = np.arange(len(times) + 1) / group["trials"]
             axes.step(
                 [0, *times, end], [*share, share[-1]], where="post", color=look.robot(n),
-                label=f"{group['name']} ({group['trials']} trials)",
+                label=f"{look.short(group['name'])} ({group['trials']} trials)",
             )  # fmt: skip
         axes.set_xlim(0, end)
         axes.set_ylim(0, 1.02)
@@ -210,12 +234,14 @@ def beside_truth(run: Run, maps: Sequence[MapAtEnd]) -> bytes:
     """Each map's estimate on the left, the truth on the right, on one scale; all in one pair of axes."""
     width, length = run.scenario.domain.extent[:2]
     low, high = run.scenario.recording.range_ppm
-    aside, up = 1.05 * width, length + 0.1 * width
+    inches = min(MAPS / (2.05 * width), TALLEST_MAP / length)  # per metre
+    aside, up = max(1.05 * width, TITLE[0] / inches), length + TITLE[1] / inches
     across, tall = aside + width, len(maps) * up
-    inches = 6.4 / across
     with look.styled():
-        figure = look.figure(WIDE, tall * inches + 0.1, DPI)
-        axes = figure.add_axes((0.01, 0, 6.4 / WIDE, tall * inches / (tall * inches + 0.1)))
+        high_up = max(tall * inches + 0.1, LOWEST)
+        share = tall * inches / high_up
+        figure = look.figure(WIDE, high_up, DPI)
+        axes = figure.add_axes((0.01, 1 - 0.1 / high_up - share, across * inches / WIDE, share))
         axes.set_axis_off()
         image: Any = None
         for n, one in enumerate(maps):
@@ -235,7 +261,7 @@ def beside_truth(run: Run, maps: Sequence[MapAtEnd]) -> bytes:
                 axes.text(left, bottom + length + 0.02 * width, title, fontweight="bold", fontsize=9)
         axes.set_xlim(-0.01 * width, across + 0.01 * width)
         axes.set_ylim(-0.01 * width, tall)
-        bar = figure.add_axes((0.92, 0.04, 0.015, 0.85))
+        bar = figure.add_axes((across * inches / WIDE + 0.025, 0.06, 0.015, 0.83))
         look.scale(None, image, low, high, True, "ppm", cax=bar)
         return look.png(figure)
 
@@ -262,6 +288,8 @@ def scores(maps: Sequence[dict[str, Any]], names: Sequence[str]) -> bytes | None
                     *thinned(np.array(told["time_s"]), np.array(values, float)),
                     color=look.robot(n),
                     label=name,
+                    marker="o" if len(told["time_s"]) == 1 else "",
+                    markersize=4,
                 )
             axes.set_xlabel("time [s]")
             axes.set_title(label, fontsize=9)

@@ -46,6 +46,7 @@ STATES = (
     "#7986cb",
     "#d4e157",
 )
+LONGEST_NAME = 24  # letters, in a figure
 LETTERS: dict[Any, float] = {
     "font.size": 9.0,
     "axes.titlesize": 10.0,
@@ -134,6 +135,12 @@ def scale(axes: Any, image: Any, low: float, high: float, logarithmic: bool, lab
     bar.set_label(label)
     bar.outline.set_visible(False)
     return bar
+
+
+def short(text: str, letters: int = LONGEST_NAME) -> str:
+    """A name that leaves room for others: a longer one by its begin and its end, which may be a number."""
+    half = letters // 2
+    return text if len(text) <= letters else f"{text[: letters - half]}…{text[1 - half :]}"
 
 
 def darker(color: Sequence[float], share: float = 0.68) -> tuple[float, ...]:

@@ -23,6 +23,7 @@ from taichi_plume.report.tracks import Track
 BODY = 0.011  # robots are drawn at least this large, over the longer side of the view
 ROUND = 20  # corners of a body
 MOST_NAMES = 6  # robots that the legend names one by one
+LETTER, LOWEST = 0.075, 1.0  # inches: a letter's width; the height of a picture's scale
 BESIDE, BELOW, ON_TOP = 0.6, 0.5, 0.68  # inches around the axes, for letters of 9 points
 BAR = 1.15
 
@@ -138,20 +139,23 @@ def figure_of(
     tall = broad * ways[1] / ways[0]
     if tall > 1.05 * width:
         tall = 1.05 * width
-    height = _even(tall + below + above, dpi)
+    high_up = max(tall, letters * LOWEST)  # of a narrow plane: as its scale needs it
+    height = _even(high_up + below + above, dpi)
     figure = look.figure(width, height, dpi)
-    axes = figure.add_axes((left / width, below / height, broad / width, tall / height))
+    under = below + (high_up - tall) / 2
+    axes = figure.add_axes((left / width, under / height, broad / width, tall / height))
     view = PlumeView(axes, run, picture, tracks, wind)
     beside = figure.add_axes(
-        ((left + broad + 0.1 * letters) / width, below / height, 0.14 * letters / width, tall / height)
+        ((left + broad + 0.1 * letters) / width, below / height, 0.14 * letters / width, high_up / height)
     )
     where = f"\n{picture.plane}" if picture.plane else ""
+    longest = int((high_up + below) / (LETTER * letters)) - len(f" [{picture.unit}]")
     look.scale(
         axes, view.image, picture.low, picture.high, picture.logarithmic,
-        f"{picture.quantity} [{picture.unit}]{where}", cax=beside,
+        f"{look.short(picture.quantity, max(8, longest))} [{picture.unit}]{where}", cax=beside,
     )  # fmt: skip
     _legend(figure, run, view, left / width, 1 - 0.12 * letters / height)
-    top = (below + tall + 0.04 * letters) / height
+    top = (under + tall + 0.04 * letters) / height
     view.clock = figure.text(left / width, top, "", va="bottom", fontweight="bold")
     view.moving.append(view.clock)
     return figure, view
@@ -170,7 +174,7 @@ def _legend(figure: Figure, run: Run, view: PlumeView, x: float, y: float) -> No
     if heat and heat.heaters:
         handles.append(mark("heater", marker="o", color="#fb8c00", alpha=0.6, markersize=9))
     for track in view.tracks if len(view.tracks) <= MOST_NAMES else view.tracks[:1]:
-        name = track.name if len(view.tracks) <= MOST_NAMES else "robots and their trails"
+        name = look.short(track.name) if len(view.tracks) <= MOST_NAMES else "robots and their trails"
         color = look.robot(track.number)
         handles.append(
             mark(name, marker="o", color=color, linestyle="-", markeredgecolor="white", markersize=7)

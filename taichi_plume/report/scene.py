@@ -194,7 +194,8 @@ def _starts(axes: Axes, scenario: Scenario, plane: tuple[int, int], sizes: bool)
         colors = [look.ROBOTS[(first + k) % len(look.ROBOTS)] for k in range(group.count)]
         first += group.count
         places = group.places(scenario.floor)
-        text = f"{group.count} × {group.name}" if group.count > 1 else group.name
+        name = look.short(group.name)
+        text = f"{group.count} × {name}" if group.count > 1 else name
         if places is None:
             low, high = (np.array(getattr(group.start, key, (0, 0)), float) for key in ("low", "high"))
             corner = np.array([*low, 0.0])[list(plane)]
@@ -230,4 +231,7 @@ def _starts(axes: Axes, scenario: Scenario, plane: tuple[int, int], sizes: bool)
             at = (places[up.argmax(), plane[0]], up.max())
             text += " starts" if group.count == 1 else " start"
         if named:
-            look.note(axes, at[0], at[1], text, look.INK, va="bottom", dy=3)
+            side = at[0] / scenario.domain.extent[plane[0]]
+            long = len(text) > look.LONGEST_NAME  # it would leave the drawing
+            ha = "right" if long and side > 0.7 else "left" if long and side < 0.3 else "center"
+            look.note(axes, at[0], at[1], text, look.INK, va="bottom", ha=ha, dy=3)

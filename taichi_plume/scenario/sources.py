@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import model_validator
+from pydantic import field_validator, model_validator
 
 from taichi_plume.scenario.context import Context
 from taichi_plume.scenario.domain import Domain
@@ -40,6 +40,16 @@ class OtherSpecies(Model):
     """Pressure over the liquid at the temperature of its dish; for sources that are dishes."""
     latent_heat: LatentHeat | None = None
     """Heat that evaporation takes per mass; for dishes that cool."""
+
+    @field_validator("name")
+    @classmethod
+    def _is_one_name(cls, name: str) -> str:
+        """It names variables in zarr, NetCDF and HDF5, where a slash begins a group of others."""
+        if "/" in name or "\\" in name:
+            raise fault(
+                "got '{got}': must be without '/' and '\\', as it names variables in files", {"got": name}
+            )
+        return name
 
 
 class Puffing(Model):

@@ -51,8 +51,15 @@ def test_slices_leave_out_what_is_solid():
     solid[5, 5, 3] = True
     raster = Raster(Plane("slice", (0, 1), 2, 0.32, ""), GRID, solid)
     expected = values[:, :, 3].copy()
-    expected[5, 5] = 0
+    expected[5, 5] = 0.3 * values[5, 5, 2] + 0.7 * values[5, 5, 3]  # solid on both sides
     assert raster.of_cells(values) == pytest.approx(expected)
+
+
+def test_what_is_the_same_everywhere_is_so_in_solids_too():
+    """A slice of 294 K shows no rim of 0 K around what stands in the air."""
+    solid = random(*GRID.shape) > 0.5
+    picture = Raster(Plane("slice", (0, 1), 2, 0.37, ""), GRID, solid).of_cells(np.full(GRID.shape, 294.0))
+    assert picture == pytest.approx(np.full(GRID.shape[:2], 294.0), rel=1e-6)
 
 
 @pytest.mark.parametrize(("axes", "normal"), [((0, 2), 1), ((1, 2), 0)])

@@ -11,9 +11,11 @@ import pytest
 from PIL import Image
 
 from taichi_plume.files.result import write_result
-from taichi_plume.report import figures, references
+from taichi_plume.report import figures, look, references
 from taichi_plume.report.__main__ import main
+from taichi_plume.report.maps import MapAtEnd
 from taichi_plume.report.page import NAME
+from taichi_plume.report.run import Run
 
 ADDRESSES = {"src", "href", "action", "data", "poster", "srcset", "background", "formaction", "cite", "ping"}
 VOID = {"meta", "img", "br", "link", "hr", "input"}
@@ -231,6 +233,48 @@ def test_thousands_of_trials_make_a_small_page(tmp_path, report):
     assert "Shown are 2 of 2,000 robots" in page.text
     assert "Found by when" in page.titles
     assert (tmp_path / "run" / NAME).stat().st_size < 1e6
+
+
+@pytest.mark.parametrize("states", [["FIND"], [f"STATE_{n}" for n in range(7)], ["a" * 300, "b", "c"]])
+def test_all_letters_of_the_series_are_on_the_figure(tmp_path, monkeypatch, states):
+    """However many states there are and however long names are."""
+    run = Run.of(made_run.made(tmp_path / "run"))
+    tracks = [one._replace(name="n" * 64, states=states, state=0 * one.state) for one in run.tracks]
+    drawn = []
+    monkeypatch.setattr(look, "png", lambda figure: drawn.append(figure) or b"")
+    figures.smelt(run, tracks)
+    drawn[0].canvas.draw()
+    whole = drawn[0].bbox
+    (axes,) = drawn[0].axes
+    for one in (axes.get_legend(), axes.xaxis.label, *drawn[0].legends):
+        box = one.get_window_extent()
+        assert min(box.x0 - whole.x0, whole.x1 - box.x1, box.y0 - whole.y0, whole.y1 - box.y1) >= 0
+    assert not axes.xaxis.label.get_window_extent().overlaps(axes.get_legend().get_window_extent())
+
+
+@pytest.mark.parametrize("size", [(4.0, 3.0), (20.0, 0.8), (0.8, 20.0)])
+def test_maps_of_rooms_of_any_shape(tmp_path, monkeypatch, size):
+    """Narrow ones have room for the scale and for the titles, side by side and within a page."""
+    run = Run.of(made_run.made(tmp_path / "run"))
+    monkeypatch.setattr(type(run.scenario.domain), "extent", size)
+    drawn = []
+    monkeypatch.setattr(look, "png", lambda figure: drawn.append(figure) or b"")
+    cells = np.ones((round(size[1] / 0.1), round(size[0] / 0.1)))
+    figures.beside_truth(run, [MapAtEnd("kernel dmv map", 0.1, cells, cells)] * 2)
+    (figure,) = drawn
+    figure.canvas.draw()
+    whole, (axes, scale) = figure.bbox, figure.axes
+    boxes = [one.get_window_extent() for one in axes.texts]
+    for box in (*boxes, scale.yaxis.label.get_window_extent(), scale.get_tightbbox()):
+        assert min(box.x0 - whole.x0, whole.x1 - box.x1, box.y0 - whole.y0, whole.y1 - box.y1) >= 0
+    assert not boxes[0].overlaps(boxes[1])
+    assert scale.bbox.height > 100
+    assert whole.height < 1500
+
+
+def test_long_names_keep_their_ends():
+    assert look.short("casters 12") == "casters 12"
+    assert look.short("n" * 60 + " 7", 12) == "nnnnnn…nnn 7"
 
 
 def test_a_long_series_keeps_its_peaks():

@@ -137,6 +137,10 @@ def test_a_good_file_loads(tmp_path):
             "robots.0.sensors.gas={noise: 0}",
             "robots[0].sensors.gas: missing key 'kind'; known kinds: mox, pid, ideal",
         ),
+        (
+            "gas.species={name: a/b, molar_mass: 16 g/mol, diffusivity: 1.0e-5}",
+            "gas.species.name: got 'a/b': must be without '/' and",
+        ),
         ("name=a b", "name: got 'a b': must be at most 64 letters, digits, "),
         ("duration=null", "duration: got nothing: must be a number or a text with a unit of s"),
         ("durration=3", "unknown key 'durration'; did you mean 'duration'? allowed: name, seed, "),
