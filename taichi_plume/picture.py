@@ -116,8 +116,7 @@ def _still(run: "Run", args: argparse.Namespace) -> None:
         raise _outside(run, one.name, at)
     figure, view = _figure(run, one, args, args.width or PICTURE_WIDTH)
     _show(view, one, at, run.arrows(_plane(one), (at - 1.5 / _wind_rate(run), at)))
-    plane = one.name.partition("_")[2]
-    what = next((view for view, name in VIEWS.items() if plane == name), plane)
+    what = next((view for view, name in VIEWS.items() if one.view == name), one.view)
     out = args.out or Path(f"{run.folder.resolve().name}-{what}-{at:g}s.png")
     _save(figure, out)
     say(visible(f"{out}: {one.name.replace('_', ' ')} at t = {one.times[-1]:.4g} s"))
@@ -218,7 +217,7 @@ def _wind_rate(run: "Run") -> float:
 
 def _plane(one: "Picture") -> str:
     """The plane in which the wind is shown beside a picture."""
-    return one.name.partition("_")[2] if one.axes != "xy" else "slice"
+    return one.view if one.axes != "xy" else "slice"
 
 
 def _end(run: "Run") -> float:
