@@ -46,10 +46,7 @@ MEANING = {
 
 
 class MapsFile:
-    """Writes `path` when the run ends, however it does.
-
-    `start()` and `go_on()` remove that of a run that had ended before.
-    """
+    """Writes `path` when the run ends, however it does; `go_on()` removes that of an earlier end."""
 
     STATE = ()
 

@@ -199,7 +199,7 @@ class RunFolder:
         lock = self.path / LOCK
         with suppress(
             OSError
-        ):  # Windows unlinks no open file; whoever waits for it elsewhere sees that it went
+        ):  # Windows unlinks no open file; elsewhere whoever waits for it sees that it went
             if empty:
                 lock.unlink()
         self._lock.release()

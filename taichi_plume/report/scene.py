@@ -77,13 +77,6 @@ def draw(
     return drawn
 
 
-def draw_side(
-    axes: Axes, scenario: Scenario, shapes: Sequence[Any] | None = None, sizes: bool = True
-) -> None:
-    """As `draw`, of a 3-D scene from the side: x to the right, z up."""
-    draw(axes, scenario, shapes, sizes, SIDE)
-
-
 def simple_shapes(scenario: Scenario) -> list[Shape]:
     """Shapes of the obstacles that no file tells."""
     return [shape(one, scenario.domain, Path()) for one in scenario.obstacles if not isinstance(one, Mesh)]
