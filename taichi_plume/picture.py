@@ -225,14 +225,12 @@ def _end(run: "Run") -> float:
     simulated = run.result.get("simulated_s")
     if isinstance(simulated, int | float) and not run.unfinished:
         return run.begin + float(simulated)
-    tracks = [float(track.t[-1]) for track in run.tracks]
-    pictures = run.pictures(spacing=_period(run)).values()
-    return max([*tracks, *(float(one.times[-1]) for one in pictures if len(one.times))], default=run.begin)
+    return max([*(float(track.t[-1]) for track in run.tracks), *(run.span() or ())], default=run.begin)
 
 
 def _outside(run: "Run", name: str, at: float) -> Exception:
-    times = run.pictures([name], spacing=_period(run))[name].times
-    there = f"from {times[0]:g} to {times[-1]:g} s" if len(times) else "none"
+    times = run.span([name])
+    there = "none" if times is None else f"from {times[0]:g} to {times[1]:g} s"
     return _error(run, f"t = {at:g} s is outside the run, whose pictures are {there}")
 
 

@@ -132,6 +132,19 @@ def names(path: Path) -> list[str]:
     return list(_scales(path))
 
 
+def span(path: Path, wanted: Sequence[str] | None = None) -> tuple[float, float] | None:
+    """First and last time [s] of the pictures of some names, or of all; None where there are none.
+
+    However long the recording is, no picture of it is kept. Raises RunFolderError.
+    """
+    first, last = np.inf, -np.inf
+    for name, its in _scales(path).items():
+        if wanted is None or name in wanted:
+            for t, _, _ in _rows(path, its["entity"], [DATA], ALL_TIMES, 0.0):
+                first, last = min(first, float(t.min())), max(last, float(t.max()))
+    return (first, last) if first <= last else None
+
+
 def arrows(
     path: Path, plane: str = "slice", between: tuple[float, float] = ALL_TIMES, spacing: float = 0.0
 ) -> Arrows:

@@ -64,6 +64,11 @@ def test_a_part_of_the_frames(room):
     np.testing.assert_array_equal(one["gas_slice"].data[0], made_run.pixels(6).T)
 
 
+def test_the_time_from_the_first_to_the_last_frame(room):
+    assert reading.span(room) == reading.span(room, ["gas_slice"]) == (-1.0, 10.0)
+    assert reading.span(room, ["none"]) is None
+
+
 def test_the_mean_is_of_what_bytes_stand_for(room):
     gas = reading.read(room, ["gas_slice"])["gas_slice"]
     np.testing.assert_allclose(gas.mean(), gas.values().astype(float).mean(axis=0), rtol=1e-6)
