@@ -97,7 +97,7 @@ class ImportedFilm:
     """The frames of an imported wind, with the interface of a `Film`; all of them in memory.
 
     correction: what making a frame divergence-free changed at most, root mean square over that of the velocity;
-    max_divergence: what is left, over the largest |u|/dx.
+    max_divergence: what is left, over the largest |u|/dx; max_speed: the largest through a face [m/s].
     """
 
     gas: tuple[str, ...] = ()
@@ -110,13 +110,14 @@ class ImportedFilm:
         self.begin(wind)
         self._project = Projection(grid, air, wind.walls)
         self._frames: list[dict[str, np.ndarray]] = []
-        self.correction = self.max_divergence = 0.0
+        self.correction = self.max_divergence = self.max_speed = 0.0
         self._place = np.empty(0)
         for _, path in site.files:
-            frame, correction, left = self._frame(site.read(path))
+            frame, correction, left, speed = self._frame(site.read(path))
             self._frames.append(frame)
             self.correction = max(self.correction, correction)
             self.max_divergence = max(self.max_divergence, left)
+            self.max_speed = max(self.max_speed, speed)
         self.wind = list(self._frames[0])
 
     def begin(self, wind: ImportedWind) -> None:
@@ -142,8 +143,8 @@ class ImportedFilm:
         told, given = self._wind.viscosity, self._wind.eddy_viscosity
         return np.asarray(told + (eddies if given is None else np.full_like(eddies, given)), np.float32)
 
-    def _frame(self, points: Points) -> tuple[dict[str, np.ndarray], float, float]:
-        """The variables, the correction, and the divergence left."""
+    def _frame(self, points: Points) -> tuple[dict[str, np.ndarray], float, float, float]:
+        """The variables, the correction, the divergence left, and the largest speed through a face [m/s]."""
         dim, wind = self.grid.dim, self._site.wind
         if not np.array_equal(points.place, self._place):
             self._place, known = points.place, Interpolation(points.place)
@@ -162,7 +163,7 @@ class ImportedFilm:
             frame["viscosity"] = np.zeros([n + 2 for n in self.grid.shape])
         elif points.eddy_viscosity is not None:  # of the eddies alone
             frame["viscosity"] = np.maximum(self._onto(self._to_cells, points.eddy_viscosity), 0.0)
-        return frame, correction, left
+        return frame, correction, left, max(float(np.abs(u).max()) for u in faces)
 
     def _onto(self, interpolate: Callable, values: np.ndarray) -> np.ndarray:
         """Values at the points on the grid, without the axis along which a 2-D run cuts."""
@@ -191,5 +192,5 @@ class ImportedFlow(PlayedWind):
         return {
             "correction": self.imported.correction,
             "max_divergence": self.imported.max_divergence,
-            "max_speed": self.top_speed,
+            "max_speed": self.imported.max_speed,
         }

@@ -148,8 +148,6 @@ class PlayedWind(Carrier):
         cut = [grid.pad_faces(area, d) for d, area in enumerate(air.area)] if self.area else []
         uploader(*self.open, *(self.area or ()))(*still, *cut)
         self._be(film)
-        samples = (film.frame(n, film.wind) for n in {0, len(film.times) // 2, len(film.times) - 1})
-        self.top_speed = max(self._prepare(frame)[1][2] for frame in samples)
         self.begin(wind, t, seed)
 
     def begin(self, model: PlaybackWind | ImportedWind, t: float, seed: int) -> None:

@@ -118,7 +118,6 @@ class PointWind(Wind):
         self.dim = len(extent)
         self.film = PointFilm(frames, extent, 2)
         self.cloud, self.interpolate = self.film.cloud, wind.interpolate
-        self.top_speed = float(np.linalg.norm(frames.wind, axis=1).max())  # m/s
         self.begin(wind, t, seed)
 
     def begin(self, model: PlumeSimWind, t: float, seed: int) -> None:

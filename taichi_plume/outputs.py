@@ -12,7 +12,7 @@ from taichi_plume import __version__
 from taichi_plume.agents.own import OwnAlgorithm
 from taichi_plume.files import checkpoint, forces_table, manifest, maps_file, result, robots_table
 from taichi_plume.files.own_class import OwnAlgorithmError
-from taichi_plume.files.run_folder import FILES, RunFolderError
+from taichi_plume.files.run_folder import LISTED, RunFolderError
 from taichi_plume.grid.state import State
 from taichi_plume.guard.terminal import say, visible
 from taichi_plume.map_scores import MapScores
@@ -252,7 +252,7 @@ class Outputs:
     def seal(self, status: str) -> None:
         """Write the manifest, once all else is there; a run that is over then needs no checkpoint."""
         folder = self.about.folder
-        manifest.write(folder, self._inputs(), [folder / name for name in FILES])
+        manifest.write(folder, self._inputs(), [folder / name for name in LISTED])
         if status in OVER:
             (folder / checkpoint.NAME).unlink(missing_ok=True)
 

@@ -116,8 +116,7 @@ def _still(run: "Run", args: argparse.Namespace) -> None:
         raise _outside(run, one.name, at)
     figure, view = _figure(run, one, args, args.width or PICTURE_WIDTH)
     _show(view, one, at, run.arrows(_plane(one), (at - 1.5 / _wind_rate(run), at)))
-    plane = one.name.partition("_")[2]
-    what = next((view for view, name in VIEWS.items() if plane == name), plane)
+    what = next((view for view, name in VIEWS.items() if one.view == name), one.view)
     out = args.out or Path(f"{run.folder.resolve().name}-{what}-{at:g}s.png")
     _save(figure, out)
     say(visible(f"{out}: {one.name.replace('_', ' ')} at t = {one.times[-1]:.4g} s"))
@@ -218,7 +217,7 @@ def _wind_rate(run: "Run") -> float:
 
 def _plane(one: "Picture") -> str:
     """The plane in which the wind is shown beside a picture."""
-    return one.name.partition("_")[2] if one.axes != "xy" else "slice"
+    return one.view if one.axes != "xy" else "slice"
 
 
 def _end(run: "Run") -> float:
@@ -226,14 +225,12 @@ def _end(run: "Run") -> float:
     simulated = run.result.get("simulated_s")
     if isinstance(simulated, int | float) and not run.unfinished:
         return run.begin + float(simulated)
-    tracks = [float(track.t[-1]) for track in run.tracks]
-    pictures = run.pictures(spacing=_period(run)).values()
-    return max([*tracks, *(float(one.times[-1]) for one in pictures if len(one.times))], default=run.begin)
+    return max([*(float(track.t[-1]) for track in run.tracks), *(run.span() or ())], default=run.begin)
 
 
 def _outside(run: "Run", name: str, at: float) -> Exception:
-    times = run.pictures([name], spacing=_period(run))[name].times
-    there = f"from {times[0]:g} to {times[-1]:g} s" if len(times) else "none"
+    times = run.span([name])
+    there = "none" if times is None else f"from {times[0]:g} to {times[1]:g} s"
     return _error(run, f"t = {at:g} s is outside the run, whose pictures are {there}")
 
 

@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 
 from taichi_plume.files import checkpoint, manifest, maps_file, plumesim_log, table_parts
 from taichi_plume.files.result import write_result
-from taichi_plume.files.run_folder import FILES, RunFolder, RunFolderError, resuming, told
+from taichi_plume.files.run_folder import LISTED, RunFolder, RunFolderError, resuming, told
 from taichi_plume.guard.terminal import Parser, say, visible
 from taichi_plume.outputs import OVER
 from taichi_plume.running import report
@@ -109,7 +109,7 @@ def _complete(folder: RunFolder, reported: bool) -> int:
 def _seal(path: Path) -> None:
     """Write the manifest."""
     try:
-        manifest.write(path, _inputs(path), [path / name for name in FILES])
+        manifest.write(path, _inputs(path), [path / name for name in LISTED])
     except OSError as error:
         raise RunFolderError(f"{path}: cannot be written to: {error.strerror or error}") from None
 

@@ -9,6 +9,7 @@ import pytest
 
 from taichi_plume import assemble, repair, run
 from taichi_plume.files import checkpoint, manifest, result, table_parts
+from taichi_plume.report import __main__ as report
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -57,6 +58,14 @@ def test_rows_in_parts_become_a_table_however_the_run_ended(finished, capsys, st
     before = {file.name: file.read_bytes() for file in finished.iterdir()}
     assert repair.main([str(finished)]) == 0
     assert {file.name: file.read_bytes() for file in finished.iterdir()} == before
+
+
+def test_a_report_that_is_made_again_is_no_damage(finished):
+    """It tells of the manifest, too, which was not there when the run wrote it."""
+    before = (finished / "report.html").read_bytes()
+    assert report.main([str(finished)]) == 0
+    assert (finished / "report.html").read_bytes() != before
+    assert repair.main(["--verify", str(finished)]) == 0
 
 
 @pytest.mark.parametrize("content", [None, "", "{", "[]", "{}", "3", "[" * 9999])

@@ -33,7 +33,7 @@ import numpy as np
 import zarr
 
 from taichi_plume.files import manifest
-from taichi_plume.files.zarr_groups import FAULTS, reason
+from taichi_plume.files.zarr_groups import FAULTS, arrays_in, reason
 from taichi_plume.guard.opening import irregular, unopenable
 from taichi_plume.scenario.sources import OtherSpecies
 
@@ -216,8 +216,3 @@ class Film:
 
     def _place(self, name: str, n: int) -> str:
         return f"{self.path}: frame {n} of {name} (t = {self.times[n]:g} s)"
-
-
-def arrays_in(path: Path) -> list[str]:
-    """Names of the arrays in a group's folder; zarr, asked for all at once, prints a traceback where several fail."""
-    return sorted(file.parent.name for file in path.glob("*/zarr.json"))

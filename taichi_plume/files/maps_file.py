@@ -14,6 +14,8 @@ To look at one: ``xarray.open_zarr("runs/arena-1/maps.zarr", group="0")``.
 """
 
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -46,10 +48,7 @@ MEANING = {
 
 
 class MapsFile:
-    """Writes `path` when the run ends, however it does.
-
-    `start()` and `go_on()` remove that of a run that had ended before.
-    """
+    """Writes `path` when the run ends, however it does; `go_on()` removes that of an earlier end."""
 
     STATE = ()
 
@@ -143,35 +142,47 @@ def _variables(series: "MapSeries") -> dict[str, np.ndarray]:
     }
 
 
-def read(path: Path) -> "list[xarray.Dataset]":
-    """The maps of a run, in memory. Raises RunFolderError where the file is none of ours or not whole."""
+@contextmanager
+def opened(path: Path) -> Iterator[list[Any]]:
+    """The zarr groups of a run's maps, of which no chunk is missing.
+
+    Raises RunFolderError where the file is none of ours or not whole, or what reads it finds that.
+    """
     fault = unopenable(path, folder=True) or irregular(path)
     if fault:
         raise RunFolderError(f"{path}: {fault}")
     damage = manifest.changed(path)
     if damage:
         raise RunFolderError(damage)
-    import xarray
     import zarr
 
     from taichi_plume.files import zarr_groups
 
     try:
         root: Any = zarr.open_group(path, mode="r", use_consolidated=False)
-        made, count = root.attrs.get("format"), root.attrs.get("maps", 0)
+        if root.attrs.get("format") != FORMAT:
+            raise RunFolderError(f"{path}: was made by another version (its format is not '{FORMAT}')")
+        groups = [
+            zarr.open_group(path, path=str(n), mode="r", use_consolidated=False)
+            for n in range(int(root.attrs["maps"]))
+        ]
+        for group in groups:
+            for name in zarr_groups.arrays_in(path / group.basename):
+                zarr_groups.whole(group[name], name)
+        yield groups
+    except RunFolderError:
+        raise
     except zarr_groups.FAULTS as error:
         raise RunFolderError(f"{path}: is damaged: {zarr_groups.reason(error)}") from None
-    if made != FORMAT:
-        raise RunFolderError(f"{path}: was made by another version (its format is not '{FORMAT}')")
-    maps = []
-    try:
-        for n in range(int(count)):
-            for file in (path / str(n)).glob("*/zarr.json"):
-                zarr_groups.whole(root[f"{n}/{file.parent.name}"], file.parent.name)
-            one = xarray.open_zarr(path, group=str(n), consolidated=False).load()
+
+
+def read(path: Path) -> "list[xarray.Dataset]":
+    """The maps of a run, in memory. Raises RunFolderError where the file is none of ours or not whole."""
+    import xarray
+
+    with opened(path) as groups:
+        maps = [xarray.open_zarr(path, group=group.basename, consolidated=False).load() for group in groups]
+        for n, one in enumerate(maps):
             if tuple(one["estimate"].dims) != WHOLE:
                 raise ValueError(f"map {n} has an estimate of {one['estimate'].dims}")
-            maps.append(one)
-    except zarr_groups.FAULTS as error:
-        raise RunFolderError(f"{path}: is damaged: {zarr_groups.reason(error)}") from None
     return maps

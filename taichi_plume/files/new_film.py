@@ -15,7 +15,6 @@ from taichi_plume.files.film import (
     STILL,
     VELOCITIES,
     FilmError,
-    arrays_in,
     dimensions,
     places,
 )
@@ -111,7 +110,7 @@ class NewFilm:
         path = self.path
         try:
             self.group = zarr.open_group(path, mode="r+", use_consolidated=False)
-            arrays: dict[str, Any] = {name: self.group[name] for name in arrays_in(path)}
+            arrays: dict[str, Any] = {name: self.group[name] for name in zarr_groups.arrays_in(path)}
             self.frames, self.time = kept, arrays["time"]
             self.moving = {name: arrays[name] for name in names}
             held = int(np.isfinite(self.time[:kept]).sum())
@@ -203,7 +202,7 @@ def complete(path: Path) -> int:
     tidy(path)
     try:
         group = zarr.open_group(path, mode="r+", use_consolidated=False)
-        arrays: dict[str, Any] = {name: group[name] for name in arrays_in(path)}
+        arrays: dict[str, Any] = {name: group[name] for name in zarr_groups.arrays_in(path)}
         moving = [one for one in arrays.values() if (one.metadata.dimension_names or ("",))[0] == "time"]
         frames = int(np.isfinite(arrays["time"][:]).cumprod().sum())
         for array in moving:

@@ -36,6 +36,7 @@ FILES = (
     "result.json",
     "report.html",
 )
+LISTED = tuple(name for name in FILES if name != "report.html")  # in the manifest: a report may be made again
 BESIDE = (
     "robots.parts",
     "probes.parts",
@@ -197,9 +198,8 @@ class RunFolder:
         """Let others write there; a folder that was made and left empty goes."""
         empty = self.made and not any(file.name != LOCK for file in files_in(self.path))
         lock = self.path / LOCK
-        with suppress(
-            OSError
-        ):  # Windows unlinks no open file; whoever waits for it elsewhere sees that it went
+        # Windows unlinks no open file; elsewhere whoever waits for it sees that it went
+        with suppress(OSError):
             if empty:
                 lock.unlink()
         self._lock.release()
@@ -320,9 +320,8 @@ def _again(folder: Path, scenario: Scenario, source: Path) -> str:
         options.append(OPTIONS[0])
     if any(outside(folder, str(source.resolve() / name)) for _, name in input_files(scenario)):
         options.append(OPTIONS[1])
-    return visible(
-        shlex.join(["python", "-m", "taichi_plume.run", str(folder / "scenario.yaml"), *options]), None
-    )
+    command = ["python", "-m", "taichi_plume.run", str(folder / "scenario.yaml"), *options]
+    return visible(shlex.join(command), None)
 
 
 def resuming(folder: Path) -> str:

@@ -68,6 +68,11 @@ def consolidate(path: Path, group: str | None = None) -> None:
         zarr.consolidate_metadata(path, path=group)
 
 
+def arrays_in(path: Path) -> list[str]:
+    """Names of the arrays in a group's folder; zarr, asked for all at once, prints a traceback where several fail."""
+    return sorted(file.parent.name for file in path.glob("*/zarr.json"))
+
+
 def whole(array: Any, name: str) -> None:
     """Raises ValueError where chunks of an array are missing: zarr takes them for empty ones."""
     if array.nchunks_initialized < array.nchunks:

@@ -22,9 +22,6 @@ class Wind(Protocol):
 
     STATE: ClassVar[tuple[str, ...]] = ()
 
-    top_speed: float = 0.0
-    """About the largest speed [m/s] of a wind that is played back; 0 where the scenario tells it."""
-
     def begin(self, model: Any, t: float, seed: int) -> None:
         """Begin a run at time t [s] with the numbers of the scenario's section, of the structure that it was made for
         (see `state`).

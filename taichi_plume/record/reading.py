@@ -33,12 +33,14 @@ FAULTS = (RuntimeError, ValueError, LookupError, TypeError, ArithmeticError, OSE
 class Picture(NamedTuple):
     """A plane of a scalar over time, as it was recorded.
 
-    name: "gas_slice", say; axes: of the plane, "xy", "xz" or "yz"; cell, origin: size and lower left corner of its
-    pixels along these [m]; plane: where it is, for people. times (n,) [s]; data (n, rows, columns): place of each pixel
-    on the scale from `low` (0) to `high` (255), rows along the second axis, columns along the first, both ascending.
+    name: "gas_0_section_2", say; view: the plane's, "section_2"; plane: where that is, for people; axes: of the plane,
+    "xy", "xz" or "yz"; cell, origin: size and lower left corner of its pixels along these [m]. times (n,) [s]; data
+    (n, rows, columns): place of each pixel on the scale from `low` (0) to `high` (255), rows along the second axis,
+    columns along the first, both ascending.
     """
 
     name: str
+    view: str
     quantity: str
     unit: str
     low: float
@@ -130,6 +132,19 @@ def names(path: Path) -> list[str]:
     return list(_scales(path))
 
 
+def span(path: Path, wanted: Sequence[str] | None = None) -> tuple[float, float] | None:
+    """First and last time [s] of the pictures of some names, or of all; None where there are none.
+
+    However long the recording is, no picture of it is kept. Raises RunFolderError.
+    """
+    first, last = np.inf, -np.inf
+    for name, its in _scales(path).items():
+        if wanted is None or name in wanted:
+            for t, _, _ in _rows(path, its["entity"], [DATA], ALL_TIMES, 0.0):
+                first, last = min(first, float(t.min())), max(last, float(t.max()))
+    return (first, last) if first <= last else None
+
+
 def arrows(
     path: Path, plane: str = "slice", between: tuple[float, float] = ALL_TIMES, spacing: float = 0.0
 ) -> Arrows:
@@ -155,7 +170,6 @@ def pictures(path: Path) -> "xr.Dataset":
     variables: dict[str, Any] = {}
     coords: dict[str, Any] = {}
     for name, one in read(path).items():
-        what = name.partition("_")[2] or name
         dims = []
         for axis, along in (
             ("time", one.times),
@@ -164,12 +178,12 @@ def pictures(path: Path) -> "xr.Dataset":
         ):
             dim = axis
             if dim in coords and not np.array_equal(coords[dim][1], along):
-                dim = f"{axis}_{what}"
+                dim = f"{axis}_{one.view}"
             if dim in coords and not np.array_equal(coords[dim][1], along):
                 dim = f"{axis}_{name}"
             coords.setdefault(dim, (dim, along, _about(axis)))
             dims.append(dim)
-        where = one.plane or MEANING.get(what, what)
+        where = one.plane or MEANING.get(one.view, one.view)
         about = {"long_name": f"{one.quantity}, {where}", "units": one.unit, "plane": one.plane}
         about |= {"recorded_from": one.low, "recorded_to": one.high}
         variables[name] = (dims, one.values(), about)
@@ -236,7 +250,8 @@ def _scales(path: Path) -> dict[str, dict[str, Any]]:
         )
     try:
         return {
-            entity.strip("/").replace("/", "_"): _scale(its) | {"entity": entity}
+            entity.strip("/").replace("/", "_"): _scale(its)
+            | {"entity": entity, "view": entity.rpartition("/")[2]}
             for entity, its in sorted(scaled.items())  # in a file they come in any order
         }
     except FAULTS as error:

@@ -40,7 +40,6 @@ RED = (255, 60, 60)
 WARM, COOL = (255, 138, 101), (100, 181, 246)
 TEXT = (205, 210, 218)
 WHITE = (255, 255, 255)
-KELVIN = 273.15  # K at 0 °C
 
 Entities = Iterator[tuple[str, Any]]
 
@@ -112,7 +111,7 @@ def _warmth(heat: Heat, stage: Stage) -> Entities:
         yield f"world/heaters/{n}/name", label(f"heater {heater.power:g} W", below, color)
     for n, wall in enumerate(heat.walls):
         color = WARM if wall.temperature >= heat.reference else COOL
-        name = f"{wall.temperature - KELVIN:.3g} °C"
+        name = f"{wall.temperature:.4g} K"
         yield from _window(f"world/tempered/{n}", wall, color, False, name, stage)
 
 

@@ -258,7 +258,14 @@ def beside_truth(run: Run, maps: Sequence[MapAtEnd]) -> bytes:
                 for _, source in run.scenario.sources:
                     x, y = left + source.position[0], bottom + source.position[1]
                     axes.plot(x, y, "*", color=look.SOURCE, markeredgecolor="white", markersize=11)
-                axes.text(left, bottom + length + 0.02 * width, title, fontweight="bold", fontsize=9)
+                axes.text(
+                    left,
+                    bottom + length + 0.02 * width,
+                    title,
+                    fontweight="bold",
+                    fontsize=9,
+                    parse_math=False,
+                )
         axes.set_xlim(-0.01 * width, across + 0.01 * width)
         axes.set_ylim(-0.01 * width, tall)
         bar = figure.add_axes((across * inches / WIDE + 0.025, 0.06, 0.015, 0.83))

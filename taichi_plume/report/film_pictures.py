@@ -32,6 +32,10 @@ def of_film(
     low, high = scenario.recording.range_ppm
     try:
         grid, solid = Grid.of(scenario.domain), film.still("air") <= 0.0
+        if film.shape != grid.shape:
+            raise FilmError(
+                f"{film.path}: has {film.shape} cells, its scenario {grid.shape}: it is of another run"
+            )
         rasters = {f"gas_{plane.name}": Raster(plane, grid, solid) for plane in planes(scenario, grid.extent)}
         rasters = {name: one for name, one in rasters.items() if names is None or name in names}
         frames = _frames(film, between, spacing)
@@ -46,7 +50,7 @@ def of_film(
     quantity = " + ".join(name.removeprefix("gas_") for name in gases)
     return {
         name: Picture(
-            name, quantity, "ppm", low, high, True, raster.plane.text, raster.plane.letters,
+            name, raster.plane.name, quantity, "ppm", low, high, True, raster.plane.text, raster.plane.letters,
             (raster.cell, raster.cell), raster.origin, film.times[frames],
             np.array(data[name], np.uint8).reshape(-1, *raster.shape[::-1]),
         )
@@ -64,7 +68,7 @@ def arrows_of_film(
     if here is None or not frames:
         return Arrows(np.zeros(0), [], [])
     flat, step = arrow_places([extent[d] for d in here.axes])
-    points = flat if here.normal is None else np.insert(flat, here.normal, here.level or 0.0, axis=-1)
+    points = here.within(flat)
     try:
         found = [velocity(film, float(film.times[n]))(points) for n in frames]
     except FilmError as error:

@@ -5,9 +5,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from taichi_plume.files.run_folder import RunFolderError
-from taichi_plume.guard.opening import irregular, unopenable
-
 NAME = "maps.zarr"
 
 
@@ -28,30 +25,17 @@ def maps_of(folder: Path) -> list[MapAtEnd]:
     path = folder / NAME
     if not path.exists():
         return []
-    reason = unopenable(path, folder=True) or irregular(path)
-    if reason:
-        raise RunFolderError(f"{path}: {reason}")
-    import zarr
+    from taichi_plume.files.maps_file import opened
 
-    from taichi_plume.files.maps_file import FORMAT
-    from taichi_plume.files.zarr_groups import FAULTS
-    from taichi_plume.files.zarr_groups import reason as why
-
-    try:
-        root: Any = zarr.open_group(path, mode="r", use_consolidated=False)
-        if root.attrs.get("format") != FORMAT:
-            raise RunFolderError(f"{path}: was made by another version (its format is not '{FORMAT}')")
-        return [_map(root, n) for n in range(int(root.attrs["maps"]))]
-    except RunFolderError:
-        raise
-    except FAULTS as error:
-        raise RunFolderError(f"{path}: is damaged: {why(error)}") from None
+    with opened(path) as groups:
+        return [_map(group) for group in groups]
 
 
-def _map(root: Any, n: int) -> MapAtEnd:
-    group = root[str(n)]
+def _map(group: Any) -> MapAtEnd:
     kind, x = str(group.attrs["kind"]).replace("_", " "), group["x"][:]
     estimate, truth = np.asarray(group["estimate"][0], float), np.asarray(group["truth"][0], float)
     if estimate.ndim != 2 or estimate.shape != truth.shape:
-        raise ValueError(f"map {n} has an estimate of {estimate.shape}")
-    return MapAtEnd(f"{kind} map", 2.0 * float(x[0]), estimate, truth)
+        raise ValueError(f"map {group.basename} has an estimate of {estimate.shape}")
+    made_by = group.attrs["groups"]  # of rivals the first trial is of the first
+    whose = f" of {made_by[0]['names'][0]}" if len(made_by) > 1 else ""
+    return MapAtEnd(f"{kind} map{whose}", 2.0 * float(x[0]), estimate, truth)

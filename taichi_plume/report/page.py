@@ -8,6 +8,7 @@ from typing import Any
 
 from taichi_plume import __version__, summary
 from taichi_plume.files.run_folder import RunFolderError
+from taichi_plume.files.tables import plain
 from taichi_plume.guard.terminal import visible
 from taichi_plume.report import captions, facts, figures, look, scene
 from taichi_plume.report.maps import maps_of
@@ -105,11 +106,27 @@ class Parts:
 
     def all(self) -> Iterator[Section]:
         """Each of them; those of which there is nothing are empty."""
+        told = self._told
         for make in (
-            self.words, self.setting, self.trials, self.plume, self.smelt, self.maps, self.balance, self.notes,
-            self.citing, self.again,
+            told(self.words), self.setting, told(self.trials), self.plume, self.smelt, told(self.maps),
+            told(self.balance), self.notes, self.citing, self.again,
         ):  # fmt: skip
             yield make()
+
+    def _told(self, make: Callable[[], Section]) -> Callable[[], Section]:
+        """A section made of the result, which may lack or hold anything where it is not of this version."""
+
+        def section() -> Section:
+            try:
+                return make()
+            except RunFolderError:
+                raise
+            except (LookupError, TypeError, AttributeError, ValueError) as error:
+                why = plain(" ".join(f"{type(error).__name__}: {error}".split()))
+                path = self.run.folder / "result.json"
+                raise RunFolderError(f"{path}: is damaged, or of another version: {why}") from error
+
+        return lambda: self._tried(section, Section("", ""))
 
     def words(self) -> Section:
         """The result as the command printed it."""
@@ -259,8 +276,9 @@ class Parts:
 
     def notes(self) -> Section:
         """What is unlikely, and what this page lacks."""
-        remarks = [visible(one) for one in self.run.result.get("remarks", []) if isinstance(one, str)]
-        return Section("Notes", "notes", lines=remarks + self.lacks)
+        remarks = self.run.result.get("remarks")
+        lines = [visible(one) for one in remarks if isinstance(one, str)] if isinstance(remarks, list) else []
+        return Section("Notes", "notes", lines=lines + self.lacks)
 
     def citing(self) -> Section:
         """Software and papers."""

@@ -56,7 +56,7 @@ class PlumeView:
             (patch, one.model) for patch, one in zip(solids, run.shapes, strict=True) if _walks(one)
         ]
         self.arrows = axes.add_collection(
-            PolyCollection([], facecolor="#27445f", edgecolor="none", alpha=0.42, zorder=3)
+            PolyCollection([], facecolor=look.WIND, edgecolor="none", alpha=0.42, zorder=3)
         )
         self.arrows.set_visible(wind)
         colors = [look.robot(track.number) for track in self.tracks]
@@ -172,7 +172,7 @@ def _legend(figure: Figure, run: Run, view: PlumeView, x: float, y: float) -> No
         handles.append(mark("source", marker="*", color=look.SOURCE, markeredgecolor="white", markersize=12))
     heat = run.scenario.buoyancy.heat if run.scenario.buoyancy else None
     if heat and heat.heaters:
-        handles.append(mark("heater", marker="o", color="#fb8c00", alpha=0.6, markersize=9))
+        handles.append(mark("heater", marker="o", color=look.HEATER, alpha=0.6, markersize=9))
     for track in view.tracks if len(view.tracks) <= MOST_NAMES else view.tracks[:1]:
         name = look.short(track.name) if len(view.tracks) <= MOST_NAMES else "robots and their trails"
         color = look.robot(track.number)
@@ -191,7 +191,7 @@ def _legend(figure: Figure, run: Run, view: PlumeView, x: float, y: float) -> No
             )
         )
     if view.arrows.get_visible():
-        handles.append(mark("wind", marker=r"$\rightarrow$", color="#27445f", alpha=0.7, markersize=11))
+        handles.append(mark("wind", marker=r"$\rightarrow$", color=look.WIND, alpha=0.7, markersize=11))
 
     def made(size: float | None) -> Legend:
         legend = figure.legend(

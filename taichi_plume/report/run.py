@@ -125,6 +125,14 @@ class Run:
             return of_film(self.film, self.scenario, names, between, spacing)
         return {}
 
+    def span(self, names: Sequence[str] | None = None) -> tuple[float, float] | None:
+        """First and last time [s] of its pictures of some names, or of all; None where there are none."""
+        if self.has_recording:
+            from taichi_plume.record import reading
+
+            return reading.span(self.folder / RECORDING, names)
+        return (float(self.film.times[0]), float(self.film.times[-1])) if self.has_film else None
+
     def planes(self) -> list[str]:
         """Names of the pictures that there are."""
         if self.has_recording:

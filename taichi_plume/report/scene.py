@@ -77,13 +77,6 @@ def draw(
     return drawn
 
 
-def draw_side(
-    axes: Axes, scenario: Scenario, shapes: Sequence[Any] | None = None, sizes: bool = True
-) -> None:
-    """As `draw`, of a 3-D scene from the side: x to the right, z up."""
-    draw(axes, scenario, shapes, sizes, SIDE)
-
-
 def simple_shapes(scenario: Scenario) -> list[Shape]:
     """Shapes of the obstacles that no file tells."""
     return [shape(one, scenario.domain, Path()) for one in scenario.obstacles if not isinstance(one, Mesh)]
@@ -133,8 +126,8 @@ def _numbers(axes: Axes, numbers: Sequence[tuple[int, tuple[float, ...]]]) -> No
     for number, place in numbers:
         n = beside[place] = beside.get(place, -1) + 1
         axes.annotate(
-            str(number), (place[0], place[1]), (-11 + 15 * n, -13), textcoords="offset points", ha="center", va="center",
-            fontsize=7.5, color="white", weight="bold", zorder=13, annotation_clip=False,
+            str(number), (place[0], place[1]), (-11 + 15 * n, -13), textcoords="offset points",
+            ha="center", va="center", fontsize=7.5, color="white", weight="bold", zorder=13, annotation_clip=False,
             bbox={"boxstyle": "circle,pad=0.25", "facecolor": look.INK, "edgecolor": "white"},
         )  # fmt: skip
 
@@ -163,7 +156,7 @@ def _sources(axes: Axes, scenario: Scenario, plane: tuple[int, int], sizes: bool
     heat = scenario.buoyancy.heat if scenario.buoyancy else None
     for heater in heat.heaters if heat else ():
         place = _place(heater.position, plane)
-        axes.add_patch(Circle(place, heater.radius, facecolor="#fb8c00", alpha=0.6, zorder=8))
+        axes.add_patch(Circle(place, heater.radius, facecolor=look.HEATER, alpha=0.6, zorder=8))
         if named:
             look.note(axes, *place, f"heater, {heater.power:g} W", "#c25e00")
     for wall in heat.walls if heat else ():
@@ -191,7 +184,7 @@ def _starts(axes: Axes, scenario: Scenario, plane: tuple[int, int], sizes: bool)
     named = sizes and plane == ABOVE and len(scenario.robots) <= MOST_LABELS
     for group in scenario.robots:
         radius, height = group.body.radius, group.body.height
-        colors = [look.ROBOTS[(first + k) % len(look.ROBOTS)] for k in range(group.count)]
+        colors = [look.robot(first + k) for k in range(group.count)]
         first += group.count
         places = group.places(scenario.floor)
         name = look.short(group.name)

@@ -48,12 +48,12 @@ class Track(NamedTuple):
 def tracks(path: Path, groups: "Sequence[Group]") -> list[Track]:
     """Those of the first trial of each group, in equal shares; none where there is no table. Raises RunFolderError."""
     try:
-        table = _table(path, {group.name: group.first_trial for group in groups})
+        share = max(1, MOST_ROBOTS // max(1, len(groups)))
+        table = _table(path, {group.name: group.first_trial for group in groups}, share)
     except FAULTS as error:
         raise RunFolderError(f"{path}: is damaged: {plain(' '.join(str(error).split()))}") from None
     if table is None:
         return []
-    share = max(1, MOST_ROBOTS // max(1, len(groups)))
     names = np.asarray(table["group"].cast(pa.string()).to_pylist(), object)
     robot = table["robot"].to_numpy()
     found: list[Track] = []
@@ -75,8 +75,8 @@ def _track(rows: pa.Table, name: str, number: int, group: "Group") -> Track:
     return Track(name, number, group, rows["t"].to_numpy(), values, state.dictionary.to_pylist(), indices)
 
 
-def _table(path: Path, first: dict[str, int]) -> pa.Table | None:
-    """The rows of each group's first trial."""
+def _table(path: Path, first: dict[str, int], share: int) -> pa.Table | None:
+    """The rows of the first `share` robots of each group's first trial."""
     if path.exists():
         reason = unopenable(path)
         if reason:
@@ -91,13 +91,13 @@ def _table(path: Path, first: dict[str, int]) -> pa.Table | None:
                 rows = part.read_row_group(n, columns=["t", "group", "trial", "robot", "state", *COLUMNS])
                 rows = rows.slice(max(0, done - begin))  # what an earlier part holds, too
                 begin += part.metadata.row_group(n).num_rows
-                tables.append(_firsts(rows, first))
+                tables.append(_firsts(rows, first, share))
             done = max(done, begin)
     return pa.concat_tables(tables, promote_options="permissive") if tables else None
 
 
-def _firsts(rows: pa.Table, first: dict[str, int]) -> pa.Table:
-    """Those rows that are of a group's first trial."""
+def _firsts(rows: pa.Table, first: dict[str, int], share: int) -> pa.Table:
+    """Those rows that are of the first robots of a group's first trial."""
     import pyarrow.compute as pc
 
     kept: Any = None
@@ -105,4 +105,4 @@ def _firsts(rows: pa.Table, first: dict[str, int]) -> pa.Table:
         names = pa.array([name for name, number in first.items() if number == trial])
         mask = pc.and_(pc.equal(rows["trial"], trial), pc.is_in(rows["group"].cast(pa.string()), names))
         kept = mask if kept is None else pc.or_(kept, mask)
-    return rows.filter(kept) if kept is not None else rows.slice(0, 0)
+    return rows.filter(pc.and_(kept, pc.less(rows["robot"], share))) if kept is not None else rows.slice(0, 0)

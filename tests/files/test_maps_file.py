@@ -15,6 +15,7 @@ import xarray
 from taichi_plume.files import maps_file, zarr_groups
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.map_scores import MapScores
+from taichi_plume.report.maps import maps_of
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -123,6 +124,20 @@ def test_damage_is_told_in_a_line(path, damage, fault):
     assert str(told.value).startswith(f"{path}: ")
     assert fault in str(told.value)
     assert "\n" not in str(told.value)
+    if path.exists():
+        with pytest.raises(RunFolderError) as shown:
+            maps_of(path.parent)
+        assert str(shown.value).partition(": ")[0] == str(path)
+
+
+def test_the_report_says_whose_of_rivals_maps_it_shows(path):
+    assert [one.name for one in maps_of(path.parent)] == [
+        f"{one.attrs['kind'].replace('_', ' ')} map" for one in maps_file.read(path)
+    ]
+    about = json.loads((path / "0" / "zarr.json").read_text())
+    about["attributes"]["groups"] = [{"names": ["first"]}, {"names": ["second"]}]
+    (path / "0" / "zarr.json").write_text(json.dumps(about))
+    assert maps_of(path.parent)[0].name.endswith(" map of first")
 
 
 def test_a_run_that_goes_on_has_no_maps_of_its_earlier_end(ended, path):

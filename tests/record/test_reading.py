@@ -64,10 +64,30 @@ def test_a_part_of_the_frames(room):
     np.testing.assert_array_equal(one["gas_slice"].data[0], made_run.pixels(6).T)
 
 
+def test_the_time_from_the_first_to_the_last_frame(room):
+    assert reading.span(room) == reading.span(room, ["gas_slice"]) == (-1.0, 10.0)
+    assert reading.span(room, ["none"]) is None
+
+
 def test_the_mean_is_of_what_bytes_stand_for(room):
     gas = reading.read(room, ["gas_slice"])["gas_slice"]
     np.testing.assert_allclose(gas.mean(), gas.values().astype(float).mean(axis=0), rtol=1e-6)
     assert gas.extent == pytest.approx((0, 4, 0, 3))
+
+
+def test_a_species_has_the_planes_that_all_have(tmp_path):
+    """Its pictures are below gas/0: their plane is that of the whole gas, and so is the wind beside them."""
+    side = {"axes": "xz", "shape": (40, 10)}
+    planes = {"gas/slice": {}, "gas/0/slice": {}, "gas/0/section_2": side}
+    made_run.record(tmp_path / "two.rrd", planes)
+    views = {name: one.view for name, one in reading.read(tmp_path / "two.rrd").items()}
+    assert views == {"gas_slice": "slice", "gas_0_slice": "slice", "gas_0_section_2": "section_2"}
+    told = reading.pictures(tmp_path / "two.rrd")
+    assert (
+        told["gas_0_slice"].attrs["long_name"]
+        == told["gas_slice"].attrs["long_name"]
+        == "ethanol, in a plane"
+    )
 
 
 def test_arrows_of_a_changing_number(room):

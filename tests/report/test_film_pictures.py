@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from taichi_plume import picture, run
+from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.report.film_pictures import arrows_of_film, of_film
 from taichi_plume.report.run import Run
 
@@ -58,6 +59,15 @@ def test_arrows_point_where_those_of_the_recording_do(folder, plane):
         own = filmed.ways[0][apart.argmin()]
         close += apart.min() < 1e-3 and own @ way > 0.98 * np.linalg.norm(own) * np.linalg.norm(way)
     assert close > 0.9 * len(ways) > 5
+
+
+def test_fields_of_another_room_are_told_in_a_line(folder):
+    it = Run.of(folder)
+    domain = it.scenario.domain.model_copy(update={"size": (2.0, 1.25, 0.5)})
+    other = it.scenario.model_copy(update={"domain": domain})
+    with pytest.raises(RunFolderError, match="of another run") as error:
+        of_film(it.film, other, None, (0.4, 2.0), 0.0)
+    assert str(error.value).startswith(f"{folder / 'fields.zarr'}: ")
 
 
 def test_the_command_takes_them_where_there_is_no_recording(folder, tmp_path, capsys):

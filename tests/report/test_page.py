@@ -216,6 +216,32 @@ def test_bad_folders_are_one_line_each(tmp_path, capsys):
         assert not (folder / NAME).exists()
 
 
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"groups": [1]},
+        {"groups": [{"name": "pair"}]},
+        {"flow": [1]},
+        {"gas": {"emitted_kg": "x"}},
+        {"maps": [{"kind": "gmrf"}]},
+        {"simulated_s": "long"},
+    ],
+)
+@pytest.mark.parametrize("status", ["completed", "killed"])
+def test_a_result_that_says_other_things_is_told_in_a_line(tmp_path, capsys, status, changes):
+    """In the page itself where the run did not end by itself."""
+    model = made_run.scenario(maps=[{"kind": "gmrf", "cell": 0.5}])
+    folder = made_run.made(tmp_path / "run", model, told=made_run.result(model, status=status, **changes))
+    code, said = main([str(folder)]), capsys.readouterr().err
+    if status == "killed":
+        assert code == 0
+        said = Read((folder / NAME).read_text(encoding="utf-8")).text
+    else:
+        assert (code, said.count("\n")) == (2, 1)
+        assert said.startswith(f"{folder / 'result.json'}: ")
+    assert f"{folder / 'result.json'}: is damaged, or of another version" in said
+
+
 def test_thousands_of_trials_make_a_small_page(tmp_path, report):
     """Of many robots some are shown, of long series the peaks."""
     area = {"kind": "area", "low": [2, 0.3], "high": [3.8, 2.7]}

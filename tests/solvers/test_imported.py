@@ -139,6 +139,15 @@ def test_files_follow_one_another(tmp_path):
         np.testing.assert_allclose(velocity_at(sim.wind, x, t), scale * once, atol=2e-6)
 
 
+def test_the_largest_speed_is_of_all_frames(tmp_path):
+    """Of five, of which the second, which is neither first nor last nor in the middle, is four times as fast."""
+    for n, scale in enumerate((1.0, 4.0, 1.0, 1.0, 1.0)):
+        write(tmp_path / f"wind_{n}.csv", swirl, scale=scale)
+    fast = imported(tmp_path, CLOSED).wind.diagnostics()["max_speed"]
+    write(tmp_path / "wind_1.csv", swirl)
+    assert fast == pytest.approx(4 * imported(tmp_path, CLOSED).wind.diagnostics()["max_speed"], rel=1e-4)
+
+
 def test_occupied_cubes_are_in_the_way(tmp_path):
     write(tmp_path / "wind_0.csv", stream, (23, 17, 5))
     write_block(tmp_path / "o.csv")
