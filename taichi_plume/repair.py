@@ -78,12 +78,15 @@ def _complete(folder: RunFolder, reported: bool) -> int:
     status, whole = content["status"], not any((path / name).exists() for name in PARTS)
     if status != "running" and whole:
         if (path / checkpoint.NAME).exists() and not (path / manifest.NAME).exists():  # killed while it ended
+            if reported and not (path / "report.html").exists():
+                report(path)
             _seal(path)
         if status in OVER:
             (path / checkpoint.NAME).unlink(missing_ok=True)
         say(visible(f"{path}: the run has ended by itself ({status})"))
         return 0
     code = 0
+    (path / manifest.NAME).unlink(missing_ok=True)  # of what will be rewritten
     for name, complete in COMPLETE.items():
         try:
             what = complete(path / name)

@@ -96,7 +96,9 @@ def test_a_run_that_was_killed_at_its_very_end_is_over(finished):
     """Its result was written, but not its manifest; or its checkpoint was not yet removed."""
     checkpoint.write(finished / checkpoint.NAME, {"inputs": {}})
     (finished / manifest.NAME).unlink()
+    (finished / "report.html").unlink(missing_ok=True)
     assert repair.main([str(finished)]) == 0
+    assert (finished / "report.html").exists()
     assert not (finished / checkpoint.NAME).exists()
     assert repair.main(["--verify", str(finished)]) == 0
     assert told(finished)["status"] == "completed"

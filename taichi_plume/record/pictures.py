@@ -159,7 +159,8 @@ class Arrows:
         """Arrows centred on their points."""
         velocity = fields.velocity_at(sim.wind, self.points, sim.t)
         speed = np.linalg.norm(velocity, axis=-1)
-        fast = max(SLOWEST, float(np.quantile(speed[np.isfinite(speed)], KEY)))
+        known = speed[np.isfinite(speed)]
+        fast = max(SLOWEST, float(np.quantile(known, KEY))) if len(known) else SLOWEST
         if fast > self.top:
             self.top = drawing.rounded_up(fast)
             for plane, step in zip(self.planes, self.steps, strict=True):
