@@ -1,7 +1,9 @@
 """Shapes, colours and cameras of the recording as plain arrays: what to draw, not how it is stored."""
 
 from collections.abc import Sequence
-from math import ceil, cos, floor, hypot, log10, pi, radians, sin, tan
+from dataclasses import dataclass
+from math import ceil, cos, floor, hypot, log, log10, pi, radians, sin, tan
+from typing import Literal
 
 import numpy as np
 
@@ -69,6 +71,33 @@ def rounded_up(value: float, steps: Sequence[float] = (1.0, 1.5, 2.0, 3.0, 5.0, 
     """The next of these numbers, times a power of ten, that is not below a value above 0."""
     power = 10.0 ** ceil(log10(value) - 1 - 1e-9)
     return next(n * power for n in (*steps, 10.0) if n * power >= value * (1 - 1e-9))
+
+
+@dataclass(frozen=True)
+class Scale:
+    """What a byte v stands for: low (high/low)^(v/255) with 0 for at most low, or low + (high - low) v/255."""
+
+    low: float
+    high: float
+    kind: Literal["log", "linear"]
+
+    def bytes(self, values: np.ndarray) -> np.ndarray:
+        """As u8; NaN becomes 0."""
+        known = np.fmax(values, np.float32(self.low))
+        if self.kind == "log":
+            places = np.log(known) - np.float32(log(self.low))
+            places *= np.float32(255 / log(self.high / self.low))
+        else:
+            places = (known - np.float32(self.low)) * np.float32(255 / (self.high - self.low))
+        return np.minimum(places + np.float32(0.5), 255).astype(np.uint8)
+
+    def marks(self) -> list[tuple[float, str]]:
+        """Place and label of what a legend shows."""
+        if self.kind == "log":
+            return decades(self.low, self.high)
+        step = rounded_up((self.high - self.low) / 7, (1.0, 2.0, 5.0))
+        values = np.arange(ceil(self.low / step - 1e-9), floor(self.high / step + 1e-9) + 1) * step
+        return [((value - self.low) / (self.high - self.low), f"{value:.6g}") for value in values.tolist()]
 
 
 def painted(places: np.ndarray, palette: Sequence[Sequence[int]]) -> np.ndarray:

@@ -7,7 +7,7 @@ import rerun as rr
 
 from taichi_plume.map_scores import MapSeries
 from taichi_plume.record import drawing, layout, legends, scene
-from taichi_plume.record.scales import Scale
+from taichi_plume.record.drawing import Scale
 from taichi_plume.record.stage import Stage, picture_format
 from taichi_plume.record.stream import Stream
 from taichi_plume.scores import map_rows

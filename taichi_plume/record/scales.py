@@ -1,46 +1,17 @@
-"""How numbers become colours: scales of a byte, and the quantities that a run solves for."""
+"""The quantities that a run solves for, with the scales of their colours."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import ceil, floor, log
-from typing import Literal
 
 import numpy as np
 
 from taichi_plume.grid import fields
-from taichi_plume.record import drawing
+from taichi_plume.record.drawing import Scale
 from taichi_plume.record.planes import Plane
 from taichi_plume.scenario.heat import Heat
 from taichi_plume.simulation import Simulation
 
 NARROWEST = 1.0  # K: a range of temperatures is not narrower
-
-
-@dataclass(frozen=True)
-class Scale:
-    """What a byte v stands for: low (high/low)^(v/255) with 0 for at most low, or low + (high - low) v/255."""
-
-    low: float
-    high: float
-    kind: Literal["log", "linear"]
-
-    def bytes(self, values: np.ndarray) -> np.ndarray:
-        """As u8; NaN becomes 0."""
-        known = np.fmax(values, np.float32(self.low))
-        if self.kind == "log":
-            places = np.log(known) - np.float32(log(self.low))
-            places *= np.float32(255 / log(self.high / self.low))
-        else:
-            places = (known - np.float32(self.low)) * np.float32(255 / (self.high - self.low))
-        return np.minimum(places + np.float32(0.5), 255).astype(np.uint8)
-
-    def marks(self) -> list[tuple[float, str]]:
-        """Place and label of what a legend shows."""
-        if self.kind == "log":
-            return drawing.decades(self.low, self.high)
-        step = drawing.rounded_up((self.high - self.low) / 7, (1.0, 2.0, 5.0))
-        values = np.arange(ceil(self.low / step - 1e-9), floor(self.high / step + 1e-9) + 1) * step
-        return [((value - self.low) / (self.high - self.low), f"{value:.6g}") for value in values.tolist()]
 
 
 @dataclass(frozen=True)

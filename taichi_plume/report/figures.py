@@ -8,7 +8,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
-from taichi_plume.record.drawing import decades, logarithmic
+from taichi_plume.record.drawing import Scale, decades, logarithmic
 from taichi_plume.record.reading import Picture
 from taichi_plume.report import look, plume, scene
 from taichi_plume.report.maps import MapAtEnd
@@ -31,13 +31,9 @@ def mean_plume(run: Run, picture: Picture, tracks: Sequence[Track]) -> bytes:
     """The mean of the recorded pictures, and where the robots went."""
     with look.styled():
         figure, view = plume.figure_of(run, picture, tracks, WIDE, DPI, wind=False)
-        mean = picture.mean()
-        if picture.logarithmic:
-            share = logarithmic(mean, picture.low, picture.high)
-        else:
-            share = np.clip((mean - picture.low) / (picture.high - picture.low), 0.0, 1.0)
+        scale = Scale(picture.low, picture.high, "log" if picture.logarithmic else "linear")
         end = max([float(picture.times[-1]), *(float(track.t[-1]) for track in tracks)])
-        view.show(end, (255 * share).round().astype(np.uint8))
+        view.show(end, scale.bytes(picture.mean()))
         view.trails.set_segments(_trails(tracks) if view.plane == look.ABOVE else [])
         return look.png(figure)
 

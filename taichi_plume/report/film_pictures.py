@@ -8,7 +8,7 @@ from taichi_plume.files.film import Film, FilmError
 from taichi_plume.files.film_moment import velocity
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.grid.grid import Grid
-from taichi_plume.record.drawing import arrow_places, logarithmic
+from taichi_plume.record.drawing import Scale, arrow_places
 from taichi_plume.record.planes import Plane, Raster, planes
 from taichi_plume.record.reading import Arrows, Picture
 from taichi_plume.scenario.scenario import Scenario
@@ -30,6 +30,7 @@ def of_film(
     if not gases:
         return {}
     low, high = scenario.recording.range_ppm
+    scale = Scale(low, high, "log")
     try:
         grid, solid = Grid.of(scenario.domain), film.still("air") <= 0.0
         if film.shape != grid.shape:
@@ -43,8 +44,7 @@ def of_film(
         for n in frames:
             ppm = sum(factor[name] * values for name, values in film.frame(n, gases).items())
             for name, raster in rasters.items():
-                share = np.nan_to_num(logarithmic(raster.of_cells(np.asarray(ppm)), low, high))
-                data[name].append((255 * share).round().astype(np.uint8).T)
+                data[name].append(scale.bytes(raster.of_cells(np.asarray(ppm))).T)
     except FilmError as error:
         raise RunFolderError(str(error)) from None
     quantity = " + ".join(name.removeprefix("gas_") for name in gases)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from taichi_plume.record.scales import Scale
+from taichi_plume.record.drawing import Scale
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
