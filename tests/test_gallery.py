@@ -1,12 +1,12 @@
 """The gallery of the documentation: every config is in it, with pictures of the config as it is."""
 
-import importlib.util
 import re
 import shlex
 from pathlib import Path
 
 import pytest
 from PIL import Image
+from scripts import loaded
 
 from taichi_plume.prepare import load
 
@@ -21,12 +21,7 @@ MOST = 2_500_000  # bytes of all pictures
 
 @pytest.fixture(scope="module")
 def make():
-    spec = importlib.util.spec_from_file_location("make_gallery", GALLERY / "make.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return loaded(GALLERY / "make.py")
 
 
 def kept(make) -> dict:

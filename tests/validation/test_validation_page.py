@@ -1,11 +1,11 @@
 """The documentation's page of the validation: what it makes of the results that are kept."""
 
-import importlib.util
 import json
 import re
 from pathlib import Path
 
 import pytest
+from scripts import loaded
 
 from taichi_plume.validation.cases import CASES
 
@@ -15,12 +15,7 @@ RESULTS = json.loads((DOCS / "validation/results.json").read_text(encoding="utf-
 
 @pytest.fixture(scope="module")
 def extension():
-    spec = importlib.util.spec_from_file_location("validation_page", DOCS / "_ext/validation_page.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return loaded(DOCS / "_ext/validation_page.py")
 
 
 def result(name: str, **changes) -> dict:
