@@ -16,6 +16,7 @@ from tests.fuzz import formats
 
 ROOT = Path(__file__).parent.parent
 sys.path.append(str(ROOT / "docs" / "_ext"))
+pytest.importorskip("docutils", reason="pip install -e .[docs]")
 reference = import_module("scenario_reference")
 
 EXAMPLES = yaml.safe_load(reference.EXAMPLES.read_text(encoding="utf-8"))
