@@ -19,6 +19,8 @@ COMMANDS = {
     "maps": "make a gas map of recorded readings",
     "repair": "complete the files of a run that was killed",
     "scenario": "print the JSON schema of scenarios, or explain a key",
+    "study": "run many scenarios from one file, and make tables of them",
+    "statistics": "mean and fluctuations of a plume, its whiffs and blanks",
     "validation": "run the solvers against exact solutions, and published experiments",
 }
 
