@@ -191,11 +191,11 @@ class Study(Model):
                 for n, path in enumerate(paths):
                     other = next((one for one in paths[:n] if _overlap(one, path)), None)
                     if other is not None:
-                        yield f"axes.{name}: changes {_both(other, path)}"
+                        yield f"axes.{name}: {_both(path, other)}"
             for path in axis.paths:
                 clash = next(((who, one) for who, one in named if _overlap(one, path)), None)
                 if clash is not None:
-                    yield f"axes.{name}: changes {_both(clash[1], path)}, as axes.{clash[0]} does"
+                    yield f"axes.{name}: {_both(path, clash[1], f'axes.{clash[0]} ')}; a key can be on one axis only"
             named += [(name, path) for path in axis.paths]
 
     def _of_kind(self) -> Iterator[str]:
@@ -228,8 +228,12 @@ def _overlap(one: str, other: str) -> bool:
     return longer == shorter or longer.startswith((f"{shorter}.", f"{shorter}["))
 
 
-def _both(one: str, other: str) -> str:
-    return f"{one} twice" if one == other else f"{one} and {other}, of which one is a part of the other"
+def _both(one: str, other: str, who: str = "") -> str:
+    """What is wrong with two paths; who: changes the other one."""
+    if one == other:
+        return f"changes {one}, as {who}does" if who else f"changes {one} twice"
+    part = "which is a part of it" if len(other) > len(one) else "of which it is a part"
+    return f"changes {one}, and {who}{other}, {part}"
 
 
 def _no_power_of_two(key: str, count: int) -> str:

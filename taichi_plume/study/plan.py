@@ -210,7 +210,7 @@ class _Refused:
                 more = len(values) - len(told)
                 parts.append(f"axes.{axis.name}: {', '.join(told)}{f' and {more} more' if more else ''}")
         count = f" ({len(points)} points)" if len(points) > 1 else ""
-        return f"{', '.join(parts) or 'axes: all values'}{count}"
+        return f"{', '.join(parts)}{count}" if parts else "all points"
 
 
 def _plain(value: Any) -> str:

@@ -24,16 +24,15 @@ def resolve(study: Study, base: Mapping[str, Any], name: str) -> list[Levels | R
 
 
 class _Resolving:
-    """first: what the first value of every axis changes, so that each value is tried where the others are sound."""
+    """Each value is tried where the other axes have their first one, as it need not be sound alone."""
 
     def __init__(self, study: Study, base: Mapping[str, Any], name: str):
         self.study, self.base, self.name = study, base, name
         self.trials = {name: list(_trials(axis)) for name, axis in study.axes.items()}
-        self.first = {key: value for trials in self.trials.values() for key, value in trials[0][1].items()}
         self.faults: list[str] = []
 
     def axes(self) -> list[Levels | Range]:
-        common = self._tried(self.first)
+        common = self._tried(self._first())
         if isinstance(common, Scenario):
             common = []
         self._tell_common(common)
@@ -44,6 +43,11 @@ class _Resolving:
         if self.faults:
             raise ScenarioError(self.faults)
         return [axis for axis in axes if axis is not None]
+
+    def _first(self, without: str = "") -> dict[str, Any]:
+        """What the first value of every axis changes."""
+        firsts = [trials[0][1] for name, trials in self.trials.items() if name != without]
+        return {key: value for changes in firsts for key, value in changes.items()}
 
     def _tried(self, changes: Changes) -> Scenario | list[str]:
         try:
@@ -68,10 +72,11 @@ class _Resolving:
     def _scenarios(self, name: str, common: list[str]) -> list[Scenario]:
         """That of each value of an axis; what is refused is told once for all values that it is said of."""
         found: list[Scenario] = []
+        others = self._first(without=name)
         refused: dict[str, list[str]] = {}
         own = set(self._faults(self.trials[name][0][1])) - set(self._faults({}))
         for where, changes in self.trials[name]:
-            tried = self._tried(self.first | changes)
+            tried = self._tried(others | changes)
             if isinstance(tried, Scenario):
                 found.append(tried)
                 continue

@@ -24,6 +24,7 @@ ROOM: dict[str, Any] = {
             "count": 2,
             "start": {"kind": "area", "low": [1.4, 0.1], "high": [1.9, 0.9]},
             "algorithm": {"kind": "casting", "threshold_ppm": 5},
+            "sensors": {"gas": {"kind": "pid"}},
         }
     ],
     "maps": [{"kind": "gmrf", "cell": 0.2}],
@@ -31,9 +32,9 @@ ROOM: dict[str, Any] = {
 SPEED = {"key": "wind.openings.0.speed", "values": [0.2, 0.4]}
 
 
-def write(folder: Path, base: dict[str, Any] = ROOM, **keys: Any) -> Path:
+def write(folder: Path, room: dict[str, Any] = ROOM, **keys: Any) -> Path:
     """A study of the room along one axis, with other keys; its file."""
-    (folder / "room.yaml").write_text(yaml.safe_dump(base, sort_keys=False))
+    (folder / "room.yaml").write_text(yaml.safe_dump(room, sort_keys=False))
     study = {"name": "a", "base": "room.yaml", "axes": {"speed": SPEED}} | keys
     (folder / "study.yaml").write_text(yaml.safe_dump(study, sort_keys=False))
     return folder / "study.yaml"
