@@ -11,21 +11,25 @@ from taichi_plume.scenario.scenario import Scenario
 PROBES = "probes"
 ANY = None
 """Whatever lies below, by names that solvers choose."""
-SUMMARY = dict.fromkeys(("mean", "low", "high", "n", "airs"), 0)
 NUMBERS = [0]
-TRIALS = {
-    name: NUMBERS
-    for name in (
-        *("success", "found", "time_s", "path_m", "overhead", "team_path_m", "acquisitions", "hits", "bumps"),
-        "final_distance_m",
-    )
-}
+MEANS = (
+    "success_rate",
+    "time_s",
+    "path_m",
+    "overhead",
+    "acquisitions",
+    "hits",
+    "bumps",
+    "time_with_failures_s",
+)
+OF_TRIALS = (
+    *("success", "found", "time_s", "path_m", "overhead", "team_path_m", "acquisitions", "hits", "bumps"),
+    "final_distance_m",
+)
 GROUP = {
     **dict.fromkeys(("robots", "trials", "airs", "success_rate", "median_time_s", "median_path_m"), 0),
-    "summary": dict.fromkeys(
-        ("success_rate", "time_s", "path_m", "overhead", "time_with_failures_s"), SUMMARY
-    ),
-    "per_trial": TRIALS,
+    "summary": dict.fromkeys(MEANS, dict.fromkeys(("mean", "low", "high", "n", "airs"), 0)),
+    "per_trial": dict.fromkeys(OF_TRIALS, NUMBERS),
 }
 PART = {
     **dict.fromkeys(("mae_ppm", "correlation", "known_fraction", "forecast_error_ppm"), 0),
