@@ -47,8 +47,8 @@ class Scenario(Model):
     """Begin of all random numbers: the same seed makes the same run. Another one draws other eddies, noise and start
     places."""
     air_seed: Annotated[int, Field(ge=0, lt=2**32), FREE] | None = None
-    """Begin of the random numbers of wind and gas alone: with the same one, robots with other starts and noise search
-    in the same air. Unless given, the seed."""
+    """Begin of the random numbers of wind and gas alone; unless given, the seed. With the same one, robots of another
+    seed, with other starts and noise, search in the same air."""
     duration: Duration
     """Time for which robots move and sensors measure, after the warm-up. The air should get through the room several
     times."""
