@@ -20,7 +20,7 @@ from typing import Any
 
 from taichi_plume.guard.terminal import Parser, say
 from taichi_plume.validation.arena import ARENA, arena
-from taichi_plume.validation.benchmark import clock, maps, pressure, puffs, robots, start, studies, trials
+from taichi_plume.validation.benchmark import clock, maps, pressure, puffs, robots, start, trials
 from taichi_plume.validation.benchmark.steps import CASES, measure
 
 
@@ -28,7 +28,13 @@ def _arena_puffs(count: int) -> puffs.PuffSolver:
     return puffs.in_arena(*arena((80, 60, 10), True), ARENA, count)
 
 
-OTHERS = {"start": start.main, "clock": clock.main, "studies": studies.main}
+def _studies(arguments: Sequence[str]) -> int:
+    from taichi_plume.validation.benchmark import studies  # it brings what workers need
+
+    return studies.main(arguments)
+
+
+OTHERS = {"start": start.main, "clock": clock.main, "studies": _studies}
 OTHER_CASES: dict[str, Callable[[str], Sequence[Any]]] = {
     "puffs_step": lambda arch: puffs.step("puffs_step", arch, _arena_puffs),
     "puffs_query": lambda arch: [
