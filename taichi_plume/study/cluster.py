@@ -1,0 +1,236 @@
+"""The workers of a study: processes on this machine, or those of any Dask scheduler.
+
+On this machine nothing listens but on loopback, nothing calls out, and nothing is left running, however the command
+ends: its workers end with it.
+"""
+
+import importlib.util
+import logging
+import os
+import shutil
+import signal
+import time
+import warnings
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
+
+from taichi_plume import __version__
+from taichi_plume.guard.terminal import visible
+
+if TYPE_CHECKING:
+    from taichi_plume.study.plan import Plan
+
+LOG = "dask.log"  # what Dask and the workers print
+SCRATCH = ".dask"
+CONNECT_S = 10.0  # for a scheduler to answer
+START_S = 120.0  # for the first worker of our own to be there
+ONE_THREAD = {
+    name: "1"
+    for name in ("TI_CPU_MAX_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+}
+SETTINGS = {
+    "distributed.worker.multiprocessing-method": "spawn",
+    "distributed.worker.daemon": True,
+    "distributed.worker.preload": [],
+    "distributed.worker.profile.enabled": False,  # it would take the GIL from a run a hundred times a second
+    "distributed.worker.use-file-locking": False,
+    "distributed.worker.http.routes": [],
+    "distributed.nanny.preload": [],
+    "distributed.scheduler.preload": [],
+    "distributed.scheduler.worker-ttl": None,  # a worker that compiles does not answer
+    "distributed.scheduler.worker-saturation": float(
+        "inf"
+    ),  # the command knows how many tasks a worker should have
+    "distributed.admin.system-monitor.gil.enabled": False,
+    "distributed.diagnostics.nvml": False,
+}
+
+
+class ClusterError(Exception):
+    """Workers that cannot be had, or were lost; the message is one line. code: the command's exit code."""
+
+    def __init__(self, message: str, code: int = 1):
+        super().__init__(visible(message))
+        self.code = code
+
+
+class Cluster:
+    """Workers, as a context. `client` is Dask's; `dashboard` its page, "" where it has none.
+
+    Raises ClusterError.
+    """
+
+    def __init__(self, client: Any, local: Any = None, scratch: Path | None = None):
+        self.client, self._local, self._scratch = client, local, scratch
+        self.dashboard = client.dashboard_link or ""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    @property
+    def local(self) -> bool:
+        """Whether the workers are our own processes on this machine."""
+        return self._local is not None
+
+    @property
+    def lost(self) -> bool:
+        """Whether the scheduler has gone."""
+        return self.client.status not in ("running", "connecting")
+
+    def threads(self) -> dict[str, int]:
+        """The addresses of the workers that are there, and how many threads each has."""
+        try:
+            return dict(self.client.nthreads())
+        except Exception:  # the scheduler is gone, or going; `lost` tells
+            return {}
+
+    def close(self) -> None:
+        """End our own workers, at once and whatever they do; what others have given stays with them."""
+        with suppress(Exception):
+            if self._local is not None:
+                for nanny in list(self._local.workers.values()):
+                    nanny.auto_restart = False
+                    if nanny.process is not None and nanny.process.pid:
+                        os.kill(nanny.process.pid, signal.SIGTERM if os.name == "nt" else signal.SIGKILL)
+        with suppress(Exception):
+            self.client.close(timeout=2)
+        with suppress(Exception):
+            if self._local is not None:
+                self._local.close(timeout=5)
+        if self._scratch is not None:
+            shutil.rmtree(self._scratch, ignore_errors=True)
+            with suppress(OSError):
+                log = self._scratch.with_name(LOG)
+                if not log.stat().st_size:
+                    log.unlink()
+
+    def require_fit(self, plan: "Plan", out: Path, addresses: Collection[str]) -> None:
+        """Raise ClusterError where a worker is of another version or does not see the study's files."""
+        from taichi_plume.study.worker import unfit
+
+        content = (out / "study.yaml").read_bytes()
+        told = self.client.run(
+            unfit, __version__, out.resolve(), content, plan.folder.resolve(),
+            workers=list(addresses), on_error="return",
+        )  # fmt: skip
+        for address, answer in sorted(told.items()):
+            if isinstance(answer, ImportError):
+                raise ClusterError(
+                    f"worker {address}: has no taichi_plume {__version__} ({answer}): install it there", 2
+                )
+            if isinstance(answer, Exception) and not isinstance(answer, OSError):  # OSError: it is gone
+                raise ClusterError(f"worker {address}: {type(answer).__name__}: {answer}", 2)
+            if isinstance(answer, str) and answer:
+                raise ClusterError(f"worker {address}: {answer}", 2)
+
+
+def local(workers: int | None, out: Path, dashboard: bool = False) -> Cluster:
+    """As many worker processes on this machine, or as many as it has cores for us, each with one thread.
+
+    out: the study's folder, where Dask logs. Raises ClusterError where none begins.
+    """
+    if dashboard and importlib.util.find_spec("bokeh") is None:
+        raise ClusterError("--dashboard needs the package bokeh: pip install 'bokeh>=3.1'", 2)
+    log, scratch = out / LOG, out / SCRATCH
+    _quiet(log)
+    import dask
+
+    settings = SETTINGS | {
+        f"distributed.nanny.pre-spawn-environ.{name}": one for name, one in ONE_THREAD.items()
+    }
+    # a file of the working folder, such as socket.py, is nothing that a new process should import
+    settings["distributed.nanny.pre-spawn-environ.PYTHONSAFEPATH"] = "1"
+    if not dashboard:
+        settings["distributed.scheduler.http.routes"] = []
+    dask.config.set(settings)
+    from dask.system import cpu_count  # of this process, as cgroups and its affinity allow
+    from distributed import Client, LocalCluster
+
+    from taichi_plume.study.local_worker import LocalWorker
+
+    shutil.rmtree(scratch, ignore_errors=True)
+    count = workers or cpu_count()
+    with _deaf_children():
+        cluster = LocalCluster(
+            n_workers=0,
+            threads_per_worker=1,
+            processes=True,
+            host="127.0.0.1",
+            memory_limit=None,
+            dashboard_address="127.0.0.1:8787" if dashboard else None,
+            silence_logs=logging.WARNING,
+            local_directory=str(scratch),
+            scheduler_kwargs={"allowed_failures": 0},  # the command itself tells who is to blame
+        )
+    client = Client(cluster, timeout=CONNECT_S, set_as_default=False)
+    one = Cluster(client, cluster, scratch)
+    if not dashboard:
+        one.dashboard = ""
+    try:
+        cluster.scale(count)
+        _await_worker(one, log)
+        client.register_plugin(LocalWorker(log.resolve()))
+    except BaseException:
+        one.close()
+        raise
+    return one
+
+
+def remote(address: str, out: Path) -> Cluster:
+    """The workers of a Dask scheduler. Raises ClusterError where there is none at the address."""
+    _quiet(out / LOG)
+    from distributed import Client
+
+    try:
+        client = Client(address, timeout=CONNECT_S, set_as_default=False)
+    except (OSError, ValueError, TypeError, LookupError, ImportError, RuntimeError, AssertionError) as error:
+        reason = "does not answer" if isinstance(error, OSError) else f"{type(error).__name__}: {error}"
+        raise ClusterError(
+            f"--scheduler {address}: no Dask scheduler there ({reason}); one is started by: dask scheduler", 2
+        ) from None
+    return Cluster(client)
+
+
+def _await_worker(cluster: Cluster, log: Path) -> None:
+    """Wait for the first one. Raises ClusterError."""
+    until = time.monotonic() + START_S
+    while not cluster.threads():
+        if time.monotonic() > until:
+            raise ClusterError(f"no worker has begun within {START_S:.0f} s; see {log}")
+        time.sleep(0.05)
+
+
+def _quiet(log: Path) -> None:
+    """What Dask tells goes to a file: the terminal is the command's."""
+    warnings.filterwarnings("ignore", module=r"(distributed|dask)\b")
+    import dask
+
+    handlers = {"file": {"class": "logging.FileHandler", "filename": str(log), "delay": True}}
+    quiet = {"level": "WARNING", "handlers": ["file"], "propagate": False}
+    names = ("distributed", "tornado", "asyncio", "bokeh")
+    told = {"version": 1, "disable_existing_loggers": False, "handlers": handlers}
+    dask.config.set({"logging": told | {"loggers": dict.fromkeys(names, quiet)}})
+
+
+@contextmanager
+def _deaf_children() -> Iterator[None]:
+    """What is started here, and what that starts, is deaf to Ctrl-C, which a terminal sends to all of its processes."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    from multiprocessing import resource_tracker
+
+    resource_tracker.ensure_running()  # it unblocks the signal where it is started
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

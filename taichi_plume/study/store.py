@@ -1,0 +1,348 @@
+"""The folder of a study: what its finished runs have left, in a file for each task, written whole or not at all.
+
+study.yaml and base.yaml are copies of what was asked for, plan.parquet says which runs that makes. ``parts/`` holds
+what tasks brought back: a row for each run, with its trials as a list. One process at a time writes there, others may
+read.
+"""
+
+import json
+import os
+import re
+import shutil
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from taichi_plume.files import disk
+from taichi_plume.files.tables import plain
+from taichi_plume.guard.opening import read_regular, unopenable
+from taichi_plume.study.messages import AirRecord, Cost, Record
+
+if TYPE_CHECKING:
+    from taichi_plume.study.plan import Plan
+
+LOCK = ".lock"
+PARTS, AIRS, KEPT, FAILED = "parts", "airs", "kept", "failed"
+PLAN = "plan.parquet"
+FORMAT = "taichi_plume study 1"
+LARGEST_TEXT = 1 << 24  # bytes of a file that is copied
+DONE = ("completed", "stopped")
+
+_PART = re.compile(r"\d{6,}\.parquet")
+_SCORES = pa.struct(
+    [
+        ("group", pa.string()),
+        ("algorithm", pa.string()),
+        ("trial", pa.int64()),
+        ("searched", pa.bool_()),
+        ("success", pa.bool_()),
+        ("found", pa.int64()),
+        ("time_s", pa.float64()),
+        ("path_m", pa.float64()),
+        ("overhead", pa.float64()),
+        ("team_path_m", pa.float64()),
+        ("acquisitions", pa.int64()),
+        ("hits", pa.int64()),
+        ("bumps", pa.int64()),
+        ("final_distance_m", pa.float64()),
+        ("time_with_failures_s", pa.float64()),
+    ]
+)
+_COST = pa.struct(
+    [
+        ("begun", pa.float64()),
+        ("total_s", pa.float64()),
+        ("simulation_s", pa.float64()),
+        ("compiled", pa.int64()),
+        ("worker", pa.string()),
+    ]
+)
+_SCHEMA = pa.schema(
+    [
+        ("run", pa.string()),
+        ("status", pa.string()),
+        ("message", pa.string()),
+        ("told", pa.string()),  # JSON: what all trials of the run have in common, such as the axes' values
+        ("trials", pa.list_(_SCORES)),
+        ("outcomes", pa.map_(pa.string(), pa.float64())),
+        ("cost", _COST),
+    ],
+    {"format": FORMAT},
+)
+_NAMES = frozenset(field.name for field in _SCORES)
+
+
+class StoreError(ValueError):
+    """The folder of a study that cannot be used; the message is one line and begins with the path."""
+
+
+class Found(NamedTuple):
+    """The row of a run that counts: of which part, which row there, and its status."""
+
+    part: Path
+    row: int
+    status: str
+
+
+class Store:
+    """What the runs of a study have left in a folder. Reading needs no more than the folder.
+
+    `begin` takes the folder for this process alone, until `close`; as a context it closes itself.
+    """
+
+    def __init__(self, folder: Path):
+        self.folder, self.parts, self.airs = folder, folder / PARTS, folder / AIRS
+        self._next = 0
+        self._lock: Any = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Let others write there."""
+        if self._lock is not None:
+            self._lock.release()
+            self._lock = None
+
+    # ------------------------------------------------------------ beginning
+
+    def begin(self, plan: "Plan", force: bool = False) -> None:
+        """Take the folder for the runs of a plan, or go on with those that are there.
+
+        force: drop runs that are not in the plan. Raises StoreError, also where another process writes there, and
+        OSError where the disk is full.
+        """
+        self._hold()
+        try:
+            self._require_ours()
+            self._drop_others({request.run for request in plan.requests}, force)
+            self._tidy()
+            for name, source in (
+                ("study.yaml", plan.file),
+                ("base.yaml", plan.file.parent / plan.study.base),
+            ):
+                self._copy(source, name)
+            for folder in (self.parts, self.airs):
+                folder.mkdir(exist_ok=True)
+            from taichi_plume.study import tables
+
+            tables.write_plan(self.folder, plan)
+            self._next = 1 + max((int(file.stem) for file in self._files()), default=-1)
+        except BaseException:
+            self.close()
+            raise
+
+    def _hold(self) -> None:
+        import filelock
+
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            lock = filelock.FileLock(self.folder / LOCK, timeout=0)
+            with tempfile.TemporaryFile(dir=self.folder):
+                pass  # the lock would take a folder without rights for another's
+            lock.acquire()
+        except filelock.Timeout:
+            raise StoreError(f"{self.folder}: another study is running there") from None
+        except (OSError, ValueError, NotImplementedError) as error:
+            reason = getattr(error, "strerror", None) or error
+            raise StoreError(f"{self.folder}: cannot be written to: {reason}") from None
+        self._lock = lock
+
+    def _require_ours(self) -> None:
+        """Refuse a folder with files that no study has left."""
+        there = [file for file in self.folder.iterdir() if file.name != LOCK]
+        if there and not self.parts.is_dir():
+            raise StoreError(
+                f"{self.folder}: is not empty, and holds no study ({min(there).name}); choose another --out"
+            )
+
+    def _drop_others(self, wanted: set[str], force: bool) -> None:
+        """Refuse runs that are not wanted or, by `force`, remove them."""
+        others = sorted(self.statuses().keys() - wanted)
+        if not others:
+            return
+        if not force:
+            raise StoreError(
+                f"{self.folder}: holds {len(others):,} finished runs that this study does not ask for ({others[0]}"
+                f"{' ...' * (len(others) > 1)}): it is another study's, or an axis or the version has changed; choose "
+                "another --out, or add --force to drop them"
+            )
+        for part in self._files():
+            table = _read(part)
+            kept = table.filter(pa.array([run in wanted for run in table["run"].to_pylist()], pa.bool_()))
+            if len(kept) == len(table):
+                continue
+            if len(kept):
+                with written_whole(part) as fresh:
+                    pq.write_table(kept, fresh, compression="zstd", write_page_checksum=True)
+            else:
+                part.unlink()
+        for run in others:
+            for folder in (KEPT, FAILED):
+                shutil.rmtree(self.folder / folder / run, ignore_errors=True)
+
+    def _tidy(self) -> None:
+        """Remove what was being written when an earlier process was killed."""
+        for folder in (self.folder, self.parts, self.airs):
+            for file in folder.glob("*.new"):
+                shutil.rmtree(file) if file.is_dir() and not file.is_symlink() else file.unlink()
+
+    def _copy(self, source: Path, name: str) -> None:
+        try:
+            content = read_regular(source, LARGEST_TEXT)
+        except OSError as error:
+            raise StoreError(f"{source}: cannot be read: {error.strerror or error}") from None
+        if content is None:
+            raise StoreError(f"{source}: is too large; {LARGEST_TEXT >> 20} MiB are read")
+        held = self.folder / name
+        if held.is_file() and held.read_bytes() != content:
+            for film in self.airs.glob("*.zarr"):  # of runs that were asked for: others may last longer
+                shutil.rmtree(film, ignore_errors=True)
+        with written_whole(held) as fresh:
+            fresh.write_bytes(content)
+
+    # ------------------------------------------------------------ adding
+
+    def add(self, records: Sequence[Record]) -> None:
+        """Bring what a task has brought back to the disk, as another part. Raises OSError."""
+        if not records:
+            return
+        rows = [_row(record) for record in records]
+        table = pa.Table.from_pylist(rows, schema=_SCHEMA)
+        part = self.parts / f"{self._next:06d}.parquet"
+        disk.require_room(part, table.nbytes)
+        with written_whole(part) as fresh:
+            pq.write_table(table, fresh, compression="zstd", write_page_checksum=True)
+        self._next += 1
+
+    def add_air(self, record: AirRecord) -> None:
+        """Keep what solving an air took, or why it failed. Raises OSError."""
+        with written_whole(self.airs / f"{record.air}.json") as fresh:
+            fresh.write_text(json.dumps(record._asdict()), encoding="utf-8")
+
+    def film(self, air: str) -> Path:
+        """Where the film of an air lies, once it is whole."""
+        return self.airs / f"{air}.zarr"
+
+    # ------------------------------------------------------------ reading
+
+    def found(self) -> dict[str, Found]:
+        """The row of each run that counts: of several, the last in which it was done, else the last one."""
+        rows: dict[str, Found] = {}
+        for part in self._files():
+            table = _read(part, ["run", "status"])
+            pairs = zip(table["run"].to_pylist(), table["status"].to_pylist(), strict=True)
+            for n, (run, status) in enumerate(pairs):
+                if run not in rows or status in DONE or rows[run].status not in DONE:
+                    rows[run] = Found(part, n, status)
+        return rows
+
+    def statuses(self) -> dict[str, str]:
+        """Of each run that is there: completed, stopped or failed. Raises StoreError."""
+        return {run: found.status for run, found in self.found().items()}
+
+    def records(self) -> Iterator[Record]:
+        """What came of each run that is there, once each. Raises StoreError."""
+        rows = self.found()
+        for part in self._files():
+            for n, row in enumerate(_read(part).to_pylist()):
+                if row["run"] in rows and rows[row["run"]][:2] == (part, n):
+                    yield _record(part, row)
+
+    def air_records(self) -> list[AirRecord]:
+        """What is known of airs that were solved for films, by their ids. Raises StoreError."""
+        records = []
+        for file in sorted(self.airs.glob("*.json")):
+            try:
+                records.append(AirRecord(**json.loads(read_regular(file, LARGEST_TEXT) or b"")))
+            except (OSError, ValueError, TypeError, RecursionError):
+                raise StoreError(f"{file}: is damaged; remove it") from None
+        return records
+
+    def _files(self) -> list[Path]:
+        """The parts, in the order in which they were written. Raises StoreError where others' files are among them."""
+        if not self.parts.is_dir():
+            return []
+        files = sorted(self.parts.iterdir(), key=lambda file: (len(file.name), file.name))
+        files = [file for file in files if file.suffix != ".new"]
+        for file in files:
+            if not _PART.fullmatch(file.name):
+                raise StoreError(f"{file}: was not written by a study; remove it")
+        return files
+
+
+@contextmanager
+def written_whole(path: Path) -> Iterator[Path]:
+    """A file to write beside `path`, which then takes its place; whatever happens, a whole one stands there.
+
+    Raises OSError.
+    """
+    fresh = path.with_name(f"{path.name}.new")
+    try:
+        yield fresh
+        disk.sync(fresh)
+        fresh.replace(path)
+    except BaseException:
+        with suppress(OSError):
+            fresh.unlink(missing_ok=True)
+        raise
+    if os.name != "nt":  # Windows cannot open folders
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+
+
+def _read(part: Path, columns: list[str] | None = None) -> pa.Table:
+    """The rows of a part. Raises StoreError."""
+    fault = unopenable(part)
+    if fault:
+        raise StoreError(f"{part}: {fault}")
+    try:
+        with pq.ParquetFile(part, page_checksum_verification=True) as file:
+            if not file.schema_arrow.equals(_SCHEMA):
+                raise StoreError(f"{part}: was not written by a study of this version; remove it")
+            return file.read(columns)
+    except (pa.ArrowException, OSError, ValueError, LookupError) as error:
+        if isinstance(error, StoreError):
+            raise
+        reason = plain(str(error))
+        raise StoreError(
+            f"{part}: cannot be read: {reason}; without it, its runs are made again: remove it"
+        ) from None
+
+
+def _row(record: Record) -> dict[str, Any]:
+    told = {name: value for row in record.trials[:1] for name, value in row.items() if name not in _NAMES}
+    for row in record.trials:
+        if any(row.get(name) != value for name, value in told.items()) or row.keys() - told.keys() - _NAMES:
+            raise ValueError(f"run {record.run}: its trials differ in more than scores")
+    trials = [{name: row.get(name) for name in _NAMES} for row in record.trials]
+    return record._asdict() | {
+        "told": json.dumps(told),
+        "trials": trials,
+        "outcomes": list(record.outcomes.items()),
+        "cost": record.cost._asdict(),
+    }
+
+
+def _record(part: Path, row: dict[str, Any]) -> Record:
+    try:
+        told = json.loads(row["told"])
+        trials = [told | scores for scores in row["trials"]]
+        cost = Cost(**row["cost"])
+        return Record(row["run"], row["status"], row["message"], trials, dict(row["outcomes"]), cost)
+    except (ValueError, TypeError, LookupError, RecursionError):
+        raise StoreError(f"{part}: is damaged; without it, its runs are made again: remove it") from None

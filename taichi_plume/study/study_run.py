@@ -1,0 +1,214 @@
+"""A study from its begin to its end: folder, workers, campaign, tables, page, and what the user is told."""
+
+import traceback
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from taichi_plume.files.run_folder import RunFolderError
+from taichi_plume.guard.terminal import say, visible
+from taichi_plume.scenario.loading import ScenarioError
+from taichi_plume.signals import Ears, deaf, listening, reader_may_leave
+from taichi_plume.study import figures
+from taichi_plume.study.store import DONE, Store, StoreError
+
+if TYPE_CHECKING:
+    from taichi_plume.study.campaign import Labour
+    from taichi_plume.study.cluster import Cluster
+    from taichi_plume.study.messages import Request
+    from taichi_plume.study.plan import Plan
+
+SHOWN = 3  # failed runs that are shown
+
+
+class Wishes(NamedTuple):
+    """What the command line asks for besides the study; out: the study's folder; workers: None for all cores."""
+
+    out: Path
+    workers: int | None = None
+    scheduler: str | None = None
+    retry: bool = False
+    force: bool = False
+    quiet: bool = False
+    allow_code: bool = False
+    allow_outside: bool = False
+    dashboard: bool = False
+    report: bool = True
+    debug: bool = False
+
+
+def carry_out(plan: "Plan", wishes: Wishes, labour: "Labour | None" = None) -> int:
+    """Make the runs of a plan that are not done, then tables and page; returns the command's exit code.
+
+    labour: what workers call, for tests. Raises ScenarioError, RunFolderError, OSError, KeyboardInterrupt: before the
+    first run.
+    """
+    _require_allowed(plan, wishes)
+    with listening() as ears, Store(wishes.out) as store:
+        try:
+            store.begin(plan, wishes.force)
+            code = _work(plan, store, wishes, labour, ears)
+        except StoreError as error:
+            raise RunFolderError(str(error)) from None
+        if code == 2:
+            return code
+        try:
+            ears.hasty = not ears.stopped  # a signal while tables are written is heard when they are there
+            return max(_conclude(plan, store, wishes, code), 130 if ears.stopped else 0)
+        except KeyboardInterrupt:
+            say("interrupted; what is done is kept", error=True)
+            return 130
+
+
+def _work(plan: "Plan", store: Store, wishes: Wishes, labour: "Labour | None", ears: Ears) -> int:
+    """Do what is not done; returns the exit code so far."""
+    done = store.statuses()
+    todo = [one for one in plan.requests if _open(done.get(one.run), wishes.retry)]
+    _tell_begin(len(plan.requests), len(todo), wishes)
+    if not todo:
+        return 0
+    from taichi_plume.study import cluster
+    from taichi_plume.study.cluster import ClusterError
+
+    try:
+        if wishes.scheduler:
+            workers = cluster.remote(wishes.scheduler, wishes.out)
+        else:
+            workers = cluster.local(wishes.workers, wishes.out, wishes.dashboard)
+        with workers:
+            return _campaign(plan, store, workers, wishes, labour, ears, todo)
+    except ClusterError as error:
+        say(visible(error), error=True)
+        if error.code == 1:
+            say(visible(f"what is done is kept in {wishes.out}; the same command goes on"), error=True)
+        return error.code
+
+
+def _campaign(
+    plan: "Plan",
+    store: Store,
+    workers: "Cluster",
+    wishes: Wishes,
+    labour: "Labour | None",
+    ears: Ears,
+    todo: "list[Request]",
+) -> int:
+    from taichi_plume.study.campaign import Campaign, Labour, options_of, shared_airs
+    from taichi_plume.study.display import Display
+
+    if wishes.dashboard:
+        say(visible(f"Dask's dashboard: {workers.dashboard}"), error=True)
+    labour = labour or Labour()
+    shared = shared_airs(plan, todo, labour)
+    options = options_of(plan, wishes.out, wishes.allow_code, wishes.allow_outside)
+    total = len(plan.requests)
+    campaign: Campaign | None = None
+    with ExitStack() as stack:
+        display = stack.enter_context(Display(total, total - len(todo), wishes.quiet))
+        ears.running = ears.hasty = True  # a first signal ends it in order, a second one at once
+        campaign = Campaign(plan, store, workers, options, labour, todo, shared, display, ears)
+        try:
+            campaign.run()
+        except OSError as error:
+            stack.close()
+            if wishes.debug:
+                say(traceback.format_exc(), error=True)
+            at = f": {error.filename}" if error.filename else ""
+            say(visible(f"{error.strerror or error}{at}"), error=True)
+            return 1
+        finally:
+            ears.hasty = False
+            with deaf():
+                figures.write(store, campaign.figures)
+    if campaign.figures.tasks and not wishes.quiet:
+        say(campaign.figures.line(), error=True)
+    return 0
+
+
+def _conclude(plan: "Plan", store: Store, wishes: Wishes, code: int) -> int:
+    """Write tables and page, and tell what there is and what is not."""
+    publish(store.folder, wishes.report, quiet=True)
+    statuses = store.statuses()
+    failed = sum(one == "failed" for one in statuses.values())
+    done = sum(statuses.get(one.run) in DONE for one in plan.requests)
+    missing = len(plan.requests) - done - failed
+    if failed:
+        _tell_failed(store, failed)
+    if missing:
+        say(visible(f"{missing:,} runs are not done yet; the same command goes on"), error=True)
+    if not wishes.quiet:
+        made = "runs.parquet, trials/" + ", report.html" * wishes.report
+        with reader_may_leave():
+            say(visible(f"{done:,} of {len(plan.requests):,} runs are done; {made} in {store.folder}"))
+    return max(code, 1 if failed or missing else 0)
+
+
+def publish(folder: Path, page: bool = True, quiet: bool = False) -> int:
+    """Write the tables and, where wanted, the page of a study's folder; returns the exit code.
+
+    Raises RunFolderError where it is none, and OSError.
+    """
+    from taichi_plume.study import tables
+
+    if not (folder / "plan.parquet").is_file():
+        raise RunFolderError(f"{folder}: is not the folder of a study")
+    try:
+        tables.publish(folder, Store(folder).records())
+        if not page:
+            return 0
+        from taichi_plume.study import page as pages
+
+        path = pages.write(folder)
+    except ValueError as error:  # StoreError, or of Arrow: what lies there is damaged
+        raise RunFolderError(str(error)) from None
+    if not quiet:
+        say(visible(path))
+    return 0
+
+
+# ---------------------------------------------------------------- what the user is told
+
+
+def _open(status: str | None, retry: bool) -> bool:
+    """Whether a run is to be done that has that status."""
+    return status is None or (retry and status not in DONE)
+
+
+def _tell_begin(total: int, todo: int, wishes: Wishes) -> None:
+    if wishes.quiet:
+        return
+    before = f", {total - todo:,} of them made before" if todo < total else ""
+    say(visible(f"{total:,} runs{before}; into {wishes.out}"), error=True)
+
+
+def _tell_failed(store: Store, failed: int) -> None:
+    told = [(one.run, one.message) for one in store.records() if one.status == "failed"]
+    runs = "1 run has failed" if failed == 1 else f"{failed:,} runs have failed"
+    where = store.folder / "failed"
+    say(
+        visible(f"{runs}; all are listed in runs.parquet and lie in {where}; --retry makes them again"),
+        error=True,
+    )
+    for run, message in sorted(told)[:SHOWN]:
+        say(visible(f"  {run}: {message}"), error=True)
+    if failed > SHOWN:
+        say("  ...", error=True)
+
+
+def _require_allowed(plan: "Plan", wishes: Wishes) -> None:
+    """Refuse code that scenarios name, unless it is wanted. Raises ScenarioError."""
+    if wishes.allow_code:
+        return
+    named = [_own(plan.base), *(_own(request.changes) for request in plan.requests)]
+    files = sorted({file for some in named for file in some})
+    if files:
+        what = "holds Python code, which runs with all your rights; look at it, then add --allow-code"
+        raise ScenarioError([f"{visible(file)}: {what}" for file in files])
+
+
+def _own(data: object) -> set[str]:
+    """Files of own algorithms that are named in a part of a scenario."""
+    if isinstance(data, dict):
+        here = {str(data["file"])} if data.get("kind") == "own" and data.get("file") else set()
+        return here.union(*map(_own, data.values()))
+    return set().union(*map(_own, data)) if isinstance(data, list | tuple) else set()

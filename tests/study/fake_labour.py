@@ -1,0 +1,107 @@
+"""What workers do in tests of campaigns, instead of simulating: it sleeps, fails, kills its process, as told.
+
+A request's `changes` say what it does: sleep [s], fail (a message), raise (a message), kills (how many times it kills
+the process that does it; marks lie in the study's folder), burn [s of CPU].
+"""
+
+import os
+import shutil
+import signal
+import time
+from pathlib import Path
+
+from taichi_plume.study.messages import AirRecord, Cost, Record, Request, Task
+
+
+def perform(task: Task) -> list[Record]:
+    return [run(task, request) for request in task.requests]
+
+
+def run(task: Task, request: Request) -> Record:
+    begun, clock = time.time(), time.perf_counter()
+    told = task.base | request.changes
+    mark(task, request)
+    if deaths(task, request) <= told.get("kills", 0):
+        os.kill(os.getpid(), signal.SIGKILL)
+    if told.get("raise"):
+        raise ValueError(told["raise"])
+    if task.film is not None:
+        assert (task.film / "whole").exists()
+    time.sleep(told.get("sleep", 0.0))
+    until = time.process_time() + told.get("burn", 0.0)
+    while time.process_time() < until:
+        pass
+    simulated = time.perf_counter() - clock
+    who = {"run": request.run, "point": request.point, "air": request.air, "air_seed": request.air_seed}
+    row = who | {
+        "seed": request.seed,
+        **request.values,
+        "group": "robots",
+        "algorithm": "casting",
+        "trial": 0,
+    }
+    row |= {
+        "searched": True,
+        "success": request.number % 3 > 0,
+        "found": 1,
+        "time_s": 1 / (1 + request.number),
+    }
+    if told.get("fail"):
+        return Record(
+            request.run,
+            "failed",
+            told["fail"],
+            [],
+            {},
+            Cost(begun, time.perf_counter() - clock, 0.0, 0, worker()),
+        )
+    cost = Cost(begun, time.perf_counter() - clock, simulated, 0, worker())
+    return Record(request.run, "completed", "", [row], {"number": request.number / 7}, cost)
+
+
+def worker() -> str:
+    return str(os.getpid())
+
+
+def mark(task: Task, request: Request) -> None:
+    """A line for each time that a run was begun."""
+    with (task.options.out / "begun.txt").open("a") as file:
+        file.write(f"{request.run} {os.getpid()} {len(task.requests)}\n")
+
+
+def deaths(task: Task, request: Request) -> int:
+    text = (task.options.out / "begun.txt").read_text()
+    return sum(line.startswith(request.run) for line in text.splitlines())
+
+
+def solve_air(task: Task) -> AirRecord:
+    told, air = task.base, task.requests[0].air
+    with (task.options.out / "airs.txt").open("a") as file:
+        file.write(f"{air} {len(task.requests)}\n")
+    time.sleep(told.get("solve", 0.0))
+    if air in told.get("bad_airs", ()):
+        return AirRecord(air, 0.1, 0, 0, "unstable at t = 1 s")
+    assert task.film is not None
+    films = [one for one in task.film.parent.glob("*.zarr")]
+    with (task.options.out / "films.txt").open("a") as file:
+        file.write(f"{len(films)}\n")
+    fresh = task.film.with_suffix(".new")
+    fresh.mkdir()
+    (fresh / "whole").touch()
+    fresh.rename(task.film)
+    return AirRecord(air, told.get("solve", 0.0), 10, 100)
+
+
+def scenario_of(base: dict, changes: dict) -> dict:
+    return base | changes
+
+
+def why_not(scenario: dict, outcomes: dict, share: str, keep: tuple = ()) -> str | None:
+    return None if scenario.get("shared") else "nothing is solved for"
+
+
+def leave_failed(task: Task, request: Request, scenario: dict, message: str) -> None:
+    folder: Path = task.options.out / "failed" / request.run
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    (folder / "message.txt").write_text(message)

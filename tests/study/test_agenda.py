@@ -1,0 +1,161 @@
+"""What workers do next: nothing is lost, nothing twice, structures stay with their workers, films are few."""
+
+import random
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from taichi_plume.study.agenda import DEATHS, MOST_RUNS, TARGET_S, Agenda, Job
+from taichi_plume.study.messages import Request
+
+
+def request(n: int, air: str = "a", structure: str = "s") -> Request:
+    return Request(f"{n:016x}", n, n, {}, 0, 0, air, True, {}, structure)
+
+
+def nowhere(air: str) -> Path:
+    return Path(f"/nowhere/{air}.zarr")
+
+
+def requests(airs: int, structures: int, each: int) -> list[Request]:
+    pairs = [(a, s) for a in range(airs) for s in range(structures) for _ in range(each)]
+    return [request(n, f"air{a}", f"s{s}") for n, (a, s) in enumerate(pairs)]
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_each_run_is_done_once_whatever_happens(seed):
+    """Workers die, bring half of a task home, airs fail, at random."""
+    chance = random.Random(seed)
+    asked = requests(5, 3, 7)
+    shared = {f"air{n}" for n in range(3)}
+    agenda = Agenda(asked, shared, nowhere, most_films=2)
+    over: Counter[str] = Counter()
+    given: list[Job] = []
+    removed = []
+
+    def finish(one: Request):
+        over[one.run] += 1
+        gone = agenda.done(one)
+        if gone:
+            removed.append(gone)
+
+    for _ in range(5000):
+        job = agenda.suspects.popleft() if agenda.suspects else agenda.next(chance.choice(["s0", "s1"]), 4)
+        if job:
+            assert job.solve or job.film is None or job.air in agenda.filmed
+            given.append(job)
+        assert len(agenda.filmed | agenda.solving) <= 2
+        if not given:
+            break
+        job = given.pop(chance.randrange(len(given)))
+        if chance.random() < 0.2:
+            blamed = agenda.killed(job, chance.choice([1, DEATHS + 1]))
+            assert not blamed or (job.alone and len(job.requests) == 1)
+            if blamed and job.solve:
+                for one in agenda.without(job.air):
+                    finish(one)
+            elif blamed:
+                finish(job.requests[0])
+        elif job.solve:
+            agenda.solved(job.air)
+        else:
+            done = chance.randint(1, len(job.requests))
+            for one in job.requests[:done]:
+                agenda.took(one.structure, chance.random())
+                finish(one)
+            agenda.again(job, job.requests[done:])
+    assert over == {one.run: 1 for one in asked}
+    assert set(removed) <= shared
+    assert not agenda.left
+    assert not agenda.filmed
+
+
+def test_a_worker_keeps_its_structure():
+    """Two workers share three structures with no more than four changes between them."""
+    agenda = Agenda(requests(4, 3, 20), set(), nowhere, 2)
+    has = {0: "", 1: ""}
+    changes = 0
+    while job := agenda.next(has[0], 2):
+        changes += job.structure != has[0]
+        has[0], has[1] = has[1], job.structure
+        agenda.took(job.structure, 1.0)
+    assert changes <= 4
+
+
+def test_tasks_take_their_time():
+    agenda = Agenda(requests(1, 1, 5000), set(), nowhere, 2)
+    first = agenda.next("", 2)
+    assert first
+    assert len(first.requests) == 1
+    assert first.expected_s is None
+    agenda.took("s0", 0.02)
+    second = agenda.next("s0", 2)
+    assert second
+    assert len(second.requests) == round(TARGET_S / 0.02)
+    assert second.expected_s == pytest.approx(TARGET_S)
+    many = agenda.next("s0", 1000)  # who would wait for the scheduler with tasks of 4 s
+    assert many
+    assert len(many.requests) == 3  # but no worker gets so much that others have nothing
+    agenda.took("s0", 0.0)
+    agenda.took("s0", 0.0)
+    cheap = agenda.next("s0", 2)
+    assert cheap
+    assert len(cheap.requests) == MOST_RUNS
+
+
+def test_all_end_at_the_same_time():
+    agenda = Agenda(requests(1, 1, 101), set(), nowhere, 2)
+    agenda.next("", 2)
+    agenda.took("s0", 0.02)
+    sizes = []
+    while job := agenda.next("s0", 2):
+        sizes.append(len(job.requests))
+    assert sum(sizes) == 100
+    assert sizes[0] == 25
+    assert sizes[-1] == 1
+
+
+def test_airs_come_before_runs_that_need_none(tmp_path):
+    """And a film that is there already is played at once."""
+    (tmp_path / "air1.zarr").mkdir()
+    agenda = Agenda(requests(4, 1, 2), {"air0", "air1", "air2"}, lambda air: tmp_path / f"{air}.zarr", 2)
+    kinds = []
+    for _ in range(6):
+        job = agenda.next("", 2)
+        kinds.append((job.solve, job.air) if job else None)
+    assert kinds[:5] == [
+        (False, "air1"), (False, "air1"), (True, "air0"), (False, "air3"), (False, "air3"),
+    ]  # fmt: skip
+    assert kinds[5] is None  # two films at a time: air2 waits
+    for one in requests(4, 1, 2)[2:4]:
+        gone = agenda.done(one)
+    assert gone == "air1"
+    job = agenda.next("", 2)
+    assert job
+    assert (job.solve, job.air) == (True, "air2")
+
+
+def test_a_full_disk_keeps_airs_waiting():
+    room = [False]
+    agenda = Agenda(requests(2, 1, 2), {"air0", "air1"}, nowhere, 2, lambda: room[0])
+    assert agenda.next("", 2) is None
+    room[0] = True
+    assert agenda.next("", 2).solve
+
+
+def test_who_is_to_blame():
+    """A task of four, whose third run kills: it is found, and nothing else is blamed."""
+    agenda = Agenda(requests(1, 1, 4), set(), nowhere, 2)
+    agenda.took("s0", 0.01)
+    agenda.suspects.append(Job(tuple(agenda.next("s0", 1).requests) + tuple(agenda.next("s0", 1).requests)))
+    killer = agenda.suspects[0].requests[-1]
+    blamed, deaths = [], 0
+    while agenda.suspects:
+        job = agenda.suspects.popleft()
+        if killer in job.requests:
+            deaths += 1
+            if agenda.killed(job, 1):
+                blamed.append(job.requests[0])
+    assert blamed == [killer]
+    assert deaths == 2 * DEATHS

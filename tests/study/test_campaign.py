@@ -1,0 +1,459 @@
+"""Campaigns with workers of Dask whose runs are of no substance: what is killed, what is lost, what is left."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from contextlib import contextmanager, suppress
+from itertools import pairwise
+from pathlib import Path
+
+import psutil
+import pytest
+
+from taichi_plume.study.store import Store
+
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(os.name == "nt", reason="POSIX signals")]
+HERE = Path(__file__).parent
+PATHS = [str(HERE.parents[1]), str(HERE)]
+ENVIRONMENT = os.environ | {"PYTHONPATH": os.pathsep.join(PATHS)}
+ENOUGH = 60.0  # s, for anything
+
+
+def command(out: Path, told: dict, *options: str) -> list[str]:
+    return [sys.executable, str(HERE / "fake_study.py"), str(out), json.dumps(told), *options]
+
+
+def start(out: Path, told: dict, *options: str, **more) -> "subprocess.Popen[str]":
+    """In a process group of its own, as a shell does."""
+    return subprocess.Popen(
+        command(out, told, *options),
+        env=ENVIRONMENT | more.pop("env", {}),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        **more,
+    )
+
+
+def finish(process: "subprocess.Popen[str]") -> tuple[int, str]:
+    """Exit code, and all that was printed."""
+    told = "".join(process.communicate(timeout=2 * ENOUGH))
+    assert "Traceback" not in told, told
+    assert "distributed" not in told, told
+    return process.returncode, told
+
+
+def study(out: Path, told: dict, *options: str) -> tuple[int, str]:
+    return finish(start(out, told, *options))
+
+
+def until(true, what: str = "it"):
+    """Wait for it."""
+    end = time.monotonic() + ENOUGH
+    while not (found := true()):
+        assert time.monotonic() < end, f"waited for {what}"
+        time.sleep(0.02)
+    return found
+
+
+def parts(out: Path) -> int:
+    return len(list(out.glob("parts/*.parquet")))
+
+
+def workers(process: "subprocess.Popen[str]", out: Path) -> list[psutil.Process]:
+    """Those that have begun runs and are alive."""
+    with suppress(OSError):
+        pids = {int(line.split()[1]) for line in (out / "begun.txt").read_text().splitlines()}
+        return [one for one in psutil.Process(process.pid).children(recursive=True) if one.pid in pids]
+    return []
+
+
+def left(group: int) -> list[psutil.Process]:
+    """What runs in a process group."""
+    found = []
+    for one in psutil.process_iter():
+        with suppress(OSError, psutil.Error):
+            if os.getpgid(one.pid) == group and one.status() != psutil.STATUS_ZOMBIE:
+                found.append(one)
+    return found
+
+
+@pytest.fixture(scope="module")
+def unbroken(tmp_path_factory) -> str:
+    """The table of 60 runs that nothing disturbed."""
+    out = tmp_path_factory.mktemp("unbroken") / "out"
+    assert study(out, {"runs": 60}, "--workers=2")[0] == 0
+    return (out / "table.txt").read_text()
+
+
+def test_killed_and_resumed(tmp_path, unbroken):
+    """SIGKILL to a worker, then to the scheduler's process, then Ctrl-C: each run is there once, and all as it was."""
+    out = tmp_path / "out"
+    told = {"runs": 60, "structures": 3, "base": {"sleep": 0.2}}
+    first = start(out, told, "--workers=2")
+    until(lambda: parts(out) >= 2, "results")
+    victim = workers(first, out)[0]
+    victim.kill()
+    before = parts(out)
+    until(lambda: parts(out) >= before + 3, "more after a worker was killed")
+    assert any(one.pid != victim.pid for one in workers(first, out))
+    first.kill()
+    first.communicate()
+    until(lambda: not left(first.pid), "the workers of a killed command to end")
+    kept = Store(out).statuses()
+    assert 0 < len(kept) < 60
+
+    second = start(out, told, "--workers=2")
+    before = parts(out)
+    until(lambda: parts(out) > before, "results")
+    os.killpg(second.pid, signal.SIGINT)
+    code, said = finish(second)
+    assert code == 130
+    assert "go" in said
+    until(lambda: not left(second.pid), "its processes to end")
+    assert not (out / ".dask").exists()
+    assert kept.keys() < Store(out).statuses().keys()
+    assert len((out / "table.txt").read_text().splitlines()) == len(Store(out).statuses()) < 60
+
+    code, said = study(out, told, "--workers=2")
+    assert code == 0, said
+    assert (out / "table.txt").read_text() == unbroken
+    runs = Counter(one.run for one in Store(out).records())
+    assert runs == {f"{n:016x}": 1 for n in range(60)}
+    begun = Counter(line.split()[0] for line in (out / "begun.txt").read_text().splitlines())
+    assert sum(begun.values()) < 60 + 3 * 2 * 25  # only what was under way was lost
+
+
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
+def test_other_signals(tmp_path, name):
+    process = start(tmp_path / "out", {"runs": 40, "base": {"sleep": 0.2}}, "--workers=2")
+    until(lambda: parts(tmp_path / "out") >= 2)
+    process.send_signal(getattr(signal, name))
+    code, _ = finish(process)
+    assert code == 130
+    assert (tmp_path / "out" / "table.txt").exists()
+    until(lambda: not left(process.pid), "its processes to end")
+
+
+def test_a_second_one_ends_at_once(tmp_path):
+    """While tables are written."""
+    process = start(tmp_path / "out", {"runs": 40, "base": {"sleep": 0.2}}, "--workers=1")
+    until(lambda: parts(tmp_path / "out") >= 2)
+    for _ in range(2):
+        os.killpg(process.pid, signal.SIGINT)
+        time.sleep(0.03)
+    assert finish(process)[0] == 130
+    until(lambda: not left(process.pid), "its processes to end")
+
+
+def test_interrupted_before_the_first_run(tmp_path):
+    process = start(tmp_path / "out", {"runs": 4, "base": {"sleep": 5}}, "--workers=1")
+    until(lambda: (tmp_path / "out" / "plan.parquet").exists())
+    time.sleep(0.3)
+    os.killpg(process.pid, signal.SIGINT)
+    assert finish(process)[0] == 130
+    until(lambda: not left(process.pid), "its processes to end")
+
+
+def test_failures_are_told_and_retried(tmp_path):
+    """Also those of runs that kill their workers: they alone are blamed, not those beside them."""
+    out = tmp_path / "out"
+    changes = {"7": {"kills": 99}, "20": {"fail": "it burst"}, "21": {"raise": "odd"}, "30": {"kills": 1}}
+    told = {"runs": 40, "base": {"sleep": 0.01}, "changes": changes}
+    code, said = study(out, told, "--workers=2")
+    assert code == 1
+    assert "3 runs have failed" in said
+    assert "37 of 40 runs are done" in said
+    messages = {one.run[-2:]: one.message for one in Store(out).records() if one.status == "failed"}
+    assert messages == {
+        "07": "killed its worker 3 times: too little memory?", "14": "it burst", "15": "ValueError: odd"
+    }  # fmt: skip
+    for line in messages.values():
+        assert line in said
+    assert (out / "failed" / f"{7:016x}" / "message.txt").read_text() == messages["07"]
+    begun = (out / "begun.txt").read_text()
+
+    code, said = study(out, told, "--workers=2")
+    assert code == 1
+    assert "3 runs have failed" in said
+    assert (out / "begun.txt").read_text() == begun
+
+    code, said = study(out, told | {"changes": {}}, "--workers=2", "--retry")
+    assert code == 0, said
+    assert set(Store(out).statuses().values()) == {"completed"}
+    assert len((out / "table.txt").read_text().splitlines()) == 40
+
+
+def test_airs_are_filmed_once_and_films_go(tmp_path, unbroken):
+    """Six airs, one of which cannot be solved; films at a time are no more than workers and one."""
+    out = tmp_path / "out"
+    base = {"shared": True, "solve": 0.3, "sleep": 0.02, "bad_airs": ["0004"]}
+    code, said = study(out, {"runs": 60, "airs": 6, "structures": 2, "base": base}, "--workers=2")
+    assert code == 1
+    assert "10 runs have failed" in said
+    assert "its air: unstable at t = 1 s" in said
+    assert sorted((out / "airs.txt").read_text().splitlines()) == [f"{n:04x} 10" for n in range(6)]
+    assert max(map(int, (out / "films.txt").read_text().split())) <= 2  # others, when one was begun
+    assert not list((out / "airs").glob("*.zarr"))
+    figures = json.loads((out / "figures.json").read_text())
+    assert len(figures["airs"]) == 6
+    assert figures["campaign"]["airs"] == 6
+    code, _ = study(
+        out,
+        {"runs": 60, "airs": 6, "structures": 2, "base": base | {"bad_airs": []}},
+        "--retry",
+        "--workers=2",
+    )
+    assert code == 0
+    plain = [json.loads(line)[:3] for line in unbroken.splitlines()]
+    assert [json.loads(line)[:3] for line in (out / "table.txt").read_text().splitlines()] == plain
+
+
+def test_a_worker_is_killed_while_it_solves(tmp_path):
+    out = tmp_path / "out"
+    told = {"runs": 20, "airs": 2, "base": {"shared": True, "solve": 3.0}}
+    process = start(out, told, "--workers=2")
+    until(lambda: (out / "airs.txt").exists())
+    for one in psutil.Process(process.pid).children(recursive=True):
+        if "resource_tracker" not in " ".join(one.cmdline()):
+            one.kill()
+    assert finish(process)[0] == 0
+    assert len((out / "airs.txt").read_text().splitlines()) >= 4
+    assert len(Store(out).statuses()) == 20
+
+
+def test_one_command_at_a_time(tmp_path):
+    out = tmp_path / "out"
+    process = start(out, {"runs": 20, "base": {"sleep": 0.5}}, "--workers=1")
+    until(lambda: parts(out) >= 1)
+    second = subprocess.run(
+        command(out, {"runs": 20}), env=ENVIRONMENT, capture_output=True, text=True, timeout=ENOUGH
+    )
+    assert "another study is running there" in second.stderr
+    os.killpg(process.pid, signal.SIGTERM)
+    finish(process)
+
+
+# ---------------------------------------------------------------- a cluster of others
+
+
+@contextmanager
+def cluster(folder: Path, count: int = 2, *options: str, path: list[str] | None = None):
+    """A scheduler and workers, started by hand; yields its address and all processes, the scheduler first."""
+    address = folder / "scheduler.json"
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(PATHS if path is None else path)}
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": environment, "cwd": folder}
+    loopback = ["--host", "127.0.0.1", "--no-dashboard"]
+    dask = [sys.executable, "-m", "distributed.cli.dask_"]
+    line = [*dask[:2], dask[2] + "scheduler", *loopback, "--port", "0", "--scheduler-file", str(address)]
+    processes = [subprocess.Popen(line, **quiet)]
+    try:
+        until(address.exists, "the scheduler")
+        where = until(lambda: read(address), "its address")["address"]
+        line = [*dask[:2], dask[2] + "worker", where, *loopback, "--nthreads", "1", *options]
+        processes += [subprocess.Popen(line, **quiet) for _ in range(count)]
+        yield where, processes
+    finally:
+        for one in processes[::-1]:
+            with suppress(psutil.Error):
+                for child in psutil.Process(one.pid).children(recursive=True):
+                    child.kill()
+            one.kill()
+            one.wait()
+
+
+def read(path: Path) -> dict:
+    try:
+        return json.loads(path.read_text())
+    except ValueError:  # half of it is there
+        return {}
+
+
+def test_a_scheduler_started_by_hand(tmp_path, unbroken):
+    out = tmp_path / "out"
+    with cluster(tmp_path) as (address, processes):
+        code, said = study(out, {"runs": 60, "base": {"sleep": 0.05}}, f"--scheduler={address}")
+        assert code == 0, said
+        assert "by 2 workers" in said
+        assert all(one.poll() is None for one in processes)  # they are not ours to end
+    assert (out / "table.txt").read_text() == unbroken
+
+
+def test_its_workers_come_late_and_die(tmp_path, unbroken):
+    """One of them is killed by a run four times, as Dask's own rule has it: that run is blamed."""
+    out = tmp_path / "out"
+    told = {"runs": 60, "base": {"sleep": 0.02}, "changes": {"33": {"kills": 99}, "5": {"kills": 2}}}
+    with cluster(tmp_path, 0) as (address, _):
+        process = start(out, told, f"--scheduler={address}")
+        until(lambda: (out / "plan.parquet").exists())
+        time.sleep(3)
+        assert parts(out) == 0
+        with cluster_worker(tmp_path, address), cluster_worker(tmp_path, address):
+            code, said = finish(process)
+    assert "no workers yet; one is started by: dask worker tcp://127.0.0.1" in said
+    assert code == 1
+    assert "1 run has failed" in said
+    lines = [line for line in unbroken.splitlines() if f"{33:016x}" not in line]
+    assert [line for line in (out / "table.txt").read_text().splitlines() if "killed" not in line] == lines
+
+
+@contextmanager
+def cluster_worker(folder: Path, address: str):
+    line = [
+        sys.executable,
+        "-m",
+        "distributed.cli.dask_worker",
+        address,
+        "--host",
+        "127.0.0.1",
+        "--nthreads",
+        "1",
+    ]
+    process = subprocess.Popen(
+        [*line, "--no-dashboard"],
+        env=ENVIRONMENT,
+        cwd=folder,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        yield
+    finally:
+        with suppress(psutil.Error):
+            for child in psutil.Process(process.pid).children(recursive=True):
+                child.kill()
+        process.kill()
+        process.wait()
+
+
+def test_the_scheduler_dies(tmp_path, unbroken):
+    out = tmp_path / "out"
+    told = {"runs": 60, "base": {"sleep": 0.2}}
+    with cluster(tmp_path) as (address, processes):
+        process = start(out, told, f"--scheduler={address}")
+        until(lambda: parts(out) >= 3)
+        processes[0].kill()
+        code, said = finish(process)
+    assert code == 1
+    assert "the scheduler is gone" in said
+    assert "the same command goes on" in said
+    assert 0 < len(Store(out).statuses()) < 60
+    assert study(out, told, "--workers=2")[0] == 0
+    assert (out / "table.txt").read_text() == unbroken
+
+
+def test_workers_of_no_use(tmp_path):
+    """They have no taichi_plume."""
+    with cluster(tmp_path, 1, path=[]) as (address, _):
+        code, said = study(tmp_path / "out", {"runs": 3}, f"--scheduler={address}")
+    assert code == 2
+    assert "has no taichi_plume" in said
+    assert len([line for line in said.splitlines() if line]) == 2  # and the one that says where results go
+
+
+def test_workers_with_several_threads(tmp_path):
+    """Taichi is used by one at a time: they take turns, and the user is told."""
+    with cluster(tmp_path, 1, "--nthreads", "4") as (address, _):
+        code, said = study(tmp_path / "out", {"runs": 12, "base": {"sleep": 0.05}}, f"--scheduler={address}")
+    assert code == 0
+    assert "start them with --nthreads 1" in said
+    times = sorted(
+        (one.cost.begun, one.cost.begun + one.cost.total_s) for one in Store(tmp_path / "out").records()
+    )
+    assert all(end <= begin + 0.01 for (_, end), (begin, _) in pairwise(times))
+
+
+@pytest.mark.parametrize(
+    "address",
+    [
+        "tcp://127.0.0.1:9",
+        "nonsense",
+        "tcp://",
+        "127.0.0.1",
+        "foo://127.0.0.1:1",
+        "tcp://nowhere.invalid:8786",
+    ],
+)
+def test_no_scheduler_there(tmp_path, address):
+    begun = time.monotonic()
+    code, said = study(tmp_path / "out", {"runs": 3}, f"--scheduler={address}")
+    assert time.monotonic() - begun < 40
+    assert code == 2
+    (line,) = [one for one in said.splitlines() if "runs; into" not in one]
+    assert line.startswith(f"--scheduler {address}: no Dask scheduler there")
+
+
+def test_something_else_there(tmp_path):
+    server = [sys.executable, "-m", "http.server", "0", "--bind", "127.0.0.1"]
+    with subprocess.Popen(
+        server,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        env=ENVIRONMENT | {"PYTHONUNBUFFERED": "1"},
+    ) as process:
+        try:
+            assert process.stdout
+            port = process.stdout.readline().split("port ")[1].split()[0]
+            code, said = study(tmp_path / "out", {"runs": 3}, f"--scheduler=tcp://127.0.0.1:{port}")
+        finally:
+            process.kill()
+    assert code == 2
+    assert "no Dask scheduler there" in said
+
+
+def test_a_worker_is_no_scheduler(tmp_path):
+    with cluster(tmp_path, 1) as (_, processes):
+        found = psutil.Process(processes[1].pid)
+        ports = until(
+            lambda: [
+                one.laddr.port
+                for process in [found, *found.children()]
+                for one in process.net_connections()
+                if one.status == psutil.CONN_LISTEN
+            ]
+        )
+        code, said = study(tmp_path / "out", {"runs": 3}, f"--scheduler=tcp://127.0.0.1:{ports[0]}")
+    assert code == 2
+    assert "no Dask scheduler there" in said
+
+
+# ---------------------------------------------------------------- the network
+
+SPY = """
+import os, sys
+def hook(event, arguments):
+    if event in ("socket.connect", "socket.sendto", "socket.bind", "socket.getaddrinfo", "socket.gethostbyname"):
+        with open(os.environ["SPIED"], "a") as file:
+            file.write(f"{event} {arguments[-1] if event[7:11] != 'geta' else arguments[0]!r}\\n")
+sys.addaudithook(hook)
+"""
+
+
+def test_nothing_but_loopback(tmp_path):
+    """In the command and in its workers, each of which begins with a hook that sees what sockets do."""
+    (tmp_path / "sitecustomize.py").write_text(SPY)
+    environment = {
+        "PYTHONPATH": os.pathsep.join([str(tmp_path), *PATHS]),
+        "SPIED": str(tmp_path / "spied.txt"),
+    }
+    process = start(tmp_path / "out", {"runs": 20}, "--workers=2", env=environment)
+    assert finish(process)[0] == 0
+    told = (tmp_path / "spied.txt").read_text().splitlines()
+    assert len([line for line in told if line.startswith("socket.connect ('127.0.0.1'")]) >= 3
+    for line in told:
+        assert "127.0.0.1" in line or "'localhost'" in line or ".sock" in line, line
+
+
+def test_what_lies_in_the_working_folder_is_not_imported(tmp_path):
+    """By the command or its workers, under the names of modules that they import first."""
+    for name in ("socket", "random", "logging", "pickle", "tempfile", "yaml", "distributed", "taichi"):
+        (tmp_path / f"{name}.py").write_text("raise SystemExit('imported from the working folder')")
+    process = start(tmp_path / "out", {"runs": 4}, "--workers=1", cwd=tmp_path)
+    code, said = finish(process)
+    assert code == 0, said

@@ -1,0 +1,241 @@
+"""The folder of a study: whatever is killed, each run is there once, and whole."""
+
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from taichi_plume.study import store as module
+from taichi_plume.study.messages import AirRecord, Cost, Record
+from taichi_plume.study.store import Store, StoreError
+
+COST = Cost(1.5, 0.25, 0.125, 3, "tcp://127.0.0.1:1")
+
+
+def record(run="a" * 16, status="completed", message="", success=True, **values) -> Record:
+    who = {"run": run, "point": 3, "air": "f0", "air_seed": 7, "seed": 7, **values}
+    scores = {
+        "group": "robots", "algorithm": "casting", "searched": True, "found": 1, "path_m": 2.0, "overhead": 1.1,
+        "team_path_m": 2.5, "acquisitions": 4, "hits": 2, "bumps": 0, "final_distance_m": 0.1 + 0.2,
+        "time_with_failures_s": 12.25,
+    }  # fmt: skip
+    trials = [
+        who | scores | {"trial": k, "success": success, "time_s": 1 / 3 if k else None} for k in range(2)
+    ]
+    return Record(run, status, message, trials, {"correlation": 0.1, "none": None}, COST)
+
+
+@pytest.fixture
+def plan(tmp_path_factory, monkeypatch):
+    """A study of three runs, and a plan that is written down in a word."""
+    folder = tmp_path_factory.mktemp("case")
+    (folder / "study.yaml").write_text("base: arena.yaml\n")
+    (folder / "arena.yaml").write_text("name: arena\n")
+    tables = SimpleNamespace(write_plan=lambda to, _: (Path(to) / "plan.parquet").write_text("plan"))
+    monkeypatch.setitem(sys.modules, "taichi_plume.study.tables", tables)
+    monkeypatch.setattr("taichi_plume.study.tables", tables, raising=False)
+    requests = [SimpleNamespace(run=one * 16) for one in "abc"]
+    return SimpleNamespace(
+        file=folder / "study.yaml", study=SimpleNamespace(base="arena.yaml"), requests=requests
+    )
+
+
+def test_what_goes_in_comes_out_to_the_bit(tmp_path, plan):
+    records = [
+        record("a" * 16, speed=0.1 + 0.2, algorithm_of="casting", deep=True, count=3),
+        record("b" * 16, status="failed", message="it burst", speed=2, algorithm_of="none"),
+        Record("c" * 16, "stopped", "", [], {}, COST),
+    ]
+    with Store(tmp_path / "out") as store:
+        store.begin(plan)
+        store.add(records[:2])
+        store.add(records[2:])
+        store.add_air(AirRecord("f0", 12.5, 100, 1 << 40))
+    again = Store(tmp_path / "out")
+    found = list(again.records())
+    assert found == records
+    assert [type(row["speed"]) for one in found for row in one.trials] == [float, float, int, int]
+    assert again.statuses() == {"a" * 16: "completed", "b" * 16: "failed", "c" * 16: "stopped"}
+    assert again.air_records() == [AirRecord("f0", 12.5, 100, 1 << 40)]
+    assert (tmp_path / "out" / "base.yaml").read_text() == "name: arena\n"
+
+
+def test_the_last_one_done_counts(tmp_path, plan):
+    """Of a run that failed and was repeated, and of one that was done and failed when it was repeated."""
+    with Store(tmp_path) as store:
+        store.begin(plan)
+        store.add([record("a" * 16, "failed", "first"), record("b" * 16, "completed")])
+        store.add([record("a" * 16, "completed"), record("b" * 16, "failed", "later")])
+        store.add([record("c" * 16, "failed", "first")])
+        store.add([record("c" * 16, "failed", "second")])
+        told = {one.run[0]: (one.status, one.message) for one in store.records()}
+    assert told == {"a": ("completed", ""), "b": ("completed", ""), "c": ("failed", "second")}
+
+
+def test_it_goes_on_after_the_last_part(tmp_path, plan):
+    for run in "ab":
+        with Store(tmp_path) as store:
+            store.begin(plan)
+            store.add([record(run * 16)])
+    assert sorted(file.name for file in (tmp_path / "parts").iterdir()) == [
+        "000000.parquet",
+        "000001.parquet",
+    ]
+
+
+def test_another_studys_folder(tmp_path, plan):
+    with Store(tmp_path) as store:
+        store.begin(plan)
+        store.add([record("a" * 16), record("d" * 16)])
+        store.add([record("e" * 16)])
+        store.add([record("b" * 16)])
+    (tmp_path / "kept" / ("d" * 16)).mkdir(parents=True)
+    with pytest.raises(StoreError, match="holds 2 finished runs that this study does not ask for"):
+        Store(tmp_path).begin(plan)
+    assert len(Store(tmp_path).statuses()) == 4
+    with Store(tmp_path) as store:
+        store.begin(plan, force=True)
+        assert store.statuses() == {"a" * 16: "completed", "b" * 16: "completed"}
+        assert [one.run[0] for one in store.records()] == ["a", "b"]
+    assert not (tmp_path / "kept" / ("d" * 16)).exists()
+
+
+def test_a_folder_of_others_is_refused(tmp_path, plan):
+    (tmp_path / "thesis.tex").write_text("")
+    for force in (False, True):
+        with pytest.raises(StoreError, match=r"is not empty, and holds no study \(thesis.tex\)"):
+            Store(tmp_path).begin(plan, force)
+    with pytest.raises(StoreError, match="cannot be written to"):
+        Store(tmp_path / "thesis.tex").begin(plan)
+    with pytest.raises(StoreError, match="cannot be written to"):
+        Store(tmp_path / "\0").begin(plan)
+
+
+def test_one_at_a_time(tmp_path, plan):
+    with Store(tmp_path) as store:
+        store.begin(plan)
+        with pytest.raises(StoreError, match="another study is running there"):
+            Store(tmp_path).begin(plan)
+        store.add([record()])
+        assert Store(tmp_path).statuses() == {"a" * 16: "completed"}  # to be looked at all the same
+    with Store(tmp_path) as store:
+        store.begin(plan)
+
+
+def fault_of(folder: Path) -> str:
+    try:
+        list(Store(folder).records())
+    except StoreError as error:
+        return str(error)
+    return ""
+
+
+def test_damage_is_told_in_a_line(tmp_path, plan):
+    with Store(tmp_path) as store:
+        store.begin(plan)
+        store.add([record()])
+        store.add([record("b" * 16)])
+    part = tmp_path / "parts" / "000000.parquet"
+    whole = part.read_bytes()
+    unread = 0
+    for n in range(0, len(whole), 7):
+        part.write_bytes(whole[:n] + bytes([whole[n] ^ 0x41]) + whole[n + 1 :])
+        told = fault_of(tmp_path)
+        unread += told != ""
+        assert told.startswith(f"{part}: ") == (told != "")
+        assert "\n" not in told
+    assert unread > len(whole) / 7 / 2
+    part.write_bytes(b"")
+    with pytest.raises(StoreError, match="remove it"):
+        Store(tmp_path).begin(plan)
+    part.unlink()
+    os.mkfifo(part)
+    with pytest.raises(StoreError, match="is a pipe"):
+        Store(tmp_path).statuses()
+    part.unlink()
+    (tmp_path / "parts" / "mine.parquet").write_bytes(whole)
+    with pytest.raises(StoreError, match=r"mine\.parquet: was not written by a study; remove it"):
+        Store(tmp_path).statuses()
+    (tmp_path / "parts" / "mine.parquet").unlink()
+    assert Store(tmp_path).statuses() == {"b" * 16: "completed"}
+
+
+def test_a_full_disk_leaves_what_there_was(tmp_path, plan, monkeypatch):
+    with Store(tmp_path) as store:
+        store.begin(plan)
+        store.add([record()])
+        monkeypatch.setattr(module.disk.shutil, "disk_usage", lambda _: SimpleNamespace(free=1000))
+        with pytest.raises(OSError, match="the disk is full"):
+            store.add([record("b" * 16)])
+        monkeypatch.undo()
+
+        def full(*_):
+            raise OSError(28, "No space left on device")
+
+        monkeypatch.setattr(module.disk, "sync", full)
+        with pytest.raises(OSError, match="No space left"):
+            store.add([record("b" * 16)])
+        assert store.statuses() == {"a" * 16: "completed"}
+        assert [file.name for file in (tmp_path / "parts").iterdir()] == ["000000.parquet"]
+
+
+WRITES = """
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+sys.modules["taichi_plume.study.tables"] = SimpleNamespace(write_plan=lambda *_: None)
+import taichi_plume.study
+taichi_plume.study.tables = sys.modules["taichi_plume.study.tables"]
+from taichi_plume.study.store import Store
+from test_store import record
+folder, file = map(Path, sys.argv[1:])
+plan = SimpleNamespace(file=file, study=SimpleNamespace(base="arena.yaml"),
+                       requests=[SimpleNamespace(run=f"{n:016x}") for n in range(100000)])
+store = Store(folder)
+store.begin(plan)
+first = len(store.statuses())
+print(first, flush=True)
+for n in range(first, 100000):
+    store.add([record(f"{n:016x}")])
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="POSIX signals")
+def test_killed_at_any_moment(tmp_path, plan):
+    """Ten times, at different moments of writing: the runs that are there are whole, and follow one another."""
+    held = 0
+    path = os.pathsep.join([str(Path(module.__file__).parents[2]), str(Path(__file__).parent)])
+    for n in range(10):
+        process = subprocess.Popen(
+            [sys.executable, "-c", WRITES, str(tmp_path), str(plan.file)],
+            stdout=subprocess.PIPE,
+            text=True,
+            env=os.environ | {"PYTHONPATH": path},
+        )
+        assert process.stdout
+        assert int(process.stdout.readline()) == held
+        while len(list(tmp_path.glob("parts/*.parquet"))) <= held:
+            assert process.poll() is None
+        time.sleep(0.0137 * n)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        found = [one.run for one in Store(tmp_path).records()]
+        assert found == [f"{k:016x}" for k in range(len(found))]
+        assert len(found) > held
+        held = len(found)
+
+
+def test_spawned_readers(tmp_path, plan):
+    """Reading needs no lock and no plan: another process may look while runs are added."""
+    with Store(tmp_path) as store:
+        store.begin(plan)
+        store.add([record()])
+        with multiprocessing.get_context("spawn").Pool(1) as pool:
+            assert pool.apply(Store(tmp_path).statuses) == {"a" * 16: "completed"}
