@@ -56,7 +56,7 @@ class StudyAxis(Model):
     spacing: Literal["linear", "log"] = "linear"
     """How values lie in the range: at equal distances, or at equal ratios (log), as for rates and concentrations."""
     variants: Annotated[dict[str, dict[str, Any]], Field(min_length=1)] | None = None
-    """Several keys at once under a name: by each name, the values of the keys that it changes, such as
+    """Several keys at once under a name: by each name the keys that it changes, with their values. Such as
     {casting: {robots.0.algorithm: {kind: casting}}}."""
 
     @model_validator(mode="after")
@@ -119,8 +119,8 @@ class Study(Model):
     base: FileName
     """Path of the scenario that runs are made of, relative to the study's folder; it has to lie there or below."""
     kind: Literal["sweep", "sensitivity", "refinement"] = "sweep"
-    """What is asked: how results change along the axes (sweep), which axis matters how much (sensitivity, by Sobol
-    indices), or how results change with the size of the cells (refinement, with its observed order)."""
+    """What is asked. sweep: how results change along the axes; sensitivity: which axis matters how much, by Sobol
+    indices; refinement: how results change with the size of the cells, and of which order."""
     axes: Annotated[dict[str, StudyAxis], Field(min_length=1)]
     """What is varied, by the name of its column in the tables. All values of one axis are combined with all of the
     others."""
@@ -134,14 +134,15 @@ class Study(Model):
     searches: Annotated[int, Field(ge=1, le=100_000)] = 1
     """How many runs there are in each air, with other starts and noise of the robots."""
     outcomes: Annotated[dict[str, Annotated[str, Field(min_length=1)]], Field(default_factory=dict)]
-    """More columns for each run, by name: the path of a number in result.json, such as maps.0.correlation, or
-    probes.NAME.QUANTITY for its mean over time and points."""
+    """More columns for each run, by name: the path of a number in result.json, such as maps.0.correlation. With
+    probes.NAME.QUANTITY it is the mean of a probe over time and points."""
     keep: tuple[Annotated[str, Field(min_length=1)], ...] = ()
-    """Names of the files that are kept of each run, such as result.json, robots.parquet or report.html; unless named,
-    only the tables are."""
+    """Names of the files that are kept of each run, such as result.json or report.html. Unless named, only the tables
+    are kept."""
     share_air: Literal["exact", "always", "never"] = "exact"
-    """Whether runs in the same air have it solved once, and played to them: where they get the same to the bit
-    (exact), also where gas of puffs is then only known in the mean of the cells (always), or never."""
+    """Whether the air that runs have in common is solved once and played to them. exact: where that gives the same to
+    the bit; always: also where gas of puffs is then only known in the mean of the cells; never: each run solves its
+    own."""
 
     def faults(self) -> list[str]:
         """What is wrong with it beyond single keys: lines ``path: message``."""
