@@ -32,6 +32,7 @@ from taichi_plume.scenario.obstacles import Obstacle
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.simulation import Simulation
 from taichi_plume.solvers.bodies import MovingObstacle, Wake
+from taichi_plume.solvers.filmed import FilmedGas, FilmedWind, Reel
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.forces import Forces
 from taichi_plume.solvers.momentum import Weighing
@@ -62,13 +63,16 @@ def assemble(
     return build(prepared, algorithms)
 
 
-def build(prepared: Prepared, algorithms: Mapping[str, type] | None = None) -> Simulation:
+def build(
+    prepared: Prepared, algorithms: Mapping[str, type] | None = None, reel: Reel | None = None
+) -> Simulation:
     """The simulation of a checked scenario, at the begin of its warm-up; Taichi must have been started.
 
     Files of own algorithms have been executed, see own_code.
 
     algorithms: own classes by the name of the group that they drive (its algorithm is of kind own, see agents/own.py).
-    Raises ScenarioError where robots do not fit.
+    reel: holds a film of the air, which is shown instead of solving for what is in it. Raises ScenarioError where
+    robots do not fit.
     """
     scenario, resources = prepared
     grid, air = _box(scenario, resources)
@@ -83,9 +87,10 @@ def build(prepared: Prepared, algorithms: Mapping[str, type] | None = None) -> S
     weighing = [Weighing(scalar.q, 0.0) for scalar in scalars.values()]
     _weigh(weighing, scenario)
     context = Context(scenario, resources, grid, air, scalars, weighing, stirring.makers)
-    wind = _wind(context)
-    gas = Mixture([_gas(context, path, wind) for path, _ in scenario.gases])
-    begin_fields(scenario, resources, wind, gas.gases)
+    wind = _wind(context, reel)
+    gas = Mixture([_gas(context, path, wind, reel) for path, _ in scenario.gases])
+    if reel is None:
+        begin_fields(scenario, resources, wind, gas.gases)
     sensors = Sensors(swarm, grid.dim, scenario.tick, gas.species)
     driving = teams(swarm, scenario.tick, _own(scenario, resources, algorithms))
     extent, most = (grid.extent[0], grid.extent[1]), swarm.members.shape[1]
@@ -103,11 +108,12 @@ def build(prepared: Prepared, algorithms: Mapping[str, type] | None = None) -> S
         state.clear()
         _weigh(weighing, scenario)
         stirring.begin(scenario)
-        wind.begin(scenario.wind, t, scenario.seed)
+        wind.begin(scenario.wind, t, scenario.seed_of_air)
         for one, (_, model) in zip(gas.gases, scenario.gases, strict=True):
-            one.begin(model, t, scenario.seed)
+            one.begin(model, t, scenario.seed_of_air)
         gas.begin()
-        begin_fields(scenario, resources, wind, gas.gases)
+        if reel is None:
+            begin_fields(scenario, resources, wind, gas.gases)
         swarm.begin(scenario.robots, *starts, _places(scenario), scenario.seed, walkers)
         sensors.begin()
         for team in driving:
@@ -181,8 +187,10 @@ def _box(scenario: Scenario, resources: Resources) -> tuple[Grid, Air]:
     return grid, air_of(resources.standing, grid, opening_cells(openings, grid))
 
 
-def _wind(context: Context) -> Wind:
+def _wind(context: Context, reel: Reel | None) -> Wind:
     model = context.scenario.wind
+    if reel is not None and reel.wind:
+        return FilmedWind(reel, context.grid, context.begin[0])
     try:
         return WINDS[model.kind](model, context)
     except WindFileError as error:
@@ -193,9 +201,11 @@ def _wind(context: Context) -> Wind:
         raise ScenarioError([f"wind.{error}"]) from None
 
 
-def _gas(context: Context, path: str, wind: Wind) -> Gas:
+def _gas(context: Context, path: str, wind: Wind, reel: Reel | None) -> Gas:
     """The gas at a place in the scenario."""
     model = dict(context.scenario.gases)[path]
+    if reel is not None and path in reel.gases:
+        return FilmedGas(reel, reel.gases.index(path), model, context.grid, context.air, context.begin[0])
     try:
         return GASES[model.kind](model, path, context, wind)
     except ValueError as error:

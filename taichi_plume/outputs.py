@@ -3,7 +3,7 @@
 import errno
 import hashlib
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
@@ -49,7 +49,8 @@ class Writer(Protocol):
 class About(NamedTuple):
     """Where a run takes place: its directory, the device asked for and the one got, and the files it reads.
 
-    live: the address of a viewer that shows it meanwhile.
+    live: the address of a viewer that shows it meanwhile. files: names of the files that are wanted, with which no
+    checkpoints are made; None: all of them.
     """
 
     folder: Path
@@ -58,6 +59,11 @@ class About(NamedTuple):
     recording: bool
     inputs: Sequence[Path]
     live: str | None = None
+    files: Collection[str] | None = None
+
+    def wants(self, name: str) -> bool:
+        """Whether a file of that name is to be written."""
+        return self.files is None or name in self.files
 
 
 class Outputs:
@@ -86,21 +92,21 @@ class Outputs:
         self._begun = time.monotonic()
 
     def _tables(self) -> list[Writer]:
-        sim, folder, scenario = self.sim, self.about.folder, self.sim.scenario
+        sim, folder, scenario, wants = self.sim, self.about.folder, self.sim.scenario, self.about.wants
         tables: list[Any] = []
-        if sim.swarm.count:
+        if sim.swarm.count and wants("robots.parquet"):
             tables.append(robots_table.RobotTable(sim, folder / "robots.parquet"))
-        if sim.forces is not None:
+        if sim.forces is not None and wants("forces.csv"):
             tables.append(forces_table.ForceTable(sim, folder / "forces.csv"))
-        if scenario.probes is not None:
+        if scenario.probes is not None and wants("probes.parquet"):
             from taichi_plume.files.probes_table import ProbeTable
 
             tables.append(ProbeTable(sim, folder / "probes.parquet", scenario.probes))
-        if scenario.fields is not None:
+        if scenario.fields is not None and wants("fields.zarr"):
             from taichi_plume.files.filming import Filming
 
             tables.append(Filming(sim, folder / "fields.zarr", scenario.fields))
-        if scenario.plumesim_log is not None:
+        if scenario.plumesim_log is not None and wants("plume.pslog"):
             from taichi_plume.files.plumesim_log import PlumeLogger
 
             tables.append(PlumeLogger(sim, folder / "plume.pslog", scenario.plumesim_log))
@@ -110,7 +116,7 @@ class Outputs:
                 sim.step_observers.append(observer)
             else:
                 sim.observers.append(observer)
-        if sim.maps:
+        if sim.maps and wants("maps.zarr"):
             tables.append(maps_file.MapsFile(sim, folder / "maps.zarr", self.map_scores))
         return tables
 
@@ -126,7 +132,7 @@ class Outputs:
         """Ticks, or seconds of the clock, between checkpoints; None: none are due."""
         scenario = self.sim.scenario
         model = scenario.checkpoint
-        if model is None:
+        if model is None or self.about.files is not None:
             return None, None
         faults = [f"{path}: {fault}" for path, fault in _without_state(self.sim)]
         if faults and (model.wall or model.every):

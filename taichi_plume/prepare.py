@@ -105,6 +105,10 @@ class Prepared(NamedTuple):
     resources: Resources
 
 
+class StructureError(ScenarioError):
+    """A scenario of another structure than the one that a simulation was assembled from."""
+
+
 def load_scenario(path: str | Path, overrides: Sequence[str] = (), allow_outside: bool = False) -> Scenario:
     """The checked scenario of a YAML file with overrides such as ``robots.0.count=3``; no code of it is executed.
 
@@ -147,7 +151,7 @@ def checked(
 def again(prepared: Prepared, scenario: Scenario) -> Prepared:
     """Another scenario of the structure of the one that was prepared, with what its files hold.
 
-    Raises ScenarioError: where its structure is another one, or something of it is wrong.
+    Raises ScenarioError: StructureError where its structure is another one, else where something of it is wrong.
     """
     old, resources = prepared
     played = {path: gas for path, gas in scenario.gases if isinstance(gas, PlaybackGas)}
@@ -156,7 +160,7 @@ def again(prepared: Prepared, scenario: Scenario) -> Prepared:
     )
     faults = differences(old, other)
     if faults:
-        raise ScenarioError([f"{fault}; a reset keeps it, assemble anew" for fault in faults])
+        raise StructureError([f"{fault}; a reset keeps it, assemble anew" for fault in faults])
     found = replace(resources, scenario=other)
     faults = checks.misfits(other) or checks.problems(other, found)
     if faults:

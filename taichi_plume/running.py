@@ -77,7 +77,7 @@ def simulate(job: Job, quiet: bool = False, debug: bool = False) -> int:
         except BaseException as error:
             if debug:
                 say(traceback.format_exc(), error=True)
-            say(f"failed before the run began: {visible(_explain(error)[1])}", error=True)
+            say(f"failed before the run began: {visible(explain(error)[1])}", error=True)
             return 1
         end = _to_the_end(sim, outputs, ears, None if quiet else console, debug)
         with deaf():
@@ -134,7 +134,7 @@ def _to_the_end(sim: Simulation, outputs: Outputs, ears: Ears, console: Console 
     with deaf():
         for error in outputs.close():
             if not end.code:
-                end = End(*_explain(error), 1)
+                end = End(*explain(error), 1)
     return end
 
 
@@ -153,7 +153,12 @@ def _run(sim: Simulation, console: Console | None, debug: bool) -> End:
     except Exception as error:
         if debug:
             say(traceback.format_exc(), error=True)
-        return End(*_explain(error), 1)
+        return End(*explain(error), 1)
+    return whole(sim)
+
+
+def whole(sim: Simulation) -> End:
+    """How a run ended that nothing cut off."""
     if sim.tick < sim.last_tick:
         return End("stopped", f"every robot had found a source at t = {sim.t:.1f} s", 0)
     return End("completed", "", 0)
@@ -171,9 +176,9 @@ def _conclude(job: Job, sim: Simulation, outputs: Outputs, end: End) -> tuple[di
     try:
         content = result.result(sim, end.status, end.message, job.backend, outputs.map_scores)
     except Exception as error:  # a simulation too broken to tell
-        end = end if end.code else End(*_explain(error), 1)
+        end = end if end.code else End(*explain(error), 1)
         content = {"name": sim.scenario.name, "status": end.status, "message": end.message}
-        content |= {"seed": sim.scenario.seed}
+        content |= sim.scenario.seeds
     content |= {"remarks": job.prepared.resources.remarks + outputs.remarks}
     if not folder.is_dir():
         return content, end
@@ -183,7 +188,7 @@ def _conclude(job: Job, sim: Simulation, outputs: Outputs, end: End) -> tuple[di
             report(folder, job.prepared)
         outputs.seal(end.status)
     except OSError as error:
-        end = end if end.code else End(*_explain(error), 1)
+        end = end if end.code else End(*explain(error), 1)
         reason = visible(error.strerror or error)
         say(f"result.json or {manifest.NAME} could not be written: {reason}", error=True)
     return content, end
@@ -198,7 +203,7 @@ def report(folder: Path, prepared: Prepared | None = None) -> None:
         shapes = scene.all_shapes(prepared) if prepared else None
         page.write(Run.of(folder, shapes), tolerant=True)
     except Exception as error:  # of a picture: no reason to call a run a failure
-        say(visible(f"note: report.html could not be written: {_explain(error)[1]}"), error=True)
+        say(visible(f"note: report.html could not be written: {explain(error)[1]}"), error=True)
 
 
 def _tell_kept(folder: Path, end: End) -> None:
@@ -209,8 +214,8 @@ def _tell_kept(folder: Path, end: End) -> None:
         say(visible(f"to go on: {run_folder.resuming(folder)}", None), error=True)
 
 
-def _explain(error: BaseException) -> tuple[str, str]:
-    """Status and one line for an exception."""
+def explain(error: BaseException) -> tuple[str, str]:
+    """Status and one line for an exception that ended a run."""
     if isinstance(error, UnstableError):
         return "unstable", str(error)
     if isinstance(error, OwnAlgorithmError):

@@ -215,8 +215,10 @@ def trials_differ_by(group: Any, snapshot: dict[str, np.ndarray]) -> str | None:
     return "chance" if given and alike(np.asarray(snapshot["start"], float)) else "starts and chance"
 
 
-def no_search(sim: Simulation, group: Any) -> str | None:
-    """Why no robot of a group could find a source; None where one could."""
+def no_search(sim: Simulation, group: Any, success: Iterable[bool] = ()) -> str | None:
+    """Why no robot of a group could find a source; None where one could, or has, in a trial of those of `success`."""
+    if any(success):
+        return None
     on = begins(sim) < sim.t
     if sim.tick <= 0:
         return "the robots had not started"
@@ -225,6 +227,16 @@ def no_search(sim: Simulation, group: Any) -> str | None:
     if not on.any():
         return "none had started"
     return None if group.model.reach > 0 else "reach is 0"
+
+
+def end(sim: Simulation) -> float:
+    """For how long a trial lasted in which no source was found [s]."""
+    return sim.scenario.duration if sim.tick >= sim.last_tick else max(sim.t, 0.0)
+
+
+def source_places(sim: Simulation) -> np.ndarray:
+    """Of all sources on the floor, (m, 2) [m]."""
+    return np.array([source.position[:2] for _, source in sim.scenario.sources]).reshape(-1, 2)
 
 
 def begins(sim: Simulation) -> np.ndarray:

@@ -4,7 +4,7 @@ How blocks of a page are read, in README.md and docs/**/*.md:
 
 - ``yaml`` with a `domain` is a whole scenario. One that begins with "# part of a scenario" is put into a small one, in
   3-D where it says so; if it "needs your files", only its keys are checked. One that begins with "# wrong: PATH" is
-  put in likewise and must be refused, in the words of the ``text`` block that follows.
+  put in likewise and must be refused, in the words of the ``text`` block that follows. A file with `base` is a study.
 - a ``{code-block}`` with a `:caption:` is a file of that name, which the other blocks of the page find.
 - ``python`` blocks of a page are run one after the other, in a folder with those files; a ``pycon`` block is a doctest.
 - of lines ``python -m taichi_plume.NAME`` the options are looked up in its ``--help``.
@@ -30,6 +30,7 @@ import yaml
 
 from taichi_plume.prepare import load
 from taichi_plume.scenario.loading import ScenarioError
+from taichi_plume.study.plan import load_plan
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
@@ -158,6 +159,10 @@ def lay_files(folder: Path, page: Path) -> None:
 @pytest.mark.parametrize("block", of("yaml"))
 def test_scenarios_are_right(block, tmp_path):
     """Each is accepted, or refused as the page says."""
+    if re.search(r"^base:", block.text, re.MULTILINE):
+        lay_files(tmp_path, block.page)
+        assert load_plan(tmp_path / block.file, allow_outside=True).requests
+        return
     path = saved(tmp_path, block)
     first = block.text.partition("\n")[0]
     if first.startswith("# wrong: "):

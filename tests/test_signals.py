@@ -43,9 +43,10 @@ def started(tmp_path, monkeypatch):
 
 
 def allowing(function):
-    """`signal.signal`, to which Ctrl-C is never ignored: tests may run in the background."""
-    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-        function(signal.SIGINT, signal.default_int_handler)
+    """`signal.signal`, to which no signal is ignored: tests may run in the background, or under nohup."""
+    for number, usual in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
+        if signal.getsignal(number) is signal.SIG_IGN:
+            function(number, usual)
     return function
 
 

@@ -37,7 +37,7 @@ def begun(sim: Simulation, status: str, message: str, backend: str) -> dict[str,
         "name": sim.scenario.name,
         "status": status,
         "message": message,
-        "seed": sim.scenario.seed,
+        **sim.scenario.seeds,
         "backend": backend,
         "version": __version__,
         "wall_s": sim.wall_so_far,
@@ -84,15 +84,14 @@ def _groups(sim: Simulation) -> list[dict[str, Any]]:
         return []
     now = sim.swarm.snapshot()
     groups = []
-    sources = np.array([source.position[:2] for _, source in sim.scenario.sources]).reshape(-1, 2)
-    end = sim.scenario.duration if sim.tick >= sim.last_tick else max(sim.t, 0.0)
+    sources, end = scores.source_places(sim), scores.end(sim)
     for group in sim.swarm.groups:
         trials = scores.trial_outcomes(group, now, sources)
         times = [t for t, good in zip(trials["time_s"], trials["success"], strict=True) if good]
         paths = [p for p, good in zip(trials["path_m"], trials["success"], strict=True) if good]
         others = [] if sim.scenario.rivals else [one for one in sim.swarm.groups if one is not group]
         differ = scores.trials_differ_by(group, now)
-        no_search = None if times else scores.no_search(sim, group)
+        no_search = scores.no_search(sim, group, trials["success"])
         counted = trials if differ != "nothing" else {name: values[:1] for name, values in trials.items()}
         summary = scores.trial_summary(counted, end, searched=no_search is None)
         groups.append(

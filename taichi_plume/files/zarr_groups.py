@@ -43,20 +43,34 @@ def add(
     chunks: tuple[int, ...] | None = None,
 ) -> Any:
     """A new array of a group, with these values; in one chunk, unless told. What is not there is NaN, or 0."""
-    array = group.create_array(
+    array = reserve(group, name, dimensions, values.shape, attributes, chunks, values.dtype)
+    if values.size:
+        array[...] = values
+    return array
+
+
+def reserve(
+    group: zarr.Group,
+    name: str,
+    dimensions: tuple[str, ...],
+    shape: tuple[int, ...],
+    attributes: dict[str, Any],
+    chunks: tuple[int, ...] | None = None,
+    kind: Any = np.float32,
+) -> Any:
+    """A new array of a group, of that shape and kind of number, with nothing in it; else as `add`."""
+    kind = np.dtype(kind)
+    return group.create_array(
         name,
-        shape=values.shape,
-        chunks=chunks or tuple(max(1, n) for n in values.shape),
-        dtype=values.dtype,
-        fill_value=np.nan if values.dtype.kind == "f" else 0,
+        shape=shape,
+        chunks=chunks or tuple(max(1, n) for n in shape),
+        dtype=kind,
+        fill_value=np.nan if kind.kind == "f" else 0,
         dimension_names=dimensions,
         attributes=attributes,
         compressors=[BloscCodec(cname="zstd", clevel=3, shuffle="shuffle"), Crc32cCodec()],
         config={"write_empty_chunks": True},  # so that one that is missing is noticed
     )
-    if values.size:
-        array[...] = values
-    return array
 
 
 def consolidate(path: Path, group: str | None = None) -> None:

@@ -27,14 +27,17 @@ FEW_CELLS = 300_000  # set by a pass: up to here the caller's thread is done bef
 FEW_ROWS = 2000  # Taichi gives a CPU thread 512 iterations at least: with fewer rows, strips are tasks too
 
 
-def start(arch: str = "cpu", debug: bool = False) -> str:
+def start(arch: str = "cpu", debug: bool = False, threads: int | None = None) -> str:
     """Initialise Taichi on `arch` (auto, cpu, cuda, vulkan, metal) and return the backend it chose.
 
-    Raises RuntimeError where the machine has no such device.
+    threads: of a CPU; unless given, as many as it has cores. Raises RuntimeError where there is no such device.
     """
     backend = {"auto": ti.gpu, "cpu": ti.cpu, "cuda": ti.cuda, "vulkan": ti.vulkan, "metal": ti.metal}[arch]
     with contextlib.redirect_stdout(io.StringIO()):  # "[Taichi] Starting on arch=..."
-        checks = {"debug": True} if debug else {}  # unless told, Taichi's own TI_DEBUG decides
+        checks: dict[str, Any] = (
+            {"debug": True} if debug else {}
+        )  # unless told, Taichi's own TI_DEBUG decides
+        checks |= {} if threads is None else {"cpu_max_num_threads": threads}
         ti.init(
             arch=backend,
             default_fp=ti.f32,

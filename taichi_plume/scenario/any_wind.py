@@ -18,6 +18,9 @@ class AnyWind(Model):
     on_grid: ClassVar[bool] = True
     """Whether it is known everywhere on the grid, to carry gas and to be recorded."""
 
+    solved: ClassVar[bool] = False
+    """Whether it is computed from step to step, which takes time; else it is known beforehand."""
+
     @property
     def computed(self) -> "CfdWind | None":
         """Itself where it is a computed flow."""

@@ -41,6 +41,7 @@ class EulerianGas(OneGas):
 
     kind: Literal["eulerian"]
     on_grid: ClassVar[bool] = True
+    solved: ClassVar[bool] = True
     weighs: ClassVar[bool] = True
     convection: Convection = "koren"
     """Scheme that carries the gas. weno5 is of fifth order: it keeps filaments sharper on the same grid and costs
@@ -98,6 +99,7 @@ class PuffGas(OneGas):
     """
 
     kind: Literal["puffs"]
+    solved: ClassVar[bool] = True
     sources: Annotated[tuple[Source, ...], Field(min_length=1)]
     """Where puffs are released, at least one place; robots search for these."""
     release_rate: Frequency = 50.0

@@ -162,6 +162,8 @@ class OneGas(Model):
     """Whether the wind has to be known on the grid, to carry it."""
     weighs: ClassVar[bool] = False
     """Whether its weight can act on the air."""
+    solved: ClassVar[bool] = False
+    """Whether it is computed from step to step, which takes time; else it is known beforehand."""
     species: Literal["ethanol", "acetone"] | OtherSpecies = "ethanol"
     """Which vapour it is: ethanol, acetone, or the figures of another one. It decides what a kg is in ppm, how it
     diffuses and sinks."""

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from itertools import pairwise
 from math import hypot
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -42,6 +42,7 @@ class CfdWind(AnyWind):
     """Air flow computed on the grid by the incompressible Navier-Stokes equations."""
 
     kind: Literal["cfd"]
+    solved: ClassVar[bool] = True
     viscosity: Viscosity = 1.56e-5
     """Kinematic viscosity: the default is air at 25 °C."""
     turbulence: Eddies = Smagorinsky(kind="smagorinsky")

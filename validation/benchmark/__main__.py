@@ -3,12 +3,13 @@
     python -m taichi_plume.validation.benchmark [NAMES] [--pressure] [--json] [--arch ARCH] [--seconds S]
     python -m taichi_plume.validation.benchmark start CONFIG ...
     python -m taichi_plume.validation.benchmark clock [ROW ...]
+    python -m taichi_plume.validation.benchmark studies WHAT [CONFIG]
 
 A step is the flow with its eddy viscosity and one gas, as a run takes it; puffs, robots and maps are measured by
 themselves. With --pressure, only the pressure is solved, of cubes of N³ cells with obstacles: how its iterations grow
 with N. Every figure is a rate on a machine that may be shared: compare the ratios to the bandwidth, and rates of one
-run with each other. `start` measures something else, the first tick of a scenario, and `clock` what the
-user waits for, beside what is wanted: see start.py and clock.py.
+run with each other. `start` measures something else, the first tick of a scenario, `clock` what the user waits for,
+beside what is wanted, and `studies` what a worker of a study costs: see start.py, clock.py and studies.py.
 """
 
 import json
@@ -27,6 +28,13 @@ def _arena_puffs(count: int) -> puffs.PuffSolver:
     return puffs.in_arena(*arena((80, 60, 10), True), ARENA, count)
 
 
+def _studies(arguments: Sequence[str]) -> int:
+    from taichi_plume.validation.benchmark import studies  # it brings what workers need
+
+    return studies.main(arguments)
+
+
+OTHERS = {"start": start.main, "clock": clock.main, "studies": _studies}
 OTHER_CASES: dict[str, Callable[[str], Sequence[Any]]] = {
     "puffs_step": lambda arch: puffs.step("puffs_step", arch, _arena_puffs),
     "puffs_query": lambda arch: [
@@ -42,7 +50,7 @@ OTHER_CASES: dict[str, Callable[[str], Sequence[Any]]] = {
 def main(argv: list[str] | None = None) -> int:
     """Measure the named cases, or all of them."""
     arguments = sys.argv[1:] if argv is None else argv
-    other = {"start": start.main, "clock": clock.main}.get(arguments[0] if arguments else "")
+    other = OTHERS.get(arguments[0] if arguments else "")
     if other is not None:
         return other(arguments[1:])
     known = [*CASES, *OTHER_CASES]

@@ -1,0 +1,138 @@
+"""Wind and gas of an air that was solved before, as robots met it then: to the bit, at every tick and never between.
+
+A `Playback` is another thing: it plays a film at any time and rate, and gas can be dispersed on it.
+"""
+
+from typing import Any, Protocol
+
+import numpy as np
+import taichi as ti
+
+from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.fields import Gas, Wind, sample_cells, sample_faces
+from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.kernels import Template
+from taichi_plume.grid.transfer import uploader
+
+VELOCITIES = ("u", "v", "w")
+
+
+class Ticks(Protocol):
+    """What was filmed of an air: see files/air_film.py."""
+
+    shape: tuple[int, ...]
+    names: tuple[str, ...]
+    tick: float
+    frames: int
+
+    def frame(self, n: int) -> dict[str, np.ndarray]:
+        """The variables at tick n over the grid and one layer beyond, axes (x, y, z)."""
+        ...
+
+
+class Reel:
+    """Holds the film that is shown: a reset may be given another one before, of the same shape and variables.
+
+    wind: whether the wind is in it; gases: which of the scenario's gases are, by their places.
+    """
+
+    def __init__(self, wind: bool, gases: tuple[str, ...]):
+        self.wind, self.gases = wind, gases
+        self.film: Ticks | None = None
+
+    def put(self, film: Ticks, shape: tuple[int, ...], tick: float, ticks: int) -> None:
+        """Show this film from now on; shape, tick [s], ticks: of the run. Raises ValueError where it does not fit."""
+        wanted = {*(VELOCITIES[: len(shape)] if self.wind else ()), *map(variable, range(len(self.gases)))}
+        if tuple(film.shape) != tuple(shape) or film.tick != tick or set(film.names) != wanted:
+            raise ValueError("the film of the air is of another grid, tick, wind or gas")
+        if film.frames <= ticks:
+            raise ValueError(
+                f"the film of the air ends at t = {(film.frames - 1) * tick:g} s, before the run does"
+            )
+        self.film = film
+
+    def frame(self, t: float) -> dict[str, np.ndarray] | None:
+        """The frame of time t [s], the end of a tick; None before t = 0."""
+        assert self.film is not None
+        n = round(t / self.film.tick)
+        return self.film.frame(n) if n >= 0 else None
+
+
+def variable(n: int) -> str:
+    """Of the n-th of the gases that are filmed."""
+    return f"gas_{n}"
+
+
+@ti.data_oriented
+class FilmedWind(Wind):
+    """The velocities that a wind had at each tick. It carries nothing: that was filmed with it."""
+
+    STATE = ("u",)
+
+    def __init__(self, reel: Reel, grid: Grid, t: float):
+        """t: begin of the run [s]."""
+        self.reel, self.grid, self.dim = reel, grid, grid.dim
+        self.u = grid.faces_field()
+        uploader(*self.u)(*(0.0 for _ in self.u))
+        self.begin(None, t, 0)
+
+    def begin(self, model: Any, t: float, seed: int) -> None:
+        """Begin a run at time t [s]."""
+        self._show(t)
+
+    def advance(self, t: float, dt: float) -> None:
+        """Show the time t + dt."""
+        self._show(t + dt)
+
+    def _show(self, t: float) -> None:
+        frame = self.reel.frame(t)
+        if frame is not None:
+            for name, field in zip(VELOCITIES, self.u, strict=False):
+                self.grid.write(field, frame[name], 1)
+
+    @ti.func
+    def velocity(self, x: Template, t: float):
+        """Velocity [m/s] at point x [m], linear between the faces; the time is the film's own."""
+        return sample_faces(self.u, x, self.grid.dx, self.grid.ghost, self.grid.padded)
+
+
+@ti.data_oriented
+class FilmedGas(Gas):
+    """The concentration that a gas on the grid had at each tick."""
+
+    STATE = ("c",)
+    finer_than_cells = False
+
+    def __init__(self, reel: Reel, number: int, model: Any, grid: Grid, air: Air, t: float):
+        """number: of the gas among those filmed; t: begin of the run [s]."""
+        self.reel, self.name = reel, variable(number)
+        self.grid, self.dim = grid, grid.dim
+        # in trees of their own, as those of a solver: else LLVM adds up in another order, and the last bit may differ
+        self.air = grid.field()
+        uploader(self.air)(grid.pad(~air.solid))
+        self.c = grid.field()
+        uploader(self.c)(0.0)
+        self.begin(model, t, 0)
+
+    def begin(self, model: Any, t: float, seed: int) -> None:
+        """Begin a run at time t [s]."""
+        self.species = model.vapour
+        self._show(t)
+
+    def advance(self, t: float, dt: float) -> None:
+        """Show the time t + dt."""
+        self._show(t + dt)
+
+    def _show(self, t: float) -> None:
+        frame = self.reel.frame(t)
+        if frame is not None:
+            self.grid.write(self.c, frame[self.name], 1)
+
+    def cells(self, t: float) -> np.ndarray:
+        """Concentration of every cell [kg/m³], of the grid's shape; the time is the film's own."""
+        return self.grid.read(self.c)
+
+    @ti.func
+    def concentration(self, x: Template, t: float):
+        """Concentration [kg/m³] at point x [m], linear between the centres of cells that hold air."""
+        return sample_cells(self.c, self.air, x, self.grid.dx, self.grid.ghost, self.grid.padded)

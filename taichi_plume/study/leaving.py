@@ -1,0 +1,103 @@
+"""The files that a study keeps of a run: those that are asked for, and the scenario of one that has failed."""
+
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from taichi_plume.files import run_folder
+from taichi_plume.files.result import result, write_result
+from taichi_plume.outputs import About, Outputs
+from taichi_plume.running import End, report, whole
+from taichi_plume.scenario.input_files import input_paths
+from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.signals import Ears
+from taichi_plume.study.messages import Request, Task
+from taichi_plume.study.warm import Kept
+
+KEPT, FAILED = "kept", "failed"
+ALWAYS = ("scenario.yaml", "result.json")  # of a run that is kept
+PLAYED = "wind and gas were played from a film of the study: nothing is told of flow, gas budget and forces"
+Told = tuple[End, dict[str, Any], Path | None]
+"""How a run ended, its result, and its table of probes."""
+
+
+@contextmanager
+def run_with_files(one: Kept, task: Task, request: Request, backend: str) -> Iterator[Told]:
+    """Run with a run folder, which keeps what the study wants of it, once the context is left, and takes its name.
+
+    Raises what the run raises; nothing is left then, nor where the study keeps nothing.
+    """
+    keep = set(task.options.keep)
+    final = task.options.out / KEPT / request.run
+    final.parent.mkdir(parents=True, exist_ok=True)
+    for left in final.parent.glob(f"{request.run}.*"):  # by a worker that was killed
+        shutil.rmtree(left, ignore_errors=True)
+    folder = Path(tempfile.mkdtemp(prefix=f"{request.run}.", dir=final.parent))
+    try:
+        folder.chmod(0o755)
+        files: set[str] = {*run_folder.FILES} if "report.html" in keep else keep | {"probes.parquet"}
+        outputs = _outputs(one, task, files, Where(folder, final), backend)
+        try:
+            outputs.start()
+            one.sim.run()
+        finally:
+            faults = outputs.close()
+        if faults:
+            raise faults[0]
+        end = whole(one.sim)
+        content = result(one.sim, end.status, end.message, backend, outputs.map_scores)
+        played = [PLAYED] if one.reel is not None else []
+        content |= {"remarks": one.prepared.resources.remarks + outputs.remarks + played}
+        write_result(folder, content)
+        probes = folder / "probes.parquet"
+        yield end, content, probes if probes.exists() else None
+        if keep:
+            if "report.html" in keep:
+                report(folder)
+            for file in run_folder.files_in(folder):
+                if file.name not in (*ALWAYS, *keep):
+                    run_folder.remove(file)
+            outputs.seal(end.status)
+            _replace(folder, final)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+class Where(NamedTuple):
+    """A folder, and what it will be called."""
+
+    folder: Path
+    final: Path
+
+
+def _outputs(one: Kept, task: Task, files: set[str], where: Where, backend: str) -> Outputs:
+    """The files of a run, which are not begun yet."""
+    scenario = one.sim.scenario
+    run_folder.write_scenario(where.folder, scenario, task.folder.resolve(), backend, where.final)
+    inputs = input_paths(scenario, task.folder / "base.yaml")[1:]
+    about = About(where.folder, "cpu", backend, "recording.rrd" in files, inputs, files=files)
+    return Outputs(one.sim, about, Ears())
+
+
+def _replace(folder: Path, final: Path) -> None:
+    """Let a folder that is whole take its name."""
+    if final.exists():
+        shutil.rmtree(final)
+    folder.rename(final)
+
+
+def leave_failed(task: Task, request: Request, scenario: Scenario | None, message: str) -> None:
+    """Leave what repeats a run that failed: its scenario, and why. Raises OSError."""
+    folder = task.options.out / FAILED / request.run
+    folder.mkdir(parents=True, exist_ok=True)
+    if scenario is not None:
+        run_folder.write_scenario(folder, scenario, task.folder.resolve(), "cpu")
+    (folder / "message.txt").write_text(message + "\n", encoding="utf-8")
+
+
+def forget_failed(task: Task, request: Request) -> None:
+    """Remove what an earlier try has left that failed, as the run did not fail now."""
+    shutil.rmtree(task.options.out / FAILED / request.run, ignore_errors=True)

@@ -1,0 +1,123 @@
+"""What a worker does: runs, one after the other, on simulations that stay warm."""
+
+import sys
+import time
+from collections.abc import Hashable
+from contextlib import suppress
+from typing import Any
+
+from taichi_plume import __version__
+from taichi_plume.files.result import result
+from taichi_plume.map_scores import MapScores
+from taichi_plume.own_code import execute
+from taichi_plume.prepare import StructureError, checked
+from taichi_plume.running import End, explain, whole
+from taichi_plume.scenario.loading import ScenarioError
+from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.study import shared_air
+from taichi_plume.study.leaving import forget_failed, leave_failed, run_with_files
+from taichi_plume.study.messages import Cost, Record, Request, Task
+from taichi_plume.study.rows import PROBES, outcomes_of, trial_rows
+from taichi_plume.study.scenarios import scenario_of
+from taichi_plume.study.warm import WARM, Kept
+
+
+def perform(task: Task) -> list[Record]:
+    """Make the runs of a task. One that fails is a record of its own; the next one goes on."""
+    return [_Run(task, request).record() for request in task.requests]
+
+
+class _Run:
+    """A run that is asked for."""
+
+    def __init__(self, task: Task, request: Request):
+        self.task, self.request = task, request
+        self.key: Hashable = (request.structure, str(task.folder), task.film is not None)
+        self.begun, self.clock = time.time(), time.perf_counter()
+        self.compiled = WARM.compiled
+        self.scenario: Scenario | None = None
+        self.simulated = 0.0
+
+    def record(self) -> Record:
+        """Make it, whatever comes of it."""
+        trials: list[dict[str, Any]] = []
+        outcomes: dict[str, float | None] = dict.fromkeys(self.task.options.outcomes)
+        try:
+            self._require_version()
+            scenario = self.scenario = scenario_of(self.task.base, self.request.changes)
+            one = self._ready(scenario)
+            end, outcomes = self._simulate(one)
+            trials = trial_rows(one.sim, self.request)
+            forget_failed(self.task, self.request)
+        except Exception as error:
+            end = self._failed(error)
+        return Record(self.request.run, end.status, end.message, trials, outcomes, self._cost())
+
+    def _require_version(self) -> None:
+        wanted = self.task.options.version
+        if wanted != __version__:
+            raise ScenarioError(
+                [
+                    f"this worker has taichi_plume {__version__}, the study is of {wanted}; install that one there"
+                ]
+            )
+
+    def _ready(self, scenario: Scenario) -> Kept:
+        """The simulation at the begin of the run: one that is there, or a new one."""
+        film = None if self.task.film is None else shared_air.opened(self.task.film)
+        known = WARM.find(self.key)
+        if known is not None:
+            try:
+                if film is not None and known.reel is not None:
+                    shared_air.put(known.reel, film, scenario)
+                known.sim.reset(scenario)
+                return known
+            except StructureError:
+                WARM.drop(self.key)
+        task = self.task
+        prepared = checked(scenario, task.folder, task.options.allow_outside)
+        execute(prepared, task.options.allow_code)
+        reel = None if film is None else shared_air.reel_of(prepared.scenario, film)
+        return WARM.add(self.key, prepared, reel)
+
+    def _simulate(self, one: Kept) -> tuple[End, dict[str, float | None]]:
+        sim, wanted = one.sim, self.task.options.outcomes
+        probed = any(path.startswith(PROBES) for path in wanted.values())
+        try:
+            if self.task.options.keep or probed:
+                with run_with_files(one, self.task, self.request, WARM.backend) as (end, content, probes):
+                    return end, outcomes_of(wanted, content, probes)
+            map_scores = MapScores(sim) if sim.maps and wanted else None
+            if map_scores is not None:
+                sim.observers.append(map_scores.observer())
+            sim.run()
+        finally:
+            self.simulated = sim.wall_s
+        end = whole(sim)
+        content = result(sim, end.status, end.message, WARM.backend, map_scores) if wanted else {}
+        return end, outcomes_of(wanted, content, None)
+
+    def _failed(self, error: Exception) -> End:
+        """Why, in a line; what repeats it is left, and a simulation in which something went wrong is not used again."""
+        if isinstance(error, ScenarioError):
+            message = "; ".join(error.faults)
+        else:
+            WARM.drop(self.key)
+            message = explain(error)[1]
+        message = " ".join(message.split())
+        with suppress(OSError):
+            leave_failed(self.task, self.request, self.scenario, message)
+        return End("failed", message, 1)
+
+    def _cost(self) -> Cost:
+        total = time.perf_counter() - self.clock
+        return Cost(self.begun, total, self.simulated, WARM.compiled - self.compiled, _worker())
+
+
+def _worker() -> str:
+    """Address of the worker that this process is; "" where it is none."""
+    distributed: Any = sys.modules.get("distributed")
+    try:
+        return distributed.get_worker().address if distributed else ""
+    except ValueError:
+        return ""

@@ -1,0 +1,99 @@
+"""What the tables hold of a run: a row per trial, and numbers of the whole run."""
+
+import re
+from collections.abc import Mapping
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from taichi_plume import scores
+from taichi_plume.simulation import Simulation
+from taichi_plume.study.messages import Request
+
+STEP = re.compile(r"[^.\[\]]+")  # of a path
+PROBES = "probes."  # begin of the outcomes that are means of a probe
+
+
+def trial_rows(sim: Simulation, request: Request) -> list[dict[str, Any]]:
+    """A row for each trial of each group of a run that is over.
+
+    searched: whether there was anything that its robots could find; success is None where not. time_with_failures_s:
+    a failure counts as the run's whole duration. What is no number is None.
+    """
+    if not sim.swarm.count:
+        return []
+    now, sources, end = sim.swarm.snapshot(), scores.source_places(sim), scores.end(sim)
+    who = {"run": request.run, "point": request.point, "air": request.air, "air_seed": request.air_seed}
+    who |= {"seed": request.seed, **request.values}
+    rows = []
+    for group in sim.swarm.groups:
+        trials = scores.trial_outcomes(group, now, sources)
+        searched = scores.no_search(sim, group, trials["success"]) is None
+        its = who | {"group": group.name, "algorithm": group.model.algorithm.kind}
+        for k in range(group.trials):
+            row = {name: _number(values[k]) for name, values in trials.items()}
+            if not searched:
+                row["success"] = None
+            late = row["time_s"] if row["success"] else end
+            row["time_with_failures_s"] = late if searched else None
+            rows.append(its | {"trial": k, "searched": searched} | row)
+    return rows
+
+
+def _number(value: Any) -> Any:
+    return value if not isinstance(value, float) or isfinite(value) else None
+
+
+def outcomes_of(
+    wanted: Mapping[str, str], content: Mapping[str, Any], probes: Path | None
+) -> dict[str, float | None]:
+    """The numbers at the `wanted` paths of a run's result, or of its table of probes; None where there is none."""
+    told: dict[str, float | None] = {}
+    samples = Samples(probes) if probes is not None else None
+    for name, path in wanted.items():
+        if path.startswith(PROBES):
+            told[name] = samples.mean(path) if samples is not None else None
+        else:
+            told[name] = found(content, path)
+    return told
+
+
+def found(content: Any, path: str) -> float | None:
+    """The number at a path such as ``maps[0].correlation`` or ``maps.0.correlation``; None where no finite one is."""
+    for step in STEP.findall(path):
+        if isinstance(content, Mapping):
+            content = content.get(step)
+        elif isinstance(content, list | tuple | np.ndarray) and step.isdecimal() and int(step) < len(content):
+            content = content[int(step)]
+        else:
+            return None
+    if not isinstance(content, int | float | np.number):
+        return None
+    return float(content) if isfinite(content) else None
+
+
+class Samples:
+    """What the probes of a run have measured since the robots started."""
+
+    def __init__(self, path: Path):
+        import pyarrow.parquet as pq
+
+        self.table = pq.read_table(path) if path.exists() else None
+
+    def mean(self, path: str) -> float | None:
+        """Over time and points, of `probes.NAME.QUANTITY`; names may hold dots."""
+        import pyarrow.compute as pc
+
+        name, _, quantity = path.removeprefix(PROBES).rpartition(".")
+        if self.table is None or quantity not in self.table.column_names:
+            return None
+        compute: Any = pc
+        its = compute.and_(
+            compute.equal(self.table["probe"].cast("string"), name),
+            compute.greater_equal(self.table["t"], 0.0),
+        )
+        values = np.asarray(self.table.filter(its)[quantity], float)
+        value = scores.mean_of_known(values)
+        return value if isfinite(value) else None

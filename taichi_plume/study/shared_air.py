@@ -1,0 +1,190 @@
+"""One air, many searches: wind and gas are solved once, filmed at every tick, and shown to all runs that share them."""
+
+import os
+import re
+import time
+from collections import OrderedDict
+from collections.abc import Collection, Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+import psutil
+
+from taichi_plume.files.air_film import AirFilm, NewAirFilm
+from taichi_plume.grid.fields import concentration_at
+from taichi_plume.prepare import StructureError, checked
+from taichi_plume.running import explain
+from taichi_plume.scenario.loading import ScenarioError
+from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.simulation import Every, Simulation
+from taichi_plume.solvers.filmed import VELOCITIES, Reel, variable
+from taichi_plume.study.messages import AirRecord, Task
+from taichi_plume.study.scenarios import scenario_of
+from taichi_plume.study.warm import WARM
+
+OF_ROBOTS = ("groups", "maps")  # what of a run's result tells nothing of the air itself
+FILES_OF_ROBOTS = ("scenario.yaml", "robots.parquet", "maps.zarr")
+SHARE = 0.5  # of the free memory per core, for frames of films
+
+# ---------------------------------------------------------------- which airs can be shared
+
+
+def why_not(
+    scenario: Scenario, outcomes: Mapping[str, str], share: str, keep: Collection[str] = ()
+) -> str | None:
+    """Why the air of a run cannot be solved apart from it and shown to it, in words; None where it can.
+
+    outcomes, keep: what the study asks for besides trials. share: exact, where that has to give the same to the bit;
+    always, also where gas of puffs is then known in the mean of its cells only; never.
+    """
+    return next(_reasons(scenario, outcomes, share, keep), None)
+
+
+def _reasons(
+    scenario: Scenario, outcomes: Mapping[str, str], share: str, keep: Collection[str]
+) -> Iterator[str]:
+    gases = filmed(scenario)[1]
+    if share == "never":
+        yield "share_air is never"
+    if not scenario.robots:
+        yield "there are no robots: the air is all that the run is for"
+    if not scenario.wind.solved and not any(gas.solved for _, gas in scenario.gases):
+        yield "neither wind nor gas is solved for: they cost nothing"
+    for n, group in enumerate(scenario.robots):
+        if group.wake:
+            yield f"robots[{n}].wake: they stir the air"
+    for name, path in outcomes.items():
+        if re.split(r"[.\[]", path)[0] not in OF_ROBOTS:
+            yield f"outcomes.{name}: {path} tells of the air itself"
+    for name in keep:
+        if name not in FILES_OF_ROBOTS:
+            yield f"keep: {name} tells of the air itself"
+    for path, gas in scenario.gases:
+        if share == "exact" and path in gases and not gas.on_grid:
+            yield f"{path}: gas of kind {gas.kind} is finer than what is filmed of it; share_air: always shares it"
+
+
+def filmed(scenario: Scenario) -> tuple[bool, tuple[str, ...]]:
+    """What of an air is filmed: whether the wind is, and the paths of which gases; the rest runs in each run itself.
+
+    What a uniform wind carries in closed form needs that wind; all else may depend on the wind's own steps.
+    """
+    wind = scenario.wind.on_grid and scenario.wind.uniform is None
+    return wind, tuple(path for path, gas in scenario.gases if wind or gas.solved)
+
+
+# ---------------------------------------------------------------- solving one
+
+
+def solve_air(task: Task) -> AirRecord:
+    """Film the air that the runs of a task share, to `task.film`; what goes wrong is told in the record."""
+    begun, air = time.perf_counter(), task.requests[0].air
+    key = ("air", task.requests[0].structure, str(task.folder))
+    try:
+        frames, size = _solve(task, key)
+    except Exception as error:
+        WARM.drop(key)
+        message = "; ".join(error.faults) if isinstance(error, ScenarioError) else explain(error)[1]
+        return AirRecord(air, time.perf_counter() - begun, 0, 0, " ".join(message.split()))
+    return AirRecord(air, time.perf_counter() - begun, frames, size)
+
+
+def _solve(task: Task, key: tuple[str, ...]) -> tuple[int, int]:
+    """Frames and bytes of the film."""
+    assert task.film is not None
+    scenarios = [scenario_of(task.base, request.changes) for request in task.requests]
+    sim = _simulation(task, key, alone(scenarios[0], max(one.duration for one in scenarios)))
+    wind, gases = filmed(sim.scenario)
+    names = VELOCITIES[: sim.grid.dim] if wind else ()
+    names = (*names, *map(variable, range(len(gases))))
+    film = NewAirFilm(task.film, sim.grid.shape, names, sim.dt, sim.last_tick + 1)
+    shown = [n for n, (path, _) in enumerate(sim.scenario.gases) if path in gases]
+    try:
+        sim.observers.append(Every(sim.dt, lambda sim: film.append(_frame(sim, wind, shown))))
+        sim.run()
+        return film.count, film.close()
+    except BaseException:
+        film.discard()
+        raise
+
+
+def alone(scenario: Scenario, duration: float) -> Scenario:
+    """The air of a scenario, without those who meet it, for so long [s]."""
+    without = {
+        "robots": (),
+        "maps": (),
+        "probes": None,
+        "fields": None,
+        "plumesim_log": None,
+        "rivals": False,
+    }
+    return scenario.model_copy(update={**without, "duration": duration})
+
+
+def _simulation(task: Task, key: tuple[str, ...], scenario: Scenario) -> Simulation:
+    known = WARM.find(key)
+    if known is not None:
+        try:
+            known.sim.reset(scenario)
+            return known.sim
+        except StructureError:
+            WARM.drop(key)
+    return WARM.add(key, checked(scenario, task.folder, task.options.allow_outside)).sim
+
+
+def _frame(sim: Simulation, wind: bool, gases: list[int]) -> dict[str, np.ndarray]:
+    """What is filmed of an air as it is now."""
+    grid, frame = sim.grid, {}
+    if wind:
+        carrier = sim.wind.carrier
+        assert carrier is not None
+        frame |= {name: grid.read(u, 1) for name, u in zip(VELOCITIES, carrier.u, strict=False)}
+    for k, n in enumerate(gases):
+        frame[variable(k)] = _cells(sim, n)
+    return frame
+
+
+def _cells(sim: Simulation, n: int) -> np.ndarray:
+    """Concentration of the n-th gas [kg/m³] in the cells and one layer beyond them, as its solver has them."""
+    gas, grid = sim.gas.gases[n], sim.grid
+    if sim.scenario.gases[n][1].on_grid:
+        field = gas.c  # pyright: ignore[reportAttributeAccessIssue]
+        return grid.read(field, 1)
+    cells = gas.cells(sim.t)
+    if cells is None:
+        cells = concentration_at(gas, grid.centers(), sim.t)
+    inner = tuple(slice(grid.ghost - 1, 1 - grid.ghost) for _ in grid.shape)
+    return grid.pad(np.asarray(cells, np.float32))[inner]
+
+
+# ---------------------------------------------------------------- showing one
+
+_films: OrderedDict[tuple[str, int], AirFilm] = OrderedDict()  # of this process, with the frames they keep
+
+
+def opened(path: Path) -> AirFilm:
+    """The film of a path, with the frames that runs before have read of it. Raises AirFilmError."""
+    try:
+        key = str(path), (path / "zarr.json").stat().st_mtime_ns
+    except OSError:
+        key = str(path), 0
+    if key not in _films:
+        held = sum(film.held for film in _films.values())
+        room = int(SHARE * (psutil.virtual_memory().available + held) / (os.cpu_count() or 1))
+        while _films and held > room / 2:
+            held -= _films.popitem(last=False)[1].held
+        _films[key] = AirFilm(path, room - held)
+    _films.move_to_end(key)
+    return _films[key]
+
+
+def reel_of(scenario: Scenario, film: AirFilm) -> Reel:
+    """What shows a film to a simulation of that scenario. Raises ValueError where it does not fit."""
+    reel = Reel(*filmed(scenario))
+    put(reel, film, scenario)
+    return reel
+
+
+def put(reel: Reel, film: AirFilm, scenario: Scenario) -> None:
+    """Show a film from the next begin of a run on. Raises ValueError where it does not fit."""
+    reel.put(film, scenario.domain.shape, scenario.tick, scenario.last_tick)

@@ -1,0 +1,59 @@
+"""Tasks as a plan makes them: requests of changes to a base scenario."""
+
+import hashlib
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from copy import deepcopy
+from importlib.util import find_spec
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from taichi_plume import __version__
+from taichi_plume.scenario.loading import ScenarioError
+from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.study.messages import Options, Request, Task
+
+
+def _scenario_of(base: Mapping[str, Any], changes: Mapping[str, Any]) -> Scenario:
+    data: Any = deepcopy(dict(base))
+    for path, value in changes.items():
+        *way, key = [int(part) if part.isdecimal() else part for part in path.split(".")]
+        place = data
+        for part in way:
+            place = place[part]
+        place[key] = value
+    try:
+        return Scenario.model_validate(data)
+    except ValueError as error:
+        raise ScenarioError([str(error)]) from None
+
+
+if find_spec("taichi_plume.study.scenarios") is None:  # until the plan's is there
+    module: Any = ModuleType("taichi_plume.study.scenarios")
+    module.scenario_of = _scenario_of
+    sys.modules[module.__name__] = module
+
+
+def request(number: int, changes: Mapping[str, Any], structure: str = "a", air: str = "air") -> Request:
+    """A run of that scenario; its values are those of the changes."""
+    run = hashlib.sha256(json.dumps([structure, changes], sort_keys=True).encode()).hexdigest()[:16]
+    values = {path.replace(".", "_"): v for path, v in changes.items() if isinstance(v, int | float | str)}
+    return Request(
+        run, number, number, values, changes.get("seed", 0), 0, air, True, dict(changes), structure
+    )
+
+
+def task(
+    base: Mapping[str, Any],
+    changes: Sequence[Mapping[str, Any]],
+    out: Path,
+    film: Path | None = None,
+    structure: str = "a",
+    **options: Any,
+) -> Task:
+    """Runs of a structure in the folder `out`."""
+    given = {"keep": (), "outcomes": {}, "allow_code": False, "allow_outside": False, "version": __version__}
+    requests = tuple(request(n, one, structure) for n, one in enumerate(changes))
+    return Task(dict(base), out, requests, Options(out=out, **(given | options)), film)

@@ -1,0 +1,149 @@
+"""What a study's worker costs beside the simulations themselves, and what a shared air saves.
+
+    python -m taichi_plume.validation.benchmark studies shared [CONFIG] [--searches N] [--alone N] [--duration S]
+    python -m taichi_plume.validation.benchmark studies overhead [CONFIG] [--runs N]
+
+`shared` makes searches in one air that is filmed once, and the same ones each by a command of its own and each by a
+reset of a warm simulation; of these only some are made, and their mean counts for all. `overhead` makes runs of a cheap
+scenario one after the other in this process: seconds per run beyond those in which simulated time went by, and the
+memory of the process over the runs. Times are of the process' CPU and of the clock.
+"""
+
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+from taichi_plume import __version__
+from taichi_plume.guard.terminal import Parser, say
+from taichi_plume.prepare import load_scenario
+from taichi_plume.study.messages import Options, Record, Request, Task
+from taichi_plume.study.perform import perform
+from taichi_plume.study.shared_air import solve_air, why_not
+from taichi_plume.study.warm import WARM
+
+ROOT = Path(__file__).resolve().parents[2]
+STEPS = 10  # lines of a table of runs
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Measure what the command line asks for."""
+    parser = Parser(prog="python -m taichi_plume.validation.benchmark studies", description=__doc__)
+    parser.add_argument("what", choices=("shared", "overhead"))
+    parser.add_argument("config", nargs="?", help="a scenario (default: casting_room, or gaussian)")
+    parser.add_argument("--searches", type=int, default=100, help="in one air (default: 100)")
+    parser.add_argument("--alone", type=int, default=2, help="made without sharing, each way (default: 2)")
+    parser.add_argument("--runs", type=int, default=2000, help="of `overhead` (default: 2000)")
+    parser.add_argument("--set", action="append", default=[], metavar="PATH=VALUE", help="change any key")
+    args = parser.parse_args(list(arguments))
+    config = args.config or ("casting_room" if args.what == "shared" else "gaussian")
+    file = Path(config) if Path(config).suffix else ROOT / "configs" / f"{config}.yaml"
+    base = load_scenario(file, args.set).model_dump(mode="json", exclude_none=True)
+    with tempfile.TemporaryDirectory() as folder:
+        if args.what == "shared":
+            return _shared(base, file, Path(folder), args)
+        return _overhead(base, file, Path(folder), args.runs)
+
+
+def _task(base: dict[str, Any], file: Path, out: Path, runs: int, film: Path | None = None) -> Task:
+    """So many searches, by the seed, in one air."""
+    options = Options(out, (), {}, False, True, __version__)
+    seed = base.get("air_seed", base["seed"])
+    requests = tuple(
+        Request(f"{n:016x}", n, 0, {}, n, seed, "air", True, {"seed": n, "air_seed": seed}, "one")
+        for n in range(runs)
+    )
+    return Task(base, file.resolve().parent, requests, options, film)
+
+
+def _timed(work: Any, *given: Any) -> tuple[Any, float, float]:
+    """What it returns, CPU time of this process, and time of the clock [s]."""
+    cpu, clock = time.process_time(), time.perf_counter()
+    result = work(*given)
+    return result, time.process_time() - cpu, time.perf_counter() - clock
+
+
+def _shared(base: dict[str, Any], file: Path, folder: Path, args: Any) -> int:
+    fault = why_not(load_scenario(file, args.set), {}, "exact")
+    if fault:
+        say(f"{file}: its air cannot be shared: {fault}", error=True)
+        return 2
+    n, film = args.searches, folder / "airs" / "one.zarr"
+    task = _task(base, file, folder, n, film)
+    air, cpu_air, clock_air = _timed(solve_air, task)
+    if air.message:
+        say(air.message, error=True)
+        return 1
+    records, cpu, clock = _timed(perform, task)
+    _tell(f"one air, filmed: {air.frames} frames, {air.bytes / 1e6:.0f} MB", cpu_air, clock_air)
+    _tell(f"{n} searches shown it, their first start too", cpu, clock)
+    some = task._replace(requests=task.requests[: args.alone], film=None)
+    perform(some._replace(requests=some.requests[:1]))  # compiles
+    alone, cpu_warm, clock_warm = _timed(perform, some)
+    same = [a._replace(cost=b.cost) == b for a, b in zip(alone, records, strict=False)]
+    cpu_apart, clock_apart = _commands(base, file, folder, some)
+    for how, its_cpu, its_clock in (
+        ("warm resets", cpu_warm / args.alone, clock_warm / args.alone),
+        ("commands of their own", cpu_apart / args.alone, clock_apart / args.alone),
+    ):
+        _tell(f"one of {args.alone} {how}", its_cpu, its_clock)
+        ratios = n * its_cpu / (cpu + cpu_air), n * its_clock / (clock + clock_air)
+        say(
+            f"  {n} {how}: {ratios[0]:.1f} times the CPU time of a shared air, {ratios[1]:.1f} times the clock's"
+        )
+    say(f"  the same to the bit: {sum(same)} of {len(same)}")
+    return 0 if all(same) else 1
+
+
+def _tell(what: str, cpu: float, clock: float) -> None:
+    say(f"{what}: {cpu:.2f} CPU s, {clock:.2f} s", flush=True)
+
+
+def _commands(base: dict[str, Any], file: Path, folder: Path, task: Task) -> tuple[float, float]:
+    """CPU and clock time [s] of the runs of a task, each by the command, without recording and report."""
+    source = folder / "scenario.yaml"
+    source.write_text(json.dumps(base))
+    clock, cpu = 0.0, 0.0
+    for number, request in enumerate((task.requests[0], *task.requests)):  # the first one fills the cache
+        changes = [f"--set={key}={value}" for key, value in request.changes.items()]
+        command = [sys.executable, "-m", "taichi_plume.run", str(source), *changes]
+        command += ["--out", str(folder / f"run{number}"), "--quiet", "--no-recording", "--no-report"]
+        before, begun = sum(os.times()[2:4]), time.perf_counter()
+        subprocess.run([*command, "--allow-outside"], cwd=file.resolve().parent, check=True)
+        if number:
+            cpu += sum(os.times()[2:4]) - before
+            clock += time.perf_counter() - begun
+    return cpu, clock
+
+
+def _overhead(base: dict[str, Any], file: Path, folder: Path, runs: int) -> int:
+    task = _task(base, file, folder, runs)
+    process, told = psutil.Process(), max(1, runs // STEPS)
+    records: list[Record] = perform(task._replace(requests=task.requests[:1]))
+    records.clear()
+    beyond, cpu = [], 0.0
+    for n, request in enumerate(task.requests):
+        (record,), its, _ = _timed(perform, task._replace(requests=(request,)))
+        if record.status == "failed":
+            say(record.message, error=True)
+            return 1
+        cpu += its
+        beyond.append(record.cost.total_s - record.cost.simulation_s)
+        if (n + 1) % told == 0:
+            half = statistics.median(beyond[-told:])
+            say(
+                f"{n + 1:6} runs: {process.memory_info().rss / 1e6:7.1f} MB, CPU per run {1e3 * cpu / told:6.2f} ms, "
+                f"beyond the simulation {1e3 * half:6.2f} ms (median), {1e3 * sum(beyond[-told:]) / told:6.2f} ms "
+                f"(mean); simulation {1e3 * record.cost.simulation_s:6.2f} ms; Taichi started {WARM.begun} times",
+                flush=True,
+            )
+            cpu = 0.0
+    return 0
