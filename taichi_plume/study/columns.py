@@ -60,9 +60,12 @@ NUMPY = {pa.bool_(): ("bool", "boolean"), pa.int64(): ("int64", "Int64")}
 
 
 def taken(outcomes: Iterable[str] = ()) -> set[str]:
-    """Names that no axis of a study with these outcomes may have; one called `seed` or `air_seed` is that column."""
+    """Names that no axis of a study with these outcomes may have.
+
+    One called `seed` or `air_seed` is that column, and one called `algorithm` stands where the robots' own would.
+    """
     ours = {field.name for field in (*WHICH, AIR, BY_CHANCE, NUMBER, *CAME, *TRIAL)}
-    return ours | set(outcomes)
+    return ours - {"algorithm"} | set(outcomes)
 
 
 def kind_of(values: Iterable[Any]) -> pa.DataType:
@@ -98,7 +101,13 @@ def runs_schema(axes: Sequence[pa.Field], outcomes: dict[str, str]) -> pa.Schema
 
 def trials_schema(axes: Sequence[pa.Field]) -> pa.Schema:
     """Of the files in `trials`."""
-    return _schema([*WHICH, AIR, *reversed(SEEDS), *axes, *TRIAL])
+    return _schema([*WHICH, AIR, *reversed(SEEDS), *axes, *of_trials(axes)])
+
+
+def of_trials(axes: Sequence[pa.Field]) -> list[pa.Field]:
+    """What tells of a trial, but for columns that are axes."""
+    names = {one.name for one in axes}
+    return [field for field in TRIAL if field.name not in names]
 
 
 def costs_schema(made_of: str, trials: int) -> pa.Schema:

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     import pandas
     import polars
 
+    from taichi_plume.study.points import Points
+
 FAULTS = (pa.ArrowException, OSError, ValueError, LookupError, TypeError)
 
 
@@ -109,6 +111,50 @@ class Results:
     def costs(self) -> "pandas.DataFrame":
         """A row for each run that has been run: what it took."""
         return frame(self.tables.costs)
+
+    @cached_property
+    def _points(self) -> "Points":
+        from taichi_plume.study.points import Points
+
+        try:
+            return Points(self.plan, self.tables)
+        except (KeyError, TypeError, ValueError) as error:
+            raise RunFolderError(f"{self.folder}: its tables are damaged: {_reason(error)}") from None
+
+    def points(self) -> "pandas.DataFrame":
+        """A row for each point and group: means with 95 % intervals over airs, as numbers and in words."""
+        return self._points.frame()
+
+    def differences(self, axis: str, quantity: str = "success") -> "pandas.DataFrame":
+        """What each value of an axis makes beside its first one, in the same airs: `apart`, its interval, words.
+
+        quantity: a column of trials. Raises ValueError where there is no such axis or quantity.
+        """
+        import pandas
+
+        from taichi_plume.study import intervals
+
+        points = self._points
+        known = {one.name: one for one in points.quantities if one.what != "runs"}
+        for name, there in ((axis, points.axes), (quantity, list(known))):
+            if name not in there:
+                raise ValueError(f"{name!r}: there are {', '.join(there)}")
+        one = known[quantity]
+        made = []
+        for row in points.differences(axis, one):
+            apart = row.pop("apart")
+            text = intervals.words(apart, one.unit, one.share, "searches in both")
+            made.append(
+                {
+                    **row,
+                    "apart": apart.mean,
+                    "low": apart.low,
+                    "high": apart.high,
+                    "airs": apart.airs,
+                    "words": text,
+                }
+            )
+        return pandas.DataFrame(made)
 
     def polars(self, name: str) -> "polars.DataFrame":
         """The table "trials", "runs" or "costs" as polars has it, if that is installed."""

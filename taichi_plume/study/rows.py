@@ -107,7 +107,7 @@ def _runs(plan: Planned, latest: Mapping[str, Record]) -> pa.Table:
 
 def _trials(plan: Planned, came: list[Record], place: dict[str, int]) -> pa.Table:
     schema = columns.trials_schema(plan.fields)
-    told = {field.name: field for field in columns.TRIAL}
+    told = {field.name: field for field in columns.of_trials(plan.fields)}
     made: dict[str, list[Any]] = {name: [] for name in told}
     rows = []
     for record in came:

@@ -192,6 +192,16 @@ def test_a_seed_as_axis_is_its_column(tmp_path):
     assert {"run", "success", "status", "c"} <= columns.taken(["c"])
 
 
+def test_an_axis_called_algorithm_is_that_column(tmp_path):
+    plan = fake_study.plan(
+        {"algorithm": Axis("algorithm", "", True)}, [("fast casting",), ("spiral",)], airs=1
+    )
+    tables.write_plan(tmp_path, plan)
+    tables.publish(tmp_path, fake_study.records(plan))
+    assert list(study.open(tmp_path).trials()["algorithm"][::3]) == ["fast casting", "spiral"]
+    assert "algorithm" not in columns.taken()
+
+
 def test_what_cannot_be_used_is_told_in_a_line(folder):
     def fault() -> str:
         with pytest.raises(RunFolderError) as told:
@@ -219,3 +229,40 @@ def test_what_cannot_be_used_is_told_in_a_line(folder):
     assert "plan.parquet: is damaged" in fault()
     (folder / "plan.parquet").write_bytes(b"PAR1")
     assert "plan.parquet: is damaged" in fault()
+
+
+def test_points_are_means_over_airs(tmp_path):
+    axes = {"speed": Axis("speed", "m/s", True), "algorithm": Axis("algorithm", "", True)}
+    plan = fake_study.plan(
+        axes, [(s, a) for s in (0.2, 0.5) for a in ("casting", "spiral")], airs=8, searches=5
+    )
+    air = {one.air: n / 10 for n, one in enumerate(plan.requests[::5])}
+
+    def rows(one):
+        n = round(10 * air[one.air]) + (one.seed // 1000003) + 2 * (one.values["algorithm"] == "spiral")
+        return fake_study.record(one, [fake_study.trial(0, n % 3 == 0, 20.0), fake_study.trial(1, False)])
+
+    tables.write_plan(tmp_path, plan)
+    records = fake_study.records(plan, rows)
+    records[0] = records[0]._replace(status="failed", message="lost", trials=[])
+    tables.publish(tmp_path, records[:-1])
+    results = study.open(tmp_path)
+    points, trials = results.points(), results.trials()
+    assert list(points["speed"]) == [0.2, 0.2, 0.5, 0.5]
+    assert list(points["failed"]) == [1, 0, 0, 0]
+    assert list(points["missing"]) == [0, 0, 0, 1]
+    for n in range(4):
+        some = trials[trials["point"] == n]
+        assert points["success"][n] == pytest.approx(some["success"].mean())
+        assert points["time_with_failures_s"][n] == pytest.approx(some["time_with_failures_s"].mean())
+        assert points["success_low"][n] < points["success"][n] < points["success_high"][n]
+    assert points["success_words"][1].endswith("over 8 airs")
+    assert "of 80 searches" in points["success_words"][1]
+    assert points.attrs["units"]["time_with_failures_s_low"] == "s"
+    assert points["correlation"][0] == 0.5
+    apart = results.differences("algorithm")
+    assert list(apart["second"]) == ["spiral", "spiral"]
+    assert apart["apart"][1] == pytest.approx(points["success"][3] - points["success"][2], abs=0.02)
+    assert list(apart["airs"]) == [8, 8]
+    with pytest.raises(ValueError, match="there are speed, algorithm"):
+        results.differences("rate")
