@@ -88,6 +88,18 @@ class Points:
         told = self.estimated(one, ["point", "group"])
         return [told.get(key) for key in zip(self.table["point"], self.table["group"], strict=True)]
 
+    def between_airs(self, one: Quantity) -> dict[Any, float]:
+        """The variance of the mean of each point and group (of whole runs: of each point), by that of its airs' means.
+
+        NaN of a single air.
+        """
+        keys = ["point"] if one.what == "runs" else ["point", "group"]
+        of = self.runs if one.what == "runs" else self.trials
+        values = of.assign(value=of[one.name].astype("Float64").to_numpy(float, na_value=np.nan))
+        means = values[values["value"].notna()].groupby([*keys, "air"], sort=False)["value"].mean()
+        by = means.groupby(level=keys, sort=False)
+        return (by.var(ddof=1) / by.size()).to_dict()
+
     def frame(self) -> "pd.DataFrame":
         """The table with a mean, both ends, and the words of each quantity. Units are in `attrs`."""
         import pandas as pd

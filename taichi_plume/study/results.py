@@ -156,6 +156,42 @@ class Results:
             )
         return pandas.DataFrame(made)
 
+    def indices(self) -> "pandas.DataFrame":
+        """Of a study of kind sensitivity: Sobol indices of each axis, for each quantity and group, and words."""
+        import pandas
+
+        from taichi_plume.study import indices
+
+        self._require("sensitivity")
+        made = []
+        for one, group, found in indices.found(self._points):
+            about = {"quantity": one.name, "group": group, "used": found.used, "asked": found.asked}
+            about |= {
+                "variance": found.variance,
+                "noise": found.noise,
+                "words": "; ".join(indices.words(found)),
+            }
+            made += [{"axis": axis, **index._asdict(), **about} for axis, index in found.indices.items()]
+        return pandas.DataFrame(made)
+
+    def orders(self) -> "pandas.DataFrame":
+        """Of a study of kind refinement: observed order, extrapolated value and index of each quantity, and words."""
+        import pandas
+
+        from taichi_plume.study import refine
+
+        self._require("refinement")
+        axis = refine.axis_of(self.plan.about)
+        if axis is None:
+            raise RunFolderError(f"{self.folder}: the study has no axis on {refine.KEY}")
+        return pandas.DataFrame(
+            [{**row, "words": refine.words(row)} for row in refine.orders(self._points, axis)]
+        )
+
+    def _require(self, kind: str) -> None:
+        if self.plan.about["kind"] != kind:
+            raise RunFolderError(f"{self.folder}: is a study of kind {self.plan.about['kind']}, not {kind}")
+
     def polars(self, name: str) -> "polars.DataFrame":
         """The table "trials", "runs" or "costs" as polars has it, if that is installed."""
         import polars

@@ -35,9 +35,10 @@ def plan(
     airs: int = 3,
     searches: int = 1,
     by_chance: bool = True,
+    varied: dict[str, Any] | None = None,
     **study: Any,
 ) -> SimpleNamespace:
-    """As study/plan.py makes it; points: values of the axes, unless given all of VALUES."""
+    """As study/plan.py makes it; points: values of the axes, unless given all of VALUES; varied: axes of the file."""
     axes = AXES if axes is None else axes
     points = itertools.product(*VALUES.values()) if points is None else points
     requests = []
@@ -55,6 +56,7 @@ def plan(
             )  # fmt: skip
     told = {
         "name": "fake", "kind": "sweep", "airs": airs, "searches": searches, "sampling": None,
+        "axes": varied or {one: {"key": one} for one in axes},
         "outcomes": {"correlation": "maps.0.correlation", "error": "maps.0.mae_ppm"}, **study,
     }  # fmt: skip
     return SimpleNamespace(
