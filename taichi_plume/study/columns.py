@@ -143,3 +143,8 @@ def units(schema: pa.Schema) -> dict[str, str]:
 def meanings(schema: pa.Schema) -> dict[str, str]:
     """What each column says."""
     return {one.name: (one.metadata or {}).get(b"meaning", b"").decode() for one in schema}
+
+
+def is_number(table: pa.Table, name: str) -> bool:
+    """Whether a column holds numbers."""
+    return name in table.column_names and table.schema.field(name).type in (pa.int64(), pa.float64())

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 FEWEST = 5  # airs that are resampled
+MANY = 200  # airs, of more of which percentiles are as good, and far quicker
 RESAMPLES = 2999
 AT_ONCE = 1 << 22  # numbers of resamples that are held at a time
 SEED = 20260
@@ -97,14 +98,11 @@ def _cells(table: "pd.DataFrame") -> list[tuple[Any, np.ndarray, np.ndarray]]:
     """Sums and counts per air, of each key."""
     if not len(table):
         return []
-    cells = table.groupby(["key", "air"], sort=False)["value"].agg(["sum", "count"])
-    keys = cells.index.get_level_values("key")
-    cuts = np.flatnonzero(keys[1:] != keys[:-1]) + 1
-    parts = np.split(cells.to_numpy(float), cuts)
-    return [
-        (key, part[:, 0], part[:, 1])
-        for key, part in zip(keys[np.concatenate([[0], cuts])], parts, strict=True)
-    ]
+    place, keys = table["key"].factorize()
+    cells = table.assign(place=place).groupby(["place", "air"], sort=True)["value"].agg(["sum", "count"])
+    of = cells.index.get_level_values("place").to_numpy()
+    parts = np.split(cells.to_numpy(float), np.flatnonzero(np.diff(of)) + 1)
+    return [(key, part[:, 0], part[:, 1]) for key, part in zip(keys, parts, strict=True)]
 
 
 def _over_searches(values: np.ndarray, share: bool) -> Estimate:
@@ -172,16 +170,20 @@ def resampled(sums: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, np.ndar
     level = confidence(airs)
 
     def statistic(chosen: np.ndarray, axis: int = -1) -> np.ndarray:
-        """Of airs chosen by their numbers (..., airs), by how often each is: (points, ...)."""
-        often = (chosen[..., None] == np.arange(airs)).sum(axis=-2).astype(float)
+        """Of airs chosen by their numbers (..., n), by how often each is: (points, ...)."""
+        draws = chosen.reshape(-1, chosen.shape[-1])
+        places = draws + airs * np.arange(len(draws))[:, None]
+        often = np.bincount(places.ravel(), minlength=airs * len(draws)).reshape(len(draws), airs)
         means = (sums @ often.T) / (counts @ often.T)
-        return means[1] - means[0] if sums.ndim == 3 else means
+        means = means[1] - means[0] if sums.ndim == 3 else means
+        return means.reshape(*means.shape[:-1], *chosen.shape[:-1])
 
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")  # of BCa where it cannot be told: the percentiles are taken there
         told = bootstrap(
-            [np.arange(airs)], statistic, vectorized=True, method="BCa", confidence_level=level,
-            n_resamples=RESAMPLES, batch=max(1, AT_ONCE // (sums.size + airs * airs)),
+            [np.arange(airs)], statistic, vectorized=True, confidence_level=level,
+            n_resamples=RESAMPLES, batch=max(1, AT_ONCE // (sums.size + airs)),
+            method="BCa" if airs <= MANY else "percentile",
             random_state=np.random.default_rng(SEED),
         )  # fmt: skip
     ends = []

@@ -23,7 +23,7 @@ class Quantity(NamedTuple):
 
 
 SUCCESS = Quantity("success", "success", "1", share=True)
-TIME = Quantity("time_with_failures_s", "time, a failure counting as the whole run", "s")
+TIME = Quantity("time_with_failures_s", "time with failures", "s")
 QUANTITIES = (
     SUCCESS,
     TIME,
@@ -49,8 +49,10 @@ class Points:
 
     def __init__(self, plan: Planned, tables: Tables):
         self.plan = plan
-        self.axes = [field.name for field in plan.fields]
         self.runs = tables.runs.to_pandas()
+        axes = [field.name for field in plan.fields]
+        several = self.runs.groupby("point")[axes].nunique().max() if axes else {}
+        self.axes = [axis for axis in axes if several[axis] <= 1]  # seeds vary within a point
         self.trials = tables.trials.to_pandas()
         self.trials["air_by_chance"] = self.trials["run"].map(self.runs.set_index("run")["air_by_chance"])
         self.quantities = (
@@ -77,6 +79,8 @@ class Points:
         known = [key for key in keys if key in of.columns]
         if not len(of):
             return {}
+        if not known:  # all together
+            known, of = ["all"], of.assign(all=0)
         key = of[known[0]] if len(known) == 1 else list(zip(*(of[name] for name in known), strict=True))
         values = of[one.name].astype("Float64").to_numpy(float, na_value=np.nan)
         return intervals.estimates(values, key, of["air"], of["air_by_chance"], one.share)

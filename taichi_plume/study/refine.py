@@ -68,7 +68,10 @@ def order(spacings: Sequence[float], values: Sequence[float]) -> Order:
 def axis_of(about: dict[str, Any]) -> str | None:
     """The axis that is the spacing, of what a plan tells of its study."""
     axes = about["study"].get("axes") or {}
-    return next((name for name, one in axes.items() if isinstance(one, dict) and one.get("key") == KEY), None)
+    for name, one in axes.items():
+        if isinstance(one, dict) and KEY in (one.get("key"), *(one.get("keys") or ())):
+            return name
+    return None
 
 
 def orders(points: Any, axis: str) -> Iterator[dict[str, Any]]:

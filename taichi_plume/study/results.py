@@ -113,7 +113,8 @@ class Results:
         return frame(self.tables.costs)
 
     @cached_property
-    def _points(self) -> "Points":
+    def by_points(self) -> "Points":
+        """The points as `study/points.py` has them."""
         from taichi_plume.study.points import Points
 
         try:
@@ -123,7 +124,7 @@ class Results:
 
     def points(self) -> "pandas.DataFrame":
         """A row for each point and group: means with 95 % intervals over airs, as numbers and in words."""
-        return self._points.frame()
+        return self.by_points.frame()
 
     def differences(self, axis: str, quantity: str = "success") -> "pandas.DataFrame":
         """What each value of an axis makes beside its first one, in the same airs: `apart`, its interval, words.
@@ -134,7 +135,7 @@ class Results:
 
         from taichi_plume.study import intervals
 
-        points = self._points
+        points = self.by_points
         known = {one.name: one for one in points.quantities if one.what != "runs"}
         for name, there in ((axis, points.axes), (quantity, list(known))):
             if name not in there:
@@ -164,7 +165,7 @@ class Results:
 
         self._require("sensitivity")
         made = []
-        for one, group, found in indices.found(self._points):
+        for one, group, found in indices.found(self.by_points):
             about = {"quantity": one.name, "group": group, "used": found.used, "asked": found.asked}
             about |= {
                 "variance": found.variance,
@@ -185,7 +186,7 @@ class Results:
         if axis is None:
             raise RunFolderError(f"{self.folder}: the study has no axis on {refine.KEY}")
         return pandas.DataFrame(
-            [{**row, "words": refine.words(row)} for row in refine.orders(self._points, axis)]
+            [{**row, "words": refine.words(row)} for row in refine.orders(self.by_points, axis)]
         )
 
     def _require(self, kind: str) -> None:

@@ -76,6 +76,17 @@ def test_many_points_at_once_are_each_by_itself():
     together = estimated(found)
     for n in (0, 7, 39):
         assert together[n] == estimated(found[n : n + 1])[0]
+    values, keys = found.reshape(40, 24).T.ravel(), np.tile(np.arange(40), 24)  # searches in any order
+    mixed = estimates(
+        values, keys, np.repeat(np.repeat(np.arange(8), 3), 40), np.full(values.size, True), True
+    )
+    assert [mixed[n] for n in range(40)] == together
+
+
+def test_many_airs_are_quick():
+    (one,) = estimated(searches(5, 1, 4000, 2, 0.3))
+    assert 0.02 < one.high - one.low < 0.03
+    assert one.low < one.mean < one.high
 
 
 def test_the_level_is_that_of_students_t():
