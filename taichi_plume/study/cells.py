@@ -34,11 +34,11 @@ def head(one: Quantity) -> str:
 
 def apart_words(apart: intervals.Estimate) -> tuple[str, str]:
     """A difference of shares and its interval, each in a cell."""
-    points = f"{100 * apart.mean:+.0f} %"
+    points = f"{100 * apart.mean:+.0f}"
     if apart.over in intervals.WITHOUT:
         return points, intervals.WITHOUT[apart.over].format(airs=apart.airs)
     over = intervals.OVER[apart.over].format(airs=apart.airs)
-    return points, f"{100 * apart.low:+.0f} to {100 * apart.high:+.0f} % {over}"
+    return points, f"{100 * apart.low:+.0f} to {100 * apart.high:+.0f} {over}"
 
 
 def ends(low: float, high: float) -> str:

@@ -215,10 +215,15 @@ def interval(one: Estimate, unit: str = "", share: bool = False) -> str:
 
 
 def ends(one: Estimate, unit: str = "", share: bool = False) -> str:
-    """The ends of an interval: "51-82 %"."""
-    low, high = (number(end, "", share).removesuffix(" %") for end in (one.low, one.high))
-    parting = " to " if "-" in f"{low}{high}" else "-"
-    return f"{low}{parting}{high} {'%' if share else unit}".rstrip()
+    """The ends of an interval, with as many digits as it takes to tell them apart: "51-82 %"."""
+    by = 100.0 if share else 1.0
+    low, high = by * one.low, by * one.high
+    for digits in range(6):
+        told = [f"{end:.{digits}f}" if share else f"{end:.{3 + digits}g}" for end in (low, high)]
+        if told[0] != told[1] or low == high:
+            break
+    parting = " to " if "-" in f"{told[0]}{told[1]}" else "-"
+    return f"{told[0]}{parting}{told[1]} {'%' if share else '' if unit == '1' else unit}".rstrip()
 
 
 def number(value: float, unit: str = "", share: bool = False) -> str:

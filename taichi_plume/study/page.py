@@ -130,7 +130,7 @@ class Page:
                 break
         if rows:
             more = f" The first {MOST_SHOWN} are shown." if len(rows) > MOST_SHOWN else ""
-            heads = ("in the same airs", "success of", "differs by", "95 % interval")
+            heads = ("in the same airs", "success of", "differs by [percentage points]", "95 % interval")
             yield Table(cells.shown(rows[:MOST_SHOWN]), heads, captions.APART + more)
 
     def varied(self) -> Section:

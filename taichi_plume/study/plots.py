@@ -65,10 +65,13 @@ def _scaled(one: Quantity, each: Estimate) -> tuple[float, float, float]:
     return by * each.mean, by * each.low, by * each.high
 
 
-def _panels(count: int, draw: Callable[[Any, int], None], rows: int, tall: float = TALL) -> bytes:
-    """A figure of `count` pairs of axes, side by side in `rows` rows."""
+def _panels(
+    count: int, draw: Callable[[Any, int], None], rows: int, tall: float = TALL, legend: str = ""
+) -> bytes:
+    """A figure of `count` pairs of axes, side by side in `rows` rows; legend: title of one below the last row."""
     with look.styled({"text.parse_math": False}):
-        figure = look.figure(WIDE, tall * rows, DPI)
+        below = 0.45 if legend else 0.0
+        figure = look.figure(WIDE, tall * rows + below, DPI)
         axes = np.ravel(figure.subplots(rows, -(-count // rows), squeeze=False))
         for n, one in enumerate(axes):
             if n < count:
@@ -76,7 +79,12 @@ def _panels(count: int, draw: Callable[[Any, int], None], rows: int, tall: float
                 draw(one, n)
             else:
                 one.set_axis_off()
-        figure.tight_layout(pad=0.6)
+        figure.tight_layout(pad=0.6, rect=(0, below / (tall * rows + below), 1, 1))
+        if legend:
+            handles, labels = axes[0].get_legend_handles_labels()
+            told = figure.legend(handles, labels, loc="lower left", ncols=3, handlelength=1.2)
+            told.set_title(f"{legend}:", {"size": 8})
+            told.set_alignment("left")
         return look.png(figure)
 
 
@@ -98,12 +106,15 @@ def along(points: Points, axis: str, by: str | None, some: Sequence[Quantity]) -
         axes.set_title(_quantity(one), fontsize=9)
         if logarithmic(points, axis):
             axes.set_xscale("log")
+            axes.xaxis.set_major_formatter("{x:g}")
+            axes.xaxis.set_minor_formatter("")
         if one.share:
             axes.set_ylim(-3, 103)
-        if n % len(some) == 0 and by:
+        if n % len(some) == 0 and by and len(parts) > 1:
             axes.legend(loc="best", title=look.short(by), title_fontsize=8, handlelength=1.2)
 
-    return _panels(len(parts) * len(some), panel, len(parts))
+    legend = look.short(by) if by and len(parts) == 1 else ""
+    return _panels(len(parts) * len(some), panel, len(parts), legend=legend)
 
 
 def _means(

@@ -161,4 +161,5 @@ def test_words():
     assert words(one._replace(over="searches", airs=1), share=True).endswith(
         "over the searches, as chance does not change the air"
     )
+    assert "interval 99.7-100.0 %" in words(Estimate(0.999, 0.9968, 0.9999, 900, 90, "airs"), share=True)
     assert words(None) == "nothing to count"
