@@ -9,6 +9,8 @@ from taichi_plume.guard.terminal import visible
 from taichi_plume.study import intervals
 from taichi_plume.study.points import Quantity
 
+NO_BREAK = "\u2011"  # a hyphen at which no line ends
+
 
 def said(one: Quantity, each: intervals.Estimate) -> str:
     """The sentence of an estimate."""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from taichi_plume.study import columns, intervals
-from taichi_plume.study.rows import Planned, Tables
+from taichi_plume.study.table_rows import Planned, Tables
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -28,8 +28,8 @@ QUANTITIES = (
     SUCCESS,
     TIME,
     Quantity("time_s", "time to find the source", "s", what="successes"),
-    Quantity("overhead", "way over the straight one", "1", what="successes"),
-    Quantity("acquisitions", "stops to measure", "1"),
+    Quantity("overhead", "way / straight", "1", what="successes"),
+    Quantity("acquisitions", "stops", "1"),
 )
 """Of searches; those after the success and the time count successful ones alone, where a failure has none."""
 

@@ -21,7 +21,7 @@ from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.files.tables import LONGEST_TEXT, plain
 from taichi_plume.guard.opening import unopenable
 from taichi_plume.guard.terminal import visible
-from taichi_plume.study import columns, rows, tables
+from taichi_plume.study import columns, table_rows, tables
 
 if TYPE_CHECKING:
     import pandas
@@ -62,7 +62,7 @@ class Results:
             )
 
     @cached_property
-    def tables(self) -> rows.Tables:
+    def tables(self) -> table_rows.Tables:
         """The tables as Arrow has them: those of the folder where they are made of what it holds, else made anew."""
         try:
             held = tables.held(self.folder, tables.state(self.folder))
@@ -70,7 +70,7 @@ class Results:
             raise RunFolderError(f"{self.folder}: cannot be read: {_reason(error)}") from None
         return self._made() if held is None else self._read(held)
 
-    def _read(self, held: int) -> rows.Tables:
+    def _read(self, held: int) -> table_rows.Tables:
         made = []
         for name, field in ((tables.RUNS, "number"), (tables.TRIALS, "point"), (tables.COSTS, "run")):
             path = self.folder / name
@@ -87,14 +87,14 @@ class Results:
             raise RunFolderError(f"{path}: holds {len(trials):,} of {held:,} rows; is a file of it gone?")
         place = pc.index_in(trials["run"], value_set=runs["run"].combine_chunks())
         order = place.to_numpy().argsort(kind="stable")
-        return rows.Tables(runs, trials.take(pa.array(order)), costs)
+        return table_rows.Tables(runs, trials.take(pa.array(order)), costs)
 
-    def _made(self) -> rows.Tables:
+    def _made(self) -> table_rows.Tables:
         """Of the plan and what tasks have brought so far."""
         from taichi_plume.study.store import Store
 
         try:
-            return rows.tables(self.plan, Store(self.folder).records())
+            return table_rows.tables(self.plan, Store(self.folder).records())
         except RunFolderError:
             raise
         except FAULTS as error:
@@ -197,8 +197,8 @@ class Results:
         """The table "trials", "runs" or "costs" as polars has it, if that is installed."""
         import polars
 
-        if name not in rows.Tables._fields:
-            raise ValueError(f"{name!r}: there are {', '.join(rows.Tables._fields)}")
+        if name not in table_rows.Tables._fields:
+            raise ValueError(f"{name!r}: there are {', '.join(table_rows.Tables._fields)}")
         made = polars.from_arrow(getattr(self.tables, name))
         assert isinstance(made, polars.DataFrame)
         return made

@@ -20,7 +20,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from taichi_plume.files import disk
-from taichi_plume.study import rows
+from taichi_plume.study import table_rows
 from taichi_plume.study.messages import Record
 
 PLAN, RUNS, TRIALS, COSTS, PARTS = "plan.parquet", "runs.parquet", "trials", "costs.parquet", "parts"
@@ -31,13 +31,13 @@ ROW_GROUP = 50_000
 
 def write_plan(folder: Path, plan: Any) -> None:
     """Write `plan.parquet`: a row for each run that a Plan (study/plan.py) asks for. Raises OSError."""
-    _write(folder / PLAN, rows.planned(plan).table)
+    _write(folder / PLAN, table_rows.planned(plan).table)
 
 
-def read_plan(folder: Path) -> rows.Planned:
+def read_plan(folder: Path) -> table_rows.Planned:
     """The plan of a folder, as `write_plan` left it. Raises OSError, ValueError, LookupError."""
     table = read(folder / PLAN)
-    return rows.Planned(table, json.loads(table.schema.metadata[b"study"]))
+    return table_rows.Planned(table, json.loads(table.schema.metadata[b"study"]))
 
 
 def publish(folder: Path, records: Iterable[Record]) -> None:
@@ -49,10 +49,10 @@ def publish(folder: Path, records: Iterable[Record]) -> None:
     if held(folder, made_of) is not None:
         return
     plan = read_plan(folder)
-    made = rows.tables(plan, records, made_of)
+    made = table_rows.tables(plan, records, made_of)
     (folder / COSTS).unlink(missing_ok=True)  # until it is there again, no reader takes the others for whole
     _write(folder / RUNS, made.runs)
-    _write_trials(folder, rows.by_folders(plan, MOST_FOLDERS), made.trials)
+    _write_trials(folder, table_rows.by_folders(plan, MOST_FOLDERS), made.trials)
     _write(folder / COSTS, made.costs)
 
 
@@ -79,7 +79,7 @@ def _write_trials(folder: Path, names: tuple[str, ...], trials: pa.Table) -> Non
     fresh, old = folder / f"{TRIALS}.new", folder / f"{TRIALS}.old"
     for left in (fresh, old):
         shutil.rmtree(left, ignore_errors=True)
-    for values, table in rows.parts(trials, names):
+    for values, table in table_rows.parts(trials, names):
         keys = (
             f"by_{quote(name, safe='')}={_key(value)}" for name, value in zip(names, values, strict=False)
         )

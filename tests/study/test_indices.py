@@ -1,7 +1,7 @@
 import sys
 from types import SimpleNamespace
 
-import fake_study
+import made_study
 import numpy as np
 import pytest
 from scipy.stats import qmc
@@ -52,20 +52,20 @@ def test_what_is_missing_is_left_out_and_not_filled():
 
 
 def test_a_study_tells_them(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "taichi_plume.study.store", SimpleNamespace(Store=fake_study.Store))
+    monkeypatch.setitem(sys.modules, "taichi_plume.study.store", SimpleNamespace(Store=made_study.Store))
     samples, names = 64, ("x", "y", "z")
     axes = {name: Axis(name, "", False) for name in names}
     points = design(samples)
-    plan = fake_study.plan(
+    plan = made_study.plan(
         axes, [tuple(map(float, one)) for one in points], airs=3, kind="sensitivity", samples=samples
     )
 
     def make(one):
         value = float(ishigami(points[one.point]))
         time = 30 + value + (one.seed % 3 - 1) * 0.5
-        return fake_study.record(one, [fake_study.trial(0, time=time)], outcomes={"correlation": value})
+        return made_study.record(one, [made_study.trial(0, time=time)], outcomes={"correlation": value})
 
-    records = fake_study.records(plan, make)
+    records = made_study.records(plan, make)
     tables.write_plan(tmp_path, plan)
     tables.publish(tmp_path, records)
     results = study.open(tmp_path)
@@ -81,7 +81,7 @@ def test_a_study_tells_them(tmp_path, monkeypatch):
     assert "is chance from air to air" in times["words"].iloc[0]
     assert "success" not in set(frame["quantity"])  # all succeed: nothing varies
     tables.publish(tmp_path, records)
-    fake_study.Store(tmp_path).add(records[:-6])
+    made_study.Store(tmp_path).add(records[:-6])
     frame = study.open(tmp_path).indices()
     assert set(frame["used"]) == {32}
     assert "32 of 64 rows of the design are used" in frame["words"][0]

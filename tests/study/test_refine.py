@@ -1,7 +1,7 @@
 import sys
 from types import SimpleNamespace
 
-import fake_study
+import made_study
 import numpy as np
 import pytest
 
@@ -47,21 +47,21 @@ def test_what_does_not_converge():
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "taichi_plume.study.store", SimpleNamespace(Store=fake_study.Store))
+    monkeypatch.setitem(sys.modules, "taichi_plume.study.store", SimpleNamespace(Store=made_study.Store))
     axes = {"spacing": Axis("spacing", "m", True), "algorithm": Axis("algorithm", "", True)}
     points = [(h, a) for h in (0.4, 0.1, 0.2) for a in ("casting", "spiral")]
     told = {"spacing": {"key": "domain.spacing"}, "algorithm": {"variants": {}}}
-    plan = fake_study.plan(axes, points, airs=6, kind="refinement", varied=told)
+    plan = made_study.plan(axes, points, airs=6, kind="refinement", varied=told)
     wobble = {one.air: n % 3 for n, one in enumerate(plan.requests)}
 
     def make(one):
         h, spiral = one.values["spacing"], one.values["algorithm"] == "spiral"
         time = (30 + 50 * h) if spiral else 40 - 20 * h**2
-        rows = [fake_study.trial(0, True, time + (0 if spiral else wobble[one.air]))]
-        return fake_study.record(one, rows, outcomes={"correlation": 1 - h**1.5, "error": None})
+        rows = [made_study.trial(0, True, time + (0 if spiral else wobble[one.air]))]
+        return made_study.record(one, rows, outcomes={"correlation": 1 - h**1.5, "error": None})
 
     tables.write_plan(tmp_path, plan)
-    tables.publish(tmp_path, fake_study.records(plan, make))
+    tables.publish(tmp_path, made_study.records(plan, make))
     return tmp_path
 
 

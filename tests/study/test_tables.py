@@ -3,7 +3,7 @@ import sys
 from pathlib import Path
 from types import SimpleNamespace
 
-import fake_study
+import made_study
 import pandas as pd
 import polars as pl
 import pyarrow.parquet as pq
@@ -18,18 +18,18 @@ from taichi_plume.study.messages import Axis
 @pytest.fixture(autouse=True)
 def store(monkeypatch):
     """The parts that tasks bring are those of the fake."""
-    monkeypatch.setitem(sys.modules, "taichi_plume.study.store", SimpleNamespace(Store=fake_study.Store))
+    monkeypatch.setitem(sys.modules, "taichi_plume.study.store", SimpleNamespace(Store=made_study.Store))
 
 
 @pytest.fixture
 def plan():
-    return fake_study.plan()
+    return made_study.plan()
 
 
 @pytest.fixture
 def folder(tmp_path, plan):
     tables.write_plan(tmp_path, plan)
-    tables.publish(tmp_path, fake_study.records(plan))
+    tables.publish(tmp_path, made_study.records(plan))
     return tmp_path
 
 
@@ -43,7 +43,7 @@ def files(folder: Path) -> dict[str, bytes]:
 
 def test_bytes_do_not_tell_how_the_runs_came(tmp_path, plan):
     one, other = tmp_path / "one", tmp_path / "other"
-    records = fake_study.records(plan)
+    records = made_study.records(plan)
     for place in (one, other):
         place.mkdir()
         tables.write_plan(place, plan)
@@ -51,7 +51,7 @@ def test_bytes_do_not_tell_how_the_runs_came(tmp_path, plan):
     shuffled = [record._replace(cost=record.cost._replace(begun=5.0, worker="x")) for record in records]
     random.Random(1).shuffle(shuffled)
     failed = [record._replace(status="failed", trials=[], message="lost") for record in records[:7]]
-    store = fake_study.Store(other)
+    store = made_study.Store(other)
     for so_far in (shuffled[:20], shuffled[:50], failed[:3] + shuffled + failed[3:] + shuffled[:9]):
         store.add(so_far)
         tables.publish(other, store.records())
@@ -119,11 +119,11 @@ def test_a_study_that_is_not_finished_is_read_from_what_tasks_brought(tmp_path, 
     tables.write_plan(tmp_path, plan)
     assert set(study.open(tmp_path).runs()["status"]) == {"missing"}
     assert len(study.open(tmp_path).trials()) == 0
-    records = fake_study.records(plan)
-    fake_study.Store(tmp_path).add(records[5:25])
+    records = made_study.records(plan)
+    made_study.Store(tmp_path).add(records[5:25])
     assert list(study.open(tmp_path).runs()["status"]).count("completed") == 20
-    tables.publish(tmp_path, fake_study.Store(tmp_path).records())
-    fake_study.Store(tmp_path).add(records[25:])  # after the tables: killed before they were made again
+    tables.publish(tmp_path, made_study.Store(tmp_path).records())
+    made_study.Store(tmp_path).add(records[25:])  # after the tables: killed before they were made again
     results = study.open(tmp_path)
     assert list(results.runs()["status"]) == ["missing"] * 5 + ["completed"] * (len(records) - 5)
     assert len(results.trials()) == 3 * (len(records) - 5)
@@ -132,10 +132,10 @@ def test_a_study_that_is_not_finished_is_read_from_what_tasks_brought(tmp_path, 
 def test_a_kill_between_the_steps_leaves_what_can_be_read(tmp_path, plan, monkeypatch):
     """Whichever step of writing comes last."""
     tables.write_plan(tmp_path, plan)
-    records = fake_study.records(plan)
-    fake_study.Store(tmp_path).add(records[:30])
+    records = made_study.records(plan)
+    made_study.Store(tmp_path).add(records[:30])
     tables.publish(tmp_path, records[:30])
-    fake_study.Store(tmp_path).add(records[30:])
+    made_study.Store(tmp_path).add(records[30:])
     real = {"rename": Path.rename, "replace": tables.os.replace}
     for last in range(8):
         steps = [0]
@@ -164,9 +164,9 @@ def test_a_kill_between_the_steps_leaves_what_can_be_read(tmp_path, plan, monkey
 
 
 def test_no_trials_no_axes_no_folders(tmp_path):
-    plan = fake_study.plan({}, [()], outcomes={})
+    plan = made_study.plan({}, [()], outcomes={})
     tables.write_plan(tmp_path, plan)
-    tables.publish(tmp_path, fake_study.records(plan, lambda one: fake_study.record(one, [])))
+    tables.publish(tmp_path, made_study.records(plan, lambda one: made_study.record(one, [])))
     assert [path.name for path in (tmp_path / "trials").iterdir()] == ["part-0.parquet"]
     assert len(pd.read_parquet(tmp_path / "trials")) == 0
     assert len(study.open(tmp_path).runs()) == 3
@@ -174,30 +174,30 @@ def test_no_trials_no_axes_no_folders(tmp_path):
 
 def test_axes_of_many_values_are_no_folders(tmp_path):
     axes = {"x": Axis("x", "", True), "y": Axis("y", "", True), "z": Axis("z", "m", False)}
-    plan = fake_study.plan(axes, [(n // 40, n % 40, float(n)) for n in range(40 * 40)], airs=1)
+    plan = made_study.plan(axes, [(n // 40, n % 40, float(n)) for n in range(40 * 40)], airs=1)
     tables.write_plan(tmp_path, plan)
     tables.publish(
-        tmp_path, fake_study.records(plan, lambda one: fake_study.record(one, [fake_study.trial()]))
+        tmp_path, made_study.records(plan, lambda one: made_study.record(one, [made_study.trial()]))
     )
     assert len(files(tmp_path)) == 2 + 40
     assert len(study.open(tmp_path).trials()) == 1600
 
 
 def test_a_seed_as_axis_is_its_column(tmp_path):
-    plan = fake_study.plan({"seed": Axis("seed", "", False)}, [(7,)], airs=1)
+    plan = made_study.plan({"seed": Axis("seed", "", False)}, [(7,)], airs=1)
     tables.write_plan(tmp_path, plan)
-    tables.publish(tmp_path, fake_study.records(plan))
+    tables.publish(tmp_path, made_study.records(plan))
     assert list(study.open(tmp_path).trials()["seed"]) == [7, 7, 7]
     assert "seed" not in columns.taken()
     assert {"run", "success", "status", "c"} <= columns.taken(["c"])
 
 
 def test_an_axis_called_algorithm_is_that_column(tmp_path):
-    plan = fake_study.plan(
+    plan = made_study.plan(
         {"algorithm": Axis("algorithm", "", True)}, [("fast casting",), ("spiral",)], airs=1
     )
     tables.write_plan(tmp_path, plan)
-    tables.publish(tmp_path, fake_study.records(plan))
+    tables.publish(tmp_path, made_study.records(plan))
     assert list(study.open(tmp_path).trials()["algorithm"][::3]) == ["fast casting", "spiral"]
     assert "algorithm" not in columns.taken()
 
@@ -233,17 +233,17 @@ def test_what_cannot_be_used_is_told_in_a_line(folder):
 
 def test_points_are_means_over_airs(tmp_path):
     axes = {"speed": Axis("speed", "m/s", True), "algorithm": Axis("algorithm", "", True)}
-    plan = fake_study.plan(
+    plan = made_study.plan(
         axes, [(s, a) for s in (0.2, 0.5) for a in ("casting", "spiral")], airs=8, searches=5
     )
     air = {one.air: n / 10 for n, one in enumerate(plan.requests[::5])}
 
     def rows(one):
         n = round(10 * air[one.air]) + (one.seed // 1000003) + 2 * (one.values["algorithm"] == "spiral")
-        return fake_study.record(one, [fake_study.trial(0, n % 3 == 0, 20.0), fake_study.trial(1, False)])
+        return made_study.record(one, [made_study.trial(0, n % 3 == 0, 20.0), made_study.trial(1, False)])
 
     tables.write_plan(tmp_path, plan)
-    records = fake_study.records(plan, rows)
+    records = made_study.records(plan, rows)
     records[0] = records[0]._replace(status="failed", message="lost", trials=[])
     tables.publish(tmp_path, records[:-1])
     results = study.open(tmp_path)
