@@ -34,7 +34,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         say(visible(error), error=True)
         return 2
     except KeyboardInterrupt:
-        say("interrupted before the first run", error=True)
+        say("interrupted", error=True)
         return 130
     except OSError as error:
         if getattr(args, "debug", False):

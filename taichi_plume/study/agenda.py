@@ -149,6 +149,10 @@ class Agenda:
         group = (job.air if job.film else "", job.structure)
         self._open.setdefault(group, deque()).extendleft(reversed(requests))
 
+    def back(self, job: Job) -> None:
+        """Nobody does this job: it is to be done as it is."""
+        (self.suspects if job.alone else self.repeated).append(job)
+
     def apart(self, job: Job) -> None:
         """Do the runs of a job that went wrong one by one."""
         self.repeated.extend(job._replace(requests=(one,), expected_s=None) for one in job.requests)
@@ -160,12 +164,12 @@ class Agenda:
         together, in the end one by one.
         """
         again = job._replace(deaths=job.deaths + deaths, alone=True, expected_s=None)
-        if not job.alone or again.deaths < DEATHS:
-            self.suspects.append(again)
-        elif len(job.requests) > 1 and not job.solve:
+        if again.deaths >= DEATHS and len(job.requests) > 1 and not job.solve:
             self.suspects.extend(again._replace(requests=(one,), deaths=0) for one in job.requests)
-        else:
+        elif again.deaths >= DEATHS and job.alone:
             return True
+        else:
+            self.suspects.append(again)
         return False
 
     def solved(self, air: str) -> None:

@@ -86,8 +86,9 @@ class Campaign:
         self.done: SimpleQueue[Any] = SimpleQueue()
         self.failed = 0
         self._looked = float("-inf")
+        self._adrift: set[str] = set()
         self._number = 0
-        self._without = False  # the user has been told that there is no worker
+        self._told = False  # that there is no worker
 
     def run(self) -> None:
         """Do it. Raises ClusterError where the workers are lost, and OSError where the disk is full."""
@@ -134,10 +135,30 @@ class Campaign:
                 )
         self.lanes = {address: self.lanes.get(address, Lane()) for address in there}
         self.figures.workers(len(self.lanes))
-        if not self.lanes and not self.cluster.local and not self._without:
+        self._rescue()
+        if not self.lanes and not self.cluster.local and not self._told:
+            self._told = True
             address = self.cluster.client.scheduler.address
-            self.display.note(f"no workers yet; one is started by: dask worker {address} --nthreads 1")
-        self._without = not self.lanes
+            self.display.note(f"no workers there; one is started by: dask worker {address} --nthreads 1")
+
+    def _rescue(self) -> None:
+        """Take back tasks that nobody does: Dask lets them wait for ever where the worker they were meant for went just
+        before they came, and no other one was there.
+        """
+        lost = {
+            future.key: future for future, (_, address) in self.given.items() if address not in self.lanes
+        }
+        if lost:
+            held = {key for keys in self.cluster.held().values() for key in keys}
+            lost = {
+                key: future for key, future in lost.items() if key not in held and future.status == "pending"
+            }
+        for key in self._adrift & lost.keys():  # for a second time: nothing of them is on its way
+            future = lost.pop(key)
+            job, _ = self.given.pop(future)
+            future.cancel()
+            self.agenda.back(job)
+        self._adrift = set(lost)
 
     # ------------------------------------------------------------ giving
 
@@ -193,6 +214,8 @@ class Campaign:
         try:
             future = self.done.get(timeout=seconds) if seconds else self.done.get_nowait()
         except Empty:
+            return
+        if future not in self.given:
             return
         job, address = self.given.pop(future)
         lane = self.lanes.get(address)

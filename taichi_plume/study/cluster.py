@@ -4,9 +4,11 @@ On this machine nothing listens but on loopback, nothing calls out, and nothing 
 ends: its workers end with it.
 """
 
+import asyncio
 import importlib.util
 import logging
 import os
+import re
 import shutil
 import signal
 import time
@@ -18,7 +20,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 from taichi_plume import __version__
-from taichi_plume.guard.terminal import visible
+from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 
 if TYPE_CHECKING:
     from taichi_plume.study.plan import Plan
@@ -58,14 +60,10 @@ class ClusterError(Exception):
 
 
 class Cluster:
-    """Workers, as a context. `client` is Dask's; `dashboard` its page, "" where it has none.
-
-    Raises ClusterError.
-    """
+    """Workers, as a context. `client` is Dask's."""
 
     def __init__(self, client: Any, local: Any = None, scratch: Path | None = None):
         self.client, self._local, self._scratch = client, local, scratch
-        self.dashboard = client.dashboard_link or ""
 
     def __enter__(self) -> Self:
         return self
@@ -90,6 +88,13 @@ class Cluster:
         try:
             return dict(self.client.nthreads())
         except Exception:  # the scheduler is gone, or going; `lost` tells
+            return {}
+
+    def held(self) -> dict[str, Any]:
+        """The keys of the tasks that each worker has."""
+        try:
+            return dict(self.client.processing())
+        except Exception:
             return {}
 
     def close(self) -> None:
@@ -122,9 +127,12 @@ class Cluster:
             workers=list(addresses), on_error="return",
         )  # fmt: skip
         for address, answer in sorted(told.items()):
-            if isinstance(answer, ImportError):
+            if isinstance(answer, Exception) and re.search(
+                r"(ModuleNotFound|Import|Attribute)Error", repr(answer)
+            ):
+                why = visible(answer, LONGEST_VALUE)
                 raise ClusterError(
-                    f"worker {address}: has no taichi_plume {__version__} ({answer}): install it there", 2
+                    f"worker {address}: has no taichi_plume {__version__} ({why}): install it there", 2
                 )
             if isinstance(answer, Exception) and not isinstance(answer, OSError):  # OSError: it is gone
                 raise ClusterError(f"worker {address}: {type(answer).__name__}: {answer}", 2)
@@ -146,8 +154,7 @@ def local(workers: int | None, out: Path, dashboard: bool = False) -> Cluster:
     settings = SETTINGS | {
         f"distributed.nanny.pre-spawn-environ.{name}": one for name, one in ONE_THREAD.items()
     }
-    # a file of the working folder, such as socket.py, is nothing that a new process should import
-    settings["distributed.nanny.pre-spawn-environ.PYTHONSAFEPATH"] = "1"
+    os.environ["PYTHONSAFEPATH"] = "1"  # no new process imports a socket.py of the working folder
     if not dashboard:
         settings["distributed.scheduler.http.routes"] = []
     dask.config.set(settings)
@@ -170,11 +177,9 @@ def local(workers: int | None, out: Path, dashboard: bool = False) -> Cluster:
             local_directory=str(scratch),
             scheduler_kwargs={"allowed_failures": 0},  # the command itself tells who is to blame
         )
-    client = Client(cluster, timeout=CONNECT_S, set_as_default=False)
-    one = Cluster(client, cluster, scratch)
-    if not dashboard:
-        one.dashboard = ""
+    one = Cluster(None, cluster, scratch)
     try:
+        one.client = client = Client(cluster, timeout=CONNECT_S, set_as_default=False)
         cluster.scale(count)
         _await_worker(one, log)
         client.register_plugin(LocalWorker(log.resolve()))
@@ -190,13 +195,26 @@ def remote(address: str, out: Path) -> Cluster:
     from distributed import Client
 
     try:
-        client = Client(address, timeout=CONNECT_S, set_as_default=False)
+        kind = asyncio.run(asyncio.wait_for(_kind(address), CONNECT_S))
     except (OSError, ValueError, TypeError, LookupError, ImportError, RuntimeError, AssertionError) as error:
-        reason = "does not answer" if isinstance(error, OSError) else f"{type(error).__name__}: {error}"
+        silent = isinstance(error, OSError) or not str(error)
+        kind = "nothing answers" if silent else f"{type(error).__name__}: {error}"
+    if kind != "Scheduler":
         raise ClusterError(
-            f"--scheduler {address}: no Dask scheduler there ({reason}); one is started by: dask scheduler", 2
-        ) from None
-    return Cluster(client)
+            f"--scheduler {address}: no Dask scheduler there ({kind}); one is started by: dask scheduler", 2
+        )
+    try:
+        return Cluster(Client(address, timeout=CONNECT_S, set_as_default=False))
+    except OSError:
+        raise ClusterError(f"--scheduler {address}: the scheduler does not answer", 2) from None
+
+
+async def _kind(address: str) -> str:
+    """What answers at an address: "Scheduler", "Worker", "Nanny". Raises all sorts of errors."""
+    from distributed.core import rpc
+
+    async with rpc(address) as there:
+        return str((await there.identity())["type"])
 
 
 def _await_worker(cluster: Cluster, log: Path) -> None:

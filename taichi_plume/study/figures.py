@@ -82,7 +82,7 @@ class Figures:
         """All of it, for a reader."""
         airs = f" and {self.airs:,} airs" * bool(self.airs)
         return (
-            f"{self.runs:,} runs{airs} in {_span(self.wall_s)} by {self.most} workers, busy "
+            f"{self.runs:,} runs{airs} in {_span(self.wall_s)} by {self.most} worker{'s' * (self.most != 1)}, busy "
             f"{100 * self.utilisation:.0f} % of that; {self.beyond_s:.3g} s per run beyond the simulation"
         )
 

@@ -40,24 +40,26 @@ class Wishes(NamedTuple):
 def carry_out(plan: "Plan", wishes: Wishes, labour: "Labour | None" = None) -> int:
     """Make the runs of a plan that are not done, then tables and page; returns the command's exit code.
 
-    labour: what workers call, for tests. Raises ScenarioError, RunFolderError, OSError, KeyboardInterrupt: before the
-    first run.
+    labour: what workers call, for tests. Raises ScenarioError, RunFolderError, OSError.
     """
     _require_allowed(plan, wishes)
-    with listening() as ears, Store(wishes.out) as store:
-        try:
+    try:
+        with listening() as ears, Store(wishes.out) as store:
             store.begin(plan, wishes.force)
             code = _work(plan, store, wishes, labour, ears)
-        except StoreError as error:
-            raise RunFolderError(str(error)) from None
-        if code == 2:
-            return code
-        try:
-            ears.hasty = not ears.stopped  # a signal while tables are written is heard when they are there
-            return max(_conclude(plan, store, wishes, code), 130 if ears.stopped else 0)
-        except KeyboardInterrupt:
-            say("interrupted; what is done is kept", error=True)
-            return 130
+            if code == 2:
+                return code
+            ears.running, ears.hasty = (
+                True,
+                not ears.stopped,
+            )  # a first signal waits until the tables are there
+            code = _conclude(plan, store, wishes, code)
+            return 130 if ears.stopped else code
+    except KeyboardInterrupt:
+        say("interrupted; what is done is kept, and the same command goes on", error=True)
+        return 130
+    except StoreError as error:
+        raise RunFolderError(str(error)) from None
 
 
 def _work(plan: "Plan", store: Store, wishes: Wishes, labour: "Labour | None", ears: Ears) -> int:
@@ -97,7 +99,7 @@ def _campaign(
     from taichi_plume.study.display import Display
 
     if wishes.dashboard:
-        say(visible(f"Dask's dashboard: {workers.dashboard}"), error=True)
+        say(visible(f"Dask's dashboard: {workers.client.dashboard_link}"), error=True)
     labour = labour or Labour()
     shared = shared_airs(plan, todo, labour)
     options = options_of(plan, wishes.out, wishes.allow_code, wishes.allow_outside)
@@ -117,7 +119,6 @@ def _campaign(
             say(visible(f"{error.strerror or error}{at}"), error=True)
             return 1
         finally:
-            ears.hasty = False
             with deaf():
                 figures.write(store, campaign.figures)
     if campaign.figures.tasks and not wishes.quiet:

@@ -1,0 +1,128 @@
+"""Refinement of the grid: observed order, extrapolated value and grid convergence index of what a study tells.
+
+Of the three finest spacings h1 < h2 < h3, whose ratios may differ (Celik et al. 2008, doi:10.1115/1.2960953): values
+f = f0 + a h^p make (f3 - f2)/(f2 - f1) a function of the order p alone. Values that go to and fro converge where each
+change is smaller than the one before; their order is that of the same rule with alternating signs.
+"""
+
+from collections.abc import Iterator, Sequence
+from math import nan
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.optimize import brentq
+
+SAFETY = 1.25  # of the index, with three grids
+HIGHEST = 12.0  # order that is told
+KEY = "domain.spacing"
+
+
+class Order(NamedTuple):
+    """What three spacings tell of a value.
+
+    order, extrapolated, index (in the value's unit: by how far the finest may be off): NaN where they cannot be told;
+    behaviour: converges, oscillates, diverges, still (no change) or too few.
+    """
+
+    order: float
+    extrapolated: float
+    index: float
+    behaviour: str
+
+
+SAID = {
+    "converges": "it converges",
+    "oscillates": "it goes to and fro, less and less: oscillatory convergence, of which the order says little",
+    "diverges": "it does not converge: the last change is too large beside the one before",
+    "still": "it no longer changes, so there is no order to be told",
+    "too few": "three spacings are needed",
+}
+
+
+def order(spacings: Sequence[float], values: Sequence[float]) -> Order:
+    """The observed order of values (n,) at spacings (n,), by the three finest of those at which it is known."""
+    known = sorted((h, f) for h, f in zip(spacings, values, strict=True) if np.isfinite(f))[:3]
+    if len(known) < 3:
+        return Order(nan, nan, nan, "too few")
+    (h1, f1), (h2, f2), (h3, f3) = known
+    fine, coarse = h2 / h1, h3 / h2
+    change, before = f2 - f1, f3 - f2
+    if abs(change) <= 1e-12 * max(abs(f1), abs(f2), abs(f3)):
+        return Order(nan, f1, 0.0, "still")
+    ratio = before / change
+    sign = 1.0 if ratio > 0 else -1.0
+
+    def off(p: float) -> float:
+        return fine**p * (coarse**p - sign) / (fine**p - sign) - abs(ratio)
+
+    least = 1e-6
+    if off(least) >= 0:
+        return Order(nan, nan, nan, "diverges")
+    p = float(brentq(off, least, HIGHEST)) if off(HIGHEST) > 0 else HIGHEST
+    gain = fine**p - 1
+    return Order(
+        p, f1 - change / gain, SAFETY * abs(change) / gain, "converges" if sign > 0 else "oscillates"
+    )
+
+
+def axis_of(about: dict[str, Any]) -> str | None:
+    """The axis that is the spacing, of what a plan tells of its study."""
+    axes = about["study"].get("axes") or {}
+    for name, one in axes.items():
+        if isinstance(one, dict) and KEY in (one.get("key"), *(one.get("keys") or ())):
+            return name
+    return None
+
+
+def orders(points: Any, axis: str) -> Iterator[dict[str, Any]]:
+    """The order of each quantity of `Points`, for each combination of the other axes' values and group.
+
+    A row has these, `quantity`, `unit`, `spacings` (finest first), `values` there, the Order's fields, and `chance`:
+    whether the last change is within the interval of one of the two, so that chance may have made it; None where there
+    is no interval.
+    """
+    table = points.table
+    others = [name for name in (*points.axes, "group") if name != axis and name in table]
+    groups = (
+        table.groupby(others, sort=False, dropna=False).indices if others else {(): np.arange(len(table))}
+    )
+    for values, rows in groups.items():
+        key = values if isinstance(values, tuple) else (values,)
+        rows = rows[np.argsort(table[axis].to_numpy(float)[rows])]
+        spacings = table[axis].to_numpy(float)[rows]
+        for one in points.quantities:
+            told = [points.estimates[one.name][row] for row in rows]
+            means = [each.mean if each else nan for each in told]
+            if not np.isfinite(means).any():
+                continue
+            found = order(spacings, means)
+            yield {
+                **dict(zip(others, key, strict=True)), "quantity": one.name, "unit": one.unit,
+                "spacings": spacings.tolist(), "values": means, **found._asdict(), "chance": _chance(told),
+            }  # fmt: skip
+
+
+def _chance(told: Sequence[Any]) -> bool | None:
+    known = [one for one in told if one]
+    if len(known) < 2 or not all(np.isfinite(one.low) for one in known[:2]):
+        return None
+    (a, b) = known[:2]
+    return bool(a.low <= b.mean <= a.high or b.low <= a.mean <= b.high)
+
+
+def words(row: dict[str, Any]) -> str:
+    """What a row of `orders` says, in a line."""
+    if row["behaviour"] not in ("converges", "oscillates"):
+        return SAID[row["behaviour"]]
+    unit = "" if row["unit"] == "1" else f" {row['unit']}"
+    said = f"{SAID[row['behaviour']]}: " if row["behaviour"] == "oscillates" else ""
+    about = "at least " if row["order"] >= HIGHEST else ""
+    text = (
+        f"{said}order {about}{row['order']:.2f}, towards {row['extrapolated']:.4g}{unit}; "
+        f"at the finest spacing it may be off by {row['index']:.2g}{unit} (grid convergence index)"
+    )
+    if row["chance"]:
+        text += (
+            "; but the last change is within the interval over airs: it may be chance, more airs would tell"
+        )
+    return text

@@ -1,0 +1,268 @@
+import random
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import made_study
+import pandas as pd
+import polars as pl
+import pyarrow.parquet as pq
+import pytest
+
+from taichi_plume import study
+from taichi_plume.files.run_folder import RunFolderError
+from taichi_plume.study import columns, tables
+from taichi_plume.study.messages import Axis
+
+
+@pytest.fixture(autouse=True)
+def store(monkeypatch):
+    """The parts that tasks bring are those of the fake."""
+    monkeypatch.setitem(sys.modules, "taichi_plume.study.store", SimpleNamespace(Store=made_study.Store))
+
+
+@pytest.fixture
+def plan():
+    return made_study.plan()
+
+
+@pytest.fixture
+def folder(tmp_path, plan):
+    tables.write_plan(tmp_path, plan)
+    tables.publish(tmp_path, made_study.records(plan))
+    return tmp_path
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in folder.rglob("*.parquet")
+        if path.name != tables.COSTS and "parts" not in path.parts
+    }
+
+
+def test_bytes_do_not_tell_how_the_runs_came(tmp_path, plan):
+    one, other = tmp_path / "one", tmp_path / "other"
+    records = made_study.records(plan)
+    for place in (one, other):
+        place.mkdir()
+        tables.write_plan(place, plan)
+    tables.publish(one, records)
+    shuffled = [record._replace(cost=record.cost._replace(begun=5.0, worker="x")) for record in records]
+    random.Random(1).shuffle(shuffled)
+    failed = [record._replace(status="failed", trials=[], message="lost") for record in records[:7]]
+    store = made_study.Store(other)
+    for so_far in (shuffled[:20], shuffled[:50], failed[:3] + shuffled + failed[3:] + shuffled[:9]):
+        store.add(so_far)
+        tables.publish(other, store.records())
+    assert files(one) == files(other)
+    assert len(files(one)) == 2 + 24
+    assert {path.name for path in other.iterdir()} == {
+        "plan.parquet",
+        "runs.parquet",
+        "costs.parquet",
+        "trials",
+        "parts",
+    }
+
+
+def test_pandas_polars_and_duckdb_read_the_trials_in_a_line(folder, plan):
+    duckdb = pytest.importorskip("duckdb")
+    place = folder / "trials"
+    by_pandas = pd.read_parquet(place)
+    by_polars = pl.read_parquet(place / "**/*.parquet", hive_partitioning=True)
+    told = duckdb.sql(f"from '{place}/**/*.parquet'")
+    assert {str(by_pandas[name].dtype) for name in ("success", "open")} == {"boolean"}
+    assert {str(by_pandas[name].dtype) for name in ("count", "hits", "seed")} == {"Int64"}
+    assert {by_polars[name].dtype for name in ("success", "open")} == {pl.Boolean}
+    assert {by_polars[name].dtype for name in ("count", "hits", "seed")} == {pl.Int64}
+    kinds = dict(zip(told.columns, map(str, told.types), strict=True))
+    assert {kinds[name] for name in ("success", "open")} == {"BOOLEAN"}
+    assert {kinds[name] for name in ("count", "hits", "seed")} == {"BIGINT"}
+    for kind in (
+        str(by_pandas["speed"].dtype),
+        str(by_polars["speed"].dtype).lower(),
+        kinds["speed"].lower(),
+    ):
+        assert kind in ("float64", "double")
+    mean = "avg(time_s), count(*), count(success), sum(success::int)"
+    of_one = duckdb.sql(
+        f"select {mean} from '{place}/**/*.parquet' where speed = 0.2 and \"algorithm of all\" = 'spiral/50 %'"
+    ).fetchall()[0]
+    runs = 2 * 2 * 3  # counts, doors, airs
+    assert of_one == (10.0, 3 * runs, 2 * runs, runs)
+    for frame in (by_pandas, by_polars.to_pandas()):
+        some = frame[(frame["speed"] == 0.2) & (frame["algorithm of all"] == "spiral/50 %")]
+        assert (some["time_s"].mean(), len(some), some["success"].count(), some["success"].sum()) == of_one
+    assert by_pandas.attrs["units"]["speed"] == "m/s"
+
+
+def test_what_is_read_is_what_came(folder, plan):
+    results = study.open(folder)
+    trials, runs, costs = results.trials(), results.runs(), results.costs()
+    assert list(runs["run"]) == [one.run for one in plan.requests]
+    assert list(trials["run"]) == [one.run for one in plan.requests for _ in range(3)]
+    assert list(trials["trial"]) == [0, 1, 2] * len(plan.requests)
+    assert list(trials["success"][:3]) == [True, False, pd.NA]
+    assert list(trials["speed"][::3]) == [one.values["speed"] for one in plan.requests]
+    assert trials[["air_seed", "seed"]].iloc[[0, 3]].to_numpy().tolist() == [[7, 7], [7 + 1, 7 + 1]]
+    assert trials.attrs["units"]["time_s"] == "s"
+    assert set(runs["correlation"]) == {0.5}
+    assert runs["error"].count() == 0
+    assert runs.attrs["units"]["error"] == "ppm"
+    assert sum(costs["total_s"]) == 2 * len(plan.requests)
+    assert results.polars("trials")["success"].to_list() == [True, False, None] * len(plan.requests)
+    assert "72 completed" in repr(results)
+
+
+def test_a_study_that_is_not_finished_is_read_from_what_tasks_brought(tmp_path, plan):
+    tables.write_plan(tmp_path, plan)
+    assert set(study.open(tmp_path).runs()["status"]) == {"missing"}
+    assert len(study.open(tmp_path).trials()) == 0
+    records = made_study.records(plan)
+    made_study.Store(tmp_path).add(records[5:25])
+    assert list(study.open(tmp_path).runs()["status"]).count("completed") == 20
+    tables.publish(tmp_path, made_study.Store(tmp_path).records())
+    made_study.Store(tmp_path).add(records[25:])  # after the tables: killed before they were made again
+    results = study.open(tmp_path)
+    assert list(results.runs()["status"]) == ["missing"] * 5 + ["completed"] * (len(records) - 5)
+    assert len(results.trials()) == 3 * (len(records) - 5)
+
+
+def test_a_kill_between_the_steps_leaves_what_can_be_read(tmp_path, plan, monkeypatch):
+    """Whichever step of writing comes last."""
+    tables.write_plan(tmp_path, plan)
+    records = made_study.records(plan)
+    made_study.Store(tmp_path).add(records[:30])
+    tables.publish(tmp_path, records[:30])
+    made_study.Store(tmp_path).add(records[30:])
+    real = {"rename": Path.rename, "replace": tables.os.replace}
+    for last in range(8):
+        steps = [0]
+
+        def step(kind, *how, last=last, steps=steps):
+            if steps[0] == last:
+                raise KeyboardInterrupt
+            steps[0] += 1
+            return real[kind](*how)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(Path, "rename", lambda *how, step=step: step("rename", *how))
+            patch.setattr(tables.os, "replace", lambda *how, step=step: step("replace", *how))
+            try:
+                tables.publish(tmp_path, records)
+            except KeyboardInterrupt:
+                assert last < 29
+        assert set(study.open(tmp_path).runs()["status"]) == {"completed"}
+        assert len(study.open(tmp_path).trials()) == 3 * len(records)
+    tables.publish(tmp_path, records)
+    clean = tmp_path / "clean"
+    clean.mkdir()
+    tables.write_plan(clean, plan)
+    tables.publish(clean, records)
+    assert {k: v for k, v in files(tmp_path).items() if not k.startswith("clean")} == files(clean)
+
+
+def test_no_trials_no_axes_no_folders(tmp_path):
+    plan = made_study.plan({}, [()], outcomes={})
+    tables.write_plan(tmp_path, plan)
+    tables.publish(tmp_path, made_study.records(plan, lambda one: made_study.record(one, [])))
+    assert [path.name for path in (tmp_path / "trials").iterdir()] == ["part-0.parquet"]
+    assert len(pd.read_parquet(tmp_path / "trials")) == 0
+    assert len(study.open(tmp_path).runs()) == 3
+
+
+def test_axes_of_many_values_are_no_folders(tmp_path):
+    axes = {"x": Axis("x", "", True), "y": Axis("y", "", True), "z": Axis("z", "m", False)}
+    plan = made_study.plan(axes, [(n // 40, n % 40, float(n)) for n in range(40 * 40)], airs=1)
+    tables.write_plan(tmp_path, plan)
+    tables.publish(
+        tmp_path, made_study.records(plan, lambda one: made_study.record(one, [made_study.trial()]))
+    )
+    assert len(files(tmp_path)) == 2 + 40
+    assert len(study.open(tmp_path).trials()) == 1600
+
+
+def test_a_seed_as_axis_is_its_column(tmp_path):
+    plan = made_study.plan({"seed": Axis("seed", "", False)}, [(7,)], airs=1)
+    tables.write_plan(tmp_path, plan)
+    tables.publish(tmp_path, made_study.records(plan))
+    assert list(study.open(tmp_path).trials()["seed"]) == [7, 7, 7]
+    assert "seed" not in columns.taken()
+    assert {"run", "success", "status", "c"} <= columns.taken(["c"])
+
+
+def test_an_axis_called_algorithm_is_that_column(tmp_path):
+    plan = made_study.plan(
+        {"algorithm": Axis("algorithm", "", True)}, [("fast casting",), ("spiral",)], airs=1
+    )
+    tables.write_plan(tmp_path, plan)
+    tables.publish(tmp_path, made_study.records(plan))
+    assert list(study.open(tmp_path).trials()["algorithm"][::3]) == ["fast casting", "spiral"]
+    assert "algorithm" not in columns.taken()
+
+
+def test_what_cannot_be_used_is_told_in_a_line(folder):
+    def fault() -> str:
+        with pytest.raises(RunFolderError) as told:
+            study.open(folder).trials()
+        assert "\n" not in str(told.value)
+        return str(told.value)
+
+    with pytest.raises(RunFolderError, match="does not exist; give the folder of a study"):
+        study.open(folder / "gone")
+    with pytest.raises(RunFolderError, match="is not the folder of a study"):
+        study.open(folder / "trials")
+    part = next((folder / "trials").rglob("*.parquet"))
+    whole = part.read_bytes()
+    part.write_bytes(whole[:100])
+    assert "is damaged" in fault()
+    part.unlink()
+    assert "holds 213 of 216 rows" in fault() or "holds 207 of 216 rows" in fault()
+    part.write_bytes(whole[:30] + bytes([whole[30] ^ 255]) + whole[31:])
+    assert "is damaged" in fault()
+    table = pq.read_table(folder / "plan.parquet")
+    about = table.schema.metadata[b"study"].replace(b'"version": "0', b'"version": "9')
+    pq.write_table(table.replace_schema_metadata({b"study": about}), folder / "plan.parquet")
+    assert "was made by taichi_plume 9" in fault()
+    pq.write_table(table.replace_schema_metadata({}), folder / "plan.parquet")
+    assert "plan.parquet: is damaged" in fault()
+    (folder / "plan.parquet").write_bytes(b"PAR1")
+    assert "plan.parquet: is damaged" in fault()
+
+
+def test_points_are_means_over_airs(tmp_path):
+    axes = {"speed": Axis("speed", "m/s", True), "algorithm": Axis("algorithm", "", True)}
+    plan = made_study.plan(
+        axes, [(s, a) for s in (0.2, 0.5) for a in ("casting", "spiral")], airs=8, searches=5
+    )
+    air = {one.air: n / 10 for n, one in enumerate(plan.requests[::5])}
+
+    def rows(one):
+        n = round(10 * air[one.air]) + (one.seed // 1000003) + 2 * (one.values["algorithm"] == "spiral")
+        return made_study.record(one, [made_study.trial(0, n % 3 == 0, 20.0), made_study.trial(1, False)])
+
+    tables.write_plan(tmp_path, plan)
+    records = made_study.records(plan, rows)
+    records[0] = records[0]._replace(status="failed", message="lost", trials=[])
+    tables.publish(tmp_path, records[:-1])
+    results = study.open(tmp_path)
+    points, trials = results.points(), results.trials()
+    assert list(points["speed"]) == [0.2, 0.2, 0.5, 0.5]
+    assert list(points["failed"]) == [1, 0, 0, 0]
+    assert list(points["missing"]) == [0, 0, 0, 1]
+    for n in range(4):
+        some = trials[trials["point"] == n]
+        assert points["success"][n] == pytest.approx(some["success"].mean())
+        assert points["time_with_failures_s"][n] == pytest.approx(some["time_with_failures_s"].mean())
+        assert points["success_low"][n] < points["success"][n] < points["success_high"][n]
+    assert points["success_words"][1].endswith("over 8 airs")
+    assert "of 80 searches" in points["success_words"][1]
+    assert points.attrs["units"]["time_with_failures_s_low"] == "s"
+    assert points["correlation"][0] == 0.5
+    apart = results.differences("algorithm")
+    assert list(apart["second"]) == ["spiral", "spiral"]
+    assert apart["apart"][1] == pytest.approx(points["success"][3] - points["success"][2], abs=0.02)
+    assert list(apart["airs"]) == [8, 8]
+    with pytest.raises(ValueError, match="there are speed, algorithm"):
+        results.differences("rate")
