@@ -93,7 +93,7 @@ def pooled(several: Sequence[Spells]) -> Spells:
 
 def halfway(duration: float, step: float) -> float:
     """The duration made to lie between two that can occur, multiples of the step of an even record [s]."""
-    return (np.floor(duration / step + 1e-9) + 0.5) * step
+    return float((np.floor(duration / step + 1e-9) + 0.5) * step)
 
 
 def _mean_log(exponent: float, span: float) -> float:
@@ -145,7 +145,7 @@ def exponent(found: Spells, first: float, last: float, seed: int = 0) -> Exponen
     value = likeliest(float(logs.mean()), span)
     ends = [likeliest(end, span) for end in _interval(chosen.begin, logs, seed)]
     distance = _distance(chosen.lasted, value, first, last)
-    return Exponent(value, min(ends), max(ends), first, last, len(logs), distance)
+    return Exponent(value, min(ends), max(ends), float(first), float(last), len(logs), distance)
 
 
 def _interval(begin: np.ndarray, values: np.ndarray, seed: int) -> tuple[float, float]:

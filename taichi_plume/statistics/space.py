@@ -30,7 +30,7 @@ def gaussian(y: np.ndarray, peak: float, centre: float, width: float) -> np.ndar
 def gaussian_fit(y: np.ndarray, values: np.ndarray) -> Gaussian | None:
     """The Gaussian nearest to a profile (n,) at places y (n,) [m], by least squares.
 
-    None where there is nothing to fit, or its centre lies more than the profile's length beyond it: no peak was seen.
+    None where there is nothing to fit, or its centre is not among the places: no peak was seen.
     """
     from scipy.optimize import curve_fit
 
@@ -52,7 +52,7 @@ def gaussian_fit(y: np.ndarray, values: np.ndarray) -> Gaussian | None:
         return None
     left = float(((values - gaussian(y, *found)) ** 2).sum())
     explained = 1.0 - left / float(((values - np.mean(values)) ** 2).sum())
-    if not low < found[1] < high or found[2] >= 9.99 * reach:
+    if not np.min(y) <= found[1] <= np.max(y) or found[2] >= 9.99 * reach:
         return None
     return Gaussian(float(found[0]), float(found[1]), float(found[2]), explained)
 
