@@ -17,7 +17,8 @@ MAPS = (
     "From above: mean over time, fluctuation over it, and share of the time with gas. Colours end at what half a "
     "hundredth of the cells exceed; white: obstacles, or never gas."
 )
-PROFILES = "Dots: the points' means and fluctuations over time. Line: the Gaussian nearest to the means."
+PROFILES = "Means and fluctuations of the points over time."
+NEAREST = " Lines: the Gaussian nearest to the means."
 WIDTHS = "Of the Gaussian nearest to the mean of each row that has one."
 CORRELATION = (
     "Of the fluctuations at two points, against how far they are apart. The length is the integral up to the first "
@@ -36,8 +37,8 @@ RANGE = (
     "Cut: left out, as the record's begin or end cuts them. Exponent: by maximum likelihood in the range that is "
     "told; its interval by drawing blocks of time anew, as points see the same gusts. Unless --range gives it, the "
     "range ends at half the time that the mean wind takes from the source, or where a hundredth is longer, and begins "
-    "where what follows is nearest to a power law (Clauset, Shalizi and Newman 2009, doi:10.1137/070710111), at five samples or "
-    "later."
+    "where what follows is nearest to a power law (Clauset, Shalizi and Newman 2009, doi:10.1137/070710111), at five "
+    "samples or later."
 )
 KEPT = (
     "Each sensor was given the record, as in a run. It keeps a whiff if its reading rises through the threshold "

@@ -99,8 +99,8 @@ def _law_in_words(kind: Kind) -> str:
     agrees = "agrees with" if law.low <= CELANI <= law.high else "differs from"
     short = "" if law.last / law.first >= 0.95 * DECADE else ", less than a decade"
     return (
-        f"{kind.name} last T with p(T) ~ T^-{law.value:.2f} (95 % interval {law.low:.2f} to {law.high:.2f}) from "
-        f"{law.first:.3g} to {law.last:.3g} s{short}, which {agrees} -3/2"
+        f"{kind.name} last T with p(T) ~ T^-a, a = {law.value:.2f} (95 % interval {law.low:.2f} to {law.high:.2f}) from "
+        f"{law.first:.3g} to {law.last:.3g} s{short}, which {agrees} 3/2"
     )
 
 
@@ -194,10 +194,13 @@ def _spread(shown: list[OfProbe]) -> Section:
 
 
 def _gaussian(several: list[Profile]) -> str:
-    if len(several) != 1 or several[0].gaussian is None:
+    if all(one.gaussian is None for one in several):
         return ""
+    if len(several) > 1 or several[0].gaussian is None:
+        return captions.NEAREST
     fit = several[0].gaussian
-    return f" Centre {fit.centre:.3g} m, width {fit.width:.3g} m ({fit.share:.0%} of the variance explained)."
+    told = f"Centre {fit.centre:.3g} m, width {fit.width:.3g} m ({fit.share:.0%} of the variance explained)."
+    return f"{captions.NEAREST} {told}"
 
 
 def _whiffs(found: Statistics, shown: list[OfProbe]) -> Section:

@@ -230,7 +230,7 @@ def sensors(smelt: Smelt) -> bytes:
         axis.barh(
             y, [100 * one.share for one in smelt.kept], color=[SECOND, FIRST, *["#90a4ae"] * (len(y) - 2)]
         )
-        axis.set_yticks(y, [look.short(one.nose.name, 60) for one in smelt.kept], parse_math=False)
+        axis.set_yticks(y, [look.short(one.nose.name, 70) for one in smelt.kept], parse_math=False)
         for place, one in zip(y, smelt.kept, strict=True):
             axis.text(100 * one.share + 1, place, f"{one.share:.0%}", va="center", fontsize=8)
         axis.set_xlim(0, 112)
