@@ -137,7 +137,7 @@ def _tell(found: Any) -> None:
                 law = kind.law
                 lines.append(
                     f"{one.probe.name}: {len(kind.all.lasted):,} {kind.name}, p(T) ~ T^-a with a = {law.value:.2f} "
-                    f"(95 %: {law.low:.2f} to {law.high:.2f}) from {law.first:.3g} to {law.last:.3g} s; in turbulence 1.5"
+                    f"(95 %: {law.low:.2f} to {law.high:.2f}) from {law.first:.3g} to {law.last:.3g} s; turbulence: 1.5"
                 )
     if found.smelt:
         slow, fast = found.smelt.kept[:2]
