@@ -8,7 +8,6 @@ returns, p(T) ~ T^-3/2 (Celani, Villermaux & Vergassola 2014, doi:10.1103/PhysRe
 from math import erf, exp, log, pi, sqrt
 
 import numpy as np
-from scipy.optimize import brentq
 
 from taichi_plume.grid.fields import concentration_at
 from taichi_plume.grid.grid import Grid
@@ -16,6 +15,7 @@ from taichi_plume.scenario.closed_forms import MeanderingGas
 from taichi_plume.scenario.winds import UniformWind
 from taichi_plume.solvers.plumes import Plumes
 from taichi_plume.solvers.uniform import UniformSolver
+from taichi_plume.statistics import durations
 from taichi_plume.validation.case import Answer, Curve
 
 U, Q = 1.0, 1e-3  # m/s, kg/s
@@ -126,7 +126,6 @@ def whiffs(n: int) -> Answer:
     """
     time, dt = 0.05, 0.1
     plume = Meander(length=50.0, intensity=0.3, time=time, slope=0.02)
-    found: dict[str, list[np.ndarray]] = {"whiffs": [], "blanks": []}
     distances = np.array([40.0, 45.0, 50.0])
     sensors = [(x, plume.wander(x), level) for x in distances for level in (-0.6, 0.0, 0.6)]
     places = np.array([(x, (2.0 + level) * wander) for x, wander, level in sensors])
@@ -134,36 +133,23 @@ def whiffs(n: int) -> Answer:
         plume.peak(x) * exp(-((2.0 * wander / plume.relative(x)) ** 2) / 2.0) for x, wander, _ in sensors
     ]
     present = plume.readings(places, dt, round(n / dt)) > least
-    for series in present.T:
-        changes = np.flatnonzero(np.diff(series)) + 1
-        lasted, kind = np.diff(changes) * dt, series[changes[:-1]]
-        found["whiffs"].append(lasted[kind])
-        found["blanks"].append(lasted[~kind])
-    first, last = 20.0 * time, 0.5 * distances[0] / U  # walks forget the gust they began with
+    several = [durations.spells(dt * np.arange(len(present)), series) for series in present.T]
+    first = durations.halfway(20.0 * time - dt, dt)  # walks forget the gust they began with
+    last = durations.halfway(0.5 * distances[0] / U, dt)
     answer: dict[str, float | Curve] = {}
-    for name, parts in found.items():
-        lasted = np.concatenate(parts)
-        chosen = lasted[(lasted > first - dt / 2) & (lasted < last + dt / 2)]
-        answer[f"slope of {name} + 3/2"] = abs(1.5 - _exponent(chosen, first - dt / 2, last + dt / 2))
-        answer[f"{name} counted"] = float(len(chosen))
+    for name, parts in zip(("whiffs", "blanks"), zip(*several, strict=True), strict=True):
+        found = durations.pooled(parts)
+        slope = durations.exponent(found, first, last)
+        assert slope is not None, name
+        answer[f"slope of {name} + 3/2"] = abs(durations.CELANI - slope.value)
+        answer[f"{name} counted"] = float(slope.count)
+        lasted = found.lasted
         edges = (np.floor(np.geomspace(first, 60.0, 15) / dt) + 0.5) * dt  # between what durations there are
         density = np.histogram(lasted, edges)[0] / np.diff(edges)
         middle = np.sqrt(edges[:-1] * edges[1:])
         some = density > 0
-        law = middle**-1.5 * len(chosen) / (2.0 * (first**-0.5 - last**-0.5))
+        law = middle**-durations.CELANI * slope.count / (2.0 * (first**-0.5 - last**-0.5))
         answer[f"duration of {name}"] = Curve(
             "T [s]", "number per second of T", middle[some], density[some], law[some], log_x=True, log_y=True
         )
     return answer
-
-
-def _exponent(durations: np.ndarray, first: float, last: float) -> float:
-    """Of the power law T^-a between two durations, the likeliest: where the mean of log T is that of the law."""
-    wanted = float(np.log(durations).mean())
-
-    def excess(a: float) -> float:
-        t = np.geomspace(first, last, 2001)
-        weight = t ** (1.0 - a)
-        return float((weight * np.log(t)).sum() / weight.sum()) - wanted
-
-    return float(brentq(excess, -2.0, 6.0))  # type: ignore[arg-type]

@@ -152,10 +152,11 @@ def _found(path: Path) -> list[Found]:
     return whole + [(int(file.stem), file) for file in part_files(parts_of(path))]
 
 
-def batches(path: Path) -> Iterator[pa.RecordBatch]:
+def batches(path: Path, columns: Sequence[str] | None = None) -> Iterator[pa.RecordBatch]:
     """The rows of a table, at least one batch, as far as they are: of its parts where it is not finished.
 
-    The bytes are checked, by the manifest beside it and the sums of its pages. Raises RunFolderError, in a line.
+    columns: names of those that are read, in this order; unless given, all. The bytes are checked, by the manifest
+    beside it and the sums of its pages. Raises RunFolderError, in a line.
     """
     damage = manifest.changed(path) if path.exists() else None
     if damage:
@@ -168,8 +169,11 @@ def batches(path: Path) -> Iterator[pa.RecordBatch]:
             fault = unopenable(file)
             if fault:
                 raise RunFolderError(f"{file}: {fault}")
-        yield pa.RecordBatch.from_pylist([], pq.read_schema(files[0][1]))
-        yield from _once(files, None)
+        schema = pq.read_schema(files[0][1])
+        if columns is not None:
+            schema = pa.schema([schema.field(name) for name in columns], schema.metadata)
+        yield pa.RecordBatch.from_pylist([], schema)
+        yield from _once(files, None, columns)
     except (pa.ArrowException, OSError, ValueError, LookupError) as error:
         if isinstance(error, RunFolderError):
             raise
@@ -239,14 +243,16 @@ def _in_groups(files: list[Found], rows: int | None) -> Iterator[pa.Table]:
         yield pa.Table.from_batches(waiting)
 
 
-def _once(files: list[Found], rows: int | None) -> Iterator[pa.RecordBatch]:
+def _once(
+    files: list[Found], rows: int | None, columns: Sequence[str] | None = None
+) -> Iterator[pa.RecordBatch]:
     """The rows of files up to number `rows`, or all; what one repeats of those before it is left out."""
     last, done = inf if rows is None else rows, 0
     for begin, file in files:
         with pq.ParquetFile(file, page_checksum_verification=True) as part:
             if begin + part.metadata.num_rows <= done or begin >= last:
                 continue
-            for batch in part.iter_batches(ROW_GROUP):
+            for batch in part.iter_batches(ROW_GROUP, columns=columns):
                 fresh = batch.slice(
                     max(0, done - begin), max(0, int(min(last - max(begin, done), len(batch))))
                 )

@@ -1,3 +1,25 @@
-"""Statistics of plumes from what runs leave: profiles, intermittency, whiffs and blanks, spectra; and their page."""
+"""Statistics of plumes from what runs leave: profiles, intermittency, whiffs and blanks, spectra; and their page.
+
+from taichi_plume import statistics
+
+found = statistics.of("runs/arena-1", threshold=2.0)
+found.points       pandas.DataFrame: a row per point, units in attrs["units"]
+found.durations    pandas.DataFrame: a row per whiff and blank
+found.spectra      pandas.DataFrame
+found.maps         xarray.Dataset of a film: mean, rms, maximum, intensity, intermittency
+found.summary      dict: exponents, fits, profiles, lengths, which whiffs sensors keep
+"""
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from taichi_plume.statistics.result import Statistics
 
 MAY_IMPORT: tuple[str, ...] = ("agents", "files", "grid", "guard", "report", "run_data", "scenario")
+
+
+def of(source: Any, **options: Any) -> "Statistics":
+    """The statistics of a run's folder or of a film; options: of `statistics.source.of`. Raises RunFolderError."""
+    from taichi_plume.statistics import source as made
+
+    return made.of(source, **options)

@@ -1,0 +1,221 @@
+"""All that is told of one probe: numbers of each point, whiffs, spectrum, profiles and correlation."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from taichi_plume.statistics import durations, space, spectra
+from taichi_plume.statistics.durations import Exponent, Spells
+from taichi_plume.statistics.fits import MOST, Fit, fits
+from taichi_plume.statistics.moments import moments, wind
+from taichi_plume.statistics.records import AXES, Probe, Record
+
+MOST_VALUES = 10_000_000  # of a quantity that are held at a time
+STILL = 1e-3  # m/s, below which nothing travels
+
+
+class Settings(NamedTuple):
+    """What statistics are made with.
+
+    gas: name of the species. threshold [ppm]: what is above is gas. wind: names of the record's wind. sources: (m, dim)
+    [m], where they are known. bounds: of the durations that the exponent is of [s]; unless given, chosen.
+    """
+
+    gas: str
+    threshold: float
+    wind: Sequence[str] = ()
+    sources: np.ndarray | None = None
+    bounds: tuple[float, float] | None = None
+
+
+class Kind(NamedTuple):
+    """The whiffs of a probe, or its blanks: those of each point, all together, and their power law."""
+
+    name: str
+    of_points: list[Spells]
+    law: Exponent | None
+
+    @property
+    def all(self) -> Spells:
+        """Of all points."""
+        return durations.pooled(self.of_points)
+
+
+class Correlation(NamedTuple):
+    """From place to place: separation [m] and correlation; the length [m], and whether its zero was seen."""
+
+    along: str
+    separation: np.ndarray
+    values: np.ndarray
+    length: float
+    whole: bool
+
+
+class Profile(NamedTuple):
+    """Mean and rms [ppm] along places [m], and the Gaussian of the mean. at: where it lies, in words."""
+
+    along: str
+    at: str
+    place: np.ndarray
+    mean: np.ndarray
+    rms: np.ndarray
+    gaussian: space.Gaussian | None
+    station: float = float("nan")
+
+
+class OfProbe(NamedTuple):
+    """The statistics of a probe.
+
+    points: a number per point, by name. kinds: whiffs and blanks. within: concentrations while there is gas, over
+    their mean at each point, of which `fits` are. frequency [Hz], density [ppm²/Hz]: spectrum, mean over points.
+    """
+
+    probe: Probe
+    points: dict[str, np.ndarray]
+    kinds: tuple[Kind, Kind]
+    within: np.ndarray
+    fits: list[Fit]
+    frequency: np.ndarray
+    density: np.ndarray
+    profiles: list[Profile]
+    correlations: list[Correlation]
+
+
+def of_probe(record: Record, probe: Probe, settings: Settings) -> OfProbe:
+    """The statistics of a probe of a record, some points at a time."""
+    block = max(1, MOST_VALUES // len(record.times))
+    whole = probe.first + np.arange(len(probe.places))
+    tables, spells, within, densities = [], [], [], []
+    frequency = np.empty(0)
+    for begin in range(0, len(whole), block):
+        points = whole[begin : begin + block]
+        ppm = record.values(points, f"{settings.gas}_ppm")
+        step, even = spectra.evenly(record.times, ppm)
+        table = moments(record.times, ppm, settings.threshold)
+        table["integral_time"] = np.array([spectra.integral_time(step, one) for one in even.T])
+        table["mean_error"] = table["rms"] * np.sqrt(
+            np.minimum(1.0, 2.0 * table["integral_time"] / np.ptp(record.times))
+        )
+        if settings.wind:
+            velocity = np.stack([record.values(points, name) for name in settings.wind], axis=-1)
+            table |= wind(record.times, velocity)
+        tables.append(table)
+        spells += [durations.spells(record.times, one > settings.threshold) for one in ppm.T]
+        within += _within(ppm, table["conditional_mean"], settings.threshold, len(whole))
+        frequency, density = spectra.spectrum(step, even)
+        densities.append(density.mean(axis=1) * len(points))
+    numbers = {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
+    for n, name in enumerate(("whiffs", "blanks")):
+        numbers[name] = np.array([len(one[n].lasted) for one in spells])
+        numbers[f"mean_{name[:-1]}"] = np.array(
+            [one[n].lasted.mean() if len(one[n].lasted) else np.nan for one in spells]
+        )
+    reach = _half_travel(probe, numbers, settings)
+    step = float(np.median(np.diff(record.times)))
+    kinds = tuple(
+        Kind(name, of := [one[n] for one in spells], _law(durations.pooled(of), step, reach, settings.bounds))
+        for n, name in enumerate(("whiffs", "blanks"))
+    )
+    together = np.concatenate(within) if within else np.empty(0)
+    return OfProbe(
+        probe, numbers, (kinds[0], kinds[1]), together, fits(together), frequency,
+        np.sum(densities, axis=0) / len(whole), profiles_of(probe, numbers), correlations_of(record, probe, settings),
+    )  # fmt: skip
+
+
+def _within(ppm: np.ndarray, mean: np.ndarray, threshold: float, points: int) -> list[np.ndarray]:
+    """Concentrations above the threshold over their mean, of each point, not more than are fitted."""
+    found = []
+    for c, m in zip(ppm.T, mean, strict=True):
+        inside = c[c > threshold]
+        if len(inside):
+            found.append(inside[:: max(1, len(inside) * points // (4 * MOST))] / m)
+    return found
+
+
+def _half_travel(probe: Probe, numbers: dict[str, np.ndarray], settings: Settings) -> float | None:
+    """Half the time [s] that the mean wind takes from the nearest source to the points; None if that is not known."""
+    if settings.sources is None or not len(settings.sources) or "speed" not in numbers:
+        return None
+    away = np.linalg.norm(probe.places[:, None] - settings.sources[None], axis=-1).min(axis=1)
+    moving = (numbers["speed"] > STILL) & (numbers["whiffs"] > 0)
+    return float(np.median(0.5 * away[moving] / numbers["speed"][moving])) if moving.any() else None
+
+
+def _law(
+    found: Spells, step: float, reach: float | None, bounds: tuple[float, float] | None
+) -> Exponent | None:
+    chosen = bounds or durations.range_of(found, step, reach)
+    return durations.exponent(found, *chosen) if chosen else None
+
+
+def profiles_of(probe: Probe, numbers: dict[str, np.ndarray]) -> list[Profile]:
+    """The profile along a line; of a grid those across the mean wind, or else along its last axis."""
+    mean, rms = numbers["mean"], numbers["rms"]
+    if probe.kind == "point":
+        return []
+    if probe.kind == "line":
+        place, along = distance_along(probe.places)
+        return [Profile(along, "", place, mean, rms, space.gaussian_fit(place, mean))]
+    speeds = [float(np.mean(numbers[f"mean_{u}"])) for u in "uvw" if f"mean_{u}" in numbers]
+    return rows_of(probe, mean, rms, speeds)
+
+
+def rows_of(probe: Probe, mean: np.ndarray, rms: np.ndarray, speeds: Sequence[float] = ()) -> list[Profile]:
+    """Profiles of a grid's rows across the wind, whose mean is `speeds`, in the plane of the strongest gas."""
+    axes = [d for d, n in enumerate(probe.counts) if n > 1]
+    flat = [d for d in axes if d < 2] if len(axes) > 2 else axes
+    along = max(flat, key=lambda d: abs(speeds[d])) if any(speeds) else flat[0]
+    across = next(d for d in flat if d != along)
+    mean, rms = mean.reshape(probe.counts), rms.reshape(probe.counts)
+    strongest = np.unravel_index(int(np.nanargmax(mean)), mean.shape)
+    lattice = probe.places.reshape(*probe.counts, -1)
+    found = []
+    for n in range(probe.counts[along]):
+        cut = tuple(
+            slice(None) if d == across else n if d == along else int(strongest[d])
+            for d in range(len(probe.counts))
+        )
+        place, station = lattice[cut][:, across], float(lattice[cut][0, along])
+        some = np.isfinite(mean[cut])
+        fit = space.gaussian_fit(place[some], mean[cut][some])
+        at = f"{AXES[along]} = {station:.3g} m"
+        found.append(Profile(AXES[across], at, place[some], mean[cut][some], rms[cut][some], fit, station))
+    return found
+
+
+def distance_along(places: np.ndarray) -> tuple[np.ndarray, str]:
+    """Where the points of a line are: the coordinate that alone changes, or the distance from the first [m]."""
+    change = np.flatnonzero(np.ptp(places, axis=0) > 0.0)
+    if len(change) == 1:
+        return places[:, change[0]], AXES[change[0]]
+    return np.linalg.norm(places - places[0], axis=1), "distance along the line"
+
+
+def correlations_of(record: Record, probe: Probe, settings: Settings) -> list[Correlation]:
+    """Two-point correlation along a line, or along each axis of a grid, of so many times as can be held."""
+    if probe.kind == "point":
+        return []
+    block = max(1, MOST_VALUES // len(record.times))
+    stride = -(-len(probe.places) // block)
+    parts = []
+    for begin in range(0, len(probe.places), block):
+        points = probe.first + np.arange(begin, min(begin + block, len(probe.places)))
+        ppm = record.values(points, f"{settings.gas}_ppm")
+        parts.append(spectra.evenly(record.times, ppm)[1][::stride])
+    values = np.concatenate(parts, axis=1)
+    values = (values - values.mean(axis=0)).reshape(len(values), *probe.counts)
+    lattice = probe.places.reshape(*probe.counts, -1)
+    found = []
+    for axis, n in enumerate(probe.counts):
+        if n < 2:
+            continue
+        ends = [np.moveaxis(lattice, axis, 0)[k].reshape(-1, lattice.shape[-1])[0] for k in (0, -1)]
+        spacing = float(np.linalg.norm(ends[1] - ends[0])) / (n - 1)
+        rows = np.moveaxis(values, axis + 1, -1).reshape(-1, n)
+        r = space.correlation(rows)
+        length, whole = spectra.to_first_zero(spacing, r) if len(r) > 1 else (float("nan"), False)
+        along = AXES[axis] if probe.kind == "grid" else distance_along(probe.places)[1]
+        found.append(Correlation(along, spacing * np.arange(len(r)), r, length, whole))
+    return found

@@ -1,0 +1,149 @@
+"""A film as a record: maps of all its cells, and lines of points along and across the plume.
+
+The cells of the lines are points of a probe each. A film is read frame by frame, twice; it knows nothing that is faster
+than its frames.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from taichi_plume.files.film import Film, FilmError, places
+from taichi_plume.files.run_folder import RunFolderError
+from taichi_plume.statistics.moments import weights
+from taichi_plume.statistics.records import AXES, FEWEST, Probe
+
+STATIONS = (0.1, 0.25, 0.5, 0.8)
+"""Where lines lie across the plume: shares of the way from the strongest gas to the end of the domain."""
+
+
+class FilmRecord:
+    """The film at a path, from a time on, of one gas; raises RunFolderError.
+
+    mean, rms, maximum: of each cell over time [ppm], axes (x, y[, z]), NaN in obstacles. level: the index of the
+    height with the strongest mean, of the maps; None in 2-D.
+    """
+
+    def __init__(self, path: Path, gas: str | None = None, start: float | None = None):
+        self.path = path
+        try:
+            self.film = Film(path)
+            self.air = self.film.still("air") > 0 if "air" in self.film.arrays else None
+        except FilmError as error:
+            raise RunFolderError(str(error)) from None
+        self.gases = [name.removesuffix("_ppm") for name in self.film.arrays if name.endswith("_ppm")]
+        if not self.gases:
+            raise RunFolderError(f"{path}: holds no gas; film it with `fields: {{rate: 10}}`")
+        self.gas = self.gases[0] if gas is None else gas
+        if self.gas not in self.gases:
+            raise RunFolderError(f"{path}: holds no {self.gas}, but {', '.join(self.gases)}")
+        self.skipped = 0 if start is None else int(np.searchsorted(self.film.times, start - 1e-9))
+        self.times = np.asarray(self.film.times[self.skipped :], float)
+        if len(self.times) < FEWEST:
+            after = f" from {start:g} s on" if start is not None else ""
+            raise RunFolderError(
+                f"{path}: holds {len(self.times)} frames{after}; at least {FEWEST} are needed"
+            )
+        self.dim = len(self.film.shape)
+        self.wind = [f"wind_{a}" for a, one in zip(AXES, "uvw", strict=True) if one in self.film.arrays]
+        self.coordinates = [places(a, self.film.shape, self.film.dx) for a in AXES[: self.dim]]
+        self._scan()
+        self.probes = self._lines()
+        self._found: dict[str, np.ndarray] | None = None
+
+    def _frames(self, names: list[str]) -> Iterator[dict[str, np.ndarray]]:
+        try:
+            for n in range(self.skipped, self.skipped + len(self.times)):
+                yield self.film.frame(n, names)
+        except FilmError as error:
+            raise RunFolderError(str(error)) from None
+
+    def _scan(self) -> None:
+        """Mean, rms and maximum of all cells."""
+        share = weights(self.times)
+        mean = np.zeros(self.film.shape)
+        square = np.zeros(self.film.shape)
+        self.maximum = np.zeros(self.film.shape)
+        name = f"{self.gas}_ppm"
+        for w, frame in zip(share, self._frames([name]), strict=True):
+            c = frame[name].astype(float)
+            mean += w * c
+            square += w * c * c
+            np.maximum(self.maximum, c, out=self.maximum)
+        self.mean, self.rms = mean, np.sqrt(np.maximum(square - mean**2, 0.0))
+        if self.air is not None:
+            for one in (self.mean, self.rms, self.maximum):
+                one[~self.air] = np.nan
+        if not np.nanmax(self.mean) > 0.0:
+            raise RunFolderError(f"{self.path}: has no {self.gas} in these frames")
+        self.strongest = np.unravel_index(int(np.nanargmax(self.mean)), self.mean.shape)
+        self.level = int(self.strongest[2]) if self.dim == 3 else None
+
+    def plane(self, cells: np.ndarray) -> np.ndarray:
+        """The cells of the maps, axes (x, y)."""
+        return cells if self.level is None else cells[:, :, self.level]
+
+    @property
+    def along(self) -> int:
+        """The axis, 0 or 1, along which the mean gas reaches farther."""
+        mean = np.nan_to_num(self.plane(self.mean))
+        spread = []
+        for axis in (0, 1):
+            share, x = mean.sum(axis=1 - axis), self.coordinates[axis]
+            centre = (share * x).sum() / share.sum()
+            spread.append((share * (x - centre) ** 2).sum())
+        return int(np.argmax(spread))
+
+    def _lines(self) -> list[Probe]:
+        """A line along the plume through the strongest mean, and some across."""
+        along, across = self.along, 1 - self.along
+        self._cells: list[tuple[int, ...]] = []
+        probes = [self._line(f"along {AXES[along]}", along, list(self.strongest))]
+        mean = np.nan_to_num(self.plane(self.mean)).sum(axis=across)
+        peak, n = int(self.strongest[along]), self.film.shape[along]
+        forward = mean[peak + 1 :].sum() >= mean[:peak].sum()
+        for share in STATIONS:
+            at = round(peak + share * ((n - 1 if forward else 0) - peak))
+            where = list(self.strongest)
+            where[along] = at
+            name = f"across at {AXES[along]} = {self.coordinates[along][at]:.3g} m"
+            if name not in [one.name for one in probes]:
+                probes.append(self._line(name, across, where))
+        return [one for one in probes if len(one.places) > 1]
+
+    def _line(self, name: str, axis: int, where: list) -> Probe:
+        first, cells = len(self._cells), []
+        for n in range(self.film.shape[axis]):
+            cell = (*where[:axis], n, *where[axis + 1 :])
+            if self.air is None or self.air[cell]:
+                cells.append(tuple(int(one) for one in cell))
+        self._cells += cells
+        spots = np.array([[self.coordinates[d][cell[d]] for d in range(self.dim)] for cell in cells])
+        return Probe(name, spots.reshape(-1, self.dim), (len(cells),), first)
+
+    def intermittency(self, threshold: float) -> np.ndarray:
+        """Share of the time above the threshold [ppm] in the cells of the maps; the lines are read with it."""
+        share = weights(self.times)
+        gamma = np.zeros(self.plane(self.mean).shape)
+        name = f"{self.gas}_ppm"
+        speeds = {f"wind_{a}": one for a, one in zip(AXES, "uvw", strict=True) if one in self.film.arrays}
+        wanted = {name: name, **speeds}
+        at = tuple(np.array(self._cells).T)
+        found = {key: np.empty((len(self.times), len(self._cells)), np.float32) for key in wanted}
+        for n, (w, frame) in enumerate(zip(share, self._frames([*wanted.values()]), strict=True)):
+            gamma += w * (self.plane(frame[name]) > threshold)
+            for key, stored in wanted.items():
+                found[key][n] = frame[stored][at]
+        self._found = found
+        gamma[np.isnan(self.plane(self.mean))] = np.nan
+        return gamma
+
+    def values(self, points: np.ndarray, quantity: str) -> np.ndarray:
+        """What points of the lines measured, (n, points) f32, once `intermittency` has read them."""
+        assert self._found is not None, "the lines are read with the intermittency"
+        return self._found[quantity][:, points]
+
+    def sums(self, quantity: str) -> tuple[np.ndarray, np.ndarray]:
+        """Mean over time and maximum of the strongest cell."""
+        return np.array([np.nanmax(self.mean)]), np.array([np.nanmax(self.maximum)])

@@ -1,0 +1,79 @@
+"""How strong the gas is and how much it fluctuates: means over time, whatever the steps between samples are.
+
+A sample counts for the time up to halfway to its neighbours, as in `durations`.
+"""
+
+import numpy as np
+
+from taichi_plume.statistics.durations import edges_of
+
+PERCENTILES = (0.5, 0.99, 0.999)
+
+
+def weights(times: np.ndarray) -> np.ndarray:
+    """Share of the record that each sample stands for, (n,); times: (n,) [s]. They add up to 1."""
+    share = np.diff(edges_of(times))
+    return share / share.sum()
+
+
+def mean_of(values: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Mean over time of values (n, ...), by `weights`."""
+    return np.tensordot(share, values, axes=(0, 0))
+
+
+def quantiles(values: np.ndarray, share: np.ndarray, levels: tuple[float, ...] = PERCENTILES) -> np.ndarray:
+    """Values that are exceeded for 1 - level of the time, (levels, points), of values (n, points)."""
+    order = np.argsort(values, axis=0, kind="stable")
+    lasted = np.cumsum(share[order], axis=0)
+    at = np.array([(lasted < level - 1e-12).sum(axis=0) for level in levels])
+    return np.take_along_axis(
+        np.take_along_axis(values, order, axis=0), np.minimum(at, len(values) - 1), axis=0
+    )
+
+
+def moments(times: np.ndarray, ppm: np.ndarray, threshold: float) -> dict[str, np.ndarray]:
+    """Of concentrations (n, points) [ppm], a number per point.
+
+    mean, rms: of the fluctuation about the mean [ppm]; intensity: rms over mean; intermittency: share of the time above
+    the threshold [ppm]; conditional_mean: while it is above [ppm]; p50, p99, p99.9, maximum [ppm]; and the largest
+    ones over the mean, peak99, peak99.9, peak. NaN where the mean is none or nothing is above.
+    """
+    share = weights(times)
+    mean = mean_of(ppm, share)
+    rms = np.sqrt(mean_of((ppm - mean) ** 2, share))
+    present = ppm > threshold
+    gamma = mean_of(present.astype(float), share)
+    largest = ppm.max(axis=0).astype(float)
+    half, most, more = (one.astype(float) for one in quantiles(ppm, share))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        some = np.where(mean > 0.0, mean, np.nan)
+        return {
+            "mean": mean,
+            "rms": rms,
+            "intensity": rms / some,
+            "intermittency": gamma,
+            "conditional_mean": mean_of(np.where(present, ppm, 0.0), share) / np.where(gamma > 0.0, gamma, np.nan),
+            "p50": half,
+            "p99": most,
+            "p99.9": more,
+            "maximum": largest,
+            "peak99": most / some,
+            "peak99.9": more / some,
+            "peak": largest / some,
+        }  # fmt: skip
+
+
+def wind(times: np.ndarray, velocity: np.ndarray) -> dict[str, np.ndarray]:
+    """Of velocities (n, points, dim) [m/s], a number per point: mean_u, ... and rms_u, ... per axis, speed of the mean,
+    and turbulence_intensity, the root of the mean square fluctuation of a component over that speed.
+    """
+    share = weights(times)
+    mean = mean_of(velocity, share)
+    square = mean_of((velocity - mean) ** 2, share)
+    speed = np.sqrt((mean**2).sum(axis=-1))
+    dim = velocity.shape[-1]
+    found = {f"mean_{name}": mean[:, d] for d, name in enumerate("uvw"[:dim])}
+    found |= {f"rms_{name}": np.sqrt(square[:, d]) for d, name in enumerate("uvw"[:dim])}
+    with np.errstate(divide="ignore", invalid="ignore"):
+        intensity = np.sqrt(square.mean(axis=-1)) / np.where(speed > 0.0, speed, np.nan)
+    return found | {"speed": speed, "turbulence_intensity": intensity}

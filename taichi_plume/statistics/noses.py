@@ -1,0 +1,175 @@
+"""Which whiffs a gas sensor tells apart: the record of a point given to the sensors that robots carry in a run.
+
+A whiff is kept where the sensor's reading rises through the threshold between the whiff's begin and that of the next
+one: a robot that compares its readings with this threshold counts it as another one. For this the reading has to come
+up to the threshold in the whiff, and to have fallen below it in the blank before. The threshold of readings is that of
+the air times what the sensor makes of a ppm of this gas. A whiff is kept once, however often noise crosses the
+threshold in it; all rises together tell of these.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from taichi_plume.scenario.sensors import MOX_MODELS, GasSensor, IdealGasSensor, MoxSensor, PidSensor
+from taichi_plume.statistics.durations import stretches
+
+SLOW, FAST = 12.0, 0.05  # s
+MOST_POINTS = 100  # that sensors are given
+MOST_NUMBERS = 2e8  # samples times sensors
+
+
+class Nose(NamedTuple):
+    """A gas sensor under a name."""
+
+    name: str
+    model: GasSensor
+
+
+class Kept(NamedTuple):
+    """How many of the whiffs a sensor keeps, and how often its readings rise through the threshold [ppm] in all."""
+
+    nose: Nose
+    whiffs: int
+    kept: int
+    rises: int
+    threshold: float
+
+    @property
+    def share(self) -> float:
+        """Kept ones over all; NaN of none."""
+        return self.kept / self.whiffs if self.whiffs else float("nan")
+
+
+class Smelt(NamedTuple):
+    """Of some sensors on the same records: shares, and what each read at the first point, (sensors, n) [ppm]."""
+
+    kept: list[Kept]
+    step: float
+    true: np.ndarray
+    readings: np.ndarray
+
+
+def noses(others: Sequence[GasSensor] = ()) -> list[Nose]:
+    """All sensor models of scenarios with their defaults, a slow metal oxide, a fast detector, and others."""
+    known: list[GasSensor] = [
+        MoxSensor(kind="mox", rise_time=SLOW, decay_time=SLOW),
+        PidSensor(kind="pid", rise_time=FAST, decay_time=FAST, period=FAST / 5),
+        *(MoxSensor.model_validate({"kind": "mox", "model": name}) for name in MOX_MODELS),
+        PidSensor(kind="pid"),
+        IdealGasSensor(kind="ideal"),
+    ]
+    return [Nose(_name(one), one) for one in (*known, *others)]
+
+
+def _name(one: GasSensor) -> str:
+    signal = one.signal
+    what = {"mox": "metal oxide", "pid": "photo-ionisation detector", "ideal": "ideal sensor"}[one.kind]  # type: ignore[attr-defined]
+    if isinstance(one, MoxSensor):
+        what += f" {one.model}"
+    if signal.rise == signal.decay:
+        lag = f"{_time(signal.rise)}" if signal.rise else "no lag"
+    else:
+        lag = f"{_time(signal.rise)} up, {_time(signal.decay)} down"
+    return f"{what}, {lag}, read every {_time(one.period)}"
+
+
+def _time(seconds: float) -> str:
+    return f"{seconds * 1e3:g} ms" if seconds < 1.0 else f"{seconds:g} s"
+
+
+class _Gas(NamedTuple):
+    """A species as sensors know it."""
+
+    name: str
+    ppm_per_density: float = 1.0
+
+
+def readings(
+    sensors: Sequence[GasSensor], gas: str, step: float, ppm: np.ndarray, seed: int = 0
+) -> Iterator[np.ndarray]:
+    """What sensors read of a gas at points, (sensors, points) [ppm] at each sample.
+
+    ppm: (n, points) at even times `step` [s] apart, which are the ticks of the sensors; clean air before. They are
+    sensors of robots that stand at the points. Starts Taichi, where it has not been started.
+    """
+    import taichi as ti
+    from taichi.lang import impl
+
+    from taichi_plume.agents.sensors import Sensors as Measuring
+    from taichi_plume.agents.swarm import Swarm
+    from taichi_plume.grid import kernels
+    from taichi_plume.grid.transfer import reader, uploader
+    from taichi_plume.scenario.algorithms import Casting
+    from taichi_plume.scenario.robots import Group
+    from taichi_plume.scenario.sensors import Sensors
+    from taichi_plume.scenario.starts import StartAt
+    from taichi_plume.statistics.still_air import Floor, Records
+
+    if impl.get_runtime().prog is None:
+        kernels.start("cpu")
+    points = ppm.shape[1]
+    start = StartAt(kind="positions", positions=((0.0, 0.0),))
+    groups = [
+        Group(
+            name=f"sensor {n}",
+            count=points,
+            start=start,
+            algorithm=Casting(kind="casting"),
+            sensors=Sensors.model_validate({"gas": one.model_copy(update={"ahead": 0.0})}),
+        )
+        for n, one in enumerate(sensors)
+    ]
+    places = np.zeros((points * len(groups), 2))
+    places[:, 0] = np.tile(np.arange(points), len(groups))
+    swarm = Swarm(groups, places, np.zeros(len(places)), Floor(), np.empty((0, 2)), seed)
+    species: Any = (_Gas(gas),)
+    measuring = Measuring(swarm, 2, step, species)
+    air: Any = Records(ti.field(ti.f32, points), species)
+    put, read = uploader(air.level), reader(swarm.reading)
+    for n, values in enumerate(ppm):
+        put(values)
+        measuring.measure(air, air, n + 1, (n + 1) * step)
+        yield read()[0][: len(places)].reshape(len(groups), points)
+
+
+def smelt(
+    several: Sequence[Nose], gas: str, step: float, ppm: np.ndarray, threshold: float, seed: int = 0
+) -> Smelt:
+    """How many whiffs of records (n, points) [ppm], at even times `step` [s] apart, some sensors keep.
+
+    threshold: what is a whiff [ppm]. Whiffs that the record cuts do not count, as for durations.
+    """
+    models = [one.model for one in several]
+    least = np.array([one.weight(gas) for one in models]) * threshold
+    above = np.zeros((len(models), ppm.shape[1]), bool)
+    rises = np.zeros((len(ppm), *above.shape), bool)
+    first = np.zeros((len(ppm), len(models)), np.float32)
+    for n, found in enumerate(readings(models, gas, step, ppm, seed)):
+        now = (found > least[:, None]) & (least[:, None] > 0.0)
+        rises[n] = now & ~above
+        above, first[n] = now, found[:, 0]
+    whiffs, kept, total = 0, np.zeros(len(models), int), np.zeros(len(models), int)
+    for point in range(ppm.shape[1]):
+        begins, end = _windows(ppm[:, point] > threshold)
+        if len(begins):
+            counts = np.add.reduceat(rises[:end, :, point].astype(int), begins, axis=0)
+            whiffs += len(begins)
+            kept += (counts > 0).sum(axis=0)
+            total += counts.sum(axis=0)
+    told = [
+        Kept(one, whiffs, int(k), int(r), float(at))
+        for one, k, r, at in zip(several, kept, total, least, strict=True)
+    ]
+    return Smelt(told, step, ppm[:, 0], first.T)
+
+
+def _windows(present: np.ndarray) -> tuple[np.ndarray, int]:
+    """First sample of each whole whiff, and the end of the last one's window: where a cut one begins, or the record's
+    end.
+    """
+    cuts = stretches(present)
+    begins = cuts[:-1]
+    whole = begins[present[begins] & (begins > 0) & (cuts[1:] < len(present))]
+    return whole, int(begins[-1]) if present[-1] and len(begins) > 1 else len(present)

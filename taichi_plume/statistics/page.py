@@ -1,0 +1,285 @@
+"""`statistics.html`: what was found, on one page that needs nothing else; words first."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from taichi_plume import __version__
+from taichi_plume.guard.terminal import visible
+from taichi_plume.report import look
+from taichi_plume.report.page import TEMPLATE, Image, Section, Table
+from taichi_plume.statistics import captions, plots
+from taichi_plume.statistics.analysis import Kind, OfProbe, Profile
+from taichi_plume.statistics.durations import CELANI, DECADE, FEWEST
+from taichi_plume.statistics.records import AXES
+from taichi_plume.statistics.result import Statistics
+
+NAME = "statistics.html"
+MOST_PROBES = 6
+MOST_ROWS = 25
+
+
+def write(found: Statistics, folder: Path) -> Path:
+    """Write the page into a folder; returns its path. Raises OSError."""
+    import jinja2
+
+    environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    template = environment.from_string(TEMPLATE.read_text(encoding="utf-8"))
+    sections = [one for one in _sections(found) if not one.empty]
+    html = template.render(
+        name=visible(found.name), what="statistics of a plume", status=visible(found.gas), good=True,
+        message=f"Statistics of a plume, from {'probes' if found.of == 'probes' else 'a film'}",
+        about="Statistics by taichi_plume", began=[visible(found.source)], sections=sections, version=__version__,
+    )  # fmt: skip
+    path, part = folder / NAME, folder / f"{NAME}.part"
+    try:
+        part.write_text(html, encoding="utf-8", errors="backslashreplace")
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+    return path
+
+
+def _image(png: bytes, title: str, caption: str) -> Image:
+    return Image(look.inline(png), visible(title), visible(caption))
+
+
+def _number(value: Any) -> str:
+    return f"{value:.3g}" if np.isfinite(value) else "-"
+
+
+def _sections(found: Statistics) -> list[Section]:
+    shown = found.probes[:MOST_PROBES]
+    return [
+        _words(found), _strength(found), _maps(found), _spread(shown), _whiffs(found, shown), _sensors(found),
+        _within(shown), _time(shown), _notes(found),
+    ]  # fmt: skip
+
+
+def _words(found: Statistics) -> Section:
+    """What was measured, and the most that is to say."""
+    points = sum(len(one.probe.places) for one in found.probes)
+    kinds = [
+        f"{one.probe.kind} of {len(one.probe.places):,}" if len(one.probe.places) > 1 else "point"
+        for one in found.probes
+    ]
+    where = ", ".join(
+        f"{visible(one.probe.name)} ({kind})"
+        for one, kind in zip(found.probes[:MOST_PROBES], kinds, strict=False)
+    )
+    more = len(found.probes) - MOST_PROBES
+    where += f" and {more} more" if more > 0 else ""
+    low, high = found.steps
+    every = f"every {low:.3g} s" if high - low < 1e-3 * high else f"every {low:.3g} to {high:.3g} s"
+    lines = [
+        captions.MEASURED.format(
+            gas=visible(found.gas), points=f"{points:,} point{'s' * (points != 1)}", where=where, begin=found.begin,
+            end=found.end, samples=f"{found.samples:,}", every=every,
+        ),
+        captions.THRESHOLD.format(threshold=found.threshold, why=found.why),
+    ]  # fmt: skip
+    for one in found.probes[:MOST_PROBES]:
+        laws = "; ".join(filter(None, map(_law_in_words, one.kinds)))
+        if laws:
+            lines.append(f"{visible(one.probe.name)}: {laws}.")
+    if found.smelt:
+        slow, fast = found.smelt.kept[:2]
+        lines.append(
+            f"Of {slow.whiffs:,} whiffs a metal oxide of 12 s keeps {slow.share:.0%}, a detector of 50 ms "
+            f"{fast.share:.0%}."
+        )
+    return Section("What was found", "words", lines=lines)
+
+
+def _law_in_words(kind: Kind) -> str:
+    law = kind.law
+    if law is None:
+        return ""
+    agrees = "agrees with" if law.low <= CELANI <= law.high else "differs from"
+    short = "" if law.last / law.first >= 0.95 * DECADE else ", less than a decade"
+    return (
+        f"{kind.name} last T with p(T) ~ T^-a, a = {law.value:.2f} (95 % interval {law.low:.2f} to {law.high:.2f}) "
+        f"from {law.first:.3g} to {law.last:.3g} s{short}, which {agrees} 3/2"
+    )
+
+
+def _strength(found: Statistics) -> Section:
+    """Numbers of the points."""
+    section = Section("How strong the gas is, and how much it fluctuates", "strength")
+    rows, left_out = [], 0
+    room = max(1, MOST_ROWS // max(1, len(found.probes)))
+    for one in found.probes:
+        n = len(one.probe.places)
+        some = np.unique(np.linspace(0, n - 1, min(n, room)).round().astype(int))
+        left_out += n - len(some)
+        for k in some if len(rows) < 2 * MOST_ROWS else []:
+            p = one.points
+            place = ", ".join(f"{v:.3g}" for v in one.probe.places[k])
+            error = f" ± {p['mean_error'][k]:.1g}" if np.isfinite(p["mean_error"][k]) else ""
+            rows.append(
+                (
+                    f"{visible(one.probe.name)} {k}", place, f"{p['mean'][k]:.3g}{error}", _number(p["intensity"][k]),
+                    f"{p['intermittency'][k]:.3f}", _number(p["conditional_mean"][k]), _number(p["peak99"][k]),
+                    _number(p["peak"][k]), _number(p["integral_time"][k]),
+                )
+            )  # fmt: skip
+    heads = (
+        "point", "at [m]", "mean [ppm]", "rms / mean", "intermittency", "mean in gas [ppm]", "99 % / mean",
+        "largest / mean", "integral time [s]",
+    )  # fmt: skip
+    more = f" {left_out:,} more points are in statistics.parquet." if left_out else ""
+    section.tables.append(Table(rows, heads, captions.STRENGTH + more))
+    winds = []
+    for one in found.probes:
+        if "speed" in one.points and np.isfinite(one.points["turbulence_intensity"]).any():
+            means = [f"{one.points[f'mean_{u}'].mean():.3g}" for u in "uvw" if f"mean_{u}" in one.points]
+            intensity = _number(np.nanmean(one.points["turbulence_intensity"]))
+            winds.append((visible(one.probe.name), *means, intensity))
+    if winds:
+        axes = AXES[: len(winds[0]) - 2]
+        heads = ("probe", *(f"wind along {a} [m/s]" for a in axes), "turbulence intensity")
+        section.tables.append(Table(winds[:MOST_ROWS], heads, captions.WIND))
+    return section
+
+
+def _maps(found: Statistics) -> Section:
+    """Of a film, and of grids."""
+    section = Section("Maps", "maps")
+    data = found.maps
+    if data is not None:
+        height = data.attrs.get("height_m")
+        at = f" at z = {height:.3g} m" if height is not None else ""
+        values = {
+            "mean [ppm]": data["mean"].values,
+            "rms / mean": data["intensity"].values,
+            "intermittency": data["intermittency"].values,
+        }
+        png = plots.maps(data.x.values, data.y.values, values)
+        section.images.append(_image(png, f"From the film{at}", captions.MAPS))
+    for one in found.probes[:MOST_PROBES]:
+        if one.probe.kind != "grid":
+            continue
+        axes = [d for d, n in enumerate(one.probe.counts) if n > 1][:2]
+        lattice = one.probe.places.reshape(*one.probe.counts, -1)
+        mean = one.points["mean"].reshape(one.probe.counts)
+        top = np.unravel_index(int(np.argmax(mean)), mean.shape)
+        cut = tuple(slice(None) if d in axes else int(top[d]) for d in range(len(one.probe.counts)))
+        x, y = (
+            lattice[cut][(slice(None), 0) if n == 0 else (0, slice(None))][:, d] for n, d in enumerate(axes)
+        )
+        names = {"mean [ppm]": "mean", "rms / mean": "intensity", "intermittency": "intermittency"}
+        values = {title: one.points[key].reshape(one.probe.counts)[cut] for title, key in names.items()}
+        png = plots.maps(x, y, values, "".join(AXES[d] for d in axes))
+        section.images.append(_image(png, f"Grid {one.probe.name}", captions.MAPS))
+    return section
+
+
+def _spread(shown: list[OfProbe]) -> Section:
+    """Profiles and correlation."""
+    section = Section("Profiles and lengths", "spread")
+    for one in shown:
+        if one.profiles:
+            png = plots.profiles(one.profiles)
+            caption = captions.PROFILES + _gaussian(one.profiles)
+            section.images.append(_image(png, f"{one.probe.name}: profiles", caption))
+            along = next((a for a in AXES if one.profiles[0].at.startswith(a)), "")
+            wide = plots.widths(one.profiles, along) if along else None
+            if wide:
+                section.images.append(_image(wide, f"{one.probe.name}: width and centre", captions.WIDTHS))
+        if one.correlations:
+            png = plots.correlations(one.correlations)
+            section.images.append(_image(png, f"{one.probe.name}: correlation", captions.CORRELATION))
+    return section
+
+
+def _gaussian(several: list[Profile]) -> str:
+    if all(one.gaussian is None for one in several):
+        return ""
+    if len(several) > 1 or several[0].gaussian is None:
+        return captions.NEAREST
+    fit = several[0].gaussian
+    told = f"Centre {fit.centre:.3g} m, width {fit.width:.3g} m ({fit.share:.0%} of the variance explained)."
+    return f"{captions.NEAREST} {told}"
+
+
+def _whiffs(found: Statistics, shown: list[OfProbe]) -> Section:
+    """Durations and their laws."""
+    section = Section("Whiffs and blanks", "whiffs", lines=[captions.WHIFFS])
+    rows = []
+    step = float(np.mean(found.steps)) if found.steps[1] - found.steps[0] < 1e-3 * found.steps[1] else 0.0
+    for one in shown:
+        for kind in one.kinds:
+            every = kind.all
+            if not len(every.lasted):
+                continue
+            middle, mean, largest = np.median(every.lasted), every.lasted.mean(), every.lasted.max()
+            law = kind.law
+            told = (
+                f"{law.value:.2f} ({law.low:.2f} to {law.high:.2f})"
+                if law
+                else f"- (fewer than {FEWEST} in a range)"
+            )
+            within = f"{law.first:.3g} to {law.last:.3g} s, {law.count:,}" if law else "-"
+            rows.append(
+                (f"{visible(one.probe.name)}: {kind.name}", f"{len(every.lasted):,}", str(every.cut), f"{middle:.3g}",
+                 f"{mean:.3g}", f"{largest:.3g}", told, within)
+            )  # fmt: skip
+        if all(len(kind.all.lasted) > 1 for kind in one.kinds):
+            png = plots.laws(one, step)
+            section.images.append(_image(png, f"{one.probe.name}: how long they last", captions.LAWS))
+    heads = (
+        "of", "number", "cut", "median [s]", "mean [s]", "longest [s]", "exponent (95 %)", "range and number",
+    )  # fmt: skip
+    if rows:
+        section.tables.append(Table(rows, heads, captions.RANGE))
+    return section
+
+
+def _sensors(found: Statistics) -> Section:
+    """Which whiffs sensors keep."""
+    section = Section("Which whiffs a sensor keeps", "sensors")
+    smelt = found.smelt
+    if smelt is None or not smelt.kept[0].whiffs:
+        return section
+    section.lines.append(captions.KEPT.format(gas=visible(found.gas)))
+    section.images.append(_image(plots.sensors(smelt), "Share of whiffs kept", captions.BARS))
+    png = plots.records(smelt, found.threshold, found.begin)
+    section.images.append(_image(png, "The air at a point, and what two sensors read", captions.RECORDS))
+    rows = [
+        (
+            visible(k.nose.name),
+            f"{k.share:.1%}",
+            f"{k.kept:,} of {k.whiffs:,}",
+            f"{k.rises:,}",
+            f"{k.threshold:.3g}",
+        )
+        for k in smelt.kept
+    ]
+    heads = ("sensor", "kept", "whiffs", "rises in all", "threshold of readings [ppm]")
+    section.tables.append(Table(rows, heads, captions.RISES))
+    return section
+
+
+def _within(shown: list[OfProbe]) -> Section:
+    section = Section("Concentrations while there is gas", "within")
+    for one in shown:
+        if one.fits:
+            gamma, lognormal = one.fits
+            told = (
+                f"{captions.WITHIN} Gamma: shape {gamma.shape:.3g}; lognormal: deviation of the logarithm "
+                f"{lognormal.shape:.3g}."
+            )
+            section.images.append(_image(plots.within(one), one.probe.name, told))
+    return section
+
+
+def _time(shown: list[OfProbe]) -> Section:
+    section = Section("How fast it fluctuates", "time")
+    if shown and any(one.density.any() for one in shown):
+        section.images.append(_image(plots.spectrum(shown), "Spectra", captions.SPECTRUM))
+    return section
+
+
+def _notes(found: Statistics) -> Section:
+    return Section("Notes", "notes", lines=[visible(one) for one in [*found.notes, captions.FILES]])

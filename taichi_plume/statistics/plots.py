@@ -1,0 +1,238 @@
+"""The plots of the page: PNGs of what `Statistics` holds."""
+
+from typing import Any
+
+import numpy as np
+
+from taichi_plume.report import look
+from taichi_plume.statistics import durations
+from taichi_plume.statistics.analysis import Correlation, OfProbe, Profile
+from taichi_plume.statistics.noses import Smelt
+from taichi_plume.statistics.records import AXES
+from taichi_plume.statistics.spectra import KOLMOGOROV
+
+WIDTH = 7.4  # inches
+FIRST, SECOND, MODEL = look.ROBOTS[0], look.SOURCE, look.FAINT
+MOST_CURVES = 6
+SHOWN = 60.0  # s, of a record
+
+
+def _axes(columns: int = 1, height: float = 2.9) -> tuple[Any, Any]:
+    figure = look.figure(WIDTH, height)
+    axes = figure.subplots(1, columns, squeeze=False)[0]
+    for one in axes:
+        look.plain(one)
+    return figure, axes
+
+
+def _png(figure: Any) -> bytes:
+    figure.tight_layout()
+    return look.png(figure)
+
+
+def laws(one: OfProbe, step: float) -> bytes:
+    """How long whiffs and blanks last, with their power laws and T^-3/2."""
+    with look.styled():
+        figure, axes = _axes(2, 3.1)
+        for axis, kind, color in zip(axes, one.kinds, (FIRST, SECOND), strict=True):
+            found = kind.all.lasted
+            t, p, _ = durations.density(found, step)
+            axis.loglog(t, p, "o", color=color, markersize=4, label=f"{len(found):,} {kind.name}")
+            law = kind.law
+            if law is not None:
+                inside = ((found > law.first) & (found < law.last)).mean()
+                x = np.geomspace(law.first, law.last, 50)
+                shapes = (
+                    (law.value, "-", f"$T^{{-{law.value:.2f}}}$, fitted"),
+                    (durations.CELANI, "--", "$T^{-3/2}$"),
+                )
+                for exponent, line, label in shapes:
+                    s = 1.0 - exponent
+                    mass = np.log(law.last / law.first) if abs(s) < 1e-9 else (law.last**s - law.first**s) / s
+                    axis.plot(
+                        x, inside * x**-exponent / mass, line, color=look.INK, linewidth=1.1, label=label
+                    )
+            axis.set_xlabel("duration T [s]")
+            axis.set_ylabel("density [1/s]")
+            axis.set_title(kind.name)
+            axis.legend()
+        return _png(figure)
+
+
+def within(one: OfProbe) -> bytes:
+    """How concentrations are distributed within whiffs."""
+    with look.styled():
+        figure, (axis,) = _axes()
+        most = float(np.quantile(one.within, 0.999))
+        axis.hist(one.within, np.linspace(0.0, most, 61), density=True, color="#c9d6e2", label="samples")
+        c = np.linspace(most / 400, most, 400)
+        for fit, line, color in zip(one.fits, ("-", "--"), (FIRST, SECOND), strict=True):
+            name = {"gamma": "gamma", "lognorm": "lognormal"}[fit.kind]
+            axis.plot(c, fit.density(c), line, color=color, label=f"{name}, distance {fit.distance:.3f}")
+        top = axis.get_ylim()[1]
+        heights = axis.patches and max(float(patch.get_height()) for patch in axis.patches)
+        axis.set_ylim(0.0, min(top, 1.6 * heights) if heights else top)
+        axis.set_xlabel("concentration over its mean while there is gas")
+        axis.set_ylabel("density")
+        axis.legend()
+        return _png(figure)
+
+
+def spectrum(several: list[OfProbe]) -> bytes:
+    """Spectra, with a line of slope -5/3."""
+    with look.styled():
+        figure, (axis,) = _axes(1, 3.2)
+        for n, one in enumerate(several[:MOST_CURVES]):
+            some = one.density > 0
+            axis.loglog(
+                one.frequency[some], one.density[some], color=look.robot(n), linewidth=1.0,
+                label=look.short(one.probe.name),
+            )  # fmt: skip
+        first = several[0]
+        f, s = first.frequency, first.density
+        if len(f) > 4 and s[0] > 0:
+            x = np.geomspace(f[len(f) // 20], f[-1], 20)
+            at = float(np.interp(x[0], f, s))
+            axis.plot(
+                x,
+                2.0 * at * (x / x[0]) ** KOLMOGOROV,
+                "--",
+                color=look.INK,
+                linewidth=1.0,
+                label="$f^{-5/3}$",
+            )
+            axis.set_ylim(max(float(s.max()) * 1e-9, float(s[s > 0].min()) / 3), None)
+        axis.set_xlabel("frequency f [Hz]")
+        axis.set_ylabel("density [ppm²/Hz]")
+        for text in axis.legend().get_texts():
+            text.set_parse_math(text.get_text().startswith("$f^"))
+        return _png(figure)
+
+
+def profiles(several: list[Profile]) -> bytes:
+    """Mean and rms along a line, or some rows of a grid, with the Gaussian of the mean."""
+    chosen = several
+    if len(several) > 4:
+        told = [one for one in several if one.gaussian is not None] or several
+        chosen = [told[k] for k in np.unique(np.linspace(0, len(told) - 1, 4).round().astype(int))]
+    with look.styled():
+        figure, axes = _axes(2, 3.0)
+        for n, one in enumerate(chosen):
+            color, label = look.robot(n), one.at or None
+            axes[0].plot(one.place, one.mean, "o", color=color, markersize=3, label=label)
+            if one.gaussian is not None:
+                fine = np.linspace(one.place.min(), one.place.max(), 300)
+                axes[0].plot(fine, one.gaussian.at(fine), color=color, linewidth=1.0)
+            axes[1].plot(one.place, one.rms, "o-", color=color, markersize=3, linewidth=0.8, label=label)
+        for axis, title in zip(axes, ("mean [ppm]", "rms of the fluctuation [ppm]"), strict=True):
+            axis.set_title(title)
+            axis.set_xlabel(f"{chosen[0].along} [m]")
+            axis.set_ylim(0.0, None)
+        if chosen[0].at:
+            axes[0].legend()
+        return _png(figure)
+
+
+def widths(several: list[Profile], along: str) -> bytes | None:
+    """Width and centre of the mean against where; None where too few rows have one."""
+    told = [one for one in several if one.gaussian is not None and one.gaussian.share > 0.5]
+    if len(told) < 3:
+        return None
+    x = [one.station for one in told]
+    with look.styled():
+        figure, axes = _axes(2, 2.6)
+        values = (
+            ("width [m]", [one.gaussian.width for one in told if one.gaussian]),
+            (f"centre, {told[0].along} [m]", [one.gaussian.centre for one in told if one.gaussian]),
+        )
+        for axis, (title, y) in zip(axes, values, strict=True):
+            axis.plot(x, y, "o-", color=FIRST, markersize=3)
+            axis.set_title(title)
+            axis.set_xlabel(f"{along} [m]")
+        axes[0].set_ylim(0.0, None)
+        return _png(figure)
+
+
+def correlations(several: list[Correlation]) -> bytes:
+    """Two-point correlations."""
+    with look.styled():
+        figure, (axis,) = _axes()
+        for n, one in enumerate(several):
+            bound = "" if one.whole else "at least "
+            label = f"along {one.along}: length {bound}{one.length:.3g} m"
+            axis.plot(one.separation, one.values, "o-", markersize=3, color=look.robot(n), label=label)
+        axis.axhline(0.0, color=look.FAINT, linewidth=0.8)
+        axis.set_xlabel("separation [m]")
+        axis.set_ylabel("correlation")
+        axis.legend()
+        return _png(figure)
+
+
+def maps(x: np.ndarray, y: np.ndarray, values: dict[str, np.ndarray], axes_names: str = AXES) -> bytes:
+    """Maps over a plane, (x, y) each, one above the other or side by side."""
+    wide = np.ptp(x) >= 1.2 * np.ptp(y)
+    rows, columns = (len(values), 1) if wide else (1, len(values))
+    ratio = np.ptp(y) / max(np.ptp(x), 1e-9)
+    height = min(3.2, 6.0 * ratio) * rows + 0.75 * rows if wide else WIDTH / columns * ratio + 0.9
+    with look.styled():
+        figure = look.figure(WIDTH, float(np.clip(height, 2.4, 14.0)))
+        plots = figure.subplots(rows, columns, squeeze=False).ravel()
+        for axis, (title, one) in zip(plots, values.items(), strict=True):
+            finite = one[np.isfinite(one)]
+            top = float(np.quantile(finite, 0.995)) if len(finite) else 1.0
+            image = axis.pcolormesh(x, y, one.T, cmap=look.GAS, vmin=0.0, vmax=top or 1.0, shading="nearest")
+            axis.set_aspect("equal")
+            axis.set_title(title)
+            axis.set_xlabel(f"{axes_names[0]} [m]")
+            axis.set_ylabel(f"{axes_names[1]} [m]")
+            figure.colorbar(image, ax=axis, fraction=0.04, pad=0.02, extend="max")
+        return _png(figure)
+
+
+def records(smelt: Smelt, threshold: float, begin: float) -> bytes:
+    """What the air was like at a point, and what the slow and the fast sensor made of it, in ppm of this gas."""
+    n = min(len(smelt.true), max(2, round(SHOWN / smelt.step)))
+    first = _liveliest(smelt.true > threshold, n)
+    window = slice(first, first + n)
+    t = begin + smelt.step * np.arange(first, first + n)
+    with look.styled():
+        figure = look.figure(WIDTH, 4.2)
+        plots = figure.subplots(3, 1, sharex=True)
+        shown = [("in the air", smelt.true, look.INK)]
+        for k, color in ((1, FIRST), (0, SECOND)):
+            kept = smelt.kept[k]
+            scale = threshold / kept.threshold if kept.threshold > 0 else 1.0
+            shown.append((kept.nose.name, smelt.readings[k] * scale, color))
+        for axis, (title, values, color) in zip(plots, shown, strict=True):
+            look.plain(axis)
+            axis.plot(t, values[window], color=color, linewidth=0.8)
+            axis.axhline(threshold, color=look.FAINT, linewidth=0.8, linestyle="--")
+            axis.set_title(title)
+            axis.set_ylabel("ppm")
+            axis.set_ylim(0.0, None)
+        plots[-1].set_xlabel("time [s]")
+        return _png(figure)
+
+
+def _liveliest(present: np.ndarray, n: int) -> int:
+    """Where the n samples with the most changes begin."""
+    changes = np.concatenate([[0], np.cumsum(present[1:] != present[:-1])])
+    if len(present) <= n:
+        return 0
+    return int(np.argmax(changes[n - 1 :] - changes[: len(changes) - n + 1]))
+
+
+def sensors(smelt: Smelt) -> bytes:
+    """Which share of whiffs each sensor keeps."""
+    with look.styled():
+        figure, (axis,) = _axes(1, 0.34 * len(smelt.kept) + 0.9)
+        y = np.arange(len(smelt.kept))[::-1]
+        axis.barh(
+            y, [100 * one.share for one in smelt.kept], color=[SECOND, FIRST, *["#90a4ae"] * (len(y) - 2)]
+        )
+        axis.set_yticks(y, [look.short(one.nose.name, 70) for one in smelt.kept], parse_math=False)
+        for place, one in zip(y, smelt.kept, strict=True):
+            axis.text(100 * one.share + 1, place, f"{one.share:.0%}", va="center", fontsize=8)
+        axis.set_xlim(0, 112)
+        axis.set_xlabel("whiffs kept [%]")
+        return _png(figure)

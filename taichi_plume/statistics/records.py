@@ -1,0 +1,164 @@
+"""Records of points over time: those of a run's probes.parquet, read in chunks, as far as memory goes.
+
+Rows of the table are samples of all points, one after the other in the same order.
+"""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple, Protocol
+
+import numpy as np
+import pyarrow as pa
+
+from taichi_plume.files import table_parts
+from taichi_plume.files.run_folder import RunFolderError
+
+FEWEST = 16
+"""Samples of which something can be told."""
+AXES = "xyz"
+
+
+class Probe(NamedTuple):
+    """Points under one name: a point, a line or a grid.
+
+    places: (n, dim) [m]; counts: along each axis of a grid, in the order of whose array the points are, else (n,);
+    first: the number of its first point in a record.
+    """
+
+    name: str
+    places: np.ndarray
+    counts: tuple[int, ...]
+    first: int = 0
+
+    @property
+    def kind(self) -> str:
+        """What it is, in a word."""
+        return "point" if len(self.places) == 1 else "line" if len(self.counts) == 1 else "grid"
+
+    @classmethod
+    def of(cls, name: str, places: np.ndarray, first: int = 0) -> "Probe":
+        """One whose shape its places tell."""
+        axes = [np.unique(places[:, d]) for d in range(places.shape[1])]
+        counts = tuple(len(one) for one in axes)
+        if sum(n > 1 for n in counts) > 1 and int(np.prod(counts)) == len(places):
+            lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
+            if np.array_equal(lattice, places):
+                return cls(name, places, counts, first)
+        return cls(name, places, (len(places),), first)
+
+
+class Record(Protocol):
+    """What statistics are made of."""
+
+    times: np.ndarray
+    """When the samples were taken, (n,) [s]."""
+    probes: list[Probe]
+
+    def values(self, points: np.ndarray, quantity: str) -> np.ndarray:
+        """What points measured, (n, points) f32; the points by their numbers, ascending."""
+        ...
+
+    def sums(self, quantity: str) -> tuple[np.ndarray, np.ndarray]:
+        """Mean over time and maximum at each point."""
+        ...
+
+
+class ProbeRecord:
+    """A run's probes.parquet, from a time on. Raises RunFolderError where it cannot be read.
+
+    gases: the species' names. wind: names of the columns of the wind. start: earliest time that counts [s].
+    """
+
+    def __init__(self, path: Path, start: float | None = None):
+        self.path, self.start = path, start
+        schema = next(table_parts.batches(path)).schema
+        names = schema.names
+        axes = [one for one in AXES if one in names]
+        if not {"t", "probe", "point", "x", "y"} <= set(names):
+            raise RunFolderError(f"{path}: is damaged: it lacks columns that probes have")
+        self.dim = len(axes)
+        self.gases = [name.removesuffix("_ppm") for name in names if name.endswith("_ppm")]
+        self.wind = [f"wind_{one}" for one in axes if f"wind_{one}" in names]
+        self.probes, self.size = self._layout(axes)
+        self.skipped, self.times = 0, self._times()
+
+    def _layout(self, axes: Sequence[str]) -> tuple[list[Probe], int]:
+        """The probes, as the first sample has them, and the number of its points."""
+        rows: list[pa.RecordBatch] = []
+        first = None
+        for batch in table_parts.batches(self.path, ["t", "probe", "point", *axes]):
+            if not len(batch):
+                continue
+            t = batch.column("t").to_numpy(zero_copy_only=False)
+            first = t[0] if first is None else first
+            later = np.flatnonzero(t != first)
+            rows.append(batch.slice(0, int(later[0])) if len(later) else batch)
+            if len(later):
+                break
+        if not rows:
+            raise RunFolderError(f"{self.path}: holds no row")
+        table = pa.Table.from_batches(rows).unify_dictionaries()
+        names = table["probe"].cast(pa.string()).to_pylist()
+        places = np.stack([table[one].to_numpy().astype(float) for one in axes], axis=-1)
+        begins = [n for n in range(len(names)) if n == 0 or names[n] != names[n - 1]]
+        ends = [*begins[1:], len(names)]
+        found = [Probe.of(str(names[a]), places[a:b], a) for a, b in zip(begins, ends, strict=True)]
+        return found, len(names)
+
+    def _samples(self, columns: Sequence[str]) -> Iterator[list[np.ndarray]]:
+        """Whole samples of columns, each (samples, points), some at a time."""
+        rest: list[np.ndarray] | None = None
+        for batch in table_parts.batches(self.path, columns):
+            parts = [batch.column(n).to_numpy(zero_copy_only=False) for n in range(len(columns))]
+            if rest is not None:
+                parts = [np.concatenate(pair) for pair in zip(rest, parts, strict=True)]
+            whole = len(parts[0]) // self.size * self.size
+            rest = [one[whole:] for one in parts]
+            if whole:
+                yield [one[:whole].reshape(-1, self.size) for one in parts]
+
+    def _times(self) -> np.ndarray:
+        found = []
+        for (t,) in self._samples(["t"]):
+            if not (t == t[:, :1]).all():
+                raise RunFolderError(f"{self.path}: is damaged: samples are not of all points")
+            found.append(t[:, 0].astype(float))
+        times = np.concatenate(found) if found else np.empty(0)
+        if (np.diff(times) <= 0.0).any() or not np.isfinite(times).all():
+            raise RunFolderError(f"{self.path}: is damaged: its times do not increase")
+        self.skipped = 0 if self.start is None else int(np.searchsorted(times, self.start - 1e-9))
+        if len(times) - self.skipped < FEWEST:
+            after = f" from {self.start:g} s on" if self.start is not None else ""
+            raise RunFolderError(
+                f"{self.path}: holds {len(times) - self.skipped} samples{after}; at least {FEWEST} are needed"
+            )
+        return times[self.skipped :]
+
+    def _chunks(self, quantity: str) -> Iterator[tuple[int, np.ndarray]]:
+        """Values of a column from the start on, with the number of their first sample."""
+        done = -self.skipped
+        for (values,) in self._samples([quantity]):
+            some = values[max(0, -done) :]
+            if len(some):
+                if not np.isfinite(some).all():
+                    raise RunFolderError(f"{self.path}: not all of {quantity} are numbers")
+                yield max(0, done), some
+            done += len(values)
+
+    def values(self, points: np.ndarray, quantity: str) -> np.ndarray:
+        """What points measured, (n, points) f32; the points by their numbers."""
+        found = np.empty((len(self.times), len(points)), np.float32)
+        for first, some in self._chunks(quantity):
+            found[first : first + len(some)] = some[:, points]
+        return found
+
+    def sums(self, quantity: str) -> tuple[np.ndarray, np.ndarray]:
+        """Mean over time and maximum of each point."""
+        from taichi_plume.statistics.moments import weights
+
+        share = weights(self.times)
+        mean, largest = np.zeros(self.size), np.full(self.size, -np.inf)
+        for first, some in self._chunks(quantity):
+            mean += share[first : first + len(some)] @ some
+            largest = np.maximum(largest, some.max(axis=0))
+        return mean, largest

@@ -1,0 +1,198 @@
+"""The statistics of a run or a film, as tables, and written."""
+
+import json
+from dataclasses import dataclass, field
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from taichi_plume import __version__
+from taichi_plume.statistics import noses
+from taichi_plume.statistics.analysis import OfProbe
+from taichi_plume.statistics.filmed import FilmRecord
+from taichi_plume.statistics.records import AXES
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+
+UNITS = {
+    **dict.fromkeys(
+        ("mean", "rms", "mean_error", "conditional_mean", "p50", "p99", "p99.9", "maximum"), "ppm"
+    ),
+    **dict.fromkeys(("mean_whiff", "mean_blank", "integral_time"), "s"),
+    **dict.fromkeys(("x", "y", "z"), "m"),
+    **dict.fromkeys([f"{what}_{u}" for what in ("mean", "rms") for u in "uvw"] + ["speed"], "m/s"),
+}
+"""Of the numbers of a point; 1 for all others."""
+
+
+@dataclass
+class Statistics:
+    """What was found. source: the run's folder or the film; of: probes or film.
+
+    threshold: [ppm], and why it is so. begin, end: [s] of the samples; steps: shortest and longest time [s] between
+    them. smelt: which whiffs sensors keep. film: where there is one.
+    """
+
+    source: Path
+    name: str
+    of: str
+    gas: str
+    threshold: float
+    why: str
+    begin: float
+    end: float
+    samples: int
+    steps: tuple[float, float]
+    probes: list[OfProbe]
+    smelt: noses.Smelt | None = None
+    film: FilmRecord | None = None
+    gamma: np.ndarray | None = None
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def points(self) -> "pandas.DataFrame":
+        """A row per point: probe, point, place and numbers; units in `attrs["units"]`."""
+        import pandas
+
+        parts = []
+        for one in self.probes:
+            where = dict(zip(AXES, one.probe.places.T, strict=False))
+            who = {"probe": one.probe.name, "point": np.arange(len(one.probe.places))}
+            parts.append(pandas.DataFrame({**who, **where, **one.points}))
+        frame = pandas.concat(parts, ignore_index=True)
+        frame.attrs["units"] = {str(name): UNITS.get(str(name), "1") for name in frame.columns}
+        return frame
+
+    @property
+    def durations(self) -> "pandas.DataFrame":
+        """A row per whiff and blank that is whole: probe, point, kind, begin [s], duration [s]."""
+        import pandas
+
+        parts = [
+            {"probe": one.probe.name, "point": n, "kind": kind.name, "begin": s.begin, "duration": s.lasted}
+            for one in self.probes
+            for kind in one.kinds
+            for n, s in enumerate(kind.of_points)
+            if len(s.lasted)
+        ]
+        columns = ["probe", "point", "kind", "begin", "duration"]
+        frame = (
+            pandas.concat([pandas.DataFrame(part) for part in parts], ignore_index=True) if parts else None
+        )
+        frame = pandas.DataFrame(columns=columns) if frame is None else frame
+        frame.attrs["units"] = {"probe": "1", "point": "1", "kind": "1", "begin": "s", "duration": "s"}
+        return frame
+
+    @property
+    def maps(self) -> "xarray.Dataset | None":
+        """Of a film: mean, rms, maximum [ppm], intensity and intermittency over x and y; else None."""
+        import xarray
+
+        film = self.film
+        if film is None or self.gamma is None:
+            return None
+        mean, rms = film.plane(film.mean), film.plane(film.rms)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            intensity = np.where(mean > 0.0, rms / mean, np.nan)
+        values = {
+            "mean": (mean, "ppm"), "rms": (rms, "ppm"), "maximum": (film.plane(film.maximum), "ppm"),
+            "intensity": (intensity, "1"), "intermittency": (self.gamma, "1"),
+        }  # fmt: skip
+        data = xarray.Dataset(
+            {name: (("x", "y"), one, {"units": unit}) for name, (one, unit) in values.items()},
+            {a: (a, film.coordinates[d], {"units": "m"}) for d, a in enumerate("xy")},
+        )
+        if film.level is not None:
+            data.attrs["height_m"] = float(film.coordinates[2][film.level])
+        data.attrs |= {"gas": self.gas, "threshold_ppm": self.threshold}
+        return data
+
+    @property
+    def spectra(self) -> "pandas.DataFrame":
+        """Mean spectrum of each probe: probe, frequency [Hz], density [ppm²/Hz]."""
+        import pandas
+
+        frames = [
+            pandas.DataFrame({"probe": one.probe.name, "frequency": one.frequency, "density": one.density})
+            for one in self.probes
+        ]
+        return pandas.concat(frames, ignore_index=True)
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """What is no table: how it was made, and of each probe laws, fits, profiles and lengths."""
+        probes = []
+        for one in self.probes:
+            probes.append(
+                {
+                    "name": one.probe.name,
+                    "kind": one.probe.kind,
+                    "points": len(one.probe.places),
+                    **{
+                        kind.name: {
+                            "count": len(kind.all.lasted),
+                            "cut": kind.all.cut,
+                            "law": None if kind.law is None else kind.law._asdict(),
+                        }
+                        for kind in one.kinds
+                    },
+                    "fits": [fit._asdict() for fit in one.fits],
+                    "lengths": [
+                        {"along": c.along, "length_m": c.length, "whole": c.whole} for c in one.correlations
+                    ],
+                    "profiles": [
+                        {
+                            "along": p.along,
+                            "at": p.at,
+                            "gaussian": None if p.gaussian is None else p.gaussian._asdict(),
+                        }
+                        for p in one.profiles
+                    ],
+                }
+            )
+        sensors = [
+            {"sensor": k.nose.name, "whiffs": k.whiffs, "kept": k.kept, "share": k.share, "rises": k.rises,
+             "threshold_ppm": k.threshold}
+            for k in (self.smelt.kept if self.smelt else [])
+        ]  # fmt: skip
+        return {
+            "taichi_plume": __version__, "source": str(self.source), "of": self.of, "gas": self.gas,
+            "threshold_ppm": self.threshold, "threshold_is": self.why, "begin_s": self.begin, "end_s": self.end,
+            "samples": self.samples, "shortest_step_s": self.steps[0], "longest_step_s": self.steps[1],
+            "probes": probes, "sensors": sensors, "notes": self.notes,
+        }  # fmt: skip
+
+    def write(self, folder: Path) -> list[Path]:
+        """Write the tables into a folder: statistics.json, points, durations and spectra as Parquet, maps.nc of a film.
+
+        Raises OSError.
+        """
+        folder.mkdir(parents=True, exist_ok=True)
+        text = json.dumps(_finite(self.summary), indent=1, ensure_ascii=False, allow_nan=False)
+        (folder / "statistics.json").write_text(text, encoding="utf-8", errors="backslashreplace")
+        paths = [folder / "statistics.json"]
+        for name, frame in (
+            ("statistics", self.points), ("durations", self.durations), ("spectra", self.spectra),
+        ):  # fmt: skip
+            frame.to_parquet(folder / f"{name}.parquet", index=False)
+            paths.append(folder / f"{name}.parquet")
+        maps = self.maps
+        if maps is not None:
+            maps.to_netcdf(folder / "maps.nc", engine="h5netcdf")
+            paths.append(folder / "maps.nc")
+        return paths
+
+
+def _finite(value: Any) -> Any:
+    """As JSON has it: no NaN."""
+    if isinstance(value, dict):
+        return {key: _finite(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(one) for one in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not isfinite(value) else value

@@ -1,0 +1,196 @@
+"""Statistics of what there is: the probes of a run, its film, or a film by itself."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from taichi_plume.files.run_folder import RunFolderError, is_run
+from taichi_plume.guard.opening import unopenable
+from taichi_plume.run_data import Run
+from taichi_plume.scenario.sensors import GasSensor
+from taichi_plume.statistics import noses, spectra
+from taichi_plume.statistics.analysis import OfProbe, Settings, of_probe
+from taichi_plume.statistics.filmed import FilmRecord
+from taichi_plume.statistics.records import ProbeRecord
+from taichi_plume.statistics.result import Statistics
+
+SHARE = 0.1
+"""Of the strongest point's mean, that the threshold is unless given."""
+
+
+def of(
+    source: Path | str,
+    gas: str | None = None,
+    probe: str | None = None,
+    threshold: float | None = None,
+    start: float | None = None,
+    bounds: tuple[float, float] | None = None,
+    sensors: Sequence[GasSensor] = (),
+) -> Statistics:
+    """The statistics of a run's folder, or of a film. Raises RunFolderError, a line.
+
+    gas: the species, unless it is the first. probe: the only probe that is looked at. threshold: [ppm]; unless given, a
+    tenth of the mean where it is largest. start: earliest time that counts [s]. bounds: of the durations that exponents
+    are of [s]. sensors: models besides those of `noses.noses`.
+    """
+    path = Path(source)
+    fault = unopenable(path, folder=True)
+    if fault:
+        raise RunFolderError(f"{path}: {fault}; give the folder of a run, or a film")
+    if not is_run(path):
+        if (path / "zarr.json").exists():
+            return _of_film(path, path.stem, gas, probe, threshold, start, bounds, None)
+        raise RunFolderError(f"{path}: is neither the folder of a run nor a film")
+    run = Run(path)
+    status = str(run.result.get("status", "unknown"))
+    if status == "running":
+        raise RunFolderError(
+            f"{path}: is still running, or was killed; wait, or `python -m taichi_plume.repair {path}`"
+        )
+    table, film = path / "probes.parquet", path / "fields.zarr"
+    if (path / "probes.parts").exists():
+        raise RunFolderError(
+            f"{path}: was killed; `python -m taichi_plume.repair {path}` completes its files"
+        )
+    name = run.scenario.name
+    places = [
+        s.position
+        for _, g in run.scenario.gases
+        for s in g.sources
+        if getattr(s, "position", None) is not None
+    ]
+    located = np.array(places, float) if places else None
+    if not table.exists():
+        if not film.is_dir():
+            raise RunFolderError(
+                f"{path}: has neither probes.parquet nor fields.zarr; run with `probes: {{every: step, points: "
+                "[{kind: point, name: a, at: [1, 2]}]}` or `fields: {rate: 10}`"
+            )
+        return _of_film(film, name, gas, probe, threshold, start, bounds, located)
+    found = _of_probes(table, name, gas, probe, threshold, start, bounds, located, sensors)
+    found.source = path
+    if film.is_dir():
+        try:
+            found.film = FilmRecord(film, found.gas, start)
+            found.gamma = found.film.intermittency(found.threshold)
+        except RunFolderError as error:
+            found.notes.append(f"No maps: {error}.")
+    if status != "completed":
+        found.notes.append(f"The run ended as '{status}': there is what it had come to.")
+    return found
+
+
+def _of_probes(
+    table: Path, name: str, gas: str | None, probe: str | None, threshold: float | None, start: float | None,
+    bounds: tuple[float, float] | None, located: np.ndarray | None, sensors: Sequence[GasSensor],
+) -> Statistics:  # fmt: skip
+    record = ProbeRecord(table, start)
+    wanted = _gas(table, record.gases, gas)
+    mean, largest = record.sums(f"{wanted}_ppm")
+    chosen = _chosen(table, record.probes, probe)
+    inside = np.concatenate([one.first + np.arange(len(one.places)) for one in chosen])
+    if not largest[inside].max() > 0.0:
+        raise RunFolderError(f"{table}: no {wanted} came to its points in this time")
+    level, why = _threshold(float(mean[inside].max()), threshold)
+    settings = Settings(wanted, level, record.wind, located, bounds)
+    probes = [of_probe(record, one, settings) for one in chosen]
+    found = _statistics(table, name, "probes", record, settings, why, probes)
+    found.notes += _other_gases(record.gases, wanted)
+    found.smelt = _smelt(record, settings, probes, sensors, found.notes)
+    return found
+
+
+def _of_film(
+    path: Path, name: str, gas: str | None, probe: str | None, threshold: float | None, start: float | None,
+    bounds: tuple[float, float] | None, located: np.ndarray | None,
+) -> Statistics:  # fmt: skip
+    film = FilmRecord(path, gas, start)
+    level, why = _threshold(float(film.sums("")[0].max()), threshold)
+    gamma = film.intermittency(level)
+    settings = Settings(film.gas, level, film.wind, located, bounds)
+    probes = [of_probe(film, one, settings) for one in _chosen(path, film.probes, probe)]
+    found = _statistics(path, name, "film", film, settings, why, probes)
+    found.film, found.gamma = film, gamma
+    found.notes += _other_gases(film.gases, film.gas)
+    found.notes.append(
+        f"A film knows nothing between its frames, {np.median(np.diff(film.times)):.3g} s apart: shorter whiffs are "
+        "missed or joined. Probes tell of them."
+    )
+    return found
+
+
+def _statistics(
+    path: Path, name: str, kind: str, record: Any, settings: Settings, why: str, probes: list[OfProbe]
+) -> Statistics:
+    steps = np.diff(record.times)
+    found = Statistics(
+        path, name, kind, settings.gas, settings.threshold, why, float(record.times[0]), float(record.times[-1]),
+        len(record.times), (float(steps.min()), float(steps.max())), probes,
+    )  # fmt: skip
+    if not spectra.is_even(record.times):
+        found.notes.append(
+            f"Samples are {found.steps[0]:.3g} to {found.steps[1]:.3g} s apart: means count each for its time; "
+            f"spectra, integral scales, correlations and sensors are of values every {steps.mean():.3g} s, linear in "
+            "time between samples."
+        )
+    return found
+
+
+def _gas(path: Path, there: Sequence[str], gas: str | None) -> str:
+    if not there:
+        raise RunFolderError(f"{path}: holds no gas")
+    if gas is not None and gas not in there:
+        raise RunFolderError(f"{path}: holds no {gas}, but {', '.join(there)}")
+    return there[0] if gas is None else gas
+
+
+def _other_gases(there: Sequence[str], gas: str) -> list[str]:
+    others = [one for one in there if one != gas]
+    return [f"There is also {', '.join(others)}; --gas NAME chooses one."] if others else []
+
+
+def _chosen(path: Path, probes: list, name: str | None) -> list:
+    chosen = [one for one in probes if name in (None, one.name)]
+    if not chosen:
+        raise RunFolderError(f"{path}: has no probe {name}, but {', '.join(one.name for one in probes)}")
+    return chosen
+
+
+def _threshold(largest: float, given: float | None) -> tuple[float, str]:
+    if given is not None:
+        return given, "as given"
+    return SHARE * largest, f"a tenth of the mean at the point with the most gas, {largest:.3g} ppm"
+
+
+def _smelt(
+    record: ProbeRecord,
+    settings: Settings,
+    probes: list[OfProbe],
+    sensors: Sequence[GasSensor],
+    notes: list[str],
+) -> noses.Smelt | None:
+    """What sensors keep at points with whiffs, the liveliest first."""
+    several = noses.noses(sensors)
+    lively = [
+        (int(n), one.probe.first + k) for one in probes for k, n in enumerate(one.points["whiffs"]) if n
+    ]
+    if not lively:
+        notes.append("No whiff is whole, so that sensors are not compared.")
+        return None
+    most = max(1, min(noses.MOST_POINTS, int(noses.MOST_NUMBERS / len(several) / len(record.times))))
+    points = np.array([point for _, point in sorted(lively, key=lambda one: (-one[0], one[1]))])
+    if len(points) > most:
+        notes.append(f"Sensors are compared at {most} of the {len(points):,} points that have whiffs.")
+        points = points[np.linspace(0, len(points) - 1, most).round().astype(int)]
+    order = np.argsort(points)
+    ppm = record.values(points[order], f"{settings.gas}_ppm")[
+        :, np.argsort(order)
+    ]  # the liveliest stays first
+    step, even = spectra.evenly(record.times, ppm)
+    if step > noses.FAST / 2:
+        notes.append(
+            f"Samples every {step:.3g} s are too far apart for sensors of {noses.FAST * 1e3:g} ms: use `every: step`."
+        )
+    return noses.smelt(several, settings.gas, step, even, settings.threshold)
