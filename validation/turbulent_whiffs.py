@@ -188,7 +188,7 @@ def turbulent_whiffs(n: int) -> Answer:
             answer[f"{what}: half of its 95 % interval"] = 0.5 * (law.high - law.low)
             answer[f"{what}: exponent"] = law.value
             answer[f"{what}: counted in the decade"] = float(law.count)
-            answer[f"how long {what} last"] = _picture(found, law)
+            answer[f"{what}: how long they last"] = _picture(found, law)
         answer |= _robustness(flows, kind) | _plume(flows, kind)
     for kind in GASES:
         answer |= _sensors(flows, kind)
@@ -236,8 +236,8 @@ def _sensors(flows: Sequence[Records], kind: str) -> dict[str, float | Curve]:
             if not answer:
                 some = slice(0, round(60.0 / STEP))
                 peak = found.true[some].max()
-                for words, reading in zip(("slow", "fast"), found.readings, strict=True):
-                    answer[f"a {words} sensor, {kind}"] = Curve(
+                for words, reading in zip(("12 s", "50 ms"), found.readings, strict=True):
+                    answer[f"a sensor of {words}, {kind}"] = Curve(
                         "t [s]",
                         "reading, against the gas, over its peak",
                         flow.times[some],
@@ -254,8 +254,6 @@ def _sensors(flows: Sequence[Records], kind: str) -> dict[str, float | Curve]:
 def _picture(found: Spells, law: Exponent) -> Curve:
     """The density of durations with T^-3/2 and the fitted power law through the same number in the decade."""
     middle, rate, _ = density(found.lasted, STEP)
-    shown = rate > 0
-    middle, rate = middle[shown], rate[shown]
     share = law.count / len(found.lasted)
 
     def line(a: float) -> np.ndarray:
