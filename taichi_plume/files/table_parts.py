@@ -286,6 +286,6 @@ def _writer(path: Path, schema: pa.Schema) -> pq.ParquetWriter:
         schema,
         compression="zstd",
         write_page_checksum=True,
-        use_dictionary=others,
-        use_byte_stream_split=measured,
+        use_dictionary=others,  # type: ignore[arg-type]
+        use_byte_stream_split=measured,  # type: ignore[arg-type]
     )
