@@ -12,6 +12,7 @@ import yaml
 
 from taichi_plume import run
 from taichi_plume.prepare import load
+from taichi_plume.statistics.__main__ import main as statistics
 from taichi_plume.study.plan import load_plan
 
 CONFIGS = Path(__file__).parent.parent / "configs"
@@ -66,6 +67,23 @@ def test_puffs_arena_is_the_story_of_its_header(tmp_path):
     assert sum(result["groups"][0]["per_trial"]["found"]) >= 1
     assert abs(result["gas"]["relative_error"]) <= 1e-6
     assert verified(tmp_path / "recording.rrd")
+
+
+@pytest.mark.slow
+def test_whiffs_is_the_story_of_its_header(tmp_path):
+    result = result_of("whiffs", tmp_path, "--no-recording")
+    assert abs(result["gas"]["relative_error"]) <= 1e-6
+    assert statistics([str(tmp_path), "--range", "0.8", "8", "--no-page"]) == 0
+    told = json.loads((tmp_path / "statistics/statistics.json").read_text())
+    assert told["longest_step_s"] == pytest.approx(0.025)
+    (plumes,) = (one for one in told["probes"] if one["name"] == "all")
+    for kind in ("whiffs", "blanks"):
+        law = plumes[kind]["law"]
+        assert law["count"] > 300
+        assert law["value"] == pytest.approx(1.5, abs=0.25)  # 0.2, and what 240 s leave to chance
+    slow, fast = told["sensors"][:2]
+    assert slow["share"] < 0.2
+    assert fast["share"] > 0.8
 
 
 @pytest.mark.slow

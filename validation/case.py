@@ -44,7 +44,10 @@ SECOND_ORDER = Expected(order=1.9)
 
 @dataclass(frozen=True)
 class Curve:
-    """Something computed beside its reference, for the report to plot: arrays of one shape."""
+    """Something computed beside its reference, for the report to plot: arrays of one shape.
+
+    fit: a law fitted to what was computed, if there is one.
+    """
 
     x_label: str
     y_label: str
@@ -53,6 +56,7 @@ class Curve:
     reference: np.ndarray
     log_x: bool = False
     log_y: bool = False
+    fit: np.ndarray | None = None
 
 
 Answer = Mapping[str, float | Curve]

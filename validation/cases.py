@@ -25,6 +25,7 @@ from taichi_plume.validation.puff_cases import PUFF_CASES
 from taichi_plume.validation.source_cases import SOURCE_CASES
 from taichi_plume.validation.spiral_cases import SPIRAL_CASES
 from taichi_plume.validation.through_flow import ethier_steinman
+from taichi_plume.validation.turbulent_whiffs import TURBULENT_WHIFF_CASES
 from taichi_plume.validation.wall_cases import WALL_CASES
 
 HALF_A_PERCENT = Expected(tolerance=0.005, at=32)  # of laminar profiles, cells across the duct
@@ -321,6 +322,7 @@ _ALL = (
     *NEAR_SOURCE_CASES,
     *PLUME_CASES,
     *PUFF_CASES,
+    *TURBULENT_WHIFF_CASES,
     *PLUMESIM_CASES,
     *SPIRAL_CASES,
     *DAPSO_CASES,

@@ -62,6 +62,8 @@ def _plain(picture: Picture) -> dict[str, Any]:
     if isinstance(picture, Lines):
         return axes | {"lines": {name: _numbers(_thin(line)) for name, line in picture.lines.items()}}
     lines = {"computed": _numbers(_thin(picture.computed)), "reference": _numbers(_thin(picture.reference))}
+    if picture.fit is not None:
+        lines["fit"] = _numbers(_thin(picture.fit))
     return axes | lines | {"log_x": picture.log_x, "log_y": picture.log_y}
 
 
@@ -192,6 +194,8 @@ def _curve(axis: Any, title: str, curve: Curve) -> None:
     axis.plot(curve.x, curve.reference, "k-", linewidth=1, label="reference")
     style = "o" if len(curve.x) < 60 else "-"
     axis.plot(curve.x, curve.computed, style, color="#d1495b", markersize=3, linewidth=1, label="computed")
+    if curve.fit is not None:
+        axis.plot(curve.x, curve.fit, "--", color="#00798c", linewidth=1, label="fitted")
     axis.set(xlabel=curve.x_label, ylabel=curve.y_label, title=title)
     if curve.log_x:
         axis.set_xscale("log")

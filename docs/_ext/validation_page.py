@@ -34,7 +34,7 @@ GROUPS = (
         "Closed forms, gusts and puffs",
         "Plumes that are told by a formula, against other formulas; whiffs and blanks; and turbulent puffs, whose "
         "spread must not depend on the step, and which must lose nothing at walls.",
-        r"steady_plume|release_|plume_in|puff_between|meandering|whiffs|puffs_",
+        r"steady_plume|release_|plume_in|puff_between|meandering|whiffs|turbulent_whiffs|puffs_",
     ),
     (
         "Experiments of others, repeated",
@@ -207,6 +207,8 @@ def _curve(axis: Any, picture: dict[str, Any]) -> None:
     axis.plot(
         picture["x"], _numbers(picture["computed"]), "o", color="#d1495b", markersize=2, label="computed"
     )
+    if "fit" in picture:
+        axis.plot(picture["x"], _numbers(picture["fit"]), "--", color="#00798c", linewidth=1, label="fitted")
     axis.set(xlabel=picture["x_label"], ylabel=picture["y_label"])
     axis.set_xscale("log" if picture["log_x"] else "linear")
     axis.set_yscale("log" if picture["log_y"] else "linear")

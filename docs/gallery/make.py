@@ -36,6 +36,7 @@ PICTURES: dict[str, dict[str, tuple[str, ...]]] = {
     "fan_array": {"fan_array.gif": ("--begin", "5", "--end", "55")},
     "gaussian": {"gaussian.png": ("--at", "75", "--view", "column")},
     "meandering": {"meandering.gif": ("--begin", "30", "--end", "60")},
+    "whiffs": {"whiffs.gif": ("--begin", "100", "--end", "124")},
     "puffs_arena": {"puffs_arena.gif": ("--end", "20")},
     "frozen_room": {"frozen_room.png": ("--at", "20")},
     "dapso_arena": {"dapso_arena.png": ("--at", "60")},

@@ -7,6 +7,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from taichi_plume.validation import report
 from taichi_plume.validation.__main__ import main
 from taichi_plume.validation.case import Answer, Case, Curve, Expected
 from taichi_plume.validation.cases import CASES
@@ -100,6 +101,16 @@ def test_a_column_is_as_good_as_a_row_in_json():
     x = np.linspace(0.0, 1.0, 5)
     (told,) = plain({"c": Curve("x", "c", x, x[:, None], x[:, None])}).values()
     assert told["computed"] == told["x"] == [0.0, 0.25, 0.5, 0.75, 1.0]
+    assert "fit" not in told
+
+
+def test_a_law_that_was_fitted_is_drawn_and_kept():
+    x = np.linspace(1.0, 2.0, 3)
+    curves = [Curve("x", "c", x, x, x, fit=fit) for fit in (None, 2.0 * x)]
+    assert plain({"c": curves[1]})["c"]["fit"] == [2.0, 3.0, 4.0]
+    case = {"name": "c", "norms": []}
+    without, drawn = (base64.b64decode(report._picture(case, {"c": one})).decode() for one in curves)
+    assert drawn.count('id="line2d_') > without.count('id="line2d_')
 
 
 def test_the_page_shows_norms_curves_and_faults(table, idle, tmp_path):

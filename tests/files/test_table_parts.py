@@ -1,0 +1,29 @@
+"""Tables that grow: how small they are on the disk."""
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from taichi_plume.files.table_parts import PartsTable, column
+from taichi_plume.scenario.probes import BYTES_PER_NUMBER
+
+
+def test_measured_values_take_as_many_bytes_as_scenarios_are_told(tmp_path):
+    """Values that change from sample to sample as a velocity does: none repeats, and the first digits hardly change."""
+    samples, points = 4000, 20
+    columns = [column("t", pa.float64(), "s", "time"), column("u", pa.float32(), "m/s", "velocity")]
+    rng = np.random.default_rng(1)
+    u = 0.5 + 0.05 * np.cumsum(rng.standard_normal((samples, points)), axis=0) / np.sqrt(samples)
+    table = PartsTable(tmp_path / "u.parquet", columns, {}, points)
+    table.start()
+    for n in range(samples):
+        table.values["t"][table.kept] = 0.035 * n
+        table.values["u"][table.kept] = u[n]
+        table.took()
+    table.close()
+    found = pq.read_table(table.path)
+    np.testing.assert_array_equal(found["u"].to_numpy(), u.astype(np.float32).ravel())
+    pq.write_table(found, tmp_path / "usual.parquet", compression="zstd", row_group_size=50_000)
+    size = table.path.stat().st_size
+    assert size < BYTES_PER_NUMBER * found.num_rows
+    assert size < 0.8 * (tmp_path / "usual.parquet").stat().st_size

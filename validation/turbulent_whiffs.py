@@ -1,0 +1,281 @@
+"""Whiffs and blanks in turbulent air: gas on the grid of a large-eddy simulation and puffs in the same air, in 2-D.
+
+Long eddies move a plume that is thin against them, so a sensor in it loses the gas and finds it again as a walker comes
+back to where it was: durations are those of first returns, p(T) ~ T^-3/2 (Celani, Villermaux & Vergassola 2014,
+doi:10.1103/PhysRevX.4.041015). It can hold between two times only, which the scenario sets before any run:
+
+- from the time in which the smallest eddies go by that the cells carry well, of 16 cells (docs/air.md): in shorter ones
+  the plume's edge is smooth and has no walk. A puff of 5 cm goes by in half of that.
+- to half of the time of the largest eddies, length over speed: over longer ones the plume forgets where it was.
+
+To have a decade in between, the eddies blown in are 10 m long, 400 cells, in a domain as wide. Sensors stand where the
+plume has strayed by one to two and a half times its width: whiffs of a narrower plume end as it passes by, a wider one
+seldom leaves them. Each is in gas for 5 to 60 % of the time.
+
+The air is two-dimensional, as a box of 400 cells each way is out of reach. Its eddies are carried and move the gas as
+those that are blown in do, but do not break up into smaller ones, for which they have little time from the source to
+the sensors. In 3-D in a box of 1.2 m, eddies between 1.2 m and 10 m are missing, and exponents are about 2.
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from taichi_plume.assemble import assemble
+from taichi_plume.files.probes_table import ProbeTable
+from taichi_plume.files.table_parts import read
+from taichi_plume.statistics.durations import (
+    CELANI,
+    Exponent,
+    Spells,
+    density,
+    exponent,
+    halfway,
+    pooled,
+    spells,
+)
+from taichi_plume.statistics.noses import FAST, SLOW, noses, smelt
+from taichi_plume.validation.case import Answer, Case, Curve, Expected
+from taichi_plume.validation.searches import scenario_of
+
+U, LENGTH, INTENSITY = 0.5, 10.0, 0.08  # m/s; m; over the speed
+CELL = 0.025  # m
+WIDTH, ROWS = 10.0, 4  # m: of the domain; sources side by side in it
+SOURCE, RADIUS = 0.25, 0.15  # m: downstream of the inlet
+DISTANCES = (1.5, 2.0, 2.5)  # m: from the sources
+ACROSS = np.linspace(-0.8, 0.8, 17)  # m: of sensors from the axis
+STEP = 0.035  # s: the tick, which the air takes at once
+FLOW = 300.0  # s: of one seed
+FIRST = 16.0 * CELL / U  # s
+LAST = 10.0 * FIRST
+PRESENT = (0.05, 0.6)
+LEVEL = 0.5  # threshold over the largest mean on the line
+GASES = {"grid": "acetone", "puffs": "ethanol"}
+KINDS = ("whiffs", "blanks")
+
+
+class Variant(NamedTuple):
+    """What durations are taken of: threshold over the largest mean on the line, and where the decade begins [s]."""
+
+    level: float = LEVEL
+    first: float = FIRST
+
+
+VARIANTS = {
+    "half the threshold": Variant(level=0.5 * LEVEL),
+    "twice the threshold": Variant(level=2.0 * LEVEL),
+    "a decade from 0.53 s": Variant(first=FIRST / 1.5),
+    "a decade from 1.2 s": Variant(first=FIRST * 1.5),
+}
+
+
+def scenario(seed: int, seconds: float) -> dict[str, Any]:
+    """Wind with long eddies, four sources side by side that emit two gases, and lines of probes behind each."""
+    rows = (np.arange(ROWS) + 0.5) * WIDTH / ROWS
+    length = SOURCE + max(DISTANCES) + 0.75
+    inlet = {"speed": U, "turbulence_intensity": INTENSITY, "turbulence_length": LENGTH}
+    sources = [{"position": (SOURCE, float(y)), "rate": "10 mg/s", "radius": RADIUS} for y in rows]
+    lines = [
+        {
+            "kind": "line",
+            "name": f"{x:g}-{n}",
+            "start": (SOURCE + x, float(y + ACROSS[0])),
+            "end": (SOURCE + x, float(y + ACROSS[-1])),
+            "count": len(ACROSS),
+        }
+        for x in DISTANCES
+        for n, y in enumerate(rows)
+    ]
+    return {
+        "name": "turbulent_whiffs",
+        "seed": seed,
+        "duration": seconds,
+        "warm_up": 2.0 * length / U,
+        "tick": STEP,
+        "domain": {"size": (length, WIDTH), "spacing": CELL, "depth": 1.0},
+        "wind": {
+            "kind": "cfd",
+            "openings": [
+                {"kind": "inlet", "face": "x-"} | inlet,
+                {"kind": "outlet", "face": "x+"},
+                {"kind": "periodic", "axis": "y"},
+            ],
+        },
+        "gas": {
+            "kind": "mixture",
+            "parts": [
+                {"kind": "eulerian", "species": GASES["grid"], "sources": sources},
+                {
+                    "kind": "puffs",
+                    "species": GASES["puffs"],
+                    "sources": sources,
+                    "release_rate": 200,
+                    "initial_size": 0.03,
+                    "handover": False,
+                },
+            ],
+        },
+        "probes": {"every": STEP, "points": lines},
+    }
+
+
+class Records(NamedTuple):
+    """What the probes of one flow tell: times (n,) [s], gas by kind, (n, distances, rows, sensors) [ppm]."""
+
+    times: np.ndarray
+    ppm: Mapping[str, np.ndarray]
+
+
+def records(seed: int, seconds: float) -> Records:
+    """Run the scenario; its probes go through their table, as in any run. Taichi must have been started."""
+    sim = assemble(scenario_of(scenario(seed, seconds)))
+    model = sim.scenario.probes
+    assert model is not None
+    with TemporaryDirectory() as folder:
+        table = ProbeTable(sim, Path(folder) / "probes.parquet", model)
+        sim.step_observers.append(table.observer())
+        table.start()
+        sim.run()
+        table.close()
+        told = read(table.path)
+    shape = (-1, len(DISTANCES), ROWS, len(ACROSS))
+    ppm = {kind: told[f"{gas}_ppm"].to_numpy().reshape(shape) for kind, gas in GASES.items()}
+    return Records(told["t"].to_numpy()[:: model.size], ppm)
+
+
+def thresholds(c: np.ndarray, level: float) -> np.ndarray:
+    """Of each line of sensors [ppm]: a share of the largest mean over time and rows; c: (n, distances, rows, m)."""
+    return level * c.mean(axis=(0, 2)).max(axis=-1)
+
+
+def chosen(present: np.ndarray) -> np.ndarray:
+    """Which sensors are in gas often and seldom enough; present: (n, ...)."""
+    share = present.mean(axis=0)
+    return (share > PRESENT[0]) & (share < PRESENT[1])
+
+
+def durations(flows: Sequence[Records], kind: str, level: float) -> dict[str, Spells]:
+    """Whiffs and blanks of all chosen sensors of all flows, one flow after the other."""
+    found: dict[str, list[Spells]] = {name: [] for name in KINDS}
+    for number, flow in enumerate(flows):
+        c = flow.ppm[kind]
+        present = c > thresholds(c, level)[:, None, None]
+        series, some = present.reshape(len(c), -1), np.flatnonzero(chosen(present))
+        for one in some:
+            for name, part in zip(KINDS, spells(flow.times, series[:, one]), strict=True):
+                found[name].append(part._replace(begin=part.begin + number * FLOW))
+    return {name: pooled(parts) for name, parts in found.items()}
+
+
+def fitted(found: Spells, first: float = FIRST) -> Exponent | None:
+    """The exponent over a decade, which begins and ends between durations that can occur."""
+    return exponent(found, halfway(first - 0.5 * STEP, STEP), halfway(10.0 * first, STEP))
+
+
+def turbulent_whiffs(n: int) -> Answer:
+    """Exponents of n seconds in all, in flows of 300 s with seeds 1, 2 ...; all distances and sensors together."""
+    flows = [records(1 + k, FLOW) for k in range(max(1, round(n / FLOW)))]
+    answer: dict[str, float | Curve] = {}
+    for kind in GASES:
+        for name, found in durations(flows, kind, LEVEL).items():
+            law, what = fitted(found), f"{name}, {kind}"
+            if law is None:
+                raise ValueError(f"{what}: there are too few")
+            answer[f"{what}: exponent off 3/2"] = abs(law.value - CELANI)
+            answer[f"{what}: half of its 95 % interval"] = 0.5 * (law.high - law.low)
+            answer[f"{what}: exponent"] = law.value
+            answer[f"{what}: counted in the decade"] = float(law.count)
+            answer[f"{what}: how long they last"] = _picture(found, law)
+        answer |= _robustness(flows, kind) | _plume(flows, kind)
+    for kind in GASES:
+        answer |= _sensors(flows, kind)
+    return answer
+
+
+def _robustness(flows: Sequence[Records], kind: str) -> dict[str, float]:
+    """Exponents with other thresholds, over other decades, and of each flow alone."""
+    told: dict[str, float] = {}
+    for words, variant in VARIANTS.items():
+        for name, found in durations(flows, kind, variant.level).items():
+            law = fitted(found, variant.first)
+            told[f"{name}, {kind}: exponent, {words}"] = law.value if law else np.nan
+    for number, flow in enumerate(flows if len(flows) > 1 else ()):
+        for name, found in durations([flow], kind, LEVEL).items():
+            law = fitted(found)
+            told[f"{name}, {kind}: exponent, seed {number + 1}"] = law.value if law else np.nan
+    return told
+
+
+def _plume(flows: Sequence[Records], kind: str) -> dict[str, float]:
+    """By how much the plume's centre strays over the width that the plume has at a moment, and the share of sensors."""
+    c = np.concatenate([flow.ppm[kind] for flow in flows])
+    held = np.where(c > 0.05 * c.max(axis=-1, keepdims=True), c, 0.0)
+    mass = held.sum(axis=-1) + 1e-12
+    centre = (held * ACROSS).sum(axis=-1) / mass
+    width = np.sqrt(np.maximum((held * ACROSS**2).sum(axis=-1) / mass - centre**2, 0.0))
+    ratio = centre.std(axis=0).mean(axis=-1) / width.mean(axis=(0, 2))
+    return {f"wander over width, {kind}, {x:g} m": float(r) for x, r in zip(DISTANCES, ratio, strict=True)}
+
+
+def _sensors(flows: Sequence[Records], kind: str) -> dict[str, float | Curve]:
+    """Which share of the whiffs a slow metal oxide and a fast detector tell apart, and what they read at one place."""
+    gas, several = GASES[kind], noses()[:2]
+    whiffs, kept = 0, np.zeros(len(several))
+    answer: dict[str, float | Curve] = {}
+    for flow in flows:
+        c = flow.ppm[kind]
+        for at, least in enumerate(thresholds(c, LEVEL)):
+            line = c[:, at].reshape(len(c), -1)
+            line = line[:, chosen(line > least)]
+            found = smelt(several, gas, STEP, line, float(least))
+            whiffs += found.kept[0].whiffs
+            kept += [one.kept for one in found.kept]
+            if not answer:
+                some = slice(0, round(60.0 / STEP))
+                peak = found.true[some].max()
+                for words, reading in zip(("12 s", "50 ms"), found.readings, strict=True):
+                    answer[f"a sensor of {words}, {kind}"] = Curve(
+                        "t [s]",
+                        "reading, against the gas, over its peak",
+                        flow.times[some],
+                        reading[some] / max(reading[some].max(), 1e-12),
+                        found.true[some] / peak,
+                    )
+    for words, one in zip(
+        (f"metal oxide of {SLOW:g} s", f"detector of {1e3 * FAST:g} ms"), kept, strict=True
+    ):
+        answer[f"whiffs kept by a {words}, {kind}"] = float(one / max(whiffs, 1))
+    return answer
+
+
+def _picture(found: Spells, law: Exponent) -> Curve:
+    """The density of durations with T^-3/2 and the fitted power law through the same number in the decade."""
+    middle, rate, _ = density(found.lasted, STEP)
+    share = law.count / len(found.lasted)
+
+    def line(a: float) -> np.ndarray:
+        return share * middle**-a * (1.0 - a) / (law.last ** (1.0 - a) - law.first ** (1.0 - a))
+
+    return Curve("T [s]", "density of T [1/s]", middle, rate, line(CELANI), True, True, fit=line(law.value))
+
+
+TURBULENT_WHIFF_CASES = (
+    Case(
+        "turbulent_whiffs",
+        "how long a sensor smells gas and how long none, gas on the grid and puffs in air with eddies (2-D)",
+        "Celani et al. 2014, doi:10.1103/PhysRevX.4.041015",
+        turbulent_whiffs,
+        coarse=(300,),
+        fine=(600,),
+        slow=True,
+        expected={
+            f"{name}, {kind}: {norm}": Expected(tolerance=tolerance)
+            for kind in GASES
+            for name in KINDS
+            for norm, tolerance in (("exponent off 3/2", 0.2), ("half of its 95 % interval", 0.15))
+        },
+    ),
+)
