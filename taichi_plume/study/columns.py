@@ -53,6 +53,8 @@ COST = (
     column("compiled", pa.int64(), "1", "kernels that were compiled"),
     column("worker", pa.string(), "1", "address of the worker"),
 )
+OURS = {field.name for field in (*WHICH, AIR, BY_CHANCE, NUMBER, *CAME, *TRIAL)}
+"""Names of columns that a table has whatever is studied, besides the seeds."""
 SUFFIX = re.compile(r"_(s|m|ppm|kg|m_s|kg_s)$")
 """How names of numbers in result.json end, after their unit."""
 NUMPY = {pa.bool_(): ("bool", "boolean"), pa.int64(): ("int64", "Int64")}
@@ -64,8 +66,7 @@ def taken(outcomes: Iterable[str] = ()) -> set[str]:
 
     One called `seed` or `air_seed` is that column, and one called `algorithm` stands where the robots' own would.
     """
-    ours = {field.name for field in (*WHICH, AIR, BY_CHANCE, NUMBER, *CAME, *TRIAL)}
-    return ours - {"algorithm"} | set(outcomes)
+    return OURS - {"algorithm"} | set(outcomes)
 
 
 def kind_of(values: Iterable[Any]) -> pa.DataType:

@@ -12,23 +12,6 @@ from taichi_plume.study.scenarios import canonical
 
 NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")
 LETTERS = "at most 32 small letters, digits or '_', the first a letter"
-COLUMNS = {
-    *(
-        "run",
-        "number",
-        "point",
-        "air",
-        "air_by_chance",
-        "structure",
-        "status",
-        "message",
-        "group",
-        "algorithm",
-    ),
-    *("trial", "searched", "success", "found", "time_s", "path_m", "overhead", "team_path_m", "acquisitions"),
-    *("hits", "bumps", "final_distance_m", "time_with_failures_s"),
-}
-"""Of the tables, whatever is studied."""
 SEEDS = ("seed", "air_seed")
 """Keys of a scenario that only chance depends on; they are columns too."""
 MOST_SAMPLES = 1 << 16
@@ -161,10 +144,12 @@ class Study(Model):
         return self.sampling.count if self.sampling else 1
 
     def _names(self) -> Iterator[str]:
+        from taichi_plume.study.columns import OURS, taken  # it brings pyarrow
+
         for name, axis in self.axes.items():
             if not NAME.fullmatch(name):
                 yield f"axes: '{name}' is no name of a column; use {LETTERS}"
-            elif name in COLUMNS or (name in SEEDS and axis.paths != [name]) or name.startswith("by_"):
+            elif name in taken() or (name in SEEDS and axis.paths != [name]) or name.startswith("by_"):
                 yield f"axes.{name}: is a name that the tables use themselves; choose another one"
             for variant in axis.variants or ():
                 if not variant or variant != variant.strip():
@@ -172,7 +157,7 @@ class Study(Model):
         for name in self.outcomes:
             if not NAME.fullmatch(name):
                 yield f"outcomes: '{name}' is no name of a column; use {LETTERS}"
-            elif name in COLUMNS or name in SEEDS or name.startswith("by_"):
+            elif name in OURS or name in SEEDS or name.startswith("by_"):
                 yield f"outcomes.{name}: is a name that the tables use themselves; choose another one"
             elif name in self.axes:
                 yield f"outcomes.{name}: is the name of an axis; choose another one"
