@@ -87,8 +87,8 @@ def _words(found: Statistics) -> Section:
     if found.smelt:
         slow, fast = found.smelt.kept[:2]
         lines.append(
-            f"Of {slow.whiffs:,} whiff{'s' * (slow.whiffs != 1)} a metal oxide of 12 s keeps {slow.share:.0%}, a detector of 50 ms "
-            f"{fast.share:.0%}."
+            f"Of {slow.whiffs:,} whiff{'s' * (slow.whiffs != 1)} a metal oxide of 12 s keeps {slow.share:.0%}, "
+            f"a detector of 50 ms {fast.share:.0%}."
         )
     return Section("What was found", "words", lines=lines)
 
