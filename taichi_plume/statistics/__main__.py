@@ -142,8 +142,8 @@ def _tell(found: Any) -> None:
     if found.smelt:
         slow, fast = found.smelt.kept[:2]
         lines.append(
-            f"of {slow.whiffs:,} whiffs a metal oxide of 12 s keeps {slow.share:.0%}, a detector of 50 ms "
-            f"{fast.share:.0%}"
+            f"of {slow.whiffs:,} whiff{'s' * (slow.whiffs != 1)} a metal oxide of 12 s keeps {slow.share:.0%}, "
+            f"a detector of 50 ms {fast.share:.0%}"
         )
     for line in [*lines, *(f"note: {one}" for one in found.notes)]:
         say(visible(line))

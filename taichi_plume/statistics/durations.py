@@ -18,6 +18,8 @@ FEWEST = 20
 RESOLVED = 5
 """Samples that the shortest duration of a range has at least."""
 DECADE = 10.0
+KOLMOGOROV = 1.358
+"""Distance of samples to their distribution, times the root of their number, that 5 % exceed."""
 BLOCKS = 60  # of time, that the bootstrap draws
 RESAMPLES = 2000
 
@@ -53,6 +55,11 @@ class Exponent(NamedTuple):
     def decades(self) -> float:
         """How wide the range is."""
         return float(np.log10(self.last / self.first))
+
+    @property
+    def is_law(self) -> bool:
+        """Whether the durations may be of the law: their distance is not above what 5 % of such samples have."""
+        return self.distance <= KOLMOGOROV / np.sqrt(self.count)
 
 
 def edges_of(times: np.ndarray) -> np.ndarray:

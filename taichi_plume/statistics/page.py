@@ -87,8 +87,8 @@ def _words(found: Statistics) -> Section:
     if found.smelt:
         slow, fast = found.smelt.kept[:2]
         lines.append(
-            f"Of {slow.whiffs:,} whiffs a metal oxide of 12 s keeps {slow.share:.0%}, a detector of 50 ms "
-            f"{fast.share:.0%}."
+            f"Of {slow.whiffs:,} whiff{'s' * (slow.whiffs != 1)} a metal oxide of 12 s keeps {slow.share:.0%}, "
+            f"a detector of 50 ms {fast.share:.0%}."
         )
     return Section("What was found", "words", lines=lines)
 
@@ -98,10 +98,11 @@ def _law_in_words(kind: Kind) -> str:
     if law is None:
         return ""
     agrees = "agrees with" if law.low <= CELANI <= law.high else "differs from"
+    bent = "" if law.is_law else f", although they are no clean power law there (distance {law.distance:.2f})"
     short = "" if law.last / law.first >= 0.95 * DECADE else ", less than a decade"
     return (
         f"{kind.name} last T with p(T) ~ T^-a, a = {law.value:.2f} (95 % interval {law.low:.2f} to {law.high:.2f}) "
-        f"from {law.first:.3g} to {law.last:.3g} s{short}, which {agrees} 3/2"
+        f"from {law.first:.3g} to {law.last:.3g} s{short}, which {agrees} 3/2{bent}"
     )
 
 

@@ -205,6 +205,7 @@ def _smelt(
         notes.append(f"Sensors are compared over the first {step * len(even):.4g} s.")
     if step > noses.FAST / 2:
         notes.append(
-            f"Samples every {step:.3g} s are too far apart for sensors of {noses.FAST * 1e3:g} ms: use `every: step`."
+            f"Samples every {step:.3g} s are too far apart for sensors of {noses.FAST * 1e3:g} ms; `every: step` and a "
+            "shorter `tick` give more."
         )
     return noses.smelt(several, settings.gas, step, even, settings.threshold)

@@ -68,6 +68,16 @@ def test_exponent_of_a_power_law(a):
     assert found.decades == pytest.approx(2, abs=0.01)
 
 
+def test_durations_that_are_no_power_law_are_known():
+    lasted = np.random.default_rng(0).exponential(3.0, 3000)
+    found = exponent(Spells(np.cumsum(lasted), lasted, 0), 0.3, 30.0)
+    assert found is not None
+    assert not found.is_law
+    same = exponent(drawn(1.5, 0.3, 30.0, 3000), 0.2999, 30.01)
+    assert same is not None
+    assert same.is_law
+
+
 def test_the_interval_holds_the_truth_as_often_as_it_says():
     inside = 0
     for seed in range(60):

@@ -3,6 +3,8 @@
 import json
 import re
 import shutil
+import subprocess
+import sys
 
 import numpy as np
 import pandas
@@ -264,6 +266,21 @@ def test_runs_that_cannot_be_used_are_told_in_a_line(folder, tmp_path, capsys, c
     assert told.err.count("\n") == 1
     assert words in told.err
     assert not (copy / "statistics").exists()
+
+
+def test_a_run_that_was_killed_and_repaired_is_used_and_told(folder, tmp_path):
+    copy = broken(folder, tmp_path, status("killed"))
+    found = statistics.of(copy, gas="ethanol", probe="one", threshold=20.0)
+    assert any("ended as 'killed'" in note for note in found.notes)
+
+
+def test_bad_input_is_told_before_taichi_is_imported(tmp_path):
+    code = (
+        "import sys; from taichi_plume.statistics.__main__ import main; code = main([sys.argv[1]]); "
+        "assert not {'taichi', 'matplotlib', 'scipy.stats'} & sys.modules.keys(); sys.exit(code)"
+    )
+    made = subprocess.run([sys.executable, "-c", code, str(tmp_path)], capture_output=True, text=True)
+    assert (made.returncode, made.stderr.count("\n")) == (2, 1), made.stderr
 
 
 @pytest.mark.parametrize(
