@@ -15,7 +15,7 @@ STRENGTH = (
 WIND = "Turbulence intensity: root of the mean square fluctuation of a component over the mean speed."
 MAPS = (
     "From above: mean over time, fluctuation over it, and share of the time with gas. Colours end at what half a "
-    "hundredth of the cells exceed; white: obstacles, or never gas."
+    "hundredth of the cells exceed; white: obstacles, and for the fluctuation less than a thousandth of the most gas."
 )
 PROFILES = "Means and fluctuations of the points over time."
 NEAREST = " Lines: the Gaussian nearest to the means."

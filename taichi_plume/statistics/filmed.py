@@ -11,6 +11,7 @@ import numpy as np
 
 from taichi_plume.files.film import Film, FilmError, places
 from taichi_plume.files.run_folder import RunFolderError
+from taichi_plume.statistics.durations import stretches
 from taichi_plume.statistics.moments import weights
 from taichi_plume.statistics.records import AXES, FEWEST, Probe
 
@@ -85,6 +86,16 @@ class FilmRecord:
         return cells if self.level is None else cells[:, :, self.level]
 
     @property
+    def sources(self) -> np.ndarray | None:
+        """Where the gas comes from, (m, dim) [m], as the film tells; None where it does not."""
+        try:
+            told = self.film.attributes["gases"][f"gas_{self.gas}"]["sources"]
+            found = np.array([one["position"] for one in told], float)
+        except (LookupError, TypeError, ValueError):
+            return None
+        return found if found.ndim == 2 and found.shape[1] == self.dim and np.isfinite(found).all() else None
+
+    @property
     def along(self) -> int:
         """The axis, 0 or 1, along which the mean gas reaches farther."""
         mean = np.nan_to_num(self.plane(self.mean))
@@ -99,13 +110,13 @@ class FilmRecord:
         """A line along the plume through the strongest mean, and some across."""
         along, across = self.along, 1 - self.along
         self._cells: list[tuple[int, ...]] = []
-        probes = [self._line(f"along {AXES[along]}", along, list(self.strongest))]
+        probes = [self._line(f"along {AXES[along]}", along, [int(one) for one in self.strongest])]
         mean = np.nan_to_num(self.plane(self.mean)).sum(axis=across)
         peak, n = int(self.strongest[along]), self.film.shape[along]
         forward = mean[peak + 1 :].sum() >= mean[:peak].sum()
         for share in STATIONS:
             at = round(peak + share * ((n - 1 if forward else 0) - peak))
-            where = list(self.strongest)
+            where = [int(one) for one in self.strongest]
             where[along] = at
             name = f"across at {AXES[along]} = {self.coordinates[along][at]:.3g} m"
             if name not in [one.name for one in probes]:
@@ -113,11 +124,15 @@ class FilmRecord:
         return [one for one in probes if len(one.places) > 1]
 
     def _line(self, name: str, axis: int, where: list) -> Probe:
-        first, cells = len(self._cells), []
-        for n in range(self.film.shape[axis]):
-            cell = (*where[:axis], n, *where[axis + 1 :])
-            if self.air is None or self.air[cell]:
-                cells.append(tuple(int(one) for one in cell))
+        """The longest stretch of air of a row of cells."""
+        first = len(self._cells)
+        row = [
+            (*map(int, where[:axis]), n, *map(int, where[axis + 1 :])) for n in range(self.film.shape[axis])
+        ]
+        air = np.array([self.air is None or bool(self.air[cell]) for cell in row])
+        cuts = stretches(air)
+        free = max(range(len(cuts) - 1), key=lambda k: (cuts[k + 1] - cuts[k]) * air[cuts[k]])
+        cells = row[cuts[free] : cuts[free + 1]]
         self._cells += cells
         spots = np.array([[self.coordinates[d][cell[d]] for d in range(self.dim)] for cell in cells])
         return Probe(name, spots.reshape(-1, self.dim), (len(cells),), first)

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 FEWEST = 50  # samples that a fit needs
+LEAST_SPREAD = 1e-3  # of logarithms, below which the gas is steady
 MOST = 100_000  # samples that it takes, even among all
 
 
@@ -28,7 +29,9 @@ class Fit(NamedTuple):
 
 
 def fits(within: np.ndarray) -> list[Fit]:
-    """Gamma and lognormal distribution of concentrations (n,) within whiffs, by maximum likelihood; none of too few.
+    """Gamma and lognormal distribution of concentrations (n,) within whiffs, by maximum likelihood.
+
+    None of too few, or of steady ones.
 
     Samples near in time are alike, so that the distance has no usual significance: it compares fits. Concentrations are
     those above the threshold, the distributions begin at zero: a threshold that is not small shows in the distance.
@@ -37,7 +40,7 @@ def fits(within: np.ndarray) -> list[Fit]:
 
     within = np.asarray(within, float)
     within = within[within > 0.0]
-    if len(within) < FEWEST or np.ptp(within) == 0.0:
+    if len(within) < FEWEST or np.std(np.log(within)) < LEAST_SPREAD:
         return []
     some = within[:: -(-len(within) // MOST)]
     found = []

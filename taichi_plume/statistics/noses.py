@@ -18,6 +18,7 @@ from taichi_plume.statistics.durations import stretches
 SLOW, FAST = 12.0, 0.05  # s
 MOST_POINTS = 100  # that sensors are given
 MOST_NUMBERS = 2e8  # samples times sensors
+MOST_TICKS = 200_000
 
 
 class Nose(NamedTuple):

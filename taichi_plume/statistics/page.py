@@ -17,7 +17,8 @@ from taichi_plume.statistics.result import Statistics
 
 NAME = "statistics.html"
 MOST_PROBES = 6
-MOST_ROWS = 25
+MOST_ROWS = 20
+HARDLY = 1e-3  # of the strongest mean
 
 
 def write(found: Statistics, folder: Path) -> Path:
@@ -110,16 +111,18 @@ def _strength(found: Statistics) -> Section:
     rows, left_out = [], 0
     room = max(1, MOST_ROWS // max(1, len(found.probes)))
     for one in found.probes:
-        n = len(one.probe.places)
-        some = np.unique(np.linspace(0, n - 1, min(n, room)).round().astype(int))
-        left_out += n - len(some)
+        smelt = np.flatnonzero(one.points["intermittency"] > 0.0)
+        if not len(smelt):
+            smelt = np.array([int(np.argmax(one.points["mean"]))])
+        some = smelt[np.unique(np.linspace(0, len(smelt) - 1, min(len(smelt), room)).round().astype(int))]
+        left_out += len(one.probe.places) - len(some)
         for k in some if len(rows) < 2 * MOST_ROWS else []:
             p = one.points
-            place = ", ".join(f"{v:.3g}" for v in one.probe.places[k])
-            error = f" ± {p['mean_error'][k]:.1g}" if np.isfinite(p["mean_error"][k]) else ""
+            place = ",\u00a0".join(f"{v:.3g}" for v in one.probe.places[k])
+            error = f"\u00a0±\u00a0{p['mean_error'][k]:.1g}" if np.isfinite(p["mean_error"][k]) else ""
             rows.append(
                 (
-                    f"{visible(one.probe.name)} {k}", place, f"{p['mean'][k]:.3g}{error}", _number(p["intensity"][k]),
+                    f"{visible(one.probe.name)}: {k}", place, f"{p['mean'][k]:.3g}{error}", _number(p["intensity"][k]),
                     f"{p['intermittency'][k]:.3f}", _number(p["conditional_mean"][k]), _number(p["peak99"][k]),
                     _number(p["peak"][k]), _number(p["integral_time"][k]),
                 )
@@ -152,7 +155,7 @@ def _maps(found: Statistics) -> Section:
         at = f" at z = {height:.3g} m" if height is not None else ""
         values = {
             "mean [ppm]": data["mean"].values,
-            "rms / mean": data["intensity"].values,
+            "rms / mean": _where_gas(data["intensity"].values, data["mean"].values),
             "intermittency": data["intermittency"].values,
         }
         png = plots.maps(data.x.values, data.y.values, values)
@@ -170,9 +173,15 @@ def _maps(found: Statistics) -> Section:
         )
         names = {"mean [ppm]": "mean", "rms / mean": "intensity", "intermittency": "intermittency"}
         values = {title: one.points[key].reshape(one.probe.counts)[cut] for title, key in names.items()}
+        values["rms / mean"] = _where_gas(values["rms / mean"], mean[cut])
         png = plots.maps(x, y, values, "".join(AXES[d] for d in axes))
         section.images.append(_image(png, f"Grid {one.probe.name}", captions.MAPS))
     return section
+
+
+def _where_gas(values: np.ndarray, mean: np.ndarray) -> np.ndarray:
+    """NaN where there is hardly any gas in the mean, which the page does not show."""
+    return np.where(np.nan_to_num(mean) > HARDLY * np.nanmax(mean), values, np.nan)
 
 
 def _spread(shown: list[OfProbe]) -> Section:

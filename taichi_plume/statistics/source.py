@@ -41,7 +41,7 @@ def of(
         raise RunFolderError(f"{path}: {fault}; give the folder of a run, or a film")
     if not is_run(path):
         if (path / "zarr.json").exists():
-            return _of_film(path, path.stem, gas, probe, threshold, start, bounds, None)
+            return _of_film(path, path.stem, gas, probe, threshold, start, bounds)
         raise RunFolderError(f"{path}: is neither the folder of a run nor a film")
     run = Run(path)
     status = str(run.result.get("status", "unknown"))
@@ -68,7 +68,8 @@ def of(
                 f"{path}: has neither probes.parquet nor fields.zarr; run with `probes: {{every: step, points: "
                 "[{kind: point, name: a, at: [1, 2]}]}` or `fields: {rate: 10}`"
             )
-        return _of_film(film, name, gas, probe, threshold, start, bounds, located)
+        found = _of_film(film, name, gas, probe, threshold, start, bounds)
+        return _told_end(found, status)
     found = _of_probes(table, name, gas, probe, threshold, start, bounds, located, sensors)
     found.source = path
     if film.is_dir():
@@ -77,7 +78,11 @@ def of(
             found.gamma = found.film.intermittency(found.threshold)
         except RunFolderError as error:
             found.notes.append(f"No maps: {error}.")
-    if status != "completed":
+    return _told_end(found, status)
+
+
+def _told_end(found: Statistics, status: str) -> Statistics:
+    if status not in ("completed", "stopped"):
         found.notes.append(f"The run ended as '{status}': there is what it had come to.")
     return found
 
@@ -104,12 +109,12 @@ def _of_probes(
 
 def _of_film(
     path: Path, name: str, gas: str | None, probe: str | None, threshold: float | None, start: float | None,
-    bounds: tuple[float, float] | None, located: np.ndarray | None,
+    bounds: tuple[float, float] | None,
 ) -> Statistics:  # fmt: skip
     film = FilmRecord(path, gas, start)
     level, why = _threshold(float(film.sums("")[0].max()), threshold)
     gamma = film.intermittency(level)
-    settings = Settings(film.gas, level, film.wind, located, bounds)
+    settings = Settings(film.gas, level, film.wind, film.sources, bounds)
     probes = [of_probe(film, one, settings) for one in _chosen(path, film.probes, probe)]
     found = _statistics(path, name, "film", film, settings, why, probes)
     found.film, found.gamma = film, gamma
@@ -179,7 +184,13 @@ def _smelt(
     if not lively:
         notes.append("No whiff is whole, so that sensors are not compared.")
         return None
-    most = max(1, min(noses.MOST_POINTS, int(noses.MOST_NUMBERS / len(several) / len(record.times))))
+    most = max(
+        1,
+        min(
+            noses.MOST_POINTS,
+            int(noses.MOST_NUMBERS / len(several) / min(len(record.times), noses.MOST_TICKS)),
+        ),
+    )
     points = np.array([point for _, point in sorted(lively, key=lambda one: (-one[0], one[1]))])
     if len(points) > most:
         notes.append(f"Sensors are compared at {most} of the {len(points):,} points that have whiffs.")
@@ -189,6 +200,9 @@ def _smelt(
         :, np.argsort(order)
     ]  # the liveliest stays first
     step, even = spectra.evenly(record.times, ppm)
+    if len(even) > noses.MOST_TICKS:
+        even = even[: noses.MOST_TICKS]
+        notes.append(f"Sensors are compared over the first {step * len(even):.4g} s.")
     if step > noses.FAST / 2:
         notes.append(
             f"Samples every {step:.3g} s are too far apart for sensors of {noses.FAST * 1e3:g} ms: use `every: step`."

@@ -30,6 +30,12 @@ class Records(Wind):
     def __init__(self, level: Any, species: Any):
         self.level, self.species = level, species
 
+    def begin(self, model: Any, t: float, seed: int) -> None:
+        """Nothing to begin with."""
+
+    def advance(self, t: float, dt: float) -> None:
+        """What the field holds is set from outside."""
+
     @ti.func
     def ppm(self, x: Template, t: float):
         """Mole fraction at a point."""

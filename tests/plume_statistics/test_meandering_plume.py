@@ -71,7 +71,9 @@ def test_moments_presence_and_width(tmp_path):
     assert profile.gaussian.centre - 10.0 == pytest.approx(0.0, abs=4 * width / sqrt(n))
     assert profile.gaussian.peak == pytest.approx(plume.moment(x, 0.0, 1) * PPM, rel=0.06)
     # independent samples have an integral time of half a step; noise up to its correlation's first zero adds to it
-    assert 0.9 < points["mean_error"][30] / (points["rms"][30] / sqrt(n)) < 1.6
+    assert (
+        0.9 < found.probes[0].points["mean_error"][30] / (found.probes[0].points["rms"][30] / sqrt(n)) < 1.6
+    )
 
 
 def test_whiffs_and_blanks_of_first_returns(tmp_path):

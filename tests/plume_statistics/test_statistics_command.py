@@ -58,7 +58,8 @@ def found(folder):
 def test_numbers_of_points_are_those_of_the_table(folder, found):
     """By pandas, with the weights of the trapezoidal rule."""
     table = open_run(folder).probes
-    for (name, point), rows in table.groupby(["probe", "point"], observed=True):
+    for who, rows in table.groupby(["probe", "point"], observed=True):
+        name, point = tuple(who)  # pyright: ignore[reportArgumentType]
         c, t = rows.ethanol_ppm.to_numpy(float), rows.t.to_numpy()
         mean = np.trapezoid(c, t) / np.ptp(t)
         told = found.points[(found.points.probe == name) & (found.points.point == point)].iloc[0]
@@ -127,6 +128,7 @@ def test_a_film_by_itself(folder, tmp_path, capsys):
         assert maps["mean"].attrs["units"] == "ppm"
     assert "between its frames" in capsys.readouterr().out
     lines = statistics.of(film, gas="ethanol", start=3.0)
+    assert lines.maps is not None
     mean = lines.maps["mean"]
     for one in lines.probes:
         for place, value in zip(one.probe.places, one.points["mean"], strict=True):
