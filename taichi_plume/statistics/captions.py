@@ -36,9 +36,9 @@ LAWS = (
 RANGE = (
     "Cut: left out, as the record's begin or end cuts them. Exponent: by maximum likelihood in the range that is "
     "told; its interval by drawing blocks of time anew, as points see the same gusts. Unless --range gives it, the "
-    "range ends at half the time that the mean wind takes from the source, or where a hundredth is longer, and begins "
-    "where what follows is nearest to a power law (Clauset, Shalizi and Newman 2009, doi:10.1137/070710111), at five "
-    "samples or later."
+    "range ends at half the time that the mean wind takes from the source, or beyond, where a hundredth is longer, and "
+    "begins where what follows is nearest to a power law (Clauset, Shalizi and Newman 2009, "
+    "doi:10.1137/070710111), at five samples or later."
 )
 KEPT = (
     "Each sensor was given the record, as in a run. It keeps a whiff if its reading rises through the threshold "

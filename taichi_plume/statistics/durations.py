@@ -181,15 +181,14 @@ def range_of(found: Spells, step: float, last: float | None = None) -> tuple[flo
     """The range [s] in which the durations are best a power law; None where there are too few of them.
 
     step: time between samples [s]. Its end is `last`, for instance half the time that the wind takes from the source,
-    or else the duration that a hundredth of them exceed. Its begin is where the rest is nearest to its own power law
-    (Clauset, Shalizi & Newman 2009, doi:10.1137/070710111): from RESOLVED samples on, and a decade before the end if it
-    can be.
+    but no less than what a hundredth of them exceed: wide eddies make longer ones. Its begin is where the rest is
+    nearest to its own power law (Clauset, Shalizi & Newman 2009, doi:10.1137/070710111): from RESOLVED samples on, and a
+    decade before the end if it can be.
     """
     if len(found.lasted) < FEWEST:
         return None
     least = halfway((RESOLVED - 1) * step, step)
-    if last is None:
-        last = float(np.quantile(found.lasted, 0.99)) + 0.5 * step
+    last = max(last or 0.0, float(np.quantile(found.lasted, 0.99)) + 0.5 * step)
     most = halfway(min(last, float(found.lasted.max()) + step), step)
     if most <= 2.0 * least:
         return None
