@@ -85,8 +85,8 @@ class _Planning:
                     "want to be read, add --allow-outside (in Python: allow_outside=True)"
                 ]
             )
-        self.folder = path.resolve().parent
         self.base = read_mapping(path, NEEDS)
+        self.folder = path.resolve().parent
         self.checks, self.digests = Checks(self.folder, allow_outside), Digests(self.folder)
 
     def plan(self) -> Plan:

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from scipy.stats import sobol_indices
 from small_study import ROOM, SPEED, write
 
-from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.reset import differences
 from taichi_plume.study.axes import saltelli
 from taichi_plume.study.plan import SEARCH_STEP, load_plan
@@ -27,15 +26,6 @@ SEARCH = {
 }
 HEIGHT = {"key": "robots.0.sensors.gas.height", "low": "5 cm", "high": 0.3}
 RATE = {"key": "gas.sources.0.rate", "low": "1 mg/s", "high": "100 mg/s", "count": 3, "spacing": "log"}
-
-
-def faults(file) -> list[str]:
-    """Without the file's name, which each has to begin with."""
-    with pytest.raises(ScenarioError) as caught:
-        load_plan(file)
-    lines = caught.value.faults
-    assert all(line.startswith(f"{file}: ") for line in lines)
-    return [line.removeprefix(f"{file}: ") for line in lines]
 
 
 def test_all_combinations_are_there_the_last_axis_changes_fastest(tmp_path):
