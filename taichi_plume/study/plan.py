@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from math import prod
 from pathlib import Path
 from typing import Any, NamedTuple
+from urllib.parse import quote
 
 from pydantic import TypeAdapter, ValidationError
 
@@ -24,6 +25,7 @@ from taichi_plume.study.scenarios import scenario_of
 MOST_RUNS = 100_000
 MOST_FOLDERS = 1000  # that tables are laid out in
 FEW = 64  # values of an axis by which they are
+LONGEST_FOLDER = 100  # characters of a value in its name
 SEARCH_STEP = 1_000_003  # between seeds of searches in one air
 SEED_RANGE = 1 << 32
 MOST_VALUES_TOLD = 3
@@ -83,19 +85,19 @@ class _Planning:
                     "want to be read, add --allow-outside (in Python: allow_outside=True)"
                 ]
             )
-        self.folder = path.resolve().parent
         self.base = read_mapping(path, NEEDS)
+        self.folder = path.resolve().parent
         self.checks, self.digests = Checks(self.folder, allow_outside), Digests(self.folder)
 
     def plan(self) -> Plan:
         study = self.study
-        axes = resolve(study, self.base, visible(study.base, LONGEST_VALUE))
         runs = prod(map(count_of, study.axes.values())) * study.draws
         runs *= 1 if study.over_seeds else study.airs * study.searches
         if runs > MOST_RUNS:
             raise ScenarioError(
                 [f"has {runs:,} runs; at most {MOST_RUNS:,} are taken, use fewer values or airs"]
             )
+        axes = resolve(study, self.base, visible(study.base, LONGEST_VALUE))
         found, faults = self._checked(axes)
         if faults:
             raise ScenarioError(faults)
@@ -221,9 +223,10 @@ def _columns(axes: Sequence[Levels | Range]) -> Iterator[Axis]:
     """The axes' columns; as many folders are made of them, in their order, as a dataset can have."""
     folders = 1
     for axis in axes:
-        few = isinstance(axis, Levels) and 1 < len(axis.levels) <= FEW and axis.name not in SEEDS
-        partition = few and folders * len(axis.levels) <= MOST_FOLDERS  # type: ignore[union-attr]
-        folders *= len(axis.levels) if partition and isinstance(axis, Levels) else 1
+        levels = axis.levels if isinstance(axis, Levels) and axis.name not in SEEDS else ()
+        short = all(len(quote(str(level.value))) <= LONGEST_FOLDER for level in levels)
+        partition = short and 1 < len(levels) <= FEW and folders * len(levels) <= MOST_FOLDERS
+        folders *= len(levels) if partition else 1
         yield Axis(axis.name, axis.unit, partition)
 
 

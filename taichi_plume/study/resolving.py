@@ -8,6 +8,7 @@ import numpy as np
 
 from taichi_plume.scenario.changes import shown, steps_of
 from taichi_plume.scenario.facts import facts
+from taichi_plume.scenario.keys import look_up, near
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.vocabulary import Model
@@ -85,8 +86,16 @@ class _Resolving:
                     refused.setdefault(line, []).append(where)
         for line, places in refused.items():
             every = len(places) == len(self.trials[name]) > 1
-            self.faults.append(f"axes.{name}{'' if every else places[0]}: {line}")
+            self.faults.append(f"axes.{name}{'' if every else places[0]}: {line}{self._meant(name, line)}")
         return found
+
+    def _meant(self, name: str, line: str) -> str:
+        """Keys that are written much like one of an axis that there is none of, unless the fault says so itself."""
+        if "unknown key" in line:
+            return ""
+        unknown = [path for path in self.study.axes[name].paths if not any(look_up(path))]
+        close = [one for path in unknown for one in near(path)]
+        return f"; did you mean {' or '.join(dict.fromkeys(close))}?" if close else ""
 
     # ------------------------------------------------------------ values
 
@@ -107,7 +116,7 @@ class _Resolving:
     def _levels(self, name: str, axis: StudyAxis, values: list[Any]) -> list[Level]:
         """Of a list; as texts where not all values are numbers, texts or truths."""
         assert axis.values is not None
-        plain = all(isinstance(value, Scalar) for value in values)
+        plain = all(isinstance(value, Scalar) and not _too_large(value) for value in values)
         told: list[Scalar] = values if plain else [json.dumps(value) for value in axis.values]
         for n, value in enumerate(told):
             if value in told[:n]:
@@ -165,6 +174,11 @@ def _read(scenario: Scenario, path: str, given: Any) -> Any:
     except LookupError:
         return given
     return value[0] if isinstance(value, tuple) and len(value) == 1 and not isinstance(given, list) else value
+
+
+def _too_large(value: Any) -> bool:
+    """Whether a whole number is none that tables hold."""
+    return isinstance(value, int) and not -(1 << 63) <= value < 1 << 63
 
 
 def _unit(scenario: Scenario, path: str) -> str:

@@ -3,7 +3,11 @@
 from pathlib import Path
 from typing import Any
 
+import pytest
 import yaml
+
+from taichi_plume.scenario.loading import ScenarioError
+from taichi_plume.study.plan import load_plan
 
 ROOM: dict[str, Any] = {
     "name": "room",
@@ -38,3 +42,12 @@ def write(folder: Path, room: dict[str, Any] = ROOM, **keys: Any) -> Path:
     study = {"name": "a", "base": "room.yaml", "axes": {"speed": SPEED}} | keys
     (folder / "study.yaml").write_text(yaml.safe_dump(study, sort_keys=False))
     return folder / "study.yaml"
+
+
+def faults(file: Path) -> list[str]:
+    """What is wrong with a study, without the file's name, with which each line has to begin."""
+    with pytest.raises(ScenarioError) as caught:
+        load_plan(file)
+    lines = caught.value.faults
+    assert all(line.startswith(f"{file}: ") and "\n" not in line for line in lines)
+    return [line.removeprefix(f"{file}: ") for line in lines]

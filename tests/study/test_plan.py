@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from scipy.stats import sobol_indices
 from small_study import ROOM, SPEED, write
 
-from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.reset import differences
 from taichi_plume.study.axes import saltelli
 from taichi_plume.study.plan import SEARCH_STEP, load_plan
@@ -25,15 +26,6 @@ SEARCH = {
 }
 HEIGHT = {"key": "robots.0.sensors.gas.height", "low": "5 cm", "high": 0.3}
 RATE = {"key": "gas.sources.0.rate", "low": "1 mg/s", "high": "100 mg/s", "count": 3, "spacing": "log"}
-
-
-def faults(file) -> list[str]:
-    """Without the file's name, which each has to begin with."""
-    with pytest.raises(ScenarioError) as caught:
-        load_plan(file)
-    lines = caught.value.faults
-    assert all(line.startswith(f"{file}: ") for line in lines)
-    return [line.removeprefix(f"{file}: ") for line in lines]
 
 
 def test_all_combinations_are_there_the_last_axis_changes_fastest(tmp_path):
@@ -120,6 +112,38 @@ def test_keys_share_a_value_and_values_may_be_lists_and_sections(tmp_path):
         scenario = scenario_of(plan.base, one.changes)
         assert scenario.domain.spacing == scenario.maps[0].cell == one.values["dx"]
         assert json.dumps(scenario.sources[0][1].position) == one.values["place"]
+
+
+def test_folders_are_made_of_axes_with_few_short_values(tmp_path):
+    def axis(key: str, count: int) -> dict[str, Any]:
+        return {"key": key, "low": 0.1, "high": 0.3, "count": count}
+
+    many = {"speed": axis("wind.openings.0.speed", 65), "reach": axis("robots.0.reach", 40)}
+    more = many | {"height": axis("robots.0.sensors.gas.height", 26)}
+    plan = load_plan(write(tmp_path, axes=many, airs=1))
+    assert [one.partition for one in plan.axes] == [False, True]
+    more["speed"] = axis("wind.openings.0.speed", 2)
+    more["n"] = {"key": "robots.0.name", "values": ["a", "b" * 101]}
+    more["one"] = {"key": "robots.0.count", "values": [1]}
+    plan = load_plan(write(tmp_path, axes=more, airs=1))
+    assert [one.partition for one in plan.axes] == [True, True, False, False, False]
+
+
+@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(random=st.randoms(use_true_random=False))
+def test_ids_do_not_depend_on_the_order_of_keys(tmp_path, random):
+    def turned(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {key: turned(value[key]) for key in random.sample(sorted(value), len(value))}
+        return [turned(one) for one in value] if isinstance(value, list) else value
+
+    axes = {"speed": SPEED, "search": SEARCH, "height": HEIGHT | {"count": 2}}
+    ids = [
+        {(one.run, one.air, one.structure, one.seed, one.air_seed) for one in load_plan(file).requests}
+        for file in (write(tmp_path, axes=axes), write(tmp_path, turned(ROOM), axes=turned(axes)))
+    ]
+    assert ids[0] == ids[1]
+    assert len(ids[0]) == 40
 
 
 def test_axes_of_seeds_are_runs_of_one_point(tmp_path):
