@@ -182,8 +182,8 @@ def range_of(found: Spells, step: float, last: float | None = None) -> tuple[flo
 
     step: time between samples [s]. Its end is `last`, for instance half the time that the wind takes from the source,
     but no less than what a hundredth of them exceed: wide eddies make longer ones. Its begin is where the rest is
-    nearest to its own power law (Clauset, Shalizi & Newman 2009, doi:10.1137/070710111): from RESOLVED samples on, and a
-    decade before the end if it can be.
+    nearest to its own power law (Clauset, Shalizi & Newman 2009, doi:10.1137/070710111): from RESOLVED samples on, and
+    a decade before the end if it can be.
     """
     if len(found.lasted) < FEWEST:
         return None
