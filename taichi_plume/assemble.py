@@ -103,9 +103,9 @@ def build(prepared: Prepared, algorithms: Mapping[str, type] | None = None) -> S
         state.clear()
         _weigh(weighing, scenario)
         stirring.begin(scenario)
-        wind.begin(scenario.wind, t, scenario.seed)
+        wind.begin(scenario.wind, t, scenario.seed_of_air)
         for one, (_, model) in zip(gas.gases, scenario.gases, strict=True):
-            one.begin(model, t, scenario.seed)
+            one.begin(model, t, scenario.seed_of_air)
         gas.begin()
         begin_fields(scenario, resources, wind, gas.gases)
         swarm.begin(scenario.robots, *starts, _places(scenario), scenario.seed, walkers)

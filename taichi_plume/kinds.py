@@ -40,8 +40,8 @@ class Context:
 
     @property
     def begin(self) -> tuple[float, int]:
-        """Time [s] at which the run begins, and its seed."""
-        return self.scenario.first_tick * self.scenario.tick, self.scenario.seed
+        """Time [s] at which the run begins, and the seed of its air."""
+        return self.scenario.first_tick * self.scenario.tick, self.scenario.seed_of_air
 
 
 def _of(module: str, name: str) -> Any:

@@ -173,7 +173,7 @@ def _conclude(job: Job, sim: Simulation, outputs: Outputs, end: End) -> tuple[di
     except Exception as error:  # a simulation too broken to tell
         end = end if end.code else End(*_explain(error), 1)
         content = {"name": sim.scenario.name, "status": end.status, "message": end.message}
-        content |= {"seed": sim.scenario.seed}
+        content |= sim.scenario.seeds
     content |= {"remarks": job.prepared.resources.remarks + outputs.remarks}
     if not folder.is_dir():
         return content, end

@@ -1,13 +1,21 @@
 """Whether another seed makes other air is as the scenario says: looked up in the air itself."""
 
+import json
 from typing import Any
 
 import numpy as np
 import pytest
+import rerun as rr
+import xarray
+import yaml
 
+from taichi_plume import run
 from taichi_plume.assemble import assemble
 from taichi_plume.grid import fields
+from taichi_plume.report.facts import key_facts
+from taichi_plume.report.run import Run
 from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.simulation import Simulation
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -56,5 +64,86 @@ def test_another_seed_makes_other_air_where_it_is_said_to(wind, gas, drawn):
     assert first.max() > 0.0
     sim.reset(scenario.model_copy(update={"seed": 8}))
     assert np.array_equal(air(), first) != drawn
+    sim.reset(scenario.model_copy(update={"air_seed": 8}))
+    assert np.array_equal(air(), first) != drawn
+    sim.reset(scenario.model_copy(update={"seed": 8, "air_seed": scenario.seed}))
+    assert np.array_equal(air(), first)
     sim.reset(scenario)
     assert np.array_equal(air(), first)
+
+
+SEARCH = {
+    "duration": 2.0,
+    "domain": {"size": (1.0, 1.0), "spacing": 0.1},
+    "wind": GUSTS,
+    "gas": {"kind": "puffs", "sources": [SOURCE | {"puffing": PUFFING}]},
+    "robots": [
+        {
+            "count": 2,
+            "start": {"kind": "area", "low": (0.6, 0.1), "high": (0.9, 0.9)},
+            "algorithm": {"kind": "casting", "threshold_ppm": 5},
+            "sensors": {"gas": {"kind": "mox", "model": "tgs2620"}, "wind": {"kind": "ultrasonic"}},
+        }
+    ],
+}
+
+
+def story(sim: Simulation) -> tuple[np.ndarray, np.ndarray]:
+    """Wind and gas of all ticks, and what the robots went through."""
+    axis = np.linspace(0.05, 0.95, 19)
+    points = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1)
+    air, robots = [], []
+    while not sim.finished:
+        sim.advance()
+        air += [
+            fields.ppm_at(sim.gas, points, sim.t).ravel(),
+            fields.velocity_at(sim.wind, points, sim.t).ravel(),
+        ]
+        robots += [np.ravel(values) for values in sim.swarm.snapshot().values()]
+    return np.concatenate(air), np.concatenate(robots)
+
+
+def test_the_seed_of_the_air_is_that_of_wind_and_gas_alone():
+    one = Scenario.model_validate(SEARCH | {"seed": 5})
+    sim = assemble(one)
+    air, robots = story(sim)
+    stories = {}
+    for seed, air_seed in ((5, 5), (2, 5), (5, 6), (2, None)):
+        sim.reset(one.model_copy(update={"seed": seed, "air_seed": air_seed}))
+        stories[seed, air_seed] = story(sim)
+    same = {seeds: np.array_equal(its[0], air) for seeds, its in stories.items()}
+    assert same == {(5, 5): True, (2, 5): True, (5, 6): False, (2, None): False}
+    assert np.array_equal(stories[5, 5][1], robots, equal_nan=True)
+    starts = {seeds: its[1][: robots.size // 20] for seeds, its in stories.items()}
+    assert not np.array_equal(starts[2, 5], robots[: robots.size // 20], equal_nan=True)
+    fresh = story(assemble(one.model_copy(update={"seed": 2, "air_seed": 6})))
+    assert np.array_equal(fresh[0], stories[5, 6][0])
+    fresh = story(assemble(one.model_copy(update={"seed": 2, "air_seed": 5})))
+    assert np.array_equal(fresh[1], stories[2, 5][1], equal_nan=True)
+
+
+def test_a_run_tells_both_seeds_where_it_tells_one(tmp_path):
+    wanted = {
+        "seed": 5,
+        "air_seed": 77,
+        "duration": 0.5,
+        "wind": cfd(INLET),
+        "fields": {"rate": 2},
+        "maps": [{"kind": "kernel_dmv", "cell": 0.2}],
+    }
+    (tmp_path / "a.yaml").write_text(json.dumps(SEARCH | wanted))
+    folder = tmp_path / "run"
+    assert run.main([str(tmp_path / "a.yaml"), "--out", str(folder), "--quiet"]) == 0
+    content = json.loads((folder / "result.json").read_text())
+    film = xarray.open_zarr(folder / "fields.zarr").attrs
+    maps = json.loads((folder / "maps.zarr" / "zarr.json").read_text())["attributes"]
+    for told in (content, film, maps, yaml.safe_load((folder / "scenario.yaml").read_text())):
+        assert (told["seed"], told["air_seed"]) == (5, 77)
+    assert "seed 5 and air_seed 77" in film["history"]
+    assert "# seed: 5\n# air_seed: 77\n" in (folder / "scenario.yaml").read_text()
+    assert ("air seed", "77") in key_facts(Run.of(folder))
+    reader = rr.chunk.RrdReader(str(folder / "recording.rrd"))
+    assert reader.recordings()[0].recording_id == "run-5-77"
+    run.main([str(tmp_path / "a.yaml"), "--out", str(tmp_path / "b"), "--quiet", "--set", "air_seed=null"])
+    assert "air_seed" not in json.loads((tmp_path / "b" / "result.json").read_text())
+    assert "air_seed" not in (tmp_path / "b" / "scenario.yaml").read_text()

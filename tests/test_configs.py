@@ -8,9 +8,11 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+import yaml
 
 from taichi_plume import run
 from taichi_plume.prepare import load
+from taichi_plume.study.plan import load_plan
 
 CONFIGS = Path(__file__).parent.parent / "configs"
 
@@ -26,6 +28,18 @@ def test_configs_are_valid_and_told(path):
     assert scenario.name == path.stem
     assert resources.remarks == []
     assert path.read_text().startswith("# "), "its header says what you will see and how long it takes"
+
+
+@pytest.mark.parametrize("path", sorted((CONFIGS / "studies").glob("*.yaml")), ids=lambda path: path.stem)
+def test_studies_are_valid_and_told(path):
+    assert path.read_text().startswith("# "), "its header says what it asks and how long it takes"
+    if "base" not in yaml.safe_load(path.read_text()):
+        assert load(path).scenario.name == path.stem
+        assert load(path).resources.remarks == []
+        return
+    plan = load_plan(path)
+    assert plan.study.name == path.stem
+    assert 50 <= len(plan.requests) <= 200
 
 
 def verified(recording: Path) -> bool:

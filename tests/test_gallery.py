@@ -12,7 +12,7 @@ from taichi_plume.prepare import load
 
 ROOT = Path(__file__).resolve().parents[1]
 GALLERY = ROOT / "docs/gallery"
-CONFIGS = sorted(path.stem for path in (ROOT / "configs").rglob("*.yaml"))
+CONFIGS = sorted(path.stem for path in (ROOT / "configs").glob("*.yaml"))
 TEXT = (GALLERY / "index.md").read_text(encoding="utf-8")
 ENTRIES = dict(re.findall(r"^## (\w+)\n(.*?)(?=^## |\Z)", TEXT, re.M | re.S))
 COMMANDS = re.findall(r"^python -m taichi_plume.run (.+)$", TEXT, re.M)

@@ -12,6 +12,7 @@ from test_descriptions import PATHS
 
 from taichi_plume.prepare import load
 from taichi_plume.scenario.keys import all_keys, flat, places
+from taichi_plume.study.model import Study
 from tests.fuzz import formats
 
 ROOT = Path(__file__).parent.parent
@@ -73,6 +74,15 @@ def test_every_key_of_the_vocabulary_is_on_a_page():
         section, _, name = path.rpartition(".")
         kinds = name == "kind" and any(flat(one.path) == section and one.kinds for one in places().values())
         assert path in told or kinds, path
+
+
+def test_every_key_of_a_study_is_on_its_page():
+    for key in all_keys(Study):
+        name = key.path.replace("[]", ".NAME")
+        at = TEXT["study"].index(f"\n``{name}``\n   ")
+        assert reference.escaped(key.facts.meaning) in TEXT["study"][at:]
+    assert "share_air" in TEXT["study"]
+    assert "   study\n" in TEXT["index"] + "\n"
 
 
 def test_each_key_is_told_once_with_all_that_is_known_of_it():

@@ -42,6 +42,7 @@ CASES |= {
     "plumesim_meandering": ("own", ["gas={kind: plumesim_meandering, release_point: [0.5, 1.5]}"]),
     "ecoli": ("casting_room", ["robots.0.algorithm={kind: ecoli}"]),
     "filmed": ("casting_room", ["fields={rate: 2}"]),
+    "other_air": ("puffs_arena", ["seed=3", "air_seed=4"]),
     "handover": ("puffs_arena", ["gas.initial_size=4.5 cm", "gas.convection=weno5"]),
     "weno5": ("mixture", ["wind.convection=weno5", "wind.turbulence={kind: vreman}"]),
 }  # fmt: skip

@@ -62,6 +62,7 @@ ROOM = {
 }
 OTHER = {
     "seed": 7,
+    "air_seed": 8,
     "wind.openings.0.speed": 0.4,
     "wind.viscosity": 2e-5,
     "gas.parts.0.sources.0.position": [0.35, 0.5],

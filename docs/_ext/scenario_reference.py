@@ -1,4 +1,4 @@
-"""The reference of every scenario key, written from the models before Sphinx reads its sources.
+"""The reference of every key of scenarios and studies, written from the models before Sphinx reads its sources.
 
 Pages are reStructuredText under ``reference/`` of the sources: one per part of a scenario, with the kinds of its
 sections, an example of each, and every key with its type, unit, limits, default and meaning. A key is an object
@@ -16,8 +16,10 @@ from docutils import nodes
 
 from taichi_plume.scenario.keys import Key, Place, places
 from taichi_plume.scenario.vocabulary import Model
+from taichi_plume.study.model import Study
 
 EXAMPLES = Path(__file__).with_name("scenario_examples.yaml")
+STUDY = Path(__file__).parents[2] / "configs" / "studies" / "wind_speeds.yaml"
 PAGES = {
     "scenario": ("The scenario", [""]),
     "domain": ("Room and grid", ["domain", "arena"]),
@@ -58,7 +60,28 @@ def pages() -> dict[str, str]:
     for path, place in places().items():
         found[page_of(path)] += _place(place, examples)
     index = [*_title("Scenario keys", "="), *_introduction(examples["base"])]
-    return {"index": "\n".join(index), **{name: "\n".join(lines) for name, lines in found.items()}}
+    found |= {"index": index, "study": list(_study())}
+    return {name: "\n".join(lines) for name, lines in found.items()}
+
+
+def _study() -> Iterator[str]:
+    """The page of a study's keys, which are no objects: some have the names of a scenario's."""
+    yield from _title("Study keys", "=")
+    yield from _told(Study)
+    yield from (
+        "Such as ``configs/studies/wind_speeds.yaml``:",
+        "",
+        *_code(STUDY.read_text(encoding="utf-8")),
+    )
+    for place in places(Study).values():
+        if place.path:
+            yield from _title(place.path.replace("[]", ".NAME"), "-")
+            for model in place.models:
+                yield from _told(model)
+        for key in place.keys:
+            name = key.path.replace("[]", ".NAME")
+            yield from (f".. index:: single: {key.name}; {name} (study)", "", f"``{name}``")
+            yield from (f"   {escaped(key.facts.meaning)}", "", f"   {_figures(key)}", "")
 
 
 def _introduction(base: str) -> Iterator[str]:
@@ -75,7 +98,7 @@ def _introduction(base: str) -> Iterator[str]:
         ".. toctree::",
         "   :maxdepth: 1",
         "",
-        *(f"   {name}" for name in PAGES),
+        *(f"   {name}" for name in (*PAGES, "study")),
         "",
     )
 
@@ -123,18 +146,23 @@ def title_of(key: Key) -> str:
 
 
 def _key(key: Key) -> Iterator[str]:
-    its = key.facts
     yield f".. index:: single: {key.name}; {key.path}"
     yield ""
     yield f".. key:: {title_of(key)}"
     yield ""
-    yield f"   {escaped(its.meaning)}"
+    yield f"   {escaped(key.facts.meaning)}"
     yield ""
+    yield f"   {_figures(key)}"
+    yield ""
+
+
+def _figures(key: Key) -> str:
+    """Type, unit, limits, default and kinds in a line."""
+    its = key.facts
     told = [f"*{escaped(its.type)}*" + (f" in {escaped(its.unit)}" if its.unit else ""), its.limits]
     told += [f"default: ``{its.default}``" if its.default else "has to be given"]
     told += [f"of kind {_names(key.kinds)}"] if key.kinds else []
-    yield f"   {' · '.join(filter(None, told))}"
-    yield ""
+    return " · ".join(filter(None, told))
 
 
 def _told(model: type[Model]) -> Iterator[str]:

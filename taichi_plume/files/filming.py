@@ -30,12 +30,13 @@ class Filming:
         self.path, self.model = path, model
         self.wind = sim.wind.carrier if "wind" in model.quantities else None
         scenario, grid = sim.scenario, sim.grid
+        seeds = " and ".join(f"{name} {seed}" for name, seed in scenario.seeds.items())
         attributes: dict[str, Any] = {
             "title": f"Wind and gas of {scenario.name}",
             "source": f"taichi_plume {__version__}",
-            "history": f"taichi_plume {__version__} ran the scenario {scenario.name} with seed {scenario.seed}",
+            "history": f"taichi_plume {__version__} ran the scenario {scenario.name} with {seeds}",
             "scenario": scenario.name,
-            "seed": scenario.seed,
+            **scenario.seeds,
             "depth": grid.depth,
             "cell_volume": grid.dx**grid.dim * (grid.depth if grid.dim == 2 else 1.0),
             "periodic": list(map(int, grid.periodic)),

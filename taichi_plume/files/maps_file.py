@@ -85,7 +85,7 @@ class MapsFile:
                 "format": FORMAT,
                 "title": f"Gas maps of {scenario.name}",
                 "source": f"taichi_plume {__version__}",
-                "seed": scenario.seed,
+                **scenario.seeds,
                 "maps": len(self.map_scores.series),
             }
             root = zarr_groups.create(part, facts)

@@ -336,15 +336,16 @@ def resuming(folder: Path) -> str:
 
 
 def write_scenario(folder: Path, scenario: Scenario, source: Path, backend: str) -> None:
-    """Write `scenario.yaml`, versions, backend and seed above it; `source` is the folder of the original."""
+    """Write `scenario.yaml`, versions, backend and seeds above it; `source` is the folder of the original."""
     now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
     packages = ("taichi", "numpy", "rerun-sdk")
     versions = ", ".join(f"{name} {version(name)}" for name in packages)
+    seeds = "\n".join(f"# {name}: {seed}" for name, seed in scenario.seeds.items())
     header = (
         f"{HEADER} Again: {_again(folder, scenario, source)}\n"
         f"# started: {now}\n"
         f"# backend: {backend}\n"
-        f"# seed: {scenario.seed}\n"
+        f"{seeds}\n"
         f"# taichi_plume {__version__}, {versions}, Python {platform.python_version()}, {platform.system()}\n"
     )
     (folder / "scenario.yaml").write_text(header + to_yaml(scenario, source, folder), encoding="utf-8")

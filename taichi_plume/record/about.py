@@ -90,7 +90,7 @@ def _facts(sim: Simulation, backend: str, recorded: int) -> dict[str, str]:
         "gas": f"{scenario.gas.kind}, {len(scenario.sources)} source(s)",
         "robots": robots,
         "maps": ", ".join(gas_map.kind for gas_map in scenario.maps) or "none",
-        "seed": str(scenario.seed),
+        **{name: str(seed) for name, seed in scenario.seeds.items()},
         "backend": backend,
         "version": f"taichi_plume {__version__}",
     }

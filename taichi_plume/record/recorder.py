@@ -65,10 +65,10 @@ class Recorder:
         stage = Stage.of(sim)
         seen, shown = planes.planes(scenario, sim.grid.extent), scales.quantities(sim)
         blueprint = layout.Layout(sim, layout.Shown(stage, robots, seen, shown, live is not None)).blueprint()
-        self.stream = Stream(path, scenario.name, scenario.seed, blueprint, live)
+        self.stream = Stream(path, scenario.name, list(scenario.seeds.values()), blueprint, live)
         self.sent = -np.inf  # on the clock, to the viewer
         properties = rr.AnyValues(
-            seed=scenario.seed, backend=backend, version=__version__, spacing_m=sim.grid.dx
+            **scenario.seeds, backend=backend, version=__version__, spacing_m=sim.grid.dx
         )
         self.stream.rerun.send_property("run", properties)
         self.stream.log_still(scene.arena(sim, stage))

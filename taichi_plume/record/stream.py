@@ -32,7 +32,9 @@ class Stream:
     Raises OSError, from `begin` and `flush`, as soon as the disk has no room for more.
     """
 
-    def __init__(self, path: Path, name: str, seed: int, blueprint: rrb.Blueprint, live: str | None = None):
+    def __init__(
+        self, path: Path, name: str, seeds: Sequence[int], blueprint: rrb.Blueprint, live: str | None = None
+    ):
         self.path, self.live = path, live
         self.good_size = self.largest_batch = 0  # bytes
         self.open = False
@@ -41,7 +43,8 @@ class Stream:
         batches = rr.ChunkBatcherConfig.DEFAULT()
         batches.flush_tick = timedelta(days=1)  # chunks are cut by `flush` alone: equal runs, equal chunks
         batches.flush_num_bytes = 1 << 22
-        self.rerun = rr.RecordingStream("taichi_plume", recording_id=f"{name}-{seed}", batcher_config=batches)
+        its_id = "-".join([name, *map(str, seeds)])
+        self.rerun = rr.RecordingStream("taichi_plume", recording_id=its_id, batcher_config=batches)
         self.rerun.set_log_time_enabled(False)
         self.rerun.send_recording_name(name)
         self.blueprint = blueprint

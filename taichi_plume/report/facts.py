@@ -83,7 +83,7 @@ def key_facts(run: Run) -> Rows:
         rows.append((group.name, f"{group.count} × {how}{trials}; smells by {smells}"))
     if scenario.maps:
         rows.append(("maps", ", ".join(one.kind.replace("_", " ") for one in scenario.maps)))
-    rows.append(("seed", str(scenario.seed)))
+    rows += [(name.replace("_", " "), str(seed)) for name, seed in scenario.seeds.items()]
     return rows
 
 

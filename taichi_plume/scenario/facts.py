@@ -62,15 +62,16 @@ def first_sentence(text: str) -> str:
 
 
 def models_in(kind: Any) -> Iterator[tuple[type[Model], int]]:
-    """The sections in a type, each with in how many lists it lies."""
+    """The sections in a type, each with in how many lists, or mappings by names, it lies."""
     if isinstance(kind, FieldInfo):
         kind = _whole(kind)
     if get_origin(kind) is Annotated:
         yield from models_in(get_args(kind)[0])
-    elif get_origin(kind) in (*UNIONS, tuple):
+    elif get_origin(kind) in (*UNIONS, tuple, dict):
+        several = get_origin(kind) in (tuple, dict)
         for part in get_args(kind):
             if part is not Ellipsis:
-                yield from ((one, depth + (get_origin(kind) is tuple)) for one, depth in models_in(part))
+                yield from ((one, depth + several) for one, depth in models_in(part))
     elif isinstance(kind, type) and issubclass(kind, Model):
         yield kind, 0
 
@@ -141,6 +142,8 @@ def _type(kind: Any, marks: tuple = ()) -> str:
         return "quantity" if texts else "number"
     if kind is str:
         return "path" if any(isinstance(m, InputFile) for m in marks) else "formula" if units else "text"
+    if kind is Any:
+        return "value"
     if kind in (bool, int):
         return "true or false" if kind is bool else "whole number"
     if get_origin(kind) is Literal:
@@ -152,7 +155,9 @@ def _type(kind: Any, marks: tuple = ()) -> str:
         return _list(get_args(kind), marks)
     if get_origin(kind) is dict:
         part = get_args(kind)[1]
-        return f"a {'value' if part is Any else _type(part)} by each name"
+        return (
+            f"{_type(part)}, for each name" if get_origin(part) is dict else f"a {_type(part)} by each name"
+        )
     return "section"
 
 

@@ -24,8 +24,12 @@ def input_files(scenario: Scenario) -> Iterator[tuple[str, str]]:
 
 def input_paths(scenario: Scenario, file: Path) -> list[Path]:
     """What a scenario reads, and its own `file`; a film is a folder."""
-    names = [name for _, name in input_files(scenario)]
-    return [file, *(Path(path) for name in names for path in _written(os.path.join(file.parent, name)))]
+    return [file, *(path for _, name in input_files(scenario) for path in files_of(file.parent, name))]
+
+
+def files_of(folder: Path, name: str) -> list[Path]:
+    """What a name of a scenario in `folder` stands for: a file or a film, or all files with a number in their names."""
+    return [Path(path) for path in _written(os.path.join(folder, name))]
 
 
 def _written(path: str) -> list[str]:

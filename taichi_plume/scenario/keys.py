@@ -1,4 +1,7 @@
-"""Every key of the vocabulary by its path, such as ``wind.openings[].speed``, for the reference and `--explain`."""
+"""Every key of the vocabulary by its path, such as ``wind.openings[].speed``, for the reference and `--explain`.
+
+In all functions `top` is the section that the paths begin in: a scenario, unless it is of another kind of file.
+"""
 
 import difflib
 import re
@@ -62,10 +65,10 @@ class Place:
 
 
 @cache
-def places() -> Mapping[str, Place]:
-    """All places by their paths, from the scenario inward; of the same sections only the outermost are gone into."""
-    top = Place("", {Scenario: []})
-    found, told, level = {"": top}, {Scenario}, [top]
+def places(top: type[Model] = Scenario) -> Mapping[str, Place]:
+    """All places by their paths, from the top inward; of the same sections only the outermost are gone into."""
+    whole = Place("", {top: []})
+    found, told, level = {"": whole}, {top}, [whole]
     while level:
         below: dict[str, Place] = {}
         for place in level:
@@ -99,35 +102,35 @@ def flat(path: str) -> str:
     return re.sub(r"\[\d*\]|\.\d+(?=\.|$)", "", path.strip())
 
 
-def all_keys() -> Iterator[Key]:
+def all_keys(top: type[Model] = Scenario) -> Iterator[Key]:
     """Every key of every place, once."""
-    for place in places().values():
+    for place in places(top).values():
         if not place.same_as:
             yield from place.keys
 
 
-def look_up(text: str) -> tuple[list[Place], list[Key]]:
+def look_up(text: str, top: type[Model] = Scenario) -> tuple[list[Place], list[Key]]:
     """The sections and keys of that path, or of those that end with it; a kind's name stands for the sections it is in.
 
     Where there are none both are empty.
     """
     path = flat(text)
-    for place in places().values():
+    for place in places(top).values():
         if place.same_as and f"{path}.".startswith(f"{flat(place.path)}."):
             path = flat(place.same_as) + path[len(flat(place.path)) :]
-    sections = [one for one in places().values() if one.path and not one.same_as]
+    sections = [one for one in places(top).values() if one.path and not one.same_as]
     for fits in (lambda one: one == path, lambda one: one.endswith(f".{path}")):
         found = {flat(one.path): one for one in sections if fits(flat(one.path))}
-        keys = [one for one in all_keys() if fits(flat(one.path)) and flat(one.path) not in found]
+        keys = [one for one in all_keys(top) if fits(flat(one.path)) and flat(one.path) not in found]
         if found or keys:
             return list(found.values()), keys
     return [one for one in sections if path in one.kinds], []
 
 
-def near(text: str) -> list[str]:
+def near(text: str, top: type[Model] = Scenario) -> list[str]:
     """Paths, names and kinds that are written much like it."""
-    known = [flat(key.path) for key in all_keys()]
-    kinds = [kind for place in places().values() for kind in place.kinds]
+    known = [flat(key.path) for key in all_keys(top)]
+    kinds = [kind for place in places(top).values() for kind in place.kinds]
     path = flat(text)
     names = dict.fromkeys([*(one.rpartition(".")[2] for one in known), *kinds])
     close = difflib.get_close_matches(path, known, n=3, cutoff=0.75)

@@ -9,11 +9,12 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
+from taichi_plume.scenario.changes import changed, path_of, shown, steps_of
 from taichi_plume.scenario.scenario import Scenario
-from taichi_plume.scenario.yaml_text import DEEPEST, MOST_VALUES, LineError, parse, read_text, weight
+from taichi_plume.scenario.yaml_text import MOST_VALUES, LineError, parse, read_text, weight
 
 MOST_LINES = 20
-LONGEST_GOT = 48  # characters shown of what was got
+NEEDS = "a scenario needs at least duration, domain, wind and gas"
 
 _NO_KIND = "\0"  # stands for a missing kind, so that pydantic lists the known ones
 
@@ -30,35 +31,47 @@ class ScenarioError(ValueError):
         super().__init__("\n".join(self.lines))
 
 
-def read_scenario(path: Path, overrides: Sequence[str] = ()) -> Scenario:
-    """The scenario of a YAML file with overrides such as ``robots.0.count=3``; its files have not been opened yet.
-
-    Raises ScenarioError.
-    """
+def read_mapping(path: Path, needs: str) -> dict[str, Any]:
+    """The keys and values of a YAML file. needs: what such a file has at least, in words. Raises ScenarioError."""
     try:
         data = parse(read_text(path))
     except LineError as fault:
         raise ScenarioError([f"{path}: {fault}"]) from None
     if data is None:
-        raise ScenarioError([f"{path}: is empty; a scenario needs at least duration, domain, wind and gas"])
+        raise ScenarioError([f"{path}: is empty; {needs}"])
     if not isinstance(data, dict):
-        raise ScenarioError([f"{path}: must be a mapping (key: value), got {_shown(data)}"])
-    if overrides:
-        data = _apart(data)
+        raise ScenarioError([f"{path}: must be a mapping (key: value), got {shown(data)}"])
+    return data
+
+
+def read_scenario(path: Path, overrides: Sequence[str] = ()) -> Scenario:
+    """The scenario of a YAML file with overrides such as ``robots.0.count=3``; its files have not been opened yet.
+
+    Raises ScenarioError.
+    """
+    data = read_mapping(path, NEEDS)
     for override in overrides:
         try:
-            _override(data, override)
+            data = _overridden(data, override)
         except LineError as fault:
             raise ScenarioError([f"override '{visible(override, LONGEST_VALUE)}': {fault}"]) from None
     try:
+        return scenario_from(data)
+    except ScenarioError as error:
+        raise ScenarioError([f"{path}: {line}" for line in error.faults]) from None
+
+
+def scenario_from(data: dict[str, Any]) -> Scenario:
+    """The scenario of these data, as YAML has them. Raises ScenarioError."""
+    try:
         scenario = Scenario.model_validate(data)
     except ValidationError as error:
-        raise ScenarioError([f"{path}: {line}" for line in explain(error, data)]) from None
+        raise ScenarioError(explain(error, data)) from None
     values = _values(scenario.model_dump(mode="json", exclude_none=True))
     if values > MOST_VALUES:
         raise ScenarioError(
             [
-                f"{path}: has {values:,} values once every default is written out, {MOST_VALUES:,} are taken; use "
+                f"has {values:,} values once every default is written out, {MOST_VALUES:,} are taken; use "
                 "fewer obstacles, groups of robots, or way points"
             ]
         )
@@ -91,58 +104,17 @@ def load_part(text: str, where: str, kind: Any) -> Any:
 # ---------------------------------------------------------------- overrides
 
 
-def _apart(value: Any) -> Any:
-    """A copy in which aliased parts are separate, so that an override changes one place."""
-    if isinstance(value, dict):
-        return {key: _apart(part) for key, part in value.items()}
-    if isinstance(value, list):
-        return [_apart(part) for part in value]
-    return value
-
-
 def overridden(overrides: Sequence[str]) -> list[str]:
     """The paths of the keys that overrides give, such as ``robots[0].count``."""
-    return [_path(_steps(override.partition("=")[0])) for override in overrides]
+    return [path_of(steps_of(override.partition("=")[0])) for override in overrides]
 
 
-def _steps(path: str) -> list[str]:
-    """The keys of a path of an override; ``robots.0.count`` and ``robots[0].count`` are the same."""
-    return re.sub(r"\[(\d+)\]", r".\1", path.strip()).split(".")
-
-
-def _override(data: dict, override: str) -> None:
-    """Put ``path.to.key=value`` into data."""
+def _overridden(data: dict[str, Any], override: str) -> dict[str, Any]:
+    """The data with ``path.to.key=value`` in it."""
     path, equals, text = override.partition("=")
-    parts = _steps(path)
-    if not equals or not all(parts):
+    if not equals or not all(steps_of(path)):
         raise LineError("must be path.to.key=value, such as robots.0.count=3")
-    if len(parts) > DEEPEST:
-        raise LineError(f"has {len(parts)} levels; at most {DEEPEST} are taken")
-    value = parse(text)
-    place: Any = data
-    for n, part in enumerate(parts):
-        key: Any = part
-        above = _path(parts[:n]) or "the scenario"
-        if isinstance(place, list):
-            if not part.isdecimal():
-                raise LineError(f"{above} is a list: '{part}' must be the index of an item")
-            if len(part) > len(str(len(place))) or int(part) >= len(
-                place
-            ):  # of thousands of digits none is made
-                items = f"{len(place)} item{'s' * (len(place) != 1)}"
-                raise LineError(
-                    f"{above} has {items}, the first is 0: there is no {visible(part, LONGEST_VALUE)}"
-                )
-            key = int(part)
-        elif not isinstance(place, dict):
-            raise LineError(f"{above} is {_shown(place)}: it has no '{part}' in it")
-        elif part.isdecimal() and part not in place:
-            raise LineError(f"{above} is no list: it has no item {part}")
-        if n == len(parts) - 1:
-            place[key] = value
-        elif isinstance(place, dict) and (part not in place or place[part] is None):
-            place[key] = [] if parts[n + 1].isdecimal() else {}  # a section left to its defaults
-        place = place[key]
+    return changed(data, {path: parse(text)})
 
 
 # ---------------------------------------------------------------- what pydantic found
@@ -160,9 +132,8 @@ def explain(
         or (fault["type"] == "missing" and fault["loc"][-1] == "kind")
     ]
     if nameless:
-        data = _apart(data)
-        for steps in nameless:
-            _at(data, steps)["kind"] = _NO_KIND
+        kinds = {path_of([*steps, "kind"]): _NO_KIND for steps in nameless}
+        data = changed(data, kinds)
         try:
             validate(data)
         except ValidationError as again:
@@ -177,11 +148,11 @@ def _line(fault: Any, data: dict) -> str | None:
     steps = _walk(fault["loc"], data, absent=kind == "missing")
     member = fault["loc"][-1] if fault["loc"] else ""
     if kind == "missing":
-        parent, key = _path(steps[:-1]), steps[-1]
+        parent, key = path_of(steps[:-1]), steps[-1]
         if isinstance(key, int):
             return f"{parent}: too few numbers: item {key} is missing"
         return f"{parent}: missing key '{key}'" if parent else f"missing key '{key}'"
-    where = f"{_path(steps)}: " if steps else ""
+    where = f"{path_of(steps)}: " if steps else ""
     union = isinstance(member, str) and (member[:1].isupper() or member.startswith("tagged-union["))
     if kind in ("model_type", "model_attributes_type") and union:
         return None  # a section where there may also be a name: the list of names says it
@@ -190,9 +161,9 @@ def _line(fault: Any, data: dict) -> str | None:
             return None  # a section where there may also be a name
         names = re.findall(r"'((?:[^'\\]|\\.)*)'", context["expected"])
         if got == _NO_KIND:
-            parent = f"{_path(steps[:-1])}: " if steps[:-1] else ""
+            parent = f"{path_of(steps[:-1])}: " if steps[:-1] else ""
             return f"{parent}missing key 'kind'; known kinds: {', '.join(names)}"
-        return f"{where}got {_shown(got)}; {_meant(got, names)}allowed: {', '.join(names)}"
+        return f"{where}got {shown(got)}; {_meant(got, names)}allowed: {', '.join(names)}"
     if kind == "union_tag_invalid":
         names = re.findall(r"'([^']*)'", context["expected_tags"])
         if context["tag"] == _NO_KIND:
@@ -200,12 +171,12 @@ def _line(fault: Any, data: dict) -> str | None:
         tag = visible(context["tag"], LONGEST_VALUE)
         return f"{where}unknown kind '{tag}'; {_meant(tag, names)}known kinds: {', '.join(names)}"
     if kind in ("model_type", "model_attributes_type", "dict_type"):
-        return f"{where}must be a mapping (key: value), got {_shown(got)}"
+        return f"{where}must be a mapping (key: value), got {shown(got)}"
     if kind == "tuple_type":
-        return f"{where}must be a list, got {_shown(got)}"
+        return f"{where}must be a list, got {shown(got)}"
     if kind == "string_pattern_mismatch":
         letters = "at most 64 letters, digits, '_', '.' or '-', the first a letter or digit"
-        return f"{where}got {_shown(got)}: must be {letters}"
+        return f"{where}got {shown(got)}: must be {letters}"
     if kind in ("too_long", "too_short"):
         bound = "at most" if kind == "too_long" else "at least"
         limit = context.get("max_length", context.get("min_length"))
@@ -215,11 +186,11 @@ def _line(fault: Any, data: dict) -> str | None:
     if kind in ("float_parsing", "float_type"):
         key = next((step for step in reversed(steps) if isinstance(step, str)), "")
         such = " of degrees, such as 90" if key.endswith("_deg") else ", such as 0.08"
-        return f"{where}got {_shown(got)}: must be a plain number{such}"
+        return f"{where}got {shown(got)}: must be a plain number{such}"
     if kind == "fault":
         return where + fault["msg"]
     message = re.sub(r"^(Input|String|Value) should", "must", fault["msg"]).replace("valid string", "text")
-    return f"{where}got {_shown(got)}: {message}"
+    return f"{where}got {shown(got)}: {message}"
 
 
 def _walk(location: tuple[int | str, ...], data: Any, absent: bool = False) -> list[int | str]:
@@ -246,28 +217,6 @@ def _walk(location: tuple[int | str, ...], data: Any, absent: bool = False) -> l
     return steps
 
 
-def _at(data: Any, steps: Sequence[int | str]) -> Any:
-    for step in steps:
-        data = data[step]
-    return data
-
-
-def _path(steps: Sequence[int | str]) -> str:
-    """``wind.openings[0].speed`` for ["wind", "openings", 0, "speed"]."""
-    text = ""
-    for step in steps:
-        if isinstance(step, int) or step.isdecimal():
-            text += f"[{step}]"
-        else:
-            text += f".{step}" if text else step
-    return text
-
-
 def _meant(got: Any, names: Sequence[str]) -> str:
     close = difflib.get_close_matches(str(got), names, n=1)
     return f"did you mean '{close[0]}'? " if close else ""
-
-
-def _shown(value: Any) -> str:
-    text = "nothing" if value is None else repr(value)
-    return text if len(text) <= LONGEST_GOT else text[: LONGEST_GOT - 3] + "..."

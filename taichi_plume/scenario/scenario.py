@@ -46,6 +46,9 @@ class Scenario(Model):
     seed: Annotated[int, Field(ge=0, lt=2**32), FREE] = 0
     """Begin of all random numbers: the same seed makes the same run. Another one draws other eddies, noise and start
     places."""
+    air_seed: Annotated[int, Field(ge=0, lt=2**32), FREE] | None = None
+    """Begin of the random numbers of wind and gas alone; unless given, the seed. With the same one, robots of another
+    seed, with other starts and noise, search in the same air."""
     duration: Duration
     """Time for which robots move and sensors measure, after the warm-up. The air should get through the room several
     times."""
@@ -103,6 +106,16 @@ class Scenario(Model):
     def with_gases(self, others: Mapping[str, PureGas]) -> "Scenario":
         """With other gases in place of those of some paths."""
         return self.model_copy(update={"gas": self.gas.replaced("gas", others)}) if others else self
+
+    @property
+    def seed_of_air(self) -> int:
+        """That of wind and gas."""
+        return self.seed if self.air_seed is None else self.air_seed
+
+    @property
+    def seeds(self) -> dict[str, int]:
+        """As runs tell them: the seed, and that of the air where it is given."""
+        return {"seed": self.seed} | ({} if self.air_seed is None else {"air_seed": self.air_seed})
 
     @property
     def air_by_chance(self) -> bool:

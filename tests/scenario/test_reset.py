@@ -5,7 +5,7 @@ from typing import Any, get_args
 import pytest
 
 from taichi_plume.scenario.loading import read_scenario
-from taichi_plume.scenario.reset import differences
+from taichi_plume.scenario.reset import differences, structure
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.vocabulary import Compiled, Free, Model, marked
 
@@ -64,6 +64,7 @@ def room(tmp_path):
 )
 def test_numbers_seeds_and_outputs_may_differ(room, change):
     assert differences(room(), room(change)) == []
+    assert structure(room()) == structure(room(change))
 
 
 @pytest.mark.parametrize(
@@ -110,6 +111,16 @@ def test_numbers_seeds_and_outputs_may_differ(room, change):
 )
 def test_what_something_was_built_from_must_stay(room, change, line):
     assert differences(room(), room(change)) == [line]
+    assert structure(room()) != structure(room(change))
+
+
+def test_names_with_dots_are_no_paths(room):
+    flat, deep = "robots.0.algorithm.parameters={a.b: 1}", "robots.0.algorithm.parameters={a: {b: 1}}"
+    both = "robots.0.algorithm.parameters={a.b: 1, a: {b: 2}}"
+    (line,) = differences(room(flat), room(deep))
+    assert line == "robots[0].algorithm.parameters: was of a.b, is of a"
+    assert differences(room(both), room(both)) == []
+    assert structure(room(both)) != structure(room(both.replace("2", "3")))
 
 
 def test_every_difference_is_told(room):

@@ -1,0 +1,82 @@
+"""Changes of a scenario's data by the paths of its keys, as overrides and studies make them."""
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from taichi_plume.guard.terminal import LONGEST_VALUE, visible
+from taichi_plume.scenario.yaml_text import DEEPEST, LineError
+
+LONGEST_GOT = 48  # characters shown of what was got
+
+
+def steps_of(path: str) -> list[str]:
+    """The keys of a path; ``robots.0.count`` and ``robots[0].count`` are the same."""
+    return re.sub(r"\[(\d+)\]", r".\1", path.strip()).split(".")
+
+
+def path_of(steps: Sequence[int | str]) -> str:
+    """``wind.openings[0].speed`` for ["wind", "openings", 0, "speed"]."""
+    text = ""
+    for step in steps:
+        if isinstance(step, int) or step.isdecimal():
+            text += f"[{step}]"
+        else:
+            text += f".{step}" if text else step
+    return text
+
+
+def shown(value: Any) -> str:
+    """A value as it was got, in a few characters."""
+    text = "nothing" if value is None else repr(value)
+    return text if len(text) <= LONGEST_GOT else text[: LONGEST_GOT - 3] + "..."
+
+
+def changed(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """The data with other values at those paths. `data` stays as it is, and what both have in common is shared.
+
+    Raises LineError.
+    """
+    new: dict[str, Any] = dict(data)
+    ours = {id(new): new}  # what was made here, and may be changed
+    for path, value in changes.items():
+        _put(new, steps_of(path), value, ours)
+    return new
+
+
+def _put(data: dict[str, Any], parts: Sequence[str], value: Any, ours: dict[int, Any]) -> None:
+    """Put a value into data; what lies on the way is copied unless it is `ours`, as aliases may share it."""
+    if not all(parts):
+        raise LineError("must be the path of a key, such as robots.0.count")
+    if len(parts) > DEEPEST:
+        raise LineError(f"has {len(parts)} levels; at most {DEEPEST} are taken")
+    place: Any = data
+    for n, part in enumerate(parts):
+        key: Any = part
+        above = path_of(parts[:n]) or "the scenario"
+        if isinstance(place, list):
+            key = _index(place, part, above)
+        elif not isinstance(place, dict):
+            raise LineError(f"{above} is {shown(place)}: it has no '{part}' in it")
+        elif part.isdecimal() and part not in place:
+            raise LineError(f"{above} is no list: it has no item {part}")
+        if n == len(parts) - 1:
+            place[key] = value
+            return
+        below = place[key] if isinstance(place, list) else place.get(key)
+        if below is None and isinstance(place, dict):
+            below = [] if parts[n + 1].isdecimal() else {}  # a section left to its defaults
+        if isinstance(below, dict | list) and id(below) not in ours:
+            below = below.copy()
+            ours[id(below)] = below
+        place[key] = below
+        place = below
+
+
+def _index(items: list, part: str, above: str) -> int:
+    if not part.isdecimal():
+        raise LineError(f"{above} is a list: '{part}' must be the index of an item")
+    if len(part) > len(str(len(items))) or int(part) >= len(items):  # of thousands of digits none is made
+        has = f"{len(items)} item{'s' * (len(items) != 1)}"
+        raise LineError(f"{above} has {has}, the first is 0: there is no {visible(part, LONGEST_VALUE)}")
+    return int(part)

@@ -1,0 +1,62 @@
+"""What is wrong with the scenarios of a study: thousands that mostly read the same files, each opened once."""
+
+from collections import OrderedDict
+from dataclasses import replace
+from pathlib import Path
+
+from taichi_plume.prepare import OPENERS, Prepared, prepare
+from taichi_plume.scenario import checks
+from taichi_plume.scenario.algorithms import Own
+from taichi_plume.scenario.gases import PlaybackGas
+from taichi_plume.scenario.loading import ScenarioError
+from taichi_plume.scenario.scenario import Scenario
+
+MOST_KEPT = 16  # scenarios whose files are kept open: films and meshes take memory
+
+
+class Checks:
+    """Checks scenarios whose files lie in `folder`, as `prepare.checked` does.
+
+    What files and obstacles are made of depends on the sections that name files, the obstacles, the species and the
+    domain alone: of scenarios that have these in common only the first one opens them.
+    """
+
+    def __init__(self, folder: Path, allow_outside: bool):
+        self.folder, self.allow_outside = folder, allow_outside
+        self._known: OrderedDict[tuple[str, ...], Prepared] = OrderedDict()
+
+    def checked(self, scenario: Scenario) -> Scenario:
+        """The scenario, completed with what its files tell. Raises ScenarioError."""
+        faults = checks.misfits(scenario)
+        if not faults:
+            prepared = self._prepared(scenario)
+            faults = checks.problems(*prepared)
+            if not faults:
+                return prepared.scenario
+        raise ScenarioError(faults)
+
+    def _prepared(self, scenario: Scenario) -> Prepared:
+        reads = _reads(scenario)
+        known = self._known.get(reads)
+        if known is None:
+            known = prepare(scenario, self.folder, self.allow_outside)
+            self._known[reads] = known
+            if len(self._known) > MOST_KEPT:
+                self._known.popitem(last=False)
+            return known
+        self._known.move_to_end(reads)
+        played = {path: gas for path, gas in known.scenario.gases if isinstance(gas, PlaybackGas)}
+        completed = scenario.with_gases(played)
+        return Prepared(completed, replace(known.resources, scenario=completed))
+
+
+def _reads(scenario: Scenario) -> tuple[str, ...]:
+    """All that decides what is made of files and obstacles."""
+    sections = [
+        f"{path} {section.model_dump_json(exclude={'parameters'} if isinstance(section, Own) else None)}"
+        for path, section in checks.every(scenario)
+        if type(section) in OPENERS
+    ]
+    obstacles = [one.model_dump_json() for one in scenario.obstacles]
+    species = [repr(getattr(gas, "species", None)) for _, gas in scenario.gases]
+    return (scenario.domain.model_dump_json(), *obstacles, *species, *sections)

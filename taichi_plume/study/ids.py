@@ -1,0 +1,90 @@
+"""Ids of runs, airs and structures: hashes of what decides them, in SI units and with every default.
+
+They do not depend on the order of keys, on units written, nor on where files lie, of which the content counts. Numbers
+count with 12 digits: 35 cm and 0.35 m are the same.
+"""
+
+import hashlib
+import json
+import re
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from taichi_plume import __version__
+from taichi_plume.files.manifest import digest
+from taichi_plume.scenario.input_files import files_of, input_files
+from taichi_plume.scenario.reset import structure
+from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.study.axes import DIGITS
+
+HEX = 16  # digits of an id
+TOLD = ("name", "recording", "forces", "fields", "plumesim_log", "checkpoint")
+"""Sections that decide what is written of a run, but nothing of what comes of it."""
+SEEDS = ("seed", "air_seed")
+OF_AIR = ("duration", "warm_up", "tick", "domain", "wind", "obstacles", "gas")
+OF_WAKES = ("arena", "robots", "rivals")
+"""What decides the air besides, where robots disturb it."""
+
+
+class Ids(NamedTuple):
+    """Of the runs of a point: all that they have in common, before their seeds."""
+
+    scenario: str
+    air: str
+    structure: str
+    air_by_chance: bool
+    wakes: bool
+
+    def run(self, seed: int, air_seed: int) -> str:
+        """Of a run with these seeds."""
+        return _hash([self.scenario, seed, air_seed, __version__])
+
+    def air_of(self, seed: int, air_seed: int) -> str:
+        """Of the air of a run with these seeds."""
+        drawn = ([air_seed] if self.air_by_chance else []) + ([seed] if self.wakes else [])
+        return _hash([self.air, *drawn, __version__])
+
+
+class Digests:
+    """Of the files that scenarios in a folder name, each read once."""
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+        self._known: dict[Path, str] = {}
+
+    def ids(self, scenario: Scenario) -> Ids:
+        """Of a completed scenario. Raises OSError where a file cannot be read."""
+        data = scenario.model_dump(mode="json")
+        for where, name in input_files(scenario):
+            *above, key = re.findall(r"[^.\[\]]+", where)
+            place: Any = data
+            for step in above:
+                place = place[int(step) if isinstance(place, list) else step]
+            place[key] = [self._of(file) for file in files_of(self.folder, name)]
+        data = _rounded(data)
+        wakes = any(group.wake for group in scenario.robots)
+        return Ids(
+            _hash({key: value for key, value in data.items() if key not in (*TOLD, *SEEDS)}),
+            _hash({key: data[key] for key in (*OF_AIR, *(OF_WAKES if wakes else ()))}),
+            _hash(structure(scenario)),
+            scenario.air_by_chance,
+            wakes,
+        )
+
+    def _of(self, file: Path) -> str:
+        if file not in self._known:
+            self._known[file] = digest(file)["sha256"]
+        return self._known[file]
+
+
+def _hash(value: Any) -> str:
+    text = json.dumps(value, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()[:HEX]
+
+
+def _rounded(value: Any) -> Any:
+    if isinstance(value, float):
+        return float(f"{value:.{DIGITS}g}") + 0.0  # -0.0 is 0.0
+    if isinstance(value, dict):
+        return {key: _rounded(part) for key, part in value.items()}
+    return [_rounded(part) for part in value] if isinstance(value, list) else value

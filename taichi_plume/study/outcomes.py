@@ -1,0 +1,151 @@
+"""What a study asks for besides its trials, numbers of a result and files to keep: whether runs leave it."""
+
+import difflib
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from taichi_plume.files.run_folder import FILES
+from taichi_plume.scenario.changes import steps_of
+from taichi_plume.scenario.scenario import Scenario
+
+PROBES = "probes"
+ANY = None
+"""Whatever lies below, by names that solvers choose."""
+NUMBERS = [0]
+MEANS = (
+    "success_rate",
+    "time_s",
+    "path_m",
+    "overhead",
+    "acquisitions",
+    "hits",
+    "bumps",
+    "time_with_failures_s",
+)
+OF_TRIALS = (
+    *("success", "found", "time_s", "path_m", "overhead", "team_path_m", "acquisitions", "hits", "bumps"),
+    "final_distance_m",
+)
+GROUP = {
+    **dict.fromkeys(("robots", "trials", "airs", "success_rate", "median_time_s", "median_path_m"), 0),
+    "summary": dict.fromkeys(MEANS, dict.fromkeys(("mean", "low", "high", "n", "airs"), 0)),
+    "per_trial": dict.fromkeys(OF_TRIALS, NUMBERS),
+}
+PART = {
+    **dict.fromkeys(("mae_ppm", "correlation", "known_fraction", "forecast_error_ppm"), 0),
+    "per_trial": ANY,
+    "forecast": ANY,
+    "mean_gas": ANY,
+}
+RESULT: Mapping[str, Any] = {
+    **dict.fromkeys(("seed", "air_seed", "simulated_s", "steps", "cells"), 0),
+    "flow": ANY,
+    "gas": ANY,
+    "obstacles": [{"force_N": NUMBERS}],
+    "groups": [GROUP],
+    "maps": [{"cell_m": 0, **PART, "groups": [PART]}],
+}
+"""The numbers of result.json that runs decide: 0 stands for one, a list for items that are all alike."""
+SECTIONS = {
+    "recording.rrd": "recording",
+    "forces.csv": "forces",
+    "probes.parquet": "probes",
+    "fields.zarr": "fields",
+    "plume.pslog": "plumesim_log",
+    "maps.zarr": "maps",
+    "robots.parquet": "robots",
+}
+"""Which section of a scenario a file is left by, for those that not all runs leave."""
+
+
+class Wanted:
+    """What of a study's outcomes and files no run has been found to leave yet."""
+
+    def __init__(self, outcomes: Mapping[str, str], keep: Sequence[str]):
+        self.outcomes, self.keep = dict(outcomes), list(keep)
+        self.faults: dict[str, str] = {}
+
+    def look(self, scenario: Scenario) -> None:
+        """Strike off what runs of a completed scenario leave."""
+        for name, path in list(self.outcomes.items()):
+            fault = next(_unknown(path, scenario), None)
+            if fault is None:
+                del self.outcomes[name]
+                self.faults.pop(f"outcomes.{name}", None)
+            else:
+                self.faults.setdefault(f"outcomes.{name}", fault)
+        for name in list(self.keep):
+            fault = _not_left(name, scenario)
+            if fault is None:
+                self.keep.remove(name)
+                self.faults.pop(f"keep: {name}", None)
+            else:
+                self.faults.setdefault(f"keep: {name}", fault)
+
+    @property
+    def lines(self) -> list[str]:
+        """Of what is left: ``path: message``."""
+        return [f"{where}: {fault}" for where, fault in self.faults.items()]
+
+
+def _not_left(name: str, scenario: Scenario) -> str | None:
+    if name not in FILES:
+        close = difflib.get_close_matches(name, FILES, n=1)
+        meant = f"did you mean {close[0]}? " if close else ""
+        return f"runs leave no such file; {meant}they leave {', '.join(FILES)}"
+    section = SECTIONS.get(name)
+    if section is not None and not vars(scenario)[section]:
+        return f"is left only by runs whose scenario has {section}; give it in the base"
+    if name == "forces.csv" and not (scenario.obstacles and scenario.wind.computed):
+        return "is left only by runs with obstacles and a computed wind"
+    return None
+
+
+def _unknown(path: str, scenario: Scenario) -> Iterator[str]:
+    """Why there cannot be a number at a path."""
+    steps = steps_of(path)
+    if steps[0] == PROBES:
+        yield from _no_probe(path, scenario)
+        return
+    known: Any = RESULT
+    sizes = {"groups": len(scenario.robots), "maps": len(scenario.maps), "obstacles": len(scenario.obstacles)}
+    for n, step in enumerate(steps):
+        at = ".".join(steps[:n])
+        if known is ANY:
+            return
+        if isinstance(known, list):
+            size = sizes.get(at, 1 << 30)
+            if not step.isdecimal() or int(step) >= size:
+                has = f"{size} of them, the first is 0" if at in sizes else "a number, the first is 0"
+                yield f"result.json has no {at}.{step}; {at} takes {has}"
+                return
+            known = known[0]
+        elif not isinstance(known, Mapping) or step not in known:
+            names = list(known) if isinstance(known, Mapping) else []
+            close = difflib.get_close_matches(step, names, n=1)
+            meant = f"; did you mean {'.'.join([*steps[:n], close[0]])}?" if close else ""
+            which = f"; numbers of {at or 'result.json'}: {', '.join(names)}" if names and not close else ""
+            yield f"result.json has no number at {'.'.join(steps[: n + 1])}{meant}{which}"
+            return
+        else:
+            known = known[step]
+    if isinstance(known, Mapping | list):
+        yield f"{path} holds several numbers; name one of them"
+
+
+def _no_probe(path: str, scenario: Scenario) -> Iterator[str]:
+    """Names of probes may hold dots."""
+    name, _, quantity = path.partition(".")[2].rpartition(".")
+    names = [one.name for one in scenario.probes.points] if scenario.probes else []
+    if not name:
+        yield f"{path} is no path of a probe; use probes.NAME.QUANTITY"
+    elif name not in names:
+        has = f"the scenario has {', '.join(names)}" if names else "the scenario has none; give it probes"
+        yield f"there is no probe '{name}'; {has}"
+    else:
+        known = [f"wind_{axis}" for axis in "xyz"[: scenario.domain.dim]]
+        known += dict.fromkeys(f"{gas.vapour.name}_ppm" for _, gas in scenario.gases)
+        known += ["pressure"] if scenario.wind.computed else []
+        known += ["temperature"] if scenario.buoyancy is not None and scenario.buoyancy.heat else []
+        if quantity not in known:
+            yield f"probes do not tell '{quantity}'; they tell {', '.join(known)}"

@@ -1,0 +1,181 @@
+"""The axes of a study with their values in SI units, as the scenario understands them; what it refuses is told."""
+
+import json
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from taichi_plume.scenario.changes import shown, steps_of
+from taichi_plume.scenario.facts import facts
+from taichi_plume.scenario.loading import ScenarioError
+from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.scenario.vocabulary import Model
+from taichi_plume.study.axes import DIGITS, Level, Levels, Range, Scalar
+from taichi_plume.study.model import Study, StudyAxis
+from taichi_plume.study.scenarios import canonical, scenario_of, value_at
+
+Changes = Mapping[str, Any]
+
+
+def resolve(study: Study, base: Mapping[str, Any], name: str) -> list[Levels | Range]:
+    """The axes of a study whose base has these data. name: of the base, for messages. Raises ScenarioError."""
+    return _Resolving(study, base, name).axes()
+
+
+class _Resolving:
+    """Each value is tried where the other axes have their first one, as it need not be sound alone."""
+
+    def __init__(self, study: Study, base: Mapping[str, Any], name: str):
+        self.study, self.base, self.name = study, base, name
+        self.trials = {name: list(_trials(axis)) for name, axis in study.axes.items()}
+        self.faults: list[str] = []
+
+    def axes(self) -> list[Levels | Range]:
+        common = self._tried(self._first())
+        if isinstance(common, Scenario):
+            common = []
+        self._tell_common(common)
+        found = {name: self._scenarios(name, common) for name in self.study.axes}
+        if self.faults:
+            raise ScenarioError(list(dict.fromkeys(self.faults)))
+        axes = [self._axis(name, axis, found[name]) for name, axis in self.study.axes.items()]
+        if self.faults:
+            raise ScenarioError(self.faults)
+        return [axis for axis in axes if axis is not None]
+
+    def _first(self, without: str = "") -> dict[str, Any]:
+        """What the first value of every axis changes."""
+        firsts = [trials[0][1] for name, trials in self.trials.items() if name != without]
+        return {key: value for changes in firsts for key, value in changes.items()}
+
+    def _tried(self, changes: Changes) -> Scenario | list[str]:
+        try:
+            return scenario_of(self.base, changes)
+        except ScenarioError as error:
+            return error.faults
+
+    def _tell_common(self, common: list[str]) -> None:
+        """Faults where every axis has its first value: whose they are."""
+        for line in common:
+            guilty = [name for name, trials in self.trials.items() if line in self._faults(trials[0][1])]
+            alone = self._faults({})
+            if line in alone:
+                self.faults.append(f"{self.name}: {line}")
+            elif len(guilty) != 1:
+                self.faults.append(f"axes: with the first value of each: {line}")
+
+    def _faults(self, changes: Changes) -> list[str]:
+        tried = self._tried(changes)
+        return [] if isinstance(tried, Scenario) else tried
+
+    def _scenarios(self, name: str, common: list[str]) -> list[Scenario]:
+        """That of each value of an axis; what is refused is told once for all values that it is said of."""
+        found: list[Scenario] = []
+        others = self._first(without=name)
+        refused: dict[str, list[str]] = {}
+        own = set(self._faults(self.trials[name][0][1])) - set(self._faults({}))
+        for where, changes in self.trials[name]:
+            tried = self._tried(others | changes)
+            if isinstance(tried, Scenario):
+                found.append(tried)
+                continue
+            for line in tried:
+                if line not in common or line in own:
+                    refused.setdefault(line, []).append(where)
+        for line, places in refused.items():
+            every = len(places) == len(self.trials[name]) > 1
+            self.faults.append(f"axes.{name}{'' if every else places[0]}: {line}")
+        return found
+
+    # ------------------------------------------------------------ values
+
+    def _axis(self, name: str, axis: StudyAxis, found: list[Scenario]) -> Levels | Range | None:
+        paths, unit = axis.paths, ""
+        if axis.variants is not None:
+            changes = [trial for _, trial in self.trials[name]]
+            pairs = zip(axis.variants, changes, strict=True)
+            return Levels(name, "", [Level(variant, one) for variant, one in pairs])
+        given = axis.values or (axis.low, axis.high)
+        values = [_read(one, paths[0], its) for one, its in zip(found, given, strict=True)]
+        if all(type(value) in (int, float) for value in values):
+            unit = _unit(found[0], paths[0])
+        if axis.values is not None:
+            return Levels(name, unit, self._levels(name, axis, values))
+        return self._range(name, axis, values, unit)
+
+    def _levels(self, name: str, axis: StudyAxis, values: list[Any]) -> list[Level]:
+        """Of a list; as texts where not all values are numbers, texts or truths."""
+        assert axis.values is not None
+        plain = all(isinstance(value, Scalar) for value in values)
+        told: list[Scalar] = values if plain else [json.dumps(value) for value in axis.values]
+        for n, value in enumerate(told):
+            if value in told[:n]:
+                self.faults.append(f"axes.{name}.values[{n}]: {shown(axis.values[n])} is there twice")
+        return [
+            Level(value, dict.fromkeys(axis.paths, given))
+            for value, given in zip(told, axis.values, strict=True)
+        ]
+
+    def _range(self, name: str, axis: StudyAxis, ends: list[Any], unit: str) -> Levels | Range | None:
+        where, log = f"axes.{name}", axis.spacing == "log"
+        if not all(type(value) in (int, float) for value in ends):
+            self.faults.append(f"{where}: {axis.paths[0]} is no number; give its values, not low and high")
+            return None
+        low, high = map(float, ends)
+        if low >= high:
+            self.faults.append(f"{where}: low must be less than high, got {low:g} and {high:g}")
+        elif log and low <= 0:
+            self.faults.append(f"{where}.low: got {low:g}: with spacing: log it must be more than 0")
+        elif axis.sampled and isinstance(ends[0], int):
+            self.faults.append(f"{where}: {axis.paths[0]} takes whole numbers; give values, or count")
+        elif axis.sampled:
+            return Range(name, unit, axis.paths, low, high, log)
+        else:
+            assert axis.count is not None
+            values = (np.geomspace if log else np.linspace)(low, high, axis.count)
+            numbers: list[Any] = [float(f"{value:.{DIGITS}g}") for value in values]
+            if isinstance(ends[0], int):
+                broken = next((value for value in numbers if value != int(value)), None)
+                if broken is not None:
+                    kinds = f"{axis.paths[0]} takes whole numbers, {broken:g} is none"
+                    self.faults.append(f"{where}: {kinds}; change count, or give values")
+                numbers = list(map(int, numbers))
+            return Levels(name, unit, [Level(value, dict.fromkeys(axis.paths, value)) for value in numbers])
+        return None
+
+
+def _trials(axis: StudyAxis) -> Iterable[tuple[str, dict[str, Any]]]:
+    """What is to be tried of an axis: where it is written, for messages, and what it changes."""
+    if axis.variants is not None:
+        for name, changes in axis.variants.items():
+            yield f".variants.{name}", {canonical(key): value for key, value in changes.items()}
+    elif axis.values is not None:
+        for n, value in enumerate(axis.values):
+            yield f".values[{n}]", dict.fromkeys(axis.paths, value)
+    else:
+        for end in ("low", "high"):
+            yield f".{end}", dict.fromkeys(axis.paths, vars(axis)[end])
+
+
+def _read(scenario: Scenario, path: str, given: Any) -> Any:
+    """What a scenario makes of a value; one number that stands for a list of one per axis stays a number."""
+    try:
+        value = value_at(scenario, path)
+    except LookupError:
+        return given
+    return value[0] if isinstance(value, tuple) and len(value) == 1 and not isinstance(given, list) else value
+
+
+def _unit(scenario: Scenario, path: str) -> str:
+    """The unit of a key, by the model that has it."""
+    steps, unit, place = steps_of(path), "", scenario
+    for step in steps:
+        if isinstance(place, Model):
+            unit = facts(type(place), step).unit
+            place = vars(place)[step]
+        elif isinstance(place, list | tuple):
+            place = place[int(step)]
+        else:
+            place = place[step]
+    return unit

@@ -1,0 +1,51 @@
+"""Scenarios that share what their files hold are checked as each would be alone."""
+
+from pathlib import Path
+
+import pytest
+
+from taichi_plume.prepare import checked
+from taichi_plume.scenario.loading import ScenarioError, read_scenario
+from taichi_plume.study.checking import Checks
+from taichi_plume.study.ids import Digests
+from tests.fuzz import formats
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+
+
+@pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.yaml")), ids=lambda path: path.stem)
+def test_again_and_after_others_it_says_the_same(path):
+    checks, digests = Checks(path.parent, True), Digests(path.parent)
+    scenario = read_scenario(path)
+    alone = checked(scenario, path.parent, True).scenario
+    assert checks.checked(scenario) == alone
+    early = read_scenario(path, ["duration=0.5"])
+    other = read_scenario(path, ["gas={kind: eulerian, sources: [{position: [-1, -1], rate: 1}]}"])
+    for one in (scenario, other, early, scenario):
+        told = []
+        for check in (checks.checked, lambda one: checked(one, path.parent, True).scenario):
+            try:
+                told.append(check(one))
+            except ScenarioError as error:
+                told.append(error.faults)
+        assert told[0] == told[1]
+    assert digests.ids(alone) == Digests(path.parent).ids(alone)
+
+
+def test_ids_of_a_film_are_of_what_it_holds(tmp_path):
+    formats.make(tmp_path)
+    file = tmp_path / "a.yaml"
+    file.write_text(
+        "duration: 1\ndomain: {size: [0.6, 0.5, 0.4], spacing: 0.1}\nwind: {kind: playback, file: fields.zarr}\n"
+        "gas: {kind: playback, file: fields.zarr}\n"
+    )
+    one = Checks(tmp_path, False).checked(read_scenario(file))
+    ids = Digests(tmp_path).ids(one)
+    assert not ids.air_by_chance
+    (tmp_path / "fields.zarr").rename(tmp_path / "film.zarr")
+    file.write_text(file.read_text().replace("fields.zarr", "film.zarr"))
+    moved = Checks(tmp_path, False).checked(read_scenario(file))
+    assert Digests(tmp_path).ids(moved)[:2] == ids[:2]
+    meta = tmp_path / "film.zarr" / "zarr.json"
+    meta.write_text(meta.read_text().replace("1", "2", 1))
+    assert Digests(tmp_path).ids(moved).air != ids.air

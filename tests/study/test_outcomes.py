@@ -1,0 +1,59 @@
+"""What may be asked for of a result is what results hold."""
+
+from typing import Any
+
+import fake_run
+import pytest
+
+from taichi_plume.files import result
+from taichi_plume.map_scores import MapScores
+from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.study.outcomes import Wanted
+
+pytestmark = pytest.mark.usefixtures("taichi")
+OF_THE_MACHINE = {"wall_s", "Mcell_steps_per_s"}
+WORDS = {"unlike_them", "air_by_chance", "trials_differ_by", "no_search"}
+FREE = {"flow", "gas", "forecast", "mean_gas"}  # solvers and maps tell what they want there
+
+
+def numbers(content: Any, path: str = "") -> dict[str, Any]:
+    """All numbers of a result by their paths."""
+    if isinstance(content, dict | list):
+        pairs = content.items() if isinstance(content, dict) else enumerate(content)
+        return {key: value for name, part in pairs for key, value in numbers(part, f"{path}.{name}").items()}
+    text = isinstance(content, str)
+    return {} if text else {path.lstrip("."): content}
+
+
+@pytest.fixture(scope="module")
+def run() -> tuple[Scenario, set[str]]:
+    """A scenario, and the paths of all numbers in its result that runs decide."""
+    sim = fake_run.simulation(fake_run.scenario(2, duration=9, warm_up=1))
+    scores = MapScores(sim)
+    sim.observers.append(scores.observer())
+    sim.run()
+    content = result.plain(result.result(sim, "completed", "", "cpu", scores))
+    found = {path for path in numbers(content) if path.rpartition(".")[2] not in WORDS}
+    assert len(found) > 100
+    return sim.scenario, found - OF_THE_MACHINE
+
+
+def refused(scenario: Scenario, paths: set[str]) -> set[str]:
+    wanted = Wanted({path: path for path in paths}, ())
+    wanted.look(scenario)
+    assert len(wanted.lines) == len(wanted.outcomes)
+    return set(wanted.outcomes)
+
+
+def test_every_number_of_a_result_may_be_asked_for(run):
+    assert refused(*run) == set()
+
+
+def test_what_no_result_has_may_not(run):
+    scenario, found = run
+    sections = {path.rpartition(".")[0] for path in found} - {""}
+    known = {path for path in sections if not FREE & set(path.split("."))}
+    known = {path for path in known if not (path.startswith("maps.") and "per_trial" in path)}
+    assert {"groups.0", "groups.0.summary.time_s", "maps.0", "groups.0.per_trial.found"} <= known
+    absent = known | {f"{path}.nothing" for path in known} | OF_THE_MACHINE | {"name", "nothing"}
+    assert refused(scenario, absent) == absent
