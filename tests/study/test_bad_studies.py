@@ -133,14 +133,14 @@ def test_axes(tmp_path, axis, begins):
         (
             {
                 "axes": {
-                    "algorithm": SPEED,
+                    "group": SPEED,
                     "Height": HEIGHT,
                     "by_x": COUNT,
                     "seed": {"key": "tick", "values": [1]},
                 }
             },
             [
-                "axes.algorithm: is a name that the tables use themselves",
+                "axes.group: is a name that the tables use themselves",
                 "axes: 'Height' is no name of a column; use at most 32 small letters",
                 "axes.by_x: is a name",
                 "axes.seed: is a name",

@@ -1,7 +1,5 @@
 import random
-import sys
 from pathlib import Path
-from types import SimpleNamespace
 
 import made_study
 import pandas as pd
@@ -11,14 +9,14 @@ import pytest
 
 from taichi_plume import study
 from taichi_plume.files.run_folder import RunFolderError
-from taichi_plume.study import columns, tables
+from taichi_plume.study import columns, model, tables
 from taichi_plume.study.messages import Axis
 
 
 @pytest.fixture(autouse=True)
 def store(monkeypatch):
     """The parts that tasks bring are those of the fake."""
-    monkeypatch.setitem(sys.modules, "taichi_plume.study.store", SimpleNamespace(Store=made_study.Store))
+    made_study.stand_in(monkeypatch)
 
 
 @pytest.fixture
@@ -200,6 +198,7 @@ def test_an_axis_called_algorithm_is_that_column(tmp_path):
     tables.publish(tmp_path, made_study.records(plan))
     assert list(study.open(tmp_path).trials()["algorithm"][::3]) == ["fast casting", "spiral"]
     assert "algorithm" not in columns.taken()
+    assert columns.taken() <= model.COLUMNS
 
 
 def test_what_cannot_be_used_is_told_in_a_line(folder):
@@ -213,6 +212,10 @@ def test_what_cannot_be_used_is_told_in_a_line(folder):
         study.open(folder / "gone")
     with pytest.raises(RunFolderError, match="is not the folder of a study"):
         study.open(folder / "trials")
+    made_study.Store.brought[folder] = None
+    (folder / "costs.parquet").rename(folder / "costs")  # the tables are not whole: what tasks brought counts
+    assert fault() == f"{folder}: cannot be read"
+    (folder / "costs").rename(folder / "costs.parquet")
     part = next((folder / "trials").rglob("*.parquet"))
     whole = part.read_bytes()
     part.write_bytes(whole[:100])
