@@ -184,7 +184,7 @@ def resampled(sums: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, np.ndar
             [np.arange(airs)], statistic, vectorized=True, confidence_level=level,
             n_resamples=RESAMPLES, batch=max(1, AT_ONCE // (sums.size + airs)),
             method="BCa" if airs <= MANY else "percentile",
-            random_state=np.random.default_rng(SEED),
+            rng=np.random.default_rng(SEED),
         )  # fmt: skip
     ends = []
     for end, share in zip(told.confidence_interval, ((1 - level) / 2, (1 + level) / 2), strict=True):

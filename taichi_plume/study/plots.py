@@ -83,7 +83,8 @@ def _panels(
         if legend:
             handles, labels = axes[0].get_legend_handles_labels()
             told = figure.legend(handles, labels, loc="lower left", ncols=3, handlelength=1.2)
-            told.set_title(f"{legend}:", {"size": 8})
+            told.set_title(f"{legend}:")
+            told.get_title().set_fontsize(8)
             told.set_alignment("left")
         return look.png(figure)
 
