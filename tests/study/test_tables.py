@@ -254,20 +254,21 @@ def test_points_are_means_over_airs(tmp_path):
     assert list(points["speed"]) == [0.2, 0.2, 0.5, 0.5]
     assert list(points["failed"]) == [1, 0, 0, 0]
     assert list(points["missing"]) == [0, 0, 0, 1]
-    rows = points.to_dict("records")
-    for n, row in enumerate(rows):
-        some = trials[trials["point"] == n].to_dict("list")
-        assert row["success"] == pytest.approx(sum(some["success"]) / len(some["success"]))
-        times = some["time_with_failures_s"]
+    means = points.to_dict("records")
+    searched = trials.to_dict("records")
+    for n, row in enumerate(means):
+        some = [one for one in searched if one["point"] == n]
+        assert row["success"] == pytest.approx(sum(one["success"] for one in some) / len(some))
+        times = [one["time_with_failures_s"] for one in some]
         assert row["time_with_failures_s"] == pytest.approx(sum(times) / len(times))
         assert row["success_low"] < row["success"] < row["success_high"]
-    assert rows[1]["success_words"].endswith("over 8 airs")
-    assert "of 80 searches" in rows[1]["success_words"]
+    assert means[1]["success_words"].endswith("over 8 airs")
+    assert "of 80 searches" in means[1]["success_words"]
     assert points.attrs["units"]["time_with_failures_s_low"] == "s"
-    assert rows[0]["correlation"] == 0.5
+    assert means[0]["correlation"] == 0.5
     apart = results.differences("algorithm")
     assert list(apart["second"]) == ["spiral", "spiral"]
-    assert list(apart["apart"])[1] == pytest.approx(rows[3]["success"] - rows[2]["success"], abs=0.02)
+    assert list(apart["apart"])[1] == pytest.approx(means[3]["success"] - means[2]["success"], abs=0.02)
     assert list(apart["airs"]) == [8, 8]
     with pytest.raises(ValueError, match="there are speed, algorithm"):
         results.differences("rate")
