@@ -23,11 +23,12 @@ COLUMNS = {
         "status",
         "message",
         "group",
+        "algorithm",
     ),
     *("trial", "searched", "success", "found", "time_s", "path_m", "overhead", "team_path_m", "acquisitions"),
     *("hits", "bumps", "final_distance_m", "time_with_failures_s"),
 }
-"""Of the tables, whatever is studied. An axis may be called algorithm: it stands where the robots' own would."""
+"""Of the tables, whatever is studied."""
 SEEDS = ("seed", "air_seed")
 """Keys of a scenario that only chance depends on; they are columns too."""
 MOST_SAMPLES = 1 << 16

@@ -31,6 +31,12 @@ def faults(file) -> list[str]:
             ["axes.a: wind.openings[0]: unknown key 'spede'; did you mean 'speed'?"],
         ),
         ({"key": "wnd.speed", "values": [1, 2]}, ["axes.a: unknown key 'wnd'; did you mean 'wind'?"]),
+        (
+            {"key": "wind.opening.0.speed", "values": [1, 2]},
+            [
+                "axes.a: wind.opening has 0 items, the first is 0: there is no 0; did you mean wind.openings.speed"
+            ],
+        ),
         ({"key": "wind.openings.9.speed", "values": [1, 2]}, ["axes.a: wind.openings has 2 items"]),
         ({"key": "duration.x", "values": [1]}, ["axes.a.values[0]: duration is 4.0: it has no 'x'"]),
         ({"key": ".", "values": [1]}, ["axes.a.values[0]: must be the path of a key"]),
@@ -133,14 +139,14 @@ def test_axes(tmp_path, axis, begins):
         (
             {
                 "axes": {
-                    "group": SPEED,
+                    "algorithm": SPEED,
                     "Height": HEIGHT,
                     "by_x": COUNT,
                     "seed": {"key": "tick", "values": [1]},
                 }
             },
             [
-                "axes.group: is a name that the tables use themselves",
+                "axes.algorithm: is a name that the tables use themselves",
                 "axes: 'Height' is no name of a column; use at most 32 small letters",
                 "axes.by_x: is a name",
                 "axes.seed: is a name",

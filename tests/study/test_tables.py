@@ -9,7 +9,7 @@ import pytest
 
 from taichi_plume import study
 from taichi_plume.files.run_folder import RunFolderError
-from taichi_plume.study import columns, model, tables
+from taichi_plume.study import columns, tables
 from taichi_plume.study.messages import Axis
 
 
@@ -198,7 +198,6 @@ def test_an_axis_called_algorithm_is_that_column(tmp_path):
     tables.publish(tmp_path, made_study.records(plan))
     assert list(study.open(tmp_path).trials()["algorithm"][::3]) == ["fast casting", "spiral"]
     assert "algorithm" not in columns.taken()
-    assert columns.taken() <= model.COLUMNS
 
 
 def test_what_cannot_be_used_is_told_in_a_line(folder):
