@@ -31,12 +31,6 @@ def faults(file) -> list[str]:
             ["axes.a: wind.openings[0]: unknown key 'spede'; did you mean 'speed'?"],
         ),
         ({"key": "wnd.speed", "values": [1, 2]}, ["axes.a: unknown key 'wnd'; did you mean 'wind'?"]),
-        (
-            {"key": "wind.opening.0.speed", "values": [1, 2]},
-            [
-                "axes.a: wind.opening has 0 items, the first is 0: there is no 0; did you mean wind.openings.speed"
-            ],
-        ),
         ({"key": "wind.openings.9.speed", "values": [1, 2]}, ["axes.a: wind.openings has 2 items"]),
         ({"key": "duration.x", "values": [1]}, ["axes.a.values[0]: duration is 4.0: it has no 'x'"]),
         ({"key": ".", "values": [1]}, ["axes.a.values[0]: must be the path of a key"]),
