@@ -74,6 +74,7 @@ def test_a_page_says_what_was_varied_and_what_came_of_it(write, sweep, tmp_path)
     assert f"select * from '{tmp_path}/trials/**/*.parquet'" in read.text
     assert f"python -m taichi_plume.study {tmp_path}/study.yaml --out {tmp_path}" in read.text
     assert read.text.count("casting") > 6
+    assert re.search(r"\d+ % \(\d+\u2011\d+\)", read.text)  # in the table of points, on one line
 
 
 def test_nothing_of_a_study_gets_to_command_a_page(write, sweep):
