@@ -22,11 +22,10 @@ def cell(one: Quantity, each: intervals.Estimate | None) -> str:
     if each is None or not each.n:
         return "-"
     text = intervals.number(each.mean, "", one.share)
-    return (
-        f"{text} ({intervals.ends(each, '', one.share).removesuffix(' %')})"
-        if np.isfinite(each.low)
-        else text
-    )
+    if not np.isfinite(each.low):
+        return text
+    ends = intervals.ends(each, "", one.share).removesuffix(" %")
+    return f"{text} ({ends if ' to ' in ends else ends.replace('-', NO_BREAK)})"
 
 
 def head(one: Quantity) -> str:

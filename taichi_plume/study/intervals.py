@@ -12,15 +12,12 @@ tests/study/test_intervals.py measures how often they cover the truth.
 
 import warnings
 from math import sqrt
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import ndtr, stdtrit
 
 from taichi_plume.scores import mean_with_interval, share_with_interval
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 FEWEST = 5  # airs that are resampled
 MANY = 200  # airs, of more of which percentiles are as good, and far quicker
@@ -94,7 +91,7 @@ def estimates(values: Any, keys: Any, airs: Any, by_chance: Any, share: bool) ->
     return made
 
 
-def _cells(table: "pd.DataFrame") -> list[tuple[Any, np.ndarray, np.ndarray]]:
+def _cells(table: Any) -> list[tuple[Any, np.ndarray, np.ndarray]]:
     """Sums and counts per air, of each key."""
     if not len(table):
         return []
@@ -184,7 +181,7 @@ def resampled(sums: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, np.ndar
             [np.arange(airs)], statistic, vectorized=True, confidence_level=level,
             n_resamples=RESAMPLES, batch=max(1, AT_ONCE // (sums.size + airs)),
             method="BCa" if airs <= MANY else "percentile",
-            random_state=np.random.default_rng(SEED),
+            rng=np.random.default_rng(SEED),
         )  # fmt: skip
     ends = []
     for end, share in zip(told.confidence_interval, ((1 - level) / 2, (1 + level) / 2), strict=True):

@@ -159,9 +159,10 @@ class Page:
         runs = self.points.runs
         airs = int(runs.groupby("point")["air"].nunique().max()) if len(runs) else 0
         each = len(runs) / max(1, runs["point"].nunique() * max(1, airs))
+        points = int(runs["point"].nunique())
         base = visible(self.about["study"].get("base", "a scenario"))
         section.lines.append(
-            f"{runs['point'].nunique():,} points, each in {airs:,} air{'s' * (airs != 1)} with {each:.3g} "
+            f"{points:,} point{'s' * (points != 1)}, each in {airs:,} air{'s' * (airs != 1)} with {each:.3g} "
             f"run{'s' * (each != 1)} in each: {len(runs):,} runs. The base is {base}."
         )
         if len(runs) and not runs["air_by_chance"].any():

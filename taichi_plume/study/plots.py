@@ -30,7 +30,7 @@ def values_of(points: Points, axis: str) -> list[Any]:
 def named(points: Points) -> list[str]:
     """The axes whose values are names, and the groups where there are several."""
     some = [axis for axis in points.axes if not is_number(points.plan.table, axis)]
-    groups = ["group"] if "group" in points.table and points.table["group"].nunique() > 1 else []
+    groups = ["group"] if "group" in points.table else []
     return [axis for axis in (*groups, *some) if len(values_of(points, axis)) > 1]
 
 
@@ -83,7 +83,8 @@ def _panels(
         if legend:
             handles, labels = axes[0].get_legend_handles_labels()
             told = figure.legend(handles, labels, loc="lower left", ncols=3, handlelength=1.2)
-            told.set_title(f"{legend}:", {"size": 8})
+            told.set_title(f"{legend}:")
+            told.get_title().set_fontsize(8)
             told.set_alignment("left")
         return look.png(figure)
 

@@ -10,7 +10,8 @@ from math import nan
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq
+from numpy.typing import ArrayLike
+from scipy.optimize import root_scalar
 
 SAFETY = 1.25  # of the index, with three grids
 HIGHEST = 12.0  # order that is told
@@ -39,9 +40,10 @@ SAID = {
 }
 
 
-def order(spacings: Sequence[float], values: Sequence[float]) -> Order:
+def order(spacings: ArrayLike, values: ArrayLike) -> Order:
     """The observed order of values (n,) at spacings (n,), by the three finest of those at which it is known."""
-    known = sorted((h, f) for h, f in zip(spacings, values, strict=True) if np.isfinite(f))[:3]
+    pairs = zip(np.asarray(spacings, float).tolist(), np.asarray(values, float).tolist(), strict=True)
+    known = sorted((h, f) for h, f in pairs if np.isfinite(f))[:3]
     if len(known) < 3:
         return Order(nan, nan, nan, "too few")
     (h1, f1), (h2, f2), (h3, f3) = known
@@ -58,7 +60,7 @@ def order(spacings: Sequence[float], values: Sequence[float]) -> Order:
     least = 1e-6
     if off(least) >= 0:
         return Order(nan, nan, nan, "diverges")
-    p = float(brentq(off, least, HIGHEST)) if off(HIGHEST) > 0 else HIGHEST
+    p = root_scalar(off, bracket=(least, HIGHEST)).root if off(HIGHEST) > 0 else HIGHEST
     gain = fine**p - 1
     return Order(
         p, f1 - change / gain, SAFETY * abs(change) / gain, "converges" if sign > 0 else "oscillates"

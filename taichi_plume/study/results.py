@@ -91,12 +91,12 @@ class Results:
 
     def _made(self) -> table_rows.Tables:
         """Of the plan and what tasks have brought so far."""
-        from taichi_plume.study.store import Store
+        from taichi_plume.study.store import Store, StoreError
 
         try:
             return table_rows.tables(self.plan, Store(self.folder).records())
-        except RunFolderError:
-            raise
+        except StoreError as error:
+            raise RunFolderError(str(error)) from None
         except FAULTS as error:
             raise RunFolderError(f"{self.folder / tables.PARTS}: is damaged: {_reason(error)}") from None
 

@@ -1,6 +1,7 @@
 """A plan of a study and what came of its runs, without running any."""
 
 import itertools
+import sys
 from collections.abc import Callable, Iterable, Iterator
 from hashlib import sha256
 from pathlib import Path
@@ -90,22 +91,37 @@ def records(plan: Any, make: Callable[[Request], Record] = record) -> list[Recor
     return [make(one) for one in plan.requests]
 
 
+class StoreError(ValueError):
+    """As study/store.py raises it."""
+
+
 class Store:
     """Stands for study/store.py: what tasks have brought so far, in parts that only this class reads."""
 
-    brought: dict[Path, list[Record]] = {}  # noqa: RUF012
+    brought: dict[Path, list[Record] | None] = {}  # noqa: RUF012
+    """None: of a study whose parts are damaged."""
 
     def __init__(self, folder: Path):
         self.folder = folder
 
     def add(self, records: list[Record]) -> None:
-        held = self.brought.setdefault(self.folder, [])
+        held = self.brought.setdefault(self.folder, []) or []
         held += records
+        self.brought[self.folder] = held
         (self.folder / "parts").mkdir(exist_ok=True)
         (self.folder / "parts" / f"{len(held)}.parquet").write_bytes(b"part")
 
     def records(self) -> Iterator[Record]:
-        yield from self.brought.get(self.folder, [])
+        held = self.brought.get(self.folder, [])
+        if held is None:
+            raise StoreError(f"{self.folder}: cannot be read")
+        yield from held
+
+
+def stand_in(monkeypatch: Any) -> None:
+    """Let the parts that tasks bring be those of the Store here."""
+    module = SimpleNamespace(Store=Store, StoreError=StoreError)
+    monkeypatch.setitem(sys.modules, "taichi_plume.study.store", module)
 
 
 def searches(seed: int, rate: Callable[[dict[str, Any], np.random.Generator], float], trials: int = 1) -> Any:

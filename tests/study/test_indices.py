@@ -1,6 +1,3 @@
-import sys
-from types import SimpleNamespace
-
 import made_study
 import numpy as np
 import pytest
@@ -52,7 +49,7 @@ def test_what_is_missing_is_left_out_and_not_filled():
 
 
 def test_a_study_tells_them(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "taichi_plume.study.store", SimpleNamespace(Store=made_study.Store))
+    made_study.stand_in(monkeypatch)
     samples, names = 64, ("x", "y", "z")
     axes = {name: Axis(name, "", False) for name in names}
     points = design(samples)

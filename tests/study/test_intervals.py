@@ -64,7 +64,7 @@ def test_a_point_is_bootstrapped_as_scipy_does_it():
     sums, counts = np.nansum(found[0], axis=1), np.isfinite(found[0]).sum(axis=1)
     told = scipy.stats.bootstrap(
         (sums, counts), lambda s, c, axis=-1: s.sum(axis=axis) / c.sum(axis=axis), paired=True,
-        confidence_level=intervals.confidence(12), n_resamples=30_000, method="BCa", random_state=1,
+        confidence_level=intervals.confidence(12), n_resamples=30_000, method="BCa", rng=1,
     ).confidence_interval  # fmt: skip
     assert one.mean == sums.sum() / counts.sum()
     assert (one.n, one.airs, one.over) == (79, 12, "airs")
@@ -134,7 +134,7 @@ def test_searches_in_the_same_airs_are_compared_in_pairs():
     assert high - low > 0.2
     told = scipy.stats.bootstrap(
         (second / 50 - first / 50,), np.mean, confidence_level=intervals.confidence(12), n_resamples=20_000,
-        random_state=1,
+        rng=1,
     ).confidence_interval  # fmt: skip
     assert (apart.low, apart.high) == pytest.approx(told, abs=2e-3)
     assert intervals.differences((first, count), (first, count)).over == "same"

@@ -1,6 +1,3 @@
-import sys
-from types import SimpleNamespace
-
 import made_study
 import numpy as np
 import pytest
@@ -47,7 +44,7 @@ def test_what_does_not_converge():
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "taichi_plume.study.store", SimpleNamespace(Store=made_study.Store))
+    made_study.stand_in(monkeypatch)
     axes = {"spacing": Axis("spacing", "m", True), "algorithm": Axis("algorithm", "", True)}
     points = [(h, a) for h in (0.4, 0.1, 0.2) for a in ("casting", "spiral")]
     told = {"spacing": {"key": "domain.spacing"}, "algorithm": {"variants": {}}}
