@@ -338,9 +338,8 @@ def resuming(folder: Path) -> str:
 def write_scenario(
     folder: Path, scenario: Scenario, source: Path, backend: str, called: Path | None = None
 ) -> None:
-    """Write `scenario.yaml`. source: folder of the original; called: what this one will be, in the same parent."""
-    packages = ("taichi", "numpy", "rerun-sdk")
-    versions = ", ".join(f"{name} {version(name)}" for name in packages)
+    """Write `scenario.yaml`. source: folder of the original; called: what this one will be."""
+    versions = ", ".join(f"{name} {version(name)}" for name in ("taichi", "numpy", "rerun-sdk"))
     header = (
         f"{HEADER} Again: {_again(called or folder, scenario, source)}\n"
         f"# started: {datetime.datetime.now(datetime.UTC).isoformat(timespec='seconds')}\n"

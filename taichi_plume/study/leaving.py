@@ -18,6 +18,7 @@ from taichi_plume.study.messages import Request, Task
 from taichi_plume.study.warm import Kept
 
 KEPT, FAILED = "kept", "failed"
+UNFINISHED = "unfinished"  # beside them, so that paths relative to a run folder stay what they are
 ALWAYS = ("scenario.yaml", "result.json")  # of a run that is kept
 PLAYED = "wind and gas were played from a film of the study: nothing is told of flow, gas budget and forces"
 Told = tuple[End, dict[str, Any], Path | None]
@@ -32,10 +33,12 @@ def run_with_files(one: Kept, task: Task, request: Request, backend: str) -> Ite
     """
     keep = set(task.options.keep)
     final = task.options.out / KEPT / request.run
-    final.parent.mkdir(parents=True, exist_ok=True)
-    for left in final.parent.glob(f"{request.run}.*"):  # by a worker that was killed
+    unfinished = task.options.out / UNFINISHED
+    for parent in (final.parent, unfinished):
+        parent.mkdir(parents=True, exist_ok=True)
+    for left in unfinished.glob(f"{request.run}.*"):  # by a worker that was killed
         shutil.rmtree(left, ignore_errors=True)
-    folder = Path(tempfile.mkdtemp(prefix=f"{request.run}.", dir=final.parent))
+    folder = Path(tempfile.mkdtemp(prefix=f"{request.run}.", dir=unfinished))
     try:
         folder.chmod(0o755)
         files: set[str] = {*run_folder.FILES} if "report.html" in keep else keep | {"probes.parquet"}

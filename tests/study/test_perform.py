@@ -126,6 +126,7 @@ def test_probes_leave_no_folder_unless_asked_for(tmp_path):
     (record,) = perform(task)
     assert record.outcomes["u"] == pytest.approx(0.5)
     assert not list((tmp_path / "kept").iterdir())
+    assert not list((tmp_path / "unfinished").iterdir())
 
 
 def test_a_run_that_fails_is_told_and_left_to_be_repeated_and_the_next_goes_on(tmp_path):
