@@ -15,6 +15,7 @@ from taichi_plume.scenario.input_files import input_paths
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.signals import Ears
 from taichi_plume.study.messages import Request, Task
+from taichi_plume.study.rows import probed
 from taichi_plume.study.warm import Kept
 
 KEPT, FAILED = "kept", "failed"
@@ -41,7 +42,8 @@ def run_with_files(one: Kept, task: Task, request: Request, backend: str) -> Ite
     folder = Path(tempfile.mkdtemp(prefix=f"{request.run}.", dir=unfinished))
     try:
         folder.chmod(0o755)
-        files: set[str] = {*run_folder.FILES} if "report.html" in keep else keep | {"probes.parquet"}
+        files = keep | ({"probes.parquet"} if probed(task.options.outcomes) else set())
+        files |= {*run_folder.FILES} if "report.html" in keep else set()
         outputs = _outputs(one, task, files, Where(folder, final), backend)
         try:
             outputs.start()
