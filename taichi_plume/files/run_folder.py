@@ -260,13 +260,12 @@ def files_in(folder: Path) -> list[Path]:
 
 
 def _next_folder(name: str, runs: Path) -> Path:
-    n = 1
+    n = 0
     while True:
-        folder = runs / f"{name}-{n}"
+        folder = runs / f"{name}-{(n := n + 1)}"
         try:
             folder.mkdir(parents=True)
         except FileExistsError:
-            n += 1
             continue
         return folder
 
