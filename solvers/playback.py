@@ -6,6 +6,7 @@ Two frames are on the device; the next one is read from the disk meanwhile.
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from math import inf
 from typing import Any, Protocol
 
 import numpy as np
@@ -20,6 +21,8 @@ from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.gases import PlaybackGas
 from taichi_plume.scenario.imported_wind import ImportedWind
 from taichi_plume.scenario.played import PlaybackWind, Played
+
+CLOSE = 1e-12  # of a time: as good as equal
 
 
 class Frames(Protocol):
@@ -88,13 +91,20 @@ class FramePlayer:
         time = self.model.start + self.model.rate * t
         if self.model.loop and np.isfinite(self.period):
             time = self.first + (time - self.first) % self.period
-        time = max(time, self.first)
+        time = self._snapped(max(time, self.first))
         if not self._reached <= time < self._end:
             self._change(int(np.searchsorted(self.film.times, time, side="right")) - 1)
         share = (time - self._reached) / (self._end - self._reached)
         if share > 0.0:
             self._approach(share)
         self._reached = time
+
+    def _snapped(self, time: float) -> float:
+        """The time of a frame where it is meant: sums of ticks miss it by their rounding."""
+        near = CLOSE * max(1.0, abs(time))
+        n = int(np.searchsorted(self.film.times, time - near))
+        meant = n < len(self.film.times) and self.film.times[n] <= time + near
+        return float(self.film.times[n]) if meant else time
 
     def _change(self, n: int) -> None:
         """Put frame n and the next one on the device, and send for the one after."""
@@ -121,6 +131,8 @@ class PlayedWind(Carrier):
     """A flow that was recorded or made elsewhere."""
 
     STATE = ("film", "outflow_rate", "max_viscosity", "max_speed")
+    carries = True
+    """Whether gas is solved for in it, and has to see it change."""
 
     def __init__(
         self,
@@ -178,7 +190,7 @@ class PlayedWind(Carrier):
 
     def stable_dt(self, t: float = 0.0) -> float:
         """A step of the gas [s], so that it sees the flow change; the film itself has no limit."""
-        return 0.5 / max(self.outflow_rate, 1e-9)
+        return inf if not self.carries else 0.5 / max(self.outflow_rate, 1e-9)
 
     def advance(self, t: float, dt: float) -> None:
         """Show the time t + dt."""

@@ -66,7 +66,13 @@ def _flow(solver: "type[FlowSolver]", model: Any, its: Context) -> "FlowSolver":
 def _imported(model: Any, its: Context) -> Wind:
     assert its.resources.site is not None
     film = _of("imported", "ImportedFilm")(its.resources.site, its.grid, its.air)
-    return _of("imported", "ImportedFlow")(film, model, its.grid, *its.begin)
+    return _played(_of("imported", "ImportedFlow")(film, model, its.grid, *its.begin), its)
+
+
+def _played(wind: Any, its: Context) -> Wind:
+    """A wind of frames, which goes in whole ticks where no gas is solved for."""
+    wind.carries = any(gas.solved for _, gas in its.scenario.gases)
+    return wind
 
 
 WINDS: dict[str, Callable[[Any, Context], Wind]] = {
@@ -74,8 +80,8 @@ WINDS: dict[str, Callable[[Any, Context], Wind]] = {
     "frozen": lambda model, its: _flow(_of("frozen", "FrozenSolver"), model, its),
     "uniform": lambda model, its: _of("uniform", "UniformSolver")(model, its.grid, *its.begin),
     "synthetic": lambda model, its: _of("synthetic", "SyntheticSolver")(model, its.grid, its.air, *its.begin),
-    "playback": lambda model, its: _of("playback", "PlayedWind")(
-        model, its.resources.films["wind"], its.grid, *its.begin
+    "playback": lambda model, its: _played(
+        _of("playback", "PlayedWind")(model, its.resources.films["wind"], its.grid, *its.begin), its
     ),
     "plumesim_log": lambda model, its: _of("plumesim", "PointWind")(
         model, its.resources.frames["wind"], its.grid.extent, *its.begin

@@ -260,13 +260,12 @@ def files_in(folder: Path) -> list[Path]:
 
 
 def _next_folder(name: str, runs: Path) -> Path:
-    n = 1
+    n = 0
     while True:
-        folder = runs / f"{name}-{n}"
+        folder = runs / f"{name}-{(n := n + 1)}"
         try:
             folder.mkdir(parents=True)
         except FileExistsError:
-            n += 1
             continue
         return folder
 
@@ -338,12 +337,8 @@ def resuming(folder: Path) -> str:
 def write_scenario(
     folder: Path, scenario: Scenario, source: Path, backend: str, called: Path | None = None
 ) -> None:
-    """Write `scenario.yaml`, versions, backend and seeds above it.
-
-    source: folder of the original; called: what this one will be, in the same parent.
-    """
-    packages = ("taichi", "numpy", "rerun-sdk")
-    versions = ", ".join(f"{name} {version(name)}" for name in packages)
+    """Write `scenario.yaml`. source: folder of the original; called: what this one will be."""
+    versions = ", ".join(f"{name} {version(name)}" for name in ("taichi", "numpy", "rerun-sdk"))
     seeds = "\n".join(f"# {name}: {seed}" for name, seed in scenario.seeds.items())
     header = (
         f"{HEADER} Again: {_again(called or folder, scenario, source)}\n"

@@ -1,4 +1,4 @@
-"""The files that a study keeps of a run: those that are asked for, and the scenario of one that has failed."""
+"""The files that a study keeps of a run."""
 
 import shutil
 import tempfile
@@ -12,12 +12,15 @@ from taichi_plume.files.result import result, write_result
 from taichi_plume.outputs import About, Outputs
 from taichi_plume.running import End, report, whole
 from taichi_plume.scenario.input_files import input_paths
-from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.signals import Ears
+from taichi_plume.study.failures import leave_failed
 from taichi_plume.study.messages import Request, Task
+from taichi_plume.study.rows import probed
 from taichi_plume.study.warm import Kept
 
-KEPT, FAILED = "kept", "failed"
+__all__ = ["leave_failed", "run_with_files"]
+KEPT = "kept"
+UNFINISHED = "unfinished"  # beside them, so that paths relative to a run folder stay what they are
 ALWAYS = ("scenario.yaml", "result.json")  # of a run that is kept
 PLAYED = "wind and gas were played from a film of the study: nothing is told of flow, gas budget and forces"
 Told = tuple[End, dict[str, Any], Path | None]
@@ -32,13 +35,16 @@ def run_with_files(one: Kept, task: Task, request: Request, backend: str) -> Ite
     """
     keep = set(task.options.keep)
     final = task.options.out / KEPT / request.run
-    final.parent.mkdir(parents=True, exist_ok=True)
-    for left in final.parent.glob(f"{request.run}.*"):  # by a worker that was killed
+    unfinished = task.options.out / UNFINISHED
+    for parent in (final.parent, unfinished):
+        parent.mkdir(parents=True, exist_ok=True)
+    for left in unfinished.glob(f"{request.run}.*"):  # by a worker that was killed
         shutil.rmtree(left, ignore_errors=True)
-    folder = Path(tempfile.mkdtemp(prefix=f"{request.run}.", dir=final.parent))
+    folder = Path(tempfile.mkdtemp(prefix=f"{request.run}.", dir=unfinished))
     try:
         folder.chmod(0o755)
-        files: set[str] = {*run_folder.FILES} if "report.html" in keep else keep | {"probes.parquet"}
+        files = keep | ({"probes.parquet"} if probed(task.options.outcomes) else set())
+        files |= {*run_folder.FILES} if "report.html" in keep else set()
         outputs = _outputs(one, task, files, Where(folder, final), backend)
         try:
             outputs.start()
@@ -87,17 +93,3 @@ def _replace(folder: Path, final: Path) -> None:
     if final.exists():
         shutil.rmtree(final)
     folder.rename(final)
-
-
-def leave_failed(task: Task, request: Request, scenario: Scenario | None, message: str) -> None:
-    """Leave what repeats a run that failed: its scenario, and why. Raises OSError."""
-    folder = task.options.out / FAILED / request.run
-    folder.mkdir(parents=True, exist_ok=True)
-    if scenario is not None:
-        run_folder.write_scenario(folder, scenario, task.folder.resolve(), "cpu")
-    (folder / "message.txt").write_text(message + "\n", encoding="utf-8")
-
-
-def forget_failed(task: Task, request: Request) -> None:
-    """Remove what an earlier try has left that failed, as the run did not fail now."""
-    shutil.rmtree(task.options.out / FAILED / request.run, ignore_errors=True)

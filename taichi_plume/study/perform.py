@@ -15,9 +15,10 @@ from taichi_plume.running import End, explain, whole
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.study import shared_air
-from taichi_plume.study.leaving import forget_failed, leave_failed, run_with_files
+from taichi_plume.study.failures import forget_failed, leave_failed
+from taichi_plume.study.leaving import run_with_files
 from taichi_plume.study.messages import Cost, Record, Request, Task
-from taichi_plume.study.rows import PROBES, outcomes_of, trial_rows
+from taichi_plume.study.rows import outcomes_of, probed, trial_rows
 from taichi_plume.study.scenarios import scenario_of
 from taichi_plume.study.warm import WARM, Kept
 
@@ -49,7 +50,7 @@ class _Run:
             end, outcomes = self._simulate(one)
             trials = trial_rows(one.sim, self.request)
             forget_failed(self.task, self.request)
-        except Exception as error:
+        except (Exception, SystemExit) as error:  # users' code may raise what it likes
             end = self._failed(error)
         return Record(self.request.run, end.status, end.message, trials, outcomes, self._cost())
 
@@ -82,9 +83,8 @@ class _Run:
 
     def _simulate(self, one: Kept) -> tuple[End, dict[str, float | None]]:
         sim, wanted = one.sim, self.task.options.outcomes
-        probed = any(path.startswith(PROBES) for path in wanted.values())
         try:
-            if self.task.options.keep or probed:
+            if self.task.options.keep or probed(wanted):
                 with run_with_files(one, self.task, self.request, WARM.backend) as (end, content, probes):
                     return end, outcomes_of(wanted, content, probes)
             map_scores = MapScores(sim) if sim.maps and wanted else None
@@ -97,7 +97,7 @@ class _Run:
         content = result(sim, end.status, end.message, WARM.backend, map_scores) if wanted else {}
         return end, outcomes_of(wanted, content, None)
 
-    def _failed(self, error: Exception) -> End:
+    def _failed(self, error: BaseException) -> End:
         """Why, in a line; what repeats it is left, and a simulation in which something went wrong is not used again."""
         if isinstance(error, ScenarioError):
             message = "; ".join(error.faults)
@@ -111,7 +111,7 @@ class _Run:
 
     def _cost(self) -> Cost:
         total = time.perf_counter() - self.clock
-        return Cost(self.begun, total, self.simulated, WARM.compiled - self.compiled, _worker())
+        return Cost(self.begun, total, self.simulated, max(0, WARM.compiled - self.compiled), _worker())
 
 
 def _worker() -> str:

@@ -46,6 +46,11 @@ def _number(value: Any) -> Any:
     return value if not isinstance(value, float) or isfinite(value) else None
 
 
+def probed(wanted: Mapping[str, str]) -> bool:
+    """Whether any of the outcomes is a mean of a probe."""
+    return any(path.startswith(PROBES) for path in wanted.values())
+
+
 def outcomes_of(
     wanted: Mapping[str, str], content: Mapping[str, Any], probes: Path | None
 ) -> dict[str, float | None]:

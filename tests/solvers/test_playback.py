@@ -98,6 +98,16 @@ def test_wind_and_gas_are_those_that_were_recorded(live):
         np.testing.assert_allclose(again[tick][0], u, atol=1e-6 * fastest)
         np.testing.assert_allclose(again[tick][1][far], c[far], atol=1e-6 * c.max() + 1e-12)
     assert np.abs(live.seen[-10][0] - live.seen[20][0]).max() > 0.1, "the flow has changed meanwhile"
+    assert sim.steps == 30, "nothing is solved for that would need shorter steps than ticks"
+
+
+def test_at_the_time_of_a_frame_it_is_that_frame_however_the_time_was_reckoned(live):
+    wind = played(live).wind
+    assert isinstance(wind, PlayedWind)
+    for t in (0.3, np.nextafter(0.3, 0.0), np.nextafter(0.3, 1.0), 0.1 + 0.2):
+        wind.begin(wind.film.model, 0.0, 0)  # pyright: ignore[reportArgumentType]
+        wind.advance(0.0, float(t))
+        np.testing.assert_array_equal(velocity_at(wind, POINTS, 0.0), live.seen[3][0])
 
 
 def test_between_frames_the_flow_is_their_mean_and_free_of_divergence(live):

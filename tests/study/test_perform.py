@@ -126,6 +126,7 @@ def test_probes_leave_no_folder_unless_asked_for(tmp_path):
     (record,) = perform(task)
     assert record.outcomes["u"] == pytest.approx(0.5)
     assert not list((tmp_path / "kept").iterdir())
+    assert not list((tmp_path / "unfinished").iterdir())
 
 
 def test_a_run_that_fails_is_told_and_left_to_be_repeated_and_the_next_goes_on(tmp_path):
@@ -151,6 +152,13 @@ def test_a_run_that_fails_is_told_and_left_to_be_repeated_and_the_next_goes_on(t
     (mended,) = perform(task._replace(requests=task.requests[1:]))
     assert mended.status in ("completed", "stopped")
     assert not left.exists()
+
+
+def test_code_that_ends_the_process_ends_the_run_alone(tmp_path):
+    (tmp_path / "late.py").write_text(BAD_CODE.replace("RuntimeError", "SystemExit"))
+    robots = [UNIFORM["robots"][0] | {"algorithm": {"kind": "own", "file": "late.py", "name": "Late"}}]
+    task = tasks.task(changed(UNIFORM, robots=robots), [{}], tmp_path, structure="exit", allow_code=True)
+    assert perform(task)[0].status == "failed"
 
 
 def test_code_is_executed_only_where_it_is_wanted(tmp_path):

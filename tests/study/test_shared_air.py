@@ -106,7 +106,7 @@ def differences(base: dict[str, Any], folder: Any, changes: Any = CHANGES) -> li
         assert one.status in ("completed", "stopped"), one.message
         found += [] if one._replace(cost=other.cost) == other else [f"records: {one}, {other}"]
         tables = [open_run(place / "kept" / one.run).robots for place in (own, shown)]
-        assert tables[0]["reading_ppm"].max() > 1.0
+        assert np.asarray(tables[0]["reading_ppm"]).max() > 1.0
         assert None not in one.outcomes.values()
         for name in tables[0]:
             a, b = (np.asarray(table[name]) for table in tables)
