@@ -43,8 +43,8 @@ class Labour(NamedTuple):
 
     perform: str = "taichi_plume.study.perform:perform"
     solve_air: str = "taichi_plume.study.shared_air:solve_air"
-    why_not: str = "taichi_plume.study.shared_air:why_not"
-    leave_failed: str = "taichi_plume.study.leaving:leave_failed"
+    why_not: str = "taichi_plume.study.sharing:why_not"
+    leave_failed: str = "taichi_plume.study.failures:leave_failed"
     scenario_of: str = "taichi_plume.study.scenarios:scenario_of"
 
 

@@ -13,12 +13,10 @@ from taichi_plume.outputs import About, Outputs
 from taichi_plume.running import End, report, whole
 from taichi_plume.scenario.input_files import input_paths
 from taichi_plume.signals import Ears
-from taichi_plume.study.failures import leave_failed
 from taichi_plume.study.messages import Request, Task
 from taichi_plume.study.rows import probed
 from taichi_plume.study.warm import Kept
 
-__all__ = ["leave_failed", "run_with_files"]
 KEPT = "kept"
 UNFINISHED = "unfinished"  # beside them, so that paths relative to a run folder stay what they are
 ALWAYS = ("scenario.yaml", "result.json")  # of a run that is kept

@@ -18,10 +18,9 @@ from taichi_plume.simulation import Every, Simulation
 from taichi_plume.solvers.filmed import VELOCITIES, Reel, variable
 from taichi_plume.study.messages import AirRecord, Task
 from taichi_plume.study.scenarios import scenario_of
-from taichi_plume.study.sharing import filmed, why_not
+from taichi_plume.study.sharing import filmed
 from taichi_plume.study.warm import WARM
 
-__all__ = ["alone", "filmed", "opened", "put", "reel_of", "solve_air", "why_not"]
 SHARE = 0.5  # of the free memory per core, for frames of films
 
 # ---------------------------------------------------------------- solving one

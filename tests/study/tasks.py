@@ -2,38 +2,12 @@
 
 import hashlib
 import json
-import sys
 from collections.abc import Mapping, Sequence
-from copy import deepcopy
-from importlib.util import find_spec
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 from taichi_plume import __version__
-from taichi_plume.scenario.loading import ScenarioError
-from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.study.messages import Options, Request, Task
-
-
-def _scenario_of(base: Mapping[str, Any], changes: Mapping[str, Any]) -> Scenario:
-    data: Any = deepcopy(dict(base))
-    for path, value in changes.items():
-        *way, key = [int(part) if part.isdecimal() else part for part in path.split(".")]
-        place = data
-        for part in way:
-            place = place[part]
-        place[key] = value
-    try:
-        return Scenario.model_validate(data)
-    except ValueError as error:
-        raise ScenarioError([str(error)]) from None
-
-
-if find_spec("taichi_plume.study.scenarios") is None:  # until the plan's is there
-    module: Any = ModuleType("taichi_plume.study.scenarios")
-    module.scenario_of = _scenario_of
-    sys.modules[module.__name__] = module
 
 
 def request(number: int, changes: Mapping[str, Any], structure: str = "a", air: str = "air") -> Request:

@@ -11,7 +11,8 @@ from taichi_plume.files.air_film import AirFilm, AirFilmError
 from taichi_plume.run_data import open_run
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.study.perform import perform
-from taichi_plume.study.shared_air import solve_air, why_not
+from taichi_plume.study.shared_air import solve_air
+from taichi_plume.study.sharing import why_not
 
 SLOW = pytest.mark.slow
 KEEP = ("robots.parquet",)
