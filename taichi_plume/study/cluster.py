@@ -29,10 +29,8 @@ LOG = "dask.log"  # what Dask and the workers print
 SCRATCH = ".dask"
 CONNECT_S = 10.0  # for a scheduler to answer
 START_S = 120.0  # for the first worker of our own to be there
-ONE_THREAD = {
-    name: "1"
-    for name in ("TI_CPU_MAX_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
-}
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+TRACKER = "ignore::UserWarning:multiprocessing.resource_tracker"
 SETTINGS = {
     "distributed.worker.multiprocessing-method": "spawn",
     "distributed.worker.daemon": True,
@@ -244,11 +242,26 @@ def _deaf_children() -> Iterator[None]:
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    from multiprocessing import resource_tracker
-
-    resource_tracker.ensure_running()  # it unblocks the signal where it is started
+    _start_tracker()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _start_tracker() -> None:
+    """Start multiprocessing's process that cleans up after others: it unblocks signals where it is started.
+
+    It would warn of each lock that a worker held when it was ended.
+    """
+    from multiprocessing import resource_tracker
+
+    name = "PYTHONWARNINGS"
+    before = os.environ.get(name)
+    os.environ[name] = ",".join(filter(None, (before, TRACKER)))
+    resource_tracker.ensure_running()
+    if before is None:
+        del os.environ[name]
+    else:
+        os.environ[name] = before
