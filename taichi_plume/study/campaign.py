@@ -79,7 +79,7 @@ class Campaign:
         self.plan, self.store, self.cluster, self.options = plan, store, cluster, options
         self.labour, self.display, self.ears = labour, display, ears
         self.figures = Figures()
-        self.films: list[int] = []  # bytes of those that were made
+        self.films = [one.bytes for one in store.air_records()]  # of those that were made
         self.agenda = Agenda(requests, shared, store.film, FILMS + max(1, len(cluster.threads())), self._room)
         self.lanes: dict[str, Lane] = {}
         self.given: dict[Any, tuple[Job, str]] = {}  # by future; the worker that was meant

@@ -147,7 +147,7 @@ def local(workers: int | None, out: Path, dashboard: bool = False) -> Cluster:
         raise ClusterError("--dashboard needs the package bokeh: pip install 'bokeh>=3.1'", 2)
     log, scratch = out / LOG, out / SCRATCH
     _quiet(log)
-    import dask
+    import dask.config
 
     settings = SETTINGS | {
         f"distributed.nanny.pre-spawn-environ.{name}": one for name, one in ONE_THREAD.items()
@@ -163,6 +163,7 @@ def local(workers: int | None, out: Path, dashboard: bool = False) -> Cluster:
 
     shutil.rmtree(scratch, ignore_errors=True)
     count = workers or cpu_count()
+    page: dict[str, Any] = {"dashboard_address": "127.0.0.1:8787" if dashboard else None}
     with _deaf_children():
         cluster = LocalCluster(
             n_workers=0,
@@ -170,7 +171,7 @@ def local(workers: int | None, out: Path, dashboard: bool = False) -> Cluster:
             processes=True,
             host="127.0.0.1",
             memory_limit=None,
-            dashboard_address="127.0.0.1:8787" if dashboard else None,
+            **page,
             silence_logs=logging.WARNING,
             local_directory=str(scratch),
             scheduler_kwargs={"allowed_failures": 0},  # the command itself tells who is to blame
@@ -212,7 +213,8 @@ async def _kind(address: str) -> str:
     from distributed.core import rpc
 
     async with rpc(address) as there:
-        return str((await there.identity())["type"])
+        told: Any = await there.identity()
+        return str(told["type"])
 
 
 def _await_worker(cluster: Cluster, log: Path) -> None:
@@ -227,7 +229,7 @@ def _await_worker(cluster: Cluster, log: Path) -> None:
 def _quiet(log: Path) -> None:
     """What Dask tells goes to a file: the terminal is the command's."""
     warnings.filterwarnings("ignore", module=r"(distributed|dask)\b")
-    import dask
+    import dask.config
 
     handlers = {"file": {"class": "logging.FileHandler", "filename": str(log), "delay": True}}
     quiet = {"level": "WARNING", "handlers": ["file"], "propagate": False}
