@@ -81,12 +81,12 @@ class Cluster:
         """Whether the scheduler has gone."""
         return self.client.status not in ("running", "connecting")
 
-    def threads(self) -> dict[str, int]:
-        """The addresses of the workers that are there, and how many threads each has."""
+    def threads(self) -> dict[str, int] | None:
+        """The addresses of the workers that are there, and how many threads each has; None where nobody tells."""
         try:
             return dict(self.client.nthreads())
         except Exception:  # the scheduler is gone, or going; `lost` tells
-            return {}
+            return None
 
     def held(self) -> dict[str, Any]:
         """The keys of the tasks that each worker has."""
@@ -138,10 +138,11 @@ class Cluster:
                 raise ClusterError(f"worker {address}: {answer}", 2)
 
 
-def local(workers: int | None, out: Path, dashboard: bool = False) -> Cluster:
+def local(workers: int | None, most: int, out: Path, dashboard: bool = False) -> Cluster:
     """As many worker processes on this machine, or as many as it has cores for us, each with one thread.
 
-    out: the study's folder, where Dask logs. Raises ClusterError where none begins.
+    most: that there is something to do for. out: the study's folder, where Dask logs. Raises ClusterError where none
+    begins.
     """
     if dashboard and importlib.util.find_spec("bokeh") is None:
         raise ClusterError("--dashboard needs the package bokeh: pip install 'bokeh>=3.1'", 2)
@@ -162,7 +163,7 @@ def local(workers: int | None, out: Path, dashboard: bool = False) -> Cluster:
     from taichi_plume.study.local_worker import LocalWorker
 
     shutil.rmtree(scratch, ignore_errors=True)
-    count = workers or cpu_count()
+    count = min(workers or cpu_count(), most)
     page: dict[str, Any] = {"dashboard_address": "127.0.0.1:8787" if dashboard else None}
     with _deaf_children():
         cluster = LocalCluster(
@@ -240,13 +241,17 @@ def _quiet(log: Path) -> None:
 
 @contextmanager
 def _deaf_children() -> Iterator[None]:
-    """What is started here, and what that starts, is deaf to Ctrl-C, which a terminal sends to all of its processes."""
+    """What is started here, and what that starts, is deaf to Ctrl-C and to the end of the terminal, which sends both to
+    all of its processes.
+    """
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    _start_tracker()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    deaf_to = {signal.SIGINT, signal.SIGHUP}
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, deaf_to)
     try:
+        _start_tracker()
+        signal.pthread_sigmask(signal.SIG_BLOCK, deaf_to)
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
