@@ -44,7 +44,11 @@ def start(out: Path, told: dict, *options: str, **more) -> "subprocess.Popen[str
 
 def finish(process: "subprocess.Popen[str]") -> tuple[int, str]:
     """Exit code, and all that was printed."""
-    told = "".join(process.communicate(timeout=2 * ENOUGH))
+    try:
+        told = "".join(process.communicate(timeout=2 * ENOUGH))
+    finally:
+        if process.poll() is None:
+            process.kill()
     assert "Traceback" not in told, told
     assert "distributed" not in told, told
     return process.returncode, told
