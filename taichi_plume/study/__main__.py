@@ -114,6 +114,8 @@ def _arguments(argv: Sequence[str]) -> argparse.Namespace:
     args = parser.parse_args(argv)
     if args.workers and args.scheduler:
         parser.error("--workers is of this machine: it has no place beside --scheduler")
+    if args.dashboard and args.scheduler:
+        parser.error("--dashboard is of this machine: a scheduler has, or has not, a dashboard of its own")
     return args
 
 

@@ -4,21 +4,20 @@ Runs that share an air wait until it has been filmed; airs are filmed in their o
 large, and each goes when the last of its runs is done. A worker goes on with runs of the structure that it has.
 """
 
-import statistics
 from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterable, Sequence
 from math import ceil
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from taichi_plume.study.messages import Request
 
-TARGET_S = (
-    4.0  # of a task: so long that Dask's cost for it vanishes, so short that little is lost with a worker
-)
-PER_WORKER_S = (
-    0.04  # of a task, for each worker: so long the command and the scheduler take for the tasks of the others
-)
+TARGET_S = 4.0
+"""Of a task: so long that Dask's cost for it vanishes, so short that little is lost with a worker."""
+PER_WORKER_S = 0.04
+"""Of a task, for each worker: so long the command and the scheduler take for the tasks of the others."""
 MOST_RUNS = 1000  # of a task
 DEATHS = 3  # of workers, after which what they did is to blame
 REMEMBERED = 16  # runs of a structure, whose cost tells that of the next ones
@@ -131,7 +130,7 @@ class Agenda:
     def expected(self, structure: str) -> float | None:
         """What a run of a structure takes [s]; None where that is not known yet."""
         costs = self._costs.get(structure)
-        return statistics.median(costs) if costs else None
+        return float(np.median(costs)) if costs else None
 
     # ------------------------------------------------------------ what came of it
 

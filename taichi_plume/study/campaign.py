@@ -79,15 +79,16 @@ class Campaign:
         self.plan, self.store, self.cluster, self.options = plan, store, cluster, options
         self.labour, self.display, self.ears = labour, display, ears
         self.figures = Figures()
-        self.films: list[int] = []  # bytes of those that were made
-        self.agenda = Agenda(requests, shared, store.film, FILMS + max(1, len(cluster.threads())), self._room)
+        self.films = [one.bytes for one in store.air_records()]  # of those that were made
+        self.agenda = Agenda(
+            requests, shared, store.film, FILMS + max(1, len(cluster.threads() or ())), self._room
+        )
         self.lanes: dict[str, Lane] = {}
         self.given: dict[Any, tuple[Job, str]] = {}  # by future; the worker that was meant
         self.done: SimpleQueue[Any] = SimpleQueue()
         self.failed = 0
         self._looked = float("-inf")
         self._adrift: set[str] = set()
-        self._number = 0
         self._told = False  # that there is no worker
 
     def run(self) -> None:
@@ -124,6 +125,8 @@ class Campaign:
         there = self.cluster.threads()
         if self.cluster.lost:
             raise ClusterError("the scheduler is gone")
+        if there is None:
+            return
         fresh = there.keys() - self.lanes.keys()
         if fresh:
             self.cluster.require_fit(self.plan, self.store.folder, fresh)
@@ -166,7 +169,7 @@ class Campaign:
         """Give each worker what it can take: first a task for each, then one that waits there."""
         for ahead in range(AHEAD):
             reserved = sum(lane.alone for lane in self.lanes.values())
-            for address, lane in self.lanes.items():
+            for address, lane in sorted(self.lanes.items(), key=lambda one: one[1].tasks):
                 suspects = len(self.agenda.suspects)
                 if (
                     suspects
@@ -186,13 +189,8 @@ class Campaign:
 
     def _give(self, job: Job, address: str) -> None:
         task = self._task(job)
-        self._number += 1
-        how = {
-            "key": f"study-{self._number}",
-            "workers": [address],
-            "allow_other_workers": True,
-            "pure": False,
-        }
+        # each call has a key of its own, which no other study on the scheduler has
+        how = {"workers": [address], "allow_other_workers": True, "pure": False}
         if job.solve:
             future = self.cluster.client.submit(worker.film, self.labour.solve_air, task, **how)
         else:
@@ -221,7 +219,9 @@ class Campaign:
         lane = self.lanes.get(address)
         if lane is not None:
             left = max(0, lane.tasks - 1)
-            self.lanes[address] = lane._replace(tasks=left, alone=lane.alone and left > 0, long=False)
+            self.lanes[address] = lane._replace(
+                tasks=left, alone=lane.alone and left > 0, long=lane.long and left > 0
+            )
         if future.status == "finished":
             self._take(job, future.result())
         elif future.status == "error":

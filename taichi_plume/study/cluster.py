@@ -29,10 +29,8 @@ LOG = "dask.log"  # what Dask and the workers print
 SCRATCH = ".dask"
 CONNECT_S = 10.0  # for a scheduler to answer
 START_S = 120.0  # for the first worker of our own to be there
-ONE_THREAD = {
-    name: "1"
-    for name in ("TI_CPU_MAX_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
-}
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+TRACKER = "ignore::UserWarning:multiprocessing.resource_tracker"
 SETTINGS = {
     "distributed.worker.multiprocessing-method": "spawn",
     "distributed.worker.daemon": True,
@@ -83,12 +81,12 @@ class Cluster:
         """Whether the scheduler has gone."""
         return self.client.status not in ("running", "connecting")
 
-    def threads(self) -> dict[str, int]:
-        """The addresses of the workers that are there, and how many threads each has."""
+    def threads(self) -> dict[str, int] | None:
+        """The addresses of the workers that are there, and how many threads each has; None where nobody tells."""
         try:
             return dict(self.client.nthreads())
         except Exception:  # the scheduler is gone, or going; `lost` tells
-            return {}
+            return None
 
     def held(self) -> dict[str, Any]:
         """The keys of the tasks that each worker has."""
@@ -140,16 +138,17 @@ class Cluster:
                 raise ClusterError(f"worker {address}: {answer}", 2)
 
 
-def local(workers: int | None, out: Path, dashboard: bool = False) -> Cluster:
+def local(workers: int | None, most: int, out: Path, dashboard: bool = False) -> Cluster:
     """As many worker processes on this machine, or as many as it has cores for us, each with one thread.
 
-    out: the study's folder, where Dask logs. Raises ClusterError where none begins.
+    most: that there is something to do for. out: the study's folder, where Dask logs. Raises ClusterError where none
+    begins.
     """
     if dashboard and importlib.util.find_spec("bokeh") is None:
         raise ClusterError("--dashboard needs the package bokeh: pip install 'bokeh>=3.1'", 2)
     log, scratch = out / LOG, out / SCRATCH
     _quiet(log)
-    import dask
+    import dask.config
 
     settings = SETTINGS | {
         f"distributed.nanny.pre-spawn-environ.{name}": one for name, one in ONE_THREAD.items()
@@ -164,7 +163,8 @@ def local(workers: int | None, out: Path, dashboard: bool = False) -> Cluster:
     from taichi_plume.study.local_worker import LocalWorker
 
     shutil.rmtree(scratch, ignore_errors=True)
-    count = workers or cpu_count()
+    count = min(workers or cpu_count(), most)
+    page: dict[str, Any] = {"dashboard_address": "127.0.0.1:8787" if dashboard else None}
     with _deaf_children():
         cluster = LocalCluster(
             n_workers=0,
@@ -172,7 +172,7 @@ def local(workers: int | None, out: Path, dashboard: bool = False) -> Cluster:
             processes=True,
             host="127.0.0.1",
             memory_limit=None,
-            dashboard_address="127.0.0.1:8787" if dashboard else None,
+            **page,
             silence_logs=logging.WARNING,
             local_directory=str(scratch),
             scheduler_kwargs={"allowed_failures": 0},  # the command itself tells who is to blame
@@ -214,7 +214,8 @@ async def _kind(address: str) -> str:
     from distributed.core import rpc
 
     async with rpc(address) as there:
-        return str((await there.identity())["type"])
+        told: Any = await there.identity()
+        return str(told["type"])
 
 
 def _await_worker(cluster: Cluster, log: Path) -> None:
@@ -229,7 +230,7 @@ def _await_worker(cluster: Cluster, log: Path) -> None:
 def _quiet(log: Path) -> None:
     """What Dask tells goes to a file: the terminal is the command's."""
     warnings.filterwarnings("ignore", module=r"(distributed|dask)\b")
-    import dask
+    import dask.config
 
     handlers = {"file": {"class": "logging.FileHandler", "filename": str(log), "delay": True}}
     quiet = {"level": "WARNING", "handlers": ["file"], "propagate": False}
@@ -240,15 +241,34 @@ def _quiet(log: Path) -> None:
 
 @contextmanager
 def _deaf_children() -> Iterator[None]:
-    """What is started here, and what that starts, is deaf to Ctrl-C, which a terminal sends to all of its processes."""
+    """What is started here, and what that starts, is deaf to Ctrl-C and to the end of the terminal, which sends both to
+    all of its processes.
+    """
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    from multiprocessing import resource_tracker
-
-    resource_tracker.ensure_running()  # it unblocks the signal where it is started
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    deaf_to = {signal.SIGINT, signal.SIGHUP}
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, deaf_to)
     try:
+        _start_tracker()
+        signal.pthread_sigmask(signal.SIG_BLOCK, deaf_to)
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _start_tracker() -> None:
+    """Start multiprocessing's process that cleans up after others: it unblocks signals where it is started.
+
+    It would warn of each lock that a worker held when it was ended.
+    """
+    from multiprocessing import resource_tracker
+
+    name = "PYTHONWARNINGS"
+    before = os.environ.get(name)
+    os.environ[name] = ",".join(filter(None, (before, TRACKER)))
+    resource_tracker.ensure_running()
+    if before is None:
+        del os.environ[name]
+    else:
+        os.environ[name] = before

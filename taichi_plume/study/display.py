@@ -97,6 +97,6 @@ def _facts(campaign: "Campaign") -> str:
         facts.append(f"{agenda.airs - len(agenda.left)} of {agenda.airs} airs")
     if campaign.failed:
         facts.append(f"{campaign.failed} failed")
-    busy = campaign.figures.utilisation
-    facts.append(f"{workers} workers" + (f", {100 * busy:.0f} % busy" if busy else ""))
+    busy = sum(lane.tasks > 0 for lane in campaign.lanes.values())
+    facts.append(f"{busy} of {workers} workers busy" if workers else "no workers")
     return ", ".join(facts)

@@ -76,7 +76,7 @@ def _work(plan: "Plan", store: Store, wishes: Wishes, labour: "Labour | None", e
         if wishes.scheduler:
             workers = cluster.remote(wishes.scheduler, wishes.out)
         else:
-            workers = cluster.local(wishes.workers, wishes.out, wishes.dashboard)
+            workers = cluster.local(wishes.workers, len(todo), wishes.out, wishes.dashboard)
         with workers:
             return _campaign(plan, store, workers, wishes, labour, ears, todo)
     except ClusterError as error:

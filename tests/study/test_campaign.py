@@ -44,7 +44,11 @@ def start(out: Path, told: dict, *options: str, **more) -> "subprocess.Popen[str
 
 def finish(process: "subprocess.Popen[str]") -> tuple[int, str]:
     """Exit code, and all that was printed."""
-    told = "".join(process.communicate(timeout=2 * ENOUGH))
+    try:
+        told = "".join(process.communicate(timeout=2 * ENOUGH))
+    finally:
+        if process.poll() is None:
+            process.kill()
     assert "Traceback" not in told, told
     assert "distributed" not in told, told
     return process.returncode, told
@@ -135,7 +139,7 @@ def test_killed_and_resumed(tmp_path, unbroken):
 def test_other_signals(tmp_path, name):
     process = start(tmp_path / "out", {"runs": 40, "base": {"sleep": 0.2}}, "--workers=2")
     until(lambda: parts(tmp_path / "out") >= 2)
-    process.send_signal(getattr(signal, name))
+    os.killpg(process.pid, getattr(signal, name))  # as batch systems and terminals do: to its workers too
     code, _ = finish(process)
     assert code == 130
     assert (tmp_path / "out" / "table.txt").exists()
@@ -283,6 +287,13 @@ def test_a_scheduler_started_by_hand(tmp_path, unbroken):
         assert code == 0, said
         assert "by 2 workers" in said
         assert all(one.poll() is None for one in processes)  # they are not ours to end
+        other = {
+            "runs": 5,
+            "changes": {"2": {"fail": "of the second study"}},
+        }  # which has nothing of the first one's
+        code, said = study(tmp_path / "other", other, f"--scheduler={address}")
+        assert code == 1
+        assert "of the second study" in said
     assert (out / "table.txt").read_text() == unbroken
 
 
