@@ -313,9 +313,8 @@ class Campaign:
 def options_of(plan: "Plan", out: Path, allow_code: bool, allow_outside: bool) -> Options:
     """What goes for all runs of a plan."""
     study = plan.study
-    return Options(
-        out.resolve(), tuple(study.keep), dict(study.outcomes), allow_code, allow_outside, __version__
-    )
+    paths = {path: path for path in study.outcomes.values()}  # columns may be named anew
+    return Options(out.resolve(), tuple(study.keep), paths, allow_code, allow_outside, __version__)
 
 
 def shared_airs(plan: "Plan", requests: Sequence[Request], labour: Labour) -> set[str]:

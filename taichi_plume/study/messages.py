@@ -38,7 +38,8 @@ class Request(NamedTuple):
 
 class Options(NamedTuple):
     """What goes for all runs of a study. out: its folder; keep: names of the files to keep of each run; outcomes: by
-    column, a path in result.json, or `probes.NAME.QUANTITY`.
+    the name under which records tell them, of a study the path itself, a path in result.json or
+    `probes.NAME.QUANTITY`.
     """
 
     out: Path

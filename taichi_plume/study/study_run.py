@@ -64,10 +64,11 @@ def carry_out(plan: "Plan", wishes: Wishes, labour: "Labour | None" = None) -> i
 
 def _work(plan: "Plan", store: Store, wishes: Wishes, labour: "Labour | None", ears: Ears) -> int:
     """Do what is not done; returns the exit code so far."""
-    done = store.statuses()
-    todo = [one for one in plan.requests if _open(done.get(one.run), wishes.retry)]
-    _tell_begin(len(plan.requests), len(todo), wishes)
-    if not todo:
+    from taichi_plume.study.todo import todo
+
+    missing = todo(plan, store, wishes.retry)
+    _tell_begin(len(plan.requests), len(missing), wishes)
+    if not missing:
         return 0
     from taichi_plume.study import cluster
     from taichi_plume.study.cluster import ClusterError
@@ -76,9 +77,9 @@ def _work(plan: "Plan", store: Store, wishes: Wishes, labour: "Labour | None", e
         if wishes.scheduler:
             workers = cluster.remote(wishes.scheduler, wishes.out)
         else:
-            workers = cluster.local(wishes.workers, len(todo), wishes.out, wishes.dashboard)
+            workers = cluster.local(wishes.workers, len(missing), wishes.out, wishes.dashboard)
         with workers:
-            return _campaign(plan, store, workers, wishes, labour, ears, todo)
+            return _campaign(plan, store, workers, wishes, labour, ears, missing)
     except ClusterError as error:
         say(visible(error), error=True)
         if error.code == 1:
@@ -168,11 +169,6 @@ def publish(folder: Path, page: bool = True, quiet: bool = False) -> int:
 
 
 # ---------------------------------------------------------------- what the user is told
-
-
-def _open(status: str | None, retry: bool) -> bool:
-    """Whether a run is to be done that has that status."""
-    return status is None or (retry and status not in DONE)
 
 
 def _tell_begin(total: int, todo: int, wishes: Wishes) -> None:

@@ -100,8 +100,8 @@ def _runs(plan: Planned, latest: Mapping[str, Record]) -> pa.Table:
     made: dict[str, Any] = {name: plan.table[name] for name in plan.table.column_names}
     made["status"] = [one.status if one else "missing" for one in runs]
     made["message"] = [one.message if one else "" for one in runs]
-    for name in plan.outcomes:
-        made[name] = [_number(one.outcomes.get(name)) if one else None for one in runs]
+    for name, path in plan.outcomes.items():
+        made[name] = [_number(one.outcomes.get(path)) if one else None for one in runs]
     return _table(made, schema)
 
 

@@ -58,7 +58,7 @@ def plan(
     told = {
         "name": "fake", "kind": "sweep", "airs": airs, "searches": searches, "sampling": None,
         "axes": varied or {one: {"key": one} for one in axes},
-        "outcomes": {"correlation": "maps.0.correlation", "error": "maps.0.mae_ppm"}, **study,
+        "outcomes": PATHS, **study,
     }  # fmt: skip
     return SimpleNamespace(
         study=SimpleNamespace(model_dump=lambda mode: told),
@@ -78,13 +78,17 @@ def trial(n: int = 0, success: bool | None = True, time: float = 10.0, **more: A
     }  # fmt: skip
 
 
+PATHS = {"correlation": "maps.0.correlation", "error": "maps.0.mae_ppm"}
+"""Of outcomes, under which records tell them."""
+
+
 def record(request: Request, trials: list[dict[str, Any]] | None = None, **more: Any) -> Record:
     """What came of a run; more: other fields of the record."""
     cost = Cost(1e9 + request.number, 2.0, 1.5, 0, f"tcp://127.0.0.1:{request.number % 2}")
     trials = [trial(0), trial(1, False), trial(2, None)] if trials is None else trials
-    return Record(request.run, "completed", "", trials, {"correlation": 0.5, "error": None}, cost)._replace(
-        **more
-    )
+    outcomes = more.pop("outcomes", {"correlation": 0.5, "error": None})
+    told = {PATHS[name]: value for name, value in outcomes.items()}
+    return Record(request.run, "completed", "", trials, told, cost)._replace(**more)
 
 
 def records(plan: Any, make: Callable[[Request], Record] = record) -> list[Record]:
