@@ -58,7 +58,7 @@ CASES: dict[str, dict[str, Any]] = {
             "kind": "mixture",
             "parts": [
                 ROOM["gas"],
-                {"kind": "meandering", "diffusivity": 1e-3, "sources": [{"position": [0.3, 0.3], "rate": 1e-5}]},
+                {"kind": "meandering", "sources": [{"position": [0.3, 0.3], "rate": 1e-5}]},
             ],
         },
     ),
