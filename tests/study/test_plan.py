@@ -15,6 +15,7 @@ from small_study import ROOM, SPEED, write
 
 from taichi_plume.scenario.reset import differences
 from taichi_plume.study.axes import saltelli
+from taichi_plume.study.ids import Digests
 from taichi_plume.study.plan import SEARCH_STEP, load_plan
 from taichi_plume.study.scenarios import scenario_of
 
@@ -261,6 +262,18 @@ def test_a_file_counts_by_its_content(tmp_path):
     changed = one_run(tmp_path, ROOM, **own)
     assert changed.run != first.run
     assert changed.air == first.air
+    assert changed.structure != first.structure  # a worker that has read the file keeps what it held
+
+
+def test_a_film_counts_by_what_its_chunks_hold(tmp_path):
+    film = tmp_path / "fields.zarr"
+    film.mkdir()
+    (film / "zarr.json").write_text("{}")
+    told = []
+    for content in (b"0.2", b"0.4"):
+        (film / "c0").write_bytes(content)
+        told.append(Digests(tmp_path)._of(film))
+    assert told[0] != told[1]
 
 
 def test_a_plan_is_the_same_in_another_process_and_ids_with_axes_in_another_order(tmp_path):
@@ -271,6 +284,7 @@ def test_a_plan_is_the_same_in_another_process_and_ids_with_axes_in_another_orde
 import sys
 from pathlib import Path
 from taichi_plume.study.axes import saltelli
+from taichi_plume.study.ids import Digests
 from taichi_plume.study.plan import load_plan
 for one in load_plan(Path({str(tmp_path / "study.yaml")!r})).requests:
     print(one)
