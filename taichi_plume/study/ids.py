@@ -35,6 +35,10 @@ class Ids(NamedTuple):
     air_by_chance: bool
     wakes: bool
 
+    def shown(self) -> "Ids":
+        """Of the same runs, shown a film that tells less than their air itself."""
+        return self._replace(scenario=_hash([self.scenario, "shown"]))
+
     def run(self, seed: int, air_seed: int) -> str:
         """Of a run with these seeds."""
         return _hash([self.scenario, seed, air_seed, __version__])
