@@ -67,7 +67,7 @@ def test_a_page_says_what_was_varied_and_what_came_of_it(write, sweep, tmp_path)
     assert "69 of 72 runs" in read.text
     assert "1 failed, 2 missing" in read.text
     assert "wind.openings.0.speed" in read.text
-    assert re.search(r"\d+ % of 138 searches, 95 % interval \d+-\d+ % over 18 airs", read.text)
+    assert re.search(r"\d+ % of 138 searches, 95 % interval \d+-\d+ % over 6 airs", read.text)
     assert "6 points, each in 6 airs with 2 runs in each: 72 runs. The base is arena.yaml." in read.text
     assert f"failed/{records[3].run}/scenario.yaml" in read.text
     assert "2 of 72 runs have not been made yet" in read.text
@@ -101,7 +101,7 @@ def test_nothing_of_a_study_gets_to_command_a_page(write, sweep):
         (
             made_study.plan({"speed": Axis("speed", "m/s", True)}, [(0.2,), (0.3,)], airs=1),
             [made_study.trial()],
-            "over 2 airs, so few that it is wide",
+            "no interval: one air says nothing of others",
         ),
         (
             made_study.plan({"on": Axis("on", "", True)}, [(True,), (False,)], airs=1),
