@@ -39,7 +39,8 @@ COSTS = (
 AGAIN = (
     (
         "go on",
-        "the first command makes what is missing and skips what is done; --retry also repeats what failed",
+        "where the study's file lies, the first command makes what is missing and skips what is done; --retry also "
+        "repeats what failed",
     ),
     (
         "add values",
