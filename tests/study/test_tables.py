@@ -288,6 +288,7 @@ def test_more_points_in_airs_of_the_same_seeds_make_no_narrower_interval(tmp_pat
     tables.publish(tmp_path, made_study.records(plan, rows))
     points = study.open(tmp_path).by_points
     alone = points.estimates["success"][0]
+    assert alone is not None
     for pooled in (
         points.estimated(SUCCESS, ["all"])[0],
         points.estimated(SUCCESS, ["algorithm"])["spiral"],
