@@ -230,7 +230,8 @@ def _columns(axes: Sequence[Levels | Range]) -> Iterator[Axis]:
     folders = 1
     for axis in axes:
         levels = axis.levels if isinstance(axis, Levels) and axis.name not in SEEDS else ()
-        short = all(len(quote(str(level.value))) <= LONGEST_FOLDER for level in levels)
+        names = {quote(str(level.value)).casefold() for level in levels}  # as some systems tell folders apart
+        short = len(names) == len(levels) and all(len(name) <= LONGEST_FOLDER for name in names)
         partition = short and 1 < len(levels) <= FEW and folders * len(levels) <= MOST_FOLDERS
         folders *= len(levels) if partition else 1
         yield Axis(axis.name, axis.unit, partition)
