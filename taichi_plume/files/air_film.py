@@ -8,7 +8,9 @@ under another name and takes its own when it is whole.
 A film to look at, or to play between its frames, is another thing: see `film`.
 """
 
+import secrets
 import shutil
+from glob import escape
 from pathlib import Path
 from typing import Any
 
@@ -96,9 +98,12 @@ class NewAirFilm:
 
     def __init__(self, path: Path, shape: tuple[int, ...], names: tuple[str, ...], tick: float, frames: int):
         """shape: of the grid; frames: how many there will be."""
-        self.path, self.part = path, path.with_name(path.name + PART)
+        self.path, self.part = path, path.with_name(f"{path.name}.{secrets.token_hex(4)}{PART}")
         self.names, self.frames, self.count = names, frames, 0
-        shutil.rmtree(self.part, ignore_errors=True)
+        for left in path.parent.glob(
+            f"{escape(path.name)}.*{PART}"
+        ):  # by one that was killed, or is not waited for
+            shutil.rmtree(left, ignore_errors=True)
         path.parent.mkdir(parents=True, exist_ok=True)
         size = tuple(n + 2 for n in reversed(shape))
         frame_bytes = 4 * int(np.prod(size)) * len(names)

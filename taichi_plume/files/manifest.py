@@ -25,8 +25,8 @@ class ManifestError(ValueError):
     """A manifest that cannot be read; the message is one line and begins with its path."""
 
 
-def digest(path: Path) -> dict[str, Any]:
-    """`sha256` and `bytes` of a file or folder. Raises OSError."""
+def digest(path: Path, chunks: bool = False) -> dict[str, Any]:
+    """`sha256` and `bytes` of a file or folder; chunks: whether those of zarr count by content. Raises OSError."""
     if not path.is_dir():
         with path.open("rb") as file:
             return {"sha256": hashlib.file_digest(file, "sha256").hexdigest(), "bytes": path.stat().st_size}
@@ -34,7 +34,7 @@ def digest(path: Path) -> dict[str, Any]:
     zarr = (path / ZARR_METADATA).is_file()
     for file in sorted(_files(path)):
         bytes_ = (path / file).stat().st_size
-        chunk = zarr and Path(file).name != ZARR_METADATA
+        chunk = zarr and not chunks and Path(file).name != ZARR_METADATA
         content = "" if chunk else digest(path / file)["sha256"]
         all_of_it.update(json.dumps([file, bytes_, content]).encode())
         size += bytes_

@@ -121,6 +121,7 @@ def _sensor(text: str) -> Any:
 
 def _folder(source: Path) -> Path:
     if (source / "zarr.json").exists():
+        source = source if source.name else source.resolve()  # "." has no name
         return source.with_name(f"{source.stem}-statistics")
     return source / "statistics"
 

@@ -3,8 +3,6 @@
 import errno
 import shutil
 import time
-from collections import Counter
-from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from pkgutil import resolve_name
@@ -315,22 +313,6 @@ def options_of(plan: "Plan", out: Path, allow_code: bool, allow_outside: bool) -
     study = plan.study
     paths = {path: path for path in study.outcomes.values()}  # columns may be named anew
     return Options(out.resolve(), tuple(study.keep), paths, allow_code, allow_outside, __version__)
-
-
-def shared_airs(plan: "Plan", requests: Sequence[Request], labour: Labour) -> set[str]:
-    """The airs that several of the runs share and that can be solved apart from them."""
-    several = {air for air, count in Counter(one.air for one in requests).items() if count > 1}
-    study = plan.study
-    if not several or study.share_air == "never":
-        return set()
-    scenario_of, why_not = resolve_name(labour.scenario_of), resolve_name(labour.why_not)
-    first = {(one.air, one.structure): one for one in requests if one.air in several}
-    told: dict[str, bool] = {}  # by structure: numbers decide nothing of it
-    for (_, structure), request in first.items():
-        if structure not in told:
-            scenario = scenario_of(plan.base, request.changes)
-            told[structure] = why_not(scenario, dict(study.outcomes), study.share_air, study.keep) is None
-    return {air for air in several if all(told[one] for its, one in first if its == air)}
 
 
 def _failure(run: str, message: str) -> Record:

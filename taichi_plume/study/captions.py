@@ -2,7 +2,8 @@
 
 OVER_AIRS = (
     "Searches in one air share its luck, so that intervals are over airs: all searches of an air are drawn together "
-    "(cluster bootstrap). More airs make them narrower, more searches in each hardly."
+    "(cluster bootstrap). More airs make them narrower, more searches in each hardly. Airs of one seed at several "
+    "points have their eddies and gusts in common, and count as one."
 )
 FAILURES = "Time with failures counts a search that found nothing as the whole run."
 APART = "Both met the same airs, so what these do to both cancels: an interval that leaves out 0 tells a difference."
@@ -38,7 +39,8 @@ COSTS = (
 AGAIN = (
     (
         "go on",
-        "the first command makes what is missing and skips what is done; --retry also repeats what failed",
+        "where the study's file lies, the first command makes what is missing and skips what is done; --retry also "
+        "repeats what failed",
     ),
     (
         "add values",

@@ -35,6 +35,10 @@ class Ids(NamedTuple):
     air_by_chance: bool
     wakes: bool
 
+    def shown(self) -> "Ids":
+        """Of the same runs, shown a film that tells less than their air itself."""
+        return self._replace(scenario=_hash([self.scenario, "shown"]))
+
     def run(self, seed: int, air_seed: int) -> str:
         """Of a run with these seeds."""
         return _hash([self.scenario, seed, air_seed, __version__])
@@ -55,25 +59,27 @@ class Digests:
     def ids(self, scenario: Scenario) -> Ids:
         """Of a completed scenario. Raises OSError where a file cannot be read."""
         data = scenario.model_dump(mode="json")
+        read = []
         for where, name in input_files(scenario):
             *above, key = re.findall(r"[^.\[\]]+", where)
             place: Any = data
             for step in above:
                 place = place[int(step) if isinstance(place, list) else step]
             place[key] = [self._of(file) for file in files_of(self.folder, name)]
+            read.append([where, place[key]])
         data = _rounded(data)
         wakes = any(group.wake for group in scenario.robots)
         return Ids(
             _hash({key: value for key, value in data.items() if key not in (*TOLD, *SEEDS)}),
             _hash({key: data[key] for key in (*OF_AIR, *(OF_WAKES if wakes else ()))}),
-            _hash(structure(scenario)),
+            _hash([structure(scenario), read]),  # a worker of others lives on while files change
             scenario.air_by_chance,
             wakes,
         )
 
     def _of(self, file: Path) -> str:
         if file not in self._known:
-            self._known[file] = digest(file)["sha256"]
+            self._known[file] = digest(file, chunks=True)["sha256"]
         return self._known[file]
 
 

@@ -64,7 +64,7 @@ class Estimate(NamedTuple):
 def estimates(values: Any, keys: Any, airs: Any, by_chance: Any, share: bool) -> dict[Any, Estimate]:
     """The estimate of each key, of searches given as columns (n,).
 
-    values: NaN where there is nothing to count; of a share, 0 or 1; airs: id of each search's air; by_chance: whether
+    values: NaN where there is nothing to count; of a share, 0 or 1; airs: seed of each search's air; by_chance: whether
     chance is in that air.
     """
     import pandas as pd

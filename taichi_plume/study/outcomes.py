@@ -75,7 +75,7 @@ class Wanted:
             else:
                 self.faults.setdefault(f"outcomes.{name}", fault)
         for name in list(self.keep):
-            fault = _not_left(name, scenario)
+            fault = not_left(name, scenario)
             if fault is None:
                 self.keep.remove(name)
                 self.faults.pop(f"keep: {name}", None)
@@ -88,7 +88,8 @@ class Wanted:
         return [f"{where}: {fault}" for where, fault in self.faults.items()]
 
 
-def _not_left(name: str, scenario: Scenario) -> str | None:
+def not_left(name: str, scenario: Scenario) -> str | None:
+    """Why runs of a scenario leave no file of that name; None where they do."""
     if name not in FILES:
         close = difflib.get_close_matches(name, FILES, n=1)
         meant = f"did you mean {close[0]}? " if close else ""

@@ -328,9 +328,9 @@ class Page:
 
     def again(self) -> Section:
         """How to go on."""
-        out = str(self.folder)
+        out = str(self.folder.resolve())
         lines = [
-            shlex.join(["python", "-m", "taichi_plume.study", f"{out}/study.yaml", "--out", out]),
+            shlex.join(["python", "-m", "taichi_plume.study", str(self.about["file"]), "--out", out]),
             shlex.join(["python", "-m", "taichi_plume.study", "report", out]),
         ]
         rows = [(visible(name), text) for name, text in captions.AGAIN]

@@ -21,6 +21,7 @@ from taichi_plume.study.model import SEEDS, Study
 from taichi_plume.study.outcomes import Wanted
 from taichi_plume.study.resolving import resolve
 from taichi_plume.study.scenarios import scenario_of
+from taichi_plume.study.sharing import differs
 
 MOST_RUNS = 100_000
 MOST_FOLDERS = 1000  # that tables are laid out in
@@ -123,7 +124,7 @@ class _Planning:
                 seen[key] = None
                 try:
                     scenario = self.checks.checked(scenario_of(self.base, point.changes))
-                    seen[key] = len(seen) - 1, self.digests.ids(scenario)
+                    seen[key] = len(seen) - 1, self._ids(scenario)
                     if wanted.outcomes or wanted.keep:
                         wanted.look(scenario)
                 except ScenarioError as error:
@@ -134,6 +135,11 @@ class _Planning:
             if its is not None:
                 found.append(_Checked(point, *its))
         return found, [*refused.lines(), *(wanted.lines if scenario is not None else [])]
+
+    def _ids(self, scenario: Scenario) -> Ids:
+        study, ids = self.study, self.digests.ids(scenario)
+        shown = study.share_air == "always" and differs(scenario, study.outcomes, study.keep)
+        return ids.shown() if shown else ids
 
     # ------------------------------------------------------------ runs
 
@@ -224,7 +230,8 @@ def _columns(axes: Sequence[Levels | Range]) -> Iterator[Axis]:
     folders = 1
     for axis in axes:
         levels = axis.levels if isinstance(axis, Levels) and axis.name not in SEEDS else ()
-        short = all(len(quote(str(level.value))) <= LONGEST_FOLDER for level in levels)
+        names = {quote(str(level.value)).casefold() for level in levels}  # as some systems tell folders apart
+        short = len(names) == len(levels) and all(len(name) <= LONGEST_FOLDER for name in names)
         partition = short and 1 < len(levels) <= FEW and folders * len(levels) <= MOST_FOLDERS
         folders *= len(levels) if partition else 1
         yield Axis(axis.name, axis.unit, partition)

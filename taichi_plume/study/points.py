@@ -83,7 +83,8 @@ class Points:
             known, of = ["all"], of.assign(all=0)
         key = of[known[0]] if len(known) == 1 else list(zip(*(of[name] for name in known), strict=True))
         values = of[one.name].astype("Float64").to_numpy(float, na_value=np.nan)
-        return intervals.estimates(values, key, of["air"], of["air_by_chance"], one.share)
+        # airs of one seed at other points have their eddies and gusts in common
+        return intervals.estimates(values, key, of["air_seed"], of["air_by_chance"], one.share)
 
     def _of_rows(self, one: Quantity) -> list[intervals.Estimate | None]:
         if one.what == "runs":

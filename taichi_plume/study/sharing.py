@@ -1,9 +1,17 @@
 """Which airs can be solved once for many runs, and what of them is filmed; told without Taichi."""
 
 import re
-from collections.abc import Collection, Iterator, Mapping
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING
 
 from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.study.messages import Request
+
+if TYPE_CHECKING:
+    from taichi_plume.study.campaign import Labour
+    from taichi_plume.study.plan import Plan
 
 OF_ROBOTS = ("groups", "maps")  # what of a run's result tells nothing of the air itself
 FILES_OF_ROBOTS = ("scenario.yaml", "robots.parquet", "maps.zarr")
@@ -18,6 +26,44 @@ def why_not(
     always, also where gas of puffs is then known in the mean of its cells only; never.
     """
     return next(_reasons(scenario, outcomes, share, keep), None)
+
+
+def shared_airs(plan: "Plan", requests: Sequence[Request], labour: "Labour") -> set[str]:
+    """The airs that several of the runs share and that can be solved apart from them.
+
+    With share_air: always also those of single runs that are others in them, whatever else is still to be done.
+    """
+    study, counts = plan.study, Counter(one.air for one in requests)
+    if study.share_air == "never":
+        return set()
+    always = study.share_air == "always"
+    first = {
+        (one.air, one.structure): one
+        for one in (plan.requests if always else requests)
+        if counts[one.air] > (0 if always else 1)
+    }
+    scenario_of, why_not = resolve_name(labour.scenario_of), resolve_name(labour.why_not)
+    told: dict[str, list[bool]] = {}  # by structure, as numbers decide nothing of it: as wanted, and exactly
+    airs: dict[str, list[list[bool]]] = {}
+    for (air, structure), request in first.items():
+        if structure not in told:
+            scenario = scenario_of(plan.base, request.changes)
+            ways = (study.share_air, "exact")
+            told[structure] = [
+                why_not(scenario, dict(study.outcomes), way, study.keep) is None for way in ways
+            ]
+        airs.setdefault(air, []).append(told[structure])
+    return {
+        air
+        for air, its in airs.items()
+        if all(wanted for wanted, _ in its) and (counts[air] > 1 or not all(exact for _, exact in its))
+    }
+
+
+def differs(scenario: Scenario, outcomes: Mapping[str, str], keep: Collection[str] = ()) -> bool:
+    """Whether a run of a study with share_air: always is another one than where each run solves its own air."""
+    exact, always = (why_not(scenario, outcomes, share, keep) for share in ("exact", "always"))
+    return exact is not None and always is None
 
 
 def _reasons(

@@ -128,13 +128,13 @@ class Store:
             self._require_ours()
             self._drop_others({request.run for request in plan.requests}, force)
             self._tidy()
+            for folder in (self.parts, self.airs):  # first: by these a study's folder is known
+                folder.mkdir(exist_ok=True)
             for name, source in (
                 ("study.yaml", plan.file),
                 ("base.yaml", plan.file.parent / plan.study.base),
             ):
                 self._copy(source, name)
-            for folder in (self.parts, self.airs):
-                folder.mkdir(exist_ok=True)
             from taichi_plume.study import tables
 
             tables.write_plan(self.folder, plan)
@@ -195,7 +195,7 @@ class Store:
     def _tidy(self) -> None:
         """Remove what was being written when an earlier process was killed."""
         for folder in (self.folder, self.parts, self.airs):
-            for file in folder.glob("*.new"):
+            for file in (*folder.glob("*.new"), *folder.glob("*.part")):
                 shutil.rmtree(file) if file.is_dir() and not file.is_symlink() else file.unlink()
 
     def _copy(self, source: Path, name: str) -> None:

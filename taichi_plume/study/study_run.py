@@ -96,8 +96,9 @@ def _campaign(
     ears: Ears,
     todo: "list[Request]",
 ) -> int:
-    from taichi_plume.study.campaign import Campaign, Labour, options_of, shared_airs
+    from taichi_plume.study.campaign import Campaign, Labour, options_of
     from taichi_plume.study.display import Display
+    from taichi_plume.study.sharing import shared_airs
 
     if wishes.dashboard:
         say(visible(f"Dask's dashboard: {workers.client.dashboard_link}"), error=True)

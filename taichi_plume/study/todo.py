@@ -2,6 +2,8 @@
 
 from typing import TYPE_CHECKING
 
+from taichi_plume.study.outcomes import not_left
+from taichi_plume.study.scenarios import scenario_of
 from taichi_plume.study.store import DONE, KEPT, Store
 
 if TYPE_CHECKING:
@@ -27,12 +29,18 @@ def _with_less(plan: "Plan", store: Store) -> set[str]:
     paths, keep = set(plan.study.outcomes.values()), plan.study.keep
     if not paths and not keep:
         return set()
-    return {
-        one.run
-        for one in store.records()
-        if one.status in DONE
-        and (
-            not paths <= one.outcomes.keys()
-            or not all((store.folder / KEPT / one.run / name).exists() for name in keep)
-        )
-    }
+    less, lacking = set(), {}
+    for one in store.records():
+        if one.status in DONE:
+            if not paths <= one.outcomes.keys():
+                less.add(one.run)
+            lacking[one.run] = [name for name in keep if not (store.folder / KEPT / one.run / name).exists()]
+    left: dict[tuple[int, str], bool] = {}  # by point: of some that a study keeps, not all points have a file
+    for request in plan.requests:
+        for name in lacking.get(request.run, ()):
+            key = request.point, name
+            if key not in left:
+                left[key] = not_left(name, scenario_of(plan.base, request.changes)) is None
+            if left[key]:
+                less.add(request.run)
+    return less

@@ -112,10 +112,11 @@ def test_maps_are_those_of_the_film(folder, found):
     np.testing.assert_allclose(maps["maximum"].to_numpy(), fields.max("time").transpose("x", "y").to_numpy())
 
 
-def test_a_film_by_itself(folder, tmp_path, capsys):
+def test_a_film_by_itself(folder, tmp_path, capsys, monkeypatch):
     film = tmp_path / "air.zarr"
     shutil.copytree(folder / "fields.zarr", film)
-    assert main([str(film), "--gas", "ethanol", "--from", "3"]) == 0
+    monkeypatch.chdir(film)
+    assert main([".", "--gas", "ethanol", "--from", "3"]) == 0
     out = tmp_path / "air-statistics"
     assert {path.name for path in out.iterdir()} == {
         "statistics.json", "statistics.parquet", "durations.parquet", "spectra.parquet", "maps.nc", "statistics.html",

@@ -393,24 +393,39 @@ def test_workers_with_several_threads(tmp_path):
     assert all(end <= begin + 0.01 for (_, end), (begin, _) in pairwise(times))
 
 
-@pytest.mark.parametrize(
-    "address",
-    [
-        "tcp://127.0.0.1:9",
-        "nonsense",
-        "tcp://",
-        "127.0.0.1",
-        "foo://127.0.0.1:1",
-        "tcp://nowhere.invalid:8786",
-    ],
+NOWHERE = (
+    "tcp://127.0.0.1:9",
+    "nonsense",
+    "tcp://",
+    "127.0.0.1",
+    "foo://127.0.0.1:1",
+    "tcp://nowhere.invalid:8786",
 )
-def test_no_scheduler_there(tmp_path, address):
-    begun = time.monotonic()
-    code, said = study(tmp_path / "out", {"runs": 3}, f"--scheduler={address}")
-    assert time.monotonic() - begun < 40
+CONNECT = """
+import sys
+from pathlib import Path
+from taichi_plume.study.cluster import ClusterError, remote
+for address in sys.argv[2:]:
+    try:
+        remote(address, Path(sys.argv[1]))
+    except ClusterError as error:
+        print(error.code, error)
+"""
+
+
+def test_no_scheduler_there(tmp_path):
+    code, said = study(tmp_path / "out", {"runs": 3}, f"--scheduler={NOWHERE[0]}")
     assert code == 2
     (line,) = [one for one in said.splitlines() if "runs; into" not in one]
-    assert line.startswith(f"--scheduler {address}: no Dask scheduler there")
+    assert line.startswith(f"--scheduler {NOWHERE[0]}: no Dask scheduler there")
+    others = subprocess.run(
+        [sys.executable, "-c", CONNECT, str(tmp_path), *NOWHERE[1:]],
+        env=ENVIRONMENT, capture_output=True, text=True, timeout=2 * ENOUGH,
+    )  # fmt: skip
+    lines = others.stdout.splitlines()
+    assert len(lines) == len(NOWHERE) - 1, others.stderr
+    for line, address in zip(lines, NOWHERE[1:], strict=True):
+        assert line.startswith(f"2 --scheduler {address}: no Dask scheduler there")
 
 
 def test_something_else_there(tmp_path):

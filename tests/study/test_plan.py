@@ -15,8 +15,11 @@ from small_study import ROOM, SPEED, write
 
 from taichi_plume.scenario.reset import differences
 from taichi_plume.study.axes import saltelli
+from taichi_plume.study.campaign import Labour
+from taichi_plume.study.ids import Digests
 from taichi_plume.study.plan import SEARCH_STEP, load_plan
 from taichi_plume.study.scenarios import scenario_of
+from taichi_plume.study.sharing import shared_airs
 
 SEARCH = {
     "variants": {
@@ -127,6 +130,8 @@ def test_folders_are_made_of_axes_with_few_short_values(tmp_path):
     more["one"] = {"key": "robots.0.count", "values": [1]}
     plan = load_plan(write(tmp_path, axes=more, airs=1))
     assert [one.partition for one in plan.axes] == [True, True, False, False, False]
+    alike = {"n": {"key": "robots.0.name", "values": ["a", "A"]}}  # one folder on macOS and Windows
+    assert not load_plan(write(tmp_path, axes=alike, airs=1)).axes[0].partition
 
 
 @settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -214,6 +219,19 @@ def test_ids_depend_on_what_decides_a_run_or_its_air(tmp_path, changes, air):
     assert (old.air != new.air) == air
 
 
+def test_runs_that_are_shown_less_than_their_air_are_others(tmp_path):
+    puffs = ROOM | {"gas": ROOM["gas"] | {"kind": "puffs"}}
+    for room, others in ((puffs, True), (ROOM, False)):
+        exact, always = (
+            load_plan(write(tmp_path, room, share_air=share, airs=1)) for share in ("exact", "always")
+        )
+        assert [one.air for one in exact.requests] == [one.air for one in always.requests]
+        assert ([one.run for one in exact.requests] != [one.run for one in always.requests]) == others
+        last = exact.requests[-1:]  # the only one that is left in its air
+        assert not shared_airs(exact, last, Labour())
+        assert shared_airs(always, last, Labour()) == ({last[0].air} if others else set())
+
+
 def test_airs_differ_only_where_something_is_drawn(tmp_path):
     still = {"kind": "inlet", "face": "x-", "speed": 0.5}
     calm = ROOM | {"wind": {"kind": "cfd", "openings": [still, {"kind": "outlet", "face": "x+"}]}}
@@ -261,6 +279,18 @@ def test_a_file_counts_by_its_content(tmp_path):
     changed = one_run(tmp_path, ROOM, **own)
     assert changed.run != first.run
     assert changed.air == first.air
+    assert changed.structure != first.structure  # a worker that has read the file keeps what it held
+
+
+def test_a_film_counts_by_what_its_chunks_hold(tmp_path):
+    film = tmp_path / "fields.zarr"
+    film.mkdir()
+    (film / "zarr.json").write_text("{}")
+    told = []
+    for content in (b"0.2", b"0.4"):
+        (film / "c0").write_bytes(content)
+        told.append(Digests(tmp_path)._of(film))
+    assert told[0] != told[1]
 
 
 def test_a_plan_is_the_same_in_another_process_and_ids_with_axes_in_another_order(tmp_path):
@@ -271,6 +301,8 @@ def test_a_plan_is_the_same_in_another_process_and_ids_with_axes_in_another_orde
 import sys
 from pathlib import Path
 from taichi_plume.study.axes import saltelli
+from taichi_plume.study.campaign import Labour
+from taichi_plume.study.ids import Digests
 from taichi_plume.study.plan import load_plan
 for one in load_plan(Path({str(tmp_path / "study.yaml")!r})).requests:
     print(one)

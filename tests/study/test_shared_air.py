@@ -7,7 +7,7 @@ import pytest
 import tasks
 from rooms import ROOM, UNIFORM, changed
 
-from taichi_plume.files.air_film import AirFilm, AirFilmError
+from taichi_plume.files.air_film import AirFilm, AirFilmError, NewAirFilm
 from taichi_plume.run_data import open_run
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.study.perform import perform
@@ -175,6 +175,20 @@ def test_an_air_that_fails_is_told_and_leaves_nothing(tmp_path):
     assert "inside obstacles" in record.message
     assert record.frames == 0
     assert not (tmp_path / "airs").exists()
+
+
+def test_who_films_an_air_again_is_not_disturbed_by_who_did(tmp_path):
+    path, frame = tmp_path / "one.zarr", {"gas_0": np.ones((4, 3), np.float32)}
+    old, new = (NewAirFilm(path, (2, 1), ("gas_0",), 0.1, 2) for _ in range(2))
+    for film in (new, old, new):
+        film.append(frame)
+    old.append(frame)
+    with pytest.raises(FileNotFoundError):
+        old.close()
+    old.discard()
+    new.close()
+    assert AirFilm(path).frames == 2
+    assert [one.name for one in tmp_path.iterdir()] == ["one.zarr"]
 
 
 def test_a_film_that_is_gone_or_damaged_fails_its_runs_in_a_line(tmp_path):

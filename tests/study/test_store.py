@@ -117,6 +117,24 @@ def test_a_folder_of_others_is_refused(tmp_path, plan):
         Store(tmp_path / "\0").begin(plan)
 
 
+def test_a_disk_that_is_full_at_the_begin_leaves_a_folder_to_go_on_in(tmp_path, plan, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    film = tmp_path / "airs" / "one.zarr.0a.part"
+    film.mkdir(parents=True)  # of a worker that was killed
+    (tmp_path / "parts").mkdir()
+    with monkeypatch.context() as patched:
+        patched.setattr(Store, "_copy", full)
+        for folder in (tmp_path / "new", tmp_path):
+            with pytest.raises(OSError, match="No space"):
+                Store(folder).begin(plan)
+    assert not film.exists()
+    for folder in (tmp_path / "new", tmp_path):
+        with Store(folder) as store:
+            store.begin(plan)
+
+
 def test_one_at_a_time(tmp_path, plan):
     with Store(tmp_path) as store:
         store.begin(plan)

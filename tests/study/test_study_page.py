@@ -1,13 +1,18 @@
 import re
+import shlex
 from html.parser import HTMLParser
+from pathlib import Path
 
 import made_study
 import numpy as np
 import pytest
+import small_study
 
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.study import costs, page, tables
+from taichi_plume.study.__main__ import main
 from taichi_plume.study.messages import Axis
+from taichi_plume.study.plan import load_plan
 from taichi_plume.study.table_rows import planned
 from taichi_plume.study.table_rows import tables as made_tables
 
@@ -67,12 +72,12 @@ def test_a_page_says_what_was_varied_and_what_came_of_it(write, sweep, tmp_path)
     assert "69 of 72 runs" in read.text
     assert "1 failed, 2 missing" in read.text
     assert "wind.openings.0.speed" in read.text
-    assert re.search(r"\d+ % of 138 searches, 95 % interval \d+-\d+ % over 18 airs", read.text)
+    assert re.search(r"\d+ % of 138 searches, 95 % interval \d+-\d+ % over 6 airs", read.text)
     assert "6 points, each in 6 airs with 2 runs in each: 72 runs. The base is arena.yaml." in read.text
     assert f"failed/{records[3].run}/scenario.yaml" in read.text
     assert "2 of 72 runs have not been made yet" in read.text
     assert f"select * from '{tmp_path}/trials/**/*.parquet'" in read.text
-    assert f"python -m taichi_plume.study {tmp_path}/study.yaml --out {tmp_path}" in read.text
+    assert f"python -m taichi_plume.study study.yaml --out {tmp_path}" in read.text
     assert read.text.count("casting") > 6
     assert re.search(r"\d+ % \(\d+\u2011\d+\)", read.text)  # in the table of points, on one line
 
@@ -101,7 +106,7 @@ def test_nothing_of_a_study_gets_to_command_a_page(write, sweep):
         (
             made_study.plan({"speed": Axis("speed", "m/s", True)}, [(0.2,), (0.3,)], airs=1),
             [made_study.trial()],
-            "over 2 airs, so few that it is wide",
+            "no interval: one air says nothing of others",
         ),
         (
             made_study.plan({"on": Axis("on", "", True)}, [(True,), (False,)], airs=1),
@@ -167,3 +172,19 @@ def test_costs_leave_out_pauses(sweep):
     assert told["runs"] == "72; 2 s each, of which 500 ms beyond the simulation itself"
     assert told["workers"] == "2; at work 81 % of the time"  # 36 s of 44.5 s
     assert told["kernels compiled"] == "72"
+
+
+def test_the_command_to_go_on_finds_the_study(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    case, out = Path("my room"), Path("my studies/a")
+    case.mkdir()
+    (out / "parts").mkdir(parents=True)
+    tables.write_plan(out, load_plan(small_study.write(case)))
+    tables.publish(out, [])
+    text = Read(page.write(out).read_text(encoding="utf-8")).text
+    command = re.search(r"python -m taichi_plume.study (study.yaml --out .*?) python", text)
+    assert command
+    monkeypatch.chdir(case)
+    line = shlex.split(command[1])
+    assert main([*line, "--check"]) == 0
+    assert (Path(line[-1]) / "plan.parquet").is_file()

@@ -11,6 +11,10 @@ from taichi_plume import study
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.study import columns, tables
 from taichi_plume.study.messages import Axis
+from taichi_plume.study.points import SUCCESS
+
+LUCKY = {(7, 0), (8, 0), (8, 1), (10, 0), (10, 1), (10, 2), (13, 2), (14, 1)}
+"""Seeds of airs, and trials that succeed in them."""
 
 
 @pytest.fixture(autouse=True)
@@ -271,3 +275,23 @@ def test_points_are_means_over_airs(tmp_path):
     assert list(apart["airs"]) == [8, 8]
     with pytest.raises(ValueError, match="there are speed, algorithm"):
         results.differences("rate")
+
+
+def test_more_points_in_airs_of_the_same_seeds_make_no_narrower_interval(tmp_path):
+    axes = {"speed": Axis("speed", "m/s", True), "algorithm": Axis("algorithm", "", True)}
+    plan = made_study.plan(axes, [(s, a) for s in (0.2, 0.5, 1.0) for a in ("casting", "spiral")], airs=8)
+
+    def rows(one):  # all that happens is the luck of the seed
+        return made_study.record(one, [made_study.trial(0, (one.air_seed, k) in LUCKY) for k in range(3)])
+
+    tables.write_plan(tmp_path, plan)
+    tables.publish(tmp_path, made_study.records(plan, rows))
+    points = study.open(tmp_path).by_points
+    alone = points.estimates["success"][0]
+    assert alone is not None
+    for pooled in (
+        points.estimated(SUCCESS, ["all"])[0],
+        points.estimated(SUCCESS, ["algorithm"])["spiral"],
+    ):
+        assert pooled[:3] == pytest.approx(alone[:3])
+        assert pooled.airs == alone.airs == 8

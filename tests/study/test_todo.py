@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import made_study
 import pytest
+from rooms import ROOM
 
 from taichi_plume.study.store import Store
 from taichi_plume.study.todo import todo
@@ -26,7 +27,7 @@ def wanted(
 ) -> list[int]:
     """From the end, the runs that are to be done."""
     plan = made_study.plan()
-    plan.study = SimpleNamespace(outcomes=outcomes, keep=keep)
+    plan.study, plan.base = SimpleNamespace(outcomes=outcomes, keep=keep), ROOM
     return [one.number - len(plan.requests) for one in todo(plan, store, retry)]  # type: ignore[arg-type]
 
 
@@ -46,3 +47,7 @@ def test_runs_that_lack_what_is_asked_for_now_are_done_again(store):
         folder.mkdir(parents=True)
         (folder / "robots.parquet").touch()
     assert wanted(store, {}, ("robots.parquet",)) == every[3:]
+
+
+def test_files_that_a_run_does_not_leave_are_not_missed(store):
+    assert wanted(store, {}, ("plume.pslog",)) == [-1]
