@@ -27,7 +27,8 @@ from taichi_plume.guard.terminal import Parser, say
 from taichi_plume.prepare import load_scenario
 from taichi_plume.study.messages import Options, Record, Request, Task
 from taichi_plume.study.perform import perform
-from taichi_plume.study.shared_air import solve_air, why_not
+from taichi_plume.study.shared_air import solve_air
+from taichi_plume.study.sharing import why_not
 from taichi_plume.study.warm import WARM
 
 ROOT = Path(__file__).resolve().parents[2]
