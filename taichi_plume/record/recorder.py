@@ -67,9 +67,8 @@ class Recorder:
         blueprint = layout.Layout(sim, layout.Shown(stage, robots, seen, shown, live is not None)).blueprint()
         self.stream = Stream(path, scenario.name, list(scenario.seeds.values()), blueprint, live)
         self.sent = -np.inf  # on the clock, to the viewer
-        properties = rr.AnyValues(
-            **scenario.seeds, backend=backend, version=__version__, spacing_m=sim.grid.dx
-        )
+        told: dict[str, Any] = {**scenario.seeds, "backend": backend, "version": __version__}
+        properties = rr.AnyValues(**told, spacing_m=sim.grid.dx)
         self.stream.rerun.send_property("run", properties)
         self.stream.log_still(scene.arena(sim, stage))
         for raster in (
