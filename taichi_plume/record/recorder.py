@@ -7,6 +7,7 @@ Only the files of this folder know rerun.
 
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import rerun as rr
