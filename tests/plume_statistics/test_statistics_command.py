@@ -326,12 +326,16 @@ def test_options_that_do_not_fit_are_told_in_a_line(folder, capsys, options, wor
         ["--range", "3", "1"],
         ["--range", "1"],
         ["--from", "inf"],
+        ["--from", "2 s"],
     ],
 )
-def test_options_that_are_no_numbers_are_refused(folder, options):
+def test_options_that_are_no_numbers_are_refused(folder, capsys, options):
     with pytest.raises(SystemExit) as end:
         main([str(folder), *options])
     assert end.value.code == 2
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert options[0] in said
+    assert "_number" not in said  # of names that only the code knows
 
 
 def test_what_is_no_run_is_told(tmp_path):
