@@ -50,6 +50,8 @@ def read_scenario(path: Path, overrides: Sequence[str] = ()) -> Scenario:
     Raises ScenarioError.
     """
     data = read_mapping(path, NEEDS)
+    if "base" in data and "axes" in data:
+        raise ScenarioError([f"{path}: is a study, no scenario; python -m taichi_plume.study makes its runs"])
     for override in overrides:
         try:
             data = _overridden(data, override)

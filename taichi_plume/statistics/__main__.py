@@ -94,9 +94,12 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 
 def _number(text: str) -> float:
-    value = float(text)
+    try:
+        value = float(text)
+    except ValueError:
+        value = inf
     if not -inf < value < inf:
-        raise ValueError
+        raise argparse.ArgumentTypeError(f"must be a number without a unit, got '{visible(text)}'")
     return value
 
 

@@ -80,7 +80,8 @@ class ProbeRecord:
         self.gases = [name.removesuffix("_ppm") for name in names if name.endswith("_ppm")]
         self.wind = [f"wind_{one}" for one in axes if f"wind_{one}" in names]
         self.probes, self.size = self._layout(axes)
-        self.skipped, self.times = 0, self._times()
+        self.skipped = 0
+        self.times = self._times()
 
     def _layout(self, axes: Sequence[str]) -> tuple[list[Probe], int]:
         """The probes, as the first sample has them, and the number of its points."""

@@ -120,13 +120,13 @@ def _arguments(argv: Sequence[str]) -> argparse.Namespace:
 
 
 def _count(text: str) -> int:
-    number = int(text)
+    try:
+        number = int(text)
+    except ValueError:
+        number = 0
     if not 1 <= number <= 4096:
-        raise ValueError
+        raise argparse.ArgumentTypeError(f"must be a whole number from 1 to 4096, got '{visible(text)}'")
     return number
-
-
-_count.__name__ = "number of processes, 1 to 4096"  # as argparse names what it wants
 
 
 if __name__ == "__main__":

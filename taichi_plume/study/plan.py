@@ -63,6 +63,13 @@ def load_plan(file: Path, allow_outside: bool = False) -> Plan:
 def read_study(file: Path) -> Study:
     """A study.yaml whose base has not been looked at. Raises ScenarioError."""
     data = read_mapping(file, STUDY_NEEDS)
+    if "base" not in data and "domain" in data:
+        raise ScenarioError(
+            [
+                f"{file}: is a scenario, no study; python -m taichi_plume.run runs it once, and a study names it as "
+                "its base"
+            ]
+        )
     try:
         study = Study.model_validate(data)
     except ValidationError as error:

@@ -174,9 +174,9 @@ class Store:
             return
         if not force:
             raise StoreError(
-                f"{self.folder}: holds {len(others):,} finished runs that this study does not ask for ({others[0]}"
-                f"{' ...' * (len(others) > 1)}): it is another study's, or an axis or the version has changed; choose "
-                "another --out, or add --force to drop them"
+                f"{self.folder}: holds {len(others):,} run{'s' * (len(others) > 1)} that this study does not ask for "
+                f"({others[0]}{' ...' * (len(others) > 1)}): it is another study's, or the base, an axis, a file that "
+                "runs read, or the version has changed; choose another --out, or add --force to drop them"
             )
         for part in self._files():
             table = _read(part)

@@ -80,6 +80,22 @@ def test_numbers_of_points_are_those_of_the_table(folder, found):
     assert (found.begin, found.samples) == (pytest.approx(2.0), 201)
 
 
+@pytest.mark.parametrize("chunk", [113, 1 << 20])
+def test_what_comes_before_a_time_is_left_out(folder, tmp_path, monkeypatch, chunk):
+    """By pandas; the time lies in the first chunk or in a later one."""
+    from taichi_plume.files import table_parts
+
+    table = open_run(folder).probes
+    monkeypatch.setattr(table_parts, "ROW_GROUP", chunk)
+    told = statistics.of(folder, gas="ethanol", threshold=20.0, start=7.0)
+    assert (told.begin, told.samples) == (pytest.approx(7.0), 101)
+    rows = table[(table.probe == "one") & (table.t > 7.0 - 1e-6)]
+    mean = np.trapezoid(rows.ethanol_ppm.to_numpy(float), rows.t) / np.ptp(rows.t)
+    assert told.points.iloc[0]["mean"] == pytest.approx(mean, rel=1e-5)
+    assert told.points.iloc[0].maximum == rows.ethanol_ppm.max()
+    assert main([str(folder), "--from", "7", "--out", str(tmp_path / "s"), "--no-page"]) == 0
+
+
 def test_durations_are_listed(found):
     for name, kind in (("whiffs", 0), ("blanks", 1)):
         table = found.durations[found.durations.kind == name]
@@ -311,12 +327,16 @@ def test_options_that_do_not_fit_are_told_in_a_line(folder, capsys, options, wor
         ["--range", "3", "1"],
         ["--range", "1"],
         ["--from", "inf"],
+        ["--from", "2 s"],
     ],
 )
-def test_options_that_are_no_numbers_are_refused(folder, options):
+def test_options_that_are_no_numbers_are_refused(folder, capsys, options):
     with pytest.raises(SystemExit) as end:
         main([str(folder), *options])
     assert end.value.code == 2
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert options[0] in said
+    assert "_number" not in said  # of names that only the code knows
 
 
 def test_what_is_no_run_is_told(tmp_path):

@@ -208,6 +208,10 @@ NESTS = "".join(f"{of[0]}: &{of[0]} [[[[[[[[[[{of[1:]}]]]]]]]]]]\n" for of in ("
         (r'name: "\e[31m"', r"line 1, column 7: has the character \x1b, which does not print"),
         ('name: "a\u202eb"', r"line 1, column 7: has the character \u202e, which does not print"),
         ("1: 2", "line 1, column 1: a key must be a text; put it in quotes"),
+        (
+            "name: a\nbase: b.yaml\naxes: {}",
+            "is a study, no scenario; python -m taichi_plume.study makes its runs",
+        ),
         ("{[a]: 2}", "line 1, column 2: a key must be a text"),
         (f"a: '{'x' * 20_000}'", "line 1, column 4: a text of 20,000 characters; at most 10,000 are taken"),
         (
@@ -216,7 +220,7 @@ NESTS = "".join(f"{of[0]}: &{of[0]} [[[[[[[[[[{of[1:]}]]]]]]]]]]\n" for of in ("
         ),
         (f"? {'k' * 5000}\n: 1", f"unknown key '{'k' * 62} ... {'k' * 33}'; allowed: name, seed"),
     ],
-    ids=range(32),
+    ids=range(33),
 )
 def test_files_that_are_no_scenario(tmp_path, text, said):
     assert fault(tmp_path, text).startswith(said)

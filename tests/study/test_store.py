@@ -96,7 +96,7 @@ def test_another_studys_folder(tmp_path, plan):
         store.add([record("e" * 16)])
         store.add([record("b" * 16)])
     (tmp_path / "kept" / ("d" * 16)).mkdir(parents=True)
-    with pytest.raises(StoreError, match="holds 2 finished runs that this study does not ask for"):
+    with pytest.raises(StoreError, match="holds 2 runs that this study does not ask for"):
         Store(tmp_path).begin(plan)
     assert len(Store(tmp_path).statuses()) == 4
     with Store(tmp_path) as store:

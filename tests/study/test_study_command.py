@@ -52,8 +52,8 @@ def test_check_tells_what_it_makes(case, capsys):
 @pytest.mark.parametrize(
     ("line", "told"),
     [
-        (["study.yaml", "--workers", "0"], "--workers: invalid number of processes, 1 to 4096 value: '0'"),
-        (["study.yaml", "--workers", "many"], "--workers: invalid number of processes"),
+        (["study.yaml", "--workers", "0"], "--workers: must be a whole number from 1 to 4096, got '0'"),
+        (["study.yaml", "--workers", "many"], "--workers: must be a whole number from 1 to 4096, got 'many'"),
         (["study.yaml", "--workers", "2", "--scheduler", "tcp://a:1"], "no place beside --scheduler"),
         (["study.yaml", "--dashboard", "--scheduler", "tcp://a:1"], "--dashboard is of this machine"),
         ([], "required: study"),

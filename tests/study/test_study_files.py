@@ -32,6 +32,10 @@ def test_files_have_to_lie_in_the_folder_unless_it_is_said(tmp_path):
         ("name: a\nname: b", "line 2, column 1: duplicate key 'name', first on line 1; remove one"),
         ("a: \x1b[31m", "line 1: not YAML: special characters are not allowed"),
         ("name: a", "missing key 'base'"),
+        (
+            "name: a\nduration: 3\ndomain: {size: [1, 1]}",
+            "is a scenario, no study; python -m taichi_plume.run runs it once, and a study names it as its base",
+        ),
     ],
 )
 def test_texts_that_are_no_study(tmp_path, text, line):
