@@ -224,12 +224,14 @@ def test_a_worker_is_killed_while_it_solves(tmp_path):
     out = tmp_path / "out"
     told = {"runs": 20, "airs": 2, "base": {"shared": True, "solve": 3.0}}
     process = start(out, told, "--workers=2")
-    until(lambda: (out / "airs.txt").exists())
+    until(lambda: (out / "airs.txt").exists() and (out / "airs.txt").read_text().strip())
     for one in psutil.Process(process.pid).children(recursive=True):
         if "resource_tracker" not in " ".join(one.cmdline()):
             one.kill()
     assert finish(process)[0] == 0
-    assert len((out / "airs.txt").read_text().splitlines()) >= 4
+    begun = Counter((out / "airs.txt").read_text().splitlines())  # a second worker may not have begun
+    assert set(begun) == {"0000 10", "0001 10"}
+    assert max(begun.values()) >= 2
     assert len(Store(out).statuses()) == 20
 
 
