@@ -80,6 +80,8 @@ class Case:
     expected: Mapping[str, Expected]
     slow: bool = False
     """Whether the coarse resolutions take longer than a few seconds."""
+    discussion: str = ""
+    """What is reproduced, what is not, and why, for the report."""
 
 
 @dataclass(frozen=True)

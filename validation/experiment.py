@@ -1,4 +1,6 @@
-"""What an experiment is: searches or maps repeated in trials under several conditions, and what they come to."""
+"""What an experiment is: searches, maps or rooms repeated in several airs under several conditions, and what they come
+to.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -13,12 +15,16 @@ from taichi_plume.validation.case import Curve
 
 @dataclass(frozen=True)
 class Mean:
-    """Of something over n trials, between `low` and `high` with 95 % confidence; None where no trial tells of it."""
+    """Of something over n trials, between `low` and `high` with 95 % confidence; None where no trial tells of it.
+
+    airs: in how many airs the trials were, where the interval is over these.
+    """
 
     mean: float | None
     low: float | None
     high: float | None
     n: int
+    airs: int | None = None
 
 
 @dataclass(frozen=True)
@@ -90,6 +96,54 @@ def ratio(a: np.ndarray, b: np.ndarray, paired: bool = True) -> Mean:
     return resampled((a, b), of_means, paired)
 
 
+def over_airs(values: np.ndarray, airs: np.ndarray, share: bool = False) -> Mean:
+    """The mean of trials, (n,) each, with an interval over the airs that they were in (see study/intervals.py).
+
+    values: NaN where a trial tells of nothing; of a share, 0 or 1. airs: what tells them apart.
+    """
+    from taichi_plume.study.intervals import estimates
+
+    told = estimates(np.asarray(values, float), np.zeros(len(values)), airs, np.ones(len(values)), share)
+    if not told:
+        return Mean(None, None, None, 0, 0)
+    (one,) = told.values()
+    low, high = (float(end) if np.isfinite(end) else None for end in (one.low, one.high))
+    return Mean(one.mean, low, high, one.n, one.airs)
+
+
+def ratio_over_airs(a: np.ndarray, b: np.ndarray, airs_a: np.ndarray, airs_b: np.ndarray) -> Mean:
+    """Of the means of two samples, (n,) and (m,), in the same airs, which are resampled in pairs.
+
+    Percentiles of the bootstrap, raised as Student's t asks for; no interval below `FEWEST` airs.
+    """
+    from taichi_plume.study.intervals import FEWEST, confidence
+
+    airs = np.intersect1d(airs_a, airs_b)
+    sums = np.array([[part[of == air].sum() for air in airs] for part, of in ((a, airs_a), (b, airs_b))])
+    counts = np.array([[(of == air).sum() for air in airs] for of in (airs_a, airs_b)])
+    n = int(counts.min(axis=0).sum())
+    mean = float(np.divide(*sums.sum(axis=1)) / np.divide(*counts.sum(axis=1)))
+    if len(airs) < FEWEST:
+        return Mean(mean, None, None, n, len(airs))
+
+    def of(chosen: np.ndarray, axis: int = -1) -> np.ndarray:
+        first, second = (sums[k][chosen].sum(axis) / counts[k][chosen].sum(axis) for k in (0, 1))
+        return first / second
+
+    found = bootstrap(
+        (np.arange(len(airs)),),
+        of,
+        vectorized=True,
+        n_resamples=2999,
+        confidence_level=confidence(len(airs)),
+        method="percentile",
+        rng=np.random.default_rng(1),
+    )
+    return Mean(
+        mean, float(found.confidence_interval.low), float(found.confidence_interval.high), n, len(airs)
+    )
+
+
 Told = Mapping[str, Mean | Picture]
 """Means by quantity, and pictures by title."""
 
@@ -119,6 +173,8 @@ class Experiment:
     few: int = 4
     slow: bool = False
     """Whether the few trials take longer than a few seconds."""
+    discussion: str = ""
+    """What is reproduced, what is not, and why, for the report."""
 
 
 @dataclass(frozen=True)

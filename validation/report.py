@@ -94,7 +94,8 @@ def mean_with_interval(row: dict[str, Any]) -> str:
     if row["mean"] is None:
         return "-"
     interval = "" if row["low"] is None else f" ({row['low']:.3g} to {row['high']:.3g})"
-    return f"{row['mean']:.3g}{interval}, n = {row['n']}"
+    airs = f" in {row['airs']} airs" if row.get("airs") else ""
+    return f"{row['mean']:.3g}{interval}, n = {row['n']}{airs}"
 
 
 def _case(case: dict[str, Any], pictures: Pictures) -> str:
@@ -103,7 +104,8 @@ def _case(case: dict[str, Any], pictures: Pictures) -> str:
     table = _norms(case.get("norms", [])) + _means(case.get("rows", []))
     picture = _picture(case, pictures)
     image = f'<img alt="plots of {name}" src="data:image/svg+xml;base64,{picture}">' if picture else ""
-    return f'<h2 id="{name}">{name}</h2><p class=about>{escape(about)}</p>{message}{table}{image}'
+    said = "".join(f"<p>{escape(part)}</p>" for part in case["discussion"].split("\n\n") if part)
+    return f'<h2 id="{name}">{name}</h2><p class=about>{escape(about)}</p>{message}{said}{table}{image}'
 
 
 def _norms(rows: list[dict[str, Any]]) -> str:

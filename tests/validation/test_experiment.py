@@ -2,9 +2,20 @@ from math import nan
 
 import numpy as np
 import pytest
+from scipy.special import stdtrit
 
 from taichi_plume.validation.case import Curve
-from taichi_plume.validation.experiment import Condition, Experiment, Mean, Range, Row, examine, ratio
+from taichi_plume.validation.experiment import (
+    Condition,
+    Experiment,
+    Mean,
+    Range,
+    Row,
+    examine,
+    over_airs,
+    ratio,
+    ratio_over_airs,
+)
 
 pytestmark = pytest.mark.usefixtures("idle")
 
@@ -85,3 +96,27 @@ def test_ratios_of_pairs_know_that_they_are_pairs():
     found = ratio(0.8 * reference, reference)
     assert (found.mean, found.low, found.high) == pytest.approx((0.8, 0.8, 0.8))
     assert ratio(np.array([3.0]), np.array([2.0])) == Mean(1.5, None, None, 1)
+
+
+def test_trials_in_one_air_count_as_one():
+    """Of airs that differ far more than their trials, the interval is that of the airs' means."""
+    means = np.random.default_rng(5).normal(30.0, 4.0, 12)
+    airs = np.repeat(np.arange(12), 20)
+    values = means[airs] + np.random.default_rng(6).normal(0.0, 0.1, 240)
+    found = over_airs(values, airs)
+    assert (found.n, found.airs) == (240, 12)
+    assert found.low is not None
+    assert found.high is not None
+    half = stdtrit(11, 0.975) * means.std(ddof=1) / np.sqrt(12)
+    assert found.high - found.low == pytest.approx(2 * half, rel=0.15)
+    assert over_airs(np.array([nan]), np.zeros(1)).mean is None
+
+
+def test_ratios_over_airs_pair_them():
+    """What airs have in common cancels: here the ratio is the same in all of them."""
+    airs = np.repeat(np.arange(9), 10)
+    level = np.random.default_rng(7).uniform(1.0, 20.0, 9)[airs]
+    found = ratio_over_airs(1.5 * level, level[:50], airs, airs[:50])
+    assert (found.mean, found.airs) == (pytest.approx(1.5), 5)
+    assert (found.low, found.high) == pytest.approx((1.5, 1.5))
+    assert ratio_over_airs(level[:20], level[:20], airs[:20], airs[:20]).low is None

@@ -154,6 +154,7 @@ def test_an_experiment_is_reported(experiments, tmp_path, capsys, option, trials
         "low": 0.8,
         "high": 0.95,
         "n": trials,
+        "airs": None,
         "published": "",
         "expected": ">= 0.8",
         "met": True,

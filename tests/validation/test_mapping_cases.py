@@ -59,7 +59,15 @@ def test_a_short_run_tells_everything(monkeypatch):
 
 def test_lines_are_drawn():
     x = np.arange(3.0)
-    case = {"name": "maps", "about": "", "reference": "", "wall_s": 1.0, "passed": True, "message": ""}
+    case = {
+        "name": "maps",
+        "about": "",
+        "reference": "",
+        "discussion": "",
+        "wall_s": 1.0,
+        "passed": True,
+        "message": "",
+    }
     report = {"passed": True, "cases": [case], "wall_s": 1.0, "backend": "cpu", "versions": {}}
     drawn = page(report, {"maps": {"errors": Lines("t", "MAE", x, {"one": x, "two": 2 * x})}})
     assert drawn.count("<img") == 1
