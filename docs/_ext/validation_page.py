@@ -1,12 +1,13 @@
-"""Makes the tables and plots of the validation's page from validation/results.json (see validation/make.py).
+"""Makes the tables and plots of the validation's pages from validation/results.json (see validation/make.py).
 
-A Sphinx extension: before a build it writes validation/tables.md, which validation.md includes, and validation/plots/.
+A Sphinx extension: before a build it writes validation/tables.md, which validation.md includes, validation/repeated.md,
+which experiments.md includes, and validation/plots/.
 """
 
 import json
 import re
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from urllib.parse import quote
 
 GROUPS = (
@@ -38,12 +39,31 @@ GROUPS = (
     ),
     (
         "Experiments of others, repeated",
-        "Published searches and maps, in many trials, with intervals of 95 % confidence. Here much is not told in the "
-        "papers, so the same order and the same size are what can be asked for.",
+        "Published searches and maps, in many trials, with intervals of 95 % confidence over airs. Here much is not "
+        "told in the papers, so the same order and the same size are what can be asked for. What is reproduced, what "
+        "is not, and why: [The papers again](experiments.md).",
         r"plumesim_casting|spiral_table2|dapso_arena|odor_mapping",
+    ),
+    (
+        "Rooms and plumes that were measured",
+        "Air and gas that others have measured in rooms, channels and wind tunnels. More of them: "
+        "[The papers again](experiments.md).",
+        r"annex20|backward_step|helium_box|tunnel_plume|room_air",
     ),
 )
 """Title, what it is about, and which cases belong to it."""
+
+REPEATED = GROUPS[-2:]
+"""Whose cases are told of at length."""
+
+
+class Known(NamedTuple):
+    """What is known of a case before it is run."""
+
+    about: str
+    reference: str
+    discussion: str = ""
+
 
 WORDS = {True: "met", False: "**not met**", None: ""}
 
@@ -64,20 +84,70 @@ def write(folder: Path) -> None:
         path = plots / f"{name}.svg"
         if _panels(result) and not (path.exists() and path.stat().st_mtime > results_made):
             _draw(result, path)
-    text = page(cases(), results)
-    path = folder / "tables.md"
-    if not path.exists() or path.read_text(encoding="utf-8") != text:
-        path.write_text(text, encoding="utf-8")
+    known = cases()
+    for name, text in (("tables.md", page(known, results)), ("repeated.md", repeated(known, results))):
+        path = folder / name
+        if not path.exists() or path.read_text(encoding="utf-8") != text:
+            path.write_text(text, encoding="utf-8")
 
 
-def cases() -> dict[str, tuple[str, str]]:
-    """What each case is about, and what it is compared with."""
+def cases() -> dict[str, Known]:
+    """What each case is about, what it is compared with, and what comes of it in words."""
     from taichi_plume.validation.cases import CASES
 
-    return {name: (case.about, case.reference) for name, case in CASES.items()}
+    return {name: Known(case.about, case.reference, case.discussion) for name, case in CASES.items()}
 
 
-def page(cases: dict[str, tuple[str, str]], results: dict[str, Any]) -> str:
+def repeated(cases: dict[str, Known], results: dict[str, Any]) -> str:
+    """The page of experiments and measured rooms, of each paragraphs, figures and plots; cases as of `cases`."""
+    parts = []
+    for title, _, pattern in REPEATED:
+        parts.append(f"## {title}\n")
+        for name in [name for name in cases if re.match(pattern, name)]:
+            about, reference, discussion = cases[name]
+            parts += [f"### {name}\n", f"*{_plain(about)}* ({_linked(reference)})\n"]
+            parts += [f"{_plain(part, lines=True)}\n" for part in discussion.strip().split("\n\n") if part]
+            parts += _figures(results[name]) if name in results else ["Not run for this page.\n"]
+    return "\n".join(parts)
+
+
+def _figures(result: dict[str, Any]) -> list[str]:
+    """Tables of what is judged or was published, and of the rest, and the plots."""
+    if result["message"]:
+        return [f"**{_plain(result['message'])}**\n"]
+    made = f"{result['date']}, commit `{result['commit'] or '?'}`, {result['wall_s'] / 60:.0f} minutes"
+    rows = result.get("rows", [])
+    first = [row for row in rows if row["published"] or row["met"] is not None]
+    rest = [row for row in rows if row not in first]
+    parts = [f"({made})\n"]
+    if result.get("norms"):
+        parts.append(_table([result["name"]], {result["name"]: Known("", "")}, {result["name"]: result}))
+    if first:
+        parts.append(_means(first))
+    if rest:
+        parts += ["<details><summary>What else was measured</summary>\n", _means(rest), "</details>\n"]
+    if _panels(result):
+        parts.append(
+            f"```{{image}} validation/plots/{result['name']}.svg\n:alt: plots of {result['name']}\n```\n"
+        )
+    return parts
+
+
+def _means(rows: list[dict[str, Any]]) -> str:
+    """The table of an experiment; a condition is named once."""
+    lines, last = (
+        ["| condition | quantity | found | published | wanted | verdict |", "|---|---|---|---|---|---|"],
+        "",
+    )
+    for row in rows:
+        condition = "" if row["condition"] == last else _plain(row["condition"])
+        last = row["condition"]
+        told = _plain(row["quantity"]), _found(row), _plain(row["published"]), _limit(row["expected"] or "")
+        lines.append(f"| {' | '.join((condition, *told, WORDS[row['met']]))} |")
+    return "\n".join(lines) + "\n"
+
+
+def page(cases: dict[str, Known], results: dict[str, Any]) -> str:
     """The part of the page that is made of the results; cases: as of `cases`."""
     run = [results[name] for name in cases if name in results]
     failed = [one["name"] for one in run if not one["passed"]]
@@ -97,10 +167,10 @@ def page(cases: dict[str, tuple[str, str]], results: dict[str, Any]) -> str:
     return "\n".join(parts)
 
 
-def _table(names: list[str], cases: dict[str, tuple[str, str]], results: dict[str, Any]) -> str:
+def _table(names: list[str], cases: dict[str, Known], results: dict[str, Any]) -> str:
     rows = ["| what was compared | with what | wanted | measured | verdict |", "|---|---|---|---|---|"]
     for name in names:
-        about, reference = cases[name]
+        about, reference, _ = cases[name]
         first = f"{_plain(about)} (`{name}`)", _linked(reference)
         for told in _told(results[name]) if name in results else [("", "", "not run")]:
             rows.append(f"| {' | '.join((*first, *told))} |")
@@ -125,11 +195,16 @@ def _norm(row: dict[str, Any]) -> tuple[str, str]:
 
 
 def _mean(row: dict[str, Any]) -> tuple[str, str]:
-    between = "" if row["low"] is None else f" ({row['low']:.3g} to {row['high']:.3g})"
-    mean = "none" if row["mean"] is None else f"{row['mean']:.3g}{between}"
     published = f"; published: {_plain(row['published'])}" if row["published"] else ""
     wanted = f"{_plain(row['condition'])}, {_plain(row['quantity'])}: {_limit(row['expected'])}"
-    return wanted, f"{mean}, n = {row['n']}{published}"
+    return wanted, f"{_found(row)}{published}"
+
+
+def _found(row: dict[str, Any]) -> str:
+    """A mean with its interval."""
+    between = "" if row["low"] is None else f" ({row['low']:.3g} to {row['high']:.3g})"
+    mean = "none" if row["mean"] is None else f"{row['mean']:.3g}{between}"
+    return f"{mean}, n = {row['n']}" + (f" in {row['airs']} airs" if row.get("airs") else "")
 
 
 def _linked(reference: str) -> str:
@@ -146,9 +221,9 @@ def _limit(expected: str) -> str:
     return expected.replace(">=", "≥").replace("<=", "≤")
 
 
-def _plain(text: str) -> str:
-    """A text of the report in a cell of a table: no character means anything."""
-    return re.sub(r"([\\`*_{}\[\]|$<>~^])", r"\\\1", text.replace("\n", " "))
+def _plain(text: str, lines: bool = False) -> str:
+    """A text of the report in a cell of a table: no character means anything. lines: it keeps its lines."""
+    return re.sub(r"([\\`*_{}\[\]|$<>~^#])", r"\\\1", text if lines else text.replace("\n", " "))
 
 
 # ---------------------------------------------------------------- plots

@@ -50,7 +50,7 @@ def test_what_is_kept_is_of_cases_that_there_are():
 
 
 def test_a_row_tells_what_was_wanted_and_measured(extension):
-    page = extension.page({"duct_1": ("a duct", "series")}, {"duct_1": result("duct_1")})
+    page = extension.page({"duct_1": extension.Known("a duct", "series")}, {"duct_1": result("duct_1")})
     cells = row_of(page, "duct_1")
     assert cells[2:] == [r"u \| rms: order ≥ 1.9", "0.01 at 16, order 2.00", "met"]
     assert "all is met" in page
@@ -59,7 +59,7 @@ def test_a_row_tells_what_was_wanted_and_measured(extension):
 def test_what_failed_or_was_not_run_is_said(extension):
     missed = result("duct_1")
     missed["norms"] = [missed["norms"][0] | {"met": False}]
-    cases = {name: ("a duct", "series") for name in ("duct_1", "duct_6", "pipe")}
+    cases = {name: extension.Known("a duct", "series") for name in ("duct_1", "duct_6", "pipe")}
     broken = result("pipe", passed=False, message="RuntimeError: no <steady> state")
     page = extension.page(cases, {"duct_1": missed | {"passed": False}, "pipe": broken})
     assert "Of 3 cases, 2 have been run" in page
@@ -75,7 +75,9 @@ def test_each_judgement_has_its_row_and_a_doi_is_a_short_link(extension):
         told["norms"][0] | {"norm": norm, "met": met}
         for norm, met in (("u", True), ("p", None), ("q", False))
     ]
-    page = extension.page({"pipe": ("a pipe", "X 1996, case <2>, doi:10.1007/978-3_39")}, {"pipe": told})
+    page = extension.page(
+        {"pipe": extension.Known("a pipe", "X 1996, case <2>, doi:10.1007/978-3_39")}, {"pipe": told}
+    )
     first, second = [line for line in page.splitlines() if line.endswith(("met |", "met** |"))]
     assert first.startswith(
         r"| a pipe (`pipe`) | X 1996, case \<2\>, [doi](https://doi.org/10.1007/978-3_39) | u: "
@@ -88,8 +90,26 @@ def test_means_of_experiments_are_told_with_their_intervals(extension):
     told = result(
         "dapso_arena", rows=[row | {"published": "38 s", "expected": "<= 60", "met": True}], norms=[]
     )
-    page = extension.page({"dapso_arena": ("teams", "a paper")}, {"dapso_arena": told})
+    page = extension.page({"dapso_arena": extension.Known("teams", "a paper")}, {"dapso_arena": told})
     assert row_of(page, "dapso_arena")[3] == "40 (35 to 45), n = 20; published: 38 s"
+
+
+def test_a_paper_is_told_of_at_length(extension):
+    """Its paragraphs, what was published beside what was found, and the rest for who wants it."""
+    row = {"condition": "casting", "quantity": "time", "mean": 40.0, "low": 35.0, "high": 45.0, "n": 20}
+    rows = [
+        row | {"airs": 8, "published": "38 s", "expected": "<= 60", "met": True},
+        row | {"quantity": "bumps", "airs": None, "published": "", "expected": None, "met": None},
+    ]
+    told = result("dapso_arena", rows=rows, norms=[], wall_s=90.0)
+    known = extension.Known("teams", "a paper", "It is <so>.\n\n# Not always.")
+    page = extension.repeated({"dapso_arena": known, "annex20": known}, {"dapso_arena": told})
+    first, rest = page.split("<details>")
+    assert "\nIt is \\<so\\>.\n\n\\# Not always.\n" in first
+    assert "| casting | time | 40 (35 to 45), n = 20 in 8 airs | 38 s | ≤ 60 | met |" in first
+    assert "bumps" not in first
+    assert "| casting | bumps |" in rest
+    assert rest.endswith("Not run for this page.\n")
 
 
 def test_results_that_are_kept_can_all_be_shown(extension, tmp_path):
