@@ -3,11 +3,11 @@
 Cabrita, Sousa & Marques, "Player/Stage simulation of olfactory experiments", IROS 2010. Published is that the
 simulated, the hybrid and the real robot went to the source in a zigzag along similar ways (figure 13; one run each), no
 figures. Arena, robot, wind and the make of the sensor are the paper's; what it does not tell of casting and of the
-plumes is ours. Its simulated robots read the plume as it is, which `at once` stands for.
+plumes is ours. Its simulated and hybrid robots read a plume from Fluent as it is, which `PSFluent, at once` stands for;
+its real robot smells with a TGS 2620 in the arena's own air, which is `turbulent arena`.
 
 Trials differ in their starts within 25 cm, headings and noise, and in the air where it is random: an equal share of
-them in each of several airs. The intervals take all trials as independent, which those in one air are only in part:
-of the five lines that PSMeandering draws one leaves the arena through a side wall, and nobody finds its source.
+them in each of several airs, over which the intervals are.
 """
 
 from collections.abc import Callable
@@ -19,10 +19,11 @@ from typing import Any
 from taichi_plume.assemble import assemble
 from taichi_plume.files.plumesim_log import PlumeLogger, read_log
 from taichi_plume.files.point_frames import PointFrames
-from taichi_plume.validation.experiment import Condition, Experiment, Range, Told
+from taichi_plume.grid.fields import ppm_at
+from taichi_plume.validation.experiment import Condition, Experiment, Mean, Range, Told
 from taichi_plume.validation.searches import WAY, scenario_of, searches, spread
 
-AIRS = 5
+AIRS = 8
 LIMIT = 90.0  # s; without gas no sweep comes as far (see the control), so who is there by then was led by the plume
 SOURCE = (0.05, 1.5)  # its disc touches the middle of the left wall
 SCALE = 100.0  # ppm, about what there is at the source; 5 % of it is the threshold
@@ -79,11 +80,11 @@ def in_airs(trials: int, data: dict[str, Any], title: str, airs: int = 1) -> Tol
 
 
 @cache
-def recorded() -> bytes:
-    """The turbulent plume as a log of PlumeSim."""
+def recorded(air: int) -> bytes:
+    """The turbulent plume of one of several airs as a log of PlumeSim."""
     lattice = {"rate": 1.0, "cell": 0.1, "full_scale_ppm": SCALE}
     data = arena(TURBULENT, GRID_GAS) | {"robots": [], "duration": RECORDED, "plumesim_log": lattice}
-    scenario = scenario_of(data)
+    scenario = scenario_of(data | {"seed": air + 1})
     assert scenario.plumesim_log is not None
     sim = assemble(scenario)
     with TemporaryDirectory() as folder:
@@ -105,26 +106,48 @@ def export(frames: PointFrames, folder: Path) -> None:
         (folder / (FRAMES % (k + 1))).write_text(text, encoding="ascii")
 
 
-def from_log(trials: int, title: str, robot: dict[str, Any]) -> Told:
-    """Wind and gas of a log."""
-    log = {"kind": "plumesim_log", "file": LOG}
-    with TemporaryDirectory() as folder:
-        (Path(folder) / LOG).write_bytes(recorded())
-        return searches([arena(log, log | TARGET, robot)], [trials], title, Path(folder))
+def from_logs(trials: int, title: str, robot: dict[str, Any]) -> Told:
+    """Wind and gas of a log of each air."""
+
+    def of_air(folder: Path, air: int) -> dict[str, Any]:
+        log = {"kind": "plumesim_log", "file": f"{air}.pslog"}
+        (folder / log["file"]).write_bytes(recorded(air))
+        return arena(log, log | TARGET, robot)
+
+    return from_files(trials, title, of_air)
 
 
 def from_fluent(trials: int, title: str, robot: dict[str, Any]) -> Told:
-    """Gas of files as Fluent writes them, in the wind that the scenario tells."""
-    files = {"kind": "fluent", "files": FRAMES, "largest": SCALE, **TARGET}
-    with TemporaryDirectory() as folder:
-        (Path(folder) / LOG).write_bytes(recorded())
-        export(read_log(Path(folder) / LOG), Path(folder))
-        return searches([arena(LAMINAR, files, robot)], [trials], title, Path(folder))
+    """Gas of files of each air as Fluent writes them, in the wind that the scenario tells."""
+
+    def of_air(folder: Path, air: int) -> dict[str, Any]:
+        of_it = folder / str(air)
+        of_it.mkdir()
+        (of_it / LOG).write_bytes(recorded(air))
+        export(read_log(of_it / LOG), of_it)
+        files = {"kind": "fluent", "files": f"{air}/{FRAMES}", "largest": SCALE, **TARGET}
+        return arena(LAMINAR, files, robot)
+
+    return from_files(trials, title, of_air)
+
+
+def from_files(trials: int, title: str, of_air: Callable[[Path, int], dict[str, Any]]) -> Told:
+    """Trials spread over the airs of scenarios whose files `of_air` writes into a folder."""
+    shares = spread(trials, AIRS)
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        scenarios = [of_air(folder, air) | {"seed": air + 1} for air in range(len(shares))]
+        return searches(scenarios, shares, title, folder)
 
 
 # ---------------------------------------------------------------- the experiment
 
 ALIKE = {WAY: "alike in program and arena"}
+SIMULATED = ALIKE | {"success": "2 of 2, simulated and hybrid"}
+REAL = ALIKE | {"success": "1 of 1, real"}
+LED = {"success": Range(least=0.9)}
+REPEATS = 24.0  # s: PSGaussian shows its last frame, before it repeats some
+OWN = "PSGaussian, 1 air, threshold 5 % of its own largest"
 CLEAN = PLUME | {"sources": [LEAK | {"rate": 0.0}]}
 
 
@@ -146,6 +169,32 @@ def _program(trials: int, title: str, robot: dict[str, Any], gas: dict[str, Any]
     return in_airs(trials, arena(LAMINAR, gas, robot), title, airs)
 
 
+def _its_own_threshold(trials: int, title: str) -> Told:
+    """PSGaussian with the threshold that others have of their largest concentration: 5 % of its own, as it repeats."""
+    sim = assemble(scenario_of(arena(LAMINAR, PUFF | {"start": REPEATS})))
+    largest = float(ppm_at(sim.gas, sim.grid.centers(), sim.t).max())
+    robot = ROOMBA | {"algorithm": ROOMBA["algorithm"] | {"threshold_ppm": 0.05 * largest}}
+    told = in_airs(trials, arena(LAMINAR, PUFF, robot), title)
+    return {**told, "largest concentration [ppm]": Mean(largest, None, None, 1)}
+
+
+DISCUSSION = """\
+Published is a picture of three ways to the source (figure 13), one each: simulated, hybrid and real, with no figures.
+Reproduced: the counterparts of all three find the source, in a zigzag. The simulated and the hybrid robot read a plume
+from Fluent as it is (here "PSFluent, at once"); the real one smelt real vapour with a TGS 2620 (here "turbulent
+arena"). The paper finds its three ways alike. Ours differ by chance as much as by kind: from air to air a way is 1.4 to
+2.2 times the straight one; in the mean it is longer with the lagging sensor, as the robot learns late that it has left
+the plume. One run of each could not show that.
+
+Two rows stand out, PSGaussian and PSMeandering with the lagging sensor. Neither is in an experiment of the paper, which
+names models of sensors as work to come. PSMeandering draws the line that its points follow once: in some airs the line
+leaves the arena through a side wall, and nobody finds its source, with or without a lag. So its share is one of airs,
+and its interval wide. PSGaussian spreads until, from 20 s on, 10 to 13 % of the full scale are left of it, of which
+the threshold is 5 %: across the wind a band of 0.4 to 0.7 m lies above it, which a robot crosses in 2 to 3.5 s while
+the sensor rises with 3 s, and half of the robots go astray. All that read at once find it, and with a threshold of 5 %
+of what there is, not of the full scale, all with the lagging sensor do.
+"""
+
 PLUMESIM_CASES = (
     Experiment(
         "plumesim_casting",
@@ -156,13 +205,15 @@ PLUMESIM_CASES = (
             # from x = 3.55 to 0.40 m by steps of 0.3 m, with nine sweeps of 2.66 m between them at 0.2 m/s: 120 s
             _air("clean air, a control", 1, LAMINAR, CLEAN, expected={"success": Range(most=0.0)}),
             _air("laminar thread", 1, LAMINAR, GRID_GAS),
-            _air("turbulent arena", AIRS, TURBULENT, GRID_GAS),
+            _air("turbulent arena", AIRS, TURBULENT, GRID_GAS, published=REAL, expected=LED),
             _air("meandering, eq 3", AIRS, GUSTS, {"kind": "meandering", "sources": [LEAK]}),
             *_both("PSGaussian, 1 air", partial(_program, gas=PUFF, airs=1)),
+            Condition(OWN, partial(_its_own_threshold, title=OWN)),
             *_both(f"PSMeandering, {AIRS} airs", partial(_program, gas=POINTS, airs=AIRS)),
-            *_both("PSLog, 1 air", from_log),
-            *_both("PSFluent, 1 air", from_fluent, published=ALIKE),
+            *_both(f"PSLog, {AIRS} airs", from_logs),
+            *_both(f"PSFluent, {AIRS} airs", from_fluent, published=SIMULATED, expected=LED),
         ),
         few=0,
+        discussion=DISCUSSION,
     ),
 )

@@ -11,7 +11,7 @@ from taichi_plume.prepare import checked
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scores import trial_outcomes, trial_summary
 from taichi_plume.simulation import Every, Simulation
-from taichi_plume.validation.experiment import Mean, Tracks
+from taichi_plume.validation.experiment import Mean, Tracks, over_airs
 
 SHOWN = 6  # ways in a picture
 WAY = "path / straight way"
@@ -37,11 +37,12 @@ def outcomes(sim: Simulation) -> dict[str, dict[str, list[Any]]]:
 
 
 class Searches:
-    """Trials of the first group of several runs, one after the other."""
+    """Trials of the first group of several runs, each in an air of its own, one after the other."""
 
     def __init__(self) -> None:
         self.columns: dict[str, list[Any]] = {}
         self.ways: list[np.ndarray] = []
+        self.airs: list[int] = []  # of each trial
 
     def add(self, sim: Simulation) -> None:
         """Run a simulation and take in its trials."""
@@ -54,19 +55,33 @@ class Searches:
         for name, values in outcomes(sim)[group.name].items():
             self.columns.setdefault(name, []).extend(values)
         self.ways += list(np.stack(places, axis=1))
+        self.airs += [max(self.airs, default=-1) + 1] * group.trials
 
     def told(self, scenario: Scenario, title: str) -> dict[str, Mean | Tracks]:
-        """The means over all trials, and some ways from all airs: up to half of them of failures."""
-        summary = trial_summary(self.columns, scenario.duration)
+        """The means over all trials, and some ways from all airs: up to half of them of failures.
+
+        Intervals are over the airs, where there are several.
+        """
         size, (_, source) = scenario.domain.extent[:2], scenario.sources[0]
         good = np.array(self.columns["success"], bool)
         lost = _some(np.flatnonzero(~good), SHOWN // 2)
         shown = [*lost, *_some(np.flatnonzero(good), SHOWN - len(lost))]
         ways = tuple(self.ways[k] for k in shown)
         return {
-            **{name: Mean(**summary[key]) for name, key in QUANTITIES.items()},
+            **self._means(scenario.duration),
             title: Tracks((size[0], size[1]), (source.position[0], source.position[1]), ways),
         }
+
+    def _means(self, duration: float) -> dict[str, Mean]:
+        if max(self.airs) == 0:
+            summary = trial_summary(self.columns, duration)
+            return {name: Mean(**summary[key]) for name, key in QUANTITIES.items()}
+        airs, told = np.array(self.airs), {}
+        for name, key in QUANTITIES.items():
+            share = key == "success_rate"
+            values = np.array(self.columns["success" if share else key], float)
+            told[name] = over_airs(values, airs, share)
+        return told
 
 
 def _some(numbers: np.ndarray, most: int) -> np.ndarray:
