@@ -1,17 +1,19 @@
 """Teams of five look for acetone in the odour arena: DAPSO with and without messages, and simple searches.
 
 Arena, wind, gas and robots are those of configs/dapso_arena.yaml, after Marjovi & Marques, ICRA 2014. No figures are
-published for it: what is judged is that DAPSO finds the source. All teams search the same air, so that the intervals
-tell of teams, not of airs.
+published for it: what is judged is that DAPSO finds the source. All teams search the same airs, and the
+intervals are over these.
 """
 
 from functools import cache, partial
 from typing import Any
 
-from taichi_plume.scores import trial_summary
-from taichi_plume.validation.experiment import Condition, Experiment, Mean, Range, Told
-from taichi_plume.validation.searches import contest
+import numpy as np
 
+from taichi_plume.validation.experiment import Condition, Experiment, Range, Told, over_airs
+from taichi_plume.validation.searches import contest, spread
+
+AIRS = 8
 DURATION = 300.0  # s
 RANGE = {"range": 1.5}
 TEAMS: dict[str, dict[str, Any]] = {
@@ -62,24 +64,41 @@ def team(name: str, trials: int, keys: dict[str, Any]) -> dict[str, Any]:
 
 
 @cache
-def found(trials: int) -> dict[str, dict[str, list[Any]]]:
-    """What `trial_outcomes` tells of all teams."""
-    return contest(arena([team(name, trials, keys) for name, keys in TEAMS.items()]))
+def found(trials: int) -> dict[str, dict[str, np.ndarray]]:
+    """What `trial_outcomes` tells of all teams, an equal share of trials per air, and the `air` of each trial."""
+    columns: dict[str, dict[str, list[Any]]] = {name: {} for name in TEAMS}
+    for air, share in enumerate(spread(trials, AIRS)):
+        teams = [team(name, share, keys) for name, keys in TEAMS.items()]
+        for name, told in contest(arena(teams) | {"seed": air + 1}).items():
+            for quantity, values in (told | {"air": [air] * share}).items():
+                columns[name].setdefault(quantity, []).extend(values)
+    return {
+        name: {quantity: np.array(values) for quantity, values in told.items()}
+        for name, told in columns.items()
+    }
 
 
 def one_team(trials: int, name: str) -> Told:
     """How often the first of the team finds the source, and when; failures count with the whole time."""
-    summary = trial_summary(found(trials)[name], DURATION)
+    told = found(trials)[name]
+    time = np.where(told["success"], told["time_s"], DURATION)
     return {
-        "success": Mean(**summary["success_rate"]),
-        "time [s]": Mean(**summary["time_with_failures_s"]),
+        "success": over_airs(told["success"], told["air"], share=True),
+        "time [s]": over_airs(time, told["air"]),
     }
 
+
+DISCUSSION = """\
+The paper drives its robots by DAPSO, but tells no search times, so only this is judged: a team of five finds the
+source. Nothing here says that DAPSO searches better than others. A sweep across the wind is quicker, as it meets the
+plume on its first leg, and without messages the team is not slower than with them: in 4 x 3 m whoever meets the plume
+can follow it alone.
+"""
 
 DAPSO_CASES = (
     Experiment(
         "dapso_arena",
-        "teams of five look for a leak in the odour arena, all in one air",
+        f"teams of five look for a leak in the odour arena, in {AIRS} airs",
         "Marjovi & Marques 2014, the arena",
         tuple(
             Condition(
@@ -89,7 +108,8 @@ DAPSO_CASES = (
             )
             for name in TEAMS
         ),
-        trials=100,
+        trials=96,
         few=0,
+        discussion=DISCUSSION,
     ),
 )
