@@ -14,6 +14,7 @@ from taichi_plume.validation.experiment import Experiment
 from taichi_plume.validation.flow_cases import SMALL_STEPS, drifting, kovasznay, taylor_green
 from taichi_plume.validation.gas_cases import gaussian_puff
 from taichi_plume.validation.heat_cases import conduction, heated_cavity
+from taichi_plume.validation.helium_box import HELIUM_BOX_CASES
 from taichi_plume.validation.import_cases import IMPORT_CASES
 from taichi_plume.validation.inflow_cases import INFLOW_CASES
 from taichi_plume.validation.jet import CORE, DECAY, SPREAD, fan_jet
@@ -323,6 +324,7 @@ _ALL = (
     *PLUME_CASES,
     *PUFF_CASES,
     *TURBULENT_WHIFF_CASES,
+    *HELIUM_BOX_CASES,
     *PLUMESIM_CASES,
     *SPIRAL_CASES,
     *DAPSO_CASES,
