@@ -26,6 +26,7 @@ from taichi_plume.validation.puff_cases import PUFF_CASES
 from taichi_plume.validation.source_cases import SOURCE_CASES
 from taichi_plume.validation.spiral_cases import SPIRAL_CASES
 from taichi_plume.validation.through_flow import ethier_steinman
+from taichi_plume.validation.tunnel_plume import TUNNEL_PLUME_CASES
 from taichi_plume.validation.turbulent_whiffs import TURBULENT_WHIFF_CASES
 from taichi_plume.validation.wall_cases import WALL_CASES
 
@@ -324,6 +325,7 @@ _ALL = (
     *PLUME_CASES,
     *PUFF_CASES,
     *TURBULENT_WHIFF_CASES,
+    *TUNNEL_PLUME_CASES,
     *HELIUM_BOX_CASES,
     *PLUMESIM_CASES,
     *SPIRAL_CASES,

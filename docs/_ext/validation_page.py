@@ -40,7 +40,7 @@ GROUPS = (
         "Experiments of others, repeated",
         "Published searches and maps, in many trials, with intervals of 95 % confidence. Here much is not told in the "
         "papers, so the same order and the same size are what can be asked for.",
-        r"plumesim_casting|spiral_table2|dapso_arena|odor_mapping|helium_box",
+        r"plumesim_casting|spiral_table2|dapso_arena|odor_mapping|helium_box|tunnel_plume",
     ),
 )
 """Title, what it is about, and which cases belong to it."""
