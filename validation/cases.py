@@ -14,6 +14,7 @@ from taichi_plume.validation.experiment import Experiment
 from taichi_plume.validation.flow_cases import SMALL_STEPS, drifting, kovasznay, taylor_green
 from taichi_plume.validation.gas_cases import gaussian_puff
 from taichi_plume.validation.heat_cases import conduction, heated_cavity
+from taichi_plume.validation.helium_box import HELIUM_BOX_CASES
 from taichi_plume.validation.import_cases import IMPORT_CASES
 from taichi_plume.validation.inflow_cases import INFLOW_CASES
 from taichi_plume.validation.jet import CORE, DECAY, SPREAD, fan_jet
@@ -26,6 +27,7 @@ from taichi_plume.validation.room_air_cases import ROOM_AIR_CASES
 from taichi_plume.validation.source_cases import SOURCE_CASES
 from taichi_plume.validation.spiral_cases import SPIRAL_CASES
 from taichi_plume.validation.through_flow import ethier_steinman
+from taichi_plume.validation.tunnel_plume import TUNNEL_PLUME_CASES
 from taichi_plume.validation.turbulent_whiffs import TURBULENT_WHIFF_CASES
 from taichi_plume.validation.wall_cases import WALL_CASES
 
@@ -324,6 +326,8 @@ _ALL = (
     *PLUME_CASES,
     *PUFF_CASES,
     *TURBULENT_WHIFF_CASES,
+    *TUNNEL_PLUME_CASES,
+    *HELIUM_BOX_CASES,
     *PLUMESIM_CASES,
     *SPIRAL_CASES,
     *DAPSO_CASES,

@@ -1,0 +1,282 @@
+"""Helium in a box with two small holes, measured for five hours: how far air of one density carries (Boussinesq).
+
+Measured at NIST in 2009 (the `NIST_He_2009` tables of the validation of the Fire Dynamics Simulator, repository
+firemodels/fds, `Validation/NIST_He_2009`, case 14400_LC_ULV; works of the US government, free to use with
+acknowledgement): a box of acrylic sheets, 1.5 x 1.5 x 0.75 m inside, 13 mm thick, with holes of 2.15 cm square in the
+middle of one side from 2.54 and 70.31 cm above the floor; 3.54 L/min of helium for 14,400 s from a burner of 3.2 cm
+square, 21 cm above the middle of the floor. Sensors stand at (0.375, 0.375) m. The table's clock begins 60 s before the
+release, as its first reading and the begin of the decay tell.
+
+The holes are smaller than a cell. Each is an opening of the cells that it touches with its loss: what goes through a
+hole of area A is Q = C_d A √(2 dp/rho) with C_d = 0.6 (a sharp-edged hole, as Linden 1999 has it,
+doi:10.1146/annurev.fluid.31.1.201), so the loss over the dynamic pressure of the speed in an opening of area B is
+(B/(C_d A))². Outside is still air, whose weight counts as nothing, so that light gas drives itself out above and draws
+in air below; the flow through the holes is found, not given. The source puts in mass and no volume.
+
+Linden's box, mixed well, has a closed form. With air of one density the volume that goes out has the fraction
+x = (Q/(C_d A √(g' H)))^(2/3), g' x being the reduced gravity; with the helium's own volume, which goes out as well and
+does not come in, and with the density of what goes through the upper hole, x is 9 % lower.
+
+An opening of whole cells is wider than its hole: what diffuses out against the air that comes in does so through the
+whole of it. In a box of mixed gas that adds a tenth to what goes out on cells of 7.5 cm, and less on finer ones.
+"""
+
+from collections.abc import Mapping
+from functools import partial
+from math import ceil, floor, sqrt
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.optimize import root_scalar
+
+from taichi_plume.assemble import assemble
+from taichi_plume.files.probes_table import ProbeTable
+from taichi_plume.files.table_parts import read
+from taichi_plume.scenario.species import AIR_MOLAR_MASS, GAS_CONSTANT, PRESSURE, TEMPERATURE
+from taichi_plume.validation.case import Curve
+from taichi_plume.validation.experiment import Condition, Experiment, Lines, Mean, Range, Told
+from taichi_plume.validation.searches import scenario_of
+
+SIZE = (1.5, 1.5, 0.75)  # m
+SIDE, LOW, HIGH = 0.0215, 0.0254, 0.7031  # m: of a hole; its lower edges above the floor
+DISCHARGE = 0.6
+FLOW = 3.54e-3 / 60.0  # m³/s
+HELIUM = 4.0026e-3  # kg/mol, IUPAC
+DIFFUSIVITY = 7.0e-5  # m²/s in air, at 25 °C
+RELEASE, END = 14_400.0, 18_000.0  # s
+GRAVITY = 9.81  # m/s²
+HEIGHTS = (
+    0.093,
+    0.185,
+    0.276,
+    0.372,
+    0.466,
+    0.559,
+    0.650,
+)  # m; the table tells of them where the set-up has them
+MEASURED: Mapping[int, tuple[float, ...]] = {
+    600: (0.23, 0.43, 0.85, 1.56, 2.38, 3.17, 3.60),
+    3_600: (5.59, 6.58, 7.66, 9.15, 10.29, 11.18, 11.45),
+    14_340: (9.16, 10.80, 12.37, 14.37, 15.76, 16.70, 16.95),
+    18_000: (5.42, 6.09, 6.58, 7.21, 7.60, 7.99, 8.17),
+}
+"""Helium in per cent of the volume at HEIGHTS, by seconds since the release began."""
+FULL = 14_340  # s: before the release ends
+WHEN = {
+    600: "after 10 min",
+    3_600: "after 1 h",
+    FULL: "after 4 h",
+    18_000: "1 h after the end of the release",
+}
+MEAN, RISE = "mean of seven heights [%]", "least rise from height to height [%]"
+EXPECTED = {
+    f"{MEAN}, {WHEN[FULL]}": Range(
+        *(round(part * float(np.mean(MEASURED[FULL])), 2) for part in (0.85, 1.15))
+    ),
+    f"{RISE}, {WHEN[FULL]}": Range(least=0.0),
+}
+LIGHTER = 1.0 - HELIUM / AIR_MOLAR_MASS
+"""Density of air less that of helium, over that of air."""
+
+
+def opening(edge: float, cell: float) -> dict[str, Any]:
+    """The cells [m] that a hole touches, whose lower edge is `edge` [m] above the floor, with the hole's loss."""
+    lows, highs = zip(*(_touched(a, a + SIDE, cell) for a in (0.5 * SIZE[1], edge)), strict=True)
+    size = tuple(high - low for low, high in zip(lows, highs, strict=True))
+    return {
+        "kind": "honeycomb",
+        "face": "x-",
+        "center": tuple(0.5 * (low + high) for low, high in zip(lows, highs, strict=True)),
+        "size": size,
+        "loss_coefficient": (size[0] * size[1] / (DISCHARGE * SIDE**2)) ** 2,
+    }
+
+
+def _touched(low: float, high: float, cell: float) -> tuple[float, float]:
+    """From where to where [m] the cells reach that a stretch touches."""
+    return floor(low / cell + 1e-6) * cell, ceil(high / cell - 1e-6) * cell
+
+
+def scenario(cell: float, seconds: float) -> dict[str, Any]:
+    """The box as a YAML file would tell it."""
+    rate = FLOW * HELIUM * PRESSURE / (GAS_CONSTANT * TEMPERATURE)
+    place = (0.375, 0.375)
+    return {
+        "name": "helium_box",
+        "seed": 1,
+        "duration": seconds,
+        "tick": 1.0,
+        "domain": {"size": SIZE, "spacing": cell},
+        "wind": {"kind": "cfd", "buoyancy": {}, "openings": [opening(edge, cell) for edge in (LOW, HIGH)]},
+        "gas": {
+            "kind": "eulerian",
+            "species": {"name": "helium", "molar_mass": HELIUM, "diffusivity": DIFFUSIVITY},
+            "sources": [
+                {"position": (0.75, 0.75, 0.21), "rate": rate, "radius": 0.016, "stop": RELEASE},
+            ],
+        },
+        "probes": {
+            "every": 60.0,
+            "points": [
+                {"kind": "point", "name": f"{z:g}", "at": (*place, z)} for z in HEIGHTS
+            ],
+        },
+    }  # fmt: skip
+
+
+class Readings(NamedTuple):
+    """times (n,) [s], per cent of helium (n, HEIGHTS), mean of the box in the end [%]."""
+
+    times: np.ndarray
+    percent: np.ndarray
+    box: float
+
+
+def readings(cell: float, seconds: float) -> Readings:
+    """Run the scenario; its probes go through their table, as in any run. Taichi must have been started."""
+    sim = assemble(scenario_of(scenario(cell, seconds)))
+    model = sim.scenario.probes
+    assert model is not None
+    with TemporaryDirectory() as folder:
+        table = ProbeTable(sim, Path(folder) / "probes.parquet", model)
+        sim.step_observers.append(table.observer())
+        table.start()
+        sim.run()
+        table.close()
+        told = read(table.path)
+    volume = float(np.prod(SIZE))
+    (gas,) = sim.gas.gases
+    box = 1e-4 * gas.species.ppm_per_density * gas.budget()["in_domain_kg"] / volume
+    percent = 1e-4 * told["helium_ppm"].to_numpy().reshape(-1, len(HEIGHTS))
+    return Readings(told["t"].to_numpy()[:: model.size], percent, float(box))
+
+
+def mixed(one_density: bool) -> float:
+    """Fraction of helium in Linden's box, mixed well, once it is steady. See the module's text."""
+    height, passed = HIGH - LOW, DISCHARGE * SIDE**2
+    if one_density:
+        return (FLOW / (passed * sqrt(LIGHTER * GRAVITY * height))) ** (2.0 / 3.0)
+
+    def missing(x: float) -> float:
+        """What drives less what the two holes take, over the density of air [m²/s²]."""
+        out = FLOW / x
+        taken = (out - FLOW) ** 2 + out**2 * (1.0 - LIGHTER * x)
+        return LIGHTER * x * GRAVITY * height - 0.5 * taken / passed**2
+
+    return float(root_scalar(missing, bracket=(1e-6, 0.9)).root)
+
+
+def asked(percent: np.ndarray) -> float:
+    """Discharge coefficient of the holes by what was measured of a steady box at HEIGHTS [%].
+
+    The column's weight drives; what goes out has the uppermost fraction, and takes the helium's volume along.
+    """
+    head = LIGHTER * 1e-2 * float(percent.mean()) * GRAVITY * (HIGH - LOW)
+    last = 1e-2 * float(percent[-1])
+    out = FLOW / last
+    return sqrt(0.5 * ((out - FLOW) ** 2 + out**2 * (1.0 - LIGHTER * last)) / head) / SIDE**2
+
+
+def alone(value: float) -> Mean:
+    """A number of one run, or of a closed form."""
+    return Mean(value, None, None, 1)
+
+
+def filled(trials: int, cell: float, seconds: float) -> Told:
+    """Helium at the times of MEASURED up to `seconds`; `trials` has no effect, there is one air."""
+    found = readings(cell, seconds)
+    z, cells, last = np.array(HEIGHTS), f"cells of {100 * cell:g} cm", min(seconds, RELEASE)
+    told: dict[str, Any] = {}
+    for t, measured in MEASURED.items():
+        if t > seconds:
+            break
+        percent = found.percent[int(np.abs(found.times - t).argmin())]
+        told |= {f"{name}, {WHEN[t]}": alone(value) for name, value in summary(percent).items()}
+        told[f"helium {WHEN[t]}, {cells}"] = Curve("height [m]", "helium [%]", z, percent, np.array(measured))
+        if t == FULL:
+            told |= {f"at {h:.3f} m [%]": alone(float(one)) for h, one in zip(HEIGHTS, percent, strict=True)}
+    if seconds <= RELEASE:
+        told["in the box in the end over released"] = alone(
+            found.box * float(np.prod(SIZE)) / (100.0 * FLOW * last)
+        )
+    told[f"helium over time, {cells}"] = Lines(
+        "time [h]",
+        "helium [%]",
+        found.times / 3600.0,
+        {f"{h:.3f} m": found.percent[:, k] for k, h in enumerate(HEIGHTS)},
+    )
+    return told
+
+
+def summary(percent: np.ndarray) -> dict[str, float]:
+    """Of per cent of helium at HEIGHTS: mean, how much it rises at least from one to the next, lowest over highest."""
+    return {
+        MEAN: float(percent.mean()),
+        RISE: float(np.diff(percent).min()),
+        "lowest over highest": float(percent[0] / percent[-1]),
+    }
+
+
+def boxes(trials: int) -> Told:
+    """Linden's box; `trials` has no effect."""
+    return {
+        "one density [%]": alone(100.0 * mixed(True)),
+        "with the helium's volume and both densities [%]": alone(100.0 * mixed(False)),
+        "one density over both": alone(mixed(True) / mixed(False)),
+        "discharge coefficient by what was measured after 4 h": alone(asked(np.array(MEASURED[FULL]))),
+    }
+
+
+def published(seconds: float) -> dict[str, str]:
+    """What was measured by then, as `filled` tells it."""
+    told = {
+        f"{name}, {WHEN[t]}": f"{value:.2f}"
+        for t, measured in MEASURED.items()
+        if t <= seconds
+        for name, value in summary(np.array(measured)).items()
+    }
+    if seconds >= FULL:
+        told |= {f"at {z:.3f} m [%]": f"{x:g}" for z, x in zip(HEIGHTS, MEASURED[FULL], strict=True)}
+    return told
+
+
+DISCUSSION = (
+    "Reproduced: light gas drives itself out through the upper opening and draws in air through the lower one; between "
+    "two such holes of a mixed box goes 99 % of the textbook's flow (a test), so the weight of the air is right at "
+    "openings. All heights stand in the right order.\n\n"
+    "Not reproduced: the mean after 4 h, 18.0 % where 13.7 % was measured, 31 % too much. Three factors make it. The "
+    "measured box asks for holes of C_d = 0.75, as they are 13 mm deep; with the 0.6 of sharp edges, set beforehand, "
+    "1.16 times as much stays. Boussinesq's one density, and helium that takes no room, come to 1.10 in Linden's box. "
+    "The rest is 1.03. And the profile is too even, the lowest over the highest 0.81 instead of 0.54: a plume of one "
+    "cell's width takes in too much air. After 10 min, when the holes hardly matter, that ratio is 0.55, 0.32 and 0.22 "
+    "on cells of 7.5, 5 and 3.75 cm; 0.06 was measured.\n\n"
+    "So a vapour of some per mille is carried well; for tens of per cent of helium count 10 % for the density, more "
+    "for the holes, and take cells well below the plume's width."
+)
+RUNS = ((0.075, END), (0.05, 3_600.0), (0.0375, 600.0))
+"""Cells [m] and simulated time [s]: what takes a few minutes each."""
+
+HELIUM_BOX_CASES = (
+    Experiment(
+        "helium_box",
+        "helium in a box with two small holes: how far air of one density carries",
+        "measured at NIST 2009, tables in firemodels/fds; Linden 1999, doi:10.1146/annurev.fluid.31.1.201",
+        (
+            *(
+                Condition(
+                    f"cells of {100 * cell:g} cm",
+                    partial(filled, cell=cell, seconds=seconds),
+                    published=published(seconds),
+                    expected=EXPECTED if seconds >= FULL else {},
+                )
+                for cell, seconds in RUNS
+            ),
+            Condition("Linden's box, mixed well", boxes),
+        ),
+        trials=1,
+        few=0,
+        discussion=DISCUSSION,
+    ),
+)
