@@ -25,6 +25,7 @@ import numpy as np
 
 from taichi_plume.agents.time_series import neighbourhood
 from taichi_plume.scenario.maps import TimeSeriesMap
+from taichi_plume.validation import mapping_whiffs
 from taichi_plume.validation.experiment import (
     Condition,
     Experiment,
@@ -216,19 +217,8 @@ def region(trials: int, navigation: str) -> Told:
             np.array(ALPHAS),
             lines | {PURE: np.ones(len(ALPHAS))},
         )
-    kept, long, *by_alpha = np.array(sorted(points)).T
-    result[f"Forecast error and what is kept, {navigation}"] = Lines(
-        "correlation with the next snap",
-        f"over that of the {PURE}",
-        kept,
-        {
-            **{f"alpha {a:g}": by_alpha[ALPHAS.index(a)] for a in (0.6, BEST, 0.98)},
-            f"alpha {BEST:g}, closed form": remembering(BEST, kept),
-            "mean of all snaps": long,
-            "the same, closed form": endless(kept),
-            PURE: np.ones(len(kept)),
-        },
-    )
+    kept, long, *error = np.array(points).T
+    result[f"Forecast error and what is kept, {navigation}"] = by_what_is_kept(kept, long, np.array(error))
     return result
 
 
@@ -256,6 +246,48 @@ def windows(trials: int, navigation: str) -> Told:
         {name: np.array(values) for name, values in lines.items()} | {PURE: np.ones(len(ascending))},
     )
     return result
+
+
+def without_air(trials: int) -> Told:
+    """The same maps of readings whose memory is given (see `mapping_whiffs`); trials: how many times drawn."""
+    drawn = [mapping_whiffs.mapped(seed=1 + trial) for trial in range(trials)]
+    known = {name: np.array([one[name] for one in drawn]) for name in drawn[0]}  # (trials, ..., cases)
+    result: dict[str, Mean | Lines] = {}
+    for n, (memory, speed) in enumerate(mapping_whiffs.CASES):
+        here = f"{speed:g} m/s, memory {memory:g} s"
+        shares = [told(one) for one in known["error"][..., n].T]
+        result |= {
+            f"{here}: worst alpha / {PURE}": worst(shares),
+            f"{here}: alpha {BEST:g} / {PURE}": shares[ALPHAS.index(BEST)],
+            f"{here}: mean of all snaps / {PURE}": told(known["endless"][:, n]),
+            f"{here}: correlation with the next snap": told(known["kept"][:, n]),
+        }
+    means = {name: part.mean(axis=0) for name, part in known.items()}
+    result["Forecast error and what is kept, readings without air"] = by_what_is_kept(
+        means["kept"], means["endless"], means["error"]
+    )
+    return result
+
+
+def by_what_is_kept(kept: np.ndarray, long: np.ndarray, error: np.ndarray) -> Lines:
+    """Errors over that of the pure interpolation against the correlation with the next snap, beside closed forms.
+
+    kept and long: (n,), `kept` and `endless` of `Fared`; error: (alphas, n).
+    """
+    order = np.argsort(kept)
+    kept, long, error = kept[order], long[order], error[:, order]
+    return Lines(
+        "correlation with the next snap",
+        f"over that of the {PURE}",
+        kept,
+        {
+            **{f"alpha {a:g}": error[ALPHAS.index(a)] for a in (0.6, BEST, 0.98)},
+            f"alpha {BEST:g}, closed form": remembering(BEST, kept),
+            "mean of all snaps": long,
+            "the same, closed form": endless(kept),
+            PURE: np.ones(len(kept)),
+        },
+    )
 
 
 def worst(shares: Sequence[Mean]) -> Mean:
@@ -297,6 +329,7 @@ MAPPING_CASES = (
                 Condition(f"{navigation}, length of a snap", partial(windows, navigation=navigation))
                 for navigation in NAVIGATIONS
             ),
+            Condition("whiffs without air", without_air),
         ),
         trials=8,
         few=0,
