@@ -198,7 +198,6 @@ def region(trials: int, navigation: str) -> Told:
         known = {name: of_airs(trials, name, teams) for name in ("kept", "scatter", "endless", "met", "way")}
         result |= {
             f"{here}: worst alpha / {PURE}": worst(shares),
-            f"{here}: alpha 0.4 / {PURE}": shares[0],
             f"{here}: alpha {BEST:g} / {PURE}": shares[ALPHAS.index(BEST)],
             f"{here}: alpha of the least error": least(errors[1:]),
             f"{here}: mean of all snaps / {PURE}": told(known["endless"]),
@@ -235,7 +234,7 @@ def windows(trials: int, navigation: str) -> Told:
         if window != WINDOW:
             here = f"{speed:g} m/s, snaps of {window:g} s"
             result |= {
-                f"{here}: worst alpha / {PURE}": worst(shares),
+                f"{here}: worst alpha / {PURE}": worst(shares, window),
                 f"{here}: alpha {BEST:g} / {PURE}": shares[choice.index(BEST)],
                 f"{here}: alpha of the least error": least(errors[1:], choice),
             }
@@ -290,9 +289,14 @@ def by_what_is_kept(kept: np.ndarray, long: np.ndarray, error: np.ndarray) -> Li
     )
 
 
-def worst(shares: Sequence[Mean]) -> Mean:
-    """The largest of some ratios: below 1, every alpha forecasts better."""
-    return max(shares, key=lambda share: share.mean if share.mean is not None else -np.inf)
+def worst(shares: Sequence[Mean], window: float = WINDOW) -> Mean:
+    """The largest of the ratios of `alphas(window)`: below 1, every time series forecasts better.
+
+    Of those that see two past snaps: with one the series is but the last snap again, somewhat blurred.
+    """
+    return max(
+        shares[-len(alphas(window, 2)) :], key=lambda share: -np.inf if share.mean is None else share.mean
+    )
 
 
 def _set_up(navigation: str, source: tuple[float, float]) -> Condition:

@@ -74,9 +74,9 @@ def maps(window: float) -> list[dict[str, Any]]:
     ]
 
 
-def alphas(window: float) -> tuple[float, ...]:
-    """Those of ALPHAS that see a past snap of this length [s], with beta = 0.5 and a time scale of 0.1 m/s."""
-    return tuple(alpha for alpha in ALPHAS if (1.0 - alpha) * 0.1 * window < 0.5 - 1e-6)
+def alphas(window: float, snaps: int = 1) -> tuple[float, ...]:
+    """Those of ALPHAS that see so many past snaps of this length [s], with beta = 0.5 and a time scale of 0.1 m/s."""
+    return tuple(alpha for alpha in ALPHAS if (1.0 - alpha) * 0.1 * snaps * window < 0.5 - 1e-6)
 
 
 def robots(number: int, team: Team) -> dict[str, Any]:

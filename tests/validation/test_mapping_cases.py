@@ -130,8 +130,13 @@ def test_the_least_error_is_where_the_mean_is_least():
     errors[4, 0] = 0.1
     found = least(errors)
     assert (found.mean, found.low, found.high) == (ALPHAS[2],) * 3
-    shares = [Mean(0.9, None, None, 8), Mean(1.2, None, None, 8), Mean(0.8, None, None, 8)]
-    assert worst(shares) is shares[1]
+
+
+def test_the_worst_alpha_is_one_that_sees_two_snaps():
+    shares = [Mean(ratio, None, None, 8) for ratio in (1.3, 0.9, 1.2, 0.8, 0.7, 0.6)]
+    assert worst(shares) is shares[2]
+    assert worst(shares, 2.5) is shares[0]  # alpha = 0.4 reaches back three snaps of 2.5 s
+    assert alphas(10.0, 2) == (0.8, 0.9, 0.95, 0.98)
 
 
 @pytest.mark.slow
