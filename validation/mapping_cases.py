@@ -11,10 +11,7 @@ Judged is what we take for the paper's set-up, said before any run: robots of 0.
 by a metre at 0.2 m/s, and robots that map gas with such sensors are driven at 0.05 to 0.1 m/s (Lilienthal & Duckett
 2004, doi:10.1016/j.robot.2004.05.002, cited there).
 
-The other speeds, sensors and windows say where the paper's finding holds. Two closed forms tell why. Where the readings
-in a place scatter about a steady mean, with the correlation r from snap to snap, the last snap forecasts the next with
-the error sqrt(2 (1 - r)) of their deviation, a long mean with 1: it is better below r = 1/2 (`endless`). With weights g
-of the snaps before it is `remembering`.
+The other speeds, sensors and windows say where the paper's finding holds, closed forms in `mapping_whiffs` why.
 """
 
 from collections.abc import Sequence
@@ -23,8 +20,6 @@ from itertools import product
 
 import numpy as np
 
-from taichi_plume.agents.time_series import neighbourhood
-from taichi_plume.scenario.maps import TimeSeriesMap
 from taichi_plume.validation import mapping_whiffs
 from taichi_plume.validation.experiment import (
     Condition,
@@ -50,24 +45,24 @@ from taichi_plume.validation.mapping_scenario import (
     alphas,
     in_airs,
 )
+from taichi_plume.validation.mapping_whiffs import endless, remembering
 
 PURE = "pure interpolation"
 BEST = 0.9  # in the paper
-DISCUSSION = """Reproduced: with alpha = 0.9 the map is 5 to 14 % nearer to the true mean gas than the pure interpolation,
-with both navigations. And where sensors forget gas within a snap, the paper's finding: with a quarter of the lags of
-the MiCS-5524 every alpha from 0.6 on forecasts better with DAPSO at all speeds, in line from 0.1 m/s on; best is 0.9 to
-0.98 with DAPSO, 0.98 in line. Snaps of 10 s do the same for the MiCS-5524 itself.
+DISCUSSION = """Reproduced: with alpha = 0.9 the map is 5 to 14 % nearer to the true mean gas than the pure
+interpolation. And where sensors forget within a snap, the paper's finding: with a quarter of the lags of the MiCS-5524
+every alpha from 0.6 on forecasts better with DAPSO at all speeds, best 0.9 to 0.98, and in line from 0.1 m/s on, best
+0.98. Snaps of 10 s do the same for the MiCS-5524 itself.
 
-Not reproduced: at 0.1 m/s, with the MiCS-5524 as modelled (8 s to recover, our estimate) and snaps of 5 s, DAPSO's time
-series forecast no better, and those in line all but alpha = 0.4 for one source only. Alpha = 0.4 sees a single snap and
-repeats it anywhere. The paper tells neither speed nor sampling: if its finding is right, its sensors forgot faster.
+Not reproduced: at 0.1 m/s with the MiCS-5524 as modelled (8 s to recover, our estimate) DAPSO's time series forecast no
+better, the line's for one source only. Alpha = 0.4 sees one snap and repeats it. The paper tells neither speed nor
+sampling; for its finding its sensors must have forgotten faster.
 
-Why: a long mean forecasts better than the last snap where the two are correlated by less than 1/2 from snap to snap,
-and gains nothing where gas is met seldom; readings made without air agree.
+Why: a long mean forecasts better than the last snap if the correlation from snap to snap is below 1/2, and gains
+nothing where gas is met seldom. Readings made without air agree.
 
-The peak: with DAPSO mostly within 0.5 m in three of four runs, of the pure interpolation in about half. In line it is
-1 m off: its robots are 1.1 m apart along the wind, and a slow sensor misses the thin plume near the source; without lag
-it is 0.5 m off."""
+The peak is within 0.5 m mostly in three of four runs with DAPSO. In line it is 1 m off: robots are 1.1 m apart along the
+wind, and a slow sensor misses the thin plume near the source."""
 PAPER = (0.1, "MiCS-5524")  # speed [m/s] and sensor, see above
 AT_SOURCE = 0.5  # m: two cells of the map
 HALF = "peak mostly within 0.5 m, share of runs"
@@ -129,29 +124,6 @@ def peaks(airs: int, team: int, number: int) -> tuple[np.ndarray, np.ndarray, np
             rows.append((np.nan,) * 3)
     mean, at, end = np.array(rows).T
     return mean, at, end
-
-
-# ---------------------------------------------------------------- what readings alone would come to
-
-
-def endless(kept: np.ndarray) -> np.ndarray:
-    """Error of the long mean over that of the last snap, of normal readings about a steady mean: 1/sqrt(2 (1 - r))."""
-    return 1.0 / np.sqrt(2.0 * (1.0 - kept))
-
-
-def remembering(alpha: float, kept: np.ndarray, window: float = WINDOW) -> np.ndarray:
-    """The same of a time series: with weights g of the snaps before, whose readings are correlated as r^lag.
-
-    g: what the neighbourhood of a cell gives each snap (eq 7), where robots are anywhere alike.
-    """
-    stencil = neighbourhood(TimeSeriesMap(kind="time_series", alpha=alpha, window=window), 15)
-    g = np.bincount([lag for lag, *_ in stencil], [U for *_, U in stencil])[1:]
-    g /= g.sum()
-    lags = np.arange(1, len(g) + 1)
-    apart = np.abs(lags[:, None] - lags)
-    r = np.asarray(kept, float)[..., None]
-    square = 1.0 - 2.0 * (g * r**lags).sum(-1) + (np.outer(g, g) * r[..., None] ** apart).sum((-1, -2))
-    return np.sqrt(square / (2.0 * (1.0 - r[..., 0])))
 
 
 # ---------------------------------------------------------------- conditions

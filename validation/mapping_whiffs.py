@@ -4,6 +4,10 @@ What the mapping experiment finds is explained by how much of a snap is still in
 side by side sweep to and fro across a Gaussian plume, and each reads its mean times a lognormal whiff (standard
 deviation over mean 1, as in the middle of plumes; correlation exp(-t/memory), own to each robot). The maps are those of
 the robots, and what is told of them is the same.
+
+Two closed forms beside it. Where normal readings scatter about a steady mean, with the correlation r from snap to snap,
+the last snap forecasts the next with the error sqrt(2 (1 - r)) of their deviation, a long mean with 1: it is better
+below r = 1/2 (`endless`). With weights of the snaps before it is `remembering`.
 """
 
 from itertools import product
@@ -14,7 +18,8 @@ from pydantic import TypeAdapter
 from taichi_plume.agents.gas_map import Floor
 from taichi_plume.agents.mapping import mappers
 from taichi_plume.agents.recorded import RecordedTeam
-from taichi_plume.scenario.maps import Map
+from taichi_plume.agents.time_series import neighbourhood
+from taichi_plume.scenario.maps import Map, TimeSeriesMap
 from taichi_plume.validation.mapping_scenario import SOURCES, SPEEDS, WINDOW, maps, persistence
 
 SIZE = (4.0, 3.0)  # m
@@ -81,3 +86,26 @@ def mapped(lasts: float = LASTS, seed: int = 1) -> dict[str, np.ndarray]:
         rows.append([*known, *np.divide(errors[1:], errors[0])])
     kept, scatter, long, *error = np.array(rows).T
     return {"kept": kept, "scatter": scatter, "endless": long, "error": np.array(error)}
+
+
+# ---------------------------------------------------------------- closed forms
+
+
+def endless(kept: np.ndarray) -> np.ndarray:
+    """Error of the long mean over that of the last snap, of normal readings about a steady mean: 1/sqrt(2 (1 - r))."""
+    return 1.0 / np.sqrt(2.0 * (1.0 - kept))
+
+
+def remembering(alpha: float, kept: np.ndarray, window: float = WINDOW) -> np.ndarray:
+    """The same of a time series: with weights g of the snaps before, whose readings are correlated as r^lag.
+
+    g: what the neighbourhood of a cell gives each snap (eq 7), where robots are anywhere alike.
+    """
+    stencil = neighbourhood(TimeSeriesMap(kind="time_series", alpha=alpha, window=window), 15)
+    g = np.bincount([lag for lag, *_ in stencil], [U for *_, U in stencil])[1:]
+    g /= g.sum()
+    lags = np.arange(1, len(g) + 1)
+    apart = np.abs(lags[:, None] - lags)
+    r = np.asarray(kept, float)[..., None]
+    square = 1.0 - 2.0 * (g * r**lags).sum(-1) + (np.outer(g, g) * r[..., None] ** apart).sum((-1, -2))
+    return np.sqrt(square / (2.0 * (1.0 - r[..., 0])))

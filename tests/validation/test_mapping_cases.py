@@ -13,9 +13,7 @@ from taichi_plume.validation.experiment import Lines, Mean
 from taichi_plume.validation.mapping_cases import (
     ALPHAS,
     chosen,
-    endless,
     least,
-    remembering,
     worst,
 )
 from taichi_plume.validation.mapping_scenario import (
@@ -28,6 +26,7 @@ from taichi_plume.validation.mapping_scenario import (
     arena,
     persistence,
 )
+from taichi_plume.validation.mapping_whiffs import endless
 from taichi_plume.validation.report import page
 from taichi_plume.validation.searches import scenario_of
 
@@ -99,29 +98,6 @@ def test_gas_that_is_there_or_not_gains_nothing_from_a_long_mean():
     """Of readings that are 0 or 1 by chance, |c - mean| and |c - c'| have one mean, 2 p (1 - p): eq 8 cannot tell."""
     snaps = (np.random.default_rng(1).random((20000, 1, 2, 2)) < 0.2).astype(float)
     assert persistence(snaps)[2] == pytest.approx(1.0, abs=0.02)
-
-
-def test_remembering_goes_from_one_snap_to_a_long_mean():
-    kept = np.array([0.0, 0.5, 0.9])
-    assert remembering(0.4, kept) == pytest.approx(1.0)  # sees the last snap alone
-    assert endless(np.array(0.5)) == pytest.approx(1.0)
-    assert (remembering(0.98, kept)[[0, 2]] < [0.75, 10.0]).all()
-    for alpha in (0.6, 0.9):  # independent snaps with weights g: sqrt((1 + sum of g²)/2)
-        lags = {0.6: 2, 0.9: 9}[alpha]
-        assert np.sqrt(0.5 * (1 + 1 / lags)) <= remembering(alpha, 0.0) < 1.0
-    # by drawing: an autoregression, forecast with the weights of alpha = 0.6
-    from taichi_plume.agents.time_series import neighbourhood
-    from taichi_plume.scenario.maps import TimeSeriesMap
-
-    stencil = neighbourhood(TimeSeriesMap(kind="time_series", alpha=0.6), 15)
-    g = [sum(U for lag, _, _, U in stencil if lag == n) for n in (1, 2)]
-    x, rng = np.zeros((6, 200_000)), np.random.default_rng(2)
-    x[0] = rng.standard_normal(x.shape[1])
-    for n in range(1, 6):
-        x[n] = 0.3 * x[n - 1] + np.sqrt(1 - 0.09) * rng.standard_normal(x.shape[1])
-    forecast = (g[0] * x[4] + g[1] * x[3]) / sum(g)
-    drawn = np.abs(x[5] - forecast).mean() / np.abs(x[5] - x[4]).mean()
-    assert remembering(0.6, 0.3) == pytest.approx(drawn, rel=0.01)
 
 
 def test_the_least_error_is_where_the_mean_is_least():

@@ -3,9 +3,22 @@
 import numpy as np
 import pytest
 
+from taichi_plume.agents.time_series import neighbourhood
+from taichi_plume.scenario.maps import TimeSeriesMap
 from taichi_plume.validation import mapping_whiffs
 from taichi_plume.validation.mapping_cases import ALPHAS
-from taichi_plume.validation.mapping_whiffs import CASES, MARGIN, SIZE, TICK, mapped, plume, ways, whiffs
+from taichi_plume.validation.mapping_whiffs import (
+    CASES,
+    MARGIN,
+    SIZE,
+    TICK,
+    endless,
+    mapped,
+    plume,
+    remembering,
+    ways,
+    whiffs,
+)
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -35,6 +48,26 @@ def test_the_plume_is_downwind_and_carries_the_same_gas_everywhere():
     across = [plume(np.stack([np.full_like(y, x), y], axis=-1)).sum() for x in (1.0, 1.8, 3.0)]
     assert across[0] == 0.0
     assert across[1] == pytest.approx(across[2], rel=1e-3)
+
+
+def test_remembering_goes_from_one_snap_to_a_long_mean():
+    kept = np.array([0.0, 0.5, 0.9])
+    assert remembering(0.4, kept) == pytest.approx(1.0)  # sees the last snap alone
+    assert endless(np.array(0.5)) == pytest.approx(1.0)
+    assert (remembering(0.98, kept)[[0, 2]] < [0.75, 10.0]).all()
+    for alpha in (0.6, 0.9):  # independent snaps with weights g: sqrt((1 + sum of g²)/2)
+        lags = {0.6: 2, 0.9: 9}[alpha]
+        assert np.sqrt(0.5 * (1 + 1 / lags)) <= remembering(alpha, 0.0) < 1.0
+    # by drawing: an autoregression, forecast with the weights of alpha = 0.6
+    stencil = neighbourhood(TimeSeriesMap(kind="time_series", alpha=0.6), 15)
+    g = [sum(U for lag, _, _, U in stencil if lag == n) for n in (1, 2)]
+    x, rng = np.zeros((6, 200_000)), np.random.default_rng(2)
+    x[0] = rng.standard_normal(x.shape[1])
+    for n in range(1, 6):
+        x[n] = 0.3 * x[n - 1] + np.sqrt(1 - 0.09) * rng.standard_normal(x.shape[1])
+    forecast = (g[0] * x[4] + g[1] * x[3]) / sum(g)
+    drawn = np.abs(x[5] - forecast).mean() / np.abs(x[5] - x[4]).mean()
+    assert remembering(0.6, 0.3) == pytest.approx(drawn, rel=0.01)
 
 
 @pytest.mark.slow
