@@ -1,15 +1,32 @@
-"""The mapping experiment: its statistics, and that the configs tell the same."""
+"""The mapping experiment: its scenario, what it makes of maps, and its closed forms."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from taichi_plume import load_scenario
-from taichi_plume.validation import mapping_cases
+from taichi_plume.validation import mapping_cases, mapping_scenario
 from taichi_plume.validation.case import Curve
 from taichi_plume.validation.experiment import Lines, Mean
-from taichi_plume.validation.mapping_cases import ALPHAS, arena, least, mapped
+from taichi_plume.validation.mapping_cases import (
+    ALPHAS,
+    chosen,
+    least,
+    worst,
+)
+from taichi_plume.validation.mapping_scenario import (
+    GASES,
+    SOURCES,
+    TEAMS,
+    WINDOWS,
+    Team,
+    alphas,
+    arena,
+    persistence,
+)
+from taichi_plume.validation.mapping_whiffs import endless
 from taichi_plume.validation.report import page
 from taichi_plume.validation.searches import scenario_of
 
@@ -19,15 +36,68 @@ CONFIGS = Path(__file__).parents[2] / "configs"
 
 
 @pytest.mark.parametrize(
-    ("name", "source", "navigation"),
-    [("dapso", (1.7, 2.0), "DAPSO"), ("lineup", (2.5, 1.2), "line-up")],
+    ("name", "team"),
+    [
+        ("dapso", Team("DAPSO", 0.1, "MiCS-5524", (1.7, 2.0))),
+        ("lineup", Team("line-up", 0.1, "MiCS-5524", (2.5, 1.2))),
+    ],
 )
-def test_the_configs_are_conditions_of_the_experiment(name, source, navigation):
-    ours = scenario_of(arena(source, [navigation]))
-    theirs = load_scenario(CONFIGS / f"odor_mapping_{name}.yaml")
-    shown = {key: getattr(theirs, key) for key in ("name", "maps", "recording", "rivals")}
-    team = ours.robots[0].model_copy(update={"name": theirs.robots[0].name})
-    assert ours.model_copy(update={**shown, "robots": (team,)}) == theirs
+def test_the_configs_show_the_experiment_from_above(name, team):
+    """Robots, wind and maps are the same; sensors smell one of two gases, and air and gas are in 3-D."""
+    ours, theirs = scenario_of(arena(teams=[team])), load_scenario(CONFIGS / f"odor_mapping_{name}.yaml")
+    robots, shown = ours.robots[0], theirs.robots[0]
+    smells = robots.sensors.gas.model_copy(update={"sensitivity": {}})
+    sensors = robots.sensors.model_copy(update={"gas": smells})
+    assert robots.model_copy(update={"name": shown.name, "sensors": sensors}) == shown
+    assert ours.wind == theirs.wind
+    assert set(theirs.maps) <= set(ours.maps)
+    (of_ours,) = [gas for _, gas in ours.gases if gas.sources[0].position[:2] == team.source]
+    assert theirs.gas.sources[0].position == of_ours.sources[0].position[:2]
+    assert theirs.gas.sources[0].rate == of_ours.sources[0].rate
+    assert (ours.tick, ours.duration, ours.warm_up) == (theirs.tick, theirs.duration, theirs.warm_up)
+
+
+def test_a_team_smells_its_own_source_alone():
+    """The two gases have the same numbers; a team is blind to that of the other source."""
+    scenario = scenario_of(arena())
+    own, other = (gas.vapour for _, gas in scenario.gases)
+    assert replace(own, name="", vapour_pressure=None, latent_heat=None) == replace(
+        other, name="", vapour_pressure=None, latent_heat=None
+    )
+    for group, team in zip(scenario.robots, TEAMS, strict=True):
+        weights = [group.sensors.gas.weight(name) for name in GASES]
+        assert weights == [float(source == team.source) for source in SOURCES]
+
+
+def test_windows_have_the_alphas_that_see_a_past_snap():
+    assert [len(alphas(window)) for window in WINDOWS] == [len(ALPHAS), len(ALPHAS), len(ALPHAS) - 1]
+    assert len(scenario_of(arena()).maps) == sum(1 + len(alphas(window)) for window in WINDOWS)
+
+
+def test_teams_are_chosen_by_what_they_are():
+    assert len(chosen("DAPSO")) == len(TEAMS) // 2
+    (one,) = chosen("line-up", 0.2, "no lag", (2.5, 1.2))
+    assert TEAMS[one] == Team("line-up", 0.2, "no lag", (2.5, 1.2))
+
+
+def test_persistence_of_a_known_process():
+    """Readings that follow an autoregression of known correlation: kept is it, and a mean of all snaps errs as told."""
+    rng, kept = np.random.default_rng(1), np.array([0.0, 0.5, 0.8])
+    x = np.zeros((4000, 3, 4, 4))
+    noise = rng.standard_normal(x.shape)
+    r = kept[:, None, None]
+    for n in range(1, len(x)):
+        x[n] = r * x[n - 1] + np.sqrt(1.0 - r**2) * noise[n]
+    found, scatter, long = persistence(10.0 + x)
+    assert found == pytest.approx(kept, abs=0.02)
+    assert scatter == pytest.approx(0.1, rel=0.05)
+    assert long == pytest.approx(endless(kept), rel=0.03)
+
+
+def test_gas_that_is_there_or_not_gains_nothing_from_a_long_mean():
+    """Of readings that are 0 or 1 by chance, |c - mean| and |c - c'| have one mean, 2 p (1 - p): eq 8 cannot tell."""
+    snaps = (np.random.default_rng(1).random((20000, 1, 2, 2)) < 0.2).astype(float)
+    assert persistence(snaps)[2] == pytest.approx(1.0, abs=0.02)
 
 
 def test_the_least_error_is_where_the_mean_is_least():
@@ -38,23 +108,39 @@ def test_the_least_error_is_where_the_mean_is_least():
     assert (found.mean, found.low, found.high) == (ALPHAS[2],) * 3
 
 
+def test_the_worst_alpha_is_one_that_sees_two_snaps():
+    shares = [Mean(ratio, None, None, 8) for ratio in (1.3, 0.9, 1.2, 0.8, 0.7, 0.6)]
+    assert worst(shares) is shares[2]
+    assert worst(shares, 2.5) is shares[0]  # alpha = 0.4 reaches back three snaps of 2.5 s
+    assert alphas(10.0, 2) == (0.8, 0.9, 0.95, 0.98)
+
+
 @pytest.mark.slow
 def test_a_short_run_tells_everything(monkeypatch):
-    """Ten seconds after the errors begin to count."""
-    monkeypatch.setattr(mapping_cases, "DURATION", 40.0)
-    mapping_cases.in_all.cache_clear()
-    told = mapped(2, (1.7, 2.0), "DAPSO", "here")
-    means = {name: part for name, part in told.items() if isinstance(part, Mean)}
-    assert len(means) == 1 + len(ALPHAS) + 1 + len(ALPHAS) + 4
-    assert {mean.n for mean in means.values()} == {2}
-    (condition, *_) = mapping_cases.MAPPING_CASES[0].conditions
-    assert condition.published.keys() | condition.expected.keys() <= means.keys()
-    errors = told["Forecast error, here"]
-    assert isinstance(errors, Lines)
-    assert errors.x == pytest.approx([35.0, 40.0])
-    assert {len(values) for values in errors.lines.values()} == {2}
-    others = mapped(2, (1.7, 2.0), "line-up", "here")
-    assert others["pure interpolation [ppm]"] != told["pure interpolation [ppm]"]
+    """Ten seconds after the errors begin to count, with the teams of what is taken for the paper's set-up."""
+    short = tuple(team for team in TEAMS if team[1:3] == mapping_cases.PAPER)
+    for module in (mapping_scenario, mapping_cases):
+        monkeypatch.setattr(module, "TEAMS", short)
+    monkeypatch.setattr(mapping_scenario, "DURATION", 40.0)
+    monkeypatch.setattr(mapping_cases, "SPEEDS", (mapping_cases.PAPER[0],))
+    monkeypatch.setattr(mapping_cases, "SENSORS", (mapping_cases.PAPER[1],))
+    mapping_scenario.in_airs.cache_clear()
+    try:
+        airs = mapping_scenario.in_airs(2)
+        for condition in mapping_cases.MAPPING_CASES[0].conditions:
+            told = condition.run(2)
+            means = {name: part for name, part in told.items() if isinstance(part, Mean)}
+            assert condition.published.keys() | condition.expected.keys() <= means.keys()
+            assert {mean.n for mean in means.values()} <= {0, 1, 2}
+    finally:
+        mapping_scenario.in_airs.cache_clear()
+    first, second = airs
+    assert first.times == pytest.approx([35.0, 40.0])
+    assert not np.array_equal(first.errors[5.0], second.errors[5.0])
+    assert [first.errors[window].shape for window in WINDOWS] == [(7, 2, 4), (7, 4, 4), (6, 1, 4)]
+    assert (first.passed <= 40.0).any()
+    assert (first.way > 0.0).all()
+    assert ((first.met >= 0.0) & (first.met <= 1.0)).all()
 
 
 def test_lines_are_drawn():

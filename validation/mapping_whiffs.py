@@ -1,0 +1,111 @@
+"""Maps of readings that no air made: a steady plume along a line of robots' ways, times whiffs of a known duration.
+
+What the mapping experiment finds is explained by how much of a snap is still in the next. Here that is set: four robots
+side by side sweep to and fro across a Gaussian plume, and each reads its mean times a lognormal whiff (standard
+deviation over mean 1, as in the middle of plumes; correlation exp(-t/memory), own to each robot). The maps are those of
+the robots, and what is told of them is the same.
+
+Two closed forms beside it. Where normal readings scatter about a steady mean, with the correlation r from snap to snap,
+the last snap forecasts the next with the error sqrt(2 (1 - r)) of their deviation, a long mean with 1: it is better
+below r = 1/2 (`endless`). With weights of the snaps before it is `remembering`.
+"""
+
+from itertools import product
+
+import numpy as np
+from pydantic import TypeAdapter
+
+from taichi_plume.agents.gas_map import Floor
+from taichi_plume.agents.mapping import mappers
+from taichi_plume.agents.recorded import RecordedTeam
+from taichi_plume.agents.time_series import neighbourhood
+from taichi_plume.scenario.maps import Map, TimeSeriesMap
+from taichi_plume.validation.mapping_scenario import SOURCES, SPEEDS, WINDOW, maps, persistence
+
+SIZE = (4.0, 3.0)  # m
+TICK = 0.5  # s
+LASTS = 750.0  # s, of each speed and memory
+SETTLES = 250.0  # s, until alpha = 0.98 knows nothing of those before
+MEMORIES = (0.5, 5.0, 20.0)  # s: gusts; gusts and a metal oxide; a slow one
+CASES = tuple(product(MEMORIES, SPEEDS))
+MARGIN = 0.3  # m from the walls, as in line
+AHEAD = 0.3  # m from robot to robot across the wind
+
+
+def ways(speed: float, ticks: int) -> np.ndarray:
+    """Of four robots in a diagonal line that sweeps across the wind, (ticks, 4, 2) [m]."""
+    x = np.linspace(MARGIN, SIZE[0] - MARGIN, 4)
+    width = SIZE[1] - 2.0 * MARGIN - 3.0 * AHEAD
+    y = np.abs((speed * TICK * np.arange(ticks) + width) % (2.0 * width) - width)
+    rows = MARGIN + y[:, None] + AHEAD * np.arange(4)
+    return np.stack(np.broadcast_arrays(x, rows), axis=-1)
+
+
+def plume(place: np.ndarray) -> np.ndarray:
+    """Mean gas at places (..., 2) [m], over its largest near the source: a plume of 5 cm that widens by a tenth."""
+    downwind, across = np.moveaxis(place - np.array(SOURCES[0]), -1, 0)
+    width = 0.05 + 0.1 * np.maximum(downwind, 0.0)
+    return np.where(downwind > 0.0, 0.05 / width * np.exp(-0.5 * (across / width) ** 2), 0.0)
+
+
+def whiffs(ticks: int, memory: float, rng: np.random.Generator) -> np.ndarray:
+    """Lognormal, of mean and deviation 1, (ticks, 4); the logarithm is an autoregression."""
+    normal = rng.standard_normal((ticks, 4))
+    kept = np.exp(-TICK / memory)
+    for n in range(1, ticks):
+        normal[n] = kept * normal[n - 1] + np.sqrt(1.0 - kept**2) * normal[n]
+    square = np.log(2.0)
+    return np.exp(np.sqrt(square) * normal - 0.5 * square)
+
+
+def mapped(lasts: float = LASTS, seed: int = 1) -> dict[str, np.ndarray]:
+    """Of each of CASES: `error` over that of the pure interpolation (alphas, cases), and `kept`, `scatter`, `endless`
+    (see `persistence`), (cases,). Taichi must have been started.
+    """
+    rng, ticks, each = np.random.default_rng(seed), round(lasts / TICK), round(lasts / WINDOW)
+    team, first = RecordedTeam(4), round(SETTLES / WINDOW)
+    models = [TypeAdapter(Map).validate_python(one) for one in maps(WINDOW)]
+    several = mappers(models, Floor(SIZE, 1, 4, TICK))
+    rows = []
+    for case, (memory, speed) in enumerate(CASES):
+        place = ways(speed, ticks)
+        reading = 1e3 * plume(place) * whiffs(ticks, memory, rng)
+        snaps = []
+        for n in range(ticks):
+            team.show(place[n], np.zeros((4, 2)), reading[n])
+            for one in several:
+                one.update(team, (case * ticks + n + 1) * TICK, TICK)
+            if (n + 1) % round(WINDOW / TICK) == 0:
+                snaps.append(np.asarray(several[0].estimate()))
+        late = case * each + first
+        errors = [
+            np.mean([e[0] for t, e in one.errors if late * WINDOW < t <= (case + 1) * lasts + 1e-6])
+            for one in several
+        ]
+        known = [float(value[0]) for value in persistence(np.stack(snaps)[first:])]
+        rows.append([*known, *np.divide(errors[1:], errors[0])])
+    kept, scatter, long, *error = np.array(rows).T
+    return {"kept": kept, "scatter": scatter, "endless": long, "error": np.array(error)}
+
+
+# ---------------------------------------------------------------- closed forms
+
+
+def endless(kept: np.ndarray) -> np.ndarray:
+    """Error of the long mean over that of the last snap, of normal readings about a steady mean: 1/sqrt(2 (1 - r))."""
+    return 1.0 / np.sqrt(2.0 * (1.0 - kept))
+
+
+def remembering(alpha: float, kept: np.ndarray, window: float = WINDOW) -> np.ndarray:
+    """The same of a time series: with weights g of the snaps before, whose readings are correlated as r^lag.
+
+    g: what the neighbourhood of a cell gives each snap (eq 7), where robots are anywhere alike.
+    """
+    stencil = neighbourhood(TimeSeriesMap(kind="time_series", alpha=alpha, window=window), 15)
+    g = np.bincount([lag for lag, *_ in stencil], [U for *_, U in stencil])[1:]
+    g /= g.sum()
+    lags = np.arange(1, len(g) + 1)
+    apart = np.abs(lags[:, None] - lags)
+    r = np.asarray(kept, float)[..., None]
+    square = 1.0 - 2.0 * (g * r**lags).sum(-1) + (np.outer(g, g) * r[..., None] ** apart).sum((-1, -2))
+    return np.sqrt(square / (2.0 * (1.0 - r[..., 0])))
