@@ -6,6 +6,14 @@
 follows an Ornstein-Uhlenbeck process. The ramp f falls to zero at walls and obstacles, so no air goes through them
 (Bridson et al. 2007, doi:10.1145/1276377.1276435). The potential lives on the edges of the cells (in 2-D, as a stream
 function, on their corners) and the velocity on their faces: the sum over a cell's faces is zero by construction.
+
+Eddies shorter than the shortest wave, of wavenumber k_c, are there as a viscosity of the same spectrum,
+
+    nu = 2/3 C^(-3/2) sqrt(E(k_c)/k_c) f, at least the air's own, C = 1.62:
+
+with it the waves dissipate, int 2 nu k² E dk up to k_c, what the spectrum hands on, epsilon = (E k^(5/3)/C)^(3/2)
+(Metais & Lesieur 1992, doi:10.1017/S0022112092000733; C by Sreenivasan 1995, doi:10.1063/1.868656). Gas and puffs are
+mixed by the part that is the eddies', over the turbulent Schmidt number, as in a computed flow.
 """
 
 from typing import Any
@@ -21,10 +29,12 @@ from taichi_plume.grid.kernels import Template, launch
 from taichi_plume.grid.rng import generator
 from taichi_plume.grid.sweeps import sweep
 from taichi_plume.grid.transfer import uploader
+from taichi_plume.scenario.species import AIR_VISCOSITY
 from taichi_plume.scenario.winds import SyntheticWind
 
 FRAMES_PER_PERIOD = 16  # of the fastest wave: linear in between, it loses 2 % of its amplitude
 DRAWS = 16  # of the phases, to measure the speed of unit waves
+KOLMOGOROV = 1.62  # constant of the energy spectrum
 
 Potential = dict[int, np.ndarray]
 """Component along each axis [m²/s]; in 2-D axis 2 alone. That along m has the edges along m: n + 1 per other axis."""
@@ -40,20 +50,28 @@ def curl(potential: Potential, dx: float) -> list[np.ndarray]:
     return result
 
 
-def ramp(solid: np.ndarray, axis: int, layer: float) -> np.ndarray:
-    """tanh(distance to the next surface/layer) on the edges along `axis`, layer in cells; exactly 0 on surfaces."""
-    air = np.pad(~solid, 1)
-    distance = np.maximum(np.asarray(distance_transform_edt(air)) - 0.5, 0.0)
-    for a in range(solid.ndim):
+def distances(solid: np.ndarray) -> np.ndarray:
+    """From each cell's middle to the next surface, in cells, with a layer of cells all round; 0 where there is no
+    air."""
+    return np.maximum(np.asarray(distance_transform_edt(np.pad(~solid, 1))) - 0.5, 0.0)
+
+
+def on_edges(distance: np.ndarray, axis: int) -> np.ndarray:
+    """Distances to the next surface on the edges along `axis`, of those of cells; exactly 0 on surfaces."""
+    air = distance > 0.0
+    for a in range(distance.ndim):
         n = air.shape[a] - 1
         low, high = (range(n), range(1, n + 1)) if a != axis else (range(1, n), range(1, n))
         air = air.take(low, axis=a) & air.take(high, axis=a)
         distance = 0.5 * (distance.take(low, axis=a) + distance.take(high, axis=a))
-    return np.where(air, np.tanh(distance / layer), 0.0)
+    return np.where(air, distance, 0.0)
 
 
 class Waves:
-    """Random waves of a potential that fills the box with unit mean square velocity, before any ramp."""
+    """Random waves of a potential that fills the box with unit mean square velocity, before any ramp.
+
+    eddies: viscosity of the shorter ones [m²/s], the air's own in it; it goes with the waves' strength.
+    """
 
     def __init__(self, wind: SyntheticWind, grid: Grid, rng: np.random.Generator):
         longest, shortest = wind.longest, wind.shortest_on(grid.dx)
@@ -61,6 +79,8 @@ class Waves:
         k = np.sqrt(bands[:-1] * bands[1:])
         share = bands[:-1] ** (-2 / 3) - bands[1:] ** (-2 / 3)  # of the energy, int k^-5/3 dk
         spectrum = 0.5 * wind.speed**2 * share / share.sum() / np.diff(bands)
+        last = bands[-1] ** (-5 / 3) / (3.0 * share.sum())  # E(k_c) of waves of unit mean square velocity
+        self.eddies = 2.0 / 3.0 * KOLMOGOROV**-1.5 * np.sqrt(last / bands[-1])
         self.frequency = wind.unsteadiness * np.sqrt(k**3 * spectrum)
         direction = rng.standard_normal((wind.modes, grid.dim))
         direction /= np.linalg.norm(direction, axis=1, keepdims=True)
@@ -104,23 +124,26 @@ def edges(grid: Grid, axis: int) -> list[np.ndarray]:
 
 @ti.data_oriented
 class SyntheticSolver(Carrier):
-    """A synthetic flow in a closed room. What the waves leave out is not modelled, and obstacles are steps.
+    """A synthetic flow in a closed room; obstacles are steps.
 
     It is made of key frames and linear in time between two of them, which leaves div u = 0.
-    Fields: u, face velocities [m/s]; open, 1 on faces between two cells of air, one of each per axis.
+    Fields: u, face velocities [m/s]; open, 1 on faces between two cells of air, one of each per axis; nu, see above.
     """
 
+    viscosity = AIR_VISCOSITY
     STATE = ("u", "outflow_rate", "_before", "_after", "_outflow", "_frame", "_rng", "_turn")
 
     def __init__(self, wind: SyntheticWind, grid: Grid, air: Air, t: float = 0.0, seed: int = 0):
         """t: begin of the run [s]."""
         self.grid, self.dim = grid, grid.dim
-        self._solid, self._air = air.solid, ~air.solid
+        self._air, self._distance = ~air.solid, distances(air.solid)
         self.u, self.open = grid.faces_field(), grid.faces_field()
         self._before, self._after = grid.faces_field(), grid.faces_field()
+        self.nu = grid.field()
         around = np.pad(self._air, grid.ghost)
         uploader(*self.open)(*(around & np.roll(around, 1, axis=d) for d in range(grid.dim)))
         self._put: Any = uploader(*self._after)
+        self._put_eddies: Any = uploader(self.nu)
         self._build()
         self.begin(wind, t, seed)
 
@@ -130,10 +153,12 @@ class SyntheticSolver(Carrier):
         self._rng = generator(seed, "synthetic wind")
         self._waves = Waves(model, self.grid, self._rng)
         axes = list(self._waves.tables)
-        self._ramp = {m: ramp(self._solid, m, model.wall_layer / self.grid.dx) for m in axes}
+        layer = model.wall_layer / self.grid.dx
+        self._ramp = {m: np.tanh(on_edges(self._distance, m) / layer) for m in axes}
         phases = self._rng.uniform(0.0, 2 * np.pi, (DRAWS, model.modes))
         squares = [self._mean_square(self._waves.at(phase)) for phase in phases]
         self._strength = model.speed / max(np.sqrt(np.mean(squares)), 1e-12)
+        self._begin_eddies(model.schmidt, np.tanh(self._distance / layer))
         self._rolls = {m: self._roll(m, model.circulation / np.sqrt(len(axes))) for m in axes}
         self._turn = dict(zip(axes, self._rng.standard_normal(len(axes)), strict=True))
         fastest = max(2 * np.pi / model.circulation_time, float(self._waves.frequency.max()))
@@ -144,6 +169,14 @@ class SyntheticSolver(Carrier):
         self._next_frame()
         self._next_frame()
         self.advance(t, 0.0)
+
+    def _begin_eddies(self, schmidt: float, ramp: np.ndarray) -> None:
+        """ramp: of the cells and one layer beyond."""
+        self.schmidt = schmidt
+        inner = ramp[(slice(1, -1),) * self.dim]
+        nu = np.maximum(self._strength * self._waves.eddies * inner, self.viscosity)
+        self.max_viscosity = float(nu.max())
+        self._put_eddies(self.grid.pad(nu))
 
     @ti.kernel
     def _leave(self):

@@ -91,7 +91,7 @@ def test_the_circulation_is_as_asked(room, shape):
     for n in range(120):
         wind.advance(2.0 * n, 2.0)
         squares.append(squared_speed(grid, wind)[~solid].mean())
-    assert np.sqrt(np.mean(squares)) == pytest.approx(0.015, rel=0.2)  # 120 draws tell no more
+    assert np.sqrt(np.mean(squares)) == pytest.approx(0.0075, rel=0.2)  # 120 draws tell no more
 
 
 @pytest.mark.slow
@@ -104,7 +104,7 @@ def test_large_eddies_hold_the_energy():
     energy = np.zeros(len(rings) - 1)
     for seed in range(3):
         grid = Grid((256, 256), 0.05)  # its middle is far from the walls
-        wind = SyntheticWind(kind="synthetic", circulation=0.0, modes=200)
+        wind = SyntheticWind(kind="synthetic", longest=2.0, circulation=0.0, modes=200)
         flow = SyntheticSolver(wind, grid, Air.everywhere(grid), 0.0, seed)
         window = np.outer(np.hanning(176), np.hanning(176))
         square = sum(np.abs(np.fft.fft2(u[40:216, 40:216] * window)) ** 2 for u in faces(grid, flow))
@@ -157,6 +157,55 @@ def test_steps_do_not_change_the_flow(room):
         np.testing.assert_allclose(u.to_numpy(), v, atol=1e-7)
 
 
+@pytest.mark.parametrize("shape", SHAPES)
+def test_shorter_eddies_fade_at_surfaces_as_the_waves_do(room, shape):
+    grid, solid, wind = room(shape)
+    nu = grid.read(wind.nu)
+    assert wind.max_viscosity == pytest.approx(nu.max())
+    assert np.all(nu[solid] == np.float32(wind.viscosity))
+    away = nu[(slice(4), *(n // 2 for n in shape[1:]))] - wind.viscosity  # from the face at x = 0
+    assert np.all(np.diff(away) > 0.0)
+    assert away[0] < 0.3 * away[-1]
+
+
+@pytest.mark.slow
+def test_shorter_eddies_take_up_what_the_waves_hand_on():
+    """The dissipation of waves E = A k^(-5/3), 2 nu int k² E dk, is (A/C)^(3/2) where the longest are long."""
+    grid = Grid((160, 160), 0.05)
+    model = SyntheticWind(kind="synthetic", speed=0.2, circulation=0.0, longest=2.0, modes=200)
+    wind = SyntheticSolver(model, grid, Air.everywhere(grid))
+    middle, squares = (slice(40, 120),) * 2, []
+    for n in range(40):
+        wind.advance(5.0 * n, 5.0)
+        squares.append(squared_speed(grid, wind)[middle].mean())
+    k = np.linspace(2 * np.pi / 2.0, 2 * np.pi / 0.2, 20_000)
+    A = 0.5 * np.mean(squares) / np.trapezoid(k ** (-5 / 3), k)
+    longer = np.linspace(0.0, k[-1], 20_000)
+    dissipation = 2.0 * grid.read(wind.nu)[80, 80] * A * np.trapezoid(longer ** (1 / 3), longer)
+    assert dissipation == pytest.approx((A / 1.62) ** 1.5, rel=0.15)  # of the squares 200 waves tell no more
+
+
+def test_shorter_eddies_mix_gas():
+    """A cosine along the room in air at rest decays as by K = D + nu_t/Sc."""
+    grid = Grid((40, 4), 0.05)
+    model = SyntheticWind(kind="synthetic", speed=0.1, longest=1.0, wall_layer=1e-3, schmidt=0.5)
+    wind = SyntheticSolver(model, grid, Air.everywhere(grid))
+    for u in wind.u:
+        grid.write(u, np.zeros([n + 2 for n in grid.shape]), 1)
+    wind.outflow_rate = 0.0
+    source = {"position": (1.0, 0.1), "rate": 0.0}
+    model = EulerianGas.model_validate({"kind": "eulerian", "sources": [source]})
+    gas = EulerianSolver(model, grid, wind, Air.everywhere(grid))
+    mode = np.cos(np.pi * grid.centers()[..., 0] / grid.extent[0])
+    gas.start_from(lambda x: 1.0 + 0.5 * mode)
+    K = gas.species.diffusivity + (wind.max_viscosity - wind.viscosity) / 0.5
+    assert gas.species.diffusivity < 0.05 * K
+    end = 1.0 / (K * (np.pi / grid.extent[0]) ** 2)
+    gas.advance(0.0, end)
+    left = 2.0 * (grid.read(gas.c) * mode).mean() / 0.5
+    assert left == pytest.approx(np.exp(-1.0), rel=2e-3)
+
+
 @pytest.mark.parametrize("shape", [(15, 10), (12, 8, 5)])
 def test_a_room_begins_anew(shape):
     model = SyntheticWind(kind="synthetic")
@@ -167,7 +216,7 @@ def test_a_room_begins_anew(shape):
     def play(first, last):
         for n in range(first, last):
             wind.advance(1.3 * n - 1.0, 1.3)
-        return *(grid.read(u) for u in wind.u), np.array(wind.outflow_rate)
+        return *(grid.read(u) for u in (*wind.u, wind.nu)), np.array([wind.outflow_rate, wind.max_viscosity])
 
     assert_begins_anew(wind, lambda one: wind.begin(one, -1.0, 2), model, others, play)
 

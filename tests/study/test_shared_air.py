@@ -63,7 +63,7 @@ CASES: dict[str, dict[str, Any]] = {
         },
     ),
     "closed room": changed(
-        ROOM, obstacles=[], wind={"kind": "synthetic", "speed": 0.3, "circulation": 0.2}
+        ROOM, obstacles=[], wind={"kind": "synthetic", "speed": 0.3, "longest": 2.0, "circulation": 0.2}
     ),
 }  # fmt: skip
 ROOM_3D = changed(
