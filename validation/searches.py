@@ -1,6 +1,7 @@
 """Searches of one group of robots for an experiment: trials in one or several airs, and what they come to."""
 
 from collections.abc import Iterable, Sequence
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -87,8 +88,25 @@ def searches(
     return found.told(scenario, title)
 
 
-def contest(data: dict[str, Any], folder: Path = Path()) -> dict[str, dict[str, list[Any]]]:
-    """Run a scenario with its groups as rivals; returns the columns of `trial_outcomes` by the names of the groups."""
+def contest(
+    data: dict[str, Any], folder: Path = Path(), limit: float = inf, watch: Every | None = None
+) -> dict[str, dict[str, list[Any]]]:
+    """Run a scenario with its groups as rivals; returns the columns of `trial_outcomes` by the names of the groups.
+
+    limit: of a search [s]: each group's outcomes are those so long after it set off, and the run ends with the last.
+    watch: is called too.
+    """
     sim = assemble(scenario_of(data | {"rivals": True}, folder), folder)
-    sim.run()
-    return outcomes(sim)
+    sim.observers += [] if watch is None else [watch]
+    told: dict[str, dict[str, list[Any]]] = {}
+    late = {group.name: group.model.begin + limit for group in sim.swarm.groups}
+    sim.observe()
+    while not sim.finished and late:
+        sim.advance()
+        sim.observe()
+        over = [name for name, end in late.items() if sim.t >= end]
+        if over:
+            now = outcomes(sim)
+            told |= {name: now[name] for name in over}
+            late = {name: end for name, end in late.items() if name not in over}
+    return told | {name: one for name, one in outcomes(sim).items() if name in late}
