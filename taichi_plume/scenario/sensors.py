@@ -144,9 +144,10 @@ class MoxSensor(GasSensor):
     noise: Intensity = 0.003
     """Noise of a sample, as standard deviation of ln R."""
     reading_noise: Intensity = 0.0
-    """Noise of a reading that averaging its samples does not remove, as standard deviation of ln R: what varies more
-    slowly than the samples come, such as the sensor's own 1/f noise, its supply, and the air's warmth and motion at its
-    film."""
+    """Noise of a reading that averaging its samples does not remove, as standard deviation of ln R. It comes of what
+    varies more slowly than the samples are taken: the sensor's own 1/f noise, its supply and converter, the warmth and
+    motion of the air at its film. Flicker noise is the largest of resistive sensors at low frequencies (Scandurra et
+    al. 2024)."""
     sensitivity: dict[str, Coefficient] = Field(default_factory=dict)
     """How much it responds to a species, over ethanol, by the species' name. 1 unless given: the data sheets tell of
     ethanol alone."""
