@@ -6,8 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import taichi as ti
 
 from taichi_plume.assemble import assemble
+from taichi_plume.grid import kernels
 from taichi_plume.prepare import checked
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scores import trial_outcomes, trial_summary
@@ -28,6 +30,14 @@ def spread(trials: int, airs: int) -> list[int]:
     """How many trials each air has: as even as can be, and none without."""
     shares = [trials // airs + (k < trials % airs) for k in range(airs)]
     return [share for share in shares if share]
+
+
+def afresh() -> None:
+    """Start Taichi anew on the same device: it holds 512 trees of fields at most, and crashes beyond.
+
+    For experiments that assemble many simulations one after the other; those before are lost.
+    """
+    kernels.start("cpu" if kernels.on_cpu() else ti.cfg.arch.name)
 
 
 def outcomes(sim: Simulation) -> dict[str, dict[str, list[Any]]]:

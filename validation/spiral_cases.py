@@ -23,7 +23,7 @@ from taichi_plume.validation.experiment import (
     over_airs,
     ratio_over_airs,
 )
-from taichi_plume.validation.searches import contest, spread
+from taichi_plume.validation.searches import afresh, contest, spread
 from taichi_plume.validation.spiral_floor import arms, noise
 from taichi_plume.validation.spiral_index import indices, least_index
 from taichi_plume.validation.spiral_room import (
@@ -70,6 +70,7 @@ def table(trials: int) -> dict[tuple[str, int], Columns]:
             for row in TABLE_2
             for k, share in places
         }
+        afresh()
         end = max(one["begin"] for one in robots.values()) + HOUR
         found = contest(room(air, list(robots.values()), end), limit=HOUR)
         for (row, k), group in robots.items():

@@ -17,7 +17,7 @@ from taichi_plume.agents.spiral import FLAT, Spiral
 from taichi_plume.assemble import assemble
 from taichi_plume.simulation import Every, Simulation
 from taichi_plume.validation.experiment import Mean, Told, over_airs
-from taichi_plume.validation.searches import scenario_of
+from taichi_plume.validation.searches import afresh, scenario_of
 from taichi_plume.validation.spiral_room import DISTANCES, OPENED, SOURCE, momo, room
 
 BEGIN = 900.0 - OPENED  # s
@@ -94,6 +94,7 @@ def heard(air: int) -> tuple[np.ndarray, dict[tuple[int, str], Records]]:
     ]
     far = _listener("far", FAR, 0.0, FAR_PLACES)
     data = room(air, [*groups, far], BEGIN + LISTENED) | {"rivals": True, "stop_early": False}
+    afresh()
     sim = assemble(scenario_of(data))
     near, alone = (Heard(team, sim.swarm) for team in sim.teams)
     sim.observers += [Every(sim.dt, one.note) for one in (near, alone)]

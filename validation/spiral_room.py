@@ -18,8 +18,8 @@ SOURCE = (3.4, 1.9)  # m
 DISTANCES = (180, 150)  # cm
 # Of a reading of ln R, which averaging does not remove (flicker noise of resistive gas sensors: Scandurra, Ciofi &
 # Smulko 2024, doi:10.3390/s24020405, read in its abstract). As much as the noise of a sample of ours, so that none of
-# it averages out; a step of the 10-bit converter of the paper's microcontroller is 0.004 in ln R where the sensor has the
-# resistance of its load.
+# it averages out; a step of the 10-bit converter of the paper's microcontroller is 0.004 in ln R where the sensor has
+# the resistance of its load.
 READING_NOISE = 0.003
 ALGORITHMS: dict[str, dict[str, Any]] = {
     "SPIRAL": {"kind": "spiral"},
