@@ -2,8 +2,8 @@
 
 The law of `gas_laws` makes a signal y of the concentration, which follows it with separate time constants for rise and
 decay, solved exactly over a tick; a share of it may decay more slowly. A reading takes y at its moment, or its mean
-since the reading before, with drift, white noise and what room and heater add, and is what the sensor's calibration
-makes of that, in ppm and never negative. Between readings the last one is held.
+since the reading before, with drift, white noise of its samples and of itself and what room and heater add, and is what
+the sensor's calibration makes of that, in ppm and never negative. Between readings the last one is held.
 """
 
 from collections.abc import Sequence
@@ -60,9 +60,11 @@ class GasSensors:
 
     @ti.func
     def draw(self, n, tick):
-        """Noise and drift of the n-th sensor, normal; a trial draws the same ones alone and among others."""
+        """Noise of samples, drift and noise of a reading of the n-th sensor, normal; a trial draws the same ones alone
+        and among others.
+        """
         g = normal4(self.swarm.key[None], self.of.stream[n], self.members.number[n], tick, 0)
-        return ti.Vector([g[0], g[1]])
+        return g[0], g[1], g[2]
 
     @ti.func
     def smell(self, gas: Template, n, i, t):
@@ -85,10 +87,10 @@ class GasSensors:
         return (tick - 1) % self.of.hold[n] == 0
 
     @ti.func
-    def lag(self, n, tick, cold, goal, noise, drift):
+    def lag(self, n, tick, cold, goal, noise, drift, reading_noise):
         """Signal that the n-th sensor gives while it follows its goal for a tick, with all that adds to it.
 
-        cold: what is left of a start in the cold; noise, drift: what `draw` gives.
+        cold: what is left of a start in the cold; noise, drift, reading_noise: what `draw` gives.
         """
         y, mean = self._follow(self.signal, n, goal, self.of.decay[n], self.of.decay_rest[n])
         share = self.of.slow_share[n]
@@ -105,6 +107,8 @@ class GasSensors:
             if self.of.averages[n] == 1:
                 y = total / ti.min(tick, self.of.hold[n])
             total = 0.0
+            if self.of.reading_noise[n] > 0.0:
+                y += self.of.reading_noise[n] * reading_noise
         self.sum[n] = total
         return (
             y + self.baseline[n] + self.of.noise[n] * noise + self.of.room[n] + self.of.cold_start[n] * cold
@@ -130,6 +134,7 @@ def _figures(tick: float, species: Sequence[Species], group: GroupRange) -> Numb
         "hold": max(1, round(sensor.period / tick)),  # ticks per reading
         "averages": sensor.averaged > 1,
         "noise": signal.noise / sqrt(sensor.averaged),
+        "reading_noise": signal.reading_noise,
         "drift": signal.drift * sqrt(tick / HOUR),
         "room": signal.room,
         "cold_start": signal.cold_start,

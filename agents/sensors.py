@@ -65,11 +65,12 @@ class Sensors:
         last = nose.members.size - 1
         count = ti.min(self.strip, last + 1 - first)
         noise, drift = ti.Vector([0.0] * self.strip), ti.Vector([0.0] * self.strip)
+        own = ti.Vector([0.0] * self.strip)
         across, along = ti.Vector([0.0] * self.strip), ti.Vector([0.0] * self.strip)
         y, r = ti.Vector([0.0] * self.strip), ti.Vector([0.0] * self.strip)
         for m in range(self.strip):
             n = ti.min(first + m, last)
-            noise[m], drift[m] = nose.draw(n, tick)
+            noise[m], drift[m], own[m] = nose.draw(n, tick)
             across[m], along[m] = vane.draw(n, tick)
         for m in range(count):
             n = first + m
@@ -79,7 +80,7 @@ class Sensors:
         for m in range(self.strip):
             y[m] = nose.law.response(ti.min(first + m, last), y[m])
         for m in range(count):
-            y[m] = nose.lag(first + m, tick, cold, y[m], noise[m], drift[m])
+            y[m] = nose.lag(first + m, tick, cold, y[m], noise[m], drift[m], own[m])
         for m in range(self.strip):
             n = ti.min(first + m, last)
             r[m] = nose.law.resistance(n, y[m])

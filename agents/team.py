@@ -1,20 +1,28 @@
 """A team: the robots of the groups that one search algorithm drives."""
 
 from collections.abc import Mapping, Sequence
+from math import floor
 
+import taichi as ti
+
+from taichi_plume.agents.few import few
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.own import OwnAlgorithm
 from taichi_plume.agents.search import ALGORITHMS, Algorithm
 from taichi_plume.agents.swarm import Swarm
 
+WAIT = "WAIT"  # state of robots that have not set off
 
+
+@ti.data_oriented
 class Team:
     """Acts for the robots of the groups `numbers`, whose algorithms are of one kind, all trials at once.
 
-    tick: control period [s]. own: class of an algorithm of the user's.
+    Until the groups set off, at their `begin`, the robots are given no command; their state is WAIT, and that in which
+    the algorithm begins is put by. tick: control period [s]. own: class of an algorithm of the user's.
     """
 
-    STATE = ("algorithm",)
+    STATE: tuple[str, ...] = ("algorithm",)
 
     def __init__(
         self,
@@ -23,39 +31,69 @@ class Team:
         tick: float,
         own: type | None = None,
     ):
-        self.members = Members(swarm, numbers)
+        self.swarm, self.members = swarm, Members(swarm, numbers)
         self.numbers = self.members.numbers
-        model = self.members.groups[0].model.algorithm
+        group = self.members.groups[0].model
+        model, begin = group.algorithm, group.begin
+        self.first_tick = floor(begin / tick + 1e-6) + 1  # in which the robots get a command
         self.algorithm: Algorithm
         if own is not None:
             self.algorithm = OwnAlgorithm(swarm, self.members, own)
         else:
             self.algorithm = ALGORITHMS[model.kind](swarm, self.members, tick)
+        self.waits = begin > 0
+        if self.waits:
+            self.first_state = ti.field(ti.i32, self.members.size)
+            self.STATE = (*self.STATE, "first_state")
+        self._hold()
 
     @property
     def state_names(self) -> tuple[str, ...]:
         """Names of the values of the swarm's `state`."""
-        return self.algorithm.STATE_NAMES
+        return (*self.algorithm.STATE_NAMES, WAIT) if self.waits else self.algorithm.STATE_NAMES
 
     def begin(self) -> None:
         """Start anew, with the numbers that the swarm's groups have now."""
         self.algorithm.begin()
+        self._hold()
 
     def act(self, tick: int, t: float, dt: float) -> None:
         """Turn readings into commands."""
+        if tick < self.first_tick:
+            return
+        if self.waits and tick == self.first_tick:
+            self._swap(0)
         self.algorithm.act(tick, t, dt)
+
+    def _hold(self) -> None:
+        """Let the robots wait, if they have to."""
+        if self.waits:
+            self._swap(len(self.algorithm.STATE_NAMES))
+
+    @ti.kernel
+    def _swap(self, wait: int):
+        """Put the states by and let the robots wait, in a state > 0; or with 0 take them back."""
+        ti.loop_config(serialize=ti.static(few(self.members.size)))
+        for n in range(self.members.size):
+            i = self.members.robot[n]
+            if wait > 0:
+                self.first_state[n] = self.swarm.state[i]
+                self.swarm.state[i] = wait
+            else:
+                self.swarm.state[i] = self.first_state[n]
 
 
 def teams(swarm: Swarm, tick: float, own: Mapping[str, type] | None = None) -> list[Team]:
-    """A team for each kind of algorithm, or for each group where the algorithm's class is `PER_GROUP`.
+    """A team for each kind of algorithm and time to set off, or for each group where the class is `PER_GROUP`.
 
     own: classes of the user's by the names of their groups.
     """
-    alike: dict[tuple[str, int], list[int]] = {}
+    alike: dict[tuple[str, int, float], list[int]] = {}
     for group in swarm.groups:
         kind = group.model.algorithm.kind
         per_group = kind == "own" or ALGORITHMS[kind].PER_GROUP
-        alike.setdefault((kind, group.number if per_group else -1), []).append(group.number)
+        key = kind, group.number if per_group else -1, group.model.begin
+        alike.setdefault(key, []).append(group.number)
     handed = own or {}
     return [
         Team(swarm, numbers, tick, handed.get(swarm.groups[numbers[0]].name)) for numbers in alike.values()

@@ -161,9 +161,9 @@ def mean_of(total: np.ndarray, count: np.ndarray) -> np.ndarray:
 def trial_outcomes(group: Any, snapshot: dict[str, np.ndarray], sources: np.ndarray) -> dict[str, Any]:
     """Per trial of a group, as columns; sources: (m, 2) [m].
 
-    success; found: robots that found a source; of the first of them time_s, path_m and overhead: its path over the
-    straight way to the nearest source; of the whole team team_path_m, acquisitions, hits, bumps; final_distance_m: of
-    the robot that ended nearest to a source.
+    success; found: robots that found a source; of the first of them time_s, since its group set off, path_m and
+    overhead: its path over the straight way to the nearest source; of the whole team team_path_m, acquisitions, hits,
+    bumps; final_distance_m: of the robot that ended nearest to a source.
     """
     span = slice(group.start, group.start + group.trials * group.count)
 
@@ -187,7 +187,7 @@ def trial_outcomes(group: Any, snapshot: dict[str, np.ndarray], sources: np.ndar
     return {
         "success": success.tolist(),
         "found": found.sum(axis=1).tolist(),
-        "time_s": of_the_first(time[first]),
+        "time_s": of_the_first(time[first] - group.model.begin),
         "path_m": of_the_first(path[first]),
         "overhead": of_the_first(path[first] / np.maximum(straight, 1e-9)),
         "team_path_m": path.sum(axis=1).tolist(),
@@ -220,7 +220,7 @@ def no_search(sim: Simulation, group: Any, success: Iterable[bool] = ()) -> str 
     if any(success):
         return None
     on = begins(sim) < sim.t
-    if sim.tick <= 0:
+    if sim.tick <= 0 or (group.model.begin > 0 and sim.t <= group.model.begin):
         return "the robots had not started"
     if not len(on):
         return "there is none"
@@ -229,9 +229,9 @@ def no_search(sim: Simulation, group: Any, success: Iterable[bool] = ()) -> str 
     return None if group.model.reach > 0 else "reach is 0"
 
 
-def end(sim: Simulation) -> float:
-    """For how long a trial lasted in which no source was found [s]."""
-    return sim.scenario.duration if sim.tick >= sim.last_tick else max(sim.t, 0.0)
+def end(sim: Simulation, group: Any) -> float:
+    """For how long a trial of a group lasted in which no source was found [s]."""
+    return group.model.time(sim.scenario.duration if sim.tick >= sim.last_tick else sim.t)
 
 
 def source_places(sim: Simulation) -> np.ndarray:

@@ -1,12 +1,15 @@
 """Searches of one group of robots for an experiment: trials in one or several airs, and what they come to."""
 
 from collections.abc import Iterable, Sequence
+from math import inf
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import taichi as ti
 
 from taichi_plume.assemble import assemble
+from taichi_plume.grid import kernels
 from taichi_plume.prepare import checked
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scores import trial_outcomes, trial_summary
@@ -27,6 +30,14 @@ def spread(trials: int, airs: int) -> list[int]:
     """How many trials each air has: as even as can be, and none without."""
     shares = [trials // airs + (k < trials % airs) for k in range(airs)]
     return [share for share in shares if share]
+
+
+def afresh() -> None:
+    """Start Taichi anew on the same device: it holds 512 trees of fields at most, and crashes beyond.
+
+    For experiments that assemble many simulations one after the other; those before are lost.
+    """
+    kernels.start("cpu" if kernels.on_cpu() else ti.cfg.arch.name)
 
 
 def outcomes(sim: Simulation) -> dict[str, dict[str, list[Any]]]:
@@ -102,8 +113,25 @@ def searches(
     return found.told(scenario, title)
 
 
-def contest(data: dict[str, Any], folder: Path = Path()) -> dict[str, dict[str, list[Any]]]:
-    """Run a scenario with its groups as rivals; returns the columns of `trial_outcomes` by the names of the groups."""
+def contest(
+    data: dict[str, Any], folder: Path = Path(), limit: float = inf, watch: Every | None = None
+) -> dict[str, dict[str, list[Any]]]:
+    """Run a scenario with its groups as rivals; returns the columns of `trial_outcomes` by the names of the groups.
+
+    limit: of a search [s]: each group's outcomes are those so long after it set off, and the run ends with the last.
+    watch: is called too.
+    """
     sim = assemble(scenario_of(data | {"rivals": True}, folder), folder)
-    sim.run()
-    return outcomes(sim)
+    sim.observers += [] if watch is None else [watch]
+    told: dict[str, dict[str, list[Any]]] = {}
+    late = {group.name: group.model.begin + limit for group in sim.swarm.groups}
+    sim.observe()
+    while not sim.finished and late:
+        sim.advance()
+        sim.observe()
+        over = [name for name, end in late.items() if sim.t >= end]
+        if over:
+            now = outcomes(sim)
+            told |= {name: now[name] for name in over}
+            late = {name: end for name, end in late.items() if name not in over}
+    return told | {name: one for name, one in outcomes(sim).items() if name in late}

@@ -84,7 +84,7 @@ def _groups(sim: Simulation) -> list[dict[str, Any]]:
         return []
     now = sim.swarm.snapshot()
     groups = []
-    sources, end = scores.source_places(sim), scores.end(sim)
+    sources = scores.source_places(sim)
     for group in sim.swarm.groups:
         trials = scores.trial_outcomes(group, now, sources)
         times = [t for t, good in zip(trials["time_s"], trials["success"], strict=True) if good]
@@ -93,7 +93,7 @@ def _groups(sim: Simulation) -> list[dict[str, Any]]:
         differ = scores.trials_differ_by(group, now)
         no_search = scores.no_search(sim, group, trials["success"])
         counted = trials if differ != "nothing" else {name: values[:1] for name, values in trials.items()}
-        summary = scores.trial_summary(counted, end, searched=no_search is None)
+        summary = scores.trial_summary(counted, scores.end(sim, group), searched=no_search is None)
         groups.append(
             {
                 "name": group.name,

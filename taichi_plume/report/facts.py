@@ -85,12 +85,13 @@ def key_facts(run: Run) -> Rows:
         rows.append(("obstacles", _counted([one.kind for one in scenario.obstacles])))
     for group in scenario.robots:
         trials = f", {group.trials} trials at once in the same air" if group.trials > 1 else ""
+        later = f"; sets off at {group.begin:g} s" if group.begin else ""
         sensor = group.sensors.gas
         smells = " ".join(
             str(part) for part in (sensor.kind, getattr(sensor, "model", "")) if isinstance(part, str)
         )
         how = f"{group.body.kind} by {group.algorithm.kind.replace('_', ' ')}"
-        rows.append((group.name, f"{group.count} × {how}{trials}; smells by {smells}"))
+        rows.append((group.name, f"{group.count} × {how}{trials}; smells by {smells}{later}"))
     if scenario.maps:
         rows.append(("maps", ", ".join(one.kind.replace("_", " ") for one in scenario.maps)))
     rows += [(name.replace("_", " "), str(seed)) for name, seed in scenario.seeds.items()]

@@ -89,17 +89,19 @@ class Spiral(Listening):
     """Weight of the sum of its peaks in the proximity index. Peaks are higher near the source."""
     peak_window: Wait = 5.0
     """Only the largest peak within so long a time counts."""
-    peak_height: Literal["absolute", "above_mean"] = "absolute"
-    """What of a peak counts: its concentration, or what of it is above the mean."""
+    peak_height: Literal["above_mean", "absolute"] = "above_mean"
+    """What of a peak counts: what of it is above the mean, or its whole concentration. The paper says neither, but
+    that the mean is there for low peaks: a whole peak is never lower than the mean."""
     arms: Annotated[tuple[Length, ...], Field(min_length=1, max_length=100)] = (
-        0.35,
-        0.35,
-        0.7,
-        0.7,
-        1.05,
-        1.05,
+        0.4,
+        0.4,
+        0.8,
+        0.8,
+        1.2,
+        1.2,
     )
-    """Lengths of a spiral's arms, in their order."""
+    """Lengths of a spiral's arms, in their order. The paper does not give them, but that they suit the area: these make
+    random SPIRAL take as many acquisitions as published, in an arena of 3 x 2.1 m."""
     escape_length: Length = 0.75
     """Way to the place of a new spiral when all arms were in vain."""
     bump_side: Literal["spiral", "gradient"] = "spiral"

@@ -18,6 +18,7 @@ from taichi_plume.scenario.vocabulary import (
     AngleNoise,
     BodyLength,
     Count,
+    Delay,
     Distance,
     Fraction,
     Length,
@@ -116,6 +117,9 @@ class Group(Model):
     give better statistics in one run."""
     first_trial: Annotated[int, Field(ge=0, le=1_000_000)] = 0
     """Number of the first trial. With `trials: 1`, one of many is run again alone, to the same result."""
+    begin: Annotated[Delay, COMPILED] = 0.0
+    """When its robots set off. Until then they stand at their start, and their sensors follow the gas there; how long
+    a search took counts from then on."""
     start: Start
     """Where the robots start: at given places, on a line or at random in an area."""
     algorithm: Algorithm
@@ -137,6 +141,10 @@ class Group(Model):
     wake: bool = False
     """Whether the robots disturb the air: in 3-D as solid bodies, in 2-D by their drag. It takes a computed wind and
     a single trial."""
+
+    def time(self, end: float) -> float:
+        """How long its robots have been searching at a time `end` [s]; 0 while they wait."""
+        return max(0.0, end - self.begin)
 
     def misfit(self, floor: Arena) -> str | None:
         """What is wrong with the size of its robots, or with their number; `key: message`."""

@@ -78,13 +78,14 @@ class Signal:
     """How the signal of a gas sensor, which its law makes of a concentration, follows and scatters.
 
     rise, decay, slow_decay: time constants [s]; slow_share: of the signal that recovers by the slow one. noise:
-    standard deviation of a sample; drift: of a random walk in the root of an hour. Added in any gas: room, for its
-    warmth and humidity, and at t = 0 cold_start.
+    standard deviation of a sample; reading_noise: of a reading, however many samples it has; drift: of a random walk in
+    the root of an hour. Added in any gas: room, for its warmth and humidity, and at t = 0 cold_start.
     """
 
     rise: float = 0.0
     decay: float = 0.0
     noise: float = 0.0
+    reading_noise: float = 0.0
     drift: float = 0.0
     slow_share: float = 0.0
     slow_decay: float = 0.0
@@ -142,6 +143,11 @@ class MoxSensor(GasSensor):
     """Which metal-oxide sensor, by the maker's name: its response, lag and load resistor."""
     noise: Intensity = 0.003
     """Noise of a sample, as standard deviation of ln R."""
+    reading_noise: Intensity = 0.0
+    """Noise of a reading that averaging its samples does not remove, as standard deviation of ln R. It comes of what
+    varies more slowly than the samples are taken: the sensor's own 1/f noise, its supply and converter, the warmth and
+    motion of the air at its film. Flicker noise is the largest of resistive sensors at low frequencies (Scandurra et
+    al. 2024)."""
     sensitivity: dict[str, Coefficient] = Field(default_factory=dict)
     """How much it responds to a species, over ethanol, by the species' name. 1 unless given: the data sheets tell of
     ethanol alone."""
@@ -183,6 +189,7 @@ class MoxSensor(GasSensor):
             rise,
             decay,
             self.noise,
+            self.reading_noise,
             self.drift,
             self.slow_share,
             self.slow_decay_time,

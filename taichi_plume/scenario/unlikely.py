@@ -4,7 +4,7 @@ Each remark is one line and cheap to know; where it is not certain it keeps a wi
 """
 
 from collections.abc import Iterator
-from math import sqrt
+from math import hypot, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -219,6 +219,12 @@ def _concentrations(context: Context) -> Iterator[str]:
 
 
 def _group(path: str, group: Group, context: Context, where: Course | None) -> Iterator[str]:
+    if group.begin >= context.scenario.duration:
+        yield (
+            f"{path}.begin: {group.begin:g} s is not before the end at {context.scenario.duration:g} s: its robots "
+            "never set off"
+        )
+        return
     yield from _smells(path, group, context)
     yield from _starts(path, group, context, where)
     scenario, algorithm = context.scenario, group.algorithm
@@ -228,10 +234,12 @@ def _group(path: str, group: Group, context: Context, where: Course | None) -> I
             f"{path}.reach: {group.reach:g} m is less than the {step:g} m that a robot drives in a tick: it may pass a "
             "source; lower tick"
         )
-    if isinstance(algorithm, Listening) and algorithm.settle + algorithm.acquisition >= scenario.duration:
+    if isinstance(algorithm, Listening) and algorithm.settle + algorithm.acquisition >= group.time(
+        scenario.duration
+    ):
         yield (
             f"{path}.algorithm.acquisition: {algorithm.acquisition:g} s and {algorithm.settle:g} s to settle are not "
-            f"over within the duration of {scenario.duration:g} s: they will stand still"
+            f"over within {_time(group, context)}: they will stand still"
         )
     fastest, least = scenario.wind.top_speed(scenario), group.sensors.wind.least
     if isinstance(algorithm, PlumeTracking) and fastest and least >= fastest:
@@ -239,6 +247,12 @@ def _group(path: str, group: Group, context: Context, where: Course | None) -> I
             f"{path}.sensors.wind: sees no wind below {least:g} m/s, and the air moves with {fastest:.2g} m/s at most: "
             f"{algorithm.kind} will not know where upwind is; use another kind or a lower threshold"
         )
+
+
+def _time(group: Group, context: Context) -> str:
+    """The time that a group has, in words."""
+    duration = context.scenario.duration
+    return f"the {group.time(duration):g} s after begin" if group.begin else f"the duration of {duration:g} s"
 
 
 def _smells(path: str, group: Group, context: Context) -> Iterator[str]:
@@ -249,15 +263,15 @@ def _smells(path: str, group: Group, context: Context) -> Iterator[str]:
     key = f"{path}.algorithm.threshold_ppm"
     if isinstance(sensor, MoxSensor):
         model = MOX_MODELS[sensor.model]
-        noise = sensor.noise * model.c0 / model.b  # in clean air
+        per_ln_r = model.c0 / model.b  # ppm, in clean air
+        noise = hypot(sensor.noise / sqrt(sensor.averaged), sensor.reading_noise) * per_ln_r
     else:
-        noise = sensor.noise_ppm
+        noise = sensor.noise_ppm / sqrt(sensor.averaged)
         if threshold < sensor.detection_limit_ppm:
             yield (
                 f"{key}: {threshold:g} ppm is below what the sensor tells, sensors.gas.detection_limit_ppm: "
                 f"{sensor.detection_limit_ppm:g} ppm"
             )
-    noise /= sqrt(sensor.averaged)
     if threshold < PEAK * noise:
         yield (
             f"{key}: {threshold:g} ppm is crossed by the sensor's noise alone, {noise:.2g} ppm; raise it above "
@@ -299,10 +313,11 @@ def _starts(path: str, group: Group, context: Context, where: Course | None) -> 
     way = float(apart.min()) - group.reach
     speed = getattr(group.algorithm, "speed", None)
     speed = group.body.max_speed if speed is None else min(speed, group.body.max_speed)
-    if speed and way > speed * scenario.duration and (group.algorithm.searches or not scenario.maps):
+    most = speed * group.time(scenario.duration)
+    if speed and way > most and (group.algorithm.searches or not scenario.maps):
         yield (
             f"{path}: start {way:.3g} m or more from where a source counts as found, and drive at most "
-            f"{speed * scenario.duration:.3g} m in the whole duration; start them nearer, or make it longer"
+            f"{most:.3g} m in {_time(group, context)}; start them nearer, or make it longer"
         )
     if where is not None and isinstance(group.algorithm, PlumeTracking):
         along = where.along[:2]

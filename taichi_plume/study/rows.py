@@ -20,11 +20,11 @@ def trial_rows(sim: Simulation, request: Request) -> list[dict[str, Any]]:
     """A row for each trial of each group of a run that is over.
 
     searched: whether there was anything that its robots could find; success is None where not. time_with_failures_s:
-    a failure counts as the run's whole duration. What is no number is None.
+    a failure counts as all the time that its group had. What is no number is None.
     """
     if not sim.swarm.count:
         return []
-    now, sources, end = sim.swarm.snapshot(), scores.source_places(sim), scores.end(sim)
+    now, sources = sim.swarm.snapshot(), scores.source_places(sim)
     who = {"run": request.run, "point": request.point, "air": request.air, "air_seed": request.air_seed}
     who |= {"seed": request.seed, **request.values}
     rows = []
@@ -36,7 +36,7 @@ def trial_rows(sim: Simulation, request: Request) -> list[dict[str, Any]]:
             row = {name: _number(values[k]) for name, values in trials.items()}
             if not searched:
                 row["success"] = None
-            late = row["time_s"] if row["success"] else end
+            late = row["time_s"] if row["success"] else scores.end(sim, group)
             row["time_with_failures_s"] = late if searched else None
             rows.append(its | {"trial": k, "searched": searched} | row)
     return rows

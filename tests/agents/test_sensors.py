@@ -471,6 +471,30 @@ def test_noise_of_the_resistance(crowd):
     assert abs(np.corrcoef(ln_r)[0, 1]) < 0.13
 
 
+def test_noise_of_a_reading_does_not_average_out(crowd):
+    """Of ln R, anew with each reading, beside what is left of the noise of 100 samples; draws of its own."""
+
+    def ln_r(**keys):
+        crowd.fit(mox=mox(noise=0.02, rise_time=0, period=0.5, averaged=100, **keys))
+        crowd.air.level[None] = 20.0
+        crowd.measure(6)
+        first = np.log(crowd.of("mox", "resistance_ohm"))
+        crowd.measure(4)
+        held = np.log(crowd.of("mox", "resistance_ohm"))
+        crowd.measure()
+        return first, held, np.log(crowd.of("mox", "resistance_ohm"))
+
+    first, held, then = ln_r(reading_noise=0.005)
+    of_samples = ln_r()[0]
+    assert (held == first).all()
+    assert first.std() == pytest.approx(np.hypot(0.005, 0.002), rel=0.1)
+    own = first - of_samples
+    assert own.std() == pytest.approx(0.005, rel=0.1)
+    assert own.mean() == pytest.approx(0, abs=6 * 0.005 / np.sqrt(MANY))
+    for other in (of_samples, then):
+        assert abs(np.corrcoef(own, other)[0, 1]) < 0.13
+
+
 def test_noise_in_clean_air_never_reads_below_zero(crowd):
     crowd.fit(others=IdealGasSensor(kind="ideal", noise_ppm=1.0))
     crowd.measure()

@@ -320,7 +320,7 @@ def test_map_score():
 
 
 def test_first_finder_counts():
-    group = SimpleNamespace(start=1, count=2, trials=2)
+    group = SimpleNamespace(start=1, count=2, trials=2, model=SimpleNamespace(begin=0.5))
     snapshot = {
         "found": np.array([1, 1, 1, 0, 0]),
         "found_time": np.array([1.0, 9.0, 4.0, np.nan, np.nan]),
@@ -338,7 +338,7 @@ def test_first_finder_counts():
     assert told["bumps"] == [0, 3]
     assert told["final_distance_m"] == pytest.approx([0.2, 1.0])
     assert told["success"] == [True, False]
-    assert told["time_s"][0] == 4.0
+    assert told["time_s"][0] == 3.5  # since the group set off
     assert told["path_m"][0] == 3.0
     assert np.isnan(told["time_s"][1])
     assert told["team_path_m"] == [5.0, 9.0]

@@ -165,6 +165,7 @@ STILL = {
     "Sphere": {"center", "radius"},
     "Prism": {"vertices", "base", "height"},
     "Mesh": {"scale", "translate", "yaw_deg", "section"},
+    "Group": {"begin"},
     "Arena": {"low", "high"},
     "Source": {"radius"},
     "Target": {"radius"},

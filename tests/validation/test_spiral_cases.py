@@ -2,13 +2,19 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from taichi_plume import load_scenario
-from taichi_plume.validation import spiral_cases
+from taichi_plume.assemble import assemble
+from taichi_plume.validation import spiral_cases, spiral_room
 from taichi_plume.validation.experiment import Range
 from taichi_plume.validation.searches import scenario_of
-from taichi_plume.validation.spiral_cases import OPENED, SPIRAL_CASES, at, momo, room
+from taichi_plume.validation.spiral_cases import SPIRAL_CASES
+from taichi_plume.validation.spiral_floor import NoisyIndex, chi_square
+from taichi_plume.validation.spiral_index import PLACES, in_order
+from taichi_plume.validation.spiral_index import spread as index_spread
+from taichi_plume.validation.spiral_room import TABLE_2, at, begins, floor, momo, room
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -20,22 +26,68 @@ def test_the_config_is_the_experiment_of_the_validation():
     robot = momo(
         "momo", 1, at(180), {"kind": "spiral", "minimum_ppm": theirs.robots[0].algorithm.minimum_ppm}
     )
-    ours = scenario_of(room(0, OPENED, [robot], theirs.duration))
+    ours = scenario_of(room(0, [robot], theirs.duration))
     assert ours.model_copy(update={"recording": theirs.recording}) == theirs
 
 
 @pytest.mark.slow
 def test_every_row_has_its_trials(monkeypatch):
     monkeypatch.setattr(spiral_cases, "AIRS", 1)
-    monkeypatch.setattr(spiral_cases, "OPENED", 60.0)
+    monkeypatch.setattr(spiral_room, "OPENED", 60.0)
     monkeypatch.setattr(spiral_cases, "HOUR", 150.0)
-    monkeypatch.setattr(spiral_cases, "least_index", lambda: 1.0)
+    monkeypatch.setattr(spiral_cases, "least_index", lambda airs: 1.0)
+    monkeypatch.setattr(spiral_cases, "begins", lambda row: [0.0, 5.0, 5.0, 10.0])
     (experiment,) = SPIRAL_CASES
-    told = {condition.name: condition.run(6) for condition in experiment.conditions}
+    rows = experiment.conditions[:9]
+    told = {condition.name: condition.run(6) for condition in rows}
     quick, slow = told["E. coli 3 s, 180 cm"], told["random SPIRAL, 180 cm"]
     assert Range(least=15).met(quick["acquisitions"].mean)  # of 3 s, and 5 s of driving and turning
     assert Range(3, 4.5).met(slow["acquisitions"].mean)  # of 31 s, and 5
-    assert all(told[row.name]["success"].n == 6 for row in experiment.conditions[:-1])
-    ratios = experiment.conditions[-1]
+    assert all(told[row.name]["success"].n == 6 for row in rows[:-1])
+    ratios = rows[-1]
     assert ratios.published.keys() >= ratios.expected.keys()
     assert told[ratios.name].keys() > ratios.expected.keys()
+    assert all((one["time_s"][one["success"]] <= 150.0).all() for one in spiral_cases.table(6).values())
+
+
+def test_sessions_are_spaced_by_the_published_times():
+    assert begins(("SPIRAL", 180)) == [0.0, 458.2, 916.4, 1374.6]
+    assert begins(("E. coli 30 s", 180))[-1] == pytest.approx(5193.6)
+
+
+def test_published_intervals_are_students():
+    assert str(TABLE_2["SPIRAL", 180].acquisitions) == "11.5 +- 2.4 (n = 15)"
+
+
+def test_pairs_in_order_and_spread_of_indices():
+    distance = np.array([d for d, _ in PLACES])
+    assert in_order(np.tile(1.0 / distance, (4, 1))) == 1.0
+    assert in_order(np.tile(distance, (4, 1))) == 0.0
+    rising = np.outer(np.exp(0.1 * np.arange(400)), 1.0 / distance)
+    noise = np.exp(0.3 * np.random.default_rng(1).standard_normal(rising.shape))
+    assert index_spread(rising * noise) == pytest.approx(0.3, rel=0.2)
+    assert index_spread(rising) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_chi_square_counts_standard_errors():
+    """Two means of four trials that are 1 and 2 standard errors of ours away."""
+    ours = np.array([-1.0, 1.0]).repeat(500)
+    of_four = ours.std(ddof=1) / 2
+    assert chi_square([(of_four, 4), (-2 * of_four, 4)], [ours, ours]) == pytest.approx(5.0)
+
+
+def test_indices_have_the_noise_that_is_told():
+    """Readings at a place differ from acquisition to acquisition, not within one, and by the spread that is told."""
+    groups = [momo(name, 2000, at(150), {"kind": "ecoli"}) for name in ("smooth", "noisy")]
+    sim = assemble(scenario_of(floor(groups, 10.0) | {"rivals": True}))
+    field = NoisyIndex(sim.swarm, np.repeat([0.0, 0.4], 2000))
+    seen = []
+    for count in (0, 0, 1):
+        sim.swarm.acquisitions.fill(count)
+        field.measure(None, None, 1, 0.25)
+        seen.append(np.log(sim.swarm.reading.to_numpy()))
+    first, same, other = seen
+    np.testing.assert_array_equal(first, same)
+    assert first[:2000] == pytest.approx(np.log(0.5 / 1.8), abs=1e-5)
+    assert first[2000:].std() == pytest.approx(0.4, rel=0.1)
+    assert abs(np.corrcoef(first[2000:], other[2000:])[0, 1]) < 0.13

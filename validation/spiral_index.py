@@ -1,0 +1,149 @@
+"""Proximity indices at places in the SPIRAL room: how often a record has no peak, whether nearer places have higher
+ones and how much they vary.
+
+As in the paper (section 2): five robots in a row, 30 to 130 cm from the dish, from 15 minutes after it was opened; here
+in three directions, which the arena has room for, and two more where the searches begin. They make indices one after
+the other and stay where they are. In the first half minute others, farther than 2 m from the dish, make those whose
+mean is the least index of a hit (section 3.2).
+"""
+
+from collections.abc import Sequence
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from taichi_plume.agents.spiral import FLAT, Spiral
+from taichi_plume.assemble import assemble
+from taichi_plume.simulation import Every, Simulation
+from taichi_plume.validation.experiment import Mean, Told, over_airs
+from taichi_plume.validation.searches import afresh, scenario_of
+from taichi_plume.validation.spiral_room import DISTANCES, OPENED, SOURCE, momo, room
+
+BEGIN = 900.0 - OPENED  # s
+LISTENED = 600.0  # s
+ROW = (30, 55, 80, 105, 130)  # cm
+DIRECTIONS = (135, 180, 225)  # deg
+PLACES = tuple((d, a) for a in DIRECTIONS for d in ROW) + tuple((d, 180) for d in DISTANCES)
+FAR = {"kind": "area", "low": [1.1, 0.95], "high": [1.4, 2.85]}  # more than 2 m from the dish
+FAR_PLACES = 20
+FIRST = 40.0  # s, in which these have made their index
+TIMES = (10, 20, 30)  # s, of an acquisition
+SHORT = 3  # s, of E. coli
+HEIGHTS = ("above_mean", "absolute")
+STILL = 1e-3  # m, the arms of a robot that stays
+
+
+class Records(NamedTuple):
+    """Of acquisitions, in their order, at all places: proximity indices and means [ppm], (k, places)."""
+
+    index: np.ndarray
+    mean: np.ndarray
+
+
+class Heard:
+    """Notes what the robots of a team have heard, whenever an acquisition is over."""
+
+    def __init__(self, team: Any, swarm: Any):
+        assert isinstance(team.algorithm, Spiral)
+        self.algorithm, self.swarm, self.members = team.algorithm, swarm, team.members
+        self.rows: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
+        self.robots = self.members.robot.to_numpy()
+        self.before = np.zeros(self.members.size, int)
+
+    def note(self, sim: Simulation) -> None:
+        """Take in what is new."""
+        now = self.swarm.acquisitions.to_numpy()[self.robots]
+        if (now == self.before).all():
+            return
+        index, total = self.algorithm.index.to_numpy(), self.algorithm.acquisition.total.to_numpy()
+        end = 0
+        for group in self.members.groups:
+            begin, end = end, end + group.size
+            if (now[begin:end] > self.before[begin:end]).all():
+                samples = group.model.algorithm.acquisition / group.model.algorithm.sample_period
+                part = index[begin:end], total[begin:end] / samples
+                self.rows.setdefault(group.name, []).append(part)
+                self.before[begin:end] = now[begin:end]
+
+    def records(self, name: str) -> Records:
+        """Of a group."""
+        return Records(*(np.array(part) for part in zip(*self.rows[name], strict=True)))
+
+
+def _listener(name: str, start: dict[str, Any], begin: float, trials: int = 1, **keys: Any) -> dict[str, Any]:
+    """Robots that stay: no index is a hit."""
+    stays = {"kind": "spiral", "arms": [STILL] * 100, "minimum_ppm": 1e6}
+    return momo(name, trials, start, stays | keys, begin)
+
+
+def _start() -> dict[str, Any]:
+    angles = np.radians([a for _, a in PLACES])
+    reach = np.array([d for d, _ in PLACES]) / 100
+    places = np.array(SOURCE) + reach[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
+    return {"kind": "positions", "positions": np.round(places, 4).tolist(), "heading_deg": 90}
+
+
+@cache
+def heard(air: int) -> tuple[np.ndarray, dict[tuple[int, str], Records]]:
+    """In an air: first indices far from the dish; and the records at all places, by time and height of peaks."""
+    kinds = [(SHORT, HEIGHTS[0]), *((time, height) for time in TIMES for height in HEIGHTS)]
+    groups = [
+        _listener(f"{time} {height}", _start(), BEGIN, acquisition=time, peak_height=height)
+        for time, height in kinds
+    ]
+    far = _listener("far", FAR, 0.0, FAR_PLACES)
+    data = room(air, [*groups, far], BEGIN + LISTENED) | {"rivals": True, "stop_early": False}
+    afresh()
+    sim = assemble(scenario_of(data))
+    near, alone = (Heard(team, sim.swarm) for team in sim.teams)
+    sim.observers += [Every(sim.dt, one.note) for one in (near, alone)]
+    sim.run()
+    return alone.records("far").index[0], {kind: near.records(f"{kind[0]} {kind[1]}") for kind in kinds}
+
+
+def least_index(airs: int) -> float:
+    """Mean proximity index [ppm] far from the dish, 5 minutes after it was opened."""
+    return float(np.mean([heard(air)[0] for air in range(airs)]))
+
+
+def in_order(index: np.ndarray) -> float:
+    """Share of pairs of places in one direction of which the nearer one has the higher index."""
+    rows = index[:, : len(ROW) * len(DIRECTIONS)].reshape(len(index), len(DIRECTIONS), len(ROW))
+    nearer, farther = np.triu_indices(len(ROW), 1)
+    return float((rows[..., nearer] > rows[..., farther]).mean())
+
+
+def spread(values: np.ndarray) -> np.ndarray:
+    """Standard deviation in time of the logarithm of values (k, places) about its linear trend, of each place."""
+    log = np.log(np.maximum(values, 1e-6))
+    basis = np.column_stack([np.ones(len(log)), np.arange(len(log))])
+    rest = log - basis @ np.linalg.lstsq(basis, log, rcond=None)[0]
+    return np.sqrt((rest**2).sum(axis=0) / (len(log) - 2))
+
+
+def indices(trials: int, airs: int) -> Told:
+    """What is told of the indices in the room; intervals over the airs."""
+    told: dict[str, Mean] = {}
+    records = [heard(air)[1] for air in range(airs)]
+
+    def over(values: Sequence[float]) -> Mean:
+        return over_airs(np.array(values, float), np.arange(airs))
+
+    def of(place: tuple[int, int], values: Sequence[np.ndarray]) -> Mean:
+        return over([float(spread(one)[PLACES.index(place)]) for one in values])
+
+    usual = [one[TIMES[-1], HEIGHTS[0]] for one in records]
+    told["records without a peak"] = over(
+        [float((abs(one.index - FLAT * one.mean) <= 1e-4 * one.mean).mean()) for one in usual]
+    )
+    for height in HEIGHTS:
+        for time in TIMES:
+            name = f"pairs in order, {time} s, peaks {height.replace('_', ' ')}"
+            told[name] = over([in_order(one[time, height].index) for one in records])
+    for d in (*DISTANCES, ROW[0]):
+        told[f"spread of ln(index), {d} cm"] = of((d, 180), [one.index for one in usual])
+        short = [one[SHORT, HEIGHTS[0]].mean for one in records]
+        told[f"spread of ln(reading of 3 s), {d} cm"] = of((d, 180), short)
+    told["least index of a hit [ppm]"] = over([float(heard(air)[0].mean()) for air in range(airs)])
+    return told

@@ -1,0 +1,145 @@
+"""The room of Ferri, Caselli, Mattoli, Mondini, Mazzolai & Dario, Robotics and Autonomous Systems 57 (2009) 393-402,
+and their table 2: facts and figures alone.
+
+Arena, dish, distances, robot, sensor and algorithms are the paper's. It does not tell of the room around the arena:
+ours has 50 m³ of air that drifts about at a few cm/s, see solvers/synthetic.py.
+"""
+
+from math import sqrt
+from typing import Any, NamedTuple
+
+from scipy.special import stdtrit
+
+OPENED = 300.0  # s before the first trial
+HOUR = 3600.0  # s, after which a search has failed
+PAUSE = 60.0  # s between the trials of a session
+SESSION = 4  # trials, after which the room is aired
+SOURCE = (3.4, 1.9)  # m
+DISTANCES = (180, 150)  # cm
+# Of a reading of ln R, which averaging does not remove (flicker noise of resistive gas sensors: Scandurra, Ciofi &
+# Smulko 2024, doi:10.3390/s24020405, read in its abstract). As much as the noise of a sample of ours, so that none of
+# it averages out; a step of the 10-bit converter of the paper's microcontroller is 0.004 in ln R where the sensor has
+# the resistance of its load.
+READING_NOISE = 0.003
+ALGORITHMS: dict[str, dict[str, Any]] = {
+    "SPIRAL": {"kind": "spiral"},
+    "E. coli 3 s": {"kind": "ecoli", "acquisition": 3.0},
+    "E. coli 30 s": {"kind": "ecoli", "acquisition": 30.0},
+    "random SPIRAL": {"kind": "spiral", "random": True},
+}
+
+
+class Sample(NamedTuple):
+    """A mean that was published with its standard deviation over n trials."""
+
+    mean: float
+    deviation: float
+    n: int
+
+    @property
+    def half(self) -> float:
+        """Of Student's interval of 95 % confidence."""
+        return float(stdtrit(self.n - 1, 0.975)) * self.deviation / sqrt(self.n)
+
+    def __str__(self) -> str:
+        return f"{self.mean:g} +- {self.half:.2g} (n = {self.n})"
+
+
+class Published(NamedTuple):
+    """A row of table 2: time to the source [s], and acquisitions."""
+
+    time: Sample
+    acquisitions: Sample
+
+
+def _row(n: int, *figures: float) -> Published:
+    time, its, steps, their = figures
+    return Published(Sample(time, its, n), Sample(steps, their, n))
+
+
+TABLE_2: dict[tuple[str, int], Published] = {
+    ("SPIRAL", 180): _row(15, 398.2, 151.5, 11.5, 4.3),
+    ("SPIRAL", 150): _row(15, 306.3, 91.2, 9.2, 2.7),
+    ("E. coli 3 s", 180): _row(15, 463.3, 93.0, 67.8, 14.7),
+    ("E. coli 3 s", 150): _row(15, 353.1, 73.2, 50.3, 11.3),
+    ("E. coli 30 s", 180): _row(4, 1671.2, 134.9, 49.3, 4.1),
+    ("E. coli 30 s", 150): _row(4, 1184.1, 158.1, 35.7, 5.1),
+    ("random SPIRAL", 180): _row(10, 1351.0, 291.0, 38.6, 8.1),
+    ("random SPIRAL", 150): _row(10, 991.0, 193.0, 28.3, 5.2),
+}
+
+
+def begins(row: tuple[str, int]) -> list[float]:
+    """When the trials of a session set off [s]: each after the row's published mean time and a pause."""
+    return [round(k * (TABLE_2[row].time.mean + PAUSE), 1) for k in range(SESSION)]
+
+
+def at(distance: int) -> dict[str, Any]:
+    """Start at so many centimetres from the dish, across the way to it."""
+    place = [round(SOURCE[0] - distance / 100, 2), SOURCE[1]]
+    return {"kind": "positions", "positions": [place], "heading_deg": 90}
+
+
+def momo(
+    name: str, trials: int, start: dict[str, Any], algorithm: dict[str, Any], begin: float = 0.0
+) -> dict[str, Any]:
+    """The robot."""
+    gas = {"kind": "mox", "model": "tgs800", "period": 0.5, "averaged": 500, "calibration": "cubic"}
+    return {
+        "name": name,
+        "count": len(start.get("positions", [0])),
+        "trials": trials,
+        "begin": begin,
+        "start": start,
+        "algorithm": algorithm,
+        "body": {"kind": "momo"},
+        "reach": 0.185,  # half of the square of 20 cm around the dish, and half of the robot
+        "capture": "square",
+        "sensors": {"gas": gas | {"reading_noise": READING_NOISE}},
+    }
+
+
+def room(air: int, robots: list[dict[str, Any]], duration: float) -> dict[str, Any]:
+    """The scenario as a YAML file would tell it: one of several airs, five minutes after the dish was opened."""
+    return {
+        "name": "spiral_room",
+        "seed": air + 1,
+        "duration": duration,
+        "warm_up": OPENED,
+        "tick": 0.25,
+        "domain": {"size": [5.0, 4.0, 2.5], "spacing": 0.1},
+        "wind": {"kind": "synthetic"},
+        "obstacles": [  # of polystyrene, north and south of the arena
+            {"kind": "box", "center": [2.5, y, 0.1], "size": [3.0, 0.1, 0.2]} for y in (0.8, 3.0)
+        ],
+        "arena": {"low": [1.0, 0.85], "high": [4.0, 2.95]},
+        "gas": {
+            "kind": "eulerian",
+            "sources": [
+                {
+                    "position": [*SOURCE, 0.05],
+                    "dish": {"diameter": 0.085, "temperature": 294.15},
+                    "radius": 0.08,
+                }
+            ],
+        },
+        "robots": robots,
+    }
+
+
+def floor(robots: list[dict[str, Any]], duration: float) -> dict[str, Any]:
+    """The arena alone, in two dimensions, for searches in which the air plays no part."""
+    return {
+        "name": "spiral_floor",
+        "duration": duration,
+        "tick": 0.25,
+        "domain": {"size": [5.0, 4.0], "spacing": 0.1},
+        "wind": {"kind": "uniform", "velocity": [0.1, 0.0]},
+        "arena": {"low": [1.0, 0.85], "high": [4.0, 2.95]},
+        "gas": {
+            "kind": "gaussian_plume",
+            "intensity": 0.1,
+            "sources": [{"position": list(SOURCE), "rate": 1e-6}],
+        },
+        "robots": robots,
+    }
