@@ -39,8 +39,8 @@ DISCUSSION = (
     "Measured in homes: 1 to 13e-3 m²/s, growing with the air changes per hour. Not reproduced is the closed room with "
     "our default speeds, 3 cm/s in eddies of 1.4 m and 0.75 cm/s in rolls: they mix by 3.7e-3 m²/s, as 50 m³ do with "
     "1.3 air changes per hour, which lies well inside what was measured but above the 1.2 to 2.1e-3 of the law for "
-    "rooms that are closed. The old default, eddies of 2 m and rolls twice as fast, came to 7.3e-3. Reproduced is the "
-    "closed room by half the speeds: 1.9e-3. K goes with the speed, and with the eddies' length: 0.06 to 0.07 of their "
+    "rooms that are closed. Eddies of 2 m with rolls twice as fast come to 7.3e-3. Reproduced is the closed room by "
+    "half the speeds: 1.9e-3. K goes with the speed, and with the eddies' length: 0.06 to 0.07 of their "
     "product without rolls, whatever the room; rolls of a quarter of the eddies' speed add a third. The law grows with "
     "the room's size, which ours does only where eddies and rolls are made to: in 7.6 m³ the default mixes as with 5 "
     "air changes. The line is known to us from a secondary source, without its scatter. Gas on the grid, released in "
@@ -104,7 +104,7 @@ def released(airs: int) -> Told:
         OF_GAS: over_airs(1e3 * K, each),
         OF_PARTICLES: over_airs(1e3 * of, each),
         RATIO: _over(over_airs(K, each), float(of.mean())),
-        f"gas along the room {LOOKS[-1]:g} s after its release, beside diffusion by the particles' K": Curve(
+        f"{LOOKS[-1]:g} s after the release, and diffusion by K": Curve(
             "x - middle [m]", "share per metre [1/m]", place, along, diffused
         ),
     }
