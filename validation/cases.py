@@ -2,6 +2,8 @@
 
 from functools import partial
 
+from taichi_plume.validation.annex20 import ANNEX20_CASES
+from taichi_plume.validation.backward_step import BACKWARD_STEP_CASES
 from taichi_plume.validation.balance_cases import BALANCE_CASES
 from taichi_plume.validation.body_cases import cylinder, oblique_channel, pipe, shedding
 from taichi_plume.validation.case import SECOND_ORDER, Case, Expected
@@ -326,6 +328,8 @@ _ALL = (
     *PLUME_CASES,
     *PUFF_CASES,
     *TURBULENT_WHIFF_CASES,
+    *ANNEX20_CASES,
+    *BACKWARD_STEP_CASES,
     *TUNNEL_PLUME_CASES,
     *HELIUM_BOX_CASES,
     *PLUMESIM_CASES,

@@ -1,0 +1,115 @@
+"""What cases of measured air share: a flow solved for as long as it takes, and its mean along x where it was measured.
+
+Means are over time and over y, or over the middle of it. They are kept in two halves of the record: if these are alike,
+it was long enough.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.interpolate import RegularGridInterpolator
+
+from taichi_plume.grid.cut_cells import air_of
+from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.shapes import Shape
+from taichi_plume.scenario.winds import CfdWind
+from taichi_plume.solvers.flow import FlowSolver
+from taichi_plume.solvers.patches import opening_cells, periodic_axes
+from taichi_plume.validation.experiment import Mean, over_airs
+from taichi_plume.validation.flow_cases import advance, velocities
+
+
+def columns(table: str) -> np.ndarray:
+    """The columns of a table whose rows stand between spaces, and the numbers of a row between commas."""
+    return np.array([row.split(",") for row in table.split()], float).T
+
+
+class Times(NamedTuple):
+    """How long a flow is left to itself, then averaged, and how often it is looked at meanwhile [s]."""
+
+    settled: float
+    averaged: float
+    every: float
+
+
+class Record(NamedTuple):
+    """A flow that was averaged: cells of edge dx [m].
+
+    halves: u along x [m/s] on the lower faces of the cells, mean across and over each half of the time, (2, nx, nz).
+    end: face velocities [m/s] per axis at the end.
+    """
+
+    dx: float
+    halves: np.ndarray
+    end: list[np.ndarray]
+
+    @property
+    def mean(self) -> np.ndarray:
+        """Over the whole time, (nx, nz)."""
+        return self.halves.mean(axis=0)
+
+
+def flow_in_box(
+    wind: dict[str, Any], shape: tuple[int, ...], dx: float, seed: int, bodies: Sequence[Shape] = ()
+) -> FlowSolver:
+    """The flow of a scenario's `wind` in a box around bodies; Taichi must have been started."""
+    model = CfdWind.model_validate({"kind": "cfd"} | wind)
+    grid = Grid(shape, dx, periodic=periodic_axes(model.openings, len(shape)))
+    return FlowSolver(model, grid, air_of(bodies, grid, opening_cells(model.openings, grid)), seed=seed)
+
+
+def recorded(flow: FlowSolver, times: Times, middle: int = 1) -> Record:
+    """Advance a flow from 0 s on and average it; in 3-D over the middle of y, one part in `middle`."""
+    advance(flow, times.settled)
+    grid, looks = flow.grid, round(0.5 * times.averaged / times.every)
+    halves, off = np.zeros((2, grid.shape[0], grid.shape[-1])), (grid.shape[1] - grid.shape[1] // middle) // 2
+    across = slice(off, grid.shape[1] - off)
+    t = times.settled
+    for half in halves:
+        for _ in range(looks):
+            advance(flow, t + times.every, t)
+            t += times.every
+            u = grid.read(flow.u[0]).astype(float)
+            half += (u if grid.dim == 2 else u[:, across].mean(axis=1)) / looks
+    return Record(grid.dx, halves, velocities(flow))
+
+
+def as_before(record: Record) -> Callable[[np.ndarray], np.ndarray]:
+    """The air at the end of a record as a function of places (..., dim) [m]: for `start_from` on other cells."""
+    parts = []
+    for d, u in enumerate(record.end):
+        axes = [(np.arange(n) + (0.0 if a == d else 0.5)) * record.dx for a, n in enumerate(u.shape)]
+        parts.append(RegularGridInterpolator(axes, u, bounds_error=False, fill_value=None))
+    ends = [(axes[0], axes[-1]) for axes in parts[0].grid]
+
+    def velocity(points: np.ndarray) -> np.ndarray:
+        inside = np.stack(
+            [np.clip(points[..., a], *(end for end in ends[a])) for a in range(points.shape[-1])], axis=-1
+        )
+        return np.stack([part(inside) for part in parts], axis=-1)
+
+    return velocity
+
+
+def along_x(mean: np.ndarray, dx: float, places: np.ndarray, top: str = "wall") -> np.ndarray:
+    """u [m/s] of a mean (nx, nz) at places (n, 2) [m], x and z, linear between faces; 0 at walls below and above.
+
+    Beyond the last lower face it is as there. top: "slip" for a plane of symmetry above.
+    """
+    nx, nz = mean.shape
+    above = mean[:, -1:] if top == "slip" else np.zeros((nx, 1))
+    u = np.hstack([np.zeros((nx, 1)), mean, above])
+    z = np.concatenate([[0.0], (np.arange(nz) + 0.5) * dx, [nz * dx]])
+    x = np.arange(nx) * dx
+    return RegularGridInterpolator((x, z), u)(np.minimum(places, [x[-1], z[-1]]))
+
+
+def told_of(values: Sequence[float]) -> Mean:
+    """One value of each air."""
+    return over_airs(np.array(values), np.arange(len(values)))
+
+
+def rms(error: np.ndarray) -> float:
+    """Root mean square."""
+    return float(np.sqrt(np.mean(np.asarray(error) ** 2)))
