@@ -9,7 +9,7 @@ from taichi_plume.assemble import assemble
 from taichi_plume.files.filming import Filming
 from taichi_plume.grid import kernels
 from taichi_plume.validation.searches import outcomes, scenario_of
-from taichi_plume.validation.spiral_cases import HOUR, OPENED, at, momo, room
+from taichi_plume.validation.spiral_room import HOUR, OPENED, at, momo, room
 
 RECORDED = 600.0  # s, shown again and again
 FILM = "room.zarr"
