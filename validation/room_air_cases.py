@@ -104,7 +104,7 @@ def released(airs: int) -> Told:
         OF_GAS: over_airs(1e3 * K, each),
         OF_PARTICLES: over_airs(1e3 * of, each),
         RATIO: _over(over_airs(K, each), float(of.mean())),
-        f"gas along the room {LOOKS[-1]:g} s after its release, beside diffusion by the particles' K": Curve(
+        f"{LOOKS[-1]:g} s after the release, and diffusion by K": Curve(
             "x - middle [m]", "share per metre [1/m]", place, along, diffused
         ),
     }
