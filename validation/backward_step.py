@@ -98,15 +98,15 @@ def _inlet(low: float, high: float, turbulent: bool) -> dict[str, Any]:
     }
 
 
-def wind(cells: int, turbulent: bool = True) -> dict[str, Any]:
+def wind(cells: int) -> dict[str, Any]:
     """As in a scenario: two inlets, one above the other, a symmetric top and an endless width.
 
     The inlets meet between two cells, next to the edge of the boundary layer.
     """
     edge = round(LAYER * cells) / cells
     openings = [
-        _inlet(0.0, edge, turbulent),
-        _inlet(edge, HEIGHT - 1.0, False),
+        _inlet(0.0, edge, turbulent=True),
+        _inlet(edge, HEIGHT - 1.0, turbulent=False),
         {"kind": "outlet", "face": "x+"},
         {"kind": "slip", "face": "z+"},
         {"kind": "periodic", "axis": "y"},
@@ -120,10 +120,10 @@ def step() -> UprightBox:
     return UprightBox(Box(kind="box", center=center, size=size), 3)
 
 
-def record(cells: int, seed: int, times: Times = TIMES, turbulent: bool = True) -> Record:
+def record(cells: int, seed: int, times: Times = TIMES) -> Record:
     """The air behind the step with so many cells per h; Taichi must have been started."""
     shape = ((BEFORE + BEHIND) * cells, WIDTH * cells, HEIGHT * cells)
-    return recorded(flow_in_box(wind(cells, turbulent), shape, H / cells, seed, [step()]), times)
+    return recorded(flow_in_box(wind(cells), shape, H / cells, seed, [step()]), times)
 
 
 def reattachment(mean: np.ndarray, cells: int) -> float:
@@ -157,9 +157,9 @@ def quantities(one: Record, cells: int) -> dict[str, float]:
     }
 
 
-def behind_step(trials: int, cells: int, turbulent: bool = True) -> Told:
+def behind_step(trials: int, cells: int) -> Told:
     """The step with so many seeds of the turbulence that comes in."""
-    records = [record(cells, seed, turbulent=turbulent) for seed in range(1, trials + 1)]
+    records = [record(cells, seed) for seed in range(1, trials + 1)]
     found = [quantities(one, cells) for one in records]
     told: dict[str, Mean | Picture] = {name: told_of([one[name] for one in found]) for name in found[0]}
     mean = np.mean([one.mean for one in records], axis=0)
@@ -169,10 +169,10 @@ def behind_step(trials: int, cells: int, turbulent: bool = True) -> Told:
     return told
 
 
-def _condition(cells: int, expected: bool, turbulent: bool = True) -> Condition:
+def _condition(cells: int, expected: bool) -> Condition:
     return Condition(
-        f"{cells} cells per h" + ("" if turbulent else ", smooth air comes in"),
-        partial(behind_step, cells=cells, turbulent=turbulent),
+        f"{cells} cells per h",
+        partial(behind_step, cells=cells),
         {"reattachment [h]": "6.0 ± 0.15", "least u/U0 4 h behind the step": "-0.137"},
         {"reattachment [h]": Range((1.0 - MISS) * REATTACHED, (1.0 + MISS) * REATTACHED)} if expected else {},
     )
