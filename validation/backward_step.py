@@ -98,15 +98,15 @@ def _inlet(low: float, high: float, turbulent: bool) -> dict[str, Any]:
     }
 
 
-def wind(cells: int, turbulent: bool = True) -> dict[str, Any]:
+def wind(cells: int) -> dict[str, Any]:
     """As in a scenario: two inlets, one above the other, a symmetric top and an endless width.
 
     The inlets meet between two cells, next to the edge of the boundary layer.
     """
     edge = round(LAYER * cells) / cells
     openings = [
-        _inlet(0.0, edge, turbulent),
-        _inlet(edge, HEIGHT - 1.0, False),
+        _inlet(0.0, edge, turbulent=True),
+        _inlet(edge, HEIGHT - 1.0, turbulent=False),
         {"kind": "outlet", "face": "x+"},
         {"kind": "slip", "face": "z+"},
         {"kind": "periodic", "axis": "y"},
@@ -120,10 +120,10 @@ def step() -> UprightBox:
     return UprightBox(Box(kind="box", center=center, size=size), 3)
 
 
-def record(cells: int, seed: int, times: Times = TIMES, turbulent: bool = True) -> Record:
+def record(cells: int, seed: int, times: Times = TIMES) -> Record:
     """The air behind the step with so many cells per h; Taichi must have been started."""
     shape = ((BEFORE + BEHIND) * cells, WIDTH * cells, HEIGHT * cells)
-    return recorded(flow_in_box(wind(cells, turbulent), shape, H / cells, seed, [step()]), times)
+    return recorded(flow_in_box(wind(cells), shape, H / cells, seed, [step()]), times)
 
 
 def reattachment(mean: np.ndarray, cells: int) -> float:
@@ -157,9 +157,9 @@ def quantities(one: Record, cells: int) -> dict[str, float]:
     }
 
 
-def behind_step(trials: int, cells: int, turbulent: bool = True) -> Told:
+def behind_step(trials: int, cells: int) -> Told:
     """The step with so many seeds of the turbulence that comes in."""
-    records = [record(cells, seed, turbulent=turbulent) for seed in range(1, trials + 1)]
+    records = [record(cells, seed) for seed in range(1, trials + 1)]
     found = [quantities(one, cells) for one in records]
     told: dict[str, Mean | Picture] = {name: told_of([one[name] for one in found]) for name in found[0]}
     mean = np.mean([one.mean for one in records], axis=0)
@@ -169,14 +169,25 @@ def behind_step(trials: int, cells: int, turbulent: bool = True) -> Told:
     return told
 
 
-def _condition(cells: int, expected: bool, turbulent: bool = True) -> Condition:
+def _condition(cells: int, expected: bool) -> Condition:
     return Condition(
-        f"{cells} cells per h" + ("" if turbulent else ", smooth air comes in"),
-        partial(behind_step, cells=cells, turbulent=turbulent),
+        f"{cells} cells per h",
+        partial(behind_step, cells=cells),
         {"reattachment [h]": "6.0 ± 0.15", "least u/U0 4 h behind the step": "-0.137"},
         {"reattachment [h]": Range((1.0 - MISS) * REATTACHED, (1.0 + MISS) * REATTACHED)} if expected else {},
     )
 
+
+DISCUSSION = (
+    "Reproduced at 8 cells per step height is the flow as a whole: it flows back behind the step as fast as measured "
+    "(0.13 of U0 where 0.14 were measured 4 h behind it), and from there on u is within 0.04 to 0.06 of U0 (rms), 10 h "
+    "behind it within 0.02. Missed, narrowly, is where the flow lies down again: 6.6 h behind the step, 11 % late "
+    "(measured: 6.0 +- 0.15 h; asked for: 10 %); seeds differ by 0.2 h, and halves of one record by 0.5 h. With 5 "
+    "cells it is 11 h: the layer that leaves the edge stays smooth for too long, as cells cannot carry the eddies that "
+    "come in with it, nor those into which it breaks. So take 8 cells and more across what the air separates from, and "
+    "do not trust wakes on fewer. The turbulence that comes in is of one intensity in all directions and over the "
+    "whole layer, other than measured; what that adds was not looked into."
+)
 
 BACKWARD_STEP_CASES = (
     Experiment(
@@ -186,5 +197,6 @@ BACKWARD_STEP_CASES = (
         (_condition(5, expected=False), _condition(8, expected=True)),
         trials=3,
         few=0,
+        discussion=DISCUSSION,
     ),
 )
