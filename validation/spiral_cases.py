@@ -59,7 +59,7 @@ published difference of the two times, 65 s, lies within its own interval, and i
 Why: in our room indices vary by 0.1 to 0.2 where the searches begin. The vapour rises soon beyond the least index of a
 hit, which is 0.2 to 3.9 ppm from air to air 5 minutes after opening; then any index is a hit once misses have lowered
 the threshold. In two airs a least index of 8 ppm saved SPIRAL about four acquisitions. The paper gives neither that
-index nor the arms: three sets fit its random rows alike (chi-square 1.4, 0.6 and 0.7), and the middle one was taken.
+index nor the arms: three sets fit its random rows alike (chi-square 1.3, 0.7 and 0.9), and the middle one was taken.
 """
 
 
