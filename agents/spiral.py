@@ -11,7 +11,7 @@ or three below half of the threshold, lower it to the minimum less delta. ESCAPE
 
 The paper gives no lengths of arms, but that they suit the area. Random SPIRAL smells nothing, so that its published
 acquisitions, 38.6 and 28.3 from 180 and 150 cm (n = 10), tell of the arms alone: those that begin with 0.35, 0.4 (the
-default) and 0.5 m all agree with them, these best by a little (chi-square 1.4, 0.7, 0.8; validation/spiral_floor.py).
+default) and 0.5 m all agree with them, these best by a little (chi-square 1.3, 0.7, 0.9; validation/spiral_floor.py).
 
 At a bump the rest of the leg turns aside: as the spiral turns, or to the side of the place where, of those remembered,
 the highest PI was heard.

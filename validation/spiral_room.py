@@ -42,7 +42,8 @@ class Sample(NamedTuple):
         return float(stdtrit(self.n - 1, 0.975)) * self.deviation / sqrt(self.n)
 
     def __str__(self) -> str:
-        return f"{self.mean:g} +- {self.half:.2g} (n = {self.n})"
+        half = f"{self.half:.0f}" if self.half >= 10 else f"{self.half:.1f}"
+        return f"{self.mean:g} +- {half} (n = {self.n})"
 
 
 class Published(NamedTuple):
