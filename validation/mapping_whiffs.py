@@ -96,7 +96,7 @@ def endless(kept: np.ndarray) -> np.ndarray:
     return 1.0 / np.sqrt(2.0 * (1.0 - kept))
 
 
-def remembering(alpha: float, kept: np.ndarray, window: float = WINDOW) -> np.ndarray:
+def remembering(alpha: float, kept: np.ndarray | float, window: float = WINDOW) -> np.ndarray:
     """The same of a time series: with weights g of the snaps before, whose readings are correlated as r^lag.
 
     g: what the neighbourhood of a cell gives each snap (eq 7), where robots are anywhere alike.

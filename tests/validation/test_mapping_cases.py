@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from taichi_plume import load_scenario
-from taichi_plume.validation import mapping_cases, mapping_scenario
+from taichi_plume.validation import mapping_cases, mapping_scenario, mapping_whiffs
 from taichi_plume.validation.case import Curve
 from taichi_plume.validation.experiment import Lines, Mean
 from taichi_plume.validation.mapping_cases import (
@@ -124,6 +124,7 @@ def test_a_short_run_tells_everything(monkeypatch):
     monkeypatch.setattr(mapping_scenario, "DURATION", 40.0)
     monkeypatch.setattr(mapping_cases, "SPEEDS", (mapping_cases.PAPER[0],))
     monkeypatch.setattr(mapping_cases, "SENSORS", (mapping_cases.PAPER[1],))
+    monkeypatch.setattr(mapping_whiffs, "CASES", mapping_whiffs.CASES[:1])
     mapping_scenario.in_airs.cache_clear()
     try:
         airs = mapping_scenario.in_airs(2)
