@@ -196,7 +196,7 @@ def all_meshes(trials: int, last: Mesh) -> Told:
         )
         for name, line in LINES.items()
     }
-    return room(trials, last) | pictures
+    return {**room(trials, last), **pictures}
 
 
 TIMES, SHORTER = Times(200.0, 200.0, 1.0), Times(40.0, 100.0, 1.0)

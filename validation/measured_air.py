@@ -76,18 +76,18 @@ def recorded(flow: FlowSolver, times: Times, middle: int = 1) -> Record:
 
 
 def as_before(record: Record) -> Callable[[np.ndarray], np.ndarray]:
-    """The air at the end of a record as a function of places (..., dim) [m]: for `start_from` on other cells."""
+    """The air at the end of a record as a function of places (..., dim) [m]: for `start_from` on other cells.
+
+    Places beyond the outermost faces along x take the values there; the other components go on linearly.
+    """
     parts = []
     for d, u in enumerate(record.end):
         axes = [(np.arange(n) + (0.0 if a == d else 0.5)) * record.dx for a, n in enumerate(u.shape)]
-        parts.append(RegularGridInterpolator(axes, u, bounds_error=False, fill_value=None))
-    ends = [(axes[0], axes[-1]) for axes in parts[0].grid]
+        parts.append(RegularGridInterpolator(axes, u, bounds_error=False, fill_value=None))  # type: ignore[arg-type]
+    low, high = ([axis[end] for axis in parts[0].grid] for end in (0, -1))
 
     def velocity(points: np.ndarray) -> np.ndarray:
-        inside = np.stack(
-            [np.clip(points[..., a], *(end for end in ends[a])) for a in range(points.shape[-1])], axis=-1
-        )
-        return np.stack([part(inside) for part in parts], axis=-1)
+        return np.stack([part(np.clip(points, low, high)) for part in parts], axis=-1)
 
     return velocity
 

@@ -1,5 +1,7 @@
 """The backward-facing step: the layer that comes in, what is read of a flow, and a short run of it on coarse cells."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -20,6 +22,8 @@ def test_the_layer_that_comes_in_is_the_measured_one():
     assert theta * case.REYNOLDS == pytest.approx(670, rel=0.05)
     assert z[np.argmax(u > 0.99)] == pytest.approx(case.LAYER, abs=0.1)
     wind = CfdWind.model_validate({"kind": "cfd"} | case.wind(cells=5))
+    layer: Any
+    above: Any
     layer, above = wind.openings[:2]
     assert layer.speed < 0.95 * above.speed < case.U0
     heights = case.H * (1.0 + z[z <= case.LAYER])
@@ -50,10 +54,8 @@ def test_a_short_run_flows_around_the_step():
     cells = 3
     record = case.record(cells, seed=1, times=Times(0.1, 0.2, 0.1))
     assert record.mean.shape == (18 * cells, 6 * cells)
-    inflow = sum(
-        one.speed * np.prod(one.size)
-        for one in CfdWind.model_validate({"kind": "cfd"} | case.wind(cells)).openings[:2]
-    )
+    inlets: Any = CfdWind.model_validate({"kind": "cfd"} | case.wind(cells)).openings[:2]
+    inflow = sum(one.speed * np.prod(one.size) for one in inlets)
     inflow /= case.H * case.WIDTH
     np.testing.assert_allclose(record.mean.sum(axis=1) * record.dx, inflow, rtol=1e-3)
     assert np.abs(record.mean[1 : case.BEFORE * cells, :cells]).max() < 1e-6
