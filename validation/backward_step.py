@@ -194,7 +194,7 @@ BACKWARD_STEP_CASES = (
         "backward_step",
         "a turbulent boundary layer behind a backward-facing step, Re 5,000",
         "Jovic & Driver 1994, NASA TM 108807",
-        (_condition(5, expected=False), _condition(8, expected=True)),
+        (_condition(5, expected=False), _condition(8, expected=False), _condition(10, expected=True)),
         trials=3,
         few=0,
         discussion=DISCUSSION,
