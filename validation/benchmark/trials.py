@@ -9,7 +9,7 @@ from taichi_plume.assemble import assemble
 from taichi_plume.files.filming import Filming
 from taichi_plume.grid import kernels
 from taichi_plume.validation.searches import outcomes, scenario_of
-from taichi_plume.validation.spiral_room import HOUR, OPENED, at, momo, room
+from taichi_plume.validation.spiral_room import HOUR, at, momo, room
 
 RECORDED = 600.0  # s, shown again and again
 FILM = "room.zarr"
@@ -42,7 +42,7 @@ def spiral_trials(
         begin = time.perf_counter()
         kernels.start(arch)
         fields = {"rate": 1.0, "quantities": ["wind", "gas"]}
-        sim = assemble(scenario_of(room(0, OPENED, [], recorded) | {"fields": fields}))
+        sim = assemble(scenario_of(room(0, [], recorded) | {"fields": fields}))
         assert sim.scenario.fields is not None
         film = Filming(sim, Path(folder) / FILM, sim.scenario.fields)
         film.start()
@@ -52,7 +52,7 @@ def spiral_trials(
         kernels.start(arch)
         both = {"kind": "playback", "file": FILM, "loop": True}
         group = momo("SPIRAL", trials, at(180), {"kind": "spiral", "minimum_ppm": 6.0})
-        played = room(0, 0.0, [group], limit) | {"wind": both, "gas": both}
+        played = room(0, [group], limit) | {"warm_up": 0.0, "wind": both, "gas": both}
         sim = assemble(scenario_of(played, Path(folder)), Path(folder))
         sim.run()
         end = time.perf_counter()
