@@ -31,6 +31,7 @@ from taichi_plume.grid.sweeps import sweep
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.species import AIR_VISCOSITY
 from taichi_plume.scenario.winds import SyntheticWind
+from taichi_plume.solvers.room_mixing import RoomFlow, air_changes, measured
 
 FRAMES_PER_PERIOD = 16  # of the fastest wave: linear in between, it loses 2 % of its amplitude
 DRAWS = 16  # of the phases, to measure the speed of unit waves
@@ -90,6 +91,7 @@ class Waves:
         else:
             c[:, :2] = 0.0
         c *= (np.sqrt(2.0 * share / share.sum()) / k / np.linalg.norm(c, axis=1))[:, None]
+        self.k, self.c = k[:, None] * direction, c
         self.tables = {}
         for m in (0, 1, 2) if grid.dim == 3 else (2,):
             places = edges(grid, m)
@@ -151,6 +153,7 @@ class SyntheticSolver(Carrier):
         """Begin a run at time t [s]."""
         self._begun = t
         self._rng = generator(seed, "synthetic wind")
+        self._model, self._seed = model, seed
         self._waves = Waves(model, self.grid, self._rng)
         axes = list(self._waves.tables)
         layer = model.wall_layer / self.grid.dx
@@ -159,7 +162,8 @@ class SyntheticSolver(Carrier):
         squares = [self._mean_square(self._waves.at(phase)) for phase in phases]
         self._strength = model.speed / max(np.sqrt(np.mean(squares)), 1e-12)
         self._begin_eddies(model.schmidt, np.tanh(self._distance / layer))
-        self._rolls = {m: self._roll(m, model.circulation / np.sqrt(len(axes))) for m in axes}
+        self._largest = {m: self._roll(m, model.circulation / np.sqrt(len(axes))) for m in axes}
+        self._rolls = {m: largest * self._waves_of_roll(m) for m, largest in self._largest.items()}
         self._turn = dict(zip(axes, self._rng.standard_normal(len(axes)), strict=True))
         fastest = max(2 * np.pi / model.circulation_time, float(self._waves.frequency.max()))
         self.interval = 2 * np.pi / fastest / FRAMES_PER_PERIOD
@@ -212,13 +216,17 @@ class SyntheticSolver(Carrier):
             total += 0.5 * (low**2 + high**2)
         return float(total[self._air].mean())
 
-    def _roll(self, axis: int, speed: float) -> np.ndarray:
-        """Potential of one roll about `axis`, as large as the room, of this root mean square speed [m/s]."""
+    def _waves_of_roll(self, axis: int) -> np.ndarray:
+        """Half a wave along each other axis."""
         places = np.meshgrid(*edges(self.grid, axis), indexing="ij")
         waves = [np.sin(np.pi * places[a] / self.grid.extent[a]) for a in range(self.dim) if a != axis]
-        roll = np.prod(waves, axis=0)
+        return np.prod(waves, axis=0)
+
+    def _roll(self, axis: int, speed: float) -> float:
+        """Largest potential [m²/s] of one roll about `axis`, as large as the room, of this root mean square speed."""
         others = {m: np.zeros_like(r) for m, r in self._ramp.items()}
-        return roll * speed / max(np.sqrt(self._mean_square(others | {axis: roll})), 1e-12)
+        square = self._mean_square(others | {axis: self._waves_of_roll(axis)})
+        return speed / max(np.sqrt(square), 1e-12)
 
     def _next_frame(self) -> None:
         """Leave the frame behind and compute the one after the next."""
@@ -243,6 +251,35 @@ class SyntheticSolver(Carrier):
         self._blend(share)
         # flow out of a cell is a convex function of u: between two frames it is at most in between
         self.outflow_rate = (1.0 - share) * self._outflow[0] + share * self._outflow[1]
+
+    @property
+    def room(self) -> RoomFlow:
+        """The same waves and rolls at any point, whenever."""
+        solid = np.pad(~self._air, 1, constant_values=True)
+        depth = np.maximum(np.asarray(distance_transform_edt(solid)) - 0.5, 0.0)
+        return RoomFlow(
+            extent=np.array(self.grid.extent),
+            dx=self.grid.dx,
+            k=np.pad(self._waves.k, [(0, 0), (0, 3 - self.dim)]),
+            c=self._strength * self._waves.c,
+            frequency=self._waves.frequency,
+            rolls=self._largest,
+            memory=self._model.circulation_time,
+            distance=self.grid.dx * (self._distance - depth),
+            layer=self._model.wall_layer,
+            eddies=self._strength * self._waves.eddies,
+            viscosity=self.viscosity,
+            schmidt=self.schmidt,
+        )
+
+    def mixing(self) -> dict[str, float]:
+        """Eddy diffusivity [m²/s], its standard error, and how many air changes per hour a room of this volume has that
+        mixes as much (see room_mixing)."""
+        K, error = measured(self.room, generator(self._seed, "mixing of the air"))
+        told = {"eddy_diffusivity_m2_per_s": K, "eddy_diffusivity_error_m2_per_s": error}
+        if self.dim == 3:
+            told["as_of_air_changes_per_h"] = air_changes(K, float(self._air.sum()) * self.grid.cell_volume)
+        return told
 
     @ti.func
     def velocity(self, x: Template, t: float):

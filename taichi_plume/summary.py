@@ -48,7 +48,9 @@ def summary(content: dict[str, Any]) -> list[tuple[str, str]]:
             f"{lines[-1][1]}, {content['Mcell_steps_per_s']:.3g} million cell steps per s",
         )
     flow, gas = content["flow"], content["gas"]
-    if flow:
+    if flow and "eddy_diffusivity_m2_per_s" in flow:
+        lines.append(("mixing", _mixing(flow)))
+    elif flow:
         lines.append(
             ("flow", ", ".join(f"{name.replace('_', ' ')} {value:.4g}" for name, value in flow.items()))
         )
@@ -72,6 +74,20 @@ def summary(content: dict[str, Any]) -> list[tuple[str, str]]:
         else:
             lines.append((name, _map_line(gas_map)))
     return lines
+
+
+def _mixing(flow: dict[str, Any]) -> str:
+    K, error = (1e3 * flow[f"eddy_diffusivity_{name}m2_per_s"] for name in ("", "error_"))
+    text = f"the air mixes by {K:.2g}e-3 m²/s (standard error {error:.1g}e-3)"
+    changes = flow.get("as_of_air_changes_per_h")
+    if changes is None:
+        return text
+    like = (
+        f"a room of its size with {changes:.1f} air changes per hour"
+        if changes > 0.0
+        else "closed rooms, or less"
+    )
+    return f"{text}, as {like} (Cheng et al. 2011)"
 
 
 def _group_line(group: dict[str, Any]) -> str:

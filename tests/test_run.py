@@ -76,6 +76,19 @@ def readable(folder: Path) -> float:
     return pq.read_table(folder / "robots.parquet").column("t").to_numpy().max()
 
 
+def test_a_synthetic_room_tells_how_fast_its_air_mixes(scenario, capsys):
+    keys = ("--set", "wind={kind: synthetic}", "--set", "domain={size: [2.0, 1.5, 1.0], spacing: 0.1}")
+    source = "gas.sources.0.position=[0.4, 0.75, 0.5]"
+    assert run.main([str(scenario), *keys, "--set", source, "--no-recording", "--out", "room"]) == 0
+    flow = result(Path("room"))["flow"]
+    K = flow["eddy_diffusivity_m2_per_s"]
+    assert 0.0 < flow["eddy_diffusivity_error_m2_per_s"] < K
+    by_law = 3.0 ** (2 / 3) * (0.52 * flow["as_of_air_changes_per_h"] + 0.31) / 3600
+    assert pytest.approx(by_law) == K
+    assert f"the air mixes by {1e3 * K:.2g}e-3 m²/s" in " ".join(capsys.readouterr().out.split())
+    assert "eddy diffusivity" in Path("room/report.html").read_text()
+
+
 def test_a_run_leaves_its_directory(scenario, capsys):
     assert run.main([str(scenario)]) == 0
     folder = Path("runs/small-1")

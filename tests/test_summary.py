@@ -194,6 +194,30 @@ def test_nobody_and_nothing():
     assert set(lines) == {"fake-2d", "time", "grid", "flow", "gas"}
 
 
+@pytest.mark.parametrize(
+    ("more", "like"),
+    [
+        (
+            {"as_of_air_changes_per_h": 1.52},
+            ", as a room of its size with 1.5 air changes per hour (Cheng et al. 2011)",
+        ),
+        ({"as_of_air_changes_per_h": -0.1}, ", as closed rooms, or less (Cheng et al. 2011)"),
+        ({}, ""),
+    ],
+)
+def test_how_fast_the_air_mixes(more, like):
+    sim: Any = fake_run.simulation(fake_run.scenario(2, duration=1, robots=[], maps=[]))
+    sim.run()
+    content = result.result(sim, "completed", "", "cpu")
+    content["flow"] = {
+        "eddy_diffusivity_m2_per_s": 0.00416,
+        "eddy_diffusivity_error_m2_per_s": 0.00056,
+    } | more
+    lines = dict(summary.summary(content))
+    assert lines["mixing"] == f"the air mixes by 4.2e-3 m²/s (standard error 0.6e-3){like}"
+    assert "flow" not in lines
+
+
 def test_maps_of_one_kind_are_told_apart():
     _, lines = run(maps=[{"kind": "time_series"}, {"kind": "gmrf"}, {"kind": "time_series", "alpha": 0.5}])
     assert {"time series map (maps[0])", "gmrf map", "time series map (maps[2])"} <= set(lines)

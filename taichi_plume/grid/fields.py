@@ -44,6 +44,12 @@ class Wind(Protocol):
         """Numbers for the result; nothing unless the wind has something to tell."""
         return {}
 
+    def mixing(self) -> dict[str, float]:
+        """More of them, how fast the air mixes, that take a moment to measure and change nothing of the run; nothing
+        unless the wind is drawn by chance and knows it.
+        """
+        return {}
+
     @property
     def carrier(self) -> "Carrier | None":
         """The wind itself, where it has velocities on the faces of the grid; None where it has not."""

@@ -44,6 +44,16 @@ FLOW = {
         "cells that the air crossed in a step; the scheme takes up to 1.3",
     ),
     "max_speed": ("largest speed", "in m/s"),
+    "eddy_diffusivity_m2_per_s": (
+        "eddy diffusivity",
+        "how fast the air mixes, in m²/s, by particles in airs of this kind; 0.001 to 0.013 was measured in homes "
+        "(Cheng et al. 2011, doi:10.1021/es103080p)",
+    ),
+    "eddy_diffusivity_error_m2_per_s": ("its standard error", "in m²/s"),
+    "as_of_air_changes_per_h": (
+        "air changes per hour of rooms that mix as much",
+        "in rooms of this volume, by the law of Cheng et al. 2011; below 0: less than closed rooms",
+    ),
 }
 
 

@@ -263,10 +263,11 @@ class FrozenWind(CfdWind):
 class SyntheticWind(AnyWind):
     """Weak convection of a closed room: random eddies and a slowly turning circulation. Nothing is solved.
 
-    All faces of the domain are walls. It costs little; see solvers/synthetic.py. With the defaults air mixes about as
-    in rooms that are closed but for their leaks. Measured in rooms (Cheng et al. 2011, doi:10.1021/es103080p): eddy
-    diffusivities K of 0.001 to 0.013 m²/s from less than 0.2 to more than 5 air changes per hour n, by
-    K = V^(2/3) (0.52 n + 0.31) per hour in a room of volume V: 0.0012 m²/s in 50 m³ without any, 0.0018 with 0.3.
+    All faces of the domain are walls. It costs little; see solvers/synthetic.py. Runs tell how fast the air mixes gas,
+    as an eddy diffusivity K: 0.004 m²/s with the defaults in 50 m³, half of it with half of the speeds. In homes 0.001
+    to 0.013 m²/s were measured with less than 0.2 to more than 5 air changes per hour n, by
+    K = V^(2/3) (0.52 n + 0.31) per hour in a room of volume V (Cheng et al. 2011, doi:10.1021/es103080p): 0.0012 m²/s
+    in 50 m³ without any, 0.0018 with 0.3, 0.004 with 1.5.
     """
 
     kind: Literal["synthetic"]

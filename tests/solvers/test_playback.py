@@ -130,6 +130,27 @@ def test_gas_disperses_on_a_played_flow_as_on_the_computed_one(live):
     assert abs(lost) < 1e-5 * budget["emitted_kg"]
 
 
+def test_a_film_of_a_synthetic_room_mixes_by_its_shorter_eddies_too(taichi, tmp_path):
+    room = LIVE[: LIVE.index("wind:")] + "wind: {kind: synthetic}\n" + LIVE[LIVE.index("gas:") :]
+    (tmp_path / "live.yaml").write_text(room)
+    scenario = load_scenario(tmp_path / "live.yaml")
+    sim = assemble(scenario, tmp_path)
+    assert scenario.fields is not None
+    filming = Filming(sim, tmp_path / "fields.zarr", scenario.fields)
+    filming.start()
+    sim.observers.append(filming.observer())
+    wanted = watched(sim)[20][1]
+    again = played(SimpleNamespace(folder=tmp_path))
+    wind, live = again.wind.carrier, sim.wind.carrier
+    assert wind is not None
+    assert live is not None
+    np.testing.assert_array_equal(wind.grid.read(wind.nu), live.grid.read(live.nu))
+    assert (wind.max_viscosity, wind.viscosity, wind.schmidt) == pytest.approx(
+        (live.max_viscosity, live.viscosity, live.schmidt)
+    )
+    assert np.abs(watched(again)[20][1] - wanted).sum() < 0.03 * wanted.sum()
+
+
 def model_of(**keys) -> PlaybackWind:
     return PlaybackWind.model_validate({"kind": "playback", "file": "f", **keys})
 

@@ -5,9 +5,10 @@ from begun import Kept, assert_begins_anew
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import velocity_at
 from taichi_plume.grid.grid import Grid
-from taichi_plume.scenario.gases import EulerianGas
+from taichi_plume.scenario.gases import EulerianGas, PuffGas
 from taichi_plume.scenario.winds import SyntheticWind
 from taichi_plume.solvers.gas import EulerianSolver
+from taichi_plume.solvers.puffs import PuffSolver
 from taichi_plume.solvers.synthetic import SyntheticSolver
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -254,3 +255,21 @@ def test_the_outflow_of_a_cell_is_known(room, shape):
             for d, u in enumerate(faces(grid, wind))
         )
         assert 0.5 * wind.outflow_rate <= out.max() / grid.dx <= wind.outflow_rate * (1 + 1e-6)
+
+
+def test_puffs_grow_by_the_shorter_eddies_too():
+    """A puff at rest grows at least by 2 (D + nu_t/Sc) dt, and from a cell's width on it is gas on the grid."""
+    grid = Grid((20, 20), 0.1)
+    wind = SyntheticSolver(SyntheticWind(kind="synthetic", speed=0.05), grid, Air.everywhere(grid), 0.0, 1)
+    model = {"kind": "puffs", "sources": [{"position": (1.0, 1.0), "rate": 0.0}], "initial_size": 0.02}
+    puffs = PuffSolver(PuffGas.model_validate(model), grid, wind, Air.everywhere(grid))
+    puffs.start_from(np.array([[1.0, 1.0]]), 1e-6)
+    puffs.advance(0.0, 0.5)
+    K = puffs.species.diffusivity + (wind.max_viscosity - wind.viscosity) / wind.schmidt
+    variance = float(puffs.puffs.rows()[0, puffs.puffs.variance])
+    assert variance >= 0.02**2 + 0.9 * K  # 0.9: the middle is not quite where nu is largest
+    for n in range(120):
+        wind.advance(0.5 * n, 0.5)
+        puffs.advance(0.5 * n, 0.5)
+    assert puffs.puffs.rows()[:, puffs.puffs.mass].sum() == 0.0
+    assert puffs.budget()["in_domain_kg"] == pytest.approx(1e-6, rel=1e-5)

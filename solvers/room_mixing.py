@@ -1,0 +1,200 @@
+"""How fast a synthetic flow mixes the air of its room: by particles that the same waves, rolls and eddies carry.
+
+The cosine that is half a wave long along an axis of length L decays by diffusion as exp(-K (pi/L)² t), walls included.
+So does its mean over particles that fill the room evenly, <cos(pi x(s + t)/L) cos(pi x(s)/L)>. K is the decay's rate
+once the air has forgotten where it went, between a third and two thirds of the time that is followed, or before it is
+lost in chance; of all axes the mean. No run is disturbed: all is drawn anew, from a stream of its own.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import pi
+
+import numpy as np
+from scipy.ndimage import map_coordinates
+
+AIRS, EACH = 8, 64  # drawn independently, and particles in each
+STEP = 0.3  # of the time in which the flow turns a particle round
+TURNS, MEMORIES = 60.0, 3.0  # of these times, and of the rolls' memory, that are followed at least
+MOST = 240  # steps
+LEAST = 0.3  # of a cosine, below which chance decides
+
+PER_CHANGE, WITHOUT = 0.52, 0.31  # of V^(2/3) per hour, by air changes per hour
+
+
+def air_changes(diffusivity: float, volume: float) -> float:
+    """Air changes per hour in a room of `volume` [m³] that mixes so [m²/s], below 0 where it mixes less than closed
+    rooms: K = V^(2/3) (0.52 n + 0.31) per hour (Cheng et al. 2011, doi:10.1021/es103080p, by 11 measurements)."""
+    return (3600.0 * diffusivity / volume ** (2 / 3) - WITHOUT) / PER_CHANGE
+
+
+def diffusivity(volume: float, changes: float) -> float:
+    """K [m²/s] of a room of `volume` [m³] with so many air changes per hour, by the same law."""
+    return volume ** (2 / 3) * (PER_CHANGE * changes + WITHOUT) / 3600.0
+
+
+@dataclass(frozen=True)
+class RoomFlow:
+    """The flow at any point, in several airs at once.
+
+    k (n, 3) [1/m], c (n, 3) [m²/s] and frequency (n,) [rad/s] of the waves; rolls: largest potential [m²/s] by axis;
+    memory: of the rolls [s]; distance: of cell middles to the next surface [m], negative in what is solid, with one
+    layer of cells all round; layer: where all fade [m]; eddies: the viscosity of shorter ones [m²/s], the air's own,
+    viscosity, in it.
+    """
+
+    extent: np.ndarray
+    dx: float
+    k: np.ndarray
+    c: np.ndarray
+    frequency: np.ndarray
+    rolls: dict[int, float]
+    memory: float
+    distance: np.ndarray
+    layer: float
+    eddies: float
+    viscosity: float
+    schmidt: float
+
+    @property
+    def dim(self) -> int:
+        """2 or 3."""
+        return len(self.extent)
+
+    @property
+    def turning(self) -> float:
+        """How often per second a particle goes through an eddy or through the room, about."""
+        across = pi / self.extent.min()
+        k = np.linalg.norm(self.k, axis=1)
+        waves = 0.5 * ((k * np.maximum(k, across)) ** 2 * (np.abs(self.c) ** 2).sum(axis=1)).sum()
+        rolls = sum((largest * across**2) ** 2 for largest in self.rolls.values())
+        return float(np.sqrt(waves + rolls))
+
+    @cached_property
+    def _slopes(self) -> list[np.ndarray]:
+        return list(np.gradient(self.distance, self.dx))
+
+    @cached_property
+    def _across(self) -> np.ndarray:
+        return np.cross(self.k, self.c)
+
+    def around(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Distance [m] to the next surface, the ramp f and its gradient [1/m] at points (n, dim) [m]."""
+        at = (x / self.dx + 0.5).T
+        parts = (self.distance, *self._slopes)
+        d, *slope = (map_coordinates(part, at, order=1, mode="nearest") for part in parts)
+        f = np.tanh(np.maximum(d, 0.0) / self.layer)
+        gradient = np.zeros((len(x), 3))
+        gradient[:, : self.dim] = np.stack(slope, axis=1) * ((1.0 - f**2) / self.layer)[:, None]
+        return d, f, gradient
+
+    def velocity(self, x: np.ndarray, phase: np.ndarray, turn: dict[int, np.ndarray]) -> np.ndarray:
+        """u [m/s] at points (n, dim) [m]; phases (n, waves) [rad], turn (n,) by axis of the rolls."""
+        theta = x @ self.k[:, : self.dim].T + phase
+        cos, sin = np.cos(theta), np.sin(theta)
+        across = self._across
+        A = cos @ self.c.real - sin @ self.c.imag
+        curl = -sin @ across.real - cos @ across.imag
+        for m, strength in self.rolls.items():
+            axes = [a for a in range(self.dim) if a != m]
+            waves = {a: np.sin(pi * x[:, a] / self.extent[a]) for a in axes}
+            A[:, m] += strength * turn[m] * np.prod(list(waves.values()), axis=0)
+            for a in axes:
+                slope = pi / self.extent[a] * np.cos(pi * x[:, a] / self.extent[a])
+                others = np.prod([waves[b] for b in axes if b != a], axis=0)
+                part = strength * turn[m] * slope * others
+                unit = np.cross(np.eye(3)[a], np.eye(3)[m])
+                curl += part[:, None] * unit
+        _, f, gradient = self.around(x)
+        return (f[:, None] * curl + np.cross(gradient, A))[:, : self.dim]
+
+    def spreading(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Diffusivity of the shorter eddies [m²/s] and its gradient [m/s] at points (n, dim) [m]."""
+        _, f, gradient = self.around(x)
+        K = np.maximum(self.eddies * f - self.viscosity, 0.0) / self.schmidt
+        uphill = np.where((K > 0.0)[:, None], self.eddies / self.schmidt * gradient, 0.0)
+        return K, uphill[:, : self.dim]
+
+    def inside(self, x: np.ndarray, before: np.ndarray) -> np.ndarray:
+        """Points in the box, mirrored at its faces; where obstacles are, as before."""
+        x = self.extent - np.abs(self.extent - np.abs(x))
+        cells = tuple(np.floor(x / self.dx).astype(int).T + 1)
+        return np.where((self.distance[cells] > 0.0)[:, None], x, before)
+
+    def starts(self, n: int, rng: np.random.Generator) -> np.ndarray:
+        """Points (n, dim) [m] evenly over the air."""
+        air = np.argwhere(self.distance > 0.0) - 1
+        return (air[rng.integers(len(air), size=n)] + rng.random((n, self.dim))) * self.dx
+
+    def even(self) -> np.ndarray:
+        """Means over the air of the cosines along each axis, (dim,)."""
+        air = np.argwhere(self.distance > 0.0) - 0.5
+        return np.cos(pi * air * self.dx / self.extent).mean(axis=0)
+
+
+def followed(flow: RoomFlow, rng: np.random.Generator, step: float, steps: int) -> np.ndarray:
+    """The places [m] of particles at every step [s], (steps + 1, AIRS, EACH, dim)."""
+    n = AIRS * EACH
+    x = flow.starts(n, rng)
+    phase = np.repeat(rng.uniform(0.0, 2.0 * pi, (AIRS, len(flow.k))), EACH, axis=0)
+    turns = {m: rng.standard_normal(AIRS) for m in flow.rolls}
+    memory = np.exp(-step / flow.memory)
+    places = [x]
+    for s in range(steps):
+        first = flow.velocity(x, phase + step * s * flow.frequency, _each(turns))
+        turns = {
+            m: memory * turn + np.sqrt(1.0 - memory**2) * rng.standard_normal(AIRS)
+            for m, turn in turns.items()
+        }
+        ahead = flow.inside(x + step * first, x)
+        second = flow.velocity(ahead, phase + step * (s + 1) * flow.frequency, _each(turns))
+        K, uphill = flow.spreading(x)
+        scatter = np.sqrt(2.0 * step * K)[:, None] * rng.standard_normal(x.shape)
+        x = flow.inside(x + 0.5 * step * (first + second) + step * uphill + scatter, x)
+        places.append(x)
+    return np.array(places).reshape(steps + 1, AIRS, EACH, flow.dim)
+
+
+def _each(turns: dict[int, np.ndarray]) -> dict[int, np.ndarray]:
+    return {m: np.repeat(turn, EACH) for m, turn in turns.items()}
+
+
+def rates(places: np.ndarray, step: float, extent: np.ndarray, even: np.ndarray) -> tuple[float, float]:
+    """K [m²/s] of particles that were at `places` (steps + 1, airs, each, dim) [m], the mean over the axes, and its
+    standard error by the airs (a jackknife); even: means of the cosines over the air."""
+    cosines = np.cos(pi * places / extent) - even
+    all_airs = np.arange(cosines.shape[1])
+    airs = len(all_airs)
+    found = [_rate(cosines, step, extent, all_airs[all_airs != out]) for out in (-1, *all_airs)]
+    without = np.array(found[1:])
+    error = np.sqrt((airs - 1) / airs * ((without - without.mean()) ** 2).sum())
+    return float(found[0]), float(error)
+
+
+def _rate(cosines: np.ndarray, step: float, extent: np.ndarray, airs: np.ndarray) -> float:
+    of = []
+    for d, length in enumerate(extent):
+        told = cosines[..., d][:, airs]
+        last = 2 * (len(told) - 1) // 3
+        while last > 2 and _together(told, last) < LEAST * _together(told, 0):
+            last = max(2, int(0.8 * last))
+        first = last // 2
+        decay = np.log(_together(told, first) / _together(told, last)) / (step * (last - first))
+        of.append(decay / (pi / length) ** 2)
+    return float(np.mean(of))
+
+
+def _together(told: np.ndarray, lag: int) -> float:
+    """Mean product of a cosine and itself so many steps later, whenever that is."""
+    return float((told[: len(told) - lag] * told[lag:]).mean())
+
+
+def measured(flow: RoomFlow, rng: np.random.Generator) -> tuple[float, float]:
+    """K of a flow [m²/s] and its standard error."""
+    turning = flow.turning
+    if not turning:
+        return 0.0, 0.0
+    longest = max(TURNS / turning, MEMORIES * flow.memory if any(flow.rolls.values()) else 0.0)
+    step = STEP / turning
+    steps = int(np.clip(longest / step, 60, MOST))
+    return rates(followed(flow, rng, step, steps), step, flow.extent, flow.even())

@@ -1,0 +1,109 @@
+"""What particles tell of the mixing of a room, beside closed forms and the flow on the grid."""
+
+import numpy as np
+import pytest
+
+from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.fields import velocity_at
+from taichi_plume.grid.grid import Grid
+from taichi_plume.scenario.winds import SyntheticWind
+from taichi_plume.solvers import room_mixing
+from taichi_plume.solvers.synthetic import SyntheticSolver
+
+pytestmark = pytest.mark.usefixtures("taichi")
+
+SHAPES = [(60, 42), (30, 21, 12)]
+
+
+@pytest.fixture(scope="module", params=SHAPES)
+def air(request, taichi):
+    """A room of 3 m x 2.1 m (x 1.2 m) with a box, at its begin."""
+    shape = request.param
+    grid = Grid(shape, 3.0 / shape[0])
+    solid = np.zeros(shape, bool)
+    solid[tuple(slice(n // 3, n // 2) for n in shape)] = True
+    return (
+        grid,
+        solid,
+        SyntheticSolver(SyntheticWind(kind="synthetic", shortest=0.5), grid, Air.of(solid, grid)),
+    )
+
+
+@pytest.mark.parametrize("K", [0.002, 0.3])
+def test_walkers_in_a_box_diffuse_as_they_do(K):
+    """Brownian motion between mirrors, for a short time and until it has forgotten where it began."""
+    extent, rng = np.array([5.0, 4.0, 2.5]), np.random.default_rng(1)
+    x, places = rng.random((8, 400, 3)) * extent, []
+    for _ in range(151):
+        places.append(x)
+        x = x + np.sqrt(2.0 * K) * rng.standard_normal(x.shape)
+        x = extent - np.abs(extent - np.abs(x))
+    found, error = room_mixing.rates(np.array(places), 1.0, extent, np.zeros(3))
+    assert error < 0.1 * K
+    assert abs(found - K) < 3.5 * error
+
+
+def test_air_that_rests_mixes_nothing(taichi):
+    grid = Grid((12, 8), 0.25)
+    wind = SyntheticSolver(
+        SyntheticWind(kind="synthetic", speed=0, circulation=0), grid, Air.everywhere(grid)
+    )
+    assert wind.mixing() == {"eddy_diffusivity_m2_per_s": 0.0, "eddy_diffusivity_error_m2_per_s": 0.0}
+
+
+def test_the_particles_ride_the_flow_of_the_run(air):
+    grid, _, wind = air
+    wind.begin(SyntheticWind(kind="synthetic", shortest=0.5), 0.0, 4)
+    for n in range(3):
+        wind.advance(n * wind.interval, wind.interval)
+    room, t = wind.room, 3 * wind.interval
+    x = room.starts(2000, np.random.default_rng(0))
+    x = x[room.around(x)[0] > grid.dx]
+    u = velocity_at(wind, x, 0.0)
+    turn = {m: np.full(len(x), value) for m, value in wind._turn.items()}
+    ridden = room.velocity(x, np.tile(wind._waves.frequency * t, (len(x), 1)), turn)
+    assert np.sqrt(((ridden - u) ** 2).mean()) < 1.5 * grid.dx * np.sqrt((u**2).mean())
+    np.testing.assert_allclose(
+        room.spreading(x)[0] * room.schmidt,
+        np.maximum(room.eddies * room.around(x)[1] - room.viscosity, 0.0),
+    )
+
+
+def test_they_stay_in_the_air_and_fill_it_evenly(air):
+    grid, solid, wind = air
+    room = wind.room
+    places = room_mixing.followed(room, np.random.default_rng(2), 1.0, 60)[-20:].reshape(-1, grid.dim)
+    cells = tuple((places / grid.dx).astype(int).T)
+    assert not solid[cells].any()
+    halves = places < 0.5 * np.array(grid.extent)
+    middles = (np.argwhere(~solid) + 0.5) * grid.dx < 0.5 * np.array(grid.extent)
+    np.testing.assert_allclose(halves.mean(axis=0), middles.mean(axis=0), atol=0.08)
+
+
+def test_measuring_changes_nothing(air):
+    grid, _, wind = air
+    model = SyntheticWind(kind="synthetic", shortest=0.5)
+
+    def frames(measure):
+        wind.begin(model, 0.0, 7)
+        seen = []
+        for n in range(3):
+            wind.advance(4.0 * n, 4.0)
+            seen += [grid.read(u) for u in wind.u]
+            told = wind.mixing() if measure else {}
+        return seen, told
+
+    plain, _ = frames(False)
+    measured, told = frames(True)
+    for a, b in zip(plain, measured, strict=True):
+        np.testing.assert_array_equal(a, b)
+    assert told == wind.mixing()
+    assert told["eddy_diffusivity_m2_per_s"] > 0.0
+    assert ("as_of_air_changes_per_h" in told) == (grid.dim == 3)
+
+
+def test_measured_rooms():
+    """5 m x 4 m x 2.5 m: L² = 13.57 m², of which 0.31 an hour without air changes and 0.83 with one."""
+    assert room_mixing.diffusivity(50.0, 0.0) == pytest.approx(1.169e-3, rel=1e-3)
+    assert room_mixing.diffusivity(50.0, 1.0) == pytest.approx(3.129e-3, rel=1e-3)
+    assert room_mixing.air_changes(3.129e-3, 50.0) == pytest.approx(1.0, rel=1e-3)
