@@ -115,7 +115,7 @@ def _figures(result: dict[str, Any]) -> list[str]:
     """Tables of what is judged or was published, and of the rest, and the plots."""
     if result["message"]:
         return [f"**{_plain(result['message'])}**\n"]
-    made = f"{result['date']}, commit `{result['commit'] or '?'}`, {result['wall_s'] / 60:.0f} minutes"
+    made = f"{result['date']}, commit `{result['commit'] or '?'}`"
     rows = result.get("rows", [])
     first = [row for row in rows if row["published"] or row["met"] is not None]
     rest = [row for row in rows if row not in first]

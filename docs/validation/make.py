@@ -18,7 +18,7 @@ from typing import Any
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 RESULTS = HERE / "results.json"
-PICTURES = 6  # of a case, that are kept
+PICTURES = 15  # of a case, that are kept
 
 
 def main() -> int:
