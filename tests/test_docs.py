@@ -34,7 +34,10 @@ from taichi_plume.study.plan import load_plan
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
-MADE = ("reference", "tutorials", "gallery/runs", "_build")  # by the build
+MADE = (  # by the build
+    *("reference", "tutorials", "gallery/runs", "_build"),
+    *("validation/tables.md", "validation/repeated.md"),
+)
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md"] + [
     path
     for path in sorted(DOCS.rglob("*.md"))
