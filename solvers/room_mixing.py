@@ -121,7 +121,7 @@ class RoomFlow:
 
     def inside(self, x: np.ndarray, before: np.ndarray) -> np.ndarray:
         """Points in the box, mirrored at its faces; where obstacles are, as before."""
-        x = self.extent - np.abs(self.extent - np.abs(x))
+        x = self.extent - np.abs(self.extent - np.abs(x) % (2.0 * self.extent))
         cells = tuple(np.floor(x / self.dx).astype(int).T + 1)
         return np.where((self.distance[cells] > 0.0)[:, None], x, before)
 

@@ -108,6 +108,15 @@ def test_they_stay_in_the_air_and_fill_it_evenly(air):
     np.testing.assert_allclose(halves.mean(axis=0), middles.mean(axis=0), atol=0.08)
 
 
+def test_mirrors_face_each_other(air):
+    """However far a particle is thrown, it is in the room, as far from the mirror as it came beyond it."""
+    grid, _, wind = air
+    L = np.array(grid.extent)
+    far = np.stack([-0.1 * L, 1.1 * L, 2.1 * L, 9.9 * L, -7.9 * L])
+    near = np.stack([0.1 * L, 0.9 * L, 0.1 * L, 0.1 * L, 0.1 * L])
+    np.testing.assert_allclose(wind.room.inside(far, np.full_like(far, -1.0)), near)
+
+
 def test_measuring_changes_nothing(air):
     grid, _, wind = air
     model = SyntheticWind(kind="synthetic", shortest=0.5)
