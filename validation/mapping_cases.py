@@ -61,9 +61,9 @@ sampling; for its finding its sensors must have forgotten faster.
 Why: a long mean forecasts better than the last snap if the correlation from snap to snap is below 1/2, and gains
 nothing where gas is met seldom. Readings made without air agree.
 
-The peak is within 0.5 m mostly in three of four runs with DAPSO; but so is that of the pure interpolation in nine of 16,
-a difference by chance. In line it is 1 m off: robots are 1.1 m apart along the wind, and a slow sensor misses the thin
-plume near the source."""
+The peak is within 0.5 m mostly in three of four runs with DAPSO; but so is that of the pure interpolation in nine of
+16, a difference by chance. In line it is 1 m off: robots are 1.1 m apart along the wind, and a slow sensor misses the
+thin plume near the source."""
 PAPER = (0.1, "MiCS-5524")  # speed [m/s] and sensor, see above
 AT_SOURCE = 0.5  # m: two cells of the map
 HALF = "peak mostly within 0.5 m, share of runs"
