@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import floor
 
 import numpy as np
 
@@ -38,6 +39,10 @@ class GroupRange:
     def speed(self, wanted: float | None) -> float:
         """What is wanted, or else the body's largest [m/s]."""
         return self.model.body.max_speed if wanted is None else wanted
+
+    def waits(self, tick: float) -> int:
+        """Number of ticks [s] before that in which its robots set off: get their first command."""
+        return floor(self.model.begin / tick + 1e-6)
 
     def generators(self, seed: int, name: str) -> list[np.random.Generator]:
         """What is drawn once for the robots of each trial, the same for a trial alone and among others."""

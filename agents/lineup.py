@@ -93,7 +93,7 @@ class LineUp:
             "patience": model.patience,  # s
             "middle": tuple((low + high) / 2),  # of where the line may be [m]
             "half": tuple((high - low) / 2 - model.margin),  # of its edges [m]
-            "feeling": max(1, round(model.listen / self.tick)),  # ticks
+            "feeling": group.waits(self.tick) + max(1, round(model.listen / self.tick)),  # last tick of it
             "given": model.wind_direction_deg is not None,
             "direction": (cos(angle), sin(angle)),
         }

@@ -1,7 +1,6 @@
 """A team: the robots of the groups that one search algorithm drives."""
 
 from collections.abc import Mapping, Sequence
-from math import floor
 
 import taichi as ti
 
@@ -11,15 +10,15 @@ from taichi_plume.agents.own import OwnAlgorithm
 from taichi_plume.agents.search import ALGORITHMS, Algorithm
 from taichi_plume.agents.swarm import Swarm
 
-WAIT = "WAIT"  # state of robots that have not set off
+BEFORE = "BEFORE_BEGIN"  # state of robots that have not set off; no algorithm has it
 
 
 @ti.data_oriented
 class Team:
     """Acts for the robots of the groups `numbers`, whose algorithms are of one kind, all trials at once.
 
-    Until the groups set off, at their `begin`, the robots are given no command; their state is WAIT, and that in which
-    the algorithm begins is put by. tick: control period [s]. own: class of an algorithm of the user's.
+    Until the groups set off, at their `begin`, the robots are given no command; their state is BEFORE, and that in
+    which the algorithm begins is put by. tick: control period [s]. own: class of an algorithm of the user's.
     """
 
     STATE: tuple[str, ...] = ("algorithm",)
@@ -34,14 +33,14 @@ class Team:
         self.swarm, self.members = swarm, Members(swarm, numbers)
         self.numbers = self.members.numbers
         group = self.members.groups[0].model
-        model, begin = group.algorithm, group.begin
-        self.first_tick = floor(begin / tick + 1e-6) + 1  # in which the robots get a command
+        model = group.algorithm
+        self.first_tick = self.members.groups[0].waits(tick) + 1  # in which the robots get a command
         self.algorithm: Algorithm
         if own is not None:
             self.algorithm = OwnAlgorithm(swarm, self.members, own)
         else:
             self.algorithm = ALGORITHMS[model.kind](swarm, self.members, tick)
-        self.waits = begin > 0
+        self.waits = group.begin > 0
         if self.waits:
             self.first_state = ti.field(ti.i32, self.members.size)
             self.STATE = (*self.STATE, "first_state")
@@ -50,7 +49,7 @@ class Team:
     @property
     def state_names(self) -> tuple[str, ...]:
         """Names of the values of the swarm's `state`."""
-        return (*self.algorithm.STATE_NAMES, WAIT) if self.waits else self.algorithm.STATE_NAMES
+        return (*self.algorithm.STATE_NAMES, BEFORE) if self.waits else self.algorithm.STATE_NAMES
 
     def begin(self) -> None:
         """Start anew, with the numbers that the swarm's groups have now."""

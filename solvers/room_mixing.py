@@ -4,6 +4,10 @@ The cosine that is half a wave long along an axis of length L decays by diffusio
 So does its mean over particles that fill the room evenly, <cos(pi x(s + t)/L) cos(pi x(s)/L)>. K is the decay's rate
 once the air has forgotten where it went, between a third and two thirds of the time that is followed, or before it is
 lost in chance; of all axes the mean. No run is disturbed: all is drawn anew, from a stream of its own.
+
+Between obstacles the cosine is no mode of diffusion. What its mean over the air leaves of it then decays by K times its
+Rayleigh quotient, the mean square of its slope over its variance: (pi/L)² in an empty room, and more where walls leave
+a part of the length.
 """
 
 from dataclasses import dataclass
@@ -117,7 +121,7 @@ class RoomFlow:
 
     def inside(self, x: np.ndarray, before: np.ndarray) -> np.ndarray:
         """Points in the box, mirrored at its faces; where obstacles are, as before."""
-        x = self.extent - np.abs(self.extent - np.abs(x))
+        x = self.extent - np.abs(self.extent - np.abs(x) % (2.0 * self.extent))
         cells = tuple(np.floor(x / self.dx).astype(int).T + 1)
         return np.where((self.distance[cells] > 0.0)[:, None], x, before)
 
@@ -126,10 +130,13 @@ class RoomFlow:
         air = np.argwhere(self.distance > 0.0) - 1
         return (air[rng.integers(len(air), size=n)] + rng.random((n, self.dim))) * self.dx
 
-    def even(self) -> np.ndarray:
-        """Means over the air of the cosines along each axis, (dim,)."""
-        air = np.argwhere(self.distance > 0.0) - 0.5
-        return np.cos(pi * air * self.dx / self.extent).mean(axis=0)
+    def even(self) -> tuple[np.ndarray, np.ndarray]:
+        """Of the cosines along each axis, (dim,): means over the air, and Rayleigh quotients [1/m²]."""
+        air = np.argwhere(self.distance > 0.0) - 1
+        points = np.concatenate([air + 0.25, air + 0.75])  # a single cell has a variance, too
+        angle = pi * points * self.dx / self.extent
+        slope = pi / self.extent * np.sin(angle)
+        return np.cos(angle).mean(axis=0), (slope**2).mean(axis=0) / np.cos(angle).var(axis=0)
 
 
 def followed(flow: RoomFlow, rng: np.random.Generator, step: float, steps: int) -> np.ndarray:
@@ -159,28 +166,31 @@ def _each(turns: dict[int, np.ndarray]) -> dict[int, np.ndarray]:
     return {m: np.repeat(turn, EACH) for m, turn in turns.items()}
 
 
-def rates(places: np.ndarray, step: float, extent: np.ndarray, even: np.ndarray) -> tuple[float, float]:
+def rates(
+    places: np.ndarray, step: float, extent: np.ndarray, even: tuple[np.ndarray, np.ndarray]
+) -> tuple[float, float]:
     """K [m²/s] of particles that were at `places` (steps + 1, airs, each, dim) [m], the mean over the axes, and its
-    standard error by the airs (a jackknife); even: means of the cosines over the air."""
-    cosines = np.cos(pi * places / extent) - even
+    standard error by the airs (a jackknife); even: as `RoomFlow.even` tells."""
+    mean, quotient = even
+    cosines = np.cos(pi * places / extent) - mean
     all_airs = np.arange(cosines.shape[1])
     airs = len(all_airs)
-    found = [_rate(cosines, step, extent, all_airs[all_airs != out]) for out in (-1, *all_airs)]
+    found = [_rate(cosines, step, quotient, all_airs[all_airs != out]) for out in (-1, *all_airs)]
     without = np.array(found[1:])
     error = np.sqrt((airs - 1) / airs * ((without - without.mean()) ** 2).sum())
     return float(found[0]), float(error)
 
 
-def _rate(cosines: np.ndarray, step: float, extent: np.ndarray, airs: np.ndarray) -> float:
+def _rate(cosines: np.ndarray, step: float, quotient: np.ndarray, airs: np.ndarray) -> float:
     of = []
-    for d, length in enumerate(extent):
+    for d, per_area in enumerate(quotient):
         told = cosines[..., d][:, airs]
         last = 2 * (len(told) - 1) // 3
         while last > 2 and _together(told, last) < LEAST * _together(told, 0):
             last = max(2, int(0.8 * last))
         first = last // 2
         decay = np.log(_together(told, first) / _together(told, last)) / (step * (last - first))
-        of.append(decay / (pi / length) ** 2)
+        of.append(decay / per_area)
     return float(np.mean(of))
 
 

@@ -124,6 +124,12 @@ def edges(grid: Grid, axis: int) -> list[np.ndarray]:
     ]
 
 
+def as_fast(speed: float, square: float) -> float:
+    """What a flow of mean square speed `square` [m²/s²] is multiplied by to have `speed` [m/s]; 0 where the room is so
+    narrow that there is none."""
+    return speed / float(np.sqrt(square)) if square > 0.0 else 0.0
+
+
 @ti.data_oriented
 class SyntheticSolver(Carrier):
     """A synthetic flow in a closed room; obstacles are steps.
@@ -160,7 +166,7 @@ class SyntheticSolver(Carrier):
         self._ramp = {m: np.tanh(on_edges(self._distance, m) / layer) for m in axes}
         phases = self._rng.uniform(0.0, 2 * np.pi, (DRAWS, model.modes))
         squares = [self._mean_square(self._waves.at(phase)) for phase in phases]
-        self._strength = model.speed / max(np.sqrt(np.mean(squares)), 1e-12)
+        self._strength = as_fast(model.speed, float(np.mean(squares)))
         self._begin_eddies(model.schmidt, np.tanh(self._distance / layer))
         self._largest = {m: self._roll(m, model.circulation / np.sqrt(len(axes))) for m in axes}
         self._rolls = {m: largest * self._waves_of_roll(m) for m, largest in self._largest.items()}
@@ -226,7 +232,7 @@ class SyntheticSolver(Carrier):
         """Largest potential [m²/s] of one roll about `axis`, as large as the room, of this root mean square speed."""
         others = {m: np.zeros_like(r) for m, r in self._ramp.items()}
         square = self._mean_square(others | {axis: self._waves_of_roll(axis)})
-        return speed / max(np.sqrt(square), 1e-12)
+        return as_fast(speed, square)
 
     def _next_frame(self) -> None:
         """Leave the frame behind and compute the one after the next."""

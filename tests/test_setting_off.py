@@ -68,8 +68,8 @@ def test_it_stands_and_smells_and_then_does_the_same(sim):
     first = sim.swarm.snapshot()["position"][1]
     seen = played(sim, 60)
     names = [sim.state_names()[k] for k in (0, 1)]
-    assert names[1] == (*names[0], "WAIT")
-    waits = [names[1][one["state"][1]] == "WAIT" for one in seen]
+    assert names[1] == (*names[0], "BEFORE_BEGIN")
+    waits = [names[1][one["state"][1]] == "BEFORE_BEGIN" for one in seen]
     assert waits == [True] * (TICKS - 1) + [False] * (60 - TICKS + 1)
     assert all((one["position"][1] == first).all() for one in seen[:TICKS])
     assert seen[2]["reading_ppm"][1] == seen[2]["true_ppm"][1]  # the sensor is on
@@ -77,6 +77,17 @@ def test_it_stands_and_smells_and_then_does_the_same(sim):
         now = np.array([one[key][0] for one in seen[: 60 - TICKS + 1]])
         later = np.array([one[key][1] for one in seen[TICKS - 1 :]])
         np.testing.assert_array_equal(now, later, err_msg=key)
+
+
+def test_a_line_feels_the_wind_for_as_long():
+    """Which takes time of its own, and has a state in which it waits."""
+    line = {"algorithm": {"kind": "lineup", "listen": 3.0}}
+    sim = assemble(scenario(group("now", 0.0, **line), group("later", LATER, **line)).scenario)
+    names = sim.state_names()[1]
+    assert len(set(names)) == len(names)
+    states = np.array([one["state"] for one in played(sim, 40)])
+    feels = names.index("FEEL")
+    assert (states == feels).sum(axis=0).tolist() == [14, 14]  # it drives in the last of 15 ticks
 
 
 def test_times_count_from_setting_off(sim):

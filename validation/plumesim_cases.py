@@ -187,12 +187,12 @@ arena"). The paper finds its three ways alike. Ours differ by chance as much as 
 the plume. One run of each could not show that.
 
 Two rows stand out, PSGaussian and PSMeandering with the lagging sensor. Neither is in an experiment of the paper, which
-names models of sensors as work to come. PSMeandering draws the line that its points follow once: in some airs the line
-leaves the arena through a side wall, and nobody finds its source, with or without a lag. So its share is one of airs,
-and its interval wide. PSGaussian spreads until, from 20 s on, 10 to 13 % of the full scale are left of it, of which
-the threshold is 5 %: across the wind a band of 0.4 to 0.7 m lies above it, which a robot crosses in 2 to 3.5 s while
-the sensor rises with 3 s, and half of the robots go astray. All that read at once find it, and with a threshold of 5 %
-of what there is, not of the full scale, all with the lagging sensor do.
+names models of sensors as work to come. PSMeandering draws the line that its points follow once, and in some airs the
+line leaves the arena through a side wall: with or without a lag nobody finds its source in one of eight, and few in
+another. So its share is one of airs, and its interval wide. PSGaussian spreads until, from 20 s on, 10 to 13 % of the
+full scale are left of it, of which the threshold is 5 %: across the wind a band of 0.4 to 0.7 m lies above it, which a
+robot crosses in 2 to 3.5 s while the sensor rises with 3 s, and half of the robots go astray. All that read at once
+find it, and with a threshold of 5 % of what there is, not of the full scale, all with the lagging sensor do.
 """
 
 PLUMESIM_CASES = (

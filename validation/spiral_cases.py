@@ -52,7 +52,7 @@ random SPIRAL takes as many as published, and by time SPIRAL comes before random
 30 s. Nearly all robots find the dish within the hour. As the paper says, indices follow the distance better the longer
 the acquisition; with whole peaks instead of their heights over the mean they would follow it worse.
 
-Not reproduced: SPIRAL takes about 18 acquisitions, not 11.5 and 9.2, and E. coli with 3 s about 38, not 67.8 and 50.3:
+Not reproduced: SPIRAL takes 18 and 17 acquisitions, not 11.5 and 9.2, and E. coli with 3 s 38, not 67.8 and 50.3:
 here it is the quickest. On a smooth field SPIRAL takes its 11.5 acquisitions only where indices at a place hardly vary,
 and E. coli its own where they vary by 0.25 to 0.4 (standard deviation of the logarithm): no room gives both. The
 published difference of the two times, 65 s, lies within its own interval, and is not judged.

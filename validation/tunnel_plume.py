@@ -322,8 +322,8 @@ DISCUSSION = (
     "the fluctuation, where 0.71 is published. Widths are 1.2 times Taylor's, whose time is known within a factor of "
     "two only.\n\n"
     "Not reproduced by gas on the grid: a source is 4 cm wide on cells of 5 cm, like a disc of 16 cm. c'/C is 0.28 at "
-    "0.3 m, a fifth of that of puffs, and only rises. Where the plume is three cells wide, from 1.2 m (24 cells) on, "
-    "its mean width is that of puffs within 4 %, but c'/C is 0.78 of theirs on average, below the band, and 0.82 at "
+    "0.3 m, a fifth of that of puffs, and only rises. Where the plume is three cells wide, from 1.8 m (36 cells) on, "
+    "its mean width is that of puffs within 2 %, but c'/C is 0.78 of theirs on average, below the band, and 0.82 at "
     "2.4 m; widths over Taylor's are 1.27, just above it.\n\n"
     "The bands are wide, as no tables were to be had."
 )

@@ -118,8 +118,8 @@ class Group(Model):
     first_trial: Annotated[int, Field(ge=0, le=1_000_000)] = 0
     """Number of the first trial. With `trials: 1`, one of many is run again alone, to the same result."""
     begin: Annotated[Delay, COMPILED] = 0.0
-    """When its robots set off. Until then they stand at their start, and their sensors follow the gas there; how long
-    a search took counts from then on."""
+    """When its robots set off. Until then they stand at their start, and their sensors follow the gas there, which maps
+    take in as any reading. How long a search took counts from then on."""
     start: Start
     """Where the robots start: at given places, on a line or at random in an area."""
     algorithm: Algorithm

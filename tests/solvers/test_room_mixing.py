@@ -38,9 +38,37 @@ def test_walkers_in_a_box_diffuse_as_they_do(K):
         places.append(x)
         x = x + np.sqrt(2.0 * K) * rng.standard_normal(x.shape)
         x = extent - np.abs(extent - np.abs(x))
-    found, error = room_mixing.rates(np.array(places), 1.0, extent, np.zeros(3))
+    found, error = room_mixing.rates(np.array(places), 1.0, extent, (np.zeros(3), (np.pi / extent) ** 2))
     assert error < 0.1 * K
     assert abs(found - K) < 3.5 * error
+
+
+@pytest.mark.parametrize("part", [0.2, 0.5, 1.0])
+def test_what_obstacles_leave_of_a_room_mixes_by_itself(taichi, part):
+    """Where a block fills one end of a room, the slowest mode is of the length that is left."""
+    grid = Grid((60, 6), 0.1)
+    solid = np.zeros(grid.shape, bool)
+    solid[round(60 * part) :] = True
+    wind = SyntheticSolver(SyntheticWind(kind="synthetic"), grid, Air.of(solid, grid))
+    mean, quotient = wind.room.even()
+    length = 6.0 * part  # by integrals over it
+    k = np.pi / 6.0
+    first, second = np.sin(k * length) / (k * length), 0.5 + np.sin(2.0 * k * length) / (4.0 * k * length)
+    assert mean[0] == pytest.approx(first, abs=2e-3)
+    assert quotient[0] == pytest.approx(k**2 * (1.0 - second) / (second - first**2), rel=0.02)
+    assert 1.0 <= quotient[0] / (np.pi / length) ** 2 < 1.6
+    assert quotient[1] == pytest.approx((np.pi / 0.6) ** 2)
+
+
+def test_a_channel_too_narrow_for_eddies_is_at_rest(taichi):
+    """All of its faces are walls, or lie along them."""
+    grid = Grid((20, 8), 0.1)
+    solid = np.ones(grid.shape, bool)
+    solid[:, 3] = False
+    wind = SyntheticSolver(SyntheticWind(kind="synthetic"), grid, Air.of(solid, grid))
+    assert all(not grid.read(u).any() for u in wind.u)
+    assert wind.max_viscosity == pytest.approx(wind.viscosity)
+    assert wind.mixing()["eddy_diffusivity_m2_per_s"] == 0.0
 
 
 def test_air_that_rests_mixes_nothing(taichi):
@@ -78,6 +106,15 @@ def test_they_stay_in_the_air_and_fill_it_evenly(air):
     halves = places < 0.5 * np.array(grid.extent)
     middles = (np.argwhere(~solid) + 0.5) * grid.dx < 0.5 * np.array(grid.extent)
     np.testing.assert_allclose(halves.mean(axis=0), middles.mean(axis=0), atol=0.08)
+
+
+def test_mirrors_face_each_other(air):
+    """However far a particle is thrown, it is in the room, as far from the mirror as it came beyond it."""
+    grid, _, wind = air
+    L = np.array(grid.extent)
+    far = np.stack([-0.1 * L, 1.1 * L, 2.1 * L, 9.9 * L, -7.9 * L])
+    near = np.stack([0.1 * L, 0.9 * L, 0.1 * L, 0.1 * L, 0.1 * L])
+    np.testing.assert_allclose(wind.room.inside(far, np.full_like(far, -1.0)), near)
 
 
 def test_measuring_changes_nothing(air):
