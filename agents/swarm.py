@@ -28,6 +28,7 @@ BODY: dict[str, Callable[[Group], float]] = {
     "radius": lambda group: group.body.radius,
     "reach": lambda group: group.reach,
     "square": lambda group: float(group.capture == "square"),
+    "sets_off": lambda group: group.begin,
     "max_speed": lambda group: group.body.max_speed,
     "max_turn_rate": lambda group: np.radians(group.body.max_turn_rate_deg),
     "half_base": lambda group: 0.5 * (group.body.wheel_base or 0.0),
@@ -73,6 +74,7 @@ class Swarm(Columns):
         self._allocate(n, self.reckons)
         self.radius, self.reach = ti.field(ti.f32, n), ti.field(ti.f32, n)
         self.square = ti.field(ti.f32, n)  # 1 where the reach is half the edge of a square
+        self.sets_off = ti.field(ti.f32, n)  # s, after which it can find a source
         self.max_speed, self.max_turn_rate = ti.field(ti.f32, n), ti.field(ti.f32, n)
         self.half_base = ti.field(ti.f32, n)  # between the wheels, 0 for a unicycle [m]
         self.max_acceleration = ti.field(ti.f32, n)
@@ -194,7 +196,7 @@ class Swarm(Columns):
                         distance = ti.select(
                             self.square[i] > 0.0, ti.max(ti.abs(apart[0]), ti.abs(apart[1])), apart.norm()
                         )
-                        if distance <= self.reach[i]:
+                        if distance <= self.reach[i] and t - self.sets_off[i] > 1e-3 * dt:
                             self.found[i] = 1
                             self.found_time[i] = t
 

@@ -114,15 +114,13 @@ def searches(
 
 
 def contest(
-    data: dict[str, Any], folder: Path = Path(), limit: float = inf, watch: Every | None = None
+    data: dict[str, Any], folder: Path = Path(), limit: float = inf
 ) -> dict[str, dict[str, list[Any]]]:
     """Run a scenario with its groups as rivals; returns the columns of `trial_outcomes` by the names of the groups.
 
     limit: of a search [s]: each group's outcomes are those so long after it set off, and the run ends with the last.
-    watch: is called too.
     """
     sim = assemble(scenario_of(data | {"rivals": True}, folder), folder)
-    sim.observers += [] if watch is None else [watch]
     told: dict[str, dict[str, list[Any]]] = {}
     late = {group.name: group.model.begin + limit for group in sim.swarm.groups}
     sim.observe()
