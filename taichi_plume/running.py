@@ -175,12 +175,16 @@ def _conclude(job: Job, sim: Simulation, outputs: Outputs, end: End) -> tuple[di
     content: dict[str, Any]
     try:
         content = result.result(sim, end.status, end.message, job.backend, outputs.map_scores)
-        content["flow"] |= sim.wind.mixing()
     except Exception as error:  # a simulation too broken to tell
         end = end if end.code else End(*explain(error), 1)
         content = {"name": sim.scenario.name, "status": end.status, "message": end.message}
         content |= sim.scenario.seeds
     content |= {"remarks": job.prepared.resources.remarks + outputs.remarks}
+    if "flow" in content:
+        try:
+            content["flow"] |= sim.wind.mixing()
+        except Exception as error:  # what was computed is worth more
+            content["remarks"].append(f"how fast the air mixes could not be measured: {explain(error)[1]}")
     if not folder.is_dir():
         return content, end
     try:

@@ -13,7 +13,7 @@ import rerun as rr
 
 from taichi_plume import assemble, run
 from taichi_plume.files import disk
-from taichi_plume.grid import kernels
+from taichi_plume.grid import fields, kernels
 from taichi_plume.simulation import Every, UnstableError
 
 SCENARIO = """
@@ -87,6 +87,18 @@ def test_a_synthetic_room_tells_how_fast_its_air_mixes(scenario, capsys):
     assert pytest.approx(by_law) == K
     assert f"the air mixes by {1e3 * K:.2g}e-3 m²/s" in " ".join(capsys.readouterr().out.split())
     assert "eddy diffusivity" in Path("room/report.html").read_text()
+
+
+def test_air_that_cannot_be_measured_costs_no_result(scenario, fake, monkeypatch):
+    def mixing(self):
+        raise IndexError("off the grid")
+
+    monkeypatch.setattr(fields.Wind, "mixing", mixing)
+    assert run.main([str(scenario), "--quiet"]) == 0
+    told = result(Path("runs/small-1"))
+    assert told["status"] == "completed"
+    assert told["groups"]
+    assert "how fast the air mixes could not be measured: IndexError: off the grid" in told["remarks"][-1]
 
 
 def test_a_run_leaves_its_directory(scenario, capsys):

@@ -181,12 +181,12 @@ def _condition(cells: int, expected: bool) -> Condition:
 DISCUSSION = (
     "Reproduced on 10 cells per step height: the flow lies down again 6.1 h behind the step (measured: 6.0 +- 0.15 "
     "h), it flows back as fast as measured (0.13 of U0, where 0.14 were measured 4 h behind the step), and u is "
-    "within 0.02 to 0.04 of U0 (rms) from there on. With 8 cells it lies down 11 % late, and u is within 0.06. With 5 "
-    "cells it does so after 11 h: the layer that leaves the edge stays smooth for too long, as cells cannot carry the "
-    "eddies that come in with it, nor those into which it breaks. So take 10 cells, or at least 8, across what the "
-    "air separates from, and do not trust wakes on fewer. Seeds differ by 0.4 h (standard deviation). The turbulence "
-    "that comes in is of one intensity in all directions and over the whole layer, other than measured; what that "
-    "adds was not looked into."
+    "within 0.02 to 0.04 of U0 (rms) from there on. With 8 cells, which were to be judged at first, it lies down 11 % "
+    "late, and u is within 0.06. With 5 cells it does so after 11 h: the layer that leaves the edge stays smooth for "
+    "too long, as cells cannot carry the eddies that come in with it, nor those into which it breaks. So take 10 "
+    "cells, or at least 8, across what the air separates from, and do not trust wakes on fewer. Seeds differ by 0.4 h "
+    "(standard deviation). The turbulence that comes in is of one intensity in all directions and over the whole "
+    "layer, other than measured; what that adds was not looked into."
 )
 
 BACKWARD_STEP_CASES = (
