@@ -12,7 +12,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("taichi")]
 def test_a_log_of_the_turbulent_plume(monkeypatch, tmp_path):
     monkeypatch.setattr(plumesim_cases, "RECORDED", 2.0)
     plumesim_cases.recorded.cache_clear()
-    (tmp_path / "plume.pslog").write_bytes(plumesim_cases.recorded())
+    (tmp_path / "plume.pslog").write_bytes(plumesim_cases.recorded(0))
     plumesim_cases.recorded.cache_clear()
     assert len(read_log(tmp_path / "plume.pslog")) == 3
 
