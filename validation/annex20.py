@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from taichi_plume.validation.experiment import Condition, Experiment, Lines, Range, Told
+from taichi_plume.validation.experiment import Condition, Experiment, Lines, Range, Told, over_airs
 from taichi_plume.validation.measured_air import (
     Record,
     Times,
@@ -31,7 +31,6 @@ from taichi_plume.validation.measured_air import (
     flow_in_box,
     recorded,
     rms,
-    told_of,
 )
 
 LENGTH, HEIGHT = 9.0, 3.0  # m
@@ -177,7 +176,7 @@ def records(mesh: Mesh, trials: int) -> list[Record]:
 def room(trials: int, mesh: Mesh) -> Told:
     """What the room comes to on a mesh."""
     found = [quantities(one) for one in records(mesh, trials)]
-    return {name: told_of([one[name] for one in found]) for name in found[0]}
+    return {name: over_airs([one[name] for one in found]) for name in found[0]}
 
 
 def all_meshes(trials: int, last: Mesh) -> Told:

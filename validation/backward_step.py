@@ -22,7 +22,7 @@ import numpy as np
 from taichi_plume.grid.shapes import UprightBox
 from taichi_plume.scenario.obstacles import Box
 from taichi_plume.validation.case import Curve
-from taichi_plume.validation.experiment import Condition, Experiment, Mean, Picture, Range, Told
+from taichi_plume.validation.experiment import Condition, Experiment, Mean, Picture, Range, Told, over_airs
 from taichi_plume.validation.measured_air import (
     Record,
     Times,
@@ -31,7 +31,6 @@ from taichi_plume.validation.measured_air import (
     flow_in_box,
     recorded,
     rms,
-    told_of,
 )
 
 H, REYNOLDS, VISCOSITY = 0.1, 5000.0, 1.56e-5  # m; of h; m²/s
@@ -161,7 +160,7 @@ def behind_step(trials: int, cells: int) -> Told:
     """The step with so many seeds of the turbulence that comes in."""
     records = [record(cells, seed) for seed in range(1, trials + 1)]
     found = [quantities(one, cells) for one in records]
-    told: dict[str, Mean | Picture] = {name: told_of([one[name] for one in found]) for name in found[0]}
+    told: dict[str, Mean | Picture] = {name: over_airs([one[name] for one in found]) for name in found[0]}
     mean = np.mean([one.mean for one in records], axis=0)
     for d in BEHIND_STEP:
         z, u, measured = behind(mean, cells, d)

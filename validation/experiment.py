@@ -66,11 +66,11 @@ class Range:
         return f"<= {self.most:g}" if self.least == -inf else f"{self.least:g} to {self.most:g}"
 
 
-def resampled(data: Sequence[np.ndarray], statistic: Callable[..., np.ndarray], paired: bool = True) -> Mean:
-    """A statistic of samples, each (n,), with the percentile interval of a bootstrap (Efron 1979,
-    doi:10.1214/aos/1176344552).
+def resampled(data: Sequence[np.ndarray], statistic: Callable[..., np.ndarray]) -> Mean:
+    """A statistic of samples, each (n,), whose n-th belong together, with the percentile interval of a bootstrap (Efron
+    1979, doi:10.1214/aos/1176344552).
 
-    statistic: of arrays, along an `axis`. paired: whether the n-th of all samples belong together.
+    statistic: of arrays, along an `axis`.
     """
     n, mean = len(data[0]), float(statistic(*data))
     if n < 2:
@@ -78,7 +78,7 @@ def resampled(data: Sequence[np.ndarray], statistic: Callable[..., np.ndarray], 
     found = bootstrap(
         data,
         statistic,
-        paired=paired,
+        paired=True,
         vectorized=True,
         n_resamples=2000,
         method="percentile",
@@ -87,22 +87,17 @@ def resampled(data: Sequence[np.ndarray], statistic: Callable[..., np.ndarray], 
     return Mean(mean, float(found.confidence_interval.low), float(found.confidence_interval.high), n)
 
 
-def ratio(a: np.ndarray, b: np.ndarray, paired: bool = True) -> Mean:
-    """Of the means of two samples, (n,) each."""
-
-    def of_means(a: np.ndarray, b: np.ndarray, axis: int = -1) -> np.ndarray:
-        return a.mean(axis=axis) / b.mean(axis=axis)
-
-    return resampled((a, b), of_means, paired)
-
-
-def over_airs(values: np.ndarray, airs: np.ndarray, share: bool = False) -> Mean:
+def over_airs(
+    values: Sequence[float] | np.ndarray, airs: np.ndarray | None = None, share: bool = False
+) -> Mean:
     """The mean of trials, (n,) each, with an interval over the airs that they were in (see study/intervals.py).
 
-    values: NaN where a trial tells of nothing; of a share, 0 or 1. airs: what tells them apart.
+    values: NaN where a trial tells of nothing; of a share, 0 or 1. airs: what tells them apart; unless given each trial
+    was in one of its own.
     """
     from taichi_plume.study.intervals import estimates
 
+    airs = np.arange(len(values)) if airs is None else airs
     told = estimates(np.asarray(values, float), np.zeros(len(values)), airs, np.ones(len(values)), share)
     if not told:
         return Mean(None, None, None, 0, 0)
@@ -111,13 +106,17 @@ def over_airs(values: np.ndarray, airs: np.ndarray, share: bool = False) -> Mean
     return Mean(one.mean, low, high, one.n, one.airs)
 
 
-def ratio_over_airs(a: np.ndarray, b: np.ndarray, airs_a: np.ndarray, airs_b: np.ndarray) -> Mean:
+def ratio_over_airs(
+    a: np.ndarray, b: np.ndarray, airs_a: np.ndarray | None = None, airs_b: np.ndarray | None = None
+) -> Mean:
     """Of the means of two samples, (n,) and (m,), in the same airs, which are resampled in pairs.
 
-    Percentiles of the bootstrap, raised as Student's t asks for; no interval below `FEWEST` airs.
+    Percentiles of the bootstrap, raised as Student's t asks for; no interval below `FEWEST` airs. airs_a, airs_b: as in
+    `over_airs`.
     """
     from taichi_plume.study.intervals import FEWEST, confidence
 
+    airs_a, airs_b = (np.arange(len(part)) if of is None else of for part, of in ((a, airs_a), (b, airs_b)))
     airs = np.intersect1d(airs_a, airs_b)
     sums = np.array([[part[of == air].sum() for air in airs] for part, of in ((a, airs_a), (b, airs_b))])
     counts = np.array([[(of == air).sum() for air in airs] for of in (airs_a, airs_b)])
@@ -126,13 +125,13 @@ def ratio_over_airs(a: np.ndarray, b: np.ndarray, airs_a: np.ndarray, airs_b: np
     if len(airs) < FEWEST:
         return Mean(mean, None, None, n, len(airs))
 
-    def of(chosen: np.ndarray, axis: int = -1) -> np.ndarray:
+    def ratio(chosen: np.ndarray, axis: int = -1) -> np.ndarray:
         first, second = (sums[k][chosen].sum(axis) / counts[k][chosen].sum(axis) for k in (0, 1))
         return first / second
 
     found = bootstrap(
         (np.arange(len(airs)),),
-        of,
+        ratio,
         vectorized=True,
         n_resamples=2999,
         confidence_level=confidence(len(airs)),

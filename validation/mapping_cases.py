@@ -91,17 +91,6 @@ def mean_errors(airs: int, teams: np.ndarray, window: float = WINDOW) -> np.ndar
     return np.stack([np.nanmean(one.errors[window][..., teams], axis=(1, 2)) for one in in_airs(airs)], -1)
 
 
-def told(values: np.ndarray, share: bool = False) -> Mean:
-    """A mean of one value per air."""
-    return over_airs(values, np.arange(len(values)), share)
-
-
-def over(a: np.ndarray, b: np.ndarray) -> Mean:
-    """A ratio of means of one value per air each."""
-    airs = np.arange(len(a))
-    return ratio_over_airs(a, b, airs, airs)
-
-
 def least(errors: np.ndarray, choice: Sequence[float] = ALPHAS) -> Mean:
     """Where over all airs the mean error is least, (alphas, airs), with a bootstrapped interval."""
 
@@ -150,21 +139,27 @@ def set_up(trials: int, navigation: str, source: tuple[float, float], title: str
         for name in ("off", "alike")
     )
     result: dict[str, Mean | Lines] = {
-        f"{PURE} [ppm]": told(errors[0]),
-        **{error_of(alpha): over(one, errors[0]) for alpha, one in zip(ALPHAS, errors[1:], strict=True)},
+        f"{PURE} [ppm]": over_airs(errors[0]),
+        **{
+            error_of(alpha): ratio_over_airs(one, errors[0])
+            for alpha, one in zip(ALPHAS, errors[1:], strict=True)
+        },
         "alpha of the least error": least(errors[1:]),
-        **{from_truth_of(alpha): over(one, off[0]) for alpha, one in zip(ALPHAS, off[1:], strict=True)},
-        "runs that pass the source": told(
+        **{
+            from_truth_of(alpha): ratio_over_airs(one, off[0])
+            for alpha, one in zip(ALPHAS, off[1:], strict=True)
+        },
+        "runs that pass the source": over_airs(
             np.isfinite([one.passed[team] for one in runs]).astype(float), share=True
         ),
     }
     for number, name in ((best, f"alpha {BEST:g}"), (0, PURE)):
         mean, at, end = peaks(trials, team, number)
         result |= {
-            f"correlation with the true mean, {name}": told(alike[number]),
-            f"peak to source once passed, {name} [m]": told(mean),
-            f"peak to source at the end, {name} [m]": told(end),
-            f"{HALF}, {name}": told(at, share=True),
+            f"correlation with the true mean, {name}": over_airs(alike[number]),
+            f"peak to source once passed, {name} [m]": over_airs(mean),
+            f"peak to source at the end, {name} [m]": over_airs(end),
+            f"{HALF}, {name}": over_airs(at, share=True),
         }
     names = (PURE, *(f"alpha {alpha:g}" for alpha in ALPHAS))
     over_time = np.nanmean([one.errors[WINDOW][..., team] for one in runs], axis=0)
@@ -182,17 +177,17 @@ def region(trials: int, navigation: str) -> Told:
     for sensor, speed in product(SENSORS, SPEEDS):
         teams, here = chosen(navigation, speed, sensor), f"{speed:g} m/s, {sensor}"
         errors = mean_errors(trials, teams)
-        shares = [over(one, errors[0]) for one in errors[1:]]
+        shares = [ratio_over_airs(one, errors[0]) for one in errors[1:]]
         known = {name: of_airs(trials, name, teams) for name in ("kept", "scatter", "endless", "met", "way")}
         result |= {
             f"{here}: worst alpha / {PURE}": worst(shares),
             f"{here}: alpha {BEST:g} / {PURE}": shares[ALPHAS.index(BEST)],
             f"{here}: alpha of the least error": least(errors[1:]),
-            f"{here}: mean of all snaps / {PURE}": told(known["endless"]),
-            f"{here}: correlation with the next snap": told(known["kept"]),
-            f"{here}: standard deviation over mean, snap to snap": told(known["scatter"]),
-            f"{here}: share of time in gas": told(known["met"]),
-            f"{here}: way in a snap over {NEAR:g} m": told(known["way"] / NEAR),
+            f"{here}: mean of all snaps / {PURE}": over_airs(known["endless"]),
+            f"{here}: correlation with the next snap": over_airs(known["kept"]),
+            f"{here}: standard deviation over mean, snap to snap": over_airs(known["scatter"]),
+            f"{here}: share of time in gas": over_airs(known["met"]),
+            f"{here}: way in a snap over {NEAR:g} m": over_airs(known["way"] / NEAR),
         }
         means = np.array([share.mean for share in shares])
         of_sensor[sensor][f"{speed:g} m/s"] = means
@@ -217,7 +212,7 @@ def windows(trials: int, navigation: str) -> Told:
     for speed, window in product(SPEEDS, ascending):
         choice = alphas(window)
         errors = mean_errors(trials, chosen(navigation, speed, PAPER[1]), window)
-        shares = [over(one, errors[0]) for one in errors[1:]]
+        shares = [ratio_over_airs(one, errors[0]) for one in errors[1:]]
         lines[f"{speed:g} m/s"].append(shares[choice.index(BEST)].mean)
         if window != WINDOW:
             here = f"{speed:g} m/s, snaps of {window:g} s"
@@ -242,12 +237,12 @@ def without_air(trials: int) -> Told:
     result: dict[str, Mean | Lines] = {}
     for n, (memory, speed) in enumerate(mapping_whiffs.CASES):
         here = f"{speed:g} m/s, memory {memory:g} s"
-        shares = [told(one) for one in known["error"][..., n].T]
+        shares = [over_airs(one) for one in known["error"][..., n].T]
         result |= {
             f"{here}: worst alpha / {PURE}": worst(shares),
             f"{here}: alpha {BEST:g} / {PURE}": shares[ALPHAS.index(BEST)],
-            f"{here}: mean of all snaps / {PURE}": told(known["endless"][:, n]),
-            f"{here}: correlation with the next snap": told(known["kept"][:, n]),
+            f"{here}: mean of all snaps / {PURE}": over_airs(known["endless"][:, n]),
+            f"{here}: correlation with the next snap": over_airs(known["kept"][:, n]),
         }
     means = {name: part.mean(axis=0) for name, part in known.items()}
     result["Forecast error and what is kept, readings without air"] = by_what_is_kept(

@@ -16,7 +16,6 @@ from taichi_plume.grid.shapes import Shape
 from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.patches import opening_cells, periodic_axes
-from taichi_plume.validation.experiment import Mean, over_airs
 from taichi_plume.validation.flow_cases import advance, velocities
 
 
@@ -103,11 +102,6 @@ def along_x(mean: np.ndarray, dx: float, places: np.ndarray, top: str = "wall") 
     z = np.concatenate([[0.0], (np.arange(nz) + 0.5) * dx, [nz * dx]])
     x = np.arange(nx) * dx
     return RegularGridInterpolator((x, z), u)(np.minimum(places, [x[-1], z[-1]]))
-
-
-def told_of(values: Sequence[float]) -> Mean:
-    """One value of each air."""
-    return over_airs(np.array(values), np.arange(len(values)))
 
 
 def rms(error: np.ndarray) -> float:

@@ -57,12 +57,12 @@ def of_particles(airs: int, shape: tuple[int, ...], dx: float, **keys: float) ->
     for seed in range(airs):
         wind.begin(model, 0.0, seed)
         found.append(wind.mixing()["eddy_diffusivity_m2_per_s"])
-    K, volume, each = np.array(found), float(np.prod(grid.extent)), np.arange(airs)
+    K, volume = np.array(found), float(np.prod(grid.extent))
     like = np.array([air_changes(one, volume) for one in K])
     return {
-        OF_PARTICLES: over_airs(1e3 * K, each),
-        LIKE: over_airs(like, each),
-        SCALED: over_airs(K / (model.speed * model.longest), each),
+        OF_PARTICLES: over_airs(1e3 * K),
+        LIKE: over_airs(like),
+        SCALED: over_airs(K / (model.speed * model.longest)),
     }
 
 
@@ -95,15 +95,15 @@ def released(airs: int) -> Told:
                 )
         along += grid.read(gas.c).astype(float).sum(axis=(1, 2)) / ball.sum() / grid.dx / airs
     K = pseudo_values(modes, grid.extent)
-    each, of = np.arange(airs), np.array(particles)
+    of = np.array(particles)
     k = np.arange(1, 40)[:, None] * 2.0 * pi / grid.extent[0]  # of a ball in the middle only even ones
     place = (np.arange(grid.shape[0]) + 0.5) * grid.dx - 0.5 * grid.extent[0]
     decay = np.exp(-(k**2) * (0.5 * RELEASED**2 + of.mean() * LOOKS[-1]))
     diffused = (1.0 + 2.0 * (decay * np.cos(k * place)).sum(axis=0)) / grid.extent[0]
     return {
-        OF_GAS: over_airs(1e3 * K, each),
-        OF_PARTICLES: over_airs(1e3 * of, each),
-        RATIO: _over(over_airs(K, each), float(of.mean())),
+        OF_GAS: over_airs(1e3 * K),
+        OF_PARTICLES: over_airs(1e3 * of),
+        RATIO: _over(over_airs(K), float(of.mean())),
         f"{LOOKS[-1]:g} s after the release, and diffusion by K": Curve(
             "x - middle [m]", "share per metre [1/m]", place, along, diffused
         ),

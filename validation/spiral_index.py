@@ -127,23 +127,20 @@ def indices(trials: int, airs: int) -> Told:
     told: dict[str, Mean] = {}
     records = [heard(air)[1] for air in range(airs)]
 
-    def over(values: Sequence[float]) -> Mean:
-        return over_airs(np.array(values, float), np.arange(airs))
-
     def of(place: tuple[int, int], values: Sequence[np.ndarray]) -> Mean:
-        return over([float(spread(one)[PLACES.index(place)]) for one in values])
+        return over_airs([float(spread(one)[PLACES.index(place)]) for one in values])
 
     usual = [one[TIMES[-1], HEIGHTS[0]] for one in records]
-    told["records without a peak"] = over(
+    told["records without a peak"] = over_airs(
         [float((abs(one.index - FLAT * one.mean) <= 1e-4 * one.mean).mean()) for one in usual]
     )
     for height in HEIGHTS:
         for time in TIMES:
             name = f"pairs in order, {time} s, peaks {height.replace('_', ' ')}"
-            told[name] = over([in_order(one[time, height].index) for one in records])
+            told[name] = over_airs([in_order(one[time, height].index) for one in records])
     for d in (*DISTANCES, ROW[0]):
         told[f"spread of ln(index), {d} cm"] = of((d, 180), [one.index for one in usual])
         short = [one[SHORT, HEIGHTS[0]].mean for one in records]
         told[f"spread of ln(reading of 3 s), {d} cm"] = of((d, 180), short)
-    told["least index of a hit [ppm]"] = over([float(heard(air)[0].mean()) for air in range(airs)])
+    told["least index of a hit [ppm]"] = over_airs([float(heard(air)[0].mean()) for air in range(airs)])
     return told

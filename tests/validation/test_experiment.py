@@ -13,7 +13,6 @@ from taichi_plume.validation.experiment import (
     Row,
     examine,
     over_airs,
-    ratio,
     ratio_over_airs,
 )
 
@@ -82,7 +81,7 @@ def test_what_is_expected_of_no_quantity_is_refused(where):
 def test_ratios_of_means_have_an_interval():
     rng = np.random.default_rng(0)
     a, b = rng.normal(30.0, 3.0, 400), rng.normal(10.0, 1.0, 400)
-    found = ratio(a, b, paired=False)
+    found = ratio_over_airs(a, b)
     assert found.mean is not None
     assert found.mean == pytest.approx(a.mean() / b.mean())
     # the relative variances of the means add up
@@ -93,9 +92,9 @@ def test_ratios_of_means_have_an_interval():
 
 def test_ratios_of_pairs_know_that_they_are_pairs():
     reference = np.random.default_rng(3).uniform(1.0, 50.0, 12)
-    found = ratio(0.8 * reference, reference)
+    found = ratio_over_airs(0.8 * reference, reference)
     assert (found.mean, found.low, found.high) == pytest.approx((0.8, 0.8, 0.8))
-    assert ratio(np.array([3.0]), np.array([2.0])) == Mean(1.5, None, None, 1)
+    assert ratio_over_airs(np.array([3.0]), np.array([2.0])) == Mean(1.5, None, None, 1, airs=1)
 
 
 def test_trials_in_one_air_count_as_one():
