@@ -24,20 +24,15 @@ whole of it. In a box of mixed gas that adds a tenth to what goes out on cells o
 from collections.abc import Mapping
 from functools import partial
 from math import ceil, floor, sqrt
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import root_scalar
 
-from taichi_plume.assemble import assemble
-from taichi_plume.files.probes_table import ProbeTable
-from taichi_plume.files.table_parts import read
 from taichi_plume.scenario.species import AIR_MOLAR_MASS, GAS_CONSTANT, PRESSURE, TEMPERATURE
 from taichi_plume.validation.case import Curve
 from taichi_plume.validation.experiment import Condition, Experiment, Lines, Mean, Range, Told
-from taichi_plume.validation.searches import scenario_of
+from taichi_plume.validation.probed import probed
 
 SIZE = (1.5, 1.5, 0.75)  # m
 SIDE, LOW, HIGH = 0.0215, 0.0254, 0.7031  # m: of a hole; its lower edges above the floor
@@ -135,22 +130,13 @@ class Readings(NamedTuple):
 
 
 def readings(cell: float, seconds: float) -> Readings:
-    """Run the scenario; its probes go through their table, as in any run. Taichi must have been started."""
-    sim = assemble(scenario_of(scenario(cell, seconds)))
-    model = sim.scenario.probes
-    assert model is not None
-    with TemporaryDirectory() as folder:
-        table = ProbeTable(sim, Path(folder) / "probes.parquet", model)
-        sim.step_observers.append(table.observer())
-        table.start()
-        sim.run()
-        table.close()
-        told = read(table.path)
+    """Run the scenario. Taichi must have been started."""
+    sim, times, told = probed(scenario(cell, seconds))
     volume = float(np.prod(SIZE))
     (gas,) = sim.gas.gases
     box = 1e-4 * gas.species.ppm_per_density * gas.budget()["in_domain_kg"] / volume
     percent = 1e-4 * told["helium_ppm"].to_numpy().reshape(-1, len(HEIGHTS))
-    return Readings(told["t"].to_numpy()[:: model.size], percent, float(box))
+    return Readings(times, percent, float(box))
 
 
 def mixed(one_density: bool) -> float:

@@ -26,21 +26,16 @@ The table tells from where on its c'/C is that of puffs.
 
 from collections.abc import Mapping
 from functools import cache, partial
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import stats
 
-from taichi_plume.assemble import assemble
-from taichi_plume.files.probes_table import ProbeTable
-from taichi_plume.files.table_parts import read
 from taichi_plume.statistics.moments import moments
 from taichi_plume.statistics.space import gaussian_fit
 from taichi_plume.statistics.spectra import integral_time
 from taichi_plume.validation.experiment import Condition, Experiment, Lines, Range, Told, over_airs
-from taichi_plume.validation.searches import scenario_of
+from taichi_plume.validation.probed import probed
 
 U, LENGTH, INTENSITY = 1.0, 0.3, 0.12  # m/s; m; over the speed
 CELL, SIZE = 0.05, (3.0, 1.6, 1.2)  # m
@@ -137,21 +132,12 @@ class Records(NamedTuple):
 
 @cache
 def records(seed: int, seconds: float = SECONDS) -> Records:
-    """Run the scenario; its probes go through their table, as in any run. Taichi must have been started."""
-    sim = assemble(scenario_of(scenario(seed, seconds)))
-    model = sim.scenario.probes
-    assert model is not None
-    with TemporaryDirectory() as folder:
-        table = ProbeTable(sim, Path(folder) / "probes.parquet", model)
-        sim.step_observers.append(table.observer())
-        table.start()
-        sim.run()
-        table.close()
-        told = read(table.path)
+    """Run the scenario. Taichi must have been started."""
+    _, times, told = probed(scenario(seed, seconds))
     shape = (-1, len(DISTANCES), COUNT)
     wind = np.stack([told[f"wind_{axis}"].to_numpy().reshape(shape) for axis in "xyz"], axis=-1)
     ppm = {kind: told[f"{one.gas}_ppm"].to_numpy().reshape(shape) for kind, one in KINDS.items()}
-    return Records(told["t"].to_numpy()[:: model.size], ppm, wind)
+    return Records(times, ppm, wind)
 
 
 def taylor(width: float, speed: float, wind: np.ndarray, step: float) -> np.ndarray:
@@ -237,10 +223,10 @@ def _airs(count: int) -> tuple[dict[str, Found], ...]:
 
 def plume(airs: int, kind: str) -> Told:
     """What a kind of gas comes to, with intervals over airs."""
-    found, which = _airs(airs), np.arange(airs)
+    found = _airs(airs)
     own = {name: np.stack([getattr(one[kind], name) for one in found]) for name in Found._fields}
     judged = _judged(own, found, kind)
-    told: dict[str, Any] = {name: over_airs(values, which) for name, values in judged.items()}
+    told: dict[str, Any] = {name: over_airs(values) for name, values in judged.items()}
     x = np.array(DISTANCES)
     for n, d in enumerate(DISTANCES):
         at = f"at {d:g} m"
@@ -251,7 +237,7 @@ def plume(airs: int, kind: str) -> Told:
             ("gas beside it, share of time", "beside"),
             ("99th percentile over mean", "peak"),
         ):
-            told[f"{words}, {at}"] = over_airs(own[name][:, n], which)
+            told[f"{words}, {at}"] = over_airs(own[name][:, n])
     if kind == GRID:
         names = {"width": "mean width [m]", "intensity": "c'/C on the axis", "present": "gas on the axis"}
         for name, words in names.items():

@@ -18,15 +18,10 @@ the sensors. In 3-D in a box of 1.2 m, eddies between 1.2 m and 10 m are missing
 """
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from taichi_plume.assemble import assemble
-from taichi_plume.files.probes_table import ProbeTable
-from taichi_plume.files.table_parts import read
 from taichi_plume.statistics.durations import (
     CELANI,
     Exponent,
@@ -39,7 +34,7 @@ from taichi_plume.statistics.durations import (
 )
 from taichi_plume.statistics.noses import FAST, SLOW, noses, smelt
 from taichi_plume.validation.case import Answer, Case, Curve, Expected
-from taichi_plume.validation.searches import scenario_of
+from taichi_plume.validation.probed import probed
 
 U, LENGTH, INTENSITY = 0.5, 10.0, 0.08  # m/s; m; over the speed
 CELL = 0.025  # m
@@ -130,20 +125,11 @@ class Records(NamedTuple):
 
 
 def records(seed: int, seconds: float) -> Records:
-    """Run the scenario; its probes go through their table, as in any run. Taichi must have been started."""
-    sim = assemble(scenario_of(scenario(seed, seconds)))
-    model = sim.scenario.probes
-    assert model is not None
-    with TemporaryDirectory() as folder:
-        table = ProbeTable(sim, Path(folder) / "probes.parquet", model)
-        sim.step_observers.append(table.observer())
-        table.start()
-        sim.run()
-        table.close()
-        told = read(table.path)
+    """Run the scenario. Taichi must have been started."""
+    _, times, told = probed(scenario(seed, seconds))
     shape = (-1, len(DISTANCES), ROWS, len(ACROSS))
     ppm = {kind: told[f"{gas}_ppm"].to_numpy().reshape(shape) for kind, gas in GASES.items()}
-    return Records(told["t"].to_numpy()[:: model.size], ppm)
+    return Records(times, ppm)
 
 
 def thresholds(c: np.ndarray, level: float) -> np.ndarray:
