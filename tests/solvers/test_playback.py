@@ -54,19 +54,23 @@ def watched(sim: Simulation) -> dict[float, tuple[np.ndarray, np.ndarray]]:
     return seen
 
 
-@pytest.fixture(scope="module")
-def live(tmp_path_factory):
-    """What was seen of a computed run, and the folder with its film."""
-    kernels.start("cpu")
-    folder = tmp_path_factory.mktemp("live")
-    (folder / "live.yaml").write_text(LIVE)
+def filmed(folder, text):
+    """What was seen of a computed run, its simulation, and the folder with its film."""
+    (folder / "live.yaml").write_text(text)
     scenario = load_scenario(folder / "live.yaml")
     sim = assemble(scenario, folder)
     assert scenario.fields is not None
     filming = Filming(sim, folder / "fields.zarr", scenario.fields)
     filming.start()
     sim.observers.append(filming.observer())
-    return SimpleNamespace(seen=watched(sim), folder=folder)
+    return SimpleNamespace(seen=watched(sim), sim=sim, folder=folder)
+
+
+@pytest.fixture(scope="module")
+def live(tmp_path_factory):
+    """Of a computed flow."""
+    kernels.start("cpu")
+    return filmed(tmp_path_factory.mktemp("live"), LIVE)
 
 
 def divergence(wind: PlayedWind) -> float:
@@ -132,16 +136,9 @@ def test_gas_disperses_on_a_played_flow_as_on_the_computed_one(live):
 
 def test_a_film_of_a_synthetic_room_mixes_by_its_shorter_eddies_too(taichi, tmp_path):
     room = LIVE[: LIVE.index("wind:")] + "wind: {kind: synthetic}\n" + LIVE[LIVE.index("gas:") :]
-    (tmp_path / "live.yaml").write_text(room)
-    scenario = load_scenario(tmp_path / "live.yaml")
-    sim = assemble(scenario, tmp_path)
-    assert scenario.fields is not None
-    filming = Filming(sim, tmp_path / "fields.zarr", scenario.fields)
-    filming.start()
-    sim.observers.append(filming.observer())
-    wanted = watched(sim)[20][1]
-    again = played(SimpleNamespace(folder=tmp_path))
-    wind, live = again.wind.carrier, sim.wind.carrier
+    made = filmed(tmp_path, room)
+    wanted, again = made.seen[20][1], played(made)
+    wind, live = again.wind.carrier, made.sim.wind.carrier
     assert wind is not None
     assert live is not None
     np.testing.assert_array_equal(wind.grid.read(wind.nu), live.grid.read(live.nu))
