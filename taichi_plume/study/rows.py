@@ -31,12 +31,13 @@ def trial_rows(sim: Simulation, request: Request) -> list[dict[str, Any]]:
     for group in sim.swarm.groups:
         trials = scores.trial_outcomes(group, now, sources)
         searched = scores.no_search(sim, group, trials["success"]) is None
+        end = scores.end(sim, group)
         its = who | {"group": group.name, "algorithm": group.model.algorithm.kind}
         for k in range(group.trials):
             row = {name: _number(values[k]) for name, values in trials.items()}
             if not searched:
                 row["success"] = None
-            late = row["time_s"] if row["success"] else scores.end(sim, group)
+            late = row["time_s"] if row["success"] else end
             row["time_with_failures_s"] = late if searched else None
             rows.append(its | {"trial": k, "searched": searched} | row)
     return rows
