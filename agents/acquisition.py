@@ -52,7 +52,7 @@ class Acquisition:
         over = listened >= self.p.samples[n] * self.p.between[n]
         if over:
             self.since[n] = 0
-            self.swarm.acquisitions[i] += 1
+            self.swarm.acquisitions[i] += ti.cast(self.swarm.searches(i), ti.i32)
         return over
 
     @ti.func

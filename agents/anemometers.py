@@ -35,13 +35,24 @@ class Anemometers:
     @ti.func
     def draw(self, n, tick):
         """Noise of the n-th anemometer along both axes, normal."""
-        g = normal4(self.swarm.key[None], self.of.stream[n], self.members.number[n], tick, 0)
+        key, number, now = self.swarm.counter(self.members.robot[n], self.members.number[n], tick)
+        g = normal4(key, self.of.stream[n], number, now, 0)
         return ti.Vector([g[0], g[1]])
+
+    @ti.func
+    def renew(self, n):
+        """The n-th one is put back to the begin of a run."""
+        self.felt[n] = ti.Vector([0.0, 0.0])
 
     @ti.func
     def feel(self, wind: Template, n, i, tick, t, g: Template):
         """Measure with the n-th of the anemometers, robot i's; g: what `draw` gives."""
-        u = wind.velocity(sensor_place(self.swarm, self.dim, i, self.of.height[n]), t)
+        x = sensor_place(self.swarm, self.dim, i, self.of.height[n])
+        u = ti.Vector.zero(ti.f32, self.dim)
+        if ti.static(not self.swarm.apart):
+            u = wind.velocity(x, t)
+        else:
+            u = wind.velocity_of(i, x, t)
         goal = ti.Vector([u[0], u[1]])
         if ti.static(self.feels_motion):
             if self.of.compensated[n] == 0:

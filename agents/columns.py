@@ -94,6 +94,27 @@ class Columns:
     found: Any = Column("1", "whether it has found a source", np.bool_, key="found", table=("found",))
 
     found_time: Any = Column("s", "when it found a source; NaN before", key="found_time")
+    reached_time: Any = Column(
+        "s", "when it first came within reach of a source; NaN before", key="reached_time"
+    )
+    declared_position: Any = Column(
+        "m",
+        "where it said that a source is, as it believes: the first right place, or else the last; NaN before",
+        width=2,
+        key="declared_position",
+        table=("declared_x", "declared_y"),
+    )
+    declared_time: Any = Column("s", "when it said so; NaN before", key="declared_time")
+    declarations: Any = Column(
+        "1", "how often it said where a source is", np.int32, key="declarations", table=("declarations",)
+    )
+    false_declarations: Any = Column(
+        "1",
+        "how often there was none within reach of that place",
+        np.int32,
+        key="false_declarations",
+        table=("false_declarations",),
+    )
     path_length: Any = Column("m", "driven", key="path_length")
     odometer: Any = Column(
         "m",

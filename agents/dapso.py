@@ -159,7 +159,7 @@ class Dapso:
         self.best_time[n] = t
         if f >= self.best[n]:
             self.best[n], self.best_place[n] = f, self.swarm.believed_position[i]
-            self.swarm.hits[i] += 1
+            self.swarm.hits[i] += ti.cast(self.swarm.searches(i), ti.i32)
 
     @ti.func
     def _choose(self, n, tick, t):

@@ -80,7 +80,7 @@ class EColi:
         mean = self.acquisition.mean(n)
         rose = mean > self.before[n] and self.swarm.acquisitions[i] > 1
         self.before[n] = mean
-        self.swarm.hits[i] += ti.cast(rose, ti.i32)
+        self.swarm.hits[i] += ti.cast(rose and self.swarm.searches(i), ti.i32)
         u = uniform4(self.swarm.key[None], self.p.stream[n], self.number[n], tick, 0)
         self.swarm.state[i] = ti.select(rose, RUN, TUMBLE)
         turn = ti.select(rose, self.p.run_angle[n], pi) * (2.0 * u[0] - 1.0)

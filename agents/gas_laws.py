@@ -17,10 +17,14 @@ from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.elementary import exp, log
+from taichi_plume.grid.rng import generator
+from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.sensors import MOX_MODELS, IdealGasSensor, MoxSensor, PidSensor
 
 LN10 = float(np.log(10.0))
 SPREAD_OF_B = 0.08  # of unit to unit: our choice
+UNITS = 256  # in the box that episodes take theirs from
+DIFFER = ("b", "air", "k0", "k1", "k2", "k3", "x_low")  # numbers in which units differ
 INJECTED = np.geomspace(5.0, 1000.0, 14)  # ppm, of a calibration
 
 
@@ -33,6 +37,10 @@ class Law(Protocol):
 
     def begin(self) -> None:
         """Set the numbers of the members' sensors."""
+        ...
+
+    def renew(self, n: Any, unit: Any) -> None:
+        """ti.func: take another unit, given by a number from 0 to 1; where trials begin on their own."""
         ...
 
     def response(self, n: Any, ppm: Any) -> Any:
@@ -73,11 +81,26 @@ class MoxLaw:
 
     def __init__(self, members: Members):
         self.cubic = any(_mox(group).calibration == "cubic" for group in members.groups)
+        self.swarm = members.swarm
         self.of = Parameters(members, partial(_units, members.swarm))
+        self.box = ti.field(ti.f32, (UNITS, len(DIFFER)))  # units that episodes take theirs from
+        self.different = tuple(getattr(self.of, name) for name in DIFFER)
+        self._fill = uploader(self.box)
 
     def begin(self) -> None:
         """Set the numbers of the members' sensors, and draw how units differ."""
         self.of.begin()
+        if self.swarm.episodes is not None:
+            group = self.swarm.groups[0]
+            drawn = _of_units(_mox(group), _drawn(generator(self.swarm.seed, "box of units"), UNITS))
+            self._fill(np.stack([np.broadcast_to(drawn[name], UNITS) for name in DIFFER], axis=1))
+
+    @ti.func
+    def renew(self, n, unit):
+        """Take another unit, given by a number from 0 to 1."""
+        u = ti.min(ti.cast(unit * UNITS, ti.i32), UNITS - 1)
+        for k in ti.static(range(len(DIFFER))):
+            self.different[k][n] = self.box[u, k]
 
     @ti.func
     def response(self, n, ppm):
@@ -125,6 +148,10 @@ class LinearLaw:
         self.of.begin()
 
     @ti.func
+    def renew(self, n, unit):
+        """Units do not differ."""
+
+    @ti.func
     def response(self, n, ppm):
         """Steady y at a concentration."""
         return ppm
@@ -146,15 +173,25 @@ LAWS: dict[str, type[Law]] = {"mox": MoxLaw, "linear": LinearLaw}
 
 def _units(swarm: Swarm, group: GroupRange) -> Numbers:
     """The metal oxides of a group: what their model gives, and how units differ."""
-    sensor = _mox(group)
-    model = MOX_MODELS[sensor.model]
+    if swarm.episodes is not None:  # each takes one of the box
+        return _of_units(_mox(group), np.zeros((group.size, 2)))
     draws = group.generators(swarm.seed, "units")
-    units = np.concatenate([rng.uniform(-1.0, 1.0, (group.count, 2)) for rng in draws])
+    return _of_units(_mox(group), np.concatenate([_drawn(rng, group.count) for rng in draws]))
+
+
+def _drawn(rng: np.random.Generator, count: int) -> np.ndarray:
+    """How so many units differ in b and in R_air, (count, 2), from -1 to 1."""
+    return rng.uniform(-1.0, 1.0, (count, 2))
+
+
+def _of_units(sensor: MoxSensor, units: np.ndarray) -> Numbers:
+    """The numbers of metal oxides of which it is known how the units differ."""
+    model = MOX_MODELS[sensor.model]
     b = model.b * np.exp(SPREAD_OF_B * sensor.spread * sqrt(3.0) * units[:, 0])
     low, high = np.log(model.air)
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     cubic = sensor.calibration == "cubic"
-    k = _fits(model.c0, b) if cubic else np.zeros((group.size, 5))
+    k = _fits(model.c0, b) if cubic else np.zeros((len(units), 5))
     steps = 2.0 ** (sensor.bits or 0) - 1.0
     return {
         "c0": model.c0,

@@ -63,7 +63,8 @@ class GasSensors:
         """Noise of samples, drift and noise of a reading of the n-th sensor, normal; a trial draws the same ones alone
         and among others.
         """
-        g = normal4(self.swarm.key[None], self.of.stream[n], self.members.number[n], tick, 0)
+        key, number, now = self.swarm.counter(self.members.robot[n], self.members.number[n], tick)
+        g = normal4(key, self.of.stream[n], number, now, 0)
         return g[0], g[1], g[2]
 
     @ti.func
@@ -74,12 +75,22 @@ class GasSensors:
             heading = self.swarm.heading[i]
             x[0] += self.of.ahead[n] * ti.cos(heading)
             x[1] += self.of.ahead[n] * ti.sin(heading)
-        ppm = ti.max(gas.ppm(x, t), 0.0)
+        ppm = ti.Vector.zero(ti.f32, self.species)
+        if ti.static(not self.swarm.apart):
+            ppm = ti.max(gas.ppm(x, t), 0.0)
+        else:
+            ppm = ti.max(gas.ppm_of(i, x, t), 0.0)
         self.swarm.true_ppm[i] = ppm.sum()  # type: ignore[misc]
         smelt = 0.0
         for s in ti.static(range(self.species)):
             smelt += self.of.weights[n, s] * ppm[s]
         return smelt
+
+    @ti.func
+    def renew(self, n, unit):
+        """The n-th one is put back to the begin of a run, as another unit: a number from 0 to 1."""
+        self.signal[n], self.slow[n], self.sum[n], self.baseline[n] = 0.0, 0.0, 0.0, 0.0
+        self.law.renew(n, unit)
 
     @ti.func
     def is_due(self, n, tick):

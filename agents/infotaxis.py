@@ -10,7 +10,9 @@ detected with probability 1 - exp(-R(r) T) in an acquisition of T seconds; along
 
     R = rate / ln(lambda/a) exp(-V r_along/2D) K0(|r|/lambda),  lambda = sqrt(D tau/(1 + V² tau/4D))
 
-for a searcher of size a in a plane with an effective diffusivity D and a lifetime tau of gas patches.
+for a searcher of size a in a plane with an effective diffusivity D and a lifetime tau of gas patches. Where a search
+ends by reaching a source, one that goes on tells that none is in the cells that are wholly within reach: they are ruled
+out. With a reach of hardly more than a cell this is the published update, in which a visited cell is ruled out.
 """
 
 from math import hypot, log, pi
@@ -21,6 +23,7 @@ import taichi as ti
 from scipy.special import k0e
 
 from taichi_plume.agents.acquisition import Acquisition
+from taichi_plume.agents.beliefs import LEAST, Beliefs, Declaring
 from taichi_plume.agents.few import few
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.legs import Legs
@@ -28,17 +31,18 @@ from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
 from taichi_plume.agents.swarm import Swarm, wrap
 from taichi_plume.grid.rng import uniform4
-from taichi_plume.grid.transfer import uploader
-from taichi_plume.scenario import algorithms
+from taichi_plume.grid.transfer import reader, uploader
+from taichi_plume.scenario import belief_algorithms
 
 ACQUIRE, MOVE = range(2)
 
 STAY = 4  # after the moves 0 to 3, each by 90° more to the left
 FINER = 2  # nodes of the table per cell
-LEAST = 1e-12  # probability that counts as none
 
 
-def detection_rate(model: algorithms.Infotaxis, along: np.ndarray, across: np.ndarray) -> np.ndarray:
+def detection_rate(
+    model: belief_algorithms.AnyInfotaxis, along: np.ndarray, across: np.ndarray
+) -> np.ndarray:
     """R [1/s] of a source at (along, across) [m] from the robot, `along` to where the wind blows."""
     D, V, reach = model.diffusivity, model.wind_speed, model.reach
     r = np.maximum(np.hypot(along, across), model.size)
@@ -46,11 +50,14 @@ def detection_rate(model: algorithms.Infotaxis, along: np.ndarray, across: np.nd
 
 
 @ti.data_oriented
-class Infotaxis:
-    """The infotaxis algorithm for the robots of one group, each with a belief of its own. tick: control period [s]."""
+class AnyInfotaxis:
+    """What the kinds of infotaxis share, for the robots of one group, each with a belief of its own.
+
+    They differ in the `_cost` of an acquisition. tick: control period [s].
+    """
 
     PER_GROUP: bool = True  # has one table of chances and one size of cells
-    STATE: tuple[str, ...] = ("legs", "acquisition", "belief", "downwind")
+    STATE: tuple[str, ...] = ("legs", "acquisition", "declaring", "belief", "downwind")
     STATE_NAMES: tuple[str, ...] = ("ACQUIRE", "MOVE")
 
     def __init__(self, swarm: Swarm, members: Members, tick: float):
@@ -59,28 +66,28 @@ class Infotaxis:
         self.p = Parameters(members, self.numbers, stream="infotaxis")
         self.legs = Legs(members, self.p)
         self.acquisition = Acquisition(members, self.p)
-        self.low, high = swarm.clearance.low, swarm.clearance.high
-        self.extent = tuple(high[d] - self.low[d] for d in range(2))
-        self.cell = self.model.cell
-        self.cells = tuple(max(1, round(length / self.cell)) for length in self.extent)
-        self.spacing = self.cell / FINER
-        self.half = int(np.ceil(hypot(*self.extent) / self.spacing)) + 1
+        self.declaring = Declaring(members, self.p)
+        self.belief = Beliefs(members, self.model.cell)
+        self.belief_cell, self.belief_low = self.belief.cell, np.array(self.belief.low)
+        self.spacing = self.belief_cell / FINER
+        self.half = int(np.ceil(hypot(*self.belief.extent) / self.spacing)) + 1
         self.chance = ti.field(ti.f32, (2 * self.half + 1, 2 * self.half + 1))
-        self.belief = ti.field(ti.f32, (self.size, *self.cells))
         self.downwind = ti.Vector.field(2, ti.f32, self.size)  # mean of the wind felt so far
-        self._upload = uploader(self.chance, self.belief)
+        self._upload = uploader(self.chance, self.belief.p)
+        self._read = reader(self.belief.p)
         self.begin()
 
     @property
-    def model(self) -> algorithms.Infotaxis:
+    def model(self) -> belief_algorithms.AnyInfotaxis:
         """The group's, as it is now."""
-        return cast(algorithms.Infotaxis, self.members.groups[0].model.algorithm)
+        return cast(belief_algorithms.AnyInfotaxis, self.members.groups[0].model.algorithm)
 
     def numbers(self, group: GroupRange) -> Numbers:
         """Those of a group that kernels read."""
         return {
             **Legs.numbers(group, self.model.speed),
             **Acquisition.numbers(self.model, self.tick),
+            **Declaring.numbers(self.model, group),
             "threshold": self.model.threshold_ppm,
             "step": self.model.step,  # m
         }
@@ -88,7 +95,7 @@ class Infotaxis:
     def begin(self) -> None:
         """Set the numbers; all robots begin to listen and take all places for equally probable."""
         self.p.begin()
-        self._upload(self._chances(), 1.0 / (self.cells[0] * self.cells[1]))
+        self._upload(self._chances(), self.belief.even)
 
     def _chances(self) -> np.ndarray:
         """Probability of a detection over displacements of the source, along and across the wind."""
@@ -96,25 +103,39 @@ class Infotaxis:
         rate = detection_rate(self.model, *np.meshgrid(places, places, indexing="ij"))
         return -np.expm1(-rate * self.model.acquisition)
 
+    def beliefs(self) -> np.ndarray:
+        """Probabilities of the source's place, (robots, nx, ny); the sum of each map is 1."""
+        return self._read()[0]
+
     def act(self, tick: int, t: float, dt: float) -> None:
         """Turn the readings at time t [s] into commands for the next dt [s]."""
-        self._act(tick, dt)
+        self._act(tick, t, dt)
 
     @ti.kernel
-    def _act(self, tick: int, dt: float):
+    def _act(self, tick: int, t: float, dt: float):
         ti.loop_config(serialize=ti.static(few(4 * self.size)))
         for n in range(self.size):
             i = self.robot[n]
-            if self.swarm.wind_known[i] == 1:
-                self.downwind[n] += self.swarm.wind[i]
-            if self.swarm.state[i] == ACQUIRE:
-                if self.acquisition.listen(n):
-                    detected = self.acquisition.mean(n) >= self.p.threshold[n]
-                    self.swarm.hits[i] += ti.cast(detected, ti.i32)
-                    self._learn(n, detected)
-                    self._choose(n, tick)
-            if self.swarm.state[i] == MOVE and not self.legs.advance(n, dt):
-                self.swarm.state[i] = ACQUIRE
+            if self.swarm.searches(i):
+                self._search(n, tick, t, dt)
+
+    @ti.func
+    def _search(self, n, tick, t, dt):
+        """A tick of robot n."""
+        i = self.robot[n]
+        if self.swarm.wind_known[i] == 1:
+            self.downwind[n] += self.swarm.wind[i]
+        if self.swarm.state[i] == ACQUIRE:
+            if self.acquisition.listen(n):
+                detected = self.acquisition.mean(n) >= self.p.threshold[n]
+                self.swarm.hits[i] += ti.cast(detected, ti.i32)
+                self._learn(n, detected)
+                mean = self.belief.mean(n)
+                spread = self.belief.spread(n, mean)
+                self.declaring.consider(n, mean + ti.Vector(self.belief.low), spread, t)
+                self._choose(n, tick)
+        if self.swarm.state[i] == MOVE and not self.legs.advance(n, dt):
+            self.swarm.state[i] = ACQUIRE
 
     @ti.func
     def _wind_axis(self, n):
@@ -129,12 +150,11 @@ class Infotaxis:
     @ti.func
     def _place(self, n):
         """Of robot n, from the lower corner of the search area on [m]."""
-        return self.swarm.believed_position[self.robot[n]] - ti.Vector(self.low)
+        return self.swarm.believed_position[self.robot[n]] - ti.Vector(self.belief.low)
 
     @ti.func
-    def _chance_at(self, p, e, a, b):
-        """Probability that a robot at p detects a source in cell (a, b)."""
-        r = (ti.Vector([a, b]) + 0.5) * self.cell - p
+    def _chance_at(self, r, e):
+        """Probability that a robot detects a source at a displacement r [m], the wind along e."""
         along = (r[0] * e[0] + r[1] * e[1]) / self.spacing + self.half
         across = (r[1] * e[0] - r[0] * e[1]) / self.spacing + self.half
         k = ti.math.clamp(ti.cast(along + 0.5, ti.i32), 0, 2 * self.half)
@@ -143,46 +163,52 @@ class Infotaxis:
 
     @ti.func
     def _learn(self, n, detected):
-        """Bayes' rule."""
+        """Bayes' rule, for a detection or none, and for not having found the source."""
         p, e = self._place(n), self._wind_axis(n)
         total = 0.0
-        for a in range(self.cells[0]):
-            for b in range(self.cells[1]):
-                chance = self._chance_at(p, e, a, b)
-                now = self.belief[n, a, b] * ti.select(detected, chance, 1.0 - chance)
-                self.belief[n, a, b] = now
+        for a in range(self.belief.cells[0]):
+            for b in range(self.belief.cells[1]):
+                r = self.belief.middle(a, b) - p
+                chance = self._chance_at(r, e)
+                now = self.belief.p[n, a, b] * ti.select(detected, chance, 1.0 - chance)
+                if self.belief.is_within(r, self.p.ends_at[n]):
+                    now = 0.0
+                self.belief.p[n, a, b] = now
                 total += now
-        for a in range(self.cells[0]):
-            for b in range(self.cells[1]):
-                even = 1.0 / (self.cells[0] * self.cells[1])  # where nothing explains it: begin anew
-                self.belief[n, a, b] = ti.select(
-                    total > LEAST, self.belief[n, a, b] / ti.max(total, LEAST), even
-                )
+        self.belief.normalize(n, total)
 
     @ti.func
-    def _expected_entropy(self, n, p):
-        """Mean entropy of the belief after an acquisition at p; none is left if the source is there."""
+    def _outcomes(self, n, p):
+        """What an acquisition at p may come to: rows of a detection and of none.
+
+        Of each its probability w, the sum of q ln q over the cells and that of q times the way to the cell along the
+        axes [m], with the probabilities q of both the outcome and the cell. The rest, 1 - w - w, is to find the source.
+        """
         e = self._wind_axis(n)
-        hit, log_hit, log_none = 0.0, 0.0, 0.0
-        for a in range(self.cells[0]):
-            for b in range(self.cells[1]):
-                chance, now = self._chance_at(p, e, a, b), self.belief[n, a, b]
-                both, none = now * chance, now * (1.0 - chance)
-                hit += both
-                log_hit += both * ti.log(ti.max(both, LEAST))
-                log_none += none * ti.log(ti.max(none, LEAST))
-        miss = 1.0 - hit
-        of_both = hit * ti.log(ti.max(hit, LEAST)) + miss * ti.log(ti.max(miss, LEAST))
-        there = ti.math.clamp(ti.cast(p / self.cell, ti.i32), 0, ti.Vector(self.cells) - 1)
-        return (1.0 - self.belief[n, there[0], there[1]]) * (of_both - log_hit - log_none)
+        told = ti.Matrix.zero(ti.f32, 2, 3)
+        for a in range(self.belief.cells[0]):
+            for b in range(self.belief.cells[1]):
+                r = self.belief.middle(a, b) - p
+                if not self.belief.is_within(r, self.p.ends_at[n]):
+                    chance, now = self._chance_at(r, e), self.belief.p[n, a, b]
+                    way = ti.abs(r[0]) + ti.abs(r[1])
+                    for k in ti.static(range(2)):
+                        q = now * (chance if k == 0 else 1.0 - chance)
+                        told[k, 0] += q
+                        told[k, 1] += q * ti.log(ti.max(q, LEAST))
+                        told[k, 2] += q * way
+        return told
 
     @ti.func
-    def _choose(self, n, tick):
-        """The step of least mean entropy; of equal ones any."""
+    def _draw(self, n, tick):
+        return uniform4(self.swarm.key[None], self.p.stream[n], self.number[n], tick, 0)
+
+    @ti.func
+    def _best(self, n, tick):
+        """The move of least cost; of equal ones any."""
         i = self.robot[n]
         here = self._place(n)
-        u = uniform4(self.swarm.key[None], self.p.stream[n], self.number[n], tick, 0)
-        turn = ti.floor(u[0] * 4.0)
+        turn = ti.floor(self._draw(n, tick)[0] * 4.0)
         best, least = -1, 1e30
         for k in range(STAY + 1):
             move = ti.cast((k + turn) % 4, ti.i32)
@@ -192,12 +218,33 @@ class Infotaxis:
                 move, target = STAY, here
             room = self.swarm.radius[i]
             for d in ti.static(range(2)):
-                room = ti.min(room, ti.min(target[d], self.extent[d] - target[d]))
+                room = ti.min(room, ti.min(target[d], self.belief.extent[d] - target[d]))
             if room == self.swarm.radius[i] or move == STAY:
-                entropy = self._expected_entropy(n, target)
-                if entropy < least - 1e-6:
-                    best, least = move, entropy
+                cost = self._cost(n, target)
+                if cost < least - 1e-6:
+                    best, least = move, cost
+        return best
+
+    @ti.func
+    def _choose(self, n, tick):
+        """Set out for the next place, unless the best is to stay."""
+        i, best = self.robot[n], self._best(n, tick)
         if best != STAY:
             turn_by = wrap(0.5 * pi * best - self.swarm.believed_heading[i])
-            self.legs.set_out(n, turn_by, self.p.step[n], ti.select(u[1] > 0.5, 1.0, -1.0))
+            side = ti.select(self._draw(n, tick)[1] > 0.5, 1.0, -1.0)
+            self.legs.set_out(n, turn_by, self.p.step[n], side)
             self.swarm.state[i] = MOVE
+
+
+@ti.data_oriented
+class Infotaxis(AnyInfotaxis):
+    """The infotaxis algorithm for the robots of one group, each with a belief of its own."""
+
+    @ti.func
+    def _cost(self, n, p):
+        """Mean entropy [nat] of the belief after an acquisition at p; none is left if the source is found there."""
+        told = self._outcomes(n, p)
+        cost = 0.0
+        for k in ti.static(range(2)):
+            cost += told[k, 0] * ti.log(ti.max(told[k, 0], LEAST)) - told[k, 1]
+        return cost

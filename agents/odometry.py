@@ -14,7 +14,7 @@ Kleeman, Odometry error covariance estimation for two wheel robot vehicles, 1995
 the robot is told of the way that it really goes.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -28,48 +28,63 @@ from taichi_plume.scenario.robots import Odometry as Model
 
 @ti.data_oriented
 class Odometry:
-    """The odometers of all `count` robots; only those of groups with `odometry` err. key: field of the seed."""
+    """The odometers of all `count` robots; only those of groups with `odometry` err. counter: see `Swarm.counter`."""
 
-    def __init__(self, count: int, key: Any):
-        self.key = key
+    def __init__(self, count: int, counter: Callable):
+        self.counter = counter
         self.errs = ti.field(ti.i32, count)
         self.number = ti.field(ti.i32, count)  # of the robot in its group, among all trials there could be
         self.stream = ti.field(ti.u32, count)
         self.kept: Any = ti.Vector.field(3, ti.f32, count)  # a, b [1], c [rad/m]
         self.variances: Any = ti.Vector.field(4, ti.f32, count)  # k1 [rad], k2 [rad²/m], k3 [m], k4 [m²/rad]
-        self._upload = uploader(self.errs, self.number, self.stream, self.kept, self.variances)
+        self.deviations: Any = ti.Vector.field(3, ti.f32, count)  # of a, b and c
+        self._upload = uploader(
+            self.errs, self.number, self.stream, self.kept, self.variances, self.deviations
+        )
 
     def begin(self, groups: Sequence[GroupRange], seed: int) -> None:
         """Draw what each robot keeps; groups: all of the swarm."""
         count = self.errs.shape[0]
-        kept, variances = np.zeros((count, 3)), np.zeros((count, 4))
+        kept, variances, deviations = np.zeros((count, 3)), np.zeros((count, 4)), np.zeros((count, 3))
         errs, numbers, streams = np.zeros(count), np.zeros(count), np.zeros(count, np.uint32)
         for group in groups:
             model = group.model.odometry
             if model is None:
                 continue
             kept[group.slice] = _drawn(model, group, seed)
-            variances[group.slice] = _variances(model)
+            variances[group.slice], deviations[group.slice] = _variances(model), _deviations(model)
             errs[group.slice] = 1
             numbers[group.slice] = group.first + np.arange(group.size)
             streams[group.slice] = stream_id(f"group {group.number}/odometry")
-        self._upload(errs, numbers, streams, kept, variances)
+        self._upload(errs, numbers, streams, kept, variances, deviations)
 
     @ti.func
     def told(self, i, tick, w, s):
         """Of robot i, which errs: the turn w' [rad], 1 + a, and the random part of the way s' [m]."""
-        g = normal4(self.key[None], self.stream[i], self.number[i], tick, 0)
+        key, number, now = self.counter(i, self.number[i], tick)
+        g = normal4(key, self.stream[i], number, now, 0)
         kept, k = self.kept[i], self.variances[i]
         turn = (1.0 + kept[1]) * w + kept[2] * s + ti.sqrt(k[0] * ti.abs(w) + k[1] * ti.abs(s)) * g[0]
         return turn, 1.0 + kept[0], ti.sqrt(k[2] * ti.abs(s) + k[3] * ti.abs(w)) * g[1]
 
+    @ti.func
+    def renew(self, i):
+        """Draw anew what robot i keeps, for an episode that has just begun."""
+        key, number, now = self.counter(i, self.number[i], 0)
+        g = normal4(key, self.stream[i], number, now, 0)
+        self.kept[i] = self.deviations[i] * ti.Vector([g[0], g[1], g[2]])
+
 
 def _drawn(model: Model, group: GroupRange, seed: int) -> np.ndarray:
     """a, b and c [rad/m] of each robot of the group, (size, 3)."""
-    deviations = (model.distance_scale, model.turn_scale, np.radians(model.veer_deg))
     return np.concatenate(
-        [rng.normal(0.0, deviations, (group.count, 3)) for rng in group.generators(seed, "wheels")]
+        [rng.normal(0.0, _deviations(model), (group.count, 3)) for rng in group.generators(seed, "wheels")]
     )
+
+
+def _deviations(model: Model) -> tuple[float, float, float]:
+    """Of a, b and c."""
+    return model.distance_scale, model.turn_scale, np.radians(model.veer_deg)
 
 
 def _variances(model: Model) -> tuple[float, float, float, float]:

@@ -10,7 +10,8 @@ Files are executed only with --allow-code; modules that one imports have to be i
 It is made once per group, with the scenario's `parameters` as keywords, and called each tick with all robots of all
 trials of the group; what it keeps from tick to tick are its own attributes. A run whose algorithm has ``state()``,
 which returns all that it keeps as plain data (numbers, texts, arrays, lists, dicts), and ``restore(state)`` can be
-resumed.
+resumed. Robots of a team tell each other messages of as many numbers as its class says, ``MESSAGE = 3``, within the
+group's `communication`.
 """
 
 import inspect
@@ -18,45 +19,22 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import taichi as ti
 
-from taichi_plume.agents.columns import COLUMNS, Rows
+from taichi_plume.agents.columns import Rows
+from taichi_plume.agents.few import few
 from taichi_plume.agents.members import Members
+from taichi_plume.agents.own_robots import SHOWN, TOLD, Robots, Said
+from taichi_plume.agents.parameters import Parameters
+from taichi_plume.agents.radio import NEVER, Radio
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.files import checkpoint
 from taichi_plume.files.own_class import OwnAlgorithmError, failures_told
 from taichi_plume.grid.state import saves_itself
+from taichi_plume.grid.transfer import reader, uploader
 
-SHOWN = tuple(column for column in COLUMNS if column.shown)
-TOLD = tuple(column for column in COLUMNS if column.told)
-
-
-class Robots:
-    """What an algorithm may know of its robots, and what it tells them, as arrays over the n robots.
-
-    Read: `reading` [ppm]; `wind` (n, 2) [m/s], zero where it is not `wind_known`; `position` (n, 2) [m], `heading`
-    [rad] and `path_length` [m], with errors where the group has `odometry`; `blocked`, the bumper; `trial` and
-    `robot`, numbers of each; `t`, `dt` [s].
-    Write: `speed` [m/s]; `turn_rate` [rad/s]; `state`, whole numbers that index the algorithm's STATE_NAMES.
-    """
-
-    STATE = ("t", "dt", *(column.shown for column in SHOWN), *(column.told for column in TOLD))
-
-    heading: np.ndarray
-    turn_rate: np.ndarray
-
-    def __init__(self, trial: np.ndarray, robot: np.ndarray):
-        n = len(trial)
-        self.trial, self.robot = trial, robot
-        self.t, self.dt = 0.0, 0.0
-        for column in SHOWN:
-            setattr(self, column.shown, column.zeros(n))
-        for column in TOLD:
-            setattr(self, column.told, np.zeros(n, int if column.dtype is np.int32 else float))
-
-    def turn_to(self, course: Any) -> None:
-        """Command the turn rate that brings each heading to `course` [rad] in a tick, or as soon as the body can."""
-        off = np.asarray(course) - self.heading
-        self.turn_rate = (off - 2 * np.pi * np.round(off / (2 * np.pi))) / self.dt
+MOST_NUMBERS = 16  # of a message
+MOST_HEARD = 20_000_000  # numbers that all robots of a group keep of each other
 
 
 class Kept:
@@ -78,25 +56,79 @@ class Kept:
             self.algorithm.restore(state)
 
 
+class Messages:
+    """Messages of several numbers between the robots of each team: the radio says whom each reaches.
+
+    words: numbers of a message. heard (size, count, words), NaN where nothing was: what each robot heard last of each
+    of its team; heard_at (size, count): when [s].
+    """
+
+    STATE = ("radio", "heard", "heard_at")
+
+    def __init__(self, members: Members, words: int):
+        self.p = Parameters(members, Radio.numbers, radio="radio")
+        self.radio, self.words = Radio(members, self.p), words
+        self._put_times, self._put_speakers = uploader(self.radio.time), uploader(self.radio.speaks)
+        self._times = reader(self.radio.time)
+        count = self.radio.time.shape[1]
+        self.first = np.arange(members.size) // count * count  # of each robot's team
+
+    def begin(self) -> None:
+        """Nobody has heard of anybody."""
+        self.p.begin()
+        self._put_times(NEVER)
+        shape = self.radio.time.shape
+        self.heard, self.heard_at = np.full((*shape, self.words), np.nan), np.full(shape, np.nan)
+
+    def deliver(self, said: Said, tick: int, t: float) -> None:
+        """Bring what was told in this tick to those who hear it."""
+        if not said.speaks.any():
+            return
+        self._put_speakers(said.speaks)
+        self.radio.deliver(tick, t)
+        (times,) = self._times()
+        n, m = np.nonzero(times == np.float32(t))
+        self.heard[n, m] = said.message[self.first[n] + m]
+        self.heard_at[n, m] = t
+
+
+@ti.data_oriented
 class OwnAlgorithm:
     """Runs a class of the user's, `own`, for one group. Raises OwnAlgorithmError where it fails."""
 
     PER_GROUP = True
-    STATE = ("kept", "robots")
+    STATE = ("kept", "robots", "messages")
 
     def __init__(self, swarm: Swarm, members: Members, own: type):
-        self.members, self.own = members, own
+        self.swarm, self.members, self.own = swarm, members, own
         (group,) = members.groups
-        self.size = group.size
+        self.size, self.start = group.size, group.start
         self.path = Path(inspect.getsourcefile(own) or "?")
         self.shown, self.told = (Rows(swarm, some, group.start, group.size) for some in (SHOWN, TOLD))
+        self.words = self._words(group.count)
+        self.messages = Messages(members, self.words) if self.words else None
         self.begin()
+
+    def _words(self, count: int) -> int:
+        """How many numbers a message has: the class says it, for teams of `count` robots."""
+        words, where = getattr(self.own, "MESSAGE", 0), f"{self.path}, MESSAGE of {self.own.__name__}"
+        if not isinstance(words, int) or not 0 <= words <= MOST_NUMBERS:
+            raise OwnAlgorithmError(f"{where} is {words!r}, not a whole number from 0 to {MOST_NUMBERS}")
+        if self.size * count * words > MOST_HEARD:
+            raise OwnAlgorithmError(
+                f"{where}: {self.size:,} robots would keep {self.size * count * words:,} numbers of each other, more "
+                f"than {MOST_HEARD:,}; use smaller teams or fewer trials"
+            )
+        return words
 
     def begin(self) -> None:
         """Make the user's algorithm, with the group's parameters."""
         (group,) = self.members.groups
         number = np.arange(group.size)
-        self.robots = Robots(group.model.first_trial + number // group.count, number % group.count)
+        trial = group.model.first_trial + number // group.count
+        if self.messages:
+            self.messages.begin()
+        self.robots = Robots(trial, number % group.count, *self._heard())
         model = group.model.algorithm
         with failures_told(self.path):
             self.algorithm = self.own(**(model.parameters if model.kind == "own" else {}))
@@ -112,12 +144,34 @@ class OwnAlgorithm:
         """Show the robots to the user's algorithm and carry out what it wants."""
         robots = self.robots
         robots.t, robots.dt = t, dt
+        robots.heard, robots.heard_at = self._heard()
+        robots.said = said = Said(self.size, self.words)
         for column, values in zip(SHOWN, self.shown.read(), strict=True):
             setattr(robots, column.shown, values)
         with failures_told(self.path):
             self.algorithm.act(robots)
             commands = [self._checked(column.told) for column in TOLD]
         self.told.write(commands)
+        if np.isfinite(said.places).any():
+            self._declare(said.places.astype(np.float32), t)
+        if self.messages:
+            self.messages.deliver(said, tick, t)
+
+    def _heard(self) -> tuple[np.ndarray, np.ndarray]:
+        """What the robots have heard of each other, and when; to be read alone."""
+        if not self.messages:
+            return np.zeros((self.size, 0, 0)), np.zeros((self.size, 0))
+        shown = self.messages.heard.view(), self.messages.heard_at.view()
+        for one in shown:
+            one.flags.writeable = False
+        return shown
+
+    @ti.kernel
+    def _declare(self, places: ti.types.ndarray(dtype=ti.f32, ndim=2), t: float):
+        ti.loop_config(serialize=ti.static(few(self.size)))
+        for n in range(self.size):
+            if not ti.math.isnan(places[n, 0]):
+                self.swarm.declare(self.start + n, ti.Vector([places[n, 0], places[n, 1]]), t)
 
     def _checked(self, name: str) -> np.ndarray:
         """What the algorithm wrote, if it is a finite number for every robot."""

@@ -81,7 +81,12 @@ class Potential:
     def is_over(self, n, goal, tolerance):
         """Whether the robot is within `tolerance` [m] of its way point, or will not get there."""
         apart = self.swarm.believed_position[self.robot[n]] - goal
-        return apart.norm() <= tolerance or self.tries[n] > TRIES
+        return apart.norm() <= tolerance or self.is_stuck(n)
+
+    @ti.func
+    def is_stuck(self, n):
+        """Whether the robot will not get to its way point."""
+        return self.tries[n] > TRIES
 
     @ti.func
     def low(self, n):

@@ -81,7 +81,8 @@ class Radio:
             if m < self.p.count[n] and other != n and self.speaks[other] == 1:
                 i, j = self.robot[n], self.robot[other]
                 near = (self.swarm.position[i] - self.swarm.position[j]).norm() <= self.p.range[n]
-                u = uniform4(self.swarm.key[None], self.p.radio[n], self.number[n], tick, m)
+                key, number, now = self.swarm.counter(i, self.number[n], tick)
+                u = uniform4(key, self.p.radio[n], number, now, m)
                 if near and u[0] > self.p.loss[n]:
                     self.value[n, m], self.place[n, m] = self.said_value[other], self.said_place[other]
                     self.sender[n, m] = self.swarm.believed_position[j]

@@ -55,13 +55,19 @@ class Sensors:
     ):
         ti.loop_config(serialize=ti.static(few(nose.members.size)))
         for k in range((nose.members.size + self.strip - 1) // self.strip):
-            self._sense_strip(nose, vane, gas, wind, k * self.strip, tick, t, cold)
+            self.sense_strip(nose, vane, gas, wind, k * self.strip, tick, t, cold)
 
     @ti.func
-    def _sense_strip(
+    def renew(self, i, unit):
+        """The sensors of robot i of the only group are put back to the begin of a run; unit: which one, from 0 to 1."""
+        self.noses[0].renew(i, unit)
+        self.vanes[0].renew(i)
+
+    @ti.func
+    def sense_strip(
         self, nose: Template, vane: Template, gas: Template, wind: Template, first, tick, t, cold
     ):
-        """Measure with a strip of sensors, from the first one on."""
+        """Measure with a strip of sensors, from the first one on; those of trials that rest do not."""
         last = nose.members.size - 1
         count = ti.min(self.strip, last + 1 - first)
         noise, drift = ti.Vector([0.0] * self.strip), ti.Vector([0.0] * self.strip)
@@ -75,16 +81,26 @@ class Sensors:
         for m in range(count):
             n = first + m
             i = nose.members.robot[n]
-            y[m] = nose.smell(gas, n, i, t)
-            vane.feel(wind, n, i, tick, t, ti.Vector([across[m], along[m]]))
+            if nose.swarm.takes_part(i):
+                now, at = nose.swarm.clock(i, tick, t)
+                y[m] = nose.smell(gas, n, i, at)
+                vane.feel(wind, n, i, now, at, ti.Vector([across[m], along[m]]))
         for m in range(self.strip):
             y[m] = nose.law.response(ti.min(first + m, last), y[m])
         for m in range(count):
-            y[m] = nose.lag(first + m, tick, cold, y[m], noise[m], drift[m], own[m])
+            i = nose.members.robot[first + m]
+            if nose.swarm.takes_part(i):
+                now, at = nose.swarm.clock(i, tick, t)
+                warm = cold
+                if ti.static(nose.swarm.apart):
+                    warm = ti.exp(-at / WARMING)
+                y[m] = nose.lag(first + m, now, warm, y[m], noise[m], drift[m], own[m])
         for m in range(self.strip):
             n = ti.min(first + m, last)
             r[m] = nose.law.resistance(n, y[m])
             y[m] = nose.law.ppm(n, r[m])
         for m in range(count):
             n = first + m
-            nose.read(n, nose.members.robot[n], tick, r[m], y[m])
+            i = nose.members.robot[n]
+            if nose.swarm.takes_part(i):
+                nose.read(n, i, nose.swarm.clock(i, tick, t)[0], r[m], y[m])

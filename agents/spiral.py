@@ -197,7 +197,7 @@ class Spiral:
         if self.p.strict[n] == 1:
             needed = ti.max(needed, self.p.minimum[n])
         if index >= needed:
-            self.swarm.hits[i] += 1
+            self.swarm.hits[i] += ti.cast(self.swarm.searches(i), ti.i32)
             self.threshold[n] = index
             self._forget(n)
             self._set_out(n)

@@ -12,11 +12,13 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from taichi_plume.agents.columns import COLUMNS, Columns, Rows
+from taichi_plume.agents.columns import COLUMNS, Rows
 from taichi_plume.agents.contact import TOUCH, Contact
 from taichi_plume.agents.few import few
 from taichi_plume.agents.groups import GroupRange, ranges
 from taichi_plume.agents.odometry import Odometry
+from taichi_plume.agents.referee import Referee
+from taichi_plume.agents.trials import OwnClocks, Trials
 from taichi_plume.grid.elementary import cos_sin
 from taichi_plume.grid.transfer import reader, uploader
 from taichi_plume.scenario.obstacles import Obstacle
@@ -28,6 +30,7 @@ BODY: dict[str, Callable[[Group], float]] = {
     "radius": lambda group: group.body.radius,
     "reach": lambda group: group.reach,
     "square": lambda group: float(group.capture == "square"),
+    "by_declaring": lambda group: float(group.found == "declared"),
     "sets_off": lambda group: group.begin,
     "max_speed": lambda group: group.body.max_speed,
     "max_turn_rate": lambda group: np.radians(group.body.max_turn_rate_deg),
@@ -38,13 +41,14 @@ BODY: dict[str, Callable[[Group], float]] = {
 
 
 @ti.data_oriented
-class Swarm(Columns):
+class Swarm(OwnClocks, Referee):
     """State and motion of the robots of all groups, one Taichi field per quantity (see `Columns`).
 
     positions: (count, 2) [m] and headings: (count,) [rad] at the start, free of overlap (see `placement`). clearance:
     see `Contact`. sources: (m, 2) [m], known to the referee, not to the robots. walkers: obstacles that move, of which
     the robots feel the disc around the footprint; one that walks into a robot does not push it: the robot can only
-    drive away. rivals: whether groups neither see nor touch each other.
+    drive away. rivals: whether groups neither see nor touch each other. episodes: trials of the only group that each
+    begin anew on their own.
 
     Algorithms read `reading` [ppm], `wind` [m/s], `wind_known`, `blocked` (the bumper), where the robot believes to be,
     `believed_position` [m], `believed_heading` [rad] and `odometer` [m], and write `speed_command` [m/s],
@@ -64,8 +68,11 @@ class Swarm(Columns):
         seed: int,
         walkers: Sequence[Obstacle] = (),
         rivals: bool = False,
+        episodes: Trials | None = None,
     ):
         self.clearance, self.rivals = clearance, rivals
+        self.episodes: Any = episodes
+        self.apart = episodes is not None  # whether trials begin anew on their own
         self.groups: list[GroupRange] = ranges(groups, rivals)
         self.count = sum(group.size for group in self.groups)
         self.trials = max((group.row + group.trials for group in self.groups), default=0)
@@ -74,15 +81,18 @@ class Swarm(Columns):
         self._allocate(n, self.reckons)
         self.radius, self.reach = ti.field(ti.f32, n), ti.field(ti.f32, n)
         self.square = ti.field(ti.f32, n)  # 1 where the reach is half the edge of a square
+        self.by_declaring = ti.field(ti.f32, n)  # 1 where a source is found by saying where it is
         self.sets_off = ti.field(ti.f32, n)  # s, after which it can find a source
         self.max_speed, self.max_turn_rate = ti.field(ti.f32, n), ti.field(ti.f32, n)
         self.half_base = ti.field(ti.f32, n)  # between the wheels, 0 for a unicycle [m]
         self.max_acceleration = ti.field(ti.f32, n)
         self.key: Any = ti.field(ti.u32, ())  # the seed, for kernels
         self.walker_count, self.source_count = len(walkers), len(sources)
+        if episodes is not None:
+            self.source_count = episodes.most_sources
         self.discs: Any = ti.Vector.field(2, ti.f32, max(1, len(walkers)))  # where the walkers are
         self.disc_radius: Any = ti.field(ti.f32, max(1, len(walkers)))
-        self.sources: Any = ti.Vector.field(2, ti.f32, max(1, len(sources)))
+        self.sources: Any = ti.Vector.field(2, ti.f32, max(1, self.source_count))
         self._list_members()
         self.contact = Contact(
             clearance,
@@ -95,15 +105,17 @@ class Swarm(Columns):
             self.walker_count,
         )
         if self.reckons:
-            self.odometry = Odometry(n, self.key)
+            self.odometry = Odometry(n, self.counter)
         self._kept = Rows(self, [column for column in COLUMNS if column.key], 0, self.count)
-        self._found, self._put_discs = reader(self.found), uploader(self.discs)
+        self._fields = tuple(getattr(self, one.name) for one in COLUMNS)
+        self._ended, self._put_discs = reader(self.found, self.declarations), uploader(self.discs)
         self._upload = uploader(*self._numbers())
         self.begin(groups, positions, headings, sources, seed, walkers)
 
     def _numbers(self) -> list[Any]:
         """The fields that `begin` sets."""
-        poses = [self.position, self.heading, self.found_time, self.resistance]
+        never = [self.found_time, self.reached_time, self.declared_position, self.declared_time]
+        poses = [self.position, self.heading, *never, self.resistance]
         beliefs = [self.believed_position, self.believed_heading] if self.reckons else []
         bodies = [getattr(self, name) for name in BODY]
         return [self.key, self.sources, self.disc_radius, *poses, *beliefs, *bodies]
@@ -146,7 +158,7 @@ class Swarm(Columns):
             sources if len(sources) else 0,
             [one.disc for one in walkers] or 0,
             *poses,
-            *(np.nan, np.nan),
+            *(np.nan,) * 5,
             *(poses if self.reckons else []),
             *(self._each(value) for value in BODY.values()),
         )
@@ -165,14 +177,16 @@ class Swarm(Columns):
             self._put_discs([motion.place(center, t) for motion, center in self.walkers])
 
     def move(self, tick: int, t: float, dt: float) -> None:
-        """Carry out the commands for one tick of dt [s] that ends at t [s]; robots at a source stay there."""
+        """Carry out the commands for one tick of dt [s] that ends at t [s]; robots whose search is over stay there."""
         if self.count:
             self._walk(t)
             self._move(tick, t, dt)
 
-    def all_found(self) -> bool:
-        """Whether every robot of every trial has found a source."""
-        return bool(self._found()[0][: self.count].all())
+    def all_over(self) -> bool:
+        """Whether no robot of any trial searches any more."""
+        found, declarations = (values[: self.count] for values in self._ended())
+        by_declaring = self._each(BODY["by_declaring"])[: self.count]
+        return bool(((found > 0) | ((by_declaring > 0) & (declarations > 0))).all())
 
     def snapshot(self) -> dict[str, np.ndarray]:
         """What recordings and results keep, as arrays over the robots, and where they began, `start` [m]."""
@@ -184,21 +198,37 @@ class Swarm(Columns):
         ti.loop_config(serialize=ti.static(few(self.count)))
         for k in range(self.trials):
             for m in range(self.team_size[k]):
-                i = self.members[k, m]
-                before = self.blocked[i]
-                self.blocked[i] = 0
-                self.velocity[i] = ti.Vector([0.0, 0.0])
-                if self.found[i] == 0:
-                    self._drive(i, k, tick, dt)
-                    self.bumps[i] = self.bumps[i] + ti.cast(self.blocked[i] > before, ti.i32)
-                    for s in range(self.source_count):
-                        apart = self.position[i] - self.sources[s]
-                        distance = ti.select(
-                            self.square[i] > 0.0, ti.max(ti.abs(apart[0]), ti.abs(apart[1])), apart.norm()
-                        )
-                        if distance <= self.reach[i] and t - self.sets_off[i] > 1e-3 * dt:
-                            self.found[i] = 1
-                            self.found_time[i] = t
+                self.go(self.members[k, m], k, tick, t, dt)
+
+    @ti.func
+    def go(self, i, k, tick, t, dt):
+        """Carry out the commands of robot i of trial k for the tick of dt [s] that ends at t [s]."""
+        before = self.blocked[i]
+        self.blocked[i] = 0
+        self.velocity[i] = ti.Vector([0.0, 0.0])
+        if self.searches(i):
+            self._drive(i, k, tick, dt)
+            self.bumps[i] = self.bumps[i] + ti.cast(self.blocked[i] > before, ti.i32)
+            if t - self.sets_off[i] > 1e-3 * dt and self._is_source(i, self.position[i]):
+                if ti.math.isnan(self.reached_time[i]):
+                    self.reached_time[i] = t
+                if self.by_declaring[i] == 0.0:
+                    self.found[i] = 1
+                    self.found_time[i] = t
+
+    @ti.func
+    def renew(self, i, place, heading):
+        """Put robot i to a place [m], as at the begin of a run."""
+        for field in ti.static(self._fields):
+            field[i] = ti.zero(field[i])
+        never = ti.Vector([ti.math.nan, ti.math.nan])
+        self.position[i], self.heading[i] = place, heading
+        self.declared_position[i] = never
+        self.found_time[i], self.reached_time[i] = never[0], never[0]
+        self.declared_time[i], self.resistance[i] = never[0], never[0]
+        if ti.static(self.reckons):
+            self.believed_position[i], self.believed_heading[i] = place, heading
+            self.odometry.renew(i)
 
     @ti.func
     def _drive(self, i, k, tick, dt):

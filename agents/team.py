@@ -7,9 +7,12 @@ import taichi as ti
 from taichi_plume.agents.few import few
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.own import OwnAlgorithm
+from taichi_plume.agents.policy import PolicyAlgorithm
 from taichi_plume.agents.search import ALGORITHMS, Algorithm
 from taichi_plume.agents.swarm import Swarm
+from taichi_plume.files.network import Network
 
+HANDED = ("own", "policy")  # kinds whose class or network the scenario's files hold
 BEFORE = "BEFORE_BEGIN"  # state of robots that have not set off; no algorithm has it
 
 
@@ -19,6 +22,7 @@ class Team:
 
     Until the groups set off, at their `begin`, the robots are given no command; their state is BEFORE, and that in
     which the algorithm begins is put by. tick: control period [s]. own: class of an algorithm of the user's.
+    network: of a policy.
     """
 
     STATE: tuple[str, ...] = ("algorithm",)
@@ -29,6 +33,7 @@ class Team:
         numbers: Sequence[int],
         tick: float,
         own: type | None = None,
+        network: Network | None = None,
     ):
         self.swarm, self.members = swarm, Members(swarm, numbers)
         self.numbers = self.members.numbers
@@ -38,6 +43,8 @@ class Team:
         self.algorithm: Algorithm
         if own is not None:
             self.algorithm = OwnAlgorithm(swarm, self.members, own)
+        elif network is not None:
+            self.algorithm = PolicyAlgorithm(swarm, self.members, tick, network)
         else:
             self.algorithm = ALGORITHMS[model.kind](swarm, self.members, tick)
         self.waits = group.begin > 0
@@ -82,18 +89,22 @@ class Team:
                 self.swarm.state[i] = self.first_state[n]
 
 
-def teams(swarm: Swarm, tick: float, own: Mapping[str, type] | None = None) -> list[Team]:
+def teams(
+    swarm: Swarm,
+    tick: float,
+    own: Mapping[str, type] | None = None,
+    networks: Mapping[str, Network] | None = None,
+) -> list[Team]:
     """A team for each kind of algorithm and time to set off, or for each group where the class is `PER_GROUP`.
 
-    own: classes of the user's by the names of their groups.
+    own: classes of the user's, and networks of policies, by the names of their groups.
     """
     alike: dict[tuple[str, int, float], list[int]] = {}
     for group in swarm.groups:
         kind = group.model.algorithm.kind
-        per_group = kind == "own" or ALGORITHMS[kind].PER_GROUP
+        per_group = kind in HANDED or ALGORITHMS[kind].PER_GROUP
         key = kind, group.number if per_group else -1, group.model.begin
         alike.setdefault(key, []).append(group.number)
-    handed = own or {}
-    return [
-        Team(swarm, numbers, tick, handed.get(swarm.groups[numbers[0]].name)) for numbers in alike.values()
-    ]
+    handed, learnt = own or {}, networks or {}
+    names = [(numbers, swarm.groups[numbers[0]].name) for numbers in alike.values()]
+    return [Team(swarm, numbers, tick, handed.get(name), learnt.get(name)) for numbers, name in names]

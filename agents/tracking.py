@@ -22,7 +22,7 @@ from taichi_plume.agents.parameters import Numbers, Parameters
 from taichi_plume.agents.swarm import Swarm, wrap
 from taichi_plume.grid.elementary import cos_sin, direction
 from taichi_plume.grid.rng import uniform4
-from taichi_plume.scenario import algorithms
+from taichi_plume.scenario.plume_tracking import PlumeTracking
 
 FIND, UPWIND = range(2)
 
@@ -62,7 +62,7 @@ class PlumeTracker:
 
     def numbers(self, group: GroupRange) -> Numbers:
         """Those of a group that kernels read."""
-        model = cast(algorithms.PlumeTracking, group.model.algorithm)
+        model = cast(PlumeTracking, group.model.algorithm)
         return {
             "speed": group.speed(model.speed),  # m/s
             "threshold": model.threshold_ppm,

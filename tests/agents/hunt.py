@@ -32,6 +32,8 @@ NO_BOX = ((-9.0, -9.0), (0.1, 0.1))
 class Arena:
     """Walls around EXTENT and an upright box at `center`, `half` = half its edges."""
 
+    low, high = (0.0, 0.0), EXTENT
+
     def __init__(self):
         self.box = ti.Vector.field(2, ti.f32, 2)
         self._put = uploader(self.box)

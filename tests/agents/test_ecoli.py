@@ -71,3 +71,14 @@ def test_acquisitions_take_their_time(run):
     for rival, time in enumerate(TIMES, 2):
         first = np.flatnonzero(states[:, run.of(rival)][:, 0] == TUMBLE)[0]
         assert (first + 1) * TICK == pytest.approx(time + 1.0, abs=TICK), time
+
+
+def test_a_search_that_is_over_counts_no_more():
+    """Of two in rising gas one starts at the source."""
+    places = ((4.0, 4.0), (1.0, 1.0))
+    run = Run(MODEL, Script(np.arange(200.0), 1.0), places, size=(5.0, 5.0), sources=[(4.0, 4.0)], reach=0.2)
+    run.go(30)
+    told = run.swarm.snapshot()
+    assert told["found"].tolist() == [True, False]
+    assert told["acquisitions"][0] == told["hits"][0] == 0
+    assert told["acquisitions"][1] > told["hits"][1] > 0

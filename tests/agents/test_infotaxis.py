@@ -9,13 +9,12 @@ from scipy.special import k0
 from taichi_plume.agents.infotaxis import detection_rate
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.rng import uniform4
-from taichi_plume.scenario.listening import Infotaxis
-
-pytestmark = pytest.mark.usefixtures("taichi")
+from taichi_plume.scenario.belief_algorithms import Infotaxis, SpaceAwareInfotaxis
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
 MODEL = Infotaxis(kind="infotaxis", cell=0.15)
+SPACE_AWARE = "space_aware_infotaxis"
 
 
 def rate_of_the_paper(model, dx, dy):
@@ -37,47 +36,82 @@ def entropy(p):
 
 
 @ti.kernel
-def expect(algorithm: Template, x: float, y: float) -> float:
-    return algorithm._expected_entropy(0, ti.Vector([x, y]))
+def cost(algorithm: Template, x: float, y: float) -> float:
+    return algorithm._cost(0, ti.Vector([x, y]))
 
 
-def test_belief_and_expectation():
-    """After some acquisitions without and with gas, the belief is the product of the likelihoods."""
-    levels = np.array([0.0, 9.0, 0.0, 9.0])
-    run = Run(MODEL, Script(np.repeat(levels, 100), 0.05), positions=((1.5, 1.0),))
-    algorithm = run.algorithm
-    places, seen = [], []
-    done = 0
-    while done < 4:
-        run.go(0.1)
-        count = run.swarm.acquisitions.to_numpy()[0]
-        if count > done:
-            done = count
-            places.append(run.swarm.position.to_numpy()[0].astype(float))
-            seen.append(run.swarm.hits.to_numpy()[0])
-    detected = np.diff(seen, prepend=0)
-    assert 0 < detected.sum() < 4
-    centers = [(np.arange(n) + 0.5) * MODEL.cell for n in algorithm.cells]
-    X, Y = np.meshgrid(*centers, indexing="ij")
-    belief = np.full(X.shape, 1.0 / X.size)
+class Bayes:
+    """The belief of one robot in f64, with rates by the published formula on nodes half a cell apart."""
 
-    def chance(p):
-        # the algorithm looks its rate up on nodes half a cell apart
+    def __init__(self, algorithm):
+        self.cell, self.spacing = algorithm.belief_cell, algorithm.spacing
+        centers = [(np.arange(n) + 0.5) * self.cell for n in algorithm.belief.cells]
+        self.X, self.Y = np.meshgrid(*centers, indexing="ij")
+        self.p = np.full(self.X.shape, 1.0 / self.X.size)
+
+    def chance(self, p):
         on_node = [
-            np.floor((c - q) / algorithm.spacing + 0.5) * algorithm.spacing for c, q in ((X, p[0]), (Y, p[1]))
+            np.floor((c - q) / self.spacing + 0.5) * self.spacing for c, q in ((self.X, p[0]), (self.Y, p[1]))
         ]
         return -np.expm1(-rate_of_the_paper(MODEL, *on_node) * MODEL.acquisition)
 
-    for p, hit in zip(places, detected, strict=True):
-        belief *= chance(p) if hit else 1 - chance(p)
-    belief /= belief.sum()
-    np.testing.assert_allclose(algorithm.belief.to_numpy()[0], belief, atol=2e-4 * belief.max())
+    def is_off(self, p, reach):
+        """Cells of which some part is farther than `reach`, by their corners."""
+        half = self.cell / 2
+        corners = [
+            np.hypot(self.X + a - p[0], self.Y + b - p[1]) for a in (-half, half) for b in (-half, half)
+        ]
+        return np.max(corners, axis=0) > reach
+
+    def learn(self, p, hit, reach):
+        chance = self.chance(p)
+        self.p *= (chance if hit else 1 - chance) * self.is_off(p, reach)
+        self.p /= self.p.sum()
+
+    def expected(self, p, reach, value):
+        """Mean of `value` of the posteriors at p, 0 where the source is found."""
+        left, chance = self.p * self.is_off(p, reach), self.chance(p)
+        told = 0.0
+        for likelihood in (chance, 1 - chance):
+            w = (left * likelihood).sum()
+            told += w * value(left * likelihood / w)
+        return told
+
+
+REACH = 0.35
+
+
+@pytest.mark.parametrize("found", ["reached", "declared"])
+@pytest.mark.parametrize("kind", [Infotaxis, SpaceAwareInfotaxis])
+def test_belief_and_expectation(kind, found):
+    """After some acquisitions without and with gas, the belief is the product of the likelihoods."""
+    levels = np.array([0.0, 9.0, 0.0, 9.0])
+    model = kind(**MODEL.model_dump() | {"kind": SPACE_AWARE if kind is SpaceAwareInfotaxis else "infotaxis"})
+    gas = Script(np.repeat(levels, 100), 0.05)
+    run = Run(model, gas, positions=((1.5, 1.0),), found=found, reach=REACH)
+    reach = REACH if found == "reached" else 0.0
+    algorithm = run.algorithm
+    bayes = Bayes(algorithm)
+    done = hits = 0
+    while done < 4:
+        place = run.swarm.position.to_numpy()[0].astype(float)
+        run.go(0.1)
+        if run.swarm.acquisitions.to_numpy()[0] > done:
+            done, before = done + 1, hits
+            hits = run.swarm.hits.to_numpy()[0]
+            bayes.learn(place, hits > before, reach)
+    assert 0 < hits < 4
+    np.testing.assert_allclose(algorithm.beliefs()[0], bayes.p, atol=2e-4 * bayes.p.max())
     there = np.array([1.1, 0.7])
-    p1 = chance(there)
-    hit = (belief * p1).sum()
-    expected = hit * entropy(belief * p1 / hit) + (1 - hit) * entropy(belief * (1 - p1) / (1 - hit))
-    cell = tuple((there / MODEL.cell).astype(int))
-    assert expect(algorithm, *there) == pytest.approx((1 - belief[cell]) * expected, rel=1e-3)
+
+    def steps_left(p):
+        way = np.abs(bayes.X - there[0]) + np.abs(bayes.Y - there[1])
+        places = np.exp(entropy(p)) * (MODEL.cell / MODEL.step) ** 2
+        return np.log2((p * way).sum() / MODEL.step + places / 2 - 0.5)
+
+    value = entropy if kind is Infotaxis else steps_left
+    assert cost(algorithm, *there) == pytest.approx(bayes.expected(there, reach, value), rel=1e-3)
+    assert not np.isclose(bayes.expected(there, 0.0, value), bayes.expected(there, REACH, value), rtol=2e-3)
 
 
 @ti.data_oriented

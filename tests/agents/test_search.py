@@ -14,7 +14,9 @@ from taichi_plume.scenario.robots import Communication
 pytestmark = pytest.mark.usefixtures("taichi")
 
 SHORT = {"acquisition": 0.5, "sample_period": 0.1, "settle": 0.0}
-QUICK = dict.fromkeys(("spiral", "ecoli", "infotaxis", "dapso"), SHORT) | {"lineup": {"listen": 0.5}}
+QUICK = dict.fromkeys(("spiral", "ecoli", "infotaxis", "space_aware_infotaxis", "dapso"), SHORT) | {
+    "lineup": {"listen": 0.5}
+}
 
 
 def model(kind, **keys):

@@ -264,7 +264,7 @@ def test_who_reaches_a_source_stops_there(three):
     three.command([0.5, 0.2, 0.0], 0.0)
     snapshot = three.move(39)
     assert snapshot["found"].tolist() == [1, 0, 0]
-    assert not three.swarm.all_found()
+    assert not three.swarm.all_over()
     # 0.64 m at 0.05 m a tick: reached with tick 13
     assert snapshot["found_time"][0] == pytest.approx(1.3)
     assert np.isnan(snapshot["found_time"][1])

@@ -35,6 +35,8 @@ ALGORITHMS = [
     "{kind: spiral, random: true, acquisition: 2}",
     "{kind: ecoli}",
     "{kind: infotaxis}",
+    "{kind: particle_filter, particles: 100, period: 0.5, estimates: 5}",
+    "{kind: hit_map, acquisition: 1, settle: 0, cell: 0.25}",
 ]
 
 

@@ -1,0 +1,84 @@
+"""What a policy lets its robots do: numbers from -1 to 1 that are speed and turn rate, or a place to go to.
+
+drive     speed (1 + a0)/2 and turn rate a1, as shares of the body's largest; a1 > 0 turns left
+waypoint  the place a0 ahead and a1 to the left, times `step`: turn to it, drive to it, wait there
+declare   one number more, above 0.5: a source is where the robot stands
+
+An action holds until the next decision. In a world that is seen in a mirror, left is right.
+"""
+
+from math import pi
+from typing import cast
+
+import taichi as ti
+
+from taichi_plume.agents.members import Members
+from taichi_plume.agents.observation import action_names
+from taichi_plume.agents.parameters import Parameters
+from taichi_plume.agents.swarm import Swarm, wrap
+from taichi_plume.grid.elementary import cos_sin
+from taichi_plume.grid.kernels import Template
+from taichi_plume.scenario.policy import Policy
+
+WORD = 0.5  # above which it declares
+NEAR = 1e-3  # m: as good as there
+
+
+@ti.data_oriented
+class Commands:
+    """What the policy of one group commands. tick: control period [s]. names: of the `size` numbers of an action."""
+
+    STATE: tuple[str, ...] = ("held", "goal")
+
+    def __init__(self, swarm: Swarm, members: Members, tick: float):
+        self.swarm, self.members, self.robot = swarm, members, members.robot
+        model = cast(Policy, members.groups[0].model.algorithm)
+        self.names = action_names(model)
+        self.size, self.drives, self.declares = len(self.names), model.act == "drive", model.declares
+        self.p = Parameters(members, lambda group: {"step": float(cast(Policy, group.model.algorithm).step)})
+        self.held = ti.Vector.field(2, ti.f32, members.size)  # shares of speed and turn rate
+        self.goal = ti.Vector.field(2, ti.f32, members.size)  # believed place of the way point [m]
+        self.begin()
+
+    def begin(self) -> None:
+        """Set the numbers; the fields of STATE are zero."""
+        self.p.begin()
+
+    @ti.func
+    def clear(self, n):
+        """Robot n begins anew, and stands."""
+        i = self.robot[n]
+        self.held[n] = ti.Vector([0.0, 0.0])
+        self.goal[n] = self.swarm.believed_position[i]
+        self.swarm.speed_command[i], self.swarm.turn_rate_command[i] = 0.0, 0.0
+
+    @ti.func
+    def take(self, n, flip, row, table: Template, t):
+        """Robot n is told the action in a row of a table (rows, size), at time t [s]; flip: -1 in a mirror, else 1."""
+        i = self.robot[n]
+        a, b = ti.math.clamp(table[row, 0], -1.0, 1.0), flip * ti.math.clamp(table[row, 1], -1.0, 1.0)
+        if ti.static(self.drives):
+            self.held[n] = ti.Vector([0.5 * (1.0 + a), b])
+        else:
+            e = cos_sin(self.swarm.believed_heading[i])
+            way = self.p.step[n] * ti.Vector([a * e[0] - b * e[1], a * e[1] + b * e[0]])
+            self.goal[n] = self.swarm.believed_position[i] + way
+        if ti.static(self.declares):
+            if table[row, 2] > WORD:
+                self.swarm.declare(i, self.swarm.believed_position[i], t)
+
+    @ti.func
+    def carry_out(self, n, dt):
+        """Command the next tick of dt [s]."""
+        i = self.robot[n]
+        speed, turn = self.held[n][0] * self.swarm.max_speed[i], self.held[n][1] * self.swarm.max_turn_rate[i]
+        if ti.static(not self.drives):
+            apart = self.goal[n] - self.swarm.believed_position[i]
+            distance = apart.norm()
+            speed, turn = 0.0, 0.0
+            if distance > NEAR:
+                off = wrap(ti.atan2(apart[1], apart[0]) - self.swarm.believed_heading[i])
+                turn = off / dt
+                if ti.abs(off) < 0.25 * pi:  # else it first turns
+                    speed = ti.min(distance / dt, self.swarm.max_speed[i] * ti.cos(off))
+        self.swarm.speed_command[i], self.swarm.turn_rate_command[i] = speed, turn

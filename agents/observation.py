@@ -1,0 +1,240 @@
+"""What a policy observes of its robots: numbers from -1 to 1 that sensors give, in each robot's own frame.
+
+Nothing of it is the truth: readings lag and scatter, winds are felt, poses are believed. The frame looks ahead along
+the believed heading, and to the left. In a world that is seen in a mirror, left is right. An observation is one row:
+the entries that the policy observes, in its order, and behind them those of the decisions before (`history`).
+"""
+
+from collections.abc import Iterator, Sequence
+from math import hypot
+from typing import Any, cast
+
+import numpy as np
+import taichi as ti
+
+from taichi_plume.agents.lag import Lag
+from taichi_plume.agents.members import Members
+from taichi_plume.agents.parameters import Numbers, Parameters
+from taichi_plume.agents.radio import UNLIMITED
+from taichi_plume.agents.swarm import Swarm
+from taichi_plume.grid.elementary import cos_sin, log
+from taichi_plume.grid.kernels import Template
+from taichi_plume.scenario.policy import Policy
+
+DECADES = 6.0  # of ppm from 1 on, up to pure gas
+KILO_OHM, DECADES_OF_OHM = 1e3, 4.0  # metal oxides lie within 1 kohm and 10 Mohm
+HALF_TIME = 60.0  # s, that count as one half
+HALF_SPEED = 0.5  # m/s, a wind that counts as one half: airs of rooms are below, fans and the open above
+PER_LN10 = 1.0 / float(np.log(10.0))
+OF_A_MATE = ("there", "ahead", "left", "gas")
+
+
+def action_names(model: Policy) -> tuple[str, ...]:
+    """Of the numbers of an action."""
+    names = ("speed", "turn") if model.act == "drive" else ("ahead", "left")
+    return (*names, "declare") if model.declares else names
+
+
+def entries(model: Policy, mates: int) -> Iterator[tuple[str, str, float]]:
+    """Of one decision: each entry's kind, its name and its least value; none is above 1."""
+    pairs: dict[str, Sequence[tuple[str, float]]] = {
+        "gas": [("gas", 0.0)],
+        "memory": [(f"gas over {time:g} s", 0.0) for time in model.memory],
+        "rise": [("rise", -1.0)],
+        "resistance": [("resistance", 0.0)],
+        "wind": [("upwind ahead", -1.0), ("upwind left", -1.0), ("wind speed", 0.0)],
+        "bumper": [("bumper", 0.0)],
+        "heading": [("heading cos", -1.0), ("heading sin", -1.0)],
+        "position": [("position x", -1.0), ("position y", -1.0)],
+        "action": [(f"last {name}", -1.0) for name in action_names(model)],
+        "clock": [("clock", 0.0)],
+        "mates": [
+            (f"mate {m} {name}", -1.0 if name in OF_A_MATE[1:3] else 0.0)
+            for m in range(1, mates + 1)
+            for name in OF_A_MATE
+        ],
+    }
+    for kind in model.observe:
+        for name, low in pairs[kind]:
+            yield kind, name, low
+
+
+@ti.data_oriented
+class Observation:
+    """What the policy of one group observes. tick: control period [s].
+
+    names, low, high: of the `size` numbers of an observation. `follow` once a tick, after the sensors; `write` at each
+    decision, and `remember` what it is; `clear` where a robot begins anew.
+    """
+
+    STATE: tuple[str, ...] = ("averages", "before", "past", "action")
+
+    def __init__(self, swarm: Swarm, members: Members, tick: float):
+        self.swarm, self.members, self.robot, self.tick = swarm, members, members.robot, tick
+        (group,) = members.groups
+        self.count, self.history = group.count, self.model.history
+        self.own = list(entries(self.model, self.count - 1))
+        self.width = len(self.own)
+        self.size = self.width * self.history
+        self.names = tuple(
+            name if h == 0 else f"{name}, {h} decisions before"
+            for h in range(self.history)
+            for _, name, _ in self.own
+        )
+        self.low = np.tile(np.array([low for *_, low in self.own], np.float32), self.history)
+        self.high = np.ones(self.size, np.float32)
+        self.kinds = tuple(dict.fromkeys(kind for kind, *_ in self.own))
+        self.begins = {
+            kind: next(k for k, one in enumerate(self.own) if one[0] == kind) for kind in self.kinds
+        }
+        self.times, self.actions = len(self.model.memory), len(action_names(self.model))
+        n = members.size
+        self.averages = ti.field(ti.f32, (n, max(1, self.times)))  # of the gas entry
+        self.before = ti.field(ti.f32, n)  # gas entry at the last decision
+        self.past = ti.field(ti.f32, (n, max(1, self.size - self.width)))  # what was observed before
+        self.action = ti.field(ti.f32, (n, self.actions))  # the last one
+        self.low_corner, high = swarm.clearance.low, swarm.clearance.high
+        self.extent = tuple(high[d] - self.low_corner[d] for d in range(2))
+        self.diagonal = hypot(*self.extent)
+        self.p = Parameters(members, self._numbers)
+        self.begin()
+
+    @property
+    def model(self) -> Policy:
+        """The group's, as it is now."""
+        return cast(Policy, self.members.groups[0].model.algorithm)
+
+    def _numbers(self, group: Any) -> Numbers:
+        shares = tuple(Lag(time, self.tick).share for time in self.model.memory) or (1.0,)
+        radio = group.model.communication
+        reach = UNLIMITED if radio.range is None else radio.range
+        return {"shares": shares, "range": float(reach)}
+
+    def begin(self) -> None:
+        """Set the numbers; the fields of STATE are zero."""
+        self.p.begin()
+
+    @ti.func
+    def gas(self, n):
+        """The gas entry of robot n."""
+        reading = self.swarm.reading[self.robot[n]]
+        return ti.math.clamp(log(1.0 + ti.max(reading, 0.0)) * (PER_LN10 / DECADES), 0.0, 1.0)
+
+    @ti.func
+    def clear(self, n):
+        """Robot n begins anew: it remembers nothing."""
+        self.before[n] = 0.0
+        for k in range(self.times):
+            self.averages[n, k] = 0.0
+        for k in range(self.size - self.width):
+            self.past[n, k] = 0.0
+        for k in range(self.actions):
+            self.action[n, k] = 0.0
+
+    @ti.func
+    def remember(self, n, row, table: Template):
+        """Robot n acts as a row of a table (rows, actions) says."""
+        for k in range(self.actions):
+            self.action[n, k] = ti.math.clamp(table[row, k], -1.0, 1.0)
+
+    @ti.func
+    def follow(self, n, dt):
+        """Take in the reading of a tick."""
+        if ti.static("memory" in self.kinds):
+            gas = self.gas(n)
+            for k in ti.static(range(self.times)):
+                self.averages[n, k] = self.averages[n, k] + self.p.shares[n, k] * (gas - self.averages[n, k])
+
+    @ti.func
+    def write(self, n, flip, row, table: Template, elapsed):
+        """What robot n observes now, to a row of a table (rows, size).
+
+        flip: -1 where the world is seen in a mirror, else 1. elapsed: time of the search so far [s].
+        """
+        rest = self.size - self.width
+        for k in range(rest):
+            table[row, self.width + k] = self.past[n, k]
+        self._show(n, flip, row, table, elapsed)
+        for k in range(rest - self.width):
+            self.past[n, rest - 1 - k] = self.past[n, rest - 1 - k - self.width]
+        for k in range(ti.min(rest, self.width)):
+            self.past[n, k] = table[row, k]
+        self.before[n] = self.gas(n)
+
+    @ti.func
+    def _show(self, n, flip, row, table: Template, elapsed):
+        """The entries of this decision, in the policy's order."""
+        i = self.robot[n]
+        gas, heading = self.gas(n), self.swarm.believed_heading[i]
+        for kind in ti.static(self.kinds):
+            at = ti.static(self.begins[kind])
+            if ti.static(kind == "gas"):
+                table[row, at] = gas
+            elif ti.static(kind == "memory"):
+                for k in ti.static(range(self.times)):
+                    table[row, at + k] = self.averages[n, k]
+            elif ti.static(kind == "rise"):
+                table[row, at] = gas - self.before[n]
+            elif ti.static(kind == "resistance"):
+                table[row, at] = _resistance(self.swarm.resistance[i])
+            elif ti.static(kind == "wind"):
+                self._show_wind(self.swarm.wind[i], heading, flip, row, table, at)
+            elif ti.static(kind == "bumper"):
+                table[row, at] = ti.cast(self.swarm.blocked[i], ti.f32)
+            elif ti.static(kind == "heading"):
+                e = cos_sin(heading)
+                table[row, at], table[row, at + 1] = e[0], flip * e[1]
+            elif ti.static(kind == "position"):
+                for d in ti.static(range(2)):
+                    share_of = (self.swarm.believed_position[i][d] - self.low_corner[d]) / self.extent[d]
+                    p = ti.math.clamp(2.0 * share_of - 1.0, -1.0, 1.0)
+                    table[row, at + d] = p if ti.static(d == 0) else flip * p
+            elif ti.static(kind == "action"):
+                for k in ti.static(range(self.actions)):
+                    table[row, at + k] = self.action[n, k]
+            elif ti.static(kind == "clock"):
+                table[row, at] = elapsed / (elapsed + HALF_TIME)
+            else:
+                self._show_mates(n, heading, flip, row, table, at)
+
+    @ti.func
+    def _show_wind(self, wind, heading, flip, row, table: Template, at: Template):
+        """Where it blows from, a unit vector, and how fast; zeros where none is felt."""
+        speed = wind.norm()
+        from_there = _in_frame(-wind, heading, flip) / ti.max(speed, 1e-9)
+        table[row, at] = ti.math.clamp(from_there[0], -1.0, 1.0)
+        table[row, at + 1] = ti.math.clamp(from_there[1], -1.0, 1.0)
+        table[row, at + 2] = speed / (speed + HALF_SPEED)
+
+    @ti.func
+    def _show_mates(self, n, heading, flip, row, table: Template, at: Template):
+        """Of each mate from the next one on: whether it is heard of, where it believes to be, and its gas entry."""
+        i = self.robot[n]
+        number = n % self.count
+        for m in ti.static(range(self.count - 1)):
+            other = n - number + (number + m + 1) % self.count
+            j = self.robot[other]
+            near = (self.swarm.position[i] - self.swarm.position[j]).norm() <= self.p.range[n]
+            there, place, gas = 0.0, ti.Vector([0.0, 0.0]), 0.0
+            if near:
+                apart = self.swarm.believed_position[j] - self.swarm.believed_position[i]
+                there, gas = 1.0, self.gas(other)
+                place = _in_frame(apart, heading, flip) / self.diagonal
+            begin = ti.static(at + m * len(OF_A_MATE))
+            table[row, begin], table[row, begin + 3] = there, gas
+            for d in ti.static(range(2)):
+                table[row, begin + 1 + d] = ti.math.clamp(place[d], -1.0, 1.0)
+
+
+@ti.func
+def _in_frame(v, heading, flip):
+    """A vector ahead and to the left of a robot; flip: -1 in a mirror."""
+    e = cos_sin(heading)
+    return ti.Vector([v[0] * e[0] + v[1] * e[1], flip * (v[1] * e[0] - v[0] * e[1])])
+
+
+@ti.func
+def _resistance(ohm):
+    """Of a metal oxide, on a scale of powers of ten; 0 where there is none."""
+    told = ti.math.clamp(log(ti.max(ohm, KILO_OHM) / KILO_OHM) * (PER_LN10 / DECADES_OF_OHM), 0.0, 1.0)
+    return told if ohm > 0.0 else 0.0

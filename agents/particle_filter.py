@@ -1,0 +1,314 @@
+"""Particle filter: cast along the plume, follow its gas back along the measured wind, and declare where that ends.
+
+After Li, Meng, Wang & Zeng, "Odor source localization using a mobile robot in outdoor airflow environments with a
+particle filter algorithm", Autonomous Robots 30 (2011) 281-292, doi:10.1007/s10514-011-9219-2: the filter runs beside a
+plume tracing behaviour, here `casting`, and the search ends when its estimates lie together. Its likelihood is that of
+the plume model of `releases`. Particles are drawn at the first detection: every other one where the gas may have come
+from, from the mean of the distributions of the releases that were on the floor, seen from the robot, the rest evenly
+over the floor. They are weighed by the likelihood over the density of the draw, later by the likelihood; resampled
+systematically (Kitagawa 1996, doi:10.1080/10618600.1996.10474692) when their effective number is below half of them,
+and roughened (Gordon, Salmond & Smith 1993, doi:10.1049/ip-f-2.1993.0015).
+
+GO  to the estimate by `potential`, when the last estimates and the particles lie together; there, or as near as it
+    gets, the robot declares it if it is sure, see `beliefs`, and was there before; then IN_PLUME or LOST, as when the
+    particles spread again
+
+Ours: that the robot drives there and has to come back to the same place before it speaks, which an estimate halfway
+up the plume does not survive; that the chance of a detection is bounded as a whole, as misses come in bouts; that five
+detections in a row that the particles explain worse than a source anywhere on the floor would begin the filter anew;
+that a search that goes on rules places out; and the values of keys, whose scale is that of a room.
+"""
+
+from typing import Any, cast
+
+import numpy as np
+import taichi as ti
+
+from taichi_plume.agents.beliefs import Declaring
+from taichi_plume.agents.casting import IN_PLUME, LOST, Casting
+from taichi_plume.agents.few import few
+from taichi_plume.agents.groups import GroupRange
+from taichi_plume.agents.members import Members
+from taichi_plume.agents.parameters import Numbers
+from taichi_plume.agents.potential import NEAR, Potential
+from taichi_plume.agents.releases import Releases
+from taichi_plume.agents.swarm import Swarm
+from taichi_plume.grid.rng import normal4, uniform4
+from taichi_plume.grid.transfer import reader
+from taichi_plume.scenario.filter_algorithms import ParticleFilter as Model
+
+GO = 5  # after the states of casting
+ENOUGH = 0.5  # of the particles; a lower effective number asks for resampling
+EVENLY = 0.5  # of the particles are drawn all over the floor
+DOUBTS = 5  # unexplained detections in a row
+APART = 2.0  # times `converged`: particles that spread so far have not converged
+LEAST = 1e-30  # sum of weights that counts as none
+
+
+@ti.data_oriented
+class ParticleFilter(Casting):
+    """The particle filter of the robots of one group, each with particles of its own. tick: control period [s]."""
+
+    PER_GROUP: bool = True  # the numbers of particles and periods are shapes
+    STATE: tuple[str, ...] = (
+        *Casting.STATE,
+        *("potential", "declaring", "particle", "weight", "known", "releases", "smelt"),
+        *("mean", "spread", "estimate", "estimated", "visit", "visited", "doubts"),
+    )
+    STATE_NAMES: tuple[str, ...] = (*Casting.STATE_NAMES, "GO")
+
+    def __init__(self, swarm: Swarm, members: Members, tick: float):
+        model = cast(Model, members.groups[0].model.algorithm)
+        n, self.count, self.kept = members.size, model.particles, model.estimates
+        self.between = max(1, round(model.period / tick))
+        self.particle = ti.Vector.field(2, ti.f32, (n, self.count))  # places [m]
+        self.spare = ti.Vector.field(2, ti.f32, (n, self.count))
+        self.weight = ti.field(ti.f32, (n, self.count))
+        self.known = ti.field(ti.i32, n)  # whether there are particles
+        self.smelt = ti.field(ti.i32, n)  # whether there is gas
+        self.mean: Any = ti.Vector.field(2, ti.f32, n)  # of the particles: the estimate [m]
+        self.spread = ti.field(ti.f32, n)  # root mean square distance of the particles from it [m]
+        self.estimate = ti.Vector.field(2, ti.f32, (n, self.kept))  # the last ones, a ring [m]
+        self.estimated = ti.field(ti.i32, n)  # how many there were
+        self.visit: Any = ti.Vector.field(2, ti.f32, n)  # the estimate that it went to last [m]
+        self.visited = ti.field(ti.i32, n)  # whether there was one
+        self.doubts = ti.field(ti.i32, n)  # unexplained detections in a row
+        self.belief_cell = model.cell
+        self.belief_low = np.array(swarm.clearance.low)
+        self.floor = (tuple(swarm.clearance.low), tuple(swarm.clearance.high))
+        super().__init__(swarm, members, tick)
+        period = self.between * tick
+        self.releases = Releases(members, self.p, max(1, round(model.memory / period)), period)
+        self.potential = Potential(members, self.p)
+        self.declaring = Declaring(members, self.p)
+        self._read = reader(self.particle, self.weight, self.known)
+
+    def numbers(self, group: GroupRange) -> Numbers:
+        """Those of a group that kernels read."""
+        model = cast(Model, group.model.algorithm)
+        return {
+            **super().numbers(group),
+            **Potential.numbers(self.swarm, group, model.speed, model.avoidance),
+            **Declaring.numbers(model, group),
+            **Releases.numbers(model),
+            "roughening": model.roughening / self.count**0.5,
+            "converged": model.converged,  # m
+        }
+
+    def beliefs(self) -> np.ndarray:
+        """The weight of the particles in each cell, (size, nx, ny); even where there are none yet."""
+        low, high = np.array(self.floor)
+        cells = np.maximum(1, np.round((high - low) / self.belief_cell).astype(int))
+        particle, weight, known = self._read()
+        belief = np.zeros((self.size, *cells))
+        at = np.clip(((particle - low) / self.belief_cell).astype(int), 0, cells - 1)
+        for n in range(self.size):
+            if known[n]:
+                np.add.at(belief[n], (at[n, :, 0], at[n, :, 1]), weight[n])
+            else:
+                belief[n] = 1.0
+        return belief / belief.sum(axis=(1, 2), keepdims=True)
+
+    def act(self, tick: int, t: float, dt: float) -> None:
+        """Turn the readings at time t [s] into commands for the next dt [s]."""
+        due = tick % self.between == 0
+        self._sense(due, dt)
+        if due:
+            self._weigh(tick)
+            self._conclude(tick)
+        self._drive(t, dt)
+
+    @ti.kernel
+    def _sense(self, due: bool, dt: float):
+        """Feel for wind, gas and contact; where an update is due, look back at the wind."""
+        ti.loop_config(serialize=ti.static(few(self.size)))
+        for n in range(self.size):
+            i = self.robot[n]
+            if not self.swarm.searches(i):
+                continue
+            self._estimate_wind(n)
+            self.releases.drifts(n, dt)
+            if self.swarm.state[i] == GO:
+                smells = False
+                if self.smelt[n] == 1:
+                    smells = self._still_smells(n)
+                else:
+                    smells = self._comes_upon_plume(n)
+                self.smelt[n] = ti.cast(smells, ti.i32)
+            else:
+                self._feel_bumper(n, dt)
+                self._decide(n, dt)
+                c = self.swarm.reading[i]
+                strong = c >= self.p.leave[n] and c >= self.p.peak_fraction[n] * self.peak[n]
+                self.smelt[n] = ti.cast(self.swarm.state[i] == IN_PLUME and strong, ti.i32)
+            if due:
+                self.releases.look_back(n)
+
+    @ti.kernel
+    def _weigh(self, tick: int):
+        """Draw the particles of robots that smell gas for the first time, and weigh all."""
+        ti.loop_config(serialize=ti.static(few(10 * self.size * self.count)))
+        for n, m in self.weight:
+            if not self.swarm.searches(self.robot[n]):
+                continue
+            if self.known[n] == 1:
+                chance = self.releases.likelihood(n, self.particle[n, m])
+                apart = self.particle[n, m] - self.swarm.believed_position[self.robot[n]]
+                if self.smelt[n] == 0:
+                    chance = 1.0 - chance
+                if apart.norm() < self.p.ends_at[n]:  # there the search would have ended
+                    chance = 0.0
+                self.weight[n, m] *= chance
+            elif self.smelt[n] == 1:
+                self._draw(n, m, tick)
+
+    @ti.func
+    def _draw(self, n, m, tick):
+        """Draw particle m of robot n, and weigh it; one off the floor weighs nothing."""
+        low, high = ti.Vector(self.floor[0]), ti.Vector(self.floor[1])
+        x = self.swarm.believed_position[self.robot[n]]
+        u = uniform4(self.swarm.key[None], self.p.stream[n], self.number[n], tick, 1 + 2 * m)
+        place = low + ti.Vector([u[0], u[1]]) * (high - low)
+        releases = 1
+        for age in range(self.releases.released(n)):
+            if self.releases.is_on_floor(x - self.releases.back[n, age]):
+                releases = age + 1
+        if u[2] >= EVENLY:
+            g = normal4(self.swarm.key[None], self.p.stream[n], self.number[n], tick, 2 + 2 * m)
+            age = ti.min(ti.cast(u[3] * releases, ti.i32), releases - 1)
+            variance = self.releases.variance(n, age)
+            place = x - self.releases.back[n, age] + ti.sqrt(variance) * ti.Vector([g[0], g[1]])
+        density = EVENLY / ((high - low)[0] * (high - low)[1])
+        for age in range(releases):
+            density += (1.0 - EVENLY) / releases * self.releases.patch(n, place, age)
+        self.particle[n, m] = ti.math.clamp(place, low, high)
+        self.weight[n, m] = ti.select(
+            self.releases.is_on_floor(place), self.releases.likelihood(n, place) / density, 0.0
+        )
+
+    @ti.kernel
+    def _conclude(self, tick: int):
+        """Normalise, estimate, and resample where the weights have degenerated."""
+        ti.loop_config(serialize=ti.static(few(self.size)))
+        for n in range(self.size):
+            i = self.robot[n]
+            if not self.swarm.searches(i):
+                continue
+            self.swarm.hits[i] += self.smelt[n]
+            if self.known[n] == 0 and self.smelt[n] == 1:
+                self.known[n], self.estimated[n], self.doubts[n] = 1, 0, 0
+                self._normalise(n)
+            elif self.known[n] == 1:
+                total = self._normalise(n)
+                if self.smelt[n] == 1:  # total: the chance of it, as the weights summed up to one
+                    self.doubts[n] = ti.select(
+                        total < self.releases.chance_by_chance(n), self.doubts[n] + 1, 0
+                    )
+                if total <= LEAST or self.doubts[n] >= DOUBTS:
+                    self._forget(n)
+            if self.known[n] == 1:
+                self._estimate(n)
+                if self._effective(n) < ENOUGH * self.count:
+                    self._resample(n, tick)
+
+    @ti.func
+    def _normalise(self, n):
+        """Let the weights sum up to one; returns what they summed up to."""
+        total = 0.0
+        for m in range(self.count):
+            total += self.weight[n, m]
+        for m in range(self.count):
+            self.weight[n, m] /= ti.max(total, LEAST)
+        return total
+
+    @ti.func
+    def _estimate(self, n):
+        """Mean and spread of the particles."""
+        mean, spread = ti.Vector([0.0, 0.0]), 0.0
+        for m in range(self.count):
+            mean += self.weight[n, m] * self.particle[n, m]
+        for m in range(self.count):
+            apart = self.particle[n, m] - mean
+            spread += self.weight[n, m] * apart.dot(apart)  # type: ignore
+        self.mean[n], self.spread[n] = mean, ti.sqrt(spread)
+        self.estimate[n, self.estimated[n] % self.kept] = mean
+        self.estimated[n] += 1
+
+    @ti.func
+    def _effective(self, n):
+        """The effective number of particles."""
+        squares = 0.0
+        for m in range(self.count):
+            squares += self.weight[n, m] ** 2
+        return 1.0 / ti.max(squares, LEAST)
+
+    @ti.func
+    def _resample(self, n, tick):
+        """Systematic resampling; then each particle is moved a little, by a share of their extent along each axis."""
+        u = uniform4(self.swarm.key[None], self.p.stream[n], self.number[n], tick, 0)
+        low, high = ti.Vector(self.floor[1]), ti.Vector(self.floor[0])
+        taken, total = 0, self.weight[n, 0]
+        for m in range(self.count):
+            mark = (m + u[0]) / self.count
+            while total < mark and taken < self.count - 1:
+                taken += 1
+                total += self.weight[n, taken]
+            self.spare[n, m] = self.particle[n, taken]
+            low, high = ti.min(low, self.spare[n, m]), ti.max(high, self.spare[n, m])
+        for m in range(self.count):
+            g = normal4(self.swarm.key[None], self.p.stream[n], self.number[n], tick, -1 - m)
+            moved = self.spare[n, m] + self.p.roughening[n] * (high - low) * ti.Vector([g[0], g[1]])
+            self.particle[n, m] = ti.math.clamp(moved, ti.Vector(self.floor[0]), ti.Vector(self.floor[1]))
+            self.weight[n, m] = 1.0 / self.count
+
+    @ti.func
+    def _forget(self, n):
+        """Begin the filter anew, with the next detection."""
+        self.known[n], self.visited[n], self.doubts[n] = 0, 0, 0
+        if self.swarm.state[self.robot[n]] == GO:
+            self._trace(n)
+        self.estimated[n] = 0
+
+    @ti.func
+    def _trace(self, n):
+        """Go on tracing the plume from here, and gather estimates anew."""
+        self.estimated[n] = 0
+        self.cast[n], self.failed[n] = self.p.cast_distance[n], 0
+        self._enter(n, ti.select(self.smelt[n] == 1, IN_PLUME, LOST))
+
+    @ti.func
+    def _has_converged(self, n):
+        """Whether the last estimates lie together, and the particles."""
+        mean, square = ti.Vector([0.0, 0.0]), 0.0
+        for k in range(self.kept):
+            mean += self.estimate[n, k] / self.kept
+        for k in range(self.kept):
+            apart = self.estimate[n, k] - mean
+            square += apart.dot(apart) / self.kept  # type: ignore
+        near = square <= self.p.converged[n] ** 2 and self.spread[n] <= self.p.converged[n]
+        return self.known[n] == 1 and self.estimated[n] >= self.kept and near
+
+    @ti.kernel
+    def _drive(self, t: float, dt: float):
+        """Set out for the estimate, declare it there, and command the next dt [s]."""
+        ti.loop_config(serialize=ti.static(few(self.size)))
+        for n in range(self.size):
+            i = self.robot[n]
+            if not self.swarm.searches(i):
+                continue
+            if self.swarm.state[i] != GO and self._has_converged(n):
+                self._enter(n, GO)
+                self.potential.set_out(n)
+            if self.swarm.state[i] == GO:
+                goal = self.potential.clear(n, self.mean[n])
+                if self.potential.is_over(n, goal, NEAR):
+                    if self.visited[n] == 1 and (self.mean[n] - self.visit[n]).norm() <= self.p.converged[n]:
+                        self.declaring.consider(n, self.mean[n], self.spread[n], t)
+                    self.visit[n], self.visited[n] = self.mean[n], 1
+                    self._trace(n)
+                elif self.spread[n] > APART * self.p.converged[n]:
+                    self._trace(n)
+                else:
+                    self.potential.drive(n, goal, dt)
+            if self.swarm.state[i] != GO:
+                self._steer(n, dt)

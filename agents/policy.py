@@ -1,0 +1,78 @@
+"""Runs what was learnt: every `period` a network makes actions of the observations of all robots of a group.
+
+Observations and commands are those of the environment that it learnt in, see `observation` and `commands`.
+"""
+
+from typing import cast
+
+import numpy as np
+import taichi as ti
+
+from taichi_plume.agents.commands import Commands
+from taichi_plume.agents.few import few
+from taichi_plume.agents.members import Members
+from taichi_plume.agents.observation import Observation
+from taichi_plume.agents.swarm import Swarm
+from taichi_plume.files.network import Network, NetworkError
+from taichi_plume.scenario.policy import Policy
+
+
+@ti.data_oriented
+class PolicyAlgorithm:
+    """The policy of one group. tick: control period [s]. Raises NetworkError where the network does not fit."""
+
+    PER_GROUP: bool = True
+    STATE: tuple[str, ...] = ("observation", "commands")
+    STATE_NAMES: tuple[str, ...] = ("POLICY",)
+
+    def __init__(self, swarm: Swarm, members: Members, tick: float, network: Network):
+        self.members, self.size, self.tick, self.network = members, members.size, tick, network
+        self.observation, self.commands = Observation(swarm, members, tick), Commands(swarm, members, tick)
+        fault = network.fault(self.observation.size, self.commands.size)
+        if fault:
+            raise NetworkError(fault)
+        self.observations = np.zeros((self.size, self.observation.size), np.float32)
+        self.actions = np.zeros((self.size, self.commands.size), np.float32)
+        self.begin()
+
+    def begin(self) -> None:
+        """Set the numbers; all robots begin to observe."""
+        (group,) = self.members.groups
+        self.ticks = cast(Policy, group.model.algorithm).ticks(self.tick)
+        self.waits = group.waits(self.tick) + 1
+        self.observation.begin()
+        self.commands.begin()
+        self._clear()
+
+    def act(self, tick: int, t: float, dt: float) -> None:
+        """Turn the readings at time t [s] into commands for the next dt [s]."""
+        since = tick - self.waits
+        decides = since % self.ticks == 0
+        self._follow(dt, int(decides), since * dt, self.observations)
+        if decides:
+            self.actions = self.network.act(self.observations, self.commands.size)
+        self._command(int(decides), t, dt, self.actions)
+
+    @ti.kernel
+    def _clear(self):
+        ti.loop_config(serialize=ti.static(few(self.size)))
+        for n in range(self.size):
+            self.observation.clear(n)
+            self.commands.clear(n)
+
+    @ti.kernel
+    def _follow(self, dt: float, decides: int, elapsed: float, table: ti.types.ndarray(dtype=ti.f32, ndim=2)):
+        ti.loop_config(serialize=ti.static(few(self.size)))
+        for n in range(self.size):
+            self.observation.follow(n, dt)
+            if decides == 1:
+                self.observation.write(n, 1.0, n, table, elapsed)
+
+    @ti.kernel
+    def _command(self, decides: int, t: float, dt: float, actions: ti.types.ndarray(dtype=ti.f32, ndim=2)):
+        ti.loop_config(serialize=ti.static(few(self.size)))
+        for n in range(self.size):
+            if decides == 1:
+                self.commands.take(n, 1.0, n, actions, t)
+                self.observation.remember(n, n, actions)
+            self.commands.carry_out(n, dt)

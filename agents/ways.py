@@ -1,0 +1,134 @@
+"""Shortest ways over a floor of square cells, around what stands on it and never through."""
+
+from typing import Any
+
+import numpy as np
+import taichi as ti
+
+FAR = 1e9  # m: no way
+MOST_SWEEPS = 1000  # over all cells, four ways each; ways around n corners take about n
+ROOT_OF_TWO = 2**0.5
+CLOSER = 1e-5  # m by which a way has to be shorter than the one before
+
+
+@ti.data_oriented
+class Ways:
+    """The shortest ways between the middles of all cells, for what keeps `room` [m] from all that stands.
+
+    Straight where nothing is in between, else from cell to cell (of eight neighbours) on from the last one that is in
+    sight; a stretch is free where the clearance all along is above `room`, so that walls thinner than a cell count.
+    `free[a]`: whether cell a has that much air. `length[a, b]` [m], FAR where there is no way. `via[a, b]`: the last
+    cell in sight of a on the way to b, -1 where there is none. Cells are numbered with the last axis fastest.
+    """
+
+    def __init__(self, clearance: Any, cell: float, room: float):
+        self.clearance, self.cell = clearance, cell
+        self.low = (float(clearance.low[0]), float(clearance.low[1]))
+        self.shape = tuple(
+            max(1, round((high - low) / cell)) for low, high in zip(self.low, clearance.high, strict=True)
+        )
+        self.count = self.shape[0] * self.shape[1]
+        self.step = 0.5 * clearance.resolution  # m; a wall, even the thinnest, blocks more of a stretch
+        self.free = ti.field(ti.i32, self.count)
+        self.open = ti.field(ti.i32, (self.count, 8))  # whether the way to each neighbour is free
+        self.length = ti.field(ti.f32, (self.count, self.count))
+        self.via = ti.field(ti.i16, (self.count, self.count))
+        self.room = np.nan
+        self.begin(room)
+
+    def begin(self, room: float) -> None:
+        """Find the ways for another room [m]; what stands never changes."""
+        if room != self.room:
+            self.room = room
+            self._look(room)
+            self._find(room)
+
+    @ti.func
+    def center(self, a):
+        """The middle of cell a [m]."""
+        return ti.Vector(self.low) + self.cell * (ti.Vector([a // self.shape[1], a % self.shape[1]]) + 0.5)
+
+    @ti.func
+    def cell_of(self, p):
+        """The cell with the place p [m], or the next one."""
+        at = ti.cast(ti.floor((p - ti.Vector(self.low)) / self.cell), ti.i32)
+        at = ti.math.clamp(at, 0, ti.Vector(self.shape) - 1)
+        return at[0] * self.shape[1] + at[1]
+
+    @ti.func
+    def free_cell_of(self, p):
+        """The free cell with the place p [m], or the next one; -1 where none is free."""
+        best, nearest = self.cell_of(p), 0.0
+        if self.free[best] == 0:
+            best, nearest = -1, FAR
+            for a in range(self.count):
+                distance = (self.center(a) - p).norm()
+                if self.free[a] == 1 and distance < nearest:
+                    best, nearest = a, distance
+        return best
+
+    @ti.func
+    def _sees(self, p, q, room):
+        """Whether the straight way from p to q [m] is free."""
+        whole = (q - p).norm()
+        e = (q - p) / ti.max(whole, CLOSER)
+        s, free = 0.0, self.clearance.distance(q) > room
+        while s < whole and free:
+            gap = self.clearance.distance(p + s * e) - room
+            free = gap > 0.0
+            s += ti.max(gap, self.step)
+        return free
+
+    @ti.func
+    def _neighbour(self, a, k):
+        """Number of the k-th of eight neighbours of cell a, -1 off the floor."""
+        j = k + ti.cast(k >= 4, ti.i32)  # of nine, without the middle
+        x, y = a // self.shape[1] + j // 3 - 1, a % self.shape[1] + j % 3 - 1
+        inside = x >= 0 and x < self.shape[0] and y >= 0 and y < self.shape[1]
+        return ti.select(inside, x * self.shape[1] + y, -1)
+
+    @ti.kernel
+    def _look(self, room: float):
+        for a in range(self.count):
+            self.free[a] = ti.cast(self.clearance.distance(self.center(a)) > room, ti.i32)
+            for k in range(8):
+                b = self._neighbour(a, k)
+                self.open[a, k] = 0
+                if b >= 0:
+                    self.open[a, k] = ti.cast(self._sees(self.center(a), self.center(b), room), ti.i32)
+
+    @ti.kernel
+    def _find(self, room: float):
+        for a in range(self.count):
+            for b in range(self.count):
+                self.length[a, b], self.via[a, b] = FAR, ti.cast(-1, ti.i16)
+                apart = self.center(b) - self.center(a)
+                if self.free[a] == 1 and (a == b or self._sees(self.center(a), self.center(b), room)):
+                    self.length[a, b], self.via[a, b] = apart.norm(), ti.cast(b, ti.i16)  # type: ignore
+            shorter, sweeps = True, 0
+            while shorter and sweeps < MOST_SWEEPS:
+                shorter = False
+                sweeps += 1
+                for way in range(4):
+                    for m in range(self.count):
+                        x, y = m // self.shape[1], m % self.shape[1]
+                        x = ti.select(way % 2 == 1, self.shape[0] - 1 - x, x)
+                        y = ti.select(way >= 2, self.shape[1] - 1 - y, y)
+                        if self._shorten(a, x * self.shape[1] + y):
+                            shorter = True
+
+    @ti.func
+    def _shorten(self, a, b):
+        """Go from cell a to cell b by a neighbour, where that is shorter; returns whether it is."""
+        shorter = False
+        if self.free[b] == 1 and self.via[a, b] != b:
+            for k in range(8):
+                c = self._neighbour(b, k)
+                if c >= 0 and self.open[b, k] == 1 and self.length[a, c] < FAR:
+                    j = k + ti.cast(k >= 4, ti.i32)
+                    step = ti.select(j % 2 == 0, ROOT_OF_TWO, 1.0) * self.cell
+                    if self.length[a, c] + step < self.length[a, b] - CLOSER:
+                        self.length[a, b] = self.length[a, c] + step
+                        self.via[a, b] = self.via[a, c]
+                        shorter = True
+        return shorter

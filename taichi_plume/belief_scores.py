@@ -1,0 +1,131 @@
+"""What the robots of a run believe of the source's place, and how good that is, by what only the simulation knows.
+
+Any algorithm that offers `agents.beliefs.Believer` is seen here. Per trial, the mean over its robots:
+
+    peak_distance_m      from the most probable cell to the nearest source
+    mean_distance_m      from the expected place to the nearest source
+    expected_distance_m  mean over the belief of the distance to the nearest source
+    entropy_bits         of the belief, - sum p log2 p
+    within_reach         probability that the source is within the group's reach of a true one
+
+The distances and the probability are NaN while no source has started.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from taichi_plume import scores
+from taichi_plume.agents.beliefs import Believer
+from taichi_plume.grid.series import Series
+from taichi_plume.simulation import Every, Simulation
+
+NAMES = ("peak_distance_m", "mean_distance_m", "expected_distance_m", "entropy_bits", "within_reach")
+
+
+@dataclass(frozen=True)
+class GroupBeliefs:
+    """What a group believes: p (trials, robots, nx, ny), on cells of edge `cell` [m] from corner `low` (2,) [m] on."""
+
+    group: Any
+    cell: float
+    low: np.ndarray
+    p: np.ndarray
+
+    def axes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Middles of the cells along x and y [m]."""
+        x, y = (self.low[d] + (np.arange(n) + 0.5) * self.cell for d, n in enumerate(self.p.shape[2:]))
+        return x, y
+
+    def scores(self, sources: np.ndarray) -> np.ndarray:
+        """Of each trial, those of NAMES, (5, trials); sources: (m, 2) [m]."""
+        places = np.stack(np.meshgrid(*self.axes(), indexing="ij"), axis=-1)
+        p = self.p.astype(float)
+        peak = places.reshape(-1, 2)[p.reshape(*p.shape[:2], -1).argmax(axis=-1)]
+        mean = np.einsum("trxy,xyd->trd", p, places)
+        bits = -(p * np.log2(np.where(p > 0.0, p, 1.0))).sum(axis=(2, 3))
+        if not len(sources):
+            none = np.full(p.shape[:2], np.nan)
+            told = np.stack([none, none, none, bits, none])
+        else:
+            expected = np.einsum("trxy,xy->tr", p, _nearest(places, sources))
+            square = self.group.model.capture == "square"
+            near = _nearest(places, sources, square) <= self.group.model.reach
+            within = np.einsum("trxy,xy->tr", p, near.astype(float))
+            told = np.stack([_nearest(peak, sources), _nearest(mean, sources), expected, bits, within])
+        return told.mean(axis=-1)
+
+
+def _nearest(places: np.ndarray, sources: np.ndarray, square: bool = False) -> np.ndarray:
+    """Distance of places (..., 2) to the nearest source [m]; square: the larger of those along the axes."""
+    return np.linalg.norm(places[..., None, :] - sources, ord=np.inf if square else None, axis=-1).min(
+        axis=-1
+    )
+
+
+def believers(sim: Simulation) -> list[Believer]:
+    """The algorithms of a run whose robots believe in places."""
+    algorithms = (getattr(team, "algorithm", None) for team in sim.teams)
+    return [one for one in algorithms if isinstance(one, Believer)]
+
+
+def beliefs(sim: Simulation) -> list[GroupBeliefs]:
+    """What each group that believes in places believes now, in the order of the scenario."""
+    found = []
+    for one in believers(sim):
+        told, begin = np.asarray(one.beliefs()), 0
+        for group in one.members.groups:
+            p = told[begin : begin + group.size].reshape(group.trials, group.count, *told.shape[1:])
+            found.append(GroupBeliefs(group, one.belief_cell, np.asarray(one.belief_low, float), p))
+            begin += group.size
+    return sorted(found, key=lambda one: one.group.number)
+
+
+class BeliefScores:
+    """The scores of the beliefs of a run over time. Add `observer()` to the simulation's.
+
+    rows: of each group in the order of `beliefs`, those of NAMES: means over its trials.
+    """
+
+    STATE = ("rows",)
+
+    def __init__(self, sim: Simulation):
+        self.sources, self.begins = scores.source_places(sim), scores.begins(sim)
+        self.groups = sum(len(one.members.groups) for one in believers(sim))
+        self.rows = Series(len(NAMES) * self.groups)
+
+    def observer(self) -> Every:
+        """What the simulation has to call."""
+        return Every(scores.PERIOD, self.sample)
+
+    def now(self, sim: Simulation) -> list[tuple[GroupBeliefs, np.ndarray]]:
+        """The beliefs of each group with their scores (5, trials)."""
+        on = self.sources[self.begins < sim.t]
+        return [(one, one.scores(on)) for one in beliefs(sim)]
+
+    def sample(self, sim: Simulation) -> None:
+        """Note how good the beliefs are."""
+        if self.groups:
+            rows = [values.mean(axis=1) for _, values in self.now(sim)]
+            self.rows.append((sim.t, np.ravel(rows)))
+
+    def told(self, sim: Simulation) -> list[dict[str, Any]]:
+        """What result.json tells of each group: means, those of each trial, and means over time."""
+        found = []
+        table = self.rows.values.reshape(len(self.rows), self.groups, len(NAMES))
+        for k, (one, values) in enumerate(self.now(sim)):
+            found.append(
+                {
+                    "group": one.group.name,
+                    "algorithm": one.group.model.algorithm.kind,
+                    "cell_m": one.cell,
+                    **dict(zip(NAMES, values.mean(axis=1).tolist(), strict=True)),
+                    "per_trial": dict(zip(NAMES, values.tolist(), strict=True)),
+                    "over_time": {
+                        "time_s": self.rows.times.tolist(),
+                        **{name: table[:, k, c].tolist() for c, name in enumerate(NAMES)},
+                    },
+                }
+            )
+        return found

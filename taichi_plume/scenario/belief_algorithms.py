@@ -1,0 +1,117 @@
+"""Algorithms that keep a map of how probable a source is in each place, and say where it is."""
+
+from collections.abc import Iterator
+from math import sqrt
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+
+from pydantic import Field, model_validator
+
+from taichi_plume.scenario.listening import AnyAlgorithm, Listening
+from taichi_plume.scenario.quantities import fault, ill_sized
+from taichi_plume.scenario.vocabulary import (
+    COMPILED,
+    Duration,
+    EddyDiffusivity,
+    Frequency,
+    Length,
+    SomePpm,
+    Speed,
+    Wait,
+)
+
+if TYPE_CHECKING:
+    from taichi_plume.scenario.arena import Arena
+    from taichi_plume.scenario.robots import Group
+
+MOST_BELIEFS = 250_000  # cells of a map of beliefs: a step of a robot looks at all of them five times
+
+
+class Declares(AnyAlgorithm):
+    """What algorithms share that believe in places of the source. See agents/beliefs.py."""
+
+    declare_spread: Length | None = 0.2
+    """Spread of its belief below which a robot says that the source is at the belief's mean. It is the root of the mean
+    square distance of the source from there, as it believes: where a belief is normal and right, 0.2 m puts 95 % of
+    these places within the usual reach, 0.35 m, of the source. null: it never says so."""
+
+    @property
+    def may_declare(self) -> bool:
+        """Whether its robots may say where a source is."""
+        return self.declare_spread is not None
+
+
+class AnyInfotaxis(Listening, Declares):
+    """What the kinds of infotaxis share. See agents/infotaxis.py."""
+
+    searches: ClassVar[bool] = True
+    kind: str
+    acquisition: Wait = 2.0
+    threshold_ppm: SomePpm = 5.0
+    """Mean reading of an acquisition that counts as a detection."""
+    step: Length = 0.25
+    """Way driven after each acquisition, unless it stays."""
+    cell: Annotated[Length, COMPILED] = 0.1
+    """Edge of the cells of the robot's map of beliefs. Smaller ones take longer."""
+    rate: Frequency = 1.0
+    """Detections per second close to the source, in the model that the robot believes in."""
+    diffusivity: Annotated[EddyDiffusivity, Field(ge=1e-9)] = 0.05
+    """Diffusivity of patches of gas, in the model that the robot believes in. More makes its plume wider."""
+    wind_speed: Speed = 0.5
+    """Mean speed of the wind, in the model that the robot believes in."""
+    lifetime: Duration = 10.0
+    """How long patches of gas last, in the model that the robot believes in."""
+    size: Length = 0.05
+    """Size of what detects patches, in the model that the robot believes in; small beside the plume."""
+
+    @property
+    def threshold(self) -> float:
+        """Mean reading of a detection [ppm]."""
+        return self.threshold_ppm
+
+    @property
+    def reach(self) -> float:
+        """How far patches get across the wind: lambda [m]."""
+        D, V, tau = self.diffusivity, self.wind_speed, self.lifetime
+        return sqrt(D * tau / (1.0 + V**2 * tau / (4.0 * D)))
+
+    def in_group(self, where: str, group: "Group", floor: "Arena") -> Iterator[str]:
+        """A single cell has a spread too. By default that matters only to those that have to declare."""
+        least, asked = self.cell / sqrt(6.0), "declare_spread" in self.model_fields_set
+        spread = self.declare_spread
+        if spread is not None and spread <= least and (asked or group.found == "declared"):
+            yield (
+                f"{where}.algorithm.declare_spread: {spread:g} m is never reached, as a single cell has a "
+                f"spread of {least:.3g} m; raise it, or lower cell"
+            )
+        yield from super().in_group(where, group, floor)
+
+    def unfit(self, where: str, floor: "Arena") -> str | None:
+        """Every cell of its map is looked at, again and again."""
+        return ill_sized(f"{where}.algorithm.cell", self.cell, floor.size, MOST_BELIEFS)
+
+    def bytes(self, group: "Group", floor: "Arena", tick: float) -> float:
+        """Of the beliefs of every robot, and of the chances of a detection on half cells around it."""
+        cells = floor.size[0] * floor.size[1] / self.cell**2
+        chances = 16.0 * (floor.size[0] ** 2 + floor.size[1] ** 2) / self.cell**2
+        return 4.0 * (group.count * group.trials * cells + chances)
+
+    @model_validator(mode="after")
+    def _small(self) -> "AnyInfotaxis":
+        if self.size >= self.reach:
+            raise fault(
+                "size = {size} m must be below lambda = {reach} m; lower it, or raise diffusivity",
+                {"size": f"{self.size:g}", "reach": f"{self.reach:.3g}"},
+            )
+        return self
+
+
+class Infotaxis(AnyInfotaxis):
+    """The way that is expected to tell most about the source (Vergassola et al. 2007). See agents/infotaxis.py."""
+
+    kind: Literal["infotaxis"]  # type: ignore[assignment]
+
+
+class SpaceAwareInfotaxis(AnyInfotaxis):
+    """Infotaxis that also wants to be near the source (Loisy & Eloy 2022). See agents/space_aware_infotaxis.py."""
+
+    kind: Literal["space_aware_infotaxis"]  # type: ignore[assignment]

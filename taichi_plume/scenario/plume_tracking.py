@@ -1,0 +1,62 @@
+"""Search algorithms that follow a plume upwind, and their parameters."""
+
+from typing import ClassVar, Literal
+
+from taichi_plume.scenario.listening import AnyAlgorithm
+from taichi_plume.scenario.quantities import number
+from taichi_plume.scenario.vocabulary import Delay, Fraction, Length, SomeCoefficient, SomePpm, Speed
+
+
+class PlumeTracking(AnyAlgorithm):
+    """What algorithms share that follow a plume upwind. See agents/tracking.py."""
+
+    searches: ClassVar[bool] = True
+    kind: str
+    speed: Speed | None = None
+    """Speed at which they drive; unless given, the body's largest."""
+    threshold_ppm: SomePpm = 5.0
+    """Reading that means plume; it is left at 70 % of it. Set it above the sensor's noise and below what the plume
+    has where they search."""
+    lost_distance: Length = 0.3
+    """Way travelled without gas before the plume counts as lost. Longer bridges gaps between whiffs."""
+    find_step: Length = 0.3
+    """Step upwind between crosswind sweeps, while no plume has been found."""
+    peak_fraction: Fraction = 0.7
+    """Also out of the plume below this share of the last peak, so that a slow sensor notices in time; 0 switches it
+    off."""
+    wind_memory: Delay = 1.0
+    """Time constant of the average of the measured wind's direction. Longer ignores gusts."""
+
+    @property
+    def threshold(self) -> float:
+        """Of the plume [ppm]."""
+        return self.threshold_ppm
+
+
+class Casting(PlumeTracking):
+    """Upwind while in the plume, crosswind when it is lost (Lochmatter & Martinoli's family). See agents/casting.py."""
+
+    kind: Literal["casting"]  # type: ignore[assignment]
+    upwind_angle_deg: number(0, 80, "deg") = 20.0
+    """Angle between the course in the plume and straight upwind; 0 surges."""
+    cast_distance: Length = 0.6
+    """First crosswind search, when the plume is lost; doubled at each failure."""
+
+
+class SurgeCast(PlumeTracking):
+    """Straight upwind in the plume, crosswind to both sides when it is lost. See agents/surge_cast.py."""
+
+    kind: Literal["surge_cast"]  # type: ignore[assignment]
+    cast_distance: Length = 0.4
+    """First crosswind search, when the plume is lost. The next one goes back and as far to the other side, and each
+    pair twice as far."""
+
+
+class SurgeSpiral(PlumeTracking):
+    """Straight upwind in the plume, along a spiral when it is lost. See agents/surge_spiral.py."""
+
+    kind: Literal["surge_spiral"]  # type: ignore[assignment]
+    gap: Length = 0.3
+    """Distance between two turns of the spiral; less than a plume's width finds it."""
+    turns: SomeCoefficient = 4.0
+    """Turns of a spiral before the search starts anew."""

@@ -1,0 +1,128 @@
+"""How declarations are judged and counted, trial by trial and in summaries."""
+
+from types import SimpleNamespace
+
+import fake_run
+import numpy as np
+import pytest
+
+from taichi_plume import scores, summary
+from taichi_plume.agents.columns import COLUMNS
+from taichi_plume.declared import OUTCOMES, declared_outcomes, has_declared
+from taichi_plume.files import result
+from taichi_plume.scenario.robots import Group
+from taichi_plume.study.messages import Request
+from taichi_plume.study.rows import trial_rows
+
+pytestmark = pytest.mark.usefixtures("taichi")
+
+
+def searchers(
+    count: int, trials: int, start: int = 0, begin: float = 0.0, algorithm="casting", found="reached"
+):
+    """A group as `scores` takes it."""
+    model = {
+        "name": "team", "count": count, "trials": trials, "begin": begin, "algorithm": {"kind": algorithm},
+        "start": {"kind": "area", "low": [3, 0.5], "high": [3.8, 2.5]}, "found": found,
+    }  # fmt: skip
+    model = Group.model_validate(model)
+    return SimpleNamespace(name="team", start=start, count=count, trials=trials, model=model)
+
+
+def said_of(n: int) -> dict[str, np.ndarray]:
+    """A snapshot of what n robots have said: nothing."""
+    now = {column.key: column.zeros(n) for column in COLUMNS if "declar" in column.key}
+    return now | {"declared_time": np.full(n, np.nan), "reached_time": np.full(n, np.nan)}
+
+
+def test_a_declaration_is_the_first_right_one_or_the_last():
+    """Teams of two, a source at (1, 1): right and wrong; two wrong; one wrong and the other there; nothing at all."""
+    now = said_of(8)
+    now["declarations"][:6] = [1, 3, 1, 1, 2, 0]
+    now["false_declarations"][:6] = [0, 2, 1, 1, 2, 0]
+    now["declared_time"][:5] = [9.0, 7.0, 4.0, 5.0, 6.0]
+    now["declared_position"][:5] = [[1.0, 1.0], [1.0, 1.3], [2.0, 1.0], [1.0, 5.0], [1.0, 0.5]]
+    now["reached_time"][[2, 5, 6]] = [8.0, 3.0, np.nan]
+    told = declared_outcomes(searchers(2, 4, begin=2.0), now, np.array([[1.0, 1.0], [50.0, 50.0]]))
+    assert told["outcome"] == ["declared", "reached", "reached", "neither"]
+    assert told["declared_time_s"] == pytest.approx([5.0, 3.0, 4.0, np.nan], nan_ok=True)
+    assert told["localisation_error_m"] == pytest.approx([0.3, 4.0, 0.5, np.nan], nan_ok=True)
+    assert told["declarations"] == [4, 2, 2, 0]
+    assert told["false_declarations"] == [2, 2, 2, 0]
+    assert told["reached_time_s"] == pytest.approx([np.nan, 6.0, 1.0, np.nan], nan_ok=True)
+    nowhere = declared_outcomes(searchers(2, 4), now, np.zeros((0, 2)))
+    assert np.isnan(nowhere["localisation_error_m"]).all()
+
+
+@pytest.mark.parametrize(("algorithm", "found"), [("own", "reached"), ("casting", "declared")])
+def test_who_may_declare_and_has_not_has_none(algorithm, found):
+    """Of others it is not known what they would have said."""
+    group = searchers(1, 2, algorithm=algorithm, found=found)
+    told = declared_outcomes(group, said_of(2), np.array([[1.0, 1.0]]))
+    assert (told["declarations"], told["false_declarations"]) == ([0, 0], [0, 0])
+    assert not has_declared(told)
+    assert np.isnan(told["localisation_error_m"] + told["declared_time_s"]).all()
+
+
+def test_shares_of_outcomes():
+    trials = {name: [1.0] * 4 for name in ("time_s", "path_m", "overhead", "acquisitions", "hits", "bumps")}
+    trials |= {
+        "success": [True] * 4, "outcome": ["declared", "reached", "declared", "neither"], "declarations": [1, 0, 2, 1],
+        "false_declarations": [0, 0, 1, 1], "declared_time_s": [3.0, None, 5.0, 7.0],
+        "localisation_error_m": [0.1, None, 0.2, 0.9],
+    }  # fmt: skip
+    told = scores.trial_summary(trials, 10.0)
+    assert [told[f"{name}_rate"]["mean"] for name in OUTCOMES] == [0.5, 0.25, 0.25]
+    assert told["localisation_error_m"]["mean"] == pytest.approx(0.4)
+    assert told["localisation_error_m"]["n"] == 3
+    assert told["declared_time_s"]["mean"] == pytest.approx(5.0)
+    assert told["false_declarations"]["mean"] == 0.5
+    silent = scores.trial_summary(
+        trials | {"declarations": [None] * 4, "false_declarations": [None] * 4}, 10.0
+    )
+    assert silent["declared_rate"] == {"mean": None, "low": None, "high": None, "n": 0}
+
+
+def run(says=(), robots=None, **changes):
+    """A fake run in which a robot of the first trial says this."""
+    start = {"kind": "area", "low": [3, 0.5], "high": [3.8, 2.5]}
+    own = {"name": "own", "count": 2, "trials": 2, "start": start, "algorithm": {"kind": "own"}}
+    model = fake_run.scenario(2, duration=6, maps=[], robots=[own | one for one in robots or [{}]], **changes)
+    sim = fake_run.simulation(model)
+    sim.swarm.says = says
+    sim.run()
+    return sim
+
+
+def lines(sim) -> dict[str, str]:
+    return dict(summary.summary(result.result(sim, "completed", "", "cpu")))
+
+
+def test_the_summary_tells_what_was_declared():
+    wrong, right = (2.0, (1.0, 2.5), False), (3.0, (0.6, 1.2), True)
+    assert "own declared" not in lines(run())
+    told = lines(run([wrong, right]))
+    assert told["own declared"] == (
+        "rightly in 1 of 2 trials; in 0 more a robot reached a source, in 1 neither; localisation error 0.3 m; "
+        "time to declare 3 s; 1 false declaration in all"
+    )
+    told = lines(run([wrong], [{"trials": 1, "found": "declared"}]))
+    assert told["own declared"] == "falsely after 2.0 s, 1.08 m from a source; 1 false declaration"
+    assert told["own"].startswith("own, 0 of 2 robots found a source by declaring")
+
+
+@pytest.mark.parametrize("rivals", [True, False])
+def test_rows_of_studies_tell_their_group_and_who_was_there(rivals):
+    casters = {"name": "casters", "count": 1, "algorithm": {"kind": "casting"}}
+    sim = run([(2.0, (0.6, 1.0), True)], [{}, casters], rivals=rivals)
+    request = Request("r", 0, 0, {}, 1, 1, "a", True, {}, "s")
+    rows = trial_rows(sim, request)
+    assert [(row["group"], row["trial"]) for row in rows] == [
+        ("own", 0),
+        ("own", 1),
+        ("casters", 0),
+        ("casters", 1),
+    ]
+    assert [row["outcome"] for row in rows] == ["declared", "neither", "neither", "neither"]
+    assert [row["declarations"] for row in rows] == [1, 0, None, None]
+    assert {row["shares_arena"] for row in rows} == {not rivals}
