@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 import taichi as ti
 
-from taichi_plume.files.film import VELOCITIES, Film
+from taichi_plume.files.film import VELOCITIES
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier, Gas, sample_cells, sample_faces
 from taichi_plume.grid.grid import Grid
@@ -20,6 +20,7 @@ from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.gases import PlaybackGas
 from taichi_plume.scenario.imported_wind import ImportedWind
+from taichi_plume.scenario.movie import MovieGas
 from taichi_plume.scenario.played import PlaybackWind, Played
 
 CLOSE = 1e-12  # of a time: as good as equal
@@ -53,6 +54,18 @@ class WindFrames(Frames, Protocol):
 
     def air(self) -> Air:
         """The air that it blows through."""
+        ...
+
+
+class GasFrames(Frames, Protocol):
+    """Frames of a gas."""
+
+    def gas_of(self, species: Any) -> str:
+        """The variable to play for a species."""
+        ...
+
+    def still(self, name: str) -> np.ndarray:
+        """A variable that does not change, axes (x, y, z)."""
         ...
 
 
@@ -210,7 +223,7 @@ class PlayedGas(Gas):
     STATE = ("film",)
     finer_than_cells = False
 
-    def __init__(self, gas: PlaybackGas, film: Film, grid: Grid, t: float = 0.0):
+    def __init__(self, gas: PlaybackGas | MovieGas, film: GasFrames, grid: Grid, t: float = 0.0):
         """t: begin of the run [s]."""
         self.grid = grid
         self.dim = grid.dim
@@ -221,7 +234,7 @@ class PlayedGas(Gas):
         uploader(self.air)(grid.pad(film.still("volume") > 0))
         self.begin(gas, t, 0)
 
-    def begin(self, model: PlaybackGas, t: float, seed: int) -> None:
+    def begin(self, model: PlaybackGas | MovieGas, t: float, seed: int) -> None:
         """Begin a run at time t [s]."""
         self.species = model.vapour
         self.film.begin(model, t)

@@ -15,6 +15,7 @@ from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.team import teams
 from taichi_plume.files.gaden import Cubes
+from taichi_plume.files.network import Network, NetworkError
 from taichi_plume.files.wind_points import WindFileError
 from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.grid.cut_cells import Air, air_of
@@ -29,6 +30,7 @@ from taichi_plume.prepare import Prepared, Resources, again, prepare
 from taichi_plume.scenario.algorithms import Own
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.obstacles import Obstacle
+from taichi_plume.scenario.policy import Policy
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.simulation import Simulation
 from taichi_plume.solvers.bodies import MovingObstacle, Wake
@@ -78,7 +80,7 @@ def build(
     grid, air = _box(scenario, resources)
     cubes = resources.site.cubes if resources.site else None
     seen = [*resources.obstacles, *([cubes] if cubes else [])]
-    clearance, walking = _ways(scenario, resources, cubes)
+    clearance, walking = ways(scenario, resources, cubes)
     walkers = [scenario.obstacles[n] for n in walking]
     starts, sources = _starts(scenario, clearance, walkers), _places(scenario)
     swarm = Swarm(scenario.robots, *starts, clearance, sources, scenario.seed, walkers, scenario.rivals)
@@ -92,7 +94,11 @@ def build(
     if reel is None:
         begin_fields(scenario, resources, wind, gas.gases)
     sensors = Sensors(swarm, grid.dim, scenario.tick, gas.species)
-    driving = teams(swarm, scenario.tick, _own(scenario, resources, algorithms))
+    own, networks = _own(scenario, resources, algorithms), _networks(scenario, resources)
+    try:
+        driving = teams(swarm, scenario.tick, own, networks)
+    except NetworkError as error:
+        raise ScenarioError([str(error)]) from None
     extent, most = (grid.extent[0], grid.extent[1]), swarm.members.shape[1]
     mapped = Floor(extent, max(1, swarm.trials), most, scenario.tick, clearance.obstacle_distance_at)
     maps = mappers(scenario.maps, mapped)
@@ -161,7 +167,7 @@ class Stirring:
             wake.begin(scenario.robots[number].body)
 
 
-def _ways(scenario: Scenario, resources: Resources, cubes: Cubes | None) -> tuple[ClearanceMap, list[int]]:
+def ways(scenario: Scenario, resources: Resources, cubes: Cubes | None) -> tuple[ClearanceMap, list[int]]:
     """What stands in the robots' way, `cubes` of an occupancy grid too; and the numbers of the obstacles that walk."""
     height = max((group.body.height for group in scenario.robots), default=0.1)
     standing: list[Any] = [one for one in resources.standing if one is not None]
@@ -239,6 +245,20 @@ def _own(scenario: Scenario, resources: Resources, algorithms: Mapping[str, type
     if missing:
         raise ScenarioError(missing)
     return found
+
+
+def _networks(scenario: Scenario, resources: Resources) -> dict[str, Network]:
+    """Those of the policies by the names of their groups. Raises ScenarioError where one is still to be learnt."""
+    policies = {
+        f"robots[{n}].algorithm": group.name
+        for n, group in enumerate(scenario.robots)
+        if isinstance(group.algorithm, Policy)
+    }
+    missing = [path for path in policies if path not in resources.networks]
+    if missing:
+        what = "file: none is given, the policy is still to be learnt; learn it in an environment of taichi_plume.envs"
+        raise ScenarioError([f"{path}.{what}" for path in missing])
+    return {name: resources.networks[path] for path, name in policies.items()}
 
 
 def _places(scenario: Scenario) -> np.ndarray:

@@ -125,5 +125,8 @@ GASES: dict[str, Callable[[Any, str, Context, Any], Gas]] = {
     "playback": lambda model, path, its, wind: _of("playback", "PlayedGas")(
         model, its.resources.films[path], its.grid, its.begin[0]
     ),
+    "movie": lambda model, path, its, wind: _of("movie", "PlayedMovie")(
+        model, its.resources.movies[path], its.grid, its.begin[0]
+    ),
 }
 """Of a gas's section, its place in the scenario, and the wind that carries it."""

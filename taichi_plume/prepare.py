@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from pydantic import ValidationError
 
+from taichi_plume.files.network import Network
 from taichi_plume.files.own_class import OwnAlgorithmError, OwnFile
 from taichi_plume.files.point_frames import PointFileError, PointFrames, frames_of
 from taichi_plume.grid.meshes import MeshError
@@ -19,8 +20,10 @@ from taichi_plume.scenario.imported_wind import ImportedWind
 from taichi_plume.scenario.initial import InitialGas, InitialWind
 from taichi_plume.scenario.input_files import strangers
 from taichi_plume.scenario.loading import ScenarioError, overridden, read_scenario
+from taichi_plume.scenario.movie import MovieGas
 from taichi_plume.scenario.played import Playback, PlaybackWind, PlumeSimLog, PlumeSimWind
 from taichi_plume.scenario.plumesim import FluentGas, PlumeSimGas
+from taichi_plume.scenario.policy import Policy
 from taichi_plume.scenario.reset import differences
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.shapes import shape
@@ -28,6 +31,7 @@ from taichi_plume.scenario.vocabulary import Model
 
 if TYPE_CHECKING:  # they bring zarr and Taichi, for runs that need them
     from taichi_plume.files.film import Film
+    from taichi_plume.files.movie import Movie
     from taichi_plume.files.site import Site
     from taichi_plume.grid.cut_cells import Air
 
@@ -38,7 +42,7 @@ class Resources:
 
     faults: what is wrong with those that cannot be used. shapes: of the obstacles without a fault, in their order.
     site: the files of an imported wind. code: files of own algorithms; own: their classes, once they were executed.
-    remarks: what is probably not meant, once checked.
+    networks: of policies. remarks: what is probably not meant, once checked.
     """
 
     scenario: Scenario
@@ -46,9 +50,11 @@ class Resources:
     shapes: dict[str, Shape] = field(default_factory=dict)
     films: "dict[str, Film]" = field(default_factory=dict)
     frames: dict[str, PointFrames] = field(default_factory=dict)
+    movies: "dict[str, Movie]" = field(default_factory=dict)
     site: "Site | None" = None
     code: dict[str, OwnFile] = field(default_factory=dict)
     own: dict[str, type] = field(default_factory=dict)
+    networks: dict[str, Network] = field(default_factory=dict)
     remarks: list[str] = field(default_factory=list)
     _unlike: dict[Path, int] = field(default_factory=dict, repr=False)
     _site_air: "dict[bool, Air]" = field(default_factory=dict, repr=False)
@@ -263,6 +269,20 @@ def _points(
         resources.faults[path] = str(error)
 
 
+def _movie(resources: Resources, path: str, model: MovieGas, folder: Path) -> None:
+    """Open a movie, and look at its first and its last frame."""
+    from taichi_plume.files.film import FilmError
+    from taichi_plume.files.movie import Movie
+
+    try:
+        movie = Movie(folder / model.file, model)
+        for n in {0, len(movie.times) - 1}:
+            movie.frame(n)
+        resources.movies[path] = movie
+    except FilmError as error:
+        resources.faults[path] = str(error)
+
+
 def _site(resources: Resources, path: str, model: ImportedWind, folder: Path) -> None:
     """Read the first and the last file of an imported wind."""
     from taichi_plume.files.site import Site
@@ -285,14 +305,25 @@ def _own(resources: Resources, path: str, model: Own, folder: Path) -> None:
             resources.faults[path] = str(error)
 
 
+def _network(resources: Resources, path: str, model: Policy, folder: Path) -> None:
+    """Read a policy's network; without a file it is still to be learnt."""
+    if model.file:
+        try:
+            resources.networks[path] = Network.read(folder / model.file)
+        except OwnAlgorithmError as error:
+            resources.faults[path] = str(error)
+
+
 OPENERS: dict[type[Model], Callable[[Resources, str, Any, Path], PureGas | None]] = {
     PlaybackWind: _film,
     PlaybackGas: _film,
     PlumeSimWind: _points,
     PlumeSimGas: _points,
     FluentGas: _points,
+    MovieGas: _movie,
     ImportedWind: _site,
     InitialWind: _moment,
     InitialGas: _moment,
     Own: _own,
+    Policy: _network,
 }

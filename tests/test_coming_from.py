@@ -47,7 +47,6 @@ def files(tmp_path_factory) -> Path:
     movie = np.random.default_rng(1).random(MOVIE).astype("f4")
     group.create_array("concentration", data=movie)
     group.attrs.update(fps=15, pixel_to_grid=0.02, origin=[0.0, 0.0])
-    script("movie_to_pslog.py", folder / "movie.zarr", folder / "movie.pslog", "--step", 4, "--wind", 0.1)
     script("gaden_room.py", folder)
     shutil.copy(FOLDER / "gaden_room.yaml", folder)
     return folder
@@ -85,10 +84,11 @@ def test_gaden_s_room_runs_with_the_gas_of_its_filaments(files):
     assert emitted == pytest.approx(10 * mole * 46.069e-3 * 3.0, rel=0.02)
 
 
-def test_a_movie_s_log_holds_the_means_of_its_pixels(files):
-    lines = (files / "movie.pslog").read_text().splitlines()
-    assert lines[0] == "67,6,0.08"
+def test_a_movie_is_played_as_it_is(files):
+    text = next(text for _, text in BLOCKS if "name: movie" in text)
+    (files / "movie.yaml").write_text(text, encoding="utf-8")
+    simulation = assemble(load_scenario(files / "movie.yaml"), files)
     movie = np.asarray(zarr.open_group(files / "movie.zarr", mode="r")["concentration"])
-    first = lines[2].split(",")
-    assert [float(value) for value in first[:2]] == pytest.approx([0.04, 0.04])
-    assert float(first[5]) == pytest.approx(100 * movie[0, :4, :4].mean() / movie.max(), rel=1e-3)
+    points = 0.02 * (np.array([[0, 0], [59, 39], [7, 30]]) + 0.5)
+    found = ppm_at(simulation.gas, points, 0.0)[:, 0]
+    assert found == pytest.approx(500 * movie[0, [0, 39, 30], [0, 59, 7]], rel=1e-3)

@@ -1,4 +1,4 @@
-"""`maps.zarr`: the gas maps of a run as they were at its end, beside the truth, in a zarr group that xarray opens.
+"""`maps.zarr`: the maps of a run as they were at its end, in a zarr group that xarray opens.
 
 Map number n of the scenario is the group "n", with the kind and parameters of the map and its time `t_s` [s] as
 attributes. `groups` of these says whose readings made it: names, the first of their trials, and how many there are.
@@ -10,6 +10,11 @@ Variables are float32 in the order (trial, y, x), NaN where nothing is known:
     truth       [ppm]   mean of the gas since the robots started, at the height of their sensors; of all trials the same
     measurable  1 where a robot could be; without trial
 
+What group k of those that believe in places of the source believes is the group "belief_k", with the name of the group
+and the kind of its algorithm as attributes:
+
+    probability  [1]  of the cell, in the order (trial, robot, y, x); over the cells it sums to 1
+
 To look at one: ``xarray.open_zarr("runs/arena-1/maps.zarr", group="0")``.
 """
 
@@ -17,7 +22,7 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -29,6 +34,7 @@ from taichi_plume.guard.opening import irregular, unopenable
 if TYPE_CHECKING:
     import xarray
 
+    from taichi_plume.belief_scores import GroupBeliefs
     from taichi_plume.map_scores import MapScores, MapSeries
     from taichi_plume.simulation import Simulation
 
@@ -44,6 +50,8 @@ MEANING = {
     "weight": ("1", "what stands behind the estimate, in the method's own measure", WHOLE),
     "truth": ("ppm", "mean of the gas since the robots started", WHOLE),
     "measurable": ("1", "1 where a robot could be", WHOLE[1:]),
+    "robot": ("1", "number of the robot in its team", ()),
+    "probability": ("1", "that the source is in the cell", ("trial", "robot", "y", "x")),
 }
 
 
@@ -74,6 +82,7 @@ class MapsFile:
         if not self.open:
             return
         self.open = False
+        from taichi_plume.belief_scores import beliefs
         from taichi_plume.files import zarr_groups
 
         disk.require_room(self.path)
@@ -88,16 +97,21 @@ class MapsFile:
                 **scenario.seeds,
                 "maps": len(self.map_scores.series),
             }
+            found = beliefs(self.sim)
+            facts["beliefs"] = len(found)
             root = zarr_groups.create(part, facts)
-            for n, series in enumerate(self.map_scores.series):
-                group = root.create_group(
-                    str(n), attributes={"Conventions": zarr_groups.CONVENTIONS, **self._facts(n)}
-                )
-                for name, values in _variables(series).items():
+            parts = [
+                (str(n), self._facts(n), _variables(series))
+                for n, series in enumerate(self.map_scores.series)
+            ]
+            parts += [(f"belief_{k}", self._believed(one), _belief(one)) for k, one in enumerate(found)]
+            for path, told, variables in parts:
+                group = root.create_group(path, attributes={"Conventions": zarr_groups.CONVENTIONS, **told})
+                for name, values in variables.items():
                     units, meaning, dimensions = MEANING[name]
                     facts = {"units": units, "long_name": meaning} | _axis(name)
                     zarr_groups.add(group, name, dimensions or (name,), values, facts)
-                zarr_groups.consolidate(part, str(n))
+                zarr_groups.consolidate(part, path)
             zarr_groups.consolidate(part)
             part.rename(self.path)
         finally:
@@ -116,6 +130,16 @@ class MapsFile:
                 {"names": who, "first_trial": rows.start, "trials": rows.stop - rows.start}
                 for who, rows in zip(made, series.parts, strict=True)
             ],
+        }
+
+    def _believed(self, one: "GroupBeliefs") -> dict[str, Any]:
+        kind = one.group.model.algorithm.kind
+        return {
+            "title": f"What {one.group.name} believes",
+            "group": one.group.name,
+            "algorithm": kind,
+            "cell_m": one.cell,
+            "t_s": self.sim.t,
         }
 
 
@@ -142,9 +166,22 @@ def _variables(series: "MapSeries") -> dict[str, np.ndarray]:
     }
 
 
+def _belief(one: "GroupBeliefs") -> dict[str, np.ndarray]:
+    """By name, as they are stored."""
+    x, y = one.axes()
+    trials, robots = one.p.shape[:2]
+    return {
+        "trial": np.arange(trials, dtype=np.int32),
+        "robot": np.arange(robots, dtype=np.int32),
+        "y": y,
+        "x": x,
+        "probability": np.ascontiguousarray(one.p.transpose(0, 1, 3, 2), np.float32),
+    }
+
+
 @contextmanager
-def opened(path: Path) -> Iterator[list[Any]]:
-    """The zarr groups of a run's maps, of which no chunk is missing.
+def opened(path: Path, what: Literal["maps", "beliefs"] = "maps") -> Iterator[list[Any]]:
+    """The zarr groups of a run's maps, or of its beliefs, of which no chunk is missing.
 
     Raises RunFolderError where the file is none of ours or not whole, or what reads it finds that.
     """
@@ -158,13 +195,14 @@ def opened(path: Path) -> Iterator[list[Any]]:
 
     from taichi_plume.files import zarr_groups
 
+    name = "{}" if what == "maps" else "belief_{}"
     try:
         root: Any = zarr.open_group(path, mode="r", use_consolidated=False)
         if root.attrs.get("format") != FORMAT:
             raise RunFolderError(f"{path}: was made by another version (its format is not '{FORMAT}')")
         groups = [
-            zarr.open_group(path, path=str(n), mode="r", use_consolidated=False)
-            for n in range(int(root.attrs["maps"]))
+            zarr.open_group(path, path=name.format(n), mode="r", use_consolidated=False)
+            for n in range(int(root.attrs["maps"] if what == "maps" else root.attrs.get(what, 0)))
         ]
         for group in groups:
             for name in zarr_groups.arrays_in(path / group.basename):
@@ -186,3 +224,11 @@ def read(path: Path) -> "list[xarray.Dataset]":
             if tuple(one["estimate"].dims) != WHOLE:
                 raise ValueError(f"map {n} has an estimate of {one['estimate'].dims}")
     return maps
+
+
+def read_beliefs(path: Path) -> "list[xarray.Dataset]":
+    """What each group of a run believed, in memory. Raises RunFolderError where the file is not ours or not whole."""
+    import xarray
+
+    with opened(path, "beliefs") as groups:
+        return [xarray.open_zarr(path, group=group.basename, consolidated=False).load() for group in groups]

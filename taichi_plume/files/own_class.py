@@ -33,6 +33,22 @@ class OwnAlgorithmError(RuntimeError):
     """The user's algorithm failed; says in which file and line."""
 
 
+def content_of(path: Path, most: int, largest: str) -> bytes:
+    """The content of a file of the user's, of at most so many bytes; largest: the same in words, and a question.
+
+    Raises OwnAlgorithmError where it cannot be read.
+    """
+    try:
+        content = read_regular(path, most)
+    except FileNotFoundError:
+        raise OwnAlgorithmError(f"{path}: does not exist") from None
+    except OSError as error:
+        raise OwnAlgorithmError(f"{path}: cannot be read: {error.strerror or error}") from None
+    if content is None:
+        raise OwnAlgorithmError(f"{path}: is larger than {largest}")
+    return content
+
+
 @dataclass(frozen=True)
 class OwnFile:
     """A Python file that holds an algorithm, as it was when it was looked at. name: of its class, unless the only one.
@@ -49,15 +65,8 @@ class OwnFile:
         """Read and parse the file; nothing in it is executed."""
         if path.suffix != ".py":
             raise OwnAlgorithmError(f"{path}: is no Python file; its name must end in .py")
-        try:
-            source = read_regular(path, LARGEST_FILE)
-        except FileNotFoundError:
-            raise OwnAlgorithmError(f"{path}: does not exist") from None
-        except OSError as error:
-            raise OwnAlgorithmError(f"{path}: cannot be read: {error.strerror or error}") from None
-        if source is None:
-            raise OwnAlgorithmError(f"{path}: is larger than {LARGEST_FILE >> 10} KiB; is it an algorithm?")
-        found = cls(path, name, source)
+        largest = f"{LARGEST_FILE >> 10} KiB; is it an algorithm?"
+        found = cls(path, name, content_of(path, LARGEST_FILE, largest))
         found._look()
         return found
 

@@ -9,14 +9,20 @@ from typing import Any
 import numpy as np
 
 from taichi_plume import __version__, scores
+from taichi_plume.belief_scores import BeliefScores
 from taichi_plume.map_scores import NAMES, MapScores, MapSeries
 from taichi_plume.simulation import Simulation
 
 
 def result(
-    sim: Simulation, status: str, message: str, backend: str, map_scores: MapScores | None = None
+    sim: Simulation,
+    status: str,
+    message: str,
+    backend: str,
+    map_scores: MapScores | None = None,
+    belief_scores: BeliefScores | None = None,
 ) -> dict[str, Any]:
-    """What came of a run, ready for `write_result`; map_scores: of its maps over time."""
+    """What came of a run, ready for `write_result`; map_scores, belief_scores: of its maps and beliefs over time."""
     cells = prod(sim.grid.shape)
     steps = cells * sim.steps
     return begun(sim, status, message, backend) | {
@@ -28,6 +34,7 @@ def result(
         "obstacles": _obstacles(sim),
         "groups": _groups(sim),
         "maps": [_map(sim, n, map_scores.series[n] if map_scores else None) for n in range(len(sim.maps))],
+        "beliefs": (belief_scores or BeliefScores(sim)).told(sim),
     }
 
 
@@ -76,9 +83,10 @@ def _obstacles(sim: Simulation) -> list[dict[str, Any]]:
 def _groups(sim: Simulation) -> list[dict[str, Any]]:
     """How each group did.
 
-    airs: in how many airs its trials were, always one; trials_differ_by: see `scores.trials_differ_by`. no_search: why
-    no source could be found, or None. shares_arena_with: groups that it may have met; unlike_them: whether one of these
-    has another algorithm, or the same one with other numbers.
+    found_by: what counts as found, "reached" or "declared". airs: in how many airs its trials were, always one;
+    trials_differ_by: see `scores.trials_differ_by`. no_search: why no source could be found, or None.
+    shares_arena_with: groups that it may have met; unlike_them: whether one of these has another algorithm, or the same
+    one with other numbers. summary, per_trial: see `scores.trial_summary`, `scores.trial_outcomes`.
     """
     if not sim.swarm.count:
         return []
@@ -98,6 +106,7 @@ def _groups(sim: Simulation) -> list[dict[str, Any]]:
             {
                 "name": group.name,
                 "algorithm": group.model.algorithm.kind,
+                "found_by": group.model.found,
                 "robots": group.count,
                 "trials": group.trials,
                 "airs": 1,

@@ -18,6 +18,7 @@ from taichi_plume.scenario.closed_forms import (
 from taichi_plume.scenario.context import Context
 from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.initial import InitialGas
+from taichi_plume.scenario.movie import MovieGas
 from taichi_plume.scenario.played import Playback
 from taichi_plume.scenario.plumesim import FluentGas, PlumeSimGas, PlumeSimMeander, PlumeSimPuff
 from taichi_plume.scenario.sources import OneGas, OtherSpecies, Source, dishes
@@ -200,6 +201,7 @@ PureGas = (
     | FluentGas
     | PlumeSimPuff
     | PlumeSimMeander
+    | MovieGas
 )
 
 

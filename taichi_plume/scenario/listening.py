@@ -1,19 +1,15 @@
 """What every algorithm is asked, and those that stand still to listen."""
 
 from collections.abc import Iterator
-from math import sqrt
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
-from taichi_plume.scenario.quantities import fault, ill_sized, number
+from taichi_plume.scenario.quantities import number
 from taichi_plume.scenario.vocabulary import (
     COMPILED,
     Coefficient,
-    Duration,
-    EddyDiffusivity,
     Fraction,
-    Frequency,
     Length,
     Model,
     Pause,
@@ -34,6 +30,11 @@ class AnyAlgorithm(Model):
     """Whether its robots keep the messages of each other."""
     searches: ClassVar[bool] = False
     """Whether all that its robots do is to go for a source."""
+
+    @property
+    def may_declare(self) -> bool:
+        """Whether its robots may say where a source is."""
+        return False
 
     @property
     def threshold(self) -> float | None:
@@ -64,9 +65,6 @@ class Listening(AnyAlgorithm):
     """Time between the samples of an acquisition."""
     settle: Pause = 1.0
     """Time of standing still before it listens, for a slow sensor to catch up."""
-
-
-MOST_BELIEFS = 250_000  # cells of a map of beliefs: a step of a robot looks at all of them five times
 
 
 class Spiral(Listening):
@@ -128,57 +126,3 @@ class EColi(Listening):
     """Randomness of the way: each step is step (1 ± step_spread), drawn uniformly."""
     run_angle_deg: number(0, 180, "deg") = 5.0
     """Largest turn before a run, that is after a rise; a tumble turns by any angle."""
-
-
-class Infotaxis(Listening):
-    """The way that is expected to tell most about the source (Vergassola et al. 2007). See agents/infotaxis.py."""
-
-    searches: ClassVar[bool] = True
-    kind: Literal["infotaxis"]
-    acquisition: Wait = 2.0
-    threshold_ppm: SomePpm = 5.0
-    """Mean reading of an acquisition that counts as a detection."""
-    step: Length = 0.25
-    """Way driven after each acquisition, unless it stays."""
-    cell: Annotated[Length, COMPILED] = 0.1
-    """Edge of the cells of the robot's map of beliefs. Smaller ones take longer."""
-    rate: Frequency = 1.0
-    """Detections per second close to the source, in the model that the robot believes in."""
-    diffusivity: Annotated[EddyDiffusivity, Field(ge=1e-9)] = 0.05
-    """Diffusivity of patches of gas, in the model that the robot believes in. More makes its plume wider."""
-    wind_speed: Speed = 0.5
-    """Mean speed of the wind, in the model that the robot believes in."""
-    lifetime: Duration = 10.0
-    """How long patches of gas last, in the model that the robot believes in."""
-    size: Length = 0.05
-    """Size of what detects patches, in the model that the robot believes in; small beside the plume."""
-
-    @property
-    def threshold(self) -> float:
-        """Mean reading of a detection [ppm]."""
-        return self.threshold_ppm
-
-    @property
-    def reach(self) -> float:
-        """How far patches get across the wind: lambda [m]."""
-        D, V, tau = self.diffusivity, self.wind_speed, self.lifetime
-        return sqrt(D * tau / (1.0 + V**2 * tau / (4.0 * D)))
-
-    def unfit(self, where: str, floor: "Arena") -> str | None:
-        """Every cell of its map is looked at, again and again."""
-        return ill_sized(f"{where}.algorithm.cell", self.cell, floor.size, MOST_BELIEFS)
-
-    def bytes(self, group: "Group", floor: "Arena", tick: float) -> float:
-        """Of the beliefs of every robot, and of the chances of a detection on half cells around it."""
-        cells = floor.size[0] * floor.size[1] / self.cell**2
-        chances = 16.0 * (floor.size[0] ** 2 + floor.size[1] ** 2) / self.cell**2
-        return 4.0 * (group.count * group.trials * cells + chances)
-
-    @model_validator(mode="after")
-    def _small(self) -> "Infotaxis":
-        if self.size >= self.reach:
-            raise fault(
-                "size = {size} m must be below lambda = {reach} m; lower it, or raise diffusivity",
-                {"size": f"{self.size:g}", "reach": f"{self.reach:.3g}"},
-            )
-        return self

@@ -138,6 +138,10 @@ class Group(Model):
     height does not count."""
     capture: Literal["disc", "square"] = "disc"
     """Whether `reach` is the radius of a disc around the source or half the edge of a square."""
+    found: Literal["reached", "declared"] = "reached"
+    """Whether a robot has found a source that it has reached, or one that it has declared. Reached is within `reach`,
+    which it does not know itself; declared is when it says where one is, and one is within `reach` of that place. With
+    declared its first word ends its search, true or false."""
     wake: bool = False
     """Whether the robots disturb the air: in 3-D as solid bodies, in 2-D by their drag. It takes a computed wind and
     a single trial."""
@@ -191,6 +195,11 @@ class Group(Model):
         stands = getattr(self.algorithm, "speed", None) == 0
         if self.reach == 0 and not (stands or context.scenario.maps):  # robots that measure or map need none
             yield f"{where}.reach: 0 m: its robots do not search, none will count as having found a source"
+        if self.found == "declared" and not self.algorithm.may_declare:
+            yield (
+                f"{where}.found: declared, but {self.algorithm.kind} never says where a source is: none will count as "
+                "found; use reached, or an algorithm that declares"
+            )
         for key in ("speed", "line_speed"):
             speed = getattr(self.algorithm, key, None)
             if speed is not None and speed > self.body.max_speed:

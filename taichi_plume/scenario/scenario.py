@@ -20,10 +20,12 @@ from taichi_plume.scenario.maps import Map
 from taichi_plume.scenario.obstacles import Obstacle
 from taichi_plume.scenario.openings import Opening
 from taichi_plume.scenario.outputs import Checkpoint, Fields, Forces, PlumeLog, Recording
+from taichi_plume.scenario.policy import Policy
 from taichi_plume.scenario.probes import Probes
 from taichi_plume.scenario.robots import Group
 from taichi_plume.scenario.screens import AnyScreen
 from taichi_plume.scenario.starts import too_close
+from taichi_plume.scenario.task import Task
 from taichi_plume.scenario.team_algorithms import too_many_messages
 from taichi_plume.scenario.vocabulary import (
     COMPILED,
@@ -89,6 +91,8 @@ class Scenario(Model):
     """Whole wind and gas fields over time, in fields.zarr: to look at or to play back; unless given, none."""
     plumesim_log: Annotated[PlumeLog | None, FREE] = None
     """Wind and gas as a log of PlumeSim, in plume.pslog; unless given, none is written."""
+    task: Annotated[Task, FREE] = Task()
+    """What the scenario is as a task to learn: episodes, airs, rewards. Runs do not look at it."""
     checkpoint: Annotated[Checkpoint | None, FREE] = Checkpoint()
     """How often the state of the run is saved, from which it can be resumed when cut off. null: never."""
 
@@ -145,6 +149,19 @@ class Scenario(Model):
             for path, gas in self.gases
             for n, source in enumerate(gas.sources)
         )
+
+    @property
+    def learners(self) -> Group:
+        """The group that learns in environments: the first with a policy, or the first of all, which then gets one.
+
+        Raises ValueError where the scenario has no robots.
+        """
+        if not self.robots:
+            raise ValueError("robots: the scenario has none; a task to learn needs a group of robots")
+        for group in self.robots:
+            if isinstance(group.algorithm, Policy):
+                return group
+        return self.robots[0].model_copy(update={"algorithm": Policy(kind="policy")})
 
     @property
     def first_tick(self) -> int:

@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from taichi_plume.scenario.algorithms import PlumeTracking
 from taichi_plume.scenario.context import Context
 from taichi_plume.scenario.gases import AnySource, PureGas
 from taichi_plume.scenario.listening import Listening
+from taichi_plume.scenario.plume_tracking import PlumeTracking
 from taichi_plume.scenario.robots import Group
 from taichi_plume.scenario.sensors import MOX_MODELS, MoxSensor
 from taichi_plume.scenario.species import PRESSURE

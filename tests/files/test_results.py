@@ -95,10 +95,12 @@ def test_columns_tell_their_unit_and_meaning(tmp_path):
     table.close()
     schema = pq.read_schema(tmp_path / "robots.parquet")
     kinds = {"t": "double", "trial": "int32", "robot": "int32", "found": "bool"}
+    kinds |= dict.fromkeys(("declarations", "false_declarations"), "int32")
     named = dict.fromkeys(("group", "state"), "dictionary<values=string, indices=int32, ordered=0>")
     assert schema.names == [
         *("t", "group", "trial", "robot", "x", "y", "heading", "reading_ppm", "resistance_ohm", "true_ppm"),
         *("wind_x", "wind_y", "believed_x", "believed_y", "believed_heading", "state", "found"),
+        *("declared_x", "declared_y", "declarations", "false_declarations"),
     ]
     for field in schema:
         assert str(field.type) == (kinds | named).get(field.name, "float"), field.name
@@ -320,7 +322,8 @@ def test_map_score():
 
 
 def test_first_finder_counts():
-    group = SimpleNamespace(start=1, count=2, trials=2, model=SimpleNamespace(begin=0.5))
+    model = SimpleNamespace(begin=0.5, found="reached", algorithm=SimpleNamespace(may_declare=False))
+    group = SimpleNamespace(name="team", start=1, count=2, trials=2, model=model)
     snapshot = {
         "found": np.array([1, 1, 1, 0, 0]),
         "found_time": np.array([1.0, 9.0, 4.0, np.nan, np.nan]),
@@ -330,6 +333,11 @@ def test_first_finder_counts():
         "acquisitions": np.array([9, 1, 2, 3, 4]),
         "hits": np.array([9, 1, 0, 0, 1]),
         "bumps": np.array([9, 0, 0, 2, 1]),
+        "reached_time": np.array([1.0, 9.0, 4.0, np.nan, np.nan]),
+        "declared_time": np.full(5, np.nan),
+        "declared_position": np.zeros((5, 2)),
+        "declarations": np.zeros(5, int),
+        "false_declarations": np.zeros(5, int),
     }
     told = scores.trial_outcomes(group, snapshot, np.array([[0.0, 0.0], [9.0, 9.0]]))
     assert told["overhead"][0] == 2.0  # 3 m for 1.5 m
@@ -343,12 +351,16 @@ def test_first_finder_counts():
     assert np.isnan(told["time_s"][1])
     assert told["team_path_m"] == [5.0, 9.0]
     assert told["found"] == [2, 0]
+    assert (told["group"], told["trial"]) == (["team", "team"], [0, 1])
+    assert np.isnan(told["declarations"]).all()  # casting never declares
 
 
 def test_summary_has_the_intervals_of_the_textbooks():
     """8 of 10: Wilson 0.490 to 0.943; times 1 to 8 s: 4.5 +- 2.365 sqrt(6/8) s."""
     times = [*range(1, 9), None, None]
-    trials = {name: times for name in ("time_s", "path_m", "overhead", "acquisitions", "hits", "bumps")}
+    names = ("time_s", "path_m", "overhead", "acquisitions", "hits", "bumps", "declarations", "outcome")
+    names += ("declared_time_s", "localisation_error_m", "false_declarations")
+    trials = {name: times for name in names}
     told = scores.trial_summary({"success": [True] * 8 + [False] * 2, **trials}, duration=100.0)
     assert told["success_rate"]["low"] == pytest.approx(0.4902, abs=1e-3)
     assert told["success_rate"]["high"] == pytest.approx(0.9433, abs=1e-3)

@@ -84,6 +84,7 @@ def make(folder: Path) -> None:
     (folder / "result.json").write_text(
         json.dumps({"name": "a", "status": "completed", "seed": 1, "version": __version__})
     )
+    np.save(folder / "movie.npy", np.random.default_rng(2).random((6, 20, 30)))
     _write_maps(folder / "maps.zarr")
     manifest.write(folder, {}, [folder / name for name in ("robots.parquet", "fields.zarr", "maps.zarr")])
 
@@ -124,7 +125,7 @@ def _write_maps(path: Path) -> None:
         parts=[slice(0, 2)],
     )
     scenario = SimpleNamespace(name="a", seeds={"seed": 1}, maps=[TimeSeriesMap(kind="time_series")])
-    sim: Any = SimpleNamespace(scenario=scenario, swarm=SimpleNamespace(count=0), t=5.0)
+    sim: Any = SimpleNamespace(scenario=scenario, swarm=SimpleNamespace(count=0), teams=(), t=5.0)
     shutil.rmtree(path, ignore_errors=True)
     writer = MapsFile(sim, path, SimpleNamespace(series=[series]))  # type: ignore[arg-type]
     writer.start()

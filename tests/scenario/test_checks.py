@@ -562,6 +562,10 @@ def test_the_limits_of_the_matrix_are_those_of_the_solver():
     ("algorithm", "begins"),
     [
         ("kind: infotaxis, cell: 1 mm", "robots[0].algorithm.cell: 0.001 m makes more than 250000 map cells"),
+        (
+            "kind: infotaxis, cell: 0.5, declare_spread: 0.2",
+            "robots[0].algorithm.declare_spread: 0.2 m is never reached, as a single cell has a spread of 0.204 m",
+        ),
         ("kind: infotaxis, cell: 20", "robots[0].algorithm.cell: 20 m is wider than the floor, 3 m"),
         ("kind: sweep, lane: 0.1 mm", "robots[0].algorithm.lane: 0.0001 m makes 30000 lanes"),
         (

@@ -210,3 +210,13 @@ ALONE = "count: 1, start: {kind: positions, positions: [[1, 1]]}, algorithm: {ki
 def test_what_could_not_be_assembled_is_refused_before(tmp_path, overrides, begins):
     (line,) = told(tmp_path, FLOOR, *overrides)
     assert line.startswith(begins)
+
+
+def test_robots_that_never_declare_find_nothing_by_declaring(tmp_path):
+    found = "robots.0.found=declared"
+    (line,) = remarks(tmp_path, FLOOR, found)
+    assert line.startswith(
+        "robots[0].found: declared, but casting never says where a source is: none will count"
+    )
+    (tmp_path / "own.py").write_text("class Own:\n    def act(self, robots):\n        pass\n")
+    assert remarks(tmp_path, FLOOR, found, "robots.0.algorithm={kind: own, file: own.py}") == []

@@ -12,6 +12,7 @@ OTHERS = {
     "ClosedForm.diffusivity": "of which one may stand for all axes",
     "ClosedForm.intensity": "the same",
     "Recording.slice_height": "of one slice or several",
+    "Policy.memory": "one per average",
     "Spiral.arms": "a list of any length",
     "TableProfile.heights": "a list of any length",
     "TableProfile.speeds": "one per height",

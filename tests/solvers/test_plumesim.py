@@ -290,7 +290,7 @@ def test_a_log_adds_to_a_computed_plume_and_robots_find_its_source(tmp_path):
     assert logged.max() * scale == pytest.approx(20)
     assert computed.max() > 0
     assert sim.scenario.sources[0][0] == "gas.parts[0].sources[0]"
-    assert sim.swarm.all_found()
+    assert sim.swarm.all_over()
 
 
 def test_in_three_dimensions_it_is_the_same_at_every_height(tmp_path):

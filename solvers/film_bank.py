@@ -1,0 +1,128 @@
+"""Recorded airs in memory, several films at once: each environment of a learner plays one of them, from any time on.
+
+The films are planes at the height of the sensors, half precision (11 bits: 0.05 %), linear in time between frames and
+bilinear in space over the cells that hold air there.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import taichi as ti
+
+from taichi_plume.grid.kernels import Template
+from taichi_plume.grid.transfer import Numbers, uploader
+
+WIND, GAS = 0, 1  # rows of `air`: at the height of the anemometer, and of the gas sensor
+TOP = 2.0**15  # what the largest ppm of a gas in a film is stored as; half precision ends at 65504
+
+
+@ti.data_oriented
+class FilmBank:
+    """What environments smell and feel of recorded airs: wind and gas of robots, each by its environment's film.
+
+    Robot i belongs to environment e = i // robots. It meets film[e] at begin[e] + now[e] [s] of the film, whose last
+    frame holds at its end, and of its gases the one gas_of[e], or all of them where that is -1.
+    """
+
+    STATE = ("film", "gas_of", "begin", "now")
+
+    def __init__(self, bank: Any, count: int, robots: int = 1):
+        """count: of the environments; robots of each. bank: as of envs/bank.py, with
+
+        values (films, frames, nx, ny, 2 + gases), float16: wind [m/s], and each gas in units of its scale; scale
+        (films, gases) [ppm]; air (2, nx, ny), rows WIND and GAS; spacing of the cells [m]; frame [s] between frames;
+        species of each gas.
+        """
+        self.films, self.frames, self.nx, self.ny, channels = bank.values.shape
+        self.gases, self.robots = channels - 2, robots
+        self.species = tuple(dict.fromkeys(bank.species))
+        self._which = tuple(self.species.index(one) for one in bank.species)
+        self.film, self.gas_of = ti.field(ti.i32, count), ti.field(ti.i32, count)
+        self.begin, self.now = ti.field(ti.f32, count), ti.field(ti.f32, count)
+        self._air = ti.field(ti.f32, (2, self.nx, self.ny))
+        self._scale = ti.field(ti.f32, (self.films, max(1, self.gases)))
+        self._numbers = Numbers("frame", "spacing")
+        uploader(self._air, self._scale)(bank.air, bank.scale if self.gases else 0.0)
+        uploader(self.film, self.gas_of, self.begin, self.now)(0, -1, 0.0, 0.0)
+        self._numbers.set(frame=bank.frame, spacing=bank.spacing)
+        self._values = ti.field(ti.f16, bank.values.shape)
+        for n, values in enumerate(bank.values):  # one by one: no second copy of the whole
+            self._load(n, np.ascontiguousarray(values))
+
+    @ti.kernel
+    def _load(self, n: int, values: ti.types.ndarray(dtype=ti.f16, ndim=4)):
+        for k, i, j in ti.ndrange(self.frames, self.nx, self.ny):
+            for c in range(2 + self.gases):
+                self._values[n, k, i, j, c] = values[k, i, j, c]
+
+    @ti.func
+    def _moment(self, e):
+        """Frame before the present time of environment e, and how far it is on the way to the next one."""
+        at = ti.math.clamp((self.begin[e] + self.now[e]) / self._numbers.frame[None], 0.0, self.frames - 1.0)
+        n = ti.min(ti.cast(at, ti.i32), ti.max(self.frames - 2, 0))
+        return n, at - n
+
+    @ti.func
+    def _corners(self, x: Template, row: ti.i32):
+        """Lower cell of the four centres around point x [m], and their weights: 0 where there is no air."""
+        most = ti.Vector([self.nx, self.ny])
+        low, weights = ti.Vector([0, 0]), ti.Vector([0.0, 0.0, 0.0, 0.0])
+        part = ti.Vector([0.0, 0.0])
+        for d in ti.static(range(2)):
+            at = ti.math.clamp(x[d] / self._numbers.spacing[None] - 0.5, 0.0, most[d] - 1.0)
+            low[d] = ti.min(ti.cast(at, ti.i32), ti.max(most[d] - 2, 0))
+            part[d] = at - low[d]
+        total = 0.0
+        for a, b in ti.static(ti.ndrange(2, 2)):
+            w = (part[0] if ti.static(a == 1) else 1.0 - part[0]) * (
+                part[1] if ti.static(b == 1) else 1.0 - part[1]
+            )
+            w *= self._air[row, ti.min(low[0] + a, self.nx - 1), ti.min(low[1] + b, self.ny - 1)]
+            weights[2 * a + b] = w
+            total += w
+        return low, weights / ti.max(total, 1e-6)
+
+    @ti.func
+    def _value(self, film, n, share, low, weights, c):
+        """Channel c at a moment and place."""
+        later, value = ti.min(n + 1, self.frames - 1), 0.0
+        for a, b in ti.static(ti.ndrange(2, 2)):
+            i, j = ti.min(low[0] + a, self.nx - 1), ti.min(low[1] + b, self.ny - 1)
+            now = ti.cast(self._values[film, n, i, j, c], ti.f32)
+            then = ti.cast(self._values[film, later, i, j, c], ti.f32)
+            value += weights[2 * a + b] * (now + share * (then - now))
+        return value
+
+    @ti.func
+    def velocity_of(self, i, x: Template, t: float):
+        """Velocity [m/s] that robot i feels at point x [m], as long as x; the time is its environment's own."""
+        e = i // self.robots
+        n, share = self._moment(e)
+        low, weights = self._corners(x, WIND)
+        result = ti.Vector.zero(ti.f32, x.n)
+        for d in ti.static(range(2)):
+            result[d] = self._value(self.film[e], n, share, low, weights, d)
+        return result
+
+    @ti.func
+    def ppm_of(self, i, x: Template, t: float):
+        """Mole fraction [ppm] of each species that robot i smells at point x [m]; the time is its environment's own."""
+        e = i // self.robots
+        film, chosen = self.film[e], self.gas_of[e]
+        n, share = self._moment(e)
+        low, weights = self._corners(x, GAS)
+        result = ti.Vector.zero(ti.f32, ti.static(len(self.species)))
+        for g in ti.static(range(self.gases)):
+            if chosen < 0 or chosen == g:
+                value = self._value(film, n, share, low, weights, 2 + g)
+                result[ti.static(self._which[g])] += value * self._scale[film, g]
+        return result
+
+
+def half(ppm: Sequence[np.ndarray] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Gases of a film (frames, nx, ny, gases) [ppm] in half precision, and their scale (gases,) [ppm]."""
+    values = np.asarray(ppm, np.float32)
+    top = np.abs(values).max(axis=(0, 1, 2), initial=0.0)
+    scale = np.where(top > 0.0, top / TOP, 1.0).astype(np.float32)
+    return (values / scale).astype(np.float16), scale

@@ -1,0 +1,172 @@
+"""Movies of plumes that others made: numbers over (time, y, x), read frame by frame.
+
+A Zarr array, or a group with one (plume-nav-sim: `concentration`, attributes fps, pixel_to_grid in metres per pixel and
+origin (y, x) of the array or its group), a .npy file, or an HDF5 file (attributes likewise).
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from taichi_plume.files.film import FilmError
+from taichi_plume.files.zarr_groups import FAULTS, reason
+from taichi_plume.guard.opening import irregular, open_regular, unopenable
+from taichi_plume.guard.terminal import visible
+from taichi_plume.scenario.movie import MovieGas
+
+NAMES = ("concentration", "plume")  # of the variable, unless told: plume-nav-sim's, FlyGym's
+NPY, HDF5 = b"\x93NUMPY", b"\x89HDF\r\n\x1a\n"
+MOST_PIXELS = 100_000_000  # of a frame
+MOST_FRAMES = 10_000_000
+LARGEST_CHUNK = 1 << 30  # bytes: what is decoded at once, at least
+LARGEST = 1e12  # of a value: far beyond 1e6 ppm in any unit, and its sums stay numbers
+CODECS = {
+    *("blosc", "zstd", "zlib", "gzip", "lz4", "bz2", "lzma"),
+    *("shuffle", "delta", "fixedscaleoffset", "quantize", "bitround", "astype", "packbits"),
+    *("crc32", "crc32c", "adler32", "fletcher32"),
+}
+"""Of Zarr 2: those that only move numbers. Another one, pickle, would execute what it reads."""
+
+
+class Movie:
+    """A movie on disk, and where it lies: times [s] of its frames, origin (x, y) [m], pixel [m], size (x, y) [m].
+
+    Raises FilmError, in a line, where it is none or does not tell what the scenario leaves out.
+    """
+
+    def __init__(self, path: Path, model: MovieGas):
+        self.path = path
+        try:
+            self.array, known = _opened(path, model.variable)
+            shape, kind = tuple(self.array.shape), np.dtype(self.array.dtype).kind
+        except FilmError:
+            raise
+        except FAULTS as error:
+            raise FilmError(f"{path}: cannot be read as a movie: {visible(reason(error), 200)}") from None
+        if len(shape) != 3 or kind not in "fiub":
+            raise FilmError(
+                f"{path}: has the shape {shape} of {self.array.dtype}; wanted numbers over (time, y, x)"
+            )
+        if not min(shape) or shape[0] > MOST_FRAMES or shape[1] * shape[2] > MOST_PIXELS:
+            raise FilmError(
+                f"{path}: has the shape {shape}; wanted at least one frame and pixel, at most {MOST_FRAMES} frames "
+                f"of {MOST_PIXELS} pixels"
+            )
+        chunks = getattr(self.array, "chunks", None)
+        if chunks and np.prod(chunks, dtype=float) * np.dtype(self.array.dtype).itemsize > LARGEST_CHUNK:
+            raise FilmError(
+                f"{path}: has chunks of {chunks}, over {LARGEST_CHUNK >> 30} GiB; make them smaller"
+            )
+        self.shape = shape
+        rate = model.frame_rate or self._told(known, "fps", "frame_rate")
+        self.pixel = model.pixel or self._told(known, "pixel_to_grid", "pixel")
+        self.origin = model.origin or self._corner(known.get("origin"))
+        self.size = (shape[2] * self.pixel, shape[1] * self.pixel)
+        self.times = np.arange(shape[0]) / rate
+        self.down = model.rows == "down"
+
+    def frame(self, n: int) -> np.ndarray:
+        """Picture n, axes (x, y), y upwards, in the file's unit. Raises FilmError where it is damaged."""
+        try:
+            picture = np.asarray(self.array[n], dtype=np.float64)
+        except FAULTS as error:
+            raise FilmError(f"{self.path}: frame {n} cannot be read: {visible(reason(error), 200)}") from None
+        if not np.isfinite(picture).all():
+            raise FilmError(f"{self.path}: frame {n}: not all of its values are numbers")
+        low, high = float(picture.min()), float(picture.max())
+        if low < 0 or high > LARGEST:
+            raise FilmError(
+                f"{self.path}: frame {n}: holds {low if low < 0 else high:g}; must be within 0 and {LARGEST:g}"
+            )
+        return (picture[::-1] if self.down else picture).T
+
+    def _told(self, known: dict[str, Any], name: str, key: str) -> float:
+        """A positive number of the attributes, of which several have to be equal."""
+        if name not in known:
+            raise FilmError(f"{self.path}: has no attribute '{name}'; give {key}")
+        try:
+            values = np.ravel(known[name]).astype(float)
+            good = len(values) > 0 and (values == values[0]).all() and 1e-6 <= values[0] <= 1e6
+        except (TypeError, ValueError):
+            good = False
+        if not good:
+            raise FilmError(
+                f"{self.path}: its attribute '{name}' is {visible(str(known[name]), 60)}, not a positive number; "
+                f"give {key}"
+            )
+        return float(values[0])
+
+    def _corner(self, told: Any) -> tuple[float, float]:
+        try:
+            y, x = (0.0, 0.0) if told is None else (float(value) for value in np.ravel(told))
+        except (TypeError, ValueError):
+            x = y = np.nan
+        if not (abs(x) <= 1e7 and abs(y) <= 1e7):
+            raise FilmError(
+                f"{self.path}: its attribute 'origin' is {visible(str(told), 60)}, not y and x; give origin"
+            )
+        return x, y
+
+
+def _opened(path: Path, variable: str | None) -> tuple[Any, dict[str, Any]]:
+    """The array of a file, not read yet, and the attributes. Raises FilmError, or one of FAULTS."""
+    if path.is_dir():
+        return _zarr(path, variable)
+    try:
+        with open_regular(path) as file:
+            begin = file.read(8)
+    except OSError as error:
+        raise FilmError(f"{path}: {unopenable(path) or error.strerror or error}") from None
+    if begin.startswith(NPY):
+        return np.lib.format.open_memmap(path, mode="r"), {}
+    if begin == HDF5:
+        return _hdf5(path, variable)
+    raise FilmError(f"{path}: is no movie; wanted a folder of Zarr, a .npy or an HDF5 file over (time, y, x)")
+
+
+def _zarr(path: Path, variable: str | None) -> tuple[Any, dict[str, Any]]:
+    import zarr
+
+    fault = irregular(path)
+    if fault:
+        raise FilmError(f"{path}: {fault}")
+    try:
+        found: Any = zarr.open(path, mode="r")
+    except FAULTS:
+        raise FilmError(f"{path}: is neither an array nor a group of Zarr that can be read") from None
+    known = dict(found.attrs)
+    if isinstance(found, zarr.Group):
+        names = sorted(found.array_keys())
+        found = found[_chosen(path, names, variable)]
+        known |= dict(found.attrs)
+    used = [getattr(found.metadata, "compressor", None), *(getattr(found.metadata, "filters", None) or ())]
+    for codec in used:
+        name = getattr(codec, "codec_id", None)
+        if codec is not None and name not in CODECS:
+            raise FilmError(f"{path}: is packed by '{visible(str(name), 40)}', which is not read")
+    return found, known
+
+
+def _hdf5(path: Path, variable: str | None) -> tuple[Any, dict[str, Any]]:
+    import h5py
+
+    file: Any = h5py.File(path, "r")
+    own = [name for name in file if isinstance(file.get(name, getlink=True), h5py.HardLink)]
+    names = sorted(name for name in own if isinstance(file[name], h5py.Dataset))
+    array: Any = file[_chosen(path, names, variable)]
+    if array.is_virtual or array.external:
+        raise FilmError(f"{path}: {visible(array.name, 40)} lies in other files; copy it into one")
+    return array, dict(file.attrs) | dict(array.attrs)
+
+
+def _chosen(path: Path, names: list[str], variable: str | None) -> str:
+    """The variable's name. Raises FilmError where it is not there, or not told and not known."""
+    usual = [name for name in NAMES if name in names]
+    if variable is None and (usual or len(names) == 1):
+        return (usual or names)[0]
+    if variable in names:
+        return variable
+    held = visible(", ".join(names[:10]) or "nothing", 200)
+    wanted = f"no '{visible(variable, 40)}'" if variable else "neither 'concentration' nor 'plume'"
+    raise FilmError(f"{path}: holds {wanted}, only {held}; give the variable's name")

@@ -1,0 +1,140 @@
+"""Movies of plumes in the three layouts that there are, and files that are none."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+import zarr
+
+from taichi_plume.files.film import FilmError
+from taichi_plume.files.movie import Movie
+from taichi_plume.scenario.movie import MovieGas
+
+PICTURES = np.random.default_rng(3).random((4, 5, 7)).astype("f2")
+TOLD = {"fps": 8.0, "pixel_to_grid": [0.1, 0.1], "origin": [0.2, -0.1]}
+
+
+def zarr_of(path: Path, values: np.ndarray, name: Any = "concentration", **attributes: Any) -> Path:
+    group = zarr.open_group(path, mode="w")
+    group.create_array(name, data=values, chunks=(1, *values.shape[1:]))
+    group.attrs.update(attributes)
+    return path
+
+
+def npy_of(path: Path, values: np.ndarray, name: str = "", **attributes) -> Path:
+    np.save(path, values)
+    return path
+
+
+def hdf5_of(path: Path, values: np.ndarray, name: str = "plume", **attributes) -> Path:
+    with h5py.File(path, "w") as file:
+        file[name] = values
+        file.attrs.update(attributes)
+    return path
+
+
+def movie(path: Path, **keys) -> Movie:
+    return Movie(path, MovieGas.model_validate({"kind": "movie", "file": path.name, **keys}))
+
+
+@pytest.mark.parametrize(
+    ("make", "name"), [(zarr_of, "m.zarr"), (npy_of, "m.npy"), (hdf5_of, "m.h5")], ids=["zarr", "npy", "hdf5"]
+)
+def test_layouts(tmp_path, make, name):
+    path = make(tmp_path / name, PICTURES)
+    up = movie(path, frame_rate=10, pixel=0.05)
+    down = movie(path, frame_rate=10, pixel=0.05, rows="down")
+    np.testing.assert_allclose(up.times, [0, 0.1, 0.2, 0.3])
+    assert up.size == pytest.approx((0.35, 0.25))
+    assert up.origin == (0.0, 0.0)
+    for n in range(4):
+        np.testing.assert_array_equal(up.frame(n)[2, 1], PICTURES[n, 1, 2])
+        np.testing.assert_array_equal(down.frame(n)[2, 1], PICTURES[n, -2, 2])
+
+
+@pytest.mark.parametrize("make", [zarr_of, hdf5_of])
+def test_what_files_tell(tmp_path, make):
+    path = make(tmp_path / "m", PICTURES, **TOLD)
+    told, given = movie(path), movie(path, frame_rate=1, pixel=1, origin=[0, 3])
+    assert (told.times[1], told.pixel, told.origin) == (0.125, 0.1, (-0.1, 0.2))
+    assert (given.times[1], given.pixel, given.origin) == (1.0, 1.0, (0.0, 3.0))
+
+
+def test_other_names(tmp_path):
+    assert movie(hdf5_of(tmp_path / "one", PICTURES, "odour", **TOLD)).shape == PICTURES.shape
+    path = hdf5_of(tmp_path / "two", PICTURES, "a", **TOLD)
+    with h5py.File(path, "a") as file:
+        file["b"] = 2 * PICTURES
+    assert movie(path, variable="b").frame(0)[1, 2] == 2 * PICTURES[0, 2, 1]
+    for keys, said in [({}, "neither .* only a, b"), ({"variable": "c"}, "no 'c', only a, b")]:
+        with pytest.raises(FilmError, match=said):
+            movie(path, **keys)
+
+
+def faulty(value: float) -> np.ndarray:
+    """A movie whose third frame is at fault."""
+    values = PICTURES.astype("f4")
+    values[2, 1, 1] = value
+    return values
+
+
+@pytest.mark.parametrize(
+    ("value", "said"), [(np.nan, "no.*numbers"), (np.inf, "no.*numbers"), (-1, "holds -1")]
+)
+def test_frames_that_are_no_concentrations(tmp_path, value, said):
+    one = movie(npy_of(tmp_path / "m.npy", faulty(value)), frame_rate=1, pixel=1)
+    one.frame(1)
+    with pytest.raises(FilmError, match=f"frame 2: .*{said}" if value == -1 else "frame 2: not all"):
+        one.frame(2)
+
+
+def test_files_that_are_no_movies(tmp_path):
+    given = {"frame_rate": 1, "pixel": 1}
+    cases = [
+        (tmp_path / "missing.npy", given, "does not exist"),
+        (npy_of(tmp_path / "flat.npy", PICTURES[0]), given, r"shape \(5, 7\)"),
+        (npy_of(tmp_path / "none.npy", PICTURES[:0]), given, r"shape \(0, 5, 7\)"),
+        (npy_of(tmp_path / "words.npy", PICTURES.astype("U3")), given, "wanted numbers"),
+        (npy_of(tmp_path / "bare.npy", PICTURES), {"pixel": 1}, "'fps'; give frame_rate"),
+        (zarr_of(tmp_path / "bare", PICTURES, fps=3), {}, "'pixel_to_grid'; give pixel"),
+        (zarr_of(tmp_path / "oblong", PICTURES, **TOLD | {"pixel_to_grid": [1, 2]}), {}, "give pixel"),
+        (zarr_of(tmp_path / "lost", PICTURES, **TOLD | {"origin": ["x"]}), {}, "give origin"),
+    ]
+    (tmp_path / "text.npy").write_text("0, 1, 2\n")
+    cases.append((tmp_path / "text.npy", given, "is no movie"))
+    (tmp_path / "folder").mkdir()
+    cases.append((tmp_path / "folder", given, "neither an array nor a group"))
+    for make in (npy_of, hdf5_of):
+        whole = make(tmp_path / f"whole_{make.__name__}.npy", PICTURES)
+        cut = tmp_path / f"cut_{make.__name__}"
+        cut.write_bytes(whole.read_bytes()[:-40])
+        cases.append((cut, given, "cannot be read"))
+    for path, keys, said in cases:
+        with pytest.raises(FilmError, match=said) as caught:
+            movie(path, **keys)
+        assert "\n" not in str(caught.value)
+        assert str(caught.value).startswith(str(path))
+
+
+def test_nothing_is_executed_and_no_other_file_read(tmp_path):
+    group = zarr.open_group(tmp_path / "evil", mode="w", zarr_format=2)
+    group.create_array("concentration", data=PICTURES)
+    about = tmp_path / "evil/concentration/.zarray"
+    plain = json.loads(about.read_text())
+    for packed in (
+        {"compressor": {"id": "pickle"}},
+        {"filters": [{"id": "pickle"}]},
+        {"filters": [{"id": "shuffle"}], "compressor": {"id": "pickle"}},
+        {"filters": [{"id": "base64"}]},
+    ):
+        about.write_text(json.dumps(plain | packed))
+        with pytest.raises(FilmError, match=r"pickle|packed by 'base64'"):
+            movie(tmp_path / "evil", frame_rate=1, pixel=1)
+    hdf5_of(tmp_path / "own", PICTURES)
+    with h5py.File(tmp_path / "linked", "w") as file:
+        file["plume"] = h5py.ExternalLink("own", "plume")
+    with pytest.raises(FilmError, match="only nothing"):
+        movie(tmp_path / "linked", frame_rate=1, pixel=1)

@@ -1,0 +1,112 @@
+"""Recorded airs in memory, against linear interpolation in NumPy and a field that it gives exactly."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import taichi as ti
+
+from taichi_plume.grid import kernels
+from taichi_plume.grid.transfer import uploader
+from taichi_plume.scenario.species import SPECIES
+from taichi_plume.solvers.film_bank import FilmBank, half
+
+ACETONE, ETHANOL = SPECIES["acetone"], SPECIES["ethanol"]
+FILMS, FRAMES, NX, NY, DX, FRAME = 2, 5, 6, 4, 0.1, 0.5
+COUNT, ROBOTS = 150, 2
+HALF = 2.0**-11  # relative rounding of half precision
+
+
+def recorded(seed: int = 0) -> SimpleNamespace:
+    """Films of random numbers, of three gases and with walls in different places for wind and gas."""
+    rng = np.random.default_rng(seed)
+    ppm = rng.uniform(0.0, [3e5, 1.0, 2e-4], (FILMS, FRAMES, NX, NY, 3))
+    values = np.empty((FILMS, FRAMES, NX, NY, 5), np.float16)
+    values[..., :2] = rng.normal(size=(FILMS, FRAMES, NX, NY, 2))
+    scale = np.empty((FILMS, 3), np.float32)
+    for film in range(FILMS):
+        values[film, ..., 2:], scale[film] = half(ppm[film])
+    air = np.ones((2, NX, NY), bool)
+    air[0, 2, 1] = air[1, 3, 2] = air[1, 3, 1] = False
+    return SimpleNamespace(
+        values=values,
+        scale=scale,
+        air=air,
+        spacing=DX,
+        frame=FRAME,
+        species=(ACETONE, ETHANOL, ACETONE),
+        ppm=ppm,
+    )
+
+
+@ti.data_oriented
+class Asking:
+    """Asks a bank at a place of each robot."""
+
+    def __init__(self, bank: FilmBank, size: int):
+        self.bank, self.size = bank, size
+        self.ppm = ti.field(ti.f32, (size, len(bank.species)))
+        self.u = ti.field(ti.f32, (size, 2))
+
+    @ti.kernel
+    def ask(self, places: ti.types.ndarray()):
+        for i in range(self.size):
+            x = ti.Vector([places[i, 0], places[i, 1]])
+            ppm, u = self.bank.ppm_of(i, x, 0.0), self.bank.velocity_of(i, x, 0.0)
+            for s in ti.static(range(self.ppm.shape[1])):
+                self.ppm[i, s] = ppm[s]
+            for d in ti.static(range(2)):
+                self.u[i, d] = u[d]
+
+    def __call__(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """ppm (robots, species) and wind [m/s] (robots, 2)."""
+        self.ask(np.ascontiguousarray(places, np.float32))
+        return self.ppm.to_numpy(), self.u.to_numpy()
+
+
+@pytest.fixture(scope="module")
+def asked():
+    """What robots meet at random places and times, and all that decides it."""
+    kernels.start("cpu")
+    of, rng = recorded(), np.random.default_rng(5)
+    bank = FilmBank(of, COUNT, ROBOTS)
+    film, gas = rng.integers(0, FILMS, COUNT), rng.integers(-1, 3, COUNT)
+    begin, now = rng.uniform(0, 1.5, COUNT), rng.uniform(0, 1.0, COUNT)  # some beyond the end
+    uploader(bank.film, bank.gas_of, bank.begin, bank.now)(film, gas, begin, now)
+    places = rng.uniform([-0.02, -0.02], [NX * DX + 0.02, NY * DX + 0.02], (COUNT * ROBOTS, 2))
+    ppm, u = Asking(bank, len(places))(places)
+    return SimpleNamespace(of=of, film=film, gas=gas, at=begin + now, places=places, ppm=ppm, u=u)
+
+
+def reference(film: np.ndarray, air: np.ndarray, t: float, place: np.ndarray) -> np.ndarray:
+    """Linear between frames (frames, nx, ny, channels), and between the centres of cells of air; the ends hold."""
+    k = min(t / FRAME, FRAMES - 1)
+    n = min(int(k), FRAMES - 2)
+    now = film[n] + (k - n) * (film[n + 1] - film[n])
+    shares = [np.maximum(0.0, 1.0 - np.abs(np.arange(m) - np.clip(x / DX - 0.5, 0, m - 1)))
+              for m, x in zip((NX, NY), place, strict=True)]  # fmt: skip
+    weight = np.outer(*shares) * air
+    return (weight[..., None] * now).sum(axis=(0, 1)) / max(weight.sum(), 1e-6)
+
+
+def test_robots_meet_the_film_the_moment_and_the_gas_of_their_environment(asked):
+    for i, place in enumerate(asked.places):
+        e = i // ROBOTS
+        film, chosen = asked.film[e], asked.gas[e]
+        ppm = reference(asked.of.ppm[film], asked.of.air[1], asked.at[e], place)
+        ppm = np.where((chosen < 0) | (np.arange(3) == chosen), ppm, 0.0)
+        wind = asked.of.values[film, ..., :2].astype(float)
+        np.testing.assert_allclose(asked.ppm[i], [ppm[0] + ppm[2], ppm[1]], rtol=2 * HALF, atol=1e-9)
+        np.testing.assert_allclose(
+            asked.u[i], reference(wind, asked.of.air[0], asked.at[e], place), atol=2e-5
+        )
+
+
+def test_no_gas_is_too_thin_or_too_dense_for_half_precision():
+    ppm = np.array([1e6, 1.0, 1e-3, 0.0, 2e5]).reshape(1, 5, 1, 1) * [1.0, 1e-9]
+    values, scale = half(ppm)
+    again = values.astype(float) * scale
+    assert np.isfinite(values).all()
+    np.testing.assert_allclose(again[0, :2], ppm[0, :2], rtol=HALF)
+    np.testing.assert_allclose(again, ppm, rtol=HALF, atol=1e-9 * 1e6)
+    assert (half(np.zeros((2, 3, 4, 1)))[0] == 0).all()
