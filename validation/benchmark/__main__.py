@@ -4,12 +4,14 @@
     python -m taichi_plume.validation.benchmark start CONFIG ...
     python -m taichi_plume.validation.benchmark clock [ROW ...]
     python -m taichi_plume.validation.benchmark studies WHAT [CONFIG]
+    python -m taichi_plume.validation.benchmark envs [--count N]
 
 A step is the flow with its eddy viscosity and one gas, as a run takes it; puffs, robots and maps are measured by
 themselves. With --pressure, only the pressure is solved, of cubes of N³ cells with obstacles: how its iterations grow
 with N. Every figure is a rate on a machine that may be shared: compare the ratios to the bandwidth, and rates of one
 run with each other. `start` measures something else, the first tick of a scenario, `clock` what the user waits for,
-beside what is wanted, and `studies` what a worker of a study costs: see start.py, clock.py and studies.py.
+beside what is wanted, `studies` what a worker of a study costs, and `envs` the environments of learners: see start.py,
+clock.py, studies.py and envs.py.
 """
 
 import json
@@ -20,7 +22,7 @@ from typing import Any
 
 from taichi_plume.guard.terminal import Parser, say
 from taichi_plume.validation.arena import ARENA, arena
-from taichi_plume.validation.benchmark import clock, maps, pressure, puffs, robots, start, trials
+from taichi_plume.validation.benchmark import clock, envs, maps, pressure, puffs, robots, start, trials
 from taichi_plume.validation.benchmark.steps import CASES, measure
 
 
@@ -34,7 +36,7 @@ def _studies(arguments: Sequence[str]) -> int:
     return studies.main(arguments)
 
 
-OTHERS = {"start": start.main, "clock": clock.main, "studies": _studies}
+OTHERS = {"start": start.main, "clock": clock.main, "studies": _studies, "envs": envs.main}
 OTHER_CASES: dict[str, Callable[[str], Sequence[Any]]] = {
     "puffs_step": lambda arch: puffs.step("puffs_step", arch, _arena_puffs),
     "puffs_query": lambda arch: [

@@ -1,0 +1,404 @@
+"""Learn to find the source of a plume by PPO, and compare what was learnt with casting in airs that it never saw.
+
+    pip install "taichi_plume[learn]"
+    python examples/learn_search.py --out runs/learn_search
+
+Two cores and five minutes of learning. Writes to the folder: bank.zarr (the airs it learnt in), policy.onnx,
+learning.json (success and return over time), result.json (both searches in the same held-out runs, and the policy in
+the environment), curves.png and comparison.png.
+
+Held out: the seeds, the airs (other seeds of the air), and the places of the source, which lie between and beyond those
+that were learnt. Both searches run as scenarios, with the same starts in the same airs, each alone. Casting has the
+threshold at which it did best among some in airs of the training, so that it is not beaten for a bad choice.
+"""
+
+import argparse
+import json
+import time
+from collections import deque
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+
+from taichi_plume.assemble import assemble
+from taichi_plume.envs import bank as banks
+from taichi_plume.envs import sb3_env
+from taichi_plume.envs.task import open_task
+from taichi_plume.grid import kernels
+from taichi_plume.guard.terminal import say
+from taichi_plume.scenario.algorithms import Casting
+from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.scores import mean_with_interval, share_with_interval
+
+TASK = Path(__file__).parent.parent / "configs" / "tasks" / "search_whiffs.yaml"
+THRESHOLDS = (0.5, 1.0, 2.0, 5.0)  # ppm, of casting
+HELD_OUT = (
+    (0.5, 0.9),
+    (0.5, 2.1),
+    (0.85, 1.5),
+    (0.9, 0.5),
+    (1.3, 0.9),
+    (1.3, 2.3),
+)  # places of the source [m]
+LEAST_SPREAD = 0.02  # of an observation that hardly changes
+FAR = 1000  # by which seeds of held-out airs lie off those that were learnt
+
+
+def main() -> None:
+    """Learn, export, compare, draw."""
+    args = _arguments()
+    torch.set_num_threads(args.threads)
+    args.out.mkdir(parents=True, exist_ok=True)
+    kernels.start("cpu")
+    scenario, folder = open_task(args.task, args.set)
+    path = args.out / "bank.zarr"
+    begun = time.perf_counter()
+    try:
+        bank = banks.bank_of(scenario, folder, path)
+    except ValueError:
+        bank = banks.record(scenario, folder)
+        bank.write(path)
+    say(f"{bank.films} airs of {bank.length:g} s in {time.perf_counter() - begun:.1f} s")
+    if not args.evaluate:
+        learn(scenario, bank, args)
+    result = compare(scenario, folder, args)
+    (args.out / "result.json").write_text(json.dumps(result, indent=1))
+    draw(args.out, result)
+    for name in ("policy", "casting", "environment"):
+        say(f"{name}: {words(result[name])}")
+
+
+def words(told: dict[str, Any]) -> str:
+    """A result in a line."""
+    share, times = told["success"], told["time_s"]
+    found = (
+        f", {times['mean']:.1f} s ({times['low']:.1f} to {times['high']:.1f} s) until then"
+        if share["mean"]
+        else ""
+    )
+    return (
+        f"{share['mean']:.1%} ({share['low']:.1%} to {share['high']:.1%}) of {share['n']} find the source{found}; "
+        f"{told['censored_time_s']:.1f} s with those that do not"
+    )
+
+
+# ---------------------------------------------------------------- learning
+
+
+class Progress(BaseCallback):
+    """Stops when the time is over, and keeps how episodes went, rollout by rollout."""
+
+    def __init__(self, minutes: float, begun: float, over: int):
+        """over: episodes that are told of, the last ones; fewer would be those that end early, as all began at once."""
+        super().__init__()
+        self.end, self.begun = begun + 60.0 * minutes, begun
+        self.curve: list[dict[str, float]] = []
+        self._ended: deque[dict[str, float]] = deque(maxlen=over)
+
+    def _on_step(self) -> bool:
+        self._ended += [info["search"] for info in self.locals["infos"] if "search" in info]
+        return time.perf_counter() < self.end
+
+    def _on_rollout_end(self) -> None:
+        if not self._ended:
+            return
+        found = np.array([one["found"] for one in self._ended])
+        times = np.array([one["time_s"] for one in self._ended])
+        self.curve.append(
+            {
+                "wall_s": time.perf_counter() - self.begun,
+                "steps": float(self.num_timesteps),
+                "success": float(found.mean()),
+                "time_s": float(times[found > 0].mean()) if found.any() else float("nan"),
+                "return": float(np.mean([one["return"] for one in self._ended])),
+            }
+        )
+        last = self.curve[-1]
+        say(
+            f"{last['wall_s']:6.0f} s {last['steps']:12,.0f} steps: {last['success']:.1%} found, return "
+            f"{last['return']:.3f}"
+        )
+
+
+class Standardised(BaseFeaturesExtractor):
+    """Observations less their mean over their spread, of some random episodes: a whiff is a small number otherwise."""
+
+    def __init__(self, observation_space: Any, mean: np.ndarray, spread: np.ndarray):
+        super().__init__(observation_space, len(mean))
+        self.register_buffer("mean", torch.as_tensor(mean, dtype=torch.float32))
+        self.register_buffer("spread", torch.as_tensor(spread, dtype=torch.float32))
+
+    def forward(self, observation: torch.Tensor) -> torch.Tensor:
+        """(batch, size) of observations (batch, size)."""
+        return (observation - self.mean) / self.spread
+
+
+def scales(envs: Any, steps: int = 100) -> dict[str, np.ndarray]:
+    """Mean and spread of what is observed while robots do anything."""
+    rng, low, high = np.random.default_rng(0), -1.0, 1.0
+    envs.reset()
+    actions = (envs.num_envs, envs.action_space.shape[0])
+    seen = np.concatenate([envs.step(rng.uniform(low, high, actions))[0] for _ in range(steps)])
+    return {"mean": seen.mean(axis=0), "spread": np.maximum(seen.std(axis=0), LEAST_SPREAD)}
+
+
+def learn(scenario: Scenario, bank: Any, args: argparse.Namespace) -> None:
+    """PPO; leaves policy.onnx and learning.json."""
+    envs = sb3_env(scenario, args.envs, bank=bank)
+    envs.seed(args.seed)
+    begun = time.perf_counter()
+
+    def rate(_: float) -> float:
+        """It falls with the time of the clock, as the number of steps is not known before."""
+        return 1e-3 * max(0.1, 1.0 - (time.perf_counter() - begun) / (60.0 * args.minutes))
+
+    model = PPO(
+        "MlpPolicy",
+        envs,
+        n_steps=args.rollout,
+        batch_size=max(64, args.envs * args.rollout // 8),
+        n_epochs=5,
+        learning_rate=rate,
+        gamma=0.99,
+        gae_lambda=0.95,
+        ent_coef=1e-3,
+        policy_kwargs={
+            "net_arch": [64, 64],
+            "log_std_init": -0.7,
+            "features_extractor_class": Standardised,
+            "features_extractor_kwargs": scales(envs),
+        },
+        seed=args.seed,
+        device="cpu",
+    )
+    progress = Progress(args.minutes, begun, 2 * args.envs)
+    model.learn(10**9, callback=progress)
+    export(model, args.out / "policy.onnx")
+    told = {
+        "task": args.task.name,
+        "minutes": args.minutes,
+        "environments": args.envs,
+        "seed": args.seed,
+        "steps": model.num_timesteps,
+        "wall_s": time.perf_counter() - begun,
+        "curve": progress.curve,
+    }
+    (args.out / "learning.json").write_text(json.dumps(told, indent=1))
+    envs.close()
+
+
+class Actor(torch.nn.Module):
+    """The mean action of a policy: what runs, without the noise that it was learnt with."""
+
+    def __init__(self, policy: Any):
+        super().__init__()
+        self.seen = policy.pi_features_extractor
+        self.body, self.head = policy.mlp_extractor.policy_net, policy.action_net
+
+    def forward(self, observation: torch.Tensor) -> torch.Tensor:
+        """Actions (batch, actions) from -1 to 1 of observations (batch, size)."""
+        return torch.clamp(self.head(self.body(self.seen(observation))), -1.0, 1.0)
+
+
+def export(model: PPO, path: Path) -> None:
+    """Write the policy as ONNX: input `observation` (batch, size), output `action` (batch, actions)."""
+    actor = Actor(model.policy).eval()
+    size = model.observation_space.shape[0]  # pyright: ignore[reportOptionalSubscript]
+    torch.onnx.export(
+        actor,
+        (torch.zeros(2, size),),
+        str(path),
+        input_names=["observation"],
+        output_names=["action"],
+        dynamic_shapes={"observation": {0: torch.export.Dim("batch")}},
+        dynamo=True,
+        external_data=False,
+        verbose=False,
+    )
+
+
+# ---------------------------------------------------------------- comparing
+
+
+def compare(scenario: Scenario, folder: Path, args: argparse.Namespace) -> dict[str, Any]:
+    """Both searches in the same held-out scenarios, and the policy in the environment."""
+    threshold = best_threshold(scenario, folder, args)
+    casting = Casting(kind="casting", threshold_ppm=threshold)
+    learners = scenario.learners
+    policy = learners.algorithm
+    if policy.kind != "policy":
+        raise ValueError("the task's first group has no policy")
+    policy = policy.model_copy(update={"file": "policy.onnx"})
+    result: dict[str, Any] = {"casting_threshold_ppm": threshold, "held_out_places": HELD_OUT}
+    for name, algorithm, at in (("policy", policy, args.out), ("casting", casting, folder)):
+        result[name] = runs(scenario, algorithm, at, HELD_OUT, FAR, args.airs, args.trials)
+    result["environment"] = in_environment(scenario, folder, args)
+    return result
+
+
+def alone(
+    scenario: Scenario, algorithm: Any, place: tuple[float, float], shift: int, trials: int
+) -> Scenario:
+    """A search for one source at a place, in the air of another seed."""
+    gas = scenario.gases[0][1]
+    source = gas.sources[0].model_copy(update={"position": place})
+    group = scenario.learners.model_copy(update={"algorithm": algorithm, "trials": trials})
+    return scenario.model_copy(
+        update={
+            "gas": gas.model_copy(update={"sources": (source,)}),
+            "seed": scenario.seed + shift,
+            "air_seed": scenario.seed_of_air + shift,
+            "robots": (group,),
+            "duration": scenario.task.episode,
+        }
+    )
+
+
+def runs(
+    scenario: Scenario, algorithm: Any, folder: Path, places: Any, shift: int, airs: int, trials: int
+) -> dict[str, Any]:
+    """How a search does, as an ordinary scenario, from each place in each of some airs."""
+    sim, found, times, by_run = None, [], [], []
+    for p, place in enumerate(places):
+        for k in range(airs):
+            one = alone(scenario, algorithm, place, shift + p * airs + k, trials)
+            if sim is None:
+                sim = assemble(one, folder)
+            else:
+                sim.reset(one)
+            sim.run()
+            has = sim.swarm.found.to_numpy() > 0
+            found.append(has)
+            times.append(np.where(has, sim.swarm.found_time.to_numpy(), one.duration))
+            by_run.append(
+                {"place": place, "air": k, "success": float(has.mean()), "time_s": float(times[-1].mean())}
+            )
+    over_airs = mean_with_interval(np.array([one["success"] for one in by_run]))
+    return summary(np.concatenate(found), np.concatenate(times)) | {"over_airs": over_airs, "runs": by_run}
+
+
+def summary(found: np.ndarray, times: np.ndarray) -> dict[str, Any]:
+    """Success with Wilson's interval, and times: in the censored one, those that find none count with all theirs."""
+    return {
+        "success": share_with_interval(int(found.sum()), len(found)),
+        "time_s": mean_with_interval(times[found]),
+        "censored_time_s": float(times.mean()),
+    }
+
+
+def best_threshold(scenario: Scenario, folder: Path, args: argparse.Namespace) -> float:
+    """Of casting: where it finds most in airs and with places that were learnt, in the shortest time."""
+    places = [tuple(gas.sources[0].position[:2]) for _, gas in scenario.gases][::3]
+    told = {
+        threshold: runs(
+            scenario, Casting(kind="casting", threshold_ppm=threshold), folder, places, 0, 2, args.trials
+        )
+        for threshold in THRESHOLDS
+    }
+    return min(told, key=lambda threshold: told[threshold]["censored_time_s"])
+
+
+def in_environment(scenario: Scenario, folder: Path, args: argparse.Namespace) -> dict[str, Any]:
+    """How the ONNX file does in the environment itself, in the held-out airs and with the held-out places."""
+    import onnxruntime
+
+    gas = scenario.gases[0][1]
+    parts = tuple(
+        gas.model_copy(update={"sources": (gas.sources[0].model_copy(update={"position": place}),)})
+        for place in HELD_OUT
+    )
+    held = scenario.model_copy(
+        update={
+            "gas": scenario.gas.model_copy(update={"parts": parts}),
+            "air_seed": scenario.seed_of_air + FAR,
+            "task": scenario.task.model_copy(update={"airs": args.airs}),
+        }
+    )
+    envs = sb3_env(held, args.trials, bank=banks.record(held, folder))
+    envs.seed(FAR)
+    session = onnxruntime.InferenceSession(str(args.out / "policy.onnx"), providers=["CPUExecutionProvider"])
+    seen, ended = envs.reset(), []
+    wanted = args.trials * args.airs * len(HELD_OUT)
+    per, count = wanted // args.trials, np.zeros(args.trials, int)
+    while (
+        count.min() < per
+    ):  # as many episodes of each environment: else short ones would be counted more often
+        seen, _, over, infos = envs.step(session.run(None, {"observation": seen})[0])
+        ended += [infos[e]["search"] for e in np.flatnonzero(over & (count < per))]
+        count += over
+    envs.close()
+    found = np.array([one["found"] for one in ended]) > 0
+    times = np.array([one["time_s"] for one in ended])
+    return summary(found, np.where(found, times, scenario.task.episode))
+
+
+# ---------------------------------------------------------------- drawing
+
+
+def draw(out: Path, result: dict[str, Any]) -> None:
+    """curves.png of learning, comparison.png of success and time."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    told = json.loads((out / "learning.json").read_text())
+    minutes = np.array([one["wall_s"] for one in told["curve"]]) / 60
+    figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.4), layout="constrained")
+    left.plot(minutes, [one["success"] for one in told["curve"]])
+    left.axhline(
+        result["casting"]["success"]["mean"], color="tab:orange", linestyle="--", label="casting, held out"
+    )
+    left.axhline(
+        result["policy"]["success"]["mean"], color="tab:blue", linestyle="--", label="policy, held out"
+    )
+    left.set(xlabel="minutes of learning", ylabel="episodes that find the source", ylim=(0, 1.02))
+    left.legend()
+    right.plot(minutes, [one["return"] for one in told["curve"]])
+    right.set(xlabel="minutes of learning", ylabel="return")
+    figure.savefig(out / "curves.png", dpi=150)
+    figure, axes = plt.subplots(1, 2, figsize=(7, 3.2), layout="constrained")
+    names = ["casting", "policy", "environment"]
+    share = np.array([result[name]["success"]["mean"] for name in names])
+    ends = np.array([[result[name]["success"][end] for end in ("low", "high")] for name in names])
+    axes[0].bar(
+        names, share, yerr=np.abs(ends.T - share), color=["tab:orange", "tab:blue", "tab:cyan"], capsize=4
+    )
+    axes[0].set(ylabel="success, with Wilson's interval", ylim=(0, 1.05))
+    axes[1].bar(
+        names,
+        [result[name]["censored_time_s"] for name in names],
+        color=["tab:orange", "tab:blue", "tab:cyan"],
+    )
+    axes[1].set(ylabel="mean time, failures with all of it [s]")
+    figure.savefig(out / "comparison.png", dpi=150)
+    plt.close("all")
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description="Learn a task by PPO, and compare with casting.")
+    parser.add_argument(
+        "--task", type=Path, default=TASK, help="scenario with a mixture of gases of one source each"
+    )
+    parser.add_argument("--out", type=Path, default=Path("runs/learn_search"))
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="PATH=VALUE", help="change a key of the task"
+    )
+    parser.add_argument("--minutes", type=float, default=5.0, help="of learning")
+    parser.add_argument("--envs", type=int, default=256, help="environments at once")
+    parser.add_argument("--rollout", type=int, default=45, help="decisions of each between updates")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--threads", type=int, default=2, help="of torch")
+    parser.add_argument("--trials", type=int, default=100, help="of each held-out run")
+    parser.add_argument("--airs", type=int, default=4, help="held-out airs of each place")
+    parser.add_argument("--evaluate", action="store_true", help="only compare what was learnt before")
+    return parser.parse_args()
+
+
+if __name__ == "__main__":
+    main()

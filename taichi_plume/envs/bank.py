@@ -1,0 +1,350 @@
+"""Recorded airs of a scenario: the flow and gas that learners meet, solved once; see solvers/film_bank.py.
+
+On disk a bank is a zarr group. It belongs to one scenario, by a hash of what decides its airs.
+"""
+
+import hashlib
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from math import ceil
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import psutil
+
+from taichi_plume.grid.fields import concentration_at, velocity_at
+from taichi_plume.guard.opening import irregular, unopenable
+from taichi_plume.guard.terminal import visible
+from taichi_plume.prepare import checked
+from taichi_plume.scenario.gases import PlaybackGas
+from taichi_plume.scenario.played import PlaybackWind
+from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.scenario.species import Species
+from taichi_plume.scenario.task import Task
+from taichi_plume.simulation import Every, Simulation
+from taichi_plume.solvers.film_bank import half
+from taichi_plume.study.ids import Digests
+from taichi_plume.study.shared_air import alone
+
+FORMAT = "taichi_plume bank 1"
+MOST = 2**31 - 1  # numbers of a field: Taichi counts them in 32 bits
+
+
+@dataclass(frozen=True)
+class Bank:
+    """Films of a scenario's airs, all as long as each other; values, scale, air as `FilmBank` takes them.
+
+    sources: the places of each gas in each film [m], (sources, 2); key: of what decides all that.
+    """
+
+    values: np.ndarray
+    scale: np.ndarray
+    air: np.ndarray
+    spacing: float
+    frame: float
+    species: tuple[Species, ...]
+    sources: tuple[tuple[np.ndarray, ...], ...]
+    key: str
+
+    @property
+    def films(self) -> int:
+        """How many there are."""
+        return self.values.shape[0]
+
+    @property
+    def length(self) -> float:
+        """Time of the last frame [s]; the first one is at 0."""
+        return (self.values.shape[1] - 1) * self.frame
+
+    def write(self, path: Path) -> None:
+        """To a new zarr group; one that is there is replaced. Raises OSError."""
+        from taichi_plume.files import disk, zarr_groups
+
+        path = Path(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if path.exists():
+            read(path)  # what is no bank is not replaced
+        disk.require_room(path.parent / path.name, self.values.nbytes)
+        part = path.with_name(f"{path.name}.part")
+        shutil.rmtree(part, ignore_errors=True)
+        about = {
+            "format": FORMAT,
+            "key": self.key,
+            "spacing": self.spacing,
+            "frame": self.frame,
+            "species": json.dumps([asdict(one) for one in self.species]),
+            "sources": json.dumps([[places.tolist() for places in film] for film in self.sources]),
+        }
+        group = zarr_groups.create(part, about)
+        chunk = (1, min(16, self.values.shape[1]), *self.values.shape[2:])
+        names = ("film", "time", "x", "y", "channel")
+        units = {"units": "m s-1 for channels 0 and 1, scale ppm for the others"}
+        zarr_groups.add(group, "values", names, self.values, units, chunk)
+        zarr_groups.add(group, "scale", ("film", "gas"), self.scale, {"units": "ppm"})
+        zarr_groups.add(group, "air", ("sensor", "x", "y"), self.air, {})
+        zarr_groups.consolidate(part)
+        shutil.rmtree(path, ignore_errors=True)
+        part.rename(path)
+
+
+def read(path: Path) -> Bank:
+    """The bank of a zarr group. Raises ValueError, in one line, where it is none or damaged."""
+    import zarr
+
+    from taichi_plume.files import zarr_groups
+
+    path = Path(path)
+    fault = unopenable(path, folder=True) or irregular(path)
+    if fault:
+        raise ValueError(f"{visible(path)}: {fault}")
+    try:
+        group: Any = zarr.open_group(path, mode="r", use_consolidated=False)
+        told = dict(group.attrs)
+    except zarr_groups.FAULTS:
+        raise ValueError(
+            f"{visible(path)}: is no zarr group; python -m taichi_plume.envs makes banks"
+        ) from None
+    if told.get("format") != FORMAT:
+        raise ValueError(
+            f"{visible(path)}: is no bank of this version; python -m taichi_plume.envs makes them"
+        )
+    try:
+        for name in ("values", "scale", "air"):
+            zarr_groups.whole(group[name], name)
+        bank = Bank(
+            group["values"][...],
+            group["scale"][...],
+            group["air"][...],
+            float(told["spacing"]),
+            float(told["frame"]),
+            tuple(Species(**one) for one in json.loads(told["species"])),
+            tuple(
+                tuple(np.array(places, float).reshape(-1, 2) for places in film)
+                for film in json.loads(told["sources"])
+            ),
+            str(told["key"]),
+        )
+        films, _, nx, ny, channels = bank.values.shape
+        gases = channels - 2
+        fits = bank.values.dtype == np.float16 and bank.scale.shape == (films, gases)
+        fits &= bank.air.shape == (2, nx, ny) and len(bank.species) == gases and bank.frame > 0 < bank.spacing
+        fits &= len(bank.sources) == films and all(len(film) == gases for film in bank.sources)
+        if not (fits and np.isfinite(bank.values).all() and np.isfinite(bank.scale).all()):
+            raise ValueError("its arrays do not fit each other")
+    except zarr_groups.FAULTS as error:
+        raise ValueError(f"{visible(path)}: is damaged: {visible(zarr_groups.reason(error))}") from None
+    return bank
+
+
+# ---------------------------------------------------------------- which airs there are
+
+
+def airs(scenario: Scenario) -> list[Scenario]:
+    """The airs of a task, each as a scenario without robots: films to be played, or one of each seed.
+
+    Frames lie whole ticks apart. An air in which nothing is drawn by chance is one, whatever `task.airs` says.
+    """
+    task = scenario.task
+    frame = frame_of(scenario)
+    frames = max(1, ceil(task.length / frame - 1e-9))
+    still = alone(scenario, frames * frame).model_copy(update={"task": Task()})
+    if task.films:
+        return [_playing(still, file) for file in task.films]
+    seeds = range(task.airs) if scenario.air_by_chance else range(1)
+    first = scenario.seed_of_air
+    return [still.model_copy(update={"air_seed": (first + k) % 2**32}) for k in seeds]
+
+
+def frame_of(scenario: Scenario) -> float:
+    """Time between frames [s]: the nearest number of whole ticks."""
+    return max(1, round(scenario.task.frame / scenario.tick)) * scenario.tick
+
+
+def _playing(scenario: Scenario, file: str) -> Scenario:
+    """With another film played wherever one is. Raises ValueError where none is."""
+    gases = {
+        path: gas.model_copy(update={"file": file})
+        for path, gas in scenario.gases
+        if isinstance(gas, PlaybackGas)
+    }
+    wind = scenario.wind
+    if isinstance(wind, PlaybackWind):
+        wind = wind.model_copy(update={"file": file})
+    elif not gases:
+        raise ValueError(
+            "task.films: neither wind nor gas is of kind playback; make one so, or remove the films"
+        )
+    return scenario.with_gases(gases).model_copy(update={"wind": wind})
+
+
+def key_of(scenario: Scenario, folder: Path) -> str:
+    """Hash of what decides a bank: of all airs, and of how they are filmed. Raises OSError."""
+    digests = Digests(folder)
+    ids = [digests.ids(air).air_of(air.seed, air.seed_of_air) for air in airs(scenario)]
+    told = json.dumps([ids, f"{frame_of(scenario):.12g}", [f"{h:.12g}" for h in heights(scenario)]])
+    return hashlib.sha256(told.encode()).hexdigest()[:16]
+
+
+def heights(scenario: Scenario) -> tuple[float, ...]:
+    """Of the learners' anemometer and gas sensor [m]; none in 2-D."""
+    if scenario.domain.dim == 2:
+        return ()
+    sensors = scenario.learners.sensors
+    return sensors.wind.height, sensors.gas.height
+
+
+def bank_of(
+    scenario: Scenario, folder: Path, bank: "Bank | str | Path | None" = None, **recording: Any
+) -> Bank:
+    """The bank of a scenario: the one that is given, if it is the scenario's, else a new one.
+
+    Raises ValueError, in one line, where it is another's.
+    """
+    if bank is None:
+        return record(scenario, folder, **recording)
+    if not isinstance(bank, Bank | str | Path):
+        raise ValueError(f"bank: got {visible(type(bank).__name__)}; give a Bank or the path of one")
+    name = "the bank" if isinstance(bank, Bank) else visible(bank)
+    found = bank if isinstance(bank, Bank) else read(Path(bank))
+    if found.key != key_of(scenario, folder):
+        raise ValueError(
+            f"{name}: was recorded of another scenario (its air, task or version differ); record it again with "
+            "python -m taichi_plume.envs TASK.yaml --out BANK.zarr"
+        )
+    return found
+
+
+# ---------------------------------------------------------------- recording them
+
+
+def record(
+    scenario: Scenario,
+    folder: Path = Path(),
+    allow_outside: bool = False,
+    tell: Callable[[int, int], object] | None = None,
+) -> Bank:
+    """Solve all airs of a scenario and keep what sensors meet of them; Taichi must have been started.
+
+    tell: called with the number of films that are done and that of all. Raises ScenarioError where something of the
+    scenario is wrong, ValueError, in one line, where the bank would not fit into memory, UnstableError.
+    """
+    from taichi_plume.assemble import build
+
+    wanted, frames = airs(scenario), check(scenario)
+    sim: Simulation | None = None
+    made: list[tuple[np.ndarray, np.ndarray]] = []
+    places: list[tuple[np.ndarray, ...]] = []
+    values, air, species = np.empty(0), np.empty(0), ()
+    for n, one in enumerate(wanted):
+        if tell is not None:
+            tell(n, len(wanted))
+        if sim is None or scenario.task.films:
+            sim = build(checked(one, folder, allow_outside))
+        else:
+            sim.reset(one)
+        filming = _Filming(sim, frame_of(scenario), frames, heights(scenario))
+        sim.run()
+        mixed = tuple(gas.species for gas in sim.gas.gases)
+        if n and (mixed != species or not np.array_equal(filming.air, air)):
+            raise ValueError(f"task.films[{n}]: has other species, or walls elsewhere, than the first film")
+        species, air = mixed, filming.air
+        if not n:
+            values = np.empty((len(wanted), *filming.values.shape), np.float16)
+        gases, scale = half(filming.values[..., 2:])
+        values[n, ..., :2], values[n, ..., 2:] = filming.values[..., :2], gases
+        made.append((values[n], scale))
+        places.append(
+            tuple(np.array([s.position[:2] for s in gas.sources], float) for _, gas in sim.scenario.gases)
+        )
+    if tell is not None:
+        tell(len(wanted), len(wanted))
+    scales = np.stack([scale for _, scale in made])
+    return Bank(
+        values, scales, air, scenario.domain.spacing, frame_of(scenario), cast(Any, species), tuple(places),
+        key_of(scenario, folder),
+    )  # fmt: skip
+
+
+def check(scenario: Scenario) -> int:
+    """How many frames each film will have.
+
+    Raises ValueError where they do not fit into memory, or single gases cannot be taken out of an air that all move.
+    """
+    heavy = scenario.buoyancy is not None and scenario.buoyancy.solutal
+    if scenario.task.sources == "one" and heavy and len(scenario.gases) > 1:
+        raise ValueError(
+            "task.sources: one: the gases make the air heavier, so that none is alone in what is recorded; use "
+            "sources: all, or a single gas"
+        )
+    wanted = airs(scenario)
+    films, frames = len(wanted), 1 + round(wanted[0].duration / frame_of(scenario))
+    nx, ny = scenario.domain.shape[:2]
+    count = films * frames * nx * ny * (2 + len(scenario.gases))
+    # half precision, here and on the device, and a film in single precision while it is made
+    needed, free = 2 * 2 * count + 4 * count // films, psutil.virtual_memory().available
+    what = f"task: {films} films of {frames} frames of {nx} x {ny} cells"
+    fewer = "lower task.airs or task.film, or raise task.frame or domain.spacing"
+    if count > MOST:
+        raise ValueError(f"{what} are {count:.3g} numbers, at most {MOST:.3g} can be counted; {fewer}")
+    if needed > free:
+        raise ValueError(
+            f"{what} need {needed / 1e9:.3g} GB of memory, {free / 1e9:.3g} GB are free; {fewer}"
+        )
+    return frames
+
+
+class _Filming:
+    """Keeps what the sensors meet of a simulation's air, frame by frame.
+
+    values: (frames, nx, ny, 2 + gases), wind [m/s] and gases [ppm]; air (2, nx, ny).
+    """
+
+    def __init__(self, sim: Simulation, frame: float, frames: int, heights: tuple[float, ...]):
+        self.grid, shape = sim.grid, sim.grid.shape[:2]
+        self.levels = [_levels(sim.grid.shape[2], h / sim.grid.dx) for h in heights]
+        centers = sim.grid.centers() if not heights else sim.grid.centers()[:, :, 0]
+        self.points = [centers.copy(), centers.copy()]
+        for points, h in zip(self.points, heights, strict=False):
+            points[..., 2] = h
+        solid = np.asarray(sim.air.solid)
+        self.solid = [solid, solid] if not heights else [solid[:, :, k].all(axis=2) for k, _ in self.levels]
+        self.air = ~np.stack(self.solid)
+        self.whole = ~solid
+        self.values = np.zeros((frames, *shape, 2 + len(sim.gas.gases)), np.float32)
+        self.count = 0
+        sim.observers.append(Every(frame, self.keep))
+
+    def keep(self, sim: Simulation) -> None:
+        """The next frame."""
+        if self.count >= len(self.values):
+            return
+        frame = self.values[self.count]
+        frame[..., :2] = velocity_at(sim.wind, self.points[0], sim.t)[..., :2]
+        for g, gas in enumerate(sim.gas.gases):
+            cells = gas.cells(sim.t)
+            if cells is None:
+                density = concentration_at(gas, self.points[1], sim.t)
+            elif not self.levels:
+                density = cells
+            else:
+                density = _at_height(cells, self.whole, *self.levels[1])
+            frame[..., 2 + g] = density * gas.species.ppm_per_density
+        frame[~self.air[1], 2:] = 0.0
+        self.count += 1
+
+
+def _levels(n: int, at: float) -> tuple[list[int], list[float]]:
+    """The layers of n around a height of `at` cells, and their shares."""
+    at = min(max(at - 0.5, 0.0), n - 1.0)
+    low = min(int(at), max(n - 2, 0))
+    share = at - low
+    return ([low, low + 1], [1.0 - share, share]) if share > 0.0 else ([low], [1.0])
+
+
+def _at_height(cells: np.ndarray, air: np.ndarray, levels: list[int], shares: list[float]) -> np.ndarray:
+    """Cells (nx, ny, nz) at a height, linear between the layers that hold air."""
+    weight = air[:, :, levels] * np.array(shares)
+    return (weight * cells[:, :, levels]).sum(axis=2) / np.maximum(weight.sum(axis=2), 1e-6)

@@ -1,0 +1,56 @@
+"""A trial as a picture: the gas around the robots, walls, sources and robots, seen from above; NumPy alone."""
+
+from typing import Any
+
+import numpy as np
+
+EDGE = 400  # pixels of the longer edge, about
+GAS = np.array(
+    [200.0, 60.0, 20.0]
+)  # colours: of much gas, walls, sources, robots, and those that have found one
+WALL = np.array([110.0, 110.0, 110.0])
+SOURCE = np.array([20.0, 120.0, 30.0])
+ROBOT, DONE = np.array([30.0, 60.0, 200.0]), np.array([20.0, 160.0, 60.0])
+DECADES = 3.0  # of concentrations below the largest one of the film that are told apart
+
+
+def picture(episodes: Any, e: int) -> np.ndarray:
+    """Environment e of an engine as it is, (height, width, 3) of uint8, y upwards; a mirrored world as it truly is."""
+    bank, films = episodes.bank, episodes.rounds.films
+    film, gas = int(films.film[e]), int(films.gas_of[e])
+    ppm = _gas(bank, film, gas, float(films.begin[e]) + float(films.now[e]))
+    top = max(float(np.max(bank.scale[film], initial=0.0)) * 2.0**15, 1e-30)
+    strength = np.clip(1.0 + np.log10(np.maximum(ppm / top, 1e-30)) / DECADES, 0.0, 1.0)
+    colors = 255.0 + strength[..., None] * (GAS - 255.0)
+    colors[~bank.air[1]] = WALL
+    n = max(1, round(EDGE / max(ppm.shape)))
+    image = np.repeat(np.repeat(colors, n, axis=0), n, axis=1)
+    dx = bank.spacing / n
+    centers = (np.indices(image.shape[:2]).transpose(1, 2, 0) + 0.5) * dx
+    for g, places in enumerate(bank.sources[film]):
+        for place in places if gas in (-1, g) else ():
+            away = np.abs(centers - place)
+            image[(away.min(axis=2) < 1.5 * dx) & (away.max(axis=2) < 6 * dx)] = SOURCE
+    swarm = episodes.swarm
+    for i in range(e * episodes.robots, (e + 1) * episodes.robots):
+        _robot(image, centers, dx, swarm, i)
+    return image.transpose(1, 0, 2)[::-1].round().astype(np.uint8)
+
+
+def _gas(bank: Any, film: int, gas: int, t: float) -> np.ndarray:
+    """ppm of all gases, or of one, at the frame next to time t [s] of a film, (nx, ny)."""
+    frame = min(round(t / bank.frame), bank.values.shape[1] - 1)
+    ppm = bank.values[film, frame, ..., 2:].astype(np.float32) * bank.scale[film]
+    return ppm.sum(axis=2) if gas < 0 else ppm[..., gas]
+
+
+def _robot(image: np.ndarray, centers: np.ndarray, dx: float, swarm: Any, i: int) -> None:
+    """A disc, at least a few pixels wide, and a line to where it looks."""
+    x, heading = np.array(swarm.position[i]), float(swarm.heading[i])
+    radius = max(float(swarm.radius[i]), 4 * dx)
+    away = centers - x
+    ahead = away @ [np.cos(heading), np.sin(heading)]
+    aside = np.abs(away @ [-np.sin(heading), np.cos(heading)])
+    color = DONE if swarm.found[i] else ROBOT
+    image[np.hypot(away[..., 0], away[..., 1]) < radius] = color
+    image[(aside < dx) & (ahead > 0.0) & (ahead < 2.0 * radius)] = color

@@ -1,0 +1,407 @@
+"""Episodes: their own worlds, whatever is beside them, and the same robots as in an ordinary run."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import taichi as ti
+
+from taichi_plume.agents.sensors import Sensors
+from taichi_plume.agents.swarm import Swarm
+from taichi_plume.envs.episodes import MODES, Episodes
+from taichi_plume.grid import kernels
+from taichi_plume.grid.fields import Wind
+from taichi_plume.scenario.loading import scenario_from
+from taichi_plume.scenario.sensors import MoxSensor
+from taichi_plume.scenario.species import SPECIES
+
+pytestmark = pytest.mark.usefixtures("taichi")
+
+MANY, TEAM, TICKS = 5, 2, 3
+SIZE, SPACING = (2.0, 1.5), 0.1
+WIND = np.array(
+    [[0.3, 0.1, 0.05], [-0.2, 0.02, 0.1], [0.1, -0.1, 0.0]]
+)  # of each film: at 0, and per m of x and y
+LEVEL = np.array([[40.0, 30.0, 20.0], [10.0, 5.0, 60.0], [20.0, 10.0, 0.0]])  # ppm, the same
+SOURCE = {"kind": "gaussian_plume", "species": "ethanol", "intensity": 0.1}
+TASK = {
+    "seed": 3,
+    "duration": 3.0,
+    "domain": {"size": list(SIZE), "spacing": SPACING, "depth": 0.5},
+    "wind": {"kind": "uniform", "velocity": [0.5, 0.0]},
+    "obstacles": [{"kind": "box", "center": [1.0, 0.7], "size": [0.2, 0.2]}],
+    "gas": {**SOURCE, "sources": [{"position": [0.4, 0.4], "rate": "10 mg/s"}]},
+    "robots": [
+        {
+            "name": "learners",
+            "count": TEAM,
+            "start": {"kind": "area", "low": [0.3, 0.2], "high": [1.7, 1.3]},
+            "algorithm": {
+                "kind": "policy",
+                "observe": [
+                    "gas",
+                    "memory",
+                    "rise",
+                    "wind",
+                    "bumper",
+                    "heading",
+                    "position",
+                    "action",
+                    "mates",
+                ],
+                "memory": [1.0],
+                "period": 0.3,
+                "history": 2,
+                "declares": True,
+            },
+            "body": {"radius": 0.06, "max_speed": 0.4},
+            "sensors": {
+                "gas": {"kind": "mox", "spread": 0.3, "noise": 0.01, "drift": 1.0, "cold_start": 0.1},
+                "wind": {"kind": "ultrasonic"},
+            },
+            "odometry": {},
+            "reach": 0.1,
+            "found": "declared",
+        }
+    ],
+    "task": {
+        "episode": 2.4,
+        "film": 6.0,
+        "sources": "one",
+        "reward": {"path": -0.1, "gas": 0.3, "progress": 1.0, "false_declaration": -0.2},
+    },
+}
+
+
+def linear(numbers):
+    """(nx, ny): a + b x + c y at the cell centres."""
+    x, y = (SPACING * (np.arange(round(length / SPACING)) + 0.5) for length in SIZE)
+    return numbers[0] + numbers[1] * x[:, None] + numbers[2] * y[None, :]
+
+
+def recorded():
+    """Three films of air that stands still in time but is linear in space; each has sources of two gases."""
+    films = [
+        np.stack([linear(WIND[f]), linear(WIND[f][::-1]), linear(LEVEL[f]), linear(LEVEL[f][::-1])], axis=-1)
+        for f in range(3)
+    ]
+    values = np.repeat(np.array(films, np.float16)[:, None], 13, axis=1)
+    sources = tuple((np.array([[0.4 + 0.2 * f, 0.4]]), np.array([[1.6, 1.2 - 0.2 * f]])) for f in range(3))
+    return SimpleNamespace(
+        values=values,
+        scale=np.ones((3, 2), np.float32),
+        air=np.ones((2, *values.shape[2:4])),
+        spacing=SPACING,
+        frame=0.5,
+        species=(SPECIES["ethanol"],) * 2,
+        sources=sources,
+        films=3,
+        length=6.0,
+    )
+
+
+@pytest.fixture(scope="module")
+def engines(taichi):
+    """One of a single environment, and one of many."""
+    kernels.start("cpu")
+    scenario = scenario_from(TASK)
+    return [Episodes(scenario, count=count, robots=TEAM, bank=recorded()) for count in (1, MANY)]
+
+
+def seeds(count, first=2**40 + 7):
+    return np.arange(count, dtype=np.uint64) * np.uint64(2**33 + 1) + np.uint64(first)
+
+
+def actions(engine, steps, seed=0):
+    """Of each environment by its number, (steps, count, TEAM, 3); they rarely declare."""
+    drawn = [np.random.default_rng([seed, e]).uniform(-1.0, 1.0, (steps, TEAM, 3)) for e in range(MANY)]
+    told = np.stack(drawn, axis=1).astype(np.float32)
+    told[..., 2] -= 0.4 * (told[..., 2] > -0.6)
+    for e in range(MANY):  # so that episodes end at different times
+        told[2 + e, e, :, 2] = 1.0
+    return told
+
+
+def follow(engine, told, mode):
+    """What becomes of actions (steps, count, TEAM, 3): arrays over steps and environments."""
+    engine.autoreset = mode
+    kept = []
+    for row in told:
+        over = engine.terminated | engine.truncated
+        if mode == "disabled" and over.any():
+            engine.reset(mask=over.copy())
+        engine.step(row.reshape(-1, 3))
+        ended = (engine.terminated | engine.truncated)[:, None]
+        final = engine.final_observations.reshape(engine.count, -1) * (ended & (mode == "same_step"))
+        parts = [engine.observations, engine.rewards, engine.terminated, engine.truncated, final]
+        parts += engine.info.values()
+        kept.append(
+            np.concatenate([np.array(p, np.float32).reshape(engine.count, -1) for p in parts], axis=1)
+        )
+    return np.stack(kept)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_single_engines_and_one_of_many_give_the_same(engines, mode):
+    one, many = engines
+    told = actions(many, 20)
+    many.terminated[:] = many.truncated[:] = False
+    many.reset(seeds(MANY))
+    begun = many.observations.copy()
+    together = follow(many, told, mode)
+    assert together[:, :, -len(many.info) + 4].max() >= 2  # several episodes each
+    for e in range(MANY):
+        one.reset(seeds(MANY)[e : e + 1])
+        np.testing.assert_array_equal(one.observations, begun[e * TEAM : (e + 1) * TEAM])
+        np.testing.assert_array_equal(follow(one, told[:, e : e + 1], mode)[:, 0], together[:, e])
+
+
+def test_episodes_differ(engines):
+    _, many = engines
+    many.reset(seeds(MANY))
+    first = many.swarm.position.to_numpy()
+    assert len(np.unique(first.round(5), axis=0)) == MANY * TEAM
+    for e in range(MANY):  # free of each other and of walls
+        a, b = first[TEAM * e : TEAM * e + TEAM]
+        assert np.linalg.norm(a - b) >= 0.12
+    assert many.swarm.clearance.distance_at(first).min() >= 0.06
+    many.reset()
+    assert (many.info["episode_number"] == 1).all()
+    assert np.abs(many.swarm.position.to_numpy() - first).min() > 1e-4
+    worlds = set()
+    for _ in range(20):
+        many.reset()
+        worlds |= set(zip(*(many.info[name].tolist() for name in ("film", "source", "mirror")), strict=True))
+    assert len(worlds) == 12  # films, gases and mirrors
+    assert 0.0 < many.rounds.films.begin.to_numpy().min() <= many.rounds.films.begin.to_numpy().max() < 3.4
+
+
+def test_a_mirrored_episode_is_the_same_seen_in_a_mirror(engines):
+    _, many = engines
+    told = actions(many, 7)
+    seen = []
+    for flip in (1.0, -1.0):
+        many.rounds.n.set(mirrors=0.0 if flip > 0 else 1.0)
+        many.reset(seeds(MANY))
+        assert (many.info["mirror"] == (flip < 0)).all()
+        seen.append(follow(many, told * np.array([1.0, flip, 1.0], np.float32), "next_step"))
+    many.rounds.n.set(mirrors=0.5)
+    sides = np.array(
+        [any(word in name for word in ("left", "sin", "position y", "turn")) for name in many.names]
+    )
+    assert 0 < sides.sum() < many.observation.size
+    signs = np.ones(seen[0].shape[-1])
+    signs[: TEAM * many.observation.size] = np.tile(np.where(sides, -1.0, 1.0), TEAM)
+    told_of_it = len(signs) - len(many.info) + 7
+    assert (seen[1][..., told_of_it] != seen[0][..., told_of_it]).all()
+    keep = np.arange(len(signs)) != told_of_it
+    np.testing.assert_array_equal((seen[1] * signs)[..., keep], seen[0][..., keep])
+
+
+def test_observations_do_not_tell_where_sources_are(engines):
+    _, many = engines
+    told = actions(many, 7)
+    told[..., 2] = -1.0
+    rows = slice(0, TEAM * many.observation.size)
+    kept = many.rounds.place.to_numpy()
+    seen = []
+    for shift in (0.0, 1.0):
+        many.rounds.place.from_numpy(np.where(kept < 10.0, kept + shift, kept).astype(np.float32))
+        many.reset(seeds(MANY))
+        seen.append(follow(many, told, "next_step"))
+    many.rounds.place.from_numpy(kept)
+    np.testing.assert_array_equal(seen[0][..., rows], seen[1][..., rows])
+    assert (seen[0] != seen[1]).any()  # progress is rewarded
+
+
+def test_a_word_ends_an_episode(engines):
+    _, many = engines
+    many.autoreset = "next_step"
+    told = np.tile(np.array([-1.0, 0.0, -1.0], np.float32), (MANY * TEAM, 1))
+    many.reset(seeds(MANY))
+    spot = many.swarm.position.to_numpy().reshape(MANY, TEAM, 2)
+    source = many.swarm.episodes.sources.to_numpy()
+    source[2, 0] = spot[2, 1]
+    many.swarm.episodes.sources.from_numpy(source)
+    many.rounds.n.set(for_progress=0.0)
+    told[[5, 6, 7], 2] = 1.0  # the second robot of environment 2 is right, both of 3 are wrong
+    many.step(told)
+    many.rounds.n.set(for_progress=1.0)
+    assert many.terminated.tolist() == [False, False, True, True, False]
+    assert many.info["found"].tolist() == [0, 0, 1, 0, 0]
+    assert many.rewards[5] - many.rewards[4] == pytest.approx(0.0, abs=0.05)  # what one finds all have found
+    assert many.rewards[4] > 0.9
+    assert many.rewards[6] < -0.19
+    many.step(told)
+    assert not many.terminated[2:4].any()
+    assert (many.rewards[4:8] == 0.0).all()
+    assert many.info["episode_number"].tolist() == [0, 0, 1, 1, 0]
+
+
+def test_resets_compile_nothing(engines):
+    for engine in engines:
+        before = kernels.compiled()
+        engine.reset(seeds(engine.count, 5))
+        engine.reset(mask=np.arange(engine.count) == 0)
+        engine.step(np.zeros((engine.count * TEAM, 3), np.float32))
+        assert kernels.compiled() == before
+    _, many = engines
+    many.reset(seeds(MANY))
+    shown = many.observations.copy()
+    many.reset(mask=np.arange(MANY) == 1)  # the others stay as they are
+    changed = (many.observations != shown).any(axis=1)
+    assert changed.tolist() == [False] * TEAM + [True] * TEAM + [False] * (MANY - 2) * TEAM
+
+
+def test_bad_actions_move_nothing(engines):
+    _, many = engines
+    many.reset(seeds(MANY))
+    before = many.swarm.position.to_numpy()
+    told = np.zeros((MANY * TEAM, 3), np.float32)
+    for value, text in ((np.nan, "nan"), (1.5, "1.5"), (-np.inf, "-inf")):
+        told[7, 1] = value
+        with pytest.raises(
+            ValueError, match=f"environment 3: action 1 of robot 1 is {text}; wanted"
+        ) as error:
+            many.step(told)
+        assert "\n" not in str(error.value)
+    with pytest.raises(ValueError, match=r"got shape \(3, 3\), wanted \(10, 3\)"):
+        many.step(told[:3])
+    np.testing.assert_array_equal(many.swarm.position.to_numpy(), before)
+
+
+def test_an_episode_that_is_over_is_not_stepped_without_reset(engines):
+    one, _ = engines
+    one.autoreset = "disabled"
+    one.reset(seeds(1))
+    still = np.tile(np.array([-1.0, 0.0, -1.0], np.float32), (TEAM, 1))
+    for _ in range(one.most_steps):
+        one.step(still)
+    assert one.truncated.all()
+    assert one.most_steps == 8
+    with pytest.raises(ValueError, match="environment 0: its episode is over; reset it first"):
+        one.step(still)
+    one.reset()
+
+
+def test_where_no_room_is_found_by_chance_teams_start_at_free_places(engines):
+    _, many = engines
+    kept = {name: many.rounds.n[name] for name in ("low_x", "low_y", "wide_x", "wide_y")}
+    many.rounds.n.set(low_x=0.95, low_y=0.65, wide_x=0.1, wide_y=0.1)  # within the box
+    many.reset(seeds(MANY))
+    free = many.rounds.fallback.to_numpy()
+    for team in many.swarm.position.to_numpy().reshape(MANY, TEAM, 2):
+        assert (np.abs(free - team).max(axis=(1, 2)) == 0.0).any()
+    many.rounds.n.set(**kept)
+
+
+def test_tensors_share_the_same_episodes(engines):
+    torch = pytest.importorskip("torch")
+    _, many = engines
+    told = actions(many, 10).reshape(10, -1, 3)
+    many.reset(seeds(MANY))
+    seen = []
+    for arrays in ("numpy", "torch"):
+        many._allocate(arrays)
+        many.autoreset = "same_step"
+        many.reset(seeds(MANY), np.ones(MANY, bool))
+        for row in told:
+            many.step(row if arrays == "numpy" else torch.from_numpy(row))
+        kinds = [many.observations, many.rewards, many.truncated, many.final_observations]
+        assert all(isinstance(one, torch.Tensor if arrays == "torch" else np.ndarray) for one in kinds)
+        seen.append([np.asarray(one).copy() for one in kinds])
+    with pytest.raises(ValueError, match="environment 0: action 0 of robot 0 is nan"):
+        many.step(torch.full((MANY * TEAM, 3), torch.nan))
+    assert many.truncated.dtype == torch.bool
+    for a, b in zip(*seen, strict=True):
+        np.testing.assert_array_equal(a, b)
+    many._allocate("numpy")
+
+
+def test_what_cannot_be_an_environment_is_told_in_a_line():
+    way = {"path": [[5, 1.0, 0.6], [10, 0.6, 0.6]]}
+    walking = {"kind": "cylinder", "center": [0.6, 0.6], "radius": 0.1, "motion": way}
+    for keys, text in (
+        ({"robots": []}, "robots: there are none"),
+        ({"obstacles": [walking]}, r"obstacles\[0\]: moves"),
+    ):
+        with pytest.raises(ValueError, match=text):
+            Episodes(scenario_from({**TASK, **keys}), bank=recorded())
+    with pytest.raises(ValueError, match="autoreset: got never, allowed are next_step, same_step, disabled"):
+        Episodes(scenario_from(TASK), bank=recorded(), autoreset="never")
+
+
+@ti.data_oriented
+class Air(Wind):
+    """Linear in space; numbers as for the films, of gas the sum of two."""
+
+    species = (SPECIES["ethanol"],)
+
+    def __init__(self, film):
+        self.wind_, self.level = WIND[film].tolist(), (LEVEL[film] + LEVEL[film][::-1]).tolist()
+
+    def begin(self, model, t, seed):
+        pass
+
+    def advance(self, t, dt):
+        pass
+
+    @ti.func
+    def velocity(self, x, t):
+        a, b, c = ti.static(self.wind_)
+        return ti.Vector([a + b * x[0] + c * x[1], c + b * x[0] + a * x[1]])
+
+    @ti.func
+    def ppm(self, x, t):
+        a, b, c = ti.static(self.level)
+        return ti.Vector([a + b * x[0] + c * x[1]])
+
+
+def test_robots_are_those_of_an_ordinary_run(engines):
+    """The same commands in the same air, without noise: ways, readings and winds are the same."""
+    _, many = engines
+    (group,) = many.swarm.groups
+    sensors = group.model.sensors
+    exact = sensors.model_copy(
+        update={
+            "gas": MoxSensor(kind="mox", noise=0.0),
+            "wind": sensors.wind.model_copy(update={"noise": 0.0}),
+        }
+    )
+    model = group.model.model_copy(update={"sensors": exact, "odometry": None})
+    places = np.zeros((MANY * TEAM, 2)), np.zeros(MANY * TEAM)
+    swarm = many.swarm
+    swarm.begin([model], *places, np.empty((0, 2)), 3)
+    many.sensors.begin()
+    choice = many.rounds.choice.to_numpy()
+    many.rounds.choice.from_numpy(np.full_like(choice, -1))
+    many.rounds.n.set(mirrors=0.0)
+    many.autoreset = "disabled"
+    many.reset(seeds(MANY))
+    starts = swarm.position.to_numpy(), swarm.heading.to_numpy()
+    air = Air(0)
+    film = many.info["film"]
+    here = np.repeat(film == 0, TEAM)
+    assert here.any()
+    plain = Swarm([model], *starts, swarm.clearance, np.empty((0, 2)), 3)
+    noses = Sensors(plain, 2, 0.1, air.species)
+    told = actions(many, 7)
+    told[..., 2] = -1.0
+    plain.move(1, 0.1, 0.1)
+    noses.measure(air, air, 1, 0.1)
+    tick = 1
+    for row in told:
+        many.step(row.reshape(-1, 3))
+        share = row.reshape(-1, 3)
+        plain.speed_command.from_numpy(0.5 * (1.0 + share[:, 0]) * np.float32(0.4))
+        plain.turn_rate_command.from_numpy(share[:, 1] * plain.max_turn_rate.to_numpy())
+        for _ in range(TICKS):
+            tick += 1
+            plain.move(tick, 0.1 * tick, 0.1)
+            noses.measure(air, air, tick, 0.1 * tick)
+    known, wanted = swarm.snapshot(), plain.snapshot()
+    for name in ("position", "heading", "path_length", "bumps"):
+        np.testing.assert_allclose(known[name], wanted[name], atol=1e-5, err_msg=name)
+    assert wanted["path_length"].min() > 0.1
+    for name, error in (("reading_ppm", 2e-3), ("true_ppm", 1e-3), ("wind", 2e-3), ("resistance_ohm", 2e-3)):
+        np.testing.assert_allclose(known[name][here], wanted[name][here], rtol=error, atol=3e-4, err_msg=name)

@@ -1,0 +1,381 @@
+"""The environments as Gymnasium and PettingZoo see them; one engine is behind them all."""
+
+import warnings
+from copy import copy
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium import wrappers
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
+from pettingzoo.test import parallel_api_test, parallel_seed_test
+from small_task import TASK, task
+
+import taichi_plume.envs
+from taichi_plume.envs import ID, parallel_env
+from taichi_plume.envs.task import open_episodes
+from taichi_plume.grid import kernels
+
+pytestmark = pytest.mark.usefixtures("taichi")
+
+COUNT, STEPS = 3, 40
+SEEDS = [11, 12, 13]
+
+
+def act(observations: np.ndarray, size: int = 2) -> np.ndarray:
+    """Some policy: what it does follows from what is observed alone, so that episodes can be compared."""
+    count = observations.shape[-1]
+    weights = np.random.default_rng(0).normal(size=(count, size))
+    return np.tanh(observations @ weights + [0.5, 0.1]).astype(np.float32)
+
+
+@pytest.fixture(scope="module")
+def made():
+    """Environments that tests share, each made once."""
+    kernels.start("cpu")
+    kept: dict[str, Any] = {}
+
+    def make(kind: str) -> Any:
+        if kind not in kept:
+            kept[kind] = (
+                gymnasium.make(ID, scenario=TASK, render_mode="rgb_array", disable_env_checker=True)
+                if kind == "single"
+                else gymnasium.make_vec(ID, num_envs=COUNT, scenario=TASK, autoreset_mode=kind, copy=True)
+            )
+        return kept[kind]
+
+    return make
+
+
+def singly(env: Any, seed: int) -> list[tuple]:
+    """Steps of a single environment: observation, reward, terminated, truncated, the next observation."""
+    steps, (seen, _) = [], env.reset(seed=seed)
+    while len(steps) < STEPS:
+        after, reward, ended, late, _ = env.step(act(seen))
+        steps.append((seen, reward, ended, late, after))
+        seen = env.reset()[0] if ended or late else after
+    return steps
+
+
+def at_once(envs: Any, mode: str) -> list[list[tuple]]:
+    """The same of each environment of a vector, however it begins episodes anew."""
+    steps: list[list[tuple]] = [[] for _ in range(COUNT)]
+    seen, _ = envs.reset(seed=SEEDS[0])
+    over = np.zeros(COUNT, bool)
+    while min(map(len, steps)) < STEPS:
+        if mode == "disabled" and over.any():
+            seen, _ = envs.reset(options={"reset_mask": over})
+        begins = over if mode == "next_step" else np.zeros(COUNT, bool)
+        after, rewards, ended, late, info = envs.step(act(seen))
+        over = ended | late
+        for e in np.flatnonzero(~begins):
+            final = info["final_obs"][e] if mode == "same_step" and over[e] else after[e]
+            steps[e].append((seen[e], rewards[e], ended[e], late[e], final))
+        assert not (begins & over).any()
+        assert (rewards[begins] == 0).all()
+        told = info.get("final_info", info)
+        assert ("found" in told) == over.any()
+        if over.any():
+            np.testing.assert_array_equal(told["_found"], over)
+            np.testing.assert_array_equal(told["found"][over] == 1, ended[over])
+        seen = after
+    return steps
+
+
+def assert_same(one: list[tuple], other: list[tuple]) -> None:
+    """Two sequences of steps, to the bit, as far as both go."""
+    assert min(len(one), len(other)) >= STEPS
+    for a, b in zip(one, other, strict=False):
+        for x, y in zip(a, b, strict=True):
+            np.testing.assert_array_equal(x, y)
+
+
+@pytest.mark.parametrize("mode", ["next_step", "same_step", "disabled"])
+def test_single_environments_give_the_episodes_of_a_vector_in_every_autoreset_mode(made, mode):
+    several = at_once(made(mode), mode)
+    for seed, steps in zip(SEEDS, several, strict=True):
+        alone = singly(made("single"), seed)
+        assert_same(alone, steps)
+        assert sum(ended or late for _, _, ended, late, _ in alone) >= 3, "several episodes were compared"
+    assert any(ended for steps in several for _, _, ended, _, _ in steps), "some are found"
+    assert not np.array_equal(several[0][0][0], several[1][0][0])
+
+
+def test_gymnasiums_checker_has_nothing_to_say(made):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(gymnasium.make(ID, scenario=TASK).unwrapped)
+
+
+def test_the_registry_makes_the_vector_by_itself(made):
+    envs = made("next_step")
+    assert envs.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
+    assert envs.num_envs == COUNT
+    assert envs.observation_space.shape == (COUNT, *envs.single_observation_space.shape)
+    assert envs.observation_space.contains(envs.reset(seed=1)[0])
+    taichi_plume.envs.register()  # as a plug-in does once more
+    assert ID in gymnasium.registry
+
+
+def test_a_picture_shows_the_world(made):
+    env = made("single")
+    env.reset(seed=5)
+    first = env.render()
+    assert first.dtype == np.uint8
+    assert first.shape == (240, 400, 3)
+    engine = env.unwrapped.episodes
+    x, y = np.array(engine.swarm.position[0]) / 2.0 * 400
+    np.testing.assert_array_equal(first[239 - int(y), int(x)], [30, 60, 200])
+    (place,) = engine.bank.sources[0][int(engine.info["source"][0])]
+    x, y = place / 2.0 * 400
+    np.testing.assert_array_equal(first[239 - int(y), int(x)], [20, 120, 30])
+    for _ in range(3):
+        env.step(np.array([1.0, 0.0], np.float32))
+    assert (env.render() != first).any()
+
+
+def test_the_last_observation_stays_valid_for_a_step(made):
+    engine = made("same_step").unwrapped.episodes
+    engine.reset(np.arange(COUNT, dtype=np.uint64))
+    first = engine.observations
+    before = first.copy()
+    engine.step(act(first))
+    np.testing.assert_array_equal(first, before)
+    assert engine.observations is not first
+
+
+@pytest.mark.parametrize(
+    ("actions", "told"),
+    [
+        (np.full((COUNT, 2), np.nan), "nan"),
+        (np.full((COUNT, 2), 1.5), "1.5"),
+        (np.zeros((COUNT, 3)), "shape"),
+        (np.zeros(COUNT), "shape"),
+        (np.full((COUNT, 2), 1j), "wanted an array of numbers: got complex128"),
+        (np.full((COUNT, 2), "left"), "wanted an array of numbers"),
+        ([{}] * COUNT, "wanted an array of numbers"),
+    ],
+)
+def test_bad_actions_are_refused_in_a_line_and_nothing_moves(made, actions, told):
+    envs = made("same_step")
+    envs.reset(seed=2)
+    before = envs.unwrapped.episodes.swarm.position.to_numpy()
+    with pytest.raises(ValueError, match=told) as error:
+        envs.step(actions)
+    assert "\n" not in str(error.value)
+    np.testing.assert_array_equal(envs.unwrapped.episodes.swarm.position.to_numpy(), before)
+    single = made("single")
+    single.reset(seed=2)
+    with pytest.raises(ValueError, match=told):
+        single.step(actions[0])
+
+
+def test_an_episode_that_is_over_has_to_be_reset(made):
+    env = made("single")
+    env.reset(seed=1)
+    over = False
+    while not over:
+        _, _, ended, late, info = env.step(np.array([-1.0, 0.0], np.float32))
+        over = ended or late
+    assert late
+    assert info["time_s"] == pytest.approx(env.unwrapped.episodes.most_steps * env.unwrapped.episodes.step_s)
+    assert info["found"] == 0
+    assert info["path_m"] == 0
+    with pytest.raises(ValueError, match="its episode is over; reset it first"):
+        env.step(np.zeros(2, np.float32))
+    envs = made("disabled")
+    envs.reset(seed=1)
+    for mask in (np.zeros(COUNT, bool), np.ones(COUNT + 1, bool), np.ones(COUNT)):
+        with pytest.raises(ValueError, match="reset_mask: wanted 3 truth values"):
+            envs.reset(options={"reset_mask": mask})
+
+
+WALKED = {
+    "obstacles": [
+        {
+            "kind": "cylinder",
+            "center": [1.0, 0.3],
+            "radius": 0.1,
+            "motion": {"path": [[2, 1.0, 0.4], [5, 1.0, 0.8]]},
+        }
+    ],
+    "wind": {"kind": "synthetic"},
+    "gas": {"kind": "eulerian", "sources": [{"position": [0.4, 0.8], "rate": "1 mg/s"}]},
+}
+
+
+@pytest.mark.parametrize(
+    ("keys", "told"),
+    [
+        ({"scenario": "nowhere.yaml"}, "nowhere.yaml"),
+        ({"scenario": task(robots=[])}, "robots"),
+        ({"scenario": task(robots=[TASK["robots"][0] | {"found": "declared"}])}, "never declares"),
+        ({"scenario": task(**WALKED)}, r"obstacles\[0\]: moves"),
+        ({"scenario": 3}, "scenario: got int"),
+        ({"scenario": task(duration="soon")}, "duration"),
+        ({"scenario": TASK, "render_mode": "ansi"}, "render_mode: got 'ansi'"),
+        ({"scenario": TASK, "bank": "nowhere.zarr"}, "nowhere.zarr"),
+        ({"scenario": TASK, "bank": 3}, "bank: got int"),
+        ({"scenario": TASK, "overrides": "task.airs=3"}, "overrides: got one text"),
+        ({"scenario": TASK, "overrides": ["task.airs=3"]}, "overrides: are for a scenario that is a file"),
+    ],
+)
+def test_what_is_no_task_is_told_in_a_line(keys, told):
+    for make in (gymnasium.make, gymnasium.make_vec):
+        with pytest.raises(ValueError, match=told) as error:
+            make(ID, **keys)
+        assert "\n" not in str(error.value)
+    with pytest.raises(ValueError, match=told):
+        parallel_env(**keys)
+
+
+def test_numbers_that_no_vector_has_are_told_in_a_line():
+    for count in (0, -1, 1.5):
+        with pytest.raises(ValueError, match="num_envs: got"):
+            gymnasium.make_vec(ID, num_envs=count, scenario=TASK)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"autoreset_mode: got 'never', allowed are next_step"):
+        gymnasium.make_vec(ID, num_envs=2, scenario=TASK, autoreset_mode="never")
+    with pytest.raises(ValueError, match="arrays: got 'lists', allowed are numpy, torch"):
+        gymnasium.make_vec(ID, num_envs=2, scenario=TASK, arrays="lists")
+
+
+@pytest.mark.parametrize("seed", [-1, 2**64, 1.5, "one", [1.5, 2, 3], [1, 2]])
+def test_what_is_no_seed_is_told_in_a_line(made, seed):
+    with pytest.raises(ValueError, match="seed: got") as error:
+        made("same_step").reset(seed=seed)
+    assert "\n" not in str(error.value)
+
+
+def test_options_are_a_dict(made):
+    for mode in ("single", "same_step"):
+        with pytest.raises(ValueError, match="options: got list, wanted a dict or None"):
+            made(mode).reset(options=[True])
+
+
+def test_gymnasiums_wrappers_count_episodes(made):
+    def count(env, action):
+        env.reset(seed=1)
+        for _ in range(STEPS):
+            *_, info = env.step(action)
+            if "episode" in info:
+                return info["episode"]
+        return None
+
+    still = np.array([-1.0, 0.0], np.float32)
+    told = count(wrappers.RecordEpisodeStatistics(made("single")), still)
+    assert told
+    assert told["l"] == made("single").unwrapped.episodes.most_steps == 8
+    many = wrappers.vector.RecordEpisodeStatistics(made("same_step"))
+    told = count(many, np.tile(still, (COUNT, 1)))
+    assert told
+    assert told["l"].tolist() == [8] * COUNT
+
+
+def test_a_missing_package_is_told_with_its_extra(monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(
+        ImportError, match=r'pettingzoo is not installed; pip install "taichi_plume\[learn\]"'
+    ):
+        parallel_env(TASK)
+    with pytest.raises(ImportError, match="stable_baselines3 is not installed"):
+        taichi_plume.envs.sb3_env(TASK, 4)
+
+
+def test_pettingzoos_tests_pass(made):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        team = parallel_env(TASK)
+        assert team.possible_agents == ["robot_0", "robot_1"]
+        parallel_api_test(team, num_cycles=60)
+        team.reset(seed=1)
+        with pytest.raises(ValueError, match="actions: there is none of robot_1"):
+            team.step({"robot_0": np.zeros(2, np.float32)})
+        two = iter([team, parallel_env(TASK)])
+        parallel_seed_test(lambda: next(two), num_cycles=20)
+    with pytest.raises(ValueError, match="the environment is closed"):
+        team.reset()
+
+
+@pytest.mark.slow
+def test_stable_baselines3_steps_the_same_episodes(made):
+    pytest.importorskip("torch")
+    check_baselines = pytest.importorskip("stable_baselines3.common.env_checker").check_env
+    from taichi_plume.envs import sb3_env
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_baselines(made("single").unwrapped)
+    envs = sb3_env(TASK, COUNT)
+    envs.seed(SEEDS[0])
+    seen: Any = envs.reset()
+    steps: list[list[Any]] = [[] for _ in range(COUNT)]
+    while min(map(len, steps)) < STEPS:
+        after: Any
+        after, rewards, over, infos = envs.step(act(seen))
+        for e, info in enumerate(infos):
+            late = info.get("TimeLimit.truncated", False)
+            final = info.get("terminal_observation", after[e])
+            steps[e].append((seen[e], rewards[e], over[e] and not late, late, final))
+            if over[e]:
+                assert info["search"]["found"] == (not late)
+                length = len(steps[e]) - max(
+                    [k + 1 for k, s in enumerate(steps[e][:-1]) if s[2] or s[3]] or [0]
+                )
+                assert info["episode"]["l"] == length
+        seen = after
+    for one, other in zip(steps, at_once(made("same_step"), "same_step"), strict=True):
+        assert_same(one, other)
+    envs.close()
+
+
+@pytest.mark.slow
+def test_torch_has_the_same_numbers_in_tensors_of_its_own(made):
+    torch = pytest.importorskip("torch")
+    engine = open_episodes(TASK, COUNT, autoreset="same_step", arrays="torch")
+    other = made("same_step").unwrapped.episodes
+    for one in (engine, other):
+        one.reset(np.array(SEEDS, np.uint64))
+    for _ in range(12):
+        assert isinstance(engine.observations, torch.Tensor)
+        np.testing.assert_array_equal(engine.observations.numpy(), other.observations)
+        actions = act(other.observations)
+        engine.step(torch.from_numpy(actions))
+        other.step(actions)
+        np.testing.assert_array_equal(engine.rewards.numpy(), other.rewards)
+        np.testing.assert_array_equal(engine.truncated.numpy(), other.truncated)
+
+
+def test_a_closed_environment_says_so_and_closes_twice(made):
+    envs = copy(made("disabled").unwrapped)
+    envs.close()
+    envs.close()
+    for use in (envs.reset, lambda: envs.step(np.zeros((COUNT, 2), np.float32)), envs.render):
+        if use == envs.render:
+            envs.render_mode = "rgb_array"
+        with pytest.raises(ValueError, match="the environment is closed; make another one"):
+            use()
+
+
+def test_a_closed_engine_serves_the_next_of_its_task(made):
+    """It is as new: the same episodes, in arrays of its own, and nothing is compiled."""
+    first = gymnasium.make(ID, scenario=TASK).unwrapped
+    actions = np.random.default_rng(3).uniform(-1, 1, (5, 2)).astype(np.float32)
+    told = [first.reset(seed=4)[0], *(first.step(action)[0] for action in actions)]
+    engine, before = first.episodes, kernels.compiled()
+    shown = engine.observations
+    kept = shown.copy()
+    first.close()
+    second = gymnasium.make(ID, scenario=TASK).unwrapped
+    assert second.episodes is engine
+    with pytest.raises(ValueError, match="reset"):
+        second.step(actions[0])
+    again = [second.reset(seed=4)[0], *(second.step(action)[0] for action in actions)]
+    assert np.array_equal(told, again)
+    assert np.array_equal(shown, kept)
+    assert kernels.compiled() == before
+    third = gymnasium.make(ID, scenario=TASK).unwrapped
+    assert third.episodes is not engine
+    second.close()
+    third.close()

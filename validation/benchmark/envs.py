@@ -1,0 +1,182 @@
+"""How fast environments are, beside what is wanted: a film that is played to thousands of episodes in one process.
+
+    python -m taichi_plume.validation.benchmark envs [--arch ARCH] [--count N] [--seconds S] [--json]
+
+Steps are counted as `gymnasium.utils.performance` does it: actions drawn before at random, a warm-up outside, and of
+the environments only those that step, not those that begin anew in between. Resets are the median of many.
+"""
+
+import json
+import os
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import psutil
+
+from taichi_plume.guard.terminal import Parser, say
+
+COUNT = 4096
+RESETS = 10_000
+FILMS, FRAMES = 4, 241
+ACTIONS = 16  # different ones, in turn
+TASK: dict[str, Any] = {
+    "duration": 60.0,
+    "domain": {"size": [4.0, 3.0], "spacing": 0.04, "depth": 0.5},
+    "wind": {"kind": "uniform", "velocity": [0.5, 0.0]},
+    "gas": {
+        "kind": "gaussian_plume",
+        "species": "acetone",
+        "intensity": 0.1,
+        "sources": [{"position": [0.6, 1.5], "rate": "20 mg/s"}],
+    },
+    "obstacles": [{"kind": "box", "center": [2.0, 1.0], "size": [0.3, 0.4]}],
+    "robots": [
+        {
+            "name": "learners",
+            "count": 1,
+            "start": {"kind": "area", "low": [2.5, 0.3], "high": [3.7, 2.7]},
+            "algorithm": {"kind": "policy"},
+            "sensors": {"gas": {"kind": "mox", "spread": 0.3}, "wind": {"kind": "ultrasonic"}},
+        }
+    ],
+}
+WANTED = {"vector": 1e6, "single": 2e3}
+"""Steps per second, of COUNT environments and of one."""
+RESET_MS = 5.0
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A figure and what is wanted; cpu_us: time of all cores per step of an environment, where it is a rate."""
+
+    case: str
+    figure: float
+    unit: str
+    wanted: str
+    cpu_us: float = 0.0
+
+    def __str__(self) -> str:
+        cpu = f", {self.cpu_us:.2f} us of CPU each" if self.cpu_us else ""
+        return f"{self.case:36} {self.figure:12,.2f} {self.unit:8} (wanted: {self.wanted}{cpu})"
+
+
+def films() -> Any:
+    """A bank of noise around a wind and a plume: it takes as long to play as one that was solved for."""
+    rng = np.random.default_rng(0)
+    shape = (FILMS, FRAMES, 100, 75)
+    values = np.empty((*shape, 3), np.float16)
+    for film in values:
+        film[..., 0] = rng.normal(0.5, 0.1, shape[1:])
+        film[..., 1] = rng.normal(0.0, 0.1, shape[1:])
+        film[..., 2] = rng.gamma(0.5, 20.0, shape[1:])
+    from taichi_plume.scenario.species import SPECIES
+
+    return SimpleNamespace(
+        values=values,
+        scale=np.ones((FILMS, 1), np.float32),
+        air=np.ones((2, *shape[2:])),
+        spacing=0.04,
+        frame=0.5,
+        species=(SPECIES["acetone"],),
+        sources=((np.array([[0.6, 1.5]]),),) * FILMS,
+        films=FILMS,
+        length=(FRAMES - 1) * 0.5,
+    )
+
+
+def rate(engine: Any, seconds: float) -> tuple[float, float]:
+    """Steps per second, and time of all cores per step [s]."""
+    rng = np.random.default_rng(1)
+    shape = (engine.count * engine.robots, engine.action_size)
+    told = [rng.uniform(-1.0, 1.0, shape).astype(np.float32) for _ in range(ACTIONS)]
+    engine.reset(np.arange(engine.count, dtype=np.uint64))
+    for actions in told:
+        engine.step(actions)
+    steps, k, over = 0, 0, engine.terminated | engine.truncated
+    cpu, begin = time.process_time(), time.perf_counter()
+    while time.perf_counter() - begin < seconds:
+        engine.step(told[k % ACTIONS])
+        steps += engine.count - int(over.sum())  # those that were over have begun anew
+        over = engine.terminated | engine.truncated
+        k += 1
+    return steps / (time.perf_counter() - begin), (time.process_time() - cpu) / max(1, steps)
+
+
+def reset_ms(engine: Any, mask: np.ndarray | None, times: int = 100) -> float:
+    """Median time of a reset [ms]."""
+    spent = []
+    for k in range(times):
+        begin = time.perf_counter()
+        if mask is None:
+            engine.reset(np.arange(engine.count, dtype=np.uint64) + np.uint64(k))
+        else:
+            engine.reset(mask=mask)
+        spent.append(time.perf_counter() - begin)
+    return 1e3 * float(np.median(spent))
+
+
+def growth_mb(engine: Any) -> float:
+    """By how much memory grows [MB] over RESETS resets, after a tenth of them."""
+    process = psutil.Process(os.getpid())
+    for k in range(RESETS // 10):
+        engine.reset(np.full(engine.count, k, np.uint64))
+    before = process.memory_info().rss
+    for k in range(RESETS):
+        engine.reset(np.full(engine.count, k, np.uint64))
+    return (process.memory_info().rss - before) / 1e6
+
+
+def measure(arch: str, count: int, seconds: float) -> list[Measured]:
+    """All figures."""
+    from taichi_plume.envs.episodes import Episodes
+    from taichi_plume.grid import kernels
+    from taichi_plume.scenario.loading import scenario_from
+
+    kernels.start(arch)
+    scenario, bank = scenario_from(TASK), films()
+    many = Episodes(scenario, count=count, bank=bank)
+    steps, cpu = rate(many, seconds)
+    one_of_them = np.arange(count) == count // 2
+    rows = [
+        Measured(
+            f"steps of {count:,} environments",
+            steps,
+            "1/s",
+            f">= {WANTED['vector']:,.0f}",
+            round(1e6 * cpu, 3),
+        ),
+        Measured("reset of one of them", reset_ms(many, one_of_them), "ms", f"<= {RESET_MS:g}"),
+        Measured("reset of all", reset_ms(many, None), "ms", f"<= {RESET_MS:g}"),
+    ]
+    one = Episodes(scenario, count=1, bank=bank)
+    steps, cpu = rate(one, seconds)
+    return [
+        *rows,
+        Measured(
+            "steps of a single environment", steps, "1/s", f">= {WANTED['single']:,.0f}", round(1e6 * cpu, 3)
+        ),
+        Measured(f"memory over {RESETS:,} resets", growth_mb(one), "MB more", "flat"),
+    ]
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Measure and tell."""
+    parser = Parser(prog="python -m taichi_plume.validation.benchmark envs", description=__doc__)
+    parser.add_argument("--arch", default="cpu", choices=("auto", "cpu", "cuda", "vulkan", "metal"))
+    parser.add_argument("--count", type=int, default=COUNT, help=f"environments (default: {COUNT})")
+    parser.add_argument("--seconds", type=float, default=5.0, help="per rate (default: 5)")
+    parser.add_argument("--json", action="store_true", help="print JSON")
+    args = parser.parse_args(arguments)
+    if args.count < 1:
+        parser.error(f"argument --count: {args.count} is below 1")
+    rows = measure(args.arch, args.count, args.seconds)
+    if args.json:
+        say(json.dumps([asdict(row) for row in rows], indent=2), longest=None)
+    else:
+        for row in rows:
+            say(row)
+    return 0
