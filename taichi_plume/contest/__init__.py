@@ -1,0 +1,16 @@
+"""The contest: fixed scenarios, all search algorithms and the user's own, one table with intervals over airs."""
+
+MAY_IMPORT: tuple[str, ...] = (
+    "assemble",
+    "declared",
+    "files",
+    "grid",
+    "guard",
+    "own_code",
+    "prepare",
+    "report",
+    "scenario",
+    "signals",
+    "simulation",
+    "study",
+)

@@ -1,0 +1,104 @@
+"""A contest from its begin to its end: a study for each scenario, then the table and the page.
+
+The folder has `scenarios/NAME.yaml` and `NAME.study.yaml`, which are what is asked for, a study's folder `NAME` for
+each of them, `contest.csv`, `contest.parquet` and `contest.html`. Runs, airs, workers and resuming are the study's.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import yaml
+
+from taichi_plume.contest.entrants import Entrant
+from taichi_plume.contest.fixed import Fixed
+from taichi_plume.files.run_folder import RunFolderError
+from taichi_plume.guard.opening import unopenable
+from taichi_plume.guard.terminal import say, visible
+from taichi_plume.scenario.loading import ScenarioError
+from taichi_plume.study.plan import load_plan
+from taichi_plume.study.study_run import Wishes, carry_out
+
+if TYPE_CHECKING:
+    from taichi_plume.study.plan import Plan
+
+SCENARIOS = "scenarios"
+AXIS = "algorithm"
+
+
+class Contest(NamedTuple):
+    """What is played: by whom, in which scenarios, in how many airs each; out: the folder."""
+
+    out: Path
+    scenarios: tuple[Fixed, ...]
+    entrants: tuple[Entrant, ...]
+    airs: int
+
+    @property
+    def searches(self) -> int:
+        """In each air."""
+        return self.scenarios[0].data["robots"][0]["trials"]
+
+    def study(self, scenario: Fixed) -> Path:
+        """The study's folder of a scenario."""
+        return self.out / scenario.name
+
+
+def plans(contest: Contest) -> list["Plan"]:
+    """The studies, written into the folder and checked. Raises ScenarioError, RunFolderError, OSError."""
+    _require_ours(contest.out)
+    folder = contest.out / SCENARIOS
+    folder.mkdir(parents=True, exist_ok=True)
+    made = []
+    for one in contest.scenarios:
+        base, file = folder / f"{one.name}.yaml", folder / f"{one.name}.study.yaml"
+        head = "".join(f"# {line}\n" for line in one.about)
+        base.write_text(head + yaml.safe_dump(one.data, sort_keys=False), encoding="utf-8")
+        study = {
+            "name": one.name,
+            "base": base.name,
+            "airs": contest.airs,
+            "axes": {AXIS: {"variants": {each.name: each.changes(one) for each in contest.entrants}}},
+        }
+        file.write_text(yaml.safe_dump(study, sort_keys=False), encoding="utf-8")
+        made.append(load_plan(file, allow_outside=True))  # own algorithms lie where the user has them
+    return made
+
+
+def play(contest: Contest, wishes: Wishes) -> int:
+    """Make all runs that are not done; returns the exit code of the worst study. Raises as `plans`.
+
+    wishes: of the studies; `out` is each study's own.
+    """
+    code = 0
+    for plan, scenario in zip(plans(contest), contest.scenarios, strict=True):
+        if not wishes.quiet:
+            say(f"{scenario.name}: {len(contest.entrants)} algorithms in {contest.airs} airs", error=True)
+        code = max(code, carry_out(plan, wishes._replace(out=contest.study(scenario))))
+        if code == 130:
+            break
+    return code
+
+
+def _require_ours(out: Path) -> None:
+    """Refuse a folder with files that no contest has left."""
+    if not out.exists():
+        return
+    fault = unopenable(out, folder=True)
+    if fault:
+        raise RunFolderError(f"{out}: {fault}; give a folder for the contest")
+    there = sorted(file.name for file in out.iterdir())
+    if there and not (out / SCENARIOS).is_dir():
+        raise RunFolderError(f"{out}: is not empty, and holds no contest ({there[0]}); choose another --out")
+
+
+def chosen(names: str | None) -> Sequence[str] | None:
+    """The names of a list with commas, None where none are given. Raises ScenarioError of an empty one."""
+    if names is None:
+        return None
+    some = [name.strip() for name in names.split(",")]
+    if not all(some):
+        raise ScenarioError(
+            [f"'{visible(names)}': give names with commas between, such as open_2d,meandering"]
+        )
+    return some

@@ -1,0 +1,120 @@
+"""`python -m taichi_plume.contest`: bad input in a line, and a tiny contest that is played twice."""
+
+import pandas as pd
+import pytest
+
+from taichi_plume.contest.__main__ import main
+from taichi_plume.contest.standings import MEASURES
+from taichi_plume.study import intervals
+from taichi_plume.study import open as open_study
+
+UPWIND = """
+import numpy as np
+
+class Upwind:
+    def act(self, robots):
+        robots.turn_to(np.arctan2(-robots.wind[:, 1], -robots.wind[:, 0]))
+        robots.speed[:] = 0.2
+"""
+BROKEN = """
+class Broken:
+    def act(self, robots):
+        raise RuntimeError("no idea")
+"""
+LINE = [
+    "--scenarios",
+    "meandering",
+    "--algorithms",
+    "surge_cast",
+    "--airs",
+    "2",
+    "--searches",
+    "2",
+    "--workers",
+    "1",
+]
+
+
+@pytest.fixture
+def files(tmp_path):
+    for name, text in (("upwind", UPWIND), ("broken", BROKEN)):
+        (tmp_path / f"{name}.py").write_text(text)
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "photo.txt").write_text("mine")
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("line", "told"),
+    [
+        (["--scenarios", "open_3"], "scenario 'open_3': there is none of that name; did you mean open_3d?"),
+        (["--algorithms", "infotax"], "did you mean infotaxis?"),
+        (["--scenarios", "open_2d,"], "give names with commas between"),
+        (["--algorithm", "nothing.py"], "nothing.py: does not exist"),
+        (["--algorithm", "upwind.py"], "look at it, then add --allow-code"),
+        (["--out", "full"], "full: is not empty, and holds no contest (photo.txt); choose another --out"),
+        (["--out", "upwind.py"], "upwind.py: "),
+        (["--airs", "0"], "--airs: must be a whole number from 1 to 4096, got '0'"),
+        (["--seed", "-1"], "must be a whole number from 0 to 4294967295"),
+    ],
+)
+def test_what_is_wrong_is_told_in_a_line(files, monkeypatch, capsys, line, told):
+    monkeypatch.chdir(files)
+    try:
+        code = main(line)
+    except SystemExit as end:
+        code = end.code
+    err = capsys.readouterr().err
+    assert code == 2
+    assert told in err.splitlines()[-1]
+    assert "Traceback" not in err
+
+
+@pytest.mark.slow
+def test_a_contest_is_the_same_again_goes_on_and_bears_a_broken_algorithm(files, monkeypatch, capsys):
+    monkeypatch.chdir(files)
+    own = ["--algorithm", "upwind.py", "--algorithm", "broken.py", "--allow-code"]
+    assert main([*LINE, *own, "--out", "a"]) == 1  # of the broken one
+    captured = capsys.readouterr()
+    told = [line for line in captured.err.splitlines() if line.startswith("meandering: broken")]
+    assert len(told) == 1
+    assert "2 of 2 runs have failed" in told[0]
+    assert "no idea" in told[0]
+    assert "surge_cast" in captured.out
+
+    table = pd.read_csv("a/contest.csv").set_index("algorithm")
+    assert table.loc["broken", ["failed", "searches"]].tolist() == [2, 0]
+    trials = open_study("a/meandering").trials()
+    for name in ("surge_cast", "upwind"):
+        mine = trials[trials["algorithm"] == name]
+        assert table.loc[name, "searches"] == len(mine) == 4
+        assert table.loc[name, "success"] == pytest.approx(mine["success"].mean(), rel=1e-5)
+        assert table.loc[name, "airs"] == 2
+        assert table.loc[name, "success_low"] <= table.loc[name, "success"] <= table.loc[name, "success_high"]
+        shares = table.loc[name, ["declared", "reached", "neither"]]
+        assert shares.sum() == pytest.approx(1)
+    of = trials[trials["algorithm"] == "surge_cast"]
+    k = intervals.estimates(of["success"].astype(float), of["algorithm"], of["air_seed"], True, True)[
+        "surge_cast"
+    ]
+    assert table.loc["surge_cast", "success_low"] == pytest.approx(k.low, rel=1e-5)
+
+    page = (files / "a" / "contest.html").read_text()
+    assert "default-src 'none'" in page
+    assert "http://" not in page.replace("http://www.w3.org", "")
+    assert "https://" not in page
+    assert page.count("data:image/png;base64,") == 2
+
+    before = (files / "a" / "contest.csv").read_bytes()
+    part = sorted((files / "a" / "meandering" / "parts").iterdir())[0]
+    part.unlink()  # as if it had been killed before
+    assert main([*LINE, *own, "--out", "a", "--quiet"]) == 1
+    assert (files / "a" / "contest.csv").read_bytes() == before
+
+    assert main([*LINE, "--algorithm", "upwind.py", "--allow-code", "--out", "b", "--quiet"]) == 0
+    again = (files / "b" / "contest.csv").read_bytes()
+    assert again.splitlines() == [line for line in before.splitlines() if b"broken" not in line]
+
+
+def test_measures_have_names_of_their_own():
+    assert len({one.name for one in MEASURES}) == len(MEASURES)
