@@ -20,6 +20,8 @@ COMMANDS = {
     "repair": "complete the files of a run that was killed",
     "scenario": "print the JSON schema of scenarios, or explain a key",
     "study": "run many scenarios from one file, and make tables of them",
+    "contest": "let all search algorithms, and your own, meet in the same scenarios",
+    "envs": "record the airs that learners meet",
     "statistics": "mean and fluctuations of a plume, its whiffs and blanks",
     "validation": "run the solvers against exact solutions, and published experiments",
 }

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, Protocol
 
 from taichi_plume import __version__
 from taichi_plume.agents.own import OwnAlgorithm
+from taichi_plume.belief_scores import BeliefScores
 from taichi_plume.files import checkpoint, forces_table, manifest, maps_file, result, robots_table
 from taichi_plume.files.own_class import OwnAlgorithmError
 from taichi_plume.files.run_folder import LISTED, RunFolderError
@@ -73,12 +74,13 @@ class Outputs:
     OSError as soon as there is no room, ScenarioError where checkpoints are asked for and cannot be made.
     """
 
-    STATE = ("sim", "observers", "step_observers", "map_scores", "tables", "recorder")
+    STATE = ("sim", "observers", "step_observers", "map_scores", "belief_scores", "tables", "recorder")
 
     def __init__(self, sim: Simulation, about: About, ears: Ears):
         self.sim, self.about, self.ears = sim, about, ears
         self.map_scores = MapScores(sim)
-        sim.observers.append(self.map_scores.observer())
+        self.belief_scores = BeliefScores(sim)
+        sim.observers += [self.map_scores.observer(), self.belief_scores.observer()]
         self.tables = self._tables()
         self.recorder = self._recorder() if about.recording else None
         sim.observers.append(Every(sim.dt, self.keep, warm_up=True))
@@ -116,7 +118,7 @@ class Outputs:
                 sim.step_observers.append(observer)
             else:
                 sim.observers.append(observer)
-        if sim.maps and wants("maps.zarr"):
+        if (sim.maps or self.belief_scores.groups) and wants("maps.zarr"):
             tables.append(maps_file.MapsFile(sim, folder / "maps.zarr", self.map_scores))
         return tables
 

@@ -26,7 +26,7 @@ def execute(prepared: Prepared, allow: bool, ask: bool = False, without: Collect
         f"{where}.file: {visible(file.path)} holds Python code, which runs with all your rights; look at it, then add "
         "--allow-code (in Python: allow_code=True)"
         for where, file in files.items()
-        if not allow and not (ask and _wanted(f"{where}.file: {visible(file.path)}", file.digest))
+        if not allow and not (ask and wanted(f"{where}.file: {visible(file.path)}", file.digest))
     ]
     if refused:
         raise ScenarioError(refused)
@@ -40,7 +40,7 @@ def execute(prepared: Prepared, allow: bool, ask: bool = False, without: Collect
         raise ScenarioError(faults)
 
 
-def _wanted(where: str, digest: str) -> bool:
+def wanted(where: str, digest: str) -> bool:
     """What the user answers; no where nobody is at a terminal."""
     if not (sys.stdin and sys.stdin.isatty() and sys.stderr.isatty()):
         return False

@@ -6,7 +6,9 @@
     run.probes      pandas.DataFrame, of a run with `probes`
     run.forces      pandas.DataFrame: the force of the air on each obstacle
     run.maps        list of xarray.Dataset: each gas map at the end, beside the truth
+    run.beliefs     list of xarray.Dataset: where each group believed the source to be, at the end
     run.result      dict: what came of the run
+    run.trials      pandas.DataFrame: a row per trial of each group, of a run that has ended
     run.scenario    Scenario: with every default
 
 Opening is instant, each part is read when it is first asked for. Of a run that still runs, or was killed, there is what
@@ -83,6 +85,30 @@ class Run:
         return content
 
     @cached_property
+    def trials(self) -> "pandas.DataFrame":
+        """A row per trial of each group, named by `group`: what its result tells, with units and meanings."""
+        import pyarrow as pa
+
+        from taichi_plume.study import columns
+
+        path, groups = self.folder / "result.json", self.result.get("groups")
+        if not groups:
+            raise RunFolderError(
+                f"{path}: tells of no trials: the scenario has no robots, or the run has not ended"
+            )
+        try:
+            told = [{"algorithm": [one["algorithm"]] * one["trials"], **one["per_trial"]} for one in groups]
+            fields = [one for one in columns.TRIAL if one.name in told[0]]
+            values = [[value for one in told for value in one[field.name]] for field in fields]
+            arrays = [pa.array(each, field.type) for each, field in zip(values, fields, strict=True)]
+            frame = pa.table(arrays, pa.schema(fields)).to_pandas()
+        except (LookupError, TypeError, ValueError) as error:
+            raise RunFolderError(f"{path}: is damaged: {plain(' '.join(str(error).split()))}") from None
+        frame.attrs["units"] = columns.units(pa.schema(fields))
+        frame.attrs["meanings"] = columns.meanings(pa.schema(fields))
+        return frame
+
+    @cached_property
     def scenario(self) -> "Scenario":
         """The scenario with every default; the files that it names are not opened."""
         from taichi_plume.scenario.loading import ScenarioError, read_scenario
@@ -130,6 +156,13 @@ class Run:
 
         return maps_file.read(self._path("maps"))
 
+    @cached_property
+    def beliefs(self) -> "list[xarray.Dataset]":
+        """What each group that believes in places of the source believed at the end; see files/maps_file.py."""
+        from taichi_plume.files import maps_file
+
+        return maps_file.read_beliefs(self._path("maps"))
+
     def require(self, name: str) -> None:
         """Raises RunFolderError where the run has no film or recording, whichever is named."""
         if not (self.folder / name).exists():
@@ -152,7 +185,7 @@ class Run:
         for part, files in FILES.items():
             there = next((name for name in files if (self.folder / name).exists()), None)
             lines.append(f"  {part:<8} {there or f'none: {WANTED[part]}'}")
-        return "\n".join(visible(line) for line in [*lines, "  result", "  scenario"])
+        return "\n".join(visible(line) for line in [*lines, "  result", "  trials", "  scenario"])
 
 
 def _require_same(path: Path) -> None:

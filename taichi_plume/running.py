@@ -174,7 +174,9 @@ def _conclude(job: Job, sim: Simulation, outputs: Outputs, end: End) -> tuple[di
     folder = job.folder.path
     content: dict[str, Any]
     try:
-        content = result.result(sim, end.status, end.message, job.backend, outputs.map_scores)
+        content = result.result(
+            sim, end.status, end.message, job.backend, outputs.map_scores, outputs.belief_scores
+        )
     except Exception as error:  # a simulation too broken to tell
         end = end if end.code else End(*explain(error), 1)
         content = {"name": sim.scenario.name, "status": end.status, "message": end.message}

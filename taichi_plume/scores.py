@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
+from taichi_plume.declared import OUTCOMES, declared_outcomes
 from taichi_plume.grid import fields
 from taichi_plume.grid.grid import block_mean, centers
 from taichi_plume.scenario.played import Played
@@ -161,9 +162,10 @@ def mean_of(total: np.ndarray, count: np.ndarray) -> np.ndarray:
 def trial_outcomes(group: Any, snapshot: dict[str, np.ndarray], sources: np.ndarray) -> dict[str, Any]:
     """Per trial of a group, as columns; sources: (m, 2) [m].
 
-    success; found: robots that found a source; of the first of them time_s, since its group set off, path_m and
-    overhead: its path over the straight way to the nearest source; of the whole team team_path_m, acquisitions, hits,
-    bumps; final_distance_m: of the robot that ended nearest to a source.
+    group, trial: whose they are; success; found: robots that found a source; of the first of them time_s, since its
+    group set off, path_m and overhead: its path over the straight way to the nearest source; of the whole team
+    team_path_m, acquisitions, hits, bumps; final_distance_m: of the robot that ended nearest to a source; and what
+    `declared_outcomes` tells.
     """
     span = slice(group.start, group.start + group.trials * group.count)
 
@@ -185,6 +187,8 @@ def trial_outcomes(group: Any, snapshot: dict[str, np.ndarray], sources: np.ndar
         return np.where(success, values, np.nan).tolist()
 
     return {
+        "group": [group.name] * group.trials,
+        "trial": list(range(group.trials)),
         "success": success.tolist(),
         "found": found.sum(axis=1).tolist(),
         "time_s": of_the_first(time[first] - group.model.begin),
@@ -193,6 +197,7 @@ def trial_outcomes(group: Any, snapshot: dict[str, np.ndarray], sources: np.ndar
         "team_path_m": path.sum(axis=1).tolist(),
         **{name: table(snapshot[name]).sum(axis=1).tolist() for name in ("acquisitions", "hits", "bumps")},
         "final_distance_m": nearest(table(snapshot["position"])).min(axis=1).tolist(),
+        **declared_outcomes(group, snapshot, sources),
     }
 
 
@@ -230,8 +235,12 @@ def no_search(sim: Simulation, group: Any, success: Iterable[bool] = ()) -> str 
 
 
 def end(sim: Simulation, group: Any) -> float:
-    """For how long a trial of a group lasted in which no source was found [s]."""
-    return group.model.time(sim.scenario.duration if sim.tick >= sim.last_tick else sim.t)
+    """For how long a trial of a group lasted in which no source was found [s].
+
+    A run that stopped as nobody searched any more counts whole: robots that declared wrongly would not have found one.
+    """
+    whole = sim.tick >= sim.last_tick or (sim.swarm.count > 0 and sim.swarm.all_over())
+    return group.model.time(sim.scenario.duration if whole else sim.t)
 
 
 def source_places(sim: Simulation) -> np.ndarray:
@@ -254,8 +263,10 @@ def trial_summary(trials: dict[str, Any], duration: float, searched: bool = True
     """What the trials of `trial_outcomes` tell of the algorithm, with intervals of 95 % confidence.
 
     success_rate: Wilson's interval. The others over successful trials, with Student's interval of the mean; and
-    time_with_failures_s, of all trials, where a failure counts as `duration` [s]. Trials in which there was nothing to
-    search for tell nothing.
+    time_with_failures_s, of all trials, where a failure counts as `duration` [s]. Of groups that may declare:
+    declared_rate, reached_rate and neither_rate, the shares of each outcome, and false_declarations, of all trials;
+    declared_time_s and localisation_error_m, of those with a declaration. Trials in which there was nothing to search
+    for tell nothing.
     """
     if not searched:
         trials = {name: values[:0] for name, values in trials.items()}
@@ -264,6 +275,13 @@ def trial_summary(trials: dict[str, Any], duration: float, searched: bool = True
     for name in ("time_s", "path_m", "overhead", "acquisitions", "hits", "bumps"):
         told[name] = mean_with_interval(np.array(trials[name], float)[success])
     told["time_with_failures_s"] = mean_with_interval(np.where(success, trials["time_s"], duration))
+    speaks = np.isfinite(np.array(trials["declarations"], float))
+    outcomes = np.array(trials["outcome"])[speaks]
+    for name in OUTCOMES:
+        told[f"{name}_rate"] = share_with_interval(int((outcomes == name).sum()), len(outcomes))
+    for name in ("declared_time_s", "localisation_error_m", "false_declarations"):
+        values = np.array(trials[name], float)
+        told[name] = mean_with_interval(values[np.isfinite(values)])
     return told
 
 

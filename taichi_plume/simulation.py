@@ -198,10 +198,10 @@ class Simulation:
 
     @property
     def finished(self) -> bool:
-        """Whether the time is over or every robot has found a source."""
+        """Whether the time is over or no robot searches any more."""
         if self.tick >= self.last_tick:
             return True
-        return self.scenario.stop_early and self.tick > 0 and self.swarm.count > 0 and self.swarm.all_found()
+        return self.scenario.stop_early and self.tick > 0 and self.swarm.count > 0 and self.swarm.all_over()
 
     def state_names(self) -> list[tuple[str, ...]]:
         """What the robots' `state` means, for each group."""

@@ -1,14 +1,20 @@
 """A run's result in words."""
 
 import shlex
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
+from taichi_plume.declared import has_declared
 from taichi_plume.files.run_folder import FILES
 from taichi_plume.guard.terminal import show, visible
 
 MEAN = ("error_ppm", "correlation", "peak_distance_m")
 """What is told of a map beside the mean of the gas since the start."""
+
+
+SAID = (("localisation_error_m", "localisation error", " m"), ("declared_time_s", "time to declare", " s"))
+"""What is told of declarations, of trials that have one."""
 
 
 def print_summary(content: dict[str, Any], folder: Path) -> None:
@@ -63,7 +69,10 @@ def summary(content: dict[str, Any]) -> list[tuple[str, str]]:
         if gas["relative_error"] is not None:
             text += f", {gas['relative_error']:.1e} of it unaccounted for"
         lines.append(("gas", text))
-    lines += [(group["name"], _group_line(group)) for group in content["groups"]]
+    for group in content["groups"]:
+        lines.append((group["name"], _group_line(group)))
+        if has_declared(group["per_trial"]):
+            lines.append((f"{group['name']} declared", _declared_line(group)))
     lines += _what_is_shared(content)
     kinds = [gas_map["kind"] for gas_map in content["maps"]]
     for n, gas_map in enumerate(content["maps"]):
@@ -96,6 +105,7 @@ def _group_line(group: dict[str, Any]) -> str:
     if group["no_search"]:
         return f"{text}no source to be found: {group['no_search']}"
     text += f"{sum(trials['found'])} of {group['robots'] * n} robots found a source"
+    text += " by declaring" if group.get("found_by") == "declared" else ""
     if n > 1:
         text += f", in {sum(trials['success'])} of {n} trials at least one"
     if any(trials["success"]):
@@ -108,6 +118,28 @@ def _group_line(group: dict[str, Any]) -> str:
             f"({100 * rate['low']:.0f} to {100 * rate['high']:.0f} %, of {n} trials in one air)"
         )
     return text
+
+
+def _declared_line(group: dict[str, Any]) -> str:
+    """How its declarations were; a trial's is the first right one of its team, or else the last."""
+    trials, n = group["per_trial"], group["trials"]
+    errors = [one for one in trials["localisation_error_m"] if one is not None and isfinite(one)]
+    false = sum(one or 0 for one in trials["false_declarations"])
+    wrong = f"{false:g} false declaration{'s' * (false != 1)}"
+    if n == 1:
+        right = "rightly" if trials["outcome"] == ["declared"] else "falsely"
+        text = f"{right} after {trials['declared_time_s'][0]:.1f} s"
+        text += f", {errors[0]:.2f} m from a source" if errors else ""
+        return f"{text}; {wrong}"
+    count = trials["outcome"].count
+    text = f"rightly in {count('declared')} of {n} trials; in {count('reached')} more a robot reached a source, in "
+    text += f"{count('neither')} neither"
+    for name, title, unit in SAID:
+        one = group["summary"][name]
+        if one["n"]:
+            text += f"; {title} {one['mean']:.3g}{unit}"
+            text += f" ({one['low']:.3g} to {one['high']:.3g}{unit})" if one["n"] > 1 else ""
+    return f"{text}; {wrong} in all"
 
 
 def _what_is_shared(content: dict[str, Any]) -> list[tuple[str, str]]:

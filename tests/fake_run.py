@@ -1,5 +1,6 @@
 """A Simulation with closed-form air, gas and robots, for tests of what watches a run."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Any
@@ -78,14 +79,20 @@ class FakeGas(Gas):
 
 @dataclass
 class FakeSwarm:
-    """Robots on sine tracks against the stream; robot 0 of each team finds the source at `find_at`."""
+    """Robots on sine tracks against the stream; robot 0 of each team finds the source at `find_at`.
+
+    says: time, place and truth of what robot 1 of the swarm declares.
+    """
 
     scenario: Scenario
     find_at: float = 8.0
+    says: Sequence[tuple[float, tuple[float, float], bool]] = ()
     t: float = 0.0
     groups: list[Any] = field(default_factory=list)
     columns = COLUMNS
-    clearance = SimpleNamespace(distance_at=lambda points: np.ones(points.shape[:-1]))
+    clearance = SimpleNamespace(
+        distance_at=lambda points: np.ones(points.shape[:-1]), low=np.zeros(2), high=np.array([4.0, 3.0])
+    )
 
     def __post_init__(self) -> None:
         start = row = 0
@@ -98,7 +105,7 @@ class FakeSwarm:
             row += model.trials if self.scenario.rivals else 0
         self.count = start
 
-    def all_found(self) -> bool:
+    def all_over(self) -> bool:
         return False
 
     def move(self, tick: int, t: float, dt: float) -> None:
@@ -128,10 +135,16 @@ class FakeSwarm:
             "found": found,
             "path_length": np.full(self.count, 0.2 * self.t),
             "found_time": np.where(found, self.find_at, np.nan),
+            "reached_time": np.where(found, self.find_at, np.nan),
             "resistance_ohm": np.full(self.count, 1e4),
             **{name: np.full(self.count, 3) for name in ("acquisitions", "hits", "bumps")},
         }
         assert known.keys() <= now.keys()
+        said = [one for one in self.says if self.t >= one[0] - 1e-9]
+        if said:
+            now["declarations"][1], now["false_declarations"][1] = len(said), sum(not one[2] for one in said)
+            kept = next((one for one in said if one[2]), said[-1])
+            now["declared_time"][1], now["declared_position"][1] = kept[:2]
         return now | known | {"start": np.tile([3.0, 1.0], (self.count, 1))}
 
 

@@ -118,6 +118,8 @@ def table(path: Path, model: Scenario, trials: int = 1, period: float = 0.5) -> 
         "true_ppm": (2 * t + k).astype(np.float32), "believed_x": (3.5 - 0.24 * t).astype(np.float32),
         "believed_y": (0.5 + k).astype(np.float32), "believed_heading": np.zeros(len(t), np.float32),
         "state": pa.array(np.where(t < 4, "FIND", "IN_PLUME").tolist()).dictionary_encode(), "found": found,
+        **dict.fromkeys(("declared_x", "declared_y"), np.full(len(t), np.nan, np.float32)),
+        **dict.fromkeys(("declarations", "false_declarations"), np.zeros(len(t), np.int32)),
     }  # fmt: skip
     pq.write_table(pa.table(columns), path)
 

@@ -14,7 +14,11 @@ from taichi_plume.scenario.openings import Opening
 from taichi_plume.scenario.sensors import MOX_MODELS
 
 ROOT = Path(__file__).parent.parent
-LISTS = {"taichi_plume/scenario/algorithms.py", "taichi_plume/scenario/gases.py"}
+LISTS = {
+    "taichi_plume/scenario/algorithms.py",
+    "taichi_plume/scenario/gases.py",
+    "taichi_plume/contest/entrants.py",  # who takes part
+}
 NAMESAKES = {"taichi_plume/study/model.py"}  # a kind of study is called sweep, as an algorithm
 ROOMS = [ROOT / "taichi_plume", ROOT / "solvers", ROOT / "agents"]
 SOURCES = {
@@ -48,12 +52,12 @@ def cases(union: Any, but: tuple[str, ...] = ()) -> list[Any]:
     return [pytest.param(one, id=one.__name__) for one in members(union) if one.__name__ not in but]
 
 
-# Parts of a union that others are built on, or that are read from files: these are known where that is done.
+# Parts of a union that others are built on, that are read from files or learnt: these are known where that is done.
 @pytest.mark.parametrize(
     "model",
     [
-        *cases(PureGas, but=("PlaybackGas", "PlumeSimGas", "FluentGas")),
-        *cases(Algorithm, but=("Own",)),
+        *cases(PureGas, but=("PlaybackGas", "PlumeSimGas", "FluentGas", "MovieGas")),
+        *cases(Algorithm, but=("Own", "Policy", "Casting")),
         *cases(Map, but=("TimeSeriesMap",)),
     ],
 )
@@ -81,11 +85,15 @@ def test_a_metal_oxide_sensor_is_an_entry_in_one_file():
         ] == ["taichi_plume/scenario/sensors.py"]
 
 
+NAMES_OF_MORE = ("x", "y", "heading", "found", "state", "declarations", "false_declarations")
+"""Columns of which trials have namesakes, or that are words of other things."""
+
+
 def test_a_column_is_declared_in_one_file_and_written_in_another():
     """What a robot table shows is named in no other file, but where one is looked at: a picture, a map's score."""
     for column in COLUMNS:
         for name in column.table:
-            if name not in ("x", "y", "heading", "found", "state"):  # words of other things, too
+            if name not in NAMES_OF_MORE:
                 files = {
                     str(path)
                     for path, tree in SOURCES.items()

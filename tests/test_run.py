@@ -286,7 +286,7 @@ def test_full_disk_is_told(scenario, fake, monkeypatch, capsys):
 
 
 def test_all_found_is_stopped(scenario, fake, monkeypatch):
-    monkeypatch.setattr(fake_run.FakeSwarm, "all_found", lambda swarm: swarm.t > 1.5)
+    monkeypatch.setattr(fake_run.FakeSwarm, "all_over", lambda swarm: swarm.t > 1.5)
     assert run.main([str(scenario), "--duration", "5", "--quiet"]) == 0
     told = result(Path("runs/small-1"))
     assert told["status"] == "stopped"

@@ -73,6 +73,12 @@ def test_all_parts_are_there_with_units(small):
         298 < fields["temperature"].isel(time=0, z=0).mean() < fields["temperature"].isel(time=-1, z=0).mean()
     )
     assert one.robots.attrs["units"]["reading_ppm"] == "ppm"
+    assert one.robots.attrs["units"]["declared_x"] == "m"
+    assert one.trials[["group", "trial", "success", "outcome"]].to_numpy().tolist() == [
+        ["pair", 0, False, "neither"]
+    ]
+    assert np.isnan(one.trials["declarations"]).all()  # casting never declares
+    assert one.trials.attrs["units"]["localisation_error_m"] == "m"
     assert one.probes.attrs["units"]["pressure"] == "Pa"
     assert one.forces.attrs["units"] == {"t_s": "s", "obstacle": "1", "x_N": "N", "y_N": "N", "z_N": "N"}
     assert [each.attrs["kind"] for each in one.maps] == ["time_series", "gmrf"]
@@ -164,6 +170,12 @@ def test_parts_that_a_run_has_not_tell_how_to_get_them(folder):
         assert "\n" not in str(told.value)
         assert str(told.value).startswith(f"{folder}: has no ")
     assert "fields: {rate: 2}" in repr(one)
+    write_result(folder, {**one.result, "groups": []})
+    with pytest.raises(RunFolderError, match="tells of no trials"):
+        print(open_run(folder).trials)
+    write_result(folder, {**one.result, "groups": [{"algorithm": "casting", "trials": 1}]})
+    with pytest.raises(RunFolderError, match="is damaged: 'per_trial'"):
+        print(open_run(folder).trials)
 
 
 # ---------------------------------------------------------------- export

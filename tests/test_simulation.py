@@ -65,7 +65,7 @@ def test_it_ends_when_all_have_found_a_source():
     robots = [{"count": 1, "start": start, "algorithm": {"kind": "casting"}, "reach": 0.1}]
     sim = small(robots=robots, duration=20.0)
     sim.run()
-    assert sim.swarm.all_found()
+    assert sim.swarm.all_over()
     assert sim.t < 1.0
     patient = small(robots=robots, duration=1.0, stop_early=False)
     patient.run()

@@ -19,6 +19,7 @@ from taichi_plume.validation.heat_cases import conduction, heated_cavity
 from taichi_plume.validation.helium_box import HELIUM_BOX_CASES
 from taichi_plume.validation.import_cases import IMPORT_CASES
 from taichi_plume.validation.inflow_cases import INFLOW_CASES
+from taichi_plume.validation.infotaxis_cases import INFOTAXIS_CASES
 from taichi_plume.validation.jet import CORE, DECAY, SPREAD, fan_jet
 from taichi_plume.validation.mapping_cases import MAPPING_CASES
 from taichi_plume.validation.near_source import NEAR_SOURCE_CASES
@@ -335,6 +336,7 @@ _ALL = (
     *PLUMESIM_CASES,
     *SPIRAL_CASES,
     *DAPSO_CASES,
+    *INFOTAXIS_CASES,
     *MAPPING_CASES,
     *ROOM_AIR_CASES,
 )

@@ -1,3 +1,13 @@
 """The rerun recording; nothing else knows rerun."""
 
-MAY_IMPORT: tuple[str, ...] = ("files", "grid", "guard", "map_scores", "scenario", "scores", "simulation")
+MAY_IMPORT: tuple[str, ...] = (
+    "belief_scores",
+    "declared",
+    "files",
+    "grid",
+    "guard",
+    "map_scores",
+    "scenario",
+    "scores",
+    "simulation",
+)

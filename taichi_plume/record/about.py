@@ -6,6 +6,8 @@ from math import prod
 import rerun as rr
 
 from taichi_plume import __version__
+from taichi_plume.belief_scores import believers
+from taichi_plume.declared import may_declare
 from taichi_plume.files.run_folder import to_yaml
 from taichi_plume.record.planes import Plane
 from taichi_plume.record.scales import Quantity
@@ -63,6 +65,11 @@ def _shown(
         )
         if any(group.odometry for group in scenario.robots):
             yield "pale outlines and trails", "where robots believe to be"
+        if any(may_declare(group) for group in scenario.robots):
+            yield (
+                "rings with a cross",
+                "where a robot says that a source is, its last word or its first right one: green right, orange wrong",
+            )
         yield "bars of behaviour", "what each robot is doing; green: it has found a source"
     if any(one.motion for one in scenario.obstacles):
         yield "white, named walker", "an obstacle that moves, its way as a thin line"
@@ -73,6 +80,11 @@ def _shown(
             "map tabs",
             "left what the robots make of their readings (its weight, its error), right the truth: the mean of the gas "
             "since the start; purple to yellow, on the gas's scale",
+        )
+    if believers(sim):
+        yield (
+            "belief tabs",
+            "where the first robot of a group believes the source to be, a probability per square metre; black to pale",
         )
 
 

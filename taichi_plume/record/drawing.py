@@ -30,6 +30,8 @@ STATES = np.array(
     np.uint32,
 )
 FOUND = 0x43A047FF  # green, which no state is; red are sources
+RIGHT, WRONG = (102, 255, 120), (255, 145, 40)
+"""Declarations of where a source is."""
 VIRIDIS = ((68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (253, 231, 37))
 EMBER = ((24, 26, 32), (78, 52, 46), (191, 97, 44), (255, 183, 77), (255, 245, 200))
 BLUE_RED = ((33, 102, 172), (103, 169, 207), (236, 239, 241), (239, 138, 98), (178, 24, 43))

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import rerun.blueprint as rrb
 
+from taichi_plume.belief_scores import believers
+from taichi_plume.declared import may_declare
 from taichi_plume.record import drawing
 from taichi_plume.record.drawing import TIME
 from taichi_plume.record.legends import TICKS, TITLE
@@ -80,10 +82,14 @@ class Layout:
         lines = [f"/trails/{name}" for name in self.names] + [f"/believed_trails/{name}" for name in ghosts]
         self.trails = _recent(lines, trail(sim, len(self.names)))
         self.robots = ["/robots/**", "/trails/**"]
+        if any(may_declare(group) for group in sim.scenario.robots):
+            self.robots.append("/declared/**")
         if ghosts:
             self.robots += ["/believed/**", "/believed_trails/**"]
         self.tops = [plane for plane in shown.seen if plane.letters == "xy"]
         self.sides = [plane for plane in shown.seen if plane.letters != "xy"]
+        self.believers = [group for one in believers(sim) for group in one.members.groups]
+        self.mapped = bool(sim.maps or self.believers)
         self.main = [one for one in shown.quantities if one.entity in ("gas", "temperature")]
 
     def blueprint(self) -> rrb.Blueprint:
@@ -168,7 +174,7 @@ class Layout:
         plots = _plots(self.names)
         lx, ly = self.stage.extent[:2]
         if self.flat:
-            wide, tall = (0.5 if self.sim.maps else 0.72), 1.0
+            wide, tall = (0.5 if self.mapped else 0.72), 1.0
             if plots:
                 tall = float(np.clip(1.9 * wide * (ly + 0.15 * self.stage.length) / lx, 0.35, 0.6))
             main, shares = [self._flat_arena(Panel.of(wide, tall, bars=min(2, len(self.main))))], [tall]
@@ -226,7 +232,7 @@ class Layout:
         shares: list[float] = []
         if not self.flat:
             groups = self._groups()
-            tall = 0.4 if not self.sim.maps else 0.34 / max(1, len(groups))
+            tall = 0.4 if not self.mapped else 0.34 / max(1, len(groups))
             for group in groups:
                 panel = Panel.of(wide, tall)
                 views = [
@@ -235,16 +241,19 @@ class Layout:
                 ]
                 parts.append(rrb.Tabs(*views, active_tab=0, name="From above"))
                 shares.append(tall)
-        if self.sim.maps:
+        if self.mapped:
             tall = 0.5 if self.flat else 0.3
-            parts.append(rrb.Tabs(*self._maps(wide, tall), active_tab=0, name="Maps"))
+            maps = [*self._maps(wide, tall), *self._beliefs(wide, tall)]
+            parts.append(rrb.Tabs(*maps, active_tab=0, name="Maps"))
+            shares.append(tall)
+        if self.sim.maps:
             kinds = list(zip(MAP_SERIES, MAP_TITLES, strict=True))
             if not any(isinstance(gas_map, Uncertain) for gas_map in self.sim.maps):
                 kinds.pop()
             few = len(self.sim.maps) <= MOST_LANES
             scored = [_series(f"/{origin}", title, few) for origin, title in kinds]
             parts.append(rrb.Tabs(*scored, active_tab=0, name="Scores"))
-            shares += [tall, 0.18]
+            shares.append(0.18)
         columns = rrb.TextLogColumns(timeline_columns=[TIME], text_log_columns=["loglevel", "body"])
         events = rrb.TextLogView(origin="/events", name="Events", columns=columns)
         described = rrb.TextDocumentView(origin="/about", name="About: what is what")
@@ -286,6 +295,17 @@ class Layout:
             beside = rrb.Horizontal(rrb.Tabs(*pictures.values(), active_tab=0), rrb.Tabs(truth), name=name)
             maps.append(beside)
         return maps
+
+    def _beliefs(self, wide: float, tall: float) -> list[Any]:
+        """Of each group that believes in places of the source, what its first robot does."""
+        panel = Panel.of(wide, tall)
+        views = []
+        for group in self.believers:
+            seen = ["/world/**", "- /world/walls", *self._unnamed(), *self.robots]
+            seen += [f"/beliefs/{group.number}", "/legend/belief/**", "- /legend/belief/title"]
+            name = f"Belief of {group.name} [1/m²]"
+            views.append(self._view(name, seen, self._floor(0.0, panel), panel, 90.0))
+        return views
 
 
 def trail(sim: Simulation, robots: int) -> float | None:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import rerun as rr
 
+from taichi_plume.belief_scores import believers
 from taichi_plume.record import drawing
 from taichi_plume.record.drawing import Scale
 from taichi_plume.record.planes import Plane
@@ -16,6 +17,7 @@ from taichi_plume.simulation import Simulation
 
 WEIGHTS = Scale(10.0, 1e6, "log")
 RATIOS = Scale(0.01, 100.0, "log")  # estimate over truth
+DENSITIES = Scale(1e-3, 1e2, "log")  # 1/m², of beliefs
 MAPS = Plane("map", (0, 1), None, None, "")
 TOP, TICKS, TITLE = (
     0.03,
@@ -41,6 +43,10 @@ def legends(sim: Simulation, stage: Stage, seen: Sequence[Plane], quantities: Se
         yield from _bar("truth", "true mean since the start [ppm]", gas, viridis, MAPS, stage)
         yield from _bar("weight", "weight of the estimate", WEIGHTS.marks(), drawing.EMBER, MAPS, stage)
         yield from _bar("error", "estimate over true mean", ratios, drawing.BLUE_RED, MAPS, stage)
+
+    if believers(sim):
+        marks = DENSITIES.marks()
+        yield from _bar("belief", "probability of a source [1/m²]", marks, drawing.EMBER, MAPS, stage)
 
 
 def _bar(

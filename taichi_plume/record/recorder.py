@@ -15,6 +15,7 @@ import rerun as rr
 from taichi_plume import __version__
 from taichi_plume.map_scores import MapScores
 from taichi_plume.record import about, layout, legends, planes, scales, scene
+from taichi_plume.record.belief_pictures import BeliefPictures
 from taichi_plume.record.map_pictures import MapPictures
 from taichi_plume.record.pictures import Arrows, Pictures
 from taichi_plume.record.stage import Stage
@@ -82,6 +83,7 @@ class Recorder:
         self.pictures = Pictures(self.stream, sim, stage, seen, shown)
         self.arrows = Arrows(self.stream, sim, stage, seen)
         self.maps = MapPictures(self.stream, sim, stage, scores.series)
+        self.beliefs = BeliefPictures(self.stream, sim, stage)
 
     def observers(self) -> list[Every]:
         """What the simulation has to call, in this order."""
@@ -92,6 +94,7 @@ class Recorder:
             Every(SAMPLE_PERIOD, self.sample_obstacles, warm_up=True),
             *([self.own_scores.observer()] if self.own_scores else []),
             Every(1.0, self.maps.show),
+            Every(1.0, self.beliefs.show),
             Every(max(BATCH, self.sim.scenario.duration / BATCHES), self.note, warm_up=True),
             Every(1.0, lambda _: self.stream.require_room(), warm_up=True),
             *([Every(SAMPLE_PERIOD, self.show_now, warm_up=True)] if self.stream.live else []),

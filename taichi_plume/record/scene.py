@@ -244,6 +244,21 @@ def ghost(radius: float, color: tuple[int, ...], stage: Stage) -> rr.LineStrips3
     return rr.LineStrips3D([ring, front], colors=color, radii=rr.Radius.ui_points(1.2))
 
 
+def declared(place: np.ndarray, right: bool, text: str, stage: Stage) -> rr.LineStrips3D:
+    """Where a robot says that a source is, (2,) [m]: a named ring and cross, right or wrong by their colour."""
+    size, height = 2.2 * BODY * stage.length, 4 * stage.lift
+    angles = np.linspace(0, 2 * np.pi, 33)
+    strips = [size * np.column_stack([np.cos(angles), np.sin(angles)])]
+    strips += [size * np.array([[-s, -1.0], [s, 1.0]]) / np.sqrt(2) for s in (1, -1)]
+    return rr.LineStrips3D(
+        [np.column_stack([place + strip, np.full(len(strip), height)]) for strip in strips],
+        colors=drawing.RIGHT if right else drawing.WRONG,
+        radii=rr.Radius.ui_points(2.2),
+        labels=[text, "", ""],
+        show_labels=True,
+    )
+
+
 def lanes(states: tuple[str, ...]) -> rr.StateConfiguration:
     """Colours of a robot's states, of which the last is "found"."""
     colors = np.resize(drawing.STATES, len(states))

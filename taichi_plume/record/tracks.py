@@ -20,11 +20,15 @@ Event = tuple[float, str, str, tuple[int, ...]]
 """Time [s], level, text and colour of something that happened."""
 
 
+Declared = tuple[float, np.ndarray, bool]
+"""Time [s] and place (2,) [m] of a declaration, and whether it is right."""
+
+
 @dataclass
 class Robot:
     """A recorded robot, and what has changed of it since the last batch."""
 
-    STATE: ClassVar[tuple[str, ...]] = ("state", "last")
+    STATE: ClassVar[tuple[str, ...]] = ("state", "last", "said", "right")
 
     index: int
     """In the swarm."""
@@ -37,6 +41,11 @@ class Robot:
     changes: list[tuple[float, str]] = field(default_factory=list)
     last: dict[str, np.ndarray] = field(default_factory=dict)
     """Where each of its trails ends."""
+    said: int = 0
+    """How often it has declared."""
+    right: int = 0
+    """How often of these rightly."""
+    declared: list[Declared] = field(default_factory=list)
 
     @property
     def reckons(self) -> bool:
@@ -127,6 +136,25 @@ class Tracks:
         for n in np.flatnonzero(states != self.states):
             self._note_state(self.robots[n], int(states[n]), self.samples[-1][n], now)
         self.states = states
+        for robot in self.robots:
+            if now["declarations"][robot.index] != robot.said:
+                self._note_declared(robot, sim.t, now)
+
+    def _note_declared(self, robot: Robot, t: float, now: dict[str, np.ndarray]) -> None:
+        """Tell where it says that a source is. After a right place the swarm keeps no other."""
+        said, false, place, when = (
+            now[name][robot.index]
+            for name in ("declarations", "false_declarations", "declared_position", "declared_time")
+        )
+        before, right = robot.right > 0, said - false > robot.right
+        word = "rightly" if right else "falsely"
+        if before:
+            text = f"{robot.name} declared again, {word}; its first right place counts"
+        else:
+            text = f"{robot.name} declared a source at ({place[0]:.2f}, {place[1]:.2f}) m, {word}"
+            robot.declared.append((float(when), place.copy(), bool(right)))
+        self.events.append((t if before else float(when), "DECLARED", text, robot.color))
+        robot.said, robot.right = int(said), int(said - false)
 
     def _note_state(self, robot: Robot, state: int, sample: np.ndarray, now: dict[str, np.ndarray]) -> None:
         """Tell of a change of state; sample: as in `samples`."""
@@ -135,7 +163,8 @@ class Tracks:
         robot.changes.append((t, name))
         place = f"at ({x:.2f}, {y:.2f}) m"
         if now["found"][robot.index]:
-            text = f"{robot.name} found a source {place}, {now['path_length'][robot.index]:.2f} m driven"
+            how = "by declaring, " if robot.model.found == "declared" else ""
+            text = f"{robot.name} found a source {how}{place}, {now['path_length'][robot.index]:.2f} m driven"
             self.events.append((t, "FOUND", text, robot.color))
         elif robot.state >= 0:
             text = f"{robot.name}: {robot.states[robot.state]} -> {name} {place}, {reading:.3g} ppm"
@@ -151,6 +180,10 @@ class Tracks:
                 times, states = zip(*robot.changes, strict=True)
                 self.stream.send(f"states/{robot.name}", times, rr.StateChange.columns(state=states))
                 robot.changes.clear()
+            for t, place, right in robot.declared:
+                text = f"{robot.name}: {'right' if right else 'wrong'}"
+                self.stream.log(t, f"declared/{robot.name}", scene.declared(place, right, text, self.stage))
+            robot.declared.clear()
             if len(samples):
                 self._send_samples(robot, samples[:, n].T)
 

@@ -1,3 +1,12 @@
 """The report of a run, and the drawings that pictures share with it: all from a run's files, by matplotlib."""
 
-MAY_IMPORT: tuple[str, ...] = ("files", "grid", "guard", "prepare", "record", "scenario", "summary")
+MAY_IMPORT: tuple[str, ...] = (
+    "declared",
+    "files",
+    "grid",
+    "guard",
+    "prepare",
+    "record",
+    "scenario",
+    "summary",
+)

@@ -5,6 +5,10 @@ SCENE = (
     "their air{robots}."
 )
 TRIALS = "Wind and gas are the same for all trials: the interval says nothing of other airs, which other seeds make."
+SHARED = (
+    "The robots of {name} were in one arena with those of {others}, and may have met them; with rivals: true each "
+    "group has its own."
+)
 SUCCESS = (
     "The share of trials in which a robot had found a source by then. A line that ends high and rises early is "
     "good."
@@ -13,6 +17,10 @@ MEAN = "Mean of {count} recorded pictures from {begin:g} to {end:g} s; the scale
 TRAILS = (
     "Lines are the ways of the robots, discs with a nose where they were at the end; those with a green rim have "
     "found the source.{part}"
+)
+SAID = (
+    " Crosses are where a robot of their colour said that a source is: its first right word, with a green rim, or else "
+    "its last, with a red one."
 )
 ASIDE = "Seen from the side: obstacles are pale, as they may stand before this plane or behind it."
 SMELT = (
@@ -31,6 +39,14 @@ MAP_SCORES = (
 OVER_TIME = (
     "Each map against the mean of the true gas since the start, as time went on. Low errors and high correlations are "
     "good."
+)
+BELIEFS = (
+    "How probable the first robot of each group, in the first trial, took a source to be in each place [1/m²]. Stars: "
+    "the sources. Colours are logarithmic."
+)
+BELIEF_SCORES = (
+    "Means over robots and trials, at the end. Expected distance: of the source that the robot believes in from the "
+    "nearest true one. Probability within reach: that the believed source is within reach of a true one."
 )
 BUDGET = "What came in has to be what is there or has left."
 """Of the mass of the gas."""

@@ -1,9 +1,10 @@
 """The tables of a report: what was run, how the trials went, where the gas is, which files there are."""
 
 from collections.abc import Sequence
-from math import prod
+from math import isfinite, prod
 from typing import Any
 
+from taichi_plume.declared import has_declared
 from taichi_plume.report.run import Run
 from taichi_plume.scenario.scenario import Scenario
 
@@ -14,7 +15,7 @@ FILES = {
     "recording.rrd": "gas, wind, robots, sensors and maps over time, for the viewer: rerun recording.rrd",
     "result.json": "what came of the run, as numbers",
     "robots.parquet": "a row per robot and moment: pose, reading, true gas, wind, state",
-    "maps.zarr": "the gas maps at the end, beside the truth",
+    "maps.zarr": "the gas maps at the end, beside the truth, and what robots believed of the source's place",
     "fields.zarr": "wind and gas on the grid over time, for xarray, ParaView (by export) and playing back",
     "probes.parquet": "wind, pressure and gas at points",
     "forces.csv": "the force of the air on each obstacle",
@@ -29,6 +30,17 @@ QUANTITIES = {
     "overhead": ("this way over the straight one", "×", "successful trial"),
     "time_with_failures_s": ("time, where a failure counts as the whole run", "s", "trial"),
 }
+OUTCOMES = {
+    "declared_rate": "declared rightly",
+    "reached_rate": "reached, not declared",
+    "neither_rate": "neither",
+}
+SAID = {
+    "localisation_error_m": ("from the declared place to the nearest source", "m", "trial that declared"),
+    "declared_time_s": ("time to declare", "s", "trial that declared"),
+    "false_declarations": ("false declarations", "a trial", "trial"),
+}
+"""Told where robots have declared."""
 BUDGET = {
     "initial_kg": "there at the begin",
     "emitted_kg": "given off by the sources",
@@ -112,25 +124,30 @@ def _counted(names: Sequence[str]) -> str:
 
 def trials(group: dict[str, Any]) -> Rows:
     """A group's means with their intervals: (what, mean, interval of 95 % confidence, over what)."""
-    told = group["summary"]
+    told, quantities, shares = group["summary"], QUANTITIES, {"success_rate": "success"}
+    if has_declared(group["per_trial"]):
+        quantities, shares = quantities | SAID, shares | OUTCOMES
     rows: Rows = []
-    rate = told.get("success_rate", {})
-    if rate.get("mean") is not None:
-        interval = f"{100 * rate['low']:.0f} to {100 * rate['high']:.0f} %"
-        rows.append(
-            ("success", f"{100 * rate['mean']:.0f} %", interval, f"{_trials(rate['n'], 'trial')} (Wilson)")
-        )
-    for key, (name, unit, over) in QUANTITIES.items():
+    for key, name in shares.items():
+        rate = told.get(key, {})
+        if rate.get("mean") is not None:
+            interval = f"{100 * rate['low']:.0f} to {100 * rate['high']:.0f} %"
+            over = f"{_trials(rate['n'], 'trial')} in one air (Wilson)"
+            rows.append((name, f"{100 * rate['mean']:.0f} %", interval, over))
+    for key, (name, unit, over) in quantities.items():
         one = told.get(key, {})
         if one.get("mean") is not None:
-            known = one.get("low") is not None
+            known = one.get("low") is not None and isfinite(one["low"])
             interval = f"{one['low']:.3g} to {one['high']:.3g} {unit}" if known else "none: a single one"
-            rows.append((name, f"{one['mean']:.3g} {unit}", interval, _trials(one["n"], over)))
+            rows.append(
+                (name, f"{one['mean']:.3g} {unit}", interval, f"{_trials(one['n'], over)} in one air")
+            )
     return rows
 
 
 def _trials(n: int, what: str) -> str:
-    return f"{n:,} {what}{'s' if n != 1 else ''}"
+    """So many of them: `what` begins or ends with the noun "trial"."""
+    return f"{n:,} {what.replace('trial', 'trials', 1) if n != 1 else what}"
 
 
 def budget(result: dict[str, Any]) -> Rows:

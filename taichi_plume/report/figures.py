@@ -47,6 +47,10 @@ def only_tracks(run: Run, tracks: Sequence[Track]) -> bytes:
         scene.draw(axes, run.scenario, run.shapes, sizes=False, starts=False)
         colors = [look.robot(track.number) for track in tracks]
         axes.add_collection(LineCollection(_trails(tracks), colors=colors, linewidths=1.3, zorder=8))
+        for track in tracks:
+            plume.put_mark(
+                plume.declared_mark(axes, look.robot(track.number)), track.declared(len(track.t) - 1)
+            )
         return look.png(figure)
 
 

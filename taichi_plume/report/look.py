@@ -21,6 +21,7 @@ PLANES = {"xy": ABOVE, "xz": SIDE, "yz": FRONT}
 INK, FAINT, PAPER, FLOOR = "#1d2733", "#7b8794", "#ffffff", "#f4f6f8"
 SOLID, SOLID_EDGE = "#a7b0bb", "#5d6875"
 SOURCE, FOUND, START = "#d81b60", "#1b8a3a", "#5d6875"
+WRONG = "#d32f2f"
 HEATER, WIND = "#fb8c00", "#27445f"
 ROBOTS = (
     "#1565c0",

@@ -10,7 +10,7 @@ from taichi_plume import __version__, summary
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.files.tables import plain
 from taichi_plume.guard.terminal import visible
-from taichi_plume.report import captions, facts, figures, look, scene
+from taichi_plume.report import beliefs, captions, facts, figures, look, scene
 from taichi_plume.report.maps import maps_of
 from taichi_plume.report.references import papers
 from taichi_plume.report.run import Run
@@ -109,7 +109,7 @@ class Parts:
         told = self._told
         for make in (
             told(self.words), self.setting, told(self.trials), self.plume, self.smelt, told(self.maps),
-            told(self.balance), self.notes, self.citing, self.again,
+            told(self.beliefs), told(self.balance), self.notes, self.citing, self.again,
         ):  # fmt: skip
             yield make()
 
@@ -170,6 +170,10 @@ class Parts:
             if group["no_search"]:
                 why = visible(group["no_search"])
                 section.lines.append(f"{visible(group['name'])}: no source to be found, {why}.")
+        for group in groups:
+            if group.get("shares_arena_with"):
+                others = visible(", ".join(group["shares_arena_with"]))
+                section.lines.append(captions.SHARED.format(name=visible(group["name"]), others=others))
         many = [one for one in searched if one["trials"] > 4 and one["trials_differ_by"] != "nothing"]
         if many:
             end = max(float(self.result["simulated_s"]) + self.run.begin, 1e-3)
@@ -217,7 +221,8 @@ class Parts:
         total = sum(group.count * group.trials for group in self.run.scenario.robots)
         shown = len(self.tracks)
         part = f" Shown are {shown} of {total:,} robots: those of the first trial." if shown < total else ""
-        return captions.TRAILS.format(part=part)
+        said = captions.SAID if any(track.values["declarations"].any() for track in self.tracks) else ""
+        return captions.TRAILS.format(part=said + part)
 
     def smelt(self) -> Section:
         """Readings and behaviour."""
@@ -260,6 +265,21 @@ class Parts:
             over_time = figures.scores(told[:most], names[:most])
             if over_time:
                 section.images.append(Image(look.inline(over_time), "Scores over time", captions.OVER_TIME))
+        return section
+
+    def beliefs(self) -> Section:
+        """Where robots believed the source to be."""
+        section = Section("Where robots believed the source to be", "beliefs")
+        told = self.result.get("beliefs", [])
+        made = self._tried(lambda: beliefs.beliefs_of(self.run.folder), []) if told else []
+        if made:
+            image = look.inline(beliefs.beside_sources(self.run, made[: beliefs.MOST]))
+            section.images.append(Image(image, "Beliefs at the end", captions.BELIEFS))
+        if told:
+            heads = ("group", "peak to source [m]", "mean to source [m]", "expected distance [m]")
+            heads += ("entropy [bit]", "probability within reach")
+            table = [(visible(row[0]), *row[1:]) for row in beliefs.rows(told)]
+            section.tables.append(Table(table, heads, captions.BELIEF_SCORES))
         return section
 
     def balance(self) -> Section:

@@ -64,9 +64,15 @@ class PlumeView:
         self.bodies = axes.add_collection(
             PolyCollection([], facecolors=colors, edgecolors="white", linewidths=0.8, zorder=11)
         )
+        self.said: list[Any] = []
+        if self.plane == look.ABOVE:
+            self.said = [
+                declared_mark(axes, look.robot(track.number)) for track in self.tracks if said(track)
+            ]
         self.clock: Any = None  # letters of `figure_of`
         self.moving: list[Any] = [
             self.image, *(patch for patch, _ in self.walkers), self.arrows, self.trails, self.bodies,
+            *self.said,
         ]  # fmt: skip
 
     def show(self, t: float, pixels: np.ndarray, arrows: Arrows | None = None) -> None:
@@ -88,6 +94,8 @@ class PlumeView:
         found = [n >= 0 and bool(track.values["found"][n]) for track, n in shown]
         self.bodies.set_edgecolor([look.FOUND if one else "white" for one in found])
         self.bodies.set_linewidth([2.4 if one else 0.8 for one in found])
+        for mark, (track, n) in zip(self.said, [one for one in shown if said(one[0])], strict=False):
+            put_mark(mark, track.declared(n))
         if self.plane == look.ABOVE:
             self.trails.set_segments(
                 [
@@ -110,6 +118,24 @@ class PlumeView:
         heading = float(track.values["heading"][n])
         nose = 1.8 * np.array([np.cos(heading), np.sin(heading)])
         return np.array(place) + radius * np.vstack([nose, ring])
+
+
+def said(track: Track) -> bool:
+    """Whether a robot has declared anything."""
+    return bool(track.values["declarations"].any())
+
+
+def declared_mark(axes: Axes, color: str) -> Line2D:
+    """The cross of a robot of this colour, for where it says that a source is; still nowhere."""
+    how = {"linestyle": "none", "marker": "X", "markersize": 11, "zorder": 12, "markeredgewidth": 1.6}
+    return axes.plot([], [], color=color, **how)[0]  # pyright: ignore[reportArgumentType]
+
+
+def put_mark(mark: Line2D, declared: tuple[np.ndarray, bool] | None) -> None:
+    """Put it there, with a green rim where it is right and a red one where it is wrong."""
+    place, right = declared or (np.zeros((0, 2)), False)
+    mark.set_data(*np.atleast_2d(place).T)
+    mark.set_markeredgecolor(look.FOUND if right else look.WRONG)
 
 
 def arrow_outlines(tails: np.ndarray, ways: np.ndarray) -> np.ndarray:
@@ -190,6 +216,13 @@ def _legend(figure: Figure, run: Run, view: PlumeView, x: float, y: float) -> No
                 markersize=7,
             )
         )
+    for right, label in ((True, "declared rightly"), (False, "falsely")):
+        last = [track.declared(len(track.t) - 1) for track in view.tracks] if view.said else []
+        if any(one is not None and one[1] == right for one in last):
+            rim = look.FOUND if right else look.WRONG
+            handles.append(
+                mark(label, marker="X", color="white", markeredgecolor=rim, markeredgewidth=1.6, markersize=9)
+            )
     if view.arrows.get_visible():
         handles.append(mark("wind", marker=r"$\rightarrow$", color=look.WIND, alpha=0.7, markersize=11))
 

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 MOST_ROBOTS = 50
 COLUMNS = ("x", "y", "heading", "reading_ppm", "true_ppm", "believed_x", "believed_y", "found")
+DECLARED = {"declared_x": np.nan, "declared_y": np.nan, "declarations": 0, "false_declarations": 0}
+"""More of them, and what they are in tables that were written before robots could declare."""
 FAULTS = (OSError, ValueError, LookupError, TypeError, pa.ArrowException)
 
 
@@ -39,6 +41,13 @@ class Track(NamedTuple):
         """Index of the first row in which it has found a source."""
         found = self.values["found"]
         return int(found.argmax()) if found.any() else None
+
+    def declared(self, n: int) -> tuple[np.ndarray, bool] | None:
+        """Where it had said by row n that a source is, (2,) [m], and whether rightly; None where it had not."""
+        said, false = (int(self.values[key][n]) for key in ("declarations", "false_declarations"))
+        if n < 0 or not said:  # -1: before the first row
+            return None
+        return np.array([self.values["declared_x"][n], self.values["declared_y"][n]]), said > false
 
     def at(self, t: float) -> int:
         """Index of the last row that is not later than t [s]; -1 before the first."""
@@ -69,6 +78,8 @@ def tracks(path: Path, groups: "Sequence[Group]") -> list[Track]:
 
 def _track(rows: pa.Table, name: str, number: int, group: "Group") -> Track:
     values = {key: rows[key].to_numpy() for key in COLUMNS}
+    for key, none in DECLARED.items():
+        values[key] = rows[key].to_numpy() if key in rows.column_names else np.full(len(rows), none)
     state = rows["state"].combine_chunks().cast(pa.string()).dictionary_encode()
     state = state.combine_chunks() if isinstance(state, pa.ChunkedArray) else state
     indices = state.indices.to_numpy(zero_copy_only=False)
@@ -87,8 +98,10 @@ def _table(path: Path, first: dict[str, int], share: int) -> pa.Table | None:
     tables, done = [], 0
     for begin, file in files:
         with pq.ParquetFile(file) as part:
+            columns = ["t", "group", "trial", "robot", "state", *COLUMNS]
+            columns += [key for key in DECLARED if key in part.schema_arrow.names]
             for n in range(part.num_row_groups):
-                rows = part.read_row_group(n, columns=["t", "group", "trial", "robot", "state", *COLUMNS])
+                rows = part.read_row_group(n, columns=columns)
                 rows = rows.slice(max(0, done - begin))  # what an earlier part holds, too
                 begin += part.metadata.row_group(n).num_rows
                 tables.append(_firsts(rows, first, share))

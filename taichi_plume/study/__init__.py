@@ -9,6 +9,7 @@ if TYPE_CHECKING:
 
 MAY_IMPORT: tuple[str, ...] = (
     "assemble",
+    "declared",
     "files",
     "grid",
     "guard",

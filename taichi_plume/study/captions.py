@@ -5,6 +5,9 @@ OVER_AIRS = (
     "(cluster bootstrap). More airs make them narrower, more searches in each hardly. Airs of one seed at several "
     "points have their eddies and gusts in common, and count as one."
 )
+SHARED = (
+    "Groups of a run were in one arena here, and may have met each other; with rivals: true each has its own."
+)
 FAILURES = "Time with failures counts a search that found nothing as the whole run."
 APART = "Both met the same airs, so what these do to both cancels: an interval that leaves out 0 tells a difference."
 STILL = "Chance does not change the air here: other seeds make the same, and intervals are over searches."

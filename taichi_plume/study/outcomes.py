@@ -21,10 +21,24 @@ MEANS = (
     "hits",
     "bumps",
     "time_with_failures_s",
+    *("declared_rate", "reached_rate", "neither_rate", "declared_time_s", "localisation_error_m"),
+    "false_declarations",
 )
 OF_TRIALS = (
-    *("success", "found", "time_s", "path_m", "overhead", "team_path_m", "acquisitions", "hits", "bumps"),
-    "final_distance_m",
+    *(
+        "trial",
+        "success",
+        "found",
+        "time_s",
+        "path_m",
+        "overhead",
+        "team_path_m",
+        "acquisitions",
+        "hits",
+        "bumps",
+    ),
+    *("final_distance_m", "declared_time_s", "localisation_error_m", "declarations", "false_declarations"),
+    "reached_time_s",
 )
 GROUP = {
     **dict.fromkeys(("robots", "trials", "airs", "success_rate", "median_time_s", "median_path_m"), 0),
@@ -37,6 +51,12 @@ PART = {
     "forecast": ANY,
     "mean_gas": ANY,
 }
+BELIEFS = ("peak_distance_m", "mean_distance_m", "expected_distance_m", "entropy_bits", "within_reach")
+BELIEF = {
+    **dict.fromkeys(("cell_m", *BELIEFS), 0),
+    "per_trial": dict.fromkeys(BELIEFS, NUMBERS),
+    "over_time": ANY,
+}
 RESULT: Mapping[str, Any] = {
     **dict.fromkeys(("seed", "air_seed", "simulated_s", "steps", "cells"), 0),
     "flow": ANY,
@@ -44,6 +64,7 @@ RESULT: Mapping[str, Any] = {
     "obstacles": [{"force_N": NUMBERS}],
     "groups": [GROUP],
     "maps": [{"cell_m": 0, **PART, "groups": [PART]}],
+    "beliefs": [BELIEF],
 }
 """The numbers of result.json that runs decide: 0 stands for one, a list for items that are all alike."""
 SECTIONS = {

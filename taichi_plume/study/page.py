@@ -93,7 +93,8 @@ class Page:
     def words(self) -> Section:
         """The result in sentences."""
         section = Section("The result in words", "words")
-        for one in (self.main or self.others)[:2]:
+        said = [one for one in self.known if one.name in ("declared", "localisation_error_m")]
+        for one in [*(self.main or self.others)[:2], *said]:
             rows = []
             whole = self.points.estimated(one, ["all"])
             rows += [("all", cells.said(one, each)) for each in whole.values()]
@@ -108,6 +109,8 @@ class Page:
         section.tables += list(self._apart())
         if TIME in self.main:
             section.lines.append(captions.FAILURES)
+        if self.points.trials["shares_arena"].any():
+            section.lines.append(captions.SHARED)
         if any(one and one.airs > 1 for told in self.points.estimates.values() for one in told):
             section.lines.append(captions.OVER_AIRS)
         return section

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from taichi_plume.declared import DECLARED, REACHED
 from taichi_plume.study import columns, intervals
 from taichi_plume.study.table_rows import Planned, Tables
 
@@ -32,6 +33,14 @@ QUANTITIES = (
     Quantity("acquisitions", "stops", "1"),
 )
 """Of searches; those after the success and the time count successful ones alone, where a failure has none."""
+SAID = (
+    Quantity("declared", "declared rightly", "1", share=True),
+    Quantity("reached", "reached, not declared", "1", share=True),
+    Quantity("localisation_error_m", "localisation error", "m", what="searches with a declaration"),
+    Quantity("declared_time_s", "time to declare", "s", what="searches with a declaration"),
+    Quantity("false_declarations", "false declarations", "1"),
+)
+"""Of searches in which robots may declare, told where any has; `declared` and `reached` are outcomes."""
 
 
 def outcomes(plan: Planned, tables: Tables) -> tuple[Quantity, ...]:
@@ -55,11 +64,22 @@ class Points:
         self.axes = [axis for axis in axes if several[axis] <= 1]  # seeds vary within a point
         self.trials = tables.trials.to_pandas()
         self.trials["air_by_chance"] = self.trials["run"].map(self.runs.set_index("run")["air_by_chance"])
-        self.quantities = (
-            (*QUANTITIES, *outcomes(plan, tables)) if len(self.trials) else outcomes(plan, tables)
-        )
+        of_trials = QUANTITIES if len(self.trials) else ()
+        if self._declared():
+            of_trials += SAID
+        self.quantities = (*of_trials, *outcomes(plan, tables))
         self.table = self._table()
         self.estimates = {one.name: self._of_rows(one) for one in self.quantities}
+
+    def _declared(self) -> bool:
+        """Whether any robot has declared; then the trials get columns of what they are counted by."""
+        trials = self.trials
+        if not (trials["declarations"] > 0).any():
+            return False
+        counted = trials["declarations"].notna() & trials["outcome"].notna()
+        for name in (DECLARED, REACHED):
+            trials[name] = (trials["outcome"] == name).astype("boolean").where(counted)
+        return True
 
     def _table(self) -> "pd.DataFrame":
         runs = self.runs

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from taichi_plume import scores
+from taichi_plume.grid.geodesic import shortest_ways
 from taichi_plume.simulation import Simulation
 from taichi_plume.study.messages import Request
 
@@ -19,8 +20,9 @@ PROBES = "probes."  # begin of the outcomes that are means of a probe
 def trial_rows(sim: Simulation, request: Request) -> list[dict[str, Any]]:
     """A row for each trial of each group of a run that is over.
 
-    searched: whether there was anything that its robots could find; success is None where not. time_with_failures_s:
-    a failure counts as all the time that its group had. What is no number is None.
+    searched: whether there was anything that its robots could find; success and outcome are None where not.
+    time_with_failures_s: a failure counts as all the time that its group had. shares_arena: whether other groups are in
+    the same arena. shortest_m: of the robot that found first, or of the team's first. What is no number is None.
     """
     if not sim.swarm.count:
         return []
@@ -30,17 +32,29 @@ def trial_rows(sim: Simulation, request: Request) -> list[dict[str, Any]]:
     rows = []
     for group in sim.swarm.groups:
         trials = scores.trial_outcomes(group, now, sources)
+        trials["shortest_m"] = _shortest(sim, group, now, sources).tolist()
         searched = scores.no_search(sim, group, trials["success"]) is None
         end = scores.end(sim, group)
         its = who | {"group": group.name, "algorithm": group.model.algorithm.kind}
+        its["shares_arena"] = len(sim.swarm.groups) > 1 and not sim.scenario.rivals
         for k in range(group.trials):
             row = {name: _number(values[k]) for name, values in trials.items()}
             if not searched:
-                row["success"] = None
+                row["success"] = row["outcome"] = None
             late = row["time_s"] if row["success"] else end
             row["time_with_failures_s"] = late if searched else None
-            rows.append(its | {"trial": k, "searched": searched} | row)
+            rows.append(its | {"searched": searched} | row)
     return rows
+
+
+def _shortest(sim: Simulation, group: Any, now: dict[str, np.ndarray], sources: np.ndarray) -> np.ndarray:
+    """The shortest way to a source of the robot that found one first, of each trial of a group (trials,) [m]."""
+    floor, radius = sim.swarm.clearance, group.model.body.radius
+    span = slice(group.start, group.start + group.trials * group.count)
+    time = np.where(now["found"][span], now["found_time"][span], np.inf)
+    first = time.reshape(group.trials, group.count).argmin(axis=1) + group.count * np.arange(group.trials)
+    starts = now["start"][span][first].astype(float)
+    return shortest_ways(starts, sources, group.model.reach, radius, floor.distance_at, floor.low, floor.high)
 
 
 def _number(value: Any) -> Any:

@@ -22,6 +22,7 @@ import pyarrow.parquet as pq
 from taichi_plume.files import disk
 from taichi_plume.files.tables import plain
 from taichi_plume.guard.opening import read_regular, unopenable
+from taichi_plume.study import columns
 from taichi_plume.study.messages import AirRecord, Cost, Record
 
 if TYPE_CHECKING:
@@ -35,25 +36,7 @@ LARGEST_TEXT = 1 << 24  # bytes of a file that is copied
 DONE = ("completed", "stopped")
 
 _PART = re.compile(r"\d{6,}\.parquet")
-_SCORES = pa.struct(
-    [
-        ("group", pa.string()),
-        ("algorithm", pa.string()),
-        ("trial", pa.int64()),
-        ("searched", pa.bool_()),
-        ("success", pa.bool_()),
-        ("found", pa.int64()),
-        ("time_s", pa.float64()),
-        ("path_m", pa.float64()),
-        ("overhead", pa.float64()),
-        ("team_path_m", pa.float64()),
-        ("acquisitions", pa.int64()),
-        ("hits", pa.int64()),
-        ("bumps", pa.int64()),
-        ("final_distance_m", pa.float64()),
-        ("time_with_failures_s", pa.float64()),
-    ]
-)
+_SCORES = pa.struct([(one.name, one.type) for one in columns.TRIAL])
 _COST = pa.struct(
     [
         ("begun", pa.float64()),

@@ -116,8 +116,7 @@ def _trials(plan: Planned, came: list[Record], place: dict[str, int]) -> pa.Tabl
             for name, field in told.items():
                 value = trial.get(name)
                 made[name].append(value if field.type in (pa.string(), pa.bool_()) else _number(value))
-    whole = ("found", "acquisitions", "hits", "bumps", "trial")
-    for name in whole:
+    for name in (one.name for one in told.values() if one.type == pa.int64()):
         made[name] = [None if value is None else round(value) for value in made[name]]
     searched = made["searched"]
     made["success"] = [value if one else None for value, one in zip(made["success"], searched, strict=True)]

@@ -74,7 +74,9 @@ def trial(n: int = 0, success: bool | None = True, time: float = 10.0, **more: A
         "found": int(found), "time_s": time if found else None, "path_m": 2 * time if found else None,
         "overhead": 2.0 if found else None, "team_path_m": 2 * time, "acquisitions": 3, "hits": 2, "bumps": 0,
         "final_distance_m": 0.1, "time_with_failures_s": time if found else (60.0 if success is False else None),
-        **more,
+        "outcome": None if success is None else "reached" if found else "neither", "declared_time_s": None,
+        "localisation_error_m": None, "declarations": None, "false_declarations": None,
+        "reached_time_s": time if found else None, "shares_arena": False, **more,
     }  # fmt: skip
 
 

@@ -82,6 +82,36 @@ def test_a_page_says_what_was_varied_and_what_came_of_it(write, sweep, tmp_path)
     assert re.search(r"\d+ % \(\d+\u2011\d+\)", read.text)  # in the table of points, on one line
 
 
+def declaring(request):
+    """Two searches of groups that share an arena: one declares, falsely in one air of two; one never does."""
+    right = request.air_seed % 2 == 0
+    declared = {
+        "outcome": "declared" if right else "neither", "declarations": 1, "false_declarations": int(not right),
+        "declared_time_s": 5.0, "localisation_error_m": 0.125 if right else 1.125, "shares_arena": True,
+    }  # fmt: skip
+    rows = [
+        made_study.trial(0, right, **declared, group="a"),
+        made_study.trial(0, group="b", shares_arena=True),
+    ]
+    return made_study.record(request, rows)
+
+
+def test_declarations_are_told_where_there_are_any(write, sweep):
+    silent = write(sweep, made_study.records(sweep))
+    assert "localisation error" not in silent.text
+    assert "in one arena" not in silent.text
+
+
+def test_declarations_are_told_over_airs(write, sweep):
+    records = made_study.records(sweep, declaring)
+    read = write(sweep, records)
+    assert "declared rightly" in read.text
+    assert re.search(
+        r"localisation error .*0\.625 m, mean of 72 searches with a declaration, .*over 6 airs", read.text
+    )
+    assert "Groups of a run were in one arena here" in read.text
+
+
 def test_nothing_of_a_study_gets_to_command_a_page(write, sweep):
     records = made_study.records(
         sweep, lambda one: made_study.record(one, status="failed", message=WICKED, trials=[])
