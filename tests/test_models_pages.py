@@ -1,5 +1,6 @@
 """The models' pages name every kind that a scenario can have, and the states that the algorithms have."""
 
+import ast
 import re
 from pathlib import Path
 from typing import Any
@@ -70,3 +71,25 @@ def test_the_states_are_those_of_the_algorithms():
     assert len(known) > 15
     assert told - known == set()
     assert [name for name in known if not re.search(rf"\b{name}\b", text)] == []
+
+
+INCLUDED = re.compile(r"```{literalinclude} (\S+)\n:pyobject: (\S+)")
+
+
+def names_in(file: Path) -> set[str]:
+    """Its functions and classes, and `Class.method`."""
+    found = set()
+    for one in ast.parse(file.read_text(encoding="utf-8")).body:
+        if isinstance(one, ast.FunctionDef | ast.ClassDef):
+            found.add(one.name)
+        if isinstance(one, ast.ClassDef):
+            found |= {f"{one.name}.{part.name}" for part in one.body if isinstance(part, ast.FunctionDef)}
+    return found
+
+
+def test_the_code_that_pages_show_is_there():
+    """Else only the site's build, which is slow, would tell."""
+    pages = sorted((ROOT / "docs").rglob("*.md"))
+    shown = [(one, *match) for one in pages for match in INCLUDED.findall(one.read_text(encoding="utf-8"))]
+    assert len(shown) > 60
+    assert [(one.name, name) for one, file, name in shown if name not in names_in(one.parent / file)] == []
