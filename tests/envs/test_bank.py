@@ -153,6 +153,20 @@ def test_a_bank_that_fits_no_memory_is_refused_before_it_is_recorded():
     assert "\n" not in str(told.value)
 
 
+def test_a_bank_of_a_movie_holds_the_means_of_its_pixels(tmp_path):
+    pictures = np.random.default_rng(4).random((31, 24, 40)).astype(np.float32)
+    np.save(tmp_path / "m.npy", pictures)
+    gas = {
+        "kind": "movie", "file": "m.npy", "frame_rate": 5, "pixel": 0.05, "ppm_per_unit": 30,
+        "sources": [{"position": [0.4, 0.6]}],
+    }  # fmt: skip
+    still = {"kind": "uniform", "velocity": [0.5, 0.0]}
+    bank = record(scenario_from(task(wind=still, gas=gas, warm_up=0.0)), tmp_path)
+    means = 30 * pictures.reshape(31, 12, 2, 20, 2).mean(axis=(2, 4)).swapaxes(1, 2)
+    np.testing.assert_allclose(bank.values[0, ..., 2] * bank.scale[0, 0], means, rtol=1e-3)
+    assert [place.tolist() for place in bank.sources[0]] == [[[0.4, 0.6]]]
+
+
 def test_an_air_without_chance_is_recorded_once():
     still = {"kind": "uniform", "velocity": [0.5, 0.0]}
     gas = {"kind": "gaussian_plume", "sources": [{"position": [0.4, 0.6], "rate": 1e-5}], "diffusivity": 1e-2}
