@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from math import sqrt
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -32,12 +32,42 @@ class Declares(AnyAlgorithm):
     declare_spread: Length | None = 0.2
     """Spread of its belief below which a robot says that the source is at the belief's mean. It is the root of the mean
     square distance of the source from there, as it believes: where a belief is normal and right, 0.2 m puts 95 % of
-    these places within the usual reach, 0.35 m, of the source. null: it never says so."""
+    these places within the usual reach, 0.35 m, of the source. null: it never says so; that is the default too where
+    a single cell is less sure."""
 
     @property
     def may_declare(self) -> bool:
         """Whether its robots may say where a source is."""
         return self.declare_spread is not None
+
+    @property
+    def least_spread(self) -> float:
+        """The least that its belief can have [m]."""
+        return 0.0
+
+    @model_validator(mode="after")
+    def _sayable(self) -> Self:
+        """By default it says nothing where it is never sure, and a scenario with all defaults written out is the same
+        one again.
+        """
+        if "declare_spread" not in self.model_fields_set and not self._reaches(self.declare_spread):
+            object.__setattr__(self, "declare_spread", None)  # it is not asked for: not by setattr
+        return self
+
+    def _reaches(self, spread: float | None) -> bool:
+        return spread is None or spread > self.least_spread
+
+    def in_group(self, where: str, group: "Group", floor: "Arena") -> Iterator[str]:
+        """A belief that has to get sure enough."""
+        spread = self.declare_spread
+        if group.found == "declared" and "declare_spread" not in self.model_fields_set:
+            spread = type(self).model_fields["declare_spread"].default
+        if not self._reaches(spread):
+            yield (
+                f"{where}.algorithm.declare_spread: {spread:g} m is never reached, as a single cell has a "
+                f"spread of {self.least_spread:.3g} m; raise it, or lower cell"
+            )
+        yield from super().in_group(where, group, floor)
 
 
 class AnyInfotaxis(Listening, Declares):
@@ -74,16 +104,10 @@ class AnyInfotaxis(Listening, Declares):
         D, V, tau = self.diffusivity, self.wind_speed, self.lifetime
         return sqrt(D * tau / (1.0 + V**2 * tau / (4.0 * D)))
 
-    def in_group(self, where: str, group: "Group", floor: "Arena") -> Iterator[str]:
-        """A single cell has a spread too. By default that matters only to those that have to declare."""
-        least, asked = self.cell / sqrt(6.0), "declare_spread" in self.model_fields_set
-        spread = self.declare_spread
-        if spread is not None and spread <= least and (asked or group.found == "declared"):
-            yield (
-                f"{where}.algorithm.declare_spread: {spread:g} m is never reached, as a single cell has a "
-                f"spread of {least:.3g} m; raise it, or lower cell"
-            )
-        yield from super().in_group(where, group, floor)
+    @property
+    def least_spread(self) -> float:
+        """That of a single cell [m]."""
+        return self.cell / sqrt(6.0)
 
     def unfit(self, where: str, floor: "Arena") -> str | None:
         """Every cell of its map is looked at, again and again."""

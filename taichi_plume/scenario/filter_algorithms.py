@@ -1,6 +1,5 @@
 """Search algorithms that keep a map of where the source may be: a particle filter and a hit map."""
 
-from collections.abc import Iterator
 from math import ceil, sqrt
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
@@ -130,15 +129,10 @@ class HitMap(Listening, Declares):
         """Mean reading of a hit [ppm]."""
         return self.threshold_ppm
 
-    def in_group(self, where: str, group: "Group", floor: "Arena") -> Iterator[str]:
-        """A single cell has a spread too."""
-        least = self.cell / sqrt(6.0)
-        if "declare_spread" in self.model_fields_set and self.declare_spread and self.declare_spread <= least:
-            yield (
-                f"{where}.algorithm.declare_spread: {self.declare_spread:g} m is never reached, as a single cell has a "
-                f"spread of {least:.3g} m; raise it, or lower cell"
-            )
-        yield from super().in_group(where, group, floor)
+    @property
+    def least_spread(self) -> float:
+        """That of a single cell [m]."""
+        return self.cell / sqrt(6.0)
 
     def unfit(self, where: str, floor: "Arena") -> str | None:
         """It knows the way from each cell to each."""

@@ -1,7 +1,9 @@
 """Teams whose lanes, lines or messages do not fit are told so in one line."""
 
 import pytest
-from test_checks import FLOOR, told
+from test_checks import FLOOR, scenario, told
+
+from taichi_plume.files.run_folder import to_yaml
 
 
 def team(count, algorithm, more=""):
@@ -107,3 +109,15 @@ def test_groups_keep_their_messages_in_one_table(tmp_path):
         "robots[1].count: 1200 robots in 2 trials, with those of the groups before, would keep 2.2e+07 messages"
     )
     assert told(tmp_path, FLOOR, f"robots=[{one}]") == told(tmp_path, FLOOR, f"robots=[{other}]") == []
+
+
+@pytest.mark.parametrize("kind", ["infotaxis", "space_aware_infotaxis", "hit_map"])
+def test_beliefs_that_never_get_sure_say_nothing_unless_they_have_to(tmp_path, kind):
+    coarse = team(1, f"kind: {kind}, cell: 0.6")
+    found = scenario(tmp_path, FLOOR, coarse)
+    (algorithm,) = [group.algorithm for group in found.robots]
+    assert not algorithm.may_declare
+    assert scenario(tmp_path, to_yaml(found)) == found, "written out, nothing more is asked for"
+    (fault,) = told(tmp_path, FLOOR, team(1, f"kind: {kind}, cell: 0.6", ", found: declared"))
+    assert fault.startswith("robots[0].algorithm.declare_spread: 0.2 m is never reached")
+    assert told(tmp_path, FLOOR, team(1, f"kind: {kind}, cell: 0.4", ", found: declared")) == []
