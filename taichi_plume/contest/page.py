@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from taichi_plume import __version__
 from taichi_plume.contest import captions, plots
 from taichi_plume.contest.fixed import Fixed
 from taichi_plume.contest.play import SCENARIOS, Contest
@@ -24,8 +23,8 @@ from taichi_plume.contest.standings import (
     Row,
 )
 from taichi_plume.guard.terminal import show, visible
-from taichi_plume.report import look
-from taichi_plume.report.page import TEMPLATE, Image, Section, Table
+from taichi_plume.report import html, look
+from taichi_plume.report.html import Image, Section, Table
 from taichi_plume.study import cells, intervals
 from taichi_plume.study.points import Quantity
 
@@ -37,24 +36,12 @@ WORDS = (ERROR, FALSE, DECLARED, REACHED, NEITHER)
 
 def write(contest: Contest, rows: Sequence[Row], command: Sequence[str]) -> Path:
     """Write the page of a contest; returns its path. command: what makes it again. Raises OSError, ScenarioError."""
-    import jinja2
-
-    environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    template = environment.from_string(TEMPLATE.read_text(encoding="utf-8"))
     runs, left = sum(row.runs for row in rows), sum(row.failed + row.missing for row in rows)
-    html = template.render(
+    return html.write(
+        contest.out / f"{NAME}.html", _sections(contest, rows, command),
         name="Contest of search algorithms", what="taichi_plume", about="Page of a contest of taichi_plume",
         status=f"{runs - left:,} of {runs:,} runs", good=not left, message="", began=[],
-        sections=[one for one in _sections(contest, rows, command) if not one.empty], version=__version__,
     )  # fmt: skip
-    path = contest.out / f"{NAME}.html"
-    part = path.with_name(f"{path.name}.part")
-    try:
-        part.write_text(html, encoding="utf-8", errors="backslashreplace")
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
-    return path
 
 
 def _sections(contest: Contest, rows: Sequence[Row], command: Sequence[str]) -> Iterator[Section]:

@@ -1,59 +1,24 @@
 """`report.html`: a run on one page that needs nothing else: no net, no scripts, its images inside."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
 from math import inf
 from pathlib import Path
 from typing import Any
 
-from taichi_plume import __version__, summary
+from taichi_plume import summary
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.files.tables import plain
 from taichi_plume.guard.terminal import visible
-from taichi_plume.report import beliefs, captions, facts, figures, look, scene
+from taichi_plume.report import beliefs, captions, facts, figures, html, look, scene
+from taichi_plume.report.html import Image, Section, Table
 from taichi_plume.report.maps import maps_of
 from taichi_plume.report.references import papers
 from taichi_plume.report.run import Run
 
 NAME = "report.html"
-TEMPLATE = Path(__file__).with_name("page.html")
 MOST_FRAMES = 240  # of a recording, that its mean is made of
 TOLD = {"wall_s", "simulated_s", "cells", "steps", "backend", "flow", "gas", "groups", "maps"}
 """What a result has that tells how a run went; those of runs that were killed have less."""
-
-
-@dataclass
-class Image:
-    """A figure: the image itself as an address, what it shows in a line, and how to read it."""
-
-    address: str
-    title: str
-    caption: str
-
-
-@dataclass
-class Table:
-    """Rows under their heads, with a line on what they say."""
-
-    rows: facts.Rows
-    heads: tuple[str, ...] = ()
-    caption: str = ""
-
-
-@dataclass
-class Section:
-    """A part of the page, in the order in which it is read: lines, images, tables."""
-
-    title: str
-    key: str
-    lines: list[str] = field(default_factory=list)
-    images: list[Image] = field(default_factory=list)
-    tables: list[Table] = field(default_factory=list)
-
-    @property
-    def empty(self) -> bool:
-        """Whether there is nothing to be said."""
-        return not (self.lines or self.images or self.tables)
 
 
 def write(run: Run, tolerant: bool | None = None) -> Path:
@@ -63,26 +28,11 @@ def write(run: Run, tolerant: bool | None = None) -> Path:
     Raises RunFolderError and OSError.
     """
     parts = Parts(run, run.unfinished if tolerant is None else tolerant)
-    html = _page(run, [one for one in parts.all() if not one.empty])
-    path, part = run.folder / NAME, run.folder / f"{NAME}.part"
-    try:
-        part.write_text(html, encoding="utf-8", errors="backslashreplace")
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
-    return path
-
-
-def _page(run: Run, sections: list[Section]) -> str:
-    import jinja2
-
-    environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    template = environment.from_string(TEMPLATE.read_text(encoding="utf-8"))
     message = str(run.result.get("message") or "")
-    return template.render(
-        name=visible(run.scenario.name), status=visible(run.status), message=visible(message), sections=sections,
-        good=run.status in ("completed", "stopped"), began=[visible(line) for line in run.began.lines],
-        version=__version__,
+    return html.write(
+        run.folder / NAME, parts.all(), name=visible(run.scenario.name), status=visible(run.status),
+        message=visible(message), good=run.status in ("completed", "stopped"),
+        began=[visible(line) for line in run.began.lines],
     )  # fmt: skip
 
 

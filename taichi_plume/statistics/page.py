@@ -5,10 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from taichi_plume import __version__
 from taichi_plume.guard.terminal import visible
-from taichi_plume.report import look
-from taichi_plume.report.page import TEMPLATE, Image, Section, Table
+from taichi_plume.report import html, look
+from taichi_plume.report.html import Image, Section, Table
 from taichi_plume.statistics import captions, plots
 from taichi_plume.statistics.analysis import Kind, OfProbe, Profile
 from taichi_plume.statistics.durations import CELANI, DECADE, FEWEST
@@ -23,23 +22,12 @@ HARDLY = 1e-3  # of the strongest mean
 
 def write(found: Statistics, folder: Path) -> Path:
     """Write the page into a folder; returns its path. Raises OSError."""
-    import jinja2
-
-    environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    template = environment.from_string(TEMPLATE.read_text(encoding="utf-8"))
-    sections = [one for one in _sections(found) if not one.empty]
-    html = template.render(
+    return html.write(
+        folder / NAME, _sections(found),
         name=visible(found.name), what="statistics of a plume", status=visible(found.gas), good=True,
         message=f"Statistics of a plume, from {'probes' if found.of == 'probes' else 'a film'}",
-        about="Statistics by taichi_plume", began=[visible(found.source)], sections=sections, version=__version__,
+        about="Statistics by taichi_plume", began=[visible(found.source)],
     )  # fmt: skip
-    path, part = folder / NAME, folder / f"{NAME}.part"
-    try:
-        part.write_text(html, encoding="utf-8", errors="backslashreplace")
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
-    return path
 
 
 def _image(png: bytes, title: str, caption: str) -> Image:

@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from taichi_plume import __version__
 from taichi_plume.guard.terminal import visible
-from taichi_plume.report import look
-from taichi_plume.report.page import TEMPLATE, Image, Section, Table
+from taichi_plume.report import html, look
+from taichi_plume.report.html import Image, Section, Table
 from taichi_plume.study import captions, cells, columns, costs, indices, plots, refine
 from taichi_plume.study.points import SUCCESS, TIME, Points, Quantity
 from taichi_plume.study.results import Results, open_study
@@ -29,26 +28,14 @@ def write(folder: Path) -> Path:
 
     Raises RunFolderError, in a line, and OSError.
     """
-    import jinja2
-
     study = open_study(folder)
-    sections = [one for one in Page(study).sections() if not one.empty]
-    environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    template = environment.from_string(TEMPLATE.read_text(encoding="utf-8"))
     status = study.runs()["status"].value_counts().to_dict()
     done, asked = status.get("completed", 0) + status.get("stopped", 0), sum(status.values())
-    html = template.render(
+    return html.write(
+        folder / NAME, Page(study).sections(),
         name=visible(study.plan.about["name"]), what="report of a study", about="Report of a study of taichi_plume",
         status=f"{done:,} of {asked:,} runs", good=done == asked, message=_left(status), began=[],
-        sections=sections, version=__version__,
     )  # fmt: skip
-    path, part = folder / NAME, folder / f"{NAME}.part"
-    try:
-        part.write_text(html, encoding="utf-8", errors="backslashreplace")
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
-    return path
 
 
 def _left(status: dict[str, int]) -> str:
