@@ -11,6 +11,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from taichi_plume.exit_codes import exit_code
 from taichi_plume.guard.terminal import Parser, say, visible
 from taichi_plume.signals import reader_may_leave
 
@@ -20,20 +21,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = _arguments(argv)
     os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
     gc.disable()  # until the run begins: a start takes 7 % more where what it makes is looked through
-    from taichi_plume.files.run_folder import RunFolderError
-    from taichi_plume.scenario.loading import ScenarioError
-
     try:
-        return _resume(args) if args.resume else _new(args)
-    except ScenarioError as error:
-        say(error, error=True)
-        return 2
-    except RunFolderError as error:
-        say(visible(error), error=True)
-        return 2
-    except KeyboardInterrupt:
-        say("interrupted before the run began", error=True)
-        return 130
+        work = _resume if args.resume else _new
+        return exit_code(lambda: work(args), "interrupted before the run began", args.debug)
     finally:
         gc.enable()
 

@@ -3,6 +3,7 @@
 MAY_IMPORT: tuple[str, ...] = (
     "assemble",
     "declared",
+    "exit_codes",
     "files",
     "grid",
     "guard",

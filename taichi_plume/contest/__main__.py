@@ -10,7 +10,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from taichi_plume.guard.terminal import Parser, say, visible
+from taichi_plume.exit_codes import exit_code
+from taichi_plume.guard.terminal import Parser, say, visible, whole_number
 
 AIRS, SEARCHES = 8, 8
 QUICK_AIRS, QUICK_SEARCHES = 2, 4
@@ -21,24 +22,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = list(sys.argv[1:] if argv is None else argv)
     os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
     args = _arguments(arguments)
-    from taichi_plume.files.run_folder import RunFolderError
-    from taichi_plume.scenario.loading import ScenarioError
-
-    try:
-        return _contest(args, arguments)
-    except ScenarioError as error:
-        say(error, error=True)
-        return 2
-    except RunFolderError as error:
-        say(visible(error), error=True)
-        return 2
-    except KeyboardInterrupt:
-        say("interrupted; what is done is kept, and the same command goes on", error=True)
-        return 130
-    except OSError as error:
-        at = f"{error.filename}: " if error.filename else ""
-        say(visible(f"{at}{error.strerror or error}"), error=True)
-        return 1
+    interrupted = "interrupted; what is done is kept, and the same command goes on"
+    return exit_code(lambda: _contest(args, arguments), interrupted)
 
 
 def _contest(args: argparse.Namespace, arguments: Sequence[str]) -> int:
@@ -103,6 +88,7 @@ def _require_allowed(args: argparse.Namespace) -> None:
 
 
 def _arguments(argv: Sequence[str]) -> argparse.Namespace:
+    count = whole_number(1, 4096)
     parser = Parser(
         prog="python -m taichi_plume.contest",
         description="All search algorithms, and your own, in the same fixed scenarios, airs and starts: one table and "
@@ -136,37 +122,20 @@ def _arguments(argv: Sequence[str]) -> argparse.Namespace:
         "--quick", action="store_true", help=f"one scenario, {QUICK_AIRS} airs: about a minute, to look at"
     )
     parser.add_argument(
-        "--seed", type=_seed, metavar="N", help="of airs, starts and noise (default: the scenarios')"
+        "--seed",
+        type=whole_number(0, (1 << 32) - 1),
+        metavar="N",
+        help="of airs, starts and noise (default: the scenarios')",
     )
-    parser.add_argument("--airs", type=_count, metavar="N", help=f"of each scenario (default: {AIRS})")
-    parser.add_argument("--searches", type=_count, metavar="N", help=f"in each air (default: {SEARCHES})")
-    parser.add_argument("--workers", type=_count, metavar="N", help="processes (default: one per core)")
+    parser.add_argument("--airs", type=count, metavar="N", help=f"of each scenario (default: {AIRS})")
+    parser.add_argument("--searches", type=count, metavar="N", help=f"in each air (default: {SEARCHES})")
+    parser.add_argument("--workers", type=count, metavar="N", help="processes (default: one per core)")
     parser.add_argument("--retry", action="store_true", help="make runs again that have failed")
     parser.add_argument(
         "--force", action="store_true", help="drop runs in the folder that this contest does not ask for"
     )
     parser.add_argument("--quiet", action="store_true", help="no progress, no table")
     return parser.parse_args(argv)
-
-
-def _count(text: str) -> int:
-    return _whole(text, 1, 4096)
-
-
-def _seed(text: str) -> int:
-    return _whole(text, 0, (1 << 32) - 1)
-
-
-def _whole(text: str, least: int, most: int) -> int:
-    try:
-        number = int(text)
-    except ValueError:
-        number = -1
-    if not least <= number <= most:
-        raise argparse.ArgumentTypeError(
-            f"must be a whole number from {least} to {most}, got '{visible(text)}'"
-        )
-    return number
 
 
 if __name__ == "__main__":

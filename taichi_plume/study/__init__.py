@@ -10,6 +10,7 @@ if TYPE_CHECKING:
 MAY_IMPORT: tuple[str, ...] = (
     "assemble",
     "declared",
+    "exit_codes",
     "files",
     "grid",
     "guard",

@@ -8,11 +8,11 @@
 import argparse
 import os
 import sys
-import traceback
 from collections.abc import Sequence
 from pathlib import Path
 
-from taichi_plume.guard.terminal import Parser, say, visible
+from taichi_plume.exit_codes import exit_code
+from taichi_plume.guard.terminal import Parser, whole_number
 from taichi_plume.signals import reader_may_leave
 
 
@@ -22,26 +22,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
     report = arguments[:1] == ["report"]
     args = _report_arguments(arguments[1:]) if report else _arguments(arguments)
-    from taichi_plume.files.run_folder import RunFolderError
-    from taichi_plume.scenario.loading import ScenarioError
-
-    try:
-        return _report(args.folder) if report else _study(args)
-    except ScenarioError as error:
-        say(error, error=True)
-        return 2
-    except RunFolderError as error:
-        say(visible(error), error=True)
-        return 2
-    except KeyboardInterrupt:
-        say("interrupted", error=True)
-        return 130
-    except OSError as error:
-        if getattr(args, "debug", False):
-            say(traceback.format_exc(), error=True)
-        at = f"{error.filename}: " if error.filename else ""
-        say(visible(f"{at}{error.strerror or error}"), error=True)
-        return 1
+    debug = getattr(args, "debug", False)
+    return exit_code(lambda: _report(args.folder) if report else _study(args), "interrupted", debug)
 
 
 def _study(args: argparse.Namespace) -> int:
@@ -89,7 +71,10 @@ def _arguments(argv: Sequence[str]) -> argparse.Namespace:
     parser.add_argument("study", type=Path, help="YAML file")
     parser.add_argument("--out", type=Path, metavar="DIR", help="the study's folder (default: studies/NAME)")
     parser.add_argument(
-        "--workers", type=_count, metavar="N", help="processes on this machine (default: one per core)"
+        "--workers",
+        type=whole_number(1, 4096),
+        metavar="N",
+        help="processes on this machine (default: one per core)",
     )
     parser.add_argument(
         "--scheduler",
@@ -117,16 +102,6 @@ def _arguments(argv: Sequence[str]) -> argparse.Namespace:
     if args.dashboard and args.scheduler:
         parser.error("--dashboard is of this machine: a scheduler has, or has not, a dashboard of its own")
     return args
-
-
-def _count(text: str) -> int:
-    try:
-        number = int(text)
-    except ValueError:
-        number = 0
-    if not 1 <= number <= 4096:
-        raise argparse.ArgumentTypeError(f"must be a whole number from 1 to 4096, got '{visible(text)}'")
-    return number
 
 
 if __name__ == "__main__":
