@@ -4,7 +4,6 @@ import datetime
 import json
 import os
 import platform
-import re
 import shlex
 import shutil
 import tempfile
@@ -20,7 +19,7 @@ import yaml
 from taichi_plume import __version__
 from taichi_plume.guard.terminal import visible
 from taichi_plume.scenario.algorithms import Own
-from taichi_plume.scenario.input_files import input_files, outside
+from taichi_plume.scenario.input_files import input_files, outside, put
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.vocabulary import Model
 
@@ -58,6 +57,7 @@ REPLACED = ".replaced"  # all of it, while the files of a new one are begun
 OPTIONS = ("--allow-code", "--allow-outside")
 HEADER = "# Every default written out."
 OURS = {"name", "status", "seed"}  # keys of every result.json
+KILLED = "killed"  # status of a run that did not end by itself, once it is repaired
 
 
 class RunFolderError(ValueError):
@@ -282,11 +282,7 @@ def to_yaml(scenario: Scenario, source: Path = Path(), target: Path | None = Non
     _say_none(scenario, data)
     if target is not None:
         for where, name in input_files(scenario):
-            *above, key = re.findall(r"[^.\[\]]+", where)
-            place: Any = data
-            for step in above:
-                place = place[int(step) if step.isdecimal() else step]
-            place[key] = os.path.relpath(source.resolve() / name, target.resolve())
+            put(data, where, os.path.relpath(source.resolve() / name, target.resolve()))
     return yaml.dump(data, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100)
 
 

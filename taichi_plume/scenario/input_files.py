@@ -5,6 +5,7 @@ import re
 from collections.abc import Collection, Iterator
 from glob import escape, glob
 from pathlib import Path
+from typing import Any
 
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 from taichi_plume.scenario.checks import every
@@ -12,14 +13,29 @@ from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.vocabulary import InputFile, marked
 
 NUMBER = re.compile(r"%[0-9]*[dg]")  # stands for a number in the name of several files
+STEP = re.compile(r"[^.\[\]]+")  # of the path of a key
 
 
 def input_files(scenario: Scenario) -> Iterator[tuple[str, str]]:
-    """Every file that is named: the path of its key, such as ``obstacles[0].file``, and its name there."""
+    """Every file that is named: the path of its key, such as ``obstacles[0].file``, and its name there.
+
+    A key that takes several names has a path for each, such as ``task.films[0]``.
+    """
     for where, section in every(scenario):
         for key in type(section).model_fields:
-            if marked(type(section), key, InputFile) and vars(section)[key]:
-                yield f"{where}.{key}", vars(section)[key]
+            named = vars(section)[key] if marked(type(section), key, InputFile) else None
+            if isinstance(named, tuple):
+                yield from ((f"{where}.{key}[{n}]", name) for n, name in enumerate(named))
+            elif named:
+                yield f"{where}.{key}", named
+
+
+def put(data: Any, where: str, value: Any) -> None:
+    """Put a value to the path of a key in a scenario's `data`, as it is dumped."""
+    *above, last = (int(step) if step.isdecimal() else step for step in STEP.findall(where))
+    for step in above:
+        data = data[step]
+    data[last] = value
 
 
 def input_paths(scenario: Scenario, file: Path) -> list[Path]:

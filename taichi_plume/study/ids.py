@@ -6,13 +6,12 @@ count with 12 digits: 35 cm and 0.35 m are the same.
 
 import hashlib
 import json
-import re
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from taichi_plume import __version__
 from taichi_plume.files.manifest import digest
-from taichi_plume.scenario.input_files import files_of, input_files
+from taichi_plume.scenario.input_files import files_of, input_files, put
 from taichi_plume.scenario.reset import structure
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.study.axes import DIGITS
@@ -61,12 +60,9 @@ class Digests:
         data = scenario.model_dump(mode="json")
         read = []
         for where, name in input_files(scenario):
-            *above, key = re.findall(r"[^.\[\]]+", where)
-            place: Any = data
-            for step in above:
-                place = place[int(step) if isinstance(place, list) else step]
-            place[key] = [self._of(file) for file in files_of(self.folder, name)]
-            read.append([where, place[key]])
+            digests = [self._of(file) for file in files_of(self.folder, name)]
+            put(data, where, digests)
+            read.append([where, digests])
         data = _rounded(data)
         wakes = any(group.wake for group in scenario.robots)
         return Ids(

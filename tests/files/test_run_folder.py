@@ -131,10 +131,23 @@ def test_input_files_are_all_that_a_scenario_reads(tmp_path):
     data = fake_run.scenario(2).model_dump(mode="json", exclude_none=True)
     data["obstacles"] = [{"kind": "mesh", "file": "box.stl"}]
     data["wind"] = {"kind": "imported", "files": "wind_%d.csv", "occupancy": "cells.csv"}
+    data["task"] = {"films": ["one.zarr", "two.zarr"]}
     scenario = Scenario.model_validate(data)
     found = input_paths(scenario, tmp_path / "a.yaml")
-    names = ["a.yaml", "box.stl", "cells.csv", "wind_0.csv", "wind_1.csv", "wind_2.csv"]
+    names = [
+        "a.yaml",
+        "box.stl",
+        "cells.csv",
+        "one.zarr",
+        "two.zarr",
+        "wind_0.csv",
+        "wind_1.csv",
+        "wind_2.csv",
+    ]
     assert sorted(file.name for file in found) == names
+    told = yaml.safe_load(run_folder.to_yaml(scenario, tmp_path, tmp_path / "run"))
+    assert told["task"]["films"] == ["../one.zarr", "../two.zarr"]
+    assert told["obstacles"][0]["file"] == "../box.stl"
 
 
 def test_null_is_written_where_it_is_not_what_a_missing_key_means():
