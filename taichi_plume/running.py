@@ -160,7 +160,9 @@ def _run(sim: Simulation, console: Console | None, debug: bool) -> End:
 def whole(sim: Simulation) -> End:
     """How a run ended that nothing cut off."""
     if sim.tick < sim.last_tick:
-        return End("stopped", f"every robot had found a source at t = {sim.t:.1f} s", 0)
+        found = bool(sim.swarm.snapshot()["found"].all())
+        why = "every robot had found a source" if found else "no robot searched any more"
+        return End("stopped", f"{why} at t = {sim.t:.1f} s", 0)
     return End("completed", "", 0)
 
 

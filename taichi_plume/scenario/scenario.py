@@ -61,8 +61,8 @@ class Scenario(Model):
     """Control period: once per tick sensors measure and robots decide. The air takes as many shorter steps in it as
     it needs."""
     stop_early: Annotated[bool, FREE] = True
-    """End the run once every robot of every group has found a source. With false it lasts the whole duration, as for
-    maps and measurements."""
+    """End the run once no robot of any group searches any more. Each has found a source then or, where its search ends
+    so, has declared one. With false it lasts the whole duration, as for maps and measurements."""
     domain: Domain
     """The box of air that is simulated, with its lower corner at the origin, and its grid."""
     wind: Wind
@@ -110,6 +110,11 @@ class Scenario(Model):
     def with_gases(self, others: Mapping[str, PureGas]) -> "Scenario":
         """With other gases in place of those of some paths."""
         return self.model_copy(update={"gas": self.gas.replaced("gas", others)}) if others else self
+
+    @property
+    def believers(self) -> tuple[Group, ...]:
+        """Groups whose robots believe in places of the source."""
+        return tuple(group for group in self.robots if group.algorithm.believes)
 
     @property
     def seed_of_air(self) -> int:

@@ -25,7 +25,7 @@ AIR = column("air", pa.string(), "1", "id of the air: runs of one id met the sam
 BY_CHANCE = column("air_by_chance", pa.bool_(), "1", "whether other seeds make another air")
 NUMBER = column("number", pa.int64(), "1", "place in the plan")
 CAME = (
-    column("status", pa.string(), "1", "completed, stopped (all found a source), failed or missing"),
+    column("status", pa.string(), "1", "completed, stopped (none searched any more), failed or missing"),
     column("message", pa.string(), "1", "why it failed or stopped"),
 )
 TRIAL = (

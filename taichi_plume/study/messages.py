@@ -77,7 +77,7 @@ class Cost(NamedTuple):
 class Record(NamedTuple):
     """What came of a run.
 
-    status: completed, stopped (every robot had found a source) or failed; message: why, in a line; trials: a row for
+    status: completed, stopped (no robot searched any more) or failed; message: why, in a line; trials: a row for
     each trial of each group; outcomes: numbers of the whole run, None where there is none. Nothing in it but the cost
     depends on when, where or after what it was run.
     """

@@ -1,11 +1,15 @@
 """What robots say of the source's place, and who judges it."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 import taichi as ti
 
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.clearance import ClearanceMap
+from taichi_plume.running import whole
 from taichi_plume.scenario.algorithms import Casting
 from taichi_plume.scenario.robots import Group
 from taichi_plume.scenario.starts import StartAt
@@ -52,6 +56,14 @@ def test_words_are_judged(swarm):
     assert told["declared_time"].tolist() == [2.0, 1.0]
     assert told["found"].tolist() == [False, False]
     assert not swarm.all_over()  # the first may still come to the source
+
+
+def test_an_end_without_a_find_is_called_so(swarm):
+    over: Any = SimpleNamespace(swarm=swarm, tick=30, last_tick=90, t=3.0)
+    swarm.found.fill(1)
+    assert whole(over) == ("stopped", "every robot had found a source at t = 3.0 s", 0)
+    swarm.found.fill(0)
+    assert whole(over) == ("stopped", "no robot searched any more at t = 3.0 s", 0)
 
 
 def test_a_true_word_finds(swarm):
