@@ -16,12 +16,11 @@ import pyarrow.parquet as pq
 
 from taichi_plume.files import checkpoint, manifest, maps_file, plumesim_log, table_parts
 from taichi_plume.files.result import write_result
-from taichi_plume.files.run_folder import LISTED, RunFolder, RunFolderError, resuming, told
+from taichi_plume.files.run_folder import KILLED, LISTED, RunFolder, RunFolderError, resuming, told
 from taichi_plume.guard.terminal import Parser, say, visible
 from taichi_plume.outputs import OVER
 from taichi_plume.running import report
 
-KILLED = "killed"
 PARTS = ("robots.parts", "probes.parts", "recording.old.rrd")
 """What is there only until a file is finished."""
 

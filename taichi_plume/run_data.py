@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 from taichi_plume import __version__
 from taichi_plume.files import manifest
-from taichi_plume.files.run_folder import OURS, RunFolderError, is_run, told
+from taichi_plume.files.run_folder import KILLED, OURS, RunFolderError, is_run, told
 from taichi_plume.files.tables import LONGEST_TEXT, plain
 from taichi_plume.guard.opening import read_regular, unopenable
 from taichi_plume.guard.terminal import visible
@@ -47,7 +47,8 @@ WANTED = {
     "robots": "the scenario has no robots",
     "probes": "run with `probes: {points: [{kind: point, name: a, at: [1, 2]}]}` in the scenario",
     "forces": "the air of this run tells no forces; a wind of kind cfd with obstacles does",
-    "maps": "run with `maps: [{kind: time_series}]` in the scenario; they are written when a run ends",
+    "maps": "run with `maps: [{kind: time_series}]` or a group that believes in places of the source, such as of kind "
+    "infotaxis; they are written when a run ends",
 }
 """How to get what is not there."""
 
@@ -92,7 +93,9 @@ class Run:
         from taichi_plume.study import columns
 
         path, groups = self.folder / "result.json", self.result.get("groups")
-        if not groups:
+        if (
+            not groups or self.result.get("status") == KILLED
+        ):  # then they tell how far the robots came, at most
             raise RunFolderError(
                 f"{path}: tells of no trials: the scenario has no robots, or the run has not ended"
             )

@@ -173,6 +173,10 @@ def test_parts_that_a_run_has_not_tell_how_to_get_them(folder):
     write_result(folder, {**one.result, "groups": []})
     with pytest.raises(RunFolderError, match="tells of no trials"):
         print(open_run(folder).trials)
+    repaired = [{"name": "casters", "robots_of_all_trials": 2, "found": 0}]
+    write_result(folder, {**one.result, "status": "killed", "groups": repaired})
+    with pytest.raises(RunFolderError, match="tells of no trials"):
+        print(open_run(folder).trials)
     write_result(folder, {**one.result, "groups": [{"algorithm": "casting", "trials": 1}]})
     with pytest.raises(RunFolderError, match="is damaged: 'per_trial'"):
         print(open_run(folder).trials)
