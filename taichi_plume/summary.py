@@ -71,7 +71,7 @@ def summary(content: dict[str, Any]) -> list[tuple[str, str]]:
         lines.append(("gas", text))
     for group in content["groups"]:
         lines.append((group["name"], _group_line(group)))
-        if has_declared(group["per_trial"]):
+        if has_declared(group["per_trial"]) and not group["no_search"]:
             lines.append((f"{group['name']} declared", _declared_line(group)))
     lines += _what_is_shared(content)
     kinds = [gas_map["kind"] for gas_map in content["maps"]]

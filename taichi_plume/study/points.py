@@ -74,8 +74,10 @@ class Points:
     def _declared(self) -> bool:
         """Whether any robot has declared; then the trials get columns of what they are counted by."""
         trials = self.trials
-        if not (trials["declarations"] > 0).any():
+        searched = trials["searched"].astype(bool)
+        if not (trials["declarations"][searched] > 0).any():
             return False
+        trials.loc[~searched, ["declared_time_s", "localisation_error_m", "false_declarations"]] = None
         counted = trials["declarations"].notna() & trials["outcome"].notna()
         for name in (DECLARED, REACHED):
             trials[name] = (trials["outcome"] == name).astype("boolean").where(counted)

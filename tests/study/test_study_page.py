@@ -112,6 +112,16 @@ def test_declarations_are_told_over_airs(write, sweep):
     assert "Groups of a run were in one arena here" in read.text
 
 
+def test_words_of_searches_for_nothing_do_not_count(write, sweep):
+    def half(request):
+        rows = [dict(one) for one in declaring(request).trials]
+        nothing = {**rows[0], "group": "c", "searched": False, "success": None, "outcome": None}
+        return made_study.record(request, [*rows, {**nothing, "localisation_error_m": 9.0}])
+
+    read = write(sweep, made_study.records(sweep, half))
+    assert re.search(r"localisation error .*0\.625 m, mean of 72 searches with a declaration", read.text)
+
+
 def test_nothing_of_a_study_gets_to_command_a_page(write, sweep):
     records = made_study.records(
         sweep, lambda one: made_study.record(one, status="failed", message=WICKED, trials=[])
