@@ -119,10 +119,16 @@ def _opened(path: Path, variable: str | None) -> tuple[Any, dict[str, Any]]:
     except OSError as error:
         raise FilmError(f"{path}: {unopenable(path) or error.strerror or error}") from None
     if begin.startswith(NPY):
+        _require_unnamed(path, variable)
         return np.lib.format.open_memmap(path, mode="r"), {}
     if begin == HDF5:
         return _hdf5(path, variable)
     raise FilmError(f"{path}: is no movie; wanted a folder of Zarr, a .npy or an HDF5 file over (time, y, x)")
+
+
+def _require_unnamed(path: Path, variable: str | None) -> None:
+    if variable is not None:
+        raise FilmError(f"{path}: holds a single array, which has no name; remove variable")
 
 
 def _zarr(path: Path, variable: str | None) -> tuple[Any, dict[str, Any]]:
@@ -140,6 +146,8 @@ def _zarr(path: Path, variable: str | None) -> tuple[Any, dict[str, Any]]:
         names = sorted(found.array_keys())
         found = found[_chosen(path, names, variable)]
         known |= dict(found.attrs)
+    else:
+        _require_unnamed(path, variable)
     used = [getattr(found.metadata, "compressor", None), *(getattr(found.metadata, "filters", None) or ())]
     for codec in used:
         name = getattr(codec, "codec_id", None)

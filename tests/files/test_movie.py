@@ -103,6 +103,11 @@ def test_files_that_are_no_movies(tmp_path):
         (zarr_of(tmp_path / "oblong", PICTURES, **TOLD | {"pixel_to_grid": [1, 2]}), {}, "give pixel"),
         (zarr_of(tmp_path / "lost", PICTURES, **TOLD | {"origin": ["x"]}), {}, "give origin"),
     ]
+    named = given | {"variable": "plume"}
+    cases.append((npy_of(tmp_path / "named.npy", PICTURES), named, "a single array, .* remove variable"))
+    zarr.create_array(tmp_path / "array.zarr", data=PICTURES)
+    assert movie(tmp_path / "array.zarr", **given).shape == PICTURES.shape
+    cases.append((tmp_path / "array.zarr", named, "a single array, .* remove variable"))
     (tmp_path / "text.npy").write_text("0, 1, 2\n")
     cases.append((tmp_path / "text.npy", given, "is no movie"))
     (tmp_path / "folder").mkdir()
