@@ -100,14 +100,15 @@ class ParticleFilter(Casting):
         low, high = np.array(self.floor)
         cells = np.maximum(1, np.round((high - low) / self.belief_cell).astype(int))
         particle, weight, known = self._read()
-        belief = np.zeros((self.size, *cells))
+        belief = np.zeros((self.size, *cells), np.float32)
         at = np.clip(((particle - low) / self.belief_cell).astype(int), 0, cells - 1)
         for n in range(self.size):
             if known[n]:
                 np.add.at(belief[n], (at[n, :, 0], at[n, :, 1]), weight[n])
             else:
                 belief[n] = 1.0
-        return belief / belief.sum(axis=(1, 2), keepdims=True)
+        belief /= belief.sum(axis=(1, 2), keepdims=True)
+        return belief
 
     def act(self, tick: int, t: float, dt: float) -> None:
         """Turn the readings at time t [s] into commands for the next dt [s]."""

@@ -30,7 +30,7 @@ class PolicyAlgorithm:
         self.observation, self.commands = Observation(swarm, members, tick), Commands(swarm, members, tick)
         fault = network.fault(self.observation.size, self.commands.size)
         if fault:
-            raise NetworkError(fault)
+            raise NetworkError(f"robots[{members.numbers[0]}].algorithm.file: {fault}")
         self.observations = np.zeros((self.size, self.observation.size), np.float32)
         self.actions = np.zeros((self.size, self.commands.size), np.float32)
         self.begin()

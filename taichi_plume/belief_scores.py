@@ -18,10 +18,9 @@ import numpy as np
 
 from taichi_plume import scores
 from taichi_plume.agents.beliefs import Believer
+from taichi_plume.declared import OF_BELIEFS
 from taichi_plume.grid.series import Series
 from taichi_plume.simulation import Every, Simulation
-
-NAMES = ("peak_distance_m", "mean_distance_m", "expected_distance_m", "entropy_bits", "within_reach")
 
 
 @dataclass(frozen=True)
@@ -39,26 +38,31 @@ class GroupBeliefs:
         return x, y
 
     def scores(self, sources: np.ndarray) -> np.ndarray:
-        """Of each trial, those of NAMES, (5, trials); sources: (m, 2) [m]."""
+        """Of each trial, those of OF_BELIEFS, (5, trials); sources: (m, 2) [m]."""
         places = np.stack(np.meshgrid(*self.axes(), indexing="ij"), axis=-1)
-        p = self.p.astype(float)
-        peak = places.reshape(-1, 2)[p.reshape(*p.shape[:2], -1).argmax(axis=-1)]
-        mean = np.einsum("trxy,xyd->trd", p, places)
-        bits = -(p * np.log2(np.where(p > 0.0, p, 1.0))).sum(axis=(2, 3))
+        square = self.group.model.capture == "square"
+        away = _nearest(places, sources)
+        within = _nearest(places, sources, square) <= self.group.model.reach
+        told = np.empty((len(OF_BELIEFS), len(self.p)))
+        for k, one in enumerate(self.p):  # what it takes of memory is of a trial
+            p = one.astype(float)
+            peak = places.reshape(-1, 2)[p.reshape(len(p), -1).argmax(axis=-1)]
+            mean = np.einsum("rxy,xyd->rd", p, places)
+            bits = -(p * np.log2(np.where(p > 0.0, p, 1.0))).sum(axis=(1, 2))
+            each = [_nearest(peak, sources), _nearest(mean, sources), np.einsum("rxy,xy->r", p, away)]
+            told[:, k] = np.mean([*each, bits, np.einsum("rxy,xy->r", p, within.astype(float))], axis=1)
         if not len(sources):
-            none = np.full(p.shape[:2], np.nan)
-            told = np.stack([none, none, none, bits, none])
-        else:
-            expected = np.einsum("trxy,xy->tr", p, _nearest(places, sources))
-            square = self.group.model.capture == "square"
-            near = _nearest(places, sources, square) <= self.group.model.reach
-            within = np.einsum("trxy,xy->tr", p, near.astype(float))
-            told = np.stack([_nearest(peak, sources), _nearest(mean, sources), expected, bits, within])
-        return told.mean(axis=-1)
+            told[[0, 1, 2, 4]] = np.nan
+        return told
 
 
 def _nearest(places: np.ndarray, sources: np.ndarray, square: bool = False) -> np.ndarray:
-    """Distance of places (..., 2) to the nearest source [m]; square: the larger of those along the axes."""
+    """Distance of places (..., 2) to the nearest source [m]; square: the larger of those along the axes.
+
+    Without a source it is 0.
+    """
+    if not len(sources):
+        return np.zeros(places.shape[:-1])
     return np.linalg.norm(places[..., None, :] - sources, ord=np.inf if square else None, axis=-1).min(
         axis=-1
     )
@@ -85,7 +89,7 @@ def beliefs(sim: Simulation) -> list[GroupBeliefs]:
 class BeliefScores:
     """The scores of the beliefs of a run over time. Add `observer()` to the simulation's.
 
-    rows: of each group in the order of `beliefs`, those of NAMES: means over its trials.
+    rows: of each group in the order of `beliefs`, those of OF_BELIEFS: means over its trials.
     """
 
     STATE = ("rows",)
@@ -93,7 +97,7 @@ class BeliefScores:
     def __init__(self, sim: Simulation):
         self.sources, self.begins = scores.source_places(sim), scores.begins(sim)
         self.groups = sum(len(one.members.groups) for one in believers(sim))
-        self.rows = Series(len(NAMES) * self.groups)
+        self.rows = Series(len(OF_BELIEFS) * self.groups)
 
     def observer(self) -> Every:
         """What the simulation has to call."""
@@ -113,18 +117,18 @@ class BeliefScores:
     def told(self, sim: Simulation) -> list[dict[str, Any]]:
         """What result.json tells of each group: means, those of each trial, and means over time."""
         found = []
-        table = self.rows.values.reshape(len(self.rows), self.groups, len(NAMES))
+        table = self.rows.values.reshape(len(self.rows), self.groups, len(OF_BELIEFS))
         for k, (one, values) in enumerate(self.now(sim)):
             found.append(
                 {
                     "group": one.group.name,
                     "algorithm": one.group.model.algorithm.kind,
                     "cell_m": one.cell,
-                    **dict(zip(NAMES, values.mean(axis=1).tolist(), strict=True)),
-                    "per_trial": dict(zip(NAMES, values.tolist(), strict=True)),
+                    **dict(zip(OF_BELIEFS, values.mean(axis=1).tolist(), strict=True)),
+                    "per_trial": dict(zip(OF_BELIEFS, values.tolist(), strict=True)),
                     "over_time": {
                         "time_s": self.rows.times.tolist(),
-                        **{name: table[:, k, c].tolist() for c, name in enumerate(NAMES)},
+                        **{name: table[:, k, c].tolist() for c, name in enumerate(OF_BELIEFS)},
                     },
                 }
             )

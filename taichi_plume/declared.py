@@ -7,6 +7,8 @@ import numpy as np
 DECLARED, REACHED, NEITHER = "declared", "reached", "neither"
 """How a trial ends: a robot has said rightly where a source is; none has, but one has come to a source; neither."""
 OUTCOMES = (DECLARED, REACHED, NEITHER)
+OF_BELIEFS = ("peak_distance_m", "mean_distance_m", "expected_distance_m", "entropy_bits", "within_reach")
+"""What tells how good a belief is, see `belief_scores`."""
 
 
 def declared_outcomes(

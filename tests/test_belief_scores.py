@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from taichi_plume.assemble import assemble
-from taichi_plume.belief_scores import NAMES, BeliefScores, GroupBeliefs, beliefs
+from taichi_plume.belief_scores import OF_BELIEFS, BeliefScores, GroupBeliefs, beliefs
 from taichi_plume.files import maps_file
 from taichi_plume.files.result import result, write_result
 from taichi_plume.map_scores import MapScores
@@ -48,7 +48,7 @@ def test_scores_of_simple_beliefs():
     p[1, 0, [0, 9], 2] = 0.5  # at (1.1, 0.5) or (2.9, 0.5)
     p[2] = 1 / 50
     sources = np.array([[1.9, 0.9], [9.0, 9.0]])
-    told = dict(zip(NAMES, believed(p).scores(sources), strict=True))
+    told = dict(zip(OF_BELIEFS, believed(p).scores(sources), strict=True))
     assert told["entropy_bits"] == pytest.approx([0.0, 1.0, np.log2(50)])
     assert told["within_reach"][:2] == pytest.approx([1.0, 0.0])
     assert told["peak_distance_m"][:2] == pytest.approx([0.4, np.hypot(0.8, 0.4)])
@@ -56,7 +56,7 @@ def test_scores_of_simple_beliefs():
     assert told["expected_distance_m"][:2] == pytest.approx(
         [0.4, (np.hypot(0.8, 0.4) + np.hypot(1.0, 0.4)) / 2]
     )
-    none = dict(zip(NAMES, believed(p).scores(np.zeros((0, 2))), strict=True))
+    none = dict(zip(OF_BELIEFS, believed(p).scores(np.zeros((0, 2))), strict=True))
     assert np.isnan(none["peak_distance_m"]).all()
     assert none["entropy_bits"][1] == pytest.approx(1.0)
 

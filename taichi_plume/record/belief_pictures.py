@@ -4,7 +4,7 @@ import numpy as np
 import rerun as rr
 
 from taichi_plume.belief_scores import beliefs
-from taichi_plume.record import drawing, legends
+from taichi_plume.record import drawing
 from taichi_plume.record.stage import Stage, picture_format
 from taichi_plume.record.stream import Stream
 from taichi_plume.simulation import Simulation
@@ -30,5 +30,5 @@ class BeliefPictures:
         """What they believe now."""
         for one in beliefs(sim):
             density = one.p[0, 0] / one.cell**2
-            colors = self.colors[legends.DENSITIES.bytes(density)]
+            colors = self.colors[drawing.DENSITIES.bytes(density)]
             self.stream.picture(sim.t, f"beliefs/{one.group.number}", drawing.rows(colors))

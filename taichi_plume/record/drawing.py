@@ -102,6 +102,10 @@ class Scale:
         return [((value - self.low) / (self.high - self.low), f"{value:.6g}") for value in values.tolist()]
 
 
+DENSITIES = Scale(1e-3, 1e2, "log")
+"""Of beliefs [1/m²]."""
+
+
 def painted(places: np.ndarray, palette: Sequence[Sequence[int]]) -> np.ndarray:
     """RGBA bytes (..., 4) of `places` in 0..1 on a palette; NaN is transparent."""
     known = np.isfinite(places)

@@ -17,7 +17,6 @@ from taichi_plume.simulation import Simulation
 
 WEIGHTS = Scale(10.0, 1e6, "log")
 RATIOS = Scale(0.01, 100.0, "log")  # estimate over truth
-DENSITIES = Scale(1e-3, 1e2, "log")  # 1/m², of beliefs
 MAPS = Plane("map", (0, 1), None, None, "")
 TOP, TICKS, TITLE = (
     0.03,
@@ -45,7 +44,7 @@ def legends(sim: Simulation, stage: Stage, seen: Sequence[Plane], quantities: Se
         yield from _bar("error", "estimate over true mean", ratios, drawing.BLUE_RED, MAPS, stage)
 
     if believers(sim):
-        marks = DENSITIES.marks()
+        marks = drawing.DENSITIES.marks()
         yield from _bar("belief", "probability of a source [1/m²]", marks, drawing.EMBER, MAPS, stage)
 
 

@@ -7,13 +7,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.patches import Rectangle
 
-from taichi_plume.record.drawing import logarithmic
+from taichi_plume.declared import OF_BELIEFS
+from taichi_plume.record.drawing import DENSITIES, logarithmic
 from taichi_plume.report import look
 from taichi_plume.report.maps import NAME
 from taichi_plume.report.run import Run
 
 WIDE, MOST, DPI = 7.2, 4, 100  # inches; groups that are shown
-LOW, HIGH = 1e-3, 1e2  # 1/m², of the colours
 
 
 class BeliefAtEnd(NamedTuple):
@@ -65,7 +65,7 @@ def beside_sources(run: Run, beliefs: Sequence[BeliefAtEnd]) -> bytes:
             axes = figure.add_axes((left, top, width * inches / WIDE, length * inches / tall))
             axes.set_axis_off()
             axes.add_patch(Rectangle((0, 0), width, length, facecolor="#d5dbe1", zorder=0))
-            places = logarithmic(one.density, LOW, HIGH)
+            places = logarithmic(one.density, DENSITIES.low, DENSITIES.high)
             image = axes.imshow(places, cmap=look.GAS, vmin=0, vmax=1, origin="lower", extent=one.reach)
             axes.add_patch(Rectangle((0, 0), width, length, fill=False, edgecolor=look.INK, linewidth=1))
             for _, source in run.scenario.sources:
@@ -76,7 +76,7 @@ def beside_sources(run: Run, beliefs: Sequence[BeliefAtEnd]) -> bytes:
             axes.set_ylim(0, length)
             axes.set_title(one.group, fontweight="bold", fontsize=9, loc="left", parse_math=False)
         bar = figure.add_axes((0.9, 0.08, 0.015, 0.8))
-        look.scale(None, image, LOW, HIGH, True, "1/m²", cax=bar)
+        look.scale(None, image, DENSITIES.low, DENSITIES.high, True, "1/m²", cax=bar)
         return look.png(figure)
 
 
@@ -86,5 +86,4 @@ def rows(told: Sequence[dict[str, Any]]) -> list[tuple[str, ...]]:
     def text(value: Any) -> str:
         return "-" if value is None else f"{value:.3g}"
 
-    keys = ("peak_distance_m", "mean_distance_m", "expected_distance_m", "entropy_bits", "within_reach")
-    return [(str(one["group"]), *(text(one[key]) for key in keys)) for one in told]
+    return [(str(one["group"]), *(text(one[key]) for key in OF_BELIEFS)) for one in told]

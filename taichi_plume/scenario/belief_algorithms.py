@@ -29,6 +29,7 @@ MOST_BELIEFS = 250_000  # cells of a map of beliefs: a step of a robot looks at 
 class Declares(AnyAlgorithm):
     """What algorithms share that believe in places of the source. See agents/beliefs.py."""
 
+    believes: ClassVar[bool] = True
     declare_spread: Length | None = 0.2
     """Spread of its belief below which a robot says that the source is at the belief's mean. It is the root of the mean
     square distance of the source from there, as it believes: where a belief is normal and right, 0.2 m puts 95 % of

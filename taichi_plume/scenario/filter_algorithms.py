@@ -76,9 +76,10 @@ class ParticleFilter(Casting, Declares):
         return ill_sized(f"{where}.algorithm.cell", self.cell, floor.size, MOST_CELLS)
 
     def bytes(self, group: "Group", floor: "Arena", tick: float) -> float:
-        """Of the particles (twice while they are resampled), the wind and the estimates of every robot."""
+        """Of the particles (twice while they are resampled), the wind, the estimates and the beliefs of every robot."""
         each = 20.0 * self.particles + 20.0 * (self.releases + 1) + 8.0 * self.estimates
-        return group.count * group.trials * each
+        told = 2 * 4.0 * floor.size[0] * floor.size[1] / self.cell**2
+        return group.count * group.trials * (each + told)
 
     @model_validator(mode="after")
     def _short(self) -> "ParticleFilter":

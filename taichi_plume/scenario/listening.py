@@ -30,6 +30,8 @@ class AnyAlgorithm(Model):
     """Whether its robots keep the messages of each other."""
     searches: ClassVar[bool] = False
     """Whether all that its robots do is to go for a source."""
+    believes: ClassVar[bool] = False
+    """Whether its robots keep a map of where the source may be."""
 
     @property
     def may_declare(self) -> bool:

@@ -85,7 +85,9 @@ class Policy(AnyAlgorithm):
             yield f"{where}.file: {fault}"
 
     def remarks(self, where: str, context: "Context") -> Iterator[str]:
-        """A period that ticks do not make."""
+        """A network that is still to be learnt, and a period that ticks do not make."""
+        if not self.file:
+            yield f"{where}.file: none is given: it can be learnt in an environment of taichi_plume.envs, but not run"
         tick = context.scenario.tick
         ticks = self.ticks(tick)
         if abs(ticks * tick - self.period) > 1e-6 * tick:

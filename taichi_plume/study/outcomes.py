@@ -4,6 +4,7 @@ import difflib
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from taichi_plume.declared import OF_BELIEFS
 from taichi_plume.files.run_folder import FILES
 from taichi_plume.scenario.changes import steps_of
 from taichi_plume.scenario.scenario import Scenario
@@ -51,10 +52,9 @@ PART = {
     "forecast": ANY,
     "mean_gas": ANY,
 }
-BELIEFS = ("peak_distance_m", "mean_distance_m", "expected_distance_m", "entropy_bits", "within_reach")
 BELIEF = {
-    **dict.fromkeys(("cell_m", *BELIEFS), 0),
-    "per_trial": dict.fromkeys(BELIEFS, NUMBERS),
+    **dict.fromkeys(("cell_m", *OF_BELIEFS), 0),
+    "per_trial": dict.fromkeys(OF_BELIEFS, NUMBERS),
     "over_time": ANY,
 }
 RESULT: Mapping[str, Any] = {
@@ -115,6 +115,8 @@ def not_left(name: str, scenario: Scenario) -> str | None:
         close = difflib.get_close_matches(name, FILES, n=1)
         meant = f"did you mean {close[0]}? " if close else ""
         return f"runs leave no such file; {meant}they leave {', '.join(FILES)}"
+    if name == "maps.zarr" and scenario.believers:
+        return None
     section = SECTIONS.get(name)
     if section is not None and not vars(scenario)[section]:
         return f"is left only by runs whose scenario has {section}; give it in the base"
@@ -130,7 +132,8 @@ def _unknown(path: str, scenario: Scenario) -> Iterator[str]:
         yield from _no_probe(path, scenario)
         return
     known: Any = RESULT
-    sizes = {"groups": len(scenario.robots), "maps": len(scenario.maps), "obstacles": len(scenario.obstacles)}
+    lists = {"groups": scenario.robots, "maps": scenario.maps, "obstacles": scenario.obstacles}
+    sizes = {name: len(parts) for name, parts in (lists | {"beliefs": scenario.believers}).items()}
     for n, step in enumerate(steps):
         at = ".".join(steps[:n])
         if known is ANY:

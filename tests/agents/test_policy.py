@@ -134,6 +134,7 @@ def test_what_does_not_fit_is_told(tmp_path: Path, made: Any, keys: Any, told: s
         assemble(checked(scenario(**keys), tmp_path).scenario, tmp_path)
     (line,) = caught.value.faults
     assert told in line
+    assert line.startswith("robots[0].algorithm.file: ")
     assert "x.onnx" in line
 
 

@@ -201,6 +201,7 @@ def test_axes(tmp_path, axis, begins):
                     "h": "gas.relative_error",
                     "i": "groups.team.success_rate",
                     "j": "status",
+                    "k": "beliefs.0.entropy_bits",
                 }
             },
             [
@@ -211,6 +212,7 @@ def test_axes(tmp_path, axis, begins):
                 "outcomes.f: groups holds several numbers",
                 "outcomes.i: result.json has no groups.team",
                 "outcomes.j: result.json has no number at status",
+                "outcomes.k: result.json has no beliefs.0; beliefs takes 0 of them",
             ],
         ),
         (

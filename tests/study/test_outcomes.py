@@ -7,6 +7,7 @@ import pytest
 
 from taichi_plume.files import result
 from taichi_plume.map_scores import MapScores
+from taichi_plume.scenario.belief_algorithms import Infotaxis
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.study.outcomes import Wanted
 
@@ -57,3 +58,15 @@ def test_what_no_result_has_may_not(run):
     assert {"groups.0", "groups.0.summary.time_s", "maps.0", "groups.0.per_trial.found"} <= known
     absent = known | {f"{path}.nothing" for path in known} | OF_THE_MACHINE | {"name", "nothing"}
     assert refused(scenario, absent) == absent
+
+
+def test_beliefs_leave_maps(run):
+    scenario, _ = run
+    algorithm = Infotaxis.model_validate({"kind": "infotaxis"})
+    believing = [group.model_copy(update={"algorithm": algorithm}) for group in scenario.robots]
+    for robots, absent in ((scenario.robots, ["maps.zarr"]), (believing, [])):
+        one = scenario.model_copy(update={"maps": (), "robots": tuple(robots)})
+        wanted = Wanted({"p": "beliefs.0.within_reach", "no": "beliefs.9.within_reach"}, ["maps.zarr"])
+        wanted.look(one)
+        assert wanted.keep == absent
+        assert list(wanted.outcomes) == (["p", "no"] if absent else ["no"])
