@@ -87,7 +87,9 @@ class Messages:
         self._put_speakers(said.speaks)
         self.radio.deliver(tick, t)
         (times,) = self._times()
-        n, m = np.nonzero(times == np.float32(t))
+        n, m = np.nonzero(times == np.float32(t))  # late in a run that may be the tick before, too
+        now = said.speaks[self.first[n] + m] > 0
+        n, m = n[now], m[now]
         self.heard[n, m] = said.message[self.first[n] + m]
         self.heard_at[n, m] = t
 

@@ -25,7 +25,7 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume.agents.beliefs import Declaring
-from taichi_plume.agents.casting import IN_PLUME, LOST, Casting
+from taichi_plume.agents.casting import IN_PLUME, LOST, SIDESTEP, Casting
 from taichi_plume.agents.few import few
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.members import Members
@@ -139,9 +139,8 @@ class ParticleFilter(Casting):
             else:
                 self._feel_bumper(n, dt)
                 self._decide(n, dt)
-                c = self.swarm.reading[i]
-                strong = c >= self.p.leave[n] and c >= self.p.peak_fraction[n] * self.peak[n]
-                self.smelt[n] = ti.cast(self.swarm.state[i] == IN_PLUME and strong, ti.i32)
+                in_plume = self.swarm.state[i] == IN_PLUME or self.swarm.state[i] == SIDESTEP
+                self.smelt[n] = ti.cast(in_plume and self._is_strong(n), ti.i32)
             if due:
                 self.releases.look_back(n)
 

@@ -155,10 +155,16 @@ class PlumeTracker:
         c = self.swarm.reading[self.robot[n]]
         self.peak[n] = ti.max(self.peak[n], c)
         self.trough[n] = c
-        smells = c >= self.p.leave[n] and c >= self.p.peak_fraction[n] * self.peak[n]
+        smells = self._is_strong(n)
         if smells:
             self.mark[n] = self.swarm.odometer[self.robot[n]]
         return smells
+
+    @ti.func
+    def _is_strong(self, n):
+        """Whether it smells as in the plume, beside the peak there."""
+        c = self.swarm.reading[self.robot[n]]
+        return c >= self.p.leave[n] and c >= self.p.peak_fraction[n] * self.peak[n]
 
     @ti.func
     def _comes_upon_plume(self, n):

@@ -6,6 +6,7 @@ import taichi as ti
 from arena import TICK, Run, Script
 from hunt import SOURCE, Hunt
 
+from taichi_plume.agents.casting import IN_PLUME, SIDESTEP
 from taichi_plume.agents.particle_filter import GO
 from taichi_plume.grid.state import State
 from taichi_plume.grid.transfer import uploader
@@ -56,11 +57,10 @@ class Told:
         self.algorithm, self.swarm = run.algorithm, run.swarm
         self.put = uploader(self.swarm.wind, self.swarm.wind_known, self.swarm.reading, self.swarm.state)
 
-    def update(self, tick, gas):
+    def update(self, tick, gas, state=IN_PLUME):
         a = self.algorithm
         for k in range(a.between):
-            # 2 is IN_PLUME, where gas is gas
-            self.put(WIND, 1, 100.0 if gas else 0.0, 2)
+            self.put(WIND, 1, 100.0 if gas else 0.0, state)
             a._sense(k == a.between - 1, TICK)
         a._weigh(tick)
         a._conclude(tick)
@@ -91,6 +91,18 @@ def test_posterior_is_that_of_a_grid(run):
     assert maps.sum((1, 2)) == pytest.approx(1.0)
     cells = posterior[0][:, : 10 * maps.shape[2]].reshape(maps.shape[1], 10, maps.shape[2], 10).sum((1, 3))
     assert np.abs(maps[::2].mean(0) - cells).sum() < 0.15
+
+
+def test_gas_is_gas_beside_what_blocks_the_way_too(run):
+    spreads = []
+    for state in (IN_PLUME, SIDESTEP):
+        run.begin(MODEL)
+        told = Told(run)
+        for k in range(1, 4):
+            told.update(10 * k, 1, state)
+            assert told.algorithm.smelt.to_numpy().all()
+        spreads.append(told.algorithm.spread.to_numpy())
+    assert (spreads[0] == spreads[1]).all()
 
 
 def test_before_gas_is_smelt_every_place_is_as_likely(run):
