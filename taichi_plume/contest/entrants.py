@@ -118,15 +118,25 @@ def entrants(
     chosen = (
         [there[name] for name in known("algorithm", names, list(there))] if names else list(there.values())
     )
+    some = [one for each in chosen for one in _both(each)]
+    taken = {*kinds(), *(one.name for each in there.values() for one in _both(each))}
     for path, mine in [*((path, own(path)) for path in files), *((path, learnt(path)) for path in policies)]:
-        if mine.name in [*kinds(), *(one.name for one in chosen)]:
-            raise ScenarioError(
-                [
-                    f"{visible(path)}: another algorithm of the contest is called {visible(mine.name)}; rename the file"
-                ]
-            )
-        chosen.append(mine)
-    return [one for each in chosen for one in (each, *_by_its_word(each))]
+        for one in _both(mine):
+            if one.name in taken:
+                raise ScenarioError(
+                    [
+                        f"{visible(path)}: another algorithm of the contest is called {visible(one.name)}; "
+                        "rename the file"
+                    ]
+                )
+            some.append(one)
+            taken.add(one.name)
+    return some
+
+
+def _both(one: Entrant) -> list[Entrant]:
+    """An entrant, and if it can say where the source is, the same at its word."""
+    return [one, *_by_its_word(one)]
 
 
 def _by_its_word(one: Entrant) -> tuple[Entrant, ...]:

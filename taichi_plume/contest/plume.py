@@ -1,6 +1,8 @@
 """The plume of a scenario for its picture: the mean gas at the sensors' height, of an air of its own."""
 
+from contextlib import suppress
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -18,12 +20,17 @@ def mean_plume(scenario: Fixed, folder: Path) -> np.ndarray:
     """
     path = folder / f"{scenario.name}.plume.npz"
     key = repr(scenario.data)
-    if path.is_file():
-        with np.load(path) as held:
-            if str(held["key"]) == key:
-                return held["ppm"]
+    # there may be none, or one that was cut off
+    with suppress(OSError, ValueError, LookupError, EOFError, BadZipFile), np.load(path) as held:
+        if str(held["key"]) == key:
+            return held["ppm"]
     ppm = _computed(scenario)
-    np.savez_compressed(path, ppm=ppm, key=np.array(key))
+    part = path.with_name(f".{path.name}.part.npz")
+    try:
+        np.savez_compressed(part, ppm=ppm, key=np.array(key))
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
     return ppm
 
 
