@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 MAY_IMPORT: tuple[str, ...] = (
     "agents",
     "assemble",
+    "exit_codes",
     "files",
     "grid",
     "guard",

@@ -11,6 +11,7 @@ import traceback
 from collections.abc import Sequence
 from pathlib import Path
 
+from taichi_plume.exit_codes import exit_code
 from taichi_plume.guard.terminal import Parser, say, visible
 
 
@@ -18,22 +19,23 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` (without the program's name) and return its exit code."""
     args = _arguments(argv)
     os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
+    return exit_code(lambda: _told_of(args), "interrupted: no bank was written", args.debug)
+
+
+def _told_of(args: argparse.Namespace) -> int:
+    """Record, and tell of faults that other commands do not have."""
     from taichi_plume.files.run_folder import RunFolderError
     from taichi_plume.scenario.loading import ScenarioError
 
     try:
         return _record(args)
-    except ScenarioError as error:
-        say(error, error=True)
-        return 2
-    except (RunFolderError, ValueError) as error:
+    except (ScenarioError, RunFolderError, OSError):
+        raise
+    except ValueError as error:
         if args.debug:
             say(traceback.format_exc(), error=True)
         say(visible(error), error=True)
         return 2
-    except KeyboardInterrupt:
-        say("interrupted: no bank was written", error=True)
-        return 130
     except Exception as error:
         from taichi_plume.running import explain
 
@@ -53,7 +55,7 @@ def _record(args: argparse.Namespace) -> int:
 
     out, folder = args.out or Path(f"{prepared.scenario.name}_bank.zarr"), args.task.resolve().parent
     bank.check(prepared.scenario)
-    if out.exists():
+    if os.path.lexists(out):
         bank.read(out)  # what is no bank is not replaced
     out.parent.mkdir(parents=True, exist_ok=True)
     require_room(out.parent / out.name)

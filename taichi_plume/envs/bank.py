@@ -5,6 +5,7 @@ On disk a bank is a zarr group. It belongs to one scenario, by a hash of what de
 
 import hashlib
 import json
+import os
 import shutil
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -15,6 +16,7 @@ from typing import Any, cast
 import numpy as np
 import psutil
 
+from taichi_plume.envs.task import require_parted
 from taichi_plume.grid.fields import concentration_at, velocity_at
 from taichi_plume.guard.opening import irregular, unopenable
 from taichi_plume.guard.terminal import visible
@@ -65,11 +67,9 @@ class Bank:
 
         path = Path(path)
         path.parent.mkdir(parents=True, exist_ok=True)
-        if path.exists():
+        if os.path.lexists(path):
             read(path)  # what is no bank is not replaced
         disk.require_room(path.parent / path.name, self.values.nbytes)
-        part = path.with_name(f"{path.name}.part")
-        shutil.rmtree(part, ignore_errors=True)
         about = {
             "format": FORMAT,
             "key": self.key,
@@ -78,16 +78,20 @@ class Bank:
             "species": json.dumps([asdict(one) for one in self.species]),
             "sources": json.dumps([[places.tolist() for places in film] for film in self.sources]),
         }
-        group = zarr_groups.create(part, about)
-        chunk = (1, min(16, self.values.shape[1]), *self.values.shape[2:])
-        names = ("film", "time", "x", "y", "channel")
-        units = {"units": "m s-1 for channels 0 and 1, scale ppm for the others"}
-        zarr_groups.add(group, "values", names, self.values, units, chunk)
-        zarr_groups.add(group, "scale", ("film", "gas"), self.scale, {"units": "ppm"})
-        zarr_groups.add(group, "air", ("sensor", "x", "y"), self.air, {})
-        zarr_groups.consolidate(part)
-        shutil.rmtree(path, ignore_errors=True)
-        part.rename(path)
+        part = path.with_name(f".{path.name}.{os.getpid()}.part")
+        try:
+            group = zarr_groups.create(part, about)
+            chunk = (1, min(16, self.values.shape[1]), *self.values.shape[2:])
+            names = ("film", "time", "x", "y", "channel")
+            units = {"units": "m s-1 for channels 0 and 1, scale ppm for the others"}
+            zarr_groups.add(group, "values", names, self.values, units, chunk)
+            zarr_groups.add(group, "scale", ("film", "gas"), self.scale, {"units": "ppm"})
+            zarr_groups.add(group, "air", ("sensor", "x", "y"), self.air, {})
+            zarr_groups.consolidate(part)
+            shutil.rmtree(path, ignore_errors=True)
+            part.rename(path)
+        finally:
+            shutil.rmtree(part, ignore_errors=True)
 
 
 def read(path: Path) -> Bank:
@@ -271,14 +275,9 @@ def record(
 def check(scenario: Scenario) -> int:
     """How many frames each film will have.
 
-    Raises ValueError where they do not fit into memory, or single gases cannot be taken out of an air that all move.
+    Raises ValueError where they do not fit into memory, ScenarioError where `require_parted` does.
     """
-    heavy = scenario.buoyancy is not None and scenario.buoyancy.solutal
-    if scenario.task.sources == "one" and heavy and len(scenario.gases) > 1:
-        raise ValueError(
-            "task.sources: one: the gases make the air heavier, so that none is alone in what is recorded; use "
-            "sources: all, or a single gas"
-        )
+    require_parted(scenario)
     wanted = airs(scenario)
     films, frames = len(wanted), 1 + round(wanted[0].duration / frame_of(scenario))
     nx, ny = scenario.domain.shape[:2]

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 
 EXTRA = 'pip install "taichi_plume[learn]"'
 KEPT = 2  # banks that this process keeps for environments to come
+MOST = (
+    1_000_000  # environments: arrays with a number for each of their observations stay countable in 32 bits
+)
 IDLE = 4  # engines that it keeps of environments that were closed: to make one compiles for seconds
 
 _banks: "OrderedDict[str, Bank]" = OrderedDict()
@@ -37,6 +40,8 @@ def open_task(
 
     if isinstance(overrides, str):
         raise ValueError(f"overrides: got one text; give a list of them, ['{visible(overrides)}']")
+    if not isinstance(overrides, Sequence) or not all(isinstance(one, str) for one in overrides):
+        raise ValueError("overrides: wanted a list of texts, such as ['task.airs=8']")
     if isinstance(scenario, str | Path):
         path = Path(scenario)
         found, folder = load(path, overrides, allow_outside).scenario, path.resolve().parent
@@ -66,6 +71,19 @@ def require_task(scenario: Scenario) -> None:
     for n, obstacle in enumerate(scenario.obstacles):
         if obstacle.motion:
             raise ScenarioError([f"obstacles[{n}]: moves; environments have obstacles that stand"])
+    require_parted(scenario)
+
+
+def require_parted(scenario: Scenario) -> None:
+    """Raises ScenarioError where single gases cannot be taken out of an air that all move."""
+    heavy = scenario.buoyancy is not None and scenario.buoyancy.solutal
+    if scenario.task.sources == "one" and heavy and len(scenario.gases) > 1:
+        raise ScenarioError(
+            [
+                "task.sources: one: the gases make the air heavier, so that none is alone in what is recorded; use "
+                "sources: all, or a single gas"
+            ]
+        )
 
 
 def open_episodes(
@@ -85,6 +103,10 @@ def open_episodes(
     """
     if isinstance(count, bool) or not isinstance(count, int | np.integer) or count < 1:
         raise ValueError(f"num_envs: got {visible(count)}, wanted a whole number from 1 on")
+    if count > MOST:
+        raise ValueError(f"num_envs: got {count:,}, at most {MOST:,} are together")
+    if engine.get("arrays") == "torch":
+        require("torch")
     found, folder = open_task(scenario, overrides, allow_outside)
     _start(arch)
     from taichi_plume.envs.bank import bank_of, key_of
@@ -142,6 +164,8 @@ def seeds_of(seed: Any, count: int, random: np.random.Generator) -> np.ndarray:
     Raises ValueError.
     """
     several: list[Any]
+    if isinstance(seed, np.ndarray) and not seed.ndim:
+        seed = seed.item()
     if isinstance(seed, Sequence | np.ndarray) and not isinstance(seed, str | bytes):
         several = [None if one is None else _whole(one) for one in seed]
     else:

@@ -119,7 +119,10 @@ def mode_of(name: str | AutoresetMode) -> AutoresetMode:
 
 def masked(mask: Any, count: int) -> np.ndarray:
     """A mask of environments. Raises ValueError."""
-    mask = np.asarray(mask)
+    try:
+        mask = np.asarray(mask)
+    except ValueError:  # of rows that differ in length
+        mask = np.empty(0)
     if mask.shape != (count,) or mask.dtype != np.bool_ or not mask.any():
         raise ValueError(f"reset_mask: wanted {count} truth values, of which one is true at least")
     return mask

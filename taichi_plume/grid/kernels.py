@@ -12,6 +12,7 @@ import taichi as ti
 from taichi.lang import impl
 
 from taichi_plume.grid import tracing  # noqa: F401  it makes the tracing of kernels quicker
+from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 
 if TYPE_CHECKING:
     Template = Any
@@ -30,16 +31,19 @@ FEW_ROWS = 2000  # Taichi gives a CPU thread 512 iterations at least: with fewer
 def start(arch: str = "cpu", debug: bool = False, threads: int | None = None) -> str:
     """Initialise Taichi on `arch` (auto, cpu, cuda, vulkan, metal) and return the backend it chose.
 
-    threads: of a CPU; unless given, as many as it has cores. Raises RuntimeError where there is no such device.
+    threads: of a CPU; unless given, as many as it has cores. Raises RuntimeError where there is no such device; then
+    Taichi has not been started.
     """
-    backend = {"auto": ti.gpu, "cpu": ti.cpu, "cuda": ti.cuda, "vulkan": ti.vulkan, "metal": ti.metal}[arch]
+    known = {"auto": ti.gpu, "cpu": ti.cpu, "cuda": ti.cuda, "vulkan": ti.vulkan, "metal": ti.metal}
+    if not isinstance(arch, str) or arch not in known:
+        raise RuntimeError(f"got '{visible(arch, LONGEST_VALUE)}', allowed are {', '.join(known)}")
     with contextlib.redirect_stdout(io.StringIO()):  # "[Taichi] Starting on arch=..."
         checks: dict[str, Any] = (
             {"debug": True} if debug else {}
         )  # unless told, Taichi's own TI_DEBUG decides
         checks |= {} if threads is None else {"cpu_max_num_threads": threads}
         ti.init(
-            arch=backend,
+            arch=known[arch],
             default_fp=ti.f32,
             default_ip=ti.i32,
             log_level=ti.ERROR,
@@ -48,6 +52,7 @@ def start(arch: str = "cpu", debug: bool = False, threads: int | None = None) ->
             **checks,
         )
     if on_cpu() and arch not in ("auto", "cpu"):
+        ti.reset()
         raise RuntimeError(f"no {arch} device was found; use --arch cpu or auto")
     return "cpu" if on_cpu() else ti.cfg.arch.name
 

@@ -187,11 +187,21 @@ def test_an_episode_that_is_over_has_to_be_reset(made):
         env.step(np.zeros(2, np.float32))
     envs = made("disabled")
     envs.reset(seed=1)
-    for mask in (np.zeros(COUNT, bool), np.ones(COUNT + 1, bool), np.ones(COUNT)):
+    for mask in (np.zeros(COUNT, bool), np.ones(COUNT + 1, bool), np.ones(COUNT), [[True], [True, False]]):
         with pytest.raises(ValueError, match="reset_mask: wanted 3 truth values"):
             envs.reset(options={"reset_mask": mask})
 
 
+OPENINGS = [{"kind": "inlet", "face": "x-", "speed": 0.5}, {"kind": "outlet", "face": "x+"}]
+MIXED = [
+    {"kind": "eulerian", "species": "acetone", "sources": [{"position": [0.4, y, 0.1], "rate": "1 mg/s"}]}
+    for y in (0.4, 0.8)
+]
+HEAVY = {
+    "domain": {"size": [2.0, 1.2, 0.6], "spacing": 0.1},
+    "wind": {"kind": "cfd", "openings": OPENINGS, "buoyancy": {"solutal": True}},
+    "gas": {"kind": "mixture", "parts": MIXED},
+}
 WALKED = {
     "obstacles": [
         {
@@ -219,6 +229,9 @@ WALKED = {
         ({"scenario": TASK, "bank": "nowhere.zarr"}, "nowhere.zarr"),
         ({"scenario": TASK, "bank": 3}, "bank: got int"),
         ({"scenario": TASK, "overrides": "task.airs=3"}, "overrides: got one text"),
+        ({"scenario": TASK, "overrides": [3]}, "overrides: wanted a list of texts"),
+        ({"scenario": TASK, "overrides": 3}, "overrides: wanted a list of texts"),
+        ({"scenario": task(**HEAVY)}, "none is alone in what is recorded"),
         ({"scenario": TASK, "overrides": ["task.airs=3"]}, "overrides: are for a scenario that is a file"),
     ],
 )
@@ -232,7 +245,7 @@ def test_what_is_no_task_is_told_in_a_line(keys, told):
 
 
 def test_numbers_that_no_vector_has_are_told_in_a_line():
-    for count in (0, -1, 1.5):
+    for count in (0, -1, 1.5, 10**10):
         with pytest.raises(ValueError, match="num_envs: got"):
             gymnasium.make_vec(ID, num_envs=count, scenario=TASK)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match=r"autoreset_mode: got 'never', allowed are next_step"):

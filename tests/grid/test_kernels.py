@@ -3,6 +3,7 @@
 import pytest
 import taichi as ti
 
+from taichi_plume.grid import kernels
 from taichi_plume.grid.kernels import Pass, launch
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -37,3 +38,8 @@ def test_every_launch_takes_its_own_numbers_and_runs_the_passes_in_order():
     for numbers in ((1.5, -2.0), (), (3, 4)):
         run(*numbers)
     assert seen.to_numpy().tolist() == [[1.5, -2.0], [0.0, 0.0], [3.0, 4.0]]
+
+
+def test_a_device_that_there_is_not_is_told_before_anything_starts():
+    with pytest.raises(RuntimeError, match="got 'abacus', allowed are auto, cpu, cuda, vulkan, metal"):
+        kernels.start("abacus")
