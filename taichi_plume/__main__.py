@@ -7,9 +7,11 @@ import sys
 from argparse import RawDescriptionHelpFormatter
 from collections.abc import Sequence
 from importlib import import_module
+from typing import NoReturn
 
 from taichi_plume import __version__
 from taichi_plume.guard.terminal import Parser
+from taichi_plume.signals import leave
 
 COMMANDS = {
     "run": "run a scenario, or only check it; go on with a run that was cut off",
@@ -49,5 +51,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 2  # not reached: what is no command has been refused
 
 
+def command() -> NoReturn:
+    """What a shell calls."""
+    leave(main())
+
+
 if __name__ == "__main__":
-    sys.exit(main())
+    command()

@@ -7,7 +7,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from typing import Any
+from typing import Any, NoReturn
 
 ENDING = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGXCPU") if hasattr(signal, name)
@@ -60,6 +60,13 @@ def deaf() -> Iterator[None]:
     """A context that no signal disturbs: files are being closed."""
     with _handling((*ENDING, *ASKING), signal.SIG_IGN):
         yield
+
+
+def leave(code: int) -> NoReturn:
+    """End the process: a Ctrl-C that comes while Python cleans up is no fault to be told with a traceback."""
+    if signal.getsignal(signal.SIGINT) is not None:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    sys.exit(code)
 
 
 @contextmanager

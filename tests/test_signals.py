@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+import subprocess
 import sys
 from pathlib import Path
 
@@ -131,3 +132,22 @@ def test_a_terminal_that_is_closed_ends_a_run_in_order(tmp_path, ignored):
     else:
         assert (os.waitstatus_to_exitcode(code), told["status"]) == (130, "interrupted")
         assert told["message"].startswith("by SIGHUP")
+
+
+def test_ctrl_c_while_python_ends_is_no_fault():
+    """Python waits there for threads, long after the command's own handlers have gone."""
+    program = """
+import os, signal, time
+from concurrent.futures import ThreadPoolExecutor
+from taichi_plume.signals import leave
+
+def late():
+    time.sleep(0.3)
+    os.kill(os.getpid(), signal.SIGINT)
+    time.sleep(0.1)
+
+ThreadPoolExecutor(1).submit(late)
+leave(130)
+"""
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", "")

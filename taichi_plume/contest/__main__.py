@@ -12,6 +12,7 @@ from pathlib import Path
 
 from taichi_plume.exit_codes import exit_code
 from taichi_plume.guard.terminal import Parser, say, visible, whole_number
+from taichi_plume.signals import leave, reader_may_leave
 
 AIRS, SEARCHES = 8, 8
 QUICK_AIRS, QUICK_SEARCHES = 2, 4
@@ -52,7 +53,6 @@ def _contest(args: argparse.Namespace, arguments: Sequence[str]) -> int:
 def _conclude(args: argparse.Namespace, contest, command: Sequence[str]) -> None:
     """Write the table and the page of what there is, and tell it."""
     from taichi_plume.contest import page, standings
-    from taichi_plume.signals import reader_may_leave
 
     rows = standings.rows(contest)
     standings.require(rows)
@@ -139,4 +139,4 @@ def _arguments(argv: Sequence[str]) -> argparse.Namespace:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    leave(main())

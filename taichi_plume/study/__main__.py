@@ -13,7 +13,7 @@ from pathlib import Path
 
 from taichi_plume.exit_codes import exit_code
 from taichi_plume.guard.terminal import Parser, whole_number
-from taichi_plume.signals import reader_may_leave
+from taichi_plume.signals import leave, reader_may_leave
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -105,4 +105,4 @@ def _arguments(argv: Sequence[str]) -> argparse.Namespace:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    leave(main())

@@ -11,6 +11,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from taichi_plume import study
+from taichi_plume.signals import leave
 from taichi_plume.study.campaign import Labour
 from taichi_plume.study.messages import Axis, Request
 from taichi_plume.study.study_run import Wishes, carry_out
@@ -88,4 +89,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    leave(main())
