@@ -18,9 +18,7 @@ if TYPE_CHECKING:
 
 EXTRA = 'pip install "taichi_plume[learn]"'
 KEPT = 2  # banks that this process keeps for environments to come
-MOST = (
-    1_000_000  # environments: arrays with a number for each of their observations stay countable in 32 bits
-)
+MOST = 1_000_000  # environments: their arrays of observations stay countable in 32 bits
 IDLE = 4  # engines that it keeps of environments that were closed: to make one compiles for seconds
 
 _banks: "OrderedDict[str, Bank]" = OrderedDict()

@@ -19,7 +19,8 @@ import yaml
 from taichi_plume import __version__
 from taichi_plume.guard.terminal import visible
 from taichi_plume.scenario.algorithms import Own
-from taichi_plume.scenario.input_files import input_files, outside, put
+from taichi_plume.scenario.changes import changed
+from taichi_plume.scenario.input_files import input_files, outside
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.vocabulary import Model
 
@@ -281,8 +282,11 @@ def to_yaml(scenario: Scenario, source: Path = Path(), target: Path | None = Non
     data = scenario.model_dump(mode="json", exclude_none=True)
     _say_none(scenario, data)
     if target is not None:
-        for where, name in input_files(scenario):
-            put(data, where, os.path.relpath(source.resolve() / name, target.resolve()))
+        moved = {
+            where: os.path.relpath(source.resolve() / name, target.resolve())
+            for where, name in input_files(scenario)
+        }
+        data = changed(data, moved)
     return yaml.dump(data, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100)
 
 

@@ -5,7 +5,6 @@ import re
 from collections.abc import Collection, Iterator
 from glob import escape, glob
 from pathlib import Path
-from typing import Any
 
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 from taichi_plume.scenario.checks import every
@@ -13,7 +12,6 @@ from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.vocabulary import InputFile, marked
 
 NUMBER = re.compile(r"%[0-9]*[dg]")  # stands for a number in the name of several files
-STEP = re.compile(r"[^.\[\]]+")  # of the path of a key
 
 
 def input_files(scenario: Scenario) -> Iterator[tuple[str, str]]:
@@ -28,14 +26,6 @@ def input_files(scenario: Scenario) -> Iterator[tuple[str, str]]:
                 yield from ((f"{where}.{key}[{n}]", name) for n, name in enumerate(named))
             elif named:
                 yield f"{where}.{key}", named
-
-
-def put(data: Any, where: str, value: Any) -> None:
-    """Put a value to the path of a key in a scenario's `data`, as it is dumped."""
-    *above, last = (int(step) if step.isdecimal() else step for step in STEP.findall(where))
-    for step in above:
-        data = data[step]
-    data[last] = value
 
 
 def input_paths(scenario: Scenario, file: Path) -> list[Path]:

@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 
 from taichi_plume import __version__
 from taichi_plume.files.manifest import digest
-from taichi_plume.scenario.input_files import files_of, input_files, put
+from taichi_plume.scenario.changes import changed
+from taichi_plume.scenario.input_files import files_of, input_files
 from taichi_plume.scenario.reset import structure
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.study.axes import DIGITS
@@ -58,17 +59,17 @@ class Digests:
     def ids(self, scenario: Scenario) -> Ids:
         """Of a completed scenario. Raises OSError where a file cannot be read."""
         data = scenario.model_dump(mode="json")
-        read = []
-        for where, name in input_files(scenario):
-            digests = [self._of(file) for file in files_of(self.folder, name)]
-            put(data, where, digests)
-            read.append([where, digests])
-        data = _rounded(data)
+        read = {
+            where: [self._of(file) for file in files_of(self.folder, name)]
+            for where, name in input_files(scenario)
+        }
+        data = _rounded(changed(data, read))
         wakes = any(group.wake for group in scenario.robots)
         return Ids(
             _hash({key: value for key, value in data.items() if key not in (*TOLD, *SEEDS)}),
             _hash({key: data[key] for key in (*OF_AIR, *(OF_WAKES if wakes else ()))}),
-            _hash([structure(scenario), read]),  # a worker of others lives on while files change
+            # files too: a worker that has met others lives on while they change
+            _hash([structure(scenario), list(read.items())]),
             scenario.air_by_chance,
             wakes,
         )
