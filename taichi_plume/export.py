@@ -8,7 +8,6 @@ Exit code 0: done; 1: it could not be written; 2: there is no such run, or it ha
 """
 
 import os
-import sys
 from argparse import Namespace
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -18,6 +17,7 @@ from typing import TYPE_CHECKING
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.guard.terminal import Parser, say, visible
 from taichi_plume.run_data import FILES, Run, open_run
+from taichi_plume.signals import leave
 
 if TYPE_CHECKING:
     import numpy as np
@@ -187,4 +187,4 @@ def _arguments(argv: Sequence[str] | None) -> Namespace:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    leave(main())

@@ -29,6 +29,7 @@ from taichi_plume.files.readings import Readings, ReadingsError, read
 from taichi_plume.guard.terminal import say, visible
 from taichi_plume.map_making import GasMap, map_of
 from taichi_plume.map_options import arguments
+from taichi_plume.signals import leave
 
 FILES = ("map.csv", "map.png", "scores.json")
 MOST_OBLONG = 4.0  # of a picture
@@ -149,4 +150,4 @@ def _is_map(folder: Path) -> bool:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    leave(main())

@@ -5,12 +5,12 @@ from recording.rrd or, where a run has none, from fields.zarr; nothing is comput
 """
 
 import argparse
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from taichi_plume.guard.terminal import Parser, say, visible
+from taichi_plume.signals import leave
 
 if TYPE_CHECKING:
     from taichi_plume.record.reading import Picture
@@ -241,4 +241,4 @@ def _error(run: "Run", what: str) -> Exception:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    leave(main())

@@ -6,7 +6,6 @@ resumed afterwards as well. ``--verify`` tells instead which files are no longer
 """
 
 import shutil
-import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ from taichi_plume.files.run_folder import KILLED, LISTED, RunFolder, RunFolderEr
 from taichi_plume.guard.terminal import Parser, say, visible
 from taichi_plume.outputs import OVER
 from taichi_plume.running import report
+from taichi_plume.signals import leave
 
 PARTS = ("robots.parts", "probes.parts", "recording.old.rrd")
 """What is there only until a file is finished."""
@@ -215,4 +215,4 @@ COMPLETE: dict[str, Callable[[Path], str | None]] = {
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    leave(main())

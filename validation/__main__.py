@@ -8,7 +8,6 @@ import argparse
 import difflib
 import json
 import os
-import sys
 from collections.abc import Sequence
 from math import isfinite
 from pathlib import Path
@@ -18,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from rich.text import Text
 
 from taichi_plume.guard.terminal import Parser, say, terminal
+from taichi_plume.signals import leave
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -263,4 +263,4 @@ def _line(norm: str, errors: str, order: str, expected: str, verdict: tuple[str,
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    leave(main())

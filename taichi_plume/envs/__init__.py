@@ -21,6 +21,7 @@ MAY_IMPORT: tuple[str, ...] = (
     "prepare",
     "running",
     "scenario",
+    "signals",
     "simulation",
     "solvers",
     "study",

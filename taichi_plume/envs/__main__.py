@@ -6,13 +6,13 @@ such device; 130: interrupted.
 
 import argparse
 import os
-import sys
 import traceback
 from collections.abc import Sequence
 from pathlib import Path
 
 from taichi_plume.exit_codes import exit_code
 from taichi_plume.guard.terminal import Parser, say, visible
+from taichi_plume.signals import leave
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -107,4 +107,4 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    leave(main())

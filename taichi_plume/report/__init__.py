@@ -8,5 +8,6 @@ MAY_IMPORT: tuple[str, ...] = (
     "prepare",
     "record",
     "scenario",
+    "signals",
     "summary",
 )

@@ -1,10 +1,10 @@
 """Makes the report of a run again from its files: ``python -m taichi_plume.report RUN``."""
 
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from taichi_plume.guard.terminal import Parser, say, visible
+from taichi_plume.signals import leave
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -35,4 +35,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    leave(main())

@@ -1,13 +1,13 @@
 """Statistics of a plume: ``python -m taichi_plume.statistics RUN|FILM``."""
 
 import argparse
-import sys
 from collections.abc import Sequence
 from math import inf
 from pathlib import Path
 from typing import Any
 
 from taichi_plume.guard.terminal import Parser, say, visible
+from taichi_plume.signals import leave
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -154,4 +154,4 @@ def _tell(found: Any) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    leave(main())
