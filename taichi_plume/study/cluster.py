@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from taichi_plume import __version__
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
+from taichi_plume.signals import Ears, deaf
 
 if TYPE_CHECKING:
     from taichi_plume.study.plan import Plan
@@ -58,10 +59,10 @@ class ClusterError(Exception):
 
 
 class Cluster:
-    """Workers, as a context. `client` is Dask's."""
+    """Workers, as a context. `client` and, where they are our own, `processes` are Dask's."""
 
-    def __init__(self, client: Any, local: Any = None, scratch: Path | None = None):
-        self.client, self._local, self._scratch = client, local, scratch
+    def __init__(self, client: Any, processes: Any = None, scratch: Path | None = None):
+        self.client, self.processes, self._scratch = client, processes, scratch
 
     def __enter__(self) -> Self:
         return self
@@ -74,7 +75,7 @@ class Cluster:
     @property
     def local(self) -> bool:
         """Whether the workers are our own processes on this machine."""
-        return self._local is not None
+        return self.processes is not None
 
     @property
     def lost(self) -> bool:
@@ -97,17 +98,23 @@ class Cluster:
 
     def close(self) -> None:
         """End our own workers, at once and whatever they do; what others have given stays with them."""
+        with deaf():
+            self._close()
+
+    def _close(self) -> None:
         with suppress(Exception):
-            if self._local is not None:
-                for nanny in list(self._local.workers.values()):
+            if self.processes is not None:
+                for nanny in list(self.processes.workers.values()):
                     nanny.auto_restart = False
                     if nanny.process is not None and nanny.process.pid:
                         os.kill(nanny.process.pid, signal.SIGTERM if os.name == "nt" else signal.SIGKILL)
         with suppress(Exception):
             self.client.close(timeout=2)
+        with suppress(AttributeError):
+            self.client.status = "closed"  # also without an answer, for which its finalizer would wait again
         with suppress(Exception):
-            if self._local is not None:
-                self._local.close(timeout=5)
+            if self.processes is not None:
+                self.processes.close(timeout=5)
         if self._scratch is not None:
             shutil.rmtree(self._scratch, ignore_errors=True)
             with suppress(OSError):
@@ -138,11 +145,11 @@ class Cluster:
                 raise ClusterError(f"worker {address}: {answer}", 2)
 
 
-def local(workers: int | None, most: int, out: Path, dashboard: bool = False) -> Cluster:
+def local(workers: int | None, most: int, out: Path, ears: Ears, dashboard: bool = False) -> Cluster:
     """As many worker processes on this machine, or as many as it has cores for us, each with one thread.
 
     most: that there is something to do for. out: the study's folder, where Dask logs. Raises ClusterError where none
-    begins.
+    begins; with none where `ears` have heard a signal before.
     """
     if dashboard and importlib.util.find_spec("bokeh") is None:
         raise ClusterError("--dashboard needs the package bokeh: pip install 'bokeh>=3.1'", 2)
@@ -165,24 +172,24 @@ def local(workers: int | None, most: int, out: Path, dashboard: bool = False) ->
     shutil.rmtree(scratch, ignore_errors=True)
     count = min(workers or cpu_count(), most)
     page: dict[str, Any] = {"dashboard_address": "127.0.0.1:8787" if dashboard else None}
-    with _deaf_children():
-        cluster = LocalCluster(
-            n_workers=0,
-            threads_per_worker=1,
-            processes=True,
-            host="127.0.0.1",
-            memory_limit=None,
-            **page,
-            silence_logs=logging.WARNING,
-            local_directory=str(scratch),
-            scheduler_kwargs={"allowed_failures": 0},  # the command itself tells who is to blame
-        )
-    one = Cluster(None, cluster, scratch)
+    one = Cluster(None, None, scratch)
     try:
-        one.client = client = Client(cluster, timeout=CONNECT_S, set_as_default=False)
-        cluster.scale(count)
-        _await_worker(one, log)
-        client.register_plugin(LocalWorker(log.resolve()))
+        with _deaf_children():
+            one.processes = LocalCluster(
+                n_workers=0,
+                threads_per_worker=1,
+                processes=True,
+                host="127.0.0.1",
+                memory_limit=None,
+                **page,
+                silence_logs=logging.WARNING,
+                local_directory=str(scratch),
+                scheduler_kwargs={"allowed_failures": 0},  # the command itself tells who is to blame
+            )
+        one.client = Client(one.processes, timeout=CONNECT_S, set_as_default=False)
+        one.processes.scale(count)
+        _await_worker(one, ears, log)
+        one.client.register_plugin(LocalWorker(log.resolve()))
     except BaseException:
         one.close()
         raise
@@ -218,10 +225,10 @@ async def _kind(address: str) -> str:
         return str(told["type"])
 
 
-def _await_worker(cluster: Cluster, log: Path) -> None:
-    """Wait for the first one. Raises ClusterError."""
+def _await_worker(cluster: Cluster, ears: Ears, log: Path) -> None:
+    """Wait for the first one, or a signal. Raises ClusterError."""
     until = time.monotonic() + START_S
-    while not cluster.threads():
+    while not ears.stopped and not cluster.threads():
         if time.monotonic() > until:
             raise ClusterError(f"no worker has begun within {START_S:.0f} s; see {log}")
         time.sleep(0.05)

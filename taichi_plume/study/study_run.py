@@ -73,11 +73,12 @@ def _work(plan: "Plan", store: Store, wishes: Wishes, labour: "Labour | None", e
     from taichi_plume.study import cluster
     from taichi_plume.study.cluster import ClusterError
 
+    ears.running = True  # signals wait: what is begun by half of Dask cannot be closed
     try:
         if wishes.scheduler:
             workers = cluster.remote(wishes.scheduler, wishes.out)
         else:
-            workers = cluster.local(wishes.workers, len(missing), wishes.out, wishes.dashboard)
+            workers = cluster.local(wishes.workers, len(missing), wishes.out, ears, wishes.dashboard)
         with workers:
             return _campaign(plan, store, workers, wishes, labour, ears, missing)
     except ClusterError as error:
@@ -109,7 +110,7 @@ def _campaign(
     campaign: Campaign | None = None
     with ExitStack() as stack:
         display = stack.enter_context(Display(total, total - len(todo), wishes.quiet))
-        ears.running = ears.hasty = True  # a first signal ends it in order, a second one at once
+        ears.hasty = True  # a first signal ends it in order, a second one at once
         campaign = Campaign(plan, store, workers, options, labour, todo, shared, display, ears)
         try:
             campaign.run()

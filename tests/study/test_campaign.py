@@ -166,6 +166,17 @@ def test_interrupted_before_the_first_run(tmp_path):
     until(lambda: not left(process.pid), "its processes to end")
 
 
+@pytest.mark.parametrize("made", ["LocalCluster._start", "Client._ensure_connected"])
+def test_interrupted_while_dask_begins(tmp_path, made):
+    """By a signal that comes in the middle of making what talks to the workers."""
+    process = start(tmp_path / "out", {"runs": 4}, "--workers=1", env={"INTERRUPTED_IN": made})
+    code, said = finish(process)
+    assert code == 130
+    assert "4 runs are not done yet; the same command goes on" in said
+    assert not (tmp_path / "out" / "begun.txt").exists()
+    until(lambda: not left(process.pid), "its processes to end")
+
+
 def test_failures_are_told_and_retried(tmp_path):
     """Also those of runs that kill their workers: they alone are blamed, not those beside them."""
     out = tmp_path / "out"
