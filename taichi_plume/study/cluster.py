@@ -149,7 +149,7 @@ def local(workers: int | None, most: int, out: Path, ears: Ears, dashboard: bool
     """As many worker processes on this machine, or as many as it has cores for us, each with one thread.
 
     most: that there is something to do for. out: the study's folder, where Dask logs. Raises ClusterError where none
-    begins; with none where `ears` have heard a signal before.
+    begins. From then on signals wait to be looked at; where `ears` have heard one, it waits for no worker.
     """
     if dashboard and importlib.util.find_spec("bokeh") is None:
         raise ClusterError("--dashboard needs the package bokeh: pip install 'bokeh>=3.1'", 2)
@@ -172,7 +172,8 @@ def local(workers: int | None, most: int, out: Path, ears: Ears, dashboard: bool
     shutil.rmtree(scratch, ignore_errors=True)
     count = min(workers or cpu_count(), most)
     page: dict[str, Any] = {"dashboard_address": "127.0.0.1:8787" if dashboard else None}
-    one = Cluster(None, None, scratch)
+    one = Cluster(None, scratch=scratch)
+    ears.running = True  # what of Dask is made by half cannot be closed
     try:
         with _deaf_children():
             one.processes = LocalCluster(
@@ -196,8 +197,11 @@ def local(workers: int | None, most: int, out: Path, ears: Ears, dashboard: bool
     return one
 
 
-def remote(address: str, out: Path) -> Cluster:
-    """The workers of a Dask scheduler. Raises ClusterError where there is none at the address."""
+def remote(address: str, out: Path, ears: Ears) -> Cluster:
+    """The workers of a Dask scheduler. Raises ClusterError where there is none at the address.
+
+    Once it has answered, signals wait to be looked at, as with `local`.
+    """
     _quiet(out / LOG)
     from distributed import Client
 
@@ -210,6 +214,7 @@ def remote(address: str, out: Path) -> Cluster:
         raise ClusterError(
             f"--scheduler {address}: no Dask scheduler there ({kind}); one is started by: dask scheduler", 2
         )
+    ears.running = True
     try:
         return Cluster(Client(address, timeout=CONNECT_S, set_as_default=False))
     except OSError:

@@ -73,10 +73,9 @@ def _work(plan: "Plan", store: Store, wishes: Wishes, labour: "Labour | None", e
     from taichi_plume.study import cluster
     from taichi_plume.study.cluster import ClusterError
 
-    ears.running = True  # signals wait: what is begun by half of Dask cannot be closed
     try:
         if wishes.scheduler:
-            workers = cluster.remote(wishes.scheduler, wishes.out)
+            workers = cluster.remote(wishes.scheduler, wishes.out, ears)
         else:
             workers = cluster.local(wishes.workers, len(missing), wishes.out, ears, wishes.dashboard)
         with workers:

@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -175,6 +176,21 @@ def test_interrupted_while_dask_begins(tmp_path, made):
     assert "4 runs are not done yet; the same command goes on" in said
     assert not (tmp_path / "out" / "begun.txt").exists()
     until(lambda: not left(process.pid), "its processes to end")
+
+
+def test_interrupted_while_a_scheduler_is_silent(tmp_path):
+    """It does not wait for an answer that does not come."""
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        port = silent.getsockname()[1]
+        process = start(tmp_path / "out", {"runs": 4}, f"--scheduler=tcp://127.0.0.1:{port}")
+        silent.settimeout(ENOUGH)
+        link, _ = silent.accept()
+        with link:
+            time.sleep(0.3)
+            os.killpg(process.pid, signal.SIGINT)
+            code, said = finish(process)
+    assert code == 130, said
+    assert "interrupted; what is done is kept" in said
 
 
 def test_failures_are_told_and_retried(tmp_path):
@@ -417,10 +433,11 @@ NOWHERE = (
 CONNECT = """
 import sys
 from pathlib import Path
+from taichi_plume.signals import Ears
 from taichi_plume.study.cluster import ClusterError, remote
 for address in sys.argv[2:]:
     try:
-        remote(address, Path(sys.argv[1]))
+        remote(address, Path(sys.argv[1]), Ears())
     except ClusterError as error:
         print(error.code, error)
 """
