@@ -132,6 +132,8 @@ class Columns:
     speed: Any = Column("m/s", "forward, as commanded and limited")
     speed_command: Any = Column("m/s", "forward, that the algorithm wants", told="speed")
     turn_rate_command: Any = Column("rad/s", "that the algorithm wants", told="turn_rate")
+    ordered_position: Any = Column("m", "to which it is put from outside; NaN before", width=2)
+    ordered_heading: Any = Column("rad", "to which it is put from outside")
 
     def _allocate(self, n: int, errs: bool) -> None:
         """Make the fields, of n robots; errs: whether any robot errs in what it believes."""

@@ -19,10 +19,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import taichi as ti
 
 from taichi_plume.agents.columns import Rows
-from taichi_plume.agents.few import few
+from taichi_plume.agents.declaring import Declaring
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.own_robots import SHOWN, TOLD, Robots, Said
 from taichi_plume.agents.parameters import Parameters
@@ -94,7 +93,6 @@ class Messages:
         self.heard_at[n, m] = t
 
 
-@ti.data_oriented
 class OwnAlgorithm:
     """Runs a class of the user's, `own`, for one group. Raises OwnAlgorithmError where it fails."""
 
@@ -107,6 +105,7 @@ class OwnAlgorithm:
         self.size, self.start = group.size, group.start
         self.path = Path(inspect.getsourcefile(own) or "?")
         self.shown, self.told = (Rows(swarm, some, group.start, group.size) for some in (SHOWN, TOLD))
+        self.declaring = Declaring(swarm, group.start, group.size)
         self.words = self._words(group.count)
         self.messages = Messages(members, self.words) if self.words else None
         self.begin()
@@ -154,8 +153,7 @@ class OwnAlgorithm:
             self.algorithm.act(robots)
             commands = [self._checked(column.told) for column in TOLD]
         self.told.write(commands)
-        if np.isfinite(said.places).any():
-            self._declare(said.places.astype(np.float32), t)
+        self.declaring.say(said.places, t)
         if self.messages:
             self.messages.deliver(said, tick, t)
 
@@ -167,13 +165,6 @@ class OwnAlgorithm:
         for one in shown:
             one.flags.writeable = False
         return shown
-
-    @ti.kernel
-    def _declare(self, places: ti.types.ndarray(dtype=ti.f32, ndim=2), t: float):
-        ti.loop_config(serialize=ti.static(few(self.size)))
-        for n in range(self.size):
-            if not ti.math.isnan(places[n, 0]):
-                self.swarm.declare(self.start + n, ti.Vector([places[n, 0], places[n, 1]]), t)
 
     def _checked(self, name: str) -> np.ndarray:
         """What the algorithm wrote, if it is a finite number for every robot."""

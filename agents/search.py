@@ -18,6 +18,7 @@ from typing import Protocol
 from taichi_plume.agents.casting import Casting
 from taichi_plume.agents.dapso import Dapso
 from taichi_plume.agents.ecoli import EColi
+from taichi_plume.agents.external import ExternalAlgorithm
 from taichi_plume.agents.hit_map import HitMap
 from taichi_plume.agents.infotaxis import Infotaxis
 from taichi_plume.agents.least_known import LeastKnown
@@ -71,4 +72,5 @@ ALGORITHMS: dict[str, type[Algorithm]] = {
     "sweep": Sweep,
     "least_known": LeastKnown,
     "random_walk": RandomWalk,
+    "external": ExternalAlgorithm,
 }

@@ -36,6 +36,7 @@ BODY: dict[str, Callable[[Group], float]] = {
     "max_turn_rate": lambda group: np.radians(group.body.max_turn_rate_deg),
     "half_base": lambda group: 0.5 * (group.body.wheel_base or 0.0),
     "max_acceleration": lambda group: group.body.max_acceleration or np.inf,
+    "placed": lambda group: float(group.algorithm.placed),
 }
 """What the robots of a group are like: the swarm's fields of these names."""
 
@@ -52,7 +53,8 @@ class Swarm(OwnClocks, Referee):
 
     Algorithms read `reading` [ppm], `wind` [m/s], `wind_known`, `blocked` (the bumper), where the robot believes to be,
     `believed_position` [m], `believed_heading` [rad] and `odometer` [m], and write `speed_command` [m/s],
-    `turn_rate_command` [rad/s] and `state`. Without errors of odometry the beliefs are the truth: the same fields.
+    `turn_rate_command` [rad/s] and `state`. Robots that are placed from outside stay until they get `ordered_position`,
+    `ordered_heading`. Without errors of odometry the beliefs are the truth: the same fields.
     """
 
     STATE = tuple(column.name for column in COLUMNS)
@@ -86,6 +88,8 @@ class Swarm(OwnClocks, Referee):
         self.max_speed, self.max_turn_rate = ti.field(ti.f32, n), ti.field(ti.f32, n)
         self.half_base = ti.field(ti.f32, n)  # between the wheels, 0 for a unicycle [m]
         self.max_acceleration = ti.field(ti.f32, n)
+        self.placed = ti.field(ti.f32, n)  # 1 where it is put to `ordered_position` from outside
+        self.places = any(group.algorithm.placed for group in groups)
         self.key: Any = ti.field(ti.u32, ())  # the seed, for kernels
         self.walker_count, self.source_count = len(walkers), len(sources)
         if episodes is not None:
@@ -115,7 +119,7 @@ class Swarm(OwnClocks, Referee):
     def _numbers(self) -> list[Any]:
         """The fields that `begin` sets."""
         never = [self.found_time, self.reached_time, self.declared_position, self.declared_time]
-        poses = [self.position, self.heading, *never, self.resistance]
+        poses = [self.position, self.heading, *never, self.ordered_position, self.resistance]
         beliefs = [self.believed_position, self.believed_heading] if self.reckons else []
         bodies = [getattr(self, name) for name in BODY]
         return [self.key, self.sources, self.disc_radius, *poses, *beliefs, *bodies]
@@ -158,7 +162,7 @@ class Swarm(OwnClocks, Referee):
             sources if len(sources) else 0,
             [one.disc for one in walkers] or 0,
             *poses,
-            *(np.nan,) * 5,
+            *(np.nan,) * 6,
             *(poses if self.reckons else []),
             *(self._each(value) for value in BODY.values()),
         )
@@ -206,8 +210,14 @@ class Swarm(OwnClocks, Referee):
         before = self.blocked[i]
         self.blocked[i] = 0
         self.velocity[i] = ti.Vector([0.0, 0.0])
+        drives = 1
+        if ti.static(self.places):
+            if self.placed[i] == 1.0:
+                drives = 0
+                self._put(i, dt)
         if self.searches(i):
-            self._drive(i, k, tick, dt)
+            if drives == 1:
+                self._drive(i, k, tick, dt)
             self.bumps[i] = self.bumps[i] + ti.cast(self.blocked[i] > before, ti.i32)
             if t - self.sets_off[i] > 1e-3 * dt and self._is_source(i, self.position[i]):
                 if ti.math.isnan(self.reached_time[i]):
@@ -229,6 +239,21 @@ class Swarm(OwnClocks, Referee):
         if ti.static(self.reckons):
             self.believed_position[i], self.believed_heading[i] = place, heading
             self.odometry.renew(i)
+
+    @ti.func
+    def _put(self, i, dt):
+        """Put robot i where it is ordered to be, whatever is there: it is a real one."""
+        place = self.ordered_position[i]
+        if not ti.math.isnan(place[0]):
+            moved = place - self.position[i]
+            way = moved.norm()
+            # a jump of what it is followed by makes no wind
+            self.velocity[i] = moved / ti.max(dt, way / ti.max(self.max_speed[i], 1e-9))
+            self.position[i], self.heading[i] = place, self.ordered_heading[i]
+            self.path_length[i] = self.path_length[i] + way
+            if ti.static(self.reckons):
+                self.believed_position[i], self.believed_heading[i] = place, self.heading[i]
+                self.odometer[i] = self.path_length[i]
 
     @ti.func
     def _drive(self, i, k, tick, dt):

@@ -49,12 +49,14 @@ def assemble(
     algorithms: Mapping[str, type] | None = None,
     allow_code: bool = False,
     allow_outside: bool = False,
+    driven: bool = False,
 ) -> Simulation:
     """The simulation of a scenario of which nothing is wrong, at the begin of its warm-up.
 
     Taichi must have been started. folder: where the files that it names lie. algorithms: own classes by the name of the
     group that they drive, whose algorithm is of kind own. allow_code: whether Python files that it names are executed;
-    allow_outside: whether its files may lie outside of `folder`. Raises ScenarioError where a file may not or cannot be
+    allow_outside: whether its files may lie outside of `folder`; driven: whether the caller drives
+    its external robots (see agents/external.py). Raises ScenarioError where a file may not or cannot be
     used, or robots do not fit.
     """
     prepared = prepare(scenario, folder, allow_outside)
@@ -62,21 +64,26 @@ def assemble(
     if faults:
         raise ScenarioError([f"{path}: {fault}" for path, fault in faults.items()])
     execute(prepared, allow_code, without=algorithms or ())
-    return build(prepared, algorithms)
+    return build(prepared, algorithms, driven=driven)
 
 
 def build(
-    prepared: Prepared, algorithms: Mapping[str, type] | None = None, reel: Reel | None = None
+    prepared: Prepared,
+    algorithms: Mapping[str, type] | None = None,
+    reel: Reel | None = None,
+    driven: bool = False,
 ) -> Simulation:
     """The simulation of a checked scenario, at the begin of its warm-up; Taichi must have been started.
 
     Files of own algorithms have been executed, see own_code.
 
     algorithms: own classes by the name of the group that they drive (its algorithm is of kind own, see agents/own.py).
-    reel: holds a film of the air, which is shown instead of solving for what is in it. Raises ScenarioError where
-    robots do not fit.
+    reel: holds a film of the air, which is shown instead of solving for what is in it. driven: whether something drives
+    external robots. Raises ScenarioError where robots do not fit, or nothing drives them.
     """
     scenario, resources = prepared
+    if not driven:
+        _require_inside(scenario)
     grid, air = _box(scenario, resources)
     cubes = resources.site.cubes if resources.site else None
     seen = [*resources.obstacles, *([cubes] if cubes else [])]
@@ -259,6 +266,14 @@ def _networks(scenario: Scenario, resources: Resources) -> dict[str, Network]:
         what = "file: none is given, the policy is still to be learnt; learn it in an environment of taichi_plume.envs"
         raise ScenarioError([f"{path}.{what}" for path in missing])
     return {name: resources.networks[path] for path, name in policies.items()}
+
+
+def _require_inside(scenario: Scenario) -> None:
+    """Raise ScenarioError where something outside is to drive robots, and nothing does."""
+    outside = [f"robots[{n}].algorithm" for n, group in enumerate(scenario.robots) if group.algorithm.outside]
+    if outside:
+        what = "external: nothing drives its robots here; run the scenario by python -m taichi_plume.serve"
+        raise ScenarioError([f"{path}: {what}" for path in outside])
 
 
 def _places(scenario: Scenario) -> np.ndarray:

@@ -19,7 +19,10 @@ LISTS = {
     "taichi_plume/scenario/gases.py",
     "taichi_plume/contest/entrants.py",  # who takes part
 }
-NAMESAKES = {"taichi_plume/study/model.py"}  # a kind of study is called sweep, as an algorithm
+NAMESAKES = {
+    "taichi_plume/study/model.py",  # a kind of study is called sweep, as an algorithm
+    "taichi_plume/files/network.py",  # a network's weights may be external
+}
 ROOMS = [ROOT / "taichi_plume", ROOT / "solvers", ROOT / "agents"]
 SOURCES = {
     path.relative_to(ROOT): ast.parse(path.read_text())

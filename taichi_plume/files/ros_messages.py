@@ -29,7 +29,7 @@ COMMANDS = "taichi_plume_msgs/msg/Commands"
 
 TECHNOLOGIES = {"unknown": 0, "mox": 1, "pid": 51, "tdlas": 53}
 MAKERS = {"unknown": 0, "figaro": 1, "sgx": 3}
-PARTS = {"unknown": 0, "tgs2620": 50, "tgs2600": 51, "tgs2611": 52, "tgs2610": 53, "tgs2612": 54}
+PARTS = {"UNKNOWN": 0, "TGS2620": 50, "TGS2600": 51, "TGS2611": 52, "TGS2610": 53, "TGS2612": 54}
 UNITS = {"unknown": 0, "volt": 1, "amp": 2, "ppm": 3, "ppb": 4, "ohm": 5, "ppm m": 6}
 
 

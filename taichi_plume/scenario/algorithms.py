@@ -7,6 +7,7 @@ from pydantic import Field
 
 from taichi_plume.scenario.belief_algorithms import Infotaxis, SpaceAwareInfotaxis
 from taichi_plume.scenario.context import Context
+from taichi_plume.scenario.external import External
 from taichi_plume.scenario.filter_algorithms import HitMap, ParticleFilter
 from taichi_plume.scenario.listening import AnyAlgorithm, EColi, Spiral
 from taichi_plume.scenario.plume_tracking import Casting, SurgeCast, SurgeSpiral
@@ -77,6 +78,7 @@ Algorithm = Annotated[
     | LeastKnown
     | RandomWalk
     | Policy
+    | External
     | Own,
     Field(discriminator="kind"),
 ]

@@ -32,6 +32,13 @@ class AnyAlgorithm(Model):
     """Whether all that its robots do is to go for a source."""
     believes: ClassVar[bool] = False
     """Whether its robots keep a map of where the source may be."""
+    outside: ClassVar[bool] = False
+    """Whether its robots are driven from outside."""
+
+    @property
+    def placed(self) -> bool:
+        """Whether its robots are put to poses from outside."""
+        return False
 
     @property
     def may_declare(self) -> bool:

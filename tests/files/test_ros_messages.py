@@ -28,7 +28,7 @@ def test_our_own_definitions():
     back = ros.decode(ros.READINGS, ros.encode(one))
     np.testing.assert_array_equal(back.gas, np.array([1.0, np.nan], np.float32))
     assert back.tick == 3
-    gas = ros.message(ros.GAS_SENSOR, raw=4.5e4, raw_units=ros.UNITS["ohm"], mpn=ros.PARTS["tgs2620"])
+    gas = ros.message(ros.GAS_SENSOR, raw=4.5e4, raw_units=ros.UNITS["ohm"], mpn=ros.PARTS["TGS2620"])
     assert ros.decode(ros.GAS_SENSOR, ros.encode(gas)).raw == 4.5e4
     text = ros.definition(ros.GAS_SENSOR)
     assert "UNITS_PPMXM=6" in text

@@ -1,0 +1,87 @@
+"""Robots that are driven from outside: what is told of them, and what they are told.
+
+AWAITED   nothing has been heard of the robot yet: it stands
+DRIVEN    it does what it was told last
+LOST      nothing was heard of it for too long: it stands
+
+Who is heard of, and when, is known outside alone: `taichi_plume.serve` gives its orders after every tick.
+"""
+
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+
+from taichi_plume.agents.columns import Columns, Rows
+from taichi_plume.agents.declaring import Declaring
+from taichi_plume.agents.members import Members
+from taichi_plume.agents.swarm import Swarm
+from taichi_plume.scenario.external import External
+
+AWAITED, DRIVEN, LOST = range(3)
+
+TOLD = (
+    Columns.believed_position, Columns.believed_heading, Columns.reading, Columns.resistance, Columns.wind,
+    Columns.wind_known, Columns.blocked, Columns.found, Columns.declarations,
+)  # fmt: skip
+ORDERED = (
+    Columns.state, Columns.speed_command, Columns.turn_rate_command, Columns.ordered_position,
+    Columns.ordered_heading,
+)  # fmt: skip
+
+
+@dataclass
+class Orders:
+    """What the robots of a group, trial by trial, are told for the next tick.
+
+    state (size,): AWAITED, DRIVEN or LOST; speed [m/s] and turn_rate [rad/s] (size,); position (size, 2) [m], NaN:
+    stays, and heading (size,) [rad] of those that are placed; declared (size, 2) [m], NaN: says nothing.
+    """
+
+    state: np.ndarray
+    speed: np.ndarray
+    turn_rate: np.ndarray
+    position: np.ndarray
+    heading: np.ndarray
+    declared: np.ndarray
+
+    @classmethod
+    def none(cls, size: int) -> "Orders":
+        """All wait."""
+        zeros, nowhere = np.zeros(size), np.full((size, 2), np.nan)
+        return cls(zeros.astype(int), zeros.copy(), zeros.copy(), nowhere, zeros.copy(), nowhere.copy())
+
+
+class ExternalAlgorithm:
+    """The robots of one group, at the disposal of what drives them."""
+
+    PER_GROUP: bool = True
+    STATE: tuple[str, ...] = ()
+    STATE_NAMES: tuple[str, ...] = ("AWAITED", "DRIVEN", "LOST")
+
+    def __init__(self, swarm: Swarm, members: Members, tick: float):
+        self.members, self.size = members, members.size
+        (group,) = members.groups
+        self._told, self._ordered = (Rows(swarm, some, group.start, group.size) for some in (TOLD, ORDERED))
+        self._declaring = Declaring(swarm, group.start, group.size)
+        self.begin()
+
+    @property
+    def model(self) -> External:
+        """What the scenario says of them."""
+        return cast(External, self.members.groups[0].model.algorithm)
+
+    def begin(self) -> None:
+        """All wait to be driven."""
+
+    def act(self, tick: int, t: float, dt: float) -> None:
+        """Go on as ordered last."""
+
+    def told(self) -> dict[str, np.ndarray]:
+        """What is told of each robot, by the names of the columns TOLD: (size,) or (size, 2)."""
+        return {one.name: values for one, values in zip(TOLD, self._told.read(), strict=True)}
+
+    def order(self, orders: Orders, t: float) -> None:
+        """Tell the robots what to do in the next tick; t: now [s]."""
+        self._ordered.write([orders.state, orders.speed, orders.turn_rate, orders.position, orders.heading])
+        self._declaring.say(orders.declared, t)
