@@ -15,6 +15,7 @@ from taichi_plume.signals import leave
 
 COMMANDS = {
     "run": "run a scenario, or only check it; go on with a run that was cut off",
+    "serve": "run a scenario in real time, with robots that are driven from outside",
     "report": "write the report of a run again",
     "picture": "draw a run at a time, or as a film",
     "export": "write a run's data for ParaView, NetCDF or spreadsheets",

@@ -7,7 +7,7 @@ import traceback
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from rich.console import Console
 
@@ -27,12 +27,32 @@ FULL = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT)
 LONGEST_MESSAGE = 300  # characters of an unexpected error
 
 
+class Service(Protocol):
+    """Lets what is outside take part in a run, see `taichi_plume.serve`."""
+
+    def warm(self, sim: Simulation) -> None:
+        """Compile what it takes; the simulation is then at its begin again."""
+        ...
+
+    def attach(self, sim: Simulation, ears: Ears) -> None:
+        """Begin: observers are added. Raises RunFolderError where it cannot."""
+        ...
+
+    def close(self) -> None:
+        """End."""
+        ...
+
+    def told(self) -> dict[str, Any]:
+        """What the result tells of it."""
+        ...
+
+
 class Job(NamedTuple):
     """A run that may begin.
 
     source: the scenario's file; inputs: all files that it reads, this one first; arch, backend: the device asked for,
     and the one got; saved: what a checkpoint holds of it, if it is resumed; live: the address of a viewer; report:
-    whether it leaves one.
+    whether it leaves one; service: what lets the outside take part.
     """
 
     prepared: Prepared
@@ -45,6 +65,7 @@ class Job(NamedTuple):
     saved: dict[str, Any] | None = None
     live: str | None = None
     report: bool = True
+    service: Service | None = None
 
 
 class End(NamedTuple):
@@ -70,7 +91,7 @@ def simulate(job: Job, quiet: bool = False, debug: bool = False) -> int:
         try:
             if console.is_terminal and not quiet:
                 console.print("compiling ...", end="\r")
-            sim = _build(job.prepared)
+            sim = _build(job)
             outputs = _begin(job, sim, ears)
         except (ScenarioError, RunFolderError, KeyboardInterrupt):
             raise
@@ -79,7 +100,7 @@ def simulate(job: Job, quiet: bool = False, debug: bool = False) -> int:
                 say(traceback.format_exc(), error=True)
             say(f"failed before the run began: {visible(explain(error)[1])}", error=True)
             return 1
-        end = _to_the_end(sim, outputs, ears, None if quiet else console, debug)
+        end = _to_the_end(job, sim, outputs, ears, None if quiet else console, debug)
         with deaf():
             content, end = _conclude(job, sim, outputs, end)
     if end.code:
@@ -90,10 +111,12 @@ def simulate(job: Job, quiet: bool = False, debug: bool = False) -> int:
     return end.code
 
 
-def _build(prepared: Prepared) -> Simulation:
+def _build(job: Job) -> Simulation:
     from taichi_plume.assemble import build
 
-    sim = build(prepared)
+    sim = build(job.prepared, driven=job.service is not None)
+    if job.service is not None:
+        job.service.warm(sim)
     gc.enable()
     return sim
 
@@ -121,11 +144,13 @@ def _begin(job: Job, sim: Simulation, ears: Ears) -> Outputs:
     return outputs
 
 
-def _to_the_end(sim: Simulation, outputs: Outputs, ears: Ears, console: Console | None, debug: bool) -> End:
+def _to_the_end(
+    job: Job, sim: Simulation, outputs: Outputs, ears: Ears, console: Console | None, debug: bool
+) -> End:
     """Run to the end and close all files."""
     try:
         ears.hasty = True
-        end = _run(sim, console, debug)
+        end = _run(job, sim, ears, console, debug)
         ears.hasty = False
     except KeyboardInterrupt as error:  # a second signal, while the end by the first was being told
         end = _interrupted(sim, error)
@@ -138,7 +163,7 @@ def _to_the_end(sim: Simulation, outputs: Outputs, ears: Ears, console: Console 
     return end
 
 
-def _run(sim: Simulation, console: Console | None, debug: bool) -> End:
+def _run(job: Job, sim: Simulation, ears: Ears, console: Console | None, debug: bool) -> End:
     """Run to the end, whatever that is."""
     try:
         with ExitStack() as stack:
@@ -147,6 +172,9 @@ def _run(sim: Simulation, console: Console | None, debug: bool) -> End:
 
                 bar = stack.enter_context(ProgressBar(sim, console))
                 sim.observers.append(bar.observer())
+            if job.service is not None:
+                stack.callback(job.service.close)
+                job.service.attach(sim, ears)
             sim.run()
     except KeyboardInterrupt as error:
         return _interrupted(sim, error)
@@ -183,6 +211,8 @@ def _conclude(job: Job, sim: Simulation, outputs: Outputs, end: End) -> tuple[di
         end = end if end.code else End(*explain(error), 1)
         content = {"name": sim.scenario.name, "status": end.status, "message": end.message}
         content |= sim.scenario.seeds
+    if job.service is not None:
+        content |= {"service": job.service.told()}
     content |= {"remarks": job.prepared.resources.remarks + outputs.remarks}
     if "flow" in content:
         try:

@@ -73,6 +73,8 @@ def summary(content: dict[str, Any]) -> list[tuple[str, str]]:
         lines.append((group["name"], _group_line(group)))
         if has_declared(group["per_trial"]) and not group["no_search"]:
             lines.append((f"{group['name']} declared", _declared_line(group)))
+    if "service" in content:
+        lines.append(("from outside", _service_line(content["service"])))
     lines += _what_is_shared(content)
     kinds = [gas_map["kind"] for gas_map in content["maps"]]
     for n, gas_map in enumerate(content["maps"]):
@@ -83,6 +85,20 @@ def summary(content: dict[str, Any]) -> list[tuple[str, str]]:
         else:
             lines.append((name, _map_line(gas_map)))
     return lines
+
+
+def _service_line(told: dict[str, Any]) -> str:
+    """How a run was served, see serve/service.py."""
+    lost = sum(one["times_lost"] for one in told["messages"].values())
+    counts = {
+        name: sum(one[name] for one in told["messages"].values())
+        for name in ("taken", "malformed", "oversized", "late")
+    }
+    messages = ", ".join(f"{count:,} {name}" for name, count in counts.items() if count or name == "taken")
+    return (
+        f"{told['ticks_missed']:,} of {told['ticks']:,} ticks missed; messages: {messages}; "
+        f"robots were lost {lost:,} times"
+    )
 
 
 def _mixing(flow: dict[str, Any]) -> str:

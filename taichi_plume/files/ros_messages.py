@@ -63,7 +63,8 @@ uint8[] wind_known
 uint8[] blocked        # the bumper
 uint8[] over           # whether its search is over
 uint32[] answered      # number of the last command that was taken
-uint8[] lost           # whether it is stood still, as nothing was heard for too long
+uint8[] lost           # whether it stands still, as nothing was heard for too long
+uint8 ended            # 1: the run is over, and nothing else is told
 """,
     COMMANDS: """\
 uint32 number          # counts up

@@ -1,0 +1,196 @@
+"""Drive robots of a scenario that `taichi_plume.serve` runs, from any program in Python.
+
+    from taichi_plume.client import Team
+
+    with Team("127.0.0.1:7447", group="robots") as team:
+        for now in team:                                  # once per tick
+            upwind = np.arctan2(-now.wind[:, 1], -now.wind[:, 0])
+            team.drive(speed=0.1, turn_rate=upwind - now.heading)
+
+Needs the packages of `pip install 'taichi_plume[ros]'`, and neither Taichi nor a scenario.
+"""
+
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+
+from taichi_plume.files import ros_messages as ros
+from taichi_plume.serve.address import address, token_of
+from taichi_plume.serve.topics import word
+
+
+@dataclass(frozen=True)
+class Readings:
+    """What the robots of a team read at time t [s], arrays over its n robots.
+
+    robot: their numbers in the group. position (n, 2) [m] and heading [rad], where they believe to be; gas [ppm];
+    resistance [ohm], NaN without a metal oxide; wind (n, 2) [m/s], zero where not `wind_known`; blocked: the bumper;
+    over: whether the search of a robot is over; lost: whether it stands as nothing was heard of it; answered: number of
+    the last command that each has carried out.
+    """
+
+    t: float
+    tick: int
+    robot: np.ndarray
+    position: np.ndarray
+    heading: np.ndarray
+    gas: np.ndarray
+    resistance: np.ndarray
+    wind: np.ndarray
+    wind_known: np.ndarray
+    blocked: np.ndarray
+    over: np.ndarray
+    lost: np.ndarray
+    answered: np.ndarray
+
+
+class Team:
+    """The robots of an external group, or some of them.
+
+    where: HOST:PORT of the service. group: the scenario's name of it. robots: their numbers, trial by trial; unless
+    given, all. token: that of the service, unless given from the environment (TAICHI_PLUME_TOKEN). patience: how long
+    the service may be silent [s], at the begin too. Raises ConnectionError, in a line.
+    """
+
+    def __init__(
+        self,
+        where: str = "127.0.0.1:7447",
+        group: str = "robots",
+        robots: Sequence[int] | None = None,
+        token: str | None = None,
+        patience: float = 60.0,
+    ):
+        self.group, self.patience = word(group), patience
+        self.robots = None if robots is None else np.asarray(robots, np.uint32)
+        self._session = _connected(where, token or token_of(), patience)
+        self._news = threading.Condition()
+        self._newest: Readings | None = None
+        self._shown, self._ended = -1, False
+        self._number = int(time.time() * 16) & 0x3FFFFFFF  # a client that is started again goes on counting
+        self._tick = 0
+        self._subscriber = self._session.declare_subscriber(f"{self.group}/readings", self._hear)
+        self._publisher = self._session.declare_publisher(f"{self.group}/commands")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Leave; the robots are lost then, and stand still."""
+        self._session.close()
+
+    # ------------------------------------------------------------ in
+
+    def __iter__(self) -> Iterator[Readings]:
+        """The newest readings of each tick, until the service ends; ticks that went by meanwhile are left out."""
+        while (now := self.wait()) is not None:
+            yield now
+
+    def wait(self, seconds: float | None = None) -> Readings | None:
+        """The readings of a tick that has not been shown yet; None where the run is over, or none comes in time:
+        `patience`, unless given.
+        """
+        with self._news:
+            seconds = self.patience if seconds is None else seconds
+            self._news.wait_for(lambda: self._is_new() or self._ended, seconds)
+            if not self._is_new():
+                return None
+            now = self._newest
+            assert now is not None
+            self._shown = self._tick = now.tick
+            return now
+
+    def _is_new(self) -> bool:
+        return self._newest is not None and self._newest.tick > self._shown
+
+    def _hear(self, sample: Any) -> None:
+        """Readings came, in a thread of zenoh's."""
+        try:
+            one = ros.decode(ros.READINGS, sample.payload.to_bytes())
+        except ros.RosError:
+            return
+        if one.ended:
+            with self._news:
+                self._ended = True
+                self._news.notify_all()
+            return
+        some = slice(None) if self.robots is None else self.robots
+        flags = (getattr(one, name)[some] > 0 for name in ("wind_known", "blocked", "over", "lost"))
+        known, blocked, over, lost = flags
+        now = Readings(
+            one.t,
+            one.tick,
+            one.robot[some],
+            np.column_stack([one.x, one.y])[some],
+            one.heading[some],
+            one.gas[some],
+            one.resistance[some],
+            np.column_stack([one.wind_x, one.wind_y])[some],
+            known,
+            blocked,
+            over,
+            lost,
+            one.answered[some],
+        )
+        with self._news:
+            if self.robots is None:
+                self.robots = one.robot.copy()
+            self._newest = now
+            self._news.notify_all()
+
+    # ------------------------------------------------------------ out
+
+    def drive(self, speed: Any, turn_rate: Any = 0.0, declared: Any = None) -> int:
+        """Command forward speeds [m/s] and turn rates to the left [rad/s], one for all robots or (n,).
+
+        declared: (n, 2) places where robots say that a source is [m], NaN: say nothing. Returns the command's number.
+        Raises ValueError before the first readings, unless `robots` were given.
+        """
+        return self._send({"speed": speed, "turn_rate": turn_rate}, declared)
+
+    def be_at(self, x: Any, y: Any, heading: Any, declared: Any = None) -> int:
+        """Tell where real robots are [m] and where they look to [rad], (n,) or one for all; else as `drive`."""
+        return self._send({"x": x, "y": y, "heading": heading}, declared)
+
+    def _send(self, values: dict[str, Any], declared: Any) -> int:
+        if self.robots is None:
+            raise ValueError("which robots there are is not known before the first readings; wait for them")
+        count = len(self.robots)
+        fields = {name: np.broadcast_to(np.asarray(value, float), (count,)) for name, value in values.items()}
+        if declared is not None:
+            places = np.broadcast_to(np.asarray(declared, float), (count, 2))
+            fields |= {"declared_x": places[:, 0], "declared_y": places[:, 1]}
+        self._number += 1
+        one = ros.message(ros.COMMANDS, number=self._number, tick=self._tick, robot=self.robots, **fields)
+        self._publisher.put(ros.encode(one))
+        return self._number
+
+
+def _connected(where: str, token: str | None, patience: float) -> Any:
+    """A session with a service, which may still be starting. Raises ConnectionError."""
+    from argparse import ArgumentTypeError
+
+    try:
+        import zenoh
+
+        from taichi_plume.serve.zenoh_config import config, endpoint
+    except ImportError as error:
+        raise ConnectionError(f"{error.name} is missing: pip install 'taichi_plume[ros]'") from None
+    try:
+        end = endpoint(*address(where))
+    except ArgumentTypeError as error:
+        raise ConnectionError(f"where {error}") from None
+    until = time.monotonic() + patience
+    while True:
+        try:
+            return zenoh.open(config("client", {"connect": [end]}, token))
+        except zenoh.ZError:
+            if time.monotonic() > until:
+                why = "with this token" if token else "without a token"
+                raise ConnectionError(f"{where}: no service answers there, {why}") from None

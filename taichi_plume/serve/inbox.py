@@ -1,0 +1,204 @@
+"""What is told to the robots of a group: newest first, whatever comes, from any thread, as often as it comes.
+
+A message is counted as
+
+    taken        the robots that it names do so in the next tick
+    malformed    it is no such message, or names numbers that there are not, or no numbers
+    oversized    longer than any message of the group can be; it is not even read
+    late         it answers readings of long ago, or came after one that was sent later
+
+and none of the last three changes anything.
+"""
+
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from taichi_plume.agents.external import AWAITED, DRIVEN, LOST, Orders
+from taichi_plume.files import ros_messages as ros
+
+HEADROOM = 4096  # bytes of a message besides what it says of each robot
+PER_ROBOT = 64  # bytes
+UNNUMBERED = 0  # a command that has no number, as of ROS
+
+
+class MalformedError(ValueError):
+    """What is wrong with a message, in a line."""
+
+
+class Inbox:
+    """Of one group of `size` robots (all trials), which take poses if `placed`.
+
+    low, high: of the floor, in which poses lie [m]; timeout [s]; clock: seconds. remark: called with a line about a
+    message that is not taken, from the thread in which it came.
+    """
+
+    def __init__(
+        self,
+        group: str,
+        size: int,
+        placed: bool,
+        floor: tuple[Sequence[float], Sequence[float]],
+        timeout: float,
+        remark: Callable[[str], None] = lambda line: None,
+        clock: Callable[[], float] = time.monotonic,
+    ):
+        self.group, self.size, self.placed, self.timeout = group, size, placed, timeout
+        self.low, self.high = (np.asarray(corner[:2], float) for corner in floor)
+        self.remark, self.clock = remark, clock
+        self.longest = HEADROOM + PER_ROBOT * size
+        self.counts: Counter[str] = Counter()
+        self.news = threading.Condition()
+        """Held while what follows changes, and notified then."""
+        self.heard = np.full(size, -np.inf)  # when, by the clock
+        self.number = np.zeros(size, np.int64)  # of the last command
+        self.answers = np.full(size, -1, np.int64)  # tick of the readings that it answers
+        self.oldest = 0  # tick of readings that may still be answered
+        self.tick = 0  # of the newest readings
+        self._orders = Orders.none(size)
+
+    # ------------------------------------------------------------ threads of the transports
+
+    def hear_commands(self, data: bytes) -> None:
+        """A message of taichi_plume_msgs/Commands came."""
+        self._hear(ros.COMMANDS, data, self._take_commands)
+
+    def hear_twist(self, n: int, data: bytes) -> None:
+        """A geometry_msgs/Twist for robot n came."""
+        self._hear("geometry_msgs/msg/Twist", data, lambda one: self._take_twist(n, one))
+
+    def hear_pose(self, n: int, data: bytes) -> None:
+        """A geometry_msgs/PoseStamped of robot n came."""
+        self._hear("geometry_msgs/msg/PoseStamped", data, lambda one: self._take_pose(n, one))
+
+    def _hear(self, name: str, data: bytes, take: Callable[[Any], None]) -> None:
+        if len(data) > self.longest:
+            self._refuse("oversized", f"{len(data):,} bytes, more than the {self.longest:,} of any message")
+            return
+        try:
+            take(ros.decode(name, data))
+        except (ros.RosError, MalformedError) as error:
+            self._refuse("malformed", str(error))
+
+    def _refuse(self, what: str, why: str) -> None:
+        with self.news:
+            self.counts[what] += 1
+            count = self.counts[what]
+        if count & (count - 1) == 0:  # the first, and fewer and fewer
+            self.remark(f"{self.group}: {what} messages: {count:,}, the last one: {why}")
+
+    def _take_commands(self, one: Any) -> None:
+        robots = one.robot.astype(np.int64)
+        if not len(robots):
+            raise MalformedError("names no robot")
+        if robots.max() >= self.size:
+            raise MalformedError(f"robot {robots.max()} is none of 0 to {self.size - 1}")
+        if one.tick > self.tick:
+            raise MalformedError(f"answers readings of tick {one.tick}, the newest are of {self.tick}")
+        if self.placed:
+            place = self._columns(one, len(robots), "x", "y", "heading")
+            self._require_inside(place[:, :2])
+            values = {"position": place[:, :2], "heading": place[:, 2]}
+        else:
+            speeds = self._columns(one, len(robots), "speed", "turn_rate")
+            values = {"speed": speeds[:, 0], "turn_rate": speeds[:, 1]}
+        declared = None
+        if len(one.declared_x) or len(one.declared_y):
+            declared = self._columns(one, len(robots), "declared_x", "declared_y", finite=False)
+        self._take(robots, values, one.number, one.tick, declared)
+
+    def _take_twist(self, n: int, one: Any) -> None:
+        if self.placed:
+            raise MalformedError("a velocity, but the group takes poses")
+        speeds = np.array([[one.linear.x, one.angular.z]])
+        if not np.isfinite(speeds.astype(np.float32)).all():
+            raise MalformedError("linear.x or angular.z is no number")
+        self._take(np.array([n]), {"speed": speeds[:, 0], "turn_rate": speeds[:, 1]}, UNNUMBERED, 0)
+
+    def _take_pose(self, n: int, one: Any) -> None:
+        if not self.placed:
+            raise MalformedError("a pose, but the group takes velocities")
+        place = np.array([[one.pose.position.x, one.pose.position.y]])
+        heading = np.array([ros.yaw(one.pose.orientation)])
+        if not np.isfinite(place).all() or not np.isfinite(heading).all():
+            raise MalformedError("position or orientation is no number")
+        self._require_inside(place)
+        self._take(np.array([n]), {"position": place, "heading": heading}, UNNUMBERED, 0)
+
+    def _columns(self, one: Any, count: int, *names: str, finite: bool = True) -> np.ndarray:
+        """What a message says of its robots, (count, names). Raises MalformedError."""
+        for name in names:
+            if len(getattr(one, name)) != count:
+                raise MalformedError(f"{name} has {len(getattr(one, name))} entries, robot has {count}")
+        values = np.column_stack([getattr(one, name) for name in names]).astype(float)
+        if np.isinf(values).any() or (finite and np.isnan(values).any()):
+            raise MalformedError(f"{' or '.join(names)} is no number")
+        return values
+
+    def _require_inside(self, places: np.ndarray) -> None:
+        outside = ((places < self.low) | (places > self.high)).any(axis=1)
+        if outside.any():
+            x, y = places[outside.argmax()]
+            raise MalformedError(f"({x:.4g}, {y:.4g}) m is not on the floor")
+
+    def _take(
+        self,
+        robots: np.ndarray,
+        values: dict[str, np.ndarray],
+        number: int,
+        tick: int,
+        declared: np.ndarray | None = None,
+    ) -> None:
+        with self.news:
+            now = self.clock()
+            gone = now - self.heard[robots] > self.timeout  # who comes back may count anew
+            late = ~gone & (number != UNNUMBERED) & (number <= self.number[robots])
+            late |= (tick != 0) & (tick < self.oldest)
+            if not late.any():
+                self.counts["taken"] += 1
+                for name, given in values.items():
+                    getattr(self._orders, name)[robots] = given
+                if declared is not None:
+                    said = np.isfinite(declared).all(axis=1)
+                    self._orders.declared[robots[said]] = declared[said]
+                self.heard[robots], self.number[robots] = now, number
+                self.answers[robots] = tick
+                self.news.notify_all()
+                return
+        self._refuse("late", f"number {number}, of tick {tick}")
+
+    # ------------------------------------------------------------ the thread of the clock
+
+    def published(self, tick: int, oldest: int) -> None:
+        """Readings of a tick have been sent; those before `oldest` need not be answered any more."""
+        with self.news:
+            self.tick, self.oldest = tick, oldest
+
+    def lost(self) -> np.ndarray:
+        """Which robots have been silent for too long, of those that have been heard of."""
+        return np.isfinite(self.heard) & (self.clock() - self.heard > self.timeout)
+
+    def awaited(self) -> np.ndarray:
+        """Which robots have not been heard of yet."""
+        return ~np.isfinite(self.heard)
+
+    def orders(self) -> Orders:
+        """What the robots are told for the next tick; those that are lost, or not heard of yet, stand."""
+        with self.news:
+            lost, awaited = self.lost(), self.awaited()
+            state = np.where(awaited, AWAITED, np.where(lost, LOST, DRIVEN))
+            ours, driven = self._orders, state == DRIVEN
+            orders = Orders(
+                state,
+                np.where(driven, ours.speed, 0.0),
+                np.where(driven, ours.turn_rate, 0.0),
+                ours.position.copy(),
+                ours.heading.copy(),
+                ours.declared.copy(),
+            )
+            ours.declared[:] = np.nan  # is said once
+            return orders

@@ -1,0 +1,229 @@
+"""The clock of a served run, with robots that answer in the same thread and a clock that a test turns."""
+
+from math import inf
+
+import numpy as np
+import pytest
+
+from taichi_plume.assemble import assemble
+from taichi_plume.files import ros_messages as ros
+from taichi_plume.scenario.loading import scenario_from
+from taichi_plume.serve import topics
+from taichi_plume.serve.service import Pace, Service
+from taichi_plume.signals import Ears
+
+pytest.importorskip("rosbags")
+pytestmark = pytest.mark.usefixtures("taichi")
+
+SCENARIO = {
+    "duration": 3.0,
+    "domain": {"size": [4, 3], "spacing": 0.1},
+    "wind": {"kind": "uniform", "velocity": [0.5, 0]},
+    "gas": {
+        "kind": "gaussian_plume",
+        "diffusivity": 0.002,
+        "sources": [{"position": [0.5, 1.5], "rate": "10 mg/s"}],
+    },
+    "robots": [
+        {
+            "name": "my team",
+            "count": 2,
+            "start": {"kind": "positions", "positions": [[3, 1], [3, 2]], "heading_deg": 180},
+            "algorithm": {"kind": "external", "timeout": 0.5},
+            "sensors": {"gas": {"kind": "mox"}},
+        }
+    ],
+}
+
+
+class Clock:
+    """tick_s: what the computer takes for a tick, as the clock sees it."""
+
+    def __init__(self, tick_s: float = 0.01):
+        self.now, self.tick_s = 1000.0, tick_s
+
+    def __call__(self) -> float:
+        return self.now
+
+    def sleep(self, seconds: float) -> None:
+        assert seconds > 0
+        self.now += seconds
+
+
+class Robots:
+    """Robots at the other end of a link: `answer` is called with the readings of each tick."""
+
+    def __init__(self, clock: Clock, answer):
+        self.clock, self.answer = clock, answer
+        self.incoming, self.seen, self.messages = {}, [], []
+
+    def listen(self, incoming, stray):
+        self.incoming = incoming
+
+    def publish(self, message: topics.Message) -> None:
+        self.messages.append(message)
+        if message.name == ros.READINGS and not ros.decode(ros.READINGS, message.data).ended:
+            if self.seen:
+                self.clock.now += self.clock.tick_s
+            now = ros.decode(ros.READINGS, message.data)
+            self.seen.append((self.clock.now, now))
+            self.answer(self, now)
+
+    def drive(self, now, speed=0.1, number=None, tick=None, robot=(0, 1)) -> None:
+        one = ros.message(
+            ros.COMMANDS,
+            number=len(self.seen) if number is None else number,
+            tick=now.tick if tick is None else tick,
+            robot=robot,
+            speed=[speed] * len(robot),
+            turn_rate=[0.0] * len(robot),
+        )
+        self.incoming["my_team/commands"](ros.encode(one))
+
+    def close(self) -> None:
+        self.incoming = {}
+
+
+@pytest.fixture(scope="module")
+def made(taichi):
+    return assemble(scenario_from(SCENARIO), driven=True)
+
+
+@pytest.fixture
+def served(made):
+    def run(answer, pace=None, tick_s=0.01):
+        clock = Clock(tick_s)
+        robots = Robots(clock, answer)
+        service = Service(pace or Pace(), [robots], True, clock, clock.sleep)
+        service.warm(made)
+        service.attach(made, Ears())
+        made.run()
+        service.close()
+        return robots, service
+
+    return run
+
+
+def test_a_run_takes_its_time(served):
+    robots, service = served(Robots.drive)
+    times = np.array([when for when, _ in robots.seen])
+    ticks = [now.tick for _, now in robots.seen]
+    assert ticks == list(range(31))
+    np.testing.assert_allclose(np.diff(times)[1:], 0.1, atol=1e-6)
+    assert (service.ticks, service.missed) == (30, 0)
+    last = robots.seen[-1][1]
+    np.testing.assert_allclose(last.x, 3 - 0.1 * 3.0, atol=1e-3)
+    assert last.t == pytest.approx(3.0)
+    assert np.isfinite(last.resistance).all()
+
+
+def test_ten_times_as_fast(served):
+    robots, _ = served(Robots.drive, Pace(speed=10.0), tick_s=0.001)
+    assert np.diff([when for when, _ in robots.seen])[1:] == pytest.approx(0.01, abs=1e-6)
+
+
+def test_ticks_that_take_too_long_are_told_and_caught_up(served):
+    def answer(robots, now):
+        robots.drive(now)
+        if now.tick == 10:
+            robots.clock.now += 0.35
+
+    robots, service = served(answer)
+    times = np.array([when for when, _ in robots.seen])
+    assert service.missed == 3
+    assert times[-1] - times[1] == pytest.approx(2.9, abs=1e-6)
+
+
+def test_a_clock_that_is_far_behind_is_put_back(served):
+    def answer(robots, now):
+        robots.drive(now)
+        if now.tick == 10:
+            robots.clock.now += 5.0
+
+    robots, service = served(answer)
+    times = np.array([when for when, _ in robots.seen])
+    assert service.missed == 1
+    assert times[-1] - times[1] == pytest.approx(2.9 + 4.9, abs=0.02)
+
+
+def test_it_begins_when_all_robots_are_there(served):
+    def answer(robots, now):
+        if len(robots.seen) > 4:
+            robots.drive(now)
+        elif len(robots.seen) > 2:
+            robots.drive(now, robot=(1,))
+
+    robots, _ = served(answer)
+    assert [now.tick for _, now in robots.seen][:6] == [0, 0, 0, 0, 0, 1]
+
+
+def test_or_at_once(served):
+    robots, service = served(lambda robots, now: None, Pace(at_once=True))
+    assert [now.tick for _, now in robots.seen] == list(range(31))
+    assert robots.seen[-1][1].x.tolist() == [3.0, 3.0]
+    assert service.told()["messages"]["my_team"]["never_heard"] == 2
+
+
+def test_waiting_for_answers_nothing_depends_on_the_clock(served):
+    """Robots that are slow, and of which one answers a tick behind, which is waited for."""
+
+    def answer(robots, now):
+        robots.clock.now += 0.3
+        robots.drive(now, speed=0.1 + 0.01 * (now.tick % 3))
+
+    def tracks(pace, tick_s):
+        robots, _ = served(answer, pace, tick_s)
+        return np.array([now.x for _, now in robots.seen])
+
+    np.testing.assert_array_equal(tracks(Pace(inf, wait=True), 0.01), tracks(Pace(inf, wait=True), 7.0))
+
+
+def test_what_is_told_of_each_robot(served):
+    robots, _ = served(Robots.drive)
+    last = {message.topic: message for message in robots.messages}
+    assert ros.decode(ros.READINGS, robots.messages[-1].data).ended
+    assert sorted(last) == [
+        "clock", "my_team/readings",
+        *(f"my_team_{n}/{what}" for n in (0, 1) for what in ("gas", "gas_raw", "odom", "wind")), "tf",
+    ]  # fmt: skip
+    now = robots.seen[-1][1]
+    decoded = {topic: ros.decode(one.name, one.data) for topic, one in last.items()}
+    assert decoded["clock"].clock.sec == 3
+    odometry = decoded["my_team_1/odom"]
+    assert odometry.pose.pose.position.x == pytest.approx(now.x[1])
+    assert abs(ros.yaw(odometry.pose.pose.orientation)) == pytest.approx(np.pi, abs=1e-5)
+    assert decoded["my_team_0/gas"].raw == pytest.approx(now.gas[0])
+    assert decoded["my_team_0/gas_raw"].raw == pytest.approx(now.resistance[0])
+    assert decoded["my_team_0/gas_raw"].raw_units == ros.UNITS["ohm"]
+    wind = decoded["my_team_0/wind"]
+    assert wind.wind_speed == pytest.approx(np.hypot(now.wind_x[0], now.wind_y[0]))
+    # it drives against the wind, so in its frame the air comes from ahead
+    assert abs(wind.wind_direction) == pytest.approx(np.pi, abs=0.2)
+    assert [one.child_frame_id for one in decoded["tf"].transforms] == ["my_team_0", "my_team_1"]
+
+
+def test_lost_and_back(made, capsys):
+    """A robot is silent for some ticks: it stands, is told to be lost, and goes on."""
+    clock = Clock()
+
+    def answer(robots, now):
+        robots.drive(now, robot=(0,))
+        if not 10 <= now.tick < 20:
+            robots.drive(now, number=len(robots.seen) + 1000, robot=(1,))
+
+    robots = Robots(clock, answer)
+    service = Service(Pace(), [robots], False, clock, clock.sleep)
+    service.warm(made)
+    service.attach(made, Ears())
+    for group in service.groups:
+        group.inbox.clock = clock
+    made.run()
+    x = np.array([now.x for _, now in robots.seen])[:, 1]
+    moving = np.diff(x) < -1e-4
+    assert moving[:14].all()
+    assert not moving[16:20].any()
+    assert moving[22:].all()
+    told = capsys.readouterr().err
+    assert "my_team_1 lost: nothing heard, standing still" in told
+    assert "my_team_1 back" in told
+    assert service.told()["messages"]["my_team"]["times_lost"] == 1
