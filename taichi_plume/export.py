@@ -1,21 +1,23 @@
-"""A run's data for other programs: ``python -m taichi_plume.export RUN --to vtkhdf|netcdf|csv [--out FILE]``.
+"""A run's data for other programs: ``python -m taichi_plume.export RUN --to vtkhdf|netcdf|csv|mcap [--out FILE]``.
 
     vtkhdf   the film, frame by frame: gas, wind as vectors, temperature on the cells; for ParaView and pyvista
     netcdf   the same, or the pictures of a recording, after CF; for xarray, MATLAB, Panoply ...
     csv      the tables, robots.csv and probes.csv, and columns.csv, which tells their units and meanings
+    mcap     a bag of ROS 2 with robots, gas, wind, plume and maps; see `bag_of_run`
 
 Exit code 0: done; 1: it could not be written; 2: there is no such run, or it has no such data; 130: interrupted.
 """
 
 import os
-from argparse import Namespace
+from argparse import ArgumentTypeError, Namespace
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from taichi_plume.files.run_folder import RunFolderError
-from taichi_plume.guard.terminal import Parser, say, visible
+from taichi_plume.guard.terminal import Parser, say, visible, whole_number
 from taichi_plume.run_data import FILES, Run, open_run
 from taichi_plume.signals import leave
 
@@ -23,7 +25,7 @@ if TYPE_CHECKING:
     import numpy as np
     import xarray
 
-DEFAULT = {"vtkhdf": "fields.vtkhdf", "netcdf": "fields.nc"}  # in the run's folder
+DEFAULT = {"vtkhdf": "fields.vtkhdf", "netcdf": "fields.nc", "mcap": "bag"}  # in the run's folder
 TABLES = ("robots", "probes")
 
 
@@ -149,7 +151,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = _arguments(argv)
     out = args.out or (args.run / DEFAULT[args.to] if args.to in DEFAULT else args.run)
     try:
-        files = export(open_run(args.run), args.to, out, args.source, args.force)
+        if args.to == "mcap":
+            files = _bag(args, out)
+        else:
+            files = export(open_run(args.run), args.to, out, args.source, args.force)
     except RunFolderError as error:
         say(visible(error), error=True)
         return 2
@@ -164,6 +169,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
+def _bag(args: Namespace, out: Path) -> list[Path]:
+    """Write a bag. Raises RunFolderError and OSError."""
+    try:
+        import rosbags  # noqa: F401
+    except ImportError:
+        raise RunFolderError('bags need rosbags: pip install "taichi_plume[ros]"') from None
+    from taichi_plume.bag_of_run import Choice, write
+
+    choice = Choice(args.trial, args.begin, args.points, args.least)
+    return write(open_run(args.run), out, choice, args.force)
+
+
 def _arguments(argv: Sequence[str] | None) -> Namespace:
     parser = Parser(
         prog="python -m taichi_plume.export", description="Write a run's data for other programs."
@@ -172,10 +189,13 @@ def _arguments(argv: Sequence[str] | None) -> Namespace:
     parser.add_argument(
         "--to",
         required=True,
-        choices=("vtkhdf", "netcdf", "csv"),
-        help="vtkhdf: the film for ParaView and pyvista; netcdf: fields after CF; csv: the tables",
+        choices=("vtkhdf", "netcdf", "csv", "mcap"),
+        help="vtkhdf: the film for ParaView and pyvista; netcdf: fields after CF; csv: the tables; "
+        "mcap: a bag of ROS 2",
     )
-    parser.add_argument("--out", type=Path, help="the file, of csv a folder (default: in the run's folder)")
+    parser.add_argument(
+        "--out", type=Path, help="the file, of csv and mcap a folder (default: in the run's folder)"
+    )
     parser.add_argument(
         "--from",
         dest="source",
@@ -183,7 +203,43 @@ def _arguments(argv: Sequence[str] | None) -> Namespace:
         help="what netcdf is made of (default: the film, else the pictures of the recording)",
     )
     parser.add_argument("--force", action="store_true", help="replace what is there")
+    bag = parser.add_argument_group("of a bag")
+    bag.add_argument(
+        "--trial", type=whole_number(0, 10**6), default=0, metavar="N", help="of several (default: 0)"
+    )
+    bag.add_argument(
+        "--begin",
+        type=_from_zero,
+        default=0.0,
+        metavar="SECONDS",
+        help="time of ROS when the run begins, such as a Unix time (default: 0)",
+    )
+    bag.add_argument(
+        "--points",
+        type=whole_number(1, 10**7),
+        default=20_000,
+        metavar="N",
+        help="the most in a cloud of gas; more cells are averaged in blocks (default: 20000)",
+    )
+    bag.add_argument(
+        "--least",
+        type=_from_zero,
+        default=0.1,
+        metavar="PPM",
+        help="less gas is no point of a cloud (default: 0.1)",
+    )
     return parser.parse_args(argv)
+
+
+def _from_zero(text: str) -> float:
+    """A number that is finite and not negative."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0.0 <= value < inf:
+        raise ArgumentTypeError(f"must be a number from 0 on, got '{visible(text)}'")
+    return value
 
 
 if __name__ == "__main__":

@@ -1,0 +1,124 @@
+"""What of a run's fields goes into its bag (`bag_of_run`): the floor, the gas as points, the gas maps."""
+
+from collections.abc import Iterator
+from math import ceil
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from taichi_plume.files import ros_messages as ros
+from taichi_plume.run_data import Run
+
+if TYPE_CHECKING:
+    import xarray
+
+MAP = "map"  # the frame of all
+GRID, POINTS = "nav_msgs/msg/OccupancyGrid", "sensor_msgs/msg/PointCloud2"
+Said = tuple[float, str, Any]
+"""When [s], on which topic, what."""
+
+
+def species(name: str) -> str:
+    """Of a variable's name, as topics may be called."""
+    plain = "".join(one if one.isascii() and one.isalnum() else "_" for one in name.removesuffix("_ppm"))
+    return plain if plain[:1].isalpha() else f"gas_{plain}"
+
+
+def floor(run: Run) -> Any:
+    """Where no robot can be: obstacles that stand, what lies beyond the robots' arena, and a frame of a cell around."""
+    from taichi_plume.report.run import Run as Drawn
+
+    scenario = run.scenario
+    h, extent, floor = scenario.domain.spacing, scenario.domain.extent, scenario.floor
+    nx, ny = (ceil(length / h - 1e-6) + 2 for length in extent[:2])
+    x, y = ((np.arange(n) - 0.5) * h for n in (nx, ny))
+    points = np.stack(np.meshgrid(x, y, indexing="xy"), axis=-1)
+    low = np.array(floor.low)
+    taken = ~((points > low) & (points < low + floor.size)).all(axis=-1)
+    tall = max((group.body.height for group in scenario.robots), default=h)
+    for one in Drawn.of(run.folder).shapes:
+        if one.model.motion is None:
+            taken |= one.horizontal_distance(points, 0.0, tall) < 0.0
+    return _grid(np.where(taken, 100, 0), h, -h)
+
+
+def _grid(percent: np.ndarray, cell: float, low: float = 0.0) -> Any:
+    """Cells (ny, nx) of a floor from (low, low) on [m]."""
+    ny, nx = percent.shape
+    info = {
+        "resolution": cell,
+        "width": nx,
+        "height": ny,
+        "origin": {"position": {"x": low, "y": low}, "orientation": ros.yawed(0.0)},
+    }
+    return ros.message(GRID, header=ros.header(0.0, MAP), info=info, data=percent.astype(np.int8).ravel())
+
+
+def _points(columns: dict[str, np.ndarray]) -> Any:
+    """A cloud of points, of which all columns (n,) are told, x, y, z [m] among them."""
+    rows = np.rec.fromarrays(list(columns.values()), dtype=[(name, "<f4") for name in columns])
+    fields = [
+        {"name": name, "offset": 4 * n, "datatype": 7, "count": 1}  # FLOAT32
+        for n, name in enumerate(columns)
+    ]
+    return ros.message(
+        POINTS,
+        header=ros.header(0.0, MAP),
+        height=1,
+        width=len(rows),
+        fields=fields,
+        point_step=rows.itemsize,
+        row_step=rows.nbytes,
+        data=np.frombuffer(rows.tobytes(), np.uint8),
+        is_dense=True,
+    )
+
+
+def clouds(run: Run, name: str, most: int, least: float) -> Iterator[Said]:
+    """A gas, frame by frame, as the points of at most so many cells or, where there are more, of blocks of them."""
+    from taichi_plume.export import frames
+
+    data = run.fields
+    axes = [str(one) for one in data[name].dims if one != "time"]
+    side = 1
+    while np.prod([ceil(data.sizes[one] / side) for one in axes]) > most:
+        side += 1
+    read, share = frames(data, run.folder), data["air"].transpose(*axes)
+    blocks = dict.fromkeys(axes, side)
+    places = [data[one].coarsen({one: side}, boundary="pad").mean().values for one in axes]
+    z, y, x = np.meshgrid(*([[0.0]] if len(axes) == 2 else []), *places, indexing="ij")
+    air = share.coarsen(blocks, boundary="pad").sum()
+    for n, t in enumerate(data["time"].values.tolist()):
+        if t < 0.0:
+            continue
+        gas = share.copy(data=np.where(share.values > 0, read(name, n) * share.values, 0.0))
+        mean = (gas.coarsen(blocks, boundary="pad").sum() / air.where(air > 0)).values.reshape(x.shape)
+        there = mean >= least
+        kept = {"x": x[there], "y": y[there], "z": z[there], "ppm": mean[there]}
+        yield t, f"/plume/{species(name)}", _points(kept)
+
+
+def maps_of(run: Run, trial: int) -> Iterator[tuple[str, "xarray.Dataset", int]]:
+    """The maps that a trial made: of each its topic, the map, and its row there. Rivals have maps of their own."""
+    for n, one in enumerate(run.maps if (run.folder / "maps.zarr").exists() else ()):
+        parts = one.attrs["groups"]
+        for k, part in enumerate(parts):
+            if trial < part["trials"]:
+                name = f"/gas_maps/map_{n}" + (f"_{k}" if len(parts) > 1 else "")
+                yield name, one, part["first_trial"] + trial
+
+
+def maps_at_end(run: Run, trial: int) -> Iterator[Said]:
+    """The gas maps as they are when the run ends."""
+    for name, one, row in maps_of(run, trial):
+        estimate = one["estimate"].values[row].astype(float)
+        known = np.isfinite(estimate)
+        peak = np.max(estimate, where=known, initial=0.0)
+        share = np.clip(np.where(known, estimate, 0.0) / (peak or 1.0), 0.0, 1.0)
+        t = float(one.attrs["t_s"])
+        yield t, name, _grid(np.where(known, np.round(100 * share), -1), float(one.attrs["cell"]))
+        x, y = np.meshgrid(one["x"].values, one["y"].values)
+        cells = {"ppm": "estimate", "weight": "weight", "variance": "variance", "truth": "truth"}
+        columns = {"x": x, "y": y, "z": np.zeros_like(x)}
+        columns |= {called: one[key].values[row] for called, key in cells.items() if key in one}
+        yield t, f"{name}/cells", _points({name: values[known] for name, values in columns.items()})

@@ -1,0 +1,305 @@
+"""A run as a bag of ROS 2: ``python -m taichi_plume.export RUN --to mcap`` writes the folder RUN/bag.
+
+One trial of it, with every message at its simulated time. Robot k, counted through the groups, has
+
+    /robot_k/gas    olfaction_msgs/GasSensor: a resistance [ohm] of metal oxides, ppm of others
+    /robot_k/wind   olfaction_msgs/Anemometer, in its own frame
+    /robot_k/odom   nav_msgs/Odometry: where it believes to be, and how it moves by that
+    /robot_k/truth  geometry_msgs/PoseStamped: where it is
+
+and there are /tf and /tf_static (map, robot_k/base_link, robot_k/gas_sensor, robot_k/anemometer), /clock and /map,
+which is occupied where no robot can be; of a run with `fields` its gas as points, /plume/SPECIES, and of one with
+`maps` each at the end, /gas_maps/map_N in percent of its peak and /gas_maps/map_N/cells as points.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from heapq import merge
+from math import exp, log
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from taichi_plume import __version__
+from taichi_plume.bag_of_fields import GRID, MAP, POINTS, Said, floor, maps_at_end, maps_of, species
+from taichi_plume.files import ros_messages as ros
+from taichi_plume.files.bag_writer import BagWriter, NoBagError, new_bag
+from taichi_plume.files.run_folder import RunFolderError
+from taichi_plume.run_data import Run
+from taichi_plume.scenario.robots import Group
+from taichi_plume.scenario.sensors import MOX_MODELS, MoxSensor, PidSensor
+
+BASE, GAS, WIND = "base_link", "gas_sensor", "anemometer"  # frames
+COLUMNS = (
+    "t", "group", "trial", "robot", "x", "y", "heading", "reading_ppm", "resistance_ohm", "wind_x", "wind_y",
+    "believed_x", "believed_y", "believed_heading",
+)  # fmt: skip
+ODOMETRY, POSE = "nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseStamped"
+TRANSFORMS, CLOCK = "tf2_msgs/msg/TFMessage", "rosgraph_msgs/msg/Clock"
+LATEST = 2**31 - 1  # s that a time of ROS can tell
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What of a run goes into its bag.
+
+    begin: time of ROS at its begin [s]; points: the most of a cloud, for which cells are averaged; least: fewer ppm are
+    no point.
+    """
+
+    trial: int = 0
+    begin: float = 0.0
+    points: int = 20_000
+    least: float = 0.1
+
+
+def write(run: Run, out: Path, choice: Choice, force: bool = False) -> list[Path]:
+    """Write a bag; returns its files.
+
+    Raises RunFolderError where the run has nothing for it, or where it may not be written, and OSError.
+    """
+    robots = _robots(run, choice.trial)
+    gases = [str(name) for name in run.fields.data_vars if str(name).endswith("_ppm")] if _filmed(run) else []
+    if not robots and not gases:
+        raise RunFolderError(f"{run.folder}: has neither robots nor fields, so there is nothing for a bag")
+    end = choice.begin + float(run.scenario.duration)
+    if not end < LATEST:
+        raise RunFolderError(
+            f"{run.folder}: ends at {end:g} s, which ROS cannot tell; give an earlier --begin"
+        )
+    told = {f"robot_{one.k}": f"robot {one.number} of {one.group.name}" for one in robots}
+    told |= {"name": run.scenario.name, "trial": str(choice.trial), "made_by": f"taichi_plume {__version__}"}
+    try:
+        with new_bag(out, told, force) as bag:
+            _topics(bag, run, robots, gases, choice)
+            streams: list[Iterator[Said]] = [_still(run, robots)]
+            times = [float(t) for t in robots[0].table["t"]] if robots else run.fields.time.values.tolist()
+            streams += [((t, "/clock", None) for t in times if t >= 0), _moving(robots)]
+            streams += [_readings(one) for one in robots]
+            streams += [clouds(run, name, choice.points, choice.least) for name in gases]
+            streams.append(maps_at_end(run, choice.trial))
+            for t, topic, message in merge(*streams, key=lambda one: one[0]):
+                now = choice.begin + t
+                bag.write(topic, now, _stamped(message, now))
+    except NoBagError as error:
+        raise RunFolderError(str(error)) from None
+    return sorted(out.iterdir())
+
+
+def _stamped(message: Any, now: float) -> Any:
+    """A message whose headers tell the time [s]."""
+    if message is None:
+        return ros.message(CLOCK, clock=ros.time(now))
+    stamp = ros.message("builtin_interfaces/msg/Time", **ros.time(now))
+    for one in [message, *getattr(message, "transforms", ())]:
+        if hasattr(one, "header"):
+            one.header.stamp = stamp
+    if hasattr(message, "info"):
+        message.info.map_load_time = stamp
+    return message
+
+
+def _filmed(run: Run) -> bool:
+    return (run.folder / "fields.zarr").exists()
+
+
+def _topics(bag: BagWriter, run: Run, robots: "list[Robot]", gases: list[str], choice: Choice) -> None:
+    bag.topic("/clock", CLOCK)
+    bag.topic("/map", GRID, latched=True)
+    if robots:
+        bag.topic("/tf", TRANSFORMS)
+        bag.topic("/tf_static", TRANSFORMS, latched=True)
+    for one in robots:
+        for name, kind in (
+            ("gas", ros.GAS_SENSOR),
+            ("wind", ros.ANEMOMETER),
+            ("odom", ODOMETRY),
+            ("truth", POSE),
+        ):
+            bag.topic(f"/{one.name}/{name}", kind)
+    for name in gases:
+        bag.topic(f"/plume/{species(name)}", POINTS)
+    for name, _, _ in maps_of(run, choice.trial):
+        bag.topic(name, GRID, latched=True)
+        bag.topic(f"{name}/cells", POINTS, latched=True)
+
+
+# ---------------------------------------------------------------- robots
+
+
+@dataclass(frozen=True)
+class Robot:
+    """Robot k of a trial, the robot of this number in its group, and the rows of its table."""
+
+    k: int
+    number: int
+    group: Group
+    table: dict[str, np.ndarray]
+
+    @property
+    def name(self) -> str:
+        """Of its topics and frames."""
+        return f"robot_{self.k}"
+
+
+def _robots(run: Run, trial: int) -> list[Robot]:
+    """The robots of a trial. Raises RunFolderError where there is none."""
+    if not run.scenario.robots:
+        return []
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    from taichi_plume.files import table_parts
+
+    path = run.folder / "robots.parquet"
+    there: set[int] = set()
+    kept = []
+    for batch in table_parts.batches(path, COLUMNS):
+        there.update(pc.unique(batch["trial"]).to_pylist())
+        kept.append(batch.filter(pc.equal(batch["trial"], trial)))
+    if trial not in there:
+        last = max(there, default=-1)
+        raise RunFolderError(
+            f"{path}: has no trial {trial}; " + (f"the last is {last}" if last >= 0 else "it has no row")
+        )
+    table = pa.Table.from_batches(kept).unify_dictionaries()
+    groups, numbers = np.array(table["group"].cast(pa.string()).to_pylist()), table["robot"].to_numpy()
+    columns = {name: table[name].to_numpy() for name in COLUMNS if name not in ("group", "trial", "robot")}
+    robots, k = [], 0
+    for group in run.scenario.robots:
+        for number in range(group.count):
+            rows = np.flatnonzero((groups == group.name) & (numbers == number))
+            rows = rows[np.argsort(columns["t"][rows], kind="stable")]
+            if len(rows):
+                robots.append(Robot(k, number, group, {name: one[rows] for name, one in columns.items()}))
+            k += 1
+    return robots
+
+
+def _still(run: Run, robots: list[Robot]) -> Iterator[Said]:
+    """What does not change: the map, and where the sensors are on the robots."""
+    yield 0.0, "/map", floor(run)
+    flat = run.scenario.domain.dim == 2
+    places = []
+    for one in robots:
+        gas, wind = one.group.sensors.gas, one.group.sensors.wind
+        for frame, ahead, height in ((GAS, gas.ahead, gas.height), (WIND, 0.0, wind.height)):
+            at = {"x": ahead, "z": 0.0 if flat else height}
+            places.append(_transform(f"{one.name}/{BASE}", f"{one.name}/{frame}", at, 0.0))
+    if places:
+        yield 0.0, "/tf_static", ros.message(TRANSFORMS, transforms=places)
+
+
+def _transform(parent: str, child: str, place: dict[str, float], heading: float) -> dict[str, Any]:
+    return {
+        "header": ros.header(0.0, parent),
+        "child_frame_id": child,
+        "transform": {"translation": place, "rotation": ros.yawed(heading)},
+    }
+
+
+def _believed(table: dict[str, np.ndarray], n: int) -> tuple[dict[str, float], float]:
+    place = {"x": float(table["believed_x"][n]), "y": float(table["believed_y"][n])}
+    return place, float(table["believed_heading"][n])
+
+
+def _moving(robots: list[Robot]) -> Iterator[Said]:
+    """Where the robots believe to be, those of a time in one message."""
+    for n, t in enumerate(robots[0].table["t"] if robots else ()):
+        moved = [
+            _transform(MAP, f"{one.name}/{BASE}", *_believed(one.table, n))
+            for one in robots
+            if n < len(one.table["t"])
+        ]
+        yield float(t), "/tf", ros.message(TRANSFORMS, transforms=moved)
+
+
+def _readings(one: Robot) -> Iterator[Said]:
+    """What a robot measures, which begins after the run, and its poses."""
+    table, name = one.table, one.name
+    gas = _gas_sensor(one)
+    forward, turning = _speeds(table)
+    for n, t in enumerate(table["t"].tolist()):
+        place, heading = _believed(table, n)
+        pose = {"position": place, "orientation": ros.yawed(heading)}
+        twist = {"linear": {"x": float(forward[n])}, "angular": {"z": float(turning[n])}}
+        yield (
+            t,
+            f"/{name}/odom",
+            ros.message(
+                ODOMETRY,
+                header=ros.header(0.0, MAP),
+                child_frame_id=f"{name}/{BASE}",
+                pose={"pose": pose},
+                twist={"twist": twist},
+            ),
+        )
+        there = {"x": float(table["x"][n]), "y": float(table["y"][n])}
+        true = {"position": there, "orientation": ros.yawed(float(table["heading"][n]))}
+        yield t, f"/{name}/truth", ros.message(POSE, header=ros.header(0.0, MAP), pose=true)
+        if t > 0.0:
+            raw = table["resistance_ohm" if gas["raw_units"] == ros.UNITS["ohm"] else "reading_ppm"][n]
+            yield t, f"/{name}/gas", ros.message(ros.GAS_SENSOR, raw=float(raw), **gas)
+            x, y = float(table["wind_x"][n]), float(table["wind_y"][n])
+            yield (
+                t,
+                f"/{name}/wind",
+                ros.message(
+                    ros.ANEMOMETER,
+                    header=ros.header(0.0, f"{name}/{WIND}"),
+                    sensor_label=one.group.sensors.wind.kind,
+                    wind_speed=np.hypot(x, y),
+                    wind_direction=_wrapped(np.arctan2(y, x) - heading) if x or y else 0.0,
+                ),
+            )
+
+
+def _wrapped(angle: Any) -> Any:
+    return (angle + np.pi) % (2.0 * np.pi) - np.pi
+
+
+def _speeds(table: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """How the robot believes to have moved since the row before: forward [m/s] and turning [rad/s]."""
+    dt = np.diff(table["t"])
+    turn = _wrapped(np.diff(table["believed_heading"].astype(float)))
+    course = table["believed_heading"][:-1] + 0.5 * turn
+    way = np.diff(table["believed_x"]) * np.cos(course) + np.diff(table["believed_y"]) * np.sin(course)
+    return np.append(0.0, way / dt), np.append(0.0, turn / dt)
+
+
+def _gas_sensor(one: Robot) -> dict[str, Any]:
+    """What is the same in all messages of a robot's gas sensor."""
+    sensor = one.group.sensors.gas
+    said: dict[str, Any] = {"header": ros.header(0.0, f"{one.name}/{GAS}")}
+    if not isinstance(sensor, MoxSensor):
+        kind = "pid" if isinstance(sensor, PidSensor) else "unknown"
+        return said | {"technology": ros.TECHNOLOGIES[kind], "raw_units": ros.UNITS["ppm"]}
+    law = MOX_MODELS[sensor.model]
+    maker = "figaro" if sensor.model.startswith("tgs") else "sgx"
+    return said | {
+        "technology": ros.TECHNOLOGIES["mox"],
+        "manufacturer": ros.MAKERS[maker],
+        "mpn": ros.PARTS.get(sensor.model.upper(), 0),
+        "raw_units": ros.UNITS["ohm"],
+        "raw_air": _in_clean_air(one.table, sensor),
+        "calib_a": law.c0**law.b,
+        "calib_b": -law.b,
+    }
+
+
+def _in_clean_air(table: dict[str, np.ndarray], sensor: MoxSensor) -> float:
+    """The resistance of a unit in clean air [ohm] that its readings were made with.
+
+    The law tells it of any reading above zero. Where there is none, or a cubic made them: that of the model, or the
+    largest of a unit that differs.
+    """
+    law = MOX_MODELS[sensor.model]
+    ppm, ohm = table["reading_ppm"], table["resistance_ohm"]
+    known = np.isfinite(ohm) & (ppm > 0.0)
+    if sensor.calibration == "model" and known.any():
+        n = np.argmax(np.where(known, ppm, -1.0))
+        return float(ohm[n] * (1.0 + ppm[n] / law.c0) ** law.b)
+    if sensor.spread and np.isfinite(ohm).any():
+        return float(np.nanmax(ohm))
+    return exp(0.5 * (log(law.air[0]) + log(law.air[1])))

@@ -1,0 +1,323 @@
+"""A run as a bag of ROS 2, read by two libraries of others: what is in it is what is in the run's own files."""
+
+import subprocess
+import sys
+from math import atan2
+from pathlib import Path
+
+import bag_run
+import made_run
+import numpy as np
+import pytest
+import rerun as rr
+
+from taichi_plume import __version__, bag_of_fields, bag_of_run, export, open_run
+from taichi_plume.files import disk
+from taichi_plume.files.run_folder import RunFolderError
+
+pytestmark = pytest.mark.usefixtures("taichi")
+BEGIN = 1_700_000_000.0
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> Path:
+    """A run that has ended."""
+    return bag_run.made(tmp_path_factory.mktemp("bags"))
+
+
+@pytest.fixture(scope="module")
+def bag(run) -> Path:
+    """Its second trial as a bag."""
+    assert export.main([str(run), "--to", "mcap", "--trial", "1", "--begin", str(BEGIN)]) == 0
+    return run / "bag"
+
+
+@pytest.fixture(scope="module")
+def said(bag) -> dict[str, list]:
+    """Times [ns] and messages by topic, as rosbags reads them."""
+    from rosbags.highlevel import AnyReader
+
+    found: dict[str, list] = {}
+    with AnyReader([bag]) as reader:
+        for one, t, data in reader.messages():
+            found.setdefault(one.topic, []).append((t, reader.deserialize(data, one.msgtype)))
+    return found
+
+
+def angle(q):
+    return atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y * q.y + q.z * q.z))
+
+
+def numbers(messages, get):
+    return np.array([get(one) for _, one in messages])
+
+
+def test_counts_and_values_are_those_of_the_table(run, said):
+    table = open_run(run).robots
+    table = table[table.trial == 1]
+    assert {one.split("/")[1] for one in said if "robot" in one} == {"robot_0", "robot_1"}, (
+        "one has one trial only"
+    )
+    for k in (0, 1):
+        rows = table[(table.group == "oxides") & (table.robot == k)]
+        gas, wind, odom, truth = (said[f"/robot_{k}/{name}"] for name in ("gas", "wind", "odom", "truth"))
+        for topic in (odom, truth):
+            np.testing.assert_allclose([t * 1e-9 - BEGIN for t, _ in topic], rows.t, atol=1e-6)
+        np.testing.assert_array_equal(numbers(odom, lambda m: m.pose.pose.position.x), rows.believed_x)
+        np.testing.assert_array_equal(numbers(odom, lambda m: m.pose.pose.position.y), rows.believed_y)
+        np.testing.assert_array_equal(numbers(truth, lambda m: m.pose.position.x), rows.x)
+        heading = numbers(odom, lambda m: angle(m.pose.pose.orientation))
+        np.testing.assert_allclose(np.exp(1j * heading), np.exp(1j * rows.believed_heading), atol=1e-6)
+        measured = rows[rows.t > 0]
+        np.testing.assert_array_equal(numbers(gas, lambda m: m.raw), measured.resistance_ohm)
+        speed = numbers(wind, lambda m: m.wind_speed)
+        to = numbers(wind, lambda m: m.wind_direction) + heading[1:]
+        np.testing.assert_allclose(speed * np.cos(to), measured.wind_x, atol=1e-5)
+        np.testing.assert_allclose(speed * np.sin(to), measured.wind_y, atol=1e-5)
+        stamps = [m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for _, m in gas]
+        np.testing.assert_allclose(stamps, measured.t + BEGIN, atol=1e-6)
+    assert len(said["/clock"]) == len(rows)
+
+
+def test_the_law_in_a_message_makes_its_resistance_the_reading(run, said):
+    """raw / raw_air = (1 + c / c0)^calib_b with c0 = calib_a^(-1 / calib_b), of units that differ."""
+    table = open_run(run).robots
+    air = []
+    for k in (0, 1):
+        one = said[f"/robot_{k}/gas"][0][1]
+        assert (one.technology, one.manufacturer, one.mpn, one.raw_units) == (1, 1, 50, 5)
+        c0 = one.calib_a ** (-1 / one.calib_b)
+        raw = numbers(said[f"/robot_{k}/gas"], lambda m: m.raw)
+        ppm = np.maximum(c0 * ((raw / one.raw_air) ** (1 / one.calib_b) - 1), 0)
+        rows = table[(table.trial == 1) & (table.group == "oxides") & (table.robot == k) & (table.t > 0)]
+        assert rows.reading_ppm.max() > 1
+        np.testing.assert_allclose(ppm, rows.reading_ppm, rtol=1e-3, atol=1e-3)
+        air.append(one.raw_air)
+    assert air[0] != pytest.approx(air[1], rel=1e-3)
+
+
+def test_speeds_lead_from_pose_to_pose(said):
+    odom = said["/robot_0/odom"]
+    way = numbers(odom, lambda m: m.twist.twist.linear.x)[1:] * 0.1
+    x, y = (numbers(odom, lambda m: getattr(m.pose.pose.position, d)) for d in "xy")
+    moved = np.hypot(np.diff(x), np.diff(y))
+    assert (np.abs(way) <= moved + 1e-6).all()
+    assert np.mean(np.abs(np.abs(way) - moved) < 1e-6) > 0.9, "all but where it slides along a wall"
+    assert moved.sum() > 0.3
+    turns = numbers(odom, lambda m: m.twist.twist.angular.z)[1:] * 0.1
+    heading = np.unwrap(numbers(odom, lambda m: angle(m.pose.pose.orientation)))
+    np.testing.assert_allclose(turns, np.diff(heading), atol=1e-6)
+
+
+def test_frames_lead_from_the_map_to_the_sensors(said):
+    (_, still), *others = said["/tf_static"]
+    assert not others
+    links = {
+        one.child_frame_id: (one.header.frame_id, one.transform.translation.x) for one in still.transforms
+    }
+    assert links["robot_0/gas_sensor"] == ("robot_0/base_link", 0.05)
+    assert links["robot_1/anemometer"] == ("robot_1/base_link", 0.0)
+    assert len(said["/tf"]) == len(said["/robot_0/odom"])
+    for (_, moved), (_, odom) in zip(said["/tf"], said["/robot_1/odom"], strict=True):
+        assert [one.child_frame_id for one in moved.transforms] == ["robot_0/base_link", "robot_1/base_link"]
+        assert moved.transforms[1].transform.translation.x == odom.pose.pose.position.x
+        assert moved.transforms[1].header.frame_id == odom.header.frame_id == "map"
+
+
+def test_the_map_is_free_where_robots_can_be(said, tmp_path):
+    ((t, one),) = said["/map"]
+    assert t == round(BEGIN * 1e9)
+    assert (one.info.width, one.info.height) == (18, 14)
+    assert (one.data.reshape(14, 18)[1:-1, 1:-1] == 0).all()
+    told = made_run.result(made_run.scenario(), version=__version__)
+    one = bag_of_fields.floor(open_run(made_run.made(tmp_path, recording=False, told=told)))
+    assert one.info.resolution == pytest.approx(0.1)
+    assert (one.info.origin.position.x, one.info.origin.position.y) == (-0.1, -0.1)
+    assert (one.info.height, one.info.width) == (32, 42)
+    cells = one.data.reshape(32, 42)
+    assert set(np.unique(cells)) == {0, 100}
+    inner = cells[1:-1, 1:-1]
+    assert (cells == 100).sum() - (inner == 100).sum() == 2 * 42 + 2 * 30, "a frame around"
+    x, y = np.meshgrid((np.arange(40) + 0.5) * 0.1, (np.arange(30) + 0.5) * 0.1)
+    np.testing.assert_array_equal(inner == 100, np.hypot(x - 3.2, y - 2.4) < 0.2)  # its pillar
+
+
+def cloud(one):
+    dtype = np.dtype([(field.name, "<f4") for field in one.fields])
+    assert [field.offset for field in one.fields] == list(range(0, 4 * len(one.fields), 4))
+    assert one.point_step == dtype.itemsize
+    return np.frombuffer(one.data.tobytes(), dtype)
+
+
+def test_the_plume_is_the_recorded_field(run, said):
+    fields = open_run(run).fields
+    clouds = said["/plume/ethanol"]
+    assert len(clouds) == fields.sizes["time"] == 9
+    for n, (_, one) in enumerate(clouds):
+        points = cloud(one)
+        gas = fields.ethanol_ppm.isel(time=n)
+        assert len(points) == one.width == int((gas >= 0.1).sum())
+        j, i = ((points[axis] / 0.1).astype(int) for axis in "yx")
+        np.testing.assert_array_equal(points["ppm"], gas.values[j, i])
+    assert len(points) > 20
+
+
+def test_maps_are_those_at_the_end(run, said):
+    (wanted,) = open_run(run).maps
+    ((t, grid),), ((_, one),) = said["/gas_maps/map_0"], said["/gas_maps/map_0/cells"]
+    assert t == round((BEGIN + 4) * 1e9)
+    points = cloud(one)
+    known = np.isfinite(wanted.estimate[1].values)
+    for name, key in (("ppm", "estimate"), ("weight", "weight"), ("truth", "truth")):
+        np.testing.assert_array_equal(points[name], wanted[key].values[1][known])
+    shown = grid.data.reshape(wanted.estimate.shape[1:])
+    np.testing.assert_array_equal(shown >= 0, known)
+    np.testing.assert_allclose(shown[known], 100 * points["ppm"] / points["ppm"].max(), atol=0.501)
+
+
+def test_another_library_decodes_the_same(bag, said):
+    """mcap-ros2-support: another reader of the container, and of the bytes in it."""
+    from mcap.reader import make_reader
+    from mcap_ros2.decoder import DecoderFactory
+
+    counts: dict[str, int] = {}
+    with (bag / "bag.mcap").open("rb") as file:
+        reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        for _, channel, message, one in reader.iter_decoded_messages():
+            topic, n = channel.topic, counts.get(channel.topic, 0)
+            counts[topic] = n + 1
+            t, wanted = said[topic][n]
+            assert message.log_time == t
+            if topic.endswith("/gas"):
+                assert (one.raw, one.raw_air) == (wanted.raw, wanted.raw_air)
+            if topic.endswith("/wind"):
+                assert one.wind_direction == wanted.wind_direction
+            if topic == "/plume/ethanol":
+                assert bytes(one.data) == wanted.data.tobytes()
+    assert counts == {topic: len(messages) for topic, messages in said.items()}
+
+
+def test_what_comes_once_is_latched(bag):
+    from rosbags.interfaces import QosDurability
+    from rosbags.rosbag2 import Reader
+
+    with Reader(bag) as reader:
+        offered = {one.topic: one.ext.offered_qos_profiles[0].durability for one in reader.connections}
+    kept = {topic for topic, durability in offered.items() if durability == QosDurability.TRANSIENT_LOCAL}
+    assert kept == {"/map", "/tf_static", "/gas_maps/map_0", "/gas_maps/map_0/cells"}
+
+
+def test_rerun_opens_it(bag, tmp_path):
+    """Its viewer draws what the bag is converted to: points, grids, frames, and all other topics as they are."""
+    out = tmp_path / "a.rrd"
+    command = [
+        str(Path(sys.executable).with_name("rerun")),
+        "mcap",
+        "convert",
+        str(bag / "bag.mcap"),
+        "-o",
+        str(out),
+    ]
+    subprocess.run(command, check=True, capture_output=True)
+    found: dict[str, dict[str, int]] = {}
+    for chunk in rr.chunk.RrdReader(str(out)).stream():
+        batch = chunk.to_record_batch()
+        its = found.setdefault(chunk.entity_path, {})
+        for name in batch.schema.names:
+            its[name] = its.get(name, 0) + batch.num_rows
+    assert found["/plume/ethanol"]["Points3D:positions"] == found["/plume/ethanol"]["Points3D:ppm"] == 9
+    assert found["/map"]["GridMap:data"] == found["/gas_maps/map_0"]["GridMap:data"] == 1
+    assert found["/tf"]["Transform3D:translation"] == 2 * 41
+    assert found["/robot_0/truth"]["InstancePoses3D:translations"] == 41
+    assert found["/robot_1/gas"]["olfaction_msgs.msg.GasSensor:message"] == 40
+
+
+# ---------------------------------------------------------------- many cells
+
+
+def test_more_cells_than_points_are_averaged_and_no_gas_is_lost(run):
+    one = open_run(run)
+    data = one.fields
+    rng = np.random.default_rng(2)
+    air = data.air.copy(data=rng.choice([0.0, 0.3, 1.0], data.air.shape).astype(np.float32))
+    gas = data.ethanol_ppm.copy(data=rng.uniform(1, 9, data.ethanol_ppm.shape).astype(np.float32))
+    one.__dict__["fields"] = data.assign(air=air, ethanol_ppm=gas)
+    for n, (_, topic, message) in enumerate(bag_of_fields.clouds(one, "ethanol_ppm", 60, 0.0)):
+        points = cloud(message)
+        assert topic == "/plume/ethanol"
+        assert 20 < len(points) <= 60
+        assert np.unique(np.diff(np.unique(points["x"])).round(5)).tolist() == [pytest.approx(0.2)]
+        whole = air.values[:12, :16].reshape(6, 2, 8, 2).sum(axis=(1, 3))
+        there = whole[(points["y"] / 0.2).astype(int), (points["x"] / 0.2).astype(int)]
+        assert (there * points["ppm"]).sum() == pytest.approx((gas[n].values * air.values).sum(), rel=1e-5)
+
+
+# ---------------------------------------------------------------- what may be wrong
+
+
+def test_what_cannot_be_is_told_in_a_line(run, tmp_path, capsys):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "a.txt").touch()
+    (tmp_path / "file").touch()
+    (tmp_path / "link").symlink_to(run)
+    for options, told in (
+        (["--trial", "2"], "has no trial 2; the last is 1"),
+        (["--begin", "3e9"], "which ROS cannot tell"),
+        (["--out", str(tmp_path / "mine"), "--force"], "is a folder, but no bag alone"),
+        (["--out", str(tmp_path / "file"), "--force"], "is no folder"),
+        (["--out", str(tmp_path / "link"), "--force"], "is no folder"),
+        (["--out", str(tmp_path / "no" / "bag")], "its folder does not exist"),
+    ):
+        assert export.main([str(run), "--to", "mcap", *options]) == 2
+        error = capsys.readouterr().err
+        assert told in error
+        assert error.count("\n") == 1
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["file", "link", "mine"]
+    for options in (
+        ["--trial", "-1"],
+        ["--begin", "nan"],
+        ["--begin", "-1"],
+        ["--points", "0"],
+        ["--least", "inf"],
+    ):
+        with pytest.raises(SystemExit) as end:
+            export.main([str(run), "--to", "mcap", *options])
+        assert end.value.code == 2
+        assert "must be a" in capsys.readouterr().err
+
+
+def test_a_bag_is_replaced_by_force_and_no_half_is_left(run, tmp_path, capsys, monkeypatch):
+    out = tmp_path / "bag"
+    command = [str(run), "--to", "mcap", "--out", str(out)]
+    assert export.main(command) == 0
+    before = (out / "bag.mcap").read_bytes()
+    assert export.main(command) == 2
+    assert "exists; choose another --out or add --force" in capsys.readouterr().err
+
+    def full(file: Path, coming: int = 0) -> None:
+        if coming:
+            raise OSError(28, "the disk is full")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(disk, "require_room", full)
+        patch.setattr("taichi_plume.files.bag_writer.CHECKED_EVERY", 1 << 10)
+        assert export.main([*command, "--trial", "1", "--force"]) == 1
+    assert capsys.readouterr().err.endswith("cannot be written: the disk is full\n")
+    assert [one.name for one in tmp_path.iterdir()] == ["bag"]
+    assert (out / "bag.mcap").read_bytes() == before
+    assert export.main([*command, "--trial", "1", "--force"]) == 0
+    assert (out / "bag.mcap").read_bytes() != before
+
+
+def test_without_rosbags_it_is_told_what_to_install(run, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "rosbags", None)
+    assert export.main([str(run), "--to", "mcap"]) == 2
+    assert 'pip install "taichi_plume[ros]"' in capsys.readouterr().err
+
+
+def test_a_run_without_robots_and_fields_has_no_bag(run, tmp_path):
+    one = open_run(run)
+    one.__dict__["scenario"] = one.scenario.model_copy(update={"robots": []})
+    one.folder = tmp_path
+    with pytest.raises(RunFolderError, match="has neither robots nor fields"):
+        bag_of_run.write(one, tmp_path / "bag", bag_of_run.Choice())
