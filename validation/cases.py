@@ -17,6 +17,7 @@ from taichi_plume.validation.flow_cases import SMALL_STEPS, drifting, kovasznay,
 from taichi_plume.validation.gas_cases import gaussian_puff
 from taichi_plume.validation.heat_cases import conduction, heated_cavity
 from taichi_plume.validation.helium_box import HELIUM_BOX_CASES
+from taichi_plume.validation.hybrid_cases import HYBRID_CASES
 from taichi_plume.validation.import_cases import IMPORT_CASES
 from taichi_plume.validation.inflow_cases import INFLOW_CASES
 from taichi_plume.validation.infotaxis_cases import INFOTAXIS_CASES
@@ -334,6 +335,7 @@ _ALL = (
     *TUNNEL_PLUME_CASES,
     *HELIUM_BOX_CASES,
     *PLUMESIM_CASES,
+    *HYBRID_CASES,
     *SPIRAL_CASES,
     *DAPSO_CASES,
     *INFOTAXIS_CASES,

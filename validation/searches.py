@@ -11,6 +11,7 @@ import taichi as ti
 from taichi_plume.assemble import assemble
 from taichi_plume.grid import kernels
 from taichi_plume.prepare import checked
+from taichi_plume.run_data import Run
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scores import trial_outcomes, trial_summary
 from taichi_plume.simulation import Every, Simulation
@@ -67,6 +68,17 @@ class Searches:
             self.columns.setdefault(name, []).extend(values)
         self.ways += list(np.stack(places, axis=1))
         self.airs += [max(self.airs, default=-1) + 1] * group.trials
+
+    def add_run(self, run: Run) -> None:
+        """Take in the trials of the first group of a run that has ended, whose robots are one per trial."""
+        name = run.trials["group"].iloc[0]
+        trials = run.trials[run.trials["group"] == name]
+        for column in trials.columns:
+            self.columns.setdefault(column, []).extend(trials[column].tolist())
+        robots = run.robots[run.robots["group"] == name]
+        places = robots.sort_values(["trial", "t"], kind="stable").groupby("trial")[["x", "y"]]
+        self.ways += [place.to_numpy() for _, place in places]
+        self.airs += [max(self.airs, default=-1) + 1] * len(trials)
 
     def told(self, scenario: Scenario, title: str) -> dict[str, Mean | Tracks]:
         """The means over all trials, and some ways from all airs: up to half of them of failures.

@@ -42,7 +42,7 @@ GROUPS = (
         "Published searches and maps, in many trials, with intervals of 95 % confidence over airs. Here much is not "
         "told in the papers, so the same order and the same size are what can be asked for. What is reproduced, what "
         "is not, and why: [The papers again](experiments.md).",
-        r"plumesim_casting|spiral_table2|dapso_arena|infotaxis_grid|odor_mapping",
+        r"plumesim_casting|plumesim_hybrid|spiral_table2|dapso_arena|infotaxis_grid|odor_mapping",
     ),
     (
         "Rooms and plumes that were measured",

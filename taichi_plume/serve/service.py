@@ -179,6 +179,7 @@ class Service:
     def keep_time(self) -> None:
         """Wait for the next tick's begin, then let the robots do what was heard for them."""
         sim = self.sim
+        self.ticks = max(0, sim.tick)
         if sim.tick == 0:
             self._await_all()
             self._start = self.clock()
@@ -195,7 +196,6 @@ class Service:
 
     def _await_time(self, tick: int) -> None:
         """Until this tick is over by the clock."""
-        self.ticks += 1
         pace = self.sim.dt / self.pace.speed
         due = self._start + tick * pace
         late = self.clock() - due

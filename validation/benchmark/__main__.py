@@ -5,13 +5,14 @@
     python -m taichi_plume.validation.benchmark clock [ROW ...]
     python -m taichi_plume.validation.benchmark studies WHAT [CONFIG]
     python -m taichi_plume.validation.benchmark envs [--count N]
+    python -m taichi_plume.validation.benchmark live [--minutes M]
 
 A step is the flow with its eddy viscosity and one gas, as a run takes it; puffs, robots and maps are measured by
 themselves. With --pressure, only the pressure is solved, of cubes of N³ cells with obstacles: how its iterations grow
 with N. Every figure is a rate on a machine that may be shared: compare the ratios to the bandwidth, and rates of one
 run with each other. `start` measures something else, the first tick of a scenario, `clock` what the user waits for,
-beside what is wanted, `studies` what a worker of a study costs, and `envs` the environments of learners: see start.py,
-clock.py, studies.py and envs.py.
+beside what is wanted, `studies` what a worker of a study costs, `envs` the environments of learners and `live` the
+service for robots from outside: see start.py, clock.py, studies.py, envs.py and live.py.
 """
 
 import json
@@ -36,7 +37,13 @@ def _studies(arguments: Sequence[str]) -> int:
     return studies.main(arguments)
 
 
-OTHERS = {"start": start.main, "clock": clock.main, "studies": _studies, "envs": envs.main}
+def _live(arguments: Sequence[str]) -> int:
+    from taichi_plume.validation.benchmark import live  # it takes the packages of the extra ros
+
+    return live.main(list(arguments))
+
+
+OTHERS = {"start": start.main, "clock": clock.main, "studies": _studies, "envs": envs.main, "live": _live}
 OTHER_CASES: dict[str, Callable[[str], Sequence[Any]]] = {
     "puffs_step": lambda arch: puffs.step("puffs_step", arch, _arena_puffs),
     "puffs_query": lambda arch: [

@@ -1,0 +1,280 @@
+"""The live service under all that may come: ``python -m taichi_plume.validation.benchmark live [--minutes 10]``.
+
+A 2-D room with its air, gas, fifty robots from outside and two of its own runs in real time as a process of its own,
+with its recording. A second process has a client for each of the fifty, and on the same loopback
+
+    cuts       the link of robot 2, which goes through a relay, for 20 s
+    disturbs   with malformed messages at random times
+
+and measures from a command's sending to the arrival of the readings after it. What is told:
+
+    reading after command [ms]   p50 and p99. A command waits for the next tick, half a tick in the mean where it comes
+                                 at random, as here
+    reading after tick [ms]      the part of it that is the service's own: a tick's work
+    ticks, missed                whose readings came later than the next tick's begin
+    readings missed              ticks of which a client has not got the readings, over all clients
+"""
+
+import argparse
+import json
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from taichi_plume.client import Readings, Team
+from taichi_plume.files import ros_messages as ros
+from taichi_plume.guard.terminal import Parser, say
+
+ROOM = Path(__file__).resolve().parents[2] / "configs/live/room.yaml"
+CUT_S = 20.0
+CUT = 2  # whose link it is
+PACE_S = 0.2  # between commands of a client, in the mean
+CLIENTS = 50
+MALFORMED = 10_000
+START_S = 120.0
+
+
+def free_port() -> int:
+    """One that nobody listens at."""
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        return one.getsockname()[1]
+
+
+class Relay:
+    """Passes on what comes at its `port` to another one, until it is cut, and after it is mended."""
+
+    def __init__(self, to: int):
+        self.to, self.whole = to, True
+        self.listener = socket.create_server(("127.0.0.1", 0))
+        self.port = self.listener.getsockname()[1]
+        self.links: list[socket.socket] = []
+        threading.Thread(target=self._accept, daemon=True).start()
+
+    def cut(self) -> None:
+        """Nothing passes any more."""
+        self.whole = False
+        for one in self.links:
+            with suppress(OSError):
+                one.shutdown(socket.SHUT_RDWR)
+            one.close()
+        self.links = []
+
+    def mend(self) -> None:
+        """Whoever connects anew passes again."""
+        self.whole = True
+
+    def _accept(self) -> None:
+        while True:
+            try:
+                near, _ = self.listener.accept()
+            except OSError:
+                return
+            if not self.whole:
+                near.close()
+                continue
+            try:
+                far = socket.create_connection(("127.0.0.1", self.to))
+            except OSError:
+                near.close()
+                continue
+            self.links += [near, far]
+            for a, b in ((near, far), (far, near)):
+                threading.Thread(target=_pump, args=(a, b), daemon=True).start()
+
+
+def _pump(a: socket.socket, b: socket.socket) -> None:
+    with suppress(OSError):
+        while data := a.recv(65536):
+            b.sendall(data)
+    for one in (a, b):
+        with suppress(OSError):
+            one.shutdown(socket.SHUT_RDWR)
+
+
+class Noting(Team):
+    """A client that notes the ticks whose readings have come, before any of them is overtaken by the next."""
+
+    def __init__(self, *args: Any, **keys: Any):
+        self.ticks: list[int] = []
+        super().__init__(*args, **keys)
+
+    def _hear(self, sample: Any) -> None:
+        super()._hear(sample)
+        if self._newest is not None:
+            self.ticks.append(self._newest.tick)
+
+
+class Driver:
+    """A client in a thread: it drives its robot at random times, and notes what it gets."""
+
+    def __init__(self, port: int, robot: int, pace: float, seed: int):
+        self.team = Noting(f"127.0.0.1:{port}", "remote", [robot], patience=START_S)
+        self.rng, self.pace = np.random.default_rng(seed), pace
+        self.sent: dict[int, float] = {}
+        self.latencies: list[float] = []
+        self.lost: list[bool] = []
+        self.over = threading.Event()
+        self._threads = [threading.Thread(target=one, daemon=True) for one in (self._listen, self._drive)]
+        for thread in self._threads:
+            thread.start()
+
+    def _listen(self) -> None:
+        while not self.over.is_set():
+            now = self.team.wait(0.5)
+            if now is not None:
+                self._note(now, time.perf_counter())
+
+    def _note(self, now: Readings, when: float) -> None:
+        self.lost.append(bool(now.lost[0]))
+        for number in [one for one in list(self.sent) if one <= int(now.answered[0])]:
+            sent = self.sent.pop(number)
+            if now.tick > 1:  # those before waited for the run to begin
+                self.latencies.append(when - sent)
+
+    def _drive(self) -> None:
+        while not self.over.wait(self.rng.uniform(0.5, 1.5) * self.pace):
+            turn = self.rng.uniform(-1.0, 1.0)
+            when = time.perf_counter()
+            with suppress(Exception):  # the link may be cut
+                self.sent[self.team.drive(0.1, turn)] = when
+
+    def close(self) -> None:
+        """Leave."""
+        self.over.set()
+        for thread in self._threads:
+            thread.join()
+        with suppress(Exception):
+            self.team.close()
+
+    @property
+    def ticks(self) -> list[int]:
+        """Of the readings that it got."""
+        return self.team.ticks
+
+    @property
+    def missed(self) -> int:
+        """Ticks between its first and its last one of which it has not got the readings."""
+        return len(range(self.ticks[0], self.ticks[-1] + 1)) - len(set(self.ticks)) if self.ticks else 0
+
+
+def disturb(port: int, count: int, seconds: float, over: threading.Event) -> None:
+    """Send so many malformed messages, spread over that time."""
+    rng = np.random.default_rng(7)
+    team = Team(f"127.0.0.1:{port}", "remote", [0], patience=START_S)
+    session: Any = team._session
+    publishers = [
+        session.declare_publisher(f"remote{end}") for end in ("/commands", "_0/cmd_vel", "_3/cmd_vel")
+    ]
+    good = ros.encode(ros.message(ros.COMMANDS, number=1, robot=[1 << 20], speed=[0.1], turn_rate=[0.0]))
+    for k in range(count):
+        data = bytearray(rng.bytes(int(rng.integers(300))) if k % 2 else good)
+        for _ in range(rng.integers(4)):
+            if data:
+                data[rng.integers(len(data))] = rng.integers(256)
+        publishers[rng.integers(len(publishers))].put(
+            bytes(data[: rng.integers(1, 400)]) if k % 50 else bytes(100_000)
+        )
+        if k % 10 == 9 and over.wait(10 * seconds / count):
+            break
+    team.close()
+
+
+@contextmanager
+def service(folder: Path, port: int, seconds: float, clients: int) -> Iterator["subprocess.Popen[str]"]:
+    """The room, in real time."""
+    command = [
+        sys.executable, "-m", "taichi_plume.serve", str(ROOM), "--bind", f"127.0.0.1:{port}", "--websocket", "0",
+        "--out", str(folder / "run"), "--no-report", "--set", f"duration={seconds}",
+        "--set", f"robots.0.count={clients}", "--set", "robots.0.start={kind: area, low: [2, 0.2], high: [3.9, 2.8]}",
+    ]  # fmt: skip
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            process.kill()
+
+
+def measure(seconds: float, clients: int, malformed: int) -> dict[str, Any]:
+    """Run the service for so long; what it was like."""
+    port, over = free_port(), threading.Event()
+    with TemporaryDirectory() as name, ExitStack() as stack:
+        process = stack.enter_context(service(Path(name), port, seconds, clients))
+        relay = Relay(port)
+        everyone = [Driver(relay.port if k == CUT else port, k, PACE_S, k) for k in range(clients)]
+        for one in everyone:
+            stack.callback(one.close)
+        until(lambda: any(one.ticks and one.ticks[-1] > 0 for one in everyone), "the run to begin")
+        noise = threading.Thread(target=disturb, args=(port, malformed, 0.8 * seconds, over), daemon=True)
+        noise.start()
+        stack.callback(over.set)
+        time.sleep(0.4 * seconds)
+        cut = min(CUT_S, 0.2 * seconds)
+        relay.cut()
+        time.sleep(cut)
+        relay.mend()
+        _, told = process.communicate(timeout=2 * seconds + START_S)
+        result = json.loads((Path(name) / "run/result.json").read_text())["service"]
+    lat = 1e3 * np.concatenate([one.latencies for one in everyone if one is not everyone[CUT]])
+    after = np.array(everyone[CUT].ticks)
+    gap = np.diff(after).max() if len(after) > 1 else 0
+    return {
+        "seconds": seconds,
+        "exit code": process.returncode,
+        "clients": len(everyone),
+        "reading after command [ms], p50": float(np.percentile(lat, 50)),
+        "reading after command [ms], p99": float(np.percentile(lat, 99)),
+        "commands": len(lat),
+        "reading after tick [ms], p50": result["tick_ms"]["p50"],
+        "reading after tick [ms], p99": result["tick_ms"]["p99"],
+        "ticks": result["ticks"],
+        "ticks missed": result["ticks_missed"],
+        "readings missed, of all but the cut": sum(
+            one.missed for one in everyone if one is not everyone[CUT]
+        ),
+        "cut [s]": cut,
+        "longest gap of robot 2 [ticks]": int(gap),
+        "robot 2 was told to be back": " remote_2 back" in told,
+        "robot 2 lost at the end": bool(everyone[CUT].lost[-1]),
+        **{f"messages {name}": count for name, count in result["messages"]["remote"].items()},
+    }
+
+
+def until(true: Callable[[], bool], what: str) -> None:
+    """Wait for it. Raises TimeoutError."""
+    end = time.monotonic() + START_S
+    while not true():
+        if time.monotonic() > end:
+            raise TimeoutError(f"waited for {what}")
+        time.sleep(0.05)
+
+
+def main(argv: list[str]) -> int:
+    """Measure and tell."""
+    parser = Parser(
+        prog="python -m taichi_plume.validation.benchmark live",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--minutes", type=float, default=10.0, help="of simulated and real time")
+    parser.add_argument("--clients", type=int, default=CLIENTS)
+    parser.add_argument("--malformed", type=int, default=MALFORMED, help="messages")
+    parser.add_argument("--json", action="store_true")
+    args = parser.parse_args(argv)
+    told = measure(60.0 * args.minutes, args.clients, args.malformed)
+    if args.json:
+        say(json.dumps(told))
+    else:
+        for name, value in told.items():
+            say(f"{name:<40} {value:.4g}" if isinstance(value, float) else f"{name:<40} {value}")
+    return 0 if told["exit code"] == 0 else 1

@@ -1,0 +1,87 @@
+"""The hybrid experiment: a robot outside of the simulator smells the plume in it, beside one that is simulated.
+
+Cabrita, Sousa & Marques, "Player/Stage simulation of olfactory experiments", IROS 2010: a simulated and a hybrid robot
+go to the source along similar ways (figure 13, one run each). Here a program of its own stands for the real robot, with
+its own algorithm and wheels (examples/hybrid_casting.py); it is another process, and each tick waits for its answer.
+"""
+
+import socket
+import subprocess
+import sys
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import yaml
+
+from taichi_plume.run_data import open_run
+from taichi_plume.validation.experiment import Condition, Experiment, Range, Told
+from taichi_plume.validation.plumesim_cases import ALIKE, LAMINAR, PLUME, ROOMBA, arena, in_airs
+from taichi_plume.validation.searches import Searches, scenario_of
+
+ROBOT = Path(__file__).resolve().parents[1] / "examples/hybrid_casting.py"
+ANSWER_S = 30.0  # of the clock, after which a robot would be lost
+
+
+def outside(trials: int, takes: str) -> Told:
+    """Trials of robots that are driven by another process, which tells their poses or commands their velocities."""
+    algorithm = {"kind": "external", "takes": takes, "timeout": ANSWER_S}
+    data = arena(LAMINAR, PLUME, ROOMBA | {"algorithm": algorithm, "trials": trials})
+    port = _free_port()
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "hybrid.yaml").write_text(yaml.safe_dump(plain(data)), encoding="utf-8")
+        service = [
+            sys.executable, "-m", "taichi_plume.serve", str(folder / "hybrid.yaml"), "--bind", f"127.0.0.1:{port}",
+            "--websocket", "0", "--wait", "--speed", "max", "--no-recording", "--no-report", "--quiet", "--out",
+            str(folder / "run"),
+        ]  # fmt: skip
+        robot = [sys.executable, str(ROBOT), f"127.0.0.1:{port}", *["--velocity"] * (takes == "velocity")]
+        with subprocess.Popen(service, stdout=subprocess.DEVNULL) as serving:
+            try:
+                subprocess.run(robot, check=True, stdout=subprocess.DEVNULL)
+                if serving.wait(ANSWER_S):
+                    raise RuntimeError(f"the service ended with code {serving.returncode}")
+            finally:
+                serving.kill()
+        found = Searches()
+        found.add_run(open_run(folder / "run"))
+        return found.told(scenario_of(data), f"outside, {takes}")
+
+
+def plain(data: object) -> object:
+    """Tuples as the lists that YAML has."""
+    if isinstance(data, dict):
+        return {key: plain(value) for key, value in data.items()}
+    return [plain(one) for one in data] if isinstance(data, list | tuple) else data
+
+
+def _free_port() -> int:
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        return one.getsockname()[1]
+
+
+FOUND = {"success": Range(least=0.95)}
+DISCUSSION = """\
+Published is one way to the source of each, and no figures. Reproduced: robots outside, which only get what their
+sensors would read and only tell where they are, find the source as often as the simulated one and on ways as long.
+Their algorithm was written anew, in NumPy, after the same paper; what differs are the noise that it meets and, where it
+tells poses, its own wheels. It tells its pose after the readings of a tick, and reads there a tick later: 0.1 s, beside
+a rise of the sensor of 3 s.
+"""
+
+HYBRID_CASES = (
+    Experiment(
+        "plumesim_hybrid",
+        "a casting Roomba inside the simulator, and outside of it",
+        "Cabrita, Sousa & Marques 2010, figure 13",
+        (
+            Condition("inside", partial(in_airs, data=arena(LAMINAR, PLUME), title="inside"), ALIKE, FOUND),
+            Condition("outside, which commands velocities", partial(outside, takes="velocity"), {}, FOUND),
+            Condition("outside, which tells poses (hybrid)", partial(outside, takes="pose"), ALIKE, FOUND),
+        ),
+        few=0,
+        discussion=DISCUSSION,
+    ),
+)
