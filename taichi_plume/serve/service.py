@@ -19,6 +19,7 @@ from taichi_plume.guard.terminal import say, visible
 from taichi_plume.serve import topics
 from taichi_plume.serve.inbox import Inbox
 from taichi_plume.serve.links import Hear, Link
+from taichi_plume.serve.view import View
 from taichi_plume.signals import Ears
 from taichi_plume.simulation import Every, Simulation
 
@@ -26,6 +27,7 @@ SLIP = 1.0  # s of the clock that are caught up
 LOOK_S = 0.1  # between looks at signals, while it waits
 AGAIN_S = 0.5  # between readings that are told again until robots are there
 MOST_TIMES = 1_000_000  # of which latencies are worked out
+VIEW_S = 1.0  # between pictures of the gas
 SHOWN = 6  # robots that are named
 
 
@@ -117,6 +119,7 @@ class Service:
             if isinstance(algorithm, ExternalAlgorithm):
                 algorithm.order(Orders.none(algorithm.size), 0.0)
                 algorithm.told()
+        View(sim).messages()
         sim.advance()
         sim.swarm.snapshot()
         sim.reset()
@@ -138,6 +141,8 @@ class Service:
         )
         self._names = [f"{topics.word(names[g.number])}_{n}" for g in first for n in range(g.count)]
         sim.observers.insert(0, Every(sim.dt, lambda _: self.publish()))  # before files are written
+        view = View(sim)
+        sim.observers.append(Every(VIEW_S, lambda _: self._send(view.messages())))
         sim.observers.append(Every(sim.dt, lambda _: self.keep_time()))
 
     def _stray(self, data: bytes) -> None:
@@ -170,11 +175,14 @@ class Service:
         for group in self.groups:  # first: answers may come before the last message is out
             behind = int(group.inbox.timeout / sim.dt) if self.pace.speed < inf or self.pace.wait else 1 << 40
             group.inbox.published(sim.tick, sim.tick - behind)
+        self._send(messages)
+        if sim.tick > 0:
+            self.taking.append(self.clock() - self._began)
+
+    def _send(self, messages: Sequence[topics.Message]) -> None:
         for link in self.links:
             for message in messages:
                 link.publish(message)
-        if sim.tick > 0:
-            self.taking.append(self.clock() - self._began)
 
     def keep_time(self) -> None:
         """Wait for the next tick's begin, then let the robots do what was heard for them."""

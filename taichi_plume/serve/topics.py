@@ -2,6 +2,7 @@
 
     clock              rosgraph_msgs/Clock           simulated time
     tf                 tf2_msgs/TFMessage            where the robots of the first trial are, from `map`
+    map, plume/...     see `view`
     GROUP/readings     taichi_plume_msgs/Readings    all that the robots of an external group read
     GROUP/commands     taichi_plume_msgs/Commands    what they are told: comes in
     ROBOT/cmd_vel      geometry_msgs/Twist           the same of one robot, where the group takes velocities: comes in
@@ -121,5 +122,10 @@ def poses(t: float, names: list[str], position: np.ndarray, heading: np.ndarray)
     return _message("tf", "tf2_msgs/msg/TFMessage", transforms=transforms)
 
 
+def encoded(topic: str, one: Any) -> Message:
+    """A message on a topic."""
+    return Message(topic, one.__msgtype__, ros.encode(one))
+
+
 def _message(topic: str, name: str, /, **fields: Any) -> Message:
-    return Message(topic, name, ros.encode(ros.message(name, **fields)))
+    return encoded(topic, ros.message(name, **fields))

@@ -7,6 +7,8 @@ import pytest
 
 from taichi_plume.assemble import assemble
 from taichi_plume.files import ros_messages as ros
+from taichi_plume.files.ros_shapes import points_of
+from taichi_plume.grid.fields import ppm_at
 from taichi_plume.scenario.loading import scenario_from
 from taichi_plume.serve import topics
 from taichi_plume.serve.service import Pace, Service
@@ -183,8 +185,9 @@ def test_what_is_told_of_each_robot(served):
     last = {message.topic: message for message in robots.messages}
     assert ros.decode(ros.READINGS, robots.messages[-1].data).ended
     assert sorted(last) == [
-        "clock", "my_team/readings",
-        *(f"my_team_{n}/{what}" for n in (0, 1) for what in ("gas", "gas_raw", "odom", "wind")), "tf",
+        "clock", "map", "my_team/readings",
+        *(f"my_team_{n}/{what}" for n in (0, 1) for what in ("gas", "gas_raw", "odom", "wind")),
+        "plume/ethanol", "tf",
     ]  # fmt: skip
     now = robots.seen[-1][1]
     decoded = {topic: ros.decode(one.name, one.data) for topic, one in last.items()}
@@ -200,6 +203,24 @@ def test_what_is_told_of_each_robot(served):
     # it drives against the wind, so in its frame the air comes from ahead
     assert abs(wind.wind_direction) == pytest.approx(np.pi, abs=0.2)
     assert [one.child_frame_id for one in decoded["tf"].transforms] == ["my_team_0", "my_team_1"]
+
+
+def test_what_there_is_to_see(served, made):
+    """The floor, and the gas as the sensors would read it without a lag."""
+    robots, _ = served(Robots.drive)
+    seen = {one.topic: ros.decode(one.name, one.data) for one in robots.messages if one.topic[0] in "mp"}
+    assert sum(one.topic == "map" for one in robots.messages) == 4  # once a second
+    info = seen["map"].info
+    taken = seen["map"].data.reshape(info.height, info.width)
+    assert taken.shape == (32, 42)
+    assert (taken[1:-1, 1:-1] == 0).all()
+    assert taken.sum() == 100 * (taken.size - 30 * 40)
+    points = points_of(seen["plume/ethanol"])
+    assert points["ppm"].min() >= 0.1
+    n = points["ppm"].argmax()
+    assert np.hypot(points["x"][n] - 0.5, points["y"][n] - 1.5) < 0.15  # at the source
+    there = np.column_stack([points["x"], points["y"]])
+    np.testing.assert_allclose(ppm_at(made.gas, there, made.t)[:, 0], points["ppm"], rtol=1e-4)
 
 
 def test_lost_and_back(made, capsys):
