@@ -3,8 +3,6 @@
 from collections.abc import Callable, Mapping
 from typing import Protocol
 
-from taichi_plume.serve.topics import Message
-
 Hear = Callable[[bytes], None]
 
 
@@ -19,8 +17,12 @@ class Link(Protocol):
         """Bring what comes to those who hear its topic, and to `stray` what comes for none."""
         ...
 
-    def publish(self, message: Message) -> None:
-        """Send it to all who listen; returns at once."""
+    def wants(self, topic: str, name: str) -> bool:
+        """Whether anybody listens to a topic of messages of that name; it is told that there is one."""
+        ...
+
+    def publish(self, topic: str, data: bytes) -> None:
+        """Send a message to all who listen; returns at once. The topic is one that was wanted."""
         ...
 
     def close(self) -> None:

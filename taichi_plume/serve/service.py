@@ -119,7 +119,8 @@ class Service:
             if isinstance(algorithm, ExternalAlgorithm):
                 algorithm.order(Orders.none(algorithm.size), 0.0)
                 algorithm.told()
-        View(sim).messages()
+        for message in View(sim).messages():
+            message.data()
         sim.advance()
         sim.swarm.snapshot()
         sim.reset()
@@ -153,9 +154,8 @@ class Service:
 
     def close(self) -> None:
         """Tell that the run is over, and end all transports."""
-        for link in self.links:
-            for group in self.groups:
-                link.publish(topics.ended(group.name, self.sim.t, max(0, self.sim.tick)))
+        tick = max(0, self.sim.tick)
+        self._send([topics.ended(group.name, self.sim.t, tick) for group in self.groups])
         for link in self.links:
             link.close()
 
@@ -180,9 +180,13 @@ class Service:
             self.taking.append(self.clock() - self._began)
 
     def _send(self, messages: Sequence[topics.Message]) -> None:
-        for link in self.links:
-            for message in messages:
-                link.publish(message)
+        """Make and send those that somebody wants."""
+        for message in messages:
+            wanted = [link for link in self.links if link.wants(message.topic, message.name)]
+            if wanted:
+                data = message.data()
+                for link in wanted:
+                    link.publish(message.topic, data)
 
     def keep_time(self) -> None:
         """Wait for the next tick's begin, then let the robots do what was heard for them."""

@@ -16,7 +16,7 @@ ROBOT is GROUP_n, n from 0 on through all trials. Groups of more than MOST_ROBOT
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,11 +28,15 @@ MAP = "map"
 
 
 class Message(NamedTuple):
-    """A message to be sent: its topic, its type and its bytes."""
+    """What may be sent on a topic: its type, and what makes it where somebody wants it."""
 
     topic: str
     name: str
-    data: bytes
+    make: Callable[[], Any]
+
+    def data(self) -> bytes:
+        """Its bytes."""
+        return ros.encode(self.make())
 
 
 def word(name: str) -> str:
@@ -43,7 +47,7 @@ def word(name: str) -> str:
 
 def clock(t: float) -> Message:
     """Simulated time t [s]; the warm-up, before 0, is told as 0."""
-    return _message("clock", "rosgraph_msgs/msg/Clock", clock=ros.time(max(0.0, t)))
+    return _message("clock", "rosgraph_msgs/msg/Clock", dict, clock=ros.time(max(0.0, t)))
 
 
 def readings(group: str, t: float, tick: int, told: dict[str, np.ndarray], **more: np.ndarray) -> Message:
@@ -53,6 +57,7 @@ def readings(group: str, t: float, tick: int, told: dict[str, np.ndarray], **mor
     return _message(
         f"{group}/readings",
         ros.READINGS,
+        dict,
         t=t,
         tick=tick,
         robot=np.arange(count),
@@ -73,59 +78,63 @@ def readings(group: str, t: float, tick: int, told: dict[str, np.ndarray], **mor
 
 def ended(group: str, t: float, tick: int) -> Message:
     """The run is over."""
-    return _message(f"{group}/readings", ros.READINGS, t=t, tick=tick, ended=1)
+    return _message(f"{group}/readings", ros.READINGS, dict, t=t, tick=tick, ended=1)
 
 
 def of_each(group: str, t: float, told: dict[str, np.ndarray], sensor: dict[str, Any]) -> Iterator[Message]:
     """What each robot of a group reads, as messages of ROS; sensor: fields of its GasSensor messages."""
-    for n, ((x, y), heading) in enumerate(
-        zip(told["believed_position"].tolist(), told["believed_heading"].tolist(), strict=True)
-    ):
+    has_resistance = np.isfinite(told["resistance"])
+    for n in range(len(has_resistance)):
         robot = f"{group}_{n}"
-        pose = {"position": {"x": x, "y": y}, "orientation": ros.yawed(heading)}
-        yield _message(
-            f"{robot}/odom",
-            "nav_msgs/msg/Odometry",
-            header=ros.header(t, MAP),
-            child_frame_id=robot,
-            pose={"pose": pose},
-        )
+        yield _message(f"{robot}/odom", "nav_msgs/msg/Odometry", _odometry, robot, t, told, n)
         gas = {"header": ros.header(t, robot)} | sensor
-        ppm = float(told["reading"][n])
-        yield _message(f"{robot}/gas", ros.GAS_SENSOR, raw=ppm, raw_units=ros.UNITS["ppm"], **gas)
-        resistance = float(told["resistance"][n])
-        if np.isfinite(resistance):
-            yield _message(
-                f"{robot}/gas_raw", ros.GAS_SENSOR, raw=resistance, raw_units=ros.UNITS["ohm"], **gas
-            )
-        u, v = told["wind"][n].tolist()
-        yield _message(
-            f"{robot}/wind",
-            ros.ANEMOMETER,
-            header=ros.header(t, robot),
-            sensor_label=f"{robot}/wind",
-            wind_speed=np.hypot(u, v),
-            wind_direction=np.arctan2(v, u) - heading,
-        )
+        yield _message(f"{robot}/gas", ros.GAS_SENSOR, _gas, gas, "ppm", told["reading"], n)
+        if has_resistance[n]:
+            yield _message(f"{robot}/gas_raw", ros.GAS_SENSOR, _gas, gas, "ohm", told["resistance"], n)
+        yield _message(f"{robot}/wind", ros.ANEMOMETER, _wind, robot, t, told, n)
+
+
+def _odometry(robot: str, t: float, told: dict[str, np.ndarray], n: int) -> dict[str, Any]:
+    x, y = told["believed_position"][n].tolist()
+    pose = {"position": {"x": x, "y": y}, "orientation": ros.yawed(float(told["believed_heading"][n]))}
+    return {"header": ros.header(t, MAP), "child_frame_id": robot, "pose": {"pose": pose}}
+
+
+def _gas(about: dict[str, Any], unit: str, values: np.ndarray, n: int) -> dict[str, Any]:
+    return about | {"raw": float(values[n]), "raw_units": ros.UNITS[unit]}
+
+
+def _wind(robot: str, t: float, told: dict[str, np.ndarray], n: int) -> dict[str, Any]:
+    u, v = told["wind"][n].tolist()
+    course = np.arctan2(v, u) - told["believed_heading"][n]
+    return {
+        "header": ros.header(t, robot),
+        "sensor_label": f"{robot}/wind",
+        "wind_speed": np.hypot(u, v),
+        "wind_direction": np.arctan2(np.sin(course), np.cos(course)),
+    }
 
 
 def poses(t: float, names: list[str], position: np.ndarray, heading: np.ndarray) -> Message:
     """Where robots are: position (n, 2) [m], heading (n,) [rad]."""
-    transforms = [
-        {
-            "header": ros.header(t, MAP),
-            "child_frame_id": name,
-            "transform": {"translation": {"x": x, "y": y}, "rotation": ros.yawed(angle)},
-        }
-        for name, (x, y), angle in zip(names, position.tolist(), heading.tolist(), strict=True)
-    ]
-    return _message("tf", "tf2_msgs/msg/TFMessage", transforms=transforms)
+    return _message("tf", "tf2_msgs/msg/TFMessage", _transforms, t, names, position, heading)
 
 
-def encoded(topic: str, one: Any) -> Message:
-    """A message on a topic."""
-    return Message(topic, one.__msgtype__, ros.encode(one))
+def _transforms(t: float, names: list[str], position: np.ndarray, heading: np.ndarray) -> dict[str, Any]:
+    return {
+        "transforms": [
+            {
+                "header": ros.header(t, MAP),
+                "child_frame_id": name,
+                "transform": {"translation": {"x": x, "y": y}, "rotation": ros.yawed(angle)},
+            }
+            for name, (x, y), angle in zip(names, position.tolist(), heading.tolist(), strict=True)
+        ]
+    }
 
 
-def _message(topic: str, name: str, /, **fields: Any) -> Message:
-    return encoded(topic, ros.message(name, **fields))
+def _message(
+    topic: str, name: str, make: Callable[..., dict[str, Any]], /, *args: Any, **fields: Any
+) -> Message:
+    """One whose fields `make` gives, when they are wanted."""
+    return Message(topic, name, lambda: ros.message(name, **make(*args, **fields)))

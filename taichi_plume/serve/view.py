@@ -4,14 +4,15 @@ map              nav_msgs/OccupancyGrid     where no robot can be
 plume/SPECIES    sensor_msgs/PointCloud2    ppm at the height of the gas sensors, of points with LEAST or more
 """
 
-import re
+from functools import partial
 from math import ceil
+from typing import Any
 
 import numpy as np
 
 from taichi_plume.files import ros_shapes
 from taichi_plume.grid.fields import ppm_at
-from taichi_plume.serve.topics import MAP, Message, encoded
+from taichi_plume.serve.topics import MAP, Message, word
 from taichi_plume.simulation import Simulation
 
 LEAST = 0.1  # ppm
@@ -46,12 +47,19 @@ class View:
     def messages(self) -> list[Message]:
         """What there is to see now."""
         t, dx = self.sim.t, self.sim.grid.dx
-        told = [encoded("map", ros_shapes.grid(self.floor, dx, -dx, t, MAP))]
-        ppm = ppm_at(self.sim.gas, self.points, t)
-        for n, species in enumerate(self.sim.gas.species):
-            there = ppm[:, n] >= LEAST
-            x, y = self.places[there].T
-            columns = {"x": x, "y": y, "z": np.full(len(x), self.height), "ppm": ppm[there, n]}
-            name = re.sub(r"[^A-Za-z0-9_]", "_", species.name)
-            told.append(encoded(f"plume/{name}", ros_shapes.cloud(columns, t, MAP)))
-        return told
+        floor = partial(ros_shapes.grid, self.floor, dx, -dx, t, MAP)
+        return [
+            Message("map", ros_shapes.GRID, floor),
+            *(
+                Message(f"plume/{word(species.name)}", ros_shapes.POINTS, partial(self._gas, n, t))
+                for n, species in enumerate(self.sim.gas.species)
+            ),
+        ]
+
+    def _gas(self, n: int, t: float) -> Any:
+        """A species as points."""
+        ppm = ppm_at(self.sim.gas, self.points, t)[:, n]
+        there = ppm >= LEAST
+        x, y = self.places[there].T
+        columns = {"x": x, "y": y, "z": np.full(len(x), self.height), "ppm": ppm[there]}
+        return ros_shapes.cloud(columns, t, MAP)

@@ -10,7 +10,6 @@ from foxglove.websocket import Capability, ServerListener
 
 from taichi_plume.files import ros_messages as ros
 from taichi_plume.serve.links import Hear, LinkError
-from taichi_plume.serve.topics import Message
 
 
 class WebSocketLink:
@@ -41,17 +40,19 @@ class WebSocketLink:
         """Bring what comes to those who hear its topic; to `stray` what is neither CDR nor JSON, or for none."""
         self._listener.stray, self._listener.incoming = stray, incoming
 
-    def publish(self, message: Message) -> None:
-        """Send it to all who listen; a slow listener loses the oldest."""
-        channel = self._channels.get(message.topic)
+    def wants(self, topic: str, name: str) -> bool:
+        """Whether anybody listens to a topic of messages of that name."""
+        channel = self._channels.get(topic)
         if channel is None:
-            schema = foxglove.Schema(
-                name=message.name, encoding="ros2msg", data=ros.definition(message.name).encode()
+            schema = foxglove.Schema(name=name, encoding="ros2msg", data=ros.definition(name).encode())
+            channel = self._channels[topic] = foxglove.Channel(
+                f"/{topic}", schema=schema, message_encoding="cdr", context=self._context
             )
-            channel = self._channels[message.topic] = foxglove.Channel(
-                f"/{message.topic}", schema=schema, message_encoding="cdr", context=self._context
-            )
-        channel.log(message.data)
+        return channel.has_sinks()
+
+    def publish(self, topic: str, data: bytes) -> None:
+        """Send a message to all who listen; a slow listener loses the oldest."""
+        self._channels[topic].log(data)
 
     def close(self) -> None:
         """End it."""

@@ -9,7 +9,6 @@ from typing import Any
 import zenoh
 
 from taichi_plume.serve.links import Hear, LinkError
-from taichi_plume.serve.topics import Message
 from taichi_plume.serve.zenoh_config import USER, config, endpoint
 
 
@@ -38,12 +37,16 @@ class ZenohLink:
             for topic, hear in incoming.items()
         ]
 
-    def publish(self, message: Message) -> None:
-        """Send it to all who listen; a slow listener loses the oldest."""
-        publisher = self._publishers.get(message.topic)
+    def wants(self, topic: str, name: str) -> bool:
+        """Whether anybody listens to a topic."""
+        publisher = self._publishers.get(topic)
         if publisher is None:
-            publisher = self._publishers[message.topic] = self.session.declare_publisher(message.topic)
-        publisher.put(message.data)
+            publisher = self._publishers[topic] = self.session.declare_publisher(topic)
+        return bool(publisher.matching_status.matching)
+
+    def publish(self, topic: str, data: bytes) -> None:
+        """Send a message to all who listen; a slow listener loses the oldest."""
+        self._publishers[topic].put(data)
 
     def close(self) -> None:
         """End it."""

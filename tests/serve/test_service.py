@@ -10,7 +10,6 @@ from taichi_plume.files import ros_messages as ros
 from taichi_plume.files.ros_shapes import points_of
 from taichi_plume.grid.fields import ppm_at
 from taichi_plume.scenario.loading import scenario_from
-from taichi_plume.serve import topics
 from taichi_plume.serve.service import Pace, Service
 from taichi_plume.signals import Ears
 
@@ -58,16 +57,21 @@ class Robots:
     def __init__(self, clock: Clock, answer):
         self.clock, self.answer = clock, answer
         self.incoming, self.seen, self.messages = {}, [], []
+        self.names, self.unwanted = {}, ()
 
     def listen(self, incoming, stray):
         self.incoming = incoming
 
-    def publish(self, message: topics.Message) -> None:
-        self.messages.append(message)
-        if message.name == ros.READINGS and not ros.decode(ros.READINGS, message.data).ended:
+    def wants(self, topic: str, name: str) -> bool:
+        self.names[topic] = name
+        return topic not in self.unwanted
+
+    def publish(self, topic: str, data: bytes) -> None:
+        now = ros.decode(self.names[topic], data)
+        self.messages.append((topic, now))
+        if self.names[topic] == ros.READINGS and not now.ended:
             if self.seen:
                 self.clock.now += self.clock.tick_s
-            now = ros.decode(ros.READINGS, message.data)
             self.seen.append((self.clock.now, now))
             self.answer(self, now)
 
@@ -182,15 +186,14 @@ def test_waiting_for_answers_nothing_depends_on_the_clock(served):
 
 def test_what_is_told_of_each_robot(served):
     robots, _ = served(Robots.drive)
-    last = {message.topic: message for message in robots.messages}
-    assert ros.decode(ros.READINGS, robots.messages[-1].data).ended
-    assert sorted(last) == [
+    decoded = dict(robots.messages)
+    assert robots.messages[-1][1].ended
+    assert sorted(decoded) == [
         "clock", "map", "my_team/readings",
         *(f"my_team_{n}/{what}" for n in (0, 1) for what in ("gas", "gas_raw", "odom", "wind")),
         "plume/ethanol", "tf",
     ]  # fmt: skip
     now = robots.seen[-1][1]
-    decoded = {topic: ros.decode(one.name, one.data) for topic, one in last.items()}
     assert decoded["clock"].clock.sec == 3
     odometry = decoded["my_team_1/odom"]
     assert odometry.pose.pose.position.x == pytest.approx(now.x[1])
@@ -205,11 +208,24 @@ def test_what_is_told_of_each_robot(served):
     assert [one.child_frame_id for one in decoded["tf"].transforms] == ["my_team_0", "my_team_1"]
 
 
+def test_what_nobody_wants_is_not_made(made, monkeypatch):
+    clock = Clock()
+    robots = Robots(clock, Robots.drive)
+    robots.unwanted = ("map", "plume/ethanol", "tf")
+    for what in ("view.ros_shapes.grid", "view.ros_shapes.cloud", "topics._transforms"):
+        monkeypatch.setattr(f"taichi_plume.serve.{what}", lambda *_: pytest.fail("is made"))
+    service = Service(Pace(), [robots], True, clock, clock.sleep)
+    made.reset()
+    service.attach(made, Ears())
+    made.run()
+    assert not {topic for topic, _ in robots.messages} & set(robots.unwanted)
+
+
 def test_what_there_is_to_see(served, made):
     """The floor, and the gas as the sensors would read it without a lag."""
     robots, _ = served(Robots.drive)
-    seen = {one.topic: ros.decode(one.name, one.data) for one in robots.messages if one.topic[0] in "mp"}
-    assert sum(one.topic == "map" for one in robots.messages) == 4  # once a second
+    seen = dict(robots.messages)
+    assert sum(topic == "map" for topic, _ in robots.messages) == 4  # once a second
     info = seen["map"].info
     taken = seen["map"].data.reshape(info.height, info.width)
     assert taken.shape == (32, 42)

@@ -192,17 +192,30 @@ def disturb(port: int, count: int, seconds: float, over: threading.Event) -> Non
 @contextmanager
 def service(folder: Path, port: int, seconds: float, clients: int) -> Iterator["subprocess.Popen[str]"]:
     """The room, in real time."""
+    changes = {
+        "duration": seconds,
+        "robots.0.count": clients,
+        "robots.0.start": "{kind: area, low: [2, 0.2], high: [3.9, 2.8]}",
+        "robots.1.start": "{kind: positions, positions: [[1, 0.3], [1, 2.7]]}",
+    }
     command = [
         sys.executable, "-m", "taichi_plume.serve", str(ROOM), "--bind", f"127.0.0.1:{port}", "--websocket", "0",
-        "--out", str(folder / "run"), "--no-report", "--set", f"duration={seconds}",
-        "--set", f"robots.0.count={clients}", "--set", "robots.0.start={kind: area, low: [2, 0.2], high: [3.9, 2.8]}",
+        "--out", str(folder / "run"), "--no-report",
+        *(part for key, value in changes.items() for part in ("--set", f"{key}={value}")),
     ]  # fmt: skip
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
+        until(lambda: process.poll() is not None or _answers(port), "the service to listen")
         yield process
     finally:
         if process.poll() is None:
             process.kill()
+
+
+def _answers(port: int) -> bool:
+    with suppress(OSError), socket.create_connection(("127.0.0.1", port)):
+        return True
+    return False
 
 
 def measure(seconds: float, clients: int, malformed: int) -> dict[str, Any]:
@@ -214,7 +227,12 @@ def measure(seconds: float, clients: int, malformed: int) -> dict[str, Any]:
         everyone = [Driver(relay.port if k == CUT else port, k, PACE_S, k) for k in range(clients)]
         for one in everyone:
             stack.callback(one.close)
-        until(lambda: any(one.ticks and one.ticks[-1] > 0 for one in everyone), "the run to begin")
+        until(
+            lambda: any(one.ticks and one.ticks[-1] > 0 for one in everyone) or process.poll(),
+            "the run to begin",
+        )
+        if process.poll():
+            raise RuntimeError(process.communicate()[1])
         noise = threading.Thread(target=disturb, args=(port, malformed, 0.8 * seconds, over), daemon=True)
         noise.start()
         stack.callback(over.set)
