@@ -6,19 +6,21 @@ import json
 import sys
 import textwrap
 from collections.abc import Sequence
-from math import isfinite
+from math import inf, isfinite
 from pathlib import Path
 from typing import NoReturn, get_args
 
 from pydantic_core import PydanticCustomError
 
+from taichi_plume.files.bag_readings import UNITS, Wanted
 from taichi_plume.files.readings import ReadingsError
-from taichi_plume.guard.terminal import Parser
+from taichi_plume.guard.terminal import Parser, whole_number
 from taichi_plume.scenario.facts import facts
 from taichi_plume.scenario.loading import ScenarioError, load_part
 from taichi_plume.scenario.maps import Map
 from taichi_plume.scenario.meanings import purpose
 from taichi_plume.scenario.quantities import parse
+from taichi_plume.scenario.sensors import MOX_MODELS
 
 LARGEST_FLOOR = 1e4  # m
 DEFAULT = "time_series"
@@ -74,7 +76,7 @@ def _options(end: str) -> _Parser:
         "readings",
         type=Path,
         metavar="READINGS",
-        help="robots.parquet of a run, or a CSV with t, x, y, reading",
+        help="robots.parquet of a run, a bag of ROS (a folder, .mcap, .db3, .bag), or a CSV with t, x, y, reading",
     )
     add("--map", help="as in a scenario, such as '{kind: time_series, alpha: 0.9, cell: 10 cm}'")
     add("--kind", help=f"short for --map '{{kind: KIND}}' (default: {DEFAULT})")
@@ -82,10 +84,43 @@ def _options(end: str) -> _Parser:
     add("--out", type=Path, required=True, metavar="DIR", help="where the map goes")
     add("--force", action="store_true", help="overwrite an earlier map in --out")
     add("--trial", type=int, metavar="N", help="of several (default: the first)")
-    add("--group", metavar="NAME", help="of several (default: all robots of the trial)")
+    add("--group", metavar="NAME", help="of several, in a bag a robot (default: all robots of the trial)")
     add("--source", type=_length, nargs=2, action="append", metavar=("X", "Y"),
         help="a source [m], to score the peak; may be repeated")  # fmt: skip
+    _of_bags(parser.add_argument_group("of bags"))
     return parser
+
+
+def _of_bags(group: argparse._ArgumentGroup) -> None:
+    add, topic = group.add_argument, {"metavar": "TOPIC", "action": "append", "default": []}
+    add("--topic", **topic, help="of gas; repeat it for several robots (default: all of the type)")
+    add("--pose", **topic, help="where the robot is, for each --topic (default: by frames, or its neighbour)")
+    add("--wind", **topic, help="of wind, for each --topic (default: its neighbour, if there is any)")
+    add("--frame", default="map", metavar="NAME", help="that the map is in (default: map)")
+    add("--sensor", type=whole_number(0, 1000), metavar="N", help="which of a GasSensorArray, from 0 on")
+    add("--units", choices=tuple(UNITS), help="of gas, where the messages do not tell (default: ppm)")
+    add(
+        "--model",
+        choices=tuple(MOX_MODELS),
+        help="whose law makes ppm of ohm (default: as the messages tell)",
+    )
+    add("--air", type=_ohm, metavar="OHM", help="resistance in clean air (default: as the messages tell)")
+    add("--upwind", action="store_true", help="Anemometer messages tell where the wind comes from")
+
+
+def wanted(args: argparse.Namespace) -> Wanted:
+    """What of a bag is read."""
+    return Wanted(
+        tuple(args.topic),
+        tuple(args.pose),
+        tuple(args.wind),
+        args.frame,
+        args.sensor,
+        args.units,
+        args.model,
+        args.air,
+        args.upwind,
+    )
 
 
 def _kinds() -> str:
@@ -130,6 +165,17 @@ def _length(text: str) -> float:
         raise argparse.ArgumentTypeError(f"got '{text}': {error.message()}") from None
     if not isfinite(value):
         raise argparse.ArgumentTypeError(f"got '{text}': must be a finite number")
+    return value
+
+
+def _ohm(text: str) -> float:
+    """A resistance of the command line [ohm], with or without a unit."""
+    try:
+        value = parse(text, "ohm")
+    except PydanticCustomError as error:
+        raise argparse.ArgumentTypeError(f"got '{text}': {error.message()}") from None
+    if not 0.0 < value < inf:
+        raise argparse.ArgumentTypeError(f"got '{text}': must be a finite number above 0")
     return value
 
 

@@ -1,9 +1,9 @@
 """Gas maps of recorded readings: ``python -m taichi_plume.maps READINGS --kind time_series --size 4 3 --out DIR``.
 
-READINGS is the robots.parquet of a run or a CSV file (see `readings`). The map is told as in a scenario, such as
-``--map '{kind: time_series, alpha: 0.9, cell: 10 cm}'``; ``--kind gmrf --help`` lists the parameters of a kind. The
-readings go through the very maps that robots make online; unless told for how long they count, all of the log do (see
-`map_making`). In DIR:
+READINGS is the robots.parquet of a run, a bag of ROS or a CSV file (see `readings`). The map is told as in a scenario,
+such as ``--map '{kind: time_series, alpha: 0.9, cell: 10 cm}'``; ``--kind gmrf --help`` lists the parameters of a kind.
+The readings go through the very maps that robots make online; unless told for how long they count, all of the log do
+(see `map_making`). In DIR:
 
     map.csv      x, y [m] of each cell's middle, ppm, weight and, where the map tells it, variance_ppm2
     map.png      the same, seen from above
@@ -28,7 +28,7 @@ import numpy as np
 from taichi_plume.files.readings import Readings, ReadingsError, read
 from taichi_plume.guard.terminal import say, visible
 from taichi_plume.map_making import GasMap, map_of
-from taichi_plume.map_options import arguments
+from taichi_plume.map_options import arguments, wanted
 from taichi_plume.signals import leave
 
 FILES = ("map.csv", "map.png", "scores.json")
@@ -111,7 +111,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         from taichi_plume.grid import kernels
 
         with RunFolder("", args.out, args.force, inputs=[args.readings], files=FILES, ours=_is_map) as folder:
-            readings = read(args.readings, args.trial, args.group)
+            readings = read(args.readings, args.trial, args.group, wanted(args))
+            for line in readings.topics:
+                say(visible(line))
             kernels.start("cpu")
             gas_map = map_of(readings, model, args.size, np.array(args.source) if args.source else None)
             folder.clear()

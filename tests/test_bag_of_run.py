@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 import rerun as rr
 
-from taichi_plume import __version__, bag_of_fields, bag_of_run, export, open_run
+from taichi_plume import __version__, bag_of_fields, bag_of_run, export, maps, open_run
 from taichi_plume.files import disk
+from taichi_plume.files.bag_readings import Wanted
+from taichi_plume.files.readings import read
 from taichi_plume.files.run_folder import RunFolderError
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -230,6 +232,50 @@ def test_rerun_opens_it(bag, tmp_path):
     assert found["/tf"]["Transform3D:translation"] == 2 * 41
     assert found["/robot_0/truth"]["InstancePoses3D:translations"] == 41
     assert found["/robot_1/gas"]["olfaction_msgs.msg.GasSensor:message"] == 40
+
+
+def test_readings_of_the_bag_are_those_of_the_table(run, bag):
+    """By the law in its messages, by its frames; a robot's sensor is ahead of its middle, where its table has it."""
+    there = read(run / "robots.parquet", 1, "oxides")
+    for k in (0, 1):
+        one = read(bag, group=f"robot_{k}")
+        mine = slice(k, None, 2)
+        np.testing.assert_allclose(one.t - BEGIN, there.t[mine], atol=1e-6)
+        np.testing.assert_allclose(one.reading, there.reading[mine], rtol=1e-3, atol=1e-3)
+        np.testing.assert_allclose(one.wind, there.wind[mine], atol=1e-5)
+        away = np.linalg.norm(one.place - there.place[mine], axis=1)
+        np.testing.assert_allclose(away, 0.05, atol=1e-6)
+        centre = read(bag, wanted=Wanted((f"/robot_{k}/gas",), (f"/robot_{k}/odom",)))
+        np.testing.assert_allclose(centre.place, there.place[mine], atol=1e-6)
+
+
+def test_the_maps_command_takes_a_bag(run, bag, tmp_path, capsys):
+    """The whole of it, and what it takes is said."""
+    options = ["--size", "1.6", "1.2", "--map={kind: kernel_dmv, cell: 0.2}"]
+    topics = [
+        f"--{name}=/robot_{k}/{topic}" for k in (0, 1) for name, topic in (("topic", "gas"), ("pose", "odom"))
+    ]
+    assert maps.main([str(bag), *topics, *options, "--out", str(tmp_path / "a")]) == 0
+    assert (
+        "robot_1: gas of /robot_1/gas, places of /robot_1/odom, wind of /robot_1/wind\n"
+        in capsys.readouterr().out
+    )
+    table = [str(run / "robots.parquet"), "--trial", "1"]
+    assert maps.main([*table, *options, "--out", str(tmp_path / "b")]) == 0
+    a, b = (np.genfromtxt(tmp_path / name / "map.csv", delimiter=",", names=True) for name in "ab")
+    np.testing.assert_allclose(a["ppm"], b["ppm"], rtol=1e-3, atol=1e-3)
+    for wrong, told in (
+        (["--topic", "/no"], "has no topic '/no'"),
+        (["--frame"], "--frame: expected one argument"),
+        (["--air", "0"], "--air: got '0': must be a finite number above 0"),
+        (["--model", "nose"], "--model: invalid choice: 'nose'"),
+        (["--trial", "3"], "so there is no trial 3"),
+    ):
+        capsys.readouterr()
+        assert maps.main([str(bag), *options, "--out", str(tmp_path / "c"), *wrong]) == 2
+        error = capsys.readouterr().err
+        assert told in error
+        assert error.count("\n") == 1
 
 
 # ---------------------------------------------------------------- many cells

@@ -1,8 +1,9 @@
-"""Recorded readings: the robots.parquet of a run, or a CSV file of a real robot's log.
+"""Recorded readings: the robots.parquet of a run, or of real robots a bag of ROS or a CSV file.
 
 A CSV has the columns t [s], x, y [m] and reading [ppm] and, where they are known, wind_x, wind_y [m/s], trial (whole
 numbers) and group (names); others do not matter. Commas, semicolons or tabs part its columns. Of a run the places are
-those where its robots believed to be, and the wind is the one that they took it for: what its maps were made of.
+those where its robots believed to be, and the wind is the one that they took it for: what its maps were made of. Of a
+bag see `bag_readings`; its robots are groups.
 """
 
 from dataclasses import dataclass
@@ -10,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from taichi_plume.files import manifest
+from taichi_plume.files import bag_readings, bags, manifest
+from taichi_plume.files.bag_readings import Wanted
 from taichi_plume.files.tables import Table, TextFile, cells_of, delimiter_of, listed, plain
 from taichi_plume.guard.opening import unopenable
 
@@ -38,7 +40,8 @@ class ReadingsError(ValueError):
 class Readings:
     """In order of time: t (n,) [s], place (n, 2) [m], reading (n,) [ppm], wind (n, 2) [m/s], zero if unknown.
 
-    A reading that is no finite number is NaN. row: (n,), of the file, from 1 on below the header.
+    A reading that is no finite number is NaN. row: (n,), of the file, from 1 on below the header. topics: of a bag,
+    what was taken of it, a line for each robot.
     """
 
     t: np.ndarray
@@ -46,15 +49,23 @@ class Readings:
     reading: np.ndarray
     wind: np.ndarray
     row: np.ndarray
+    topics: tuple[str, ...] = ()
 
 
-def read(path: str | Path, trial: int | None = None, group: str | None = None) -> Readings:
+def read(
+    path: str | Path, trial: int | None = None, group: str | None = None, wanted: Wanted | None = None
+) -> Readings:
     """Readings of a file (see above): of one trial, the first unless given, and of one group or of all.
 
-    Raises ReadingsError.
+    wanted: what of a bag is read. Raises ReadingsError.
     """
-    path = Path(path)
-    names, known = _parquet(path) if path.suffix.lower() == ".parquet" else _csv(path)
+    path, topics = Path(path), ()
+    if bags.is_bag(path):
+        names, known, topics = _bag(path, wanted)
+    elif wanted is not None and wanted.said:
+        raise ReadingsError(f"{path}: is no bag, so it has no topics, frames and units to choose")
+    else:
+        names, known = _parquet(path) if path.suffix.lower() == ".parquet" else _csv(path)
     chosen = _of_trial(path, known.get("trial"), trial, _of_group(path, known, group))
     if names["x"] == "believed_x":
         chosen &= known["t"] > 0.0  # when a run begins nothing has been measured yet
@@ -80,7 +91,25 @@ def read(path: str | Path, trial: int | None = None, group: str | None = None) -
         np.where(np.isfinite(known["reading"]), known["reading"], np.nan)[row],
         np.nan_to_num(wind, posinf=0.0, neginf=0.0),
         row + 1,
+        topics,
     )
+
+
+def _bag(path: Path, wanted: Wanted | None) -> tuple[dict[str, str], dict[str, np.ndarray], tuple[str, ...]]:
+    """The readings of a bag's robots as the columns of a CSV, and what was taken of it."""
+    try:
+        robots = bag_readings.read(path, wanted)
+    except bags.BagError as error:
+        raise ReadingsError(str(error)) from None
+    columns = [
+        [one.read_at, *one.at.T, one.ppm, *one.wind.T, np.full(len(one.ppm), one.name, object)]
+        for one in robots
+    ]
+    names = ("t", "x", "y", "reading", "wind_x", "wind_y", "group")
+    known = {
+        name: np.concatenate(parts) for name, parts in zip(names, zip(*columns, strict=True), strict=True)
+    }
+    return dict(zip(names, names, strict=True)), known, tuple(f"{one.name}: {one.topics}" for one in robots)
 
 
 def _csv(path: Path) -> tuple[dict[str, str], dict[str, np.ndarray]]:

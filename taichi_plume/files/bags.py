@@ -1,0 +1,156 @@
+"""Bags of others: MCAP and SQLite of ROS 2, alone or in the folder that ROS makes, and .bag of ROS 1; by rosbags."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from taichi_plume.files import ros_messages as ros
+from taichi_plume.files.tables import LONGEST_TEXT, listed, plain
+from taichi_plume.guard.opening import irregular, unopenable
+
+if TYPE_CHECKING:
+    from rosbags.highlevel import AnyReader
+
+FILES = (".mcap", ".db3", ".bag")
+MOST_MESSAGES = 20_000_000  # of a topic
+LARGEST_METADATA = 1 << 24  # bytes
+OLD_NAMES = {  # of ROS 1, and of older packages
+    "olfaction_msgs/msg/gas_sensor": ros.GAS_SENSOR,
+    "olfaction_msgs/msg/gas_sensor_array": ros.GAS_SENSOR_ARRAY,
+    "olfaction_msgs/msg/anemometer": ros.ANEMOMETER,
+    "tf/msg/tfMessage": "tf2_msgs/msg/TFMessage",
+}
+
+
+class BagError(ValueError):
+    """A bag that cannot be read, or has not what is looked for; the message is one line and begins with the path."""
+
+
+class Told(NamedTuple):
+    """What a message tells: stamp [s], 0 where it has none; the frame of its values, "" where it has none; values."""
+
+    stamp: float
+    frame: str
+    values: Sequence[float]
+
+
+@dataclass(frozen=True)
+class Series:
+    """What the messages of a topic tell, in the order of the bag.
+
+    stamp, logged: (n,) when it was measured, 0 where that is not told, and when it was recorded [s]; values (n, k).
+    frame: that of the first message.
+    """
+
+    topic: str
+    stamp: np.ndarray
+    logged: np.ndarray
+    frame: str
+    values: np.ndarray
+
+    @property
+    def is_stamped(self) -> bool:
+        """Whether all tell when they were measured."""
+        return bool((self.stamp > 0.0).all() or (len(self.stamp) > 1 and (self.stamp[1:] > 0.0).all()))
+
+    def times(self, stamped: bool) -> np.ndarray:
+        """By the stamps, or as recorded (n,) [s]."""
+        return self.stamp if stamped else self.logged
+
+
+class Bag:
+    """An open bag; see `opened`. kinds: of each topic that has messages, the type of these."""
+
+    def __init__(self, path: Path, reader: "AnyReader"):
+        self.path, self.reader = path, reader
+        self.kinds = {
+            one.topic: OLD_NAMES.get(one.msgtype, one.msgtype) for one in reader.connections if one.msgcount
+        }
+
+    def of_kind(self, *kinds: str) -> list[str]:
+        """The topics of some types, sorted."""
+        return sorted(topic for topic, kind in self.kinds.items() if kind in kinds)
+
+    def messages(self, *topics: str) -> Iterator[tuple[str, float, Any]]:
+        """Topic, time of recording [s] and message, in the order of the bag. Raises BagError."""
+        chosen = [one for one in self.reader.connections if one.topic in topics and one.msgcount]
+        for n, (one, t, data) in enumerate(self.reader.messages(chosen) if chosen else ()):
+            if n >= MOST_MESSAGES:
+                raise BagError(f"{self.path}: {one.topic} has more than {MOST_MESSAGES:,} messages")
+            yield one.topic, 1e-9 * t, self.reader.deserialize(data, one.msgtype)
+
+    def series(self, topic: str, get: Callable[[Any], Told]) -> Series:
+        """What the messages of a topic tell. Raises BagError."""
+        rows = [(logged, *get(message)) for _, logged, message in self.messages(topic)]
+        if not rows:
+            raise BagError(f"{self.path}: {topic} has no messages")
+        logged, stamp, frames, values = zip(*rows, strict=True)
+        table = np.array(values, float).reshape(len(rows), -1)
+        return Series(topic, np.array(stamp, float), np.array(logged, float), frames[0], table)
+
+    def require(self, topic: str, kinds: Iterable[str]) -> None:
+        """Raises BagError where there is no such topic, or of other types."""
+        if topic not in self.kinds:
+            raise BagError(
+                f"{self.path}: has no topic '{topic}'; it has {listed(sorted(self.kinds)) or 'none'}"
+            )
+        if self.kinds[topic] not in kinds:
+            wanted = ", ".join(one.replace("/msg/", "/") for one in kinds)
+            raise BagError(
+                f"{self.path}: '{topic}' is of type {self.kinds[topic]}; {wanted} can be used here"
+            )
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path looks like one: a folder, or a file with the ending of one."""
+    return path.suffix.lower() in FILES or path.is_dir()
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[Bag]:
+    """Open a bag to read it. Raises BagError, also for what goes wrong while it is read."""
+    _check(path)
+    try:
+        from rosbags.highlevel import AnyReader
+    except ImportError:
+        raise BagError(f'{path}: bags are read by rosbags: pip install "taichi_plume[ros]"') from None
+    try:
+        with AnyReader([path], default_typestore=ros.store()) as reader:
+            yield Bag(path, reader)
+    except (BagError, KeyboardInterrupt):
+        raise
+    except FAULTS as error:
+        raise BagError(f"{path}: cannot be read: {plain(str(error)) or type(error).__name__}") from None
+
+
+FAULTS = (Exception,)
+"""What rosbags meets in damaged files is anything: assertions, keys, errors of SQLite, of decompression, of YAML."""
+
+
+def _check(path: Path) -> None:
+    """Raises BagError where a path is none of a bag."""
+    if not path.is_dir():
+        reason = unopenable(path)
+        if reason:
+            raise BagError(f"{path}: {reason}")
+        return
+    reason = irregular(path)
+    if reason:
+        raise BagError(f"{path}: {reason}")
+    metadata = path / "metadata.yaml"
+    if not metadata.is_file():
+        files = sorted(one.name for one in path.iterdir() if one.suffix in (*FILES, ".parquet"))
+        hint = f"; name a file in it, such as {files[0][:LONGEST_TEXT]}" if files else ""
+        raise BagError(f"{path}: is a folder without metadata.yaml, and so no bag{hint}")
+    if metadata.stat().st_size > LARGEST_METADATA:
+        raise BagError(f"{metadata}: is too large; {LARGEST_METADATA >> 20} MiB are read")
+
+
+def stamp_of(header: Any) -> float:
+    """The time of a header [s]; of ROS 1 too."""
+    one = header.stamp
+    return float(one.sec) + 1e-9 * float(one.nanosec)

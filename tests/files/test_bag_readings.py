@@ -1,0 +1,329 @@
+"""Bags of others: what is read of them, where the robots are by frames or poses, and what is wrong with some."""
+
+import shutil
+from math import cos, pi, sin
+from typing import Any
+
+import numpy as np
+import pytest
+from recorded_bag import ODOMETRY, POSE, TF, gas, pose, transforms, wind, write
+
+from taichi_plume.files import bag_readings, bags
+from taichi_plume.files import ros_messages as ros
+from taichi_plume.files.bag_readings import Wanted
+from taichi_plume.files.bags import BagError
+from taichi_plume.files.readings import ReadingsError, read
+
+AT = np.arange(0.5, 5.0, 0.25)
+"""Times of readings [s]."""
+
+
+def poses(topic="/odom", kind=ODOMETRY, begin=0.0, rate=2.0, y=1.0):
+    """A robot that drives along x with 0.2 m/s and turns left by 0.4 rad/s, from time `begin` on."""
+    times = begin + np.arange(0.0, 6.0, 1.0 / rate)
+    return [(t, topic, pose(t, 0.2 * (t - begin), y, 0.4 * (t - begin), kind)) for t in times]
+
+
+def readings(topic="/gas", **more):
+    return [(t, topic, gas(t, 10.0 * t, **more)) for t in AT]
+
+
+# ---------------------------------------------------------------- what is read
+
+
+@pytest.mark.parametrize(("storage", "version"), [("sqlite3", 8), ("sqlite3", 9), ("mcap", 8), ("mcap", 9)])
+def test_poses_are_interpolated_to_the_times_of_readings(storage, version, tmp_path):
+    winds = [(t, "/wind", wind(t, 0.5, 1.0 - 0.4 * t, "anemometer")) for t in np.arange(0.0, 6.0, 0.01)]
+    folder = write(tmp_path / "a", [*poses(), *readings(), *winds], storage, version)
+    (file,) = [one for one in folder.iterdir() if one.suffix in bags.FILES]
+    for path in (folder, file):
+        (one,) = bag_readings.read(path)
+        assert (one.name, one.topics) == ("robot", "gas of /gas, places of /odom, wind of /wind")
+        np.testing.assert_allclose(one.read_at, AT)
+        np.testing.assert_allclose(one.ppm, 10.0 * AT)
+        np.testing.assert_allclose(one.at, np.stack([0.2 * AT, np.ones_like(AT)], axis=-1))
+        np.testing.assert_allclose(one.heading, 0.4 * one.t)
+        np.testing.assert_allclose(one.wind, np.tile([0.5 * cos(1), 0.5 * sin(1)], (len(AT), 1)), atol=2e-3)
+        found = read(path)
+        np.testing.assert_allclose(found.place, one.at)
+        np.testing.assert_allclose(found.wind, one.wind)
+
+
+def test_frames_lead_to_the_sensor(tmp_path):
+    """The map, a drifting frame of odometry, the body, and a nose 0.3 m to its left."""
+    times = np.arange(0.0, 6.0, 0.125)
+    moving = []
+    for t in times:
+        odometry = ("map", "odom", 1.0 + 0.1 * t, 0.5, pi / 2)
+        moving.append((t + 9, "/tf", transforms(t, odometry, ("/odom", "r/base", 0.4 * t, 0.0, 0.3 * t))))
+    still = (0.0, "/tf_static", transforms(0.0, ("r/base", "r/nose", 0.0, 0.3, pi)))
+    messages = [
+        still,
+        *moving,
+        *readings("/r/gas", frame="r/nose"),
+        *poses("/r/odom"),
+        *[(t, "/r/wind", wind(t, 1.0, 0.0, "r/nose")) for t in times],
+    ]
+    (one,) = bag_readings.read(write(tmp_path / "a", messages))
+    assert one.name == "r"
+    turn = pi / 2 + 0.3 * AT
+    wanted = np.stack([1.0 + 0.1 * AT - 0.3 * np.sin(turn), 0.5 + 0.4 * AT + 0.3 * np.cos(turn)], axis=-1)
+    np.testing.assert_allclose(one.at, wanted, atol=1e-3)
+    np.testing.assert_allclose(one.wind, np.stack([np.cos(turn + pi), np.sin(turn + pi)], axis=-1), atol=2e-3)
+    np.testing.assert_allclose(
+        one.place, np.stack([1.0 + 0.1 * one.t, 0.5 + 0.4 * one.t], axis=-1), atol=1e-6
+    )
+    np.testing.assert_allclose(np.unwrap(one.heading), pi / 2 + 0.3 * one.t, atol=1e-6)
+    (other,) = bag_readings.read(tmp_path / "a", Wanted(frame="odom"))
+    np.testing.assert_allclose(other.place, np.stack([0.4 * other.t, 0 * other.t], axis=-1), atol=1e-6)
+    (by_topic,) = bag_readings.read(tmp_path / "a", Wanted(gas=("/r/gas",), pose=("/r/odom",)))
+    np.testing.assert_allclose(by_topic.at[:, 0], 0.2 * AT)
+
+
+LAW: dict[str, Any] = {"raw_air": 5e4, "calib_a": 3.0, "calib_b": -0.7}
+
+
+def test_resistances_become_ppm(tmp_path):
+    ppm = 10.0 * AT
+    told = [
+        (t, "/gas", gas(t, 5e4 * (1 + c * 3.0 ** (-1 / 0.7)) ** -0.7, "ohm", **LAW))
+        for t, c in zip(AT, ppm, strict=True)
+    ]
+    (one,) = bag_readings.read(write(tmp_path / "told", [*poses(), *told]))
+    np.testing.assert_allclose(one.ppm, ppm, rtol=1e-6)
+    bare = [
+        (t, "/gas", gas(t, 30e3 * (1 + c / 4.32) ** -0.7155, "ohm")) for t, c in zip(AT, ppm, strict=True)
+    ]
+    (one,) = bag_readings.read(write(tmp_path / "bare", [*poses(), *bare]), Wanted(model="tgs2620", air=30e3))
+    np.testing.assert_allclose(one.ppm, ppm, rtol=1e-6)
+    for raw, value in ((6e4, 0.0), (0.0, np.nan), (np.nan, np.nan)):
+        bag = write(tmp_path / str(raw), [*poses(), (1.0, "/gas", gas(1.0, raw, "ohm", **LAW))])
+        (one,) = bag_readings.read(bag)
+        np.testing.assert_array_equal(one.ppm, [value])
+    (one,) = bag_readings.read(write(tmp_path / "b", [*poses(), *readings(units="ppb")]))
+    np.testing.assert_allclose(one.ppm, 10e-3 * AT)
+
+
+def test_plain_numbers_are_of_the_time_of_recording(tmp_path):
+    """They have no stamp, so the poses' stamps, of another clock, do not count."""
+    numbers = [(t, "/nose", ros.message("std_msgs/msg/Float32", data=10.0 * t)) for t in AT]
+    off = [(t, topic, pose(t + 1e6, m.pose.position.x, 1.0, 0.0, POSE)) for t, topic, m in poses("/at", POSE)]
+    (one,) = bag_readings.read(write(tmp_path / "a", [*off, *numbers]))
+    np.testing.assert_allclose(one.read_at, AT)
+    np.testing.assert_allclose(one.at[:, 0], 0.2 * AT)
+    np.testing.assert_allclose(one.ppm, 10.0 * AT)
+
+
+def test_one_of_an_array(tmp_path):
+    def both(t):
+        sensors = [{"raw": 1.0, "raw_units": 3}, {"raw": 10.0 * t, "raw_units": 3}]
+        return ros.message(ros.GAS_SENSOR_ARRAY, header=ros.header(t, ""), sensors=sensors)
+
+    bag = write(tmp_path / "a", [*poses(), *[(t, "/noses", both(t)) for t in AT]])
+    (one,) = bag_readings.read(bag, Wanted(sensor=1))
+    np.testing.assert_allclose(one.ppm, 10.0 * AT)
+    np.testing.assert_allclose(one.read_at, AT)
+    with pytest.raises(BagError, match="/noses has 2 sensors in a message; choose with --sensor"):
+        bag_readings.read(bag)
+    with pytest.raises(BagError, match="and none of number 2"):
+        bag_readings.read(bag, Wanted(sensor=2))
+
+
+def test_several_robots_are_groups(tmp_path):
+    messages = [
+        *poses("/r1/odom"), *poses("/fleet/r2/odom", y=2.0), *poses("/fleet/r2/amcl", POSE, y=3.0),
+        *readings("/r1/gas"), *readings("/fleet/r2/gas"),
+        *[(t, "/fleet/r2/wind", wind(t, 0.3, pi)) for t in (0.0, 6.0)],
+    ]  # fmt: skip
+    bag = write(tmp_path / "a", messages)
+    both = read(bag)
+    assert len(both.t) == 2 * len(AT)
+    assert [line.split(":")[0] for line in both.topics] == ["fleet/r2", "r1"]
+    second = read(bag, group="fleet/r2")
+    np.testing.assert_allclose(second.place[:, 1], 2.0)
+    np.testing.assert_allclose(second.wind, np.tile([-0.3, 0.0], (len(AT), 1)), atol=1e-6)
+    other = read(bag, wanted=Wanted(gas=("/fleet/r2/gas",), pose=("/fleet/r2/amcl",), upwind=True))
+    np.testing.assert_allclose(other.place[:, 1], 3.0)
+    np.testing.assert_allclose(other.wind[:, 0], 0.3)
+    with pytest.raises(ReadingsError, match=r"has no group 'r3'; it has fleet/r2, r1$"):
+        read(bag, group="r3")
+
+
+def test_a_bag_of_ros_1(tmp_path):
+    """Its messages have other names and, of a sensor, capitals."""
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC)
+    fields = ("uint8 technology", "float64 raw", "uint8 raw_units", "float64 raw_air")
+    sensor = "\n".join(("Header header", *fields, "float64 calib_A", "float64 calib_B", ""))
+    store.register(get_types_from_msg(sensor, "olfaction_msgs/msg/gas_sensor"))
+    header, time = store.types["std_msgs/msg/Header"], store.types["builtin_interfaces/msg/Time"]
+    pose_at, point, turn = (
+        store.types[f"geometry_msgs/msg/{name}"] for name in ("Pose", "Point", "Quaternion")
+    )
+    with Writer(tmp_path / "a.bag") as writer:
+        topics = {
+            name: writer.add_connection(name, kind, typestore=store)
+            for name, kind in (("/gas", "olfaction_msgs/msg/gas_sensor"), ("/pose", POSE))
+        }
+        for n, t in enumerate(AT):
+            whole = header(seq=n, stamp=time(sec=int(t), nanosec=round(t % 1 * 1e9)), frame_id="/nose")
+            told = store.types["olfaction_msgs/msg/gas_sensor"](
+                whole, 1, 5e4 * (1 + t) ** -0.7, 5, 5e4, 1.0, -0.7
+            )
+            there = store.types[POSE](whole, pose_at(point(0.2 * t, 1.0, 0.0), turn(0.0, 0.0, 0.0, 1.0)))
+            for name, message in (("/gas", told), ("/pose", there)):
+                writer.write(
+                    topics[name], round((t + 50) * 1e9), store.serialize_ros1(message, message.__msgtype__)
+                )
+    (one,) = bag_readings.read(tmp_path / "a.bag")
+    np.testing.assert_allclose(one.read_at, AT)
+    np.testing.assert_allclose(one.ppm, AT, rtol=1e-6)
+    np.testing.assert_allclose(one.at[:, 0], 0.2 * AT)
+
+
+def test_readings_without_poses_around_them_are_left_out(tmp_path):
+    late = [one for one in poses() if 1.0 <= one[0] <= 3.0]
+    found = read(write(tmp_path / "a", [*late, *readings()]))
+    np.testing.assert_allclose(found.t, AT[(AT >= 1) & (AT <= 3)])
+
+
+# ---------------------------------------------------------------- what is wrong
+
+
+def vectors(topic):
+    return [
+        (
+            t,
+            topic,
+            ros.message("geometry_msgs/msg/Vector3Stamped", header=ros.header(t, ""), vector={"x": 1.0}),
+        )
+        for t in AT
+    ]
+
+
+def floats(topic):
+    return [(t, topic, ros.message("std_msgs/msg/Float64", data=t)) for t in AT]
+
+
+LOOP = [(t, "/tf", transforms(t, ("b", "a", 1, 0, 0), ("a", "b", 1, 0, 0))) for t in (0.0, 9.0)]
+
+
+@pytest.mark.parametrize(
+    ("messages", "wanted", "told"),
+    [
+        (poses(), {}, "has no topic of gas of a type that is known; it has /odom (nav_msgs/Odometry)"),
+        (readings(), {}, "has no poses for /gas: neither frames that lead to it nor a topic of them"),
+        ([*readings(frame="a"), *LOOP], {}, "has no poses for /gas"),
+        ([*readings(), *poses()], {"gas": ("/odor",)}, "has no topic '/odor'; it has /gas, /odom"),
+        ([*readings(), *poses()], {"gas": ("/odom",)}, "'/odom' is of type nav_msgs/msg/Odometry; olfaction_msgs/GasS"),
+        ([*readings(), *poses()], {"pose": ("/gas",)}, "'/gas' is of type olfaction_msgs/msg/GasSensor; nav_msgs/Odom"),
+        ([*readings(), *poses()], {"pose": ("/odom", "/odom")}, "--pose is given 2 times for 1 topics of gas, /gas"),
+        ([*readings(), *poses(), *poses("/other")], {}, "several topics of poses for /gas, /odom, /other; choose"),
+        ([*floats("/a"), *floats("/b"), *poses()], {}, "several topics that may be gas, /a, /b; choose with --topic"),
+        ([*readings(), *poses(), *vectors("/wind1"), *vectors("/wind2")], {}, "several topics of wind for /gas"),
+        ([*readings(), *poses(begin=100.0)], {}, "no reading of /gas (0.5 to 4.75 s) has a pose of /odom (100 to 105"),
+        ([*readings(units="volt"), *poses()], {}, "tells gas in units that are not ppm, ppb or ohm (volt)"),
+        ([*readings(units="ohm"), *poses()], {}, "tells resistances without calib_a and calib_b; choose with --model"),
+        ([*readings(units="ohm"), *poses()], {"model": "tgs2600"}, "without that in clean air, raw_air; give it with"),
+        ([*readings(frame="nose"), (1.0, "/tf", transforms(1.0, ("a", "nose", 0, 0, 0), ("b", "nose", 0, 0, 0)))], {},
+         "frame 'nose' is in 'a' and in 'b'"),
+        ([], {}, "has no topic of gas of a type that is known; it has none"),
+    ],
+)  # fmt: skip
+def test_what_is_not_there_is_told_in_a_line(messages, wanted, told, tmp_path):
+    bag = write(tmp_path / "a", messages)
+    with pytest.raises(BagError) as error:
+        bag_readings.read(bag, Wanted(**wanted))
+    assert str(error.value).startswith(f"{bag}: ")
+    assert told in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_vectors_are_wind_only_where_they_say_so(tmp_path):
+    assert not read(write(tmp_path / "a", [*readings(), *poses(), *vectors("/force")])).wind.any()
+    np.testing.assert_allclose(
+        read(write(tmp_path / "b", [*readings(), *poses(), *vectors("/wind")])).wind[:, 0], 1.0
+    )
+    wanted = Wanted(wind=("/force",))
+    np.testing.assert_allclose(read(tmp_path / "a", wanted=wanted).wind[:, 0], 1.0)
+
+
+def test_what_is_no_bag_is_told_in_a_line(tmp_path):
+    bag = write(tmp_path / "a", [*poses(), *readings()])
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "robots.parquet").touch()
+    (tmp_path / "text.mcap").write_text("no bag")
+    (tmp_path / "empty.db3").touch()
+    linked = shutil.copytree(bag, tmp_path / "linked")
+    (linked / "a.mcap").unlink()
+    (linked / "a.mcap").symlink_to(bag / "a.mcap")
+    away = shutil.copytree(bag, tmp_path / "away")
+    (away / "a.mcap").rename(tmp_path / "elsewhere.mcap")
+    text = (away / "metadata.yaml").read_text()
+    (away / "metadata.yaml").write_text(text.replace("- a.mcap", "- ../elsewhere.mcap"))
+    for name, told in (
+        ("missing.mcap", "does not exist"),
+        ("folder", "is a folder without metadata.yaml, and so no bag"),
+        ("run", "name a file in it, such as robots.parquet"),
+        ("text.mcap", "cannot be read"),
+        ("empty.db3", "cannot be read"),
+        ("linked", "holds a.mcap, which is no plain file"),
+        ("away", "cannot be read: Some database files are missing"),
+    ):
+        with pytest.raises(ReadingsError) as error:
+            read(tmp_path / name)
+        assert str(error.value).startswith(str(tmp_path / name))
+        assert told in str(error.value)
+        assert "\n" not in str(error.value)
+
+
+def test_options_of_bags_are_of_bags_alone(tmp_path):
+    (tmp_path / "a.csv").write_text("t,x,y,reading\n1,0,0,2\n")
+    with pytest.raises(ReadingsError, match="is no bag, so it has no topics"):
+        read(tmp_path / "a.csv", wanted=Wanted(frame="odom"))
+
+
+def tried(bag):
+    """What is read of a bag, or the line that it was refused with."""
+    try:
+        return read(bag), ""
+    except ReadingsError as error:
+        return None, str(error)
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_damaged_bags_are_told_in_a_line(storage, tmp_path):
+    """Bytes that are others, or are not there: what comes of it are readings, or one line."""
+    messages = [
+        *poses(rate=1),
+        *readings(frame="nose"),
+        (0.0, "/tf", transforms(0.0, ("map", "nose", 1, 2, 3))),
+    ]
+    good = write(tmp_path / "good", messages, storage)
+    (file,) = [one for one in good.iterdir() if one.suffix in bags.FILES]
+    rng = np.random.default_rng(5)
+    told = 0
+    for n in range(120):
+        bag = shutil.copytree(good, tmp_path / "bad")
+        victim = bag / (file.name if n % 4 else "metadata.yaml")
+        data = bytearray(victim.read_bytes())
+        if n % 3:
+            for k in rng.integers(len(data), size=1 + n % 5):
+                data[k] = rng.integers(256)
+        else:
+            del data[rng.integers(len(data)) :]
+        victim.write_bytes(data)
+        found, fault = tried(bag)
+        told += bool(fault)
+        assert found is None or np.isfinite(found.place).all()
+        assert not fault or (fault.startswith(str(bag)) and "\n" not in fault and len(fault) < 1000)
+        shutil.rmtree(bag)
+    assert told > 20
+
+
+def test_all_types_that_are_told_are_there():
+    for kind in (*bag_readings.GAS, *bag_readings.POSES, *bag_readings.WINDS, TF):
+        assert ros.definition(kind)
