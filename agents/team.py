@@ -8,11 +8,13 @@ from taichi_plume.agents.few import few
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.own import OwnAlgorithm
 from taichi_plume.agents.policy import PolicyAlgorithm
+from taichi_plume.agents.replay import ReplayAlgorithm
 from taichi_plume.agents.search import ALGORITHMS, Algorithm
 from taichi_plume.agents.swarm import Swarm
+from taichi_plume.files.bag_ways import Way
 from taichi_plume.files.network import Network
 
-HANDED = ("own", "policy")  # kinds whose class or network the scenario's files hold
+HANDED = ("own", "policy", "replay")  # kinds whose class, network or ways the scenario's files hold
 BEFORE = "BEFORE_BEGIN"  # state of robots that have not set off; no algorithm has it
 
 
@@ -22,7 +24,7 @@ class Team:
 
     Until the groups set off, at their `begin`, the robots are given no command; their state is BEFORE, and that in
     which the algorithm begins is put by. tick: control period [s]. own: class of an algorithm of the user's.
-    network: of a policy.
+    network: of a policy. ways: that recorded robots went.
     """
 
     STATE: tuple[str, ...] = ("algorithm",)
@@ -34,6 +36,7 @@ class Team:
         tick: float,
         own: type | None = None,
         network: Network | None = None,
+        ways: Sequence[Way] | None = None,
     ):
         self.swarm, self.members = swarm, Members(swarm, numbers)
         self.numbers = self.members.numbers
@@ -45,6 +48,8 @@ class Team:
             self.algorithm = OwnAlgorithm(swarm, self.members, own)
         elif network is not None:
             self.algorithm = PolicyAlgorithm(swarm, self.members, tick, network)
+        elif ways is not None:
+            self.algorithm = ReplayAlgorithm(swarm, self.members, tick, ways)
         else:
             self.algorithm = ALGORITHMS[model.kind](swarm, self.members, tick)
         self.waits = group.begin > 0
@@ -94,10 +99,11 @@ def teams(
     tick: float,
     own: Mapping[str, type] | None = None,
     networks: Mapping[str, Network] | None = None,
+    ways: Mapping[str, Sequence[Way]] | None = None,
 ) -> list[Team]:
     """A team for each kind of algorithm and time to set off, or for each group where the class is `PER_GROUP`.
 
-    own: classes of the user's, and networks of policies, by the names of their groups.
+    own: classes of the user's, networks of policies, and ways that were recorded, by the names of their groups.
     """
     alike: dict[tuple[str, int, float], list[int]] = {}
     for group in swarm.groups:
@@ -105,6 +111,7 @@ def teams(
         per_group = kind in HANDED or ALGORITHMS[kind].PER_GROUP
         key = kind, group.number if per_group else -1, group.model.begin
         alike.setdefault(key, []).append(group.number)
-    handed, learnt = own or {}, networks or {}
+    handed, learnt, recorded = own or {}, networks or {}, ways or {}
     names = [(numbers, swarm.groups[numbers[0]].name) for numbers in alike.values()]
-    return [Team(swarm, numbers, tick, handed.get(name), learnt.get(name)) for numbers, name in names]
+    given = [(numbers, [one.get(name) for one in (handed, learnt, recorded)]) for numbers, name in names]
+    return [Team(swarm, numbers, tick, *each) for numbers, each in given]

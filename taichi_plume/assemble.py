@@ -1,6 +1,6 @@
 """Scenario -> Simulation: the one place that knows all parts."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from taichi_plume.agents.placement import Placed, place, placed
 from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.team import teams
+from taichi_plume.files.bag_ways import Way
 from taichi_plume.files.gaden import Cubes
 from taichi_plume.files.network import Network, NetworkError
 from taichi_plume.files.wind_points import WindFileError
@@ -103,7 +104,7 @@ def build(
     sensors = Sensors(swarm, grid.dim, scenario.tick, gas.species)
     own, networks = _own(scenario, resources, algorithms), _networks(scenario, resources)
     try:
-        driving = teams(swarm, scenario.tick, own, networks)
+        driving = teams(swarm, scenario.tick, own, networks, _recorded(scenario, resources))
     except NetworkError as error:
         raise ScenarioError([str(error)]) from None
     extent, most = (grid.extent[0], grid.extent[1]), swarm.members.shape[1]
@@ -266,6 +267,12 @@ def _networks(scenario: Scenario, resources: Resources) -> dict[str, Network]:
         what = "file: none is given, the policy is still to be learnt; learn it in an environment of taichi_plume.envs"
         raise ScenarioError([f"{path}.{what}" for path in missing])
     return {name: resources.networks[path] for path, name in policies.items()}
+
+
+def _recorded(scenario: Scenario, resources: Resources) -> dict[str, Sequence[Way]]:
+    """Ways of recorded robots by the names of the groups that go them."""
+    paths = {f"robots[{n}].algorithm": group.name for n, group in enumerate(scenario.robots)}
+    return {paths[path]: found for path, found in resources.ways.items()}
 
 
 def _require_inside(scenario: Scenario) -> None:

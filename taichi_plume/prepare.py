@@ -24,12 +24,14 @@ from taichi_plume.scenario.movie import MovieGas
 from taichi_plume.scenario.played import Playback, PlaybackWind, PlumeSimLog, PlumeSimWind
 from taichi_plume.scenario.plumesim import FluentGas, PlumeSimGas
 from taichi_plume.scenario.policy import Policy
+from taichi_plume.scenario.replay import Replay
 from taichi_plume.scenario.reset import differences
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.shapes import shape
 from taichi_plume.scenario.vocabulary import Model
 
 if TYPE_CHECKING:  # they bring zarr and Taichi, for runs that need them
+    from taichi_plume.files.bag_ways import Way
     from taichi_plume.files.film import Film
     from taichi_plume.files.movie import Movie
     from taichi_plume.files.site import Site
@@ -42,7 +44,7 @@ class Resources:
 
     faults: what is wrong with those that cannot be used. shapes: of the obstacles without a fault, in their order.
     site: the files of an imported wind. code: files of own algorithms; own: their classes, once they were executed.
-    networks: of policies. remarks: what is probably not meant, once checked.
+    networks: of policies. ways: of recorded robots. remarks: what is probably not meant, once checked.
     """
 
     scenario: Scenario
@@ -55,6 +57,7 @@ class Resources:
     code: dict[str, OwnFile] = field(default_factory=dict)
     own: dict[str, type] = field(default_factory=dict)
     networks: dict[str, Network] = field(default_factory=dict)
+    ways: "dict[str, list[Way]]" = field(default_factory=dict)
     remarks: list[str] = field(default_factory=list)
     _unlike: dict[Path, int] = field(default_factory=dict, repr=False)
     _site_air: "dict[bool, Air]" = field(default_factory=dict, repr=False)
@@ -314,6 +317,16 @@ def _network(resources: Resources, path: str, model: Policy, folder: Path) -> No
             resources.faults[path] = str(error)
 
 
+def _ways(resources: Resources, path: str, model: Replay, folder: Path) -> None:
+    """Read the ways of recorded robots."""
+    from taichi_plume.files.bag_ways import WayError, read
+
+    try:
+        resources.ways[path] = read(folder / model.file, model.frame)
+    except WayError as error:
+        resources.faults[path] = str(error)
+
+
 OPENERS: dict[type[Model], Callable[[Resources, str, Any, Path], PureGas | None]] = {
     PlaybackWind: _film,
     PlaybackGas: _film,
@@ -326,4 +339,5 @@ OPENERS: dict[type[Model], Callable[[Resources, str, Any, Path], PureGas | None]
     InitialGas: _moment,
     Own: _own,
     Policy: _network,
+    Replay: _ways,
 }

@@ -60,7 +60,7 @@ def cases(union: Any, but: tuple[str, ...] = ()) -> list[Any]:
     "model",
     [
         *cases(PureGas, but=("PlaybackGas", "PlumeSimGas", "FluentGas", "MovieGas")),
-        *cases(Algorithm, but=("Own", "Policy", "Casting")),
+        *cases(Algorithm, but=("Own", "Policy", "Replay", "Casting")),
         *cases(Map, but=("TimeSeriesMap",)),
     ],
 )

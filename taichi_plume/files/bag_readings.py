@@ -67,10 +67,12 @@ class RecordedRobot:
     topics: str
 
 
-def read(path: Path, wanted: Wanted | None = None) -> list[RecordedRobot]:
-    """The robots of a bag. Raises BagError."""
+def read(path: Path, wanted: Wanted | None = None, without_gas: bool = False) -> list[RecordedRobot]:
+    """The robots of a bag; without_gas: of one without gas those that it has poses of. Raises BagError."""
     wanted = wanted or Wanted()
     with opened(path) as bag:
+        if without_gas and not bag.of_kind(*GAS):
+            return [_without_gas(bag, topic) for topic in _chosen(bag, wanted.pose, POSES, "poses", "--pose")]
         gas = _chosen(bag, wanted.gas, GAS, "gas", "--topic")
         for one, option in ((wanted.pose, "--pose"), (wanted.wind, "--wind")):
             if one and len(one) != len(gas):
@@ -136,6 +138,16 @@ def _robot(
         gas.values[order, 0],
         wind[order],
         f"gas of {gas.topic}, places of {source}, " + (f"wind of {wind_topic}" if wind_topic else "no wind"),
+    )
+
+
+def _without_gas(bag: Bag, topic: str) -> RecordedRobot:
+    """A robot of which only poses are known."""
+    series = bag.series(topic, _pose_of(bag, topic))
+    t, way = _way(series, series.is_stamped)
+    none = np.zeros((0, 2))
+    return RecordedRobot(
+        _name(topic), t, way.place[:, :2], way.heading, none[:, 0], none, none[:, 0], none, topic
     )
 
 

@@ -86,7 +86,8 @@ def _groups(sim: Simulation) -> list[dict[str, Any]]:
     found_by: what counts as found, "reached" or "declared". airs: in how many airs its trials were, always one;
     trials_differ_by: see `scores.trials_differ_by`. no_search: why no source could be found, or None.
     shares_arena_with: groups that it may have met; unlike_them: whether one of these has another algorithm, or the same
-    one with other numbers. summary, per_trial: see `scores.trial_summary`, `scores.trial_outcomes`.
+    one with other numbers. summary, per_trial: see `scores.trial_summary`, `scores.trial_outcomes`. beside_recorded: of
+    robots that go recorded ways, see agents/replay.py.
     """
     if not sim.swarm.count:
         return []
@@ -120,9 +121,18 @@ def _groups(sim: Simulation) -> list[dict[str, Any]]:
                 "median_path_m": float(np.median(paths)) if paths else None,
                 "summary": {name: values | {"airs": 1} for name, values in summary.items()},
                 "per_trial": trials,
+                **_beside_recorded(sim, group),
             }
         )
     return groups
+
+
+def _beside_recorded(sim: Simulation, group: Any) -> dict[str, Any]:
+    """How the readings of a group that goes recorded ways are beside those recorded, if there are any."""
+    team = next(one for one in sim.teams if group.number in one.numbers)
+    told = getattr(team.algorithm, "recorded", None)
+    found = told() if told else None
+    return {"beside_recorded": found} if found else {}
 
 
 def _map(sim: Simulation, n: int, series: MapSeries | None) -> dict[str, Any]:

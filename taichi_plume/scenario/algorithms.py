@@ -13,6 +13,7 @@ from taichi_plume.scenario.listening import AnyAlgorithm, EColi, Spiral
 from taichi_plume.scenario.plume_tracking import Casting, SurgeCast, SurgeSpiral
 from taichi_plume.scenario.policy import Policy
 from taichi_plume.scenario.quantities import number
+from taichi_plume.scenario.replay import Replay
 from taichi_plume.scenario.team_algorithms import Dapso, LeastKnown, LineUp, Sweep
 from taichi_plume.scenario.vocabulary import (
     INPUT_FILE,
@@ -79,6 +80,7 @@ Algorithm = Annotated[
     | RandomWalk
     | Policy
     | External
+    | Replay
     | Own,
     Field(discriminator="kind"),
 ]

@@ -1,0 +1,155 @@
+"""Robots that go recorded ways: where they are at each time, what they read there, and what is refused."""
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from recorded_bag import POSE, gas, pose, write
+
+from taichi_plume.assemble import assemble
+from taichi_plume.files.result import _beside_recorded
+from taichi_plume.prepare import checked
+from taichi_plume.scenario.loading import ScenarioError, scenario_from
+
+pytestmark = pytest.mark.usefixtures("taichi")
+TIMES = np.arange(100.0, 104.01, 0.25)
+SCENARIO = {
+    "duration": 6.0,
+    "domain": {"size": [4, 3], "spacing": 0.1},
+    "wind": {"kind": "uniform", "velocity": [0.5, 0]},
+    "gas": {"kind": "gaussian_plume", "diffusivity": 0.01, "sources": [{"position": [0.5, 1.5], "rate": "10 mg/s"}]},
+    "robots": [
+        {
+            "name": "real", "count": 2, "trials": 2, "reach": 0,
+            "start": {"kind": "positions", "positions": [[3, 1], [3, 2]]},
+            "algorithm": {"kind": "replay", "file": "bag", "origin": [0.5, 0.25], "robots": ["b", "a"], "start": 1.0},
+            "sensors": {"gas": {"kind": "ideal"}},
+        },
+        {
+            "name": "table", "count": 1, "reach": 0, "start": {"kind": "positions", "positions": [[3, 2.7]]},
+            "algorithm": {"kind": "replay", "file": "robots.parquet"}, "sensors": {"gas": {"kind": "ideal"}},
+        },
+    ],
+}  # fmt: skip
+
+
+def way(name, t):
+    """x, y, heading in the frame of the bag."""
+    return (
+        (1.0 + 0.4 * (t - 100), 1.0, 3.0 + 0.1 * (t - 100)) if name == "a" else (0.5, 0.2 * (t - 100), -1.0)
+    )
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A bag of two robots, and the table of a run with one."""
+    folder = tmp_path_factory.mktemp("replay")
+    messages = []
+    for name in "ab":
+        messages += [(t, f"/{name}/pose", pose(t, *way(name, t), POSE)) for t in TIMES]
+        messages += [(t, f"/{name}/gas", gas(t, 5.0)) for t in TIMES + 0.1]
+    write(folder / "bag", messages)
+    write(folder / "poses", [one for one in messages if one[1].endswith("pose")])
+    t = np.repeat(np.arange(0.0, 3.01, 0.1), 2)
+    n = len(t)
+    columns = {
+        "t": t, "group": pa.array(["one"] * n).dictionary_encode(), "trial": np.tile([0, 1], n // 2).astype(np.int32),
+        "robot": np.zeros(n, np.int32), "x": 1.0 + 0.5 * t, "y": 1.5 + np.tile([0.0, 1.0], n // 2),
+        "heading": np.zeros(n), "reading_ppm": t,
+    }  # fmt: skip
+    pq.write_table(pa.table(columns), folder / "robots.parquet")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def sim(taichi, folder):
+    return assemble(scenario_from(SCENARIO), folder=folder)
+
+
+def test_robots_are_where_they_were_recorded(sim):
+    """In every trial, between poses too; from the last pose on they stand."""
+    sim.reset()
+    readings = []
+    while sim.t < 6.0 - 1e-6:
+        sim.advance()
+        if sim.tick <= 0:
+            continue
+        now = sim.swarm.snapshot()
+        t = min(101.0 + sim.t, 104.0)
+        wanted = [way("b", t), way("a", t)] * 2
+        np.testing.assert_allclose(now["position"][:4], np.array(wanted)[:, :2] + [0.5, 0.25], atol=1e-5)
+        np.testing.assert_allclose(
+            np.exp(1j * now["heading"][:4]), np.exp(1j * np.array(wanted)[:, 2]), atol=1e-5
+        )
+        np.testing.assert_allclose(now["position"][4], [1.0 + 0.5 * min(sim.t, 3.0), 1.5], atol=1e-5)
+        readings.append((sim.t, now["reading_ppm"], now["state"]))
+    t, ppm, state = (np.array(one) for one in zip(*readings, strict=True))
+    np.testing.assert_array_equal(state[:, 4] == 2, t > 3.0 + 1e-6)
+    np.testing.assert_allclose(ppm[:, 0], ppm[:, 2])
+    assert ppm[:, 4].max() > 10
+    check_score(sim, t, ppm)
+
+
+def check_score(sim, t, ppm):
+    """Beside the recorded readings, of which there is one per quarter of a second, or one per tick."""
+    real, table = (_beside_recorded(sim, group)["beside_recorded"] for group in sim.swarm.groups)
+    kept = (TIMES >= 101) & (TIMES < 104)  # those with poses around them
+    at = np.ceil((TIMES[kept] + 0.1 - 101.0) / sim.dt - 1e-3).astype(int)
+    pairs = ppm[at - 1][:, [0, 1]].ravel()
+    assert real["readings"] == len(pairs)
+    np.testing.assert_allclose(real["mae_ppm"], [np.abs(pairs - 5.0).mean()] * 2, rtol=1e-5)
+    np.testing.assert_allclose(real["bias_ppm"], [(pairs - 5.0).mean()] * 2, rtol=1e-5, atol=1e-6)
+    assert np.isnan(real["correlation"]).all(), "what was recorded is always the same"
+    own = ppm[t < 3.0 + 1e-6][:, 4]
+    assert table["readings"] == len(own) == 30
+    wanted = np.corrcoef(own, t[t < 3.0 + 1e-6])[0, 1]
+    np.testing.assert_allclose(table["correlation"], [wanted], rtol=1e-4)
+
+
+def test_a_reset_begins_again_with_other_numbers(sim):
+    sim.reset()
+    for _ in range(20):
+        sim.advance()
+    changed = {**SCENARIO["robots"][0]["algorithm"], "origin": [1.0, 0.5]}
+    robots = [{**SCENARIO["robots"][0], "algorithm": changed}, SCENARIO["robots"][1]]
+    sim.reset(scenario_from({**SCENARIO, "robots": robots}))
+    while sim.tick < 1:
+        sim.advance()
+    np.testing.assert_allclose(sim.swarm.snapshot()["position"][0], [1.5, 0.5 + 0.2 * (1 + sim.t)], atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"file": "none.mcap"}, "robots[0].algorithm.file: {folder}/none.mcap: does not exist"),
+        ({"file": "../bag"}, "lies outside the scenario's folder"),
+        ({"robots": ["a", "c"]}, "robots[0].algorithm.robots: there is no 'c' in bag; it has a, b"),
+        ({"robots": ["a"]}, "robots[0].algorithm.robots: 1 names for 2 robots of the team"),
+        (
+            {"file": "robots.parquet", "robots": []},
+            "robots[0].algorithm.file: robots.parquet has 1 robots, one 0; the",
+        ),
+        ({"origin": [9, 9]}, "robots[0].algorithm.origin: b is never in the domain"),
+        ({"frame": "odom", "start": -1}, "robots[0].algorithm.start"),
+    ],
+)
+def test_what_cannot_be_is_told(folder, changes, told):
+    algorithm = {**SCENARIO["robots"][0]["algorithm"], **changes}
+    robots = [{**SCENARIO["robots"][0], "algorithm": algorithm}]
+    with pytest.raises(ScenarioError) as error:
+        checked(scenario_from({**SCENARIO, "robots": robots}), folder)
+    assert told.format(folder=folder) in str(error.value)
+
+
+def test_what_is_probably_not_meant_is_told(folder):
+    algorithm = {**SCENARIO["robots"][0]["algorithm"], "file": "poses", "origin": [2.0, 0.25]}
+    robots = [{**SCENARIO["robots"][0], "algorithm": algorithm}]
+    remarks = checked(scenario_from({**SCENARIO, "robots": robots}), folder).resources.remarks
+    assert any("a is not in the domain for 41 % of its poses" in one for one in remarks), remarks
+    assert any("its last pose is at 3 s of the run" in one for one in remarks), remarks
+
+
+def test_its_robots_do_not_err(folder):
+    robots = [{**SCENARIO["robots"][1], "odometry": {}}]
+    with pytest.raises(ScenarioError, match="its robots are where they were recorded to be"):
+        checked(scenario_from({**SCENARIO, "robots": robots}), folder)
