@@ -113,5 +113,7 @@ def teams(
         alike.setdefault(key, []).append(group.number)
     handed, learnt, recorded = own or {}, networks or {}, ways or {}
     names = [(numbers, swarm.groups[numbers[0]].name) for numbers in alike.values()]
-    given = [(numbers, [one.get(name) for one in (handed, learnt, recorded)]) for numbers, name in names]
-    return [Team(swarm, numbers, tick, *each) for numbers, each in given]
+    return [
+        Team(swarm, numbers, tick, handed.get(name), learnt.get(name), recorded.get(name))
+        for numbers, name in names
+    ]
