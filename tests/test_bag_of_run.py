@@ -12,6 +12,7 @@ import pytest
 import rerun as rr
 
 from taichi_plume import __version__, bag_of_fields, bag_of_run, export, maps, open_run
+from taichi_plume import run as run_command
 from taichi_plume.files import disk
 from taichi_plume.files.bag_readings import Wanted
 from taichi_plume.files.readings import read
@@ -276,6 +277,26 @@ def test_the_maps_command_takes_a_bag(run, bag, tmp_path, capsys):
         error = capsys.readouterr().err
         assert told in error
         assert error.count("\n") == 1
+
+
+@pytest.mark.slow
+def test_a_run_again_on_its_own_ways_reads_the_same(run, tmp_path):
+    """Its robots are put where they were and their sensors have the same noise: so they read the same."""
+    bag_of_run.write(open_run(run), tmp_path / "bag", bag_of_run.Choice())
+    text = bag_run.SCENARIO.replace("trials: 2", "trials: 1").replace(
+        "    odometry: {veer_deg: 10, distance_scale: 0.1}\n", ""
+    )
+    for kind in ("random_walk", "casting"):
+        names = "[robot_2]" if kind == "casting" else "[robot_0, robot_1]"
+        text = text.replace(f"{{kind: {kind}}}", f"{{kind: replay, file: bag, robots: {names}}}")
+    (tmp_path / "s.yaml").write_text(text)
+    options = ["--out", str(tmp_path / "again"), "--quiet", "--no-report", "--no-recording"]
+    assert run_command.main([str(tmp_path / "s.yaml"), *options]) == 0
+    oxides, linear = (group["beside_recorded"] for group in open_run(tmp_path / "again").result["groups"])
+    assert (oxides["readings"], linear["readings"]) == (80, 40)
+    assert linear["mae_ppm"][0] < 1e-4, "it does not err in where it is, so its way is the true one"
+    assert linear["correlation"][0] == pytest.approx(1.0)
+    assert oxides["mae_ppm"][0] > 0.1, "these were elsewhere than they believed, which is what the bag tells"
 
 
 # ---------------------------------------------------------------- many cells

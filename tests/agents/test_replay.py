@@ -8,6 +8,7 @@ from recorded_bag import POSE, gas, pose, write
 
 from taichi_plume.assemble import assemble
 from taichi_plume.files.result import _beside_recorded
+from taichi_plume.grid.state import State
 from taichi_plume.prepare import checked
 from taichi_plume.scenario.loading import ScenarioError, scenario_from
 
@@ -116,6 +117,21 @@ def test_a_reset_begins_again_with_other_numbers(sim):
     while sim.tick < 1:
         sim.advance()
     np.testing.assert_allclose(sim.swarm.snapshot()["position"][0], [1.5, 0.5 + 0.2 * (1 + sim.t)], atol=1e-5)
+
+
+def test_it_goes_on_where_it_was_saved(sim):
+    sim.reset()
+    state = State(sim)
+    for _ in range(15):
+        sim.advance()
+    saved, ends = state.save(), []
+    for _ in range(2):
+        for _ in range(15):
+            sim.advance()
+        found = [_beside_recorded(sim, group)["beside_recorded"] for group in sim.swarm.groups]
+        ends.append((sim.t, sim.swarm.snapshot()["position"].tolist(), str(found)))
+        state.restore(saved)
+    assert ends[0] == ends[1]
 
 
 @pytest.mark.parametrize(

@@ -30,6 +30,19 @@ OCCUPANCY = """#env_min(m) -5 2 0.5
 #cell_size(m) 0.2
 """
 SCENARIOS = {
+    "replay": """
+duration: 3
+domain: {size: [4, 2], spacing: 0.1, depth: 0.5}
+wind: {kind: uniform, velocity: [0.4, 0]}
+gas: {kind: gaussian_plume, intensity: 0.1, sources: [{position: [0.2, 1], rate: 5 mg/s}]}
+robots:
+  - name: real
+    count: 2
+    reach: 0
+    start: {kind: positions, positions: [[3, 0.5], [3, 1.5]]}
+    algorithm: {kind: replay, file: bag.mcap, robots: [r2, r1], origin: [0.2, 0.3], start: 0.5}
+    sensors: {gas: {kind: mox, model: tgs2620}}
+""",
     "imported": """
 duration: 3
 domain: {size: [1.6, 1.2, 0.4], spacing: 0.1}
@@ -182,12 +195,34 @@ def make(folder: Path, warm_up: float | None = None) -> dict[str, Path]:
     (folder / "upwind.py").write_text(OWN)
     _write_wind(folder)
     _write_box(folder / "box.stl")
+    _write_bags(folder)
     _write_film(folder / "fields.zarr")
     titles = "nodenumber, x-coordinate, y-coordinate, acetone\n"
     for n in (1, 2):
         rows = [f"{k + 1},{0.1 * (k % 6):.3g},{0.1 * (k // 6):.3g},{0.01 * (k + n):.4g}\n" for k in range(30)]
         (folder / f"plume{n:03d}.txt").write_text(titles + "".join(rows))
     return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
+
+
+def _write_bags(folder: Path) -> None:
+    """bag.mcap and bag.db3, of two robots."""
+    from tests.files import recorded_bag as bag
+
+    messages: list[bag.Message] = []
+    for n in range(30):
+        t = 1.0 + 0.2 * n
+        for k in (1, 2):
+            messages.append((t, f"/r{k}/odom", bag.pose(t, 0.5 + 0.1 * n, 0.4 * k, 0.1 * n)))
+            messages.append((t, f"/r{k}/gas", bag.gas(t, 7.0 * n % 40, frame=f"r{k}/nose")))
+        messages.append((t, "/r1/wind", bag.wind(t, 0.3, 0.1 * n)))
+        messages.append((t, "/tf", bag.transforms(t, ("map", "r2/nose", 0.5 + 0.1 * n, 0.8, 0.0))))
+    for storage, name in (("mcap", "bag.mcap"), ("sqlite3", "bag.db3")):
+        made = folder / "made"
+        shutil.rmtree(made, ignore_errors=True)
+        bag.write(made, messages, storage)
+        (file,) = (one for one in made.iterdir() if one.suffix in (".mcap", ".db3"))
+        file.replace(folder / name)
+        shutil.rmtree(made)
 
 
 def _write_wind(folder: Path) -> None:

@@ -87,7 +87,6 @@ def make(folder: Path) -> None:
         json.dumps({"name": "a", "status": "completed", "seed": 1, "version": __version__})
     )
     np.save(folder / "movie.npy", np.random.default_rng(2).random((6, 20, 30)))
-    _write_bags(folder)
     _write_maps(folder / "maps.zarr")
     manifest.write(folder, {}, [folder / name for name in ("robots.parquet", "fields.zarr", "maps.zarr")])
 
@@ -112,27 +111,6 @@ def _write_table(path: Path) -> None:
         **{name: rng.normal(2.0, 0.5, len(n)).astype(np.float32) for name in names},
     }
     pq.write_table(pa.table(table), path, compression="zstd", write_page_checksum=True, row_group_size=1000)
-
-
-def _write_bags(folder: Path) -> None:
-    """bag.mcap and bag.db3, of two robots."""
-    from tests.files import recorded_bag as bag
-
-    messages: list[bag.Message] = []
-    for n in range(30):
-        t = 1.0 + 0.2 * n
-        for k in (1, 2):
-            messages.append((t, f"/r{k}/odom", bag.pose(t, 0.5 + 0.1 * n, 0.4 * k, 0.1 * n)))
-            messages.append((t, f"/r{k}/gas", bag.gas(t, 7.0 * n % 40, frame=f"r{k}/nose")))
-        messages.append((t, "/r1/wind", bag.wind(t, 0.3, 0.1 * n)))
-        messages.append((t, "/tf", bag.transforms(t, ("map", "r2/nose", 0.5 + 0.1 * n, 0.8, 0.0))))
-    for storage, name in (("mcap", "bag.mcap"), ("sqlite3", "bag.db3")):
-        made = folder / "made"
-        shutil.rmtree(made, ignore_errors=True)
-        bag.write(made, messages, storage)
-        (file,) = (one for one in made.iterdir() if one.suffix in (".mcap", ".db3"))
-        file.replace(folder / name)
-        shutil.rmtree(made)
 
 
 def _write_maps(path: Path) -> None:
