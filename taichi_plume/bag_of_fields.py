@@ -7,21 +7,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from taichi_plume.files import ros_messages as ros
+from taichi_plume.files.ros_shapes import cloud, grid
 from taichi_plume.run_data import Run
 
 if TYPE_CHECKING:
     import xarray
 
 MAP = "map"  # the frame of all
-GRID, POINTS = "nav_msgs/msg/OccupancyGrid", "sensor_msgs/msg/PointCloud2"
 Said = tuple[float, str, Any]
 """When [s], on which topic, what."""
 
 
 def species(name: str) -> str:
     """Of a variable's name, as topics may be called."""
-    plain = "".join(one if one.isascii() and one.isalnum() else "_" for one in name.removesuffix("_ppm"))
-    return plain if plain[:1].isalpha() else f"gas_{plain}"
+    return ros.word(name.removesuffix("_ppm"))
 
 
 def floor(run: Run) -> Any:
@@ -39,39 +38,7 @@ def floor(run: Run) -> Any:
     for one in Drawn.of(run.folder).shapes:
         if one.model.motion is None:
             taken |= one.horizontal_distance(points, 0.0, tall) < 0.0
-    return _grid(np.where(taken, 100, 0), h, -h)
-
-
-def _grid(percent: np.ndarray, cell: float, low: float = 0.0) -> Any:
-    """Cells (ny, nx) of a floor from (low, low) on [m]."""
-    ny, nx = percent.shape
-    info = {
-        "resolution": cell,
-        "width": nx,
-        "height": ny,
-        "origin": {"position": {"x": low, "y": low}, "orientation": ros.yawed(0.0)},
-    }
-    return ros.message(GRID, header=ros.header(0.0, MAP), info=info, data=percent.astype(np.int8).ravel())
-
-
-def _points(columns: dict[str, np.ndarray]) -> Any:
-    """A cloud of points, of which all columns (n,) are told, x, y, z [m] among them."""
-    rows = np.rec.fromarrays(list(columns.values()), dtype=[(name, "<f4") for name in columns])
-    fields = [
-        {"name": name, "offset": 4 * n, "datatype": 7, "count": 1}  # FLOAT32
-        for n, name in enumerate(columns)
-    ]
-    return ros.message(
-        POINTS,
-        header=ros.header(0.0, MAP),
-        height=1,
-        width=len(rows),
-        fields=fields,
-        point_step=rows.itemsize,
-        row_step=rows.nbytes,
-        data=np.frombuffer(rows.tobytes(), np.uint8),
-        is_dense=True,
-    )
+    return grid(np.where(taken, 100, 0), h, -h, 0.0, MAP)
 
 
 def clouds(run: Run, name: str, most: int, least: float) -> Iterator[Said]:
@@ -95,7 +62,7 @@ def clouds(run: Run, name: str, most: int, least: float) -> Iterator[Said]:
         mean = (gas.coarsen(blocks, boundary="pad").sum() / air.where(air > 0)).values.reshape(x.shape)
         there = mean >= least
         kept = {"x": x[there], "y": y[there], "z": z[there], "ppm": mean[there]}
-        yield t, f"/plume/{species(name)}", _points(kept)
+        yield t, f"/plume/{species(name)}", cloud(kept, t, MAP)
 
 
 def maps_of(run: Run, trial: int) -> Iterator[tuple[str, "xarray.Dataset", int]]:
@@ -116,9 +83,9 @@ def maps_at_end(run: Run, trial: int) -> Iterator[Said]:
         peak = np.max(estimate, where=known, initial=0.0)
         share = np.clip(np.where(known, estimate, 0.0) / (peak or 1.0), 0.0, 1.0)
         t = float(one.attrs["t_s"])
-        yield t, name, _grid(np.where(known, np.round(100 * share), -1), float(one.attrs["cell"]))
+        yield t, name, grid(np.where(known, np.round(100 * share), -1), float(one.attrs["cell"]), 0.0, t, MAP)
         x, y = np.meshgrid(one["x"].values, one["y"].values)
         cells = {"ppm": "estimate", "weight": "weight", "variance": "variance", "truth": "truth"}
         columns = {"x": x, "y": y, "z": np.zeros_like(x)}
         columns |= {called: one[key].values[row] for called, key in cells.items() if key in one}
-        yield t, f"{name}/cells", _points({name: values[known] for name, values in columns.items()})
+        yield t, f"{name}/cells", cloud({name: values[known] for name, values in columns.items()}, t, MAP)

@@ -1,13 +1,13 @@
 """A run as a bag of ROS 2: ``python -m taichi_plume.export RUN --to mcap`` writes the folder RUN/bag.
 
-One trial of it, with every message at its simulated time. Robot k, counted through the groups, has
+One trial of it, with every message at its simulated time. Robot k of a group has
 
-    /robot_k/gas    olfaction_msgs/GasSensor: a resistance [ohm] of metal oxides, ppm of others
-    /robot_k/wind   olfaction_msgs/Anemometer, in its own frame
-    /robot_k/odom   nav_msgs/Odometry: where it believes to be, and how it moves by that
-    /robot_k/truth  geometry_msgs/PoseStamped: where it is
+    /GROUP_k/gas    olfaction_msgs/GasSensor: a resistance [ohm] of metal oxides, ppm of others
+    /GROUP_k/wind   olfaction_msgs/Anemometer, in its own frame
+    /GROUP_k/odom   nav_msgs/Odometry: where it believes to be, and how it moves by that
+    /GROUP_k/truth  geometry_msgs/PoseStamped: where it is
 
-and there are /tf and /tf_static (map, robot_k/base_link, robot_k/gas_sensor, robot_k/anemometer), /clock and /map,
+and there are /tf and /tf_static (map, GROUP_k/base_link, GROUP_k/gas_sensor, GROUP_k/anemometer), /clock and /map,
 which is occupied where no robot can be; of a run with `fields` its gas as points, /plume/SPECIES, and of one with
 `maps` each at the end, /gas_maps/map_N in percent of its peak and /gas_maps/map_N/cells as points.
 """
@@ -22,9 +22,10 @@ from typing import Any
 import numpy as np
 
 from taichi_plume import __version__
-from taichi_plume.bag_of_fields import GRID, MAP, POINTS, Said, floor, maps_at_end, maps_of, species
+from taichi_plume.bag_of_fields import MAP, Said, clouds, floor, maps_at_end, maps_of, species
 from taichi_plume.files import ros_messages as ros
 from taichi_plume.files.bag_writer import BagWriter, NoBagError, new_bag
+from taichi_plume.files.ros_shapes import GRID, POINTS
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.run_data import Run
 from taichi_plume.scenario.robots import Group
@@ -68,7 +69,7 @@ def write(run: Run, out: Path, choice: Choice, force: bool = False) -> list[Path
         raise RunFolderError(
             f"{run.folder}: ends at {end:g} s, which ROS cannot tell; give an earlier --begin"
         )
-    told = {f"robot_{one.k}": f"robot {one.number} of {one.group.name}" for one in robots}
+    told = {one.name: f"robot {one.number} of {one.group.name}" for one in robots}
     told |= {"name": run.scenario.name, "trial": str(choice.trial), "made_by": f"taichi_plume {__version__}"}
     try:
         with new_bag(out, told, force) as bag:
@@ -130,17 +131,12 @@ def _topics(bag: BagWriter, run: Run, robots: "list[Robot]", gases: list[str], c
 
 @dataclass(frozen=True)
 class Robot:
-    """Robot k of a trial, the robot of this number in its group, and the rows of its table."""
+    """The robot of a number in its group, and the rows of its table. name: of its topics and frames."""
 
-    k: int
+    name: str
     number: int
     group: Group
     table: dict[str, np.ndarray]
-
-    @property
-    def name(self) -> str:
-        """Of its topics and frames."""
-        return f"robot_{self.k}"
 
 
 def _robots(run: Run, trial: int) -> list[Robot]:
@@ -166,14 +162,16 @@ def _robots(run: Run, trial: int) -> list[Robot]:
     table = pa.Table.from_batches(kept).unify_dictionaries()
     groups, numbers = np.array(table["group"].cast(pa.string()).to_pylist()), table["robot"].to_numpy()
     columns = {name: table[name].to_numpy() for name in COLUMNS if name not in ("group", "trial", "robot")}
-    robots, k = [], 0
-    for group in run.scenario.robots:
+    robots: list[Robot] = []
+    words = [ros.word(group.name) for group in run.scenario.robots]
+    for n, group in enumerate(run.scenario.robots):
+        called = words[n] if words.count(words[n]) == 1 else f"{words[n]}_{n}"
         for number in range(group.count):
             rows = np.flatnonzero((groups == group.name) & (numbers == number))
             rows = rows[np.argsort(columns["t"][rows], kind="stable")]
             if len(rows):
-                robots.append(Robot(k, number, group, {name: one[rows] for name, one in columns.items()}))
-            k += 1
+                its = {name: one[rows] for name, one in columns.items()}
+                robots.append(Robot(f"{called}_{number}", number, group, its))
     return robots
 
 
@@ -183,7 +181,7 @@ def _still(run: Run, robots: list[Robot]) -> Iterator[Said]:
     flat = run.scenario.domain.dim == 2
     places = []
     for one in robots:
-        gas, wind = one.group.sensors.gas, one.group.sensors.wind
+        gas, wind = one.group.sensors.nose, one.group.sensors.wind
         for frame, ahead, height in ((GAS, gas.ahead, gas.height), (WIND, 0.0, wind.height)):
             at = {"x": ahead, "z": 0.0 if flat else height}
             places.append(_transform(f"{one.name}/{BASE}", f"{one.name}/{frame}", at, 0.0))
@@ -270,7 +268,7 @@ def _speeds(table: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
 
 def _gas_sensor(one: Robot) -> dict[str, Any]:
     """What is the same in all messages of a robot's gas sensor."""
-    sensor = one.group.sensors.gas
+    sensor = one.group.sensors.nose
     said: dict[str, Any] = {"header": ros.header(0.0, f"{one.name}/{GAS}")}
     if not isinstance(sensor, MoxSensor):
         kind = "pid" if isinstance(sensor, PidSensor) else "unknown"

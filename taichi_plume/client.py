@@ -20,7 +20,6 @@ import numpy as np
 
 from taichi_plume.files import ros_messages as ros
 from taichi_plume.serve.address import address, token_of
-from taichi_plume.serve.topics import word
 
 
 @dataclass(frozen=True)
@@ -64,7 +63,7 @@ class Team:
         token: str | None = None,
         patience: float = 60.0,
     ):
-        self.group, self.patience = word(group), patience
+        self.group, self.patience = ros.word(group), patience
         self.robots = None if robots is None else np.asarray(robots, np.uint32)
         self._session = _connected(where, token or token_of(), patience)
         self._news = threading.Condition()

@@ -58,12 +58,12 @@ def numbers(messages, get):
 def test_counts_and_values_are_those_of_the_table(run, said):
     table = open_run(run).robots
     table = table[table.trial == 1]
-    assert {one.split("/")[1] for one in said if "robot" in one} == {"robot_0", "robot_1"}, (
+    assert {one.split("/")[1] for one in said if one.endswith("odom")} == {"oxides_0", "oxides_1"}, (
         "one has one trial only"
     )
     for k in (0, 1):
         rows = table[(table.group == "oxides") & (table.robot == k)]
-        gas, wind, odom, truth = (said[f"/robot_{k}/{name}"] for name in ("gas", "wind", "odom", "truth"))
+        gas, wind, odom, truth = (said[f"/oxides_{k}/{name}"] for name in ("gas", "wind", "odom", "truth"))
         for topic in (odom, truth):
             np.testing.assert_allclose([t * 1e-9 - BEGIN for t, _ in topic], rows.t, atol=1e-6)
         np.testing.assert_array_equal(numbers(odom, lambda m: m.pose.pose.position.x), rows.believed_x)
@@ -87,10 +87,10 @@ def test_the_law_in_a_message_makes_its_resistance_the_reading(run, said):
     table = open_run(run).robots
     air = []
     for k in (0, 1):
-        one = said[f"/robot_{k}/gas"][0][1]
+        one = said[f"/oxides_{k}/gas"][0][1]
         assert (one.technology, one.manufacturer, one.mpn, one.raw_units) == (1, 1, 50, 5)
         c0 = one.calib_a ** (-1 / one.calib_b)
-        raw = numbers(said[f"/robot_{k}/gas"], lambda m: m.raw)
+        raw = numbers(said[f"/oxides_{k}/gas"], lambda m: m.raw)
         ppm = np.maximum(c0 * ((raw / one.raw_air) ** (1 / one.calib_b) - 1), 0)
         rows = table[(table.trial == 1) & (table.group == "oxides") & (table.robot == k) & (table.t > 0)]
         assert rows.reading_ppm.max() > 1
@@ -100,7 +100,7 @@ def test_the_law_in_a_message_makes_its_resistance_the_reading(run, said):
 
 
 def test_speeds_lead_from_pose_to_pose(said):
-    odom = said["/robot_0/odom"]
+    odom = said["/oxides_0/odom"]
     way = numbers(odom, lambda m: m.twist.twist.linear.x)[1:] * 0.1
     x, y = (numbers(odom, lambda m: getattr(m.pose.pose.position, d)) for d in "xy")
     moved = np.hypot(np.diff(x), np.diff(y))
@@ -118,11 +118,14 @@ def test_frames_lead_from_the_map_to_the_sensors(said):
     links = {
         one.child_frame_id: (one.header.frame_id, one.transform.translation.x) for one in still.transforms
     }
-    assert links["robot_0/gas_sensor"] == ("robot_0/base_link", 0.05)
-    assert links["robot_1/anemometer"] == ("robot_1/base_link", 0.0)
-    assert len(said["/tf"]) == len(said["/robot_0/odom"])
-    for (_, moved), (_, odom) in zip(said["/tf"], said["/robot_1/odom"], strict=True):
-        assert [one.child_frame_id for one in moved.transforms] == ["robot_0/base_link", "robot_1/base_link"]
+    assert links["oxides_0/gas_sensor"] == ("oxides_0/base_link", 0.05)
+    assert links["oxides_1/anemometer"] == ("oxides_1/base_link", 0.0)
+    assert len(said["/tf"]) == len(said["/oxides_0/odom"])
+    for (_, moved), (_, odom) in zip(said["/tf"], said["/oxides_1/odom"], strict=True):
+        assert [one.child_frame_id for one in moved.transforms] == [
+            "oxides_0/base_link",
+            "oxides_1/base_link",
+        ]
         assert moved.transforms[1].transform.translation.x == odom.pose.pose.position.x
         assert moved.transforms[1].header.frame_id == odom.header.frame_id == "map"
 
@@ -231,22 +234,22 @@ def test_rerun_opens_it(bag, tmp_path):
     assert found["/plume/ethanol"]["Points3D:positions"] == found["/plume/ethanol"]["Points3D:ppm"] == 9
     assert found["/map"]["GridMap:data"] == found["/gas_maps/map_0"]["GridMap:data"] == 1
     assert found["/tf"]["Transform3D:translation"] == 2 * 41
-    assert found["/robot_0/truth"]["InstancePoses3D:translations"] == 41
-    assert found["/robot_1/gas"]["olfaction_msgs.msg.GasSensor:message"] == 40
+    assert found["/oxides_0/truth"]["InstancePoses3D:translations"] == 41
+    assert found["/oxides_1/gas"]["olfaction_msgs.msg.GasSensor:message"] == 40
 
 
 def test_readings_of_the_bag_are_those_of_the_table(run, bag):
     """By the law in its messages, by its frames; a robot's sensor is ahead of its middle, where its table has it."""
     there = read(run / "robots.parquet", 1, "oxides")
     for k in (0, 1):
-        one = read(bag, group=f"robot_{k}")
+        one = read(bag, group=f"oxides_{k}")
         mine = slice(k, None, 2)
         np.testing.assert_allclose(one.t - BEGIN, there.t[mine], atol=1e-6)
         np.testing.assert_allclose(one.reading, there.reading[mine], rtol=1e-3, atol=1e-3)
         np.testing.assert_allclose(one.wind, there.wind[mine], atol=1e-5)
         away = np.linalg.norm(one.place - there.place[mine], axis=1)
         np.testing.assert_allclose(away, 0.05, atol=1e-6)
-        centre = read(bag, wanted=Wanted((f"/robot_{k}/gas",), (f"/robot_{k}/odom",)))
+        centre = read(bag, wanted=Wanted((f"/oxides_{k}/gas",), (f"/oxides_{k}/odom",)))
         np.testing.assert_allclose(centre.place, there.place[mine], atol=1e-6)
 
 
@@ -254,11 +257,13 @@ def test_the_maps_command_takes_a_bag(run, bag, tmp_path, capsys):
     """The whole of it, and what it takes is said."""
     options = ["--size", "1.6", "1.2", "--map={kind: kernel_dmv, cell: 0.2}"]
     topics = [
-        f"--{name}=/robot_{k}/{topic}" for k in (0, 1) for name, topic in (("topic", "gas"), ("pose", "odom"))
+        f"--{name}=/oxides_{k}/{topic}"
+        for k in (0, 1)
+        for name, topic in (("topic", "gas"), ("pose", "odom"))
     ]
     assert maps.main([str(bag), *topics, *options, "--out", str(tmp_path / "a")]) == 0
     assert (
-        "robot_1: gas of /robot_1/gas, places of /robot_1/odom, wind of /robot_1/wind\n"
+        "oxides_1: gas of /oxides_1/gas, places of /oxides_1/odom, wind of /oxides_1/wind\n"
         in capsys.readouterr().out
     )
     table = [str(run / "robots.parquet"), "--trial", "1"]
@@ -287,7 +292,7 @@ def test_a_run_again_on_its_own_ways_reads_the_same(run, tmp_path):
         "    odometry: {veer_deg: 10, distance_scale: 0.1}\n", ""
     )
     for kind in ("random_walk", "casting"):
-        names = "[robot_2]" if kind == "casting" else "[robot_0, robot_1]"
+        names = "[linear_0]" if kind == "casting" else "[oxides_0, oxides_1]"
         text = text.replace(f"{{kind: {kind}}}", f"{{kind: replay, file: bag, robots: {names}}}")
     (tmp_path / "s.yaml").write_text(text)
     options = ["--out", str(tmp_path / "again"), "--quiet", "--no-report", "--no-recording"]

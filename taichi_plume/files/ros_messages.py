@@ -9,6 +9,7 @@ is said of a message is what its definition says, and in addition:
                                 (1 + ppm / c0)^calib_b, where c0 = calib_a^(-1 / calib_b)
 """
 
+import re
 from collections.abc import Mapping
 from functools import cache
 from math import cos, sin
@@ -146,6 +147,12 @@ def decode(name: str, data: bytes) -> Any:
         return store().deserialize_cdr(data, name)
     except Exception as error:  # whatever it meets in bytes of others
         raise RosError(f"is no {name}: {error}") from None
+
+
+def word(name: str) -> str:
+    """A name, such as that of a group, as a part of a topic."""
+    clean = re.sub(r"[^A-Za-z0-9_]", "_", name)
+    return clean if clean[:1].isalpha() else f"g_{clean}"
 
 
 def time(seconds: float) -> dict[str, int]:

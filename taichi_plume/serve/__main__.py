@@ -78,8 +78,8 @@ def _serve(args: argparse.Namespace) -> int:
 
 def _require_names(file: Path, names: Sequence[str]) -> None:
     """Raise ScenarioError where topics of two groups would be the same."""
+    from taichi_plume.files.ros_messages import word
     from taichi_plume.scenario.loading import ScenarioError
-    from taichi_plume.serve.topics import word
 
     for n, name in enumerate(names):
         for other in names[:n]:

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from taichi_plume.agents.external import LOST, ExternalAlgorithm, Orders
+from taichi_plume.files import ros_messages as ros
 from taichi_plume.guard.terminal import say, visible
 from taichi_plume.serve import topics
 from taichi_plume.serve.inbox import Inbox
@@ -49,7 +50,7 @@ class Outside:
     ):
         group = sim.swarm.groups[number]
         model, floor = algorithm.model, sim.scenario.floor
-        self.name, self.algorithm = topics.word(group.name), algorithm
+        self.name, self.algorithm = ros.word(group.name), algorithm
         self.inbox = Inbox(
             self.name, group.size, model.placed, (floor.low, floor.high), model.timeout, remark
         )
@@ -140,7 +141,7 @@ class Service:
         self._first = np.concatenate(
             [np.arange(g.start, g.start + g.count) for g in first] or [np.zeros(0, int)]
         )
-        self._names = [f"{topics.word(names[g.number])}_{n}" for g in first for n in range(g.count)]
+        self._names = [f"{ros.word(names[g.number])}_{n}" for g in first for n in range(g.count)]
         sim.observers.insert(0, Every(sim.dt, lambda _: self.publish()))  # before files are written
         view = View(sim)
         sim.observers.append(Every(VIEW_S, lambda _: self._send(view.messages())))
@@ -284,7 +285,5 @@ def _named(group: str, robots: np.ndarray) -> str:
 
 def _sensor(model: Any) -> dict[str, Any]:
     """What messages say of a gas sensor."""
-    from taichi_plume.files import ros_messages as ros
-
     part = ros.PARTS.get(str(getattr(model, "model", "")).upper(), 0)
     return {"technology": ros.TECHNOLOGIES.get(model.kind, 0), "mpn": part}

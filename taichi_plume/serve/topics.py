@@ -2,7 +2,7 @@
 
     clock              rosgraph_msgs/Clock           simulated time
     tf                 tf2_msgs/TFMessage            where the robots of the first trial are, from `map`
-    map, plume/...     see `view`
+    map, plume/..., tf_static    see `view`
     GROUP/readings     taichi_plume_msgs/Readings    all that the robots of an external group read
     GROUP/commands     taichi_plume_msgs/Commands    what they are told: comes in
     ROBOT/cmd_vel      geometry_msgs/Twist           the same of one robot, where the group takes velocities: comes in
@@ -15,7 +15,6 @@
 ROBOT is GROUP_n, n from 0 on through all trials. Groups of more than MOST_ROBOTS have no topics of each.
 """
 
-import re
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
@@ -24,7 +23,7 @@ import numpy as np
 from taichi_plume.files import ros_messages as ros
 
 MOST_ROBOTS = 64
-MAP = "map"
+MAP, BASE, GAS, WIND = "map", "base_link", "gas_sensor", "anemometer"  # frames
 
 
 class Message(NamedTuple):
@@ -37,12 +36,6 @@ class Message(NamedTuple):
     def data(self) -> bytes:
         """Its bytes."""
         return ros.encode(self.make())
-
-
-def word(name: str) -> str:
-    """A group's name as a part of a topic's."""
-    clean = re.sub(r"[^A-Za-z0-9_]", "_", name)
-    return clean if clean[:1].isalpha() else f"g_{clean}"
 
 
 def clock(t: float) -> Message:
@@ -87,7 +80,7 @@ def of_each(group: str, t: float, told: dict[str, np.ndarray], sensor: dict[str,
     for n in range(len(has_resistance)):
         robot = f"{group}_{n}"
         yield _message(f"{robot}/odom", "nav_msgs/msg/Odometry", _odometry, robot, t, told, n)
-        gas = {"header": ros.header(t, robot)} | sensor
+        gas = {"header": ros.header(t, f"{robot}/{GAS}")} | sensor
         yield _message(f"{robot}/gas", ros.GAS_SENSOR, _gas, gas, "ppm", told["reading"], n)
         if has_resistance[n]:
             yield _message(f"{robot}/gas_raw", ros.GAS_SENSOR, _gas, gas, "ohm", told["resistance"], n)
@@ -97,7 +90,7 @@ def of_each(group: str, t: float, told: dict[str, np.ndarray], sensor: dict[str,
 def _odometry(robot: str, t: float, told: dict[str, np.ndarray], n: int) -> dict[str, Any]:
     x, y = told["believed_position"][n].tolist()
     pose = {"position": {"x": x, "y": y}, "orientation": ros.yawed(float(told["believed_heading"][n]))}
-    return {"header": ros.header(t, MAP), "child_frame_id": robot, "pose": {"pose": pose}}
+    return {"header": ros.header(t, MAP), "child_frame_id": f"{robot}/{BASE}", "pose": {"pose": pose}}
 
 
 def _gas(about: dict[str, Any], unit: str, values: np.ndarray, n: int) -> dict[str, Any]:
@@ -108,7 +101,7 @@ def _wind(robot: str, t: float, told: dict[str, np.ndarray], n: int) -> dict[str
     u, v = told["wind"][n].tolist()
     course = np.arctan2(v, u) - told["believed_heading"][n]
     return {
-        "header": ros.header(t, robot),
+        "header": ros.header(t, f"{robot}/{WIND}"),
         "sensor_label": f"{robot}/wind",
         "wind_speed": np.hypot(u, v),
         "wind_direction": np.arctan2(np.sin(course), np.cos(course)),
@@ -125,7 +118,7 @@ def _transforms(t: float, names: list[str], position: np.ndarray, heading: np.nd
         "transforms": [
             {
                 "header": ros.header(t, MAP),
-                "child_frame_id": name,
+                "child_frame_id": f"{name}/{BASE}",
                 "transform": {"translation": {"x": x, "y": y}, "rotation": ros.yawed(angle)},
             }
             for name, (x, y), angle in zip(names, position.tolist(), heading.tolist(), strict=True)

@@ -1,5 +1,6 @@
 """What people want to see beside the robots, once a second: the floor and the gas over it.
 
+tf_static        tf2_msgs/TFMessage         where the sensors are on the robots of the first trial
 map              nav_msgs/OccupancyGrid     where no robot can be
 plume/SPECIES    sensor_msgs/PointCloud2    ppm at the height of the gas sensors, of points with LEAST or more
 """
@@ -10,11 +11,13 @@ from typing import Any
 
 import numpy as np
 
+from taichi_plume.files import ros_messages as ros
 from taichi_plume.files import ros_shapes
 from taichi_plume.grid.fields import ppm_at
-from taichi_plume.serve.topics import MAP, Message, word
+from taichi_plume.serve.topics import BASE, GAS, MAP, WIND, Message
 from taichi_plume.simulation import Simulation
 
+TRANSFORMS = "tf2_msgs/msg/TFMessage"
 LEAST = 0.1  # ppm
 MOST = 20_000  # points that are looked at
 
@@ -49,12 +52,27 @@ class View:
         t, dx = self.sim.t, self.sim.grid.dx
         floor = partial(ros_shapes.grid, self.floor, dx, -dx, t, MAP)
         return [
+            Message("tf_static", TRANSFORMS, self._sensors),
             Message("map", ros_shapes.GRID, floor),
             *(
-                Message(f"plume/{word(species.name)}", ros_shapes.POINTS, partial(self._gas, n, t))
+                Message(f"plume/{ros.word(species.name)}", ros_shapes.POINTS, partial(self._gas, n, t))
                 for n, species in enumerate(self.sim.gas.species)
             ),
         ]
+
+    def _sensors(self) -> Any:
+        """Where they are on the robots: ahead of the middle, and in 3-D over the floor."""
+        flat, places = self.sim.grid.dim == 2, []
+        for group in self.sim.swarm.groups:
+            gas, wind = group.model.sensors.gas, group.model.sensors.wind
+            for n in range(group.count):
+                robot = f"{ros.word(group.name)}_{n}"
+                for frame, ahead, height in ((GAS, gas.ahead, gas.height), (WIND, 0.0, wind.height)):
+                    at = {"x": ahead, "z": 0.0 if flat else height}
+                    told = {"translation": at, "rotation": ros.yawed(0.0)}
+                    header = ros.header(0.0, f"{robot}/{BASE}")
+                    places.append({"header": header, "child_frame_id": f"{robot}/{frame}", "transform": told})
+        return ros.message(TRANSFORMS, transforms=places)
 
     def _gas(self, n: int, t: float) -> Any:
         """A species as points."""

@@ -191,7 +191,7 @@ def test_what_is_told_of_each_robot(served):
     assert sorted(decoded) == [
         "clock", "map", "my_team/readings",
         *(f"my_team_{n}/{what}" for n in (0, 1) for what in ("gas", "gas_raw", "odom", "wind")),
-        "plume/ethanol", "tf",
+        "plume/ethanol", "tf", "tf_static",
     ]  # fmt: skip
     now = robots.seen[-1][1]
     assert decoded["clock"].clock.sec == 3
@@ -205,7 +205,10 @@ def test_what_is_told_of_each_robot(served):
     assert wind.wind_speed == pytest.approx(np.hypot(now.wind_x[0], now.wind_y[0]))
     # it drives against the wind, so in its frame the air comes from ahead
     assert abs(wind.wind_direction) == pytest.approx(np.pi, abs=0.2)
-    assert [one.child_frame_id for one in decoded["tf"].transforms] == ["my_team_0", "my_team_1"]
+    assert [one.child_frame_id for one in decoded["tf"].transforms] == [
+        "my_team_0/base_link",
+        "my_team_1/base_link",
+    ]
 
 
 def test_what_nobody_wants_is_not_made(made, monkeypatch):
