@@ -1,13 +1,13 @@
 """Robots of a recorded bag: their ways, and what their gas sensors and anemometers read.
 
-Each topic of gas is a robot, named by what stands before it ("/r1/gas" is of r1). Where the frame of its messages hangs
-on the map in /tf, that is where it was; otherwise the topic of poses that shares most of its name. Poses are
-interpolated to the times of the readings, and readings without a pose before and after them are left out. Times are the
-stamps of the messages; those of recording, if one has none.
+Each topic of gas is a robot, named by what stands before it ("/r1/gas" is of r1), or by all of it where a robot has
+several. Where the frame of its messages hangs on the map in /tf, that is where it was; otherwise the topic of poses
+that shares most of its name. Poses are interpolated to the times of the readings, and readings without a pose before
+and after them are left out. Times are the stamps of the messages; those of recording, if one has none.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ import numpy as np
 
 from taichi_plume.files import ros_messages as ros
 from taichi_plume.files.bag_frames import Frames, Pose
+from taichi_plume.files.bag_topics import GAS, POSES, beside, chosen, robot_name, wind_topic_of
 from taichi_plume.files.bags import Bag, BagError, Series, Told, opened, stamp_of
 from taichi_plume.files.tables import listed
 from taichi_plume.scenario.sensors import MOX_MODELS
@@ -72,8 +73,8 @@ def read(path: Path, wanted: Wanted | None = None, without_gas: bool = False) ->
     wanted = wanted or Wanted()
     with opened(path) as bag:
         if without_gas and not bag.of_kind(*GAS):
-            return [_without_gas(bag, topic) for topic in _chosen(bag, wanted.pose, POSES, "poses", "--pose")]
-        gas = _chosen(bag, wanted.gas, GAS, "gas", "--topic")
+            return [_without_gas(bag, topic) for topic in chosen(bag, wanted.pose, POSES, "poses", "--pose")]
+        gas = chosen(bag, wanted.gas, GAS, "gas", "--topic")
         for one, option in ((wanted.pose, "--pose"), (wanted.wind, "--wind")):
             if one and len(one) != len(gas):
                 raise BagError(
@@ -88,7 +89,16 @@ def read(path: Path, wanted: Wanted | None = None, without_gas: bool = False) ->
         for n, one in enumerate(readings):
             given = [topics[n] if topics else None for topics in (wanted.pose, wanted.wind)]
             robots.append(_robot(bag, wanted, one, frames, stamped, given[0], given[1], poses))
-        return robots
+        return _named_apart(robots, gas)
+
+
+def _named_apart(robots: list[RecordedRobot], gas: Sequence[str]) -> list[RecordedRobot]:
+    """The robots, of which those of one name are named by their topics of gas."""
+    names = [one.name for one in robots]
+    return [
+        replace(one, name=topic.strip("/")) if names.count(one.name) > 1 else one
+        for one, topic in zip(robots, gas, strict=True)
+    ]
 
 
 def _robot(
@@ -110,7 +120,7 @@ def _robot(
         way = frames.pose(chain[chain.index(carrier) :], t)
         source = f"{gas.frame} in {wanted.frame}"
     else:
-        topic = _beside(bag, gas.topic, pose_topic, POSES, "poses", "--pose")
+        topic = beside(bag, gas.topic, pose_topic, POSES, "poses", "--pose")
         if topic not in poses:
             poses[topic] = bag.series(topic, _pose_of(bag, topic))
         t, way = _way(poses[topic], stamped)
@@ -122,14 +132,14 @@ def _robot(
             f"{bag.path}: no reading of {gas.topic} ({spans[0]}) has a pose of {source} ({spans[1]}) before and "
             "after it; have they one clock?"
         )
-    wind_topic = _wind_topic(bag, gas.topic, wind_topic)
+    wind_topic = wind_topic_of(bag, gas.topic, wind_topic)
     wind = np.zeros((len(read_at), 2))
     if wind_topic:
         wind = _wind(bag, wind_topic, wanted, frames, stamped, read_at, lambda times: _between(t, way, times))
     order = np.flatnonzero(known)[np.argsort(read_at[known], kind="stable")]
     there = np.isfinite(way.place).all(axis=1)
     return RecordedRobot(
-        _name(gas.topic),
+        robot_name(gas.topic),
         t[there],
         way.place[there, :2],
         way.heading[there],
@@ -147,78 +157,8 @@ def _without_gas(bag: Bag, topic: str) -> RecordedRobot:
     t, way = _way(series, series.is_stamped)
     none = np.zeros((0, 2))
     return RecordedRobot(
-        _name(topic), t, way.place[:, :2], way.heading, none[:, 0], none, none[:, 0], none, topic
+        robot_name(topic), t, way.place[:, :2], way.heading, none[:, 0], none, none[:, 0], none, topic
     )
-
-
-# ---------------------------------------------------------------- topics
-
-
-def _chosen(bag: Bag, given: tuple[str, ...], kinds: Sequence[str], what: str, option: str) -> list[str]:
-    """The topics that are given or, of the first type that there is any of, all. Raises BagError."""
-    for topic in given:
-        bag.require(topic, kinds)
-    if given:
-        return list(given)
-    for kind in kinds:
-        found = bag.of_kind(kind)
-        if found and kind in UNSURE and len(found) > 1:
-            raise BagError(
-                f"{bag.path}: has several topics that may be {what}, {listed(found)}; choose with {option}"
-            )
-        if found:
-            return found
-    has = listed([f"{topic} ({kind.replace('/msg/', '/')})" for topic, kind in sorted(bag.kinds.items())])
-    raise BagError(f"{bag.path}: has no topic of {what} of a type that is known; it has {has or 'none'}")
-
-
-def _beside(bag: Bag, gas: str, given: str | None, kinds: Sequence[str], what: str, option: str) -> str:
-    """The topic that is given, or the one of the first type that shares most of its name with a topic of gas."""
-    if given:
-        bag.require(given, kinds)
-        return given
-    found = bag.of_kind(*kinds)
-    if not found:
-        raise BagError(
-            f"{bag.path}: has no {what} for {gas}: neither frames that lead to it nor a topic of them"
-        )
-    most = max(_shared(gas, one) for one in found)
-    near = [one for one in found if _shared(gas, one) == most]
-    first = min(kinds.index(bag.kinds[one]) for one in near)
-    near = [one for one in near if kinds.index(bag.kinds[one]) == first]
-    if len(near) > 1:
-        raise BagError(
-            f"{bag.path}: has several topics of {what} for {gas}, {listed(near)}; choose with {option}"
-        )
-    return near[0]
-
-
-def _wind_topic(bag: Bag, gas: str, given: str | None) -> str | None:
-    """The topic of wind that belongs to one of gas, if there is any: vectors are wind only if their name says so."""
-    if given:
-        bag.require(given, WINDS)
-        return given
-    sure = bag.of_kind(ros.ANEMOMETER) or [one for one in bag.of_kind(*WINDS) if "wind" in one.lower()]
-    if not sure:
-        return None
-    most = max(_shared(gas, one) for one in sure)
-    near = [one for one in sure if _shared(gas, one) == most]
-    if len(near) > 1:
-        raise BagError(
-            f"{bag.path}: has several topics of wind for {gas}, {listed(near)}; choose with --wind"
-        )
-    return near[0]
-
-
-def _shared(a: str, b: str) -> int:
-    """How many parts two topics begin with alike."""
-    parts = list(zip(a.strip("/").split("/"), b.strip("/").split("/"), strict=False))
-    return next((n for n, (one, other) in enumerate(parts) if one != other), len(parts))
-
-
-def _name(topic: str) -> str:
-    """Of the robot that a topic is of."""
-    return "/".join(topic.strip("/").split("/")[:-1]) or "robot"
 
 
 # ---------------------------------------------------------------- messages
@@ -348,14 +288,3 @@ def _wind(
         return np.zeros((len(read_at), 2))
     wind = wind[good][first]
     return np.stack([np.interp(read_at, t, one, left=0.0, right=0.0) for one in wind.T], axis=-1)
-
-
-FLOATS = ("std_msgs/msg/Float32", "std_msgs/msg/Float64")
-GAS = (ros.GAS_SENSOR, ros.GAS_SENSOR_ARRAY, *FLOATS)
-UNSURE = FLOATS
-POSES = (
-    "nav_msgs/msg/Odometry",
-    "geometry_msgs/msg/PoseWithCovarianceStamped",
-    "geometry_msgs/msg/PoseStamped",
-)
-WINDS = (ros.ANEMOMETER, "geometry_msgs/msg/Vector3Stamped", "geometry_msgs/msg/TwistStamped")

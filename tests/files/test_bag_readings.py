@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from recorded_bag import ODOMETRY, POSE, TF, gas, pose, transforms, wind, write
 
-from taichi_plume.files import bag_readings, bags
+from taichi_plume.files import bag_readings, bag_topics, bags
 from taichi_plume.files import ros_messages as ros
 from taichi_plume.files.bag_readings import Wanted
 from taichi_plume.files.bags import BagError
@@ -147,6 +147,16 @@ def test_several_robots_are_groups(tmp_path):
     np.testing.assert_allclose(other.wind[:, 0], 0.3)
     with pytest.raises(ReadingsError, match=r"has no group 'r3'; it has fleet/r2, r1$"):
         read(bag, group="r3")
+
+
+def test_a_robot_of_several_noses(tmp_path):
+    """Such as one that tells ppm and, apart, ohm."""
+    bag = write(
+        tmp_path / "a", [*poses("/r1/odom"), *readings("/r1/gas"), *readings("/r1/gas_raw", units="ppb")]
+    )
+    assert len(read(bag).t) == 2 * len(AT)
+    np.testing.assert_allclose(read(bag, group="r1/gas_raw").reading, 0.01 * AT)
+    assert read(bag, wanted=Wanted(gas=("/r1/gas",))).topics[0].startswith("r1: gas of /r1/gas, ")
 
 
 def test_a_bag_of_ros_1(tmp_path):
@@ -325,5 +335,5 @@ def test_damaged_bags_are_told_in_a_line(storage, tmp_path):
 
 
 def test_all_types_that_are_told_are_there():
-    for kind in (*bag_readings.GAS, *bag_readings.POSES, *bag_readings.WINDS, TF):
+    for kind in (*bag_topics.GAS, *bag_topics.POSES, *bag_topics.WINDS, TF):
         assert ros.definition(kind)
