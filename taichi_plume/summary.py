@@ -3,6 +3,7 @@
 import shlex
 from math import isfinite
 from pathlib import Path
+from statistics import mean
 from typing import Any
 
 from taichi_plume.declared import has_declared
@@ -73,6 +74,8 @@ def summary(content: dict[str, Any]) -> list[tuple[str, str]]:
         lines.append((group["name"], _group_line(group)))
         if has_declared(group["per_trial"]) and not group["no_search"]:
             lines.append((f"{group['name']} declared", _declared_line(group)))
+        if "beside_recorded" in group:
+            lines.append((f"{group['name']} recorded", _recorded_line(group["beside_recorded"])))
     if "service" in content:
         lines.append(("from outside", _service_line(content["service"])))
     lines += _what_is_shared(content)
@@ -85,6 +88,16 @@ def summary(content: dict[str, Any]) -> list[tuple[str, str]]:
         else:
             lines.append((name, _map_line(gas_map)))
     return lines
+
+
+def _recorded_line(told: dict[str, Any]) -> str:
+    """How the readings of a replay are beside those recorded: the means over its trials."""
+    mae, bias = (mean(told[name]) for name in ("mae_ppm", "bias_ppm"))
+    text = (
+        f"{told['readings']:,} readings; the simulated ones are {mae:.3g} ppm off, on average {bias:+.3g} ppm"
+    )
+    known = [one for one in told["correlation"] if one is not None and isfinite(one)]
+    return text + (f", correlation {mean(known):.2f}" if known else "")
 
 
 def _service_line(told: dict[str, Any]) -> str:

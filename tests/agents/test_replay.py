@@ -11,6 +11,7 @@ from taichi_plume.files.result import _beside_recorded
 from taichi_plume.grid.state import State
 from taichi_plume.prepare import checked
 from taichi_plume.scenario.loading import ScenarioError, scenario_from
+from taichi_plume.summary import _recorded_line
 
 pytestmark = pytest.mark.usefixtures("taichi")
 TIMES = np.arange(100.0, 104.01, 0.25)
@@ -105,6 +106,12 @@ def check_score(sim, t, ppm):
     assert table["readings"] == len(own) == 30
     wanted = np.corrcoef(own, t[t < 3.0 + 1e-6])[0, 1]
     np.testing.assert_allclose(table["correlation"], [wanted], rtol=1e-4)
+
+
+def test_the_summary_tells_how_they_compare():
+    told = {"readings": 1200, "correlation": [0.5, None], "mae_ppm": [1.0, 3.0], "bias_ppm": [-1.0, -2.0]}
+    line = "1,200 readings; the simulated ones are 2 ppm off, on average -1.5 ppm, correlation 0.50"
+    assert _recorded_line(told) == line
 
 
 def test_a_reset_begins_again_with_other_numbers(sim):

@@ -149,6 +149,30 @@ def test_several_robots_are_groups(tmp_path):
         read(bag, group="r3")
 
 
+def test_a_bag_by_another_library(tmp_path):
+    """Of mcap-ros2-support: a file alone, whose schemas have comments, as those of packages do."""
+    from mcap_ros2.writer import Writer
+
+    def plain(message):
+        if not hasattr(message, "__dataclass_fields__"):
+            return message.tolist() if isinstance(message, np.ndarray) else message
+        return {
+            name: plain(getattr(message, name)) for name in message.__dataclass_fields__ if name[0] != "_"
+        }
+
+    path = tmp_path / "lab.mcap"
+    with path.open("wb") as file, Writer(file) as writer:
+        kinds = {"/odom": ODOMETRY, "/gas": ros.GAS_SENSOR}
+        schemas = {}
+        for topic, kind in kinds.items():
+            schemas[topic] = writer.register_msgdef(kind, "# of a package\n" + ros.definition(kind))
+        for t, topic, message in [*poses(), *readings()]:
+            writer.write_message(topic, schemas[topic], plain(message), round(t * 1e9))
+    (one,) = bag_readings.read(path)
+    np.testing.assert_allclose(one.ppm, 10.0 * AT)
+    np.testing.assert_allclose(one.at[:, 0], 0.2 * AT)
+
+
 def test_a_robot_of_several_noses(tmp_path):
     """Such as one that tells ppm and, apart, ohm."""
     bag = write(
