@@ -123,8 +123,24 @@ def by_websocket(port: int):
             time.sleep(0.1)
     about = {"id": 1, "topic": "/team_3/cmd_vel", "encoding": "json", "schemaName": "geometry_msgs/msg/Twist"}
     link.send(json.dumps({"op": "advertise", "channels": [about]}))
+    assert subscribed(link, "/team_3/gas").raw_units == ros.UNITS["ppm"]
     text = json.dumps({"linear": {"x": 0.1}}).encode()
     return repeated(lambda: link.send(b"\x01" + (1).to_bytes(4, "little") + text), link.close)
+
+
+def subscribed(link, topic: str):
+    """The first message of a topic."""
+    while True:
+        said = link.recv(ENOUGH)
+        if isinstance(said, bytes):
+            assert said[0] == 1
+            return ros.decode(ros.GAS_SENSOR, said[13:])
+        told = json.loads(said)
+        for one in told.get("channels", ()) if told["op"] == "advertise" else ():
+            if one["topic"] == topic:
+                assert (one["encoding"], one["schemaEncoding"]) == ("cdr", "ros2msg")
+                wanted = [{"id": 1, "channelId": one["id"]}]
+                link.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
 
 
 def repeated(send, close):
