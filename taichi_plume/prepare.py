@@ -322,7 +322,7 @@ def _ways(resources: Resources, path: str, model: Replay, folder: Path) -> None:
     from taichi_plume.files.bag_ways import WayError, read
 
     try:
-        resources.ways[path] = read(folder / model.file, model.frame)
+        resources.ways[path] = read(folder / model.file, model.frame, model.topics, model.poses)
     except WayError as error:
         resources.faults[path] = str(error)
 

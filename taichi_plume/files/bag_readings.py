@@ -31,6 +31,7 @@ class Wanted:
     frame: that places are in. sensor: which of a GasSensorArray. units: of gas, where messages do not tell or err.
     model: the metal oxide whose law turns resistances into ppm, air: its resistance in clean air [ohm]; unless given,
     as the messages tell. upwind: whether Anemometer messages tell where the wind comes from, and not where it goes.
+    lenient: whether ways are what is wanted: readings that cannot be turned into ppm are NaN, and wind is left out.
     """
 
     gas: tuple[str, ...] = ()
@@ -42,6 +43,7 @@ class Wanted:
     model: str | None = None
     air: float | None = None
     upwind: bool = False
+    lenient: bool = False
 
     @property
     def said(self) -> bool:
@@ -68,11 +70,11 @@ class RecordedRobot:
     topics: str
 
 
-def read(path: Path, wanted: Wanted | None = None, without_gas: bool = False) -> list[RecordedRobot]:
-    """The robots of a bag; without_gas: of one without gas those that it has poses of. Raises BagError."""
+def read(path: Path, wanted: Wanted | None = None) -> list[RecordedRobot]:
+    """The robots of a bag; if lenient, of one without gas those that it has poses of. Raises BagError."""
     wanted = wanted or Wanted()
     with opened(path) as bag:
-        if without_gas and not bag.of_kind(*GAS):
+        if wanted.lenient and not wanted.gas and not bag.of_kind(*GAS):
             return [_without_gas(bag, topic) for topic in chosen(bag, wanted.pose, POSES, "poses", "--pose")]
         gas = chosen(bag, wanted.gas, GAS, "gas", "--topic")
         for one, option in ((wanted.pose, "--pose"), (wanted.wind, "--wind")):
@@ -126,13 +128,13 @@ def _robot(
         t, way = _way(poses[topic], stamped)
         here, source = _between(t, way, read_at), topic
     known = np.isfinite(here.place).all(axis=1) & np.isfinite(read_at)
-    if not known.any():
+    if not known.any() and not wanted.lenient:
         spans = [f"{one.min():.10g} to {one.max():.10g} s" if len(one) else "none" for one in (read_at, t)]
         raise BagError(
             f"{bag.path}: no reading of {gas.topic} ({spans[0]}) has a pose of {source} ({spans[1]}) before and "
             "after it; have they one clock?"
         )
-    wind_topic = wind_topic_of(bag, gas.topic, wind_topic)
+    wind_topic = None if wanted.lenient else wind_topic_of(bag, gas.topic, wind_topic)
     wind = np.zeros((len(read_at), 2))
     if wind_topic:
         wind = _wind(bag, wind_topic, wanted, frames, stamped, read_at, lambda times: _between(t, way, times))
@@ -168,17 +170,25 @@ def _gas_of(bag: Bag, topic: str, wanted: Wanted) -> Callable[[Any], Told]:
     """How the messages of a topic tell ppm."""
     kind, where = bag.kinds[topic], f"{bag.path}: {topic}"
 
+    def ppm(raw: float, units: str, told: Any) -> float:
+        try:
+            return _ppm(where, raw, units, told, wanted)
+        except BagError:
+            if not wanted.lenient:
+                raise
+            return np.nan
+
     def plain(message: Any) -> Told:
-        return Told(0.0, "", [_ppm(where, float(message.data), wanted.units or "ppm", None, wanted)])
+        return Told(0.0, "", [ppm(float(message.data), wanted.units or "ppm", None)])
 
     def sensor(one: Any) -> Told:
         told = {code: name for name, code in ros.UNITS.items()}.get(int(one.raw_units), "unknown")
-        value = _ppm(where, float(one.raw), wanted.units or told, one, wanted)
+        value = ppm(float(one.raw), wanted.units or told, one)
         return Told(stamp_of(one.header), one.header.frame_id, [value])
 
     def array(message: Any) -> Told:
         n, count = wanted.sensor, len(message.sensors)
-        if n is None and count != 1:
+        if n is None and count != 1 and not (wanted.lenient and count):
             raise BagError(f"{where} has {count} sensors in a message; choose with --sensor N, from 0 on")
         if (n or 0) >= count:
             raise BagError(f"{where} has {count} sensors in a message, and none of number {n}")

@@ -13,6 +13,10 @@ from taichi_plume.guard.opening import unopenable
 OF_RUN = ("t", "group", "trial", "robot", "x", "y", "heading", "reading_ppm")
 
 
+KEYS = {"--topic": "topics", "--pose": "poses"}
+"""What options of the maps' command are called in a scenario."""
+
+
 class WayError(ValueError):
     """A recording that no way is in; the message is one line."""
 
@@ -37,24 +41,36 @@ class Way:
         return float(x), float(y), float(heading)
 
 
-def read(path: Path, frame: str = "map") -> list[Way]:
-    """The ways that are in a file; frame: of a bag, in which places are taken. Raises WayError."""
+def read(
+    path: Path, frame: str = "map", topics: tuple[str, ...] = (), poses: tuple[str, ...] = ()
+) -> list[Way]:
+    """The ways that are in a file. Of a bag, frame: in which places are taken; topics: of gas; poses: topics of them.
+
+    Readings that cannot be turned into ppm are left out. Raises WayError.
+    """
     reason = None if bags.is_bag(path) else unopenable(path)
     if reason:
         raise WayError(f"{path}: {reason}")
     try:
-        ways = _of_bag(path, frame) if bags.is_bag(path) else _of_run(path)
+        ways = (
+            _of_bag(path, Wanted(topics, poses, frame=frame, lenient=True))
+            if bags.is_bag(path)
+            else _of_run(path)
+        )
     except (bags.BagError, RunFolderError) as error:
-        raise WayError(str(error)) from None
+        text = str(error)
+        for option, key in KEYS.items():
+            text = text.replace(option, key)
+        raise WayError(text) from None
     if not ways or any(not len(one.t) for one in ways):
         raise WayError(f"{path}: has no pose of a robot")
     return ways
 
 
-def _of_bag(path: Path, frame: str) -> list[Way]:
+def _of_bag(path: Path, wanted: Wanted) -> list[Way]:
     return [
         _way(one.name, one.t, one.place, one.heading, one.read_at, one.ppm)
-        for one in bag_readings.read(path, Wanted(frame=frame), without_gas=True)
+        for one in bag_readings.read(path, wanted)
     ]
 
 

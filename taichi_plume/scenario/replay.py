@@ -28,6 +28,11 @@ class Replay(AnyAlgorithm):
     """Names of the recorded robots, one for each of the team; unless given, the first that there are. In a bag a robot
     is named by what stands before its topic of gas, or of poses where it has no gas; in a table by group and number,
     such as `pair 0`."""
+    topics: Annotated[tuple[str, ...], Field(max_length=1000)] = ()
+    """Topics of gas in a bag, each of a robot; unless given, all of the first type that there is."""
+    poses: Annotated[tuple[str, ...], Field(max_length=1000)] = ()
+    """Topics of poses in a bag, for each of gas; unless given, frames tell where it was. Where these do not, the topic
+    of poses does that is named most alike."""
     frame: str = "map"
     """Frame of a bag in which the robots' places are taken."""
     origin: Point2 = (0.0, 0.0)

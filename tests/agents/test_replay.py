@@ -7,6 +7,7 @@ import pytest
 from recorded_bag import POSE, gas, pose, write
 
 from taichi_plume.assemble import assemble
+from taichi_plume.files.bag_ways import WayError, read
 from taichi_plume.files.result import _beside_recorded
 from taichi_plume.grid.state import State
 from taichi_plume.prepare import checked
@@ -154,6 +155,11 @@ def test_it_goes_on_where_it_was_saved(sim):
         ),
         ({"origin": [9, 9]}, "robots[0].algorithm.origin: b is never in the domain"),
         ({"frame": "odom", "start": -1}, "robots[0].algorithm.start"),
+        (
+            {"topics": ["/c/gas"]},
+            "robots[0].algorithm.file: {folder}/bag: has no topic '/c/gas'; it has /a/gas, /a/pose",
+        ),
+        ({"poses": ["/a/pose"]}, "poses is given 1 times for 2 topics of gas"),
     ],
 )
 def test_what_cannot_be_is_told(folder, changes, told):
@@ -170,6 +176,20 @@ def test_what_is_probably_not_meant_is_told(folder):
     remarks = checked(scenario_from({**SCENARIO, "robots": robots}), folder).resources.remarks
     assert any("a is not in the domain for 41 % of its poses" in one for one in remarks), remarks
     assert any("its last pose is at 3 s of the run" in one for one in remarks), remarks
+
+
+def test_gas_that_cannot_be_read_does_not_stop_a_replay(tmp_path):
+    """Its readings are left out; and topics may be chosen."""
+    messages = [(t, "/a/pose", pose(t, *way("a", t), POSE)) for t in TIMES]
+    messages += [(t, "/b/pose", pose(t, *way("b", t), POSE)) for t in TIMES]
+    write(tmp_path / "bag", messages + [(t, "/gas", gas(t, 1.0, "volt")) for t in TIMES])
+    with pytest.raises(
+        WayError, match=r"several topics of poses for /gas, /a/pose, /b/pose; choose with poses$"
+    ):
+        read(tmp_path / "bag")
+    (one,) = read(tmp_path / "bag", poses=("/b/pose",))
+    assert len(one.ppm) == 0
+    np.testing.assert_allclose(one.place, [way("b", t)[:2] for t in TIMES])
 
 
 def test_its_robots_do_not_err(folder):
