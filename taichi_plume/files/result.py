@@ -129,9 +129,11 @@ def _groups(sim: Simulation) -> list[dict[str, Any]]:
 
 def _beside_recorded(sim: Simulation, group: Any) -> dict[str, Any]:
     """How the readings of a group that goes recorded ways are beside those recorded, if there are any."""
-    team = next(one for one in sim.teams if group.number in one.numbers)
-    told = getattr(team.algorithm, "recorded", None)
-    found = told() if told else None
+    found = None
+    for team in sim.teams:
+        told = getattr(getattr(team, "algorithm", None), "recorded", None)
+        if told is not None and group.number in team.numbers:
+            found = told()
     return {"beside_recorded": found} if found else {}
 
 
