@@ -19,7 +19,8 @@ from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.elementary import exp, log
 from taichi_plume.grid.rng import generator
 from taichi_plume.grid.transfer import uploader
-from taichi_plume.scenario.sensors import MOX_MODELS, IdealGasSensor, MoxSensor, PidSensor
+from taichi_plume.scenario.metal_oxides import MOX_MODELS
+from taichi_plume.scenario.sensors import IdealGasSensor, MoxSensor, PidSensor
 
 LN10 = float(np.log(10.0))
 SPREAD_OF_B = 0.08  # of unit to unit: our choice
@@ -119,9 +120,11 @@ class MoxLaw:
 
     @ti.func
     def ppm(self, n, r):
-        """The concentration that unit n is taken to see at resistance r [ohm]; R_air is that of its clean air."""
+        """The concentration, of the gas that it is calibrated for, that unit n is taken to see at resistance r [ohm];
+        R_air is that of its clean air.
+        """
         x = log(ti.max(r, 1e-3) / self.of.air[n])
-        c = self.of.c0[n] * exp(-x * self.of.per_b[n]) - self.of.c0[n]
+        c = self.of.c1[n] * exp(-x * self.of.per_b[n]) - self.of.c1[n]
         if ti.static(self.cubic):
             if self.of.cubic[n] == 1:
                 x = ti.min(x / LN10, 0.0)
@@ -186,18 +189,18 @@ def _drawn(rng: np.random.Generator, count: int) -> np.ndarray:
 
 def _of_units(sensor: MoxSensor, units: np.ndarray) -> Numbers:
     """The numbers of metal oxides of which it is known how the units differ."""
-    model = MOX_MODELS[sensor.model]
+    model, (c1, b1) = MOX_MODELS[sensor.model], sensor.reading_curve
     b = model.b * np.exp(SPREAD_OF_B * sensor.spread * sqrt(3.0) * units[:, 0])
     low, high = np.log(model.air)
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     cubic = sensor.calibration == "cubic"
-    k = _fits(model.c0, b) if cubic else np.zeros((len(units), 5))
+    k = _fits(c1, b * (b1 / model.b)) if cubic else np.zeros((len(units), 5))
     steps = 2.0 ** (sensor.bits or 0) - 1.0
     return {
-        "c0": model.c0,
         "per_c0": 1.0 / model.c0,
         "b": b,
-        "per_b": 1.0 / model.b,  # of the model, which is all that a calibration without fit knows
+        "c1": c1,  # of the gas that it is calibrated for
+        "per_b": 1.0 / b1,  # of the model, which is all that a calibration without fit knows
         "air": np.exp(middle + half * min(sensor.spread, 1.0) * units[:, 1]),
         "load": sensor.load or model.load,
         "steps": steps,  # of the converter, 0 where it does not round

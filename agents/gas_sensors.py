@@ -18,6 +18,7 @@ from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.lag import Lag
 from taichi_plume.agents.members import Members, sensor_place
 from taichi_plume.agents.parameters import Numbers, Parameters
+from taichi_plume.grid.elementary import exp, log
 from taichi_plume.grid.fields import Species
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.rng import normal4
@@ -39,6 +40,9 @@ class GasSensors:
         n = members.size
         self.law: Any = law(members)
         self.ahead = any(group.model.sensors.gas.ahead for group in members.groups)
+        self.bends = any(
+            group.model.sensors.gas.bend(one.name) for group in members.groups for one in species
+        )
         self.of = Parameters(members, partial(_figures, tick, species), stream="gas sensor")
         self.signal = ti.field(ti.f32, n)  # y of each robot, clean air at the start
         self.slow = ti.field(ti.f32, n)  # the same for its slow part
@@ -83,7 +87,11 @@ class GasSensors:
         self.swarm.true_ppm[i] = ppm.sum()  # type: ignore[misc]
         smelt = 0.0
         for s in ti.static(range(self.species)):
-            smelt += self.of.weights[n, s] * ppm[s]
+            felt = ppm[s]
+            if ti.static(self.bends):
+                if self.of.powers[n, s] != 1.0:
+                    felt = exp(self.of.powers[n, s] * log(1.0 + ppm[s] * self.of.per_c1[n, s])) - 1.0
+            smelt += self.of.weights[n, s] * felt
         return smelt
 
     @ti.func
@@ -138,6 +146,7 @@ def _figures(tick: float, species: Sequence[Species], group: GroupRange) -> Numb
     """What the sensors of a group are like."""
     sensor = group.model.sensors.gas
     signal = sensor.signal
+    bends = [sensor.bend(one.name) or (1.0, 1.0) for one in species]
     rise, decay, slow = (Lag(one, tick) for one in (signal.rise, signal.decay, signal.slow_decay))
     return {
         "height": sensor.height,
@@ -157,4 +166,6 @@ def _figures(tick: float, species: Sequence[Species], group: GroupRange) -> Numb
         "slow_decay": slow.share,
         "slow_decay_rest": slow.rest,
         "weights": tuple(sensor.weight(one.name) for one in species) or (0.0,),
+        "per_c1": tuple(1.0 / c1 for c1, _ in bends) or (0.0,),
+        "powers": tuple(power for _, power in bends) or (1.0,),
     }

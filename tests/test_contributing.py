@@ -10,8 +10,8 @@ from taichi_plume.agents.columns import COLUMNS
 from taichi_plume.scenario.algorithms import Algorithm
 from taichi_plume.scenario.gases import PureGas
 from taichi_plume.scenario.maps import Map
+from taichi_plume.scenario.metal_oxides import MOX_MODELS
 from taichi_plume.scenario.openings import Opening
-from taichi_plume.scenario.sensors import MOX_MODELS
 
 ROOT = Path(__file__).parent.parent
 LISTS = {
@@ -85,7 +85,7 @@ def test_a_metal_oxide_sensor_is_an_entry_in_one_file():
             str(path)
             for path, tree in SOURCES.items()
             if any(isinstance(node, ast.Constant) and node.value == name for node in ast.walk(tree))
-        ] == ["taichi_plume/scenario/sensors.py"]
+        ] == ["taichi_plume/scenario/metal_oxides.py"]
 
 
 NAMES_OF_MORE = ("x", "y", "heading", "found", "state", "declarations", "false_declarations")

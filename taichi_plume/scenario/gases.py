@@ -21,7 +21,7 @@ from taichi_plume.scenario.initial import InitialGas
 from taichi_plume.scenario.movie import MovieGas
 from taichi_plume.scenario.played import Playback
 from taichi_plume.scenario.plumesim import FluentGas, PlumeSimGas, PlumeSimMeander, PlumeSimPuff
-from taichi_plume.scenario.sources import OneGas, OtherSpecies, Source, dishes
+from taichi_plume.scenario.sources import AnySpecies, OneGas, Source, dishes
 from taichi_plume.scenario.species import Species
 from taichi_plume.scenario.vocabulary import (
     COMPILED,
@@ -179,7 +179,7 @@ class PlaybackGas(OneGas, Playback):
 
     part: ClassVar[Literal["wind", "gas"]] = "gas"
     kind: Literal["playback"]
-    species: Literal["ethanol", "acetone"] | OtherSpecies | None = None  # type: ignore[assignment]
+    species: AnySpecies | None = None  # type: ignore[assignment]
     """Which vapour is played back; unless given, the recorded one."""
     sources: tuple[Source, ...] = ()
     """Places that robots search for; unless given, the recorded ones."""

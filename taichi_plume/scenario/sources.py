@@ -1,15 +1,17 @@
 """Where gas comes from: species, sources and dishes of a scenario, and what every gas of one species has."""
 
+import difflib
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Self
 
-from pydantic import field_validator, model_validator
+from pydantic import BeforeValidator, field_validator, model_validator
 
+from taichi_plume.scenario.changes import shown
 from taichi_plume.scenario.context import Context
 from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.located import Located
 from taichi_plume.scenario.quantities import fault
-from taichi_plume.scenario.species import PRESSURE, SPECIES, TEMPERATURE, Species
+from taichi_plume.scenario.species import PRESSURE, SPECIES, TEMPERATURE, Species, SpeciesName
 from taichi_plume.scenario.vocabulary import (
     COMPILED,
     Diffusivity,
@@ -50,6 +52,25 @@ class OtherSpecies(Model):
                 "got '{got}': must be without '/' and '\\', as it names variables in files", {"got": name}
             )
         return name
+
+
+def _known(value: Any) -> Any:
+    """A name that there is, or the figures of another species."""
+    if value in (None, *SPECIES) or isinstance(value, dict | OtherSpecies):
+        return value
+    close = difflib.get_close_matches(str(value), SPECIES, n=1)
+    raise fault(
+        "got {got}; {hint}allowed: {names}; any other is told by {figures}",
+        {
+            "got": shown(value),
+            "hint": f"did you mean '{close[0]}'? " if close else "",
+            "names": ", ".join(SPECIES),
+            "figures": "{molar_mass: ..., diffusivity: ...}",
+        },
+    )
+
+
+AnySpecies = Annotated[SpeciesName | OtherSpecies, BeforeValidator(_known)]
 
 
 class Puffing(Model):
@@ -142,6 +163,9 @@ def dishes(where: str, species: Species, sources: Sequence[Source]) -> Iterator[
             continue
         path = f"{where}.sources[{n}].dish"
         if species.antoine is None and species.vapour_pressure is None:
+            if species.name in SPECIES:
+                yield f"{path}: {species.name} is no liquid that stands in a dish; give the source a rate instead"
+                continue
             yield f"{where}.species: missing key 'vapour_pressure', at the temperature of {path}"
         elif species.saturation(dish.temperature, dish.temperature) >= PRESSURE:
             pressure = species.saturation(dish.temperature, dish.temperature)
@@ -164,9 +188,9 @@ class OneGas(Model):
     """Whether its weight can act on the air."""
     solved: ClassVar[bool] = False
     """Whether it is computed from step to step, which takes time; else it is known beforehand."""
-    species: Literal["ethanol", "acetone"] | OtherSpecies = "ethanol"
-    """Which vapour it is: ethanol, acetone, or the figures of another one. It decides what a kg is in ppm, how it
-    diffuses and sinks."""
+    species: AnySpecies = "ethanol"
+    """Which gas it is, by its name or by the figures of another one. It decides what a kg is in ppm, how it diffuses,
+    and whether it sinks or rises."""
 
     @property
     def vapour(self) -> Species:

@@ -14,7 +14,7 @@ from taichi_plume.scenario.gases import AnySource, PureGas
 from taichi_plume.scenario.listening import Listening
 from taichi_plume.scenario.plume_tracking import PlumeTracking
 from taichi_plume.scenario.robots import Group
-from taichi_plume.scenario.sensors import MOX_MODELS, MoxSensor
+from taichi_plume.scenario.sensors import MoxSensor
 from taichi_plume.scenario.species import PRESSURE
 from taichi_plume.scenario.starts import StartArea
 from taichi_plume.scenario.windows import Region
@@ -262,8 +262,8 @@ def _smells(path: str, group: Group, context: Context) -> Iterator[str]:
         return
     key = f"{path}.algorithm.threshold_ppm"
     if isinstance(sensor, MoxSensor):
-        model = MOX_MODELS[sensor.model]
-        per_ln_r = model.c0 / model.b  # ppm, in clean air
+        c0, b = sensor.reading_curve
+        per_ln_r = c0 / b  # ppm, in clean air
         noise = hypot(sensor.noise / sqrt(sensor.averaged), sensor.reading_noise) * per_ln_r
     else:
         noise = sensor.noise_ppm / sqrt(sensor.averaged)
@@ -279,7 +279,7 @@ def _smells(path: str, group: Group, context: Context) -> Iterator[str]:
         )
     peaks = _peaks(context)
     if peaks:
-        most = sum(peaks) * max(sensor.weight(gas.vapour.name) for _, gas in context.scenario.gases)
+        most = max(sensor.reads(gas.vapour.name, sum(peaks)) for _, gas in context.scenario.gases)
         if threshold > most:
             yield (
                 f"{key}: {threshold:g} ppm is more than the sensor reads at the source itself, about {most:.2g} ppm; "

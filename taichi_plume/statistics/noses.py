@@ -12,7 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from taichi_plume.scenario.sensors import MOX_MODELS, GasSensor, IdealGasSensor, MoxSensor, PidSensor
+from taichi_plume.scenario.metal_oxides import MOX_MODELS
+from taichi_plume.scenario.sensors import GasSensor, IdealGasSensor, MoxSensor, PidSensor
 from taichi_plume.statistics.durations import stretches
 
 SLOW, FAST = 12.0, 0.05  # s
@@ -143,7 +144,7 @@ def smelt(
     threshold: what is a whiff [ppm]. Whiffs that the record cuts do not count, as for durations.
     """
     models = [one.model for one in several]
-    least = np.array([one.weight(gas) for one in models]) * threshold
+    least = np.array([one.reads(gas, threshold) for one in models])
     above = np.zeros((len(models), ppm.shape[1]), bool)
     rises = np.zeros((len(ppm), *above.shape), bool)
     first = np.zeros((len(ppm), len(models)), np.float32)

@@ -10,9 +10,9 @@ from taichi_plume.grid.fields import Wind
 from taichi_plume.grid.kernels import compiled
 from taichi_plume.grid.state import State
 from taichi_plume.scenario.algorithms import Casting
+from taichi_plume.scenario.metal_oxides import MOX_MODELS
 from taichi_plume.scenario.robots import Body, Group
 from taichi_plume.scenario.sensors import (
-    MOX_MODELS,
     Anemometer,
     GasSensor,
     IdealGasSensor,
@@ -83,6 +83,17 @@ class Two(Air):
     @ti.func
     def ppm(self, x, t):
         return ti.Vector([10.0, 20.0])
+
+
+@ti.data_oriented
+class Methane(Air):
+    """5 ppm of ethanol, as much helium, and as much methane as there is `level`."""
+
+    species = (SPECIES["ethanol"], SPECIES["methane"], SPECIES["helium"])
+
+    @ti.func
+    def ppm(self, x, t):
+        return ti.Vector([5.0, self.level[None], 5.0])
 
 
 IDEAL = IdealGasSensor(kind="ideal")
@@ -237,6 +248,27 @@ def test_sensors_go_on_from_what_was_saved(crowd):
     crowd.tick = 7
     np.testing.assert_array_equal(crowd.series(7), then)
     np.testing.assert_array_equal(crowd.swarm.snapshot()["wind"], wind)
+
+
+def test_gases_with_curves_of_their_own_add_up_as_what_makes_the_same_resistance():
+    """(R/R_air)^(-1/b) is 1 in clean air, and each gas adds what it would add alone; one is read back as it is."""
+    lab = Lab(Methane(), {"mox a": 1, "mox b": 1})
+    quick = {"rise_time": 0, "decay_time": 0}
+    lab.fit(
+        **{
+            "mox a": mox("tgs2620", **quick),
+            "mox b": mox("tgs2611", **quick, calibrated_for="methane", sensitivity={"ethanol": 0.0}),
+        }
+    )
+    for level in (0.0, 0.5, 40.0, 3000.0):
+        lab.air.level[None] = level
+        lab.measure()
+        y = -np.log(lab.swarm.snapshot()["resistance_ohm"][0] / np.sqrt(21e3 * 105e3))
+        alone = 0.7155 * np.log1p(5.0 / 4.32), 0.4877 * np.log1p(level / 36.0)
+        assert np.exp(y / 0.7155) - 1 == pytest.approx(
+            sum(np.exp(one / 0.7155) - 1 for one in alone), rel=1e-4
+        )
+        assert lab.of("mox b")[0] == pytest.approx(level, rel=1e-4, abs=1e-3)
 
 
 def test_mox_step_response(lab):

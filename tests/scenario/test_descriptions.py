@@ -76,7 +76,7 @@ def test_units_limits_and_defaults_are_those_of_the_models():
     assert facts(Scenario, "warm_up").limits == "0, or 1e-6 to 1e9"
     assert facts(Scenario, "tick").limits == "0.0001 to 1"
     assert facts(Group, "capture").type == "one of disc, square"
-    assert facts(PidSensor, "correction").default == "{ethanol: 10, acetone: 1.1}"
+    assert facts(PidSensor, "correction").default == "none"
     assert facts(PidSensor, "noise_ppm").unit == "ppm"
     assert facts(StartArea, "heading_deg").unit == "deg"
     assert facts(CfdWind, "turbulence").default == "{kind: smagorinsky}"

@@ -142,10 +142,6 @@ def test_a_check_prints_remarks(tmp_path, monkeypatch, capsys):
             "robots.0.sensors={gas: {kind: mox, sensitivity: {aceton: 1}}}",
             "robots[0].sensors.gas.sensitivity: 'aceton' is not in the air",
         ),
-        (
-            "robots.0.sensors={gas: {kind: pid, correction: {acetone: 1}}}",
-            "robots[0].sensors.gas.correction: has no factor for 'ethanol', which is taken for isobutylene",
-        ),
     ],
 )
 def test_what_has_no_effect_is_told(tmp_path, override, begins):
