@@ -5,7 +5,7 @@ own sees are made of this. To add a quantity: declare it in `Columns`, and let i
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -52,7 +52,12 @@ class Column:
 
 
 class Columns:
-    """The quantities of all robots, a Taichi field of each; those of `robots.parquet` in its order."""
+    """The quantities of all robots, a Taichi field of each; those of `robots.parquet` in its order.
+
+    columns: those that there are: `COLUMNS`, and those of further gas sensors, see `of_noses`.
+    """
+
+    columns: "tuple[Column, ...]"
 
     position: Any = Column("m", "middle of the body", width=2, key="position", table=("x", "y"))
     heading: Any = Column("rad", "from x towards y", key="heading", table=("heading",))
@@ -137,12 +142,40 @@ class Columns:
 
     def _allocate(self, n: int, errs: bool) -> None:
         """Make the fields, of n robots; errs: whether any robot errs in what it believes."""
-        for column in COLUMNS:
+        for column in self.columns:
             shared = bool(column.truth) and not errs
             setattr(self, column.name, getattr(self, column.truth) if shared else column.field(n))
 
 
 COLUMNS: tuple[Column, ...] = tuple(one for one in vars(Columns).values() if isinstance(one, Column))
+OF_A_NOSE = ("reading", "resistance", "true_ppm")
+"""What each gas sensor writes."""
+
+
+def of_noses(most: int) -> tuple[Column, ...]:
+    """Columns of the gas sensors behind the first, where the robot with the most has so many: three of each.
+
+    They are those of the first one, with the sensor's number in their names; NaN of robots that have fewer.
+    """
+    return tuple(
+        replace(
+            one,
+            meaning=f"{one.meaning}; of sensor {k}, from 0 on",
+            name=f"{one.name}_{k}",
+            key=_numbered(one.key, k),
+            table=(_numbered(one.key, k),),
+            shown="",
+        )
+        for k in range(1, most)
+        for one in COLUMNS
+        if one.name in OF_A_NOSE
+    )
+
+
+def _numbered(key: str, k: int) -> str:
+    """``reading_1_ppm`` of ``reading_ppm``."""
+    name, _, unit = key.rpartition("_")
+    return f"{name}_{k}_{unit}"
 
 
 class Rows:

@@ -30,11 +30,14 @@ INJECTED = np.geomspace(5.0, 1000.0, 14)  # ppm, of a calibration
 
 
 class Law(Protocol):
-    """The law of all sensors of one kind; its ti.funcs take the number of a robot among the members."""
+    """The law of all sensors of one kind; its ti.funcs take the number of a robot among the members.
+
+    slot: which of each robot's sensors they are.
+    """
 
     HAS_RESISTANCE: bool
 
-    def __init__(self, members: Members): ...
+    def __init__(self, members: Members, slot: int = 0): ...
 
     def begin(self) -> None:
         """Set the numbers of the members' sensors."""
@@ -80,10 +83,11 @@ class MoxLaw:
 
     HAS_RESISTANCE: bool = True
 
-    def __init__(self, members: Members):
-        self.cubic = any(_mox(group).calibration == "cubic" for group in members.groups)
+    def __init__(self, members: Members, slot: int = 0):
+        self.slot = slot
+        self.cubic = any(_mox(group, slot).calibration == "cubic" for group in members.groups)
         self.swarm = members.swarm
-        self.of = Parameters(members, partial(_units, members.swarm))
+        self.of = Parameters(members, partial(_units, members.swarm, slot))
         self.box = ti.field(ti.f32, (UNITS, len(DIFFER)))  # units that episodes take theirs from
         self.different = tuple(getattr(self.of, name) for name in DIFFER)
         self._fill = uploader(self.box)
@@ -93,7 +97,8 @@ class MoxLaw:
         self.of.begin()
         if self.swarm.episodes is not None:
             group = self.swarm.groups[0]
-            drawn = _of_units(_mox(group), _drawn(generator(self.swarm.seed, "box of units"), UNITS))
+            rng = generator(self.swarm.seed, numbered("box of units", self.slot))
+            drawn = _of_units(_mox(group, self.slot), _drawn(rng, UNITS))
             self._fill(np.stack([np.broadcast_to(drawn[name], UNITS) for name in DIFFER], axis=1))
 
     @ti.func
@@ -143,8 +148,8 @@ class LinearLaw:
 
     HAS_RESISTANCE: bool = False
 
-    def __init__(self, members: Members):
-        self.of = Parameters(members, lambda group: {"limit": _linear(group).detection_limit_ppm})
+    def __init__(self, members: Members, slot: int = 0):
+        self.of = Parameters(members, lambda group: {"limit": _linear(group, slot).detection_limit_ppm})
 
     def begin(self) -> None:
         """Set the numbers of the members' sensors."""
@@ -174,12 +179,17 @@ LAWS: dict[str, type[Law]] = {"mox": MoxLaw, "linear": LinearLaw}
 """By the `law` of a sensor."""
 
 
-def _units(swarm: Swarm, group: GroupRange) -> Numbers:
+def numbered(name: str, slot: int) -> str:
+    """The name of a random stream of a robot's first sensor, or of a further one."""
+    return f"{name} {slot}" if slot else name
+
+
+def _units(swarm: Swarm, slot: int, group: GroupRange) -> Numbers:
     """The metal oxides of a group: what their model gives, and how units differ."""
     if swarm.episodes is not None:  # each takes one of the box
-        return _of_units(_mox(group), np.zeros((group.size, 2)))
-    draws = group.generators(swarm.seed, "units")
-    return _of_units(_mox(group), np.concatenate([_drawn(rng, group.count) for rng in draws]))
+        return _of_units(_mox(group, slot), np.zeros((group.size, 2)))
+    draws = group.generators(swarm.seed, numbered("units", slot))
+    return _of_units(_mox(group, slot), np.concatenate([_drawn(rng, group.count) for rng in draws]))
 
 
 def _drawn(rng: np.random.Generator, count: int) -> np.ndarray:
@@ -217,9 +227,9 @@ def _fits(c0: float, b: np.ndarray) -> np.ndarray:
     return np.array([[*fit.k, fit.x_low] for fit in fits])[which]
 
 
-def _mox(group: GroupRange) -> MoxSensor:
-    return cast(MoxSensor, group.model.sensors.gas)
+def _mox(group: GroupRange, slot: int) -> MoxSensor:
+    return cast(MoxSensor, group.model.sensors.noses[slot])
 
 
-def _linear(group: GroupRange) -> PidSensor | IdealGasSensor:
-    return cast("PidSensor | IdealGasSensor", group.model.sensors.gas)
+def _linear(group: GroupRange, slot: int) -> PidSensor | IdealGasSensor:
+    return cast("PidSensor | IdealGasSensor", group.model.sensors.noses[slot])

@@ -13,7 +13,8 @@ from typing import Any
 
 import taichi as ti
 
-from taichi_plume.agents.gas_laws import Law
+from taichi_plume.agents.columns import OF_A_NOSE
+from taichi_plume.agents.gas_laws import Law, numbered
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.lag import Lag
 from taichi_plume.agents.members import Members, sensor_place
@@ -28,22 +29,36 @@ HOUR = 3600.0
 
 @ti.data_oriented
 class GasSensors:
-    """The gas sensors of some groups, all of one law: they write `true_ppm`, `reading` and `resistance`.
+    """One gas sensor of each robot of some groups, all of one law: they write `true_ppm`, `reading` and `resistance`.
 
-    dim: of the gas; in 3-D the sensors sit at their heights. tick: control period [s]. species: of the gas.
+    slot: which of each robot's, from 0 on; the others' columns have their number. dim: of the gas; in 3-D the sensors
+    sit at their heights. tick: control period [s]. species: of the gas.
     """
 
     STATE = ("signal", "slow", "sum", "baseline")
 
-    def __init__(self, members: Members, law: type[Law], dim: int, tick: float, species: Sequence[Species]):
+    def __init__(
+        self,
+        members: Members,
+        law: type[Law],
+        dim: int,
+        tick: float,
+        species: Sequence[Species],
+        slot: int = 0,
+    ):
         self.members, self.swarm, self.dim, self.species = members, members.swarm, dim, len(species)
+        self.first = slot == 0
         n = members.size
-        self.law: Any = law(members)
-        self.ahead = any(group.model.sensors.gas.ahead for group in members.groups)
-        self.bends = any(
-            group.model.sensors.gas.bend(one.name) for group in members.groups for one in species
+        self.law: Any = law(members, slot)
+        models = [group.model.sensors.noses[slot] for group in members.groups]
+        self.ahead, self.left = any(one.ahead for one in models), any(one.left for one in models)
+        self.bends = any(model.bend(one.name) for model in models for one in species)
+        self.of = Parameters(
+            members, partial(_figures, tick, species, slot), stream=numbered("gas sensor", slot)
         )
-        self.of = Parameters(members, partial(_figures, tick, species), stream="gas sensor")
+        self.reading, self.resistance, self.true_ppm = (
+            getattr(members.swarm, f"{name}_{slot}" if slot else name) for name in OF_A_NOSE
+        )
         self.signal = ti.field(ti.f32, n)  # y of each robot, clean air at the start
         self.slow = ti.field(ti.f32, n)  # the same for its slow part
         self.sum = ti.field(ti.f32, n)  # of the tick means since the last reading
@@ -79,12 +94,18 @@ class GasSensors:
             heading = self.swarm.heading[i]
             x[0] += self.of.ahead[n] * ti.cos(heading)
             x[1] += self.of.ahead[n] * ti.sin(heading)
+        if ti.static(self.left):
+            heading, left = self.swarm.heading[i], self.of.left[n]
+            if ti.static(self.swarm.apart):  # in a mirror left is right
+                left *= self.swarm.episodes.side[self.swarm.episodes.of(i)]
+            x[0] -= left * ti.sin(heading)
+            x[1] += left * ti.cos(heading)
         ppm = ti.Vector.zero(ti.f32, self.species)
         if ti.static(not self.swarm.apart):
             ppm = ti.max(gas.ppm(x, t), 0.0)
         else:
             ppm = ti.max(gas.ppm_of(i, x, t), 0.0)
-        self.swarm.true_ppm[i] = ppm.sum()  # type: ignore[misc]
+        self.true_ppm[i] = ppm.sum()  # type: ignore[misc]
         smelt = 0.0
         for s in ti.static(range(self.species)):
             felt = ppm[s]
@@ -137,20 +158,21 @@ class GasSensors:
     def read(self, n, i, tick, r, ppm):
         """Robot i reads what its sensor, the n-th, is taken for."""
         if self.is_due(n, tick):
-            self.swarm.reading[i] = ppm
+            self.reading[i] = ppm
             if ti.static(self.law.HAS_RESISTANCE):
-                self.swarm.resistance[i] = r
+                self.resistance[i] = r
 
 
-def _figures(tick: float, species: Sequence[Species], group: GroupRange) -> Numbers:
+def _figures(tick: float, species: Sequence[Species], slot: int, group: GroupRange) -> Numbers:
     """What the sensors of a group are like."""
-    sensor = group.model.sensors.gas
+    sensor = group.model.sensors.noses[slot]
     signal = sensor.signal
     bends = [sensor.bend(one.name) or (1.0, 1.0) for one in species]
     rise, decay, slow = (Lag(one, tick) for one in (signal.rise, signal.decay, signal.slow_decay))
     return {
         "height": sensor.height,
         "ahead": sensor.ahead,
+        "left": sensor.left,
         "hold": max(1, round(sensor.period / tick)),  # ticks per reading
         "averages": sensor.averaged > 1,
         "noise": signal.noise / sqrt(sensor.averaged),

@@ -35,10 +35,11 @@ def action_names(model: Policy) -> tuple[str, ...]:
     return (*names, "declare") if model.declares else names
 
 
-def entries(model: Policy, mates: int) -> Iterator[tuple[str, str, float]]:
-    """Of one decision: each entry's kind, its name and its least value; none is above 1."""
+def entries(model: Policy, mates: int, noses: int = 1) -> Iterator[tuple[str, str, float]]:
+    """Of one decision: each entry's kind, its name and its least value; none is above 1. noses: gas sensors of each."""
     pairs: dict[str, Sequence[tuple[str, float]]] = {
         "gas": [("gas", 0.0)],
+        "noses": [(f"gas of sensor {k}", 0.0) for k in range(1, noses)],
         "memory": [(f"gas over {time:g} s", 0.0) for time in model.memory],
         "rise": [("rise", -1.0)],
         "resistance": [("resistance", 0.0)],
@@ -73,7 +74,9 @@ class Observation:
         self.swarm, self.members, self.robot, self.tick = swarm, members, members.robot, tick
         (group,) = members.groups
         self.count, self.history = group.count, self.model.history
-        self.own = list(entries(self.model, self.count - 1))
+        noses = len(group.model.sensors.noses)
+        self.own = list(entries(self.model, self.count - 1, noses))
+        self.others = tuple(getattr(swarm, f"reading_{k}") for k in range(1, noses))
         self.width = len(self.own)
         self.size = self.width * self.history
         self.names = tuple(
@@ -117,8 +120,7 @@ class Observation:
     @ti.func
     def gas(self, n):
         """The gas entry of robot n."""
-        reading = self.swarm.reading[self.robot[n]]
-        return ti.math.clamp(log(1.0 + ti.max(reading, 0.0)) * (PER_LN10 / DECADES), 0.0, 1.0)
+        return _of_gas(self.swarm.reading[self.robot[n]])
 
     @ti.func
     def clear(self, n):
@@ -170,6 +172,9 @@ class Observation:
             at = ti.static(self.begins[kind])
             if ti.static(kind == "gas"):
                 table[row, at] = gas
+            elif ti.static(kind == "noses"):
+                for k in ti.static(range(len(self.others))):
+                    table[row, at + k] = _of_gas(self.others[k][i])
             elif ti.static(kind == "memory"):
                 for k in ti.static(range(self.times)):
                     table[row, at + k] = self.averages[n, k]
@@ -231,6 +236,12 @@ def _in_frame(v, heading, flip):
     """A vector ahead and to the left of a robot; flip: -1 in a mirror."""
     e = cos_sin(heading)
     return ti.Vector([v[0] * e[0] + v[1] * e[1], flip * (v[1] * e[0] - v[0] * e[1])])
+
+
+@ti.func
+def _of_gas(reading):
+    """Of a reading [ppm], on a scale of powers of ten."""
+    return ti.math.clamp(log(1.0 + ti.max(reading, 0.0)) * (PER_LN10 / DECADES), 0.0, 1.0)
 
 
 @ti.func

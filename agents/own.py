@@ -106,6 +106,10 @@ class OwnAlgorithm:
         self.path = Path(inspect.getsourcefile(own) or "?")
         self.shown, self.told = (Rows(swarm, some, group.start, group.size) for some in (SHOWN, TOLD))
         self.declaring = Declaring(swarm, group.start, group.size)
+        further = {f"reading_{k}" for k in range(1, len(group.model.sensors.noses))}
+        self.further = Rows(
+            swarm, [one for one in swarm.columns if one.name in further], group.start, group.size
+        )
         self.words = self._words(group.count)
         self.messages = Messages(members, self.words) if self.words else None
         self.begin()
@@ -149,6 +153,9 @@ class OwnAlgorithm:
         robots.said = said = Said(self.size, self.words)
         for column, values in zip(SHOWN, self.shown.read(), strict=True):
             setattr(robots, column.shown, values)
+        robots.readings = np.column_stack(
+            [robots.reading, *(self.further.read() if self.further.columns else ())]
+        )
         with failures_told(self.path):
             self.algorithm.act(robots)
             commands = [self._checked(column.told) for column in TOLD]

@@ -21,10 +21,11 @@ class Said:
 class Robots:
     """What an algorithm may know of its robots, and what it tells them, as arrays over the n robots.
 
-    Read: `reading` [ppm]; `wind` (n, 2) [m/s], zero where it is not `wind_known`; `position` (n, 2) [m], `heading`
-    [rad] and `path_length` [m], with errors where the group has `odometry`; `blocked`, the bumper; `trial` and
-    `robot`, numbers of each; `t`, `dt` [s]; of classes with a MESSAGE `heard` (n, robots of a team, MESSAGE), what each
-    heard last of each of its team, NaN where that is nothing, and `heard_at` (n, robots of a team), when [s].
+    Read: `reading` [ppm], and `readings` (n, gas sensors) [ppm], of which it is the first; `wind` (n, 2) [m/s], zero
+    where it is not `wind_known`; `position` (n, 2) [m], `heading` [rad] and `path_length` [m], with errors where the
+    group has `odometry`; `blocked`, the bumper; `trial` and `robot`, numbers of each; `t`, `dt` [s]; of classes with a
+    MESSAGE `heard` (n, robots of a team, MESSAGE), what each heard last of each of its team, NaN where that is nothing,
+    and `heard_at` (n, robots of a team), when [s].
     Write: `speed` [m/s]; `turn_rate` [rad/s]; `state`, whole numbers that index the algorithm's STATE_NAMES.
     Call: `turn_to`, `declare`, `tell`; what is `said` of the last two is of this tick.
     """
@@ -40,6 +41,7 @@ class Robots:
         self.trial, self.robot = trial, robot
         self.t, self.dt = 0.0, 0.0
         self.heard, self.heard_at = heard, heard_at
+        self.readings = np.zeros((n, 1))
         self.said = Said(n, heard.shape[2])
         for column in SHOWN:
             setattr(self, column.shown, column.zeros(n))

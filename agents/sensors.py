@@ -22,25 +22,33 @@ WARMING = 900.0  # s, time constant after a cold start: our choice
 class Sensors:
     """The sensors of all robots, measuring in one launch for each law: what they are like is read when they measure.
 
-    dim: of gas and wind; in 3-D the sensors sit at their heights. tick: control period [s]. species: of the gas.
+    Robots of several gas sensors measure with the first, and the anemometer, in the same launch as those of one; with
+    each further one, of `others`, in one of its own. dim: of gas and wind; in 3-D the sensors sit at their heights.
+    tick: control period [s]. species: of the gas.
     """
 
-    STATE = ("noses", "vanes")
+    STATE = ("noses", "vanes", "others")
 
     def __init__(self, swarm: Swarm, dim: int, tick: float, species: Sequence[Species]):
         self.count = swarm.count
         self.strip = STRIP if on_cpu() else 1
-        alike: dict[str, list[int]] = {}
+        alike: dict[tuple[int, str], list[int]] = {}
         for group in swarm.groups:
-            alike.setdefault(group.model.sensors.gas.law, []).append(group.number)
-        several = [(LAWS[law], Members(swarm, numbers)) for law, numbers in alike.items()]
-        self.noses = tuple(GasSensors(members, law, dim, tick, species) for law, members in several)
-        self.vanes = tuple(Anemometers(members, dim, tick) for _, members in several)
+            for slot, sensor in enumerate(group.model.sensors.noses):
+                alike.setdefault((slot, sensor.law), []).append(group.number)
+        members = {key: Members(swarm, numbers) for key, numbers in alike.items()}
+        made = {
+            (slot, law): GasSensors(some, LAWS[law], dim, tick, species, slot)
+            for (slot, law), some in members.items()
+        }
+        self.noses = tuple(one for (slot, _), one in made.items() if slot == 0)
+        self.vanes = tuple(Anemometers(some, dim, tick) for (slot, _), some in members.items() if slot == 0)
+        self.others = tuple(one for (slot, _), one in made.items() if slot > 0)
         self.begin()
 
     def begin(self) -> None:
         """Set the numbers that the groups give; clean and still air before."""
-        for one in (*self.noses, *self.vanes):
+        for one in (*self.noses, *self.vanes, *self.others):
             one.begin()
 
     def measure(self, gas: Odour, wind: Wind, tick: int, t: float) -> None:
@@ -48,6 +56,8 @@ class Sensors:
         if self.count:
             for nose, vane in zip(self.noses, self.vanes, strict=True):
                 self._sense(nose, vane, gas, wind, tick, t, exp(-t / WARMING))
+            for nose in self.others:
+                self._sense(nose, None, gas, wind, tick, t, exp(-t / WARMING))
 
     @ti.kernel
     def _sense(
@@ -62,12 +72,16 @@ class Sensors:
         """The sensors of robot i of the only group are put back to the begin of a run; unit: which one, from 0 to 1."""
         self.noses[0].renew(i, unit)
         self.vanes[0].renew(i)
+        for nose in ti.static(self.others):
+            nose.renew(i, unit)
 
     @ti.func
     def sense_strip(
         self, nose: Template, vane: Template, gas: Template, wind: Template, first, tick, t, cold
     ):
-        """Measure with a strip of sensors, from the first one on; those of trials that rest do not."""
+        """Measure with a strip of gas sensors, from the first one on, and of anemometers, if any; those of trials that
+        rest do not.
+        """
         last = nose.members.size - 1
         count = ti.min(self.strip, last + 1 - first)
         noise, drift = ti.Vector([0.0] * self.strip), ti.Vector([0.0] * self.strip)
@@ -77,14 +91,16 @@ class Sensors:
         for m in range(self.strip):
             n = ti.min(first + m, last)
             noise[m], drift[m], own[m] = nose.draw(n, tick)
-            across[m], along[m] = vane.draw(n, tick)
+            if ti.static(nose.first):
+                across[m], along[m] = vane.draw(n, tick)
         for m in range(count):
             n = first + m
             i = nose.members.robot[n]
             if nose.swarm.takes_part(i):
                 now, at = nose.swarm.clock(i, tick, t)
                 y[m] = nose.smell(gas, n, i, at)
-                vane.feel(wind, n, i, now, at, ti.Vector([across[m], along[m]]))
+                if ti.static(nose.first):
+                    vane.feel(wind, n, i, now, at, ti.Vector([across[m], along[m]]))
         for m in range(self.strip):
             y[m] = nose.law.response(ti.min(first + m, last), y[m])
         for m in range(count):

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from taichi_plume.agents.columns import COLUMNS, Rows
+from taichi_plume.agents.columns import COLUMNS, Rows, of_noses
 from taichi_plume.agents.contact import TOUCH, Contact
 from taichi_plume.agents.few import few
 from taichi_plume.agents.groups import GroupRange, ranges
@@ -57,8 +57,7 @@ class Swarm(OwnClocks, Referee):
     `ordered_heading`. Without errors of odometry the beliefs are the truth: the same fields.
     """
 
-    STATE = tuple(column.name for column in COLUMNS)
-    columns = COLUMNS
+    STATE: tuple[str, ...] = tuple(column.name for column in COLUMNS)
 
     def __init__(
         self,
@@ -80,7 +79,12 @@ class Swarm(OwnClocks, Referee):
         self.trials = max((group.row + group.trials for group in self.groups), default=0)
         n = max(1, self.count)  # Taichi has no empty fields
         self.reckons = any(group.odometry for group in groups)
+        self.noses = max((len(group.sensors.noses) for group in groups), default=1)
+        further = of_noses(self.noses)
+        self.columns = (*COLUMNS, *further)
+        self.STATE = tuple(column.name for column in self.columns)
         self._allocate(n, self.reckons)
+        self._further = [getattr(self, column.name) for column in further]
         self.radius, self.reach = ti.field(ti.f32, n), ti.field(ti.f32, n)
         self.square = ti.field(ti.f32, n)  # 1 where the reach is half the edge of a square
         self.by_declaring = ti.field(ti.f32, n)  # 1 where a source is found by saying where it is
@@ -110,8 +114,8 @@ class Swarm(OwnClocks, Referee):
         )
         if self.reckons:
             self.odometry = Odometry(n, self.counter)
-        self._kept = Rows(self, [column for column in COLUMNS if column.key], 0, self.count)
-        self._fields = tuple(getattr(self, one.name) for one in COLUMNS)
+        self._kept = Rows(self, [column for column in self.columns if column.key], 0, self.count)
+        self._fields = tuple(getattr(self, one.name) for one in self.columns)
         self._ended, self._put_discs = reader(self.found, self.declarations), uploader(self.discs)
         self._upload = uploader(*self._numbers())
         self.begin(groups, positions, headings, sources, seed, walkers)
@@ -120,6 +124,7 @@ class Swarm(OwnClocks, Referee):
         """The fields that `begin` sets."""
         never = [self.found_time, self.reached_time, self.declared_position, self.declared_time]
         poses = [self.position, self.heading, *never, self.ordered_position, self.resistance]
+        poses = [self.position, self.heading, *never, self.resistance, *self._further]
         beliefs = [self.believed_position, self.believed_heading] if self.reckons else []
         bodies = [getattr(self, name) for name in BODY]
         return [self.key, self.sources, self.disc_radius, *poses, *beliefs, *bodies]
@@ -163,6 +168,7 @@ class Swarm(OwnClocks, Referee):
             [one.disc for one in walkers] or 0,
             *poses,
             *(np.nan,) * 6,
+            *(np.nan,) * (5 + len(self._further)),
             *(poses if self.reckons else []),
             *(self._each(value) for value in BODY.values()),
         )
@@ -236,6 +242,8 @@ class Swarm(OwnClocks, Referee):
         self.declared_position[i] = never
         self.found_time[i], self.reached_time[i] = never[0], never[0]
         self.declared_time[i], self.resistance[i] = never[0], never[0]
+        for field in ti.static(self._further):
+            field[i] = never[0]
         if ti.static(self.reckons):
             self.believed_position[i], self.believed_heading[i] = place, heading
             self.odometry.renew(i)

@@ -20,10 +20,10 @@ class Trials:
 
     age: ticks since a trial began. goes: whether it goes on in this tick; those that rest neither move nor sense. seed:
     two words each, of the whole trial; its episodes follow from it, by their `episode`, from 0 on. key, salt: what the
-    streams of an episode are keyed by and counted from.
+    streams of an episode are keyed by and counted from. side: -1 where the world is seen in a mirror, else 1.
     """
 
-    STATE = ("age", "goes", "seed", "episode", "key", "salt", "sources")
+    STATE = ("age", "goes", "seed", "episode", "key", "salt", "sources", "side")
 
     def __init__(self, count: int, team: int, sources: int, tick: float):
         self.count, self.team, self.most_sources = count, team, max(1, sources)
@@ -31,7 +31,7 @@ class Trials:
         self.seed: Any = ti.Vector.field(2, ti.u32, count)
         self.key, self.salt = ti.field(ti.u32, count), ti.field(ti.u32, count)
         self.sources: Any = ti.Vector.field(2, ti.f32, (count, self.most_sources))
-        self.tick = ti.field(ti.f32, ())  # s
+        self.tick, self.side = ti.field(ti.f32, ()), ti.field(ti.f32, count)
         uploader(self.sources, self.tick)(FAR, tick)
 
     @ti.func

@@ -52,7 +52,7 @@ def measurable(sim: Simulation, cell: float, shape: tuple[int, int]) -> np.ndarr
 def sensor_height(sim: Simulation) -> float:
     """Height of the first group's gas sensors [m]; that of sensors by default where there are no robots."""
     groups = sim.scenario.robots
-    return groups[0].sensors.gas.height if groups else min(SENSORS, sim.grid.extent[-1])
+    return groups[0].sensors.nose.height if groups else min(SENSORS, sim.grid.extent[-1])
 
 
 def map_rows(sim: Simulation) -> list[tuple[tuple[str, ...], slice]]:

@@ -49,7 +49,7 @@ def _computed(scenario: Fixed) -> np.ndarray:
     axes = [(np.arange(round(size / step)) + 0.5) * step for size in (width, length)]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     if sim.grid.dim == 3:
-        height = whole.robots[0].sensors.gas.height
+        height = whole.robots[0].sensors.nose.height
         points = np.concatenate([points, np.full((*points.shape[:2], 1), height)], axis=-1)
     total, count = np.zeros(points.shape[:2]), 0
 

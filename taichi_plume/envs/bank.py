@@ -197,7 +197,7 @@ def heights(scenario: Scenario) -> tuple[float, ...]:
     if scenario.domain.dim == 2:
         return ()
     sensors = scenario.learners.sensors
-    return sensors.wind.height, sensors.gas.height
+    return sensors.wind.height, sensors.nose.height
 
 
 def bank_of(

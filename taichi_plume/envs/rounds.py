@@ -189,6 +189,10 @@ class Rounds:
                     0.0,
                     0.0,
                 )
+                for nose in ti.static(self.sensors.others):
+                    self.sensors.sense_strip(
+                        nose, None, self.films, self.films, first * self.robots + q * self.strip, 0, 0.0, 0.0
+                    )
             for e in range(first, end):
                 if self.trials.goes[e] == 1:
                     for i in range(e * self.robots, (e + 1) * self.robots):
@@ -288,6 +292,7 @@ class Rounds:
         self.films.film[e], self.films.gas_of[e] = film, gas
         self.films.begin[e], self.films.now[e] = u[2] * self.n.slack[None], 0.0
         self.mirror[e] = ti.cast(u[3] < self.n.mirrors[None], ti.i32)
+        self.trials.side[e] = self._flip(e)
         self.steps[e], self.total[e] = 0, 0.0
         for s in range(self.swarm.source_count):
             there = gas < 0 or self.gas[film, s] == gas

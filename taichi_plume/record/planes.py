@@ -71,7 +71,7 @@ def heights(scenario: Scenario, extent: Sequence[float]) -> list[float]:
     if scenario.recording.slice_height is not None:
         return list(scenario.recording.slice_height)
     sources, heaters = _first(scenario)
-    sensors = [group.sensors.gas.height for group in scenario.robots[:1]]
+    sensors = [group.sensors.nose.height for group in scenario.robots[:1]]
     levels = [place[2] for place in sources] + sensors + [place[2] for place in heaters]
     return _apart([min(max(level, 0.0), extent[2]) for level in levels or [FLOOR]], scenario.domain.spacing)
 

@@ -98,7 +98,7 @@ def key_facts(run: Run) -> Rows:
     for group in scenario.robots:
         trials = f", {group.trials} trials at once in the same air" if group.trials > 1 else ""
         later = f"; sets off at {group.begin:g} s" if group.begin else ""
-        sensor = group.sensors.gas
+        sensor = group.sensors.nose
         smells = " ".join(
             str(part) for part in (sensor.kind, getattr(sensor, "model", "")) if isinstance(part, str)
         )

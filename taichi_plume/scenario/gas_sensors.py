@@ -44,6 +44,8 @@ class GasSensor(Model):
     """Height over the floor; 3-D only. Heavy vapour from a source on the floor is met low."""
     ahead: Annotated[Coordinate, COMPILED] = 0.0
     """Distance in front of the robot's centre; negative is behind it."""
+    left: Annotated[Coordinate, COMPILED] = 0.0
+    """Distance to the left of the robot's centre; negative is to its right."""
 
     law: ClassVar[Literal["mox", "linear"]] = "linear"
     """What makes a signal of a concentration, and a reading of it: see agents/gas_laws.py."""

@@ -78,6 +78,9 @@ def places(top: type[Model] = Scenario) -> Mapping[str, Place]:
                 place.same_as = next(
                     other.path for other in found.values() if place.models.keys() <= other.models.keys()
                 )
+            elif (one := below.get(place.path.removesuffix("[]"), place)) is not place:
+                if place.models.keys() <= one.models.keys():  # one section, or a list of such
+                    place.same_as = one.path
         found |= below
         level = [place for place in below.values() if not place.same_as]
         told |= {model for place in level for model in place.models}

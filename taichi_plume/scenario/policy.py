@@ -15,7 +15,18 @@ if TYPE_CHECKING:
     from taichi_plume.scenario.robots import Group
 
 Entry = Literal[
-    "gas", "memory", "rise", "resistance", "wind", "bumper", "heading", "position", "action", "clock", "mates"
+    "gas",
+    "noses",
+    "memory",
+    "rise",
+    "resistance",
+    "wind",
+    "bumper",
+    "heading",
+    "position",
+    "action",
+    "clock",
+    "mates",
 ]
 MOST_STACKED = 64
 
@@ -29,18 +40,18 @@ class Policy(AnyAlgorithm):
     """ONNX file of the network, relative to the scenario's folder: from an observation to an action. Unless given, the
     policy is still to be learnt: environments of `taichi_plume.envs` can be made of the scenario, and it cannot be
     run."""
-    observe: Annotated[tuple[Entry, ...], Field(min_length=1, max_length=11)] = (
+    observe: Annotated[tuple[Entry, ...], Field(min_length=1, max_length=12)] = (
         "gas",
         "memory",
         "wind",
         "bumper",
         "action",
     )
-    """What an observation is made of, in this order. gas: the reading, on a scale of powers of ten; memory: its
-    averages over the times of `memory`; rise: its change since the last decision; resistance: of a metal oxide; wind:
-    where it is felt to come from and how fast; bumper; heading and position: as the robot believes; action: the last
-    one; clock: the time since the begin, as t/(t + 60 s); mates: where team mates are and what they read, of those in
-    radio range."""
+    """What an observation is made of, in this order. gas: the reading, on a scale of powers of ten; noses:
+    those of the gas sensors behind the first; memory: averages of the gas entry over the times of `memory`; rise: its
+    change since the last decision; resistance: of a metal oxide; wind: where it is felt to come from and how fast;
+    bumper; heading and position: as the robot believes; action: the last one; clock: the time since the begin, as
+    t/(t + 60 s); mates: where team mates are and what they read, of those in radio range."""
     memory: Annotated[tuple[Wait, ...], Field(max_length=8), COMPILED] = (1.0, 5.0, 20.0)
     """Time constants of averages of the gas entry, for the entry `memory`."""
     history: Annotated[int, Field(ge=1, le=MOST_STACKED)] = 1
@@ -77,6 +88,8 @@ class Policy(AnyAlgorithm):
         """Mates have to be there to be observed."""
         if "mates" in self.observe and group.count == 1:
             yield f"{where}.algorithm.observe: mates, but count is 1: there are none; leave the entry out"
+        if "noses" in self.observe and len(group.sensors.noses) == 1:
+            yield f"{where}.algorithm.observe: noses, but there is one gas sensor; leave the entry out, or list more"
 
     def problems(self, where: str, context: "Context") -> Iterator[str]:
         """The file has to hold a network."""

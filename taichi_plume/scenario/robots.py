@@ -181,9 +181,12 @@ class Group(Model):
         else:
             if self.wake:
                 yield from self._wake(where, context)
-            ahead, most = self.sensors.gas.ahead, max(context.domain.extent)
-            if abs(ahead) > most:
-                yield f"{where}.sensors.gas.ahead: {ahead:g} m is more than the room is long; use at most {most:g} m"
+            most = max(context.domain.extent)
+            for path, sensor in self.sensors.placed():
+                for key in ("ahead", "left"):
+                    off = getattr(sensor, key, 0.0)
+                    if abs(off) > most:
+                        yield f"{where}.{path}.{key}: {off:g} m is more than the room is long; use at most {most:g} m"
             if context.domain.dim == 3:
                 yield from self._heights(where, context.domain.extent[2])
             yield from self.start.clashes(f"{where}.start", self.body, self.count, context)
@@ -223,11 +226,10 @@ class Group(Model):
                     "in all of them; use trials: 1, or remove the wake"
                 )
                 return
-        heights = {"gas": self.sensors.gas.height, "wind": self.sensors.wind.height}
-        for name, height in heights.items():
-            if context.domain.dim == 3 and height <= self.body.height:
+        for path, sensor in self.sensors.placed():
+            if context.domain.dim == 3 and sensor.height <= self.body.height:
                 yield (
-                    f"{where}.sensors.{name}.height: {height:g} m is inside the body, where with a wake there is no "
+                    f"{where}.{path}.height: {sensor.height:g} m is inside the body, where with a wake there is no "
                     f"wind; put it above body.height = {self.body.height:g} m, or remove the wake"
                 )
         if 2 * self.body.radius < context.domain.spacing:
@@ -239,8 +241,7 @@ class Group(Model):
     def _heights(self, where: str, ceiling: float) -> Iterator[str]:
         heights = {
             "body.height": self.body.height,
-            "sensors.gas.height": self.sensors.gas.height,
-            "sensors.wind.height": self.sensors.wind.height,
+            **{f"{path}.height": sensor.height for path, sensor in self.sensors.placed()},
         }
         for key, height in heights.items():
             if height > ceiling:

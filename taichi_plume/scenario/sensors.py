@@ -4,9 +4,10 @@ To add a gas sensor: write a `GasSensor` in detectors.py (a metal oxide: an entr
 `Sensors`; name one of the laws of agents/gas_laws.py, or write another there.
 """
 
-from typing import Annotated, Literal
+from collections.abc import Iterator
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Discriminator, Field, Tag
 
 from taichi_plume.scenario.detectors import IdealGasSensor, PidSensor
 from taichi_plume.scenario.gas_sensors import GasSensor
@@ -59,12 +60,41 @@ class Anemometer(Model):
         return WIND_NOISE, WIND_NOISE_RELATIVE
 
 
+OneGasSensor = Annotated[MoxSensor | PidSensor | IdealGasSensor, Field(discriminator="kind")]
+MOST_NOSES = 8
+
+
+def _how_many(value: Any) -> str:
+    return "several" if isinstance(value, list | tuple) else "one"
+
+
 class Sensors(Model):
     """What a robot carries."""
 
-    gas: Annotated[MoxSensor | PidSensor | IdealGasSensor, Field(discriminator="kind")] = MoxSensor(
-        kind="mox"
-    )
-    """Which gas sensor each robot carries."""
+    gas: Annotated[
+        Annotated[OneGasSensor, Tag("one")]
+        | Annotated[tuple[OneGasSensor, ...], Field(min_length=1, max_length=MOST_NOSES), Tag("several")],
+        Discriminator(_how_many),
+    ] = MoxSensor(kind="mox")
+    """Which gas sensor each robot carries, or a list of several, such as one to the left and one to the right. The
+    first is the one that algorithms, maps and policies go by unless they take several."""
     wind: Anemometer = Anemometer(kind="ultrasonic")
     """Which anemometer each robot carries."""
+
+    @property
+    def noses(self) -> tuple[GasSensor, ...]:
+        """Its gas sensors."""
+        return self.gas if isinstance(self.gas, tuple) else (self.gas,)
+
+    @property
+    def nose(self) -> Any:
+        """The first of them."""
+        return self.noses[0]
+
+    def placed(self) -> Iterator[tuple[str, GasSensor | Anemometer]]:
+        """All of them with their paths."""
+        several = isinstance(self.gas, tuple)
+        yield from (
+            (f"sensors.gas[{n}]" if several else "sensors.gas", one) for n, one in enumerate(self.noses)
+        )
+        yield "sensors.wind", self.wind

@@ -257,7 +257,7 @@ def _time(group: Group, context: Context) -> str:
 
 def _smells(path: str, group: Group, context: Context) -> Iterator[str]:
     """Thresholds that noise crosses, or nothing."""
-    sensor, threshold = group.sensors.gas, group.algorithm.threshold
+    sensor, threshold = group.sensors.nose, group.algorithm.threshold
     if not threshold:
         return
     key = f"{path}.algorithm.threshold_ppm"

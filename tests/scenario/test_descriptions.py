@@ -161,4 +161,5 @@ def test_places_that_hold_the_same_are_told_once():
     assert {path: one.same_as for path, one in places().items() if one.same_as} == {
         "gas.parts[]": "gas",
         "robots[].algorithm.map": "maps[]",
+        "robots[].sensors.gas[]": "robots[].sensors.gas",
     }

@@ -177,7 +177,7 @@ STILL = {
     "PlumeSimMeander": {"radius"},
     "ImportedWind": {"interval", "origin", "height"},
     "Body": {"height"},
-    "GasSensor": {"ahead"},
+    "GasSensor": {"ahead", "left"},
     "Spiral": {"acquisition", "sample_period"},
     "AnyInfotaxis": {"cell"},
     "ParticleFilter": {"memory", "period", "cell"},

@@ -46,7 +46,7 @@ def test_the_configs_show_the_experiment_from_above(name, team):
     """Robots, wind and maps are the same; sensors smell one of two gases, and air and gas are in 3-D."""
     ours, theirs = scenario_of(arena(teams=[team])), load_scenario(CONFIGS / f"odor_mapping_{name}.yaml")
     robots, shown = ours.robots[0], theirs.robots[0]
-    smells = robots.sensors.gas.model_copy(update={"sensitivity": {}})
+    smells = robots.sensors.nose.model_copy(update={"sensitivity": {}})
     sensors = robots.sensors.model_copy(update={"gas": smells})
     assert robots.model_copy(update={"name": shown.name, "sensors": sensors}) == shown
     assert ours.wind == theirs.wind
@@ -65,7 +65,7 @@ def test_a_team_smells_its_own_source_alone():
         other, name="", vapour_pressure=None, latent_heat=None
     )
     for group, team in zip(scenario.robots, TEAMS, strict=True):
-        weights = [group.sensors.gas.weight(name) for name in GASES]
+        weights = [group.sensors.nose.weight(name) for name in GASES]
         assert weights == [float(source == team.source) for source in SOURCES]
 
 
