@@ -62,12 +62,21 @@ class Columns:
     position: Any = Column("m", "middle of the body", width=2, key="position", table=("x", "y"))
     heading: Any = Column("rad", "from x towards y", key="heading", table=("heading",))
     reading: Any = Column(
-        "ppm", "of the gas sensor", key="reading_ppm", table=("reading_ppm",), shown="reading"
+        "ppm",
+        "of the gas sensor; of a laser that gives the integral in ppm m",
+        key="reading_ppm",
+        table=("reading_ppm",),
+        shown="reading",
     )
     resistance: Any = Column(
         "ohm", "of a metal-oxide sensor; others have none", key="resistance_ohm", table=("resistance_ohm",)
     )
-    true_ppm: Any = Column("ppm", "of all vapours at the gas sensor", key="true_ppm", table=("true_ppm",))
+    true_ppm: Any = Column(
+        "ppm",
+        "of all vapours at the gas sensor; of what a laser sees, the mean along its beam",
+        key="true_ppm",
+        table=("true_ppm",),
+    )
     wind: Any = Column(
         "m/s",
         "of the anemometer; zero where it knows of none",

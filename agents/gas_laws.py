@@ -20,7 +20,7 @@ from taichi_plume.grid.elementary import exp, log
 from taichi_plume.grid.rng import generator
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.metal_oxides import MOX_MODELS
-from taichi_plume.scenario.sensors import IdealGasSensor, MoxSensor, PidSensor
+from taichi_plume.scenario.sensors import IdealGasSensor, MoxSensor, PidSensor, TdlasSensor
 
 LN10 = float(np.log(10.0))
 SPREAD_OF_B = 0.08  # of unit to unit: our choice
@@ -175,7 +175,24 @@ class LinearLaw:
         return ti.select(r >= self.of.limit[n], ti.max(r, 0.0), 0.0)
 
 
-LAWS: dict[str, type[Law]] = {"mox": MoxLaw, "linear": LinearLaw}
+@ti.data_oriented
+class LineLaw(LinearLaw):
+    """y: the integral of the gas that a laser is tuned to along its beam [ppm m]."""
+
+    def __init__(self, members: Members, slot: int = 0):
+        def numbers(group: GroupRange) -> Numbers:
+            sensor = cast(TdlasSensor, group.model.sensors.noses[slot])
+            return {"limit": sensor.detection_limit_ppm_m, "largest": sensor.largest_ppm_m}
+
+        self.of = Parameters(members, numbers)
+
+    @ti.func
+    def ppm(self, n, r):
+        """What it tells of the integral."""
+        return ti.select(r >= self.of.limit[n], ti.math.clamp(r, 0.0, self.of.largest[n]), 0.0)
+
+
+LAWS: dict[str, type[Law]] = {"mox": MoxLaw, "linear": LinearLaw, "line": LineLaw}
 """By the `law` of a sensor."""
 
 

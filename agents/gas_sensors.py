@@ -87,8 +87,8 @@ class GasSensors:
         return g[0], g[1], g[2]
 
     @ti.func
-    def smell(self, gas: Template, n, i, t):
-        """What the n-th of the sensors, robot i's, is led by: the concentrations there, each as far as it feels it."""
+    def place(self, n, i):
+        """Where the n-th of the sensors, robot i's, is [m]."""
         x = sensor_place(self.swarm, self.dim, i, self.of.height[n])
         if ti.static(self.ahead):
             heading = self.swarm.heading[i]
@@ -100,6 +100,12 @@ class GasSensors:
                 left *= self.swarm.episodes.side[self.swarm.episodes.of(i)]
             x[0] -= left * ti.sin(heading)
             x[1] += left * ti.cos(heading)
+        return x
+
+    @ti.func
+    def smell(self, gas: Template, n, i, t):
+        """What the n-th of the sensors, robot i's, is led by: the concentrations there, each as far as it feels it."""
+        x = self.place(n, i)
         ppm = ti.Vector.zero(ti.f32, self.species)
         if ti.static(not self.swarm.apart):
             ppm = ti.max(gas.ppm(x, t), 0.0)

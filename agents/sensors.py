@@ -1,7 +1,8 @@
 """What the robots measure: gas with lagging, noisy sensors, and wind with anemometers that have a threshold."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from math import exp
+from typing import cast
 
 import taichi as ti
 
@@ -9,6 +10,7 @@ from taichi_plume.agents.anemometers import Anemometers
 from taichi_plume.agents.few import few
 from taichi_plume.agents.gas_laws import LAWS
 from taichi_plume.agents.gas_sensors import GasSensors
+from taichi_plume.agents.line_sensors import LineSensors, Surroundings
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.fields import Odour, Species, Wind
@@ -24,12 +26,19 @@ class Sensors:
 
     Robots of several gas sensors measure with the first, and the anemometer, in the same launch as those of one; with
     each further one, of `others`, in one of its own. dim: of gas and wind; in 3-D the sensors sit at their heights.
-    tick: control period [s]. species: of the gas.
+    tick: control period [s]. species: of the gas. around: makes what stops the beams of lasers, if there are any.
     """
 
     STATE = ("noses", "vanes", "others")
 
-    def __init__(self, swarm: Swarm, dim: int, tick: float, species: Sequence[Species]):
+    def __init__(
+        self,
+        swarm: Swarm,
+        dim: int,
+        tick: float,
+        species: Sequence[Species],
+        around: Callable[[], Surroundings] | None = None,
+    ):
         self.count = swarm.count
         self.strip = STRIP if on_cpu() else 1
         alike: dict[tuple[int, str], list[int]] = {}
@@ -37,8 +46,11 @@ class Sensors:
             for slot, sensor in enumerate(group.model.sensors.noses):
                 alike.setdefault((slot, sensor.law), []).append(group.number)
         members = {key: Members(swarm, numbers) for key, numbers in alike.items()}
+        stops = around() if around and any(law == "line" for _, law in alike) else None
         made = {
-            (slot, law): GasSensors(some, LAWS[law], dim, tick, species, slot)
+            (slot, law): LineSensors(some, LAWS[law], dim, tick, species, slot, cast(Surroundings, stops))
+            if law == "line"
+            else GasSensors(some, LAWS[law], dim, tick, species, slot)
             for (slot, law), some in members.items()
         }
         self.noses = tuple(one for (slot, _), one in made.items() if slot == 0)

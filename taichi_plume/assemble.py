@@ -9,6 +9,7 @@ import numpy as np
 
 from taichi_plume.agents.gas_map import Floor
 from taichi_plume.agents.groups import GroupRange
+from taichi_plume.agents.line_sensors import Surroundings
 from taichi_plume.agents.mapping import mappers
 from taichi_plume.agents.placement import Placed, place, placed
 from taichi_plume.agents.sensors import Sensors
@@ -22,6 +23,7 @@ from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.grid.cut_cells import Air, air_of
 from taichi_plume.grid.fields import Gas, Mixture, Wind
 from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.level_set import LevelSet
 from taichi_plume.grid.rng import generator
 from taichi_plume.grid.state import State
 from taichi_plume.initial import begin_fields
@@ -101,7 +103,7 @@ def build(
     gas = Mixture([_gas(context, path, wind, reel) for path, _ in scenario.gases])
     if reel is None:
         begin_fields(scenario, resources, wind, gas.gases)
-    sensors = Sensors(swarm, grid.dim, scenario.tick, gas.species)
+    sensors = Sensors(swarm, grid.dim, scenario.tick, gas.species, partial(_around, scenario, grid, air))
     own, networks = _own(scenario, resources, algorithms), _networks(scenario, resources)
     try:
         driving = teams(swarm, scenario.tick, own, networks, _recorded(scenario, resources))
@@ -199,6 +201,13 @@ def _box(scenario: Scenario, resources: Resources) -> tuple[Grid, Air]:
     if resources.site:
         return grid, resources.site_air()
     return grid, air_of(resources.standing, grid, opening_cells(openings, grid))
+
+
+def _around(scenario: Scenario, grid: Grid, air: Air) -> Surroundings:
+    """What stops the beams of lasers, and how far apart the gas is to be taken along them."""
+    finest = [gas.finest for _, gas in scenario.gases if gas.finest is not None]
+    level = LevelSet(air, grid) if (air.volume < 1.0).any() else None
+    return Surroundings(level, grid.extent, min([grid.dx / 8.0, *finest]), grid.dx)
 
 
 def _wind(context: Context, reel: Reel | None) -> Wind:

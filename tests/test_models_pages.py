@@ -22,7 +22,7 @@ MODELS = {
         "GaussianPuffGas",
         "ContinuousGas",
     ),
-    "sensors.md": ("MoxSensor", "PidSensor", "IdealGasSensor", "Anemometer"),
+    "sensors.md": ("MoxSensor", "PidSensor", "TdlasSensor", "IdealGasSensor", "Anemometer"),
 }
 """Sections of a scenario by the page that tells of them."""
 

@@ -66,6 +66,11 @@ def require_task(scenario: Scenario) -> None:
         raise ScenarioError(
             [f"robots: group '{visible(group.name)}' has found: declared, but its policy {what}"]
         )
+    for path, sensor in group.sensors.placed():
+        if sensor.kind == "tdlas":
+            raise ScenarioError(
+                [f"robots: {path}.kind of '{visible(group.name)}': environments know no tdlas"]
+            )
     for n, obstacle in enumerate(scenario.obstacles):
         if obstacle.motion:
             raise ScenarioError([f"obstacles[{n}]: moves; environments have obstacles that stand"])

@@ -36,6 +36,15 @@ class ClosedForm(OneGas):
     """Faces of the room that reflect the gas. Unless given the ground, z-, in 3-D and none in 2-D: gas leaves through
     the others."""
 
+    jumps: ClassVar[bool] = False
+    """Whether there is none upwind of the source, and at once all of it downwind."""
+
+    @property
+    def finest(self) -> float:
+        """Distance [m] of points on a line whose mean tells its integral to a percent."""
+        least = min(source.radius for source in getattr(self, self.sources_key))
+        return least / 16.0 if self.jumps else least
+
     def reflecting(self, dim: int) -> tuple[Face, ...]:
         """The faces that let no gas through, in `dim` dimensions."""
         return (("z-",) if dim == 3 else ()) if self.walls is None else self.walls
@@ -178,6 +187,7 @@ class ContinuousGas(ClosedForm):
 class GaussianPlumeGas(ClosedForm):
     """The mean plume of the textbooks: a Gaussian across a uniform wind that widens with the distance."""
 
+    jumps: ClassVar[bool] = True
     kind: Literal["gaussian_plume"]
     width_fluctuation: ClassVar[float] = 0.0
     sources: Annotated[tuple[PlumeSource, ...], Field(min_length=1)]
@@ -228,6 +238,7 @@ class MeanderingGas(ClosedForm):
     Across, Q/(U w h) exp(-(y - y_c)²/(2 s_y²)), w = sqrt(2 pi) s_y, h = sqrt(2 pi) s_z; s² = radius² + (slope x)².
     """
 
+    jumps: ClassVar[bool] = True
     kind: Literal["meandering"]
     sources: Annotated[tuple[PlumeSource, ...], Field(min_length=1)]
     """Where gas is emitted evenly, at least one place; robots search for these."""

@@ -47,7 +47,7 @@ class GasSensor(Model):
     left: Annotated[Coordinate, COMPILED] = 0.0
     """Distance to the left of the robot's centre; negative is to its right."""
 
-    law: ClassVar[Literal["mox", "linear"]] = "linear"
+    law: ClassVar[Literal["mox", "linear", "line"]] = "linear"
     """What makes a signal of a concentration, and a reading of it: see agents/gas_laws.py."""
 
     @property

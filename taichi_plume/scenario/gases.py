@@ -131,6 +131,11 @@ class PuffGas(OneGas):
     """Puffs at a time: beyond, neighbours are merged. More keep finer filaments and take more memory."""
 
     @property
+    def finest(self) -> float:
+        """Distance [m] of points on a line whose mean tells its integral to a percent: that of a new puff."""
+        return self.initial_size
+
+    @property
     def by_chance(self) -> bool:
         """Puffs stray."""
         return True

@@ -201,7 +201,7 @@ class MoxSensor(GasSensor):
     load: Resistance | None = None
     """Resistor in series with the sensor; unless given 10 kOhm, for the MiCS 47 kOhm."""
 
-    law: ClassVar[Literal["mox", "linear"]] = "mox"
+    law: ClassVar[Literal["mox", "linear", "line"]] = "mox"
 
     @property
     def signal(self) -> Signal:

@@ -38,6 +38,12 @@ class PercentGas(OneGas):
     sources: tuple[Target, ...] = ()
     """Places that robots search for; they emit nothing, the plume is given."""
 
+    @property
+    def finest(self) -> float | None:
+        """Distance [m] of points on a line whose mean tells its integral to a percent: its nodes' are full of jumps."""
+        wide = getattr(self, "cell", None) or getattr(self, "radius", None)
+        return wide / 8.0 if wide else None
+
 
 class PlumeSimGas(PercentGas, PlumeSimLog):
     """The plume of a log of PlumeSim."""

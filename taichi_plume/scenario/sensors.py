@@ -9,12 +9,12 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag
 
-from taichi_plume.scenario.detectors import IdealGasSensor, PidSensor
+from taichi_plume.scenario.detectors import IdealGasSensor, PidSensor, TdlasSensor
 from taichi_plume.scenario.gas_sensors import GasSensor
 from taichi_plume.scenario.metal_oxides import MoxSensor
 from taichi_plume.scenario.vocabulary import Delay, Distance, Model, Speed
 
-__all__ = ["Anemometer", "GasSensor", "IdealGasSensor", "MoxSensor", "PidSensor", "Sensors"]
+__all__ = ["Anemometer", "GasSensor", "IdealGasSensor", "MoxSensor", "PidSensor", "Sensors", "TdlasSensor"]
 
 # Thresholds: Ishida, Workshop on Robotic Olfaction, ICRA 2007, quoted by Ferri et al., Robotics and
 # Autonomous Systems 57 (2009) 393-402. Noise and lag: our choice.
@@ -60,7 +60,7 @@ class Anemometer(Model):
         return WIND_NOISE, WIND_NOISE_RELATIVE
 
 
-OneGasSensor = Annotated[MoxSensor | PidSensor | IdealGasSensor, Field(discriminator="kind")]
+OneGasSensor = Annotated[MoxSensor | PidSensor | TdlasSensor | IdealGasSensor, Field(discriminator="kind")]
 MOST_NOSES = 8
 
 

@@ -203,6 +203,11 @@ class OneGas(Model):
         """Area across the wind [m²] that what a source of that radius [m] emits goes through at first, if known."""
         return None
 
+    @property
+    def finest(self) -> float | None:
+        """Distance [m] of points on a line whose mean tells its integral to a percent; None: that of cells."""
+        return None
+
     def bytes(self, dim: int) -> float:
         """What it needs of memory besides fields on the grid."""
         return 0.0

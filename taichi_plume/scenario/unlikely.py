@@ -14,7 +14,7 @@ from taichi_plume.scenario.gases import AnySource, PureGas
 from taichi_plume.scenario.listening import Listening
 from taichi_plume.scenario.plume_tracking import PlumeTracking
 from taichi_plume.scenario.robots import Group
-from taichi_plume.scenario.sensors import MoxSensor
+from taichi_plume.scenario.sensors import MoxSensor, TdlasSensor
 from taichi_plume.scenario.species import PRESSURE
 from taichi_plume.scenario.starts import StartArea
 from taichi_plume.scenario.windows import Region
@@ -261,6 +261,10 @@ def _smells(path: str, group: Group, context: Context) -> Iterator[str]:
     if not threshold:
         return
     key = f"{path}.algorithm.threshold_ppm"
+    if isinstance(sensor, TdlasSensor):
+        if sensor.gives == "integral":
+            yield f"{key}: {threshold:g} is taken in ppm m, in which the laser reads; or let it give the mean"
+        return
     if isinstance(sensor, MoxSensor):
         c0, b = sensor.reading_curve
         per_ln_r = c0 / b  # ppm, in clean air

@@ -254,12 +254,11 @@ def test_gases_with_curves_of_their_own_add_up_as_what_makes_the_same_resistance
     """(R/R_air)^(-1/b) is 1 in clean air, and each gas adds what it would add alone; one is read back as it is."""
     lab = Lab(Methane(), {"mox a": 1, "mox b": 1})
     quick = {"rise_time": 0, "decay_time": 0}
-    lab.fit(
-        **{
-            "mox a": mox("tgs2620", **quick),
-            "mox b": mox("tgs2611", **quick, calibrated_for="methane", sensitivity={"ethanol": 0.0}),
-        }
-    )
+    told: dict[str, GasSensor] = {
+        "mox a": mox("tgs2620", **quick),
+        "mox b": mox("tgs2611", **quick, calibrated_for="methane", sensitivity={"ethanol": 0.0}),
+    }
+    lab.fit(None, 5, **told)
     for level in (0.0, 0.5, 40.0, 3000.0):
         lab.air.level[None] = level
         lab.measure()

@@ -135,7 +135,7 @@ def test_a_good_file_loads(tmp_path):
         ("robots.0.count=1.5", "robots[0].count: got 1.5: must be a valid integer"),
         (
             "robots.0.sensors.gas={noise: 0}",
-            "robots[0].sensors.gas: missing key 'kind'; known kinds: mox, pid, ideal",
+            "robots[0].sensors.gas: missing key 'kind'; known kinds: mox, pid, tdlas, ideal",
         ),
         (
             "gas.species={name: a/b, molar_mass: 16 g/mol, diffusivity: 1.0e-5}",

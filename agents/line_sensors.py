@@ -1,0 +1,167 @@
+"""What a laser measures: the integral of a gas along its beam, from the robot to the first surface.
+
+By the midpoint rule, at points no farther apart than the gas has features. Of a Gaussian of standard deviation s it
+errs by 2 exp(-2 (pi s/h)²) with points h apart, less than 1e-8 for h = s. Where the beam ends is looked for in strides
+that are free (sphere tracing), and then by halves.
+"""
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any, cast
+
+import numpy as np
+import taichi as ti
+
+from taichi_plume.agents.gas_laws import Law
+from taichi_plume.agents.gas_sensors import GasSensors
+from taichi_plume.agents.groups import GroupRange
+from taichi_plume.agents.members import Members
+from taichi_plume.agents.parameters import Numbers, Parameters
+from taichi_plume.grid.elementary import cos_sin
+from taichi_plume.grid.fields import Species
+from taichi_plume.grid.kernels import Template
+from taichi_plume.scenario.sensors import TdlasSensor
+
+STRIDES = 4096  # until a beam ends
+SAFE = 0.57  # of a distance is free: between the nodes, it changes by up to sqrt(3) of the way
+HALVINGS = 6
+MOST_POINTS = 20_000
+
+
+class Surroundings:
+    """What stops beams. level: ti.func ``distance(x)`` to the next surface of an obstacle [m], negative inside; None
+    where there is none. extent: of the domain, [m] per axis. step: of points along a beam, unless told [m]; cell: [m].
+    """
+
+    def __init__(self, level: Any, extent: Sequence[float], step: float, cell: float):
+        self.level, self.extent, self.step, self.cell = level, tuple(extent), step, cell
+        self.stands = level is not None
+
+
+@ti.data_oriented
+class LineSensors(GasSensors):
+    """The lasers of some groups: they write `reading` in ppm m, or in ppm, and as `true_ppm` the mean along the beam.
+
+    around: what stops their beams.
+    """
+
+    def __init__(
+        self,
+        members: Members,
+        law: type[Law],
+        dim: int,
+        tick: float,
+        species: Sequence[Species],
+        slot: int,
+        around: Surroundings,
+    ):
+        super().__init__(members, law, dim, tick, species, slot)
+        self.around = around
+        self.beam = Parameters(members, partial(_beam, slot, around.step))
+        self.length = ti.field(ti.f32, members.size)  # of each beam, as it is [m]
+
+    def begin(self) -> None:
+        """Set the numbers that the groups give."""
+        super().begin()
+        self.beam.begin()
+
+    @ti.func
+    def direction(self, n, i, t):
+        """Unit vector of the beam at time t [s]."""
+        swept = self.beam.per_span[n] * t
+        swept -= 2.0 * ti.floor(0.5 * swept)
+        swept = ti.min(swept, 2.0 - swept) - 0.5  # from -1/2 to 1/2 and back
+        level = cos_sin(self.swarm.heading[i] + self.beam.bearing[n] + self.beam.span[n] * swept)
+        e = ti.Vector.zero(ti.f32, self.dim)
+        e[0], e[1] = level[0], level[1]
+        if ti.static(self.dim == 3):
+            up = cos_sin(self.beam.tilt[n])
+            e = ti.Vector([up[0] * level[0], up[0] * level[1], up[1]])
+        return e
+
+    @ti.func
+    def reach(self, n, x, e):
+        """How far a beam gets from x along e [m]."""
+        end = self.beam.range[n]
+        for d in ti.static(range(self.dim)):
+            if e[d] > 0.0:
+                end = ti.min(end, (ti.static(self.around.extent[d]) - x[d]) / e[d])
+            elif e[d] < 0.0:
+                end = ti.min(end, -x[d] / e[d])
+        end = ti.max(self._of_walkers(x, e, end), 0.0)
+        if ti.static(self.around.stands):
+            end = self._of_obstacles(x, e, end)
+        return end
+
+    @ti.func
+    def _of_walkers(self, x, e, end):
+        """At most how far, before what walks about is met."""
+        level = ti.Vector([e[0], e[1]])
+        cosine = ti.max(level.norm(), 1e-6)
+        for k in range(self.swarm.walker_count):
+            to = self.swarm.discs[k] - ti.Vector([x[0], x[1]])
+            along = to.dot(level) / cosine
+            inside = self.swarm.disc_radius[k] ** 2 - (to.norm_sqr() - along**2)
+            if along > 0.0 and inside > 0.0:
+                end = ti.min(end, (along - ti.sqrt(inside)) / cosine)
+        return end
+
+    @ti.func
+    def _of_obstacles(self, x, e, end):
+        """At most how far, before a surface is met."""
+        free, s, strides = 0.0, 0.0, 0
+        least = ti.static(0.1 * self.around.cell)
+        while s < end and strides < STRIDES:
+            strides += 1
+            away = self.around.level.distance(x + s * e)
+            if away > 0.0:
+                free = s
+                s += ti.max(SAFE * away, least)
+            else:
+                end = s
+                for _ in range(HALVINGS):
+                    middle = 0.5 * (free + end)
+                    if self.around.level.distance(x + middle * e) > 0.0:
+                        free = middle
+                    else:
+                        end = middle
+        return end
+
+    @ti.func
+    def smell(self, gas: Template, n, i, t):
+        """The integral along the beam of the n-th sensor, robot i's [ppm m]."""
+        x, e = self.place(n, i), self.direction(n, i, t)
+        end = self.reach(n, x, e)
+        count = ti.math.clamp(ti.cast(ti.ceil(end * self.beam.per_step[n]), ti.i32), 1, MOST_POINTS)
+        step, total = end / count, 0.0
+        for k in range(count):
+            ppm = ti.max(gas.ppm(x + (k + 0.5) * step * e, t), 0.0)
+            for s in ti.static(range(self.species)):
+                total += self.of.weights[n, s] * ppm[s]
+        self.length[n] = end
+        self.true_ppm[i] = total / count
+        return total * step
+
+    @ti.func
+    def read(self, n, i, tick, r, ppm):
+        """Robot i reads what its sensor, the n-th, tells."""
+        if self.is_due(n, tick):
+            value = ppm
+            if self.beam.gives_mean[n] == 1:
+                value /= ti.max(self.length[n], 1e-3)
+            self.reading[i] = value
+
+
+def _beam(slot: int, step: float, group: GroupRange) -> Numbers:
+    """The beams of a group."""
+    sensor = cast(TdlasSensor, group.model.sensors.noses[slot])
+    span = np.radians(sensor.sweep_deg)
+    return {
+        "range": sensor.range,
+        "bearing": np.radians(sensor.bearing_deg),
+        "tilt": np.radians(sensor.tilt_deg),
+        "span": span,
+        "per_span": np.radians(sensor.sweep_rate_deg) / span if span else 0.0,
+        "per_step": 1.0 / (sensor.step or step),
+        "gives_mean": sensor.gives == "mean",
+    }

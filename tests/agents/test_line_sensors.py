@@ -1,0 +1,278 @@
+"""A laser reads the integral of the field along its beam: against closed forms, SciPy and finer sums."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.special import erf
+from test_sensors import Air, Floor
+
+from taichi_plume.agents.line_sensors import Surroundings
+from taichi_plume.agents.sensors import Sensors
+from taichi_plume.agents.swarm import Swarm
+from taichi_plume.assemble import assemble
+from taichi_plume.grid.fields import ppm_at
+from taichi_plume.prepare import load
+from taichi_plume.scenario.algorithms import Casting
+from taichi_plume.scenario.loading import scenario_from
+from taichi_plume.scenario.robots import Group
+from taichi_plume.scenario.sensors import Sensors as SensorModels
+from taichi_plume.scenario.species import SPECIES
+from taichi_plume.scenario.starts import StartAt
+
+pytestmark = pytest.mark.usefixtures("taichi")
+
+EXACT = {"kind": "tdlas", "noise_ppm_m": 0, "detection_limit_ppm_m": 0, "rise_time": 0, "decay_time": 0}
+METHANE = SPECIES["methane"].ppm_per_density
+MANY = 60
+
+
+def room(gas, size, sensor=EXACT, **keys):
+    """Robots at many places, looking anywhere."""
+    low, high = [0.3, 0.3], [size[0] - 0.3, size[1] - 0.3]
+    return {
+        "duration": 4.0,
+        "domain": {"size": list(size), "spacing": 0.1},
+        "wind": {"kind": "uniform", "velocity": [0.5] + [0.0] * (len(size) - 1)},
+        "gas": {"species": "methane"} | gas,
+        "robots": [
+            {
+                "count": 1,
+                "trials": MANY,
+                "start": {"kind": "area", "low": low, "high": high},
+                "body": {"radius": 0.05},
+                "algorithm": {"kind": "casting", "speed": 0},
+                "sensors": {"gas": sensor},
+            }
+        ],
+    } | keys
+
+
+def looked(scenario, t=0.0, steps=0):
+    """The simulation after some steps, and of each robot once measured: place, unit vector, reading, beam [m], mean."""
+    sim = assemble(scenario_from(scenario))
+    for _ in range(steps):
+        sim.advance()
+    sim.sensors.measure(sim.gas, sim.wind, 1, t or sim.t)
+    now = sim.swarm.snapshot()
+    sensor = scenario["robots"][0]["sensors"]["gas"]
+    angle = now["heading"] + np.radians(sensor.get("bearing_deg", 0.0))
+    tilt = np.radians(sensor.get("tilt_deg", 0.0))
+    e, x = np.stack([np.cos(angle), np.sin(angle)], axis=1), now["position"].astype(float)
+    if len(scenario["domain"]["size"]) == 3:
+        e = np.column_stack([np.cos(tilt) * e, np.full(MANY, np.sin(tilt))])
+        x = np.column_stack([x, np.full(MANY, sensor.get("height", 0.1))])
+    return sim, x, e, now["reading_ppm"], sim.sensors.noses[0].length.to_numpy(), now["true_ppm"]
+
+
+def to_the_walls(x, e, size):
+    """How far rays get in a box."""
+    with np.errstate(divide="ignore"):
+        ways = np.where(e > 0, (np.array(size) - x) / e, np.where(e < 0, -x / e, np.inf))
+    return ways.min(axis=1)
+
+
+def test_a_gaussian_plume_is_integrated_to_a_percent():
+    """At any angle, also along its axis, where it begins with a jump."""
+    size, rate, speed, radius, intensity = (6.0, 4.0), 10e-6, 0.5, 0.02, 0.1
+    source = {"position": [1.5, 2.0], "rate": rate, "radius": radius}
+    gas = {"kind": "gaussian_plume", "intensity": intensity, "sources": [source]}
+    _, x, e, read, length, mean = looked(room(gas, size))
+
+    def ppm(p):
+        s = radius + intensity * max(p[0] - 1.5, 0.0)
+        across = np.exp(-((p[1] - 2.0) ** 2) / (2 * s**2)) / (np.sqrt(2 * np.pi) * s)
+        return METHANE * rate / speed * across if p[0] > 1.5 else 0.0
+
+    np.testing.assert_allclose(length, to_the_walls(x, e, size), rtol=1e-4)
+    true = np.zeros(MANY)
+    for n in range(MANY):
+        marks = [(1.5 - x[n, 0]) / e[n, 0], (2.0 - x[n, 1]) / e[n, 1]]
+        marks = [one for one in marks if 0 < one < length[n]]
+        true[n] = quad(lambda s, n=n: ppm(x[n] + s * e[n]), 0.0, length[n], points=marks or None, limit=400)[
+            0
+        ]
+    some = true > 0.1
+    assert some.sum() > 15
+    np.testing.assert_allclose(read[some], true[some], rtol=0.01)
+    assert (read[~some] < 0.11).all()
+    np.testing.assert_allclose(mean * length, read, rtol=1e-4, atol=1e-6)
+
+
+def test_a_puff_in_3d_is_integrated_to_a_percent():
+    """Along a line at the distance d from a Gaussian of standard deviation s: a bell of d, and the erf of both ends."""
+    size, mass, radius, place = (3.0, 2.0, 1.0), 1e-4, 0.05, np.array([1.6, 1.0, 0.5])
+    release = {"position": place.tolist(), "mass": mass, "radius": radius}
+    gas = {"kind": "gaussian_puff", "diffusivity": 1e-9, "releases": [release], "walls": []}
+    still = {"kind": "uniform", "velocity": [1e-6, 0.0, 0.0]}
+    sensor = EXACT | {"height": 0.4, "tilt_deg": 5.0, "bearing_deg": 40.0}
+    _, x, e, read, length, _ = looked(room(gas, size, sensor, wind=still))
+    np.testing.assert_allclose(length, to_the_walls(x, e, size), rtol=1e-4)
+    along = ((place - x) * e).sum(axis=1)
+    off = np.linalg.norm(place - x - along[:, None] * e, axis=1)
+    bell = mass / (2 * np.pi * radius**2) * np.exp(-(off**2) / (2 * radius**2))
+    ends = (erf((length - along) / (np.sqrt(2) * radius)) + erf(along / (np.sqrt(2) * radius))) / 2
+    true = METHANE * bell * ends
+    some = true > 1e-4 * METHANE * mass / (2 * np.pi * radius**2)
+    assert some.sum() > 4
+    np.testing.assert_allclose(read[some], true[some], rtol=0.01)
+
+
+def test_a_computed_field_is_integrated_to_a_percent_up_to_obstacles():
+    """Against the mean of points 1 mm apart of the field as all see it, up to the box by the slab method."""
+    size, low, high = (4.0, 3.0), np.array([2.0, 0.8]), np.array([2.8, 2.2])
+    source = {"position": [0.8, 1.4], "rate": 1e-5}
+    box = {"kind": "box", "center": (0.5 * (low + high)).tolist(), "size": (high - low).tolist()}
+    wind = {
+        "kind": "cfd",
+        "openings": [{"kind": "inlet", "face": "x-", "speed": 0.5}, {"kind": "outlet", "face": "x+"}],
+    }
+    scenario = room({"kind": "eulerian", "sources": [source]}, size, obstacles=[box], wind=wind, warm_up=3.0)
+    sim, x, e, read, length, _ = looked(scenario, steps=35)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        a, b = (low - x) / e, (high - x) / e
+    near, far = np.minimum(a, b).max(axis=1), np.maximum(a, b).min(axis=1)
+    ends = to_the_walls(x, e, size)
+    hits = (near < far) & (near > 0)
+    assert hits.sum() > 3
+    np.testing.assert_allclose(length, np.where(hits, near, ends), atol=0.02)
+    true = np.empty(MANY)
+    for n in range(MANY):
+        s = np.arange(0.0005, length[n], 0.001)
+        true[n] = ppm_at(sim.gas, x[n] + s[:, None] * e[n], sim.t)[:, 0].sum() * 0.001
+    some = true > 0.5
+    assert some.sum() > 10
+    np.testing.assert_allclose(read[some], true[some], rtol=0.01)
+
+
+def test_puffs_are_integrated_to_a_percent():
+    source = {"position": [0.6, 1.0], "rate": 1e-5}
+    gas = {"kind": "puffs", "sources": [source], "release_rate": 20.0, "handover": False}
+    sim, x, e, read, length, _ = looked(room(gas, (3.0, 2.0)), steps=30)
+    true = np.empty(MANY)
+    for n in range(MANY):
+        s = np.arange(0.0005, length[n], 0.001)
+        true[n] = ppm_at(sim.gas, x[n] + s[:, None] * e[n], sim.t)[:, 0].sum() * 0.001
+    some = true > 0.01 * true.max()
+    assert some.sum() > 10
+    np.testing.assert_allclose(read[some], true[some], rtol=0.01)
+
+
+def test_round_obstacles_and_walkers_end_a_beam_where_they_are():
+    pillar = {"kind": "cylinder", "center": [1.0, 1.0], "radius": 0.3}
+    walker = {"kind": "cylinder", "center": [2.4, 1.4], "radius": 0.2, "motion": {"path": [[9, 2.4, 1.4]]}}
+    gas = {"kind": "eulerian", "sources": [{"position": [2.0, 0.5], "rate": 1e-5}]}
+    start = {"kind": "area", "low": [1.5, 0.3], "high": [2.1, 1.7]}
+    scenario = room(gas, (3.0, 2.0), obstacles=[pillar, walker], wind={"kind": "synthetic", "speed": 0.01})
+    scenario["robots"][0]["start"] = start
+    _, x, e, _, length, _ = looked(scenario)
+    ends = to_the_walls(x, e, (3.0, 2.0))
+    hits = np.zeros(MANY)
+    for place, radius in (((1.0, 1.0), 0.3), ((2.4, 1.4), 0.2)):
+        to = np.array(place) - x
+        along = (to * e).sum(axis=1)
+        under = radius**2 - (to**2).sum(axis=1) + along**2
+        near = np.where((under > 0) & (along > 0), along - np.sqrt(np.maximum(under, 0)), np.inf)
+        hits += near < ends
+        ends = np.minimum(ends, near)
+    assert hits.sum() > 10
+    off = np.abs(length - ends)
+    assert np.quantile(off, 0.9) < 0.06  # half a cell of the grid, in which round ones are cut
+    assert np.median(off) < 0.02
+
+
+# ---------------------------------------------------------------- what it makes of the integral
+
+
+class Bench:
+    """Lasers 3 m long in an even gas, side by side."""
+
+    def __init__(self, *sensors):
+        self.air = Air()
+        groups = [
+            Group(
+                name=f"group {n}",
+                count=1,
+                start=StartAt(kind="positions", positions=((1.0, 1.0),)),
+                algorithm=Casting(kind="casting"),
+                sensors=SensorModels.model_validate(
+                    {"gas": EXACT | {"species": "ethanol", "range": 3.0} | one, "wind": {"kind": "ideal"}}
+                ),
+            )
+            for n, one in enumerate(sensors)
+        ]
+        n = len(groups)
+        self.swarm = Swarm(groups, np.full((n, 2), 20.0), np.zeros(n), Floor(), np.empty((0, 2)), 3)
+        around = Surroundings(None, (100.0, 100.0), 0.05, 0.1)
+        self.sensors = Sensors(self.swarm, 2, 0.1, self.air.species, lambda: around)
+        self.tick = 0
+
+    def read(self, ticks=1):
+        for _ in range(ticks):
+            self.tick += 1
+            self.sensors.measure(self.air, self.air, self.tick, 0.1 * self.tick)
+        return self.swarm.snapshot()["reading_ppm"].tolist()
+
+
+def test_limits_lag_noise_mean_and_species():
+    bench = Bench(
+        {},
+        {"gives": "mean"},
+        {"detection_limit_ppm_m": 5.0, "largest_ppm_m": 60.0},
+        {"rise_time": None, "decay_time": None},
+        {"species": "methane"},
+        {"noise_ppm_m": 2.0},
+    )
+    bench.air.level[None] = 1.0
+    assert bench.read()[:3] == pytest.approx([3.0, 1.0, 0.0], rel=1e-5)
+    bench.air.level[None] = 40.0
+    plain, mean, limited, *_ = bench.read()
+    assert (plain, mean, limited) == pytest.approx((120.0, 40.0, 60.0), rel=1e-5)
+    bench.air.level[None] = 0.0
+    bench.read(20)
+    bench.air.level[None] = 10.0
+    *_, lagging, blind, noisy = bench.read()
+    assert lagging == pytest.approx(0.9 * 30.0, rel=1e-3)  # within 0.1 s
+    assert blind == 0.0
+    series = [bench.read()[5] for _ in range(300)]
+    assert np.std(series) == pytest.approx(2.0, rel=0.15)
+    assert np.mean(series) == pytest.approx(30.0, abs=0.5)
+    assert noisy != 30.0
+
+
+def test_a_pan_unit_sweeps_to_and_fro():
+    bench = Bench({"bearing_deg": 30.0, "sweep_deg": 80.0, "sweep_rate_deg": 50.0, "range": 9.0})
+    bench.air.slope[None] = 1.0  # ppm per m of x
+    for tick in range(1, 60):
+        (read,) = bench.read()
+        t = 0.1 * tick
+        swept = (50.0 * t) % 160.0
+        angle = np.radians(30.0 - 40.0 + min(swept, 160.0 - swept))
+        assert read == pytest.approx(9.0 * 20.0 + 0.5 * 81.0 * np.cos(angle), rel=1e-4)
+
+
+# ---------------------------------------------------------------- what is told
+
+
+@pytest.mark.parametrize(
+    ("sensor", "algorithm", "told"),
+    [
+        (
+            {"species": "ethane"},
+            {},
+            ".sensors.gas.species: 'ethane' is not in the air of this scenario, the gas is",
+        ),
+        ({}, {"threshold_ppm": 8}, ".algorithm.threshold_ppm: 8 is taken in ppm m, in which the laser reads"),
+        ({"gives": "mean"}, {"threshold_ppm": 8}, ""),
+    ],
+)
+def test_what_is_probably_not_meant_is_told(tmp_path, sensor, algorithm, told):
+    gas = {"kind": "gaussian_plume", "intensity": 0.1, "sources": [{"position": [1.5, 2.0], "rate": 1e-4}]}
+    scenario = room(gas, (6.0, 4.0), EXACT | sensor)
+    scenario["robots"][0]["algorithm"] |= algorithm
+    (tmp_path / "s.yaml").write_text(json.dumps(scenario))
+    lines = [
+        one for one in load(tmp_path / "s.yaml").resources.remarks if "species" in one or "threshold" in one
+    ]
+    assert [line for line in lines if line.startswith(f"robots[0]{told}")] if told else not lines, lines
