@@ -146,6 +146,11 @@ class GasSensors:
             )
             y += share * (slow - y)
             mean += share * (slow_mean - mean)
+        return self.told(n, tick, cold, y, mean, noise, drift, reading_noise)
+
+    @ti.func
+    def told(self, n, tick, cold, y, mean, noise, drift, reading_noise):
+        """What the n-th gives of a signal y, its mean over the tick, with all that adds to it; see `lag`."""
         if self.of.drift[n] > 0.0:
             self.baseline[n] = self.baseline[n] + self.of.drift[n] * drift
         total = self.sum[n] + mean  # `+=` would be an atomic

@@ -10,6 +10,7 @@ from taichi_plume.agents.anemometers import Anemometers
 from taichi_plume.agents.few import few
 from taichi_plume.agents.gas_laws import LAWS
 from taichi_plume.agents.gas_sensors import GasSensors
+from taichi_plume.agents.heated_sensors import HeatedSensors
 from taichi_plume.agents.line_sensors import LineSensors, Surroundings
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.swarm import Swarm
@@ -41,21 +42,22 @@ class Sensors:
     ):
         self.count = swarm.count
         self.strip = STRIP if on_cpu() else 1
-        alike: dict[tuple[int, str], list[int]] = {}
+        alike: dict[tuple[int, str, bool], list[int]] = {}
         for group in swarm.groups:
             for slot, sensor in enumerate(group.model.sensors.noses):
-                alike.setdefault((slot, sensor.law), []).append(group.number)
+                alike.setdefault((slot, sensor.law, sensor.cycled), []).append(group.number)
         members = {key: Members(swarm, numbers) for key, numbers in alike.items()}
-        stops = around() if around and any(law == "line" for _, law in alike) else None
-        made = {
-            (slot, law): LineSensors(some, LAWS[law], dim, tick, species, slot, cast(Surroundings, stops))
-            if law == "line"
-            else GasSensors(some, LAWS[law], dim, tick, species, slot)
-            for (slot, law), some in members.items()
-        }
-        self.noses = tuple(one for (slot, _), one in made.items() if slot == 0)
-        self.vanes = tuple(Anemometers(some, dim, tick) for (slot, _), some in members.items() if slot == 0)
-        self.others = tuple(one for (slot, _), one in made.items() if slot > 0)
+        stops = around() if around and any(law == "line" for _, law, _ in alike) else None
+        made = {}
+        for (slot, law, cycled), some in members.items():
+            all_alike = some, LAWS[law], dim, tick, species, slot
+            if law == "line":
+                made[slot, law, cycled] = LineSensors(*all_alike, cast(Surroundings, stops))
+            else:
+                made[slot, law, cycled] = (HeatedSensors if cycled else GasSensors)(*all_alike)
+        self.noses = tuple(one for (slot, *_), one in made.items() if slot == 0)
+        self.vanes = tuple(Anemometers(some, dim, tick) for (slot, *_), some in members.items() if slot == 0)
+        self.others = tuple(one for (slot, *_), one in made.items() if slot > 0)
         self.begin()
 
     def begin(self) -> None:

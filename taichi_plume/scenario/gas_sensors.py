@@ -55,6 +55,11 @@ class GasSensor(Model):
         """How it follows and scatters."""
         raise NotImplementedError
 
+    @property
+    def cycled(self) -> bool:
+        """Whether it works in cycles of a heater."""
+        return False
+
     def weight(self, species: str) -> float:
         """How much a ppm of a species counts."""
         raise NotImplementedError

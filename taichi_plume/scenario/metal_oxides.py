@@ -5,21 +5,28 @@ To add one: an entry in `MOX_MODELS`, and its name in `MoxName`.
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from math import log
+from math import exp, log
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
 from taichi_plume.scenario.context import Context
 from taichi_plume.scenario.gas_sensors import GasSensor, Signal
+from taichi_plume.scenario.quantities import number, quantity
 from taichi_plume.scenario.vocabulary import (
     Coefficient,
     Duration,
     Fraction,
     Intensity,
+    Model,
     Resistance,
     Temperature,
+    Wait,
 )
+
+SomeShare = number(0.01, 0.99)
+ElectronVolts = number(0, 5, "eV")
+FilmTemperature = quantity("K", least=250, likely="degC", most=1500)
 
 MoxName = Literal[
     "tgs800",
@@ -154,6 +161,38 @@ MOX_MODELS: dict[str, MoxModel] = {
 }
 
 
+# Dennler et al., Science Advances 10 (2024) eadp1764: onset and recovery of metal oxides on micro hot plates, switched
+# between 150 and 400 degC twenty times a second. They are taken for time constants. The activation energy is our
+# estimate, of the order that desorption from oxides has.
+ONSET, RECOVERY = 0.087, 0.106  # s
+BOLTZMANN = 8.617333e-5  # eV/K
+
+
+class Heater(Model):
+    """A heater that is switched between two temperatures: hot the film reacts, cold hardly."""
+
+    period: Wait = 0.05
+    """Time of a cycle, first hot, then cold. There is one reading per cycle, at the end of its hot part."""
+    hot_share: SomeShare = 0.5
+    """Share of a cycle that is hot."""
+    hot: FilmTemperature = 673.15
+    """Temperature of the film while hot."""
+    cold: FilmTemperature = 423.15
+    """Temperature of the film while cold."""
+    activation_energy: ElectronVolts = 0.3
+    """By how much a reaction is slower while cold: exp(-E (1/T_cold - 1/T_hot)/k)."""
+
+    @property
+    def slowness(self) -> float:
+        """Rate of reaction while cold, over that while hot."""
+        return exp(-self.activation_energy / BOLTZMANN * (1.0 / self.cold - 1.0 / self.hot))
+
+    def problems(self, where: str, context: Context) -> Iterator[str]:
+        """Hot is hotter."""
+        if self.hot <= self.cold:
+            yield f"{where}.hot: {self.hot:g} K is not above cold: {self.cold:g} K; make it hotter"
+
+
 class MoxSensor(GasSensor):
     """A metal-oxide gas sensor: a resistance that falls with a power of the concentration, and lags.
 
@@ -188,6 +227,9 @@ class MoxSensor(GasSensor):
     common."""
     slow_decay_time: Duration = 40.0
     """Time constant of the slow part of the recovery; without a `slow_share` there is none."""
+    heater: Heater | None = None
+    """Cycles of its heater, which make it a fast one; unless given, it is heated steadily. Its time constants, in the
+    mean of a cycle, then are 87 ms up and 106 ms down unless they are given."""
     cold_start: Intensity = 0.0
     """What ln R lacks when the sensor is switched on, at t = 0; it dies away with 15 min. 0.2 is common."""
     air_temperature: Temperature | None = None
@@ -207,7 +249,7 @@ class MoxSensor(GasSensor):
     def signal(self) -> Signal:
         """Of ln(R_air/R)."""
         model = MOX_MODELS[self.model]
-        rise, decay = self._lags(model.rise, model.decay)
+        rise, decay = self._lags(*((ONSET, RECOVERY) if self.heater else (model.rise, model.decay)))
         warmer = (self.air_temperature or CALIBRATED_AT[0]) - CALIBRATED_AT[0]
         damper = log((self.air_humidity or CALIBRATED_AT[1]) / CALIBRATED_AT[1])
         return Signal(
@@ -221,6 +263,11 @@ class MoxSensor(GasSensor):
             room=-(LN_R_PER_KELVIN * warmer + LN_R_PER_LN_HUMIDITY * damper),
             cold_start=self.cold_start,
         )
+
+    @property
+    def cycled(self) -> bool:
+        """Whether its heater is switched."""
+        return self.heater is not None
 
     def curve(self, species: str) -> tuple[float, float] | None:
         """c0 [ppm] and b of a species alone; None where it is not felt."""

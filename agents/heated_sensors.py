@@ -1,0 +1,112 @@
+"""Metal oxides whose heater is switched between two temperatures, a square wave: fast ones.
+
+The film reacts at a rate that goes with its temperature. So the signal y follows its goal by
+
+    dy/dt = (y* - y) k(t)/tau,      k = k_hot in the first part of a cycle, k_cold = slowness k_hot in the rest,
+
+with k of mean 1, so that tau is the time constant over whole cycles. Where the goal stands still, y is solved exactly:
+it goes by exp(-H/tau) with H the integral of k, however long ticks and cycles are. Read is y at the end of the last hot
+part.
+"""
+
+from functools import partial
+from typing import Any, cast
+
+import taichi as ti
+
+from taichi_plume.agents.gas_sensors import GasSensors
+from taichi_plume.agents.groups import GroupRange
+from taichi_plume.agents.parameters import Numbers, Parameters
+from taichi_plume.grid.elementary import exp
+from taichi_plume.grid.kernels import Template
+from taichi_plume.scenario.metal_oxides import MoxSensor
+
+PARTS = 65536  # of a cycle, that ticks are counted in: exact in 32 bits, however many there are
+FASTEST = 1e-6  # s, of a time constant
+
+
+@ti.data_oriented
+class HeatedSensors(GasSensors):
+    """The metal oxides with heater cycles of some groups; other arguments as of `GasSensors`."""
+
+    STATE = (*GasSensors.STATE, "held", "slow_held")
+
+    def __init__(self, members: Any, law: Any, dim: int, tick: float, species: Any, slot: int = 0):
+        super().__init__(members, law, dim, tick, species, slot)
+        self.cycle = Parameters(members, partial(_cycle, tick, slot))
+        self.held = ti.field(ti.f32, members.size)  # y at the end of the last hot part
+        self.slow_held = ti.field(ti.f32, members.size)
+
+    def begin(self) -> None:
+        """Set the numbers that the groups give."""
+        super().begin()
+        self.cycle.begin()
+
+    @ti.func
+    def renew(self, n, unit):
+        """The n-th one is put back to the begin of a run, as another unit: a number from 0 to 1."""
+        self.signal[n], self.slow[n], self.sum[n], self.baseline[n] = 0.0, 0.0, 0.0, 0.0
+        self.held[n], self.slow_held[n] = 0.0, 0.0
+        self.law.renew(n, unit)
+
+    @ti.func
+    def phase(self, n, tick):
+        """Where in its cycle the n-th is after so many ticks, from 0 to 1."""
+        parts = (tick * self.cycle.parts[n]) & (PARTS - 1)
+        rest = tick * self.cycle.rest[n]
+        at = ti.cast(parts, ti.f32) / PARTS + rest - ti.floor(rest)
+        return at - ti.floor(at)
+
+    @ti.func
+    def reacted(self, n, q):
+        """The integral of k over the first q cycles [s]."""
+        whole = ti.floor(q)
+        hot, part = self.cycle.hot_share[n], q - whole
+        return self.cycle.period[n] * (
+            whole + self.cycle.k_hot[n] * ti.min(part, hot) + self.cycle.k_cold[n] * ti.max(part - hot, 0.0)
+        )
+
+    @ti.func
+    def _go(self, signal: Template, held: Template, n, tick, goal, per_decay):
+        """Let a signal follow its goal for a tick; what it was at the end of the last hot part."""
+        begin = self.phase(n, tick - 1)
+        end = begin + self.cycle.turn[n]
+        per = ti.select(goal > signal[n], self.cycle.per_rise[n], per_decay)
+        way, before = signal[n] - goal, self.reacted(n, begin)
+        hot = ti.floor(end - self.cycle.hot_share[n]) + self.cycle.hot_share[n]
+        if hot > begin:
+            held[n] = goal + way * exp(-(self.reacted(n, hot) - before) * per)
+        signal[n] = goal + way * exp(-(self.reacted(n, end) - before) * per)
+        return held[n]
+
+    @ti.func
+    def lag(self, n, tick, cold, goal, noise, drift, reading_noise):
+        """Signal that the n-th sensor gives while it follows its goal for a tick; see `GasSensors.lag`."""
+        y = self._go(self.signal, self.held, n, tick, goal, self.cycle.per_decay[n])
+        share = self.of.slow_share[n]
+        if share > 0.0:
+            slow = self._go(self.slow, self.slow_held, n, tick, goal, self.cycle.per_slow_decay[n])
+            y += share * (slow - y)
+        return self.told(n, tick, cold, y, y, noise, drift, reading_noise)
+
+
+def _cycle(tick: float, slot: int, group: GroupRange) -> Numbers:
+    """The cycles of a group's heaters."""
+    sensor = cast(MoxSensor, group.model.sensors.noses[slot])
+    heater, signal = sensor.heater, sensor.signal
+    assert heater is not None
+    turn, hot = tick / heater.period, heater.hot_share
+    k_hot = 1.0 / (hot + (1.0 - hot) * heater.slowness)
+    parts = int(turn % 1.0 * PARTS)
+    return {
+        "period": heater.period,
+        "hot_share": hot,
+        "k_hot": k_hot,
+        "k_cold": k_hot * heater.slowness,
+        "turn": turn,
+        "parts": parts,
+        "rest": turn % 1.0 - parts / PARTS,
+        "per_rise": 1.0 / max(signal.rise, FASTEST),
+        "per_decay": 1.0 / max(signal.decay, FASTEST),
+        "per_slow_decay": 1.0 / max(signal.slow_decay, FASTEST),
+    }
