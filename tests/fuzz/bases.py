@@ -86,6 +86,29 @@ robots:
 maps: [{kind: kernel_dmv, cell: 0.2}]
 plumesim_log: {rate: 1, cell: 0.2}
 """,
+    "noses": """
+duration: 3
+domain: {size: [2.0, 1.6, 0.6], spacing: 0.1}
+wind: {kind: synthetic, speed: 5 cm/s}
+obstacles: [{kind: sphere, center: [1.2, 0.4, 0.3], radius: 0.2}]
+gas:
+  kind: mixture
+  parts:
+    - {kind: eulerian, species: methane, sources: [{position: [0.4, 0.8, 0.2], rate: 5 mg/s}]}
+    - {kind: eulerian, species: toluene, sources: [{position: [0.4, 1.2, 0.2], rate: 1 mg/s}]}
+robots:
+  - name: several
+    count: 2
+    start: {kind: line, begin: [1.7, 0.6], end: [1.7, 1.2], heading_deg: 180}
+    body: {radius: 0.05, max_speed: 0.2}
+    algorithm: {kind: casting, threshold_ppm: 2}
+    sensors:
+      gas:
+        - {kind: tdlas, gives: mean, range: 3 m, bearing_deg: 10, tilt_deg: 5, sweep_deg: 60, height: 0.3}
+        - {kind: mox, model: tgs2611, heater: {period: 50 ms, hot_share: 0.4}, left: 5 cm, spread: 1, bits: 10}
+        - {kind: mox, model: tgs2602, calibrated_for: ammonia, sensitivity: {methane: 0.1}, left: -5 cm}
+        - {kind: pid, correction: {toluene: 0.6}, calibrated_for: toluene, ahead: 5 cm}
+""",
     "own": """
 duration: 4
 domain: {size: [4, 3], spacing: 0.2}
