@@ -14,6 +14,7 @@ import xarray
 
 from taichi_plume import open_run, run, statistics
 from taichi_plume.files.run_folder import RunFolderError
+from taichi_plume.scenario.metal_oxides import MOX_MODELS
 from taichi_plume.statistics import records
 from taichi_plume.statistics.__main__ import main
 
@@ -175,7 +176,7 @@ def test_files_and_page(folder, tmp_path, capsys):
     ):
         assert words in page
     told = json.loads((tmp_path / "out" / "statistics.json").read_text())
-    assert len(told["sensors"]) == 10
+    assert len(told["sensors"]) == 5 + len(MOX_MODELS)
     assert told["threshold_ppm"] == 20.0
     table = pq.read_table(tmp_path / "out" / "statistics.parquet")
     assert len(table) == 77
