@@ -176,6 +176,28 @@ def test_episodes_differ(engines):
     assert 0.0 < many.rounds.films.begin.to_numpy().min() <= many.rounds.films.begin.to_numpy().max() < 3.4
 
 
+def test_noses_on_both_sides_change_sides_in_a_mirror():
+    """Each reads the film where it is: to the left as the policy sees it."""
+    noses = [{"kind": "ideal", "left": side, "ahead": 0.05} for side in (0.1, -0.15)]
+    policy = {"kind": "policy", "observe": ["gas", "noses"], "period": 0.3}
+    group = TASK["robots"][0] | {"sensors": {"gas": noses}, "algorithm": policy, "found": "reached"}
+    engine = Episodes(scenario_from(TASK | {"robots": [group]}), count=MANY, robots=TEAM, bank=recorded())
+    assert engine.names == ("gas", "gas of sensor 1")
+    for flip in (1.0, -1.0):
+        engine.rounds.n.set(mirrors=0.0 if flip > 0 else 1.0)
+        engine.reset(seeds(MANY))
+        place, heading = engine.swarm.position.to_numpy(), engine.swarm.heading.to_numpy()
+        ahead = np.stack([np.cos(heading), np.sin(heading)], axis=1)
+        left = flip * np.stack([-ahead[:, 1], ahead[:, 0]], axis=1)
+        worlds = zip(engine.info["film"].astype(int), engine.info["source"].astype(int), strict=True)
+        levels = np.repeat([LEVEL[f] if g == 0 else LEVEL[f][::-1] for f, g in worlds], TEAM, axis=0)
+        for k, side in enumerate((0.1, -0.15)):
+            x = np.clip(place + 0.05 * ahead + side * left, 0.05, np.array(SIZE) - 0.05)
+            ppm = np.maximum(levels[:, 0] + (levels[:, 1:] * x).sum(axis=1), 0.0)
+            told = 10.0 ** (6.0 * engine.observations.reshape(-1, 2)[:, k]) - 1.0
+            np.testing.assert_allclose(told, ppm, rtol=3e-3, atol=0.05)
+
+
 def test_a_mirrored_episode_is_the_same_seen_in_a_mirror(engines):
     _, many = engines
     told = actions(many, 7)
