@@ -23,7 +23,7 @@ class Column:
     width: 2 for vectors. key: its name in snapshots, which do not hold it without one. table: its names in
     `robots.parquet`, one per component; there NaN is null. named: whether its numbers have names, the states of the
     algorithm. shown, told: its name among what an own algorithm reads, or writes. truth: the column that it is one with
-    where no robot errs.
+    where no robot errs. flies: whether there is one only in swarms some of whose robots fly.
     """
 
     unit: str
@@ -36,6 +36,7 @@ class Column:
     shown: str = ""
     told: str = ""
     truth: str = ""
+    flies: bool = False
     name: str = ""
 
     def __set_name__(self, owner: type, name: str) -> None:
@@ -61,6 +62,14 @@ class Columns:
 
     position: Any = Column("m", "middle of the body", width=2, key="position", table=("x", "y"))
     heading: Any = Column("rad", "from x towards y", key="heading", table=("heading",))
+    altitude: Any = Column(
+        "m",
+        "of the lower end of the body over the floor",
+        key="altitude",
+        table=("z",),
+        shown="altitude",
+        flies=True,
+    )
     reading: Any = Column(
         "ppm",
         "of the gas sensor; of a laser that gives the integral in ppm m",
@@ -148,6 +157,14 @@ class Columns:
     turn_rate_command: Any = Column("rad/s", "that the algorithm wants", told="turn_rate")
     ordered_position: Any = Column("m", "to which it is put from outside; NaN before", width=2)
     ordered_heading: Any = Column("rad", "to which it is put from outside")
+    ordered_altitude: Any = Column("m", "to which it is put from outside; NaN before", flies=True)
+    climb_rate: Any = Column("m/s", "upward, over the last tick", key="climb_rate", flies=True)
+    flight: Any = Column("m/s", "velocity in the room, as commanded and limited", width=3, flies=True)
+    acceleration: Any = Column("m/s^2", "of that, by its rotors", width=3, flies=True)
+    left_command: Any = Column("m/s", "to its left, that it wants", told="left_speed", flies=True)
+    climb_command: Any = Column("m/s", "upward, that it wants", told="climb_rate", flies=True)
+    goal: Any = Column("m", "to which it wants to fly; NaN: it goes by its speeds", width=3, flies=True)
+    goal_heading: Any = Column("rad", "to which it turns on the way; NaN: by its turn rate", flies=True)
 
     def _allocate(self, n: int, errs: bool) -> None:
         """Make the fields, of n robots; errs: whether any robot errs in what it believes."""
@@ -156,7 +173,16 @@ class Columns:
             setattr(self, column.name, getattr(self, column.truth) if shared else column.field(n))
 
 
-COLUMNS: tuple[Column, ...] = tuple(one for one in vars(Columns).values() if isinstance(one, Column))
+ALL: tuple[Column, ...] = tuple(one for one in vars(Columns).values() if isinstance(one, Column))
+COLUMNS = tuple(one for one in ALL if not one.flies)
+"""Of every swarm."""
+
+
+def columns_of(flies: bool) -> tuple[Column, ...]:
+    """Those of a swarm; flies: whether any of its robots does."""
+    return ALL if flies else COLUMNS
+
+
 OF_A_NOSE = ("reading", "resistance", "true_ppm")
 """What each gas sensor writes."""
 

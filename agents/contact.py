@@ -1,5 +1,10 @@
-"""How far a robot gets before it touches a wall, an obstacle, another robot of its trial or what walks about."""
+"""How far a robot gets before it touches a wall, an obstacle, another robot of its trial or what walks about.
 
+Where robots fly, all bodies are upright cylinders from their `altitude` up by their `height`: they meet only those
+beside them, and also floor, ceiling and what is above or below.
+"""
+
+from dataclasses import dataclass
 from typing import Any
 
 import taichi as ti
@@ -11,6 +16,18 @@ PROBES = 256  # looks ahead per move; sliding along a wall takes one per 2 mm
 GRAZE = 1e-3  # sine of the angle below which a disc is passed, not met
 
 
+@dataclass
+class Heights:
+    """Where bodies are upright: altitude, height [m] and whether it flies (1 or 0) of each robot; low and high end of
+    each walker, `spans` (2,) [m].
+    """
+
+    altitude: Any
+    height: Any
+    wings: Any
+    spans: Any
+
+
 @ti.data_oriented
 class Contact:
     """What is in the way of the robots of a swarm.
@@ -18,6 +35,7 @@ class Contact:
     clearance: its ti.funcs ``distance(p)`` and ``normal(p)`` give a lower bound of the distance [m] from p to the next
     wall or obstacle, and the unit vector away from it. position [m], radius [m]: of the robots. members, team_size: the
     robots of each trial, see `Swarm`. discs, disc_radius [m]: of the `walkers` that walk about, at least one place.
+    heights: None where no robot flies; else the clearance has `layers`.
     """
 
     def __init__(
@@ -30,10 +48,41 @@ class Contact:
         discs: Any,
         disc_radius: Any,
         walkers: int,
+        heights: Heights | None = None,
     ):
         self.clearance, self.position, self.radius = clearance, position, radius
         self.members, self.team_size = members, team_size
         self.discs, self.disc_radius, self.walkers = discs, disc_radius, walkers
+        self.flying = heights is not None
+        if heights is not None:
+            self.altitude, self.height, self.wings = heights.altitude, heights.height, heights.wings
+            self.spans, self.layers = heights.spans, clearance.layers
+
+    @ti.func
+    def slide(self, i, k, begin, wanted):
+        """Move robot i from `begin` by what is `wanted` [m], cut short and slid along what is in the way; where it is
+        then, how long its way was and whether it touched anything.
+        """
+        p = begin
+        rest = wanted
+        path = 0.0
+        contact = 0
+        for _leg in range(2):  # straight on, then what is left of it along the first thing met
+            length = rest.norm()
+            if length > 0.0:
+                e = rest / length
+                step, normal, met = self.trace(i, k, p, e, length)
+                p += step * e
+                path += step
+                rest = (length - step) * e
+                rest -= ti.min(rest.dot(normal), 0.0) * normal
+                contact = ti.max(contact, met)
+                if met == 1 and rest.norm() > TOUCH:
+                    # a little off the surface, or rounding would press the body into it
+                    rest = (rest + TOUCH * normal).normalized() * rest.norm()
+                else:
+                    rest *= 0.0
+        return p, path, contact
 
     @ti.func
     def trace(self, i, k, p, e, length):
@@ -42,7 +91,8 @@ class Contact:
         # Sphere tracing with over-relaxation (Keinert et al. 2014, doi:10.2312/stag.20141233): as no distance
         # changes by more than the way walked, a stride is free if the gaps at its two ends together cover it.
         r = self.radius[i]
-        gap = self.clearance.distance(p) - r
+        layer = self._layer(i)
+        gap = self._distance(p, layer) - r
         s = 0.0
         if gap > OPEN * free + SKIN:
             s = free  # what most moves are: no need to look where it ends
@@ -50,7 +100,7 @@ class Contact:
         probes = 0
         while s < free and probes < PROBES:
             probes += 1
-            ahead = self.clearance.distance(p + (s + stride) * e) - r
+            ahead = self._distance(p + (s + stride) * e, layer) - r
             if stride > 0.0 and gap + ahead >= stride and (ahead >= SKIN or ahead >= gap):
                 s += stride
                 gap = ahead
@@ -60,8 +110,111 @@ class Contact:
             else:
                 free = s
                 contact = 1
-                normal = self.clearance.normal(p + s * e)
+                normal = self._normal(p + s * e, layer)
         return s, normal, contact
+
+    @ti.func
+    def _layer(self, i):
+        """That of the clearance in which robot i flies; -1: it is on the floor."""
+        layer = -1
+        if ti.static(self.flying):
+            if self.wings[i] == 1.0:
+                layer = self.layers.index(self.altitude[i])
+        return layer
+
+    @ti.func
+    def _distance(self, p, layer):
+        result = 0.0
+        if ti.static(self.flying):
+            if layer >= 0:
+                result = self.layers.distance(p, layer)
+            else:
+                result = self.clearance.distance(p)
+        else:
+            result = self.clearance.distance(p)
+        return result
+
+    @ti.func
+    def _normal(self, p, layer):
+        result = ti.Vector([0.0, 0.0])
+        if ti.static(self.flying):
+            if layer >= 0:
+                result = self.layers.normal(p, layer)
+            else:
+                result = self.clearance.normal(p)
+        else:
+            result = self.clearance.normal(p)
+        return result
+
+    @ti.func
+    def _span(self, k, m):
+        """From where to where [m] the m-th of the robots of trial k, and of what walks about after them, reaches."""
+        span = ti.Vector([0.0, 0.0])
+        if m < self.team_size[k]:
+            j = self.members[k, m]
+            span = ti.Vector([self.altitude[j], self.altitude[j] + self.height[j]])
+        else:
+            span = self.spans[m - self.team_size[k]]
+        return span
+
+    @ti.func
+    def _is_beside(self, i, k, m):
+        """Whether that is at the height of robot i."""
+        result = True
+        if ti.static(self.flying):
+            span = self._span(k, m)
+            low, high = self.altitude[i], self.altitude[i] + self.height[i]
+            result = span[0] < high + 0.5 * SKIN and span[1] > low - 0.5 * SKIN
+        return result
+
+    @ti.func
+    def rise(self, i, k, p, way):
+        """How far [m] robot i, which flies, gets up from place p, down where negative, up to `way`; and whether it
+        touches anything.
+        """
+        z, h = self.altitude[i], self.height[i]
+        low, high = 0.0, ti.max(self.layers.ceiling - h, 0.0)  # of its altitude
+        team = self.team_size[k]
+        for m in range(team + self.walkers):
+            j, apart, reach = self._other(i, k, m, p)
+            if j != i and apart.norm() < reach - 0.5 * SKIN:
+                span = self._span(k, m)
+                if span[0] > z + 0.5 * h:
+                    high = ti.min(high, span[0] - SKIN - h)
+                if span[1] < z + 0.5 * h:
+                    low = ti.max(low, span[1] + SKIN)
+        layer = self.layers.index(z)
+        there = self.layers.index(z + way)
+        r = self.radius[i] + 0.5 * SKIN
+        while layer < there and self.layers.distance(p, layer + 1) >= r:
+            layer += 1
+        if layer < there:
+            high = ti.min(high, self.layers.levels[layer + 1] - SKIN)
+        while layer > there and self.layers.distance(p, layer - 1) >= r:
+            layer -= 1
+        if layer > there:
+            low = ti.max(low, self.layers.levels[layer] + SKIN)
+        # what is already closer than that holds it, and does not push it
+        step = ti.math.clamp(way, ti.min(low - z, 0.0), ti.max(high - z, 0.0))
+        return step, ti.cast(ti.abs(way - step) > 0.0, ti.i32)
+
+    @ti.func
+    def _other(self, i, k, m, p):
+        """The m-th other body that robot i at place p may meet: its robot, -1 for what walks; how p lies from it; how
+        close [m] they may come.
+        """
+        j = -1
+        apart = ti.Vector([0.0, 0.0])
+        reach = self.radius[i] + SKIN
+        team = self.team_size[k]
+        if m < team:
+            j = self.members[k, m]
+            apart = p - self.position[j]
+            reach += self.radius[j]
+        else:
+            apart = p - self.discs[m - team]
+            reach += self.disc_radius[m - team]
+        return j, apart, reach
 
     @ti.func
     def _free_of_discs(self, i, k, p, e, length):
@@ -71,17 +224,8 @@ class Contact:
         contact = 0
         team = self.team_size[k]
         for m in range(team + self.walkers):
-            j = -1
-            apart = ti.Vector([0.0, 0.0])
-            reach = self.radius[i] + SKIN
-            if m < team:
-                j = self.members[k, m]
-                apart = p - self.position[j]
-                reach += self.radius[j]
-            else:
-                apart = p - self.discs[m - team]
-                reach += self.disc_radius[m - team]
-            if j != i:
+            j, apart, reach = self._other(i, k, m, p)
+            if j != i and self._is_beside(i, k, m):
                 d = apart.norm()
                 along = e.dot(apart)  # negative on approach; the closest point is -along ahead
                 if along < -GRAZE * d or (along < 0.0 and d < reach - 0.5 * SKIN):

@@ -76,11 +76,16 @@ class Members:
 
 @ti.func
 def sensor_place(swarm: Template, dim: Template, i, height):
-    """Where a sensor above the middle of robot i is: a point of the domain's dimension."""
+    """Where a sensor above the middle of robot i is: a point of the domain's dimension.
+
+    height [m]: over the lower end of the body, which on the floor is over that.
+    """
     p = swarm.position[i]
     x = ti.Vector.zero(ti.f32, dim)
     x[0] = p[0]
     x[1] = p[1]
     if ti.static(dim == 3):
         x[2] = height
+        if ti.static(swarm.flies):
+            x[2] += swarm.altitude[i]
     return x

@@ -20,7 +20,9 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
+from taichi_plume.agents.columns import Columns
 from taichi_plume.agents.groups import GroupRange
+from taichi_plume.grid.elementary import cos_sin, turned, wrap
 from taichi_plume.grid.rng import normal4, stream_id
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.robots import Odometry as Model
@@ -96,3 +98,35 @@ def _variances(model: Model) -> tuple[float, float, float, float]:
         model.distance_noise**2,
         model.turning_distance_noise**2 / circle,
     )
+
+
+class Reckoning(Columns):
+    """Where robots believe to be: what their odometers tell, or the truth where they do not err."""
+
+    odometry: Any
+    reckons: bool
+
+    @ti.func
+    def _reckon(self, i, tick, turn, way, moved):
+        """What robot i believes after a turn [rad] and a way, negative backwards, that took it by `moved` [m]."""
+        if self.odometry.errs[i] == 1:
+            told, scale, stray = self.odometry.told(i, tick, turn, way)
+            heading = self.believed_heading[i]
+            self.believed_heading[i] = wrap(heading + told)
+            course = heading + 0.5 * told  # as the chord of its arc
+            off = course - (self.heading[i] - 0.5 * turn)
+            ahead = cos_sin(course)
+            self.believed_position[i] = self.believed_position[i] + scale * turned(moved, off) + stray * ahead
+            self.odometer[i] = self.odometer[i] + scale * ti.abs(way) + ti.select(way < 0.0, -stray, stray)
+        else:
+            self.believed_position[i] = self.position[i]
+            self.believed_heading[i] = self.heading[i]
+            self.odometer[i] = self.path_length[i]
+
+    @ti.func
+    def as_believed(self, i, v):
+        """A vector v that robot i senses, as it puts it into its map: turned by the error of its heading."""
+        result = v
+        if ti.static(self.reckons):
+            result = turned(v, self.believed_heading[i] - self.heading[i])
+        return result

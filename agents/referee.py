@@ -5,6 +5,7 @@ from typing import Any
 import taichi as ti
 
 from taichi_plume.agents.columns import Columns
+from taichi_plume.grid.kernels import Template
 
 
 class Referee(Columns):
@@ -17,6 +18,8 @@ class Referee(Columns):
     reach: Any
     square: Any
     by_declaring: Any
+    flies: bool
+    middle_over: Any
 
     @ti.func
     def searches(self, i):
@@ -24,14 +27,26 @@ class Referee(Columns):
         return self.found[i] == 0 and (self.by_declaring[i] == 0.0 or self.declarations[i] == 0)
 
     @ti.func
-    def _is_source(self, i, place):
-        """Whether a source is within the reach of robot i of a place [m]."""
+    def _reaches(self, i):
+        """Whether a source is within the reach of robot i where it is, of one that flies in all three directions."""
+        return self._is_source(i, self.position[i], self.flies)
+
+    @ti.func
+    def _is_source(self, i, place, in_space: Template):
+        """Whether a source is within the reach of robot i of a place on the floor [m]; in_space: of its middle."""
         near = 0
         for s in range(self.source_count):
             apart = place - self.source(i, s)
             distance = ti.select(
                 self.square[i] > 0.0, ti.max(ti.abs(apart[0]), ti.abs(apart[1])), apart.norm()
             )
+            if ti.static(in_space):
+                above = self.middle_over(i, s)
+                distance = ti.select(
+                    self.square[i] > 0.0,
+                    ti.max(distance, ti.abs(above)),
+                    ti.sqrt(distance * distance + above * above),
+                )
             if distance <= self.reach[i]:
                 near = 1
         return near == 1
@@ -48,11 +63,11 @@ class Referee(Columns):
     def declare(self, i, place, t):
         """Robot i says at time t [s] that a source is at `place` [m], as it believes; the referee alone judges it.
 
-        With `found: declared` its search ends with that, found or not. Else it goes on: of what it says the first right
-        place is kept, or the last one.
+        Of what flies, too, the place is one on the floor. With `found: declared` its search ends with that, found or
+        not. Else it goes on: of what it says the first right place is kept, or the last one.
         """
         if self.searches(i):
-            right = self._is_source(i, place)
+            right = self._is_source(i, place, False)
             was_right = self.declarations[i] > self.false_declarations[i]
             self.declarations[i] = self.declarations[i] + 1
             if not right:

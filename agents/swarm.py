@@ -1,9 +1,8 @@
 """All robots: where they are, what they read, and how they move without ever touching anything.
 
-A body is an upright disc that drives like a unicycle. Per tick it moves along the chord of its arc; contact
-cuts the move short and the rest of it slides along the obstacle. Robots of one trial move one after the
-other, so that each sees where the ones before it are now; robots of different trials neither see nor touch
-each other.
+A body is an upright disc that drives like a unicycle, or flies (see `flight`). Per tick it moves along the chord of its
+arc; contact cuts the move short and the rest of it slides along the obstacle. Robots of one trial move one after the
+other, so that each sees where the ones before it are now; robots of different trials neither see nor touch each other.
 """
 
 from collections.abc import Callable, Sequence
@@ -12,19 +11,18 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from taichi_plume.agents.columns import COLUMNS, Rows, of_noses
-from taichi_plume.agents.contact import TOUCH, Contact
+from taichi_plume.agents.columns import Rows, columns_of, of_noses
+from taichi_plume.agents.contact import Contact
 from taichi_plume.agents.few import few
+from taichi_plume.agents.flight import FREE, Flying
 from taichi_plume.agents.groups import GroupRange, ranges
-from taichi_plume.agents.odometry import Odometry
+from taichi_plume.agents.odometry import Odometry, Reckoning
 from taichi_plume.agents.referee import Referee
 from taichi_plume.agents.trials import OwnClocks, Trials
-from taichi_plume.grid.elementary import cos_sin
+from taichi_plume.grid.elementary import cos_sin, wrap
 from taichi_plume.grid.transfer import reader, uploader
 from taichi_plume.scenario.obstacles import Obstacle
 from taichi_plume.scenario.robots import Group
-
-FREE = 0.9  # share of a commanded move below which the bumper feels contact
 
 BODY: dict[str, Callable[[Group], float]] = {
     "radius": lambda group: group.body.radius,
@@ -42,22 +40,20 @@ BODY: dict[str, Callable[[Group], float]] = {
 
 
 @ti.data_oriented
-class Swarm(OwnClocks, Referee):
+class Swarm(OwnClocks, Referee, Reckoning, Flying):
     """State and motion of the robots of all groups, one Taichi field per quantity (see `Columns`).
 
     positions: (count, 2) [m] and headings: (count,) [rad] at the start, free of overlap (see `placement`). clearance:
-    see `Contact`. sources: (m, 2) [m], known to the referee, not to the robots. walkers: obstacles that move, of which
-    the robots feel the disc around the footprint; one that walks into a robot does not push it: the robot can only
-    drive away. rivals: whether groups neither see nor touch each other. episodes: trials of the only group that each
-    begin anew on their own.
+    see `Contact`. sources: (m, 2 or 3) [m], known to the referee, not to the robots. walkers: obstacles that move, of
+    which the robots feel the disc around the footprint; one that walks into a robot does not push it: the robot can
+    only drive away. rivals: whether groups neither see nor touch each other. episodes: trials of the only group that
+    each begin anew on their own.
 
     Algorithms read `reading` [ppm], `wind` [m/s], `wind_known`, `blocked` (the bumper), where the robot believes to be,
     `believed_position` [m], `believed_heading` [rad] and `odometer` [m], and write `speed_command` [m/s],
     `turn_rate_command` [rad/s] and `state`. Robots that are placed from outside stay until they get `ordered_position`,
     `ordered_heading`. Without errors of odometry the beliefs are the truth: the same fields.
     """
-
-    STATE: tuple[str, ...] = tuple(column.name for column in COLUMNS)
 
     def __init__(
         self,
@@ -78,10 +74,11 @@ class Swarm(OwnClocks, Referee):
         self.count = sum(group.size for group in self.groups)
         self.trials = max((group.row + group.trials for group in self.groups), default=0)
         n = max(1, self.count)  # Taichi has no empty fields
+        self.flies = any(group.body.flies for group in groups)
         self.reckons = any(group.odometry for group in groups)
         self.noses = max((len(group.sensors.noses) for group in groups), default=1)
         further = of_noses(self.noses)
-        self.columns = (*COLUMNS, *further)
+        self.columns = (*columns_of(self.flies), *further)
         self.STATE = tuple(column.name for column in self.columns)
         self._allocate(n, self.reckons)
         self._further = [getattr(self, column.name) for column in further]
@@ -101,6 +98,7 @@ class Swarm(OwnClocks, Referee):
         self.discs: Any = ti.Vector.field(2, ti.f32, max(1, len(walkers)))  # where the walkers are
         self.disc_radius: Any = ti.field(ti.f32, max(1, len(walkers)))
         self.sources: Any = ti.Vector.field(2, ti.f32, max(1, self.source_count))
+        heights = self._grow_wings(n, self.walker_count, self.source_count) if self.flies else None
         self._list_members()
         self.contact = Contact(
             clearance,
@@ -111,6 +109,7 @@ class Swarm(OwnClocks, Referee):
             self.discs,
             self.disc_radius,
             self.walker_count,
+            heights,
         )
         if self.reckons:
             self.odometry = Odometry(n, self.counter)
@@ -123,11 +122,11 @@ class Swarm(OwnClocks, Referee):
     def _numbers(self) -> list[Any]:
         """The fields that `begin` sets."""
         never = [self.found_time, self.reached_time, self.declared_position, self.declared_time]
-        poses = [self.position, self.heading, *never, self.ordered_position, self.resistance]
-        poses = [self.position, self.heading, *never, self.resistance, *self._further]
+        poses = [self.position, self.heading, *never, self.ordered_position, self.resistance, *self._further]
         beliefs = [self.believed_position, self.believed_heading] if self.reckons else []
         bodies = [getattr(self, name) for name in BODY]
-        return [self.key, self.sources, self.disc_radius, *poses, *beliefs, *bodies]
+        flight = self._flight_fields() if self.flies else []
+        return [self.key, self.sources, self.disc_radius, *poses, *beliefs, *bodies, *flight]
 
     def _list_members(self) -> None:
         """members[k, :team_size[k]]: the robots of trial k, of all groups that have part in it."""
@@ -164,13 +163,13 @@ class Swarm(OwnClocks, Referee):
         poses: list[Any] = [self.start, headings] if self.count else [0, 0]
         self._upload(
             seed,
-            sources if len(sources) else 0,
+            sources[:, :2] if len(sources) else 0,
             [one.disc for one in walkers] or 0,
             *poses,
-            *(np.nan,) * 6,
-            *(np.nan,) * (5 + len(self._further)),
+            *(np.nan,) * (6 + len(self._further)),
             *(poses if self.reckons else []),
             *(self._each(value) for value in BODY.values()),
+            *(self._flight_numbers(self._each, sources, walkers) if self.flies else []),
         )
         if self.reckons:
             self.odometry.begin(self.groups, seed)
@@ -216,6 +215,8 @@ class Swarm(OwnClocks, Referee):
         before = self.blocked[i]
         self.blocked[i] = 0
         self.velocity[i] = ti.Vector([0.0, 0.0])
+        if ti.static(self.flies):
+            self._rest(i)
         drives = 1
         if ti.static(self.places):
             if self.placed[i] == 1.0:
@@ -223,14 +224,31 @@ class Swarm(OwnClocks, Referee):
                 self._put(i, dt)
         if self.searches(i):
             if drives == 1:
-                self._drive(i, k, tick, dt)
+                self._go_on(i, k, tick, dt)
             self.bumps[i] = self.bumps[i] + ti.cast(self.blocked[i] > before, ti.i32)
-            if t - self.sets_off[i] > 1e-3 * dt and self._is_source(i, self.position[i]):
+            if t - self.sets_off[i] > 1e-3 * dt and self._reaches(i):
                 if ti.math.isnan(self.reached_time[i]):
                     self.reached_time[i] = t
                 if self.by_declaring[i] == 0.0:
                     self.found[i] = 1
                     self.found_time[i] = t
+
+    @ti.func
+    def _go_on(self, i, k, tick, dt):
+        """Robot i of trial k drives or flies."""
+        if ti.static(self.flies):
+            if self.wings[i] == 1.0:
+                begin = self.position[i]
+                blocked, turn, way = self._fly(i, k, dt)
+                self.blocked[i] = blocked
+                self.heading[i] = wrap(self.heading[i] + turn)
+                self.path_length[i] = self.path_length[i] + way
+                if ti.static(self.reckons):
+                    self._reckon(i, tick, turn, way, self.position[i] - begin)
+            else:
+                self._drive(i, k, tick, dt)
+        else:
+            self._drive(i, k, tick, dt)
 
     @ti.func
     def renew(self, i, place, heading):
@@ -247,6 +265,8 @@ class Swarm(OwnClocks, Referee):
         if ti.static(self.reckons):
             self.believed_position[i], self.believed_heading[i] = place, heading
             self.odometry.renew(i)
+        if ti.static(self.flies):
+            self._take_off(i)
 
     @ti.func
     def _put(self, i, dt):
@@ -258,6 +278,10 @@ class Swarm(OwnClocks, Referee):
             # a jump of what it is followed by makes no wind
             self.velocity[i] = moved / ti.max(dt, way / ti.max(self.max_speed[i], 1e-9))
             self.position[i], self.heading[i] = place, self.ordered_heading[i]
+            if ti.static(self.flies):
+                if not ti.math.isnan(self.ordered_altitude[i]):
+                    self.climb_rate[i] = (self.ordered_altitude[i] - self.altitude[i]) / dt
+                    self.altitude[i] = self.ordered_altitude[i]
             self.path_length[i] = self.path_length[i] + way
             if ti.static(self.reckons):
                 self.believed_position[i], self.believed_heading[i] = place, self.heading[i]
@@ -276,25 +300,7 @@ class Swarm(OwnClocks, Referee):
 
         wanted = chord * cos_sin(course)
         begin = self.position[i]
-        p = begin
-        rest = wanted
-        path = 0.0
-        contact = 0
-        for _leg in range(2):  # straight on, then what is left of it along the first thing met
-            length = rest.norm()
-            if length > 0.0:
-                e = rest / length
-                step, normal, met = self.contact.trace(i, k, p, e, length)
-                p += step * e
-                path += step
-                rest = (length - step) * e
-                rest -= ti.min(rest.dot(normal), 0.0) * normal
-                contact = ti.max(contact, met)
-                if met == 1 and rest.norm() > TOUCH:
-                    # a little off the surface, or rounding would press the body into it
-                    rest = (rest + TOUCH * normal).normalized() * rest.norm()
-                else:
-                    rest *= 0.0
+        p, path, contact = self.contact.slide(i, k, begin, wanted)
         if contact == 1 and (p - begin).dot(wanted) < FREE * wanted.dot(wanted):
             self.blocked[i] = 1
         self.position[i] = p
@@ -302,31 +308,6 @@ class Swarm(OwnClocks, Referee):
         self.path_length[i] = self.path_length[i] + path
         if ti.static(self.reckons):
             self._reckon(i, tick, turn, ti.select(arc < 0.0, -path, path), p - begin)
-
-    @ti.func
-    def _reckon(self, i, tick, turn, way, moved):
-        """What robot i believes after a turn [rad] and a way, negative backwards, that took it by `moved` [m]."""
-        if self.odometry.errs[i] == 1:
-            told, scale, stray = self.odometry.told(i, tick, turn, way)
-            heading = self.believed_heading[i]
-            self.believed_heading[i] = wrap(heading + told)
-            course = heading + 0.5 * told  # as the chord of its arc
-            off = course - (self.heading[i] - 0.5 * turn)
-            ahead = cos_sin(course)
-            self.believed_position[i] = self.believed_position[i] + scale * turned(moved, off) + stray * ahead
-            self.odometer[i] = self.odometer[i] + scale * ti.abs(way) + ti.select(way < 0.0, -stray, stray)
-        else:
-            self.believed_position[i] = self.position[i]
-            self.believed_heading[i] = self.heading[i]
-            self.odometer[i] = self.path_length[i]
-
-    @ti.func
-    def as_believed(self, i, v):
-        """A vector v that robot i senses, as it puts it into its map: turned by the error of its heading."""
-        result = v
-        if ti.static(self.reckons):
-            result = turned(v, self.believed_heading[i] - self.heading[i])
-        return result
 
     @ti.func
     def _limited(self, i, dt):
@@ -343,16 +324,3 @@ class Swarm(OwnClocks, Referee):
         speed = self.speed[i] + change
         self.speed[i] = speed
         return speed, share * turn_rate
-
-
-@ti.func
-def turned(v, angle):
-    """The vector v turned left by `angle` [rad]."""
-    e = cos_sin(angle)
-    return ti.Vector([e[0] * v[0] - e[1] * v[1], e[1] * v[0] + e[0] * v[1]])
-
-
-@ti.func
-def wrap(angle):
-    """The angle [rad] brought into [-π, π]."""
-    return angle - 2.0 * np.pi * ti.round(angle / (2.0 * np.pi))

@@ -23,6 +23,7 @@ from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.grid.cut_cells import Air, air_of
 from taichi_plume.grid.fields import Gas, Mixture, Wind
 from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.layers import Layers
 from taichi_plume.grid.level_set import LevelSet
 from taichi_plume.grid.rng import generator
 from taichi_plume.grid.state import State
@@ -179,14 +180,24 @@ class Stirring:
 
 def ways(scenario: Scenario, resources: Resources, cubes: Cubes | None) -> tuple[ClearanceMap, list[int]]:
     """What stands in the robots' way, `cubes` of an occupancy grid too; and the numbers of the obstacles that walk."""
-    height = max((group.body.height for group in scenario.robots), default=0.1)
+    flying = [group for group in scenario.robots if group.body.flies]
+    driving = [group for group in scenario.robots if not group.body.flies]
     standing: list[Any] = [one for one in resources.standing if one is not None]
-    floor, feet = scenario.floor, np.zeros((1, 2))
-    clearance = ClearanceMap([*standing, *([cubes] if cubes else [])], floor.high, height, low=floor.low)
+    shapes, floor, feet = [*standing, *([cubes] if cubes else [])], scenario.floor, np.zeros((1, 2))
+    # algorithms of the floor see what stands there or, of drones alone, at the altitudes at which these begin
+    some = driving or flying
+    base = min((group.start_altitude for group in some), default=0.0)
+    top = max((group.start_altitude + group.body.height for group in some), default=0.1)
+    clearance = ClearanceMap(shapes, floor.high, top - base, low=floor.low, base=base)
+    low, high = base, top
+    if flying:
+        ceiling = scenario.domain.extent[2]
+        clearance.layers = Layers(shapes, clearance, ceiling, max(group.body.height for group in flying))
+        low, high = 0.0, ceiling
     walking = [
         n
         for n, one in enumerate(resources.obstacles)
-        if one.model.motion and np.isfinite(one.horizontal_distance(feet, 0.0, height))
+        if one.model.motion and np.isfinite(one.horizontal_distance(feet, low, high))
     ]
     return clearance, walking
 
@@ -293,8 +304,11 @@ def _require_inside(scenario: Scenario) -> None:
 
 
 def _places(scenario: Scenario) -> np.ndarray:
-    """Of the sources on the floor, (m, 2) [m]."""
-    return np.array([source.position[:2] for _, source in scenario.sources]).reshape(-1, 2)
+    """Of the sources, (m, 3) [m]; in 2-D on the floor."""
+    places = np.zeros((len(scenario.sources), 3))
+    for row, (_, source) in zip(places, scenario.sources, strict=True):
+        row[: len(source.position)] = source.position
+    return places
 
 
 def _start_numbers(seed: int, group: int, trial: int) -> np.random.Generator:
@@ -312,7 +326,10 @@ def _starts(
     for n, group in enumerate(scenario.robots):
         draws = partial(_start_numbers, scenario.seed, n)
         try:
-            where, heading = place(group, draws, clearance.distance_at, occupied)
+            distance: Any = clearance.distance_at
+            if group.body.flies:
+                distance = partial(clearance.layers.distance_at, z=group.start_altitude)
+            where, heading = place(group, draws, distance, occupied)
         except ValueError as error:
             raise ScenarioError([f"robots[{n}].start: {error}"]) from None
         if not scenario.rivals:

@@ -91,3 +91,16 @@ def direction(y: ti.f32, x: ti.f32):
     angle = ti.select(across > along, 0.5 * np.pi - angle, angle)
     angle = ti.select(x < 0.0, np.pi - angle, angle)
     return ti.select(y < 0.0, -angle, angle)
+
+
+@ti.func
+def turned(v, angle):
+    """The vector v turned left by `angle` [rad]."""
+    e = cos_sin(angle)
+    return ti.Vector([e[0] * v[0] - e[1] * v[1], e[1] * v[0] + e[0] * v[1]])
+
+
+@ti.func
+def wrap(angle):
+    """The angle [rad] brought into [-π, π]."""
+    return angle - 2.0 * np.pi * ti.round(angle / (2.0 * np.pi))

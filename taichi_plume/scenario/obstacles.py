@@ -143,6 +143,11 @@ class Box(AnyObstacle):
         return hypot(*self.size[:2]) / 2
 
     @property
+    def span(self) -> tuple[float, float]:
+        """From where to where it reaches [m], in 3-D."""
+        return self.center[-1] - self.size[-1] / 2, self.center[-1] + self.size[-1] / 2
+
+    @property
     def thinnest(self) -> float:
         """Its shortest edge [m]."""
         return min(self.size)
@@ -174,6 +179,11 @@ class Cylinder(AnyObstacle):
         return self.radius
 
     @property
+    def span(self) -> tuple[float, float]:
+        """From where to where it reaches [m], in 3-D."""
+        return self.base, inf if self.height is None else self.base + self.height
+
+    @property
     def thinnest(self) -> float:
         """Its diameter or its height [m]."""
         return min(2.0 * self.radius, self.height or inf)
@@ -198,6 +208,11 @@ class Sphere(AnyObstacle):
     def disc(self) -> float:
         """Its radius [m]."""
         return self.radius
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """From where to where it reaches [m], in 3-D."""
+        return self.center[-1] - self.radius, self.center[-1] + self.radius
 
     @property
     def thinnest(self) -> float:

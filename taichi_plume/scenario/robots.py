@@ -1,14 +1,15 @@
-"""The robots of a scenario: groups and bodies."""
+"""The robots of a scenario: groups of them."""
 
 from collections.abc import Iterator
 from math import pi
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from taichi_plume.scenario.algorithms import Algorithm
 from taichi_plume.scenario.arena import Arena
+from taichi_plume.scenario.bodies import Body
 from taichi_plume.scenario.context import Context
 from taichi_plume.scenario.quantities import number
 from taichi_plume.scenario.sensors import Sensors
@@ -16,54 +17,13 @@ from taichi_plume.scenario.starts import Start
 from taichi_plume.scenario.vocabulary import (
     COMPILED,
     AngleNoise,
-    BodyLength,
     Count,
     Delay,
     Distance,
     Fraction,
     Length,
     Model,
-    Thrust,
-    TopSpeed,
-    TurnRate,
 )
-
-# Footprints, speeds and wheel bases from the makers' sheets and from the papers that used the robots: MOMO in Ferri et
-# al. 2009, the miniQ in Marjovi & Marques 2014 (its speed is our choice).
-BODIES: dict[str, dict[str, float]] = {
-    "free": {},
-    "momo": {"radius": 0.085, "height": 0.2, "max_speed": 0.2, "max_turn_rate_deg": 90.0},
-    "roomba_560": {"radius": 0.17, "height": 0.09, "max_speed": 0.5, "wheel_base": 0.235},
-    "miniq": {"radius": 0.05, "height": 0.1, "max_speed": 0.1, "wheel_base": 0.08},
-    "khepera_3": {"radius": 0.065, "height": 0.07, "max_speed": 0.5, "wheel_base": 0.088},
-}
-
-
-class Body(Model):
-    """A disc that drives like a unicycle or, with a wheel base, on two wheels. Defaults: a small indoor robot."""
-
-    kind: Literal["free", "momo", "roomba_560", "miniq", "khepera_3"] = "free"
-    """A real robot, whose figures are the defaults of the other keys; free: a small indoor robot."""
-    radius: BodyLength = 0.08
-    """Radius of the disc that the robot is, for contact with walls, obstacles and others."""
-    height: Annotated[BodyLength, COMPILED] = 0.15
-    """Height of the body: what hangs higher it can pass under. With `wake`, so tall is what disturbs the air."""
-    max_speed: TopSpeed = 0.2
-    """Largest speed; with a `wheel_base`, of each wheel."""
-    max_turn_rate_deg: TurnRate = 180.0
-    """Largest angle per second by which it turns."""
-    wheel_base: BodyLength | None = None
-    """Distance between its two wheels, of which none goes faster than max_speed: in a bend the robot is slower.
-    Unless given, it turns at any speed."""
-    max_acceleration: Thrust | None = None
-    """Largest change of speed per time; unless given, it changes at once."""
-
-    @model_validator(mode="before")
-    @classmethod
-    def _figures(cls, data: Any) -> Any:
-        if isinstance(data, dict) and isinstance(data.get("kind"), str):
-            return BODIES.get(data["kind"], {}) | data
-        return data
 
 
 class Communication(Model):
@@ -134,8 +94,8 @@ class Group(Model):
     """Errors of the pose that a robot believes in. Unless given, robots know exactly where they are, as if cameras
     told them."""
     reach: Distance = 0.35
-    """A robot whose centre comes this close to a source has found it and stops. The robot itself does not know;
-    height does not count."""
+    """A robot whose centre comes this close to a source has found it and stops. The robot itself does not know. Height
+    does not count but for drones, whose distance is that in space from the middle of the body."""
     capture: Literal["disc", "square"] = "disc"
     """Whether `reach` is the radius of a disc around the source or half the edge of a square."""
     found: Literal["reached", "declared"] = "reached"
@@ -143,8 +103,13 @@ class Group(Model):
     which it does not know itself; declared is when it says where one is, and one is within `reach` of that place. With
     declared its first word ends its search, true or false."""
     wake: bool = False
-    """Whether the robots disturb the air: in 3-D as solid bodies, in 2-D by their drag. It takes a computed wind and
-    a single trial."""
+    """Whether the robots disturb the air: in 3-D as solid bodies, in 2-D by their drag, drones by the downwash of their
+    rotors. It takes a computed wind and a single trial."""
+
+    @property
+    def start_altitude(self) -> float:
+        """Height over the floor at which its bodies begin [m]."""
+        return self.start.low_end(self.body)
 
     def time(self, end: float) -> float:
         """How long its robots have been searching at a time `end` [s]; 0 while they wait."""
@@ -189,6 +154,7 @@ class Group(Model):
                         yield f"{where}.{path}.{key}: {off:g} m is more than the room is long; use at most {most:g} m"
             if context.domain.dim == 3:
                 yield from self._heights(where, context.domain.extent[2])
+            yield from self._flight(where)
             yield from self.start.clashes(f"{where}.start", self.body, self.count, context)
             yield from self._found_at_once(where, context)
         yield from self.algorithm.in_group(where, self, scenario.floor)
@@ -226,6 +192,8 @@ class Group(Model):
                     "in all of them; use trials: 1, or remove the wake"
                 )
                 return
+        if self.body.flies:
+            return
         for path, sensor in self.sensors.placed():
             if context.domain.dim == 3 and sensor.height <= self.body.height:
                 yield (
@@ -243,9 +211,22 @@ class Group(Model):
             "body.height": self.body.height,
             **{f"{path}.height": sensor.height for path, sensor in self.sensors.placed()},
         }
+        base = self.start_altitude
         for key, height in heights.items():
             if height > ceiling:
                 yield f"{where}.{key}: {height:g} m is above the ceiling of the domain; use at most {ceiling:g} m"
+            elif base + height > ceiling:
+                yield (
+                    f"{where}.start.altitude: {base:g} m and {key} of {height:g} m reach above the ceiling of the "
+                    f"domain; use at most {ceiling - height:g} m"
+                )
+
+    def _flight(self, where: str) -> Iterator[str]:
+        """What only drones have, and what only robots with wheels have."""
+        if self.start.altitude is not None and not self.body.flies:
+            yield f"{where}.start.altitude: is of drones alone; give body.kind: drone, or remove it"
+        if self.odometry is not None and self.body.flies:
+            yield f"{where}.odometry: a {self.body.kind} has no wheels to know its pose from; remove it"
 
     def _found_at_once(self, where: str, context: Context) -> Iterator[str]:
         """A robot that starts within reach of a source would have nothing to search; the first one."""
@@ -254,6 +235,8 @@ class Group(Model):
             return
         for path, source in context.scenario.sources:
             apart = np.linalg.norm(places - np.array(source.position[:2]), axis=1)
+            if self.body.flies and len(source.position) == 3:
+                apart = np.hypot(apart, self.start_altitude + 0.5 * self.body.height - source.position[2])
             near = np.flatnonzero(apart <= self.reach)
             if len(near):
                 k = near[0]

@@ -9,14 +9,15 @@ from pydantic import Field
 
 from taichi_plume.grid.shapes import clearance_resolution
 from taichi_plume.scenario.context import Context, span
-from taichi_plume.scenario.vocabulary import Angle, Model, Point2
+from taichi_plume.scenario.vocabulary import COMPILED, Angle, Distance, Model, Point2
 
 if TYPE_CHECKING:
-    from taichi_plume.scenario.robots import Body
+    from taichi_plume.scenario.bodies import Body
 
 # Share that discs put down at random can cover (Feder 1980, doi:10.1016/0022-5193(80)90358-6)
 RANDOM_PACKING = 0.547
 GAP = 2e-3  # m, least air around a body at the start
+ALTITUDE = 1.0  # m, of drones
 NEIGHBOURS = 20  # of each robot, looked at for overlaps
 FREE_AREA_NODES = 200  # per axis, to measure the free area of a start rectangle
 
@@ -26,6 +27,9 @@ class AnyStart(Model):
 
     heading_deg: Angle | None = None
     """Direction in which each robot looks at the start, from the x axis to the left; unless given, drawn at random."""
+    altitude: Annotated[Distance, COMPILED] | None = None
+    """Altitude at which drones begin, of the lower end of the body over the floor; unless given, 1 m. Search algorithms
+    of the floor stay there."""
 
     @property
     def listed(self) -> np.ndarray:
@@ -35,6 +39,12 @@ class AnyStart(Model):
     def places(self, count: int) -> np.ndarray | None:
         """Where so many robots start, (count, 2) [m]; None where that is drawn, or cannot be."""
         return None
+
+    def low_end(self, body: "Body") -> float:
+        """Height over the floor at which a body begins [m]."""
+        if not body.flies:
+            return 0.0
+        return ALTITUDE if self.altitude is None else self.altitude
 
     def clashes(self, where: str, body: "Body", count: int, context: Context) -> Iterator[str]:
         """What is in the way of so many robots there."""
@@ -64,7 +74,7 @@ class StartAt(AnyStart):
                 f"{where}.positions: has {len(self.positions)} places for count: {count}; give one place per robot"
             )
         else:
-            yield from touching(where, body, self.listed, context)
+            yield from touching(where, body, self.listed, context, self.low_end(body))
 
 
 class StartLine(AnyStart):
@@ -82,7 +92,7 @@ class StartLine(AnyStart):
 
     def clashes(self, where: str, body: "Body", count: int, context: Context) -> Iterator[str]:
         """The line has to be free."""
-        yield from touching(where, body, self.places(count), context)
+        yield from touching(where, body, self.places(count), context, self.low_end(body))
 
 
 class StartArea(AnyStart):
@@ -119,7 +129,7 @@ class StartArea(AnyStart):
         nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
         slack = float(steps.max()) / 2
         free = ((nodes >= np.array(self.low) - slack) & (nodes <= np.array(self.high) + slack)).all(axis=-1)
-        for _, _, distance, gap in clearances(nodes, body.height, context):
+        for _, _, distance, gap in clearances(nodes, body.height, context, self.low_end(body)):
             free &= distance >= radius + gap - slack
         if not free.any():
             yield f"{where}: no robot fits anywhere in this area; move or enlarge it"
@@ -139,10 +149,10 @@ Start = Annotated[StartAt | StartLine | StartArea, Field(discriminator="kind")]
 
 
 def clearances(
-    places: np.ndarray, height: float, context: Context
+    places: np.ndarray, height: float, context: Context, base: float = 0.0
 ) -> Iterator[tuple[str, str, np.ndarray, float]]:
-    """What a body of this height may touch: its surface, what is beyond, distance [m] from places (..., 2), negative
-    beyond, and air to leave [m].
+    """What a body of this height that begins at `base` [m] may touch: its surface, what is beyond, distance [m] from
+    places (..., 2), negative beyond, and air to leave [m].
 
     Robots know obstacles by their clearance map, which gives away a little more.
     """
@@ -155,16 +165,18 @@ def clearances(
             yield wall, f"behind {wall}", distance, GAP
     spare = GAP + sqrt(2) * clearance_resolution(floor.size)
     for path, one in context.resources.shapes.items():
-        distance, air = one.horizontal_distance(places, 0.0, height), spare
+        distance, air = one.horizontal_distance(places, base, base + height), spare
         if one.model.motion is not None and np.isfinite(distance).any():  # of what walks they feel a disc
             distance, air = np.linalg.norm(places - one.model.center[:2], axis=-1) - one.model.disc, GAP
         obstacle = f"{path} ({one.model.kind})"
         yield f"the surface of {obstacle}", f"inside {obstacle}", distance, air
 
 
-def touching(where: str, body: "Body", places: np.ndarray, context: Context) -> Iterator[str]:
-    """Robots that start in a wall or an obstacle: the worst one of each."""
-    for surface, beyond, distance, gap in clearances(places, body.height, context):
+def touching(
+    where: str, body: "Body", places: np.ndarray, context: Context, base: float = 0.0
+) -> Iterator[str]:
+    """Robots that start in a wall or an obstacle, their lower ends at `base` [m]: the worst one of each."""
+    for surface, beyond, distance, gap in clearances(places, body.height, context, base):
         wanted = body.radius + gap - 1e-9
         k = int(distance.argmin())
         if distance[k] < wanted:

@@ -177,6 +177,7 @@ STILL = {
     "PlumeSimMeander": {"radius"},
     "ImportedWind": {"interval", "origin", "height"},
     "Body": {"height"},
+    "AnyStart": {"altitude"},
     "GasSensor": {"ahead", "left"},
     "Spiral": {"acquisition", "sample_period"},
     "AnyInfotaxis": {"cell"},
