@@ -38,6 +38,7 @@ from taichi_plume.scenario.policy import Policy
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.simulation import Simulation
 from taichi_plume.solvers.bodies import MovingObstacle, Wake
+from taichi_plume.solvers.downwash import Downwash
 from taichi_plume.solvers.filmed import FilmedGas, FilmedWind, Reel
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.forces import Forces
@@ -153,7 +154,7 @@ class Stirring:
     def __init__(self, scenario: Scenario, swarm: Swarm, grid: Grid):
         self.swarm, self.grid = swarm, grid
         self.walkers: list[tuple[int, MovingObstacle]] = []
-        self.wakes: list[tuple[int, Wake]] = []
+        self.wakes: list[tuple[int, Wake | Downwash]] = []
         moving = [(n, one) for n, one in enumerate(scenario.obstacles) if one.motion]
         stirring = [group for group in swarm.groups if group.model.wake]
         self.makers = [
@@ -166,9 +167,15 @@ class Stirring:
         return self.walkers[-1][1]
 
     def _wake(self, group: GroupRange, open: tuple[Any, ...]) -> Resistance:
-        place = self.swarm.position, self.swarm.velocity, group.start, group.count
-        self.wakes.append((group.number, Wake(group.model.body, self.grid, *place, open)))
-        return self.wakes[-1][1]
+        swarm, body, robots = self.swarm, group.model.body, (group.start, group.count)
+        wake: Wake | Downwash
+        if body.flies:
+            flight = swarm.position, swarm.heading, swarm.altitude, swarm.acceleration
+            wake = Downwash(body, self.grid, *flight, *robots, open)
+        else:
+            wake = Wake(body, self.grid, swarm.position, swarm.velocity, *robots, open)
+        self.wakes.append((group.number, wake))
+        return wake
 
     def begin(self, scenario: Scenario) -> None:
         """With the obstacles' ways and the bodies of that scenario."""

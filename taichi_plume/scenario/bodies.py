@@ -94,11 +94,6 @@ class Body(Model):
         """Whether it is a drone."""
         return self.kind in DRONES
 
-    @property
-    def weight(self) -> float:
-        """Of a drone [N]."""
-        return GRAVITY * (self.mass or 0.0)
-
     def misfits(self, where: str, dim: int) -> Iterator[str]:
         """Drones have all figures of theirs and fly in 3-D; others have none of them."""
         yield from super().misfits(where, dim)

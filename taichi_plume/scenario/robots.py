@@ -103,8 +103,8 @@ class Group(Model):
     which it does not know itself; declared is when it says where one is, and one is within `reach` of that place. With
     declared its first word ends its search, true or false."""
     wake: bool = False
-    """Whether the robots disturb the air: in 3-D as solid bodies, in 2-D by their drag, drones by the downwash of their
-    rotors. It takes a computed wind and a single trial."""
+    """Whether the robots disturb the air: in 3-D as solid bodies, in 2-D by their drag. Drones do so by the downwash of
+    their rotors, which push down as much momentum as their weight is. It takes a computed wind and a single trial."""
 
     @property
     def start_altitude(self) -> float:
@@ -168,6 +168,12 @@ class Group(Model):
             yield (
                 f"{where}.found: declared, but {self.algorithm.kind} never says where a source is: none will count as "
                 "found; use reached, or an algorithm that declares"
+            )
+        wind = context.scenario.wind
+        if self.body.flies and wind.computed is None:
+            yield (
+                f"{where}.body: the downwash of its rotors is not there in a wind of kind {wind.kind}, which nothing "
+                "disturbs; use wind.kind: cfd with wake: true to see it"
             )
         for key in ("speed", "line_speed"):
             speed = getattr(self.algorithm, key, None)

@@ -1,0 +1,188 @@
+"""The downwash of drones: their rotors as actuator discs.
+
+By Newton's laws the air takes up m (g - a) from a drone of mass m that accelerates by a, g the acceleration of gravity:
+hovering, its weight, downward. What its body takes from the air by drag, its rotors give back, so that drag does not
+count. This force is shared by the rotors evenly, and each spreads it over a thin disc: over the faces within its radius
+and half a cell more, in two layers around its plane, in weights whose sum over the faces that have air is one. So the
+air gets the momentum to rounding, wherever the disc lies on the grid. A rotor narrower than a cell is spread to the
+width of one. It is an explicit force: after the stages of a step its sum is that of the whole step.
+
+The air is sucked through the disc at w = (T/(2 rho A))^½ and goes on at 2 w (momentum theory: Rankine 1865, Froude
+1889), ground and ceiling effect included, as far as the grid resolves it. Swirl, blades and tip vortices are not there,
+and the body itself is no obstacle to the air.
+"""
+
+from math import pi, prod, sqrt
+from typing import Any
+
+import taichi as ti
+
+from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.kernels import Template
+from taichi_plume.grid.transfer import Numbers, uploader
+from taichi_plume.scenario.bodies import GRAVITY, Body
+from taichi_plume.scenario.species import AIR_DENSITY
+
+LEAST_RADIUS = 0.5  # of a disc, over a cell
+LANDED = 2e-3  # m of altitude below which rotors stand still
+AHEAD_LEFT = 0.25 * pi  # of the first rotor
+
+
+@ti.data_oriented
+class Downwash:
+    """The rotors of the drones of a group, put there at t = 0; satisfies `resistance.Resistance`, in 3-D.
+
+    place (2,) [m], heading [rad], altitude [m], acceleration (3,) [m/s²]: fields that others keep up to date; the
+    drones are entries first to first + count. open: face fields, 1 where the velocity is solved for.
+    """
+
+    def __init__(
+        self,
+        body: Body,
+        grid: Grid,
+        place: Any,
+        heading: Any,
+        altitude: Any,
+        acceleration: Any,
+        first: int,
+        count: int,
+        open: tuple[Any, ...],
+    ):
+        self.grid, self.open, self.first, self.count = grid, open, first, count
+        self.place, self.heading, self.altitude, self.acceleration = place, heading, altitude, acceleration
+        self.rotors = body.rotors or 1
+        self.n = Numbers("mass", "radius", "arm", "height", "runs")
+        """runs: whether the rotors turn, 1 or 0."""
+        self.hub: Any = ti.Vector.field(3, ti.f32, count * self.rotors)  # middles of the discs [m]
+        self.push: Any = ti.Vector.field(
+            3, ti.f32, count * self.rotors
+        )  # acceleration of a face of weight 1 [m/s²]
+        self.reach: Any = ti.Vector.field(3, ti.f32, ())
+        """Half sizes of the box around the discs of a drone [m]."""
+        self.block: Any = ti.Vector.field(3, ti.i32, ())
+        """Faces of it per axis."""
+        self._put = uploader(self.reach, self.block)
+        self.begin(body)
+
+    def begin(self, body: Body) -> None:
+        """Take mass and measures from the scenario."""
+        dx = self.grid.dx
+        mass, arm = body.mass or 0.0, body.arm or 0.0
+        radius = max(body.rotor_radius or 0.0, LEAST_RADIUS * dx)
+        across = arm + radius + 0.5 * dx
+        block = [int(2 * reach / dx) + 2 for reach in (across, across, dx)]
+        cells = zip(block, self.grid.shape, self.grid.periodic, strict=True)
+        block = [min(faces, n) if periodic else faces for faces, n, periodic in cells]
+        self.cells = self.count * 3 * prod(block)
+        self._put([across, across, dx], block)
+        self.n.set(mass=mass, radius=radius, arm=arm, height=body.height, runs=0.0)
+        thrust = mass * (GRAVITY + (body.max_acceleration or 0.0))
+        disc = pi * min(self.rotors * radius**2, (arm + radius) ** 2)
+        self.jet = sqrt(2.0 * thrust / (AIR_DENSITY * disc))  # m/s, of the far wake
+
+    def advance(self, t: float, dt: float) -> None:
+        """Weigh the faces around the rotors where they are now; before t = 0 they are not there yet."""
+        self.n.set(runs=float(t > -1e-9))
+        if t > -1e-9:
+            self._weigh()
+
+    def fastest(self, t: float) -> float:
+        """The speed of the far wake at the largest thrust [m/s]."""
+        return self.jet if t > -1e-9 else 0.0
+
+    @ti.kernel
+    def _weigh(self):
+        for r in range(self.count * self.rotors):
+            b = self.first + r // self.rotors
+            angle = self.heading[b] + AHEAD_LEFT + 2.0 * pi * (r % self.rotors) / self.rotors
+            arm = self.n.arm[None]
+            place = self.place[b] + arm * ti.Vector([ti.cos(angle), ti.sin(angle)])
+            hub = ti.Vector([place[0], place[1], self.altitude[b] + self.n.height[None]])
+            self.hub[r] = hub
+            # m (g - a), and never upward: rotors do not blow backwards
+            force = -self.acceleration[b]
+            force[2] = ti.min(force[2] - GRAVITY, 0.0)
+            force *= self.n.mass[None] / self.rotors * ti.cast(self.altitude[b] > LANDED, ti.f32)
+            block = self.block[None]
+            for d in ti.static(range(3)):
+                total = 0.0
+                for i, j, k in ti.ndrange(block[0], block[1], block[2]):
+                    I, x, inside = self._face(d, ti.Vector([i, j, k]), hub)
+                    if inside == 1 and self.open[d][I] > 0.0:
+                        total += self._weight(x, hub)
+                mass = AIR_DENSITY * self.grid.dx**3 * ti.max(total, 1e-6)
+                self.push[r][d] = ti.select(total > 0.0, force[d] / mass, 0.0)
+
+    @ti.func
+    def _face(self, d: Template, K, middle):
+        """Index and place [m] of the d-face number K of the block around a point, and whether it is one (1 or 0)."""
+        x = ti.Vector.zero(ti.f32, 3)
+        I = ti.Vector.zero(ti.i32, 3)
+        inside = 1
+        for e in ti.static(range(3)):
+            shift = ti.static(0.0 if e == d else 0.5)
+            i = K[e] + ti.cast(ti.ceil((middle[e] - self.reach[None][e]) / self.grid.dx - shift), ti.i32)
+            x[e] = (i + shift) * self.grid.dx
+            n = ti.static(self.grid.shape[e])
+            if ti.static(self.grid.periodic[e]):
+                i = (i + n) % n
+            elif i < 0 or i >= n + ti.static(int(e == d)):
+                inside = 0
+            I[e] = i + ti.static(self.grid.ghost)
+        return I, x, inside
+
+    @ti.func
+    def _apart(self, x, middle):
+        """From a point to another [m], the short way where the box is periodic."""
+        apart = x - middle
+        for e in ti.static(range(3)):
+            if ti.static(self.grid.periodic[e]):
+                length = ti.static(float(self.grid.shape[e] * self.grid.dx))
+                apart[e] -= length * ti.round(apart[e] / length)
+        return apart
+
+    @ti.func
+    def _weight(self, x, hub):
+        """How much of the disc around a hub is at a face at x, up to a factor that all its faces share."""
+        apart = self._apart(x, hub)
+        off = ti.sqrt(apart[0] * apart[0] + apart[1] * apart[1])
+        covered = ti.math.clamp(0.5 + (self.n.radius[None] - off) / self.grid.dx, 0.0, 1.0)
+        return covered * ti.max(0.0, 1.0 - ti.abs(apart[2]) / self.grid.dx)
+
+    @ti.func
+    def apply(self, u: Template, dt):
+        """Push the air for dt [s]."""
+        for d in ti.static(range(3)):
+            block = self.block[None]
+            for K in ti.grouped(ti.ndrange(self.count, block[0], block[1], block[2])):
+                self._blow(u, d, K, dt)
+
+    @ti.func
+    def _middle(self, b):
+        """Of the rotors of the b-th drone [m]."""
+        p = self.place[self.first + b]
+        return ti.Vector([p[0], p[1], self.altitude[self.first + b] + self.n.height[None]])
+
+    @ti.func
+    def _blow(self, u: Template, d: Template, K: Template, dt):
+        """Push face component d at place K[1:] of the block of drone K[0], for all drones at once: for the first one
+        in whose block it lies, so that no face is written twice.
+        """
+        I, x, inside = self._face(d, ti.Vector([K[1], K[2], K[3]]), self._middle(K[0]))
+        if inside == 1 and self.n.runs[None] > 0.0 and self.open[d][I] > 0.0:
+            mine = 1
+            for b in range(K[0]):
+                _, lower, _ = self._face(d, ti.Vector([0, 0, 0]), self._middle(b))
+                at = ti.cast(ti.round((x - lower) / self.grid.dx), ti.i32)
+                for e in ti.static(range(3)):
+                    if ti.static(self.grid.periodic[e]):
+                        n = ti.static(self.grid.shape[e])
+                        at[e] = (at[e] % n + n) % n
+                block = self.block[None]
+                if at.min() >= 0 and at[0] < block[0] and at[1] < block[1] and at[2] < block[2]:
+                    mine = 0
+            if mine == 1:
+                total = 0.0
+                for r in range(self.count * self.rotors):
+                    total += self._weight(x, self.hub[r]) * self.push[r][d]
+                u[d][I] = u[d][I] + dt * total
