@@ -23,7 +23,7 @@ import numpy as np
 from taichi_plume.agents.columns import Rows
 from taichi_plume.agents.declaring import Declaring
 from taichi_plume.agents.members import Members
-from taichi_plume.agents.own_robots import SHOWN, TOLD, Robots, Said
+from taichi_plume.agents.own_robots import GOALS, Robots, Said, shown, told
 from taichi_plume.agents.parameters import Parameters
 from taichi_plume.agents.radio import NEVER, Radio
 from taichi_plume.agents.swarm import Swarm
@@ -104,7 +104,10 @@ class OwnAlgorithm:
         (group,) = members.groups
         self.size, self.start = group.size, group.start
         self.path = Path(inspect.getsourcefile(own) or "?")
-        self.shown, self.told = (Rows(swarm, some, group.start, group.size) for some in (SHOWN, TOLD))
+        self.flies = group.model.body.flies
+        self.to_tell, goals = told(self.flies), GOALS if self.flies else ()
+        self.shown = Rows(swarm, shown(self.flies), group.start, group.size)
+        self.told = Rows(swarm, (*self.to_tell, *goals), group.start, group.size)
         self.declaring = Declaring(swarm, group.start, group.size)
         further = {f"reading_{k}" for k in range(1, len(group.model.sensors.noses))}
         self.further = Rows(
@@ -133,7 +136,7 @@ class OwnAlgorithm:
         trial = group.model.first_trial + number // group.count
         if self.messages:
             self.messages.begin()
-        self.robots = Robots(trial, number % group.count, *self._heard())
+        self.robots = Robots(trial, number % group.count, *self._heard(), self.flies)
         model = group.model.algorithm
         with failures_told(self.path):
             self.algorithm = self.own(**(model.parameters if model.kind == "own" else {}))
@@ -151,14 +154,16 @@ class OwnAlgorithm:
         robots.t, robots.dt = t, dt
         robots.heard, robots.heard_at = self._heard()
         robots.said = said = Said(self.size, self.words)
-        for column, values in zip(SHOWN, self.shown.read(), strict=True):
+        for column, values in zip(self.shown.columns, self.shown.read(), strict=True):
             setattr(robots, column.shown, values)
         robots.readings = np.column_stack(
             [robots.reading, *(self.further.read() if self.further.columns else ())]
         )
         with failures_told(self.path):
             self.algorithm.act(robots)
-            commands = [self._checked(column.told) for column in TOLD]
+            commands = [self._checked(column.told) for column in self.to_tell]
+        if self.flies:
+            commands += [said.goals, said.goal_headings]
         self.told.write(commands)
         self.declaring.say(said.places, t)
         if self.messages:

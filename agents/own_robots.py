@@ -4,16 +4,29 @@ from typing import Any
 
 import numpy as np
 
-from taichi_plume.agents.columns import COLUMNS
+from taichi_plume.agents.columns import Column, Columns, columns_of
 
-SHOWN = tuple(column for column in COLUMNS if column.shown)
-TOLD = tuple(column for column in COLUMNS if column.told)
+GOALS = (Columns.goal, Columns.goal_heading)
+"""What drones are told besides, see `Robots.go_to`."""
+
+
+def shown(flies: bool) -> tuple[Column, ...]:
+    """What own algorithms read; flies: of a swarm some of whose robots do."""
+    return tuple(column for column in columns_of(flies) if column.shown)
+
+
+def told(flies: bool) -> tuple[Column, ...]:
+    """What they write."""
+    return tuple(column for column in columns_of(flies) if column.told)
 
 
 class Said:
-    """What n robots say in a tick: the places that they declare, NaN where none, and who sends which message."""
+    """What n robots say in a tick: the places that they declare, NaN where none, who sends which message, and where
+    they fly, (n, 3) [m], to which heading [rad], NaN where they go by their speeds.
+    """
 
     def __init__(self, n: int, words: int):
+        self.goals, self.goal_headings = np.full((n, 3), np.nan), np.full(n, np.nan)
         self.places = np.full((n, 2), np.nan)
         self.speaks, self.message = np.zeros(n, bool), np.zeros((n, words))
 
@@ -28,30 +41,62 @@ class Robots:
     and `heard_at` (n, robots of a team), when [s].
     Write: `speed` [m/s]; `turn_rate` [rad/s]; `state`, whole numbers that index the algorithm's STATE_NAMES.
     Call: `turn_to`, `declare`, `tell`; what is `said` of the last two is of this tick.
+
+    Of drones besides, read: `altitude` [m]. Write: `left_speed` [m/s], `climb_rate` [m/s]. Call in each tick: `go_to`.
     """
 
-    STATE = ("t", "dt", *(one.shown for one in SHOWN), *(one.told for one in TOLD))
-
+    altitude: np.ndarray
     heading: np.ndarray
     position: np.ndarray
     turn_rate: np.ndarray
 
-    def __init__(self, trial: np.ndarray, robot: np.ndarray, heard: np.ndarray, heard_at: np.ndarray):
+    def __init__(
+        self,
+        trial: np.ndarray,
+        robot: np.ndarray,
+        heard: np.ndarray,
+        heard_at: np.ndarray,
+        flies: bool = False,
+    ):
         n = len(trial)
+        self.flies = flies
+        names = (*(one.shown for one in shown(flies)), *(one.told for one in told(flies)))
+        self.STATE = ("t", "dt", *names)
         self.trial, self.robot = trial, robot
         self.t, self.dt = 0.0, 0.0
         self.heard, self.heard_at = heard, heard_at
         self.readings = np.zeros((n, 1))
         self.said = Said(n, heard.shape[2])
-        for column in SHOWN:
+        for column in shown(flies):
             setattr(self, column.shown, column.zeros(n))
-        for column in TOLD:
+        for column in told(flies):
             setattr(self, column.told, np.zeros(n, int if column.dtype is np.int32 else float))
 
     def turn_to(self, course: Any) -> None:
         """Command the turn rate that brings each heading to `course` [rad] in a tick, or as soon as the body can."""
         off = np.asarray(course) - self.heading
         self.turn_rate = (off - 2 * np.pi * np.round(off / (2 * np.pi))) / self.dt
+
+    def go_to(self, x: Any, y: Any, z: Any, heading: Any = None, which: Any = None) -> None:
+        """Let all drones, or some, fly to a place in this tick, straight and as fast as they can stop there.
+
+        x, y, z [m], z of the lower end of the body, and heading [rad], unless given as `turn_rate` makes it: a number
+        for all of them or one each. which: as for `declare`. Raises ValueError.
+        """
+        if not self.flies:
+            raise ValueError("go_to is of drones alone: give body.kind: drone")
+        some = np.arange(len(self.trial)) if which is None else self._numbers(which)
+        try:
+            goals = np.stack(
+                [np.broadcast_to(np.asarray(one, float), len(some)) for one in (x, y, z)], axis=1
+            )
+            to = np.broadcast_to(np.asarray(np.nan if heading is None else heading, float), len(some))
+        except (TypeError, ValueError):
+            raise ValueError(f"x, y, z and heading are numbers, one for all or {len(some)} each") from None
+        _require_finite(goals, "place")
+        if heading is not None:
+            _require_finite(to[:, None], "heading")
+        self.said.goals[some], self.said.goal_headings[some] = goals, to
 
     def declare(self, which: Any, place: Any = None) -> None:
         """Let some robots say that a source is at `place`, where they believe to be unless given.

@@ -16,6 +16,7 @@ it, `acquisition` listens, and `radio` carries messages between the robots of a 
 from typing import Protocol
 
 from taichi_plume.agents.casting import Casting
+from taichi_plume.agents.casting_3d import Casting3D
 from taichi_plume.agents.dapso import Dapso
 from taichi_plume.agents.ecoli import EColi
 from taichi_plume.agents.external import ExternalAlgorithm
@@ -59,6 +60,7 @@ class Algorithm(Protocol):
 
 ALGORITHMS: dict[str, type[Algorithm]] = {
     "casting": Casting,
+    "casting_3d": Casting3D,
     "surge_cast": SurgeCast,
     "surge_spiral": SurgeSpiral,
     "spiral": Spiral,

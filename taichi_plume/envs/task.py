@@ -66,6 +66,9 @@ def require_task(scenario: Scenario) -> None:
         raise ScenarioError(
             [f"robots: group '{visible(group.name)}' has found: declared, but its policy {what}"]
         )
+    if group.body.flies:
+        what = f"has the body of a {group.body.kind}, which flies; environments have robots of the floor"
+        raise ScenarioError([f"robots: group '{visible(group.name)}' {what}"])
     for path, sensor in group.sensors.placed():
         if sensor.kind == "tdlas":
             raise ScenarioError(

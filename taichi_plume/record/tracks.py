@@ -93,7 +93,7 @@ class Tracks:
         self.states = np.full(len(robots), -1)
         """Of the robots when they were last looked at."""
         self.samples: list[np.ndarray] = []
-        """(robots, 8) each: time, x, y, heading, reading, believed x, y and heading; since the last batch."""
+        """(robots, 9) each: time, x, y, heading, reading, believed x, y and heading, altitude; since the last batch."""
         stream.log_still(self._styles())
 
     def _styles(self) -> scene.Entities:
@@ -129,6 +129,7 @@ class Tracks:
                     now["reading_ppm"][k],
                     now["believed_position"][k],
                     now["believed_heading"][k],
+                    now["altitude"][k] if "altitude" in now else np.zeros(len(k)),
                 ]
             )
         )
@@ -188,20 +189,24 @@ class Tracks:
                 self._send_samples(robot, samples[:, n].T)
 
     def _send_samples(self, robot: Robot, columns: np.ndarray) -> None:
-        t, reading = columns[0], columns[4]
-        self._send_way(robot, "robots", "trails", t, columns[1:4])
+        t, reading, z = columns[0], columns[4], columns[8]
+        self._send_way(robot, "robots", "trails", t, columns[1:4], z)
         if robot.reckons:
-            self._send_way(robot, "believed", "believed_trails", t, columns[5:8])
+            self._send_way(robot, "believed", "believed_trails", t, columns[5:8], z)
         self.stream.send(f"sensors/{robot.name}", t, rr.Scalars.columns(scalars=reading))
         if robot is self.robots[0]:
             for threshold in self.thresholds:
                 level = rr.Scalars.columns(scalars=np.full(len(t), threshold))
                 self.stream.send(_threshold(threshold), t, level)
 
-    def _send_way(self, robot: Robot, poses: str, trails: str, t: np.ndarray, way: np.ndarray) -> None:
-        """Poses (3, n), and the steps between them as a trail, to the robot's entities below these two."""
+    def _send_way(
+        self, robot: Robot, poses: str, trails: str, t: np.ndarray, way: np.ndarray, z: np.ndarray
+    ) -> None:
+        """Poses (3, n) at altitudes z (n,) [m], and the steps between them as a trail, to the robot's entities below
+        these two.
+        """
         x, y, heading = way
-        place = np.column_stack([x, y, np.full(len(x), 2 * self.stage.lift)])
+        place = np.column_stack([x, y, z + 2 * self.stage.lift])
         turn = np.column_stack([0 * x, 0 * x, np.sin(heading / 2), np.cos(heading / 2)])
         self.stream.send(
             f"{poses}/{robot.name}", t, rr.Transform3D.columns(translation=place, quaternion=turn)

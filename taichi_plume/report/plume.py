@@ -96,13 +96,14 @@ class PlumeView:
         self.bodies.set_linewidth([2.4 if one else 0.8 for one in found])
         for mark, (track, n) in zip(self.said, [one for one in shown if said(one[0])], strict=False):
             put_mark(mark, track.declared(n))
-        if self.plane == look.ABOVE:
-            self.trails.set_segments(
-                [
-                    np.column_stack([track.values["x"][: n + 1], track.values["y"][: n + 1]])
-                    for track, n in shown
-                ]
-            )
+        axes = ["xyz"[d] for d in self.plane]
+        self.trails.set_segments(
+            [
+                np.column_stack([track.values[axis][: n + 1] for axis in axes])
+                for track, n in shown
+                if self.plane == look.ABOVE or track.group.body.flies
+            ]
+        )
 
     def _body(self, track: Track, n: int) -> np.ndarray:
         """Outline of a robot: a disc with a nose or, from the side, a box."""
@@ -110,8 +111,9 @@ class PlumeView:
         radius = max(track.group.body.radius, BODY * self.length)
         if self.plane != look.ABOVE:
             low, high = place[self.plane[0]] - radius, place[self.plane[0]] + radius
-            top = max(track.group.body.height, radius)
-            return np.array([[low, 0.0], [high, 0.0], [high, top], [low, top]])
+            z = float(track.values["z"][n])
+            top = z + max(track.group.body.height, radius)
+            return np.array([[low, z], [high, z], [high, top], [low, top]])
         side = np.arccos(1 / 1.8)  # where the nose's flanks touch the disc
         angle = float(track.values["heading"][n]) + np.linspace(side, 2 * pi - side, ROUND)
         ring = np.column_stack([np.cos(angle), np.sin(angle)])

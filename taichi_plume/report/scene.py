@@ -183,7 +183,7 @@ def _starts(axes: Axes, scenario: Scenario, plane: tuple[int, int], sizes: bool)
     first = 0
     named = sizes and plane == ABOVE and len(scenario.robots) <= MOST_LABELS
     for group in scenario.robots:
-        radius, height = group.body.radius, group.body.height
+        radius, height, base = group.body.radius, group.body.height, group.start_altitude
         colors = [look.robot(first + k) for k in range(group.count)]
         first += group.count
         places = group.places(scenario.floor)
@@ -191,8 +191,8 @@ def _starts(axes: Axes, scenario: Scenario, plane: tuple[int, int], sizes: bool)
         text = f"{group.count} × {name}" if group.count > 1 else name
         if places is None:
             low, high = (np.array(getattr(group.start, key, (0, 0)), float) for key in ("low", "high"))
-            corner = np.array([*low, 0.0])[list(plane)]
-            size = (np.array([*high, height]) - np.array([*low, 0.0]))[list(plane)]
+            corner = np.array([*low, base])[list(plane)]
+            size = (np.array([*high, base + height]) - np.array([*low, base]))[list(plane)]
             area = Rectangle(
                 tuple(corner),
                 *size,
@@ -218,9 +218,9 @@ def _starts(axes: Axes, scenario: Scenario, plane: tuple[int, int], sizes: bool)
                         nose = place + 2.2 * radius * np.array([cos(radians(heading)), sin(radians(heading))])
                         axes.plot(*zip(place, nose, strict=True), color=color, linewidth=1.6, zorder=11)
                 else:
-                    corner = (place[plane[0]] - radius, 0.0)
+                    corner = (place[plane[0]] - radius, base)
                     axes.add_patch(Rectangle(corner, 2 * radius, height, facecolor=color, zorder=11))
-            up = places[:, 1] + radius if plane == ABOVE else np.full(len(places), height)
+            up = places[:, 1] + radius if plane == ABOVE else np.full(len(places), base + height)
             at = (places[up.argmax(), plane[0]], up.max())
             text += " starts" if group.count == 1 else " start"
         if named:

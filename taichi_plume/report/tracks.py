@@ -20,6 +20,8 @@ MOST_ROBOTS = 50
 COLUMNS = ("x", "y", "heading", "reading_ppm", "true_ppm", "believed_x", "believed_y", "found")
 DECLARED = {"declared_x": np.nan, "declared_y": np.nan, "declarations": 0, "false_declarations": 0}
 """More of them, and what they are in tables that were written before robots could declare."""
+MORE = DECLARED | {"z": 0.0}
+"""And of robots that fly: those of the floor have no altitude."""
 FAULTS = (OSError, ValueError, LookupError, TypeError, pa.ArrowException)
 
 
@@ -78,7 +80,7 @@ def tracks(path: Path, groups: "Sequence[Group]") -> list[Track]:
 
 def _track(rows: pa.Table, name: str, number: int, group: "Group") -> Track:
     values = {key: rows[key].to_numpy() for key in COLUMNS}
-    for key, none in DECLARED.items():
+    for key, none in MORE.items():
         values[key] = rows[key].to_numpy() if key in rows.column_names else np.full(len(rows), none)
     state = rows["state"].combine_chunks().cast(pa.string()).dictionary_encode()
     state = state.combine_chunks() if isinstance(state, pa.ChunkedArray) else state
@@ -99,7 +101,7 @@ def _table(path: Path, first: dict[str, int], share: int) -> pa.Table | None:
     for begin, file in files:
         with pq.ParquetFile(file) as part:
             columns = ["t", "group", "trial", "robot", "state", *COLUMNS]
-            columns += [key for key in DECLARED if key in part.schema_arrow.names]
+            columns += [key for key in MORE if key in part.schema_arrow.names]
             for n in range(part.num_row_groups):
                 rows = part.read_row_group(n, columns=columns)
                 rows = rows.slice(max(0, done - begin))  # what an earlier part holds, too

@@ -10,7 +10,7 @@ from taichi_plume.scenario.context import Context
 from taichi_plume.scenario.external import External
 from taichi_plume.scenario.filter_algorithms import HitMap, ParticleFilter
 from taichi_plume.scenario.listening import AnyAlgorithm, EColi, Spiral
-from taichi_plume.scenario.plume_tracking import Casting, SurgeCast, SurgeSpiral
+from taichi_plume.scenario.plume_tracking import Casting, Casting3D, SurgeCast, SurgeSpiral
 from taichi_plume.scenario.policy import Policy
 from taichi_plume.scenario.quantities import number
 from taichi_plume.scenario.replay import Replay
@@ -65,6 +65,7 @@ class Own(AnyAlgorithm):
 
 Algorithm = Annotated[
     Casting
+    | Casting3D
     | SurgeCast
     | SurgeSpiral
     | Spiral

@@ -1,10 +1,26 @@
 """Search algorithms that follow a plume upwind, and their parameters."""
 
-from typing import ClassVar, Literal
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+
+from pydantic import Field
 
 from taichi_plume.scenario.listening import AnyAlgorithm
 from taichi_plume.scenario.quantities import number
-from taichi_plume.scenario.vocabulary import Delay, Fraction, Length, SomeCoefficient, SomePpm, Speed
+from taichi_plume.scenario.vocabulary import (
+    FREE,
+    Delay,
+    Distance,
+    Fraction,
+    Length,
+    SomeCoefficient,
+    SomePpm,
+    Speed,
+)
+
+if TYPE_CHECKING:
+    from taichi_plume.scenario.arena import Arena
+    from taichi_plume.scenario.robots import Group
 
 
 class PlumeTracking(AnyAlgorithm):
@@ -41,6 +57,33 @@ class Casting(PlumeTracking):
     """Angle between the course in the plume and straight upwind; 0 surges."""
     cast_distance: Length = 0.6
     """First crosswind search, when the plume is lost; doubled at each failure."""
+
+
+class Casting3D(PlumeTracking):
+    """Upwind in the plume, casts both ways across the wind when it is lost: for drones. See agents/casting_3d.py."""
+
+    kind: Literal["casting_3d"]  # type: ignore[assignment]
+    cast_distance: Length = 0.3
+    """First crosswind cast along the ground, when the plume is lost; later ones are twice, three times as far."""
+    cast_rise: Length = 0.2
+    """First cast upward or downward, when the plume is lost; later ones are twice, three times as far."""
+    turns: Annotated[int, Field(ge=1, le=100), FREE] = 3
+    """How often it goes around the place where the plume was lost before the search starts anew."""
+    find_rise: Length = 0.4
+    """Rise between crosswind sweeps, while no plume has been found."""
+    lowest: Distance = 0.3
+    """Lowest altitude at which it searches, of the lower end of the body."""
+    highest: Distance = 2.0
+    """Highest altitude at which it searches; below the ceiling."""
+
+    def in_group(self, where: str, group: "Group", floor: "Arena") -> Iterator[str]:
+        """Its robots have to fly, and somewhere."""
+        if not group.body.flies:
+            yield f"{where}.algorithm: casting_3d is for drones; give body.kind: drone, or use casting"
+        if self.lowest >= self.highest:
+            yield (
+                f"{where}.algorithm.lowest: {self.lowest:g} m is not below highest = {self.highest:g} m; lower it"
+            )
 
 
 class SurgeCast(PlumeTracking):
