@@ -28,6 +28,7 @@ from taichi_plume.validation.plume_cases import PLUME_CASES
 from taichi_plume.validation.plumesim_cases import PLUMESIM_CASES
 from taichi_plume.validation.puff_cases import PUFF_CASES
 from taichi_plume.validation.room_air_cases import ROOM_AIR_CASES
+from taichi_plume.validation.rotor_cases import ROTOR_CASES
 from taichi_plume.validation.source_cases import SOURCE_CASES
 from taichi_plume.validation.spiral_cases import SPIRAL_CASES
 from taichi_plume.validation.through_flow import ethier_steinman
@@ -341,5 +342,6 @@ _ALL = (
     *INFOTAXIS_CASES,
     *MAPPING_CASES,
     *ROOM_AIR_CASES,
+    *ROTOR_CASES,
 )
 CASES: dict[str, Case | Experiment] = {case.name: case for case in _ALL}

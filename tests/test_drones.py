@@ -1,0 +1,181 @@
+"""Whole runs with drones: what they smell, where they search, what is told of them, and what is refused."""
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from taichi_plume import run
+from taichi_plume.assemble import assemble
+from taichi_plume.prepare import load_scenario
+from taichi_plume.scenario.loading import ScenarioError
+
+pytestmark = pytest.mark.usefixtures("taichi")
+
+SCENARIO = """
+duration: 60
+domain: {size: [5, 3, 2.4], spacing: 0.1}
+wind: {kind: uniform, velocity: [0.5, 0, 0]}
+gas:
+  kind: gaussian_plume
+  intensity: 0.08
+  walls: []
+  sources: [{position: [0.8, 1.6, 1.5], rate: 20 mg/s, radius: 0.1}]
+robots:
+  - name: flock
+    count: 2
+    start: {kind: positions, positions: [[4.6, 0.5], [4.4, 2.6]], heading_deg: 180, altitude: 0.8}
+    algorithm: {kind: casting_3d, threshold_ppm: 2, speed: 0.5}
+    body: {kind: crazyflie}
+    sensors: {gas: {kind: ideal, height: 0.2}, wind: {kind: ideal}}
+"""
+
+
+FLOOR = """
+  - name: floor
+    count: 1
+    start: {kind: positions, positions: [[3.4, 1.7]]}
+    algorithm: {kind: casting}
+    sensors: {gas: {kind: ideal, height: 1.5}, wind: {kind: ideal}}
+"""
+
+
+@pytest.fixture
+def path(tmp_path):
+    (tmp_path / "flock.yaml").write_text(SCENARIO)
+    return tmp_path / "flock.yaml"
+
+
+class Flock:
+    """Two drones that fly to places for 8 s, and then by their speeds."""
+
+    def __init__(self):
+        self.altitudes = []
+
+    def act(self, robots):
+        if robots.t < 8:
+            robots.go_to([2.0, 3.0], [1.6, 1.4], 1.3, heading=0.5)
+        robots.left_speed, robots.climb_rate = 0.2, np.array([0.1, -0.1])
+        self.altitudes.append(robots.altitude.copy())
+
+
+def test_casting_in_space_finds_a_source_above_where_it_starts(path):
+    """Both start 0.7 m lower than the source."""
+    sim = assemble(load_scenario(path), path.parent)
+    sim.run()
+    now = sim.swarm.snapshot()
+    assert now["found"].all()
+    middle = np.column_stack([now["position"], now["altitude"] + 0.029 / 2])
+    assert (np.linalg.norm(middle - [0.8, 1.6, 1.5], axis=1) <= 0.35 + 1e-4).all()
+    assert sim.t < 60
+
+
+def test_an_own_algorithm_flies_drones(path):
+    scenario = load_scenario(path, ["robots.0.algorithm={kind: own}", "duration=10"])
+    sim = assemble(scenario, path.parent, {"flock": Flock})
+    while sim.t < 7.95:
+        sim.advance()
+    now = sim.swarm.snapshot()
+    np.testing.assert_allclose(now["position"], [[2.0, 1.6], [3.0, 1.4]], atol=5e-3)
+    np.testing.assert_allclose(now["altitude"], 1.3, atol=5e-3)
+    np.testing.assert_allclose(now["heading"], 0.5, atol=1e-3)
+    sim.run()
+    now = sim.swarm.snapshot()
+    np.testing.assert_allclose(now["climb_rate"], [0.1, -0.1], atol=1e-5)
+    left = np.array([-np.sin(0.5), np.cos(0.5)])
+    np.testing.assert_allclose((now["position"] - [[2.0, 1.6], [3.0, 1.4]]) @ left, 0.4, atol=0.03)
+    seen = np.array(sim.teams[0].algorithm.algorithm.altitudes)  # type: ignore[attr-defined]
+    assert seen[0] == pytest.approx(0.8)
+    assert np.abs(seen[79] - 1.3).max() < 5e-3
+
+
+def test_only_drones_go_to_places(path):
+    class Robot:
+        def act(self, robots):
+            assert not hasattr(robots, "left_speed")
+            robots.go_to(1, 1, 1)
+
+    keys = ["robots.0.algorithm={kind: own}", "robots.0.body={}", "robots.0.start.altitude=null"]
+    sim = assemble(load_scenario(path, keys), path.parent, {"flock": Robot})
+    with pytest.raises(Exception, match="go_to is of drones alone"):
+        sim.advance()
+
+
+def test_sensors_of_a_drone_are_above_its_feet(path):
+    """They smell and feel what those of a robot of the floor do at the same height."""
+    with path.open("a") as file:
+        file.write(FLOOR)
+    keys = ["rivals=true", "robots.0.count=1", "robots.0.start.positions=[[3.4, 1.7]]"]
+    keys += ["robots.0.start.altitude=1.3"]
+    sim = assemble(load_scenario(path, keys), path.parent)
+    sim.advance()
+    ppm = sim.swarm.snapshot()["true_ppm"]
+    assert ppm[0] > 1.0
+    assert ppm[0] == pytest.approx(ppm[1], rel=1e-6)
+
+
+WAKE = """
+name: wake
+duration: 1.5
+domain: {size: [1.6, 1.2, 1.2], spacing: 0.1}
+wind:
+  kind: cfd
+  openings: [{kind: inlet, face: x-, speed: 0.2}, {kind: outlet, face: x+}]
+gas: {kind: eulerian, sources: [{position: [0.4, 0.6, 0.9], rate: 10 mg/s}]}
+robots:
+  - name: flock
+    count: 1
+    start: {kind: positions, positions: [[1.0, 0.6]], altitude: 0.7, heading_deg: 0}
+    algorithm: {kind: casting}
+    body: {kind: crazyflie}
+    reach: 0.1
+    wake: true
+"""
+
+
+def test_a_run_with_downwash_leaves_altitudes(tmp_path):
+    (tmp_path / "wake.yaml").write_text(WAKE)
+    assert run.main([str(tmp_path / "wake.yaml"), "--out", str(tmp_path / "out"), "--quiet"]) == 0
+    table = pq.read_table(tmp_path / "out/robots.parquet")
+    assert table["z"].to_numpy() == pytest.approx(0.7, abs=1e-5)
+    assert table.schema.field("z").metadata[b"unit"] == b"m"
+    assert (tmp_path / "out/report.html").exists()
+
+
+@pytest.mark.parametrize(
+    ("key", "told"),
+    [
+        ("body={mass: 1}", r"robots\[0\].body.mass: is of drones alone"),
+        ("body={kind: drone, radius: 0.1}", r"body.radius: 0.1 m is less than its rotors reach"),
+        ("body={kind: drone, max_climb: null}", r"body.max_climb: none is given"),
+        ("body={kind: drone, wheel_base: 0.1}", r"body.wheel_base: a drone has no wheels"),
+        ("body={kind: free}", r"start.altitude: is of drones alone"),
+        ("odometry={}", r"odometry: a crazyflie has no wheels"),
+        ("start.altitude=2.39", r"start.altitude: 2.39 m and body.height of 0.029 m reach above the ceiling"),
+        ("wake=true", r"robots\[0\].wake: a wind of kind uniform is not disturbed"),
+        ("algorithm.highest=0.1", r"algorithm.lowest: 0.3 m is not below highest"),
+    ],
+)
+def test_what_drones_are_refused(path, key, told):
+    with pytest.raises(ScenarioError, match=told):
+        load_scenario(path, [f"robots.0.{key}"])
+
+
+def test_a_drone_starts_above_a_box_but_not_in_it(tmp_path):
+    (tmp_path / "wake.yaml").write_text(WAKE)
+    box = "obstacles=[{kind: box, center: [1.0, 0.6, 0.3], size: [0.4, 0.4, 0.6]}]"
+    load_scenario(tmp_path / "wake.yaml", [box])
+    with pytest.raises(ScenarioError, match=r"robot 0 at \(1, 0.6\) m is inside obstacles\[0\]"):
+        load_scenario(tmp_path / "wake.yaml", [box, "robots.0.start.altitude=0.55"])
+
+
+def test_drones_need_the_third_dimension(path):
+    flat = [
+        "domain.size=[5, 3]",
+        "wind.velocity=[0.5, 0]",
+        "gas.sources.0.position=[0.8, 1.6]",
+        "obstacles=[]",
+    ]
+    with pytest.raises(
+        ScenarioError, match=r"robots\[0\].body.kind: a crazyflie flies, which takes a 3-D run"
+    ):
+        load_scenario(path, [*flat, "gas.walls=[]"])
