@@ -92,7 +92,7 @@ ROTOR_CASES = (
             "divergence": Expected(tolerance=1e-4),
         },
         discussion="Tolerances were set before the case was run. The air gets the thrust to rounding, and the jet is "
-        "that of momentum theory within 1 %. The mean flow through the disc is 1.06, 1.07 and 0.99 of the theory's with "
-        "4, 6 and 8 cells per radius: it falls steeply at the rim, and depends on which cells there count as the disc.",
+        "that of momentum theory within 1 %. The mean flow through the disc is 1.06, 1.07 and 0.99 of the theory's "
+        "with 4, 6 and 8 cells per radius: it falls steeply at the rim, and depends on which cells there count.",
     ),
 )
