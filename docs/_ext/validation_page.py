@@ -20,9 +20,9 @@ GROUPS = (
     ),
     (
         "Around things, through openings, along walls",
-        "What rooms are made of: cylinders that shed eddies, pipes that the grid cuts, fans and their jets, floors, "
-        "gusts that are blown in. Measured by others in laboratories, or bound to be kept, as mass is.",
-        r"cylinder|shedding|pipe|oblique_channel|room_\dd|fan|floor|log_layer|inflow|imported",
+        "What rooms are made of: cylinders that shed eddies, pipes that the grid cuts, fans, rotors and their jets, "
+        "floors, gusts that are blown in. Measured by others in laboratories, or bound to be kept, as mass is.",
+        r"cylinder|shedding|pipe|oblique_channel|room_\dd|fan|hovering|floor|log_layer|inflow|imported",
     ),
     (
         "Does the gas spread as it should?",
