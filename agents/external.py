@@ -29,13 +29,16 @@ ORDERED = (
     Columns.ordered_heading,
 )  # fmt: skip
 
+FLOWN = (Columns.left_command, Columns.climb_command, Columns.ordered_altitude)
+
 
 @dataclass
 class Orders:
     """What the robots of a group, trial by trial, are told for the next tick.
 
     state (size,): AWAITED, DRIVEN or LOST; speed [m/s] and turn_rate [rad/s] (size,); position (size, 2) [m], NaN:
-    stays, and heading (size,) [rad] of those that are placed; declared (size, 2) [m], NaN: says nothing.
+    stays, and heading (size,) [rad] of those that are placed; declared (size, 2) [m], NaN: says nothing. Of drones also
+    left and climb (size,) [m/s], or altitude (size,) [m] of those that are placed, NaN: stays; None: zero, and stays.
     """
 
     state: np.ndarray
@@ -44,6 +47,9 @@ class Orders:
     position: np.ndarray
     heading: np.ndarray
     declared: np.ndarray
+    left: np.ndarray | None = None
+    climb: np.ndarray | None = None
+    altitude: np.ndarray | None = None
 
     @classmethod
     def none(cls, size: int) -> "Orders":
@@ -62,7 +68,9 @@ class ExternalAlgorithm:
     def __init__(self, swarm: Swarm, members: Members, tick: float):
         self.members, self.size = members, members.size
         (group,) = members.groups
-        self._told, self._ordered = (Rows(swarm, some, group.start, group.size) for some in (TOLD, ORDERED))
+        self.flies = group.model.body.flies
+        ordered = (*ORDERED, *(FLOWN if self.flies else ()))
+        self._told, self._ordered = (Rows(swarm, some, group.start, group.size) for some in (TOLD, ordered))
         self._declaring = Declaring(swarm, group.start, group.size)
         self.begin()
 
@@ -83,5 +91,10 @@ class ExternalAlgorithm:
 
     def order(self, orders: Orders, t: float) -> None:
         """Tell the robots what to do in the next tick; t: now [s]."""
-        self._ordered.write([orders.state, orders.speed, orders.turn_rate, orders.position, orders.heading])
+        ordered = [orders.state, orders.speed, orders.turn_rate, orders.position, orders.heading]
+        if self.flies:
+            none = {"left": 0.0, "climb": 0.0, "altitude": np.nan}
+            flown = {name: getattr(orders, name) for name in none}
+            ordered += [np.full(self.size, none[name]) if one is None else one for name, one in flown.items()]
+        self._ordered.write(ordered)
         self._declaring.say(orders.declared, t)

@@ -5,7 +5,11 @@ import pyarrow.parquet as pq
 import pytest
 
 from taichi_plume import run
+from taichi_plume.agents.external import Orders
 from taichi_plume.assemble import assemble
+from taichi_plume.contest.entrants import shipped
+from taichi_plume.envs.task import require_task
+from taichi_plume.grid.state import State
 from taichi_plume.prepare import load_scenario
 from taichi_plume.scenario.loading import ScenarioError
 
@@ -139,6 +143,57 @@ def test_a_run_with_downwash_leaves_altitudes(tmp_path):
     assert table["z"].to_numpy() == pytest.approx(0.7, abs=1e-5)
     assert table.schema.field("z").metadata[b"unit"] == b"m"
     assert (tmp_path / "out/report.html").exists()
+
+
+def test_drones_are_driven_from_outside(path):
+    """One by velocities in three directions, one put to poses in space."""
+    with path.open("a") as file:
+        file.write(
+            FLOOR.replace("kind: casting", "kind: external, takes: pose").replace(
+                "height: 1.5", "height: 0.1"
+            )
+            + "    body: {kind: drone}\n"
+        )
+    keys = ["rivals=true", "robots.0.algorithm={kind: external}", "robots.0.count=1"]
+    keys += ["robots.0.start.positions=[[3.0, 1.0]]"]
+    sim = assemble(load_scenario(path, keys), path.parent, driven=True)
+    speeds, poses = (team.algorithm for team in sim.teams)
+    orders = Orders.none(1)
+    orders.speed[:], orders.left, orders.climb = 0.3, np.array([0.1]), np.array([0.2])
+    speeds.order(orders, 0.0)
+    orders = Orders.none(1)
+    orders.position[:], orders.altitude = [1.5, 2.0], np.array([1.7])
+    poses.order(orders, 0.0)
+    for _ in range(20):
+        sim.advance()
+    now = sim.swarm.snapshot()
+    np.testing.assert_allclose(now["position"], [[3.0 - 0.6, 1.0 - 0.2], [1.5, 2.0]], atol=0.03)
+    np.testing.assert_allclose(now["altitude"], [0.8 + 0.4, 1.7], atol=0.03)
+
+
+def test_drones_fly_again_as_before(path):
+    """After a reset, and from a state that was saved in between; another altitude takes a run of its own."""
+    sim = assemble(load_scenario(path, ["duration=10"]), path.parent)
+    state = State(sim)
+    while sim.t < 4.95:
+        sim.advance()
+    saved = state.save()
+    sim.run()
+    first = sim.swarm.snapshot()
+    state.restore(saved)
+    sim.run()
+    again = sim.swarm.snapshot()
+    sim.reset()
+    sim.run()
+    for name, values in sim.swarm.snapshot().items():
+        np.testing.assert_array_equal(values, first[name], err_msg=name)
+        np.testing.assert_array_equal(again[name], first[name], err_msg=name)
+
+
+def test_drones_neither_learn_nor_compete(path):
+    with pytest.raises(ScenarioError, match="has the body of a crazyflie, which flies"):
+        require_task(load_scenario(path, ["robots.0.algorithm={kind: policy}"]))
+    assert "casting_3d" not in [one.name for one in shipped()]
 
 
 @pytest.mark.parametrize(

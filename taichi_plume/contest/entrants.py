@@ -59,7 +59,8 @@ def kinds() -> dict[str, type[AnyAlgorithm]]:
 
 def shipped() -> tuple[Entrant, ...]:
     """Those that take part by themselves, the floor last."""
-    some = [kind for kind, one in kinds().items() if (one.searches or kind in BESIDE) and kind not in FILES]
+    fit = {kind for kind, one in kinds().items() if (one.searches or kind in BESIDE) and not one.in_space}
+    some = [kind for kind in kinds() if kind in fit and kind not in FILES]
     some.sort(key=lambda kind: kind == FLOOR)
     return tuple(Entrant(kind, {"kind": kind}, TEAM if kinds()[kind].talks else 1) for kind in some)
 

@@ -32,6 +32,8 @@ class AnyAlgorithm(Model):
     """Whether all that its robots do is to go for a source."""
     believes: ClassVar[bool] = False
     """Whether its robots keep a map of where the source may be."""
+    in_space: ClassVar[bool] = False
+    """Whether its robots have to fly."""
     outside: ClassVar[bool] = False
     """Whether its robots are driven from outside."""
 

@@ -62,6 +62,7 @@ class Casting(PlumeTracking):
 class Casting3D(PlumeTracking):
     """Upwind in the plume, casts both ways across the wind when it is lost: for drones. See agents/casting_3d.py."""
 
+    in_space: ClassVar[bool] = True
     kind: Literal["casting_3d"]  # type: ignore[assignment]
     cast_distance: Length = 0.3
     """First crosswind cast along the ground, when the plume is lost; later ones are twice, three times as far."""
