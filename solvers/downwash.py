@@ -179,7 +179,11 @@ class Downwash:
                         n = ti.static(self.grid.shape[e])
                         at[e] = (at[e] % n + n) % n
                 block = self.block[None]
-                if at.min() >= 0 and at[0] < block[0] and at[1] < block[1] and at[2] < block[2]:
+                covered = 1
+                for e in ti.static(range(3)):
+                    if at[e] < 0 or at[e] >= block[e]:
+                        covered = 0
+                if covered == 1:
                     mine = 0
             if mine == 1:
                 total = 0.0

@@ -33,14 +33,14 @@ NAN = np.nan
 
 def drone(altitude=1.0, kind="drone", **body):
     if kind == "drone":
-        body = {"radius": R, "height": H, "rotor_radius": 0.03, "arm": 0.05} | body
+        body |= {"radius": R, "height": H, "rotor_radius": 0.03, "arm": 0.05}
     return Group(
         count=1,
         start=StartAt(
             kind="positions", positions=((1.0, 1.0),), altitude=altitude if kind == "drone" else None
         ),
         algorithm=Casting(kind="casting"),
-        body=Body(kind=kind, **body),
+        body=Body.model_validate({"kind": kind, **body}),
         reach=0.3,
     )
 
