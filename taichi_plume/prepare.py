@@ -11,8 +11,7 @@ from pydantic import ValidationError
 from taichi_plume.files.network import Network
 from taichi_plume.files.own_class import OwnAlgorithmError, OwnFile
 from taichi_plume.files.point_frames import PointFileError, PointFrames, frames_of
-from taichi_plume.grid.meshes import MeshError
-from taichi_plume.grid.shapes import Shape
+from taichi_plume.grid.shapes import Shape, ShapeError
 from taichi_plume.scenario import checks
 from taichi_plume.scenario.algorithms import Own
 from taichi_plume.scenario.gases import PlaybackGas, PureGas
@@ -191,7 +190,7 @@ def prepare(
     for n, obstacle in enumerate(scenario.obstacles):
         try:
             resources.shapes[f"obstacles[{n}]"] = shape(obstacle, scenario.domain, folder)
-        except MeshError as error:
+        except ShapeError as error:
             resources.faults[f"obstacles[{n}]"] = str(error)
     gases: dict[str, PureGas] = {}
     for path, section in checks.every(scenario):

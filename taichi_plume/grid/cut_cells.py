@@ -2,11 +2,11 @@
 
 The signed distance to the surfaces is taken as linear between nodes half a cell apart: the shares are of second order
 in the spacing, exact where a plane surface runs along the cells. What is thinner than half a cell may be missed, see
-`missed`.
+`missed`. Shapes that know their shares better tell them (`Shape.shares`).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -25,7 +25,8 @@ class Air:
     """Shares that are air: `volume` of the cells, grid.shape; `area` of the faces per axis, one more along that axis.
 
     distance: mean distance [cells] of a face's open part from the nearest surface, arrays like area.
-    body: number of the obstacle that is next to the cell, -1 where none is near; periodic: per axis.
+    body: number of the obstacle that is next to the cell, -1 where none is near; periodic: per axis. sealed: per axis
+    the faces, bool like area, that walls close which may be thinner than any cell; empty where there are none such.
     """
 
     volume: np.ndarray
@@ -33,6 +34,7 @@ class Air:
     distance: tuple[np.ndarray, ...]
     body: np.ndarray
     periodic: tuple[bool, ...]
+    sealed: tuple[np.ndarray, ...] = ()
 
     @property
     def solid(self) -> np.ndarray:
@@ -107,12 +109,18 @@ def air_of(
     left: shares of the cells and of the faces per axis that other obstacles leave.
     """
     distance, nearest = _distances(shapes, grid)
-    volume, _ = _share(distance, tuple(range(grid.dim)))
     faces = [_share(distance, tuple(a for a in range(grid.dim) if a != d)) for d in range(grid.dim)]
     area, away = [share for share, _ in faces], [mean for _, mean in faces]
     body = nearest[(slice(FINER // 2, None, FINER),) * grid.dim]
-    if left is not None:
-        volume, area = volume * left[0], [a * b for a, b in zip(area, left[1], strict=True)]
+    told = {n: one.shares(grid.shape, grid.dx) for n, one in enumerate(shapes) if one is not None}
+    known = {n: shares for n, shares in told.items() if shares is not None}
+    if known:
+        distance, _ = _distances([None if n in known else one for n, one in enumerate(shapes)], grid)
+        faces = [_share(distance, tuple(a for a in range(grid.dim) if a != d)) for d in range(grid.dim)]
+        area = [share for share, _ in faces]
+    volume, _ = _share(distance, tuple(range(grid.dim)))
+    for shares in [*known.values(), *([left] if left is not None else [])]:
+        volume, area = volume * shares[0], [a * b for a, b in zip(area, shares[1], strict=True)]
     air = _closed(volume, area, away, body, grid)
     regions = air.regions()
     if regions.max() > 1:
@@ -125,6 +133,9 @@ def air_of(
         kept = np.union1d(regions[reached], 1 + np.bincount(regions.ravel())[1:].argmax())
         volume = np.where(np.isin(regions, kept), air.volume, 0.0)
         air = _closed(volume, list(air.area), away, body, grid)
+    if known:
+        shut = [np.any([shares[1][d] == 0.0 for shares in known.values()], axis=0) for d in range(grid.dim)]
+        air = replace(air, sealed=tuple(shut))
     return air
 
 

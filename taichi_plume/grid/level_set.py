@@ -54,6 +54,13 @@ def _halves(air: Air, grid: Grid) -> np.ndarray:
         filled = rank < np.rint((1.0 - air.volume[tuple(cut.T)]) * len(places))
         for place, chosen in zip(places, filled, strict=True):
             solid[tuple((FINER * cut[chosen] + place).T)] = True
+    for axis, shut in enumerate(air.sealed):  # walls that may be thinner: both halves of cells beside them
+        faces = np.moveaxis(shut, axis, 0)[1:-1]
+        for other in range(1, grid.dim):
+            faces = faces.repeat(FINER, axis=other)
+        halves = np.moveaxis(solid, axis, 0)
+        halves[FINER - 1 : -1 : FINER] |= faces
+        halves[FINER::FINER] |= faces
     return solid
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from taichi_plume.grid.ply_files import DamagedError, read_ply
 from taichi_plume.grid.polygons import triangulated
+from taichi_plume.grid.shapes import ShapeError
 from taichi_plume.guard.opening import read_regular
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 
@@ -22,7 +23,7 @@ FACET = ["facet", "normal", "#", "#", "#", "outer", "loop", *VERTEX, *VERTEX, *V
 IGNORED = re.compile("vt|vn|vp|g|o|s|mg|l|p|usemtl|mtllib|usemap|maplib|bevel|lod|[cd]_interp|shadow_obj")
 
 
-class MeshError(ValueError):
+class MeshError(ShapeError):
     """A mesh file that is missing, unreadable or not closed."""
 
 

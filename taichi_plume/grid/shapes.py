@@ -17,6 +17,10 @@ CLEARANCE_STEP = 0.01  # m, the finest grid of a clearance map
 CLEARANCE_NODES = 400_000
 
 
+class ShapeError(ValueError):
+    """A file of an obstacle that is missing or cannot be used; the message begins with its name."""
+
+
 class Shape(ABC):
     """An obstacle. `model` is its section of the scenario, `low` and `high` (dim,) its bounding box [m]."""
 
@@ -34,6 +38,12 @@ class Shape(ABC):
 
         In a 2-D run heights do not matter.
         """
+
+    def shares(self, shape: tuple[int, ...], dx: float) -> tuple[np.ndarray, list[np.ndarray]] | None:
+        """Shares that it leaves of so many cells of edge dx [m], and of their faces per axis, where it knows them
+        better than distances on nodes tell; else None.
+        """
+        return None
 
     def inside(self, points: np.ndarray, tie: float = 0.0) -> np.ndarray:
         """Whether points (..., dim) lie more than `tie` [m] below the surface."""

@@ -10,6 +10,7 @@ import numpy as np
 import rerun as rr
 
 from taichi_plume.files.gaden import Cubes
+from taichi_plume.grid.floor_plans import FloorPlan
 from taichi_plume.grid.meshes import Solid
 from taichi_plume.grid.shapes import Shape
 from taichi_plume.record import drawing
@@ -17,11 +18,12 @@ from taichi_plume.record.planes import Plane, Raster
 from taichi_plume.record.stage import Stage, label, mesh, picture, placed
 from taichi_plume.scenario.gases import AnySource
 from taichi_plume.scenario.heat import Heat
-from taichi_plume.scenario.obstacles import Cylinder, Prism
+from taichi_plume.scenario.obstacles import Cylinder, Prism, WallMap
 from taichi_plume.scenario.vocabulary import Color, Point2
 from taichi_plume.scenario.windows import Window
 from taichi_plume.simulation import Simulation
 
+MOST_BOXES = 5000  # of a map's walls: of more, pixels are joined
 BODY = 0.009  # robots are drawn at least this large, over the arena's length
 ESTIMATES = {
     "estimate": drawing.VIRIDIS,
@@ -146,7 +148,7 @@ def _ball(shape: Shape, stage: Stage, color: Color) -> Any:
     return rr.Ellipsoids3D(centers=[center], half_sizes=[half], fill_mode="solid", colors=color)
 
 
-def _upright(model: Cylinder | Prism, stage: Stage) -> tuple[float, float]:
+def _upright(model: Cylinder | Prism | WallMap, stage: Stage) -> tuple[float, float]:
     """Where it stands and how high it reaches [m], of the walls' height in a flat arena."""
     if len(stage.extent) == 2:
         return 0.0, stage.height
@@ -174,12 +176,23 @@ def _mesh(shape: Solid, stage: Stage, color: Color) -> Any:
     return mesh(*drawing.faceted(shape.vertices, shape.triangles), color)
 
 
+def _plan(shape: FloorPlan, stage: Stage, color: Color) -> Any:
+    low, high = np.split(shape.rectangles(MOST_BOXES), 2, axis=1)
+    low, high = np.maximum(low, 0.0), np.minimum(high, stage.extent[:2])
+    base, top = _upright(shape.model, stage)
+    seen = (high > low).all(axis=1)
+    centers = np.column_stack([0.5 * (low + high)[seen], np.full(seen.sum(), 0.5 * (base + top))])
+    halves = np.column_stack([0.5 * (high - low)[seen], np.full(seen.sum(), 0.5 * (top - base))])
+    return rr.Boxes3D(centers=centers, half_sizes=halves, fill_mode="solid", colors=color)
+
+
 SOLIDS: dict[str, Callable[[Any, Stage, Color], Any]] = {
     "box": _box,
     "sphere": _ball,
     "cylinder": _cylinder,
     "prism": _prism,
     "mesh": _mesh,
+    "map": _plan,
 }
 """How the obstacles of each kind are drawn."""
 

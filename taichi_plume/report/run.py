@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from taichi_plume.files.run_folder import HEADER, RunFolderError, is_run, told
-from taichi_plume.grid.meshes import MeshError
+from taichi_plume.grid.shapes import ShapeError
 from taichi_plume.report.tracks import Track, tracks
 from taichi_plume.scenario.input_files import strangers
 from taichi_plume.scenario.loading import ScenarioError, read_scenario
-from taichi_plume.scenario.obstacles import Mesh
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.shapes import shape
 
@@ -71,7 +70,7 @@ class Run:
             self.lacks.append("What stands in the occupancy grid of the imported wind is not drawn.")
         held_back = not allow_outside and strangers(self.scenario, self.folder, ())
         for n, one in enumerate(self.scenario.obstacles):
-            if isinstance(one, Mesh) and held_back:
+            if hasattr(one, "file") and held_back:
                 self.lacks.append(
                     f"Obstacle {n} is drawn by no line: its file lies outside of the run's folder and is read with "
                     "--allow-outside only."
@@ -79,7 +78,7 @@ class Run:
                 continue
             try:
                 found.append(shape(one, self.scenario.domain, self.folder))
-            except MeshError as error:
+            except ShapeError as error:
                 self.lacks.append(f"Obstacle {n} is drawn by no line: {error}.")
         return found
 

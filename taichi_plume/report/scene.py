@@ -15,7 +15,6 @@ from matplotlib.patches import Circle, Rectangle
 from taichi_plume.grid.shapes import Shape
 from taichi_plume.report import look, openings, solids
 from taichi_plume.report.look import ABOVE, SIDE
-from taichi_plume.scenario.obstacles import Mesh
 from taichi_plume.scenario.pointing import numbered
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.shapes import shape
@@ -79,7 +78,7 @@ def draw(
 
 def simple_shapes(scenario: Scenario) -> list[Shape]:
     """Shapes of the obstacles that no file tells."""
-    return [shape(one, scenario.domain, Path()) for one in scenario.obstacles if not isinstance(one, Mesh)]
+    return [shape(one, scenario.domain, Path()) for one in scenario.obstacles if not hasattr(one, "file")]
 
 
 def picture(

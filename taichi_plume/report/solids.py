@@ -10,11 +10,13 @@ from matplotlib.collections import PatchCollection
 from matplotlib.patches import Circle, PathPatch, Polygon, Rectangle
 from matplotlib.path import Path as Outline
 
+from taichi_plume.grid.floor_plans import FloorPlan
 from taichi_plume.grid.meshes import Solid
 from taichi_plume.grid.shapes import Ball, Shape, UprightBox, UprightCylinder, UprightPrism
 from taichi_plume.report import look
 from taichi_plume.report.look import ABOVE
 
+MOST_RECTANGLES = 20_000  # of a map's walls: of more, pixels are joined
 SECTION_NODES = 200  # per axis, at which the section of a mesh is looked for in 2-D
 
 
@@ -91,12 +93,24 @@ def _section(one: Any, style: dict[str, Any]) -> Any:
     return PathPatch(Outline.make_compound_path(*(Outline(line, closed=True) for line in lines)), **style)
 
 
+def _plan(one: Any, plane: tuple[int, int], style: dict[str, Any]) -> Any:
+    """The walls of a map, seen from above."""
+    walls = one.rectangles(MOST_RECTANGLES)
+    if plane != ABOVE or not len(walls):
+        return _bounds(one, plane, style)
+    x, y = walls[:, [0, 2, 2, 0, 0]], walls[:, [1, 1, 3, 3, 1]]
+    codes = np.tile([Outline.MOVETO, *[Outline.LINETO] * 3, Outline.CLOSEPOLY], len(walls))
+    style = style | {"edgecolor": look.SOLID, "linewidth": 0.2}
+    return PathPatch(Outline(np.stack([x, y], axis=-1).reshape(-1, 2), codes), **style)
+
+
 OUTLINES: dict[type, Callable[[Any, tuple[int, int], dict[str, Any]], Any]] = {
     UprightBox: _box,
     UprightCylinder: _cylinder,
     UprightPrism: _prism,
     Ball: _ball,
     Solid: _mesh,
+    FloorPlan: _plan,
 }
 """How obstacles of each shape are drawn; others by the rectangle around them."""
 

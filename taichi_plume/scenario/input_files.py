@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterator
 from glob import escape, glob
 from pathlib import Path
 
+from taichi_plume.grid.map_files import SUFFIXES, image_of
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 from taichi_plume.scenario.checks import every
 from taichi_plume.scenario.scenario import Scenario
@@ -34,8 +35,13 @@ def input_paths(scenario: Scenario, file: Path) -> list[Path]:
 
 
 def files_of(folder: Path, name: str) -> list[Path]:
-    """What a name of a scenario in `folder` stands for: a file or a film, or all files with a number in their names."""
-    return [Path(path) for path in _written(os.path.join(folder, name))]
+    """What a name of a scenario in `folder` stands for: a file or a film, or all files with a number in their names.
+
+    The picture of a map is one too.
+    """
+    files = [Path(path) for path in _written(os.path.join(folder, name))]
+    pictures = [image_of(file) for file in files if file.suffix in SUFFIXES]
+    return [*files, *(picture for picture in pictures if picture is not None)]
 
 
 def _written(path: str) -> list[str]:

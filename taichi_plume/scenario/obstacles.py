@@ -7,6 +7,7 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
+from taichi_plume.grid.floor_plans import FloorPlan
 from taichi_plume.grid.missed import SAMPLES, missed
 from taichi_plume.scenario.context import Context, span
 from taichi_plume.scenario.domain import Domain
@@ -267,7 +268,57 @@ class Mesh(Standing):
         return ""
 
 
-Obstacle = Annotated[Box | Cylinder | Sphere | Prism | Mesh, Field(discriminator="kind")]
+class WallMap(Standing):
+    """Walls of an occupancy map, as ROS's map_server has it (YAML and picture); in 3-D drawn out to a height."""
+
+    kind: Literal["map"]
+    file: FileName
+    """Path of the map's YAML file, relative to the scenario's folder; its picture (PGM, PNG or BMP) lies beside it."""
+    unknown: Literal["wall", "free"] = "wall"
+    """What pixels count as of which the map does not know: most lie behind the walls, where no air is needed."""
+    origin: Annotated[Point2, COMPILED] | None = None
+    """Where the domain's lower corner lies in the map's frame, x and y. Unless given, it is the lower corner of the box
+    around the map."""
+    base: Annotated[Distance, COMPILED] = 0.0
+    """Height of the walls' lower end over the floor; 3-D only."""
+    height: Annotated[Length, COMPILED] | None = None
+    """Length from their base upward; unless given, they reach the ceiling. 3-D only."""
+
+    def problems(self, where: str, context: Context) -> Iterator[str]:
+        """It may reach far beyond the domain, but has to tell of all or of some of it."""
+        fault = context.resources.faults.get(where)
+        if fault is not None:
+            yield f"{where}: {fault}"
+            return
+        plan, extent = self._shape(where, context), np.array(context.domain.extent[:2])
+        if (plan.high[:2] <= 0).any() or (plan.low[:2] >= extent).any():
+            (low, high), at = plan.reach, np.array(self.origin or (0, 0))
+            yield (
+                f"{where}.origin: the map lies outside the domain: it has {span('x', low[0], high[0])} and "
+                f"{span('y', low[1], high[1])}, the domain {span('x', at[0], at[0] + extent[0])} and "
+                f"{span('y', at[1], at[1] + extent[1])}"
+            )
+
+    def remarks(self, where: str, context: Context) -> Iterator[str]:
+        """A domain that reaches beyond the map, and one without walls."""
+        plan, domain = self._shape(where, context), context.domain
+        low, high = plan.low[:2], plan.high[:2]
+        if (low > domain.spacing).any() or (high < np.array(domain.extent[:2]) - domain.spacing).any():
+            left, (x, y) = plan.reach[0], plan.reach[1] - plan.reach[0]
+            yield (
+                f"{where}: the domain reaches beyond the map, where no walls are; all of the map is a domain.size of "
+                f"{x:.6g} x {y:.6g} m with an origin of [{left[0]:.6g}, {left[1]:.6g}]"
+            )
+        if not plan.solid.any():
+            yield f"{where}: has no walls in the domain"
+
+    def _shape(self, where: str, context: Context) -> FloorPlan:
+        plan = context.resources.shapes[where]
+        assert isinstance(plan, FloorPlan)
+        return plan
+
+
+Obstacle = Annotated[Box | Cylinder | Sphere | Prism | Mesh | WallMap, Field(discriminator="kind")]
 
 
 def _outline(path: str, corners: np.ndarray) -> Iterator[str]:

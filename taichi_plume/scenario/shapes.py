@@ -5,22 +5,28 @@ from math import inf
 from pathlib import Path
 from typing import Any
 
+from taichi_plume.grid.floor_plans import FloorPlan
 from taichi_plume.grid.meshes import Solid
 from taichi_plume.grid.shapes import Ball, Shape, UprightBox, UprightCylinder, UprightPrism
 from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.obstacles import Obstacle
 
-# Of each kind: how its shape is made of the model, the dimension, the height of the ceiling [m] and the folder of files
-SHAPES: dict[str, Callable[[Any, int, float, Path], Shape]] = {
-    "box": lambda box, dim, ceiling, folder: UprightBox(box, dim),
-    "cylinder": lambda cylinder, dim, ceiling, folder: UprightCylinder(cylinder, dim, ceiling),
-    "sphere": lambda sphere, dim, ceiling, folder: Ball(sphere, dim),
-    "prism": lambda prism, dim, ceiling, folder: UprightPrism(prism, dim, ceiling),
-    "mesh": lambda mesh, dim, ceiling, folder: Solid(mesh, dim, folder),
+# Of each kind: how its shape is made of the model, the domain's extent [m] and the folder of files
+SHAPES: dict[str, Callable[[Any, tuple[float, ...], Path], Shape]] = {
+    "box": lambda box, extent, folder: UprightBox(box, len(extent)),
+    "cylinder": lambda cylinder, extent, folder: UprightCylinder(cylinder, len(extent), _ceiling(extent)),
+    "sphere": lambda sphere, extent, folder: Ball(sphere, len(extent)),
+    "prism": lambda prism, extent, folder: UprightPrism(prism, len(extent), _ceiling(extent)),
+    "mesh": lambda mesh, extent, folder: Solid(mesh, len(extent), folder),
+    "map": lambda plan, extent, folder: FloorPlan(plan, extent, folder),
 }
 
 
 def shape(obstacle: Obstacle, domain: Domain, folder: Path) -> Shape:
-    """The shape of one obstacle; mesh files lie in `folder`. Raises MeshError."""
-    ceiling = domain.extent[2] if domain.dim == 3 else inf
-    return SHAPES[obstacle.kind](obstacle, domain.dim, ceiling, folder)
+    """The shape of one obstacle; its file, if it has one, lies in `folder`. Raises ShapeError."""
+    return SHAPES[obstacle.kind](obstacle, domain.extent, folder)
+
+
+def _ceiling(extent: tuple[float, ...]) -> float:
+    """Its height [m]."""
+    return extent[2] if len(extent) == 3 else inf

@@ -219,6 +219,7 @@ def make(folder: Path, warm_up: float | None = None) -> dict[str, Path]:
     _write_wind(folder)
     _write_box(folder / "box.stl")
     _write_bags(folder)
+    _write_plan(folder / "plan.yml")
     _write_film(folder / "fields.zarr")
     titles = "nodenumber, x-coordinate, y-coordinate, acetone\n"
     for n in (1, 2):
@@ -261,6 +262,20 @@ def _write_wind(folder: Path) -> None:
     solid[3:5, 1:4, :1] = 1
     layers = ("\n".join(" ".join(map(str, row)) for row in solid[:, :, z]) for z in range(2))
     (folder / "occupancy.csv").write_text(OCCUPANCY + "".join(f"{layer}\n;\n" for layer in layers))
+
+
+def _write_plan(path: Path) -> None:
+    """A map of a room with a wall of one pixel in it, as ROS has it."""
+    from PIL import Image
+
+    shades = np.full((60, 80), 254, np.uint8)
+    shades[[0, -1]] = shades[:, [0, -1]] = 205
+    shades[:30, 30] = 0
+    Image.fromarray(shades).save(path.with_suffix(".pgm"))
+    path.write_text(
+        "image: plan.pgm\nresolution: 0.05\norigin: [-1.0, -2.0, 0.0]\n"
+        "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
 
 
 def _write_box(path: Path) -> None:

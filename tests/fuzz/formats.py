@@ -47,6 +47,8 @@ FORMATS = {
     "gaden_wind": Format("gaden_0.csv", "gaden"),
     "openfoam": Format("set/0/U.xy", "openfoam"),
     "occupancy": Format("occupancy.csv", "imported"),
+    "map": Format("plan.yml", "map"),
+    "map_picture": Format("plan.pgm", "map", text=False),
     "run_film": Format("fields.zarr", part="fields", checked=True, text=False),
     "run_maps": Format("maps.zarr", part="maps", checked=True, text=False),
     "run_robots": Format("robots.parquet", part="robots", checked=True, text=False),
@@ -79,6 +81,10 @@ def make(folder: Path) -> None:
     (folder / "openfoam.yaml").write_text(
         imported.replace(WIND, "wind: {kind: imported, files: set/%g/U.xy}")
     )
+    plan = bases.SCENARIOS["mesh"].replace(
+        "{kind: mesh, file: box.stl, section: 0.1}", "{kind: map, file: plan.yml}"
+    )
+    (folder / "map.yaml").write_text(plan)
     _write_table(folder / "robots.parquet")
     (folder / "forces.csv").write_text(
         "t_s,obstacle,x_N,y_N\n" + "".join(f"{n},0,{0.1 * n},-1e-3\n" for n in range(9))
@@ -204,6 +210,7 @@ def _run(folder: Path, kind: Format) -> tuple[Callable[[], Any], tuple]:
 def _scenario(folder: Path, kind: Format) -> tuple[Callable[[], Any], tuple]:
     from taichi_plume.files.film import FilmError
     from taichi_plume.files.wind_points import WindFileError
+    from taichi_plume.grid.floor_plans import FloorPlan
     from taichi_plume.prepare import load
     from taichi_plume.scenario.loading import ScenarioError
 
@@ -219,6 +226,7 @@ def _scenario(folder: Path, kind: Format) -> tuple[Callable[[], Any], tuple]:
                 if name.startswith(("open_", "area_", "volume"))
             ]
             found += [film.times, film.attributes, film.shape, film.dx, film.air().volume]
+        found += [one.rectangles(1000) for one in resources.obstacles if isinstance(one, FloorPlan)]
         if resources.site:
             found += [resources.site.read(file).velocity for _, file in resources.site.files]
             resources.site_air()

@@ -164,6 +164,7 @@ STILL = {
     "Cylinder": {"center", "radius", "base", "height"},
     "Sphere": {"center", "radius"},
     "Prism": {"vertices", "base", "height"},
+    "WallMap": {"origin", "base", "height"},
     "Mesh": {"scale", "translate", "yaw_deg", "section"},
     "Group": {"begin"},
     "Arena": {"low", "high"},

@@ -1,0 +1,282 @@
+"""The walls of an occupancy map as an obstacle: pixels of a floor plan, in 3-D drawn out to a height.
+
+Walls of one pixel may be much thinner than the cells of the grid. So the shares of cells and faces are measured on the
+pixels themselves: of the air in a cell the largest part that hangs together is kept, and a face is open where the kept
+parts on both sides touch. What two cells exchange has then a way between the pixels, and no wall leaks, however thin.
+"""
+
+from functools import cached_property
+from math import cos, pi, sin
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from taichi_plume.grid.map_files import FREE, MOST_PIXELS, OCCUPIED, MapError, RosMap, read_map
+from taichi_plume.grid.shapes import TIE, Upright
+
+FAR = 1e6  # m, distance where there is no wall
+SLIVER = 0.02  # shares below are closed
+HALF = 0.49  # of a cell: with less air the domain's face before it is shut
+TURNED = 2  # finer: pixels of a map whose axes are not the domain's
+STRAIGHT = 1e-6  # quarters of a turn: a map turned by less lies along the axes
+KNOWN = 4_000_000  # pixels: of larger maps, distances are taken of blocks of them
+
+
+class FloorPlan(Upright):
+    """The walls of a map, of which only what lies in the domain is kept.
+
+    solid: which pixels are wall, axes (x, y), along the domain's; size: edge of one [m]; corner: the lower corner of
+    the first in the domain [m]. low, high: the box around the whole map; reach: that of its floor in the map's frame.
+    """
+
+    def __init__(self, model: Any, extent: tuple[float, ...], folder: Path):
+        plan = read_map(folder / model.file)
+        solid = plan.pixels != FREE if model.unknown == "wall" else plan.pixels == OCCUPIED
+        low, high = _reach(plan)
+        self.reach = low, high
+        shift = low if model.origin is None else np.array(model.origin)
+        try:
+            self.solid, self.size, self.corner = _along_axes(solid, plan, shift, extent)
+        except MapError as error:
+            raise MapError(f"{model.file}: {error}") from None
+        ceiling = extent[2] if len(extent) == 3 else np.inf
+        top = ceiling if model.height is None else model.base + model.height
+        super().__init__(model, len(extent), low - shift, high - shift, model.base, top)
+
+    # ---------------------------------------------------------------- distances
+
+    @cached_property
+    def _nearest(self) -> tuple[np.ndarray, float, list[np.ndarray]]:
+        """Walls in blocks of pixels with a margin, their edge [m], and the nearest wall and the nearest air of each."""
+        from scipy import ndimage
+
+        finer = max(1, int(np.ceil(np.sqrt(self.solid.size / KNOWN))))
+        wide = [(0, -n % finer) for n in self.solid.shape]
+        parts = [
+            m
+            for n, (_, more) in zip(self.solid.shape, wide, strict=True)
+            for m in ((n + more) // finer, finer)
+        ]
+        blocks = np.pad(self.solid, wide).reshape(parts).any(axis=(1, 3))
+        walls = np.pad(blocks, 1)
+        kinds = (walls, ~walls) if walls.any() else ()
+        nearest = [
+            np.asarray(ndimage.distance_transform_edt(~kind, return_distances=False, return_indices=True))
+            for kind in kinds
+        ]
+        return walls, finer * self.size, nearest
+
+    def footprint_distance(self, points: np.ndarray) -> np.ndarray:
+        """Signed distance [m] to the walls; of large maps, to blocks of pixels that hold some: never more than that."""
+        if points.ndim == 4 and points.shape[2] > 1 and (points == points[:, :, :1]).all():
+            return np.repeat(
+                self.footprint_distance(points[:, :, :1]), points.shape[2], axis=2
+            )  # of all heights
+        walls, size, nearest = self._nearest
+        if not nearest:
+            return np.full(points.shape[:-1], FAR)
+        place = (points.reshape(-1, 2) - self.corner) / size + 1.0  # in blocks of the padded walls
+        most = np.array(walls.shape, float)
+        near = np.clip(place, 0.0, most)
+        beyond = np.linalg.norm(place - near, axis=-1)
+        first = np.clip(np.floor(near - 0.5), 0, most - 2).astype(int)
+        away = np.full((2, len(place)), np.inf)
+        for corner in ((0, 0), (0, 1), (1, 0), (1, 1)):  # nearest to one of four around is what is nearest
+            index = tuple((first + corner).T)
+            for n, table in enumerate(nearest):
+                to = np.abs(near - (table[(slice(None), *index)].T + 0.5)) - 0.5
+                away[n] = np.minimum(away[n], np.linalg.norm(np.maximum(to, 0.0), axis=-1))
+        signed = np.where(away[0] > 0.0, np.hypot(away[0], beyond), -away[1])
+        return size * signed.reshape(points.shape[:-1])
+
+    # ---------------------------------------------------------------- shares
+
+    def shares(self, shape: tuple[int, ...], dx: float) -> tuple[np.ndarray, list[np.ndarray]]:
+        """Shares of the cells and, per axis, of the faces that are air."""
+        volume, area = self._flat_shares(shape[:2], dx)
+        if len(shape) == 3:
+            planes = np.arange(shape[2] + 1) * dx
+            within = (
+                np.maximum(np.minimum(planes[1:], self.top) - np.maximum(planes[:-1], self.base), 0.0) / dx
+            )
+            cut = (planes > self.base + TIE * dx) & (planes < self.top - TIE * dx)
+            flat, volume = volume, 1.0 - within * (1.0 - volume[..., None])
+            area = [1.0 - within * (1.0 - part[..., None]) for part in area]
+            area.append(np.where(cut, flat[..., None], 1.0))
+        for axis in range(2):  # a wall on a face of the domain shuts it
+            cells, faces = np.moveaxis(volume, axis, 0), np.moveaxis(area[axis], axis, 0)
+            for end in (0, -1):
+                cells[end] = np.where(faces[end] < 0.5, np.minimum(cells[end], HALF), cells[end])
+        return _whole(volume), [_whole(part) for part in area]
+
+    def _flat_shares(self, shape: tuple[int, ...], dx: float) -> tuple[np.ndarray, list[np.ndarray]]:
+        axes = [self._parts(a, n, dx) for a, n in enumerate(shape)]
+        (pixel_x, cell_x, width_x), (pixel_y, cell_y, width_y) = axes
+        padded = np.pad(~self.solid, 1, constant_values=True)
+        air = padded[np.ix_(pixel_x, pixel_y)]
+        begin = [np.searchsorted(cell, np.arange(n)) for (_, cell, _), n in zip(axes, shape, strict=True)]
+
+        def over(part: np.ndarray) -> np.ndarray:
+            """Shares of cells of parts of them."""
+            columns = np.add.reduceat(part * width_y.astype(np.float32), begin[1], axis=1)
+            return np.add.reduceat(columns * width_x[:, None], begin[0], axis=0) / dx**2
+
+        share = over(air)
+        mixed = (share > 0.0) & (share < 1.0 - TIE)
+        air &= ~_lesser(air & mixed[np.ix_(cell_x, cell_y)], axes)
+        area = []
+        for axis, (first, width, across) in enumerate(
+            ((begin[0], width_y, begin[1]), (begin[1], width_x, begin[0]))
+        ):
+            part = np.moveaxis(air, axis, 0)
+            both = part[first[1:] - 1] & part[first[1:]]
+            faces = np.concatenate([part[:1], both, part[-1:]])
+            area.append(np.moveaxis(np.add.reduceat(faces * width, across, axis=1) / dx, 0, axis))
+        return over(air), area
+
+    def _parts(self, axis: int, cells: int, dx: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """What edges of pixels and cells cut an axis into: of each part the pixel of the padded map, its cell, and its
+        width [m].
+        """
+        planes, count = np.arange(cells + 1) * dx, self.solid.shape[axis]
+        edges = self.corner[axis] + self.size * np.arange(count + 1)
+        nearest = dx * np.rint(edges / dx)
+        edges = np.where(np.abs(edges - nearest) < TIE * dx, nearest, edges)
+        cuts = np.unique(np.concatenate([planes, edges[(edges > 0.0) & (edges < planes[-1])]]))
+        cuts = cuts[np.concatenate([[True], np.diff(cuts) > 1e-9 * dx])]
+        middle = 0.5 * (cuts[1:] + cuts[:-1])
+        pixel = np.searchsorted(edges, middle)  # 0 below the first, count + 1 beyond the last
+        cell = np.minimum((middle / dx).astype(int), cells - 1)
+        return pixel, cell, np.diff(cuts)
+
+    # ---------------------------------------------------------------- drawing
+
+    def rectangles(self, most: int) -> np.ndarray:
+        """The walls as rectangles (n, 4): their lower and their upper corner [m]; of blocks of pixels, if they would be
+        more than `most`.
+        """
+        walls: Any = self.solid
+        size = self.size
+        while True:
+            found = _runs(walls)
+            if len(found) <= most or min(walls.shape) < 2:
+                return np.concatenate([self.corner, self.corner]) + size * found
+            walls = np.pad(walls, [(0, n % 2) for n in walls.shape])
+            walls = walls.reshape(walls.shape[0] // 2, 2, walls.shape[1] // 2, 2).any(axis=(1, 3))
+            size *= 2.0
+
+
+def _whole(share: np.ndarray) -> np.ndarray:
+    return np.where(share < SLIVER, 0.0, np.where(share > 1.0 - TIE, 1.0, share))
+
+
+def _lesser(air: np.ndarray, axes: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> np.ndarray:
+    """Of the air in cells that walls cut, all but its largest part that hangs together within the cell."""
+    from scipy import ndimage
+
+    (_, cell_x, width_x), (_, cell_y, width_y) = axes
+    rows, columns = np.nonzero(air)
+    if not len(rows):
+        return air
+    place = rows + cell_x[rows], columns + cell_y[columns]  # with a gap between cells
+    apart = np.zeros([len(cell) + cell[-1] + 1 for cell in (cell_x, cell_y)], bool)
+    apart[place] = True
+    found: Any = ndimage.label(apart)
+    label, count = found[0][place] - 1, int(found[1])
+    area = np.bincount(label, width_x[rows] * width_y[columns], count)
+    owner = np.zeros(count, int)
+    owner[label] = cell_x[rows] * (cell_y[-1] + 1) + cell_y[columns]
+    order = np.lexsort((np.rint(area / (1e-6 * area.max(initial=1e-30))), owner))
+    largest = np.zeros(count, bool)
+    largest[order[np.append(owner[order][1:] != owner[order][:-1], True)]] = True
+    result = np.zeros_like(air)
+    result[rows, columns] = ~largest[label]
+    return result
+
+
+def _runs(walls: np.ndarray) -> np.ndarray:
+    """Rectangles [pixels] that cover the walls: the runs of each row, joined where rows have the same."""
+    steps = np.diff(np.pad(walls, ((0, 0), (1, 1))).astype(np.int8), axis=1)
+    row, begin = np.nonzero(steps == 1)
+    end = np.nonzero(steps == -1)[1]
+    order = np.lexsort((row, end, begin))
+    row, begin, end = row[order], begin[order], end[order]
+    new = np.ones(len(row), bool)
+    new[1:] = (np.diff(row) != 1) | (np.diff(begin) != 0) | (np.diff(end) != 0)
+    first = np.flatnonzero(new)
+    last = np.append(first[1:], len(row)) - 1 if len(row) else first
+    return np.column_stack([row[first], begin[first], row[last] + 1, end[first]]).astype(float)
+
+
+# ---------------------------------------------------------------- how a map lies
+
+
+def _turned(yaw: float) -> np.ndarray:
+    return np.array([[cos(yaw), -sin(yaw)], [sin(yaw), cos(yaw)]])
+
+
+def _reach(plan: RosMap) -> tuple[np.ndarray, np.ndarray]:
+    """Corners of the box around a map, in its frame [m]."""
+    corners = np.array([[0, 0], [1, 0], [0, 1], [1, 1]]) * plan.pixels.shape * plan.resolution
+    corners = corners @ _turned(plan.yaw).T + np.array(plan.origin)
+    return corners.min(axis=0), corners.max(axis=0)
+
+
+def _along_axes(
+    solid: np.ndarray, plan: RosMap, shift: np.ndarray, extent: tuple[float, ...]
+) -> tuple[np.ndarray, float, np.ndarray]:
+    """The part of a map in a domain of `extent`, with pixels along its axes; their edge and their lower corner [m]."""
+    low, high = (corner - shift for corner in _reach(plan))
+    quarters = 2.0 * plan.yaw / pi
+    if abs(quarters - round(quarters)) < STRAIGHT:
+        size, solid = plan.resolution, np.rot90(solid, round(quarters) % 4)
+        first, last = _range(low, size, solid.shape, extent)
+        return solid[first[0] : last[0], first[1] : last[1]], size, low + size * first
+    size = plan.resolution / TURNED
+    first, last = _range(low, size, np.ceil((high - low) / size).astype(int), extent)
+    count = np.maximum(last - first, 0)
+    if count.prod() > TURNED**2 * MOST_PIXELS:
+        raise MapError(
+            f"its picture is turned, and has more than {MOST_PIXELS:,} pixels in the domain; turn it back"
+        )
+    return _drawn(solid, plan, shift, low + size * first, size, count), size, low + size * first
+
+
+def _range(
+    low: np.ndarray, size: float, shape: Any, extent: tuple[float, ...]
+) -> tuple[np.ndarray, np.ndarray]:
+    """First and last pixels in the domain, and one more at each end."""
+    first = np.clip(np.floor(-low / size) - 1, 0, shape).astype(int)
+    last = np.clip(np.ceil((np.array(extent[:2]) - low) / size) + 1, first, shape).astype(int)
+    return first, last
+
+
+def _drawn(
+    solid: np.ndarray, plan: RosMap, shift: np.ndarray, corner: np.ndarray, size: float, count: np.ndarray
+) -> np.ndarray:
+    """A turned map on pixels along the axes: those whose middle lies in a wall, and a line from each pixel of a wall's
+    edge to those beside it, without which a thin wall might have gaps.
+    """
+    from scipy import ndimage
+
+    turn, origin = _turned(plan.yaw), np.array(plan.origin) - shift
+    result = np.zeros(count, bool)
+    y = corner[1] + size * (np.arange(count[1]) + 0.5)
+    for n in range(count[0]):
+        x = np.full(len(y), corner[0] + size * (n + 0.5))
+        index = np.floor((np.column_stack([x, y]) - origin) @ turn / plan.resolution).astype(int)
+        known = ((index >= 0) & (index < solid.shape)).all(axis=1)
+        result[n, known] = solid[tuple(index[known].T)]
+    rim = solid & ~np.asarray(ndimage.binary_erosion(solid, np.ones((3, 3)), border_value=1))
+    for step in ((1, 0), (0, 1), (1, 1), (1, -1)):
+        pixel = np.argwhere(rim)
+        beside = pixel + step
+        known = ((beside >= 0) & (beside < solid.shape)).all(axis=1)
+        known[known] = rim[tuple(beside[known].T)]
+        for share in np.linspace(0.0, 1.0, 4 * TURNED):
+            place = (pixel[known] + 0.5 + share * np.array(step)) * plan.resolution @ turn.T + origin
+            index = np.floor((place - corner) / size).astype(int)
+            index = index[((index >= 0) & (index < count)).all(axis=1)]
+            result[tuple(index.T)] = True
+    return result

@@ -1,0 +1,176 @@
+"""Occupancy maps as ROS's map_server has them: a YAML file, and beside it a picture of the floor.
+
+The picture's first row is the map's upper edge. A pixel of the mean shade s, 0 black to 1 white, is occupied with the
+probability p = 1 - s, or s where the map is negated. What is made of it depends on the mode:
+
+    trinary  occupied above `occupied_thresh`, free below `free_thresh`, unknown in between
+    scale    the same, but in between occupied from the middle of the two on; unknown where it is transparent
+    raw      255 s are percents, occupied from 50 on; unknown above 100
+"""
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from taichi_plume.grid.shapes import ShapeError
+from taichi_plume.guard.opening import read_regular
+from taichi_plume.guard.terminal import LONGEST_VALUE, visible
+
+LONGEST_YAML = 1 << 16  # bytes
+LARGEST_IMAGE = 1 << 28  # bytes
+MOST_PIXELS = 50_000_000  # 7000 x 7000
+FORMATS = ("PPM", "PNG", "BMP")  # of pictures; PGM is one of PPM's
+FREE, OCCUPIED, UNKNOWN = 0, 1, 2
+SUFFIXES = (".yaml", ".yml")
+DEFAULTS = {"negate": 0, "occupied_thresh": 0.65, "free_thresh": 0.25}  # map_saver's
+MODES = ("trinary", "scale", "raw")
+FARTHEST = 1e8  # m: room for coordinates of the Earth
+RESOLUTIONS = (1e-4, 1e3)  # m
+HALF = 50  # percent, from which on a pixel of a scale counts as occupied
+
+
+class MapError(ShapeError):
+    """A map that is missing or cannot be read; the message begins with its name."""
+
+
+@dataclass(frozen=True)
+class RosMap:
+    """pixels: FREE, OCCUPIED or UNKNOWN, axes (x, y); resolution: edge of a pixel [m]; origin: where the lower left
+    corner of the picture lies [m]; yaw: by how much the picture is turned about it to the left [rad].
+    """
+
+    pixels: np.ndarray
+    resolution: float
+    origin: tuple[float, float]
+    yaw: float
+
+
+def read_map(path: Path) -> RosMap:
+    """The map of a YAML file, whose picture lies in its folder or below. Raises MapError."""
+    data = _yaml(path)
+    levels, most, opaque = _picture(path, _image(path, data))
+    known = {key: _number(path, data, key, 0.0, 1.0) for key in DEFAULTS}
+    mode = data.get("mode", MODES[0])
+    if mode not in MODES:
+        raise _wrong(path, f"mode: got {_shown(mode)}; allowed: {', '.join(MODES)}")
+    if not known["free_thresh"] < known["occupied_thresh"]:
+        raise _wrong(path, "free_thresh: must be less than occupied_thresh")
+    of_level = _meanings(np.arange(most + 1) / most, known, mode)
+    pixels = of_level[levels]
+    if mode == "scale" and opaque is not None:
+        pixels[~opaque] = UNKNOWN
+    origin = data.get("origin")
+    if not isinstance(origin, list) or len(origin) not in (2, 3):
+        raise _wrong(path, f"origin: must be [x, y, yaw], got {_shown(origin)}")
+    place = {f"origin[{n}]": value for n, value in enumerate([*origin, 0.0][:3])}
+    x, y, yaw = (_number(path, place, key, -FARTHEST, FARTHEST) for key in place)
+    return RosMap(pixels[::-1].T, _number(path, data, "resolution", *RESOLUTIONS), (x, y), yaw)
+
+
+def image_of(path: Path) -> Path | None:
+    """The picture that a map's YAML file names; None where it cannot be read, or names none."""
+    try:
+        return _image(path, _yaml(path))
+    except MapError:
+        return None
+
+
+def _meanings(shade: np.ndarray, known: Mapping[str, float], mode: str) -> np.ndarray:
+    """FREE, OCCUPIED or UNKNOWN for shades from 0 to 1."""
+    if mode == "raw":
+        percent = np.rint(255.0 * shade)
+        return np.select([percent > 100, percent >= HALF], [UNKNOWN, OCCUPIED], FREE).astype(np.uint8)
+    occupied = shade if known["negate"] else 1.0 - shade
+    low, high = known["free_thresh"], known["occupied_thresh"]
+    between = np.where(occupied < 0.5 * (low + high), FREE, OCCUPIED) if mode == "scale" else UNKNOWN
+    return np.select([occupied > high, occupied < low], [OCCUPIED, FREE], between).astype(np.uint8)
+
+
+def _yaml(path: Path) -> dict[str, Any]:
+    content = _content(path, path, LONGEST_YAML)
+    try:
+        data = yaml.safe_load(content.decode("utf-8-sig"))
+    except (yaml.YAMLError, UnicodeDecodeError, ValueError, RecursionError):
+        raise _wrong(path, "is no YAML file") from None
+    if not isinstance(data, dict) or "image" not in data:
+        raise _wrong(path, "is no map of ROS's map_server: it has no key image")
+    return data
+
+
+def _image(path: Path, data: Mapping[str, Any]) -> Path:
+    """The picture, in the folder of the YAML file once links are followed."""
+    name = data["image"]
+    if not isinstance(name, str) or not name:
+        raise _wrong(path, f"image: must be the name of a picture, got {_shown(name)}")
+    image = path.parent / name
+    try:
+        inside = Path(os.path.realpath(image)).is_relative_to(os.path.realpath(path.parent))
+    except ValueError:  # a zero byte, a lone surrogate
+        inside = True
+    if not inside:
+        raise _wrong(path, f"image: {_shown(name)} lies outside its folder; put the picture beside it")
+    return image
+
+
+def _picture(path: Path, image: Path) -> tuple[np.ndarray, int, np.ndarray | None]:
+    """Levels of the pixels, (rows, columns), the level of white, and which pixels are not transparent at all."""
+    from PIL import Image
+
+    content = _content(path, image, LARGEST_IMAGE)
+    try:
+        with Image.open(BytesIO(content), formats=FORMATS) as picture:
+            width, height = picture.size
+            if width * height > MOST_PIXELS:
+                raise _wrong(path, f"{image.name}: has {width} x {height} pixels; {MOST_PIXELS:,} are read")
+            if picture.mode in ("1", "L"):
+                return np.asarray(picture.convert("L")), 255, None
+            if picture.mode.startswith("I"):
+                return np.clip(np.asarray(picture), 0, 65535).astype(np.uint16), 65535, None
+            colours = np.asarray(picture.convert("RGBA"))
+    except MapError:
+        raise
+    except Exception as error:  # of a damaged file, a library for pictures raises almost anything
+        reason = " ".join(str(error).split())[:LONGEST_VALUE] if isinstance(error, OSError) else "damaged"
+        raise _wrong(
+            path, f"{image.name}: is no PGM, PNG or BMP picture that can be read ({reason})"
+        ) from None
+    return colours[..., :3].sum(axis=-1, dtype=np.uint16), 3 * 255, colours[..., 3] == 255
+
+
+def _content(path: Path, file: Path, most: int) -> bytes:
+    what = "" if file == path else f"{file.name}: "
+    try:
+        content = read_regular(file, most)
+    except FileNotFoundError:
+        raise _wrong(path, f"{what}no such file in {file.parent}") from None
+    except OSError as error:
+        raise _wrong(path, f"{what}cannot be read: {error.strerror or error}") from None
+    if content is None:
+        raise _wrong(path, f"{what}is too large; {most >> 10} KiB are read")
+    return content
+
+
+def _number(path: Path, data: Mapping[str, Any], key: str, least: float, most: float) -> float:
+    value = data.get(key, DEFAULTS.get(key))
+    try:
+        number = float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError, OverflowError):
+        number = float("nan")
+    if not least <= number <= most:
+        got = "is missing" if value is None else f"got {_shown(value)}"
+        raise _wrong(path, f"{key}: {got}; a number from {least:g} to {most:g}")
+    return number
+
+
+def _shown(value: Any) -> str:
+    return visible(repr(value), LONGEST_VALUE)
+
+
+def _wrong(path: Path, what: str) -> MapError:
+    return MapError(f"{path.name}: {what}")
