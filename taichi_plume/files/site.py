@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from taichi_plume.files import gaden as occupancy
+from taichi_plume.files import openfoam
 from taichi_plume.files import wind_points as wind_files
 from taichi_plume.files.wind_points import Points, WindFileError
 from taichi_plume.grid.grid import Grid
@@ -23,9 +24,9 @@ class Site:
     def __init__(self, wind: ImportedWind, dim: int, folder: Path):
         """Raises WindFileError."""
         self.wind = wind
-        self.files = wind_files.find(folder, wind.files, wind.interval)
+        self.files = _files(folder / wind.files) or wind_files.find(folder, wind.files, wind.interval)
         self.dim = dim
-        self.first = wind_files.read(self.files[0][1])
+        self.first = _read(self.files[0][1])
         self._check(self.first)
         known = Interpolation(self.first.place)
         grid = occupancy.read(folder / wind.occupancy) if wind.occupancy else None
@@ -42,7 +43,7 @@ class Site:
 
     def read(self, path: Path) -> Points:
         """The points of a file, such as the first one has. Raises WindFileError."""
-        points = wind_files.read(path)
+        points = _read(path)
         self._check(points)
         return points
 
@@ -77,3 +78,14 @@ class Site:
         if self.first.place.shape[1] > grid.dim:
             axes.append(np.array([self.height]))
         return axes
+
+
+def _files(path: Path) -> list[tuple[float, Path]]:
+    """The times of a case of OpenFOAM, or the one of its times that the path is of; nothing for other paths."""
+    if path.is_dir() and openfoam.is_case(path):
+        return openfoam.times(path)
+    return [(0.0, path)] if openfoam.is_time(path) else []
+
+
+def _read(path: Path) -> Points:
+    return openfoam.read(path) if openfoam.is_time(path) else wind_files.read(path)

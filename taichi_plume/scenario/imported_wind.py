@@ -27,7 +27,8 @@ ROUNDING = 0.01  # cells that the domain may reach beyond the points
 
 
 class ImportedWind(AnyWind, Played):
-    """Air flow from elsewhere, such as OpenFOAM, ParaView, Fluent or GADEN. See files/wind_points.py.
+    """Air flow from elsewhere, such as OpenFOAM, ParaView, Fluent or GADEN. See files/wind_points.py
+    and files/openfoam.py.
 
     Between its points it is linear, between its files linear in time. It is made divergence-free; through the faces of
     the domain air goes as in the files, but for an even share that balances what comes in and what goes out.
@@ -36,7 +37,8 @@ class ImportedWind(AnyWind, Played):
     kind: Literal["imported"]
     files: FileName
     """Path of a file, or of several, relative to the scenario's folder. %d stands for numbers that count up by one,
-    such as in wind_at_cell_centers_%d.csv, %g for times in s, such as in postProcessing/cloud/%g/points_U.xy."""
+    such as in wind_at_cell_centers_%d.csv, %g for times in s, such as in postProcessing/cloud/%g/points_U.xy. A case
+    folder of OpenFOAM stands for all of its times, whole or decomposed, CASE/TIME for one of them."""
     interval: Annotated[Duration, COMPILED] = 1.0
     """Time from one numbered file to the next; the first shows the time 0."""
     origin: Annotated[Point, COMPILED] | None = None
