@@ -132,9 +132,25 @@ def load(path: str | Path, overrides: Sequence[str] = (), allow_outside: bool = 
     allow_outside: whether files may lie outside its folder; those in overrides always may. Raises ScenarioError.
     """
     path = Path(path)
-    scenario = read_scenario(path, overrides)
+    remarks: list[str] = []
+
+    def expand(data: dict[str, Any]) -> dict[str, Any]:
+        """With the project of GADEN's that it names."""
+        if "gaden" in data:
+            from taichi_plume.files.gaden_project import expanded
+
+            try:
+                data, told = expanded(data, path.resolve().parent)
+            except ScenarioError as error:
+                raise ScenarioError([f"{path}: {line}" for line in error.faults]) from None
+            remarks.extend(told)
+        return data
+
+    scenario = read_scenario(path, overrides, expand)
     try:
-        return checked(scenario, path.resolve().parent, allow_outside, overridden(overrides))
+        prepared = checked(scenario, path.resolve().parent, allow_outside, overridden(overrides))
+        prepared.resources.remarks[:0] = remarks
+        return prepared
     except ScenarioError as error:
         raise ScenarioError([f"{path}: {line}" for line in error.faults]) from None
 

@@ -44,12 +44,18 @@ def read_mapping(path: Path, needs: str) -> dict[str, Any]:
     return data
 
 
-def read_scenario(path: Path, overrides: Sequence[str] = ()) -> Scenario:
+def read_scenario(
+    path: Path,
+    overrides: Sequence[str] = (),
+    expand: Callable[[dict[str, Any]], dict[str, Any]] | None = None,
+) -> Scenario:
     """The scenario of a YAML file with overrides such as ``robots.0.count=3``; its files have not been opened yet.
 
-    Raises ScenarioError.
+    expand: what is done with its data before overrides. Raises ScenarioError.
     """
     data = read_mapping(path, NEEDS)
+    if expand is not None:
+        data = expand(data)
     if "base" in data and "axes" in data:
         raise ScenarioError([f"{path}: is a study, no scenario; python -m taichi_plume.study makes its runs"])
     for override in overrides:

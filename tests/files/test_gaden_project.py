@@ -1,0 +1,256 @@
+"""Projects of GADEN's as its public examples are laid out, made here in the same form: they run with one line."""
+
+from math import pi
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from test_meshes import box_triangles, write_stl
+
+from taichi_plume.assemble import assemble
+from taichi_plume.prepare import load
+from taichi_plume.scenario.loading import ScenarioError
+
+CELL, SHAPE, LOW = 0.2, (20, 15, 6), np.array([-1.0, 2.0, 0.0])
+SIM = {
+    "source": {"sourceType": "point", "position": [-0.2, 3.5, 0.5], "gasType": 6},
+    "deltaTime": 0.1, "windIterationDeltaTime": 2, "temperature": 298, "pressure": 1,
+    "filamentPPMcenter": 20, "filamentInitialSigma": 10, "filamentGrowthGamma": 12, "filamentNoise_std": 0.02,
+    "numFilaments_sec": 10, "expectedNumIterations": 600, "saveResults": True, "saveDeltaTime": 0.5,
+    "preCalculateConcentrations": False, "windLooping": {"loop": True, "from": 0, "to": 1},
+}  # fmt: skip
+CONFIG = {
+    "models": ["../../cad_models/10x6_walls.stl", "../../cad_models/10x6_box.stl"],
+    "outlets_models": ["!color [0.86, 0.24, 0.24, 1.00]", "../../cad_models/10x6_door_left.stl"],
+    "unprocessed_wind_files": "../../wind_simulations/1ms/wind_at_cell_centers",
+    "empty_point": [0.5, 2.5, 0.5],
+    "cell_size": CELL,
+    "uniformWind": False,
+}
+OLD = {
+    "source_x": -0.2,
+    "source_y": 3.5,
+    "source_z": 0.5,
+    "gas_type": 0,
+    "wind_sim_path": "1ms/wind_at_cell_centers",
+}
+
+
+def cubes() -> np.ndarray:
+    """Walls around a room, a box in it, and a door at each end."""
+    solid = np.ones(SHAPE, int)
+    solid[1:-1, 1:-1, 1:-1] = 0
+    solid[[0, -1], 5:9, 1:4] = 2
+    solid[9:11, 6:9, 1:3] = 1
+    return solid
+
+
+def wind(folder: Path) -> None:
+    folder.mkdir(parents=True)
+    places = LOW + CELL * (np.argwhere(cubes() == 0) + 0.5)
+    for n in range(2):
+        u = np.tile([0.2 + 0.1 * n, 0.0, 0.0], (len(places), 1))
+        np.savetxt(
+            folder / f"wind_at_cell_centers_{n}.csv", np.hstack([u, places]), "%.6g", ",",
+            header="U:0,U:1,U:2,Points:0,Points:1,Points:2", comments="",
+        )  # fmt: skip
+
+
+def grid(path: Path) -> None:
+    high, count = LOW + CELL * np.array(SHAPE), " ".join(map(str, SHAPE))
+    head = f"#env_min(m) {LOW[0]} {LOW[1]} {LOW[2]}\n#env_max(m) {high[0]} {high[1]} {high[2]}\n"
+    layers = [
+        "\n".join(" ".join(map(str, row)) + " " for row in layer) for layer in cubes().transpose(2, 0, 1)
+    ]
+    path.write_text(
+        f"{head}#num_cells {count}\n#cell_size(m) {CELL}\n" + "".join(f"{one}\n;\n" for one in layers)
+    )
+
+
+def block(low: tuple[float, ...], high: tuple[float, ...]) -> np.ndarray:
+    return box_triangles(LOW + np.array(low), LOW + np.array(high))
+
+
+def models(folder: Path) -> None:
+    """A room between a floor, a ceiling and side walls, open at its ends, where doors fill it; a box."""
+    folder.mkdir(parents=True)
+    plates = [
+        block((0, 0, 0), (4.0, 3.0, 0.2)), block((0, 0, 1.0), (4.0, 3.0, 1.2)),
+        block((0, 0, 0.1), (4.0, 0.2, 1.1)), block((0, 2.8, 0.1), (4.0, 3.0, 1.1)),
+    ]  # fmt: skip
+    write_stl(folder / "10x6_walls.stl", np.concatenate(plates))
+    write_stl(folder / "10x6_box.stl", block((1.8, 1.2, 0.2), (2.2, 1.8, 0.6)))
+    write_stl(folder / "10x6_door_left.stl", block((0.0, 0.2, 0.2), (0.1, 2.8, 1.0)))
+    write_stl(folder / "10x6_door_right.stl", block((3.9, 0.2, 0.2), (4.0, 2.8, 1.0)))
+
+
+def project(folder: Path, sim: dict[str, Any] | None = None, config: dict[str, Any] | None = None) -> Path:
+    """In the form of version 3; once preprocessed. Returns the scenario that names it."""
+    home = folder / "10x6_room/environment_configurations/config1"
+    (home / "simulations/sim1").mkdir(parents=True)
+    (home / "simulations/sim1/sim.yaml").write_text(yaml.safe_dump(SIM | (sim or {})))
+    (home / "config.yaml").write_text(yaml.safe_dump(CONFIG | (config or {})))
+    wind(folder / "10x6_room/wind_simulations/1ms")
+    grid(home / "OccupancyGrid3D.csv")
+    (folder / "room.yaml").write_text("gaden: 10x6_room\n")
+    return folder / "room.yaml"
+
+
+def test_one_line_is_the_scenario_of_the_project(tmp_path):
+    path = project(tmp_path)
+    scenario, resources = load(path)
+    assert not resources.remarks
+    assert scenario.domain.size == pytest.approx((4.0, 3.0, 0.8))  # without floor and ceiling
+    assert scenario.wind.origin == pytest.approx((-1.0, 2.0, 0.2))
+    assert scenario.domain.spacing == CELL
+    assert scenario.duration == pytest.approx(60.0)
+    air: Any = scenario.wind
+    gas: Any = scenario.gases[0][1]
+    assert (air.kind, air.interval, air.loop, set(air.walls)) == (
+        "imported",
+        2.0,
+        True,
+        {"y-", "y+", "z-", "z+"},
+    )
+    assert gas.species == "acetone"
+    source = gas.sources[0]
+    assert source.position == pytest.approx((0.8, 1.5, 0.3))
+    moles = 20e-6 * 101325.0 / (8.314462618 * 298.0) * (2 * pi) ** 1.5 * 0.1**3
+    assert source.rate == pytest.approx(10 * moles * 58.08e-3)
+    assert (gas.release_rate, gas.initial_size, gas.growth.rate) == pytest.approx((10.0, 0.1, 12e-4))
+    # GADEN 3 moves a filament by a normal number of 10 * 0.02 m/s times 0.1 s in each 0.1 s
+    assert gas.fluctuation**2 * gas.fluctuation_time == pytest.approx(0.5 * (10 * 0.02 * 0.1) ** 2 / 0.1)
+    home = "10x6_room/environment_configurations/config1"
+    for name in (home, f"{home}/simulations/sim1", f"{home}/simulations/sim1/sim.yaml"):
+        path.write_text(f"gaden: {name}\n")
+        assert load(path).scenario == scenario
+
+
+@pytest.mark.usefixtures("taichi")
+@pytest.mark.slow
+def test_it_runs_and_the_scenario_s_own_keys_come_first(tmp_path):
+    path = project(tmp_path)
+    path.write_text(
+        path.read_text()
+        + "duration: 3\nseed: 4\ngas: {release_rate: 40}\nrobots: [{count: 1, start: {kind: positions, "
+        "positions: [[3, 1.5]]}, algorithm: {kind: surge_cast, threshold_ppm: 2}}]\n"
+    )
+    scenario, _ = load(path)
+    gas: Any = scenario.gases[0][1]
+    assert (scenario.seed, scenario.duration, gas.release_rate, gas.initial_size) == (
+        4,
+        3.0,
+        40.0,
+        pytest.approx(0.1),
+    )
+    sim = assemble(scenario, tmp_path)
+    sim.run()
+    budget = sim.gas.gases[0].budget()
+    assert budget["emitted_kg"] == pytest.approx(gas.sources[0].rate * 3.0, rel=0.02)
+    u = sim.grid.read(sim.wind.u[0])
+    assert u[1:-1, 6:8, 1:3][~sim.air.solid[1:-1, 6:8, 1:3]].mean() > 0.05  # from door to door
+    assert sim.air.solid[9:11, 6:9, :2].all()
+
+
+def test_the_form_of_version_2(tmp_path):
+    home = tmp_path / "scenarios/room"
+    (home / "simulations").mkdir(parents=True)
+    for name in ("sim1", "sim2"):
+        (home / f"simulations/{name}.yaml").write_text(yaml.safe_dump(OLD))
+    wind(home / "wind_simulations/1ms")
+    grid(home / "OccupancyGrid3D.csv")
+    path = tmp_path / "room.yaml"
+    path.write_text("gaden: scenarios/room/simulations/sim1.yaml\nduration: 5 s\n")
+    scenario, _ = load(path)
+    gas: Any = scenario.gases[0][1]
+    assert gas.species == "ethanol"
+    assert gas.fluctuation**2 * gas.fluctuation_time == pytest.approx(0.5 * 0.02**2 / 0.1)
+    path.write_text("gaden: scenarios/room\n")
+    with pytest.raises(
+        ScenarioError, match=r"holds several simulations; name one of simulations/sim1\.yaml, sim"
+    ):
+        load(path)
+
+
+def test_without_an_occupancy_grid_the_models_stand_in_the_domain(tmp_path):
+    path = project(
+        tmp_path,
+        config={"outlets_models": [f"../../cad_models/10x6_door_{end}.stl" for end in ("left", "right")]},
+    )
+    (tmp_path / "10x6_room/environment_configurations/config1/OccupancyGrid3D.csv").unlink()
+    models(tmp_path / "10x6_room/cad_models")
+    scenario, resources = load(
+        path,
+        ["wind.origin=[-0.8, 2, 0]", "domain.size=[3.6, 3, 1.2]"]
+        + [f"obstacles.{n}.translate=[0.8, -2, 0]" for n in range(2)]
+        + ["gas.sources.0.position=[0.6, 1.5, 0.5]"],
+    )
+    assert [one.kind for one in scenario.obstacles] == ["mesh", "mesh"]
+    assert set(scenario.wind.walls) == {"y-", "y+", "z-", "z+"}
+    assert (
+        "has no OccupancyGrid3D.csv yet, so its 2 models stand in the domain as meshes"
+        in resources.remarks[0]
+    )
+    low, high = resources.shapes["obstacles[0]"].low, resources.shapes["obstacles[0]"].high
+    np.testing.assert_allclose([low, high], [[-0.2, 0, 0], [3.8, 3, 1.2]], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("sim", "config", "told"),
+    [
+        (
+            {"source": {"position": [0, 3], "gasType": 0}},
+            {},
+            r"its source must be at three numbers, got \[0, 3\]",
+        ),
+        ({"source": {"position": [0, 3, "a"], "gasType": 0}}, {}, "its source must be at three numbers"),
+        ({"source": SIM["source"] | {"gasType": 20}}, {}, "gasType: got 20, must be a number from 0 to 13"),
+        (
+            {"source": SIM["source"] | {"gasType": 13}},
+            {},
+            "its gas is smoke, which has no molar mass of its own here",
+        ),
+        ({"deltaTime": "fast"}, {}, "deltaTime: got 'fast', must be a number of 0 or more"),
+        ({"filamentInitialSigma": 0}, {}, "its filaments need a size, a rate and a time step above 0"),
+        ({}, {"unprocessed_wind_files": "none"}, r"its wind none_0\.csv is not there"),
+        ({}, {"unprocessed_wind_files": 5}, "names no wind files"),
+        ({}, {"models": 5, "outlets_models": "a", "cell_size": "x"}, "cell_size: got 'x'"),
+        ({}, {"uniformWind": True}, "its wind is uniform"),
+        ({}, {"unprocessed_wind_files": "../../../../../outside/wind"}, "is not there|lies outside"),
+    ],
+)
+def test_faults_are_told_in_a_line(tmp_path, sim, config, told):
+    path = project(tmp_path, sim, config)
+    if "models" in config:
+        (tmp_path / "10x6_room/environment_configurations/config1/OccupancyGrid3D.csv").unlink()
+    with pytest.raises(ScenarioError, match=told) as caught:
+        load(path)
+    assert all("room.yaml: " in line for line in caught.value.faults)
+
+
+@pytest.mark.parametrize(
+    ("line", "told"),
+    [
+        ("gaden: none", "gaden: .*none: holds no simulation of GADEN's"),
+        ("gaden: ../..", r"gaden: \.\./\.\. lies outside the scenario's folder"),
+        ("gaden: [1]", r"gaden: must be a path in a project of GADEN's, got \[1\]"),
+        ('gaden: "a\\0b"', "has the character"),
+        ("gaden: room.yaml", "there is neither an OccupancyGrid3D"),
+    ],
+)
+def test_what_is_no_project_is_told(tmp_path, line, told):
+    path = tmp_path / "room.yaml"
+    path.write_text(f"{line}\n")
+    with pytest.raises(ScenarioError, match=told):
+        load(path)
+
+
+def test_a_source_of_another_shape_and_a_later_loop_are_told(tmp_path):
+    line = {"sourceType": "line", "position": [-0.2, 3.5, 0.5], "lineEnd": [0, 3.5, 0.5], "gasType": 1}
+    told = load(
+        project(tmp_path, {"source": line, "windLooping": {"loop": True, "from": 1, "to": 1}})
+    ).resources.remarks
+    assert any("a source of type line is released from a point" in one for one in told)
+    assert any("loops from a later file on" in one for one in told)
