@@ -1,9 +1,10 @@
-"""A run's data for other programs: ``python -m taichi_plume.export RUN --to vtkhdf|netcdf|csv|mcap [--out FILE]``.
+"""A run's data for other programs: ``python -m taichi_plume.export RUN --to vtkhdf|netcdf|csv|mcap|gaden``.
 
     vtkhdf   the film, frame by frame: gas, wind as vectors, temperature on the cells; for ParaView and pyvista
     netcdf   the same, or the pictures of a recording, after CF; for xarray, MATLAB, Panoply ...
     csv      the tables, robots.csv and probes.csv, and columns.csv, which tells their units and meanings
     mcap     a bag of ROS 2 with robots, gas, wind, plume and maps; see `bag_of_run`
+    gaden    the film as a configuration of GADEN 3, for its player: cells, wind and concentrations
 
 Exit code 0: done; 1: it could not be written; 2: there is no such run, or it has no such data; 130: interrupted.
 """
@@ -25,18 +26,26 @@ if TYPE_CHECKING:
     import numpy as np
     import xarray
 
-DEFAULT = {"vtkhdf": "fields.vtkhdf", "netcdf": "fields.nc", "mcap": "bag"}  # in the run's folder
+DEFAULT = {
+    "vtkhdf": "fields.vtkhdf",
+    "netcdf": "fields.nc",
+    "mcap": "bag",
+    "gaden": "gaden",
+}  # in the run's folder
 TABLES = ("robots", "probes")
 
 
 def export(run: Run, to: str, out: Path, source: str | None = None, force: bool = False) -> list[Path]:
-    """Write a run's data as `to` says, one of vtkhdf, netcdf and csv; returns the files.
+    """Write a run's data as `to` says, one of vtkhdf, netcdf, csv and gaden; returns the files, of gaden the first of
+    each sort.
 
-    out: the file, of csv the folder; source: film or recording, by default the film where there is one. Raises
-    RunFolderError where the run has no such data or a file is there, unless by `force`; and OSError.
+    out: the file, of csv and gaden the folder; source: film or recording, by default the film where there is one.
+    Raises RunFolderError where the run has no such data or a file is there, unless by `force`; and OSError.
     """
     if to == "csv":
         return _tables(run, out, force)
+    if to == "gaden":
+        return _gaden(run, out, force)
     if to == "vtkhdf" and source == "recording":
         raise RunFolderError(f"{run.folder}: pictures of a recording go to netcdf; vtkhdf takes a film")
     if to == "vtkhdf" or source == "film":
@@ -58,6 +67,27 @@ def _write(data: "xarray.Dataset", to: str, part: Path, folder: Path) -> None:
 
     for coming in (vtkhdf if to == "vtkhdf" else netcdf).write(part, data, frames(data, folder)):
         disk.require_room(part, coming)
+
+
+def _gaden(run: Run, out: Path, force: bool) -> list[Path]:
+    """The film as a configuration of GADEN's, in a folder; the first file of each sort."""
+    from taichi_plume.files import disk, gaden_results
+
+    run.require("fields.zarr")
+    data = run.fields
+    if not data.sizes.get("time"):
+        raise RunFolderError(f"{run.folder}: holds no frame yet; it ended, or is still, before the first")
+    if os.path.lexists(out) and not out.is_dir():
+        raise RunFolderError(f"{out}: is no folder")
+    if out.is_dir() and any(out.iterdir()) and not force:
+        raise RunFolderError(f"{out}: is not empty; choose another --out or add --force to write into it")
+    out.mkdir(parents=True, exist_ok=True)
+    first: dict[Path, Path] = {}
+    sources = gaden_results.sources_of(run.scenario)
+    for coming, path in gaden_results.write(out, data, frames(data, run.folder), sources):
+        disk.require_room(out, coming)
+        first.setdefault(path.parent, path)
+    return list(first.values())
 
 
 def frames(data: "xarray.Dataset", folder: Path) -> "Callable[[str, int], np.ndarray]":
@@ -189,12 +219,12 @@ def _arguments(argv: Sequence[str] | None) -> Namespace:
     parser.add_argument(
         "--to",
         required=True,
-        choices=("vtkhdf", "netcdf", "csv", "mcap"),
+        choices=("vtkhdf", "netcdf", "csv", "mcap", "gaden"),
         help="vtkhdf: the film for ParaView and pyvista; netcdf: fields after CF; csv: the tables; "
-        "mcap: a bag of ROS 2",
+        "mcap: a bag of ROS 2; gaden: the film for GADEN's player",
     )
     parser.add_argument(
-        "--out", type=Path, help="the file, of csv and mcap a folder (default: in the run's folder)"
+        "--out", type=Path, help="the file, of csv, mcap and gaden a folder (default: in the run's folder)"
     )
     parser.add_argument(
         "--from",

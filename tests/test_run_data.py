@@ -4,6 +4,7 @@ import json
 import os
 import shutil
 import warnings
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -121,6 +122,21 @@ def test_without_a_film_the_fields_are_what_was_recorded(folder, tmp_path):
     for to in ("vtkhdf", "netcdf"):
         where = ["--from", "film"] if to == "netcdf" else []
         assert export.main([str(folder), "--to", to, *where, "--out", str(tmp_path / "x")]) == 2
+
+
+def test_gaden_s_player_gets_the_film(small, tmp_path, capsys):
+    """See files/test_gaden_results.py for what is in the files."""
+    assert export.main([str(small), "--to", "gaden", "--out", str(tmp_path / "g")]) == 0
+    film = open_run(small).fields
+    results = sorted((tmp_path / "g/simulations/ethanol/result").iterdir())
+    assert len(results) == film.sizes["time"]
+    raw = zlib.decompress(
+        (tmp_path / f"g/simulations/ethanol/result/iteration_{len(results) - 1}").read_bytes()
+    )
+    ppm = np.frombuffer(raw[-4 * 480 :], "<f4").reshape(5, 8, 12)
+    np.testing.assert_allclose(ppm, np.nan_to_num(film["ethanol_ppm"].values[-1].clip(0)), rtol=1e-6)
+    assert export.main([str(small), "--to", "gaden", "--out", str(tmp_path / "g")]) == 2
+    assert "is not empty; choose another --out or add --force" in capsys.readouterr().err
 
 
 def test_pandas_and_polars_find_units_in_the_file(small):
