@@ -116,7 +116,7 @@ def _merged(below: Any, above: Any) -> Any:
 
 
 def _found(path: Path) -> _Project:
-    files = [path] if path.is_file() else sorted(_simulations(path))
+    files = [path] if os.path.isfile(path) else sorted(_simulations(path)) if os.path.isdir(path) else []
     if len(files) != 1:
         names = ", ".join(os.path.relpath(one, path) for one in files[:10])
         told = (
@@ -151,7 +151,7 @@ def _wind_files(project: _Project, folder: Path) -> str:
         told, place = project.sim.get("wind_sim_path"), project.home / "wind_simulations"
     if not isinstance(told, str) or not told:
         raise project.wrong("names no wind files (unprocessed_wind_files, or wind_sim_path)")
-    if not (place / f"{told}_0.csv").is_file():
+    if not os.path.isfile(place / f"{told}_0.csv"):
         raise project.wrong(f"its wind {told}_0.csv is not there")
     return f"{os.path.relpath(place / told, folder)}_%d.csv"
 

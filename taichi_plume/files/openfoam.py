@@ -11,6 +11,7 @@ No library is asked: VTK, of half a GB, has points in single precision, and foam
 20,000 faces of text.
 """
 
+import os
 import re
 import zlib
 from dataclasses import dataclass
@@ -38,7 +39,7 @@ FIELD = re.compile(rb"internalField\s+(?:uniform\s+([^;]{1,300});|nonuniform\s+(
 
 def is_case(path: Path) -> bool:
     """Whether a path is a case folder."""
-    return any((path / part / MESH).is_dir() for part in (".", "processor0"))
+    return any(os.path.isdir(path / part / MESH) for part in (".", "processor0"))
 
 
 def is_time(path: Path) -> bool:
@@ -265,11 +266,11 @@ class _Foam:
 
 
 def _there(path: Path) -> bool:
-    return path.is_file() or path.with_name(f"{path.name}.gz").is_file()
+    return os.path.isfile(path) or os.path.isfile(path.with_name(f"{path.name}.gz"))
 
 
 def _file(path: Path) -> Path:
-    return path if path.is_file() else path.with_name(f"{path.name}.gz")
+    return path if os.path.isfile(path) else path.with_name(f"{path.name}.gz")
 
 
 def _open(path: Path) -> _Foam:

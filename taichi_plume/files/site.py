@@ -1,5 +1,6 @@
 """Where the files of an imported wind lie in the domain."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -82,7 +83,7 @@ class Site:
 
 def _files(path: Path) -> list[tuple[float, Path]]:
     """The times of a case of OpenFOAM, or the one of its times that the path is of; nothing for other paths."""
-    if path.is_dir() and openfoam.is_case(path):
+    if os.path.isdir(path) and openfoam.is_case(path):
         return openfoam.times(path)
     return [(0.0, path)] if openfoam.is_time(path) else []
 

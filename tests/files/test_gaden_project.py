@@ -217,6 +217,7 @@ def test_without_an_occupancy_grid_the_models_stand_in_the_domain(tmp_path):
         ({}, {"unprocessed_wind_files": "none"}, r"its wind none_0\.csv is not there"),
         ({}, {"unprocessed_wind_files": 5}, "names no wind files"),
         ({}, {"models": 5, "outlets_models": "a", "cell_size": "x"}, "cell_size: got 'x'"),
+        ({}, {"unprocessed_wind_files": "a" * 5000}, r"_0\.csv is not there"),
         ({}, {"uniformWind": True}, "its wind is uniform"),
         ({}, {"unprocessed_wind_files": "../../../../../outside/wind"}, "is not there|lies outside"),
     ],
@@ -233,6 +234,7 @@ def test_faults_are_told_in_a_line(tmp_path, sim, config, told):
 @pytest.mark.parametrize(
     ("line", "told"),
     [
+        (f"gaden: {'a' * 5000}", "holds no simulation of GADEN's"),
         ("gaden: none", "gaden: .*none: holds no simulation of GADEN's"),
         ("gaden: ../..", r"gaden: \.\./\.\. lies outside the scenario's folder"),
         ("gaden: [1]", r"gaden: must be a path in a project of GADEN's, got \[1\]"),

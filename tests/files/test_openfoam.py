@@ -219,6 +219,8 @@ def test_damaged_files_are_told_or_read(tmp_path, keys):
         file.write_bytes(good)
     assert told > 60
     assert not is_case(tmp_path / "1")
+    assert not is_case(tmp_path / ("a" * 5000))
+    assert not is_time(tmp_path / ("a" * 5000) / "1")
     with pytest.raises(WindFileError, match="is no case of OpenFOAM"):
         times(tmp_path / "1")
 
