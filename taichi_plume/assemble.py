@@ -20,7 +20,7 @@ from taichi_plume.files.gaden import Cubes
 from taichi_plume.files.network import Network, NetworkError
 from taichi_plume.files.wind_points import WindFileError
 from taichi_plume.grid.clearance import ClearanceMap
-from taichi_plume.grid.cut_cells import Air, air_of
+from taichi_plume.grid.cut_cells import Air, air_of, sealed
 from taichi_plume.grid.fields import Gas, Mixture, Wind
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.layers import Layers
@@ -215,7 +215,7 @@ def _box(scenario: Scenario, resources: Resources) -> tuple[Grid, Air]:
     openings = scenario.openings
     grid = Grid.of(scenario.domain, film.periodic if film else periodic_axes(openings, scenario.domain.dim))
     if film:
-        return grid, film.air()
+        return grid, sealed(film.air(), resources.standing, grid)
     if resources.site:
         return grid, resources.site_air()
     return grid, air_of(resources.standing, grid, opening_cells(openings, grid))

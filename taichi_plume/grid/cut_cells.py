@@ -112,8 +112,7 @@ def air_of(
     faces = [_share(distance, tuple(a for a in range(grid.dim) if a != d)) for d in range(grid.dim)]
     area, away = [share for share, _ in faces], [mean for _, mean in faces]
     body = nearest[(slice(FINER // 2, None, FINER),) * grid.dim]
-    told = {n: one.shares(grid.shape, grid.dx) for n, one in enumerate(shapes) if one is not None}
-    known = {n: shares for n, shares in told.items() if shares is not None}
+    known = _told(shapes, grid)
     if known:
         distance, _ = _distances([None if n in known else one for n, one in enumerate(shapes)], grid)
         faces = [_share(distance, tuple(a for a in range(grid.dim) if a != d)) for d in range(grid.dim)]
@@ -133,10 +132,25 @@ def air_of(
         kept = np.union1d(regions[reached], 1 + np.bincount(regions.ravel())[1:].argmax())
         volume = np.where(np.isin(regions, kept), air.volume, 0.0)
         air = _closed(volume, list(air.area), away, body, grid)
-    if known:
-        shut = [np.any([shares[1][d] == 0.0 for shares in known.values()], axis=0) for d in range(grid.dim)]
-        air = replace(air, sealed=tuple(shut))
-    return air
+    return _sealed(air, known)
+
+
+def sealed(air: Air, shapes: Sequence[Shape | None], grid: Grid) -> Air:
+    """The air of a film, with the faces that thin walls among these shapes close, of which a film does not tell."""
+    return _sealed(air, _told(shapes, grid))
+
+
+def _told(shapes: Sequence[Shape | None], grid: Grid) -> dict[int, tuple[np.ndarray, list[np.ndarray]]]:
+    """The shares of those shapes that know them better than distances tell, by their numbers."""
+    told = {n: one.shares(grid.shape, grid.dx) for n, one in enumerate(shapes) if one is not None}
+    return {n: shares for n, shares in told.items() if shares is not None}
+
+
+def _sealed(air: Air, known: dict[int, tuple[np.ndarray, list[np.ndarray]]]) -> Air:
+    if not known:
+        return air
+    shut = [np.any([shares[1][d] == 0.0 for shares in known.values()], axis=0) for d in range(len(air.area))]
+    return replace(air, sealed=tuple(shut))
 
 
 def _faces(grid: Grid, d: int) -> tuple[int, ...]:

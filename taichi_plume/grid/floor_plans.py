@@ -268,7 +268,8 @@ def _drawn(
         index = np.floor((np.column_stack([x, y]) - origin) @ turn / plan.resolution).astype(int)
         known = ((index >= 0) & (index < solid.shape)).all(axis=1)
         result[n, known] = solid[tuple(index[known].T)]
-    rim = solid & ~np.asarray(ndimage.binary_erosion(solid, np.ones((3, 3)), border_value=1))
+    inner: Any = ndimage.binary_erosion(solid, np.ones((3, 3)), border_value=1)
+    rim = solid & ~inner
     for step in ((1, 0), (0, 1), (1, 1), (1, -1)):
         pixel = np.argwhere(rim)
         beside = pixel + step

@@ -1,5 +1,6 @@
 """Occupancy maps of ROS: what is read of them, how they lie in the domain, and that no wall leaks."""
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -10,7 +11,7 @@ from PIL import Image
 from scipy import ndimage
 
 from taichi_plume.assemble import assemble
-from taichi_plume.grid.cut_cells import Air, air_of
+from taichi_plume.grid.cut_cells import Air, air_of, sealed
 from taichi_plume.grid.floor_plans import FloorPlan
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.level_set import signed_distance
@@ -276,13 +277,16 @@ def test_a_wall_one_pixel_thick_parts_the_air(tmp_path, yaw, dx):
     middle = np.array(grid.extent) / 2 + [0.013, 0.021]
     turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
     at = (*(middle - turn @ [2.5125, 2.5]), yaw)
-    air = air_of([plan(tmp_path, walls, grid.extent, 0.025, at)], grid)
+    found = plan(tmp_path, walls, grid.extent, 0.025, at)
+    air = air_of([found], grid)
     side = (grid.centers() - middle) @ turn[:, 0]
     regions = air.regions()
     left, right = (set(regions[side * sign > dx]) - {0} for sign in (-1, 1))
     assert left
     assert right
     assert not left & right
+    of_film = sealed(replace(air, sealed=()), [found], grid)
+    np.testing.assert_array_equal(signed_distance(of_film, grid), signed_distance(air, grid))
     free = signed_distance(air, grid) > 0.0
     part = ndimage.label(free, np.ones((3, 3)))[0]  # type: ignore[index]
     nodes = np.stack(np.meshgrid(*[np.arange(n) * dx / 2 for n in free.shape], indexing="ij"), axis=-1)
