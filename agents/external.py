@@ -38,7 +38,7 @@ class Orders:
 
     state (size,): AWAITED, DRIVEN or LOST; speed [m/s] and turn_rate [rad/s] (size,); position (size, 2) [m], NaN:
     stays, and heading (size,) [rad] of those that are placed; declared (size, 2) [m], NaN: says nothing. Of drones also
-    left and climb (size,) [m/s], or altitude (size,) [m] of those that are placed, NaN: stays; None: zero, and stays.
+    left and climb (size,) [m/s], or altitude (size,) [m] of those that are placed, NaN: stays.
     """
 
     state: np.ndarray
@@ -47,15 +47,17 @@ class Orders:
     position: np.ndarray
     heading: np.ndarray
     declared: np.ndarray
-    left: np.ndarray | None = None
-    climb: np.ndarray | None = None
-    altitude: np.ndarray | None = None
+    left: np.ndarray
+    climb: np.ndarray
+    altitude: np.ndarray
 
     @classmethod
     def none(cls, size: int) -> "Orders":
         """All wait."""
-        zeros, nowhere = np.zeros(size), np.full((size, 2), np.nan)
-        return cls(zeros.astype(int), zeros.copy(), zeros.copy(), nowhere, zeros.copy(), nowhere.copy())
+        state, (speed, turn_rate, heading, left, climb) = np.zeros(size, int), np.zeros((5, size))
+        position, declared = np.full((2, size, 2), np.nan)
+        altitude = np.full(size, np.nan)
+        return cls(state, speed, turn_rate, position, heading, declared, left, climb, altitude)
 
 
 class ExternalAlgorithm:
@@ -70,7 +72,8 @@ class ExternalAlgorithm:
         (group,) = members.groups
         self.flies = group.model.body.flies
         ordered = (*ORDERED, *(FLOWN if self.flies else ()))
-        self._told, self._ordered = (Rows(swarm, some, group.start, group.size) for some in (TOLD, ordered))
+        told = (*TOLD, *((Columns.altitude,) if self.flies else ()))
+        self._told, self._ordered = (Rows(swarm, some, group.start, group.size) for some in (told, ordered))
         self._declaring = Declaring(swarm, group.start, group.size)
         self.begin()
 
@@ -86,15 +89,14 @@ class ExternalAlgorithm:
         """Go on as ordered last."""
 
     def told(self) -> dict[str, np.ndarray]:
-        """What is told of each robot, by the names of the columns TOLD: (size,) or (size, 2)."""
-        return {one.name: values for one, values in zip(TOLD, self._told.read(), strict=True)}
+        """What is told of each robot, by the names of the columns: (size,) or (size, 2). Altitude: 0 on the floor."""
+        told = {one.name: values for one, values in zip(self._told.columns, self._told.read(), strict=True)}
+        return {"altitude": np.zeros(self.size, np.float32)} | told
 
     def order(self, orders: Orders, t: float) -> None:
         """Tell the robots what to do in the next tick; t: now [s]."""
         ordered = [orders.state, orders.speed, orders.turn_rate, orders.position, orders.heading]
         if self.flies:
-            none = {"left": 0.0, "climb": 0.0, "altitude": np.nan}
-            flown = {name: getattr(orders, name) for name in none}
-            ordered += [np.full(self.size, none[name]) if one is None else one for name, one in flown.items()]
+            ordered += [orders.left, orders.climb, orders.altitude]
         self._ordered.write(ordered)
         self._declaring.say(orders.declared, t)

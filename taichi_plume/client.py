@@ -26,7 +26,8 @@ from taichi_plume.serve.address import address, token_of
 class Readings:
     """What the robots of a team read at time t [s], arrays over its n robots.
 
-    robot: their numbers in the group. position (n, 2) [m] and heading [rad], where they believe to be; gas [ppm];
+    robot: their numbers in the group. position (n, 2) [m] and heading [rad], where they believe to be, and altitude
+    [m], of drones; gas [ppm];
     resistance [ohm], NaN without a metal oxide; wind (n, 2) [m/s], zero where not `wind_known`; blocked: the bumper;
     over: whether the search of a robot is over; lost: whether it stands as nothing was heard of it; answered: number of
     the last command that each has carried out.
@@ -36,6 +37,7 @@ class Readings:
     tick: int
     robot: np.ndarray
     position: np.ndarray
+    altitude: np.ndarray
     heading: np.ndarray
     gas: np.ndarray
     resistance: np.ndarray
@@ -127,6 +129,7 @@ class Team:
             one.tick,
             one.robot[some],
             np.column_stack([one.x, one.y])[some],
+            one.z[some],
             one.heading[some],
             one.gas[some],
             one.resistance[some],
@@ -145,17 +148,24 @@ class Team:
 
     # ------------------------------------------------------------ out
 
-    def drive(self, speed: Any, turn_rate: Any = 0.0, declared: Any = None) -> int:
-        """Command forward speeds [m/s] and turn rates to the left [rad/s], one for all robots or (n,).
+    def drive(
+        self, speed: Any, turn_rate: Any = 0.0, declared: Any = None, left: Any = None, climb: Any = None
+    ) -> int:
+        """Command forward speeds [m/s] and turn rates to the left [rad/s], one for all robots or (n,); of drones also
+        speeds to the left and upward [m/s].
 
         declared: (n, 2) places where robots say that a source is [m], NaN: say nothing. Returns the command's number.
         Raises ValueError before the first readings, unless `robots` were given.
         """
-        return self._send({"speed": speed, "turn_rate": turn_rate}, declared)
+        flown = {name: one for name, one in (("left", left), ("climb", climb)) if one is not None}
+        return self._send({"speed": speed, "turn_rate": turn_rate} | flown, declared)
 
-    def be_at(self, x: Any, y: Any, heading: Any, declared: Any = None) -> int:
-        """Tell where real robots are [m] and where they look to [rad], (n,) or one for all; else as `drive`."""
-        return self._send({"x": x, "y": y, "heading": heading}, declared)
+    def be_at(self, x: Any, y: Any, heading: Any, declared: Any = None, z: Any = None) -> int:
+        """Tell where real robots are [m] and where they look to [rad], (n,) or one for all; else as `drive`. z: how
+        high the lower ends of drones are [m].
+        """
+        flown = {} if z is None else {"z": z}
+        return self._send({"x": x, "y": y, "heading": heading} | flown, declared)
 
     def _send(self, values: dict[str, Any], declared: Any) -> int:
         if self.robots is None:

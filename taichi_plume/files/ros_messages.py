@@ -73,6 +73,8 @@ uint32 tick            # of the readings that they answer
 uint32[] robot         # numbers in the group, trial by trial
 float32[] speed        # forward [m/s], or nothing
 float32[] turn_rate    # [rad/s]
+float32[] left         # of drones [m/s], or nothing
+float32[] climb        # of drones [m/s], or nothing
 float32[] x            # poses [m], or nothing
 float32[] y
 float32[] z

@@ -33,8 +33,9 @@ class MalformedError(ValueError):
 class Inbox:
     """Of one group of `size` robots (all trials), which take poses if `placed`.
 
-    low, high: of the floor, in which poses lie [m]; timeout [s]; clock: seconds. remark: called with a line about a
-    message that is not taken, from the thread in which it came.
+    low, high: of the floor, in which poses lie [m]; timeout [s]; clock: seconds; ceiling: up to where its robots fly
+    [m], None if they do not. remark: called with a line about a message that is not taken, from the thread in which it
+    came.
     """
 
     def __init__(
@@ -46,10 +47,11 @@ class Inbox:
         timeout: float,
         remark: Callable[[str], None] = lambda line: None,
         clock: Callable[[], float] = time.monotonic,
+        ceiling: float | None = None,
     ):
         self.group, self.size, self.placed, self.timeout = group, size, placed, timeout
         self.low, self.high = (np.asarray(corner[:2], float) for corner in floor)
-        self.remark, self.clock = remark, clock
+        self.remark, self.clock, self.ceiling = remark, clock, ceiling
         self.longest = HEADROOM + PER_ROBOT * size
         self.counts: Counter[str] = Counter()
         self.news = threading.Condition()
@@ -102,10 +104,11 @@ class Inbox:
         if self.placed:
             place = self._columns(one, len(robots), "x", "y", "heading")
             self._require_inside(place[:, :2])
-            values = {"position": place[:, :2], "heading": place[:, 2]}
+            values = {"position": place[:, :2], "heading": place[:, 2]} | self._flown(one, len(robots), "z")
         else:
             speeds = self._columns(one, len(robots), "speed", "turn_rate")
             values = {"speed": speeds[:, 0], "turn_rate": speeds[:, 1]}
+            values |= self._flown(one, len(robots), "left") | self._flown(one, len(robots), "climb")
         declared = None
         if len(one.declared_x) or len(one.declared_y):
             declared = self._columns(one, len(robots), "declared_x", "declared_y", finite=False)
@@ -114,10 +117,12 @@ class Inbox:
     def _take_twist(self, n: int, one: Any) -> None:
         if self.placed:
             raise MalformedError("a velocity, but the group takes poses")
-        speeds = np.array([[one.linear.x, one.angular.z]])
+        speeds = np.array([[one.linear.x, one.angular.z, one.linear.y, one.linear.z]])
         if not np.isfinite(speeds.astype(np.float32)).all():
-            raise MalformedError("linear.x or angular.z is no number")
-        self._take(np.array([n]), {"speed": speeds[:, 0], "turn_rate": speeds[:, 1]}, UNNUMBERED, 0)
+            raise MalformedError("linear or angular.z is no number")
+        values = {"speed": speeds[:, 0], "turn_rate": speeds[:, 1]}
+        values |= self._in_the_air("left", speeds[:, 2]) | self._in_the_air("climb", speeds[:, 3])
+        self._take(np.array([n]), values, UNNUMBERED, 0)
 
     def _take_pose(self, n: int, one: Any) -> None:
         if not self.placed:
@@ -127,7 +132,29 @@ class Inbox:
         if not np.isfinite(place).all() or not np.isfinite(heading).all():
             raise MalformedError("position or orientation is no number")
         self._require_inside(place)
-        self._take(np.array([n]), {"position": place, "heading": heading}, UNNUMBERED, 0)
+        values = {"position": place, "heading": heading}
+        if self.ceiling is not None:
+            height = np.array([one.pose.position.z])
+            if not np.isfinite(height).all():
+                raise MalformedError("position.z is no number")
+            values |= self._in_the_air("z", height)
+        self._take(np.array([n]), values, UNNUMBERED, 0)
+
+    def _flown(self, one: Any, count: int, name: str) -> dict[str, np.ndarray]:
+        """What is told of drones alone, if it is. Raises MalformedError."""
+        if not len(getattr(one, name)):
+            return {}
+        return self._in_the_air(name, self._columns(one, count, name)[:, 0])
+
+    def _in_the_air(self, name: str, values: np.ndarray) -> dict[str, np.ndarray]:
+        """The same, of values that there are; robots of the floor are told nothing else than zero."""
+        if self.ceiling is None:
+            if values.any():
+                raise MalformedError(f"{name} is of drones, the group's robots do not fly")
+            return {}
+        if name == "z" and ((values < 0.0) | (values > self.ceiling)).any():
+            raise MalformedError(f"z is not between the floor and the ceiling, {self.ceiling:g} m")
+        return {"altitude" if name == "z" else name: values}
 
     def _columns(self, one: Any, count: int, *names: str, finite: bool = True) -> np.ndarray:
         """What a message says of its robots, (count, names). Raises MalformedError."""
@@ -199,6 +226,9 @@ class Inbox:
                 ours.position.copy(),
                 ours.heading.copy(),
                 ours.declared.copy(),
+                np.where(driven, ours.left, 0.0),
+                np.where(driven, ours.climb, 0.0),
+                ours.altitude.copy(),
             )
             ours.declared[:] = np.nan  # is said once
             return orders

@@ -52,7 +52,13 @@ class Outside:
         model, floor = algorithm.model, sim.scenario.floor
         self.name, self.algorithm = ros.word(group.name), algorithm
         self.inbox = Inbox(
-            self.name, group.size, model.placed, (floor.low, floor.high), model.timeout, remark
+            self.name,
+            group.size,
+            model.placed,
+            (floor.low, floor.high),
+            model.timeout,
+            remark,
+            ceiling=sim.grid.extent[2] if algorithm.flies else None,
         )
         self.sensor = _sensor(group.model.sensors.gas)
         self.each = group.size <= topics.MOST_ROBOTS

@@ -56,7 +56,7 @@ def readings(group: str, t: float, tick: int, told: dict[str, np.ndarray], **mor
         robot=np.arange(count),
         x=place[:, 0],
         y=place[:, 1],
-        z=np.zeros(count),
+        z=told["altitude"],
         heading=told["believed_heading"],
         gas=told["reading"],
         resistance=told["resistance"],
@@ -89,7 +89,10 @@ def of_each(group: str, t: float, told: dict[str, np.ndarray], sensor: dict[str,
 
 def _odometry(robot: str, t: float, told: dict[str, np.ndarray], n: int) -> dict[str, Any]:
     x, y = told["believed_position"][n].tolist()
-    pose = {"position": {"x": x, "y": y}, "orientation": ros.yawed(float(told["believed_heading"][n]))}
+    pose = {
+        "position": {"x": x, "y": y, "z": float(told["altitude"][n])},
+        "orientation": ros.yawed(float(told["believed_heading"][n])),
+    }
     return {"header": ros.header(t, MAP), "child_frame_id": f"{robot}/{BASE}", "pose": {"pose": pose}}
 
 

@@ -120,6 +120,26 @@ def test_poses(poses, lines):
     np.testing.assert_allclose(poses.orders().position, [[1.0, 2.0], [3.5, 0.5]])
 
 
+def test_drones(clock, lines):
+    drones = Inbox("drones", 1, False, FLOOR, 1.0, lines.append, clock, ceiling=2.0)
+    drones.hear_commands(commands(speed=[0.1], turn_rate=[0.0], left=[0.2], climb=[-0.3]))
+    orders = drones.orders()
+    assert (orders.left[0], orders.climb[0]) == pytest.approx((0.2, -0.3))
+    twist = ros.message("geometry_msgs/msg/Twist", linear={"x": 0.2, "y": 0.4, "z": 0.5})
+    drones.hear_twist(0, ros.encode(twist))
+    assert (drones.orders().left[0], drones.orders().climb[0]) == (0.4, 0.5)
+    clock.now += 5
+    assert drones.orders().climb[0] == 0.0
+    real = Inbox("real", 1, True, FLOOR, 1.0, lines.append, clock, ceiling=2.0)
+    real.hear_commands(commands(x=[1.0], y=[1.0], z=[1.5], heading=[0.0]))
+    assert real.orders().altitude[0] == 1.5
+    real.hear_commands(commands(2, x=[1.0], y=[1.0], z=[2.5], heading=[0.0]))
+    assert "z is not between the floor and the ceiling, 2 m" in lines[-1]
+    walker = Inbox("walker", 1, False, FLOOR, 1.0, lines.append, clock)
+    walker.hear_twist(0, ros.encode(twist))
+    assert "the group's robots do not fly" in lines[-1]
+
+
 def test_a_lost_robot_stays_where_it_was_seen_last(poses, clock):
     poses.hear_commands(commands(x=[1.0], y=[2.0], heading=[0.1]))
     clock.now += 5
