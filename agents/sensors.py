@@ -30,7 +30,7 @@ class Sensors:
     tick: control period [s]. species: of the gas. around: makes what stops the beams of lasers, if there are any.
     """
 
-    STATE = ("noses", "vanes", "others")
+    STATE: tuple[str, ...] = ("noses", "vanes")
 
     def __init__(
         self,
@@ -58,6 +58,8 @@ class Sensors:
         self.noses = tuple(one for (slot, *_), one in made.items() if slot == 0)
         self.vanes = tuple(Anemometers(some, dim, tick) for (slot, *_), some in members.items() if slot == 0)
         self.others = tuple(one for (slot, *_), one in made.items() if slot > 0)
+        if self.others:
+            self.STATE = (*self.STATE, "others")
         self.begin()
 
     def begin(self) -> None:

@@ -28,8 +28,9 @@ from taichi_plume.files.bag_writer import BagWriter, NoBagError, new_bag
 from taichi_plume.files.ros_shapes import GRID, POINTS
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.run_data import Run
+from taichi_plume.scenario.detectors import PidSensor
+from taichi_plume.scenario.metal_oxides import MOX_MODELS, MoxSensor
 from taichi_plume.scenario.robots import Group
-from taichi_plume.scenario.sensors import MOX_MODELS, MoxSensor, PidSensor
 
 BASE, GAS, WIND = "base_link", "gas_sensor", "anemometer"  # frames
 COLUMNS = (

@@ -19,8 +19,8 @@ from taichi_plume.scenario.facts import facts
 from taichi_plume.scenario.loading import ScenarioError, load_part
 from taichi_plume.scenario.maps import Map
 from taichi_plume.scenario.meanings import purpose
+from taichi_plume.scenario.metal_oxides import MOX_MODELS
 from taichi_plume.scenario.quantities import parse
-from taichi_plume.scenario.sensors import MOX_MODELS
 
 LARGEST_FLOOR = 1e4  # m
 DEFAULT = "time_series"

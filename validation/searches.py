@@ -75,9 +75,9 @@ class Searches:
         trials = run.trials[run.trials["group"] == name]
         for column in trials.columns:
             self.columns.setdefault(column, []).extend(trials[column].tolist())
-        robots = run.robots[run.robots["group"] == name]
-        places = robots.sort_values(["trial", "t"], kind="stable").groupby("trial")[["x", "y"]]
-        self.ways += [place.to_numpy() for _, place in places]
+        robots = run.robots[run.robots["group"] == name]  # in the order of time
+        for _, rows in robots.groupby("trial"):
+            self.ways.append(np.column_stack([rows["x"], rows["y"]]))
         self.airs += [max(self.airs, default=-1) + 1] * len(trials)
 
     def told(self, scenario: Scenario, title: str) -> dict[str, Mean | Tracks]:

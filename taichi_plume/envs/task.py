@@ -74,9 +74,6 @@ def require_task(scenario: Scenario) -> None:
             raise ScenarioError(
                 [f"robots: {path}.kind of '{visible(group.name)}': environments know no tdlas"]
             )
-    if group.body.flies:
-        what = f"has the body of a {group.body.kind}, which flies; environments have robots of the floor"
-        raise ScenarioError([f"robots: group '{visible(group.name)}' {what}"])
     for n, obstacle in enumerate(scenario.obstacles):
         if obstacle.motion:
             raise ScenarioError([f"obstacles[{n}]: moves; environments have obstacles that stand"])

@@ -18,7 +18,7 @@ from taichi_plume.files.bag_frames import Frames, Pose
 from taichi_plume.files.bag_topics import GAS, POSES, beside, chosen, robot_name, wind_topic_of
 from taichi_plume.files.bags import Bag, BagError, Series, Told, opened, stamp_of
 from taichi_plume.files.tables import listed
-from taichi_plume.scenario.sensors import MOX_MODELS
+from taichi_plume.scenario.metal_oxides import MOX_MODELS
 
 UNITS = {"ppm": 1.0, "ppb": 1e-3, "ohm": 0.0}
 """In which gas may be told, and how much of a ppm each is; a resistance is turned into ppm by its sensor's law."""

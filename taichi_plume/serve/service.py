@@ -60,7 +60,7 @@ class Outside:
             remark,
             ceiling=sim.grid.extent[2] if algorithm.flies else None,
         )
-        self.sensor = _sensor(group.model.sensors.gas)
+        self.sensor = _sensor(group.model.sensors.nose)
         self.each = group.size <= topics.MOST_ROBOTS
         self.lost, self.over = np.zeros(group.size, bool), np.zeros(group.size, bool)
         self.times_lost = 0

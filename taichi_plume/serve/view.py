@@ -32,7 +32,7 @@ class View:
         step *= max(1.0, ceil(np.sqrt(length * width / step**2 / MOST)))
         x, y = ((np.arange(max(1, round(size / step))) + 0.5) * step for size in (length, width))
         self.places = np.stack(np.meshgrid(x, y, indexing="xy"), axis=-1).reshape(-1, 2)
-        heights = [group.model.sensors.gas.height for group in sim.swarm.groups]
+        heights = [group.model.sensors.nose.height for group in sim.swarm.groups]
         self.height = min(heights, default=0.0) if sim.grid.dim == 3 else 0.0
         above = np.full((len(self.places), 1), self.height)
         self.points = np.hstack([self.places, above]) if sim.grid.dim == 3 else self.places
@@ -64,7 +64,7 @@ class View:
         """Where they are on the robots: ahead of the middle, and in 3-D over the floor."""
         flat, places = self.sim.grid.dim == 2, []
         for group in self.sim.swarm.groups:
-            gas, wind = group.model.sensors.gas, group.model.sensors.wind
+            gas, wind = group.model.sensors.nose, group.model.sensors.wind
             for n in range(group.count):
                 robot = f"{ros.word(group.name)}_{n}"
                 for frame, ahead, height in ((GAS, gas.ahead, gas.height), (WIND, 0.0, wind.height)):

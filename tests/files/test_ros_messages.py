@@ -51,7 +51,7 @@ def test_bytes_that_are_none():
     for _ in range(300):
         bad = bytearray(good)
         bad[rng.integers(len(bad))] = rng.integers(256)
-        for data in (bytes(bad), good[: rng.integers(len(good))], rng.bytes(rng.integers(200))):
+        for data in (bytes(bad), good[: rng.integers(len(good))], rng.bytes(int(rng.integers(200)))):
             with suppress(ros.RosError):
                 assert ros.decode(ros.COMMANDS, data).speed.dtype == np.float32
     with pytest.raises(KeyError, match="no field sped"):

@@ -228,7 +228,7 @@ def measure(seconds: float, clients: int, malformed: int) -> dict[str, Any]:
         for one in everyone:
             stack.callback(one.close)
         until(
-            lambda: any(one.ticks and one.ticks[-1] > 0 for one in everyone) or process.poll(),
+            lambda: any(one.ticks[-1:] > [0] for one in everyone) or process.poll() is not None,
             "the run to begin",
         )
         if process.poll():
