@@ -12,7 +12,7 @@ from typing import cast
 
 import numpy as np
 
-from taichi_plume.agents.columns import Columns, Rows
+from taichi_plume.agents.columns import Columns, Rows, of_noses
 from taichi_plume.agents.declaring import Declaring
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.swarm import Swarm
@@ -21,9 +21,10 @@ from taichi_plume.scenario.external import External
 AWAITED, DRIVEN, LOST = range(3)
 
 TOLD = (
-    Columns.believed_position, Columns.believed_heading, Columns.reading, Columns.resistance, Columns.wind,
-    Columns.wind_known, Columns.blocked, Columns.found, Columns.declarations,
+    Columns.believed_position, Columns.believed_heading, Columns.wind, Columns.wind_known, Columns.blocked,
+    Columns.found, Columns.declarations,
 )  # fmt: skip
+SENSED = ("reading", "resistance")  # of each gas sensor
 ORDERED = (
     Columns.state, Columns.speed_command, Columns.turn_rate_command, Columns.ordered_position,
     Columns.ordered_heading,
@@ -72,7 +73,15 @@ class ExternalAlgorithm:
         (group,) = members.groups
         self.flies = group.model.body.flies
         ordered = (*ORDERED, *(FLOWN if self.flies else ()))
-        told = (*TOLD, *((Columns.altitude,) if self.flies else ()))
+        self.noses = len(group.model.sensors.noses)
+        noses = [one for one in of_noses(self.noses) if one.name.startswith(SENSED)]
+        told = (
+            *TOLD,
+            Columns.reading,
+            Columns.resistance,
+            *noses,
+            *((Columns.altitude,) if self.flies else ()),
+        )
         self._told, self._ordered = (Rows(swarm, some, group.start, group.size) for some in (told, ordered))
         self._declaring = Declaring(swarm, group.start, group.size)
         self.begin()
@@ -89,8 +98,13 @@ class ExternalAlgorithm:
         """Go on as ordered last."""
 
     def told(self) -> dict[str, np.ndarray]:
-        """What is told of each robot, by the names of the columns: (size,) or (size, 2). Altitude: 0 on the floor."""
+        """What is told of each robot, by the names of the columns: (size,), (size, 2), or (size, noses) of what gas
+        sensors tell. Altitude: 0 on the floor.
+        """
         told = {one.name: values for one, values in zip(self._told.columns, self._told.read(), strict=True)}
+        for name in SENSED:
+            each = [told.pop(name if k == 0 else f"{name}_{k}") for k in range(self.noses)]
+            told[name] = np.stack(each, axis=-1)
         return {"altitude": np.zeros(self.size, np.float32)} | told
 
     def order(self, orders: Orders, t: float) -> None:

@@ -33,7 +33,8 @@ class ReplayAlgorithm:
     def __init__(self, swarm: Swarm, members: Members, tick: float, ways: Sequence[Way]):
         self.members, self.tick, self.ways = members, tick, ways
         (group,) = members.groups
-        ordered = (Columns.state, Columns.ordered_position, Columns.ordered_heading)
+        flown = (Columns.ordered_altitude,) if group.model.body.flies else ()
+        ordered = (Columns.state, Columns.ordered_position, Columns.ordered_heading, *flown)
         self._ordered = Rows(swarm, ordered, group.start, group.size)
         self._told = Rows(swarm, (Columns.reading,), group.start, group.size)
         self.begin()
@@ -61,9 +62,10 @@ class ReplayAlgorithm:
             WAITING if now < one.t[0] else REPLAYED if late <= one.t[-1] else ENDED for one in self.chosen
         ]
         poses = np.array([one.at(now + dt) for one in self.chosen])
-        x, y, heading = np.tile(poses, (group.trials, 1)).T
-        place = np.stack([x, y], axis=-1) + self.origin
-        self._ordered.write([np.tile(state, group.trials), place, np.mod(heading + np.pi, 2 * np.pi) - np.pi])
+        x, y, z, heading = np.tile(poses, (group.trials, 1)).T
+        place, heading = np.stack([x, y], axis=-1) + self.origin, np.mod(heading + np.pi, 2 * np.pi) - np.pi
+        flown = [z] if group.model.body.flies else []
+        self._ordered.write([np.tile(state, group.trials), place, heading, *flown])
 
     def _compare(self, t: float, dt: float) -> None:
         """Add the readings that were recorded in the tick of dt [s] that ends at t [s]."""

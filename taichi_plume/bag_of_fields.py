@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from taichi_plume.files import ros_messages as ros
+from taichi_plume.files.ros_robots import MAP
 from taichi_plume.files.ros_shapes import cloud, grid
 from taichi_plume.run_data import Run
 
 if TYPE_CHECKING:
     import xarray
 
-MAP = "map"  # the frame of all
 Said = tuple[float, str, Any]
 """When [s], on which topic, what."""
 

@@ -2,7 +2,8 @@
 
 One trial of it, with every message at its simulated time. Robot k of a group has
 
-    /GROUP_k/gas    olfaction_msgs/GasSensor: a resistance [ohm] of metal oxides, ppm of others
+    /GROUP_k/gas    olfaction_msgs/GasSensor: a resistance [ohm] of metal oxides, ppm of others, ppm m of lasers; of
+                    robots with several sensors that of the first, /GROUP_k/gas_1 of the next, and so on
     /GROUP_k/wind   olfaction_msgs/Anemometer, in its own frame
     /GROUP_k/odom   nav_msgs/Odometry: where it believes to be, and how it moves by that
     /GROUP_k/truth  geometry_msgs/PoseStamped: where it is
@@ -22,23 +23,33 @@ from typing import Any
 import numpy as np
 
 from taichi_plume import __version__
-from taichi_plume.bag_of_fields import MAP, Said, clouds, floor, maps_at_end, maps_of, species
+from taichi_plume.bag_of_fields import Said, clouds, floor, maps_at_end, maps_of, species
 from taichi_plume.files import ros_messages as ros
 from taichi_plume.files.bag_writer import BagWriter, NoBagError, new_bag
+from taichi_plume.files.ros_robots import (
+    BASE,
+    GAS,
+    MAP,
+    TRANSFORMS,
+    carried,
+    numbered,
+    sensor_fields,
+    transform,
+    wind_fields,
+)
 from taichi_plume.files.ros_shapes import GRID, POINTS
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.run_data import Run
-from taichi_plume.scenario.detectors import PidSensor
+from taichi_plume.scenario.gas_sensors import GasSensor
 from taichi_plume.scenario.metal_oxides import MOX_MODELS, MoxSensor
 from taichi_plume.scenario.robots import Group
 
-BASE, GAS, WIND = "base_link", "gas_sensor", "anemometer"  # frames
 COLUMNS = (
-    "t", "group", "trial", "robot", "x", "y", "heading", "reading_ppm", "resistance_ohm", "wind_x", "wind_y",
-    "believed_x", "believed_y", "believed_heading",
+    "t", "group", "trial", "robot", "x", "y", "heading", "wind_x", "wind_y", "believed_x", "believed_y",
+    "believed_heading",
 )  # fmt: skip
 ODOMETRY, POSE = "nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseStamped"
-TRANSFORMS, CLOCK = "tf2_msgs/msg/TFMessage", "rosgraph_msgs/msg/Clock"
+CLOCK = "rosgraph_msgs/msg/Clock"
 LATEST = 2**31 - 1  # s that a time of ROS can tell
 
 
@@ -113,12 +124,8 @@ def _topics(bag: BagWriter, run: Run, robots: "list[Robot]", gases: list[str], c
         bag.topic("/tf", TRANSFORMS)
         bag.topic("/tf_static", TRANSFORMS, latched=True)
     for one in robots:
-        for name, kind in (
-            ("gas", ros.GAS_SENSOR),
-            ("wind", ros.ANEMOMETER),
-            ("odom", ODOMETRY),
-            ("truth", POSE),
-        ):
+        noses = [(numbered("gas", k), ros.GAS_SENSOR) for k in range(len(one.group.sensors.noses))]
+        for name, kind in (*noses, ("wind", ros.ANEMOMETER), ("odom", ODOMETRY), ("truth", POSE)):
             bag.topic(f"/{one.name}/{name}", kind)
     for name in gases:
         bag.topic(f"/plume/{species(name)}", POINTS)
@@ -139,6 +146,15 @@ class Robot:
     group: Group
     table: dict[str, np.ndarray]
 
+    def read(self, sensor: int, unit: str) -> np.ndarray:
+        """What a gas sensor told in ppm or ohm."""
+        return self.table[_column(sensor, unit)]
+
+
+def _column(sensor: int, unit: str) -> str:
+    """Where a table has what a gas sensor, from 0 on, told in ppm or ohm."""
+    return f"{numbered({'ppm': 'reading', 'ohm': 'resistance'}[unit], sensor)}_{unit}"
+
 
 def _robots(run: Run, trial: int) -> list[Robot]:
     """The robots of a trial. Raises RunFolderError where there is none."""
@@ -152,7 +168,11 @@ def _robots(run: Run, trial: int) -> list[Robot]:
     path = run.folder / "robots.parquet"
     there: set[int] = set()
     kept = []
-    for batch in table_parts.batches(path, COLUMNS):
+    noses = range(max(len(group.sensors.noses) for group in run.scenario.robots))
+    sensed = [_column(k, unit) for k in noses for unit in ("ppm", "ohm")]
+    flown = ["z"] if any(group.body.flies for group in run.scenario.robots) else []
+    wanted = (*COLUMNS, *sensed, *flown)
+    for batch in table_parts.batches(path, wanted):
         there.update(pc.unique(batch["trial"]).to_pylist())
         kept.append(batch.filter(pc.equal(batch["trial"], trial)))
     if trial not in there:
@@ -162,7 +182,9 @@ def _robots(run: Run, trial: int) -> list[Robot]:
         )
     table = pa.Table.from_batches(kept).unify_dictionaries()
     groups, numbers = np.array(table["group"].cast(pa.string()).to_pylist()), table["robot"].to_numpy()
-    columns = {name: table[name].to_numpy() for name in COLUMNS if name not in ("group", "trial", "robot")}
+    columns = {name: table[name].to_numpy() for name in wanted if name not in ("group", "trial", "robot")}
+    columns.setdefault("z", np.zeros(len(numbers)))
+    columns["z"] = np.nan_to_num(columns["z"])  # null on the floor
     robots: list[Robot] = []
     words = [ros.word(group.name) for group in run.scenario.robots]
     for n, group in enumerate(run.scenario.robots):
@@ -180,44 +202,32 @@ def _still(run: Run, robots: list[Robot]) -> Iterator[Said]:
     """What does not change: the map, and where the sensors are on the robots."""
     yield 0.0, "/map", floor(run)
     flat = run.scenario.domain.dim == 2
-    places = []
-    for one in robots:
-        gas, wind = one.group.sensors.nose, one.group.sensors.wind
-        for frame, ahead, height in ((GAS, gas.ahead, gas.height), (WIND, 0.0, wind.height)):
-            at = {"x": ahead, "z": 0.0 if flat else height}
-            places.append(_transform(f"{one.name}/{BASE}", f"{one.name}/{frame}", at, 0.0))
+    places = [each for one in robots for each in carried(one.name, one.group.sensors, flat)]
     if places:
         yield 0.0, "/tf_static", ros.message(TRANSFORMS, transforms=places)
 
 
-def _transform(parent: str, child: str, place: dict[str, float], heading: float) -> dict[str, Any]:
-    return {
-        "header": ros.header(0.0, parent),
-        "child_frame_id": child,
-        "transform": {"translation": place, "rotation": ros.yawed(heading)},
-    }
-
-
 def _believed(table: dict[str, np.ndarray], n: int) -> tuple[dict[str, float], float]:
-    place = {"x": float(table["believed_x"][n]), "y": float(table["believed_y"][n])}
+    place = {
+        "x": float(table["believed_x"][n]),
+        "y": float(table["believed_y"][n]),
+        "z": float(table["z"][n]),
+    }
     return place, float(table["believed_heading"][n])
 
 
 def _moving(robots: list[Robot]) -> Iterator[Said]:
     """Where the robots believe to be, those of a time in one message."""
     for n, t in enumerate(robots[0].table["t"] if robots else ()):
-        moved = [
-            _transform(MAP, f"{one.name}/{BASE}", *_believed(one.table, n))
-            for one in robots
-            if n < len(one.table["t"])
-        ]
+        now = [(one.name, *_believed(one.table, n)) for one in robots if n < len(one.table["t"])]
+        moved = [transform(MAP, f"{name}/{BASE}", place, ros.yawed(heading)) for name, place, heading in now]
         yield float(t), "/tf", ros.message(TRANSFORMS, transforms=moved)
 
 
 def _readings(one: Robot) -> Iterator[Said]:
     """What a robot measures, which begins after the run, and its poses."""
     table, name = one.table, one.name
-    gas = _gas_sensor(one)
+    noses = [_gas_sensor(one, k, sensor) for k, sensor in enumerate(one.group.sensors.noses)]
     forward, turning = _speeds(table)
     for n, t in enumerate(table["t"].tolist()):
         place, heading = _believed(table, n)
@@ -234,24 +244,14 @@ def _readings(one: Robot) -> Iterator[Said]:
                 twist={"twist": twist},
             ),
         )
-        there = {"x": float(table["x"][n]), "y": float(table["y"][n])}
+        there = place | {"x": float(table["x"][n]), "y": float(table["y"][n])}
         true = {"position": there, "orientation": ros.yawed(float(table["heading"][n]))}
         yield t, f"/{name}/truth", ros.message(POSE, header=ros.header(0.0, MAP), pose=true)
         if t > 0.0:
-            raw = table["resistance_ohm" if gas["raw_units"] == ros.UNITS["ohm"] else "reading_ppm"][n]
-            yield t, f"/{name}/gas", ros.message(ros.GAS_SENSOR, raw=float(raw), **gas)
+            for topic, told, raw in noses:
+                yield t, topic, ros.message(ros.GAS_SENSOR, raw=float(raw[n]), **told)
             x, y = float(table["wind_x"][n]), float(table["wind_y"][n])
-            yield (
-                t,
-                f"/{name}/wind",
-                ros.message(
-                    ros.ANEMOMETER,
-                    header=ros.header(0.0, f"{name}/{WIND}"),
-                    sensor_label=one.group.sensors.wind.kind,
-                    wind_speed=np.hypot(x, y),
-                    wind_direction=_wrapped(np.arctan2(y, x) - heading) if x or y else 0.0,
-                ),
-            )
+            yield t, f"/{name}/wind", ros.message(ros.ANEMOMETER, **wind_fields(name, x, y, heading))
 
 
 def _wrapped(angle: Any) -> Any:
@@ -267,38 +267,33 @@ def _speeds(table: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     return np.append(0.0, way / dt), np.append(0.0, turn / dt)
 
 
-def _gas_sensor(one: Robot) -> dict[str, Any]:
-    """What is the same in all messages of a robot's gas sensor."""
-    sensor = one.group.sensors.nose
-    said: dict[str, Any] = {"header": ros.header(0.0, f"{one.name}/{GAS}")}
+def _gas_sensor(one: Robot, k: int, sensor: GasSensor) -> tuple[str, dict[str, Any], np.ndarray]:
+    """The topic of a robot's gas sensor, what is the same in all of its messages, and what it tells."""
+    topic = f"/{one.name}/{numbered('gas', k)}"
+    told = {"header": ros.header(0.0, f"{one.name}/{numbered(GAS, k)}")} | sensor_fields(sensor)
     if not isinstance(sensor, MoxSensor):
-        kind = "pid" if isinstance(sensor, PidSensor) else "unknown"
-        return said | {"technology": ros.TECHNOLOGIES[kind], "raw_units": ros.UNITS["ppm"]}
-    law = MOX_MODELS[sensor.model]
-    maker = "figaro" if sensor.model.startswith("tgs") else "sgx"
-    return said | {
-        "technology": ros.TECHNOLOGIES["mox"],
-        "manufacturer": ros.MAKERS[maker],
-        "mpn": ros.PARTS.get(sensor.model.upper(), 0),
+        return topic, told, one.read(k, "ppm")
+    (c0, b), ohm = sensor.reading_curve, one.read(k, "ohm")
+    told |= {
         "raw_units": ros.UNITS["ohm"],
-        "raw_air": _in_clean_air(one.table, sensor),
-        "calib_a": law.c0**law.b,
-        "calib_b": -law.b,
+        "raw_air": _in_clean_air(one.read(k, "ppm"), ohm, sensor),
+        "calib_a": c0**b,
+        "calib_b": -b,
     }
+    return topic, told, ohm
 
 
-def _in_clean_air(table: dict[str, np.ndarray], sensor: MoxSensor) -> float:
+def _in_clean_air(ppm: np.ndarray, ohm: np.ndarray, sensor: MoxSensor) -> float:
     """The resistance of a unit in clean air [ohm] that its readings were made with.
 
     The law tells it of any reading above zero. Where there is none, or a cubic made them: that of the model, or the
     largest of a unit that differs.
     """
-    law = MOX_MODELS[sensor.model]
-    ppm, ohm = table["reading_ppm"], table["resistance_ohm"]
+    (c0, b), air = sensor.reading_curve, MOX_MODELS[sensor.model].air
     known = np.isfinite(ohm) & (ppm > 0.0)
     if sensor.calibration == "model" and known.any():
         n = np.argmax(np.where(known, ppm, -1.0))
-        return float(ohm[n] * (1.0 + ppm[n] / law.c0) ** law.b)
+        return float(ohm[n] * (1.0 + ppm[n] / c0) ** b)
     if sensor.spread and np.isfinite(ohm).any():
         return float(np.nanmax(ohm))
-    return exp(0.5 * (log(law.air[0]) + log(law.air[1])))
+    return exp(0.5 * (log(air[0]) + log(air[1])))

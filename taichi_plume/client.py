@@ -27,10 +27,10 @@ class Readings:
     """What the robots of a team read at time t [s], arrays over its n robots.
 
     robot: their numbers in the group. position (n, 2) [m] and heading [rad], where they believe to be, and altitude
-    [m], of drones; gas [ppm];
-    resistance [ohm], NaN without a metal oxide; wind (n, 2) [m/s], zero where not `wind_known`; blocked: the bumper;
-    over: whether the search of a robot is over; lost: whether it stands as nothing was heard of it; answered: number of
-    the last command that each has carried out.
+    [m], of drones; gas [ppm, or ppm m of a laser] and resistance [ohm], NaN without a metal oxide, of the first gas
+    sensor; gases and resistances (n, sensors) of all; wind (n, 2) [m/s], zero where not `wind_known`; blocked: the
+    bumper; over: whether the search of a robot is over; lost: whether it stands as nothing was heard of it; answered:
+    number of the last command that each has carried out.
     """
 
     t: float
@@ -41,6 +41,8 @@ class Readings:
     heading: np.ndarray
     gas: np.ndarray
     resistance: np.ndarray
+    gases: np.ndarray
+    resistances: np.ndarray
     wind: np.ndarray
     wind_known: np.ndarray
     blocked: np.ndarray
@@ -114,32 +116,14 @@ class Team:
         """Readings came, in a thread of zenoh's."""
         try:
             one = ros.decode(ros.READINGS, sample.payload.to_bytes())
-        except ros.RosError:
+            if one.ended:
+                with self._news:
+                    self._ended = True
+                    self._news.notify_all()
+                return
+            now = _readings(one, slice(None) if self.robots is None else self.robots)
+        except (ros.RosError, ValueError, IndexError):  # not by the service
             return
-        if one.ended:
-            with self._news:
-                self._ended = True
-                self._news.notify_all()
-            return
-        some = slice(None) if self.robots is None else self.robots
-        flags = (getattr(one, name)[some] > 0 for name in ("wind_known", "blocked", "over", "lost"))
-        known, blocked, over, lost = flags
-        now = Readings(
-            one.t,
-            one.tick,
-            one.robot[some],
-            np.column_stack([one.x, one.y])[some],
-            one.z[some],
-            one.heading[some],
-            one.gas[some],
-            one.resistance[some],
-            np.column_stack([one.wind_x, one.wind_y])[some],
-            known,
-            blocked,
-            over,
-            lost,
-            one.answered[some],
-        )
         with self._news:
             if self.robots is None:
                 self.robots = one.robot.copy()
@@ -179,6 +163,32 @@ class Team:
         one = ros.message(ros.COMMANDS, number=self._number, tick=self._tick, robot=self.robots, **fields)
         self._publisher.put(ros.encode(one))
         return self._number
+
+
+def _readings(one: Any, some: Any) -> Readings:
+    """Those of some robots of a message."""
+    gases, resistances = (each.reshape(len(one.robot), -1)[some] for each in (one.gas, one.resistance))
+    known, blocked, over, lost = (
+        getattr(one, name)[some] > 0 for name in ("wind_known", "blocked", "over", "lost")
+    )
+    return Readings(
+        one.t,
+        one.tick,
+        one.robot[some],
+        np.column_stack([one.x, one.y])[some],
+        one.z[some],
+        one.heading[some],
+        gases[:, 0],
+        resistances[:, 0],
+        gases,
+        resistances,
+        np.column_stack([one.wind_x, one.wind_y])[some],
+        known,
+        blocked,
+        over,
+        lost,
+        one.answered[some],
+    )
 
 
 def _connected(where: str, token: str | None, patience: float) -> Any:

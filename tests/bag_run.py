@@ -25,7 +25,7 @@ robots:
     reach: 0
     start: {kind: positions, positions: [[0.9, 0.5]]}
     algorithm: {kind: casting}
-    sensors: {gas: {kind: pid, calibrated_for: ethanol}}
+    sensors: {gas: [{kind: pid, calibrated_for: ethanol}, {kind: mox, model: tgs2611, left: 0.1}]}
 maps: [{kind: time_series, cell: 0.2, window: 1}]
 fields: {rate: 2}
 """

@@ -82,6 +82,32 @@ def test_counts_and_values_are_those_of_the_table(run, said):
     assert len(said["/clock"]) == len(rows)
 
 
+def test_each_sensor_of_a_robot_has_a_topic(run):
+    """A detector ahead, and a metal oxide for another gas to the left, with the law of that."""
+    from rosbags.highlevel import AnyReader
+
+    assert export.main([str(run), "--to", "mcap", "--trial", "0", "--out", str(run / "first")]) == 0
+    said: dict[str, list] = {}
+    with AnyReader([run / "first"]) as reader:
+        for one, t, data in reader.messages():
+            said.setdefault(one.topic, []).append((t, reader.deserialize(data, one.msgtype)))
+    table = open_run(run).robots
+    rows = table[(table.group == "linear") & (table.t > 0)]
+    detector, oxide = said["/linear_0/gas"], said["/linear_0/gas_1"]
+    np.testing.assert_array_equal(numbers(detector, lambda m: m.raw), rows.reading_ppm)
+    np.testing.assert_array_equal(numbers(oxide, lambda m: m.raw), rows.resistance_1_ohm)
+    (_, first), (_, second) = detector[0], oxide[0]
+    assert (first.technology, first.raw_units, first.header.frame_id) == (51, 3, "linear_0/gas_sensor")
+    assert (second.technology, second.mpn, second.raw_units) == (1, 52, 5)
+    assert second.header.frame_id == "linear_0/gas_sensor_1"
+    (still,) = (one.transforms for _, one in said["/tf_static"])
+    assert {one.child_frame_id: one.transform.translation.y for one in still}[second.header.frame_id] == 0.1
+    c0 = second.calib_a ** (-1 / second.calib_b)
+    ppm = c0 * ((numbers(oxide, lambda m: m.raw) / second.raw_air) ** (1 / second.calib_b) - 1)
+    assert rows.reading_1_ppm.max() > 1
+    np.testing.assert_allclose(np.maximum(ppm, 0), rows.reading_1_ppm, rtol=1e-3, atol=0.01)
+
+
 def test_the_law_in_a_message_makes_its_resistance_the_reading(run, said):
     """raw / raw_air = (1 + c / c0)^calib_b with c0 = calib_a^(-1 / calib_b), of units that differ."""
     table = open_run(run).robots

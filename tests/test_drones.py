@@ -4,14 +4,18 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from taichi_plume import run
+from taichi_plume import export, open_run, run
 from taichi_plume.agents.external import Orders
 from taichi_plume.assemble import assemble
 from taichi_plume.contest.entrants import shipped
 from taichi_plume.envs.task import require_task
+from taichi_plume.files import ros_messages as ros
+from taichi_plume.files.ros_robots import TRANSFORMS
 from taichi_plume.grid.state import State
 from taichi_plume.prepare import load_scenario
 from taichi_plume.scenario.loading import ScenarioError
+from taichi_plume.serve.service import Pace, Service
+from taichi_plume.signals import Ears
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -143,6 +147,42 @@ def test_a_run_with_downwash_leaves_altitudes(tmp_path):
     assert table["z"].to_numpy() == pytest.approx(0.7, abs=1e-5)
     assert table.schema.field("z").metadata[b"unit"] == b"m"
     assert (tmp_path / "out/report.html").exists()
+    check_bag(tmp_path)
+    check_replay(tmp_path)
+
+
+def check_bag(folder):
+    """It tells how high the drone is, and how high on it the sensors are."""
+    from rosbags.highlevel import AnyReader
+
+    assert export.main([str(folder / "out"), "--to", "mcap"]) == 0
+    with AnyReader([folder / "out/bag"]) as reader:
+        said = [(one.topic, reader.deserialize(data, one.msgtype)) for one, _, data in reader.messages()]
+    for topic in ("/flock_0/odom", "/flock_0/truth"):
+        poses = [getattr(one.pose, "pose", one.pose) for name, one in said if name == topic]
+        assert [one.position.z for one in poses] == pytest.approx([0.7] * len(poses), abs=1e-5)
+        assert len(poses) == 16
+    moved = [one.transforms[0].transform.translation.z for name, one in said if name == "/tf"]
+    assert moved == pytest.approx([0.7] * 16, abs=1e-5)
+    (still,) = (one.transforms for name, one in said if name == "/tf_static")
+    assert {one.child_frame_id: one.transform.translation.z for one in still} == {
+        "flock_0/gas_sensor": 0.1,
+        "flock_0/anemometer": 0.1,
+    }
+
+
+def check_replay(folder):
+    """Of the run and of its bag: where it was, in space."""
+    for file in ("out/robots.parquet", "out/bag"):
+        keys = [f"robots.0.algorithm={{kind: replay, file: {file}}}", "robots.0.start.altitude=0.2"]
+        keys += ["robots.0.wake=false", "wind={kind: uniform, velocity: [0.2, 0, 0]}", "robots.0.reach=0"]
+        sim = assemble(load_scenario(folder / "wake.yaml", keys), folder)
+        for _ in range(5):
+            sim.advance()
+        now = sim.swarm.snapshot()
+        table = open_run(folder / "out").robots.set_index("t").loc[sim.t]
+        assert now["altitude"] == pytest.approx([0.7], abs=1e-5)
+        assert now["position"][0] == pytest.approx([table.x, table.y], abs=1e-4)
 
 
 def test_drones_are_driven_from_outside(path):
@@ -169,6 +209,32 @@ def test_drones_are_driven_from_outside(path):
     now = sim.swarm.snapshot()
     np.testing.assert_allclose(now["position"], [[3.0 - 0.6, 1.0 - 0.2], [1.5, 2.0]], atol=0.03)
     np.testing.assert_allclose(now["altitude"], [0.8 + 0.4, 1.7], atol=0.03)
+    link = Link()
+    service = Service(Pace(), [link], quiet=True)
+    service.attach(sim, Ears())
+    service.publish()
+    service.close()
+    told = ros.decode(TRANSFORMS, dict(link.messages)["tf"]).transforms
+    assert [one.transform.translation.z for one in told] == pytest.approx(now["altitude"].tolist())
+
+
+class Link:
+    """Keeps what it is asked for."""
+
+    def __init__(self):
+        self.messages = []
+
+    def listen(self, incoming, stray):
+        assert {"flock/commands", "flock_0/cmd_vel", "floor_0/pose"} <= set(incoming)
+
+    def wants(self, topic, name):
+        return True
+
+    def publish(self, topic, data):
+        self.messages.append((topic, data))
+
+    def close(self):
+        pass
 
 
 def test_drones_fly_again_as_before(path):

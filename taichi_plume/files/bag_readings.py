@@ -55,7 +55,7 @@ class Wanted:
 class RecordedRobot:
     """A robot of a bag, in order of time.
 
-    Its way: t (n,) [s], place (n, 2) [m], heading (n,) [rad]. Its readings: read_at (m,) [s], at (m, 2) [m] the places
+    Its way: t (n,) [s], place (n, 3) [m], heading (n,) [rad]. Its readings: read_at (m,) [s], at (m, 2) [m] the places
     of the sensor, ppm (m,), wind (m, 2) [m/s], zero where it is not known. topics: what they are of.
     """
 
@@ -143,7 +143,7 @@ def _robot(
     return RecordedRobot(
         robot_name(gas.topic),
         t[there],
-        way.place[there, :2],
+        way.place[there],
         way.heading[there],
         read_at[order],
         here.place[order, :2],
@@ -159,7 +159,7 @@ def _without_gas(bag: Bag, topic: str) -> RecordedRobot:
     t, way = _way(series, series.is_stamped)
     none = np.zeros((0, 2))
     return RecordedRobot(
-        robot_name(topic), t, way.place[:, :2], way.heading, none[:, 0], none, none[:, 0], none, topic
+        robot_name(topic), t, way.place, way.heading, none[:, 0], none, none[:, 0], none, topic
     )
 
 
@@ -232,12 +232,13 @@ def _of_sensor(told: Any, name: str) -> float:
 
 
 def _pose_of(bag: Bag, topic: str) -> Callable[[Any], Told]:
-    """How the messages of a topic tell x, y [m] and heading [rad]."""
+    """How the messages of a topic tell x, y, z [m] and heading [rad]."""
     deep = bag.kinds[topic] != POSES[-1]
 
     def get(message: Any) -> Told:
         pose = message.pose.pose if deep else message.pose
-        place = (pose.position.x, pose.position.y, ros.yaw(pose.orientation))
+        at = pose.position
+        place = (at.x, at.y, at.z if np.isfinite(at.z) else 0.0, ros.yaw(pose.orientation))
         return Told(stamp_of(message.header), message.header.frame_id, place)
 
     return get
@@ -248,8 +249,8 @@ def _way(series: Series, stamped: bool) -> tuple[np.ndarray, Pose]:
     t = series.times(stamped and series.is_stamped)
     good = np.isfinite(series.values).all(axis=1)
     t, first = np.unique(t[good], return_index=True)
-    x, y, heading = series.values[good][first].T
-    return t, Pose(np.stack([x, y, np.zeros_like(x)], axis=-1), heading)
+    values = series.values[good][first]
+    return t, Pose(values[:, :3], values[:, 3])
 
 
 def _between(t: np.ndarray, way: Pose, times: np.ndarray) -> Pose:

@@ -23,7 +23,7 @@ class WayError(ValueError):
 
 @dataclass(frozen=True)
 class Way:
-    """Of one robot, in order of time: t (n,) [s], place (n, 2) [m], heading (n,) [rad], without jumps at half turns.
+    """Of one robot, in order of time: t (n,) [s], place (n, 3) [m], heading (n,) [rad], without jumps at half turns.
 
     Its readings: read_at (m,) [s], ppm (m,); none where they are not known.
     """
@@ -35,10 +35,9 @@ class Way:
     read_at: np.ndarray
     ppm: np.ndarray
 
-    def at(self, t: float) -> tuple[float, float, float]:
-        """x, y [m] and heading [rad] at a time [s]; before the first and after the last that of these."""
-        x, y, heading = (np.interp(t, self.t, one) for one in (*self.place.T, self.heading))
-        return float(x), float(y), float(heading)
+    def at(self, t: float) -> tuple[float, ...]:
+        """x, y, z [m] and heading [rad] at a time [s]; before the first and after the last that of these."""
+        return tuple(float(np.interp(t, self.t, one)) for one in (*self.place.T, self.heading))
 
 
 def read(
@@ -81,19 +80,21 @@ def _of_run(path: Path) -> list[Way]:
 
     from taichi_plume.files import table_parts
 
-    kept = [batch.filter(pc.equal(batch["trial"], 0)) for batch in table_parts.batches(path, OF_RUN)]
+    rows = table_parts.batches(path, OF_RUN, optional=("z",))  # of drones
+    kept = [batch.filter(pc.equal(batch["trial"], 0)) for batch in rows]
     table = pa.Table.from_batches(kept).unify_dictionaries()
     groups = np.array(table["group"].cast(pa.string()).to_pylist(), object)
-    columns = {name: table[name].to_numpy() for name in OF_RUN if name != "group"}
+    columns = {name: table[name].to_numpy() for name in table.column_names if name != "group"}
+    columns["z"] = np.nan_to_num(columns.get("z", np.zeros(len(table))))  # null on the floor
     ways = []
     for group in dict.fromkeys(groups):
         for number in np.unique(columns["robot"][groups == group]):
             rows = np.flatnonzero((groups == group) & (columns["robot"] == number))
-            t, x, y, heading, ppm = (
-                columns[name][rows].astype(float) for name in ("t", "x", "y", "heading", "reading_ppm")
+            t, x, y, z, heading, ppm = (
+                columns[name][rows].astype(float) for name in ("t", "x", "y", "z", "heading", "reading_ppm")
             )
             measured = t > 0.0
-            place = np.stack([x, y], axis=-1)
+            place = np.stack([x, y, z], axis=-1)
             ways.append(_way(f"{group} {number}", t, place, heading, t[measured], ppm[measured]))
     return ways
 

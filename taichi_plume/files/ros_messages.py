@@ -56,8 +56,9 @@ float32[] x            # where they believe to be [m]
 float32[] y
 float32[] z
 float32[] heading      # [rad]
-float32[] gas          # reading [ppm]
-float32[] resistance   # of a metal oxide [ohm], NaN of others
+uint8 noses            # gas sensors of each robot
+float32[] gas          # readings [ppm, or ppm m of a laser], of all sensors of a robot, then of the next
+float32[] resistance   # likewise: of a metal oxide [ohm], NaN of others
 float32[] wind_x       # [m/s], zero where it is not known
 float32[] wind_y
 uint8[] wind_known
@@ -168,9 +169,10 @@ def header(t: float, frame: str) -> dict[str, Any]:
     return {"stamp": time(t), "frame_id": frame}
 
 
-def yawed(angle: float) -> dict[str, float]:
-    """The quaternion of a heading [rad]."""
-    return {"z": sin(0.5 * angle), "w": cos(0.5 * angle)}
+def yawed(angle: float, tilt: float = 0.0) -> dict[str, float]:
+    """The quaternion of a heading and a tilt of x over the horizontal [rad]."""
+    s, c, up, flat = sin(0.5 * angle), cos(0.5 * angle), sin(-0.5 * tilt), cos(0.5 * tilt)
+    return {"x": -s * up, "y": c * up, "z": s * flat, "w": c * flat}
 
 
 def yaw(q: Any) -> float:

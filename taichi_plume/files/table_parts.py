@@ -152,10 +152,13 @@ def _found(path: Path) -> list[Found]:
     return whole + [(int(file.stem), file) for file in part_files(parts_of(path))]
 
 
-def batches(path: Path, columns: Sequence[str] | None = None) -> Iterator[pa.RecordBatch]:
+def batches(
+    path: Path, columns: Sequence[str] | None = None, optional: Sequence[str] = ()
+) -> Iterator[pa.RecordBatch]:
     """The rows of a table, at least one batch, as far as they are: of its parts where it is not finished.
 
-    columns: names of those that are read, in this order; unless given, all. The bytes are checked, by the manifest
+    columns: names of those that are read, in this order; unless given, all. optional: of those that are read besides,
+    where there are such. The bytes are checked, by the manifest
     beside it and the sums of its pages. Raises RunFolderError, in a line.
     """
     damage = manifest.changed(path) if path.exists() else None
@@ -171,6 +174,7 @@ def batches(path: Path, columns: Sequence[str] | None = None) -> Iterator[pa.Rec
                 raise RunFolderError(f"{file}: {fault}")
         schema = pq.read_schema(files[0][1])
         if columns is not None:
+            columns = [*columns, *(name for name in optional if name in schema.names)]
             schema = pa.schema([schema.field(name) for name in columns], schema.metadata)
         yield pa.RecordBatch.from_pylist([], schema)
         yield from _once(files, None, columns)

@@ -75,7 +75,7 @@ class Replay(AnyAlgorithm):
     def _off_the_floor(self, where: str, context: "Context") -> Iterator[str]:
         size = np.array(context.domain.extent[:2])
         for one in self.chosen(context.resources.ways[where], _group(where, context).count):
-            place = one.place + self.origin
+            place = one.place[:, :2] + self.origin
             if not ((place > 0.0) & (place < size)).all(axis=1).any():
                 low, high = place.min(axis=0), place.max(axis=0)
                 yield (
@@ -88,7 +88,7 @@ class Replay(AnyAlgorithm):
         size = np.array(context.domain.extent[:2])
         chosen = self.chosen(context.resources.ways[where], _group(where, context).count)
         for one in chosen:
-            place = one.place + self.origin
+            place = one.place[:, :2] + self.origin
             out = ~((place > 0.0) & (place < size)).all(axis=1)
             if out.any():
                 yield f"{where}.file: {one.name} is not in the domain for {100 * out.mean():.0f} % of its poses"

@@ -6,6 +6,7 @@ the clock catches up where it can, and after SLIP seconds is put back. With `wai
 that are not lost have answered the readings of this one: then nothing depends on how fast anything is.
 """
 
+import gc
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -16,6 +17,7 @@ import numpy as np
 
 from taichi_plume.agents.external import LOST, ExternalAlgorithm, Orders
 from taichi_plume.files import ros_messages as ros
+from taichi_plume.files.ros_robots import sensor_fields
 from taichi_plume.guard.terminal import say, visible
 from taichi_plume.serve import topics
 from taichi_plume.serve.inbox import Inbox
@@ -60,7 +62,7 @@ class Outside:
             remark,
             ceiling=sim.grid.extent[2] if algorithm.flies else None,
         )
-        self.sensor = _sensor(group.model.sensors.nose)
+        self.noses = [sensor_fields(one) for one in group.model.sensors.noses]
         self.each = group.size <= topics.MOST_ROBOTS
         self.lost, self.over = np.zeros(group.size, bool), np.zeros(group.size, bool)
         self.times_lost = 0
@@ -81,7 +83,7 @@ class Outside:
         told["over"] = self.over = told["found"] | (by_declaring & (told["declarations"] > 0))
         more = {"answered": inbox.number & 0xFFFFFFFF, "lost": inbox.lost()}
         messages = [topics.readings(self.name, t, tick, told, **more)]
-        return messages + (list(topics.of_each(self.name, t, told, self.sensor)) if self.each else [])
+        return messages + (list(topics.of_each(self.name, t, told, self.noses)) if self.each else [])
 
     def order(self, t: float) -> list[str]:
         """Let the robots do what was heard for them; returns what is to be said of those that are lost or back."""
@@ -152,6 +154,8 @@ class Service:
         view = View(sim)
         sim.observers.append(Every(VIEW_S, lambda _: self._send(view.messages())))
         sim.observers.append(Every(sim.dt, lambda _: self.keep_time()))
+        gc.collect()
+        gc.freeze()  # to look through all that there is by now takes longer than a tick
 
     def _stray(self, data: bytes) -> None:
         """Something came that nobody takes."""
@@ -161,6 +165,7 @@ class Service:
 
     def close(self) -> None:
         """Tell that the run is over, and end all transports."""
+        gc.unfreeze()
         tick = max(0, self.sim.tick)
         self._send([topics.ended(group.name, self.sim.t, tick) for group in self.groups])
         for link in self.links:
@@ -176,9 +181,9 @@ class Service:
             messages += group.told(sim.t, sim.tick)
         if len(self._names) <= topics.MOST_ROBOTS:
             now = sim.swarm.snapshot()
-            messages.append(
-                topics.poses(sim.t, self._names, now["position"][self._first], now["heading"][self._first])
-            )
+            altitude = now.get("altitude", np.zeros(len(now["heading"])))
+            poses = (one[self._first] for one in (now["position"], now["heading"], altitude))
+            messages.append(topics.poses(sim.t, self._names, *poses))
         for group in self.groups:  # first: answers may come before the last message is out
             behind = int(group.inbox.timeout / sim.dt) if self.pace.speed < inf or self.pace.wait else 1 << 40
             group.inbox.published(sim.tick, sim.tick - behind)
@@ -287,9 +292,3 @@ def _named(group: str, robots: np.ndarray) -> str:
     """Some robots of a group by their names."""
     names = ", ".join(f"{group}_{n}" for n in robots[:SHOWN])
     return names if len(robots) <= SHOWN else f"{names} and {len(robots) - SHOWN} more"
-
-
-def _sensor(model: Any) -> dict[str, Any]:
-    """What messages say of a gas sensor."""
-    part = ros.PARTS.get(str(getattr(model, "model", "")).upper(), 0)
-    return {"technology": ros.TECHNOLOGIES.get(model.kind, 0), "mpn": part}

@@ -8,22 +8,23 @@
     ROBOT/cmd_vel      geometry_msgs/Twist           the same of one robot, where the group takes velocities: comes in
     ROBOT/pose         geometry_msgs/PoseStamped     where it takes poses: comes in
     ROBOT/odom         nav_msgs/Odometry             where it is
-    ROBOT/gas          olfaction_msgs/GasSensor      ppm
+    ROBOT/gas          olfaction_msgs/GasSensor      ppm, or ppm m of lasers
     ROBOT/gas_raw      olfaction_msgs/GasSensor      ohm, of metal oxides
     ROBOT/wind         olfaction_msgs/Anemometer     in the frame of the robot
 
-ROBOT is GROUP_n, n from 0 on through all trials. Groups of more than MOST_ROBOTS have no topics of each.
+ROBOT is GROUP_n, n from 0 on through all trials. Groups of more than MOST_ROBOTS have no topics of each. Where robots
+have several gas sensors, gas and gas_raw are of the first, gas_1 and gas_raw_1 of the next, and so on.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from taichi_plume.files import ros_messages as ros
+from taichi_plume.files.ros_robots import BASE, GAS, MAP, TRANSFORMS, numbered, transform, wind_fields
 
 MOST_ROBOTS = 64
-MAP, BASE, GAS, WIND = "map", "base_link", "gas_sensor", "anemometer"  # frames
 
 
 class Message(NamedTuple):
@@ -58,6 +59,7 @@ def readings(group: str, t: float, tick: int, told: dict[str, np.ndarray], **mor
         y=place[:, 1],
         z=told["altitude"],
         heading=told["believed_heading"],
+        noses=told["reading"].shape[1],
         gas=told["reading"],
         resistance=told["resistance"],
         wind_x=wind[:, 0],
@@ -74,16 +76,22 @@ def ended(group: str, t: float, tick: int) -> Message:
     return _message(f"{group}/readings", ros.READINGS, dict, t=t, tick=tick, ended=1)
 
 
-def of_each(group: str, t: float, told: dict[str, np.ndarray], sensor: dict[str, Any]) -> Iterator[Message]:
-    """What each robot of a group reads, as messages of ROS; sensor: fields of its GasSensor messages."""
+def of_each(
+    group: str, t: float, told: dict[str, np.ndarray], noses: Sequence[dict[str, Any]]
+) -> Iterator[Message]:
+    """What each robot of a group reads, as messages of ROS; noses: fields of the GasSensor messages of each."""
     has_resistance = np.isfinite(told["resistance"])
+    ohm = {"raw_units": ros.UNITS["ohm"]}
     for n in range(len(has_resistance)):
         robot = f"{group}_{n}"
         yield _message(f"{robot}/odom", "nav_msgs/msg/Odometry", _odometry, robot, t, told, n)
-        gas = {"header": ros.header(t, f"{robot}/{GAS}")} | sensor
-        yield _message(f"{robot}/gas", ros.GAS_SENSOR, _gas, gas, "ppm", told["reading"], n)
-        if has_resistance[n]:
-            yield _message(f"{robot}/gas_raw", ros.GAS_SENSOR, _gas, gas, "ohm", told["resistance"], n)
+        for k, sensor in enumerate(noses):
+            gas = {"header": ros.header(t, f"{robot}/{numbered(GAS, k)}")} | sensor
+            topic = f"{robot}/{numbered('gas', k)}"
+            yield _message(topic, ros.GAS_SENSOR, _gas, gas, told["reading"], n, k)
+            if has_resistance[n, k]:
+                topic = f"{robot}/{numbered('gas_raw', k)}"
+                yield _message(topic, ros.GAS_SENSOR, _gas, gas | ohm, told["resistance"], n, k)
         yield _message(f"{robot}/wind", ros.ANEMOMETER, _wind, robot, t, told, n)
 
 
@@ -96,35 +104,28 @@ def _odometry(robot: str, t: float, told: dict[str, np.ndarray], n: int) -> dict
     return {"header": ros.header(t, MAP), "child_frame_id": f"{robot}/{BASE}", "pose": {"pose": pose}}
 
 
-def _gas(about: dict[str, Any], unit: str, values: np.ndarray, n: int) -> dict[str, Any]:
-    return about | {"raw": float(values[n]), "raw_units": ros.UNITS[unit]}
+def _gas(about: dict[str, Any], values: np.ndarray, n: int, k: int) -> dict[str, Any]:
+    return about | {"raw": float(values[n, k])}
 
 
 def _wind(robot: str, t: float, told: dict[str, np.ndarray], n: int) -> dict[str, Any]:
     u, v = told["wind"][n].tolist()
-    course = np.arctan2(v, u) - told["believed_heading"][n]
-    return {
-        "header": ros.header(t, f"{robot}/{WIND}"),
-        "sensor_label": f"{robot}/wind",
-        "wind_speed": np.hypot(u, v),
-        "wind_direction": np.arctan2(np.sin(course), np.cos(course)),
-    }
+    return wind_fields(robot, u, v, float(told["believed_heading"][n]), t)
 
 
-def poses(t: float, names: list[str], position: np.ndarray, heading: np.ndarray) -> Message:
-    """Where robots are: position (n, 2) [m], heading (n,) [rad]."""
-    return _message("tf", "tf2_msgs/msg/TFMessage", _transforms, t, names, position, heading)
+def poses(
+    t: float, names: list[str], position: np.ndarray, heading: np.ndarray, altitude: np.ndarray
+) -> Message:
+    """Where robots are: position (n, 2) [m], heading (n,) [rad], altitude (n,) [m]."""
+    places = np.column_stack([position, altitude])
+    return _message("tf", TRANSFORMS, _transforms, t, names, places, heading)
 
 
-def _transforms(t: float, names: list[str], position: np.ndarray, heading: np.ndarray) -> dict[str, Any]:
+def _transforms(t: float, names: list[str], places: np.ndarray, heading: np.ndarray) -> dict[str, Any]:
     return {
         "transforms": [
-            {
-                "header": ros.header(t, MAP),
-                "child_frame_id": f"{name}/{BASE}",
-                "transform": {"translation": {"x": x, "y": y}, "rotation": ros.yawed(angle)},
-            }
-            for name, (x, y), angle in zip(names, position.tolist(), heading.tolist(), strict=True)
+            transform(MAP, f"{name}/{BASE}", dict(zip("xyz", place, strict=True)), ros.yawed(angle), t)
+            for name, place, angle in zip(names, places.tolist(), heading.tolist(), strict=True)
         ]
     }
 

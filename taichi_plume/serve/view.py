@@ -13,11 +13,11 @@ import numpy as np
 
 from taichi_plume.files import ros_messages as ros
 from taichi_plume.files import ros_shapes
+from taichi_plume.files.ros_robots import MAP, TRANSFORMS, carried
 from taichi_plume.grid.fields import ppm_at
-from taichi_plume.serve.topics import BASE, GAS, MAP, WIND, Message
+from taichi_plume.serve.topics import Message
 from taichi_plume.simulation import Simulation
 
-TRANSFORMS = "tf2_msgs/msg/TFMessage"
 LEAST = 0.1  # ppm
 MOST = 20_000  # points that are looked at
 
@@ -61,17 +61,10 @@ class View:
         ]
 
     def _sensors(self) -> Any:
-        """Where they are on the robots: ahead of the middle, and in 3-D over the floor."""
-        flat, places = self.sim.grid.dim == 2, []
-        for group in self.sim.swarm.groups:
-            gas, wind = group.model.sensors.nose, group.model.sensors.wind
-            for n in range(group.count):
-                robot = f"{ros.word(group.name)}_{n}"
-                for frame, ahead, height in ((GAS, gas.ahead, gas.height), (WIND, 0.0, wind.height)):
-                    at = {"x": ahead, "z": 0.0 if flat else height}
-                    told = {"translation": at, "rotation": ros.yawed(0.0)}
-                    header = ros.header(0.0, f"{robot}/{BASE}")
-                    places.append({"header": header, "child_frame_id": f"{robot}/{frame}", "transform": told})
+        """Where they are on the robots."""
+        flat, groups = self.sim.grid.dim == 2, self.sim.swarm.groups
+        robots = [(f"{ros.word(one.name)}_{n}", one.model) for one in groups for n in range(one.count)]
+        places = [each for name, model in robots for each in carried(name, model.sensors, flat)]
         return ros.message(TRANSFORMS, transforms=places)
 
     def _gas(self, n: int, t: float) -> Any:

@@ -189,7 +189,7 @@ def test_gas_that_cannot_be_read_does_not_stop_a_replay(tmp_path):
         read(tmp_path / "bag")
     (one,) = read(tmp_path / "bag", poses=("/b/pose",))
     assert len(one.ppm) == 0
-    np.testing.assert_allclose(one.place, [way("b", t)[:2] for t in TIMES])
+    np.testing.assert_allclose(one.place, [(*way("b", t)[:2], 0.0) for t in TIMES])
 
 
 def test_its_robots_do_not_err(folder):

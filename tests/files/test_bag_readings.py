@@ -71,11 +71,13 @@ def test_frames_lead_to_the_sensor(tmp_path):
     np.testing.assert_allclose(one.at, wanted, atol=1e-3)
     np.testing.assert_allclose(one.wind, np.stack([np.cos(turn + pi), np.sin(turn + pi)], axis=-1), atol=2e-3)
     np.testing.assert_allclose(
-        one.place, np.stack([1.0 + 0.1 * one.t, 0.5 + 0.4 * one.t], axis=-1), atol=1e-6
+        one.place, np.stack([1.0 + 0.1 * one.t, 0.5 + 0.4 * one.t, 0 * one.t], axis=-1), atol=1e-6
     )
     np.testing.assert_allclose(np.unwrap(one.heading), pi / 2 + 0.3 * one.t, atol=1e-6)
     (other,) = bag_readings.read(tmp_path / "a", Wanted(frame="odom"))
-    np.testing.assert_allclose(other.place, np.stack([0.4 * other.t, 0 * other.t], axis=-1), atol=1e-6)
+    np.testing.assert_allclose(
+        other.place, np.stack([0.4 * other.t, 0 * other.t, 0 * other.t], axis=-1), atol=1e-6
+    )
     (by_topic,) = bag_readings.read(tmp_path / "a", Wanted(gas=("/r/gas",), pose=("/r/odom",)))
     np.testing.assert_allclose(by_topic.at[:, 0], 0.2 * AT)
 

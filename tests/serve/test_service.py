@@ -31,7 +31,18 @@ SCENARIO = {
             "count": 2,
             "start": {"kind": "positions", "positions": [[3, 1], [3, 2]], "heading_deg": 180},
             "algorithm": {"kind": "external", "timeout": 0.5},
-            "sensors": {"gas": {"kind": "mox"}},
+            "sensors": {
+                "gas": [
+                    {"kind": "mox"},
+                    {
+                        "kind": "tdlas",
+                        "species": "ethanol",
+                        "left": 0.05,
+                        "bearing_deg": 90,
+                        "noise_ppm_m": 0,
+                    },
+                ]
+            },
         }
     ],
 }
@@ -120,7 +131,7 @@ def test_a_run_takes_its_time(served):
     last = robots.seen[-1][1]
     np.testing.assert_allclose(last.x, 3 - 0.1 * 3.0, atol=1e-3)
     assert last.t == pytest.approx(3.0)
-    assert np.isfinite(last.resistance).all()
+    assert np.isfinite(last.resistance[::2]).all(), "of the first of two sensors"
 
 
 def test_ten_times_as_fast(served):
@@ -190,7 +201,7 @@ def test_what_is_told_of_each_robot(served):
     assert robots.messages[-1][1].ended
     assert sorted(decoded) == [
         "clock", "map", "my_team/readings",
-        *(f"my_team_{n}/{what}" for n in (0, 1) for what in ("gas", "gas_raw", "odom", "wind")),
+        *(f"my_team_{n}/{what}" for n in (0, 1) for what in ("gas", "gas_1", "gas_raw", "odom", "wind")),
         "plume/ethanol", "tf", "tf_static",
     ]  # fmt: skip
     now = robots.seen[-1][1]
@@ -198,9 +209,25 @@ def test_what_is_told_of_each_robot(served):
     odometry = decoded["my_team_1/odom"]
     assert odometry.pose.pose.position.x == pytest.approx(now.x[1])
     assert abs(ros.yaw(odometry.pose.pose.orientation)) == pytest.approx(np.pi, abs=1e-5)
-    assert decoded["my_team_0/gas"].raw == pytest.approx(now.gas[0])
-    assert decoded["my_team_0/gas_raw"].raw == pytest.approx(now.resistance[0])
-    assert decoded["my_team_0/gas_raw"].raw_units == ros.UNITS["ohm"]
+    gas, resistance = now.gas.reshape(2, now.noses), now.resistance.reshape(2, now.noses)
+    assert now.noses == 2
+    assert decoded["my_team_1/gas"].raw == pytest.approx(gas[1, 0])
+    assert decoded["my_team_1/gas_raw"].raw == pytest.approx(resistance[1, 0])
+    assert decoded["my_team_1/gas_raw"].raw_units == ros.UNITS["ohm"]
+    laser = decoded["my_team_1/gas_1"]
+    assert laser.raw == pytest.approx(gas[1, 1])
+    assert laser.raw > 1.0
+    assert np.isnan(resistance[:, 1]).all()
+    assert laser.technology == ros.TECHNOLOGIES["tdlas"]
+    assert laser.raw_units == ros.UNITS["ppm m"]
+    assert laser.header.frame_id == "my_team_1/gas_sensor_1"
+    (looks,) = (
+        one.transform
+        for one in decoded["tf_static"].transforms
+        if one.child_frame_id == laser.header.frame_id
+    )
+    assert looks.translation.y == pytest.approx(0.05)
+    assert ros.yaw(looks.rotation) == pytest.approx(np.pi / 2)
     wind = decoded["my_team_0/wind"]
     assert wind.wind_speed == pytest.approx(np.hypot(now.wind_x[0], now.wind_y[0]))
     # it drives against the wind, so in its frame the air comes from ahead
