@@ -6,6 +6,7 @@ Only the files of this folder know rerun.
 """
 
 import time
+from math import ceil
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ SAMPLE_PERIOD = 0.1  # s, robots
 LIVE = 0.5  # s of the clock between what a viewer is sent
 BATCH = 2.0  # s, at least
 BATCHES = 250  # at most: rerun keeps 1.5 kB of each, of each entity, in memory until the end
+AT_ONCE = 10  # robots of which what was gathered is sent
 EARLIER = "recording.old.rrd"
 MENDED = "recording.part.rrd"
 
@@ -40,7 +42,7 @@ class Recorder:
     Raises OSError, from the constructor or an observer, as soon as the disk has no room for more.
     """
 
-    STATE = ("t", "schedule", "tracks", "maps", "arrows")
+    STATE = ("t", "share", "schedule", "tracks", "maps", "arrows")
 
     def __init__(
         self,
@@ -69,6 +71,8 @@ class Recorder:
         blueprint = layout.Layout(sim, layout.Shown(stage, robots, seen, shown, live is not None)).blueprint()
         self.stream = Stream(path, scenario.name, list(scenario.seeds.values()), blueprint, live)
         self.sent = -np.inf  # on the clock, to the viewer
+        self.shares = max(1, ceil(len(robots) / AT_ONCE))
+        self.share = 0  # of the robots that is sent next
         told: dict[str, Any] = {**scenario.seeds, "backend": backend, "version": __version__}
         properties = rr.AnyValues(**told, spacing_m=sim.grid.dx)
         self.stream.rerun.send_property("run", properties)
@@ -95,7 +99,7 @@ class Recorder:
             *([self.own_scores.observer()] if self.own_scores else []),
             Every(1.0, self.maps.show),
             Every(1.0, self.beliefs.show),
-            Every(max(BATCH, self.sim.scenario.duration / BATCHES), self.note, warm_up=True),
+            Every(max(BATCH, self.sim.scenario.duration / BATCHES) / self.shares, self.note, warm_up=True),
             Every(1.0, lambda _: self.stream.require_room(), warm_up=True),
             *([Every(SAMPLE_PERIOD, self.show_now, warm_up=True)] if self.stream.live else []),
         ]
@@ -131,11 +135,15 @@ class Recorder:
                 samples.append((sim.t, x - one.center[0], y - one.center[1]))
 
     def note(self, sim: Simulation) -> None:
-        """Tell what has happened by schedule, and bring all to the disk. Raises OSError when there is no room."""
+        """Tell what has happened by schedule, and bring to the disk what there is, of many robots in turns: a run in
+        real time has less than a tick for it. Raises OSError when there is no room.
+        """
         while self.schedule and self.schedule[0][0] <= sim.t + 1e-9:
             at, text = self.schedule.pop(0)
             self.events.append((at, "WIND", text, scene.TEXT))
-        self.flush()
+        self.stream.require_room()
+        self._send(self.share, self.shares)
+        self.share = (self.share + 1) % self.shares
 
     def flush(self) -> None:
         """Send what was gathered and bring it to the disk. Raises OSError when there is no room."""
@@ -143,8 +151,8 @@ class Recorder:
         self._send()
         self.t = self.sim.t
 
-    def _send(self) -> None:
-        self.tracks.send()
+    def _send(self, share: int = 0, of: int = 1) -> None:
+        self.tracks.send(share, of)
         for n, samples in self.walks.items():
             if samples:
                 t, x, y = np.array(samples).T

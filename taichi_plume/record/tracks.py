@@ -93,7 +93,11 @@ class Tracks:
         self.states = np.full(len(robots), -1)
         """Of the robots when they were last looked at."""
         self.samples: list[np.ndarray] = []
-        """(robots, 9) each: time, x, y, heading, reading, believed x, y and heading, altitude; since the last batch."""
+        """(robots, 9) each: time, x, y, heading, reading, believed x, y and heading, altitude; those of which some
+        robot's are not sent yet.
+        """
+        self.sent = np.zeros(len(robots), int)
+        """How many of them are."""
         stream.log_still(self._styles())
 
     def _styles(self) -> scene.Entities:
@@ -172,11 +176,10 @@ class Tracks:
             self.events.append((t, "STATE", text, robot.color))
         robot.state = state
 
-    def send(self) -> None:
-        """Send what was gathered."""
-        samples = np.array(self.samples)
-        self.samples.clear()
-        for n, robot in enumerate(self.robots):
+    def send(self, share: int = 0, of: int = 1) -> None:
+        """Send what was gathered of every `of`-th robot, from number `share` on."""
+        for n in range(share, len(self.robots), of):
+            robot = self.robots[n]
             if robot.changes:
                 times, states = zip(*robot.changes, strict=True)
                 self.stream.send(f"states/{robot.name}", times, rr.StateChange.columns(state=states))
@@ -185,8 +188,13 @@ class Tracks:
                 text = f"{robot.name}: {'right' if right else 'wrong'}"
                 self.stream.log(t, f"declared/{robot.name}", scene.declared(place, right, text, self.stage))
             robot.declared.clear()
-            if len(samples):
-                self._send_samples(robot, samples[:, n].T)
+            samples = [one[n] for one in self.samples[self.sent[n] :]]
+            self.sent[n] = len(self.samples)
+            if samples:
+                self._send_samples(robot, np.array(samples).T)
+        done = self.sent.min(initial=len(self.samples))
+        del self.samples[:done]
+        self.sent -= done
 
     def _send_samples(self, robot: Robot, columns: np.ndarray) -> None:
         t, reading, z = columns[0], columns[4], columns[8]

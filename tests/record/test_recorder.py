@@ -246,13 +246,24 @@ def test_without_robots_and_maps(tmp_path):
 
 
 def test_large_swarm_is_thinned(tmp_path):
+    """And sent in turns, of which nothing is lost."""
     group = {"start": {"kind": "area", "low": [3, 0.5], "high": [3.8, 2.5]}, "algorithm": {"kind": "casting"}}
     robots = [{"name": "many", "count": 200, **group}, {"name": "one", "count": 1, **group}]
-    model = fake_run.scenario(2, duration=1, robots=robots, maps=[])
-    path = recorded(fake_run.simulation(model), tmp_path / "a.rrd")
+    model = fake_run.scenario(2, duration=4.5, robots=robots, maps=[])
+    sim = fake_run.simulation(model)
+    places = []
+    sim.observers.append(Every(0.1, lambda sim: places.append(sim.swarm.snapshot()["position"])))
+    path = recorded(sim, tmp_path / "a.rrd")
     drawn = {entity for entity in entities(path) if entity.startswith("/robots/")}
     assert "/robots/one" in drawn
     assert len(drawn) == 26
+    for name, number in (("many-0", 0), ("many-13", 13), ("one", 200)):
+        t, there = column(path, f"/robots/{name}", "Transform3D:translation")
+        assert t == pytest.approx(np.arange(46) * 0.1)
+        wanted = [place[number] for place in places]
+        np.testing.assert_allclose([place[0][:2] for place in there], wanted, atol=1e-5)
+        _, strips = column(path, f"/trails/{name}", "LineStrips3D:strips")
+        assert [strip[0][-1][:2] for strip in strips] == pytest.approx(np.array(wanted), abs=1e-5)
 
 
 def test_a_run_that_dies_leaves_a_readable_file(tmp_path):
