@@ -30,7 +30,8 @@ from taichi_plume.grid.state import State
 from taichi_plume.initial import begin_fields
 from taichi_plume.kinds import GASES, WINDS, Context
 from taichi_plume.own_code import execute
-from taichi_plume.prepare import Prepared, Resources, again, prepare
+from taichi_plume.prepare import Prepared, again, prepare
+from taichi_plume.resources import Resources
 from taichi_plume.scenario.algorithms import Own
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.obstacles import Obstacle

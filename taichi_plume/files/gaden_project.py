@@ -31,14 +31,7 @@ GASES = (
     "ethanol", "methane", "hydrogen", "propanol", "chlorine", "fluorine", "acetone", "neon", "helium", "biogas",
     "butane", "carbon dioxide", "carbon monoxide", "smoke",
 )  # fmt: skip
-VAPOURS = {  # molar mass [g/mol] and diffusivity in air at 25 degC [cm2/s] (Poling et al. 2001; Massman 1998)
-    "methane": (16.043, 0.22),
-    "hydrogen": (2.016, 0.76),
-    "propanol": (60.096, 0.10),
-    "helium": (4.0026, 0.70),
-    "carbon dioxide": (44.009, 0.16),
-    "carbon monoxide": (28.010, 0.21),
-}
+OURS = {"propanol": "1-propanol"}
 KEYS = {  # of GADEN 3, its first versions and GADEN 2; the default
     "step": (("deltaTime", "time_step"), 0.1),
     "wind_step": (("windIterationDeltaTime", "wind_time_step"), 1.0),
@@ -87,8 +80,6 @@ def expanded(data: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[s
 
     Raises ScenarioError.
     """
-    if "gaden" not in data:
-        return data, []
     name = data["gaden"]
     if not isinstance(name, str) or not name or "\0" in name:
         raise ScenarioError([f"gaden: must be a path in a project of GADEN's, got {name!r}"])
@@ -297,14 +288,11 @@ def _gas(project: _Project, low: np.ndarray) -> dict[str, Any]:
     }
 
 
-def _species(project: _Project, name: str) -> tuple[Any, float]:
+def _species(project: _Project, name: str) -> tuple[str, float]:
     """A gas as a scenario names it, and its molar mass [kg/mol]."""
-    short = name.replace(" ", "_")
-    if short in SPECIES:
-        return short, SPECIES[short].molar_mass
-    if name not in VAPOURS:
+    ours = OURS.get(name, name.replace(" ", "_"))
+    if ours not in SPECIES:
         raise project.wrong(
             f"its gas is {name}, which has no molar mass of its own here; choose another gasType"
         )
-    mass, diffusivity = VAPOURS[name]
-    return {"name": short, "molar_mass": mass * 1e-3, "diffusivity": diffusivity * 1e-4}, mass * 1e-3
+    return ours, SPECIES[ours].molar_mass

@@ -6,10 +6,10 @@ single keys the section tells itself, see `checks`; `loading` reads YAML.
 
 from collections.abc import Iterator, Mapping
 from math import ceil
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field
+from pydantic import ConfigDict, Field, field_validator
 
 from taichi_plume.scenario.arena import Arena
 from taichi_plume.scenario.context import Context
@@ -22,6 +22,7 @@ from taichi_plume.scenario.openings import Opening
 from taichi_plume.scenario.outputs import Checkpoint, Fields, Forces, PlumeLog, Recording
 from taichi_plume.scenario.policy import Policy
 from taichi_plume.scenario.probes import Probes
+from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.robots import Group
 from taichi_plume.scenario.screens import AnyScreen
 from taichi_plume.scenario.starts import too_close
@@ -32,6 +33,7 @@ from taichi_plume.scenario.vocabulary import (
     FREE,
     Delay,
     Duration,
+    FileName,
     Model,
     Tick,
 )
@@ -40,8 +42,15 @@ from taichi_plume.scenario.winds import Wind
 MOST_TICKS = 2e9  # kernels count them in 32 bits
 
 
+def _or_a_project(schema: dict[str, Any]) -> None:
+    """What a file must have, unless it names a project of GADEN's."""
+    schema["anyOf"] = [{"required": schema.pop("required")}, {"required": ["gaden"]}]
+
+
 class Scenario(Model):
     """One experiment: everything that decides its outcome."""
+
+    model_config = ConfigDict(json_schema_extra=_or_a_project)
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"), FREE] = "run"
     """Name of the experiment, and of the folders of its runs. Letters, digits, dot, underscore and dash."""
@@ -51,6 +60,9 @@ class Scenario(Model):
     air_seed: Annotated[int, Field(ge=0, lt=2**32), FREE] | None = None
     """Begin of the random numbers of wind and gas alone; unless given, the seed. With the same one, robots of another
     seed, with other starts and noise, search in the same air."""
+    gaden: Annotated[FileName, FREE] | None = None
+    """Path of a project of GADEN's, or of one of its simulations, in a scenario's file. Room, wind, source and gas are
+    taken from it; keys that stand beside come before."""
     duration: Duration
     """Time for which robots move and sensors measure, after the warm-up. The air should get through the room several
     times."""
@@ -95,6 +107,13 @@ class Scenario(Model):
     """What the scenario is as a task to learn: episodes, airs, rewards. Runs do not look at it."""
     checkpoint: Annotated[Checkpoint | None, FREE] = Checkpoint()
     """How often the state of the run is saved, from which it can be resumed when cut off. null: never."""
+
+    @field_validator("gaden")
+    @classmethod
+    def _is_carried_out(cls, value: str | None) -> str | None:
+        if value is not None:
+            raise fault("is carried out of a scenario's file alone; in Python by load_scenario")
+        return value
 
     @property
     def floor(self) -> Arena:

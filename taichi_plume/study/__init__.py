@@ -19,6 +19,7 @@ MAY_IMPORT: tuple[str, ...] = (
     "own_code",
     "prepare",
     "report",
+    "resources",
     "run_data",
     "running",
     "scenario",

@@ -10,6 +10,7 @@ from urllib.parse import quote
 from pydantic import TypeAdapter, ValidationError
 
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
+from taichi_plume.prepare import expanded
 from taichi_plume.scenario.input_files import outside
 from taichi_plume.scenario.loading import NEEDS, ScenarioError, explain, read_mapping
 from taichi_plume.scenario.scenario import Scenario
@@ -93,7 +94,7 @@ class _Planning:
                     "want to be read, add --allow-outside (in Python: allow_outside=True)"
                 ]
             )
-        self.base = read_mapping(path, NEEDS)
+        self.base, _ = expanded(read_mapping(path, NEEDS), path)
         self.folder = path.resolve().parent
         self.checks, self.digests = Checks(self.folder, allow_outside), Digests(self.folder)
 

@@ -11,7 +11,10 @@ from test_meshes import box_triangles, write_stl
 
 from taichi_plume.assemble import assemble
 from taichi_plume.prepare import load
-from taichi_plume.scenario.loading import ScenarioError
+from taichi_plume.scenario.loading import ScenarioError, scenario_from
+from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.study.plan import load_plan
+from taichi_plume.study.scenarios import scenario_of
 
 CELL, SHAPE, LOW = 0.2, (20, 15, 6), np.array([-1.0, 2.0, 0.0])
 SIM = {
@@ -126,6 +129,26 @@ def test_one_line_is_the_scenario_of_the_project(tmp_path):
     for name in (home, f"{home}/simulations/sim1", f"{home}/simulations/sim1/sim.yaml"):
         path.write_text(f"gaden: {name}\n")
         assert load(path).scenario == scenario
+
+
+def test_a_study_of_a_project(tmp_path):
+    """Its axes are keys of the scenario that the project stands for."""
+    scenario = load(project(tmp_path)).scenario
+    (tmp_path / "study.yaml").write_text(
+        "name: two\nbase: room.yaml\nairs: 2\naxes: {size: {key: gas.initial_size, values: [0.1, 0.2]}}\n"
+    )
+    found = load_plan(tmp_path / "study.yaml")
+    runs = [scenario_of(found.base, request.changes) for request in found.requests]
+    assert [one.gas.initial_size for one in runs] == [0.1, 0.1, 0.2, 0.2]
+    assert runs[0] == scenario.model_copy(update={"name": runs[0].name, **runs[0].seeds})
+
+
+def test_the_key_stands_in_files_alone():
+    with pytest.raises(ScenarioError, match="gaden: is carried out of a scenario's file alone"):
+        scenario_from({"gaden": "room"})
+    schema = Scenario.model_json_schema()
+    assert {"required": ["gaden"]} in schema["anyOf"]
+    assert "GADEN" in schema["properties"]["gaden"]["description"]
 
 
 @pytest.mark.usefixtures("taichi")

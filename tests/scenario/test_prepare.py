@@ -8,7 +8,7 @@ import yaml
 from test_meshes import box_triangles, write_stl
 
 from taichi_plume import prepare
-from taichi_plume.files import plumesim_log
+from taichi_plume.files import own_class, plumesim_log
 from taichi_plume.prepare import checked, load, load_scenario
 from taichi_plume.scenario import shapes
 from taichi_plume.scenario.loading import ScenarioError, read_scenario
@@ -49,7 +49,7 @@ def test_each_file_is_opened_once(path, monkeypatch):
     opened = Counter()
     for owner, name in (
         (plumesim_log, "read_log"),
-        (prepare.OwnFile, "read"),
+        (own_class.OwnFile, "read"),
         (shapes, "Solid"),
     ):
         original = getattr(owner, name)

@@ -1,0 +1,237 @@
+"""What a scenario's files hold: each kind of section that names a file has its opener here."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from pydantic import ValidationError
+
+from taichi_plume.files.network import Network
+from taichi_plume.files.own_class import OwnAlgorithmError, OwnFile
+from taichi_plume.files.point_frames import PointFileError, PointFrames, frames_of
+from taichi_plume.grid.shapes import Shape
+from taichi_plume.scenario.algorithms import Own
+from taichi_plume.scenario.gases import PlaybackGas, PureGas
+from taichi_plume.scenario.imported_wind import ImportedWind
+from taichi_plume.scenario.initial import InitialGas, InitialWind
+from taichi_plume.scenario.movie import MovieGas
+from taichi_plume.scenario.played import Playback, PlaybackWind, PlumeSimLog, PlumeSimWind
+from taichi_plume.scenario.plumesim import FluentGas, PlumeSimGas
+from taichi_plume.scenario.policy import Policy
+from taichi_plume.scenario.replay import Replay
+from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.scenario.vocabulary import Model
+
+if TYPE_CHECKING:  # they bring zarr and Taichi, for runs that need them
+    from taichi_plume.files.bag_ways import Way
+    from taichi_plume.files.film import Film
+    from taichi_plume.files.movie import Movie
+    from taichi_plume.files.site import Site
+    from taichi_plume.grid.cut_cells import Air
+
+
+@dataclass
+class Resources:
+    """What a scenario's files and obstacles are made of, each opened once, by the paths of the sections that name them.
+
+    faults: what is wrong with those that cannot be used. shapes: of the obstacles without a fault, in their order.
+    site: the files of an imported wind. code: files of own algorithms; own: their classes, once they were executed.
+    networks: of policies. ways: of recorded robots. remarks: what is probably not meant, once checked.
+    """
+
+    scenario: Scenario
+    faults: dict[str, str] = field(default_factory=dict)
+    shapes: dict[str, Shape] = field(default_factory=dict)
+    films: "dict[str, Film]" = field(default_factory=dict)
+    frames: dict[str, PointFrames] = field(default_factory=dict)
+    movies: "dict[str, Movie]" = field(default_factory=dict)
+    site: "Site | None" = None
+    code: dict[str, OwnFile] = field(default_factory=dict)
+    own: dict[str, type] = field(default_factory=dict)
+    networks: dict[str, Network] = field(default_factory=dict)
+    ways: "dict[str, list[Way]]" = field(default_factory=dict)
+    remarks: list[str] = field(default_factory=list)
+    _unlike: dict[Path, int] = field(default_factory=dict, repr=False)
+    _site_air: "dict[bool, Air]" = field(default_factory=dict, repr=False)
+
+    @property
+    def obstacles(self) -> list[Shape]:
+        """The shapes of the obstacles."""
+        return list(self.shapes.values())
+
+    @property
+    def standing(self) -> list[Shape | None]:
+        """The shapes of those that stand, None for those that move."""
+        return [one if one.model.motion is None else None for one in self.shapes.values()]
+
+    def unlike(self, path: str) -> int:
+        """Number of cells whose air is not as in the film of that section."""
+        film = self.films[path]
+        if film.path not in self._unlike:
+            from taichi_plume.grid.cut_cells import air_of
+            from taichi_plume.grid.grid import Grid
+
+            recorded = film.still("volume")
+            here = air_of(self.standing, Grid.of(self.scenario.domain, film.periodic), recorded > 0)
+            self._unlike[film.path] = int((np.abs(here.volume - recorded) > 0.01).sum())
+        return self._unlike[film.path]
+
+    def solid(self) -> np.ndarray:
+        """Which cells of an imported wind's grid hold no air, where its outlets count as none.
+
+        They lie in the walls, where the files have no points.
+        """
+        return self.site_air(outlets=False).solid
+
+    def site_air(self, outlets: bool = True) -> "Air":
+        """The air of an imported wind; outlets: whether those of its occupancy grid are."""
+        assert self.site is not None
+        cubes = self.site.cubes
+        key = outlets or cubes is None or not cubes.outlet.any()
+        if key not in self._site_air:
+            from taichi_plume.grid.cut_cells import air_of
+            from taichi_plume.grid.grid import Grid
+
+            grid = Grid.of(self.scenario.domain)
+            self._site_air[key] = air_of(
+                self.standing, grid, left=cubes.shares(grid, outlets) if cubes else None
+            )
+        return self._site_air[key]
+
+
+def _film(resources: Resources, path: str, model: Playback, folder: Path) -> PureGas | None:
+    """Open the film of a section; a played gas is returned with what was recorded of it."""
+    from taichi_plume.files.film import Film, FilmError
+
+    file, gas = folder / model.file, None
+    try:
+        film = next((film for film in resources.films.values() if film.path == file), None) or Film(file)
+        if isinstance(model, PlaybackGas):
+            gas = completed(model, film)
+        film.still("volume")
+        for n in {0, len(film.times) - 1}:
+            film.frame(n, film.wind if model.part == "wind" else film.gas)
+        resources.films[path] = film
+    except FilmError as error:
+        resources.faults[path] = str(error)
+    return gas
+
+
+def _moment(resources: Resources, path: str, model: InitialWind | InitialGas, folder: Path) -> None:
+    """Open the film that tells how wind or gas begin, and look at the frames that are needed."""
+    if model.film is None:
+        return
+    from taichi_plume.files.film import Film, FilmError
+    from taichi_plume.files.film_moment import moment
+
+    file = folder / model.film
+    try:
+        film = next((film for film in resources.films.values() if film.path == file), None) or Film(file)
+        film.still("volume")
+        names = film.wind
+        if model.part == "gas":
+            gas = dict(resources.scenario.gases)[path.removesuffix(".initial")]
+            names = [film.gas_of(gas.species)] if film.gas else []
+        moment(film, names, model.at)
+        resources.films[path] = film
+    except FilmError as error:
+        resources.faults[path] = str(error)
+
+
+def completed(gas: PlaybackGas, film: "Film") -> PlaybackGas:
+    """The gas with the recorded species and sources where it gives none. Raises FilmError."""
+    from taichi_plume.files.film import FilmError
+
+    if gas.sources and gas.species:
+        return gas
+    try:
+        recorded = film.attributes["gases"][film.gas_of(gas.species)] if film.gas else {}
+        given = gas.model_dump(exclude_none=True, exclude_defaults=True)
+        return PlaybackGas.model_validate(recorded | given | {"kind": "playback"})
+    except (ValidationError, LookupError, TypeError):
+        raise FilmError(f"{film.path}: is damaged: its species or sources are not ones of ours") from None
+
+
+def _points(
+    resources: Resources, path: str, model: PlumeSimWind | PlumeSimGas | FluentGas, folder: Path
+) -> None:
+    """Read the frames of points of a section; a log that several play is read once."""
+    try:
+        file = folder / model.file if isinstance(model, PlumeSimLog) else None
+        known = (frames for frames in resources.frames.values() if frames.path == file)
+        resources.frames[path] = next(known, None) or frames_of(model, folder)
+    except PointFileError as error:
+        resources.faults[path] = str(error)
+
+
+def _movie(resources: Resources, path: str, model: MovieGas, folder: Path) -> None:
+    """Open a movie, and look at its first and its last frame."""
+    from taichi_plume.files.film import FilmError
+    from taichi_plume.files.movie import Movie
+
+    try:
+        movie = Movie(folder / model.file, model)
+        for n in {0, len(movie.times) - 1}:
+            movie.frame(n)
+        resources.movies[path] = movie
+    except FilmError as error:
+        resources.faults[path] = str(error)
+
+
+def _site(resources: Resources, path: str, model: ImportedWind, folder: Path) -> None:
+    """Read the first and the last file of an imported wind."""
+    from taichi_plume.files.site import Site
+    from taichi_plume.files.wind_points import WindFileError
+
+    try:
+        site = Site(model, resources.scenario.domain.dim, folder)
+        site.read(site.files[-1][1])
+        resources.site = site
+    except WindFileError as error:
+        resources.faults[path] = str(error)
+
+
+def _own(resources: Resources, path: str, model: Own, folder: Path) -> None:
+    """Look at a user's file; without a file the class is handed over when the run is assembled."""
+    if model.file:
+        try:
+            resources.code[path] = OwnFile.read(folder / model.file, model.name)
+        except OwnAlgorithmError as error:
+            resources.faults[path] = str(error)
+
+
+def _network(resources: Resources, path: str, model: Policy, folder: Path) -> None:
+    """Read a policy's network; without a file it is still to be learnt."""
+    if model.file:
+        try:
+            resources.networks[path] = Network.read(folder / model.file)
+        except OwnAlgorithmError as error:
+            resources.faults[path] = str(error)
+
+
+def _ways(resources: Resources, path: str, model: Replay, folder: Path) -> None:
+    """Read the ways of recorded robots."""
+    from taichi_plume.files.bag_ways import WayError, read
+
+    try:
+        resources.ways[path] = read(folder / model.file, model.frame, model.topics, model.poses)
+    except WayError as error:
+        resources.faults[path] = str(error)
+
+
+OPENERS: dict[type[Model], Callable[[Resources, str, Any, Path], PureGas | None]] = {
+    PlaybackWind: _film,
+    PlaybackGas: _film,
+    PlumeSimWind: _points,
+    PlumeSimGas: _points,
+    FluentGas: _points,
+    MovieGas: _movie,
+    ImportedWind: _site,
+    InitialWind: _moment,
+    InitialGas: _moment,
+    Own: _own,
+    Policy: _network,
+    Replay: _ways,
+}
