@@ -318,7 +318,7 @@ def test_a_run_again_on_its_own_ways_reads_the_same(run, tmp_path):
         "    odometry: {veer_deg: 10, distance_scale: 0.1}\n", ""
     )
     for kind in ("random_walk", "casting"):
-        names = "[linear_0]" if kind == "casting" else "[oxides_0, oxides_1]"
+        names = "[linear_0/gas]" if kind == "casting" else "[oxides_0, oxides_1]"
         text = text.replace(f"{{kind: {kind}}}", f"{{kind: replay, file: bag, robots: {names}}}")
     (tmp_path / "s.yaml").write_text(text)
     options = ["--out", str(tmp_path / "again"), "--quiet", "--no-report", "--no-recording"]

@@ -18,7 +18,7 @@ pytestmark = pytest.mark.usefixtures("taichi")
 def finished(tmp_path, monkeypatch) -> Path:
     """The directory of a run that is over."""
     monkeypatch.setattr(
-        assemble, "build", lambda _: fake_run.simulation(fake_run.scenario(2, duration=2, maps=[]))
+        assemble, "build", lambda _, driven: fake_run.simulation(fake_run.scenario(2, duration=2, maps=[]))
     )
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a.yaml").write_text(

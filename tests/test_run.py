@@ -45,7 +45,7 @@ def fake(monkeypatch):
     """Runs are fake ones, and `at(t, action)` makes something happen in them."""
     happenings = []
 
-    def built(prepared):
+    def built(prepared, driven):
         scenario = fake_run.scenario(2, duration=prepared.scenario.duration, maps=[])
         sim = fake_run.simulation(scenario)
         sim.observers += [
@@ -209,7 +209,7 @@ def test_full_directory_is_refused(scenario, fake, capsys):
 
 
 def test_folder_that_cannot_be_used_is_told_before_anything_is_made(scenario, monkeypatch, capsys):
-    monkeypatch.setattr(assemble, "build", lambda *_: pytest.fail("compiled"))
+    monkeypatch.setattr(assemble, "build", lambda *_, **__: pytest.fail("compiled"))
     Path("out").write_text("mine")
     assert run.main([str(scenario), "--out", "out", "--force", "--quiet"]) == 2
     assert capsys.readouterr().err == "out: is a file; --out takes a folder\n"
@@ -294,7 +294,7 @@ def test_all_found_is_stopped(scenario, fake, monkeypatch):
 
 
 def test_broken_assembly_leaves_no_folder(scenario, monkeypatch, capsys):
-    monkeypatch.setattr(assemble, "build", lambda *_: 1 / 0)
+    monkeypatch.setattr(assemble, "build", lambda *_, **__: 1 / 0)
     assert run.main([str(scenario)]) == 1
     assert "ZeroDivisionError" in capsys.readouterr().err
     assert not any(Path("runs").iterdir())

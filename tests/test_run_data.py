@@ -319,7 +319,7 @@ DAMAGE = {
     ),
     "other version": (other_version, "", "was made by taichi_plume 7.1"),
     "result": (cut("result.json"), "result", "result.json: is damaged"),
-    "scenario": (cut("scenario.yaml"), "scenario", "scenario.yaml: "),
+    "scenario": (cut("scenario.yaml", 0.2), "scenario", "scenario.yaml: "),
     "robots": (cut("robots.parquet", 0.9), "robots", "robots.parquet: "),
     "a bit of robots": (lambda folder: flipped(folder / "robots.parquet"), "robots", "robots.parquet: "),
     "probes": (cut("probes.parquet"), "probes", "probes.parquet: "),

@@ -30,7 +30,7 @@ OBSERVERS: list[Every] = []
 def started(tmp_path, monkeypatch):
     """Runs a fake simulation into `out`; what is in OBSERVERS watches it."""
 
-    def built(_):
+    def built(_, driven):
         sim = fake_run.simulation(fake_run.scenario(2, duration=2, maps=[], checkpoint=None))
         sim.observers += OBSERVERS
         return sim

@@ -58,8 +58,8 @@ def test_a_run_is_played_back_to_the_printed_digits(tmp_path, monkeypatch):
     seen: dict[int, Any] = {}
     live = assembly.build
 
-    def watched(*arguments: Any) -> Simulation:
-        sim = live(*arguments)
+    def watched(*arguments: Any, **more: Any) -> Simulation:
+        sim = live(*arguments, **more)
         grid = 0.08 * (np.stack(np.meshgrid(np.arange(15), np.arange(10), indexing="ij"), -1) + 0.5)
         flat = grid.reshape(-1, 2)
         place = flat[np.linalg.norm(flat - [0.5, 0.35], axis=1) > 0.1]
@@ -128,8 +128,8 @@ def test_a_full_disk_is_told_and_the_frames_before_are_kept(tmp_path, monkeypatc
     (tmp_path / "live.yaml").write_text(LIVE)
     live = assembly.build
 
-    def filling(*arguments: Any) -> Simulation:
-        sim = live(*arguments)
+    def filling(*arguments: Any, **more: Any) -> Simulation:
+        sim = live(*arguments, **more)
         sim.observers.append(
             Every(0.1, lambda s: setattr(usage, "free", disk.RESERVE - 1) if s.tick > 3 else None)
         )
