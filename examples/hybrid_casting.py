@@ -144,7 +144,7 @@ def search(
     """Let all robots of a team search until all are there or the service ends; returns the last readings."""
     now = team.wait()
     if now is None:
-        raise ConnectionError("the service says nothing")
+        raise ConnectionError(f"the service tells nothing of a group {team.group}")
     casting = Casting(len(now.robot), Settings(), now.heading, np.random.default_rng(seed))
     wheels = None if velocity else Wheels(now.position, now.heading, size, radius)
     last, before = now, now.t
@@ -173,8 +173,11 @@ def main() -> None:
         "--velocity", action="store_true", help="command velocities, where the group takes them"
     )
     args = parser.parse_args()
-    with Team(args.where, group=args.group) as team:
-        last = search(team, args.velocity)
+    try:
+        with Team(args.where, group=args.group, patience=20.0) as team:
+            last = search(team, args.velocity)
+    except ConnectionError as error:
+        parser.error(str(error))
     print(f"t = {last.t:.1f} s: {last.over.sum()} of {len(last.over)} robots have found the source")
 
 

@@ -56,7 +56,8 @@ class Team:
 
     where: HOST:PORT of the service. group: the scenario's name of it. robots: their numbers, trial by trial; unless
     given, all. token: that of the service, unless given from the environment (TAICHI_PLUME_TOKEN). patience: how long
-    the service may be silent [s], at the begin too. Raises ConnectionError, in a line.
+    the service may be silent [s], at the begin too. Raises ConnectionError, in a line, and ValueError of other robots
+    than there are.
     """
 
     def __init__(
@@ -68,13 +69,14 @@ class Team:
         patience: float = 60.0,
     ):
         self.group, self.patience = ros.word(group), patience
-        self.robots = None if robots is None else np.asarray(robots, np.uint32)
-        self._session = _connected(where, token or token_of(), patience)
+        self.robots = None if robots is None else _numbers(robots)
+        self._fault = ""
+        self._session = _connected(where, (token or "").strip() or token_of(), patience)
         self._news = threading.Condition()
         self._newest: Readings | None = None
         self._shown, self._ended = -1, False
         self._number = int(time.time() * 16) & 0x3FFFFFFF  # a client that is started again goes on counting
-        self._tick = 0
+        self._answered = -1  # tick of the readings that were shown and answered
         self._subscriber = self._session.declare_subscriber(f"{self.group}/readings", self._hear)
         self._publisher = self._session.declare_publisher(f"{self.group}/commands")
 
@@ -91,22 +93,33 @@ class Team:
     # ------------------------------------------------------------ in
 
     def __iter__(self) -> Iterator[Readings]:
-        """The newest readings of each tick, until the service ends; ticks that went by meanwhile are left out."""
+        """The newest readings of each tick, until the run is over; ticks that went by meanwhile are left out.
+
+        Raises ConnectionError where nothing comes any more.
+        """
         while (now := self.wait()) is not None:
             yield now
+        if not self._ended:
+            what = "nothing came any more of" if self._newest else "no readings came of"
+            raise ConnectionError(
+                f"{what} group {self.group} for {self.patience:g} s; is there such a group of kind external, and does "
+                "its run go on?"
+            )
 
     def wait(self, seconds: float | None = None) -> Readings | None:
         """The readings of a tick that has not been shown yet; None where the run is over, or none comes in time:
-        `patience`, unless given.
+        `patience`, unless given. Raises ValueError where there are no such robots.
         """
         with self._news:
             seconds = self.patience if seconds is None else seconds
-            self._news.wait_for(lambda: self._is_new() or self._ended, seconds)
+            self._news.wait_for(lambda: self._is_new() or self._ended or self._fault, seconds)
+            if self._fault:
+                raise ValueError(self._fault)
             if not self._is_new():
                 return None
             now = self._newest
             assert now is not None
-            self._shown = self._tick = now.tick
+            self._shown = now.tick
             return now
 
     def _is_new(self) -> bool:
@@ -119,6 +132,12 @@ class Team:
             if one.ended:
                 with self._news:
                     self._ended = True
+                    self._news.notify_all()
+                return
+            if self.robots is not None and self.robots.max(initial=0) >= len(one.robot):
+                with self._news:
+                    most = len(one.robot) - 1
+                    self._fault = f"robot {self.robots.max()} of group {self.group} is none of 0 to {most}"
                     self._news.notify_all()
                 return
             now = _readings(one, slice(None) if self.robots is None else self.robots)
@@ -139,7 +158,8 @@ class Team:
         speeds to the left and upward [m/s].
 
         declared: (n, 2) places where robots say that a source is [m], NaN: say nothing. Returns the command's number.
-        Raises ValueError before the first readings, unless `robots` were given.
+        Raises ValueError of what is no number or not of so many robots, and before the first readings, unless `robots`
+        were given.
         """
         flown = {name: one for name, one in (("left", left), ("climb", climb)) if one is not None}
         return self._send({"speed": speed, "turn_rate": turn_rate} | flown, declared)
@@ -155,14 +175,42 @@ class Team:
         if self.robots is None:
             raise ValueError("which robots there are is not known before the first readings; wait for them")
         count = len(self.robots)
-        fields = {name: np.broadcast_to(np.asarray(value, float), (count,)) for name, value in values.items()}
+        fields = {name: _spread(name, value, (count,)) for name, value in values.items()}
+        for name, each in fields.items():
+            if not np.isfinite(each).all():
+                n = self.robots[np.argmin(np.isfinite(each))]
+                raise ValueError(f"{name} of robot {n}: got {each[~np.isfinite(each)][0]}, takes a number")
         if declared is not None:
-            places = np.broadcast_to(np.asarray(declared, float), (count, 2))
+            places = _spread("declared", declared, (count, 2))
             fields |= {"declared_x": places[:, 0], "declared_y": places[:, 1]}
+        with self._news:
+            # readings that were shown are answered once; what is told without waiting for some answers the newest
+            newest = self._newest.tick if self._newest else 0
+            tick = self._shown if self._shown > self._answered else newest
+            self._answered = tick
         self._number += 1
-        one = ros.message(ros.COMMANDS, number=self._number, tick=self._tick, robot=self.robots, **fields)
+        one = ros.message(ros.COMMANDS, number=self._number, tick=tick, robot=self.robots, **fields)
         self._publisher.put(ros.encode(one))
         return self._number
+
+
+def _numbers(robots: Any) -> np.ndarray:
+    """Numbers of robots. Raises ValueError."""
+    given = np.atleast_1d(np.asarray(robots))
+    if given.ndim != 1 or not len(given) or not np.issubdtype(given.dtype, np.integer) or given.min() < 0:
+        raise ValueError(f"robots: got {robots!r}, takes numbers from 0 on")
+    return given.astype(np.uint32)
+
+
+def _spread(name: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
+    """A value for all robots or for each. Raises ValueError."""
+    given = np.asarray(value, float)
+    try:
+        return np.broadcast_to(given, shape)
+    except ValueError:
+        raise ValueError(
+            f"{name}: got an array of shape {given.shape}, takes one of {shape}, or one for all robots"
+        ) from None
 
 
 def _readings(one: Any, some: Any) -> Readings:

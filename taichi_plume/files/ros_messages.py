@@ -152,6 +152,16 @@ def decode(name: str, data: bytes) -> Any:
         raise RosError(f"is no {name}: {error}") from None
 
 
+def from_json(name: str, data: bytes) -> Any:
+    """The message of a text in JSON. Raises RosError."""
+    import json
+
+    try:
+        return decode(name, encode(message(name, **json.loads(data))))
+    except Exception as error:  # whatever there is in texts of others
+        raise RosError(f"is no {name}: {type(error).__name__}: {error}") from None
+
+
 def word(name: str) -> str:
     """A name, such as that of a group, as a part of a topic."""
     clean = re.sub(r"[^A-Za-z0-9_]", "_", name)

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 from taichi_plume.exit_codes import exit_code
 from taichi_plume.guard.terminal import Parser, say, visible
-from taichi_plume.serve.address import Address, address, loopback, token_of
+from taichi_plume.serve.address import TOKEN, Address, address, fault_of_token, loopback, token_of
 from taichi_plume.signals import leave
 
 if TYPE_CHECKING:
@@ -178,7 +178,15 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
             parser.error(f"--speed takes a number above 0 or max, not {visible(args.speed)}")
     if not 0 <= args.websocket <= 65535:
         parser.error(f"--websocket takes a port from 0 to 65535, not {args.websocket}")
-    if not loopback(args.bind.host) and token_of() is None:
+    if args.wait and args.at_once:
+        parser.error("--wait waits for robots in each tick, --at-once for none; give one of them")
+    if args.wait and args.speed not in ("1", "max"):
+        parser.error(f"--wait goes as fast as robots answer; --speed {args.speed} has no meaning with it")
+    token = token_of()
+    fault = fault_of_token(token) if token is not None else None
+    if fault:
+        parser.error(f"{TOKEN} {fault}")
+    if not loopback(args.bind.host) and token is None:
         parser.error(
             f"--bind {visible(args.bind.host)}: others can reach that address: set a token, TAICHI_PLUME_TOKEN, in the "
             "environment of this command and of its clients"

@@ -37,5 +37,14 @@ def loopback(host: str) -> bool:
 
 
 def token_of(environment: Mapping[str, str] = os.environ) -> str | None:
-    """The token that the environment gives."""
-    return environment.get(TOKEN) or None
+    """The token that the environment gives, without blanks around it."""
+    return environment.get(TOKEN, "").strip() or None
+
+
+def fault_of_token(token: str) -> str | None:
+    """What is wrong with a token of a service, if anything."""
+    if len(token) < SHORTEST:
+        return f"has {len(token)} characters, must have {SHORTEST} or more"
+    if not token.isprintable():
+        return "must have no character that cannot be printed"
+    return None

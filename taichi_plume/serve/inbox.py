@@ -23,6 +23,7 @@ from taichi_plume.files import ros_messages as ros
 
 HEADROOM = 4096  # bytes of a message besides what it says of each robot
 PER_ROBOT = 64  # bytes
+IN_JSON = 8  # times the bytes of the same message
 UNNUMBERED = 0  # a command that has no number, as of ROS
 
 
@@ -65,24 +66,25 @@ class Inbox:
 
     # ------------------------------------------------------------ threads of the transports
 
-    def hear_commands(self, data: bytes) -> None:
-        """A message of taichi_plume_msgs/Commands came."""
-        self._hear(ros.COMMANDS, data, self._take_commands)
+    def hear_commands(self, data: bytes, json: bool = False) -> None:
+        """A message of taichi_plume_msgs/Commands came; json: as a text."""
+        self._hear(ros.COMMANDS, data, json, self._take_commands)
 
-    def hear_twist(self, n: int, data: bytes) -> None:
+    def hear_twist(self, n: int, data: bytes, json: bool = False) -> None:
         """A geometry_msgs/Twist for robot n came."""
-        self._hear("geometry_msgs/msg/Twist", data, lambda one: self._take_twist(n, one))
+        self._hear("geometry_msgs/msg/Twist", data, json, lambda one: self._take_twist(n, one))
 
-    def hear_pose(self, n: int, data: bytes) -> None:
+    def hear_pose(self, n: int, data: bytes, json: bool = False) -> None:
         """A geometry_msgs/PoseStamped of robot n came."""
-        self._hear("geometry_msgs/msg/PoseStamped", data, lambda one: self._take_pose(n, one))
+        self._hear("geometry_msgs/msg/PoseStamped", data, json, lambda one: self._take_pose(n, one))
 
-    def _hear(self, name: str, data: bytes, take: Callable[[Any], None]) -> None:
-        if len(data) > self.longest:
-            self._refuse("oversized", f"{len(data):,} bytes, more than the {self.longest:,} of any message")
+    def _hear(self, name: str, data: bytes, json: bool, take: Callable[[Any], None]) -> None:
+        longest = self.longest * (IN_JSON if json else 1)
+        if len(data) > longest:
+            self._refuse("oversized", f"{len(data):,} bytes, more than the {longest:,} of any message")
             return
         try:
-            take(ros.decode(name, data))
+            take((ros.from_json if json else ros.decode)(name, data))
         except (ros.RosError, MalformedError) as error:
             self._refuse("malformed", str(error))
 
@@ -101,6 +103,10 @@ class Inbox:
             raise MalformedError(f"robot {robots.max()} is none of 0 to {self.size - 1}")
         if one.tick > self.tick:
             raise MalformedError(f"answers readings of tick {one.tick}, the newest are of {self.tick}")
+        if self.placed and len(one.speed) and not len(one.x):
+            raise MalformedError("velocities, but the group takes poses")
+        if not self.placed and len(one.x) and not len(one.speed):
+            raise MalformedError("poses, but the group takes velocities")
         if self.placed:
             place = self._columns(one, len(robots), "x", "y", "heading")
             self._require_inside(place[:, :2])
@@ -162,8 +168,10 @@ class Inbox:
             if len(getattr(one, name)) != count:
                 raise MalformedError(f"{name} has {len(getattr(one, name))} entries, robot has {count}")
         values = np.column_stack([getattr(one, name) for name in names]).astype(float)
-        if np.isinf(values).any() or (finite and np.isnan(values).any()):
-            raise MalformedError(f"{' or '.join(names)} is no number")
+        wrong = np.isinf(values) | (np.isnan(values) if finite else False)
+        if wrong.any():
+            n, column = np.argwhere(wrong)[0]
+            raise MalformedError(f"{names[column]} of robot {one.robot[n]} is no number")
         return values
 
     def _require_inside(self, places: np.ndarray) -> None:
@@ -183,9 +191,9 @@ class Inbox:
         with self.news:
             now = self.clock()
             gone = now - self.heard[robots] > self.timeout  # who comes back may count anew
-            late = ~gone & (number != UNNUMBERED) & (number <= self.number[robots])
-            late |= (tick != 0) & (tick < self.oldest)
-            if not late.any():
+            newest = self.number[robots][~gone].max(initial=UNNUMBERED)
+            outrun = number != UNNUMBERED and number <= newest
+            if not outrun and not (tick != 0 and tick < self.oldest):
                 self.counts["taken"] += 1
                 for name, given in values.items():
                     getattr(self._orders, name)[robots] = given
@@ -193,10 +201,18 @@ class Inbox:
                     said = np.isfinite(declared).all(axis=1)
                     self._orders.declared[robots[said]] = declared[said]
                 self.heard[robots], self.number[robots] = now, number
-                self.answers[robots] = tick
+                # what tells no tick answers the newest readings
+                self.answers[robots] = self.tick if number == UNNUMBERED else tick
                 self.news.notify_all()
                 return
-        self._refuse("late", f"number {number}, of tick {tick}")
+            oldest = self.oldest
+        if outrun:
+            why = f"number {number} came after {newest}; does another client drive these robots?"
+        else:
+            why = (
+                f"answers readings of tick {tick}, those before {oldest} are too old; wait for new ones first"
+            )
+        self._refuse("late", why)
 
     # ------------------------------------------------------------ the thread of the clock
 
@@ -204,6 +220,11 @@ class Inbox:
         """Readings of a tick have been sent; those before `oldest` need not be answered any more."""
         with self.news:
             self.tick, self.oldest = tick, oldest
+
+    def begin(self) -> None:
+        """The run begins: however long some have waited for others, none is lost yet."""
+        with self.news:
+            self.heard[np.isfinite(self.heard)] = self.clock()
 
     def lost(self) -> np.ndarray:
         """Which robots have been silent for too long, of those that have been heard of."""

@@ -1,9 +1,15 @@
 """How messages go out and come in; all transports carry the same bytes (CDR) under the same topics."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Protocol
 
-Hear = Callable[[bytes], None]
+
+class Hear(Protocol):
+    """What hears of a topic."""
+
+    def __call__(self, data: bytes, json: bool = False) -> None:
+        """A message came, as CDR or as a text in JSON."""
+        ...
 
 
 class LinkError(Exception):
@@ -23,6 +29,10 @@ class Link(Protocol):
 
     def publish(self, topic: str, data: bytes) -> None:
         """Send a message to all who listen; returns at once. The topic is one that was wanted."""
+        ...
+
+    def go_on(self, t: float) -> None:
+        """Simulated time is t [s] now."""
         ...
 
     def close(self) -> None:

@@ -10,7 +10,8 @@ import gc
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from math import inf
+from functools import partial
+from math import ceil, inf
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -73,7 +74,7 @@ class Outside:
         heard: dict[str, Hear] = {f"{self.name}/commands": inbox.hear_commands}
         kind, hear = ("pose", inbox.hear_pose) if inbox.placed else ("cmd_vel", inbox.hear_twist)
         for n in range(inbox.size if self.each else 0):
-            heard[f"{self.name}_{n}/{kind}"] = lambda data, n=n: hear(n, data)
+            heard[f"{self.name}_{n}/{kind}"] = partial(hear, n)
         return heard
 
     def told(self, t: float, tick: int) -> list[topics.Message]:
@@ -142,6 +143,11 @@ class Service:
             algorithm = getattr(team, "algorithm", None)
             if isinstance(algorithm, ExternalAlgorithm):
                 self.groups.append(Outside(sim, team.numbers[0], algorithm, self.remarks.append))
+        self.remarks += [
+            f"{group.name} has {group.inbox.size} robots, more than {topics.MOST_ROBOTS}: only the group has topics"
+            for group in self.groups
+            if not group.each
+        ]
         incoming = {topic: hear for group in self.groups for topic, hear in group.incoming().items()}
         for link in self.links:
             link.listen(incoming, self._stray)
@@ -157,7 +163,7 @@ class Service:
         gc.collect()
         gc.freeze()  # to look through all that there is by now takes longer than a tick
 
-    def _stray(self, data: bytes) -> None:
+    def _stray(self, data: bytes, json: bool = False) -> None:
         """Something came that nobody takes."""
         self.strays += 1
         if self.strays & (self.strays - 1) == 0:
@@ -184,9 +190,12 @@ class Service:
             altitude = now.get("altitude", np.zeros(len(now["heading"])))
             poses = (one[self._first] for one in (now["position"], now["heading"], altitude))
             messages.append(topics.poses(sim.t, self._names, *poses))
+        speed = inf if self.pace.wait else self.pace.speed
         for group in self.groups:  # first: answers may come before the last message is out
-            behind = int(group.inbox.timeout / sim.dt) if self.pace.speed < inf or self.pace.wait else 1 << 40
+            behind = ceil(group.inbox.timeout * speed / sim.dt) if speed < inf else 1 << 40
             group.inbox.published(sim.tick, sim.tick - behind)
+        for link in self.links:
+            link.go_on(sim.t)
         self._send(messages)
         if sim.tick > 0:
             self.taking.append(self.clock() - self._began)
@@ -206,6 +215,8 @@ class Service:
         self.ticks = max(0, sim.tick)
         if sim.tick == 0:
             self._await_all()
+            for group in self.groups:
+                group.inbox.begin()
             self._start = self.clock()
         elif self.pace.wait:
             self._await_answers(sim.tick)
@@ -214,8 +225,7 @@ class Service:
         for group in self.groups:
             for line in group.order(sim.t):
                 self._say(line)
-        while self.remarks:
-            self._say(self.remarks.popleft())
+        self._tell()
         self._began = self.clock()
 
     def _await_time(self, tick: int) -> None:
@@ -241,6 +251,7 @@ class Service:
                     if (inbox.answers[asked] >= tick).all():
                         break
                     inbox.news.wait(LOOK_S)
+                    self._tell()
 
     def _await_all(self) -> None:
         """Until all robots have been heard of, if the run waits for them."""
@@ -256,9 +267,15 @@ class Service:
             until = self.clock() + AGAIN_S
             while self.clock() < until and not self.ears.stopped:
                 self.sleep(LOOK_S / 5)
+                self._tell()
                 if not any(group.inbox.awaited().any() for group in self.groups):
                     break
             self.publish()
+
+    def _tell(self) -> None:
+        """Say what the transports remarked."""
+        while self.remarks:
+            self._say(self.remarks.popleft())
 
     def _say(self, line: str) -> None:
         if not self.quiet:

@@ -1,6 +1,5 @@
 """The transport for the Foxglove app and whatever speaks its protocol: a WebSocket."""
 
-import json
 from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any
@@ -37,7 +36,7 @@ class WebSocketLink:
         self.port = self._server.port
 
     def listen(self, incoming: Mapping[str, Hear], stray: Hear) -> None:
-        """Bring what comes to those who hear its topic; to `stray` what is neither CDR nor JSON, or for none."""
+        """Bring what comes to those who hear its topic; to `stray` what is for none."""
         self._listener.stray, self._listener.incoming = stray, incoming
 
     def wants(self, topic: str, name: str) -> bool:
@@ -54,6 +53,10 @@ class WebSocketLink:
         """Send a message to all who listen; a slow listener loses the oldest."""
         self._channels[topic].log(data)
 
+    def go_on(self, t: float) -> None:
+        """Let clients go by simulated time."""
+        self._server.broadcast_time(round(1e9 * max(0.0, t)))
+
     def close(self) -> None:
         """End it."""
         with suppress(Exception):
@@ -66,15 +69,11 @@ class Listener(ServerListener):
     def __init__(self):
         self.incoming: Mapping[str, Hear] = {}
         self.stray: Hear = lambda data: None
-        self.topics: dict[tuple[int, int], tuple[str, str, str]] = {}
+        self.topics: dict[tuple[int, int], tuple[str, str]] = {}
 
     def on_client_advertise(self, client: Any, channel: Any) -> None:
         """A client tells what it is going to publish."""
-        self.topics[client.id, channel.id] = (
-            channel.topic.strip("/"),
-            channel.encoding,
-            channel.schema_name or "",
-        )
+        self.topics[client.id, channel.id] = channel.topic.strip("/"), channel.encoding
 
     def on_client_unadvertise(self, client: Any, client_channel_id: int) -> None:
         """It will publish that no more."""
@@ -82,11 +81,5 @@ class Listener(ServerListener):
 
     def on_message_data(self, client: Any, client_channel_id: int, data: bytes) -> None:
         """A message came."""
-        topic, encoding, schema = self.topics.get((client.id, client_channel_id), ("", "", ""))
-        hear = self.incoming.get(topic, self.stray)
-        if encoding == "json":
-            try:
-                data = ros.encode(ros.message(schema, **json.loads(data)))
-            except Exception:  # whatever there is in texts of others
-                hear = self.stray
-        hear(data)
+        topic, encoding = self.topics.get((client.id, client_channel_id), ("", ""))
+        self.incoming.get(topic, self.stray)(data, encoding == "json")

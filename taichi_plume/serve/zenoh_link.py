@@ -48,6 +48,9 @@ class ZenohLink:
         """Send a message to all who listen; a slow listener loses the oldest."""
         self._publishers[topic].put(data)
 
+    def go_on(self, t: float) -> None:
+        """Who wants to know simulated time listens to the clock."""
+
     def close(self) -> None:
         """End it."""
         with suppress(Exception):

@@ -82,9 +82,38 @@ def test_what_comes_late(velocities, lines):
     assert velocities.orders().speed[0] == pytest.approx(0.1)
     assert velocities.counts == {"taken": 1, "late": 3}
     assert lines == [
-        "team: late messages: 1, the last one: number 5, of tick 45",
-        "team: late messages: 2, the last one: number 4, of tick 45",
+        "team: late messages: 1, the last one: number 5 came after 5; does another client drive these robots?",
+        "team: late messages: 2, the last one: number 4 came after 5; does another client drive these robots?",
     ]
+    velocities.hear_commands(drive(6, 39))
+    assert lines[-1].endswith(
+        "answers readings of tick 39, those before 40 are too old; wait for new ones first"
+    )
+
+
+def test_what_tells_no_tick_answers_the_newest_readings(velocities):
+    velocities.published(50, 40)
+    velocities.hear_twist(1, ros.encode(ros.message("geometry_msgs/msg/Twist", linear={"x": 0.2})))
+    velocities.hear_commands(drive(1, 45, robot=(2,)))
+    assert velocities.answers.tolist() == [-1, 50, 45]
+
+
+def test_who_has_waited_for_others_is_not_lost_at_the_begin(velocities, clock):
+    velocities.hear_commands(drive(1, robot=(0, 1)))
+    clock.now += 5
+    assert velocities.lost().tolist() == [True, True, False]
+    velocities.begin()
+    assert velocities.orders().state.tolist() == [DRIVEN, DRIVEN, AWAITED]
+
+
+def test_texts_in_json(velocities, lines):
+    velocities.hear_twist(0, b'{"linear": {"x": 0.3}}', True)
+    assert velocities.orders().speed[0] == pytest.approx(0.3)
+    for text in (b'{"linear": {"x": "a"}}', b'{"no": 1}', b"[1]", b"{", b"\xff", b'{"linear": {"x": NaN}}'):
+        velocities.hear_twist(0, text, True)
+    velocities.hear_twist(0, b" " * 40_000, True)
+    assert velocities.counts == {"taken": 1, "malformed": 6, "oversized": 1}
+    assert all("\n" not in line for line in lines)
 
 
 @pytest.mark.parametrize(
@@ -96,8 +125,9 @@ def test_what_comes_late(velocities, lines):
         (commands(robot=()), "names no robot"),
         (drive(robot=(3,)), "robot 3 is none of 0 to 2"),
         (drive(robot=(2**32 - 1,)), "robot 4294967295 is none of 0 to 2"),
-        (drive(speed=np.nan), "speed or turn_rate is no number"),
-        (drive(turn_rate=-np.inf), "speed or turn_rate is no number"),
+        (drive(speed=np.nan), "speed of robot 0 is no number"),
+        (drive(turn_rate=-np.inf), "turn_rate of robot 0 is no number"),
+        (commands(x=[1.0], y=[1.0], heading=[0.0]), "poses, but the group takes velocities"),
         (drive(tick=7), "answers readings of tick 7, the newest are of 0"),
         (commands(speed=[0.1], turn_rate=[0.1], declared_x=[1.0]), "declared_y has 0 entries, robot has 1"),
     ],

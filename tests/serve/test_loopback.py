@@ -9,6 +9,7 @@ import sys
 import time
 from contextlib import contextmanager
 
+import numpy as np
 import pytest
 import yaml
 
@@ -133,6 +134,8 @@ def subscribed(link, topic: str):
     while True:
         said = link.recv(ENOUGH)
         if isinstance(said, bytes):
+            if said[0] == 2:  # the time
+                continue
             assert said[0] == 1
             return ros.decode(ros.GAS_SENSOR, said[13:])
         told = json.loads(said)
@@ -175,6 +178,19 @@ def test_a_token_is_asked_for(tmp_path):
     with served(tmp_path, "--websocket", "0", port=port, env={TOKEN: "a long secret"}) as process:
         with Team(f"127.0.0.1:{port}", group="team", token="a long secret") as team:
             assert team.wait() is not None
+            for wrong, why in (
+                ({"speed": [0.1, 0.2, 0.3]}, r"speed: got an array of shape \(3,\), takes one of \(4,\)"),
+                ({"speed": [0.1, 0.2, np.nan, 0.3]}, "speed of robot 2: got nan, takes a number"),
+                ({"speed": 0.1, "declared": [1.0, 2.0, 3.0]}, "declared: got an array of shape"),
+            ):
+                with pytest.raises(ValueError, match=why):
+                    team.drive(**wrong)
+        with Team(f"127.0.0.1:{port}", group="nobody", token=" a long secret ", patience=1.0) as team:  # noqa: SIM117
+            with pytest.raises(ConnectionError, match="no readings came of group nobody for 1 s"):
+                next(iter(team))
+        with Team(f"127.0.0.1:{port}", group="team", robots=[4], token="a long secret") as team:  # noqa: SIM117
+            with pytest.raises(ValueError, match="robot 4 of group team is none of 0 to 3"):
+                team.wait()
         for token in (None, "another secret"):
             with pytest.raises(ConnectionError, match="no service answers there"):
                 Team(f"127.0.0.1:{port}", group="team", token=token, patience=1.0)
@@ -189,6 +205,8 @@ def test_a_token_is_asked_for(tmp_path):
         (["--bind", "0.0.0.0:7447"], "others can reach that address: set a token, TAICHI_PLUME_TOKEN"),
         (["--bind", "7447"], "takes HOST:PORT"),
         (["--bind", "127.0.0.1:99999"], "takes HOST:PORT"),
+        (["--wait", "--at-once"], "--wait waits for robots in each tick"),
+        (["--wait", "--speed", "2"], "--speed 2 has no meaning with it"),
         (["--websocket", "99999"], "takes a port from 0 to 65535"),
         (["--speed", "fast"], "--speed takes a number above 0 or max"),
         (["--speed", "nan"], "--speed takes a number above 0 or max"),
@@ -205,6 +223,23 @@ def test_what_is_wrong_is_told_in_a_line(tmp_path, monkeypatch, capsys, options,
         code = error.code
     assert code == 2
     assert why in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("token", "why"), [("a", "has 1 characters"), ("a secret\n\nof mine", "cannot be printed")]
+)
+def test_a_token_that_is_none(monkeypatch, capsys, token, why):
+    monkeypatch.setenv(TOKEN, token)
+    with pytest.raises(SystemExit) as error:
+        main(["live.yaml"])
+    assert error.value.code == 2
+    assert why in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("robots", [[-1], [0.5], [], "a", [[0]]])
+def test_numbers_of_robots(robots):
+    with pytest.raises(ValueError, match="takes numbers from 0 on"):
+        Team(robots=robots)
 
 
 def test_an_address_that_is_taken(tmp_path):
