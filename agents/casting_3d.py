@@ -10,7 +10,7 @@ FIND    sweep along s V until blocked, then RISE
 RISE    along r Z by find_rise, then FIND on the other side; at the lowest or highest altitude, or blocked, r changes:
         UPWIND
 UPWIND  step along U by find_step, then FIND on the other side; when blocked, later steps go the other way
-SURGE   fly along U; out of the plume for lost_distance, or blocked: CAST
+SURGE   fly along U; out of the plume for lost_distance, or out of it and blocked: CAST
 CAST    along s V, r Z, -s V, -r Z by cast_distance and cast_rise, then twice as far, three times as far ...; what is
         blocked, or at the lowest or highest altitude, is cut short; after `turns` of these FIND
 
@@ -89,7 +89,9 @@ class Casting3D(PlumeTracker):
         i = self.robot[n]
         up, z = self._way(n)[2], self.swarm.altitude[i]
         ends = (up > 0.0 and z >= self.p.highest[n]) or (up < 0.0 and z <= self.p.lowest[n])
-        self.bump[n] = ti.cast(self.swarm.blocked[i] == 1 or ends, ti.i32)
+        self.stuck[n] = ti.select(self.swarm.blocked[i] == 1, self.stuck[n] + dt, 0.0)
+        # the first contact of a leg may be with what the leg before it led to
+        self.bump[n] = ti.cast(self.stuck[n] > 1.5 * dt or ends, ti.i32)
 
     @ti.func
     def _decide(self, n, dt):

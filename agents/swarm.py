@@ -280,8 +280,10 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
             self.position[i], self.heading[i] = place, self.ordered_heading[i]
             if ti.static(self.flies):
                 if not ti.math.isnan(self.ordered_altitude[i]):
-                    self.climb_rate[i] = (self.ordered_altitude[i] - self.altitude[i]) / dt
+                    up = self.ordered_altitude[i] - self.altitude[i]
+                    self.climb_rate[i] = up / dt
                     self.altitude[i] = self.ordered_altitude[i]
+                    way = ti.sqrt(way * way + up * up)
             self.path_length[i] = self.path_length[i] + way
             if ti.static(self.reckons):
                 self.believed_position[i], self.believed_heading[i] = place, self.heading[i]

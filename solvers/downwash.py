@@ -24,7 +24,7 @@ from taichi_plume.scenario.bodies import GRAVITY, Body
 from taichi_plume.scenario.species import AIR_DENSITY
 
 LEAST_RADIUS = 0.5  # of a disc, over a cell
-LANDED = 2e-3  # m of altitude below which rotors stand still
+LANDED = 2e-3  # m of altitude over the floor below which rotors stand still
 AHEAD_LEFT = 0.25 * pi  # of the first rotor
 
 

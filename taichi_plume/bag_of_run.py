@@ -184,7 +184,7 @@ def _robots(run: Run, trial: int) -> list[Robot]:
     groups, numbers = np.array(table["group"].cast(pa.string()).to_pylist()), table["robot"].to_numpy()
     columns = {name: table[name].to_numpy() for name in wanted if name not in ("group", "trial", "robot")}
     columns.setdefault("z", np.zeros(len(numbers)))
-    columns["z"] = np.nan_to_num(columns["z"])  # null on the floor
+    columns["z"] = np.nan_to_num(columns["z"])  # 0 on the floor
     robots: list[Robot] = []
     words = [ros.word(group.name) for group in run.scenario.robots]
     for n, group in enumerate(run.scenario.robots):

@@ -95,7 +95,7 @@ class BeliefScores:
     STATE = ("rows",)
 
     def __init__(self, sim: Simulation):
-        self.sources, self.begins = scores.source_places(sim), scores.begins(sim)
+        self.sources, self.begins = scores.source_places(sim)[:, :2], scores.begins(sim)
         self.groups = sum(len(one.members.groups) for one in believers(sim))
         self.rows = Series(len(OF_BELIEFS) * self.groups)
 

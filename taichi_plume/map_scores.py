@@ -34,7 +34,7 @@ class MapSeries:
         self.cell, self.period = self.map.cell, self.map.window or scores.PERIOD
         trials, *cells = np.shape(self.map.estimate())
         self.shape: tuple[int, int] = (cells[0], cells[1])
-        self.sources = scores.source_places(sim)
+        self.sources = scores.source_places(sim)[:, :2]
         self.begins = scores.begins(sim)
         groups = sim.swarm.groups if sim.swarm.count else []
         self.extent = (sim.grid.extent[0], sim.grid.extent[1])

@@ -160,7 +160,7 @@ def mean_of(total: np.ndarray, count: np.ndarray) -> np.ndarray:
 
 
 def trial_outcomes(group: Any, snapshot: dict[str, np.ndarray], sources: np.ndarray) -> dict[str, Any]:
-    """Per trial of a group, as columns; sources: (m, 2) [m].
+    """Per trial of a group, as columns; sources: (m, 2) [m], or (m, 3), whose heights count for what flies.
 
     group, trial: whose they are; success; found: robots that found a source; of the first of them time_s, since its
     group set off, path_m and overhead: its path over the straight way to the nearest source; of the whole team
@@ -172,8 +172,13 @@ def trial_outcomes(group: Any, snapshot: dict[str, np.ndarray], sources: np.ndar
     def table(values: np.ndarray) -> np.ndarray:
         return values[span].reshape(group.trials, group.count, *values.shape[1:])
 
-    def nearest(places: np.ndarray) -> np.ndarray:
-        apart = np.linalg.norm(places[..., None, :] - sources, axis=-1)
+    flies = sources.shape[1] == 3 and group.model.body.flies
+
+    def nearest(places: np.ndarray, altitude: Any) -> np.ndarray:
+        if flies:
+            middle = np.broadcast_to(altitude + 0.5 * group.model.body.height, places.shape[:-1])
+            places = np.concatenate([places, middle[..., None]], axis=-1)
+        apart = np.linalg.norm(places[..., None, :] - sources[:, : places.shape[-1]], axis=-1)
         return apart.min(axis=-1, initial=np.inf)
 
     found = table(snapshot["found"]).astype(bool)
@@ -181,7 +186,9 @@ def trial_outcomes(group: Any, snapshot: dict[str, np.ndarray], sources: np.ndar
     path = table(snapshot["path_length"])
     success = found.any(axis=1)
     first = (np.arange(group.trials), time.argmin(axis=1))
-    straight = nearest(table(snapshot["start"]))[first]
+    begin, end = (group.model.start_altitude, table(snapshot["altitude"])) if flies else (0.0, 0.0)
+    straight = nearest(table(snapshot["start"]), begin)[first]
+    ended = nearest(table(snapshot["position"]), end)
 
     def of_the_first(values: np.ndarray) -> list[float]:
         return np.where(success, values, np.nan).tolist()
@@ -196,8 +203,8 @@ def trial_outcomes(group: Any, snapshot: dict[str, np.ndarray], sources: np.ndar
         "overhead": of_the_first(path[first] / np.maximum(straight, 1e-9)),
         "team_path_m": path.sum(axis=1).tolist(),
         **{name: table(snapshot[name]).sum(axis=1).tolist() for name in ("acquisitions", "hits", "bumps")},
-        "final_distance_m": nearest(table(snapshot["position"])).min(axis=1).tolist(),
-        **declared_outcomes(group, snapshot, sources),
+        "final_distance_m": ended.min(axis=1).tolist(),
+        **declared_outcomes(group, snapshot, sources[:, :2]),
     }
 
 
@@ -244,8 +251,9 @@ def end(sim: Simulation, group: Any) -> float:
 
 
 def source_places(sim: Simulation) -> np.ndarray:
-    """Of all sources on the floor, (m, 2) [m]."""
-    return np.array([source.position[:2] for _, source in sim.scenario.sources]).reshape(-1, 2)
+    """Of all sources, (m, 2) or (m, 3) [m]."""
+    dim = sim.scenario.domain.dim
+    return np.array([source.position for _, source in sim.scenario.sources]).reshape(-1, dim)
 
 
 def begins(sim: Simulation) -> np.ndarray:

@@ -5,6 +5,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from taichi_plume import export, open_run, run
+from taichi_plume.agents.casting_3d import RISE
 from taichi_plume.agents.external import Orders
 from taichi_plume.assemble import assemble
 from taichi_plume.contest.entrants import shipped
@@ -14,6 +15,7 @@ from taichi_plume.files.ros_robots import TRANSFORMS
 from taichi_plume.grid.state import State
 from taichi_plume.prepare import load_scenario
 from taichi_plume.scenario.loading import ScenarioError
+from taichi_plume.scores import source_places, trial_outcomes
 from taichi_plume.serve.service import Pace, Service
 from taichi_plume.signals import Ears
 
@@ -75,6 +77,39 @@ def test_casting_in_space_finds_a_source_above_where_it_starts(path):
     middle = np.column_stack([now["position"], now["altitude"] + 0.029 / 2])
     assert (np.linalg.norm(middle - [0.8, 1.6, 1.5], axis=1) <= 0.35 + 1e-4).all()
     assert sim.t < 60
+
+
+def test_casting_in_space_rises_whole_steps(path):
+    """Without gas: after each wall by `find_rise`, or to the lowest or highest altitude."""
+    keys = ["robots.0.algorithm.threshold_ppm=1e6", "robots.0.count=1", "robots.0.start.positions=[[4, 1]]"]
+    sim = assemble(load_scenario(path, keys), path.parent)
+    model = sim.scenario.robots[0].algorithm
+    seen = []
+    while sim.t < 59.9:
+        sim.advance()
+        now = sim.swarm.snapshot()
+        seen.append((now["state"][0] == RISE, now["altitude"][0]))
+    rising, z = np.array(seen).T
+    begins, ends = (np.flatnonzero(np.diff(rising) == step) for step in (1, -1))
+    rises = [(z[a], z[b]) for a, b in zip(begins, ends[ends > begins[0]], strict=False)]
+    assert len(rises) > 5
+    for low, high in rises:
+        whole = abs(high - low) > 0.9 * model.find_rise
+        assert whole or high < model.lowest + 0.06 or high > model.highest - 0.06, (low, high)
+
+
+def test_scores_of_drones_are_in_space(path):
+    """From the middle of a body straight below the source."""
+    keys = [
+        "robots.0.count=1",
+        "robots.0.start.positions=[[0.8, 1.6]]",
+        "robots.0.algorithm.threshold_ppm=1e6",
+    ]
+    sim = assemble(load_scenario(path, keys), path.parent)
+    sim.observe()
+    (group,) = sim.swarm.groups
+    told = trial_outcomes(group, sim.swarm.snapshot(), source_places(sim))
+    assert told["final_distance_m"][0] == pytest.approx(1.5 - 0.8 - group.model.body.height / 2, abs=1e-5)
 
 
 def test_an_own_algorithm_flies_drones(path):
@@ -232,6 +267,9 @@ class Link:
 
     def publish(self, topic, data):
         self.messages.append((topic, data))
+
+    def go_on(self, t):
+        pass
 
     def close(self):
         pass

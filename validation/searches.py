@@ -13,7 +13,7 @@ from taichi_plume.grid import kernels
 from taichi_plume.prepare import checked
 from taichi_plume.run_data import Run
 from taichi_plume.scenario.scenario import Scenario
-from taichi_plume.scores import trial_outcomes, trial_summary
+from taichi_plume.scores import source_places, trial_outcomes, trial_summary
 from taichi_plume.simulation import Every, Simulation
 from taichi_plume.validation.experiment import Mean, Tracks, over_airs
 
@@ -44,7 +44,7 @@ def afresh() -> None:
 def outcomes(sim: Simulation) -> dict[str, dict[str, list[Any]]]:
     """The columns of `trial_outcomes` of a finished run, by the names of its groups."""
     snapshot = sim.swarm.snapshot()
-    sources = np.array([source.position[:2] for _, source in sim.scenario.sources])
+    sources = source_places(sim)
     return {group.name: trial_outcomes(group, snapshot, sources) for group in sim.swarm.groups}
 
 

@@ -85,7 +85,7 @@ def _of_run(path: Path) -> list[Way]:
     table = pa.Table.from_batches(kept).unify_dictionaries()
     groups = np.array(table["group"].cast(pa.string()).to_pylist(), object)
     columns = {name: table[name].to_numpy() for name in table.column_names if name != "group"}
-    columns["z"] = np.nan_to_num(columns.get("z", np.zeros(len(table))))  # null on the floor
+    columns["z"] = np.nan_to_num(columns.get("z", np.zeros(len(table))))  # 0 on the floor
     ways = []
     for group in dict.fromkeys(groups):
         for number in np.unique(columns["robot"][groups == group]):

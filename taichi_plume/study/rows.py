@@ -48,13 +48,19 @@ def trial_rows(sim: Simulation, request: Request) -> list[dict[str, Any]]:
 
 
 def _shortest(sim: Simulation, group: Any, now: dict[str, np.ndarray], sources: np.ndarray) -> np.ndarray:
-    """The shortest way to a source of the robot that found one first, of each trial of a group (trials,) [m]."""
+    """The shortest way on the floor to a source of the robot that found one first, of each trial of a group (trials,)
+    [m]; NaN of what flies.
+    """
+    if group.model.body.flies:
+        return np.full(group.trials, np.nan)
     floor, radius = sim.swarm.clearance, group.model.body.radius
     span = slice(group.start, group.start + group.trials * group.count)
     time = np.where(now["found"][span], now["found_time"][span], np.inf)
     first = time.reshape(group.trials, group.count).argmin(axis=1) + group.count * np.arange(group.trials)
     starts = now["start"][span][first].astype(float)
-    return shortest_ways(starts, sources, group.model.reach, radius, floor.distance_at, floor.low, floor.high)
+    return shortest_ways(
+        starts, sources[:, :2], group.model.reach, radius, floor.distance_at, floor.low, floor.high
+    )
 
 
 def _number(value: Any) -> Any:
