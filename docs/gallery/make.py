@@ -33,7 +33,7 @@ PICTURES: dict[str, dict[str, tuple[str, ...]]] = {
     "casting_room": {"casting_room.gif": ("--end", "62")},
     "arena_3d": {"arena_3d.png": ("--at", "16", "--view", "column")},
     "moving_obstacle": {"moving_obstacle.gif": ("--end", "24")},
-    "drone_search": {"drone_search.png": ("--at", "25", "--view", "section")},
+    "drone_search": {"drone_search.png": ("--at", "14", "--view", "section")},
     "fan_array": {"fan_array.gif": ("--begin", "5", "--end", "55")},
     "gaussian": {"gaussian.png": ("--at", "75", "--view", "column")},
     "meandering": {"meandering.gif": ("--begin", "30", "--end", "60")},
