@@ -9,6 +9,7 @@ import numpy as np
 from taichi_plume.files import ros_messages as ros
 from taichi_plume.files.ros_robots import MAP
 from taichi_plume.files.ros_shapes import cloud, grid
+from taichi_plume.guard.terminal import say, visible
 from taichi_plume.run_data import Run
 
 if TYPE_CHECKING:
@@ -23,8 +24,11 @@ def species(name: str) -> str:
     return ros.word(name.removesuffix("_ppm"))
 
 
-def floor(run: Run) -> Any:
-    """Where no robot can be: obstacles that stand, what lies beyond the robots' arena, and a frame of a cell around."""
+def floor(run: Run, allow_outside: bool) -> Any:
+    """Where no robot can be: obstacles that stand, what lies beyond the robots' arena, and a frame of a cell around.
+
+    What of it cannot be told is said.
+    """
     from taichi_plume.report.run import Run as Drawn
 
     scenario = run.scenario
@@ -35,7 +39,10 @@ def floor(run: Run) -> Any:
     low = np.array(floor.low)
     taken = ~((points > low) & (points < low + floor.size)).all(axis=-1)
     tall = max((group.body.height for group in scenario.robots), default=h)
-    for one in Drawn.of(run.folder).shapes:
+    drawn = Drawn.of(run.folder, allow_outside=allow_outside)
+    for lack in drawn.lacks:
+        say(visible(f"note: /map: {lack}"), error=True)
+    for one in drawn.shapes:
         if one.model.motion is None:
             taken |= one.horizontal_distance(points, 0.0, tall) < 0.0
     return grid(np.where(taken, 100, 0), h, -h, 0.0, MAP)

@@ -58,13 +58,14 @@ class Choice:
     """What of a run goes into its bag.
 
     begin: time of ROS at its begin [s]; points: the most of a cloud, for which cells are averaged; least: fewer ppm are
-    no point.
+    no point; allow_outside: whether obstacles' files may lie outside the run's folder.
     """
 
     trial: int = 0
     begin: float = 0.0
     points: int = 20_000
     least: float = 0.1
+    allow_outside: bool = False
 
 
 def write(run: Run, out: Path, choice: Choice, force: bool = False) -> list[Path]:
@@ -86,7 +87,7 @@ def write(run: Run, out: Path, choice: Choice, force: bool = False) -> list[Path
     try:
         with new_bag(out, told, force) as bag:
             _topics(bag, run, robots, gases, choice)
-            streams: list[Iterator[Said]] = [_still(run, robots)]
+            streams: list[Iterator[Said]] = [_still(run, robots, choice.allow_outside)]
             times = [float(t) for t in robots[0].table["t"]] if robots else run.fields.time.values.tolist()
             streams += [((t, "/clock", None) for t in times if t >= 0), _moving(robots)]
             streams += [_readings(one) for one in robots]
@@ -198,9 +199,9 @@ def _robots(run: Run, trial: int) -> list[Robot]:
     return robots
 
 
-def _still(run: Run, robots: list[Robot]) -> Iterator[Said]:
+def _still(run: Run, robots: list[Robot], allow_outside: bool) -> Iterator[Said]:
     """What does not change: the map, and where the sensors are on the robots."""
-    yield 0.0, "/map", floor(run)
+    yield 0.0, "/map", floor(run, allow_outside)
     flat = run.scenario.domain.dim == 2
     places = [each for one in robots for each in carried(one.name, one.group.sensors, flat)]
     if places:
@@ -228,11 +229,14 @@ def _readings(one: Robot) -> Iterator[Said]:
     """What a robot measures, which begins after the run, and its poses."""
     table, name = one.table, one.name
     noses = [_gas_sensor(one, k, sensor) for k, sensor in enumerate(one.group.sensors.noses)]
-    forward, turning = _speeds(table)
+    moving, turning = _speeds(table)
     for n, t in enumerate(table["t"].tolist()):
         place, heading = _believed(table, n)
         pose = {"position": place, "orientation": ros.yawed(heading)}
-        twist = {"linear": {"x": float(forward[n])}, "angular": {"z": float(turning[n])}}
+        twist = {
+            "linear": dict(zip("xyz", moving[n].tolist(), strict=True)),
+            "angular": {"z": float(turning[n])},
+        }
         yield (
             t,
             f"/{name}/odom",
@@ -259,12 +263,16 @@ def _wrapped(angle: Any) -> Any:
 
 
 def _speeds(table: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """How the robot believes to have moved since the row before: forward [m/s] and turning [rad/s]."""
+    """How the robot believes to have moved since the row before: forward, to the left and upward (n, 3) [m/s], and
+    turning (n,) [rad/s].
+    """
     dt = np.diff(table["t"])
     turn = _wrapped(np.diff(table["believed_heading"].astype(float)))
     course = table["believed_heading"][:-1] + 0.5 * turn
-    way = np.diff(table["believed_x"]) * np.cos(course) + np.diff(table["believed_y"]) * np.sin(course)
-    return np.append(0.0, way / dt), np.append(0.0, turn / dt)
+    x, y = np.diff(table["believed_x"]), np.diff(table["believed_y"])
+    forward, left = x * np.cos(course) + y * np.sin(course), y * np.cos(course) - x * np.sin(course)
+    moved = np.column_stack([forward, left, np.diff(table["z"])]) / dt[:, None]
+    return np.vstack([np.zeros((1, 3)), moved]), np.append(0.0, turn / dt)
 
 
 def _gas_sensor(one: Robot, k: int, sensor: GasSensor) -> tuple[str, dict[str, Any], np.ndarray]:

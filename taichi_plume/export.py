@@ -32,6 +32,7 @@ DEFAULT = {
     "mcap": "bag",
     "gaden": "gaden",
 }  # in the run's folder
+OF_BAGS = ("trial", "begin", "points", "least")  # options
 TABLES = ("robots", "probes")
 
 
@@ -207,7 +208,8 @@ def _bag(args: Namespace, out: Path) -> list[Path]:
         raise RunFolderError('bags need rosbags: pip install "taichi_plume[ros]"') from None
     from taichi_plume.bag_of_run import Choice, write
 
-    choice = Choice(args.trial, args.begin, args.points, args.least)
+    given = {name: vars(args)[name] for name in OF_BAGS if vars(args)[name] is not None}
+    choice = Choice(**given, allow_outside=args.allow_outside)
     return write(open_run(args.run), out, choice, args.force)
 
 
@@ -234,31 +236,35 @@ def _arguments(argv: Sequence[str] | None) -> Namespace:
     )
     parser.add_argument("--force", action="store_true", help="replace what is there")
     bag = parser.add_argument_group("of a bag")
-    bag.add_argument(
-        "--trial", type=whole_number(0, 10**6), default=0, metavar="N", help="of several (default: 0)"
-    )
+    bag.add_argument("--trial", type=whole_number(0, 10**6), metavar="N", help="of several (default: 0)")
     bag.add_argument(
         "--begin",
         type=_from_zero,
-        default=0.0,
         metavar="SECONDS",
         help="time of ROS when the run begins, such as a Unix time (default: 0)",
     )
     bag.add_argument(
         "--points",
         type=whole_number(1, 10**7),
-        default=20_000,
         metavar="N",
         help="the most in a cloud of gas; more cells are averaged in blocks (default: 20000)",
     )
     bag.add_argument(
         "--least",
         type=_from_zero,
-        default=0.1,
         metavar="PPM",
         help="less gas is no point of a cloud (default: 0.1)",
     )
-    return parser.parse_args(argv)
+    bag.add_argument(
+        "--allow-outside", action="store_true", help="read maps and meshes that lie outside the run's folder"
+    )
+    args = parser.parse_args(argv)
+    for name in OF_BAGS:
+        if vars(args)[name] is not None and args.to != "mcap":
+            parser.error(f"--{name} is of bags, --to mcap")
+    if args.source is not None and args.to != "netcdf":
+        parser.error("--from is of --to netcdf")
+    return args
 
 
 def _from_zero(text: str) -> float:

@@ -157,7 +157,7 @@ def _counted(readings: Readings, size: tuple[float, float]) -> np.ndarray:
         low, high = readings.place[told].min(axis=0), readings.place[told].max(axis=0)
         raise ReadingsError(
             f"no reading lies on the floor of {size[0]:g} x {size[1]:g} m from the origin on; they reach from "
-            f"({low[0]:g}, {low[1]:g}) to ({high[0]:g}, {high[1]:g}) m"
+            f"({low[0]:g}, {low[1]:g}) to ({high[0]:g}, {high[1]:g}) m from there, see --origin"
         )
     return counted
 

@@ -81,6 +81,8 @@ def _options(end: str) -> _Parser:
     add("--map", help="as in a scenario, such as '{kind: time_series, alpha: 0.9, cell: 10 cm}'")
     add("--kind", help=f"short for --map '{{kind: KIND}}' (default: {DEFAULT})")
     add("--size", type=_side, nargs=2, required=True, metavar=("LX", "LY"), help="of the floor [m]")
+    add("--origin", type=_length, nargs=2, default=(0.0, 0.0), metavar=("X", "Y"),
+        help="lower corner of the floor [m], from which the map's own places count (default: 0 0)")  # fmt: skip
     add("--out", type=Path, required=True, metavar="DIR", help="where the map goes")
     add("--force", action="store_true", help="overwrite an earlier map in --out")
     add("--trial", type=int, metavar="N", help="of several (default: the first)")
@@ -98,7 +100,11 @@ def _of_bags(group: argparse._ArgumentGroup) -> None:
     add("--wind", **topic, help="of wind, for each --topic (default: its neighbour, if there is any)")
     add("--frame", default="map", metavar="NAME", help="that the map is in (default: map)")
     add("--sensor", type=whole_number(0, 1000), metavar="N", help="which of a GasSensorArray, from 0 on")
-    add("--units", choices=tuple(UNITS), help="of gas, where the messages do not tell (default: ppm)")
+    add(
+        "--units",
+        choices=tuple(UNITS),
+        help="of gas, whatever messages tell; plain numbers are ppm by default",
+    )
     add(
         "--model",
         choices=tuple(MOX_MODELS),

@@ -20,6 +20,7 @@ import json
 import os
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -112,10 +113,13 @@ def main(argv: Sequence[str] | None = None) -> int:
 
         with RunFolder("", args.out, args.force, inputs=[args.readings], files=FILES, ours=_is_map) as folder:
             readings = read(args.readings, args.trial, args.group, wanted(args))
+            origin = np.array(args.origin)
+            readings = replace(readings, place=readings.place - origin)
+            sources = np.array(args.source) - origin if args.source else None
             for line in readings.topics:
                 say(visible(line))
             kernels.start("cpu")
-            gas_map = map_of(readings, model, args.size, np.array(args.source) if args.source else None)
+            gas_map = map_of(readings, model, args.size, sources)
             folder.clear()
             stands = False
             try:

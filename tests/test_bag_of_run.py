@@ -82,6 +82,47 @@ def test_counts_and_values_are_those_of_the_table(run, said):
     assert len(said["/clock"]) == len(rows)
 
 
+def test_options_of_bags_are_of_bags(run, capsys):
+    for options, told in (
+        (["--to", "csv", "--trial", "0"], "--trial is of bags"),
+        (["--to", "mcap", "--from", "film"], "--from is of --to netcdf"),
+    ):
+        with pytest.raises(SystemExit) as error:
+            export.main([str(run), *options])
+        assert error.value.code == 2
+        assert told in capsys.readouterr().err
+
+
+def test_walls_from_files_elsewhere_are_asked_for(tmp_path, capsys):
+    """A line says what the map lacks without."""
+    (tmp_path / "plan.pgm").write_bytes(b"P5 20 15 255\n" + (b"\xff" * 10 + b"\x00" + b"\xff" * 9) * 15)
+    (tmp_path / "plan.yaml").write_text(
+        "image: plan.pgm\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.2\n"
+    )
+    (tmp_path / "s.yaml").write_text(
+        "duration: 1\ndomain: {size: [2, 1.5], spacing: 0.1}\nwind: {kind: synthetic, speed: 5 cm/s}\n"
+        "gas: {kind: eulerian, sources: [{position: [0.4, 0.3], rate: 1 mg/s}]}\n"
+        "obstacles: [{kind: map, file: plan.yaml}]\nfields: {rate: 1}\n"
+    )
+    out = tmp_path / "runs/one"
+    assert (
+        run_command.main(
+            [str(tmp_path / "s.yaml"), "--out", str(out), "--quiet", "--no-report", "--no-recording"]
+        )
+        == 0
+    )
+    taken = []
+    for options in ([], ["--allow-outside"]):
+        capsys.readouterr()
+        assert (
+            export.main([str(out), "--to", "mcap", "--out", str(tmp_path / f"bag{len(options)}"), *options])
+            == 0
+        )
+        assert ("note: /map: Obstacle 0" in capsys.readouterr().err) is not bool(options)
+        taken.append((bag_of_fields.floor(open_run(out), bool(options)).data == 100).sum())
+    assert taken[1] - taken[0] == 15
+
+
 def test_each_sensor_of_a_robot_has_a_topic(run):
     """A detector ahead, and a metal oxide for another gas to the left, with the law of that."""
     from rosbags.highlevel import AnyReader
@@ -162,7 +203,7 @@ def test_the_map_is_free_where_robots_can_be(said, tmp_path):
     assert (one.info.width, one.info.height) == (18, 14)
     assert (one.data.reshape(14, 18)[1:-1, 1:-1] == 0).all()
     told = made_run.result(made_run.scenario(), version=__version__)
-    one = bag_of_fields.floor(open_run(made_run.made(tmp_path, recording=False, told=told)))
+    one = bag_of_fields.floor(open_run(made_run.made(tmp_path, recording=False, told=told)), False)
     assert one.info.resolution == pytest.approx(0.1)
     assert (one.info.origin.position.x, one.info.origin.position.y) == (-0.1, -0.1)
     assert (one.info.height, one.info.width) == (32, 42)
@@ -318,7 +359,7 @@ def test_a_run_again_on_its_own_ways_reads_the_same(run, tmp_path):
         "    odometry: {veer_deg: 10, distance_scale: 0.1}\n", ""
     )
     for kind in ("random_walk", "casting"):
-        names = "[linear_0/gas]" if kind == "casting" else "[oxides_0, oxides_1]"
+        names = "[linear_0]" if kind == "casting" else "[oxides_0, oxides_1]"
         text = text.replace(f"{{kind: {kind}}}", f"{{kind: replay, file: bag, robots: {names}}}")
     (tmp_path / "s.yaml").write_text(text)
     options = ["--out", str(tmp_path / "again"), "--quiet", "--no-report", "--no-recording"]

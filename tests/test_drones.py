@@ -197,6 +197,10 @@ def check_bag(folder):
         poses = [getattr(one.pose, "pose", one.pose) for name, one in said if name == topic]
         assert [one.position.z for one in poses] == pytest.approx([0.7] * len(poses), abs=1e-5)
         assert len(poses) == 16
+    speeds = [one.twist.twist.linear for name, one in said if name == "/flock_0/odom"]
+    way = np.hypot(*np.diff([(one.position.x, one.position.y) for one in poses], axis=0).T)
+    assert np.array([np.hypot(one.x, one.y) for one in speeds[1:]]) * 0.1 == pytest.approx(way, abs=1e-5)
+    assert way.max() > 0.01
     moved = [one.transforms[0].transform.translation.z for name, one in said if name == "/tf"]
     assert moved == pytest.approx([0.7] * 16, abs=1e-5)
     (still,) = (one.transforms for name, one in said if name == "/tf_static")

@@ -1,5 +1,6 @@
 """Where frames are in one another over time, as /tf and /tf_static of a bag tell: the tree that tf2 makes of them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -7,6 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from taichi_plume.files.bags import Bag, BagError, stamp_of
+from taichi_plume.files.tables import listed
 
 KIND = "tf2_msgs/msg/TFMessage"
 STATIC = "tf_static"
@@ -44,25 +46,30 @@ class Link:
 
 
 class Frames:
-    """All frames of a bag. stamped: whether times are those of the transforms' stamps, or when they were recorded."""
+    """The frames of a bag that topics tell. stamped: whether times are those of the transforms' stamps, or when they
+    were recorded.
+    """
 
-    def __init__(self, bag: Bag, stamped: bool):
+    def __init__(self, bag: Bag, stamped: bool, topics: Sequence[str]):
+        self.path = bag.path
+        self.torn: dict[str, str] = {}
+        """What is wrong with frames that were in several others: they lead nowhere."""
         rows: dict[str, list[tuple[float, ...]]] = {}
         parents: dict[str, str] = {}
         fixed: set[str] = set()
-        for topic, logged, message in bag.messages(*bag.of_kind(KIND)):
+        for topic, logged, message in bag.messages(*topics):
             for one in message.transforms:
                 parent, child = plain_name(one.header.frame_id), plain_name(one.child_frame_id)
                 if parents.setdefault(child, parent) != parent:
-                    raise BagError(f"{bag.path}: frame '{child}' is in '{parents[child]}' and in '{parent}'")
+                    self.torn[child] = f"frame '{child}' is in '{parents[child]}' and in '{parent}'"
                 p, q = one.transform.translation, one.transform.rotation
                 row = (stamp_of(one.header) if stamped else logged, p.x, p.y, p.z, q.x, q.y, q.z, q.w)
                 rows.setdefault(child, []).append(row)
                 if topic.endswith(STATIC):
                     fixed.add(child)
         self.links = {}
-        for child, listed in rows.items():
-            table = np.array(listed, float)
+        for child, told in rows.items():
+            table = np.array(told, float)
             table = table[np.isfinite(table).all(axis=1) & ((table[:, 4:] ** 2).sum(axis=1) > 0)]
             _, first = np.unique(table[:, 0], return_index=True)
             table = table[first]
@@ -73,13 +80,21 @@ class Frames:
 
     def chain(self, frame: str, fixed: str) -> list[str] | None:
         """The frames from one up to another that it hangs on, without this; None where it does not."""
-        found, frame = [], plain_name(frame)
+        found, frame, fixed = [], plain_name(frame), plain_name(fixed)
         while frame != fixed:
+            if frame in self.torn:
+                raise BagError(f"{self.path}: {self.torn[frame]}")
             if frame not in self.links or len(found) >= DEEPEST:
                 return None
             found.append(frame)
             frame = self.links[frame].parent
         return found
+
+    def require(self, frame: str) -> None:
+        """Raise BagError where frames are told, and this is none of them."""
+        known = {*self.links, *(link.parent for link in self.links.values())}
+        if known and plain_name(frame) not in known:
+            raise BagError(f"{self.path}: has no frame '{frame}'; it has {listed(sorted(known))}")
 
     def carrier(self, chain: list[str]) -> str | None:
         """The frame of the body that a sensor is fixed to: the first of a chain that moves; None where none does."""
@@ -94,6 +109,15 @@ class Frames:
         x = turn.apply(np.array([1.0, 0.0, 0.0]))
         heading = np.arctan2(x[:, 1], x[:, 0])
         return Pose(place, np.where(np.isfinite(place).all(axis=1), heading, np.nan))
+
+
+def topics_for(bag: Bag, gas: str) -> list[str]:
+    """The topics of frames in the namespaces of a topic of gas, as each robot may have its own; all where there is
+    none.
+    """
+    found, parts = bag.of_kind(KIND), gas.strip("/").split("/")
+    own = [one for one in found if (space := one.strip("/").split("/")[:-1]) == parts[: len(space)]]
+    return own or found
 
 
 def plain_name(frame: str) -> str:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from taichi_plume.files import ros_messages as ros
-from taichi_plume.files.bag_frames import Frames, Pose
+from taichi_plume.files.bag_frames import Frames, Pose, topics_for
 from taichi_plume.files.bag_topics import GAS, POSES, beside, chosen, robot_name, wind_topic_of
 from taichi_plume.files.bags import Bag, BagError, Series, Told, opened, stamp_of
 from taichi_plume.files.tables import listed
@@ -77,6 +77,8 @@ def read(path: Path, wanted: Wanted | None = None) -> list[RecordedRobot]:
         if wanted.lenient and not wanted.gas and not bag.of_kind(*GAS):
             return [_without_gas(bag, topic) for topic in chosen(bag, wanted.pose, POSES, "poses", "--pose")]
         gas = chosen(bag, wanted.gas, GAS, "gas", "--topic")
+        if wanted.lenient and not wanted.gas:  # a robot goes one way, however many sensors it has
+            gas = [one for n, one in enumerate(gas) if robot_name(one) not in map(robot_name, gas[:n])]
         for one, option in ((wanted.pose, "--pose"), (wanted.wind, "--wind")):
             if one and len(one) != len(gas):
                 raise BagError(
@@ -85,11 +87,17 @@ def read(path: Path, wanted: Wanted | None = None) -> list[RecordedRobot]:
                 )
         readings = [bag.series(topic, _gas_of(bag, topic, wanted)) for topic in gas]
         stamped = all(one.is_stamped for one in readings)
-        frames = Frames(bag, stamped)
         poses: dict[str, Series] = {}
         robots = []
+        trees: dict[tuple[str, ...], Frames] = {}
         for n, one in enumerate(readings):
             given = [topics[n] if topics else None for topics in (wanted.pose, wanted.wind)]
+            told = tuple(topics_for(bag, one.topic))
+            if told not in trees:
+                trees[told] = Frames(bag, stamped, told)
+            frames = trees[told]
+            if wanted.frame != Wanted.frame and not given[0]:
+                frames.require(wanted.frame)
             robots.append(_robot(bag, wanted, one, frames, stamped, given[0], given[1], poses))
         return _named_apart(robots, gas)
 
@@ -116,10 +124,10 @@ def _robot(
     read_at = gas.times(stamped)
     chain = frames.chain(gas.frame, wanted.frame) if gas.frame and not pose_topic else None
     carrier = frames.carrier(chain) if chain else None
-    if chain and carrier:
+    if chain:
         here = frames.pose(chain, read_at)
-        t = frames.links[carrier].t
-        way = frames.pose(chain[chain.index(carrier) :], t)
+        t = frames.links[carrier].t if carrier else np.unique(read_at[np.isfinite(read_at)])
+        way = frames.pose(chain[chain.index(carrier) :] if carrier else chain, t)
         source = f"{gas.frame} in {wanted.frame}"
     else:
         topic = beside(bag, gas.topic, pose_topic, POSES, "poses", "--pose")
@@ -149,7 +157,9 @@ def _robot(
         here.place[order, :2],
         gas.values[order, 0],
         wind[order],
-        f"gas of {gas.topic}, places of {source}, " + (f"wind of {wind_topic}" if wind_topic else "no wind"),
+        f"gas of {gas.topic}, places of {source}, "
+        + (f"wind of {wind_topic}" if wind_topic else "no wind")
+        + ("" if known.all() else f"; {len(known) - known.sum()} of {len(known)} readings have no place"),
     )
 
 

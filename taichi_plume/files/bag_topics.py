@@ -42,6 +42,7 @@ def beside(bag: Bag, gas: str, given: str | None, kinds: Sequence[str], what: st
         bag.require(given, kinds)
         return given
     found = bag.of_kind(*kinds)
+    found = [one for one in found if "goal" not in one.lower()] or found  # where it ought to go
     if not found:
         raise BagError(
             f"{bag.path}: has no {what} for {gas}: neither frames that lead to it nor a topic of them"

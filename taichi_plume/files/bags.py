@@ -1,5 +1,6 @@
 """Bags of others: MCAP and SQLite of ROS 2, alone or in the folder that ROS makes, and .bag of ROS 1; by rosbags."""
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -72,8 +73,9 @@ class Bag:
         }
 
     def of_kind(self, *kinds: str) -> list[str]:
-        """The topics of some types, sorted."""
-        return sorted(topic for topic, kind in self.kinds.items() if kind in kinds)
+        """The topics of some types, sorted; numbers in them as numbers."""
+        found = [topic for topic, kind in self.kinds.items() if kind in kinds]
+        return sorted(found, key=_counted)
 
     def messages(self, *topics: str) -> Iterator[tuple[str, float, Any]]:
         """Topic, time of recording [s] and message, in the order of the bag. Raises BagError."""
@@ -154,3 +156,9 @@ def stamp_of(header: Any) -> float:
     """The time of a header [s]; of ROS 1 too."""
     one = header.stamp
     return float(one.sec) + 1e-9 * float(one.nanosec)
+
+
+def _counted(topic: str) -> list[tuple[int, str]]:
+    """What topics are sorted by."""
+    parts = re.split(r"([0-9]+)", topic)
+    return [(len(part) if n % 2 else 0, part) for n, part in enumerate(parts)]

@@ -58,7 +58,7 @@ def times(case: Path) -> list[tuple[float, Path]]:
 def read(path: Path) -> Points:
     """The points of a time of a case, cells in the order of its parts. Raises WindFileError."""
     case, velocity, eddies = path.parent, [], []
-    parts = _parts(case)
+    parts = _parts(case, path.name)
     for part in parts:
         folder, size = part / path.name, len(_centres(part))
         velocity.append(_field(folder / "U", 3, size))
@@ -75,8 +75,11 @@ def read(path: Path) -> Points:
     return Points(path, place, u, np.maximum(np.concatenate(eddies), 0.0) if eddies else None)
 
 
-def _parts(case: Path) -> list[Path]:
-    """The case itself, or the folders of its processors where these have more times. Raises WindFileError."""
+def _parts(case: Path, time: str = "") -> list[Path]:
+    """The case itself, or the folders of its processors where these have times that it has not. Raises WindFileError.
+
+    time: the one that is read, by its name; unless given, all.
+    """
     whole = [case] if (case / MESH).is_dir() else []
     split, n = [], 0
     while (case / f"processor{n}" / MESH).is_dir():
@@ -84,7 +87,11 @@ def _parts(case: Path) -> list[Path]:
         n += 1
     if not whole and not split:
         raise WindFileError(f"{case}: is no case of OpenFOAM: it has no {MESH}, nor has processor0 in it")
-    return split if split and (not whole or len(_times(split[0])) > len(_times(case))) else whole
+    if not whole or not split:
+        return whole or split
+    if time:
+        return whole if _there(case / time / "U") else split
+    return split if _times(split[0]).keys() - _times(case).keys() else whole
 
 
 def _times(part: Path) -> dict[float, str]:
@@ -100,7 +107,7 @@ def _times(part: Path) -> dict[float, str]:
 
 def _centres(part: Path) -> np.ndarray:
     """Those of the cells of a part (n, 3) [m]."""
-    if any((part / name / "polyMesh" / "points").exists() for name in _times(part).values()):
+    if any(_there(part / name / "polyMesh" / "points") for name in _times(part).values()):
         raise WindFileError(f"{part}: its mesh moves, which is not read")
     files = [part / MESH / name for name in PARTS]
     return _centres_of(part, tuple(_file(file).stat().st_mtime_ns for file in files if _there(file)))

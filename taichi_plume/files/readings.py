@@ -177,10 +177,12 @@ def _of_group(path: Path, known: dict[str, np.ndarray], group: str | None) -> np
         return np.ones(len(known["t"]), bool)
     if "group" not in known:
         raise ReadingsError(f"{path}: has no column group, so there is no group '{group}'")
-    if group not in known["group"]:
+    # of a bag's robot with several sensors each is one, by its topic
+    chosen = np.array([one == group or str(one).startswith(f"{group}/") for one in known["group"]], bool)
+    if not chosen.any():
         there = sorted({str(one) for one in known["group"]})
         raise ReadingsError(f"{path}: has no group '{group}'; it has {listed(there)}")
-    return known["group"] == group
+    return chosen
 
 
 def _of_trial(path: Path, trials: np.ndarray | None, trial: int | None, chosen: np.ndarray) -> np.ndarray:

@@ -147,6 +147,7 @@ def test_several_robots_are_groups(tmp_path):
     other = read(bag, wanted=Wanted(gas=("/fleet/r2/gas",), pose=("/fleet/r2/amcl",), upwind=True))
     np.testing.assert_allclose(other.place[:, 1], 3.0)
     np.testing.assert_allclose(other.wind[:, 0], 0.3)
+    assert len(read(bag, group="fleet").t) == len(AT), "all whose name begins so"
     with pytest.raises(ReadingsError, match=r"has no group 'r3'; it has fleet/r2, r1$"):
         read(bag, group="r3")
 
@@ -223,6 +224,48 @@ def test_readings_without_poses_around_them_are_left_out(tmp_path):
     late = [one for one in poses() if 1.0 <= one[0] <= 3.0]
     found = read(write(tmp_path / "a", [*late, *readings()]))
     np.testing.assert_allclose(found.t, AT[(AT >= 1) & (AT <= 3)])
+    assert found.topics[0].endswith("; 9 of 18 readings have no place")
+
+
+def test_robots_with_frames_of_their_own(tmp_path):
+    """Equal names in /r1/tf and /r2/tf, as many robots have them."""
+    messages = []
+    for name, y in (("r1", 1.0), ("r2", 2.0)):
+        messages += [(t, f"/{name}/tf", transforms(t, ("map", "base", 0.2 * t, y, 0.0))) for t in (0.0, 6.0)]
+        messages += readings(f"/{name}/gas", frame="base")
+    first, second = bag_readings.read(write(tmp_path / "a", messages))
+    np.testing.assert_allclose(first.at, np.column_stack([0.2 * AT, np.full(len(AT), 1.0)]), atol=1e-9)
+    np.testing.assert_allclose(second.at[:, 1], 2.0)
+
+
+def test_a_sensor_that_stands_has_no_robot(tmp_path):
+    """Frames tell where it is, not odometry; of others that were moved from one to another nothing is wanted."""
+    still = (0.0, "/tf_static", transforms(0.0, ("map", "post", 3.0, 2.0, 0.0)))
+    cup = [(t, "/tf", transforms(t, (hand, "cup", 0, 0, 0))) for t, hand in ((1.0, "a"), (2.0, "b"))]
+    (one,) = bag_readings.read(
+        write(tmp_path / "a", [still, *cup, *poses(), *readings("/s/gas", frame="post")])
+    )
+    np.testing.assert_allclose(one.at, np.tile([3.0, 2.0], (len(AT), 1)))
+    (same,) = bag_readings.read(tmp_path / "a", Wanted(frame="/map"))
+    np.testing.assert_allclose(same.at, one.at)
+    with pytest.raises(BagError, match="has no frame 'world'; it has a, cup, map, post"):
+        bag_readings.read(tmp_path / "a", Wanted(frame="world"))
+
+
+def test_where_it_ought_to_go_is_not_where_it_is(tmp_path):
+    bag = write(tmp_path / "a", [*poses(), *poses("/r/goal_pose", POSE, y=9.0), *readings("/r/gas")])
+    (one,) = bag_readings.read(bag)
+    np.testing.assert_allclose(one.at[:, 1], 1.0)
+
+
+def test_a_robot_with_several_sensors_goes_one_way(tmp_path):
+    """Of its readings the first sensor's count, unless others are asked for."""
+    names = [f"/r{n}/gas{k}" for n in (2, 10) for k in ("", "_1")]
+    messages = [one for n in (2, 10) for one in poses(f"/r{n}/odom", y=float(n))]
+    bag = write(tmp_path / "a", [*messages, *(one for name in names for one in readings(name))])
+    assert [one.name for one in bag_readings.read(bag, Wanted(lenient=True))] == ["r2", "r10"]
+    assert [one.name for one in bag_readings.read(bag)] == ["r2/gas", "r2/gas_1", "r10/gas", "r10/gas_1"]
+    assert len(read(bag, group="r2").t) == 2 * len(AT)
 
 
 # ---------------------------------------------------------------- what is wrong

@@ -139,6 +139,23 @@ def test_a_decomposed_case_is_all_of_its_parts(tmp_path, keys):
     whole.field("0.25", "U", speeds(x))
     whole.field("0.5", "U", 7 * speeds(x))  # reconstructed
     np.testing.assert_array_equal(read(found[-1][1]).velocity, 7 * speeds(x))
+    for n in range(3):  # and gone on with in parallel, from which the case has nothing
+        (tmp_path / f"case/processor{n}/0.5").rename(tmp_path / f"case/processor{n}/0.75")
+    assert [time for time, _ in times(tmp_path / "case")] == [0.0, 0.25, 0.75]
+    np.testing.assert_array_equal(read(tmp_path / "case/0.75").velocity, 3 * speeds(x[order]))
+    np.testing.assert_array_equal(read(tmp_path / "case/0.5").velocity, 7 * speeds(x))
+
+
+@pytest.mark.parametrize("name", ["points", "points.gz"])
+def test_a_mesh_that_moves_is_refused(tmp_path, name):
+    points, cells = box((4, 3, 2), graded)
+    writer = Writer(tmp_path)
+    writer.mesh(points, cells)
+    writer.field("1", "U", speeds(means(points, cells)))
+    (tmp_path / "1/polyMesh").mkdir()
+    (tmp_path / "1/polyMesh" / name).write_bytes(b"")
+    with pytest.raises(WindFileError, match="its mesh moves"):
+        read(tmp_path / "1")
 
 
 @pytest.mark.parametrize("keys", KINDS[:2])
