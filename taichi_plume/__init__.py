@@ -13,7 +13,12 @@ if sys.argv[:1] == ["-m"] and any(
         del sys.path[0]
 
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+# In a checkout the packages solvers, agents and validation lie beside this folder; in a wheel, inside it.
+if not (Path(__file__).parent / "solvers").is_dir():
+    __path__.append(str(Path(__file__).parents[1]))
 
 # Before the first import of taichi, here or elsewhere: no banner, and no report to its makers of version, platform and
 # an id of this user.

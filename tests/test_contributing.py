@@ -25,10 +25,7 @@ NAMESAKES = {
 }
 ROOMS = [ROOT / "taichi_plume", ROOT / "solvers", ROOT / "agents"]
 SOURCES = {
-    path.relative_to(ROOT): ast.parse(path.read_text())
-    for room in ROOMS
-    for path in room.rglob("*.py")
-    if not any(parent.is_symlink() for parent in path.parents)
+    path.relative_to(ROOT): ast.parse(path.read_text()) for room in ROOMS for path in room.rglob("*.py")
 }
 
 

@@ -14,7 +14,7 @@ PACKAGE = "taichi_plume"
 ROOMS = {
     folder.name: folder
     for folder in [*(ROOT / PACKAGE).iterdir(), *ROOT.iterdir()]
-    if (folder / "__init__.py").exists() and not folder.is_symlink() and folder.name != PACKAGE
+    if (folder / "__init__.py").exists() and folder.name != PACKAGE
 }
 SCENARIO = ", ".join(
     f"{PACKAGE}.scenario.{path.stem}"
@@ -83,3 +83,27 @@ def test_heavy_packages_are_imported_only_where_used(modules, heavy):
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT
     )
     assert loaded.stdout.split() == []
+
+
+@pytest.mark.parametrize("wheel", [False, True])
+def test_the_packages_are_found_without_links(tmp_path, wheel):
+    """In a checkout git may leave a text file where a link was; in a wheel nothing beside the package belongs to it."""
+    package = tmp_path / PACKAGE
+    package.mkdir()
+    (package / "__init__.py").write_bytes((ROOT / PACKAGE / "__init__.py").read_bytes())
+    for name in ("solvers", "agents", "validation"):
+        inside, beside = package / name, tmp_path / name
+        (inside if wheel else beside).mkdir()
+        ((inside if wheel else beside) / "__init__.py").touch()
+        if not wheel:
+            inside.write_text(f"../{name}")
+    code = (
+        "import taichi_plume as p, taichi_plume.solvers, taichi_plume.agents, taichi_plume.validation;"
+        "print(p.solvers.__file__, len(p.__path__))"
+    )
+    found = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path
+    )
+    place = package if wheel else tmp_path
+    assert found.stdout.split() == [str(place / "solvers" / "__init__.py"), "1" if wheel else "2"]
+    assert not any(path.is_symlink() for folder in ROOMS.values() for path in (folder, *folder.rglob("*")))

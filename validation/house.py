@@ -71,11 +71,11 @@ class House:
 
 
 def modules(root: Path, folders: Sequence[str]) -> list[Module]:
-    """The Python files of these folders; links, which show a folder a second time, are left out."""
+    """Return the Python files of these folders."""
     found = []
     for folder in folders:
         for place, names, files in os.walk(root / folder):
-            names[:] = sorted(name for name in names if not (Path(place) / name).is_symlink())
+            names.sort()
             for path in (Path(place) / name for name in sorted(files) if name.endswith(".py")):
                 text = path.read_text(encoding="utf-8")
                 found.append(Module(path.relative_to(root).as_posix(), text, ast.parse(text)))

@@ -9,9 +9,9 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
+from taichi_plume import __path__ as package_folders
 from taichi_plume.scenario.scenario import Scenario
 
-PACKAGE = Path(__file__).resolve().parent.parent
 TABLES = (("kinds.py", "solvers"), ("agents/search.py", "agents"), ("agents/mapping.py", "agents"))
 """Files with tables of kinds, and the folders in which the modules are that these name."""
 YEAR = re.compile(r"\b(1[89]|20)\d\d\b")
@@ -46,11 +46,11 @@ def _cited(table: int, kind: str) -> list[str]:
     """Sentences with a year in the docstrings of the modules behind a kind, and in those that these refer to."""
     file, folder = TABLES[table]
     lines: list[str] = []
-    for module in _modules(PACKAGE / file, kind):
-        text = _docstring(PACKAGE / folder / f"{module}.py")
+    for module in _modules(_source(file), kind):
+        text = _docstring(_source(f"{folder}/{module}.py"))
         found = _sentences(text)
         for other in re.findall(r"`(\w+)`", text) if not found else ():
-            found += _sentences(_docstring(PACKAGE / folder / f"{other}.py"))
+            found += _sentences(_docstring(_source(f"{folder}/{other}.py")))
         lines += [line for line in found if line not in lines]
     return lines
 
@@ -64,6 +64,12 @@ def _sentences(text: str) -> list[str]:
                 if YEAR.search(sentence or ""):
                     found.append(sentence.rstrip(". ") + ".")
     return found
+
+
+def _source(name: str) -> Path:
+    """Return the path of a source file of the package, which lies in several folders in a checkout."""
+    paths = [Path(folder) / name for folder in package_folders]
+    return next((path for path in paths if path.exists()), paths[0])
 
 
 def _docstring(file: Path) -> str:

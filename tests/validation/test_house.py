@@ -47,7 +47,6 @@ def checkout(tmp_path):
         path = tmp_path / name
         path.parent.mkdir(exist_ok=True)
         path.write_text(text)
-    (tmp_path / "taichi_plume" / "agents").symlink_to("../agents")
     return tmp_path
 
 
