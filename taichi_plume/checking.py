@@ -3,7 +3,6 @@
 All of what is printed is one YAML document, which can be run: what is told besides are comments.
 """
 
-import os
 import shutil
 import sys
 import textwrap
@@ -13,6 +12,7 @@ from typing import Any
 
 import yaml
 
+from taichi_plume.files.disk import written_whole
 from taichi_plume.files.run_folder import CHECK, to_yaml
 from taichi_plume.guard.terminal import say, visible
 from taichi_plume.prepare import Prepared
@@ -101,22 +101,18 @@ def _keys(node: Any, part: Any) -> Iterator[tuple[int, tuple[str, str], int]]:
 
 def draw_scene(prepared: Prepared, path: Path) -> str | None:
     """Draw the scene as a PNG at `path`; why it could not be, if so. Nothing but an earlier picture is replaced."""
-    beside = path.with_name(f".{os.getpid()}-{path.name}")
     try:
         if path.exists() and not _is_png(path):
             return "is no picture, and stays as it is"
         path.parent.mkdir(parents=True, exist_ok=True)
         from taichi_plume.report.scene import save_check  # it takes a second to import matplotlib
 
-        save_check(prepared, beside)
-        beside.replace(path)
+        with written_whole(path) as fresh:
+            save_check(prepared, fresh)
     except OSError as error:
         return f"cannot be written: {error.strerror or error}"
     except ImportError as error:  # no reason for a check to fail
         return f"cannot be drawn: {error}"
-    finally:
-        if beside.parent.is_dir():
-            beside.unlink(missing_ok=True)
     return None
 
 

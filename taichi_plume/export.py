@@ -17,6 +17,7 @@ from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from taichi_plume.files import disk, own_folder
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.guard.terminal import Parser, say, visible, whole_number
 from taichi_plume.run_data import FILES, Run, open_run
@@ -64,7 +65,7 @@ def export(run: Run, to: str, out: Path, source: str | None = None, force: bool 
 
 
 def _write(data: "xarray.Dataset", to: str, part: Path, folder: Path) -> None:
-    from taichi_plume.files import disk, netcdf, vtkhdf
+    from taichi_plume.files import netcdf, vtkhdf
 
     for coming in (vtkhdf if to == "vtkhdf" else netcdf).write(part, data, frames(data, folder)):
         disk.require_room(part, coming)
@@ -72,7 +73,7 @@ def _write(data: "xarray.Dataset", to: str, part: Path, folder: Path) -> None:
 
 def _gaden(run: Run, out: Path, force: bool) -> list[Path]:
     """The film as a configuration of GADEN's, in a folder; the first file of each sort."""
-    from taichi_plume.files import disk, gaden_results
+    from taichi_plume.files import gaden_results
 
     run.require("fields.zarr")
     data = run.fields
@@ -82,6 +83,9 @@ def _gaden(run: Run, out: Path, force: bool) -> list[Path]:
         raise RunFolderError(f"{out}: is no folder")
     if out.is_dir() and any(out.iterdir()) and not force:
         raise RunFolderError(f"{out}: is not empty; choose another --out or add --force to write into it")
+    link = own_folder.link_in(out)
+    if link is not None:
+        raise RunFolderError(f"{out / link}: is a link, to which nothing is written; choose another --out")
     out.mkdir(parents=True, exist_ok=True)
     first: dict[Path, Path] = {}
     sources = gaden_results.sources_of(run.scenario)
@@ -110,7 +114,7 @@ def _tables(run: Run, out: Path, force: bool) -> list[Path]:
     import pyarrow as pa
     import pyarrow.csv
 
-    from taichi_plume.files import disk, table_parts
+    from taichi_plume.files import table_parts
 
     there = [name for name in TABLES if any((run.folder / file).exists() for file in FILES[name])]
     if not there:
@@ -164,8 +168,9 @@ def _fresh(files: Sequence[Path], force: bool) -> Iterator[list[Path]]:
             raise RunFolderError(f"{file}: is {what}; give the name of a file")
         if os.path.lexists(file) and not force:
             raise RunFolderError(f"{file}: exists; choose another --out or add --force to overwrite")
-    parts = [file.with_name(f".{file.name}.{os.getpid()}.part") for file in files]
+    parts: list[Path] = []
     try:
+        parts.extend(disk.new_beside(file) for file in files)
         yield parts
         for part, file in zip(parts, files, strict=True):
             os.replace(part, file)
@@ -182,6 +187,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = _arguments(argv)
     out = args.out or (args.run / DEFAULT[args.to] if args.to in DEFAULT else args.run)
     try:
+        if args.out is None and out != args.run and out.is_symlink():
+            raise RunFolderError(f"{out}: is a link, to which nothing is written; choose --out")
         if args.to == "mcap":
             files = _bag(args, out)
         else:

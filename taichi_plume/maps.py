@@ -26,6 +26,7 @@ from typing import Any
 
 import numpy as np
 
+from taichi_plume.files import disk
 from taichi_plume.files.readings import Readings, ReadingsError, read
 from taichi_plume.guard.terminal import say, visible
 from taichi_plume.map_making import GasMap, map_of
@@ -54,7 +55,8 @@ def write(gas_map: GasMap, readings: Readings, size: tuple[float, float], folder
     np.savetxt(folder / FILES[0], table, "%.7g", ",", header=",".join(columns), comments="")
     _draw(gas_map, readings, size, folder / FILES[1])
     text = json.dumps(plain(gas_map.scores), indent=2, allow_nan=False) + "\n"
-    (folder / FILES[2]).write_text(text, encoding="utf-8")
+    with disk.written_whole(folder / FILES[2]) as fresh:
+        fresh.write_text(text, encoding="utf-8")
 
 
 def _draw(gas_map: GasMap, readings: Readings, size: tuple[float, float], path: Path) -> None:

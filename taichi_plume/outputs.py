@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, Protocol
 from taichi_plume import __version__
 from taichi_plume.agents.own import OwnAlgorithm
 from taichi_plume.belief_scores import BeliefScores
-from taichi_plume.files import checkpoint, forces_table, manifest, maps_file, result, robots_table
+from taichi_plume.files import checkpoint, disk, forces_table, manifest, maps_file, result, robots_table
 from taichi_plume.files.own_class import OwnAlgorithmError
 from taichi_plume.files.run_folder import LISTED, RunFolderError
 from taichi_plume.grid.state import State
@@ -183,7 +183,8 @@ class Outputs:
                 writer.go_on()
         except BaseException:
             if not self.close() and before is not None:
-                told.write_bytes(before)
+                with disk.written_whole(told) as fresh:
+                    fresh.write_bytes(before)
             raise
 
     def _digest(self) -> None:

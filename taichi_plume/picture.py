@@ -176,10 +176,11 @@ def _figure(run: "Run", one: "Picture", args: argparse.Namespace, width: int) ->
 
 
 def _save(figure: Any, out: Path) -> None:
+    from taichi_plume.files.disk import written_whole
     from taichi_plume.report.look import styled
 
-    with styled():
-        figure.savefig(out)
+    with styled(), written_whole(out) as fresh:
+        figure.savefig(fresh, format=out.suffix[1:].lower())
 
 
 # ---------------------------------------------------------------- what there is of a run

@@ -209,13 +209,18 @@ def _film(path: Path) -> "xarray.Dataset":
     except FilmError as error:
         raise RunFolderError(str(error)) from None
     try:
-        data = xarray.open_zarr(path, consolidated=True, chunks=None)
+        group = zarr_groups.Group(path, consolidated=True)  # as it was when it was last consolidated, whole
+        for name in group.names:
+            _ = group[name]
+        data = xarray.open_zarr(path, consolidated=True, chunks=None, zarr_format=3)
         for name in map(str, data.data_vars):
-            stored, wanted = film.arrays[name].nchunks_initialized, data[name].sizes.get("time", 1)
+            stored, wanted = zarr_groups.stored_chunks(film.arrays[name]), data[name].sizes.get("time", 1)
             if stored < wanted:
                 raise ValueError(f"{name} has {stored} of {wanted} frames")
         if not {"time", "air"} <= data.variables.keys():
             raise ValueError("time or air is missing")
+    except zarr_groups.GroupError as error:
+        raise RunFolderError(str(error)) from None
     except zarr_groups.FAULTS as error:
         raise RunFolderError(f"{path}: is damaged: {zarr_groups.reason(error)}") from None
     beside = [

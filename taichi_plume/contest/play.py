@@ -12,6 +12,7 @@ import yaml
 
 from taichi_plume.contest.entrants import Entrant
 from taichi_plume.contest.fixed import Fixed
+from taichi_plume.files import disk, own_folder
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.guard.opening import unopenable
 from taichi_plume.guard.terminal import say, visible
@@ -22,6 +23,7 @@ from taichi_plume.study.study_run import Wishes, carry_out
 if TYPE_CHECKING:
     from taichi_plume.study.plan import Plan
 
+KIND = "contest"  # contest.json marks a contest's folder
 SCENARIOS = "scenarios"
 AXIS = "algorithm"
 
@@ -48,19 +50,21 @@ def plans(contest: Contest) -> list["Plan"]:
     """The studies, written into the folder and checked. Raises ScenarioError, RunFolderError, OSError."""
     _require_ours(contest.out)
     folder = contest.out / SCENARIOS
-    folder.mkdir(parents=True, exist_ok=True)
+    contest.out.mkdir(parents=True, exist_ok=True)
+    own_folder.mark(contest.out, KIND)
+    folder.mkdir(exist_ok=True)
     made = []
     for one in contest.scenarios:
         base, file = folder / f"{one.name}.yaml", folder / f"{one.name}.study.yaml"
         head = "".join(f"# {line}\n" for line in one.about)
-        base.write_text(head + yaml.safe_dump(one.data, sort_keys=False), encoding="utf-8")
+        _write(base, head + yaml.safe_dump(one.data, sort_keys=False))
         study = {
             "name": one.name,
             "base": base.name,
             "airs": contest.airs,
             "axes": {AXIS: {"variants": {each.name: each.changes(one) for each in contest.entrants}}},
         }
-        file.write_text(yaml.safe_dump(study, sort_keys=False), encoding="utf-8")
+        _write(file, yaml.safe_dump(study, sort_keys=False))
         made.append(load_plan(file, allow_outside=True))  # own algorithms lie where the user has them
     return made
 
@@ -87,9 +91,17 @@ def _require_ours(out: Path) -> None:
     fault = unopenable(out, folder=True)
     if fault:
         raise RunFolderError(f"{out}: {fault}; give a folder for the contest")
-    there = sorted(file.name for file in out.iterdir())
-    if there and not (out / SCENARIOS).is_dir():
-        raise RunFolderError(f"{out}: is not empty, and holds no contest ({there[0]}); choose another --out")
+    other = own_folder.other_in(out, KIND)
+    if other is not None:
+        raise RunFolderError(f"{out}: is not empty, and holds no contest ({other}); choose another --out")
+    link = own_folder.link_in(out)
+    if link is not None:
+        raise RunFolderError(f"{out / link}: is a link, which a contest does not write to; remove it")
+
+
+def _write(path: Path, text: str) -> None:
+    with disk.written_whole(path) as fresh:
+        fresh.write_text(text, encoding="utf-8")
 
 
 def chosen(names: str | None) -> Sequence[str] | None:

@@ -7,6 +7,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from taichi_plume.contest.fixed import Fixed
+from taichi_plume.files.disk import written_whole
 
 SHOWN = 60.0  # s that the mean is over
 EVERY = 1.0  # s
@@ -25,12 +26,8 @@ def mean_plume(scenario: Fixed, folder: Path) -> np.ndarray:
         if str(held["key"]) == key:
             return held["ppm"]
     ppm = _computed(scenario)
-    part = path.with_name(f".{path.name}.part.npz")
-    try:
-        np.savez_compressed(part, ppm=ppm, key=np.array(key))
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
+    with written_whole(path) as fresh, fresh.open("wb") as file:
+        np.savez_compressed(file, ppm=ppm, key=np.array(key))
     return ppm
 
 

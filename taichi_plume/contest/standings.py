@@ -8,6 +8,7 @@ import numpy as np
 
 from taichi_plume.contest.play import AXIS, Contest
 from taichi_plume.declared import OUTCOMES
+from taichi_plume.files import disk
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.study import intervals
 from taichi_plume.study.results import Results, open_study
@@ -137,12 +138,8 @@ def write(contest: Contest, some: list[Row]) -> None:
     table = frame(some)
     for suffix, save in (("csv", _csv), ("parquet", _parquet)):
         path = contest.out / f"{NAME}.{suffix}"
-        part = path.with_name(f"{path.name}.part")
-        try:
-            save(table, part)
-            part.replace(path)
-        finally:
-            part.unlink(missing_ok=True)
+        with disk.written_whole(path) as fresh:
+            save(table, fresh)
 
 
 def _csv(table: "pd.DataFrame", path: Path) -> None:

@@ -18,7 +18,6 @@ import psutil
 
 from taichi_plume.envs.task import require_parted
 from taichi_plume.grid.fields import concentration_at, velocity_at
-from taichi_plume.guard.opening import irregular, unopenable
 from taichi_plume.guard.terminal import visible
 from taichi_plume.prepare import checked
 from taichi_plume.scenario.gases import PlaybackGas
@@ -96,17 +95,14 @@ class Bank:
 
 def read(path: Path) -> Bank:
     """The bank of a zarr group. Raises ValueError, in one line, where it is none or damaged."""
-    import zarr
-
     from taichi_plume.files import zarr_groups
 
     path = Path(path)
-    fault = unopenable(path, folder=True) or irregular(path)
-    if fault:
-        raise ValueError(f"{visible(path)}: {fault}")
     try:
-        group: Any = zarr.open_group(path, mode="r", use_consolidated=False)
-        told = dict(group.attrs)
+        group = zarr_groups.Group(path)
+        told = group.attributes
+    except zarr_groups.GroupError as error:
+        raise ValueError(visible(error)) from None
     except zarr_groups.FAULTS:
         raise ValueError(
             f"{visible(path)}: is no zarr group; python -m taichi_plume.envs makes banks"
@@ -116,12 +112,12 @@ def read(path: Path) -> Bank:
             f"{visible(path)}: is no bank of this version; python -m taichi_plume.envs makes them"
         )
     try:
-        for name in ("values", "scale", "air"):
-            zarr_groups.whole(group[name], name)
+        arrays = {name: group[name] for name in ("values", "scale", "air")}
+        zarr_groups.require_memory(arrays)
         bank = Bank(
-            group["values"][...],
-            group["scale"][...],
-            group["air"][...],
+            arrays["values"][...],
+            arrays["scale"][...],
+            arrays["air"][...],
             float(told["spacing"]),
             float(told["frame"]),
             tuple(Species(**one) for one in json.loads(told["species"])),
@@ -138,6 +134,8 @@ def read(path: Path) -> Bank:
         fits &= len(bank.sources) == films and all(len(film) == gases for film in bank.sources)
         if not (fits and np.isfinite(bank.values).all() and np.isfinite(bank.scale).all()):
             raise ValueError("its arrays do not fit each other")
+    except zarr_groups.GroupError as error:
+        raise ValueError(visible(error)) from None
     except zarr_groups.FAULTS as error:
         raise ValueError(f"{visible(path)}: is damaged: {visible(zarr_groups.reason(error))}") from None
     return bank

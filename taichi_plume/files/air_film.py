@@ -15,10 +15,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import zarr
 
 from taichi_plume.files import disk, zarr_groups
-from taichi_plume.guard.opening import irregular, unopenable
 
 FORMAT = "taichi_plume shared film 1"
 CHUNK = 16  # frames
@@ -40,12 +38,9 @@ class AirFilm:
     def __init__(self, path: Path, room: int = 0):
         """room: bytes of frames to keep."""
         self.path, self.room, self.held = path, room, 0
-        fault = unopenable(path, folder=True) or irregular(path)
-        if fault:
-            raise AirFilmError(f"{path}: {fault}")
         try:
-            group: Any = zarr.open_group(path, mode="r", use_consolidated=False)
-            told = dict(group.attrs)
+            group = zarr_groups.Group(path)
+            told = group.attributes
             if told.get("format") != FORMAT:
                 raise AirFilmError(f"{path}: is no shared film of this version")
             self.tick, self.frames = float(told["tick"]), int(told["frames"])
@@ -60,6 +55,8 @@ class AirFilm:
         except zarr_groups.FAULTS as error:
             if isinstance(error, AirFilmError):
                 raise
+            if isinstance(error, zarr_groups.GroupError):
+                raise AirFilmError(str(error)) from None
             raise AirFilmError(f"{path}: is damaged: {zarr_groups.reason(error)}") from None
         self._kept: dict[int, dict[str, np.ndarray]] = {}
         self._passing: tuple[int, dict[str, np.ndarray]] = (-1, {})

@@ -7,7 +7,6 @@ runs no code, whoever has written it.
 import hashlib
 import io
 import json
-import os
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -36,17 +35,10 @@ def write(path: Path, content: dict[str, Any]) -> None:
     arrays: dict[str, np.ndarray] = {}
     tree = json.dumps({"kind": KIND, "content": _encoded(content, arrays, "")})
     disk.require_room(path, len(tree) + sum(array.nbytes for array in arrays.values()))
-    fresh = path.with_suffix(".new")
-    try:
-        with fresh.open("wb") as file:
-            hashed = _Hashed(file)
-            np.savez(hashed, **{TREE: np.frombuffer(tree.encode(), np.uint8)}, **arrays)  # type: ignore[arg-type]
-            file.write(hashed.sum.digest())
-            file.flush()
-            os.fsync(file.fileno())
-        fresh.replace(path)
-    finally:
-        fresh.unlink(missing_ok=True)
+    with disk.written_whole(path) as fresh, fresh.open("wb") as file:
+        hashed = _Hashed(file)
+        np.savez(hashed, **{TREE: np.frombuffer(tree.encode(), np.uint8)}, **arrays)  # type: ignore[arg-type]
+        file.write(hashed.sum.digest())
 
 
 def require_plain(value: Any, name: str) -> None:

@@ -2,7 +2,10 @@
 
 import errno
 import os
+import secrets
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 RESERVE = 32 << 20  # bytes kept free, for the ends of all files
@@ -24,6 +27,47 @@ def sync(file: Path) -> None:
     """Bring a file to the disk itself, so that a machine that loses power has it. Raises OSError."""
     with file.open("rb+") as opened:
         os.fsync(opened.fileno())
+
+
+def new_beside(path: Path) -> Path:
+    """A new empty file beside `path`, to be written and renamed to it.
+
+    The file is created exclusively, under a random name: no link is followed, and no file of someone's is overwritten.
+    Raises OSError.
+    """
+    fresh = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
+    try:
+        os.close(os.open(fresh, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from None
+    return fresh
+
+
+def left_in(folder: Path) -> list[Path]:
+    """Files of `new_beside` that killed processes have left in a folder."""
+    return list(folder.glob(f".*.{'[0-9a-f]' * 8}.part"))
+
+
+@contextmanager
+def written_whole(path: Path) -> Iterator[Path]:
+    """A new file to write, which then takes the place of `path`; whatever happens, a whole file stands there.
+
+    A link at `path` is replaced, not followed. Raises OSError.
+    """
+    fresh = new_beside(path)
+    try:
+        yield fresh
+        sync(fresh)
+        os.replace(fresh, path)
+    finally:
+        with suppress(OSError):
+            fresh.unlink(missing_ok=True)
+    if os.name != "nt":  # Windows cannot open folders
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
 
 
 def largest_file() -> float:

@@ -26,15 +26,23 @@ A frame counts once its time is written, so a film that was interrupted holds al
 """
 
 import json
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import zarr
 
 from taichi_plume.files import manifest
-from taichi_plume.files.zarr_groups import FAULTS, arrays_in, reason
-from taichi_plume.guard.opening import irregular, unopenable
+from taichi_plume.files.zarr_groups import (
+    FAULTS,
+    LARGEST_CHUNK,
+    Group,
+    GroupError,
+    reason,
+    require_memory,
+    stored_chunks,
+)
+from taichi_plume.guard.opening import unopenable
 from taichi_plume.scenario.sources import OtherSpecies
 
 if TYPE_CHECKING:
@@ -97,17 +105,16 @@ class Film:
         fault = unopenable(path, folder=True)
         if fault:
             raise FilmError(f"{path}: {fault}; a run with `fields` writes fields.zarr into its folder")
-        fault = irregular(path)
-        if fault:
-            raise FilmError(f"{path}: {fault}")
         damage = manifest.changed(path)  # zarr.json has no checksum
         if damage:
             raise FilmError(damage)
         try:
-            self.group: Any = zarr.open_group(path, mode="r", use_consolidated=False)
-            self.attributes: dict[str, Any] = dict(self.group.attrs)
+            group = Group(path)
+        except GroupError as error:
+            raise FilmError(str(error)) from None
         except FAULTS:
             raise FilmError(f"{path}: is no zarr group; give the fields.zarr of an earlier run") from None
+        self.attributes: dict[str, Any] = group.attributes
         made = self.attributes.get("format")
         if made != FORMAT and str(made).startswith(EARLIER):
             raise FilmError(
@@ -124,11 +131,14 @@ class Film:
                 raise ValueError("its shape or periodic are not those of a plane or a room")
             if "gases" in self.attributes:
                 self.attributes["gases"] = json.loads(self.attributes["gases"])
-            self.times: np.ndarray = self.group["time"][:]
-            self.arrays: dict[str, Any] = {name: self.group[name] for name in arrays_in(path)}
+            self.arrays: dict[str, Any] = {name: group[name] for name in group.names}
+            time = self.arrays["time"]
+            self.times: np.ndarray = time[: min(time.shape[0], stored_chunks(time) * time.chunks[0])]
             if self.wind:
                 _positive(self.attributes["schmidt"], "schmidt")
                 _positive(self.attributes["viscosity"] or 1.0, "viscosity")  # there may be none
+        except GroupError as error:
+            raise FilmError(str(error)) from None
         except FAULTS as error:
             raise FilmError(f"{path}: is damaged: {reason(error)}") from None
         unknown = np.flatnonzero(~np.isfinite(self.times))  # interrupted while it was written
@@ -155,7 +165,9 @@ class Film:
             size = array.shape[1:] if frames else array.shape
             if size != wanted:
                 raise ValueError(f"it has the shape {size}, not {wanted}")
-            stored = min(array.shape[0], array.nchunks_initialized) if frames else array.nchunks_initialized
+            if math.prod(size) * array.dtype.itemsize > LARGEST_CHUNK:
+                raise ValueError(f"it has frames of {size} cells, over {LARGEST_CHUNK >> 30} GiB")
+            stored = min(array.shape[0], stored_chunks(array)) if frames else stored_chunks(array)
         except FAULTS as error:
             raise FilmError(f"{self.path}: is damaged: {name}: {reason(error)}") from None
         if stored < (frames or 1):
@@ -190,6 +202,7 @@ class Film:
     def still(self, name: str) -> np.ndarray:
         """A variable that does not change, axes (x, y, z)."""
         try:
+            require_memory({name: self.arrays[name]})
             return self.arrays[name][...].T
         except FAULTS as error:
             raise FilmError(f"{self.path}: is damaged: {name}: {reason(error)}") from None

@@ -10,11 +10,11 @@ read all of a long film before its first frame is shown would take as long as to
 import hashlib
 import json
 import os
-import tempfile
 from collections.abc import Iterable
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
+
+from taichi_plume.files import disk
 
 NAME = "manifest.json"
 LARGEST = 1 << 24  # bytes
@@ -57,19 +57,8 @@ def digests(folder: Path, paths: Iterable[Path]) -> dict[str, Any]:
 def write(folder: Path, inputs: dict[str, Any], outputs: Iterable[Path]) -> None:
     """Write a folder's manifest, all of it or nothing; inputs: their `digests`. Raises OSError."""
     content = {"inputs": inputs, "outputs": digests(folder, outputs)}
-    handle, name = tempfile.mkstemp(prefix=f".{NAME}.", dir=folder)
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            json.dump(content, file, indent=2)
-            file.write("\n")
-            file.flush()
-            os.fsync(file.fileno())
-        Path(name).chmod(0o644)
-        os.replace(name, folder / NAME)
-    except BaseException:
-        with suppress(OSError):
-            os.unlink(name)
-        raise
+    with disk.written_whole(folder / NAME) as fresh:
+        fresh.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
 
 
 def _name(folder: Path, path: Path) -> str:

@@ -29,7 +29,6 @@ import numpy as np
 from taichi_plume import __version__
 from taichi_plume.files import disk, manifest
 from taichi_plume.files.run_folder import RunFolderError
-from taichi_plume.guard.opening import irregular, unopenable
 
 if TYPE_CHECKING:
     import xarray
@@ -181,54 +180,53 @@ def _belief(one: "GroupBeliefs") -> dict[str, np.ndarray]:
 
 @contextmanager
 def opened(path: Path, what: Literal["maps", "beliefs"] = "maps") -> Iterator[list[Any]]:
-    """The zarr groups of a run's maps, or of its beliefs, of which no chunk is missing.
+    """The groups (`zarr_groups.Group`) of a run's maps, or of its beliefs, of which no chunk is missing.
 
     Raises RunFolderError where the file is none of ours or not whole, or what reads it finds that.
     """
-    fault = unopenable(path, folder=True) or irregular(path)
-    if fault:
-        raise RunFolderError(f"{path}: {fault}")
+    from taichi_plume.files import zarr_groups
+
     damage = manifest.changed(path)
     if damage:
         raise RunFolderError(damage)
-    import zarr
-
-    from taichi_plume.files import zarr_groups
 
     name = "{}" if what == "maps" else "belief_{}"
     try:
-        root: Any = zarr.open_group(path, mode="r", use_consolidated=False)
-        if root.attrs.get("format") != FORMAT:
+        root = zarr_groups.Group(path).attributes
+        if root.get("format") != FORMAT:
             raise RunFolderError(f"{path}: was made by another version (its format is not '{FORMAT}')")
         groups = [
-            zarr.open_group(path, path=name.format(n), mode="r", use_consolidated=False)
-            for n in range(int(root.attrs["maps"] if what == "maps" else root.attrs.get(what, 0)))
+            zarr_groups.Group(path, name.format(n))
+            for n in range(int(root["maps"] if what == "maps" else root.get(what, 0)))
         ]
         for group in groups:
-            for name in zarr_groups.arrays_in(path / group.basename):
-                zarr_groups.whole(group[name], name)
+            zarr_groups.require_memory({name: group[name] for name in group.names})
         yield groups
     except RunFolderError:
         raise
+    except zarr_groups.GroupError as error:
+        raise RunFolderError(str(error)) from None
     except zarr_groups.FAULTS as error:
         raise RunFolderError(f"{path}: is damaged: {zarr_groups.reason(error)}") from None
 
 
 def read(path: Path) -> "list[xarray.Dataset]":
     """The maps of a run, in memory. Raises RunFolderError where the file is none of ours or not whole."""
-    import xarray
-
     with opened(path) as groups:
-        maps = [xarray.open_zarr(path, group=group.basename, consolidated=False).load() for group in groups]
+        maps = [_loaded(path, group) for group in groups]
         for n, one in enumerate(maps):
             if tuple(one["estimate"].dims) != WHOLE:
                 raise ValueError(f"map {n} has an estimate of {one['estimate'].dims}")
     return maps
 
 
-def read_beliefs(path: Path) -> "list[xarray.Dataset]":
-    """What each group of a run believed, in memory. Raises RunFolderError where the file is not ours or not whole."""
+def _loaded(path: Path, group: Any) -> "xarray.Dataset":
     import xarray
 
+    return xarray.open_zarr(path, group=group.name, consolidated=False, zarr_format=3).load()
+
+
+def read_beliefs(path: Path) -> "list[xarray.Dataset]":
+    """What each group of a run believed, in memory. Raises RunFolderError where the file is not ours or not whole."""
     with opened(path, "beliefs") as groups:
-        return [xarray.open_zarr(path, group=group.basename, consolidated=False).load() for group in groups]
+        return [_loaded(path, group) for group in groups]

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from taichi_plume.files.film import FilmError
-from taichi_plume.files.zarr_groups import FAULTS, reason
-from taichi_plume.guard.opening import irregular, open_regular, unopenable
+from taichi_plume.files.zarr_groups import FAULTS, LARGEST_CHUNK, Group, GroupError, reason
+from taichi_plume.guard.opening import open_regular, unopenable
 from taichi_plume.guard.terminal import visible
 from taichi_plume.scenario.movie import MovieGas
 
@@ -19,14 +19,20 @@ NAMES = ("concentration", "plume")  # of the variable, unless told: plume-nav-si
 NPY, HDF5 = b"\x93NUMPY", b"\x89HDF\r\n\x1a\n"
 MOST_PIXELS = 100_000_000  # of a frame
 MOST_FRAMES = 10_000_000
-LARGEST_CHUNK = 1 << 30  # bytes: what is decoded at once, at least
 LARGEST = 1e12  # of a value: far beyond 1e6 ppm in any unit, and its sums stay numbers
-CODECS = {
+PACKED = (
     *("blosc", "zstd", "zlib", "gzip", "lz4", "bz2", "lzma"),
     *("shuffle", "delta", "fixedscaleoffset", "quantize", "bitround", "astype", "packbits"),
     *("crc32", "crc32c", "adler32", "fletcher32"),
-}
-"""Of Zarr 2: those that only move numbers. Another one, pickle, would execute what it reads."""
+)
+CODECS = frozenset(
+    {
+        *PACKED,
+        *(f"numcodecs.{name}" for name in PACKED),  # the same in Zarr 3
+        *("bytes", "transpose", "sharding_indexed"),
+    }
+)
+"""Codecs that only move numbers, of Zarr 2 and 3. Another one, pickle, would execute what it reads."""
 
 
 class Movie:
@@ -132,28 +138,22 @@ def _require_unnamed(path: Path, variable: str | None) -> None:
 
 
 def _zarr(path: Path, variable: str | None) -> tuple[Any, dict[str, Any]]:
-    import zarr
-
-    fault = irregular(path)
-    if fault:
-        raise FilmError(f"{path}: {fault}")
     try:
-        found: Any = zarr.open(path, mode="r")
+        group = Group(path, formats=(2, 3), codecs=CODECS)
+    except GroupError as error:
+        raise FilmError(str(error)) from None
     except FAULTS:
         raise FilmError(f"{path}: is neither an array nor a group of Zarr that can be read") from None
-    known = dict(found.attrs)
-    if isinstance(found, zarr.Group):
-        names = sorted(found.array_keys())
-        found = found[_chosen(path, names, variable)]
-        known |= dict(found.attrs)
-    else:
+    if group.names == [""]:
         _require_unnamed(path, variable)
-    used = [getattr(found.metadata, "compressor", None), *(getattr(found.metadata, "filters", None) or ())]
-    for codec in used:
-        name = getattr(codec, "codec_id", None)
-        if codec is not None and name not in CODECS:
-            raise FilmError(f"{path}: is packed by '{visible(str(name), 40)}', which is not read")
-    return found, known
+        name = ""
+    else:
+        name = _chosen(path, group.names, variable)
+    try:
+        array = group[name]
+    except GroupError as error:
+        raise FilmError(str(error)) from None
+    return array, group.attributes | dict(array.attrs)
 
 
 def _hdf5(path: Path, variable: str | None) -> tuple[Any, dict[str, Any]]:

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import zarr
 
 from taichi_plume.files import zarr_groups
 from taichi_plume.files.film import (
@@ -109,12 +108,16 @@ class NewFilm:
         """Raises FilmError where there are fewer frames."""
         path = self.path
         try:
-            self.group = zarr.open_group(path, mode="r+", use_consolidated=False)
-            arrays: dict[str, Any] = {name: self.group[name] for name in zarr_groups.arrays_in(path)}
+            group = zarr_groups.Group(path, mode="r+")
+            arrays: dict[str, Any] = {name: group[name] for name in group.names}
             self.frames, self.time = kept, arrays["time"]
             self.moving = {name: arrays[name] for name in names}
             held = int(np.isfinite(self.time[:kept]).sum())
-            held = min(held, *(min(one.shape[0], one.nchunks_initialized) for one in self.moving.values()))
+            held = min(
+                held, *(min(one.shape[0], zarr_groups.stored_chunks(one)) for one in self.moving.values())
+            )
+        except zarr_groups.GroupError as error:
+            raise FilmError(str(error)) from None
         except zarr_groups.FAULTS as error:
             told = zarr_groups.reason(error)
             raise FilmError(f"{path}: is damaged, without it the run cannot go on: {told}") from None
@@ -201,12 +204,14 @@ def complete(path: Path) -> int:
     """Leave of a film that was cut off the frames that are whole, and return how many. Raises FilmError."""
     tidy(path)
     try:
-        group = zarr.open_group(path, mode="r+", use_consolidated=False)
-        arrays: dict[str, Any] = {name: group[name] for name in zarr_groups.arrays_in(path)}
+        group = zarr_groups.Group(path, mode="r+")
+        arrays: dict[str, Any] = {name: group[name] for name in group.names}
         moving = [one for one in arrays.values() if (one.metadata.dimension_names or ("",))[0] == "time"]
         frames = int(np.isfinite(arrays["time"][:]).cumprod().sum())
         for array in moving:
             array.resize((frames, *array.shape[1:]))
+    except zarr_groups.GroupError as error:
+        raise FilmError(str(error)) from None
     except zarr_groups.FAULTS as error:
         raise FilmError(f"{path}: is damaged: {zarr_groups.reason(error)}") from None
     zarr_groups.consolidate(path)

@@ -1,7 +1,6 @@
 """`result.json`: what came of a run; written last and at once."""
 
 import json
-import os
 from math import isfinite, prod
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,7 @@ import numpy as np
 
 from taichi_plume import __version__, scores
 from taichi_plume.belief_scores import BeliefScores
+from taichi_plume.files.disk import written_whole
 from taichi_plume.map_scores import NAMES, MapScores, MapSeries
 from taichi_plume.simulation import Simulation
 
@@ -194,15 +194,8 @@ def _known(value: float) -> float | None:
 def write_result(folder: Path, content: dict[str, Any]) -> None:
     """Write `result.json` so that a reader sees all of it or none; what is no number becomes null."""
     text = json.dumps(plain(content), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
-    part = folder / "result.json.part"
-    try:
-        with part.open("w", encoding="utf-8") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        part.replace(folder / "result.json")
-    finally:
-        part.unlink(missing_ok=True)
+    with written_whole(folder / "result.json") as fresh:
+        fresh.write_text(text, encoding="utf-8")
 
 
 def plain(value: Any) -> Any:

@@ -6,7 +6,6 @@ import os
 import platform
 import shlex
 import shutil
-import tempfile
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from importlib.metadata import version
@@ -17,6 +16,9 @@ from typing import Any, Self
 import yaml
 
 from taichi_plume import __version__
+from taichi_plume.files import disk
+from taichi_plume.files.own_folder import LOCK, FolderLock, link_in
+from taichi_plume.guard.opening import open_regular, read_regular
 from taichi_plume.guard.terminal import visible
 from taichi_plume.scenario.algorithms import Own
 from taichi_plume.scenario.changes import changed
@@ -43,16 +45,14 @@ BESIDE = (
     "maps.part",
     "recording.old.rrd",
     "recording.part.rrd",
-    "result.json.part",
-    "report.html.part",
-    "checkpoint.new",
     "checkpoint.npz",
     "manifest.json",
 )
 """What a run writes besides: parts of files that are not finished, and what it can be resumed from."""
 STANDS = "result.json"  # the last file that a run begins
-LOCK = ".lock"
 CHECK = "check.png"  # the scene, drawn by --check; a run may begin beside it
+LARGEST_JSON = 1 << 28  # bytes
+LONGEST_HEADER = 1 << 16  # bytes
 REPLACING = ".replacing"  # an earlier run while it is set aside or put back: nothing of a new one is there
 REPLACED = ".replaced"  # all of it, while the files of a new one are begun
 OPTIONS = ("--allow-code", "--allow-outside")
@@ -101,7 +101,7 @@ class RunFolder:
             at = error.filename or out or runs
             raise RunFolderError(f"{at}: cannot be made: {error.strerror or error}") from None
         self.path = out
-        self._hold()
+        self._hold(lambda: self._require(force, inputs))
         try:
             self._recover()
             self._check(force, inputs)
@@ -121,24 +121,40 @@ class RunFolder:
             raise RunFolderError(f"{folder}: is not the folder of a run")
         self = cls.__new__(cls)
         self.made, self.path, self.files = False, folder, FILES + BESIDE
-        self._hold()
+        self._hold(self._require_no_links)
         self._recover()
+        for left in disk.left_in(folder):
+            left.unlink()
         return self
 
-    def _hold(self) -> None:
-        """Take the lock, which goes with the process, however it ends."""
-        import filelock  # 0.04 s, for runs alone
+    def _hold(self, require: Callable[[], None]) -> None:
+        """Take the lock, which goes with the process, however it ends. require: as FolderLock takes it."""
+        import filelock
 
-        self._lock = filelock.FileLock(self.path / LOCK, timeout=0)
         try:
-            with tempfile.TemporaryFile(dir=self.path):
-                pass  # now, rather than after minutes of compiling; the lock would take it for another's
-            self._lock.acquire()
+            self._lock = FolderLock(self.path, require)
         except filelock.Timeout:
             raise RunFolderError(f"{self.path}: another run is writing there") from None
+        except RunFolderError:
+            raise
         except (OSError, NotImplementedError) as error:
             reason = getattr(error, "strerror", None) or error
             raise RunFolderError(f"{self.path}: cannot be written to: {reason}") from None
+
+    def _require(self, force: bool, inputs: Sequence[Path]) -> None:
+        """Refuse a folder before anything is made in it."""
+        self._require_no_links()
+        if not any((self.path / name).is_dir() for name in (REPLACING, REPLACED)):  # else it is settled first
+            self._check(force, inputs)
+
+    def _require_no_links(self) -> None:
+        """Refuse a folder in which files of a run are links, or have other names: their targets would be written to."""
+        link = link_in(self.path, {*self.files, REPLACING, REPLACED}, hard=True)
+        if link is not None:
+            raise RunFolderError(
+                f"{self.path / link}: is a link, has another name (a hard link), or is no plain file; a run writes "
+                "to files of its own: remove it, or copy the folder"
+            )
 
     def _check(self, force: bool, inputs: Sequence[Path]) -> None:
         if not any(file.name not in (LOCK, CHECK) for file in self.path.iterdir()):
@@ -163,6 +179,8 @@ class RunFolder:
             if os.path.lexists(self.path / name):
                 (self.path / name).rename(aside / name)
         aside.rename(self.path / REPLACED)
+        for left in disk.left_in(self.path):
+            left.unlink()
 
     def settle(self, stands: bool) -> None:
         """Remove what was set aside, as the new run `stands`; else put it back in the place of the new one's files."""
@@ -198,15 +216,8 @@ class RunFolder:
     def close(self) -> None:
         """Let others write there; a folder that was made and left empty goes."""
         empty = self.made and not any(file.name != LOCK for file in files_in(self.path))
-        lock = self.path / LOCK
-        # Windows unlinks no open file; elsewhere whoever waits for it sees that it went
-        with suppress(OSError):
-            if empty:
-                lock.unlink()
-        self._lock.release()
+        self._lock.release(remove=empty)
         with suppress(OSError):  # another run may be there by now: not a file of it goes
-            if empty and os.name == "nt":
-                lock.unlink(missing_ok=True)
             if empty:
                 self.path.rmdir()
 
@@ -216,7 +227,7 @@ def is_run(folder: Path) -> bool:
     if told(folder / "result.json").keys() >= OURS:
         return True
     try:
-        with (folder / "scenario.yaml").open("rb") as file:
+        with open_regular(folder / "scenario.yaml") as file:
             return file.readline(len(HEADER)) == HEADER.encode()
     except OSError:
         return False
@@ -225,7 +236,7 @@ def is_run(folder: Path) -> bool:
 def told(file: Path) -> dict[str, Any]:
     """What a JSON file of ours says; nothing where it is none."""
     try:
-        content = json.loads(file.read_text(encoding="utf-8"))
+        content = json.loads(read_regular(file, LARGEST_JSON) or b"")
     except (OSError, ValueError, RecursionError):
         return {}
     return content if isinstance(content, dict) else {}
@@ -326,8 +337,8 @@ def _again(folder: Path, scenario: Scenario, source: Path) -> str:
 def resuming(folder: Path) -> str:
     """The command that goes on with the run of a directory, with the options that the one to run it again has."""
     try:
-        with (folder / "scenario.yaml").open(encoding="utf-8", errors="replace") as file:
-            again = file.readline()
+        with open_regular(folder / "scenario.yaml") as file:
+            again = file.readline(LONGEST_HEADER).decode(errors="replace")
     except OSError:
         again = ""
     options = [option for option in OPTIONS if option in again]
@@ -347,4 +358,5 @@ def write_scenario(
         f"{seeds}\n"
         f"# taichi_plume {__version__}, {versions}, Python {platform.python_version()}, {platform.system()}\n"
     )
-    (folder / "scenario.yaml").write_text(header + to_yaml(scenario, source, folder), encoding="utf-8")
+    with disk.written_whole(folder / "scenario.yaml") as fresh:
+        fresh.write_text(header + to_yaml(scenario, source, folder), encoding="utf-8")

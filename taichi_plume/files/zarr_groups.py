@@ -4,16 +4,23 @@ Each group is consolidated: its zarr.json repeats the metadata of all its arrays
 gives no warning. What grows is consolidated when it comes to the disk: a reader sees it as it was then, whole.
 """
 
+import json
+import math
+import os
 import warnings
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 import zarr
 from zarr.codecs import BloscCodec, Crc32cCodec
 from zarr.errors import ZarrUserWarning
 
 from taichi_plume.files.tables import plain
+from taichi_plume.guard.opening import irregular, unopenable
+from taichi_plume.guard.terminal import visible
 
 CONVENTIONS = "CF-1.11"
 FAULTS = (
@@ -27,6 +34,90 @@ FAULTS = (
     MemoryError,
 )
 """Of what zarr reads."""
+OWN_CODECS = frozenset({"bytes", "blosc", "crc32c"})
+"""Codecs of the groups that this package writes; none of them decodes a chunk to more than 2 GiB."""
+LARGEST_CHUNK = 1 << 31  # bytes of a decoded chunk
+
+
+class GroupError(ValueError):
+    """A Zarr group that must not be read; the message is one line and begins with its path."""
+
+
+class Group:
+    """A Zarr group, or a single array, that others may have written: the only way in which stored groups are opened.
+
+    A codec may execute what it reads, as pickle of Zarr 2 does. Hence every array is checked before any of its chunks
+    is decoded: its codecs, its data type (numbers), the size of its chunks.
+
+    name: path of the group within `path`. attributes: of the group. names: of its arrays; [""] if `path` is itself an
+    array.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        group: str = "",
+        mode: Any = "r",
+        formats: tuple[int, ...] = (3,),
+        codecs: frozenset[str] = OWN_CODECS,
+        consolidated: bool = False,
+    ):
+        """group: path of a group within `path`. formats: of Zarr that are read. consolidated: whether the metadata
+        of the arrays are those that the group repeats. Raises GroupError if `path` is no folder or holds links, and one
+        of FAULTS.
+        """
+        fault = unopenable(path, folder=True) or irregular(path)
+        if fault:
+            raise GroupError(f"{path}: {fault}")
+        self.path, self.name, self.codecs = path, group, codecs
+        zarr_format: Any = 3 if formats == (3,) else None
+        self._node: Any = zarr.open(
+            path, path=group, mode=mode, zarr_format=zarr_format, use_consolidated=consolidated
+        )
+        self.attributes: dict[str, Any] = dict(self._node.attrs)
+        if isinstance(self._node, zarr.Array):
+            self.names = [""]
+        elif consolidated:
+            self.names = sorted(self._node.array_keys())
+        else:
+            self.names = _arrays_in(path / group)
+
+    def __getitem__(self, name: str) -> Any:
+        """An array, checked. Raises GroupError, KeyError, and one of FAULTS."""
+        if name not in self.names:
+            raise KeyError(name)
+        array = self._node[name] if name else self._node
+        if not isinstance(array, zarr.Array):
+            raise GroupError(f"{self.path}: {visible(name, 40)} is a group, not an array")
+        for codec in _codecs(array):
+            if codec not in self.codecs:
+                raise GroupError(f"{self.path}: is packed by '{visible(codec, 40)}', which is not read")
+        where = f"{self.path}{': ' * bool(name)}{visible(name, 40)}"
+        if array.dtype.kind not in "biuf":
+            raise GroupError(f"{where}: holds {visible(str(array.dtype), 40)}; wanted numbers")
+        chunk = getattr(array, "shards", None) or array.chunks
+        if min(chunk, default=1) < 1 or math.prod(chunk) * array.dtype.itemsize > LARGEST_CHUNK:
+            raise GroupError(
+                f"{where}: has chunks of {chunk}; wanted at least one value and at most {LARGEST_CHUNK >> 30} GiB"
+            )
+        return array
+
+
+def _codecs(array: zarr.Array) -> Iterable[str]:
+    """Names of all codecs that decode an array's chunks."""
+    about: Any = array.metadata.to_dict()
+    if array.metadata.zarr_format == 2:
+        used = [about.get("compressor"), *(about.get("filters") or ())]
+        return [str(one["id"] if isinstance(one, dict) else one.codec_id) for one in used if one is not None]
+    return list(_names(about["codecs"]))
+
+
+def _names(codecs: Iterable[Any]) -> Iterable[str]:
+    """Names of Zarr 3 codecs, also of those within shards."""
+    for one in codecs:
+        yield str(one["name"])
+        inner = one.get("configuration") or {}
+        yield from _names([*inner.get("codecs", ()), *inner.get("index_codecs", ())])
 
 
 def create(path: Path, attributes: dict[str, Any]) -> zarr.Group:
@@ -82,15 +173,44 @@ def consolidate(path: Path, group: str | None = None) -> None:
         zarr.consolidate_metadata(path, path=group)
 
 
-def arrays_in(path: Path) -> list[str]:
+def _arrays_in(path: Path) -> list[str]:
     """Names of the arrays in a group's folder; zarr, asked for all at once, prints a traceback where several fail."""
-    return sorted(file.parent.name for file in path.glob("*/zarr.json"))
+    names = {file.parent.name for file in path.glob("*/.zarray")}
+    for file in path.glob("*/zarr.json"):
+        try:
+            is_group = json.loads(file.read_bytes())["node_type"] == "group"
+        except (OSError, ValueError, LookupError, TypeError, RecursionError):
+            is_group = False  # damaged: zarr says what is wrong
+        names |= set() if is_group else {file.parent.name}
+    return sorted(names)
+
+
+def stored_chunks(array: Any) -> int:
+    """Number of chunks on the disk, of an array that this package wrote.
+
+    Counts files. zarr would go through all chunks that the metadata claim, of which a hostile file has any number.
+    """
+    folder = Path(array.store.root) / array.path / "c"
+    return sum(not name.endswith(".partial") for _, _, names in os.walk(folder) for name in names)
 
 
 def whole(array: Any, name: str) -> None:
     """Raises ValueError where chunks of an array are missing: zarr takes them for empty ones."""
-    if array.nchunks_initialized < array.nchunks:
-        raise ValueError(f"{name} has {array.nchunks_initialized} of {array.nchunks} chunks")
+    stored = stored_chunks(array)
+    if stored < array.nchunks:
+        raise ValueError(f"{name} has {stored} of {array.nchunks} chunks")
+
+
+def require_memory(arrays: dict[str, Any]) -> None:
+    """Raises ValueError if arrays that are to be read as a whole exceed the free memory, or chunks are missing."""
+    for name, array in arrays.items():
+        whole(array, name)
+    needed = sum(math.prod(array.shape) * array.dtype.itemsize for array in arrays.values())
+    free = psutil.virtual_memory().available
+    if needed > free:
+        raise ValueError(
+            f"its arrays take {needed / 1e9:.3g} GB of memory, of which {free / 1e9:.3g} GB are free"
+        )
 
 
 def reason(error: Exception) -> str:

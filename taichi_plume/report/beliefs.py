@@ -38,14 +38,14 @@ def beliefs_of(folder: Path) -> list[BeliefAtEnd]:
 
 
 def _belief(group: Any) -> BeliefAtEnd:
-    cell = float(group.attrs["cell_m"])
+    cell = float(group.attributes["cell_m"])
     x, y = group["x"][:], group["y"][:]
     p = np.asarray(group["probability"][0, 0], float)
     if p.shape != (len(y), len(x)):
-        raise ValueError(f"{group.basename} has a probability of {p.shape}")
+        raise ValueError(f"{group.name} has a probability of {p.shape}")
     left, right, low, high = float(x[0]), float(x[-1]), float(y[0]), float(y[-1])
     reach = (left - cell / 2, right + cell / 2, low - cell / 2, high + cell / 2)
-    return BeliefAtEnd(str(group.attrs["group"]), p / cell**2, reach)
+    return BeliefAtEnd(str(group.attributes["group"]), p / cell**2, reach)
 
 
 def beside_sources(run: Run, beliefs: Sequence[BeliefAtEnd]) -> bytes:

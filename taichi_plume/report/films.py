@@ -10,6 +10,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
+from taichi_plume.files.disk import written_whole
+
 COLORS = 255  # of a GIF
 
 
@@ -54,14 +56,16 @@ def film(
             f"{path}: MP4 needs the program ffmpeg, which is not there; name it .gif, or install ffmpeg"
         )
     canvas = Still(figure, moving)
-    if path.suffix.lower() == ".gif":
-        _gif(canvas, path, fps, frames, show)
-        return
-    writer = animation.FFMpegWriter(fps=fps, codec="h264", extra_args=["-pix_fmt", "yuv420p"])
-    with writer.saving(figure, str(path), figure.dpi):
-        for frame in frames:
-            show(frame)
-            writer.grab_frame()
+    with written_whole(path) as fresh:
+        if path.suffix.lower() == ".gif":
+            _gif(canvas, fresh, fps, frames, show)
+            return
+        options = ["-pix_fmt", "yuv420p", "-f", "mp4"]
+        writer = animation.FFMpegWriter(fps=fps, codec="h264", extra_args=options)
+        with writer.saving(figure, str(fresh), figure.dpi):
+            for frame in frames:
+                show(frame)
+                writer.grab_frame()
 
 
 def _gif(canvas: Still, path: Path, fps: int, frames: Sequence[Any], show: Callable[[Any], None]) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from taichi_plume import __version__
+from taichi_plume.files.disk import written_whole
 from taichi_plume.report.facts import Rows
 
 TEMPLATE = Path(__file__).with_name("page.html")
@@ -57,10 +58,6 @@ def write(path: Path, sections: Iterable[Section], **told: Any) -> Path:
     template = environment.from_string(TEMPLATE.read_text(encoding="utf-8"))
     said = [one for one in sections if not one.empty]
     html = template.render(sections=said, version=__version__, **told)
-    part = path.with_name(f"{path.name}.part")
-    try:
-        part.write_text(html, encoding="utf-8", errors="backslashreplace")
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
+    with written_whole(path) as fresh:
+        fresh.write_text(html, encoding="utf-8", errors="backslashreplace")
     return path

@@ -32,10 +32,10 @@ def maps_of(folder: Path) -> list[MapAtEnd]:
 
 
 def _map(group: Any) -> MapAtEnd:
-    kind, x = str(group.attrs["kind"]).replace("_", " "), group["x"][:]
+    kind, x = str(group.attributes["kind"]).replace("_", " "), group["x"][:]
     estimate, truth = np.asarray(group["estimate"][0], float), np.asarray(group["truth"][0], float)
     if estimate.ndim != 2 or estimate.shape != truth.shape:
-        raise ValueError(f"map {group.basename} has an estimate of {estimate.shape}")
-    made_by = group.attrs["groups"]  # of rivals the first trial is of the first
+        raise ValueError(f"map {group.name} has an estimate of {estimate.shape}")
+    made_by = group.attributes["groups"]  # of rivals the first trial is of the first
     whose = f" of {made_by[0]['names'][0]}" if len(made_by) > 1 else ""
     return MapAtEnd(f"{kind} map{whose}", 2.0 * float(x[0]), estimate, truth)

@@ -2,7 +2,7 @@
 
 import shutil
 
-from taichi_plume.files import run_folder
+from taichi_plume.files import disk, run_folder
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.study.messages import Request, Task
 
@@ -15,7 +15,8 @@ def leave_failed(task: Task, request: Request, scenario: Scenario | None, messag
     folder.mkdir(parents=True, exist_ok=True)
     if scenario is not None:
         run_folder.write_scenario(folder, scenario, task.folder.resolve(), "cpu")
-    (folder / "message.txt").write_text(message + "\n", encoding="utf-8")
+    with disk.written_whole(folder / "message.txt") as fresh:
+        fresh.write_text(message + "\n", encoding="utf-8")
 
 
 def forget_failed(task: Task, request: Request) -> None:

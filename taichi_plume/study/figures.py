@@ -5,8 +5,9 @@ import time
 from pathlib import Path
 from typing import Any
 
+from taichi_plume.files.disk import written_whole
 from taichi_plume.guard.opening import read_regular
-from taichi_plume.study.store import LARGEST_TEXT, Store, written_whole
+from taichi_plume.study.store import LARGEST_TEXT, Store
 from taichi_plume.study.worker import Done
 
 NAME = "figures.json"

@@ -6,12 +6,9 @@ read.
 """
 
 import json
-import os
 import re
 import shutil
-import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
@@ -19,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from taichi_plume.files import disk
+from taichi_plume.files import disk, own_folder
 from taichi_plume.files.tables import plain
 from taichi_plume.guard.opening import read_regular, unopenable
 from taichi_plume.study import columns
@@ -28,7 +25,7 @@ from taichi_plume.study.messages import AirRecord, Cost, Record
 if TYPE_CHECKING:
     from taichi_plume.study.plan import Plan
 
-LOCK = ".lock"
+KIND = "study"  # study.json marks a study's folder
 PARTS, AIRS, KEPT, FAILED = "parts", "airs", "kept", "failed"
 PLAN = "plan.parquet"
 FORMAT = "taichi_plume study 1"
@@ -108,11 +105,11 @@ class Store:
         """
         self._hold()
         try:
-            self._require_ours()
             self._drop_others({request.run for request in plan.requests}, force)
-            self._tidy()
-            for folder in (self.parts, self.airs):  # first: by these a study's folder is known
+            own_folder.mark(self.folder, KIND)
+            for folder in (self.parts, self.airs):
                 folder.mkdir(exist_ok=True)
+            self._tidy()
             for name, source in (
                 ("study.yaml", plan.file),
                 ("base.yaml", plan.file.parent / plan.study.base),
@@ -131,24 +128,25 @@ class Store:
 
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            lock = filelock.FileLock(self.folder / LOCK, timeout=0)
-            with tempfile.TemporaryFile(dir=self.folder):
-                pass  # the lock would take a folder without rights for another's
-            lock.acquire()
+            self._lock = own_folder.FolderLock(self.folder, self._require_ours)
         except filelock.Timeout:
             raise StoreError(f"{self.folder}: another study is running there") from None
+        except StoreError:
+            raise
         except (OSError, ValueError, NotImplementedError) as error:
             reason = getattr(error, "strerror", None) or error
             raise StoreError(f"{self.folder}: cannot be written to: {reason}") from None
-        self._lock = lock
 
     def _require_ours(self) -> None:
-        """Refuse a folder with files that no study has left."""
-        there = [file for file in self.folder.iterdir() if file.name != LOCK]
-        if there and not self.parts.is_dir():
+        """Refuse a folder with files that no study has left, or with links."""
+        other = own_folder.other_in(self.folder, KIND)
+        if other is not None:
             raise StoreError(
-                f"{self.folder}: is not empty, and holds no study ({min(there).name}); choose another --out"
+                f"{self.folder}: is not empty, and holds no study ({other}); choose another --out"
             )
+        link = own_folder.link_in(self.folder)
+        if link is not None:
+            raise StoreError(f"{self.folder / link}: is a link, which a study does not write to; remove it")
 
     def _drop_others(self, wanted: set[str], force: bool) -> None:
         """Refuse runs that are not wanted or, by `force`, remove them."""
@@ -167,7 +165,7 @@ class Store:
             if len(kept) == len(table):
                 continue
             if len(kept):
-                with written_whole(part) as fresh:
+                with disk.written_whole(part) as fresh:
                     pq.write_table(kept, fresh, compression="zstd", write_page_checksum=True)
             else:
                 part.unlink()
@@ -178,8 +176,10 @@ class Store:
     def _tidy(self) -> None:
         """Remove what was being written when an earlier process was killed."""
         for folder in (self.folder, self.parts, self.airs):
-            for file in (*folder.glob("*.new"), *folder.glob("*.part")):
-                shutil.rmtree(file) if file.is_dir() and not file.is_symlink() else file.unlink()
+            for left in disk.left_in(folder):
+                left.unlink()
+        for film in self.airs.glob("*.zarr.*.part"):
+            shutil.rmtree(film, ignore_errors=True)
 
     def _copy(self, source: Path, name: str) -> None:
         try:
@@ -192,7 +192,7 @@ class Store:
         if held.is_file() and held.read_bytes() != content:
             for film in self.airs.glob("*.zarr"):  # of runs that were asked for: others may last longer
                 shutil.rmtree(film, ignore_errors=True)
-        with written_whole(held) as fresh:
+        with disk.written_whole(held) as fresh:
             fresh.write_bytes(content)
 
     # ------------------------------------------------------------ adding
@@ -205,13 +205,13 @@ class Store:
         table = pa.Table.from_pylist(rows, schema=_SCHEMA)
         part = self.parts / f"{self._next:06d}.parquet"
         disk.require_room(part, table.nbytes)
-        with written_whole(part) as fresh:
+        with disk.written_whole(part) as fresh:
             pq.write_table(table, fresh, compression="zstd", write_page_checksum=True)
         self._next += 1
 
     def add_air(self, record: AirRecord) -> None:
         """Keep what solving an air took, or why it failed. Raises OSError."""
-        with written_whole(self.airs / f"{record.air}.json") as fresh:
+        with disk.written_whole(self.airs / f"{record.air}.json") as fresh:
             fresh.write_text(json.dumps(record._asdict()), encoding="utf-8")
 
     def film(self, air: str) -> Path:
@@ -258,34 +258,11 @@ class Store:
         if not self.parts.is_dir():
             return []
         files = sorted(self.parts.iterdir(), key=lambda file: (len(file.name), file.name))
-        files = [file for file in files if file.suffix != ".new"]
+        files = [file for file in files if not file.name.startswith(".")]  # being written
         for file in files:
             if not _PART.fullmatch(file.name):
                 raise StoreError(f"{file}: was not written by a study; remove it")
         return files
-
-
-@contextmanager
-def written_whole(path: Path) -> Iterator[Path]:
-    """A file to write beside `path`, which then takes its place; whatever happens, a whole one stands there.
-
-    Raises OSError.
-    """
-    fresh = path.with_name(f"{path.name}.new")
-    try:
-        yield fresh
-        disk.sync(fresh)
-        fresh.replace(path)
-    except BaseException:
-        with suppress(OSError):
-            fresh.unlink(missing_ok=True)
-        raise
-    if os.name != "nt":  # Windows cannot open folders
-        folder = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
 
 
 def _read(part: Path, columns: list[str] | None = None) -> pa.Table:

@@ -9,7 +9,6 @@ tell what all were made of: so a reader knows whether the tables are those of wh
 
 import hashlib
 import json
-import os
 import shutil
 from collections.abc import Iterable
 from pathlib import Path
@@ -99,14 +98,9 @@ def _key(value: Any) -> str:
 
 def _write(path: Path, table: pa.Table) -> None:
     disk.require_room(path, table.nbytes)
-    part = path.with_name(f"{path.name}.new")
-    try:
-        with pq.ParquetWriter(part, table.schema, compression="zstd", write_page_checksum=True) as writer:
-            writer.write_table(table, ROW_GROUP)
-        disk.sync(part)
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
+    kept = {"compression": "zstd", "write_page_checksum": True}
+    with disk.written_whole(path) as fresh, pq.ParquetWriter(fresh, table.schema, **kept) as writer:
+        writer.write_table(table, ROW_GROUP)
 
 
 def read(path: Path) -> pa.Table:

@@ -234,3 +234,79 @@ def test_a_folder_goes_only_while_nobody_else_is_in_it(tmp_path, monkeypatch):
     monkeypatch.setattr(os, "unlink", late)
     folder.close()
     assert (tmp_path / "out" / "result.json").read_text() == RESULT
+
+
+def linked(path: Path, target: Path, how: str) -> None:
+    """Put a link to a file, or to a folder, in the place of what is there."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.unlink(missing_ok=True)
+    path.symlink_to(target) if how == "link" else path.hardlink_to(target)
+
+
+@pytest.mark.parametrize("how", ["link", "hard link"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "forces.csv",
+        "result.json",
+        "robots.parts/first.new",
+        "checkpoint.npz",
+        "fields.zarr/zarr.json",
+        ".lock",
+    ],
+)
+def test_a_folder_whose_files_are_links_is_refused(tmp_path, name, how):
+    """To be completed, resumed or replaced: the links' targets would be cut, or their content overwritten."""
+    folder, target = tmp_path / "run", tmp_path / "mine"
+    folder.mkdir()
+    (folder / "result.json").write_text(RESULT)
+    (folder / "scenario.yaml").write_text(run_folder.HEADER)
+    target.write_text(RESULT)
+    linked(folder / name, target, how)
+    before = {file: file.lstat().st_ino for file in folder.rglob("*")}
+    for use in (
+        RunFolder.again,
+        lambda path: RunFolder("a", path),
+        lambda path: RunFolder("a", path, force=True),
+    ):
+        with pytest.raises(RunFolderError, match=rf"{name.rpartition('/')[2]}|is not empty"):
+            use(folder)
+    assert target.read_text() == RESULT
+    assert {file: file.lstat().st_ino for file in folder.rglob("*")} == before
+
+
+@pytest.mark.parametrize("name", [".replacing", ".replaced", "robots.parts"])
+def test_links_to_folders_are_refused(earlier, tmp_path, name):
+    """What lies in a linked folder would be moved or removed."""
+    target = tmp_path / "mine"
+    target.mkdir()
+    (target / "photo.jpg").write_text("mine")
+    (earlier / name).symlink_to(target)
+    for use in (RunFolder.again, lambda path: RunFolder("a", path, force=True)):
+        with pytest.raises(RunFolderError, match=name):
+            use(earlier)
+    assert (target / "photo.jpg").read_text() == "mine"
+    assert (earlier / name).is_symlink()
+
+
+def test_nothing_is_left_in_a_folder_that_is_refused(tmp_path):
+    (tmp_path / "thesis.tex").write_text("")
+    for force in (False, True):
+        with pytest.raises(RunFolderError):
+            RunFolder("a", tmp_path, force)
+    with pytest.raises(RunFolderError, match="is not the folder of a run"):
+        RunFolder.again(tmp_path)
+    assert [file.name for file in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+def test_a_lock_of_someone_elses_is_not_cut(tmp_path):
+    (tmp_path / ".lock").write_text("mine")
+    with pytest.raises(RunFolderError, match="is no lock"):
+        RunFolder("a", tmp_path)
+    assert (tmp_path / ".lock").read_text() == "mine"
+
+
+def test_pipes_in_a_folder_are_not_waited_for(tmp_path):
+    for name in ("result.json", "scenario.yaml"):
+        os.mkfifo(tmp_path / name)
+    assert not run_folder.is_run(tmp_path)

@@ -11,6 +11,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from taichi_plume.files import own_folder
 from taichi_plume.study import store as module
 from taichi_plume.study.messages import AirRecord, Cost, Record
 from taichi_plume.study.store import Store, StoreError
@@ -125,6 +126,7 @@ def test_a_disk_that_is_full_at_the_begin_leaves_a_folder_to_go_on_in(tmp_path, 
     film = tmp_path / "airs" / "one.zarr.0a.part"
     film.mkdir(parents=True)  # of a worker that was killed
     (tmp_path / "parts").mkdir()
+    own_folder.mark(tmp_path, "study")
     with monkeypatch.context() as patched:
         patched.setattr(Store, "_copy", full)
         for folder in (tmp_path / "new", tmp_path):
@@ -134,6 +136,43 @@ def test_a_disk_that_is_full_at_the_begin_leaves_a_folder_to_go_on_in(tmp_path, 
     for folder in (tmp_path / "new", tmp_path):
         with Store(folder) as store:
             store.begin(plan)
+
+
+def test_a_folder_of_the_users_stays_as_it_is(tmp_path, plan):
+    """Known by no mark of a study, or holding links out of it: nothing is replaced, removed or left there."""
+    mine = {"base.yaml": "mine", "study.yaml": "mine", "a.part": "", "b.new": "", "study.json": "{}"}
+    folder = tmp_path / "mine"
+    (folder / "parts").mkdir(parents=True)
+    for name, text in mine.items():
+        (folder / name).write_text(text)
+    for force in (False, True):
+        with pytest.raises(StoreError, match=r"holds no study \(a.part\)"):
+            Store(folder).begin(plan, force)
+    assert {file.name: file.read_text() for file in folder.iterdir() if file.is_file()} == mine
+    for link in ("parts", "base.yaml", "airs/one.json", "kept/a/result.json", ".lock"):
+        out, target = tmp_path / "studies" / link.replace("/", "-"), tmp_path / "target"
+        target.write_text("mine")
+        with Store(out) as store:
+            store.begin(plan)
+        (out / link).parent.mkdir(exist_ok=True, parents=True)
+        if (out / link).is_dir():
+            (out / link).rmdir()
+        (out / link).unlink(missing_ok=True)
+        (out / link).symlink_to(target)
+        with pytest.raises(StoreError, match=link):
+            Store(out).begin(plan)
+        assert target.read_text() == "mine"
+
+
+def test_leftovers_of_a_killed_study_go_and_files_of_the_user_stay(tmp_path, plan):
+    with Store(tmp_path) as store:
+        store.begin(plan)
+    for name in (".base.yaml.0123abcd.part", "parts/.000000.parquet.0123abcd.part", "mine.part", "mine.new"):
+        (tmp_path / name).write_text("")
+    with Store(tmp_path) as store:
+        store.begin(plan)
+    left = {file.name for file in tmp_path.rglob("*") if file.suffix in (".part", ".new")}
+    assert left == {"mine.part", "mine.new"}
 
 
 def test_one_at_a_time(tmp_path, plan):

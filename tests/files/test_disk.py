@@ -1,0 +1,56 @@
+"""Files are written under a new name and then take their place: links are not followed, a failure changes nothing."""
+
+import os
+
+import pytest
+
+from taichi_plume.files import checkpoint, manifest
+from taichi_plume.files.disk import left_in, new_beside, written_whole
+from taichi_plume.files.result import write_result
+from taichi_plume.report import html
+
+WRITERS = {
+    "result.json": lambda folder: write_result(folder, {"name": "a"}),
+    "report.html": lambda folder: html.write(
+        folder / "report.html", [], name="", status="", good=True, message="", began=[]
+    ),
+    "checkpoint.npz": lambda folder: checkpoint.write(folder / "checkpoint.npz", {"t": 1.0}),
+    "manifest.json": lambda folder: manifest.write(folder, {}, []),
+}
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_targets_of_links_stay_as_they_are(tmp_path, name):
+    folder, target = tmp_path / "run", tmp_path / "mine"
+    folder.mkdir()
+    target.write_text("mine")
+    stem = name.partition(".")[0]
+    for link in (name, f"{name}.part", f"{stem}.new", f".{name}.part"):
+        (folder / link).symlink_to(target)
+    WRITERS[name](folder)
+    assert target.read_text() == "mine"
+    assert not (folder / name).is_symlink()
+    assert (folder / name).stat().st_size
+    (folder / name).unlink()
+    (folder / name).hardlink_to(target)
+    WRITERS[name](folder)
+    assert target.read_text() == "mine"
+
+
+def test_a_failure_changes_nothing(tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+    with pytest.raises(FileNotFoundError), written_whole(path) as fresh:
+        os.stat(fresh.with_name("missing"))
+    assert {file.name: file.read_text() for file in tmp_path.iterdir()} == {"a.txt": "old"}
+
+
+def test_new_files_are_exclusive_and_have_the_usual_rights(tmp_path, monkeypatch):
+    monkeypatch.setattr("secrets.token_hex", lambda _: "0123abcd")
+    fresh = new_beside(tmp_path / "a.txt")
+    assert left_in(tmp_path) == [fresh]
+    with pytest.raises(FileExistsError):
+        new_beside(tmp_path / "a.txt")
+    plain = tmp_path / "plain"
+    plain.write_text("")
+    assert os.stat(fresh).st_mode == os.stat(plain).st_mode
