@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from taichi_plume.files.wind_points import FARTHEST, FASTEST, Points, WindFileError
-from taichi_plume.guard.opening import read_regular
+from taichi_plume.guard.opening import admit, read_regular
 
 LARGEST_FILE = 1 << 30  # bytes, also once unpacked
 LONGEST_HEADER = 1 << 14  # bytes
@@ -102,6 +102,25 @@ def _times(part: Path) -> dict[float, str]:
     return {float(name): name for name in names if _there(part / name / "U")}
 
 
+def admit_files(path: Path) -> None:
+    """Admit all files that `read` opens for a time of a case. Raises WindFileError if one lies outside the gate."""
+    for part in _parts(path.parent, path.name):
+        for file in (*_mesh(part), part / path.name / "U", part / path.name / "nut"):
+            if _there(file):
+                _admit(_file(file))
+
+
+def _admit(file: Path) -> None:
+    try:
+        admit(file)
+    except OSError as error:
+        raise WindFileError(f"{file}: {error.strerror}") from None
+
+
+def _mesh(part: Path) -> list[Path]:
+    return [part / MESH / name for name in PARTS]
+
+
 # ---------------------------------------------------------------- mesh
 
 
@@ -109,8 +128,10 @@ def _centres(part: Path) -> np.ndarray:
     """Those of the cells of a part (n, 3) [m]."""
     if any(_there(part / name / "polyMesh" / "points") for name in _times(part).values()):
         raise WindFileError(f"{part}: its mesh moves, which is not read")
-    files = [part / MESH / name for name in PARTS]
-    return _centres_of(part, tuple(_file(file).stat().st_mtime_ns for file in files if _there(file)))
+    files = [_file(file) for file in _mesh(part) if _there(file)]
+    for file in files:
+        _admit(file)
+    return _centres_of(part, tuple(file.stat().st_mtime_ns for file in files))
 
 
 @lru_cache(maxsize=64)
