@@ -87,8 +87,8 @@ def read_regular(path: Path, most: int) -> bytes | None:
     Raises OSError as `open_regular`.
     """
     with open_regular(path) as file:
-        content = file.read(most + 1)
-    return content if len(content) <= most else None
+        size = os.fstat(file.fileno()).st_size
+        return file.read(size) if size <= most else None  # read(most) would allocate as much
 
 
 def unopenable(path: Path, folder: bool = False) -> str | None:
