@@ -6,10 +6,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from taichi_plume.grid.shapes import ShapeError
+from taichi_plume.guard.opening import gate
 from taichi_plume.resources import OPENERS, Resources, completed
 from taichi_plume.scenario import checks
 from taichi_plume.scenario.gases import PlaybackGas, PureGas
-from taichi_plume.scenario.input_files import strangers
+from taichi_plume.scenario.input_files import given, input_files, strangers
 from taichi_plume.scenario.loading import ScenarioError, overridden, read_scenario
 from taichi_plume.scenario.reset import differences
 from taichi_plume.scenario.scenario import Scenario
@@ -43,32 +44,39 @@ def load(path: str | Path, overrides: Sequence[str] = (), allow_outside: bool = 
     """
     path = Path(path)
     remarks: list[str] = []
+    files: list[Path] = []
 
     def expand(data: dict[str, Any]) -> dict[str, Any]:
-        whole, told = expanded(data, path)
+        whole, told, read = expanded(data, path, allow_outside)
         remarks.extend(told)
+        files.extend(read)
         return whole
 
     scenario = read_scenario(path, overrides, expand)
     try:
         prepared = checked(scenario, path.resolve().parent, allow_outside, overridden(overrides))
         prepared.resources.remarks[:0] = remarks
+        prepared.resources.files["gaden"] = files
         return prepared
     except ScenarioError as error:
         raise ScenarioError([f"{path}: {line}" for line in error.faults]) from None
 
 
-def expanded(data: dict[str, Any], path: Path) -> tuple[dict[str, Any], list[str]]:
-    """The data of a scenario's file, with the project of GADEN's that it may name carried out, and what could not be.
+def expanded(
+    data: dict[str, Any], path: Path, allow_outside: bool = False
+) -> tuple[dict[str, Any], list[str], list[Path]]:
+    """Replace the project of GADEN's that a scenario's file may name by its keys.
 
-    Raises ScenarioError.
+    Returns the data, remarks on what could not be carried over, and the files that were read. Raises ScenarioError.
     """
     if data.get("gaden") is None:
-        return data, []
+        return data, [], []
     from taichi_plume.files import gaden_project
 
+    folder = path.resolve().parent
     try:
-        return gaden_project.expanded(data, path.resolve().parent)
+        with gate(None if allow_outside else folder) as files:
+            return *gaden_project.expanded(data, folder), files
     except ScenarioError as error:
         raise ScenarioError([f"{path}: {line}" for line in error.faults]) from None
 
@@ -119,16 +127,22 @@ def prepare(
     if faults:
         raise ScenarioError(faults)
     resources = Resources(scenario)
+    free = {
+        path_.rpartition(".")[0] for path_, _ in input_files(scenario) if allow_outside or given(path_, named)
+    }
     for n, obstacle in enumerate(scenario.obstacles):
+        path = f"obstacles[{n}]"
         try:
-            resources.shapes[f"obstacles[{n}]"] = shape(obstacle, scenario.domain, folder)
+            with gate(None if path in free else folder) as resources.files[path]:
+                resources.shapes[path] = shape(obstacle, scenario.domain, folder)
         except ShapeError as error:
-            resources.faults[f"obstacles[{n}]"] = str(error)
+            resources.faults[path] = str(error)
     gases: dict[str, PureGas] = {}
     for path, section in checks.every(scenario):
         opener = OPENERS.get(type(section))
         if opener is not None:
-            gas = opener(resources, path, section, folder)
+            with gate(None if path in free else folder) as resources.files[path]:
+                gas = opener(resources, path, section, folder)
             if gas is not None:
                 gases[path] = gas
     resources.scenario = scenario.with_gases(gases)

@@ -36,13 +36,15 @@ if TYPE_CHECKING:  # they bring zarr and Taichi, for runs that need them
 class Resources:
     """What a scenario's files and obstacles are made of, each opened once, by the paths of the sections that name them.
 
-    faults: what is wrong with those that cannot be used. shapes: of the obstacles without a fault, in their order.
+    faults: what is wrong with those that cannot be used. files: paths that were opened for each section, and for
+    `gaden`, those that other files name among them. shapes: of the obstacles without a fault, in their order.
     site: the files of an imported wind. code: files of own algorithms; own: their classes, once they were executed.
     networks: of policies. ways: of recorded robots. remarks: what is probably not meant, once checked.
     """
 
     scenario: Scenario
     faults: dict[str, str] = field(default_factory=dict)
+    files: dict[str, list[Path]] = field(default_factory=dict)
     shapes: dict[str, Shape] = field(default_factory=dict)
     films: "dict[str, Film]" = field(default_factory=dict)
     frames: dict[str, PointFrames] = field(default_factory=dict)

@@ -53,7 +53,7 @@ def _new(args: argparse.Namespace) -> int:
 
     execute(prepared, args.allow_code, ask=True)
     backend = device(args.arch or "cpu")
-    inputs = input_paths(prepared.scenario, args.scenario)
+    inputs = input_paths(prepared.scenario, args.scenario, prepared.resources.files)
     with RunFolder(prepared.scenario.name, args.out, args.force, inputs=inputs) as folder:
         arch, recording = args.arch or "cpu", not args.no_recording
         shown = {"live": _viewer(args), "report": not args.no_report}
@@ -74,7 +74,7 @@ def _resume(args: argparse.Namespace) -> int:
         told = saved(folder.path)
         file = folder.path / "scenario.yaml"
         prepared = load(file, (), args.allow_outside)
-        inputs = input_paths(prepared.scenario, file)
+        inputs = input_paths(prepared.scenario, file, prepared.resources.files)
         require_same(folder.path, told["inputs"], inputs[1:])
         execute(prepared, args.allow_code, ask=True)
         backend = device(args.arch or told["arch"])

@@ -27,6 +27,7 @@ from taichi_plume.scenario.species import Species
 from taichi_plume.scenario.task import Task
 from taichi_plume.simulation import Every, Simulation
 from taichi_plume.solvers.film_bank import half
+from taichi_plume.study.checking import Checks
 from taichi_plume.study.ids import Digests
 from taichi_plume.study.shared_air import alone
 
@@ -184,8 +185,8 @@ def _playing(scenario: Scenario, file: str) -> Scenario:
 
 def key_of(scenario: Scenario, folder: Path) -> str:
     """Hash of what decides a bank: of all airs, and of how they are filmed. Raises OSError."""
-    digests = Digests(folder)
-    ids = [digests.ids(air).air_of(air.seed, air.seed_of_air) for air in airs(scenario)]
+    digests, checks = Digests(folder), Checks(folder, allow_outside=True)
+    ids = [digests.ids(air, checks.files(air)).air_of(air.seed, air.seed_of_air) for air in airs(scenario)]
     told = json.dumps([ids, f"{frame_of(scenario):.12g}", [f"{h:.12g}" for h in heights(scenario)]])
     return hashlib.sha256(told.encode()).hexdigest()[:16]
 

@@ -13,6 +13,7 @@ No library is asked: VTK, of half a GB, has points in single precision, and foam
 
 import os
 import re
+import warnings
 import zlib
 from dataclasses import dataclass
 from functools import lru_cache
@@ -20,21 +21,27 @@ from pathlib import Path
 
 import numpy as np
 
-from taichi_plume.files.wind_points import FARTHEST, FASTEST, Points, WindFileError
-from taichi_plume.guard.opening import read_regular
+from taichi_plume.files.wind_points import FARTHEST, FASTEST, MOST_NUMBER, Points, WindFileError
+from taichi_plume.guard.opening import admit, read_regular
 
 LARGEST_FILE = 1 << 30  # bytes, also once unpacked
-LONGEST_HEADER = 1 << 14  # bytes
+UNPACKED = 1 << 26  # bytes that a packed file of any size may have once unpacked
+TIGHTEST = 100  # of larger ones: bytes per packed byte; text of a mesh or field has 3 to 10
+LARGEST_LABEL = 2.0**31
+MOST_EQUAL = 1000  # entries of a list with one value for all, where nothing else says how many there are
 MESH = "constant/polyMesh"
 PARTS = ("points", "faces", "owner", "neighbour")
-COMMENT = re.compile(rb"/\*.*?\*/|//[^\n]*", re.DOTALL)
-HEADER = re.compile(rb"\s*FoamFile\s*\{([^{}]*)\}")
-KEY = re.compile(rb'(\w+)\s+("[^"]*"|[^;]*);')
-LIST = re.compile(rb"\s*(\d{1,10})\s*([({])")
+# Every pattern reads each byte a bounded number of times: a comment without an end reaches to the end of the file, and
+# blanks are not given back (++).
+COMMENT = re.compile(rb"/(?:/[^\n]*|\*.*?(?:\*/|\Z))", re.DOTALL)
+SKIPPED = re.compile(rb"\s++|//[^\n]*+|/\*.*?(?:\*/|\Z)", re.DOTALL)
+HEADER = re.compile(rb"FoamFile\s*+\{([^{}]*+)\}")
+WORD = re.compile(rb'"([^"]*)"|(;)|([^\s;"]+)')
+LIST = re.compile(rb"\s*+(\d{1,10})\s*+([({])")
 ENDS = {True: re.compile(rb"\)\s*\)"), False: re.compile(rb"\)")}  # of a list of lists, of one of numbers
 BLANK = bytes.maketrans(b"()", b"  ")
 TIME = re.compile(r"\d+(\.\d*)?(e[-+]?\d+)?", re.IGNORECASE)
-FIELD = re.compile(rb"internalField\s+(?:uniform\s+([^;]{1,300});|nonuniform\s+(?:List<\w+>)?)")
+FIELD = re.compile(rb"internalField\s++(?:uniform\s++([^;]{1,300}+);|nonuniform\s++(?:List<\w++>)?)")
 
 
 def is_case(path: Path) -> bool:
@@ -50,6 +57,9 @@ def is_time(path: Path) -> bool:
 def times(case: Path) -> list[tuple[float, Path]]:
     """The times [s] of a case, in order, each as the path of its folder. Raises WindFileError."""
     found = {key: name for part in _parts(case)[:1] for key, name in _times(part).items()}
+    late = max(found, default=0.0)
+    if late > MOST_NUMBER:
+        raise WindFileError(f"{case / found[late]}: its time is above {MOST_NUMBER:g} s")
     if not found:
         raise WindFileError(f"{case}: has no time folder with a file U")
     return [(key, case / found[key]) for key in sorted(found)]
@@ -102,6 +112,25 @@ def _times(part: Path) -> dict[float, str]:
     return {float(name): name for name in names if _there(part / name / "U")}
 
 
+def admit_files(path: Path) -> None:
+    """Admit all files that `read` opens for a time of a case. Raises WindFileError if one lies outside the gate."""
+    for part in _parts(path.parent, path.name):
+        for file in (*_mesh(part), part / path.name / "U", part / path.name / "nut"):
+            if _there(file):
+                _admit(_file(file))
+
+
+def _admit(file: Path) -> None:
+    try:
+        admit(file)
+    except OSError as error:
+        raise WindFileError(f"{file}: {error.strerror}") from None
+
+
+def _mesh(part: Path) -> list[Path]:
+    return [part / MESH / name for name in PARTS]
+
+
 # ---------------------------------------------------------------- mesh
 
 
@@ -109,8 +138,10 @@ def _centres(part: Path) -> np.ndarray:
     """Those of the cells of a part (n, 3) [m]."""
     if any(_there(part / name / "polyMesh" / "points") for name in _times(part).values()):
         raise WindFileError(f"{part}: its mesh moves, which is not read")
-    files = [part / MESH / name for name in PARTS]
-    return _centres_of(part, tuple(_file(file).stat().st_mtime_ns for file in files if _there(file)))
+    files = [_file(file) for file in _mesh(part) if _there(file)]
+    for file in files:
+        _admit(file)
+    return _centres_of(part, tuple(file.stat().st_mtime_ns for file in files))
 
 
 @lru_cache(maxsize=64)
@@ -196,16 +227,19 @@ class _Foam:
         """A fault of this file."""
         return WindFileError(f"{self.path}: {what}")
 
-    def numbers(self, width: int, begin: int = 0) -> np.ndarray:
-        """A list of scalars or vectors, (n, width)."""
-        values = self._list(begin, self.scalar, width)[0].astype(float).reshape(-1, width)
+    def numbers(self, width: int, begin: int = 0, wanted: int | None = None) -> np.ndarray:
+        """A list of scalars or vectors, (n, width); wanted: how many it must have."""
+        values = self._list(begin, self.scalar, width, wanted)[0].astype(float).reshape(-1, width)
         if not np.isfinite(values).all():
             raise self.wrong("not all of its values are finite")
         return values
 
     def labels(self) -> np.ndarray:
         """A list of integers."""
-        return self._list(0, self.label, 1)[0].astype(np.int64)
+        values = self._list(0, self.label, 1)[0]
+        if not (np.abs(values) < LARGEST_LABEL).all():
+            raise self.wrong("its list holds what is no label of a mesh")
+        return values.astype(np.int64)
 
     def faces(self) -> tuple[np.ndarray, np.ndarray]:
         """The corners of all faces in turn, and where in them each face ends."""
@@ -217,6 +251,8 @@ class _Foam:
             ends, flat = ends.astype(np.int64)[1:], flat.astype(np.int64)
         else:
             count, values = self._text(0, True)
+            if not (np.abs(values) < LARGEST_LABEL).all():
+                raise self.wrong("its list holds what is no label of a mesh")
             sizes, at = [], 0
             for _ in range(count):
                 if at >= len(values) or values[at] < 3 or values[at] != int(values[at]):
@@ -230,16 +266,19 @@ class _Foam:
             raise self.wrong("its list is cut or damaged")
         return flat, ends
 
-    def _list(self, begin: int, kind: np.dtype, width: int) -> tuple[np.ndarray, int]:
-        """Values of a list that begins there, and where it ends."""
+    def _list(
+        self, begin: int, kind: np.dtype, width: int, wanted: int | None = None
+    ) -> tuple[np.ndarray, int]:
+        """Values of a list that begins there, and where it ends; wanted: how many it must have, if that is known."""
         if not self.binary:
-            count, values = self._text(begin, width > 1)
+            count, values = self._text(begin, width > 1, wanted)
             if len(values) != count * width:
                 raise self.wrong(f"its list has {len(values) / width:.6g} of {count} entries; is it whole?")
             return values, len(self.body)
         head = LIST.match(self.body, begin)
         if head is None:
             raise self.wrong("has no list")
+        self._require(int(head[1]), wanted)
         size = int(head[1]) * width * kind.itemsize
         if head[2] == b"{":  # one value for all
             one = (
@@ -247,29 +286,46 @@ class _Foam:
                 if len(self.body) > head.end() + 64
                 else None
             )
-            if one is None or int(head[1]) * width > LARGEST_FILE // 8:
+            if one is None or (wanted is None and int(head[1]) > MOST_EQUAL):
                 raise self.wrong("its list is cut or damaged")
             return np.tile(one, int(head[1])), head.end() + width * kind.itemsize + 1
         if self.body[head.end() + size : head.end() + size + 1] != b")":
             raise self.wrong(f"its list of {int(head[1])} entries is cut or damaged")
         return np.frombuffer(self.body, kind, int(head[1]) * width, head.end()), head.end() + size + 1
 
-    def _text(self, begin: int, nested: bool) -> tuple[int, np.ndarray]:
+    def _require(self, count: int, wanted: int | None) -> None:
+        if wanted is not None and count != wanted:
+            raise self.wrong(f"has {count} values, but the mesh has {wanted} cells")
+
+    def _text(self, begin: int, nested: bool, wanted: int | None = None) -> tuple[int, np.ndarray]:
         """How many entries a list of text has, and all its numbers."""
         head = LIST.match(self.body, begin)
         if head is None or head[2] != b"(":
             raise self.wrong("has no list")
         count = int(head[1])
+        self._require(count, wanted)
         if re.compile(rb"\s*\)").match(self.body, head.end()):
             return count, np.empty(0)
         end = ENDS[nested].search(self.body, head.end())
         if end is None:
             raise self.wrong("its list is cut")
-        words = self.body[head.end() : end.start()].translate(BLANK).split()
+        values = _numbers(self.body[head.end() : end.start()])
+        if values is None:
+            raise self.wrong("its list holds what is no number")
+        return count, values
+
+
+def _numbers(text: bytes) -> np.ndarray | None:
+    """Numbers between blanks and parentheses, None where there is something else; neither slow nor large."""
+    text = text.translate(BLANK)
+    if not text.strip():
+        return np.empty(0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", DeprecationWarning)  # until NumPy 2.2, in place of the error
         try:
-            return count, np.array(words).astype(float)
-        except ValueError:
-            raise self.wrong("its list holds what is no number") from None
+            return np.fromstring(text, sep=" ")
+        except (ValueError, DeprecationWarning):
+            return None
 
 
 def _there(path: Path) -> bool:
@@ -287,21 +343,20 @@ def _open(path: Path) -> _Foam:
         content = read_regular(path, LARGEST_FILE)
         if content is not None and content[:2] == b"\x1f\x8b":
             unpacked = zlib.decompressobj(31)
-            content = unpacked.decompress(content, LARGEST_FILE)
+            content = unpacked.decompress(content, min(LARGEST_FILE, max(UNPACKED, TIGHTEST * len(content))))
             content = content if unpacked.eof else None
     except OSError as error:
         raise WindFileError(f"{path}: cannot be read: {error.strerror or error}") from None
     except zlib.error:
         raise WindFileError(f"{path}: is damaged: it cannot be unpacked") from None
     if content is None:
-        raise WindFileError(f"{path}: is cut, or has more than {LARGEST_FILE >> 20} MiB")
-    lead = COMMENT.sub(b"", content[:LONGEST_HEADER])
-    header = HEADER.match(lead)
+        raise WindFileError(
+            f"{path}: is cut, or has more than {LARGEST_FILE >> 20} MiB, or of a small packed file {UNPACKED >> 20} MiB"
+        )
+    header = HEADER.match(content, _after_comments(content, 0))
     if header is None:
         raise WindFileError(f"{path}: is no file of OpenFOAM: it does not begin with FoamFile")
-    keys = {
-        key.decode(): value.strip(b'" ').decode("ascii", "replace") for key, value in KEY.findall(header[1])
-    }
+    keys = _keys(COMMENT.sub(b"", header[1]))
     arch = keys.get("arch", "")
     order = ">" if "MSB" in arch else "<"
     label, scalar = (re.search(rf"{name}=(\d+)", arch) for name in ("label", "scalar"))
@@ -311,21 +366,30 @@ def _open(path: Path) -> _Foam:
         for letter, match, default in (("i", label, "32"), ("f", scalar, "64"))
     ]
     binary = keys.get("format") == "binary"
-    body = _body(content, binary)
+    body = content[_after_comments(content, header.end()) :]
+    body = body if binary else COMMENT.sub(b"", body)
     return _Foam(path, body, binary, kinds[0], kinds[1], keys.get("class", ""))
 
 
-def _body(content: bytes, binary: bool) -> bytes:
-    """What follows the header; of text without comments, of binary without those before its list."""
-    if not binary:
-        content = COMMENT.sub(b"", content)
-        return content[HEADER.match(content).end() :]  # type: ignore[union-attr]
-    start = content.index(b"}", content.index(b"FoamFile")) + 1
-    lead = content[start : start + LONGEST_HEADER]
-    while skipped := re.match(rb"\s*(?://[^\n]*\n|/\*.*?\*/)", lead, re.DOTALL):
-        start += skipped.end()
-        lead = content[start : start + LONGEST_HEADER]
-    return content[start:]
+def _after_comments(content: bytes, at: int) -> int:
+    """Where blanks and comments end that begin there."""
+    while skipped := SKIPPED.match(content, at):
+        at = skipped.end()
+    return at
+
+
+def _keys(header: bytes) -> dict[str, str]:
+    """The entries `key value;` of a header, those that are whole."""
+    keys: dict[str, str] = {}
+    words: list[str] = []
+    for quoted, end, word in WORD.findall(header):
+        if not end:
+            words.append((quoted or word).decode("ascii", "replace"))
+            continue
+        if len(words) > 1:
+            keys[words[0]] = " ".join(words[1:])
+        words = []
+    return keys
 
 
 def _field(path: Path, width: int, cells: int) -> np.ndarray:
@@ -335,19 +399,10 @@ def _field(path: Path, width: int, cells: int) -> np.ndarray:
     if inner is None:
         raise file.wrong("has no internalField")
     if inner[1] is not None:
-        try:
-            values = np.array(inner[1].translate(BLANK).split()).astype(float)
-        except ValueError:
-            values = np.empty(0)
-        if len(values) != width or not np.isfinite(values).all():
+        values = _numbers(inner[1])
+        if values is None or len(values) != width or not np.isfinite(values).all():
             raise file.wrong(f"its internalField must be {width} numbers")
         return np.tile(values, (cells, 1))
-    values = (
-        file.numbers(width, inner.end())
-        if not re.compile(rb"\s*0\s*;").match(file.body, inner.end())
-        else None
-    )
-    values = np.empty((0, width)) if values is None else values
-    if len(values) != cells:
-        raise file.wrong(f"has {len(values)} values, but the mesh has {cells} cells")
-    return values
+    if not cells and re.compile(rb"\s*+0\s*+;").match(file.body, inner.end()):
+        return np.empty((0, width))
+    return file.numbers(width, inner.end(), cells)

@@ -26,6 +26,9 @@ class Site:
         """Raises WindFileError."""
         self.wind = wind
         self.files = _files(folder / wind.files) or wind_files.find(folder, wind.files, wind.interval)
+        for _, path in self.files:  # of those between the first and the last, nothing is read before the run
+            if openfoam.is_time(path):
+                openfoam.admit_files(path)
         self.dim = dim
         self.first = _read(self.files[0][1])
         self._check(self.first)

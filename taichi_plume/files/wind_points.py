@@ -29,6 +29,7 @@ SPEEDS = ("u:{n}", "u_{n}", "u{a}", "u_{a}", "{u}", "velocity:{n}", "velocity_{n
 EDDIES = ("nut",)
 FARTHEST = 1e8  # m: room for coordinates of the Earth
 FASTEST = 340.0  # m/s: faster air would be compressible; rather a mark for "no value"
+MOST_NUMBER = 1e12  # in names of files: seconds, or numbers that doubles can tell apart
 NUMBERED = re.compile(r"%0?\d*d")
 TIMED = "%g"
 
@@ -73,6 +74,8 @@ def find(folder: Path, pattern: str, interval: float) -> list[tuple[float, Path]
         match = form.fullmatch(name)
         if match:
             key = float(match[1])
+            if key > MOST_NUMBER:
+                raise WindFileError(f"{name}: its number is above {MOST_NUMBER:g}")
             if key in found:
                 raise WindFileError(f"{name}: has the same number as {found[key]}; remove one")
             found[key] = Path(name)

@@ -1,12 +1,58 @@
-"""Files that others name are opened only if they are regular ones: a pipe would wait, a device might never end."""
+"""Gate for files that others name: path traversal, symbolic links, pipes and devices.
+
+Readers open such files by `open_regular` and `read_regular`, or ask `unopenable` and `irregular` before a library opens
+them. All four accept regular files only: a pipe would wait, a device might never end. In the block of a `gate` they
+also accept only files in its folder, once links are followed, and list the files for the manifest. A reader that keeps
+content in a cache calls `admit` before the cache answers.
+"""
 
 import errno
 import os
 import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from typing import BinaryIO
 
 NO_NAME = "no file can have this name, for a null byte or half a character in it"
+ALLOW = "if it is what you want to be read, add --allow-outside (in Python: allow_outside=True)"
+OUTSIDE = f"lies outside the scenario's folder; {ALLOW}"
+
+_gate: ContextVar[tuple[Path | None, list[Path]] | None] = ContextVar("gate", default=None)
+
+
+@contextmanager
+def gate(folder: Path | None) -> Iterator[list[Path]]:
+    """Admit only files in a folder while the block runs; None: anywhere. Yields the list of the admitted paths."""
+    files: list[Path] = []
+    token = _gate.set((folder, files))
+    try:
+        yield files
+    finally:
+        _gate.reset(token)
+
+
+def admit(path: Path) -> None:
+    """List a path as an input of the scenario. Raises PermissionError if the path lies outside the gate's folder."""
+    _require_inside(path)
+    current = _gate.get()
+    if current is not None and path not in current[1]:
+        current[1].append(path)
+
+
+def inside(path: str | Path, folder: Path) -> bool:
+    """Return whether a path lies in a folder once links are followed; also for a name that no file can have."""
+    try:
+        return Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder))
+    except ValueError:  # a zero byte, a lone surrogate: opening refuses it
+        return True
+
+
+def _require_inside(path: Path) -> None:
+    current = _gate.get()
+    if current is not None and current[0] is not None and not inside(path, current[0]):
+        raise PermissionError(errno.EPERM, OUTSIDE, str(path))
 
 
 def open_regular(path: Path) -> BinaryIO:
@@ -15,6 +61,7 @@ def open_regular(path: Path) -> BinaryIO:
     Raises OSError, with a `strerror` for a message: also for a folder, pipe, device or socket, and for names that no
     file can have.
     """
+    _require_inside(path)
     flags = (
         os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0) | getattr(os, "O_BINARY", 0)
     )
@@ -27,6 +74,7 @@ def open_regular(path: Path) -> BinaryIO:
         fault = _fault(mode)
         if fault:
             raise OSError(errno.EISDIR if stat.S_ISDIR(mode) else errno.EINVAL, fault, str(path))
+        admit(path)
         return os.fdopen(descriptor, "rb")
     except BaseException:
         os.close(descriptor)
@@ -39,8 +87,8 @@ def read_regular(path: Path, most: int) -> bytes | None:
     Raises OSError as `open_regular`.
     """
     with open_regular(path) as file:
-        content = file.read(most + 1)
-    return content if len(content) <= most else None
+        size = os.fstat(file.fileno()).st_size
+        return file.read(size) if size <= most else None  # read(most) would allocate as much
 
 
 def unopenable(path: Path, folder: bool = False) -> str | None:
@@ -50,6 +98,7 @@ def unopenable(path: Path, folder: bool = False) -> str | None:
     folder: whether it has to be a folder.
     """
     try:
+        _require_inside(path)
         mode = os.stat(path).st_mode
     except FileNotFoundError:
         return "does not exist"
@@ -58,8 +107,12 @@ def unopenable(path: Path, folder: bool = False) -> str | None:
     except OSError as error:
         return f"cannot be read: {error.strerror or error}"
     if folder:
-        return None if stat.S_ISDIR(mode) else "is no folder"
-    return "is a folder" if stat.S_ISDIR(mode) else _fault(mode)
+        fault = None if stat.S_ISDIR(mode) else "is no folder"
+    else:
+        fault = "is a folder" if stat.S_ISDIR(mode) else _fault(mode)
+    if fault is None:
+        admit(path)
+    return fault
 
 
 def irregular(folder: Path) -> str | None:
@@ -67,6 +120,10 @@ def irregular(folder: Path) -> str | None:
 
     Links are told too: they may lead anywhere.
     """
+    try:
+        admit(folder)
+    except PermissionError as error:
+        return error.strerror
     for place, folders, files in os.walk(folder):
         for name in (*folders, *files):
             path = os.path.join(place, name)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from taichi_plume.files.run_folder import HEADER, RunFolderError, is_run, told
 from taichi_plume.grid.shapes import ShapeError
+from taichi_plume.guard.opening import gate
 from taichi_plume.report.tracks import Track, tracks
 from taichi_plume.scenario.input_files import strangers
 from taichi_plume.scenario.loading import ScenarioError, read_scenario
@@ -77,7 +78,8 @@ class Run:
                 )
                 continue
             try:
-                found.append(shape(one, self.scenario.domain, self.folder))
+                with gate(None if allow_outside else self.folder):
+                    found.append(shape(one, self.scenario.domain, self.folder))
             except ShapeError as error:
                 self.lacks.append(f"Obstacle {n} is drawn by no line: {error}.")
         return found

@@ -2,11 +2,12 @@
 
 import os
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from glob import escape, glob
 from pathlib import Path
 
 from taichi_plume.grid.map_files import SUFFIXES, image_of
+from taichi_plume.guard.opening import OUTSIDE, inside
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 from taichi_plume.scenario.checks import every
 from taichi_plume.scenario.scenario import Scenario
@@ -29,9 +30,26 @@ def input_files(scenario: Scenario) -> Iterator[tuple[str, str]]:
                 yield f"{where}.{key}", named
 
 
-def input_paths(scenario: Scenario, file: Path) -> list[Path]:
-    """What a scenario reads, and its own `file`; a film is a folder."""
-    return [file, *(path for _, name in input_files(scenario) for path in files_of(file.parent, name))]
+def input_paths(scenario: Scenario, file: Path, opened: Mapping[str, Sequence[Path]]) -> list[Path]:
+    """List a scenario's own `file` first, then all files that the scenario reads; a film is a folder.
+
+    opened: `files` of the scenario's resources.
+    """
+    named = [
+        path for where, name in input_files(scenario) for path in read_for(where, name, file.parent, opened)
+    ]
+    return list(dict.fromkeys([file, *opened.get("gaden", ()), *named]))
+
+
+def read_for(where: str, name: str, folder: Path, opened: Mapping[str, Sequence[Path]]) -> list[Path]:
+    """List the files that are read for a key with this name; `opened` as in `input_paths`.
+
+    A folder of which single files were opened, such as a case of OpenFOAM, stands for these files.
+    """
+    known = opened.get(where.rpartition(".")[0], ())
+    return list(
+        dict.fromkeys([*(path for path in files_of(folder, name) if not known or path.is_file()), *known])
+    )
 
 
 def files_of(folder: Path, name: str) -> list[Path]:
@@ -54,22 +72,21 @@ def _written(path: str) -> list[str]:
 def outside(folder: Path, name: str) -> bool:
     """Whether a file of that name lies outside `folder`, once links are followed; or one of several, with %d or %g."""
     path = os.path.join(folder, name)
-    try:
-        home = os.path.realpath(folder)
-        return not all(Path(os.path.realpath(one)).is_relative_to(home) for one in (path, *_written(path)))
-    except ValueError:  # a zero byte, a lone surrogate: there is no such file
-        return False
+    return not all(inside(one, folder) for one in (path, *_written(path)))
 
 
 def strangers(scenario: Scenario, folder: Path, named: Collection[str] = ()) -> list[str]:
-    """A line for each file outside of `folder`.
+    """A line for each named file outside of `folder`; files that those name are up to the gate of guard/opening.py.
 
     named: paths of keys that the user gave himself, with all below them; they are not told.
     """
     return [
-        f"{where}: {visible(name, LONGEST_VALUE)} lies outside the scenario's folder; "
-        "if it is what you want to be read, add --allow-outside (in Python: allow_outside=True)"
+        f"{where}: {visible(name, LONGEST_VALUE)} {OUTSIDE}"
         for where, name in input_files(scenario)
-        if outside(folder, name)
-        and not any(where == one or where.startswith((f"{one}.", f"{one}[")) for one in named)
+        if outside(folder, name) and not given(where, named)
     ]
+
+
+def given(where: str, named: Collection[str]) -> bool:
+    """Return whether a path of a key, such as ``wind.files``, is one of `named` or lies below one."""
+    return any(where == one or where.startswith((f"{one}.", f"{one}[")) for one in named)

@@ -65,7 +65,7 @@ def _serve(args: argparse.Namespace) -> int:
     arch = args.arch or "cpu"
     backend = device(arch)
     pace = Pace(inf if args.speed == "max" else float(args.speed), args.wait, args.at_once)
-    inputs = input_paths(scenario, args.scenario)
+    inputs = input_paths(scenario, args.scenario, prepared.resources.files)
     with _links(args, scenario.name) as links:
         service = Service(pace, links, args.quiet)
         with RunFolder(scenario.name, args.out, args.force, inputs=inputs) as folder:

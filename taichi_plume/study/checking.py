@@ -36,6 +36,10 @@ class Checks:
                 return prepared.scenario
         raise ScenarioError(faults)
 
+    def files(self, scenario: Scenario) -> dict[str, list[Path]]:
+        """Paths that are opened for each section of a scenario. Raises ScenarioError."""
+        return self._prepared(scenario).resources.files
+
     def _prepared(self, scenario: Scenario) -> Prepared:
         reads = _reads(scenario)
         known = self._known.get(reads)

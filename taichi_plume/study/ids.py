@@ -6,13 +6,14 @@ count with 12 digits: 35 cm and 0.35 m are the same.
 
 import hashlib
 import json
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from taichi_plume import __version__
 from taichi_plume.files.manifest import digest
 from taichi_plume.scenario.changes import changed
-from taichi_plume.scenario.input_files import files_of, input_files
+from taichi_plume.scenario.input_files import input_files, read_for
 from taichi_plume.scenario.reset import structure
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.study.axes import DIGITS
@@ -56,11 +57,11 @@ class Digests:
         self.folder = folder
         self._known: dict[Path, str] = {}
 
-    def ids(self, scenario: Scenario) -> Ids:
-        """Of a completed scenario. Raises OSError where a file cannot be read."""
+    def ids(self, scenario: Scenario, opened: Mapping[str, Sequence[Path]]) -> Ids:
+        """Of a completed scenario; opened: `files` of its resources. Raises OSError where a file cannot be read."""
         data = scenario.model_dump(mode="json")
         read = {
-            where: [self._of(file) for file in files_of(self.folder, name)]
+            where: [self._of(file) for file in read_for(where, name, self.folder, opened)]
             for where, name in input_files(scenario)
         }
         data = _rounded(changed(data, read))

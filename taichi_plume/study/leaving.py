@@ -81,7 +81,7 @@ def _outputs(one: Kept, task: Task, files: set[str], where: Where, backend: str)
     """The files of a run, which are not begun yet."""
     scenario = one.sim.scenario
     run_folder.write_scenario(where.folder, scenario, task.folder.resolve(), backend, where.final)
-    inputs = input_paths(scenario, task.folder / "base.yaml")[1:]
+    inputs = input_paths(scenario, task.folder / "base.yaml", one.prepared.resources.files)[1:]
     about = About(where.folder, "cpu", backend, "recording.rrd" in files, inputs, files=files)
     return Outputs(one.sim, about, Ears())
 

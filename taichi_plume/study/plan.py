@@ -94,7 +94,7 @@ class _Planning:
                     "want to be read, add --allow-outside (in Python: allow_outside=True)"
                 ]
             )
-        self.base, _ = expanded(read_mapping(path, NEEDS), path)
+        self.base, *_ = expanded(read_mapping(path, NEEDS), path, allow_outside)
         self.folder = path.resolve().parent
         self.checks, self.digests = Checks(self.folder, allow_outside), Digests(self.folder)
 
@@ -145,7 +145,7 @@ class _Planning:
         return found, [*refused.lines(), *(wanted.lines if scenario is not None else [])]
 
     def _ids(self, scenario: Scenario) -> Ids:
-        study, ids = self.study, self.digests.ids(scenario)
+        study, ids = self.study, self.digests.ids(scenario, self.checks.files(scenario))
         shown = study.share_air == "always" and differs(scenario, study.outcomes, study.keep)
         return ids.shown() if shown else ids
 

@@ -1,6 +1,9 @@
 """Cases of OpenFOAM, made here in its form: centres of cells against closed forms, fields against what was written."""
 
+import gzip
+import tracemalloc
 from pathlib import Path
+from time import process_time
 
 import numpy as np
 import pytest
@@ -190,7 +193,10 @@ def test_what_the_tests_make_is_a_case_for_another_reader(tmp_path, keys):
         ("constant/polyMesh/owner", b"0\n", b"-7\n", "do not belong together"),
         ("constant/polyMesh/owner", b"0\n", b"999999\n", "do not belong together|faces"),
         ("1/U", b"internalField", b"inner", "has no internalField"),
-        ("1/U", b"24\n(", b"23\n(", "its list has 24 of 23 entries"),
+        ("1/U", b"24\n(", b"23\n(", "has 23 values, but the mesh has 24 cells"),
+        ("constant/polyMesh/owner", b"0\n", b"inf\n", "no label of a mesh"),
+        ("constant/polyMesh/faces", b"4(", b"inf(", "no label of a mesh"),
+        ("constant/polyMesh/faces", b"4(", b"nan(", "no label of a mesh"),
         ("1/U", b"List<vector> \n24", b"List<vector> \n99999999999999999999", "has no list"),
     ],
 )
@@ -240,6 +246,69 @@ def test_damaged_files_are_told_or_read(tmp_path, keys):
     assert not is_time(tmp_path / ("a" * 5000) / "1")
     with pytest.raises(WindFileError, match="is no case of OpenFOAM"):
         times(tmp_path / "1")
+
+
+TEXT, BINARY = b"FoamFile { format ascii; }\n", b"FoamFile { format binary; }\n"
+U = b"internalField nonuniform "
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"/* " * 66_000,
+        TEXT + b"/* " * 66_000,
+        BINARY + b"/* " * 66_000,
+        TEXT + b"// " * 66_000,
+        BINARY + b"/**/" * 50_000,
+        b"FoamFile { " + b"a " * 95_000 + b"}",
+        b"FoamFile { a b" + b'"x' * 95_000 + b"}",
+        b"FoamFile { a" + b" " * 190_000 + b"}",
+        TEXT + b"internalField uniform " + b" " * 190_000,
+        TEXT + U + b"10((" + b"1 " * 50_000 + b"1" * 50_000 + b"))",
+    ],
+)
+def test_small_files_take_little_time(tmp_path, content):
+    """A reader that is quadratic takes seconds to minutes for 200 kB."""
+    file = tmp_path / "U"
+    for packed in (content, gzip.compress(content)):
+        file.write_bytes(packed)
+        start = process_time()
+        with pytest.raises(WindFileError):
+            openfoam._field(file, 3, 10)
+        assert process_time() - start < 2.0
+
+
+@pytest.mark.parametrize("content", [U + b"9999999999{", U + b"40000000{", b"40000000{", b"3000000000("])
+def test_small_files_take_little_memory(tmp_path, content):
+    """A list may claim any length."""
+    (tmp_path / "U").write_bytes(BINARY + content + bytes(200))
+    tracemalloc.start()
+    try:
+        for read_it in (
+            lambda file: openfoam._field(file, 3, 10),
+            lambda file: openfoam._open(file).numbers(3),
+        ):
+            with pytest.raises(WindFileError):
+                read_it(tmp_path / "U")
+        assert tracemalloc.get_traced_memory()[1] < 5_000_000
+    finally:
+        tracemalloc.stop()
+
+
+def test_a_packed_file_may_not_unpack_without_end(tmp_path):
+    content = TEXT + b"50000000(" + b"0 " * 50_000_000
+    (tmp_path / "U.gz").write_bytes(gzip.compress(content, 1))
+    with pytest.raises(WindFileError, match="MiB"):
+        openfoam._open(tmp_path / "U")
+
+
+def test_comments_and_quotes_in_a_header(tmp_path):
+    header = b'/* FoamFile { } */ FoamFile\n{ // note;\nformat ascii; note "a; b"; arch "LSB;label=32;scalar=64"; }\n'
+    (tmp_path / "U").write_bytes(
+        header + b"// * //\ninternalField /* here */ uniform (1 2 3); boundaryField { }"
+    )
+    np.testing.assert_array_equal(openfoam._field(tmp_path / "U", 3, 2), [[1, 2, 3], [1, 2, 3]])
+    assert openfoam._keys(b'note "a; b"; arch "LSB;label=32"; x; class vol')["arch"] == "LSB;label=32"
 
 
 ROOM = """

@@ -133,7 +133,7 @@ def test_input_files_are_all_that_a_scenario_reads(tmp_path):
     data["wind"] = {"kind": "imported", "files": "wind_%d.csv", "occupancy": "cells.csv"}
     data["task"] = {"films": ["one.zarr", "two.zarr"]}
     scenario = Scenario.model_validate(data)
-    found = input_paths(scenario, tmp_path / "a.yaml")
+    found = input_paths(scenario, tmp_path / "a.yaml", {})
     names = [
         "a.yaml",
         "box.stl",

@@ -156,3 +156,12 @@ def test_faults_of_an_occupancy_grid(tmp_path, old, new, fault):
     (tmp_path / "occupancy.csv").write_text(GRID.replace(old, new, 1))
     with pytest.raises(WindFileError, match=r"occupancy\.csv: " + fault):
         occupancy.read(tmp_path / "occupancy.csv")
+
+
+@pytest.mark.parametrize("pattern", ["w_%d.csv", "w_%g.csv"])
+def test_numbers_in_names_are_finite(tmp_path, pattern):
+    for number in ("1", "9" * 200):
+        (tmp_path / f"w_{number}.csv").touch()
+    (tmp_path / "w_1e999.csv").touch()
+    with pytest.raises(WindFileError, match="its number is above"):
+        find(tmp_path, pattern, 1.0)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from taichi_plume.guard.opening import irregular, open_regular, unopenable
+from taichi_plume.guard.opening import admit, gate, irregular, open_regular, read_regular, unopenable
 
 
 def refused(path: Path) -> str:
@@ -59,3 +59,50 @@ def test_folders_hold_files_and_folders(tmp_path):
     (tmp_path / "a" / "b" / "pipe").unlink()
     (tmp_path / "a" / "link").symlink_to("/")
     assert irregular(tmp_path) == f"holds {Path('a/link')}, which is no plain file"
+
+
+@pytest.fixture
+def home(tmp_path) -> Path:
+    """A folder with a file in it, a link to that file, and links to a file and a folder outside."""
+    home = tmp_path / "home"
+    (home / "sub").mkdir(parents=True)
+    (tmp_path / "away").mkdir()
+    for file in (home / "a", tmp_path / "away/a"):
+        file.write_text("a")
+    (home / "sub/inner").symlink_to("../a")
+    (home / "sub/link").symlink_to(tmp_path / "away/a")
+    (home / "sub/folder").symlink_to(tmp_path / "away")
+    return home
+
+
+@pytest.mark.parametrize(
+    "name", ["../away/a", "sub/link", "sub/folder/a", "sub/folder/none", "sub/../../away/a"]
+)
+def test_a_gate_keeps_files_outside_out(home, name):
+    with gate(home) as files:
+        assert "--allow-outside" in refused(home / name)
+        for read in (lambda: read_regular(home / name, 9), lambda: admit(home / name)):
+            with pytest.raises(PermissionError, match="outside"):
+                read()
+    assert not files
+    if "none" not in name:
+        with gate(None) as files:
+            assert read_regular(home / name, 9) == b"a"
+        assert files == [home / name]
+        assert read_regular(home / name, 9) == b"a"  # the gate is over
+
+
+def test_a_gate_keeps_folders_outside_out(home):
+    with gate(home):
+        assert "--allow-outside" in (unopenable(home / "sub/folder", folder=True) or "")
+        assert "--allow-outside" in (irregular(home / "sub/folder") or "")
+
+
+def test_a_gate_lists_what_was_opened(home):
+    (home / "link").symlink_to(home)  # links that lead to the inside are no fault
+    with gate(home / "link") as files:
+        assert read_regular(home / "sub/inner", 9) == b"a"
+        assert unopenable(home / "none")
+        assert unopenable(home / "a") is None
+        assert read_regular(home / "a", 9) == b"a"
+    assert files == [home / "sub/inner", home / "a"]

@@ -29,7 +29,7 @@ def test_again_and_after_others_it_says_the_same(path):
             except ScenarioError as error:
                 told.append(error.faults)
         assert told[0] == told[1]
-    assert digests.ids(alone) == Digests(path.parent).ids(alone)
+    assert digests.ids(alone, {}) == Digests(path.parent).ids(alone, {})
 
 
 def test_ids_of_a_film_are_of_what_it_holds(tmp_path):
@@ -40,12 +40,12 @@ def test_ids_of_a_film_are_of_what_it_holds(tmp_path):
         "gas: {kind: playback, file: fields.zarr}\n"
     )
     one = Checks(tmp_path, False).checked(read_scenario(file))
-    ids = Digests(tmp_path).ids(one)
+    ids = Digests(tmp_path).ids(one, {})
     assert not ids.air_by_chance
     (tmp_path / "fields.zarr").rename(tmp_path / "film.zarr")
     file.write_text(file.read_text().replace("fields.zarr", "film.zarr"))
     moved = Checks(tmp_path, False).checked(read_scenario(file))
-    assert Digests(tmp_path).ids(moved)[:2] == ids[:2]
+    assert Digests(tmp_path).ids(moved, {})[:2] == ids[:2]
     meta = tmp_path / "film.zarr" / "zarr.json"
     meta.write_text(meta.read_text().replace("1", "2", 1))
-    assert Digests(tmp_path).ids(moved).air != ids.air
+    assert Digests(tmp_path).ids(moved, {}).air != ids.air
