@@ -1,15 +1,26 @@
-"""Networks that were learnt elsewhere, as ONNX: data, of which nothing is executed but its arithmetic."""
+"""Networks (policies) that were learnt elsewhere, as ONNX files.
 
+ONNX is a language with loops, and what a network computes may take for ever or fill the memory, even when it is only
+loaded (constant folding). So onnxruntime runs in a process of its own, with limits on time and memory, which can open
+no file: weights in other files (external data) and libraries of operators are refused.
+"""
+
+import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from weakref import WeakValueDictionary
 
 import numpy as np
 
 from taichi_plume.files.own_class import OwnAlgorithmError, content_of
+from taichi_plume.guard.confined import MIB, ConfinedError, ConfinedProcess, Limits
 from taichi_plume.guard.terminal import visible
 
 LARGEST = 1 << 28  # bytes
+SECONDS, SECONDS_PER_MIB = 4.0, 1.0  # computing time of one evaluation, or of loading
+MEMORY, MEMORY_PER_BYTE = 512 * MIB, 16
+EXTERNAL = ("external data", "systemerror : 24")  # in messages of the runtime, if weights lie in another file
 SHOWN = 300  # characters of a message of the runtime's
 
 
@@ -25,8 +36,7 @@ class Network:
     """
 
     path: Path
-    session: Any
-    name: str
+    evaluator: "_Evaluator"
     entries: int | None
     numbers: int | None
 
@@ -34,15 +44,13 @@ class Network:
     def read(cls, path: Path) -> "Network":
         """Raises OwnAlgorithmError, in a line, where the file is none or takes something else."""
         content = content_of(path, LARGEST, f"{LARGEST >> 20} MB; is it a network?")
-        session = _session(path, content)
-        inputs, outputs = session.get_inputs(), session.get_outputs()
+        evaluator, inputs, outputs = _evaluator(path, content)
         if len(inputs) != 1 or not outputs:
             raise NetworkError(
                 f"{path}: takes {len(inputs)} inputs and gives {len(outputs)} outputs; wanted one input, the "
                 "observation, and the action as the first output"
             )
-        entries = _columns(path, "input", inputs[0])
-        return cls(path, session, inputs[0].name, entries, _columns(path, "output", outputs[0]))
+        return cls(path, evaluator, _columns(path, "input", inputs[0]), _columns(path, "output", outputs[0]))
 
     def fault(self, entries: int, numbers: int) -> str | None:
         """Why it does not fit observations and actions of so many numbers; None where it does."""
@@ -61,12 +69,11 @@ class Network:
     def act(self, observations: np.ndarray, numbers: int) -> np.ndarray:
         """Actions (rows, numbers) f32, within -1 and 1. Raises OwnAlgorithmError where the network gives none."""
         try:
-            told = self.session.run(None, {self.name: observations})[0]
-        except Exception as error:
+            told = self.evaluator.call(_evaluate, observations)
+        except Exception as error:  # of the runtime's, of many kinds
             raise OwnAlgorithmError(
                 f"{self.path}: cannot be evaluated: {visible(' '.join(str(error).split()), SHOWN)}"
             ) from None
-        told = np.asarray(told)
         if told.shape != (len(observations), numbers):
             raise OwnAlgorithmError(
                 f"{self.path}: gives {told.shape} for {len(observations)} observations; wanted "
@@ -78,33 +85,80 @@ class Network:
         return np.clip(told, -1.0, 1.0).astype(np.float32)
 
 
-def _session(path: Path, content: bytes) -> Any:
-    """Evaluates the network on one thread, always in the same order. Raises NetworkError."""
-    try:
-        import onnxruntime
-    except ImportError:
-        raise NetworkError(
-            f'{path}: onnxruntime is not installed, which runs networks; pip install "taichi_plume[learn]"'
-        ) from None
+class _Evaluator:
+    """The process that evaluates one network. ends: names, types and shapes of its inputs and outputs."""
+
+    def __init__(self, content: bytes):
+        mib = len(content) / MIB
+        self.limits = Limits(SECONDS + SECONDS_PER_MIB * mib, MEMORY + MEMORY_PER_BYTE * len(content))
+        self.process = ConfinedProcess("numpy", "onnxruntime")
+        self.ends: tuple[list[_End], list[_End]] = self.call(_load, content)
+
+    def call(self, function: Any, argument: Any) -> Any:
+        """Call a function in the process."""
+        return self.process.call(function, argument, limits=self.limits)
+
+
+_End = tuple[str, str, list[Any]]
+_evaluators: "WeakValueDictionary[bytes, _Evaluator]" = WeakValueDictionary()  # by the digest of the file
+
+
+def _evaluator(path: Path, content: bytes) -> tuple[_Evaluator, list[_End], list[_End]]:
+    """The process of this network, of which one serves all robots, and its ends. Raises NetworkError."""
+    digest = hashlib.sha256(content).digest()
+    found = _evaluators.get(digest)
+    if found is None or not found.process.close.alive:
+        try:
+            _evaluators[digest] = found = _Evaluator(content)
+        except ImportError:
+            raise NetworkError(
+                f'{path}: onnxruntime is not installed, which runs networks; pip install "taichi_plume[learn]"'
+            ) from None
+        except ConfinedError as error:
+            raise NetworkError(f"{path}: {error}, only to be loaded; is it a policy?") from None
+        except Exception as error:  # of many kinds, which are no classes of their own
+            told = " ".join(str(error).split())
+            if any(one in told.lower() for one in EXTERNAL):
+                raise NetworkError(
+                    f"{path}: its weights lie in another file (external data), which is not read; export the network "
+                    "into one file"
+                ) from None
+            raise NetworkError(
+                f"{path}: is no network of ONNX that can be run: {visible(told, SHOWN)}"
+            ) from None
+    return found, *found.ends
+
+
+_session: Any = None  # of the process that evaluates
+
+
+def _load(content: bytes) -> tuple[list[_End], list[_End]]:
+    """In the process: load the network, to be evaluated on one thread, always in the same order."""
+    import onnxruntime
+
+    global _session
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.use_deterministic_compute = True
     options.log_severity_level = 4
-    try:
-        return onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
-    except Exception as error:  # of many kinds, which are no classes of their own
-        told = " ".join(str(error).split())
-        hint = "; its weights lie in another file, export all into one" if "external" in told.lower() else ""
-        raise NetworkError(
-            f"{path}: is no network of ONNX that can be run: {visible(told, SHOWN)}{hint}"
-        ) from None
+    _session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+    return _ends(_session.get_inputs()), _ends(_session.get_outputs())
 
 
-def _columns(path: Path, what: str, told: Any) -> int | None:
+def _ends(ends: Any) -> list[_End]:
+    return [(one.name, one.type, list(one.shape or [])) for one in ends]
+
+
+def _evaluate(observations: np.ndarray) -> np.ndarray:
+    """In the process: the first output."""
+    return np.asarray(_session.run(None, {_session.get_inputs()[0].name: observations})[0])
+
+
+def _columns(path: Path, what: str, end: _End) -> int | None:
     """Numbers of a row of the input or output; None where it is open. Raises NetworkError."""
-    if told.type != "tensor(float)":
-        raise NetworkError(f"{path}: its {what} is a {told.type}; wanted 32-bit floats")
-    shape = list(told.shape or [])
+    _, kind, shape = end
+    if kind != "tensor(float)":
+        raise NetworkError(f"{path}: its {what} is a {kind}; wanted 32-bit floats")
     if len(shape) != 2 or isinstance(shape[0], int):
         raise NetworkError(
             f"{path}: its {what} has the shape {shape}; wanted (rows, numbers) with any number of rows (a dynamic axis)"

@@ -16,11 +16,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from taichi_plume.grid.shapes import ShapeError
 from taichi_plume.guard.opening import read_regular
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
+from taichi_plume.guard.yaml_text import LineError, decode, parse
 
 LONGEST_YAML = 1 << 16  # bytes
 LARGEST_IMAGE = 1 << 28  # bytes
@@ -95,9 +95,9 @@ def _meanings(shade: np.ndarray, known: Mapping[str, float], mode: str) -> np.nd
 def _yaml(path: Path) -> dict[str, Any]:
     content = _content(path, path, LONGEST_YAML)
     try:
-        data = yaml.safe_load(content.decode("utf-8-sig"))
-    except (yaml.YAMLError, UnicodeDecodeError, ValueError, RecursionError):
-        raise _wrong(path, "is no YAML file") from None
+        data = parse(decode(content), "a map of ROS's map_server", dates=True)
+    except LineError as fault:
+        raise _wrong(path, str(fault)) from None
     if not isinstance(data, dict) or "image" not in data:
         raise _wrong(path, "is no map of ROS's map_server: it has no key image")
     return data

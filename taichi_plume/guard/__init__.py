@@ -1,3 +1,3 @@
-"""What stands between foreign input and us: what is printed, and which files are opened."""
+"""What stands between foreign input and us: printing, opening files, YAML, and child processes with limits."""
 
 MAY_IMPORT: tuple[str, ...] = ()

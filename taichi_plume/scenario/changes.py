@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
-from taichi_plume.scenario.yaml_text import DEEPEST, LineError
+from taichi_plume.guard.yaml_text import DEEPEST, LineError
 
 LONGEST_GOT = 48  # characters shown of what was got
 

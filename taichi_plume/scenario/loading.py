@@ -9,9 +9,9 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
+from taichi_plume.guard.yaml_text import MOST_VALUES, LineError, parse, read_text, weight
 from taichi_plume.scenario.changes import changed, path_of, shown, steps_of
 from taichi_plume.scenario.scenario import Scenario
-from taichi_plume.scenario.yaml_text import MOST_VALUES, LineError, parse, read_text, weight
 
 MOST_LINES = 20
 NEEDS = "a scenario needs at least duration, domain, wind and gas"

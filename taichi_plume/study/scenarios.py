@@ -3,10 +3,10 @@
 from collections.abc import Mapping
 from typing import Any
 
+from taichi_plume.guard.yaml_text import LineError
 from taichi_plume.scenario.changes import changed, path_of, steps_of
 from taichi_plume.scenario.loading import ScenarioError, scenario_from
 from taichi_plume.scenario.scenario import Scenario
-from taichi_plume.scenario.yaml_text import LineError
 
 
 def scenario_of(base: Mapping[str, Any], changes: Mapping[str, Any]) -> Scenario:

@@ -2,8 +2,8 @@ import pytest
 import yaml
 
 from taichi_plume.files.run_folder import to_yaml
+from taichi_plume.guard import yaml_text
 from taichi_plume.prepare import load_scenario
-from taichi_plume.scenario import yaml_text
 from taichi_plume.scenario.loading import MOST_LINES, ScenarioError
 from taichi_plume.scenario.obstacles import Box
 from taichi_plume.scenario.openings import Fan
@@ -181,8 +181,8 @@ NESTS = "".join(f"{of[0]}: &{of[0]} [[[[[[[[[[{of[1:]}]]]]]]]]]]\n" for of in ("
         ("- 1\n- 2\n", "must be a mapping (key: value), got [1, 2]"),
         ("duration: [1, 2\nwind: 3\n", "line 2, column 5: not YAML: "),
         ("a: \x01", "line 1: not YAML: "),
-        ("duration: !!bool 3", "not YAML: "),
-        ("duration: !!int ''", "not YAML: "),
+        ("duration: !!bool 3", "line 1, column 11: '3' is no bool"),
+        ("duration: !!int ''", "line 1, column 11: '' is no int"),
         ("a: 1\nb:\n\tc: 2\n", "line 3, column 1: indent with spaces, not tabs"),
         (
             "a: 1\nb: see: there\n",

@@ -1,4 +1,8 @@
-"""One YAML document, as dicts, lists and scalars: bounded, without duplicate keys, and of characters that print."""
+"""The YAML reader for every file from outside: scenarios, maps, projects of GADEN, metadata of bags.
+
+A document becomes dicts, lists and scalars. Its size, its depth, and what aliases and merge keys (`<<`) expand to are
+bounded; duplicate keys, tags of other programs and characters that do not print are refused.
+"""
 
 import unicodedata
 from pathlib import Path
@@ -38,13 +42,18 @@ def weight(value: Any) -> int:
 
 
 def read_text(path: Path) -> str:
-    """The text of a file. Raises LineError."""
+    """The text of a scenario's file. Raises LineError."""
     try:
         content = read_regular(path, LARGEST_FILE)
     except OSError as error:
         raise LineError(f"cannot be read: {error.strerror or error}") from None
     if content is None:
         raise LineError(f"is larger than {LARGEST_FILE >> 20} MiB; is it a scenario?")
+    return decode(content)
+
+
+def decode(content: bytes) -> str:
+    """Return the text of these bytes. Raises LineError."""
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -52,15 +61,25 @@ def read_text(path: Path) -> str:
         raise LineError(f"line {line}: is not UTF-8 text") from None
 
 
-def parse(text: str) -> Any:
-    """The one YAML document in `text`, as dicts, lists and scalars; None where it is empty. Raises LineError."""
+def parse(
+    text: str,
+    kind: str = "a scenario",
+    dates: bool = False,
+    aliases: bool = True,
+    longest_text: int = LONGEST_TEXT,
+) -> Any:
+    """Return the one YAML document in `text` as dicts, lists and scalars; None if the text is empty.
+
+    kind: of file, for messages. dates: whether dates are read, as texts; aliases: whether anchors and aliases are
+    allowed; longest_text: limit of one text [characters]. Raises LineError.
+    """
     loader = None
     try:
-        loader = _Loader(text)
+        loader = _Loader(text, kind, aliases)
         node = loader.get_single_node()
         if node is None:
             return None
-        _check_tree(node)
+        _check_tree(node, dates, longest_text)
         return loader.construct_document(node)
     except yaml.MarkedYAMLError as error:
         what = " ".join(str(error.problem or error.context).split())
@@ -69,16 +88,11 @@ def parse(text: str) -> Any:
             raise LineError(f"{place}indent with spaces, not tabs") from None
         if what == "mapping values are not allowed here":
             what += "; check the indentation, or quote a text that contains ': '"
-        raise LineError(f"{place}not YAML: {what}") from None
+        raise LineError(f"{place}not YAML: {visible(what)}") from None
     except yaml.reader.ReaderError as error:
         line = text.count("\n", 0, error.position) + 1
         raise LineError(f"line {line}: not YAML: {error.reason}") from None
-    except (
-        ValueError,
-        LookupError,
-        TypeError,
-        AttributeError,
-    ) as error:  # of a number such as 0x_, or !!bool 3
+    except (ValueError, OverflowError) as error:  # of an escape such as "\UFFFFFFFF", or a directive's number
         raise LineError(f"not YAML: {error}") from None
     finally:
         if loader:
@@ -86,32 +100,45 @@ def parse(text: str) -> Any:
 
 
 class _Loader(yaml.SafeLoader):
-    """It gives up on a document that is too large or too deep while it reads it."""
+    """Stops at a document that is too large or too deep while composing it."""
 
-    def __init__(self, text: str):
+    def __init__(self, text: str, kind: str, aliases: bool):
         super().__init__(text)
+        self.kind, self.aliases = kind, aliases
         self.values, self.depth = 0, 0
 
     def compose_node(self, parent: Any, index: Any) -> Any:
         """One node and all below it."""
         self.values += 1
         self.depth += 1
-        mark = self.peek_event().start_mark
+        event = self.peek_event()
         if self.values > MOST_VALUES:
-            raise LineError(f"{_place(mark)}has more than {MOST_VALUES:,} values; is it a scenario?")
+            raise LineError(
+                f"{_place(event.start_mark)}has more than {MOST_VALUES:,} values; is it {self.kind}?"
+            )
         if self.depth > DEEPEST:
-            raise LineError(f"{_place(mark)}is nested too deeply, more than {DEEPEST} levels")
+            raise LineError(f"{_place(event.start_mark)}is nested too deeply, more than {DEEPEST} levels")
+        if event.anchor is not None and not self.aliases:
+            raise LineError(f"{_place(event.start_mark)}anchors and aliases are not allowed in {self.kind}")
         node = super().compose_node(parent, index)
         self.depth -= 1
         return node
+
+    def construct_object(self, node: Any, deep: bool = False) -> Any:
+        """Return the value of a node. Raises LineError where the text does not fit its tag, such as `!!bool 3`."""
+        try:
+            return super().construct_object(node, deep)
+        except (ValueError, LookupError, TypeError, AttributeError, OverflowError):
+            kind = node.tag.replace(_TAG, "")
+            raise LineError(f"{_place(node.start_mark)}'{_shown(node)}' is no {kind}") from None
 
 
 def _place(mark: Any) -> str:
     return f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
 
 
-def _check_tree(root: yaml.Node) -> None:
-    """Refuse what no scenario holds, duplicate keys, and aliases that grow beyond bounds or contain themselves."""
+def _check_tree(root: yaml.Node, dates: bool, longest_text: int) -> None:
+    """Refuse unknown tags, duplicate keys, and aliases that expand beyond the limits or contain themselves."""
     sizes: dict[int, int] = {}
     depths: dict[int, int] = {}
     open_nodes: set[int] = set()
@@ -121,9 +148,9 @@ def _check_tree(root: yaml.Node) -> None:
             raise LineError(f"{_place(node.start_mark)}an alias contains itself")
         if id(node) in sizes:
             return sizes[id(node)]
-        _check_kind(node)
+        _check_kind(node, dates)
         if isinstance(node, yaml.ScalarNode):
-            _check_scalar(node)
+            _check_scalar(node, longest_text)
             sizes[id(node)], depths[id(node)] = weight(node.value), 1
             return sizes[id(node)]
         open_nodes.add(id(node))
@@ -148,8 +175,11 @@ def _check_tree(root: yaml.Node) -> None:
     size(root)
 
 
-def _check_kind(node: yaml.Node) -> None:
-    if node.tag == f"{_TAG}timestamp":
+def _check_kind(node: yaml.Node, dates: bool) -> None:
+    if node.tag == f"{_TAG}timestamp" and isinstance(node, yaml.ScalarNode):
+        if dates:
+            node.tag = f"{_TAG}str"
+            return
         raise LineError(
             f"{_place(node.start_mark)}{_shown(node)} is a date; put it in quotes if it is a text"
         )
@@ -160,8 +190,8 @@ def _check_kind(node: yaml.Node) -> None:
         )
 
 
-def _check_scalar(node: yaml.ScalarNode) -> None:
-    longest = LONGEST_NUMBER if node.tag in _NUMBERS else LONGEST_TEXT
+def _check_scalar(node: yaml.ScalarNode, longest_text: int) -> None:
+    longest = LONGEST_NUMBER if node.tag in _NUMBERS else longest_text
     if len(node.value) > longest:
         what = "number" if node.tag in _NUMBERS else "text"
         raise LineError(

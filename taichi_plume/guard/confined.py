@@ -1,0 +1,223 @@
+"""A child process (sandbox) for libraries that read foreign files, with limits on computing time, memory and files.
+
+A library cannot be interrupted from Python while it computes: a network with an endless loop would run for ever, and a
+compressed bag could fill the memory. In a child process the operating system keeps the limits (`setrlimit`), and the
+worst that a file can do is to end that process. Where there are no such limits, as on Windows, the wall clock ends it.
+"""
+
+import math
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import threading
+import time
+import weakref
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from importlib import import_module
+from typing import IO, Any, NoReturn
+
+if sys.platform == "win32":
+    resource = None
+else:
+    import resource
+
+MIB = 1 << 20
+WALL_CLOCK = 6.0  # times the limit on computing time, for a machine that is shared
+SLICE = 0.2  # s between two looks at the clock; not a deadline, so that a stopped process (Ctrl-Z) may go on
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+IGNORED = ("SIGINT", "SIGTERM", "SIGHUP", "SIGUSR1", "SIGUSR2")  # the parent handles them and ends the child
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits of a call. seconds: computing time of the call; memory: bytes, beyond those that the process had when the
+    first call with limits began; opens: whether files may be opened; written: size of a file that may be written.
+    """
+
+    seconds: float
+    memory: int
+    opens: bool = False
+    written: int = 0
+
+
+class ConfinedError(Exception):
+    """A call that was ended at a limit, or that ended the process; says in words which."""
+
+
+class ConfinedProcess:
+    """A Python process that calls functions for this one, one at a time.
+
+    environment: variables of the process, beside those of this one. modules: imported at once, without limits.
+    """
+
+    def __init__(self, *modules: str, environment: dict[str, str] | None = None):
+        boot = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import serve; serve()"
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", boot],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env={**os.environ, **ONE_THREAD, **(environment or {})},
+        )
+        self._lock = threading.Lock()
+        self._clock = _Clock(self._process)
+        self.close = weakref.finalize(self, _end, self._process, os.getpid())
+        self.call(_import, modules)
+
+    def call(self, function: Callable[..., Any], *args: Any, limits: Limits | None = None) -> Any:
+        """Return what a function of a module returns, or raise what it raises.
+
+        Raises ConfinedError at a limit; the process has ended then.
+        """
+        if not self.close.alive:
+            raise ConfinedError("its process has ended")
+        calls, answers = self._process.stdin, self._process.stdout
+        assert calls is not None
+        assert answers is not None
+        try:
+            with self._lock, self._clock.running(limits):
+                pickle.dump((function, args, limits), calls, pickle.HIGHEST_PROTOCOL)
+                calls.flush()
+                is_result, answer = pickle.load(answers)
+        except (EOFError, OSError, pickle.UnpicklingError):
+            self.close()
+            raise ConfinedError(self._reason(limits)) from None
+        except BaseException:  # such as Ctrl-C: the answer would be taken for that of the next call
+            self.close()
+            raise
+        if is_result:
+            return answer
+        raise answer
+
+    def _reason(self, limits: Limits | None) -> str:
+        """Why the process has ended."""
+        ended = -(self._process.returncode or 0)
+        name = signal.Signals(ended).name if ended in set(signal.Signals) else f"exit code {-ended}"
+        if limits is not None and (self._clock.is_over or name == "SIGXCPU"):
+            return f"takes more than {limits.seconds:.0f} s of computing time"
+        if limits is not None and name == "SIGABRT":
+            return f"needs more than {limits.memory // MIB} MiB of memory, or makes the library that reads it fail"
+        return f"makes the library that reads it fail ({name})"
+
+
+class _Clock:
+    """Ends a process whose call takes too long by the wall clock."""
+
+    def __init__(self, process: "subprocess.Popen[bytes]"):
+        self.process, self.left, self.is_over = process, math.inf, False
+        threading.Thread(target=self._watch, daemon=True).start()
+
+    def running(self, limits: Limits | None) -> "_Clock":
+        """Set the time of a call, as a context."""
+        self.left = math.inf if limits is None else WALL_CLOCK * limits.seconds
+        return self
+
+    def __enter__(self) -> None:
+        """Begin the call."""
+
+    def __exit__(self, *_: object) -> None:
+        """End the call."""
+        self.left = math.inf
+
+    def _watch(self) -> None:
+        while self.process.poll() is None:
+            time.sleep(SLICE)
+            self.left -= SLICE
+            if self.left < 0.0:
+                self.is_over = True
+                self.process.kill()
+                return
+
+
+def _end(process: "subprocess.Popen[bytes]", owner: int) -> None:
+    """End the process, unless this one is a fork of its owner."""
+    if os.getpid() != owner:
+        return
+    for stream in (process.stdin, process.stdout):
+        with suppress(OSError):
+            assert stream
+            stream.close()
+    with suppress(subprocess.TimeoutExpired):
+        process.wait(SLICE)  # it ends when it finds no more calls, or has ended at a limit
+    process.kill()
+    process.wait()
+
+
+# ---------------------------------------------------------------- in the child
+
+
+def serve() -> None:
+    """Answer the calls of the parent, until it closes the pipe or ends."""
+    calls, answers = (os.fdopen(os.dup(n), mode) for n, mode in ((0, "rb"), (1, "wb")))
+    for number, flag in ((0, os.O_RDONLY), (1, os.O_WRONLY)):  # a library may print
+        os.dup2(os.open(os.devnull, flag), number)
+    for name in IGNORED:
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
+    threading.Thread(target=_end_with, args=[os.getppid()], daemon=True).start()
+    if resource is not None:
+        signal.signal(signal.SIGXCPU, signal.SIG_DFL)
+        signal.pthread_sigmask(signal.SIG_SETMASK, ())
+        _limit("RLIMIT_CORE", 0)
+    _answer(calls, answers)
+
+
+def _import(modules: tuple[str, ...]) -> None:
+    for module in modules:
+        import_module(module)
+
+
+def _answer(calls: IO[bytes], answers: IO[bytes]) -> NoReturn:
+    confined = False
+    while True:
+        try:
+            function, args, limits = pickle.load(calls)
+        except EOFError:
+            os._exit(0)
+        if limits is not None and resource is not None:
+            used = resource.getrusage(resource.RUSAGE_SELF)
+            _limit("RLIMIT_CPU", math.ceil(used.ru_utime + used.ru_stime + limits.seconds))
+            if not confined:
+                confined = True
+                _confine(limits)
+        try:
+            answer = pickle.dumps((True, function(*args)), pickle.HIGHEST_PROTOCOL)
+        except MemoryError:
+            most = limits.memory // MIB if limits else 0
+            answer = pickle.dumps((False, ConfinedError(f"needs more than {most} MiB of memory")))
+        except Exception as error:
+            try:
+                answer = pickle.dumps((False, error))
+                pickle.loads(answer)
+            except Exception:
+                answer = pickle.dumps((False, ConfinedError(f"{type(error).__name__}: {error}")))
+        answers.write(answer)
+        answers.flush()
+
+
+def _confine(limits: Limits) -> None:
+    """Limit memory and files for the rest of the process."""
+    with suppress(OSError), open("/proc/self/statm", encoding="ascii") as file:
+        _limit("RLIMIT_AS", int(file.read().split()[0]) * os.sysconf("SC_PAGE_SIZE") + limits.memory)
+    _limit("RLIMIT_FSIZE", limits.written)
+    if not limits.opens:
+        _limit("RLIMIT_NOFILE", 0)
+
+
+def _limit(name: str, most: int) -> None:
+    assert resource is not None
+    with suppress(OSError, ValueError):  # a limit that this system does not know, or keeps lower already
+        number = getattr(resource, name)
+        hard = resource.getrlimit(number)[1]
+        resource.setrlimit(number, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
+
+
+def _end_with(parent: int) -> NoReturn:
+    """End this process when its parent has ended, also where a fork of the parent keeps the pipe open."""
+    while os.getppid() == parent:
+        time.sleep(1.0)
+    os._exit(1)
