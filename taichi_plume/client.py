@@ -75,7 +75,7 @@ class Team:
         self._news = threading.Condition()
         self._newest: Readings | None = None
         self._shown, self._ended = -1, False
-        self._number = int(time.time() * 16) & 0x3FFFFFFF  # a client that is started again goes on counting
+        self._number = time.time_ns() // 1000  # ahead of older clients: they send less than one per us
         self._answered = -1  # tick of the readings that were shown and answered
         self._subscriber = self._session.declare_subscriber(f"{self.group}/readings", self._hear)
         self._publisher = self._session.declare_publisher(f"{self.group}/commands")

@@ -64,12 +64,12 @@ float32[] wind_y
 uint8[] wind_known
 uint8[] blocked        # the bumper
 uint8[] over           # whether its search is over
-uint32[] answered      # number of the last command that was taken
+uint64[] answered      # number of the last command that was taken
 uint8[] lost           # whether it stands still, as nothing was heard for too long
 uint8 ended            # 1: the run is over, and nothing else is told
 """,
     COMMANDS: """\
-uint32 number          # counts up
+uint64 number          # greater in each command; a client begins with its start [us since 1970]
 uint32 tick            # of the readings that they answer
 uint32[] robot         # numbers in the group, trial by trial
 float32[] speed        # forward [m/s], or nothing

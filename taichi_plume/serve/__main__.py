@@ -3,6 +3,7 @@
 Robots of groups with ``algorithm: {kind: external}`` are driven by clients (see taichi_plume.client), by ROS 2 nodes
 through a zenoh bridge, or by hand from Foxglove; topics are those of `topics`. It listens on this machine alone unless
 another address is given, which takes a token: in the environment, TAICHI_PLUME_TOKEN, for the service and for clients.
+Pages in a browser cannot connect unless the origin of their site is allowed.
 Else it is as ``python -m taichi_plume.run``, with the same files and exit codes; such a run cannot be resumed.
 """
 
@@ -11,6 +12,7 @@ import gc
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from importlib.util import find_spec
 from math import inf
 from pathlib import Path
@@ -18,7 +20,7 @@ from typing import TYPE_CHECKING
 
 from taichi_plume.exit_codes import exit_code
 from taichi_plume.guard.terminal import Parser, say, visible
-from taichi_plume.serve.address import TOKEN, Address, address, fault_of_token, loopback, token_of
+from taichi_plume.serve.address import TOKEN, Address, address, fault_of_token, loopback, origin, token_of
 from taichi_plume.signals import leave
 
 if TYPE_CHECKING:
@@ -26,12 +28,16 @@ if TYPE_CHECKING:
 
 PORT = 7447
 WEBSOCKET = 8765
-NEEDED = {"zenoh": "eclipse-zenoh", "foxglove": "foxglove-sdk", "rosbags": "rosbags"}
+NEEDED = {"zenoh": "eclipse-zenoh", "websockets": "websockets", "rosbags": "rosbags"}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` (without the program's name) and return its exit code."""
     args = _arguments(argv)
+    missing = [name for package, name in NEEDED.items() if find_spec(package) is None]
+    if missing:
+        say(f"needs {', '.join(missing)}: pip install 'taichi_plume[ros]'", error=True)
+        return 2
     os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
     gc.disable()  # until the run begins
     try:
@@ -102,7 +108,8 @@ def _links(args: argparse.Namespace, name: str) -> "Iterator[Sequence[Link]]":
             links: list[Link] = [ZenohLink(bind.host, bind.port, token_of())]
             stack.callback(links[0].close)
             if args.websocket:
-                links.append(WebSocketLink("127.0.0.1", args.websocket, name))
+                remark = (lambda line: None) if args.quiet else partial(say, error=True)
+                links.append(WebSocketLink(args.websocket, name, args.allow_origin, token_of(), remark))
                 stack.callback(links[1].close)
         except LinkError as error:
             raise RunFolderError(str(error)) from None
@@ -112,7 +119,8 @@ def _links(args: argparse.Namespace, name: str) -> "Iterator[Sequence[Link]]":
 
 
 def _websocket(port: int) -> str:
-    return f"; Foxglove: ws://127.0.0.1:{port}" if port else ""
+    query = f"/?token=${TOKEN}" if token_of() else ""
+    return f"; Foxglove: ws://127.0.0.1:{port}{query}" if port else ""
 
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
@@ -136,6 +144,14 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
         default=WEBSOCKET,
         metavar="PORT",
         help=f"where the Foxglove app connects to, on this machine alone (default: {WEBSOCKET}; 0: not at all)",
+    )
+    parser.add_argument(
+        "--allow-origin",
+        type=origin,
+        action="append",
+        default=[],
+        metavar="ORIGIN",
+        help="let pages of this site connect to the WebSocket, such as https://app.foxglove.dev; may be repeated",
     )
     parser.add_argument(
         "--speed",
@@ -166,9 +182,6 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     )
     parser.add_argument("--debug", action="store_true", help="show where an unexpected error came from")
     args = parser.parse_args(argv)
-    for package, name in NEEDED.items():
-        if find_spec(package) is None:
-            parser.error(f"needs the package {name}: pip install 'taichi_plume[ros]'")
     if args.speed != "max":
         try:
             fine = 0.0 < float(args.speed) < inf

@@ -5,6 +5,7 @@ from argparse import ArgumentTypeError
 from collections.abc import Mapping
 from ipaddress import ip_address
 from typing import NamedTuple
+from urllib.parse import urlsplit
 
 from taichi_plume.guard.terminal import visible
 
@@ -34,6 +35,22 @@ def loopback(host: str) -> bool:
         return ip_address(host).is_loopback
     except ValueError:
         return host == "localhost"
+
+
+def origin(text: str) -> str:
+    """Origin of pages, such as https://app.foxglove.dev, as browsers send it. Raises ArgumentTypeError."""
+    try:
+        scheme, place, *rest = urlsplit(text.strip().lower())
+    except ValueError:
+        scheme, place, rest = "", "", []
+    if (
+        not scheme
+        or "*" in place
+        or not (place or scheme == "file")
+        or rest not in (["", "", ""], ["/", "", ""])
+    ):
+        raise ArgumentTypeError(f"takes an origin, such as https://app.foxglove.dev, not {visible(text)}")
+    return f"{scheme}://{place}"
 
 
 def token_of(environment: Mapping[str, str] = os.environ) -> str | None:

@@ -82,7 +82,7 @@ class Outside:
         told, inbox = self.algorithm.told(), self.inbox
         by_declaring = self.algorithm.members.groups[0].model.found == "declared"
         told["over"] = self.over = told["found"] | (by_declaring & (told["declarations"] > 0))
-        more = {"answered": inbox.number & 0xFFFFFFFF, "lost": inbox.lost()}
+        more = {"answered": inbox.number, "lost": inbox.lost()}
         messages = [topics.readings(self.name, t, tick, told, **more)]
         return messages + (list(topics.of_each(self.name, t, told, self.noses)) if self.each else [])
 

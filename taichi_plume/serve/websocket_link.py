@@ -1,85 +1,320 @@
-"""The transport for the Foxglove app and whatever speaks its protocol: a WebSocket."""
+"""Transport for the Foxglove app and other clients of its protocol, foxglove.sdk.v1: a WebSocket server on loopback.
 
-from collections.abc import Mapping
-from contextlib import suppress
-from typing import Any
+Browsers let a page of any site open a WebSocket to this machine. The handshake is therefore refused unless
 
-import foxglove
-from foxglove.websocket import Capability, ServerListener
+    Host     names this machine: a page whose DNS name was rebound to 127.0.0.1 sends that name
+    Origin   is absent, as from programs, or allowed by the user: browsers always send the origin of the page
+    token    is in the query of the URL, if the service has a token
+"""
+
+import asyncio
+import json
+import logging
+import struct
+import threading
+import time
+from collections.abc import Callable, Collection, Iterator, Mapping
+from concurrent.futures import Future
+from hmac import compare_digest
+from http import HTTPStatus
+from typing import Any, NamedTuple
+from urllib.parse import parse_qs, urlsplit
+
+from websockets.asyncio.server import Server, ServerConnection, broadcast, serve
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
 
 from taichi_plume.files import ros_messages as ros
+from taichi_plume.guard.terminal import LONGEST_VALUE, visible
+from taichi_plume.serve.address import loopback
 from taichi_plume.serve.links import Hear, LinkError
+from taichi_plume.serve.zenoh_config import LONGEST
+
+PROTOCOL: Any = "foxglove.sdk.v1"
+MOST_CLIENTS = 32
+MOST_CHANNELS = 1024  # that a client publishes on
+LONGEST_NAME = 256  # characters of a topic or an encoding
+LONGEST_TEXT = 1 << 20  # characters of a control message
+MOST_BUFFERED = 1 << 22  # bytes not yet taken by a client; further messages to the client are dropped
+CLOSE_S = 1.0
+MESSAGE, TIME = 1, 2  # opcodes of binary messages
+WARNING, ERROR = 1, 2  # levels of a status message
+
+
+class ClientError(ValueError):
+    """An invalid message of a client, in one line."""
+
+
+class Channel(NamedTuple):
+    """A topic of the service. about: its advertisement; subscribers: subscription id of each client."""
+
+    id: int
+    about: dict[str, Any]
+    subscribers: dict[ServerConnection, int]
 
 
 class WebSocketLink:
-    """A server at an address; there is no token, so it had better be of this machine alone.
+    """WebSocket server on 127.0.0.1, in a thread of its own.
 
-    What clients publish may be CDR or JSON. Raises LinkError where the port cannot be had.
+    Clients publish CDR or JSON. origins: of pages that may connect; token: that clients must give, if any; remark:
+    called with a line about refused handshakes. Raises LinkError if the port cannot be opened.
     """
 
-    def __init__(self, host: str, port: int, name: str):
-        self._listener = Listener()
-        self._context = foxglove.Context()
-        self._channels: dict[str, Any] = {}
+    def __init__(
+        self,
+        port: int,
+        name: str,
+        origins: Collection[str] = (),
+        token: str | None = None,
+        remark: Callable[[str], None] = lambda line: None,
+    ):
+        self.name, self.origins, self.token, self.remark = name, frozenset(origins), token, remark
+        self.incoming: Mapping[str, Hear] = {}
+        self.stray: Hear = lambda data, json=False: None
+        self.refused = 0
+        self._session = str(time.time_ns())
+        self._channels: dict[str, Channel] = {}  # read by the thread of the clock
+        self._advertised: dict[int, Channel] = {}  # this and what follows: read by the server's thread
+        self._clients: set[ServerConnection] = set()
+        self._loop = asyncio.new_event_loop()
+        started: Future[int] = Future()
+        self._thread = threading.Thread(target=self._run, args=(port, started), daemon=True)
+        self._thread.start()
         try:
-            self._server = foxglove.start_server(
-                name=name,
-                host=host,
-                port=port,
-                capabilities=[Capability.ClientPublish, Capability.Time],
-                server_listener=self._listener,
-                supported_encodings=["cdr", "json"],
-                context=self._context,
-            )
-        except (RuntimeError, OSError, ValueError) as error:
-            raise LinkError(f"{host}:{port}: cannot be listened at ({error})") from None
-        self.port = self._server.port
+            self.port = started.result()
+        except (OSError, OverflowError) as error:
+            raise LinkError(f"127.0.0.1:{port}: cannot be listened at ({error})") from None
+
+    # ------------------------------------------------------------ thread of the clock
 
     def listen(self, incoming: Mapping[str, Hear], stray: Hear) -> None:
-        """Bring what comes to those who hear its topic; to `stray` what is for none."""
-        self._listener.stray, self._listener.incoming = stray, incoming
+        """Pass messages to the hearer of their topic, and those of other topics to `stray`."""
+        self.stray, self.incoming = stray, incoming
 
     def wants(self, topic: str, name: str) -> bool:
-        """Whether anybody listens to a topic of messages of that name."""
+        """Return whether a client has subscribed to a topic; the first call advertises the topic."""
         channel = self._channels.get(topic)
         if channel is None:
-            schema = foxglove.Schema(name=name, encoding="ros2msg", data=ros.definition(name).encode())
-            channel = self._channels[topic] = foxglove.Channel(
-                f"/{topic}", schema=schema, message_encoding="cdr", context=self._context
-            )
-        return channel.has_sinks()
+            number = len(self._channels) + 1
+            schema = {"schemaName": name, "schemaEncoding": "ros2msg", "schema": ros.definition(name)}
+            about = {"id": number, "topic": f"/{topic}", "encoding": "cdr"} | schema
+            channel = self._channels[topic] = Channel(number, about, {})
+            self._call(self._advertise, channel)
+        return bool(channel.subscribers)
 
     def publish(self, topic: str, data: bytes) -> None:
-        """Send a message to all who listen; a slow listener loses the oldest."""
-        self._channels[topic].log(data)
+        """Send a message to all subscribers; a client that reads too slowly misses messages."""
+        self._call(self._publish, self._channels[topic], data, time.time_ns())
 
     def go_on(self, t: float) -> None:
-        """Let clients go by simulated time."""
-        self._server.broadcast_time(round(1e9 * max(0.0, t)))
+        """Send simulated time t [s] to all clients."""
+        self._call(self._broadcast, struct.pack("<BQ", TIME, round(1e9 * max(0.0, t))))
 
     def close(self) -> None:
-        """End it."""
-        with suppress(Exception):
-            self._server.stop()
+        """Close all connections and stop the server."""
+        self._call(self._stop.set)
+        self._thread.join(2 * CLOSE_S)
+
+    def _call(self, function: Callable[..., object], *args: Any) -> None:
+        if not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(function, *args)
+
+    # ------------------------------------------------------------ thread of the server
+
+    def _run(self, port: int, started: "Future[int]") -> None:
+        with asyncio.Runner(loop_factory=lambda: self._loop) as runner:
+            runner.run(self._serve(port, started))
+
+    async def _serve(self, port: int, started: "Future[int]") -> None:
+        self._stop = asyncio.Event()
+        try:
+            server = await serve(
+                self._attend,
+                "127.0.0.1",
+                port,
+                process_request=self._check,
+                subprotocols=[PROTOCOL],
+                compression=None,
+                max_size=LONGEST,
+                close_timeout=CLOSE_S,
+                server_header=None,
+                logger=logging.Logger("websocket", logging.CRITICAL + 1),  # clients cannot fill the terminal
+            )
+        except Exception as error:
+            started.set_exception(error)
+            return
+        self._server: Server = server
+        async with server:
+            started.set_result(server.sockets[0].getsockname()[1])
+            await self._stop.wait()
+
+    def _check(self, connection: ServerConnection, request: Request) -> Response | None:
+        """Return the response that refuses a handshake, or None to go on with it."""
+        hosts, origins = (request.headers.get_all(name) for name in ("Host", "Origin"))
+        if len(hosts) != 1 or not loopback(_name(hosts[0])):
+            host = visible(", ".join(hosts), LONGEST_VALUE)
+            return self._refuse(connection, f"a request for host {host}: it must name this machine")
+        if not self.origins.issuperset(one.lower() for one in origins):
+            origin = visible(", ".join(origins), LONGEST_VALUE)
+            return self._refuse(
+                connection, f"a page of {origin}; --allow-origin {origin} lets its pages drive the robots"
+            )
+        if self.token is not None and not compare_digest(self.token.encode(), _token(request.path)):
+            return self._refuse(connection, "a client without the service's token in its URL, ?token=...")
+        if len(self._clients) >= MOST_CLIENTS:
+            return connection.respond(
+                HTTPStatus.SERVICE_UNAVAILABLE, f"{MOST_CLIENTS} clients are connected\n"
+            )
+        return None
+
+    def _refuse(self, connection: ServerConnection, what: str) -> Response:
+        self.refused += 1
+        if self.refused & (self.refused - 1) == 0:  # the first, second, fourth, eighth ...
+            self.remark(f"WebSocket: refused {what} ({self.refused:,} refused so far)")
+        return connection.respond(HTTPStatus.FORBIDDEN, f"refused {what}\n")
+
+    async def _attend(self, client: ServerConnection) -> None:
+        """Handle the messages of a client until the connection closes."""
+        published: dict[int, tuple[str, bool]] = {}  # by the client's channel id: topic, and whether in JSON
+        self._clients.add(client)
+        try:
+            self._send(client, json.dumps(self._about()))
+            self._send(client, _advertisement(self._advertised.values()))
+            async for message in client:
+                try:
+                    if isinstance(message, bytes):
+                        self._hear(message, published)
+                    else:
+                        self._obey(client, message, published)
+                except ClientError as error:
+                    self._send(client, _status(ERROR, str(error)))
+        except ConnectionClosed:
+            pass
+        finally:
+            self._clients.discard(client)
+            for channel in self._advertised.values():
+                channel.subscribers.pop(client, None)
+
+    def _about(self) -> dict[str, Any]:
+        about = {"op": "serverInfo", "name": self.name, "capabilities": ["clientPublish", "time"]}
+        return about | {"supportedEncodings": ["cdr", "json"], "metadata": {}, "sessionId": self._session}
+
+    def _hear(self, message: bytes, published: dict[int, tuple[str, bool]]) -> None:
+        """Pass a published message on."""
+        if len(message) < 5 or message[0] != MESSAGE:
+            raise ClientError("binary messages begin with opcode 1 and a channel id of 4 bytes")
+        topic, in_json = published.get(int.from_bytes(message[1:5], "little"), ("", False))
+        self.incoming.get(topic, self.stray)(message[5:], in_json)
+
+    def _obey(self, client: ServerConnection, message: str, published: dict[int, tuple[str, bool]]) -> None:
+        """Carry out a control message."""
+        if len(message) > LONGEST_TEXT:
+            raise ClientError(f"control message: {len(message):,} characters, at most {LONGEST_TEXT:,}")
+        try:
+            given = json.loads(message)
+        except (ValueError, RecursionError):
+            raise ClientError("control message: is not valid JSON") from None
+        given = given if isinstance(given, dict) else {}
+        match given.get("op"):
+            case "subscribe":
+                for one in _dicts(given, "subscriptions"):
+                    self._subscribe(client, _whole(one, "id"), _whole(one, "channelId"))
+            case "unsubscribe":
+                gone = set(_wholes(given, "subscriptionIds"))
+                for channel in self._advertised.values():
+                    if channel.subscribers.get(client) in gone:
+                        del channel.subscribers[client]
+            case "advertise":
+                for one in _dicts(given, "channels"):
+                    channel_id, encoding = _whole(one, "id"), _name_of(one, "encoding")
+                    if len(published) >= MOST_CHANNELS and channel_id not in published:
+                        raise ClientError(f"channels: at most {MOST_CHANNELS:,} can be advertised")
+                    published[channel_id] = _name_of(one, "topic").strip("/"), encoding == "json"
+            case "unadvertise":
+                for channel_id in _wholes(given, "channelIds"):
+                    published.pop(channel_id, None)
+            case other:
+                raise ClientError(f"op: {visible(other, LONGEST_VALUE)} is not supported")
+
+    def _subscribe(self, client: ServerConnection, subscription: int, channel_id: int) -> None:
+        channel = self._advertised.get(channel_id)
+        if channel is None:
+            raise ClientError(f"channel {channel_id} does not exist")
+        if client in channel.subscribers:
+            self._send(client, _status(WARNING, f"channel {channel_id} is already subscribed to"))
+        elif not 0 <= subscription < 1 << 32:
+            raise ClientError(f"subscription id {subscription}: takes a number of 32 bits")
+        else:
+            channel.subscribers[client] = subscription
+
+    def _advertise(self, channel: Channel) -> None:
+        self._advertised[channel.id] = channel
+        self._broadcast(_advertisement([channel]))
+
+    def _publish(self, channel: Channel, data: bytes, time_ns: int) -> None:
+        for client, subscription in channel.subscribers.items():
+            self._send(client, struct.pack("<BIQ", MESSAGE, subscription, time_ns) + data)
+
+    def _broadcast(self, message: str | bytes) -> None:
+        for client in self._clients:
+            self._send(client, message)
+
+    def _send(self, client: ServerConnection, message: str | bytes) -> None:
+        """Send without waiting. A client that does not read misses data, and is cut off at a control message."""
+        if client.transport.get_write_buffer_size() <= MOST_BUFFERED:
+            broadcast([client], message)
+        elif isinstance(message, str):
+            client.transport.abort()
 
 
-class Listener(ServerListener):
-    """What clients of the WebSocket publish, by the topics that they have told before."""
+def _name(host: str) -> str:
+    """Host name of a Host header, without its port; "" if there is none."""
+    try:
+        return urlsplit(f"//{host}").hostname or ""
+    except ValueError:
+        return ""
 
-    def __init__(self):
-        self.incoming: Mapping[str, Hear] = {}
-        self.stray: Hear = lambda data: None
-        self.topics: dict[tuple[int, int], tuple[str, str]] = {}
 
-    def on_client_advertise(self, client: Any, channel: Any) -> None:
-        """A client tells what it is going to publish."""
-        self.topics[client.id, channel.id] = channel.topic.strip("/"), channel.encoding
+def _token(path: str) -> bytes:
+    """Token in the query of a request's path."""
+    try:
+        return parse_qs(urlsplit(path).query).get("token", [""])[-1].encode()
+    except ValueError:
+        return b""
 
-    def on_client_unadvertise(self, client: Any, client_channel_id: int) -> None:
-        """It will publish that no more."""
-        self.topics.pop((client.id, client_channel_id), None)
 
-    def on_message_data(self, client: Any, client_channel_id: int, data: bytes) -> None:
-        """A message came."""
-        topic, encoding = self.topics.get((client.id, client_channel_id), ("", ""))
-        self.incoming.get(topic, self.stray)(data, encoding == "json")
+def _advertisement(channels: Collection[Channel]) -> str:
+    return json.dumps({"op": "advertise", "channels": [one.about for one in channels]})
+
+
+def _status(level: int, message: str) -> str:
+    return json.dumps({"op": "status", "level": level, "message": message})
+
+
+def _list(given: dict[str, Any], key: str, kind: type) -> list[Any]:
+    values = given.get(key)
+    if not isinstance(values, list) or not all(type(one) is kind for one in values):
+        raise ClientError(f"{key}: takes a list of {'objects' if kind is dict else 'whole numbers'}")
+    return values
+
+
+def _dicts(given: dict[str, Any], key: str) -> Iterator[dict[str, Any]]:
+    yield from _list(given, key, dict)
+
+
+def _wholes(given: dict[str, Any], key: str) -> list[int]:
+    return _list(given, key, int)
+
+
+def _whole(given: dict[str, Any], key: str) -> int:
+    value = given.get(key)
+    if type(value) is not int:
+        raise ClientError(f"{key}: takes a whole number")
+    return value
+
+
+def _name_of(given: dict[str, Any], key: str) -> str:
+    value = given.get(key)
+    if not isinstance(value, str) or len(value) > LONGEST_NAME:
+        raise ClientError(f"{key}: takes a text of at most {LONGEST_NAME} characters")
+    return value

@@ -1,7 +1,7 @@
 """The workers of a study: processes on this machine, or those of any Dask scheduler.
 
-On this machine nothing listens but on loopback, nothing calls out, and nothing is left running, however the command
-ends: its workers end with it.
+Worker processes on this machine listen on loopback alone and speak TLS with a key that exists only in their memory:
+whoever has no such key can neither give tasks nor read results. Nothing is left running, however the command ends.
 """
 
 import asyncio
@@ -15,6 +15,7 @@ import time
 import warnings
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
+from multiprocessing import active_children
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
@@ -32,6 +33,7 @@ CONNECT_S = 10.0  # for a scheduler to answer
 START_S = 120.0  # for the first worker of our own to be there
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
 TRACKER = "ignore::UserWarning:multiprocessing.resource_tracker"
+DASHBOARD_ROUTES = ["distributed.http.scheduler.info", "distributed.http.statics"]
 SETTINGS = {
     "distributed.worker.multiprocessing-method": "spawn",
     "distributed.worker.daemon": True,
@@ -41,6 +43,8 @@ SETTINGS = {
     "distributed.worker.http.routes": [],
     "distributed.nanny.preload": [],
     "distributed.scheduler.preload": [],
+    # a page of another site opened in the user's browser may not read the dashboard
+    "distributed.scheduler.dashboard.bokeh-application.allow_websocket_origin": ["127.0.0.1"],
     "distributed.scheduler.worker-ttl": None,  # a worker that compiles does not answer
     "distributed.scheduler.worker-saturation": float(
         "inf"
@@ -115,6 +119,8 @@ class Cluster:
         with suppress(Exception):
             if self.processes is not None:
                 self.processes.close(timeout=5)
+        for process in active_children() if self.processes is not None else ():
+            process.kill()  # a worker that its nanny has just restarted ignores SIGTERM, as we do here
         if self._scratch is not None:
             shutil.rmtree(self._scratch, ignore_errors=True)
             with suppress(OSError):
@@ -161,11 +167,11 @@ def local(workers: int | None, most: int, out: Path, ears: Ears, dashboard: bool
         f"distributed.nanny.pre-spawn-environ.{name}": one for name, one in ONE_THREAD.items()
     }
     os.environ["PYTHONSAFEPATH"] = "1"  # no new process imports a socket.py of the working folder
-    if not dashboard:
-        settings["distributed.scheduler.http.routes"] = []
+    settings["distributed.scheduler.http.routes"] = DASHBOARD_ROUTES if dashboard else []
     dask.config.set(settings)
     from dask.system import cpu_count  # of this process, as cgroups and its affinity allow
     from distributed import Client, LocalCluster
+    from distributed.security import Security
 
     from taichi_plume.study.local_worker import LocalWorker
 
@@ -183,6 +189,7 @@ def local(workers: int | None, most: int, out: Path, ears: Ears, dashboard: bool
                 host="127.0.0.1",
                 memory_limit=None,
                 **page,
+                security=Security.temporary(),
                 silence_logs=logging.WARNING,
                 local_directory=str(scratch),
                 scheduler_kwargs={"allowed_failures": 0},  # the command itself tells who is to blame
@@ -208,7 +215,9 @@ def remote(address: str, out: Path, ears: Ears) -> Cluster:
     try:
         kind = asyncio.run(asyncio.wait_for(_kind(address), CONNECT_S))
     except (OSError, ValueError, TypeError, LookupError, ImportError, RuntimeError, AssertionError) as error:
-        silent = isinstance(error, OSError) or not str(error)
+        # on the way to a tls:// address a certificate may be wrong, which the error says
+        refused = isinstance(error, OSError) and not address.startswith("tls:")
+        silent = refused or not str(error)
         kind = "nothing answers" if silent else f"{type(error).__name__}: {error}"
     if kind != "Scheduler":
         raise ClusterError(
@@ -222,10 +231,14 @@ def remote(address: str, out: Path, ears: Ears) -> Cluster:
 
 
 async def _kind(address: str) -> str:
-    """What answers at an address: "Scheduler", "Worker", "Nanny". Raises all sorts of errors."""
-    from distributed.core import rpc
+    """Kind of the Dask server at an address: "Scheduler", "Worker" or "Nanny". Raises all sorts of errors.
 
-    async with rpc(address) as there:
+    A tls:// address takes the certificate and key of Dask's configuration, as `Client` does.
+    """
+    from distributed.core import rpc
+    from distributed.security import Security
+
+    async with rpc(address, connection_args=Security().get_connection_args("client")) as there:
         told: Any = await there.identity()
         return str(told["type"])
 

@@ -5,6 +5,7 @@ from contextlib import suppress
 import numpy as np
 import pytest
 
+from taichi_plume import client
 from taichi_plume.agents.external import AWAITED, DRIVEN, LOST
 from taichi_plume.files import ros_messages as ros
 from taichi_plume.serve.inbox import Inbox
@@ -89,6 +90,41 @@ def test_what_comes_late(velocities, lines):
     assert lines[-1].endswith(
         "answers readings of tick 39, those before 40 are too old; wait for new ones first"
     )
+
+
+class Session:
+    """Of zenoh, in place of a network: what is put reaches an inbox at once."""
+
+    def __init__(self, inbox):
+        self.put = inbox.hear_commands
+
+    def declare_subscriber(self, *_):
+        return None
+
+    def declare_publisher(self, *_):
+        return self
+
+
+def test_the_client_that_was_started_last_drives(velocities, monkeypatch):
+    """However many commands the older one has sent before."""
+    monkeypatch.setattr(client, "_connected", lambda *_: Session(velocities))
+    older = client.Team(robots=[0])
+    for _ in range(500):
+        older.drive(0.1)
+    newer = client.Team(robots=[0])
+    number = newer.drive(0.2)
+    older.drive(0.1)
+    assert velocities.orders().speed[0] == pytest.approx(0.2)
+    assert velocities.counts == {"taken": 501, "late": 1}
+    assert velocities.number[0] == number
+    told = ros.decode(ros.READINGS, ros.encode(ros.message(ros.READINGS, answered=velocities.number)))
+    assert told.answered[0] == number
+
+
+def test_the_largest_number(velocities):
+    velocities.hear_commands(drive((1 << 64) - 1))
+    velocities.hear_commands(drive(1))
+    assert velocities.counts == {"taken": 1, "late": 1}
 
 
 def test_what_tells_no_tick_answers_the_newest_readings(velocities):

@@ -14,7 +14,7 @@ import pytest
 import yaml
 
 pytest.importorskip("zenoh")
-pytest.importorskip("foxglove")
+pytest.importorskip("websockets")
 
 from taichi_plume.client import Team
 from taichi_plume.files import ros_messages as ros

@@ -8,12 +8,14 @@ import subprocess
 import sys
 import time
 from collections import Counter
+from collections.abc import Sequence
 from contextlib import contextmanager, suppress
 from itertools import pairwise
 from pathlib import Path
 
 import psutil
 import pytest
+from distributed.security import Security
 
 from taichi_plume import __version__
 from taichi_plume.study.store import Store
@@ -278,12 +280,14 @@ def test_one_command_at_a_time(tmp_path):
 
 
 @contextmanager
-def cluster(folder: Path, count: int = 2, *options: str, path: list[str] | None = None):
+def cluster(
+    folder: Path, count: int = 2, *options: str, path: list[str] | None = None, both: Sequence[str] = ()
+):
     """A scheduler and workers, started by hand; yields its address and all processes, the scheduler first."""
     address = folder / "scheduler.json"
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(PATHS if path is None else path)}
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": environment, "cwd": folder}
-    loopback = ["--host", "127.0.0.1", "--no-dashboard"]
+    loopback = ["--host", "127.0.0.1", "--no-dashboard", *both]
     dask = [sys.executable, "-m", "distributed.cli.dask_"]
     line = [*dask[:2], dask[2] + "scheduler", *loopback, "--port", "0", "--scheduler-file", str(address)]
     processes = [subprocess.Popen(line, **quiet)]
@@ -420,6 +424,76 @@ def test_workers_with_several_threads(tmp_path):
         (one.cost.begun, one.cost.begun + one.cost.total_s) for one in Store(tmp_path / "out").records()
     )
     assert all(end <= begin + 0.01 for (_, end), (begin, _) in pairwise(times))
+
+
+BREAK_IN = """
+import asyncio, sys
+from distributed.core import rpc
+from distributed.security import Security
+async def identity(address, args):
+    async with rpc(address, connection_args=args) as server:
+        return await server.identity()
+async def tried(address, args):
+    try:
+        return (await asyncio.wait_for(identity(address, args), 3))["type"]
+    except (OSError, TypeError, ValueError) as error:  # TimeoutError is an OSError
+        return type(error).__name__
+async def main():
+    plain, other = Security(require_encryption=False), Security.temporary()
+    ways = [("tcp", plain), ("tls", plain), ("tls", other)]
+    print(*await asyncio.gather(*(
+        tried(f"{protocol}://127.0.0.1:{port}", security.get_connection_args("client"))
+        for port in sys.argv[1:] for protocol, security in ways
+    )))
+asyncio.run(main())
+"""
+
+
+def test_other_processes_cannot_reach_the_workers(tmp_path):
+    """Neither without TLS nor with another key; scheduler, worker and nanny listen on loopback alone."""
+    process = start(tmp_path / "out", {"runs": 60, "base": {"sleep": 0.5}}, "--workers=1")
+    try:
+        until(lambda: workers(process, tmp_path / "out"), "a worker")
+        found = psutil.Process(process.pid)
+        listening = [
+            one.laddr
+            for process in [found, *found.children(recursive=True)]
+            for one in process.net_connections()
+            if one.status == psutil.CONN_LISTEN
+        ]
+        assert len(listening) >= 3
+        assert {one.ip for one in listening} == {"127.0.0.1"}
+        line = [sys.executable, "-c", BREAK_IN, *(str(one.port) for one in listening)]
+        tried = subprocess.run(line, env=ENVIRONMENT, capture_output=True, text=True, timeout=ENOUGH)
+        answers = tried.stdout.split()
+        assert len(answers) == 3 * len(listening), tried.stderr
+        assert not {"Scheduler", "Worker", "Nanny"} & set(answers)
+    finally:
+        process.kill()
+        finish(process)
+
+
+def test_a_scheduler_with_tls(tmp_path, unbroken):
+    """Its certificate and key come from Dask's configuration; without them it is not reached."""
+    made = Security.temporary()
+    (tmp_path / "cert.pem").write_text(made.tls_ca_file)
+    (tmp_path / "key.pem").write_text(made.tls_client_key)
+    files = {"ca-file": "cert.pem", "cert": "cert.pem", "key": "key.pem"}
+    tls = [text for name, file in files.items() for text in (f"--tls-{name}", str(tmp_path / file))]
+    prefix = "DASK_DISTRIBUTED__COMM__TLS__"
+    keys = {
+        f"{prefix}CA_FILE": str(tmp_path / "cert.pem"),
+        f"{prefix}CLIENT__CERT": str(tmp_path / "cert.pem"),
+        f"{prefix}CLIENT__KEY": str(tmp_path / "key.pem"),
+    }
+    with cluster(tmp_path, 1, both=tls) as (address, _):
+        assert address.startswith("tls://")
+        code, said = study(tmp_path / "without", {"runs": 3}, f"--scheduler={address}")
+        assert (code, "no Dask scheduler there" in said) == (2, True), said
+        process = start(tmp_path / "out", {"runs": 60}, f"--scheduler={address}", env=keys)
+        code, said = finish(process)
+        assert code == 0, said
+    assert (tmp_path / "out" / "table.txt").read_text() == unbroken
 
 
 NOWHERE = (
