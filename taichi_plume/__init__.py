@@ -8,8 +8,8 @@ import sys
 if sys.argv[:1] == ["-m"] and any(
     one.removeprefix("-m").split(".")[0] == __name__ for one in sys.orig_argv[1:]
 ):
-    _first, _home = (os.path.realpath(one) for one in (sys.path[0], f"{__path__[0]}/.."))
-    if _first == os.path.realpath(".") != _home:
+    _first, _package = (os.path.realpath(one) for one in (sys.path[0], f"{__path__[0]}/.."))
+    if _first == os.path.realpath(".") != _package:
         del sys.path[0]
 
 from importlib import import_module
@@ -24,6 +24,10 @@ if not (Path(__file__).parent / "solvers").is_dir():
 # an id of this user.
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 os.environ.setdefault("TI_SKIP_VERSION_CHECK", "ON")
+# Taichi aborts where it finds no home, as in services and cron jobs. "/" is the home of users without an account.
+if os.name == "posix" and not os.environ.keys() & {"HOME", "XDG_CACHE_HOME"}:
+    _home = os.path.expanduser("~")
+    os.environ["HOME"] = _home if os.path.isabs(_home) else "/"
 
 if TYPE_CHECKING:
     from taichi_plume.files.run_folder import RunFolderError

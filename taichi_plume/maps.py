@@ -60,7 +60,7 @@ def write(gas_map: GasMap, readings: Readings, size: tuple[float, float], folder
 
 
 def _draw(gas_map: GasMap, readings: Readings, size: tuple[float, float], path: Path) -> None:
-    from matplotlib.figure import Figure
+    from taichi_plume.report.look import Figure
 
     pictures = {"estimate [ppm]": gas_map.estimate, "weight, as power of ten": _log(gas_map.weight)}
     if gas_map.variance is not None:

@@ -31,7 +31,7 @@ def watched(folder: Path, *command: str, **environment: str) -> subprocess.Compl
         "HOME": str(folder / "home"),
         "PYTHONPATH": str(ROOT),
         "XDG_CACHE_HOME": str(folder / "home" / "cache"),
-        "TI_OFFLINE_CACHE_FILE_PATH": f"{kept}/taichi/ticache",  # kernels that were compiled already
+        "TI_OFFLINE_CACHE_FILE_PATH": f"{kept}/taichi_plume/kernels",  # kernels that were compiled already
     }
     (folder / "home").mkdir(exist_ok=True)
     return subprocess.run(

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 import numpy as np
-from matplotlib.colors import LogNorm
 
 from taichi_plume.contest.fixed import Fixed
 from taichi_plume.contest.standings import SUCCESS, TIME, Measure, Row
@@ -24,7 +23,7 @@ def arena(scenario: Fixed, ppm: np.ndarray) -> bytes:
         scene.draw(axes, whole)
         high = max(float(ppm.max()), 10 * LOW)
         low = max(LOW, high / 10**DECADES)
-        norm, shown = LogNorm(low, high), np.ma.masked_less(ppm.T, low)
+        norm, shown = look.mpl.colors.LogNorm(low, high), np.ma.masked_less(ppm.T, low)
         image = axes.imshow(
             shown, origin="lower", extent=(0, width, 0, length), cmap=look.GAS, norm=norm, zorder=1, alpha=0.9,
             interpolation="bilinear",

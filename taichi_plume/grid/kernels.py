@@ -2,17 +2,21 @@
 
 import contextlib
 import io
+import os
+import sys
+import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from math import prod
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import taichi as ti
 from taichi.lang import impl
 
 from taichi_plume.grid import tracing  # noqa: F401  it makes the tracing of kernels quicker
-from taichi_plume.guard.terminal import LONGEST_VALUE, visible
+from taichi_plume.guard.terminal import LONGEST_VALUE, say, visible
 
 if TYPE_CHECKING:
     Template = Any
@@ -22,6 +26,7 @@ else:
 
 # Of compiled kernels on disk. With Taichi's own 100 MB a dozen scenarios, or the tests, throw out each other's.
 CACHE_BYTES = 2_000_000_000
+_CACHE_FOLDER = "TI_OFFLINE_CACHE_FILE_PATH"  # Taichi's own variable
 STRIP = 32  # cells per strip; 100 and more are six times slower (LLVM stops using registers)
 MANY_CELLS = 50_000  # set by a pass: from here on a launch of its own is nothing to it
 FEW_CELLS = 300_000  # set by a pass: up to here the caller's thread is done before another one has woken up
@@ -47,7 +52,7 @@ def start(arch: str = "cpu", debug: bool = False, threads: int | None = None) ->
             default_fp=ti.f32,
             default_ip=ti.i32,
             log_level=ti.ERROR,
-            offline_cache_max_size_of_files=CACHE_BYTES,
+            **_cache(),
             unrolling_limit=0,  # no warning where more than 32 fields are filled at once
             **checks,
         )
@@ -55,6 +60,43 @@ def start(arch: str = "cpu", debug: bool = False, threads: int | None = None) ->
         ti.reset()
         raise RuntimeError(f"no {arch} device was found; use --arch cpu or auto")
     return "cpu" if on_cpu() else ti.cfg.arch.name
+
+
+def cache_folder() -> Path:
+    """Folder of compiled kernels: TI_OFFLINE_CACHE_FILE_PATH, or `taichi_plume/kernels` in the user's cache folder."""
+    chosen = os.environ.get(_CACHE_FOLDER)
+    if chosen:
+        return Path(chosen)
+    home = Path(os.path.expanduser("~"))
+    folder = {"win32": home / "AppData/Local", "darwin": home / "Library/Caches"}.get(
+        sys.platform, home / ".cache"
+    )
+    if sys.platform != "darwin":
+        given = Path(os.environ.get("LOCALAPPDATA" if sys.platform == "win32" else "XDG_CACHE_HOME", ""))
+        folder = given if given.is_absolute() else folder  # the XDG rules: a relative path is ignored
+    return folder / "taichi_plume" / "kernels"
+
+
+def _cache() -> dict[str, Any]:
+    """Options of `ti.init` for the cache of compiled kernels.
+
+    If the cache folder cannot be written, the cache is switched off by TI_OFFLINE_CACHE and a note says so once. Child
+    processes inherit the variable. Taichi creates the folder even then, and crashes if that fails: the root exists.
+    """
+    folder = cache_folder()
+    if os.environ.get("TI_OFFLINE_CACHE") != "0":
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=folder):
+                pass
+            place = {} if _CACHE_FOLDER in os.environ else {"offline_cache_file_path": str(folder)}
+            return place | {"offline_cache_max_size_of_files": CACHE_BYTES}
+        except OSError as error:
+            why = f"{folder} cannot be written ({error.strerror or error}), so every run compiles its kernels again"
+            say(visible(f"note: {why}; set {_CACHE_FOLDER} to a folder that can be written"), error=True)
+            os.environ["TI_OFFLINE_CACHE"] = "0"
+    os.environ[_CACHE_FOLDER] = os.sep
+    return {}
 
 
 def on_cpu() -> bool:

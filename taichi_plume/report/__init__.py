@@ -1,5 +1,10 @@
 """The report of a run, and the drawings that pictures share with it: all from a run's files, by matplotlib."""
 
+import logging
+
+# In a home that cannot be written matplotlib uses a temporary folder for its font cache: no warning is needed.
+logging.getLogger("matplotlib").setLevel(logging.ERROR)
+
 MAY_IMPORT: tuple[str, ...] = (
     "declared",
     "files",

@@ -1,4 +1,9 @@
-"""Kernels: their launches, and what Taichi says of a faulty one."""
+"""Kernels: their launches, their cache on disk, and what Taichi says of a faulty one."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 import taichi as ti
@@ -43,3 +48,67 @@ def test_every_launch_takes_its_own_numbers_and_runs_the_passes_in_order():
 def test_a_device_that_there_is_not_is_told_before_anything_starts():
     with pytest.raises(RuntimeError, match="got 'abacus', allowed are auto, cpu, cuda, vulkan, metal"):
         kernels.start("abacus")
+
+
+CACHE = ("TI_OFFLINE_CACHE", "TI_OFFLINE_CACHE_FILE_PATH", "XDG_CACHE_HOME")
+
+
+@pytest.fixture
+def no_cache_variables(monkeypatch):
+    for name in CACHE:
+        monkeypatch.setenv(name, "")  # so that what is set in a test is taken back
+        monkeypatch.delenv(name)
+    return monkeypatch
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other platforms have other folders")
+def test_kernels_have_a_folder_of_their_own_in_the_users_cache(no_cache_variables, tmp_path):
+    no_cache_variables.setenv("HOME", str(tmp_path))
+    assert kernels.cache_folder() == tmp_path / ".cache" / "taichi_plume" / "kernels"
+    no_cache_variables.setenv("XDG_CACHE_HOME", "not/absolute")
+    assert kernels.cache_folder() == tmp_path / ".cache" / "taichi_plume" / "kernels"
+    no_cache_variables.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    assert kernels.cache_folder() == tmp_path / "cache" / "taichi_plume" / "kernels"
+    no_cache_variables.setenv("TI_OFFLINE_CACHE_FILE_PATH", str(tmp_path / "mine"))
+    assert kernels.cache_folder() == tmp_path / "mine"
+
+
+def test_a_cache_folder_that_cannot_be_written_is_noted_once_and_not_used(
+    no_cache_variables, tmp_path, capsys
+):
+    (tmp_path / "file").write_text("")
+    no_cache_variables.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    kernels._cache()
+    note = capsys.readouterr().err
+    assert note.count("\n") == 1
+    assert str(tmp_path / "file") in note
+    kernels._cache()
+    assert capsys.readouterr().err == ""
+    assert os.environ["TI_OFFLINE_CACHE"] == "0"
+    assert Path(os.environ["TI_OFFLINE_CACHE_FILE_PATH"]).is_dir(), "Taichi crashes where it has to make it"
+
+
+KERNEL = """
+import taichi_plume
+from taichi_plume.grid import kernels
+kernels.start()
+import taichi as ti
+field = ti.field(ti.i32, 2)
+field.fill(3)
+print(field[1])
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="homes are those of POSIX")
+@pytest.mark.parametrize("home", [{}, {"HOME": "/dev/null/none"}, {"XDG_CACHE_HOME": "/dev/null"}])
+def test_kernels_run_and_the_process_ends_well_without_a_home(home):
+    rest = {name: value for name, value in os.environ.items() if name not in (*CACHE, "HOME")}
+    done = subprocess.run(
+        [sys.executable, "-c", KERNEL],
+        env=rest | home,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert (done.returncode, done.stdout) == (0, "3\n"), done.stderr
