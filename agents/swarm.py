@@ -32,7 +32,7 @@ BODY: dict[str, Callable[[Group], float]] = {
     "by_declaring": lambda group: float(group.found == "declared"),
     "sets_off": lambda group: group.begin,
     "max_speed": lambda group: group.body.max_speed,
-    "max_turn_rate": lambda group: np.radians(group.body.max_turn_rate_deg),
+    "max_turn_rate": lambda group: 0.0 if group.stands else np.radians(group.body.max_turn_rate_deg),
     "half_base": lambda group: 0.5 * (group.body.wheel_base or 0.0),
     "max_acceleration": lambda group: group.body.max_acceleration or np.inf,
     "placed": lambda group: float(group.algorithm.placed),
