@@ -23,7 +23,8 @@ class Column:
     width: 2 for vectors. key: its name in snapshots, which do not hold it without one. table: its names in
     `robots.parquet`, one per component; there NaN is null. named: whether its numbers have names, the states of the
     algorithm. shown, told: its name among what an own algorithm reads, or writes. truth: the column that it is one with
-    where no robot errs. flies: whether there is one only in swarms some of whose robots fly.
+    where no robot errs. flies: whether there is one only in swarms some of whose robots fly. pushed: whether there is
+    one only where obstacles move.
     """
 
     unit: str
@@ -37,6 +38,7 @@ class Column:
     told: str = ""
     truth: str = ""
     flies: bool = False
+    pushed: bool = False
     name: str = ""
 
     def __set_name__(self, owner: type, name: str) -> None:
@@ -148,6 +150,22 @@ class Columns:
     )
     blocked: Any = Column("1", "whether the bumper feels something", np.bool_, key="blocked", shown="blocked")
     bumps: Any = Column("1", "how often it met something", np.int32, key="bumps")
+    pushes: Any = Column(
+        "1",
+        "how often a moving obstacle ran into the robot",
+        np.int32,
+        key="pushes",
+        table=("pushes",),
+        pushed=True,
+    )
+    pinned_time: Any = Column(
+        "s",
+        "time inside the disc of a moving obstacle that left the robot no way out, or onto which it was put",
+        key="pinned_s",
+        table=("pinned_s",),
+        pushed=True,
+    )
+    touched: Any = Column("1", "whether a moving obstacle touches the robot", np.bool_, pushed=True)
     acquisitions: Any = Column("1", "how often it stopped to measure", np.int32, key="acquisitions")
     hits: Any = Column("1", "how often it noticed gas", np.int32, key="hits")
     wind_known: Any = Column("1", "whether the anemometer feels wind", np.bool_, shown="wind_known")
@@ -174,13 +192,13 @@ class Columns:
 
 
 ALL: tuple[Column, ...] = tuple(one for one in vars(Columns).values() if isinstance(one, Column))
-COLUMNS = tuple(one for one in ALL if not one.flies)
+COLUMNS = tuple(one for one in ALL if not one.flies and not one.pushed)
 """Of every swarm."""
 
 
-def columns_of(flies: bool) -> tuple[Column, ...]:
-    """Those of a swarm; flies: whether any of its robots does."""
-    return ALL if flies else COLUMNS
+def columns_of(flies: bool, pushed: bool = False) -> tuple[Column, ...]:
+    """Columns of a swarm; flies: whether any of its robots flies; pushed: whether obstacles move."""
+    return tuple(one for one in ALL if one.flies <= flies and one.pushed <= pushed)
 
 
 OF_A_NOSE = ("reading", "resistance", "true_ppm")

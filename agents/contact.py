@@ -14,6 +14,8 @@ TOUCH = 1e-4  # m, steps shorter than this are contact
 OPEN = 1.5  # gap over a way that is free all along: a bilinear clearance map is no steeper than √2
 PROBES = 256  # looks ahead per move; sliding along a wall takes one per 2 mm
 GRAZE = 1e-3  # sine of the angle below which a disc is passed, not met
+AROUND = 18  # steps of 5 degrees, to each side, in which a robot looks for room beside a walker
+CLEAR, PUSHED, PINNED = range(3)  # of a robot that a walker runs into: results of `escape`
 
 
 @dataclass
@@ -88,6 +90,18 @@ class Contact:
     def trace(self, i, k, p, e, length):
         """How far [m] robot i gets from p along e, up to `length`; the normal there; whether it touches."""
         free, normal, contact = self._free_of_discs(i, k, p, e, length)
+        s, wall, met = self._free_of_walls(i, p, e, free)
+        if met == 1:
+            normal, contact = wall, met
+        return s, normal, contact
+
+    @ti.func
+    def _free_of_walls(self, i, p, e, free):
+        """Collision with walls and standing obstacles: free length [m] of the path of robot i from p along e, up to
+        `free`; the normal at its end; whether the robot touches there.
+        """
+        normal = ti.Vector([0.0, 0.0])
+        contact = 0
         # Sphere tracing with over-relaxation (Keinert et al. 2014, doi:10.2312/stag.20141233): as no distance
         # changes by more than the way walked, a stride is free if the gaps at its two ends together cover it.
         r = self.radius[i]
@@ -197,6 +211,59 @@ class Contact:
         # what is already closer than that holds it, and does not push it
         step = ti.math.clamp(way, ti.min(low - z, 0.0), ti.max(high - z, 0.0))
         return step, ti.cast(ti.abs(way - step) > 0.0, ti.i32)
+
+    @ti.func
+    def escape(self, i, k, p):
+        """Collision response to walkers: move robot i out of the walker that overlaps it most.
+
+        The shortest way out comes first, then ways to both sides, each to the rim of the walker. The way must be free
+        of walls and its end of other bodies. A drone without such a way may rise or sink. Returns the position, the
+        change of altitude [m], CLEAR, PUSHED or PINNED, and the air [m] between robot and walker before.
+        """
+        team = self.team_size[k]
+        gap, deepest = 1e6, 0
+        for m in range(team, team + self.walkers):
+            if self._is_beside(i, k, m):
+                _, apart, reach = self._other(i, k, m, p)
+                if apart.norm() - reach < gap:
+                    gap, deepest = apart.norm() - reach, m
+        place, rise, result = p, 0.0, CLEAR
+        if gap < -0.5 * SKIN:
+            result = PINNED
+            _, apart, reach = self._other(i, k, deepest, p)
+            e = ti.Vector([1.0, 0.0])
+            if apart.norm() > 1e-6:
+                e = apart.normalized()
+            n = 0
+            while n <= 2 * AROUND and result == PINNED:
+                angle = 0.5 * ti.math.pi / AROUND * ((n + 1) // 2) * (1 - 2 * (n % 2))
+                c, s = ti.cos(angle), ti.sin(angle)
+                to = p - apart + reach * ti.Vector([c * e[0] - s * e[1], s * e[0] + c * e[1]])
+                way = (to - p).norm()
+                if self._is_clear(i, k, to):
+                    free, _, _ = self._free_of_walls(i, p, (to - p) / way, way)
+                    if free > way - TOUCH:
+                        place, result = to, PUSHED
+                n += 1
+            if ti.static(self.flying):
+                if result == PINNED and self.wings[i] == 1.0:
+                    span, z = self._span(k, deepest), self.altitude[i]
+                    for up in ti.static((span[1] + SKIN - z, span[0] - SKIN - self.height[i] - z)):
+                        if result == PINNED:
+                            step, met = self.rise(i, k, p, up)
+                            if met == 0:
+                                rise, result = step, PUSHED
+        return place, rise, result, gap
+
+    @ti.func
+    def _is_clear(self, i, k, p):
+        """Whether robot i at p overlaps neither another robot of its trial nor a walker."""
+        result = True
+        for m in range(self.team_size[k] + self.walkers):
+            j, apart, reach = self._other(i, k, m, p)
+            if j != i and self._is_beside(i, k, m) and apart.norm() < reach - 0.5 * SKIN:
+                result = False
+        return result
 
     @ti.func
     def _other(self, i, k, m, p):

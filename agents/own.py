@@ -159,7 +159,7 @@ class OwnAlgorithm:
         robots.readings = np.column_stack(
             [robots.reading, *(self.further.read() if self.further.columns else ())]
         )
-        with failures_told(self.path):
+        with failures_told(self.path), robots.sealed():
             self.algorithm.act(robots)
             commands = [self._checked(column.told) for column in self.to_tell]
         if self.flies:

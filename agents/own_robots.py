@@ -1,10 +1,13 @@
 """What an algorithm of the user's own sees of its robots, and what it tells them and lets them say."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 
 from taichi_plume.agents.columns import Column, Columns, columns_of
+from taichi_plume.guard.attributes import KnownAttributes
 
 GOALS = (Columns.goal, Columns.goal_heading)
 """What drones are told besides, see `Robots.go_to`."""
@@ -31,7 +34,7 @@ class Said:
         self.speaks, self.message = np.zeros(n, bool), np.zeros((n, words))
 
 
-class Robots:
+class Robots(KnownAttributes):
     """What an algorithm may know of its robots, and what it tells them, as arrays over the n robots.
 
     Read: `reading` [ppm], and `readings` (n, gas sensors) [ppm], of which it is the first; `wind` (n, 2) [m/s], zero
@@ -39,7 +42,8 @@ class Robots:
     group has `odometry`; `blocked`, the bumper; `trial` and `robot`, numbers of each; `t`, `dt` [s]; of classes with a
     MESSAGE `heard` (n, robots of a team, MESSAGE), what each heard last of each of its team, NaN where that is nothing,
     and `heard_at` (n, robots of a team), when [s].
-    Write: `speed` [m/s]; `turn_rate` [rad/s]; `state`, whole numbers that index the algorithm's STATE_NAMES.
+    Write: `speed` [m/s]; `turn_rate` [rad/s]; `state`, whole numbers that index the algorithm's STATE_NAMES. Other
+    attributes cannot be set: AttributeError.
     Call: `turn_to`, `declare`, `tell`; what is `said` of the last two is of this tick.
 
     Of drones besides, read: `altitude` [m]. Write: `left_speed` [m/s], `climb_rate` [m/s]. Call in each tick: `go_to`.
@@ -71,6 +75,15 @@ class Robots:
             setattr(self, column.shown, column.zeros(n))
         for column in told(flies):
             setattr(self, column.told, np.zeros(n, int if column.dtype is np.int32 else float))
+
+    @contextmanager
+    def sealed(self) -> Iterator[None]:
+        """Let only the commands be set, while the user's code runs."""
+        self._seal(*(one.told for one in told(self.flies)))
+        try:
+            yield
+        finally:
+            self._open()
 
     def turn_to(self, course: Any) -> None:
         """Command the turn rate that brings each heading to `course` [rad] in a tick, or as soon as the body can."""

@@ -6,13 +6,14 @@ other, so that each sees where the ones before it are now; robots of different t
 """
 
 from collections.abc import Callable, Sequence
+from math import ceil
 from typing import Any
 
 import numpy as np
 import taichi as ti
 
 from taichi_plume.agents.columns import Rows, columns_of, of_noses
-from taichi_plume.agents.contact import Contact
+from taichi_plume.agents.contact import CLEAR, PINNED, PUSHED, SKIN, Contact
 from taichi_plume.agents.few import few
 from taichi_plume.agents.flight import FREE, Flying
 from taichi_plume.agents.groups import GroupRange, ranges
@@ -31,7 +32,7 @@ BODY: dict[str, Callable[[Group], float]] = {
     "by_declaring": lambda group: float(group.found == "declared"),
     "sets_off": lambda group: group.begin,
     "max_speed": lambda group: group.body.max_speed,
-    "max_turn_rate": lambda group: np.radians(group.body.max_turn_rate_deg),
+    "max_turn_rate": lambda group: 0.0 if group.stands else np.radians(group.body.max_turn_rate_deg),
     "half_base": lambda group: 0.5 * (group.body.wheel_base or 0.0),
     "max_acceleration": lambda group: group.body.max_acceleration or np.inf,
     "placed": lambda group: float(group.algorithm.placed),
@@ -45,9 +46,10 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
 
     positions: (count, 2) [m] and headings: (count,) [rad] at the start, free of overlap (see `placement`). clearance:
     see `Contact`. sources: (m, 2 or 3) [m], known to the referee, not to the robots. walkers: obstacles that move, of
-    which the robots feel the disc around the footprint; one that walks into a robot does not push it: the robot can
-    only drive away. rivals: whether groups neither see nor touch each other. episodes: trials of the only group that
-    each begin anew on their own.
+    which the robots feel the disc around the footprint. A walker that runs into a robot pushes the robot aside, or pins
+    the robot where walls and other bodies leave no way out. Robots that are placed from outside stay where they are.
+    rivals: whether groups neither see nor touch each other. episodes: trials of the only group that each begin anew on
+    their own.
 
     Algorithms read `reading` [ppm], `wind` [m/s], `wind_known`, `blocked` (the bumper), where the robot believes to be,
     `believed_position` [m], `believed_heading` [rad] and `odometer` [m], and write `speed_command` [m/s],
@@ -78,7 +80,7 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
         self.reckons = any(group.odometry for group in groups)
         self.noses = max((len(group.sensors.noses) for group in groups), default=1)
         further = of_noses(self.noses)
-        self.columns = (*columns_of(self.flies), *further)
+        self.columns = (*columns_of(self.flies, bool(walkers)), *further)
         self.STATE = tuple(column.name for column in self.columns)
         self._allocate(n, self.reckons)
         self._further = [getattr(self, column.name) for column in further]
@@ -160,6 +162,10 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
         self.groups, self.seed = ranges(groups, self.rivals), seed
         self.start = np.array(positions, np.float32).reshape(-1, 2)  # where the robots begin [m]
         self.walkers = [(one.motion, one.center) for one in walkers]
+        self.strides = max(  # largest speed of the walkers over their radius [1/s]
+            (leg[2] / one.disc for one in walkers if one.motion for leg in one.motion.legs(one.center)),
+            default=0.0,
+        )
         poses: list[Any] = [self.start, headings] if self.count else [0, 0]
         self._upload(
             seed,
@@ -185,11 +191,24 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
         if self.walkers:
             self._put_discs([motion.place(center, t) for motion, center in self.walkers])
 
+    def _push(self, t: float, dt: float) -> None:
+        """Push robots aside that walkers run into in the tick of dt [s] that ends at t [s].
+
+        A walker that is fast for its size moves in parts, each at most half its radius.
+        """
+        parts = max(1, ceil(2.0 * self.strides * dt - 1e-9))
+        for n in range(1, parts + 1):
+            if parts > 1:
+                self._walk(t if n == parts else t - dt + n * dt / parts)
+            self._give_way(1.0 / dt, dt if n == parts else 0.0)
+
     def move(self, tick: int, t: float, dt: float) -> None:
         """Carry out the commands for one tick of dt [s] that ends at t [s]; robots whose search is over stay there."""
         if self.count:
             self._walk(t)
             self._move(tick, t, dt)
+            if self.walkers:
+                self._push(t, dt)
 
     def all_over(self) -> bool:
         """Whether no robot of any trial searches any more."""
@@ -208,6 +227,32 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
         for k in range(self.trials):
             for m in range(self.team_size[k]):
                 self.go(self.members[k, m], k, tick, t, dt)
+
+    @ti.kernel
+    def _give_way(self, rate: float, dt: float):
+        """Push robots out of walkers; rate: 1 over the tick [1/s]; dt [s]: added to the time of those pinned."""
+        ti.loop_config(serialize=ti.static(few(self.count)))
+        for k in range(self.trials):
+            for m in range(self.team_size[k]):
+                i = self.members[k, m]
+                place, rise, result, gap = self.contact.escape(i, k, self.position[i])
+                if self.placed[i] == 1.0 and result == PUSHED:
+                    place, rise, result = self.position[i], 0.0, PINNED
+                if result == CLEAR:
+                    self.touched[i] = ti.cast(self.touched[i] == 1 and gap < SKIN, ti.i32)
+                else:
+                    if self.touched[i] == 0:
+                        self.touched[i] = 1
+                        self.pushes[i] = self.pushes[i] + 1
+                        self.bumps[i] = self.bumps[i] + 1 - self.blocked[i]
+                    self.blocked[i] = 1
+                    self.velocity[i] = self.velocity[i] + rate * (place - self.position[i])
+                    self.position[i] = place
+                    if ti.static(self.flies):
+                        self.climb_rate[i] = self.climb_rate[i] + rate * rise
+                        self.altitude[i] = self.altitude[i] + rise
+                if result == PINNED:
+                    self.pinned_time[i] = self.pinned_time[i] + dt
 
     @ti.func
     def go(self, i, k, tick, t, dt):

@@ -19,6 +19,7 @@ from typing import Any, Self
 import numpy as np
 
 from taichi_plume.files import ros_messages as ros
+from taichi_plume.guard.attributes import KnownAttributes
 from taichi_plume.serve.address import address, token_of
 
 
@@ -51,7 +52,7 @@ class Readings:
     answered: np.ndarray
 
 
-class Team:
+class Team(KnownAttributes):
     """The robots of an external group, or some of them.
 
     where: HOST:PORT of the service. group: the scenario's name of it. robots: their numbers, trial by trial; unless
@@ -79,6 +80,8 @@ class Team:
         self._answered = -1  # tick of the readings that were shown and answered
         self._subscriber = self._session.declare_subscriber(f"{self.group}/readings", self._hear)
         self._publisher = self._session.declare_publisher(f"{self.group}/commands")
+        if type(self) is Team:  # subclasses have attributes of their own
+            self._seal("patience")
 
     def __enter__(self) -> Self:
         return self
@@ -145,7 +148,7 @@ class Team:
             return
         with self._news:
             if self.robots is None:
-                self.robots = one.robot.copy()
+                vars(self)["robots"] = one.robot.copy()
             self._newest = now
             self._news.notify_all()
 

@@ -17,6 +17,8 @@ from taichi_plume.simulation import Mapper, Simulation, Uncertain
 SENSORS = 0.1  # m, height of sensors unless a scenario says more
 SAMPLES = 4  # per axis of a map cell, at most
 PERIOD = 5.0  # s, between scores of a map that has no snaps
+SUMS = ("acquisitions", "hits", "bumps", "pushes", "pinned_s")
+"""Columns of robots that trials sum over a team; those of pushing exist only where obstacles move."""
 SETTLED = 30.0  # s: forecasts count from then on, as in Marjovi & Marques
 
 
@@ -164,8 +166,8 @@ def trial_outcomes(group: Any, snapshot: dict[str, np.ndarray], sources: np.ndar
 
     group, trial: whose they are; success; found: robots that found a source; of the first of them time_s, since its
     group set off, path_m and overhead: its path over the straight way to the nearest source; of the whole team
-    team_path_m, acquisitions, hits, bumps; final_distance_m: of the robot that ended nearest to a source; and what
-    `declared_outcomes` tells.
+    team_path_m, acquisitions, hits, bumps and, where obstacles move, pushes and pinned_s; final_distance_m: of the
+    robot that ended nearest to a source; and the outcomes of `declared_outcomes`.
     """
     span = slice(group.start, group.start + group.trials * group.count)
 
@@ -202,7 +204,7 @@ def trial_outcomes(group: Any, snapshot: dict[str, np.ndarray], sources: np.ndar
         "path_m": of_the_first(path[first]),
         "overhead": of_the_first(path[first] / np.maximum(straight, 1e-9)),
         "team_path_m": path.sum(axis=1).tolist(),
-        **{name: table(snapshot[name]).sum(axis=1).tolist() for name in ("acquisitions", "hits", "bumps")},
+        **{name: table(snapshot[name]).sum(axis=1).tolist() for name in SUMS if name in snapshot},
         "final_distance_m": ended.min(axis=1).tolist(),
         **declared_outcomes(group, snapshot, sources[:, :2]),
     }

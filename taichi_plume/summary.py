@@ -74,6 +74,8 @@ def summary(content: dict[str, Any]) -> list[tuple[str, str]]:
         lines.append((group["name"], _group_line(group)))
         if has_declared(group["per_trial"]) and not group["no_search"]:
             lines.append((f"{group['name']} declared", _declared_line(group)))
+        if any(group["per_trial"].get("pushes", ())):
+            lines.append((f"{group['name']} pushed", _pushed_line(group)))
         if "beside_recorded" in group:
             lines.append((f"{group['name']} recorded", _recorded_line(group["beside_recorded"])))
     if "service" in content:
@@ -147,6 +149,15 @@ def _group_line(group: dict[str, Any]) -> str:
             f"({100 * rate['low']:.0f} to {100 * rate['high']:.0f} %, of {n} trials in one air)"
         )
     return text
+
+
+def _pushed_line(group: dict[str, Any]) -> str:
+    """Encounters of the group's robots with moving obstacles, all trials together."""
+    pushes, pinned = (sum(group["per_trial"][name]) for name in ("pushes", "pinned_s"))
+    text = f"moving obstacles ran into its robots {pushes:,} time{'s' * (pushes != 1)}"
+    if not pinned:
+        return f"{text} and pushed them aside"
+    return f"{text}; robots were inside an obstacle for {pinned:.3g} s, where their readings mean nothing"
 
 
 def _declared_line(group: dict[str, Any]) -> str:

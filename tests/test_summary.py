@@ -221,3 +221,24 @@ def test_how_fast_the_air_mixes(more, like):
 def test_maps_of_one_kind_are_told_apart():
     _, lines = run(maps=[{"kind": "time_series"}, {"kind": "gmrf"}, {"kind": "time_series", "alpha": 0.5}])
     assert {"time series map (maps[0])", "gmrf map", "time series map (maps[2])"} <= set(lines)
+
+
+@pytest.mark.parametrize(
+    ("pushes", "pinned", "expected"), [(0, 0.0, None), (2, 0.0, "16 times"), (1, 1.5, "12 s")]
+)
+def test_robots_pushed_by_obstacles_are_counted(pushes, pinned, expected):
+    sim: Any = fake_run.simulation(fake_run.scenario(2, duration=2))
+    of_old, count = sim.swarm.snapshot, sim.swarm.count
+    sim.swarm.snapshot = lambda: (
+        of_old()
+        | {
+            "pushes": np.full(count, pushes, np.int32),
+            "pinned_s": np.full(count, pinned, np.float32),
+        }
+    )
+    content, lines = told_of(sim)
+    (group,) = content["groups"]
+    assert sum(group["per_trial"]["pushes"]) == count * pushes
+    assert sum(group["per_trial"]["pinned_s"]) == count * pinned
+    line = lines.get(f"{group['name']} pushed")
+    assert line is None if expected is None else expected in line

@@ -31,7 +31,7 @@ class RandomWalk(AnyAlgorithm):
 
     kind: Literal["random_walk"]
     speed: Speed | None = None
-    """Speed at which they drive; unless given, the body's largest."""
+    """Speed at which they drive; unless given, the body's largest. With 0 they stand, and keep their heading too."""
     leg: Length = 1.0
     """Mean length of a leg."""
     leg_spread: Fraction = 0.5

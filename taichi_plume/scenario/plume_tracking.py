@@ -29,7 +29,7 @@ class PlumeTracking(AnyAlgorithm):
     searches: ClassVar[bool] = True
     kind: str
     speed: Speed | None = None
-    """Speed at which they drive; unless given, the body's largest."""
+    """Speed at which they drive; unless given, the body's largest. With 0 they stand, and keep their heading too."""
     threshold_ppm: SomePpm = 5.0
     """Reading that means plume; it is left at 70 % of it. Set it above the sensor's noise and below what the plume
     has where they search."""

@@ -111,6 +111,11 @@ class Group(Model):
         """Height over the floor at which its bodies begin [m]."""
         return self.start.low_end(self.body)
 
+    @property
+    def stands(self) -> bool:
+        """Whether the robots keep position and heading: their algorithm drives at `speed: 0`."""
+        return getattr(self.algorithm, "speed", None) == 0
+
     def time(self, end: float) -> float:
         """How long its robots have been searching at a time `end` [s]; 0 while they wait."""
         return max(0.0, end - self.begin)

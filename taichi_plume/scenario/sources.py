@@ -111,7 +111,8 @@ class Source(Located):
     """An open dish of liquid instead of a rate: the wind over it says how much evaporates."""
     radius: Annotated[Length, COMPILED] = 0.05
     """Radius of the ball (in 2-D the disc) that emits evenly over its volume. On a grid it is spread further, by 0.75
-    to 0.9 cells as standard deviation."""
+    to 0.9 cells as standard deviation. With a dish: half of its diameter unless given, and no other value except to
+    spread the vapour of a dish smaller than a cell over up to a cell."""
     start: Time | None = None
     """First moment of emission; unless given, the start of the warm-up."""
     stop: Time | None = None
@@ -126,7 +127,20 @@ class Source(Located):
             raise fault("takes a rate or a dish, got {got}", {"got": got})
         if self.start is not None and self.stop is not None and self.stop <= self.start:
             raise fault("stop must be later than start")
+        if self.dish is not None and "radius" not in self.model_fields_set:
+            vars(self)["radius"] = 0.5 * self.dish.diameter
         return self
+
+    def problems(self, where: str, context: Context) -> Iterator[str]:
+        """The radius must be that of the dish, if there is one."""
+        yield from super().problems(where, context)
+        half = 0.5 * self.dish.diameter if self.dish else self.radius
+        spreads = half < self.radius <= context.domain.spacing * (1 + 1e-6)
+        if self.dish and abs(self.radius - half) > 0.01 * half and not spreads:
+            yield (
+                f"{where}: radius = {self.radius:g} m and dish.diameter = {self.dish.diameter:g} m disagree: half of "
+                f"the diameter is {half:g} m; remove radius or change one of them"
+            )
 
     def remarks(self, where: str, context: Context) -> Iterator[str]:
         """It should emit something while the run lasts."""

@@ -276,3 +276,17 @@ def test_what_is_probably_not_meant_is_told(tmp_path, sensor, algorithm, told):
         one for one in load(tmp_path / "s.yaml").resources.remarks if "species" in one or "threshold" in one
     ]
     assert [line for line in lines if line.startswith(f"robots[0]{told}")] if told else not lines, lines
+
+
+def test_robots_that_stand_keep_their_lasers_on_target():
+    sim = looked(
+        room(
+            {"kind": "gaussian_plume", "intensity": 0.1, "sources": [{"position": [0.5, 1.0], "rate": 1e-4}]},
+            (3.0, 2.0),
+        )
+    )[0]
+    before = sim.swarm.snapshot()
+    sim.run()
+    now = sim.swarm.snapshot()
+    np.testing.assert_array_equal(now["heading"], before["heading"])
+    np.testing.assert_array_equal(now["position"], before["position"])

@@ -125,6 +125,10 @@ def test_a_missing_file(path):
         ("raise KeyboardInterrupt", "upwind.py, line 4: KeyboardInterrupt"),
         ("raise ValueError('\\x1b[2J')", r"upwind.py, line 4: ValueError: \x1b[2J"),
         ("robots.speed[1] = 1e39", "robots.speed[1] is 1e+39, not a finite number"),
+        ("robots.sped = 0.1", "Robots has no attribute 'sped'; did you mean 'speed'?"),
+        ("robots.turnrate = 0.1", "did you mean 'turn_rate'?"),
+        ("robots.heading = 0.1", "Robots.heading can only be read; attributes to set: "),
+        ("robots.climb_rate = 0.1", "Robots has no attribute 'climb_rate'"),
         ("robots.state[:] = 5", "robots.state must be whole numbers from 0 to 0"),
     ],
 )

@@ -149,6 +149,13 @@ def with_source(**source) -> dict:
             with_source(dish={"diameter": 0.1, "temperature": 360}),
             ["gas.sources[0].dish.temperature: at 360 K ethanol boils, its vapour pressure is 140.9 kPa"],
         ),
+        *(
+            (
+                with_source(dish={"diameter": "20 cm"}, radius=radius),
+                [f"gas.sources[0]: radius = {radius} m and dish.diameter = 0.2 m disagree"],
+            )
+            for radius in (0.05, 0.2)
+        ),
         (
             with_gas(species=OTHER),
             [
@@ -185,3 +192,12 @@ def test_faults_are_told_in_a_line(tmp_path, data, lines):
 )
 def test_dishes_that_are_right(tmp_path, data):
     assert checked(Scenario.model_validate(data), tmp_path).scenario.sources
+
+
+@pytest.mark.parametrize(
+    ("given", "radius"), [({}, 0.02), ({"radius": "2 cm"}, 0.02), ({"radius": "5 cm"}, 0.05)]
+)
+def test_a_dish_says_its_radius_and_a_cell_may_spread_its_vapour(tmp_path, given, radius):
+    data = with_source(dish={"diameter": "4 cm"}, **given)
+    ((_, source),) = checked(Scenario.model_validate(data), tmp_path).scenario.sources
+    assert source.radius == pytest.approx(radius)
