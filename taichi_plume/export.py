@@ -1,7 +1,7 @@
 """A run's data for other programs: ``python -m taichi_plume.export RUN --to vtkhdf|netcdf|csv|mcap|gaden``.
 
     vtkhdf   the film, frame by frame: gas, wind as vectors, temperature on the cells; for ParaView and pyvista
-    netcdf   the same, or the pictures of a recording, after CF; for xarray, MATLAB, Panoply ...
+    netcdf   the same, or a recording's colours, decoded, after CF; for xarray, MATLAB, Panoply ...
     csv      the tables, robots.csv and probes.csv, and columns.csv, which tells their units and meanings
     mcap     a bag of ROS 2 with robots, gas, wind, plume and maps; see `bag_of_run`
     gaden    the film as a configuration of GADEN 3, for its player: cells, wind and concentrations
@@ -56,7 +56,7 @@ def export(run: Run, to: str, out: Path, source: str | None = None, force: bool 
         run.require("recording.rrd")
         data = run.pictures
     else:
-        data = run.fields
+        data = run.fields if (run.folder / "fields.zarr").exists() or to == "vtkhdf" else run.pictures
     if not data.sizes.get("time"):
         raise RunFolderError(f"{run.folder}: holds no frame yet; it ended, or is still, before the first")
     with _fresh([out], force) as (part,):
@@ -239,7 +239,7 @@ def _arguments(argv: Sequence[str] | None) -> Namespace:
         "--from",
         dest="source",
         choices=("film", "recording"),
-        help="what netcdf is made of (default: the film, else the pictures of the recording)",
+        help="what netcdf is made of (default: the film, else the decoded colours of the recording)",
     )
     parser.add_argument("--force", action="store_true", help="replace what is there")
     bag = parser.add_argument_group("of a bag")
@@ -263,7 +263,9 @@ def _arguments(argv: Sequence[str] | None) -> Namespace:
         help="less gas is no point of a cloud (default: 0.1)",
     )
     bag.add_argument(
-        "--allow-outside", action="store_true", help="read maps and meshes that lie outside the run's folder"
+        "--allow-outside",
+        action="store_true",
+        help="read maps and meshes outside the run's folder that are not those of the run",
     )
     args = parser.parse_args(argv)
     for name in OF_BAGS:

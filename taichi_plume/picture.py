@@ -90,7 +90,9 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     )
     parser.add_argument("--no-wind", action="store_true", help="without the arrows of the wind")
     parser.add_argument(
-        "--allow-outside", action="store_true", help="read meshes that lie outside the run's folder"
+        "--allow-outside",
+        action="store_true",
+        help="read maps and meshes outside the run's folder that are not those of the run",
     )
     args = parser.parse_args(argv)
     if args.out is not None and args.out.suffix.lower() not in SUFFIXES:

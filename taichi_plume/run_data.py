@@ -1,7 +1,8 @@
 """What a run has left, for notebooks and plots: ``run = taichi_plume.open_run("runs/casting_room-1")``.
 
-    run.fields      xarray.Dataset: wind, gas [ppm] and temperature over time; the film of a run with `fields`, which is
-                    read as it is looked at, otherwise the pictures of its recording
+    run.fields      xarray.Dataset: wind, gas [ppm] and temperature over time, of a run with `fields` in its scenario;
+                    values are read when they are used
+    run.pictures    xarray.Dataset: planes decoded from the colours of the recording; see `Run.pictures`
     run.robots      pandas.DataFrame: a row per robot and tick; units in `run.robots.attrs["units"]`
     run.probes      pandas.DataFrame, of a run with `probes`
     run.forces      pandas.DataFrame: the force of the air on each obstacle
@@ -35,7 +36,8 @@ if TYPE_CHECKING:
 
 LARGEST_CSV = 1 << 30  # bytes
 FILES = {
-    "fields": ("fields.zarr", "recording.rrd"),
+    "fields": ("fields.zarr",),
+    "pictures": ("recording.rrd",),
     "robots": ("robots.parquet", "robots.parts"),
     "probes": ("probes.parquet", "probes.parts"),
     "forces": ("forces.csv",),
@@ -43,7 +45,8 @@ FILES = {
 }
 """Where each part may be, the best first."""
 WANTED = {
-    "fields": "run with `fields: {rate: 2}` in the scenario, or with a recording",
+    "fields": "`fields: {rate: 2}` in the scenario records fields (.pictures are the colours of a recording, decoded)",
+    "pictures": "run without --no-recording",
     "robots": "the scenario has no robots",
     "probes": "run with `probes: {points: [{kind: point, name: a, at: [1, 2]}]}` in the scenario",
     "forces": "the air of this run tells no forces; a wind of kind cfd with obstacles does",
@@ -125,13 +128,21 @@ class Run:
 
     @cached_property
     def fields(self) -> "xarray.Dataset":
-        """Wind, gas and temperature at the cells' middles, over time."""
-        path = self._path("fields")
-        return _film(path) if path.name == "fields.zarr" else self.pictures
+        """Wind, gas and temperature at the cells' middles, over time, as `fields` in the scenario recorded them.
+
+        Raises RunFolderError if the scenario has no `fields`.
+        """
+        return _film(self._path("fields"))
 
     @cached_property
     def pictures(self) -> "xarray.Dataset":
-        """What the recording's pictures show, over time; coarser than a film, and of planes."""
+        """Planes of gas and temperature over time, decoded from the colours of the recording.
+
+        They are to look at, not to measure: a picture has 256 colours between `recorded_from` and `recorded_to`
+        (attributes of each variable). A higher value comes back as `recorded_to`; on a logarithmic scale, a lower value
+        comes back as 0. The variables are planes, such as `gas_slice` and `gas_column` (maximum over the height), and
+        include the times of the warm-up (t < 0). `fields` in the scenario records the values themselves.
+        """
         from taichi_plume.record.reading import pictures
 
         self.require("recording.rrd")

@@ -94,7 +94,7 @@ def test_options_of_bags_are_of_bags(run, capsys):
 
 
 def test_walls_from_files_elsewhere_are_asked_for(tmp_path, capsys):
-    """A line says what the map lacks without."""
+    """Unless the run's manifest names them; a line says what the map lacks without."""
     (tmp_path / "plan.pgm").write_bytes(b"P5 20 15 255\n" + (b"\xff" * 10 + b"\x00" + b"\xff" * 9) * 15)
     (tmp_path / "plan.yaml").write_text(
         "image: plan.pgm\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.2\n"
@@ -111,6 +111,8 @@ def test_walls_from_files_elsewhere_are_asked_for(tmp_path, capsys):
         )
         == 0
     )
+    named = (bag_of_fields.floor(open_run(out), False).data == 100).sum()
+    (out / "manifest.json").unlink()
     taken = []
     for options in ([], ["--allow-outside"]):
         capsys.readouterr()
@@ -121,6 +123,7 @@ def test_walls_from_files_elsewhere_are_asked_for(tmp_path, capsys):
         assert ("note: /map: Obstacle 0" in capsys.readouterr().err) is not bool(options)
         taken.append((bag_of_fields.floor(open_run(out), bool(options)).data == 100).sum())
     assert taken[1] - taken[0] == 15
+    assert named == taken[1]
 
 
 def test_each_sensor_of_a_robot_has_a_topic(run):

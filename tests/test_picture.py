@@ -8,6 +8,7 @@ import pytest
 from PIL import Image
 
 from taichi_plume import picture
+from taichi_plume.files import manifest
 from taichi_plume.report import films, look, plume
 from taichi_plume.report.run import Run
 
@@ -183,3 +184,54 @@ def test_a_run_that_goes_on_is_shown_as_far_as_it_is(tmp_path, told):
     code, said = told(folder, "--out", tmp_path / "x.png", "--width", 300)
     assert code == 0
     assert "t = 10 s" in said
+
+
+STL = "solid a\n{}endsolid a\n".format(
+    "".join(
+        "facet normal 0 0 0\nouter loop\n" + "".join(f"vertex {x} {y} {z}\n" for x, y, z in corners)
+        + "endloop\nendfacet\n"
+        for corners in (((0, 0, 0), (0, 1, 0), (1, 0, 0)), ((0, 0, 0), (1, 0, 0), (0, 0, 1)),
+                        ((0, 0, 0), (0, 0, 1), (0, 1, 0)), ((1, 0, 0), (0, 1, 0), (0, 0, 1)))
+    )
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", ["map", "mesh"])
+def test_walls_of_files_beside_the_scenario_are_drawn_while_they_are_those_of_the_run(
+    tmp_path, told, kind, monkeypatch
+):
+    """The manifest tells which files the run read; a changed one, or one that it does not name, is not opened."""
+    case = tmp_path / "case"
+    case.mkdir()
+    Image.fromarray(np.where(np.arange(40) // 3 == 6, 0, 255).astype("u1")[None].repeat(30, 0)).save(
+        case / "wall.png"
+    )
+    (case / "wall.yaml").write_text("image: wall.png\nresolution: 0.1\norigin: [0, 0, 0]\n")
+    (case / "wall.stl").write_text(STL)
+    files = [case / "wall.yaml", case / "wall.png"] if kind == "map" else [case / "wall.stl"]
+    scenario = made_run.scenario(3, obstacles=[{"kind": kind, "file": f"../case/{files[0].name}"}])
+    folder = made_run.made(tmp_path / "run", scenario)
+    monkeypatch.chdir(case)
+    assert not Run.of(folder).shapes, "the manifest names no input"
+    manifest.write(folder, manifest.digests(folder, files), [])
+    run = Run.of(folder)
+    assert (len(run.shapes), run.lacks) == (1, [])
+    for changed in files:
+        before = changed.read_bytes()
+        changed.write_bytes(before[:-1] + b"!")
+        code, said = told(folder, "--at", 5, "--out", tmp_path / "a.png")
+        assert (code, "--allow-outside" in said) == (0, True)
+        assert not Run.of(folder).shapes
+        changed.write_bytes(before)
+    assert len(Run.of(folder).shapes) == 1
+
+
+@pytest.mark.parametrize("option", ["--out", "--film"])
+def test_a_link_to_a_file_of_the_users_is_replaced_and_not_followed(folder, told, tmp_path, option):
+    mine, out = tmp_path / "mine", tmp_path / ("a.png" if option == "--out" else "a.gif")
+    mine.write_text("mine")
+    out.symlink_to(mine)
+    code, _ = told(folder, *(["--at", 5] if option == "--out" else ["--frames", 2]), option, out)
+    assert (code, out.is_symlink(), mine.read_text()) == (0, False, "mine")
+    with Image.open(out) as image:
+        assert image.format == out.suffix[1:].upper()

@@ -103,7 +103,7 @@ def test_the_film_tells_what_probes_tell(small):
     assert last.sel(place, method="nearest")["u"] > 0
 
 
-def test_without_a_film_the_fields_are_what_was_recorded(folder, tmp_path):
+def test_without_a_film_there_are_pictures_and_no_fields(folder, tmp_path):
     """Coarser, and of the range of the colours; a NetCDF file can be made of them as well."""
     film = open_run(folder).fields.load()
     assert (
@@ -111,7 +111,10 @@ def test_without_a_film_the_fields_are_what_was_recorded(folder, tmp_path):
         == 0
     )
     shutil.rmtree(folder / "fields.zarr")
-    pictures = open_run(folder).fields
+    with pytest.raises(RunFolderError, match=r"fields.zarr; `fields: .*\.pictures"):
+        _ = open_run(folder).fields
+    pictures = open_run(folder).pictures
+    assert "recorded_to" in pictures.attrs["comment"]
     assert pictures.equals(xarray.open_dataset(tmp_path / "r.nc"))
     column = pictures["gas_column"].sel(time=2.0)
     here = film["ethanol_ppm"].sel(time=2.0).max("z").sel(x=column["x"], y=column["y"], method="nearest")

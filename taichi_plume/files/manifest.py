@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from taichi_plume.files import disk
+from taichi_plume.guard.opening import unopenable
 
 NAME = "manifest.json"
 LARGEST = 1 << 24  # bytes
@@ -85,6 +86,17 @@ def read(folder: Path) -> dict[str, dict[str, dict[str, Any]]]:
     except (ValueError, LookupError, TypeError, AttributeError, RecursionError):
         pass
     raise ManifestError(f"{path}: is damaged; without it the files beside it are taken as they are")
+
+
+def is_input(folder: Path, path: Path) -> bool:
+    """Whether a file is, to the byte, an input of the run in that folder, as its manifest says."""
+    try:
+        told = read(folder)["inputs"].get(_name(folder, path))
+        if told is None or unopenable(path) or path.stat().st_size != told["bytes"]:
+            return False
+        return digest(path) == told
+    except (ManifestError, OSError, ValueError):
+        return False
 
 
 def _is_digest(one: Any) -> bool:

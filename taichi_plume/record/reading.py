@@ -187,7 +187,11 @@ def pictures(path: Path) -> "xr.Dataset":
         about = {"long_name": f"{one.quantity}, {where}", "units": one.unit, "plane": one.plane}
         about |= {"recorded_from": one.low, "recorded_to": one.high}
         variables[name] = (dims, one.values(), about)
-    return xr.Dataset(variables, coords, {"Conventions": "CF-1.11", "source": "taichi_plume recording"})
+    comment = (
+        "decoded from 256 colours between recorded_from and recorded_to; values beyond these are cut off"
+    )
+    about = {"Conventions": "CF-1.11", "source": "taichi_plume recording", "comment": comment}
+    return xr.Dataset(variables, coords, about)
 
 
 def _about(axis: str) -> dict[str, str]:

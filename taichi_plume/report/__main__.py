@@ -15,7 +15,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("run", type=Path, metavar="RUN", help="the run's folder")
     parser.add_argument(
-        "--allow-outside", action="store_true", help="read meshes that lie outside the run's folder"
+        "--allow-outside",
+        action="store_true",
+        help="read maps and meshes outside the run's folder that are not those of the run",
     )
     args = parser.parse_args(argv)
     from taichi_plume.files.run_folder import RunFolderError

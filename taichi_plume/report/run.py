@@ -7,11 +7,13 @@ from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from taichi_plume.files import manifest
 from taichi_plume.files.run_folder import HEADER, RunFolderError, is_run, told
 from taichi_plume.grid.shapes import ShapeError
 from taichi_plume.guard.opening import gate
+from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 from taichi_plume.report.tracks import Track, tracks
-from taichi_plume.scenario.input_files import strangers
+from taichi_plume.scenario.input_files import files_of, outside
 from taichi_plume.scenario.loading import ScenarioError, read_scenario
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.shapes import shape
@@ -69,20 +71,33 @@ class Run:
         found = []
         if getattr(self.scenario.wind, "occupancy", None) is not None:
             self.lacks.append("What stands in the occupancy grid of the imported wind is not drawn.")
-        held_back = not allow_outside and strangers(self.scenario, self.folder, ())
         for n, one in enumerate(self.scenario.obstacles):
-            if hasattr(one, "file") and held_back:
+            name = getattr(one, "file", None)
+            if name and not allow_outside and not self._may_read(name):
                 self.lacks.append(
-                    f"Obstacle {n} is drawn by no line: its file lies outside of the run's folder and is read with "
-                    "--allow-outside only."
+                    f"Obstacle {n} is not drawn: its file {visible(name, LONGEST_VALUE)} lies outside the run's folder "
+                    f"and is not the one that {manifest.NAME} names; --allow-outside reads it."
                 )
                 continue
             try:
-                with gate(None if allow_outside else self.folder):
+                # a file outside that came this far is allowed, or the very file that the run read
+                free = allow_outside or (name and outside(self.folder, name))
+                with gate(None if free else self.folder):
                     found.append(shape(one, self.scenario.domain, self.folder))
             except ShapeError as error:
-                self.lacks.append(f"Obstacle {n} is drawn by no line: {error}.")
+                self.lacks.append(f"Obstacle {n} is not drawn: {error}.")
         return found
+
+    def _may_read(self, name: str) -> bool:
+        """Whether a file of the scenario lies in the run's folder, or is still the one that the run read."""
+
+        def was_read(file: Path) -> bool:
+            return manifest.is_input(self.folder, file)
+
+        return not outside(self.folder, name) or (
+            was_read(self.folder / name)
+            and all(map(was_read, files_of(self.folder, name)))  # a map has a picture
+        )
 
     @property
     def status(self) -> str:
