@@ -29,7 +29,8 @@ from taichi_plume.scenario.loading import ScenarioError, read_mapping
 OLD = "preproc_params.yaml"
 NEEDS = "a configuration lists its models"
 MOST_VOXELS = 50_000_000
-MOST_PAIRS = 300_000_000  # of a triangle and a voxel in its bounding box
+MOST_PAIRS = 10_000_000  # of a triangle and a voxel in its bounding box
+PER_BODY = 500  # pairs that take the time of a body
 CHUNK = 1 << 19  # pairs looked at together
 TOUCH = 1e-4  # voxels: a face this far from a voxel's is the same
 SAME = 1e-5  # voxels: corners nearer to each other are the same
@@ -80,15 +81,30 @@ def occupancy(path: Path) -> Occupancy:
     work = Work(path, size)
     for triangles, value in ((models, OBSTACLE), (outlets, OUTLET)):
         for body in _bodies((triangles - low) / size):
+            work.add(PER_BODY)
+            begin, end = (
+                np.floor(edge).astype(int) for edge in (body.min(axis=(0, 1)), body.max(axis=(0, 1)))
+            )
+            begin, end = np.clip(begin, 0, count.astype(int) - 1), np.clip(end, 0, count.astype(int) - 1) + 1
+            box = cubes[tuple(map(slice, begin, end))]
             closed = _is_closed(body)
             if closed:
-                inside = _inside(body, shape, work)
-                hull = value == OBSTACLE and inside[seed]
-                cubes[~inside if hull else inside] = value
-            for cells in _crossed(body, shape, work, closed):
-                if not (closed and hull):
-                    cubes[tuple(cells.T)] = value
+                inside = _inside(body - begin, box.shape, work)
+                at = tuple(np.array(seed) - begin)
+                if value == OBSTACLE and min(at) >= 0 and (at < np.array(box.shape)).all() and inside[at]:
+                    _keep(cubes, box, inside)
+                    continue
+                box[inside] = value
+            for cells in _crossed(body - begin, box.shape, work, closed):
+                box[tuple(cells.T)] = value
     return _filled(path, cubes, seed, low, size)
+
+
+def _keep(cubes: np.ndarray, box: np.ndarray, inside: np.ndarray) -> None:
+    """Make an obstacle of all voxels but those inside of a hull; box: part of the cubes around the hull."""
+    kept = box[inside]
+    cubes[...] = OBSTACLE
+    box[inside] = kept
 
 
 @dataclass
@@ -255,7 +271,12 @@ def _crossed(triangles: np.ndarray, shape: tuple[int, ...], work: Work, closed: 
     half = np.full(triangles[:, 0].shape, 0.5 - 2 * TOUCH)
     if not closed:
         half[np.ptp(triangles, axis=1) < TOUCH] = 0.5 + 2 * TOUCH
+    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    offset, reach = (triangles[:, 0] * normal).sum(axis=1), (half * np.abs(normal)).sum(axis=1)
     for which, cells in _pairs(low, high, work):
+        away = np.einsum("nd,nd->n", normal[which], cells + 0.5) - offset[which]
+        near = np.abs(away) <= reach[which]  # the plane of the triangle passes through the voxel
+        which, cells = which[near], cells[near]
         yield cells[_overlap(triangles[which] - (cells + 0.5)[:, None], half[which])]
 
 
@@ -275,13 +296,19 @@ def _pairs(low: np.ndarray, high: np.ndarray, work: Work) -> Iterator[tuple[np.n
 
 
 def _overlap(corners: np.ndarray, half: np.ndarray) -> np.ndarray:
-    """Return which triangles (n, 3, 3) touch the box around the origin whose edges are twice `half` (n, 3)."""
-    meets = (corners.min(axis=1) <= half).all(axis=1) & (corners.max(axis=1) >= -half).all(axis=1)
+    """Return indices of triangles (n, 3, 3) that touch a box around the origin if their planes do.
+
+    half: half the edges of the boxes (n, 3).
+    """
+    meets = np.flatnonzero(
+        (corners.min(axis=1) <= half).all(axis=1) & (corners.max(axis=1) >= -half).all(axis=1)
+    )
+    corners, half = corners[meets], half[meets]
     edges = np.roll(corners, -1, axis=1) - corners
-    axes = [np.cross(edges[:, 0], edges[:, 1])]
-    axes += [np.cross(np.eye(3)[a], edges[:, e]) for a in range(3) for e in range(3)]
-    for axis in axes:
-        along = np.einsum("nij,nj->ni", corners, axis)
-        reach = (half * np.abs(axis)).sum(axis=1)
-        meets &= (along.min(axis=1) <= reach) & (along.max(axis=1) >= -reach)
-    return meets
+    apart = np.zeros(len(meets), bool)
+    for edge in edges.transpose(1, 2, 0):
+        for b, c in ((1, 2), (2, 0), (0, 1)):  # the cross product of the edge and an axis of the grid
+            along = edge[b] * corners[:, :, c].T - edge[c] * corners[:, :, b].T
+            reach = np.abs(edge[b]) * half[:, c] + np.abs(edge[c]) * half[:, b]
+            apart |= (along.min(axis=0) > reach) | (along.max(axis=0) < -reach)
+    return meets[~apart]

@@ -5,6 +5,7 @@ rooms are 10 m x 6 m x 2.6 m between walls of 0.2 m, with a door at each end; mo
 """
 
 from pathlib import Path
+from time import process_time
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from test_meshes import box_triangles, write_stl
 
 from taichi_plume import run
 from taichi_plume.files import gaden, gaden_project
+from taichi_plume.files.wind_points import WindFileError
 from taichi_plume.prepare import load
 from taichi_plume.scenario.loading import ScenarioError
 
@@ -290,3 +292,18 @@ def test_a_grid_that_gaden_made_comes_first(tmp_path):
     (home / "OccupancyGrid3D.csv").write_text("#env_min(m) 0 0 0\n")
     with pytest.raises(ScenarioError, match=r"OccupancyGrid3D\.csv"):
         load(path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("count", [25_000, 3000])
+def test_work_on_models_is_bounded(tmp_path, count):
+    """Many bodies, and triangles that each reach through the whole grid."""
+    version_2(tmp_path)
+    home = tmp_path / "test_env/scenarios/10x6_empty_room"
+    rng = np.random.default_rng(2)
+    triangles = rng.uniform(0.0, 9.0, (count, 1 if count > 3000 else 3, 3)) * [1.0, 0.6, 0.25]
+    write_stl(home / "cad_models/10x6_walls.stl", triangles + rng.uniform(0.0, 0.01, (count, 3, 3)))
+    start = process_time()
+    with pytest.raises(WindFileError, match="too many triangles"):
+        gaden.read(home / "params/preproc_params.yaml")
+    assert process_time() - start < 30.0
