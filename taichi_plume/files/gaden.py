@@ -45,7 +45,11 @@ class Occupancy:
 
 
 def read(path: Path) -> Occupancy:
-    """The grid of a file. Raises WindFileError."""
+    """The grid of a file, or of the models that a YAML file lists. Raises WindFileError."""
+    if path.suffix == ".yaml":
+        from taichi_plume.files.gaden_models import occupancy
+
+        return occupancy(path)
     file = TextFile(path, WindFileError)
     lines = file.lines
     known: dict[str, np.ndarray] = {}

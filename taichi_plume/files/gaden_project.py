@@ -5,7 +5,10 @@
     environment_configurations/CONFIG/simulations/SIM/sim.yaml
         GADEN 3; CONFIG/config.yaml names wind and models, beside it is, once preprocessed, OccupancyGrid3D.csv
     simulations/SIM.yaml
-        GADEN 2; beside the folder are wind_simulations/, cad_models/ and, once preprocessed, OccupancyGrid3D.csv
+        GADEN 2; beside the folder are wind_simulations/, params/preproc_params.yaml, which names the models, and, once
+        preprocessed, OccupancyGrid3D.csv
+
+A project that is not preprocessed yet has its grid made of its models: see files/gaden_models.py.
 
 Keys of the scenario itself come before those of the project. Lengths of filaments are in cm there, pressures in atm.
 """
@@ -13,16 +16,17 @@ Keys of the scenario itself come before those of the project. Lengths of filamen
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from math import isfinite, pi, sqrt
+from math import pi, sqrt
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy import ndimage
 
-from taichi_plume.files import gaden
+from taichi_plume.files import gaden, gaden_models
+from taichi_plume.files.gaden_models import OLD, configuration
 from taichi_plume.files.wind_points import WindFileError
-from taichi_plume.grid.mesh_files import MeshError, read_mesh
-from taichi_plume.scenario.input_files import outside
+from taichi_plume.guard.opening import require_inside, unopenable
 from taichi_plume.scenario.loading import ScenarioError, read_mapping
 from taichi_plume.scenario.species import SPECIES
 
@@ -31,6 +35,7 @@ GASES = (
     "ethanol", "methane", "hydrogen", "propanol", "chlorine", "fluorine", "acetone", "neon", "helium", "biogas",
     "butane", "carbon dioxide", "carbon monoxide", "smoke",
 )  # fmt: skip
+FACES = ("x-", "x+", "y-", "y+", "z-", "z+")
 OURS = {"propanol": "1-propanol"}
 KEYS = {  # of GADEN 3, its first versions and GADEN 2; the default
     "step": (("deltaTime", "time_step"), 0.1),
@@ -52,23 +57,27 @@ GAS_CONSTANT, ATM = 8.314462618, 101325.0
 
 @dataclass
 class _Project:
-    """sim: the simulation's file and what it says; config: the same of GADEN 3's configuration, else empty; home: the
-    folder of the occupancy grid; notes: what could not be carried over.
+    """sim: keys of the simulation's file; config: keys of the configuration, {} without one; listing: the
+    configuration's file; home: folder of the occupancy grid; new: whether this is GADEN 3; notes: what could not be
+    carried over.
     """
 
     file: Path
     sim: dict[str, Any]
     config: dict[str, Any]
+    listing: Path
     home: Path
+    new: bool
     notes: list[str] = field(default_factory=list)
 
     def number(self, name: str) -> float:
         """One of KEYS. Raises ScenarioError."""
         keys, default = KEYS[name]
         value = next((self.sim[key] for key in keys if key in self.sim), default)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < 1e9:
+        found = gaden_models.number(value, 0.0, 1e9)
+        if found is None:
             raise self.wrong(f"{keys[0]}: got {value!r}, must be a number of 0 or more")
-        return float(value)
+        return found
 
     def wrong(self, what: str) -> ScenarioError:
         """A fault of the simulation's file."""
@@ -83,13 +92,23 @@ def expanded(data: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[s
     name = data["gaden"]
     if not isinstance(name, str) or not name or "\0" in name:
         raise ScenarioError([f"gaden: must be a path in a project of GADEN's, got {name!r}"])
-    if outside(folder, name):
+    try:
+        require_inside(folder / name)
+    except OSError as error:
         raise ScenarioError(
-            [f"gaden: {name} lies outside the scenario's folder; put the scenario beside the project"]
-        )
+            [f"gaden: {name} {error.strerror}; or put the scenario beside the project"]
+        ) from None
     project = _found(folder / name)
     own = {key: value for key, value in data.items() if key != "gaden"}
-    return _merged(_scenario(project, folder), own), project.notes
+    return _merged(_scenario(project, folder, _corner(own)), own), project.notes
+
+
+def _corner(own: dict[str, Any]) -> np.ndarray | None:
+    """Return the domain's lower corner in the project [m] if the scenario itself gives it as `wind.origin`."""
+    wind = own.get("wind")
+    told = wind.get("origin") if isinstance(wind, dict) else None
+    corner = [gaden_models.number(x, -1e7, 1e7) for x in told] if isinstance(told, list) else []
+    return np.array(corner, float) if len(corner) == 3 and None not in corner else None
 
 
 def _merged(below: Any, above: Any) -> Any:
@@ -107,6 +126,8 @@ def _merged(below: Any, above: Any) -> Any:
 
 
 def _found(path: Path) -> _Project:
+    if path.suffix == ".gproj" or path.name == "config.yaml":
+        path = path.parent
     files = [path] if os.path.isfile(path) else sorted(_simulations(path)) if os.path.isdir(path) else []
     if len(files) != 1:
         names = ", ".join(os.path.relpath(one, path) for one in files[:10])
@@ -116,10 +137,12 @@ def _found(path: Path) -> _Project:
         raise ScenarioError([f"gaden: {path}: {told}"])
     file = files[0]
     sim = read_mapping(file, "a simulation has a source at least")
-    config = file.parents[2] / "config.yaml" if file.name == "sim.yaml" else None
-    if config is not None and config.is_file():
-        return _Project(file, sim, read_mapping(config, "a configuration names its models"), config.parent)
-    return _Project(file, sim, {}, file.parents[2] if file.name == "sim.yaml" else file.parents[1])
+    home = file.parent.parent  # of a path at the root it is the root: `parents` has fewer
+    if file.name == "sim.yaml":
+        home = home.parent
+        return _Project(file, sim, configuration(home / "config.yaml"), home / "config.yaml", home, True)
+    listing = home / "params" / OLD
+    return _Project(file, sim, configuration(listing) if listing.is_file() else {}, listing, home, False)
 
 
 def _simulations(path: Path) -> Iterator[Path]:
@@ -127,59 +150,62 @@ def _simulations(path: Path) -> Iterator[Path]:
     if (path / "sim.yaml").is_file():
         yield path / "sim.yaml"
         return
-    for configuration in (path, *sorted(path.glob(f"{CONFIGS}/*"))):
-        yield from configuration.glob(f"{SIMULATIONS}/*/sim.yaml")
+    for home in (path, *sorted(path.glob(f"{CONFIGS}/*"))):
+        yield from home.glob(f"{SIMULATIONS}/*/sim.yaml")
     if not any(path.glob(f"{CONFIGS}/*/{SIMULATIONS}/*/sim.yaml")):
         yield from path.glob(f"{SIMULATIONS}/*.yaml")
 
 
 def _wind_files(project: _Project, folder: Path) -> str:
     """The wind as a scenario in `folder` names it."""
-    if project.config:
-        told = project.config.get("unprocessed_wind_files")
-        place = project.home
-    else:
+    told, place = project.config.get("unprocessed_wind_files"), project.home
+    if not project.new:
         told, place = project.sim.get("wind_sim_path"), project.home / "wind_simulations"
+    if not project.new and told is None:  # then the launch file gives it; there may be but one
+        given = project.config.get("wind_files")
+        files = sorted(place.glob("**/*_0.csv"))
+        if isinstance(given, str) and "$(var wind_sim_path)" not in given:
+            told, place = (
+                str(gaden_models.located(project.listing, f"{given}_0.csv")).removesuffix("_0.csv"),
+                Path(),
+            )
+        elif len(files) == 1:
+            told = str(files[0]).removesuffix("_0.csv")
+        elif files:
+            names = ", ".join(str(one.relative_to(place)).removesuffix("_0.csv") for one in files[:10])
+            raise project.wrong(f"wind_sim_path: is missing, which names one of the winds {names}")
     if not isinstance(told, str) or not told:
         raise project.wrong("names no wind files (unprocessed_wind_files, or wind_sim_path)")
-    if not os.path.isfile(place / f"{told}_0.csv"):
-        raise project.wrong(f"its wind {told}_0.csv is not there")
-    return f"{os.path.relpath(place / told, folder)}_%d.csv"
-
-
-def _models(project: _Project, key: str) -> list[Path]:
-    """The STL files of walls and furniture, or of outlets."""
-    listed = project.config.get(key)
-    if not project.config:
-        files = sorted((project.home / "cad_models").glob("*.stl"))
-        outlets = [
-            file for file in files if any(word in file.name.lower() for word in ("door", "outlet", "inlet"))
-        ]
-        return outlets if key == "outlets_models" else [file for file in files if file not in outlets]
-    names = [
-        one
-        for one in (listed if isinstance(listed, list) else [])
-        if isinstance(one, str) and one and not one.startswith("!")
-    ]
-    for name in names:
-        if not name.lower().endswith(".stl"):
-            project.notes.append(f"gaden: the model {name} is no STL file; it is left out, as GADEN does")
-    return [project.home / name for name in names if name.lower().endswith(".stl")]
+    name = os.path.relpath(place / told, folder)
+    fault = unopenable(folder / f"{name}_0.csv")
+    if fault:
+        raise project.wrong(f"its wind {told}_0.csv {fault}")
+    return f"{name}_%d.csv"
 
 
 # ---------------------------------------------------------------- what they say
 
 
-def _scenario(project: _Project, folder: Path) -> dict[str, Any]:
-    """The scenario that a project stands for."""
+def _scenario(project: _Project, folder: Path, corner: np.ndarray | None) -> dict[str, Any]:
+    """The scenario that a project stands for; corner: where its domain begins [m], unless where the room does."""
     config = project.config
     if config.get("uniformWind") is True:
         raise project.wrong(
             "its wind is uniform, which blows through walls; give a wind of kind cfd and a domain"
         )
     occupancy = project.home / OCCUPANCY
-    room = _of_grid(occupancy, project, folder) if occupancy.is_file() else _of_models(project, folder)
+    if not occupancy.exists():
+        if not project.config:
+            raise project.wrong(
+                f"there is neither an {OCCUPANCY} in {project.home} nor a params/{OLD}, which lists the models"
+            )
+        occupancy = project.listing
+        project.notes.append(
+            f"gaden: the project has no {OCCUPANCY} yet; its grid is made of the models that {occupancy.name} lists"
+        )
+    room = _of_grid(occupancy, project, folder)
     low, wind = room.pop("low"), room.pop("wind")
+    low = low if corner is None else corner
     loop = next((project.sim[key] for key in ("windLooping", "wind_looping") if key in project.sim), {})
     loops = isinstance(loop, dict) and bool(loop.get("loop"))
     if loops and loop.get("from"):
@@ -191,58 +217,41 @@ def _scenario(project: _Project, folder: Path) -> dict[str, Any]:
 
 
 def _of_grid(occupancy: Path, project: _Project, folder: Path) -> dict[str, Any]:
-    """Domain and walls of a project that GADEN has preprocessed."""
+    """Domain and walls of a project by its occupancy grid, or by the configuration that lists its models."""
     try:
         grid = gaden.read(occupancy)
     except WindFileError as error:
         raise ScenarioError([f"gaden: {error}"]) from None
-    ends = [np.take(grid.cubes, end, axis=axis) for axis in range(3) for end in (0, -1)]
-    faces = ("x-", "x+", "y-", "y+", "z-", "z+")
+    open_ = _open_faces(grid.cubes)
     layers = np.flatnonzero((grid.cubes != 1).any(axis=(0, 1)))  # without those of floor and ceiling
     if not len(layers):
-        raise project.wrong(f"{OCCUPANCY} holds no air")
+        raise project.wrong(f"{occupancy.name} holds no air")
+    if (grid.cubes == 2).any() and not open_:
+        project.notes.append(
+            "gaden: none of its outlets lies in a face of the domain, so no air comes in or goes out"
+        )
     shape = (*grid.cubes.shape[:2], layers[-1] + 1 - layers[0])
     return {
         "low": grid.low + np.array([0.0, 0.0, grid.size * layers[0]]),
         "domain": {"size": [float(n * grid.size) for n in shape], "spacing": grid.size},
         "wind": {
             "occupancy": os.path.relpath(occupancy, folder),
-            "walls": [face for face, end in zip(faces, ends, strict=True) if not (end == 2).any()],
+            "walls": [face for face in FACES if face not in open_],
         },
     }
 
 
-def _of_models(project: _Project, folder: Path) -> dict[str, Any]:
-    """Those of a project that it has not: the box around the models, which stand in it as meshes."""
-    cell = project.config.get("cell_size", 0.1)
-    if isinstance(cell, bool) or not isinstance(cell, int | float) or not 1e-3 < cell < 100:
-        raise project.wrong(f"cell_size: got {cell!r}, must be an edge in m")
-    models, outlets = _models(project, "models"), _models(project, "outlets_models")
-    if not models:
-        raise project.wrong(f"there is neither an {OCCUPANCY} nor an STL model of the room")
-    try:
-        corners = [read_mesh(file)[0] for file in models]
-        vents = [read_mesh(file)[0] for file in outlets]
-    except MeshError as error:
-        raise ScenarioError([f"gaden: {error}"]) from None
-    low, high = np.concatenate(corners).min(axis=0), np.concatenate(corners).max(axis=0)
-    faces = [(f"{'xyz'[a]}{'-+'[end]}", a, (low, high)[end][a]) for a in range(3) for end in (0, 1)]
-    closed = [
-        name for name, a, edge in faces if all(np.abs(v[:, a] - edge).min() > 0.5 * cell for v in vents)
-    ]
-    project.notes.append(
-        f"gaden: the project has no {OCCUPANCY} yet, so its {len(models)} models stand in the domain as meshes, and "
-        "the walls of the domain are those of its faces that no outlet touches"
-    )
-    shift = [float(-x) for x in low]
-    return {
-        "low": low,
-        "domain": {"size": [float(x) for x in high - low], "spacing": float(cell)},
-        "obstacles": [
-            {"kind": "mesh", "file": os.path.relpath(file, folder), "translate": shift} for file in models
-        ],
-        "wind": {"walls": closed},
-    }
+def _open_faces(cubes: np.ndarray) -> set[str]:
+    """Faces of a grid that outlets lie in: of one in the corner of several faces, that across its shortest edge."""
+    found: set[str] = set()
+    for box in ndimage.find_objects(ndimage.label(cubes == 2)[0]):  # type: ignore[index]
+        touched = {
+            face: (box[a].stop - box[a].start)
+            for face, a, end in zip(FACES, (0, 0, 1, 1, 2, 2), (0, 1) * 3, strict=True)
+            if (box[a].stop == cubes.shape[a] if end else box[a].start == 0)
+        }
+        found |= {face for face, edge in touched.items() if edge == min(touched.values())}
+    return found
 
 
 def _gas(project: _Project, low: np.ndarray) -> dict[str, Any]:
@@ -253,15 +262,21 @@ def _gas(project: _Project, low: np.ndarray) -> dict[str, Any]:
     place = source.get("position", project.sim.get("sourcePosition", plain))
     kind = source.get("gasType", project.sim.get("gasType", project.sim.get("gas_type", 0)))
     numbers = place if isinstance(place, list) and len(place) == 3 else [None]
-    if not all(isinstance(x, int | float) and not isinstance(x, bool) and isfinite(x) for x in numbers):
+    if any(gaden_models.number(x, -1e9, 1e9) is None for x in numbers):
         raise project.wrong(f"its source must be at three numbers, got {place!r}")
     radius = SMALLEST
     shape = source.get("sourceType", "point")
-    if shape == "sphere" and isinstance(source.get("radius"), int | float):
-        radius = float(source["radius"])
+    if shape == "sphere":
+        radius = gaden_models.number(source.get("radius"), 0.0, 1e5)
+        if radius is None:
+            raise project.wrong(f"radius: got {source.get('radius')!r}, must be a length in m")
     elif shape != "point":
         project.notes.append(f"gaden: a source of type {shape} is released from a point, its position")
-    name = GASES[kind] if isinstance(kind, int) and 0 <= kind < len(GASES) else None
+    name = (
+        GASES[kind]
+        if isinstance(kind, int) and not isinstance(kind, bool) and 0 <= kind < len(GASES)
+        else None
+    )
     if name is None:
         raise project.wrong(f"gasType: got {kind!r}, must be a number from 0 to {len(GASES) - 1}")
     sigma, rate, step = project.number("sigma") / 100.0, project.number("rate"), project.number("step")
@@ -272,7 +287,7 @@ def _gas(project: _Project, low: np.ndarray) -> dict[str, Any]:
     moles *= (2.0 * pi) ** 1.5 * sigma**3 / (GAS_CONSTANT * max(project.number("temperature"), 1.0))
     # the filament's random steps as a diffusivity: see docs/coming-from/gaden.md
     noise = project.number("noise")
-    diffusivity = 50.0 * noise**2 * step if project.config else 0.5 * noise**2 / step
+    diffusivity = 50.0 * noise**2 * step if project.new else 0.5 * noise**2 / step
     where = {"position": [float(x) for x in np.array(numbers) - low], "radius": radius}
     return {
         "kind": "puffs",

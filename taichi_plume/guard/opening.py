@@ -35,7 +35,7 @@ def gate(folder: Path | None) -> Iterator[list[Path]]:
 
 def admit(path: Path) -> None:
     """List a path as an input of the scenario. Raises PermissionError if the path lies outside the gate's folder."""
-    _require_inside(path)
+    require_inside(path)
     current = _gate.get()
     if current is not None and path not in current[1]:
         current[1].append(path)
@@ -49,7 +49,8 @@ def inside(path: str | Path, folder: Path) -> bool:
         return True
 
 
-def _require_inside(path: Path) -> None:
+def require_inside(path: Path) -> None:
+    """Raise PermissionError if a path lies outside the folder of the gate."""
     current = _gate.get()
     if current is not None and current[0] is not None and not inside(path, current[0]):
         raise PermissionError(errno.EPERM, OUTSIDE, str(path))
@@ -61,7 +62,7 @@ def open_regular(path: Path) -> BinaryIO:
     Raises OSError, with a `strerror` for a message: also for a folder, pipe, device or socket, and for names that no
     file can have.
     """
-    _require_inside(path)
+    require_inside(path)
     flags = (
         os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0) | getattr(os, "O_BINARY", 0)
     )
@@ -98,7 +99,7 @@ def unopenable(path: Path, folder: bool = False) -> str | None:
     folder: whether it has to be a folder.
     """
     try:
-        _require_inside(path)
+        require_inside(path)
         mode = os.stat(path).st_mode
     except FileNotFoundError:
         return "does not exist"

@@ -47,7 +47,8 @@ class ImportedWind(AnyWind, Played):
     height: Annotated[Coordinate, COMPILED] | None = None
     """Height z in the files at which a 2-D run cuts them; unless given, the middle of the points."""
     occupancy: FileName | None = None
-    """Path of an OccupancyGrid3D.csv of GADEN's: obstacles besides the scenario's own."""
+    """Path of an OccupancyGrid3D.csv of GADEN's: obstacles besides the scenario's own. A config.yaml or
+    preproc_params.yaml of GADEN's stands for the grid of the STL models that it lists."""
     walls: tuple[Face, ...] = ()
     """Faces of the domain that let no air through; through the others it goes as in the files."""
     viscosity: Viscosity = 1.56e-5
@@ -157,5 +158,6 @@ def _outside(site: Site, axis: int, air: tuple[float, float], known: tuple[float
     places = [f"{round(origin + place, 6) + 0.0:g}" for place in (a, b, low, high)]
     return (
         f"domain.size[{axis}]: in the files its air reaches from {x} = {places[0]} to {places[1]} m, but {have} only "
-        f"from {places[2]} to {places[3]} m; use at most {high - low:.6g} m, with {places[2]} in wind.origin"
+        f"from {places[2]} to {places[3]} m; use at most {high - low:.6g} m, and {places[2]} as number {axis + 1} of "
+        "wind.origin, written into the scenario's file (places of sources, robots and obstacles count from there)"
     )

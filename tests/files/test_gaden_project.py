@@ -10,6 +10,7 @@ import yaml
 from test_meshes import box_triangles, write_stl
 
 from taichi_plume.assemble import assemble
+from taichi_plume.files import gaden, gaden_models
 from taichi_plume.prepare import load
 from taichi_plume.scenario.loading import ScenarioError, scenario_from
 from taichi_plume.scenario.scenario import Scenario
@@ -197,27 +198,63 @@ def test_the_form_of_version_2(tmp_path):
         load(path)
 
 
-def test_without_an_occupancy_grid_the_models_stand_in_the_domain(tmp_path):
-    path = project(
-        tmp_path,
-        config={"outlets_models": [f"../../cad_models/10x6_door_{end}.stl" for end in ("left", "right")]},
-    )
-    (tmp_path / "10x6_room/environment_configurations/config1/OccupancyGrid3D.csv").unlink()
+DOORS = [f"../../cad_models/10x6_door_{end}.stl" for end in ("left", "right")]
+
+
+def test_without_an_occupancy_grid_it_is_made_of_the_models(tmp_path):
+    path = project(tmp_path, config={"outlets_models": DOORS})
+    home = tmp_path / "10x6_room/environment_configurations/config1"
+    (home / "OccupancyGrid3D.csv").unlink()
     models(tmp_path / "10x6_room/cad_models")
-    scenario, resources = load(
-        path,
-        ["wind.origin=[-0.8, 2, 0]", "domain.size=[3.6, 3, 1.2]"]
-        + [f"obstacles.{n}.translate=[0.8, -2, 0]" for n in range(2)]
-        + ["gas.sources.0.position=[0.6, 1.5, 0.5]"],
-    )
-    assert [one.kind for one in scenario.obstacles] == ["mesh", "mesh"]
+    found = gaden.read(home / "config.yaml")
+    expected = np.zeros((20, 13, 4), int)
+    expected[[0, -1]] = 2
+    expected[9:11, 5:8, :2] = 1
+    np.testing.assert_array_equal(found.cubes, expected)
+    np.testing.assert_allclose(found.low, LOW + np.array([0.0, 0.2, 0.2]), atol=1e-6)
+    scenario, resources = load(path)
+    assert scenario.domain.size == pytest.approx((4.0, 2.6, 0.8))
     assert set(scenario.wind.walls) == {"y-", "y+", "z-", "z+"}
-    assert (
-        "has no OccupancyGrid3D.csv yet, so its 2 models stand in the domain as meshes"
-        in resources.remarks[0]
-    )
-    low, high = resources.shapes["obstacles[0]"].low, resources.shapes["obstacles[0]"].high
-    np.testing.assert_allclose([low, high], [[-0.2, 0, 0], [3.8, 3, 1.2]], atol=1e-6)
+    assert scenario.gases[0][1].sources[0].position == pytest.approx((0.8, 1.3, 0.3))
+    assert "has no OccupancyGrid3D.csv yet" in resources.remarks[0]
+    names = {file.name for file in resources.files["wind"]}
+    assert names > {"config.yaml", "10x6_walls.stl", "10x6_box.stl", "10x6_door_left.stl"}
+
+
+def test_an_origin_of_the_scenario_moves_sources_too(tmp_path):
+    path = project(tmp_path)
+    path.write_text(path.read_text() + "wind: {origin: [-0.8, 2.2, 0.2]}\ndomain: {size: [3.6, 2.6, 0.8]}\n")
+    scenario = load(path).scenario
+    assert scenario.wind.origin == pytest.approx((-0.8, 2.2, 0.2))
+    assert scenario.gases[0][1].sources[0].position == pytest.approx((0.6, 1.3, 0.3))
+
+
+def test_voxels_of_triangles_are_those_that_samples_lie_in():
+    """Against a dense sample of points of each triangle."""
+    rng = np.random.default_rng(5)
+    triangles = rng.uniform(0.5, 9.5, (20, 3, 3))
+    found, sampled = np.zeros((10, 10, 10), bool), np.zeros((10, 10, 10), bool)
+    for cells in gaden_models._crossed(triangles, found.shape, gaden_models.Work(Path(), 1.0), False):
+        found[tuple(cells.T)] = True
+    weights = rng.dirichlet([0.5, 0.5, 0.5], 100_000)
+    for triangle in triangles:
+        sampled[tuple(np.floor(weights @ triangle).astype(int).T)] = True
+    assert (sampled & ~found).sum() <= 2  # points in the outermost ten thousandths of a voxel
+    assert (found & ~sampled).sum() < 0.03 * found.sum()  # corners that no sample met
+
+
+def test_inside_of_a_closed_body():
+    """Against the closed form of an octahedron, whichever way its triangles are wound."""
+    middle, radius = np.array([6.2, 5.7, 6.4]), 4.3
+    ends = [middle + radius * sign * np.eye(3)[a] for a in range(3) for sign in (-1, 1)]
+    faces = [[ends[i], ends[j], ends[k]] for i in (0, 1) for j in (2, 3) for k in (4, 5)]
+    triangles = np.array(faces)
+    assert gaden_models._is_closed(triangles)
+    assert not gaden_models._is_closed(triangles[1:])
+    inside = gaden_models._inside(triangles, (12, 12, 12), gaden_models.Work(Path(), 1.0))
+    centres = np.stack(np.meshgrid(*[np.arange(12) + 0.5] * 3, indexing="ij"), -1)
+    np.testing.assert_array_equal(inside, np.abs(centres - middle).sum(axis=-1) < radius)
+    assert len(gaden_models._bodies(np.concatenate([triangles, triangles + 20.0]))) == 2
 
 
 @pytest.mark.parametrize(
@@ -235,14 +272,28 @@ def test_without_an_occupancy_grid_the_models_stand_in_the_domain(tmp_path):
             {},
             "its gas is smoke, which has no molar mass of its own here",
         ),
+        ({"deltaTime": 10**400}, {}, "deltaTime: got 1000"),
+        (
+            {"source": SIM["source"] | {"position": [10**400, 0, 0]}},
+            {},
+            "its source must be at three numbers",
+        ),
+        ({"source": SIM["source"] | {"sourceType": "sphere", "radius": 10**400}}, {}, "radius: got 1000"),
+        ({"source": SIM["source"] | {"gasType": 10**400}}, {}, "gasType: got 1000"),
+        (
+            {"windLooping": 10**400, "expectedNumIterations": float("inf")},
+            {},
+            "expectedNumIterations: got inf",
+        ),
+        ({"source": 5, "sourcePosition": None}, {}, "its source must be at three numbers"),
         ({"deltaTime": "fast"}, {}, "deltaTime: got 'fast', must be a number of 0 or more"),
         ({"filamentInitialSigma": 0}, {}, "its filaments need a size, a rate and a time step above 0"),
-        ({}, {"unprocessed_wind_files": "none"}, r"its wind none_0\.csv is not there"),
+        ({}, {"unprocessed_wind_files": "none"}, r"its wind none_0\.csv does not exist"),
         ({}, {"unprocessed_wind_files": 5}, "names no wind files"),
         ({}, {"models": 5, "outlets_models": "a", "cell_size": "x"}, "cell_size: got 'x'"),
-        ({}, {"unprocessed_wind_files": "a" * 5000}, r"_0\.csv is not there"),
+        ({}, {"unprocessed_wind_files": "a" * 5000}, r"_0\.csv cannot be read"),
         ({}, {"uniformWind": True}, "its wind is uniform"),
-        ({}, {"unprocessed_wind_files": "../../../../../outside/wind"}, "is not there|lies outside"),
+        ({}, {"unprocessed_wind_files": "../../../../../outside/wind"}, "does not exist|lies outside"),
     ],
 )
 def test_faults_are_told_in_a_line(tmp_path, sim, config, told):
@@ -262,7 +313,7 @@ def test_faults_are_told_in_a_line(tmp_path, sim, config, told):
         ("gaden: ../..", r"gaden: \.\./\.\. lies outside the scenario's folder"),
         ("gaden: [1]", r"gaden: must be a path in a project of GADEN's, got \[1\]"),
         ('gaden: "a\\0b"', "has the character"),
-        ("gaden: room.yaml", "there is neither an OccupancyGrid3D"),
+        ("gaden: room.yaml", "there is neither an OccupancyGrid3D|names no wind files"),
     ],
 )
 def test_what_is_no_project_is_told(tmp_path, line, told):

@@ -1,0 +1,314 @@
+"""GADEN's preprocessing: from STL models to the occupancy grid, for projects that hold no OccupancyGrid3D.csv yet.
+
+As in GADEN, a voxel that a triangle of a model passes through is an obstacle, one that a triangle of an outlet model
+passes through an outlet; the air is what a flood fill reaches from `empty_point`. So models need not be closed, and the
+inside of a wall or of a table is no air. A face between two voxels counts for the one inside of its body, whichever way
+its normal points; of open sheets it is the upper voxel. A closed body around `empty_point` is the hull of the air.
+The models are listed in
+
+    environment_configurations/CONFIG/config.yaml     GADEN 3: names relative to this file
+    params/preproc_params.yaml                        GADEN 2: names begin with package variables of ROS
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import ndimage
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from taichi_plume.files.gaden import Occupancy
+from taichi_plume.files.wind_points import WindFileError
+from taichi_plume.grid.mesh_files import MeshError, read_mesh
+from taichi_plume.scenario.loading import ScenarioError, read_mapping
+
+OLD = "preproc_params.yaml"
+NEEDS = "a configuration lists its models"
+MOST_VOXELS = 50_000_000
+MOST_PAIRS = 10_000_000  # of a triangle and a voxel in its bounding box
+PER_BODY = 500  # pairs that take the time of a body
+CHUNK = 1 << 19  # pairs looked at together
+TOUCH = 1e-4  # voxels: a face this far from a voxel's is the same
+SAME = 1e-5  # voxels: corners nearer to each other are the same
+UNKNOWN, OBSTACLE, OUTLET, AIR = -1, 1, 2, 0
+
+
+def configuration(path: Path) -> dict[str, Any]:
+    """Return the keys of a configuration, of GADEN 2 those of its preprocessing. Raises ScenarioError."""
+    data = read_mapping(path, NEEDS)
+    if path.name == OLD:
+        for key in ("gaden_preprocessing", "ros__parameters"):
+            data = data.get(key)
+            if not isinstance(data, dict):
+                raise ScenarioError([f"{path}: has no {key}; {NEEDS}"])
+    return data
+
+
+def occupancy(path: Path) -> Occupancy:
+    """Return the occupancy grid of the models that a configuration lists, cut to its air and outlets.
+
+    Raises WindFileError.
+    """
+    try:
+        config = configuration(path)
+    except ScenarioError as error:
+        raise WindFileError(error.faults[0]) from None
+    size = number(config.get("cell_size", 0.1), 1e-3, 100.0)
+    if size is None:
+        raise WindFileError(
+            f"{path}: cell_size: got {config['cell_size']!r}, must be an edge from 0.001 to 100 m"
+        )
+    models, outlets = (_triangles(path, config, key) for key in ("models", "outlets_models"))
+    if not len(models):
+        raise WindFileError(f"{path}: models: lists no STL file")
+    corners = np.concatenate([models, outlets]).reshape(-1, 3)
+    low = corners.min(axis=0)
+    count = np.maximum(np.ceil((corners.max(axis=0) - low) / size - TOUCH), 1.0)
+    if count.prod() > MOST_VOXELS:
+        raise WindFileError(
+            f"{path}: cell_size: {size:g} m makes {count.prod():.3g} cells of the models; {MOST_VOXELS:,} are taken"
+        )
+    shape = tuple(count.astype(int))
+    point = (_empty_point(path, config) - low) / size
+    seed = tuple(np.floor(point + TOUCH).astype(int))
+    if min(seed) < 0 or (np.array(seed) >= shape).any():
+        raise WindFileError(f"{path}: empty_point: lies outside the models")
+    cubes = np.full(shape, UNKNOWN, np.int8)
+    work = Work(path, size)
+    for triangles, value in ((models, OBSTACLE), (outlets, OUTLET)):
+        for body in _bodies((triangles - low) / size):
+            work.add(PER_BODY)
+            begin, end = (
+                np.floor(edge).astype(int) for edge in (body.min(axis=(0, 1)), body.max(axis=(0, 1)))
+            )
+            begin, end = np.clip(begin, 0, count.astype(int) - 1), np.clip(end, 0, count.astype(int) - 1) + 1
+            box = cubes[tuple(map(slice, begin, end))]
+            closed = _is_closed(body)
+            if closed:
+                inside = _inside(body - begin, box.shape, work)
+                at = tuple(np.array(seed) - begin)
+                if value == OBSTACLE and min(at) >= 0 and (at < np.array(box.shape)).all() and inside[at]:
+                    _keep(cubes, box, inside)
+                    continue
+                box[inside] = value
+            for cells in _crossed(body - begin, box.shape, work, closed):
+                box[tuple(cells.T)] = value
+    return _filled(path, cubes, seed, low, size)
+
+
+def _keep(cubes: np.ndarray, box: np.ndarray, inside: np.ndarray) -> None:
+    """Make an obstacle of all voxels but those inside of a hull; box: part of the cubes around the hull."""
+    kept = box[inside]
+    cubes[...] = OBSTACLE
+    box[inside] = kept
+
+
+@dataclass
+class Work:
+    """Pairs of a triangle and a voxel, or a column of voxels, that were looked at."""
+
+    path: Path
+    size: float
+    pairs: int = 0
+
+    def add(self, pairs: int) -> None:
+        """Count pairs before they are looked at. Raises WindFileError."""
+        self.pairs += pairs
+        if self.pairs > MOST_PAIRS:
+            raise WindFileError(
+                f"{self.path}: its models have too many triangles for cells of {self.size:g} m"
+            )
+
+
+def _filled(path: Path, cubes: np.ndarray, seed: tuple[int, ...], low: np.ndarray, size: float) -> Occupancy:
+    """Fill the air from a voxel, and cut off the outer layers that hold neither air nor outlets."""
+    if cubes[seed] == OBSTACLE:  # GADEN starts in a wall too, and goes on to the cells beside
+        cubes[seed] = UNKNOWN
+    region: np.ndarray = ndimage.label(cubes == UNKNOWN)[0]  # type: ignore[index]
+    air: np.ndarray = (region == region[seed]) & (cubes == UNKNOWN)
+    if air.sum() < 2:
+        raise WindFileError(f"{path}: empty_point: lies in no air; name a point in the room")
+    cubes[cubes == UNKNOWN] = OBSTACLE
+    cubes[air] = AIR
+    ends = [
+        (np.flatnonzero(layers)[0], np.flatnonzero(layers)[-1] + 1) for layers in _layers(cubes != OBSTACLE)
+    ]
+    cut = cubes[tuple(slice(*end) for end in ends)]
+    return Occupancy(path, low + size * np.array([begin for begin, _ in ends]), size, cut)
+
+
+def _layers(kept: np.ndarray) -> Iterator[np.ndarray]:
+    """Which layers across each axis hold a kept voxel."""
+    for axis in range(3):
+        yield np.asarray(kept.any(axis=tuple(other for other in range(3) if other != axis)))
+
+
+def _empty_point(path: Path, config: dict[str, Any]) -> np.ndarray:
+    told = config.get("empty_point", [config.get(f"empty_point_{axis}", 0.0) for axis in "xyz"])
+    point = [number(x, -1e9, 1e9) for x in told] if isinstance(told, list) else []
+    if len(point) != 3 or None in point:
+        raise WindFileError(f"{path}: empty_point: got {told!r}, must be three numbers in m")
+    return np.array(point, float)
+
+
+def number(value: Any, least: float, most: float) -> float | None:
+    """Return a number of a YAML file as a float, None if the value is none within these limits."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= most:
+        return None
+    return float(value) if isfinite(value) else None
+
+
+# ---------------------------------------------------------------- models
+
+
+def models_of(path: Path, config: dict[str, Any], key: str) -> list[Path]:
+    """List the STL files of `models` or `outlets_models` of a configuration. Raises WindFileError."""
+    listed = config.get(key)
+    if listed is None:  # the older form: model_0, model_1
+        old = {"models": ("model",), "outlets_models": ("outlets_model", "outlet_model")}[key]
+        listed = [
+            config[f"{name}_{n}"] for name in old for n in range(len(config)) if f"{name}_{n}" in config
+        ]
+    if not isinstance(listed, list):
+        raise WindFileError(f"{path}: {key}: got {listed!r}, must be a list of STL files")
+    names = [one for one in listed if isinstance(one, str) and one and not one.startswith("!")]
+    return [located(path, name) for name in names if name.lower().endswith(".stl")]
+
+
+def located(path: Path, name: str) -> Path:
+    """Return the file that a configuration names, also by variables of ROS or `package://`.
+
+    These stand for a package around the project: what follows is looked up in the project's folder and in those above.
+    If there is no such file, the place in the project's folder is returned.
+    """
+    home = path.parent.parent if path.name == OLD else path.parent
+    parts = name.split("/")
+    if name.startswith("package://"):
+        rest = parts[3:]
+    else:
+        last = max((n for n, part in enumerate(parts) if ")" in part or "$" in part), default=-1)
+        rest = parts[last + 1 :]
+        if last < 0:
+            return home / name
+    found = (folder / "/".join(rest) for folder in (home, *list(home.parents)[:3]))
+    return next((file for file in found if file.is_file()), home / "/".join(rest))
+
+
+def _triangles(path: Path, config: dict[str, Any], key: str) -> np.ndarray:
+    """Corners (n, 3, 3) [m] of the triangles of models."""
+    found = [np.empty((0, 3, 3))]
+    for file in models_of(path, config, key):
+        try:
+            vertices, triangles = read_mesh(file)
+        except MeshError as error:
+            raise WindFileError(f"{path}: {key}: {error}") from None
+        found.append(vertices[triangles])
+    return np.concatenate(found)
+
+
+# ---------------------------------------------------------------- voxels, as the unit of length
+
+
+def _bodies(triangles: np.ndarray) -> list[np.ndarray]:
+    """Split triangles (m, 3, 3) into bodies, whose triangles share corners."""
+    if not len(triangles):
+        return []
+    corner = _corners(triangles)
+    ends = np.concatenate([corner[:, :2], corner[:, 1:]])
+    graph = coo_matrix((np.ones(len(ends), bool), tuple(ends.T)), shape=(corner.max() + 1,) * 2)
+    body = connected_components(graph, directed=False)[1][corner[:, 0]]
+    order = np.argsort(body, kind="stable")
+    return np.split(triangles[order], np.flatnonzero(np.diff(body[order])) + 1)
+
+
+def _corners(triangles: np.ndarray) -> np.ndarray:
+    """Numbers (m, 3) of the corners of triangles, those in the same place being the same."""
+    places = np.round(triangles.reshape(-1, 3) / SAME).astype(np.int64)
+    return np.unique(places, axis=0, return_inverse=True)[1].reshape(-1, 3)
+
+
+def _is_closed(triangles: np.ndarray) -> bool:
+    """Return whether every edge belongs to an even number of triangles."""
+    corner = _corners(triangles)
+    edges = np.sort(np.concatenate([corner[:, [0, 1]], corner[:, [1, 2]], corner[:, [2, 0]]]), axis=1)
+    edges = edges[edges[:, 0] != edges[:, 1]]
+    return bool((np.unique(edges, axis=0, return_counts=True)[1] % 2 == 0).all())
+
+
+def _inside(triangles: np.ndarray, shape: tuple[int, ...], work: Work) -> np.ndarray:
+    """Return which voxels of a grid have their centre in a closed body: rays cross it an odd number of times."""
+    crossings = np.zeros((shape[0] + 1, *shape[1:]), bool)
+    offset = np.array([2e-7, 3e-7])  # from the centre of a column: no ray runs through an edge
+    flat = triangles[..., 1:]
+    low = np.clip(np.floor(flat.min(axis=1)), 0, np.array(shape[1:]) - 1).astype(int)
+    high = np.clip(np.floor(flat.max(axis=1)), 0, np.array(shape[1:]) - 1).astype(int)
+    for which, cells in _pairs(low, high, work):
+        a, b, c = (flat[which, n] - (cells + 0.5 + offset) for n in range(3))
+        weights = np.stack([_area(b, c), _area(c, a), _area(a, b)], axis=-1)
+        total = weights.sum(axis=1)
+        met = ((weights > 0).all(axis=1) | (weights < 0).all(axis=1)) & (total != 0)
+        x = (weights[met] * triangles[which[met], :, 0]).sum(axis=1) / total[met]
+        first = np.clip(np.ceil(x - 0.5), 0, shape[0]).astype(int)  # the first centre beyond
+        np.logical_xor.at(crossings, (first, *cells[met].T), True)
+    return np.logical_xor.accumulate(crossings, axis=0)[:-1]
+
+
+def _area(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+
+
+def _crossed(triangles: np.ndarray, shape: tuple[int, ...], work: Work, closed: bool) -> Iterator[np.ndarray]:
+    """Yield voxels (n, 3) of a grid that triangles (m, 3, 3) pass through; of closed bodies not those only touched.
+
+    Separating axes: T. Akenine-Möller, "Fast 3D triangle-box overlap testing", 2001.
+    """
+    low = np.clip(np.floor(triangles.min(axis=1) + TOUCH), 0, np.array(shape) - 1).astype(int)
+    high = np.clip(np.floor(triangles.max(axis=1) + TOUCH), 0, np.array(shape) - 1).astype(int)
+    half = np.full(triangles[:, 0].shape, 0.5 - 2 * TOUCH)
+    if not closed:
+        half[np.ptp(triangles, axis=1) < TOUCH] = 0.5 + 2 * TOUCH
+    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    offset, reach = (triangles[:, 0] * normal).sum(axis=1), (half * np.abs(normal)).sum(axis=1)
+    for which, cells in _pairs(low, high, work):
+        away = np.einsum("nd,nd->n", normal[which], cells + 0.5) - offset[which]
+        near = np.abs(away) <= reach[which]  # the plane of the triangle passes through the voxel
+        which, cells = which[near], cells[near]
+        yield cells[_overlap(triangles[which] - (cells + 0.5)[:, None], half[which])]
+
+
+def _pairs(low: np.ndarray, high: np.ndarray, work: Work) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Yield, in chunks, each index n of ranges of voxels with each voxel from low[n] to high[n], both (m, axes)."""
+    spans = high - low + 1
+    total = np.concatenate([[0], np.cumsum(spans.prod(axis=1))])
+    work.add(int(total[-1]))
+    for begin in range(0, int(total[-1]), CHUNK):
+        pair = np.arange(begin, min(begin + CHUNK, int(total[-1])))
+        which = np.searchsorted(total, pair, side="right") - 1
+        left, steps = pair - total[which], []
+        for span in spans[which].T[::-1]:
+            steps.append(left % span)
+            left = left // span
+        yield which, low[which] + np.stack(steps[::-1], axis=-1)
+
+
+def _overlap(corners: np.ndarray, half: np.ndarray) -> np.ndarray:
+    """Return indices of triangles (n, 3, 3) that touch a box around the origin if their planes do.
+
+    half: half the edges of the boxes (n, 3).
+    """
+    meets = np.flatnonzero(
+        (corners.min(axis=1) <= half).all(axis=1) & (corners.max(axis=1) >= -half).all(axis=1)
+    )
+    corners, half = corners[meets], half[meets]
+    edges = np.roll(corners, -1, axis=1) - corners
+    apart = np.zeros(len(meets), bool)
+    for edge in edges.transpose(1, 2, 0):
+        for b, c in ((1, 2), (2, 0), (0, 1)):  # the cross product of the edge and an axis of the grid
+            along = edge[b] * corners[:, :, c].T - edge[c] * corners[:, :, b].T
+            reach = np.abs(edge[b]) * half[:, c] + np.abs(edge[c]) * half[:, b]
+            apart |= (along.min(axis=0) > reach) | (along.max(axis=0) < -reach)
+    return meets[~apart]
