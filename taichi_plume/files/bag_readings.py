@@ -16,7 +16,7 @@ import numpy as np
 from taichi_plume.files import ros_messages as ros
 from taichi_plume.files.bag_frames import Frames, Pose, topics_for
 from taichi_plume.files.bag_topics import GAS, POSES, beside, chosen, robot_name, wind_topic_of
-from taichi_plume.files.bags import Bag, BagError, Series, Told, opened, stamp_of
+from taichi_plume.files.bags import Bag, BagError, Series, Told, confined, opened, stamp_of
 from taichi_plume.files.tables import listed
 from taichi_plume.scenario.metal_oxides import MOX_MODELS
 
@@ -72,7 +72,11 @@ class RecordedRobot:
 
 def read(path: Path, wanted: Wanted | None = None) -> list[RecordedRobot]:
     """The robots of a bag; if lenient, of one without gas those that it has poses of. Raises BagError."""
-    wanted = wanted or Wanted()
+    return confined(read_here, path, wanted or Wanted())
+
+
+def read_here(path: Path, wanted: Wanted) -> list[RecordedRobot]:
+    """Return the same, read in this process without limits. Raises BagError."""
     with opened(path) as bag:
         if wanted.lenient and not wanted.gas and not bag.of_kind(*GAS):
             return [_without_gas(bag, topic) for topic in chosen(bag, wanted.pose, POSES, "poses", "--pose")]

@@ -5,13 +5,16 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from taichi_plume.files import ros_messages as ros
 from taichi_plume.files.tables import LONGEST_TEXT, listed, plain
-from taichi_plume.guard.opening import irregular, unopenable
+from taichi_plume.guard.confined import MIB, ConfinedError, ConfinedProcess, Limits
+from taichi_plume.guard.opening import irregular, read_regular, unopenable
+from taichi_plume.guard.yaml_text import LineError, decode, parse
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
@@ -19,6 +22,10 @@ if TYPE_CHECKING:
 FILES = (".mcap", ".db3", ".bag")
 MOST_MESSAGES = 20_000_000  # of a topic
 LARGEST_METADATA = 1 << 24  # bytes
+LONGEST_METADATA = 1 << 20  # characters of one text in it, such as the qualities of service of a topic
+SECONDS, SECONDS_PER_MIB = 4.0, 20.0  # computing time to read a bag
+MEMORY, MEMORY_PER_BYTE = 512 * MIB, 64
+UNPACKED, UNPACKED_PER_BYTE = 64 * MIB, 200  # of compressed files, on the disk
 OLD_NAMES = {  # of ROS 1, and of older packages
     "olfaction_msgs/msg/gas_sensor": ros.GAS_SENSOR,
     "olfaction_msgs/msg/gas_sensor_array": ros.GAS_SENSOR_ARRAY,
@@ -112,19 +119,56 @@ def is_bag(path: Path) -> bool:
     return path.suffix.lower() in FILES or path.is_dir()
 
 
+def confined(function: Callable[..., Any], path: Path, *args: Any) -> Any:
+    """Return what a function returns of a bag and these arguments, which reads the bag in a process with limits.
+
+    A bag may be compressed to a thousandth, hold endless queries (SQLite) or sequences of any length. Raises BagError.
+    """
+    check(path)
+    files = [path] if not path.is_dir() else [one for one in path.iterdir() if one.is_file()]
+    try:
+        size = sum(one.stat().st_size for one in files)
+    except OSError as error:
+        raise BagError(f"{path}: cannot be read: {error.strerror or error}") from None
+    unpacked = UNPACKED + UNPACKED_PER_BYTE * size
+    limits = Limits(
+        SECONDS + SECONDS_PER_MIB * size / MIB,
+        MEMORY + MEMORY_PER_BYTE * size,
+        opens=True,
+        written=unpacked // max(1, sum(one.suffix == ".zstd" for one in files)),
+    )
+    with TemporaryDirectory(prefix="taichi_plume_bag_") as folder:  # rosbags unpacks files there
+        try:
+            process = ConfinedProcess(
+                "rosbags.highlevel", function.__module__, environment={"TMPDIR": folder}
+            )
+        except ImportError:
+            raise BagError(f'{path}: bags are read by rosbags: pip install "taichi_plume[ros]"') from None
+        try:
+            return process.call(function, path, *args, limits=limits)
+        except ConfinedError as error:
+            raise BagError(f"{path}: {error} for {size / MIB:.3g} MiB; is it damaged?") from None
+        finally:
+            process.close()
+
+
 @contextmanager
 def opened(path: Path) -> Iterator[Bag]:
-    """Open a bag to read it. Raises BagError, also for what goes wrong while it is read."""
-    _check(path)
-    try:
-        from rosbags.highlevel import AnyReader
-    except ImportError:
-        raise BagError(f'{path}: bags are read by rosbags: pip install "taichi_plume[ros]"') from None
+    """Open a bag that has passed `check`; to be called within `confined`.
+
+    Raises BagError, also for what goes wrong while it is read.
+    """
+    from rosbags.highlevel import AnyReader
+
     try:
         with AnyReader([path], default_typestore=ros.store()) as reader:
             yield Bag(path, reader)
     except (BagError, KeyboardInterrupt):
         raise
+    except MemoryError:
+        raise BagError(
+            f"{path}: cannot be read: needs too much memory for its size; is it damaged?"
+        ) from None
     except FAULTS as error:
         raise BagError(f"{path}: cannot be read: {plain(str(error)) or type(error).__name__}") from None
 
@@ -133,8 +177,8 @@ FAULTS = (Exception,)
 """What rosbags meets in damaged files is anything: assertions, keys, errors of SQLite, of decompression, of YAML."""
 
 
-def _check(path: Path) -> None:
-    """Raises BagError where a path is none of a bag."""
+def check(path: Path) -> None:
+    """Raise BagError if there is no bag at this path, or its metadata.yaml cannot be read."""
     if not path.is_dir():
         reason = unopenable(path)
         if reason:
@@ -148,8 +192,18 @@ def _check(path: Path) -> None:
         files = sorted(one.name for one in path.iterdir() if one.suffix in (*FILES, ".parquet"))
         hint = f"; name a file in it, such as {files[0][:LONGEST_TEXT]}" if files else ""
         raise BagError(f"{path}: is a folder without metadata.yaml, and so no bag{hint}")
-    if metadata.stat().st_size > LARGEST_METADATA:
-        raise BagError(f"{metadata}: is too large; {LARGEST_METADATA >> 20} MiB are read")
+    try:
+        content = read_regular(metadata, LARGEST_METADATA)
+        if content is None:
+            raise BagError(f"{metadata}: is too large; {LARGEST_METADATA >> 20} MiB are read")
+        # rosbags reads it again, with another reader of YAML that has no limits
+        parse(
+            decode(content), "the metadata of a bag", dates=True, aliases=False, longest_text=LONGEST_METADATA
+        )
+    except OSError as error:
+        raise BagError(f"{metadata}: cannot be read: {error.strerror or error}") from None
+    except LineError as fault:
+        raise BagError(f"{metadata}: {fault}") from None
 
 
 def stamp_of(header: Any) -> float:
