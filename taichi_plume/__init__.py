@@ -3,11 +3,19 @@
 import os
 import sys
 
+if (
+    _module := sys.argv[:1] == ["-m"]
+    and any(one.removeprefix("-m").split(".")[0] == __name__ for one in sys.orig_argv[1:])
+) or os.path.basename("".join(sys.argv[:1])) == "taichi-plume":
+    try:
+        os.getcwd()
+    except OSError:
+        print("the working folder does not exist any more; cd to one that does", file=sys.stderr)
+        raise SystemExit(2) from None
+
 # `python -m` looks for modules in the working folder first: a yaml.py that lies in the folder of a case would be run.
 # Left out before any other import, unless the package itself is there.
-if sys.argv[:1] == ["-m"] and any(
-    one.removeprefix("-m").split(".")[0] == __name__ for one in sys.orig_argv[1:]
-):
+if _module:
     _first, _package = (os.path.realpath(one) for one in (sys.path[0], f"{__path__[0]}/.."))
     if _first == os.path.realpath(".") != _package:
         del sys.path[0]
@@ -19,6 +27,16 @@ from typing import TYPE_CHECKING, Any
 # In a checkout the packages solvers, agents and validation lie beside this folder; in a wheel, inside it.
 if not (Path(__file__).parent / "solvers").is_dir():
     __path__.append(str(Path(__file__).parents[1]))
+
+# A standard stream that the shell has closed (`>&-`) goes nowhere. Else the next file to be opened would get its
+# number, and what libraries print would go into that file.
+for _number, _stream in enumerate(("stdin", "stdout", "stderr")):
+    try:
+        os.fstat(_number)
+    except OSError:
+        os.open(os.devnull, os.O_RDWR)  # the lowest free number
+    if getattr(sys, _stream) is None:
+        setattr(sys, _stream, open(os.devnull, "w" if _number else "r"))  # noqa: SIM115
 
 # Before the first import of taichi, here or elsewhere: no banner, and no report to its makers of version, platform and
 # an id of this user.

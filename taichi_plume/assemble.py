@@ -19,6 +19,7 @@ from taichi_plume.files.bag_ways import Way
 from taichi_plume.files.gaden import Cubes
 from taichi_plume.files.network import Network, NetworkError
 from taichi_plume.files.wind_points import WindFileError
+from taichi_plume.grid import kernels
 from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.grid.cut_cells import Air, air_of, sealed
 from taichi_plume.grid.fields import Gas, Mixture, Wind
@@ -30,7 +31,7 @@ from taichi_plume.grid.state import State
 from taichi_plume.initial import begin_fields
 from taichi_plume.kinds import GASES, WINDS, Context
 from taichi_plume.own_code import execute
-from taichi_plume.prepare import Prepared, again, prepare
+from taichi_plume.prepare import Prepared, again, checked
 from taichi_plume.resources import Resources
 from taichi_plume.scenario.algorithms import Own
 from taichi_plume.scenario.loading import ScenarioError
@@ -57,19 +58,17 @@ def assemble(
     allow_outside: bool = False,
     driven: bool = False,
 ) -> Simulation:
-    """The simulation of a scenario of which nothing is wrong, at the begin of its warm-up.
+    """Check a scenario and return its simulation, at the start of its warm-up.
 
-    Taichi must have been started. folder: where the files that it names lie. algorithms: own classes by the name of the
-    group that they drive, whose algorithm is of kind own. allow_code: whether Python files that it names are executed;
-    allow_outside: whether its files may lie outside of `folder`; driven: whether the caller drives
-    its external robots (see agents/external.py). Raises ScenarioError where a file may not or cannot be
-    used, or robots do not fit.
+    Starts Taichi on the CPU unless it runs; `grid.kernels.start` takes another device. folder: of the files that the
+    scenario names. algorithms: own classes by the name of the group that they drive, whose algorithm is of kind own.
+    allow_code: whether Python files that it names are executed. allow_outside: whether its files may lie outside of
+    `folder`. driven: whether the caller drives its external robots (see agents/external.py). Raises ScenarioError, with
+    a line for each fault.
     """
-    prepared = prepare(scenario, folder, allow_outside)
-    faults = prepared.resources.faults
-    if faults:
-        raise ScenarioError([f"{path}: {fault}" for path, fault in faults.items()])
+    prepared = checked(scenario, Path(folder), allow_outside)
     execute(prepared, allow_code, without=algorithms or ())
+    kernels.ensure_started()
     return build(prepared, algorithms, driven=driven)
 
 

@@ -1,12 +1,13 @@
 """YAML -> Scenario -> prepare -> checks on both -> Simulation: what a scenario's files hold is opened here, once."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from taichi_plume.grid.shapes import ShapeError
 from taichi_plume.guard.opening import gate
+from taichi_plume.guard.terminal import visible
 from taichi_plume.resources import OPENERS, Resources, completed
 from taichi_plume.scenario import checks
 from taichi_plume.scenario.gases import PlaybackGas, PureGas
@@ -28,21 +29,38 @@ class StructureError(ScenarioError):
     """A scenario of another structure than the one that a simulation was assembled from."""
 
 
-def load_scenario(path: str | Path, overrides: Sequence[str] = (), allow_outside: bool = False) -> Scenario:
-    """The checked scenario of a YAML file with overrides such as ``robots.0.count=3``; no code of it is executed.
+def load_scenario(
+    source: str | Path | Mapping[str, Any],
+    overrides: Sequence[str] = (),
+    allow_outside: bool = False,
+    folder: str | Path | None = None,
+) -> Scenario:
+    """Checked scenario of a YAML file or of a dict with the same keys; no code of it is executed.
 
-    allow_outside: whether files that it names may lie outside its folder; those in overrides always may. Raises
+    overrides: such as ``robots.0.count=3``. allow_outside: whether files that it names may lie outside its folder;
+    those in overrides always may. folder: where the files of a dict lie, by default the working folder. Raises
     ScenarioError, with a line for each fault.
     """
-    return load(path, overrides, allow_outside).scenario
+    return load(source, overrides, allow_outside, folder).scenario
 
 
-def load(path: str | Path, overrides: Sequence[str] = (), allow_outside: bool = False) -> Prepared:
-    """The checked scenario of a YAML file, ready to be assembled; no code of it has been executed.
-
-    allow_outside: whether files may lie outside its folder; those in overrides always may. Raises ScenarioError.
-    """
-    path = Path(path)
+def load(
+    source: str | Path | Mapping[str, Any],
+    overrides: Sequence[str] = (),
+    allow_outside: bool = False,
+    folder: str | Path | None = None,
+) -> Prepared:
+    """Scenario as `load_scenario`, ready to be assembled. Raises ScenarioError."""
+    if isinstance(source, str | Path):
+        source = Path(source)
+        path, where = source, f"{source}: "
+        if folder is not None:
+            raise ScenarioError([f"folder: got {folder}; the files of a scenario lie beside its YAML file"])
+    elif isinstance(source, Mapping):
+        path, where = Path(folder or ".") / "scenario", ""
+    else:
+        got = visible(type(source).__name__)
+        raise ScenarioError([f"scenario: got {got}; give the path of a YAML file, or a dict"])
     remarks: list[str] = []
     files: list[Path] = []
 
@@ -52,14 +70,14 @@ def load(path: str | Path, overrides: Sequence[str] = (), allow_outside: bool = 
         files.extend(read)
         return whole
 
-    scenario = read_scenario(path, overrides, expand)
+    scenario = read_scenario(source, overrides, expand)
     try:
         prepared = checked(scenario, path.resolve().parent, allow_outside, overridden(overrides))
         prepared.resources.remarks[:0] = remarks
         prepared.resources.files["gaden"] = files
         return prepared
     except ScenarioError as error:
-        raise ScenarioError([f"{path}: {line}" for line in error.faults]) from None
+        raise ScenarioError([f"{where}{line}" for line in error.faults]) from None
 
 
 def expanded(

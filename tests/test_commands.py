@@ -1,5 +1,8 @@
 """`taichi-plume NAME` is `python -m taichi_plume.NAME`, for every command."""
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -57,3 +60,41 @@ def test_help_lists_all(capsys):
         assert end.value.code == 0
         out = capsys.readouterr().out
         assert all(one in out for one in told)
+
+
+def at_a_shell(script, folder):
+    """Exit code and standard error of a shell's script, in which $python runs this Python."""
+    done = subprocess.run(
+        ["sh", "-c", script.replace("$python", sys.executable)], capture_output=True, text=True, timeout=60,
+        check=False, cwd=folder, env=os.environ | {"PYTHONPATH": str(HERE.parent)},
+    )  # fmt: skip
+    return done.returncode, done.stderr
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a shell of POSIX")
+@pytest.mark.parametrize("command", ["run s.yaml --check", "scenario --explain gas", "report none"])
+def test_a_working_folder_that_was_deleted_is_told_in_a_line(command, tmp_path):
+    for name in (f"-m taichi_plume {command}", f"-m taichi_plume.{command}"):
+        code, told = at_a_shell(f'mkdir gone && cd gone && rmdir "$PWD" && $python {name}', tmp_path)
+        assert code == 2
+        assert told.count("\n") == 1
+        assert "folder" in told
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a shell of POSIX")
+@pytest.mark.parametrize("closed", ["<&-", ">&-", "<&- >&-"])
+def test_a_stream_that_is_closed_goes_nowhere_and_no_file_takes_its_number(closed, tmp_path):
+    look = "import sys, taichi_plume; f = open('f', 'w'); print(f.fileno(), file=sys.stderr); print('out'); input"
+    code, told = at_a_shell(f'$python -c "{look}" {closed}', tmp_path)
+    assert (code, int(told) > 2) == (0, True), told
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a shell of POSIX")
+def test_a_check_with_nowhere_to_print_ends_well(tmp_path):
+    (tmp_path / "s.yaml").write_text(
+        "{duration: 1, domain: {size: [1, 1], spacing: 0.1}, wind: {kind: uniform, velocity: [0.3, 0]},"
+        " gas: {kind: eulerian, sources: [{position: [0.2, 0.4], rate: 1.0e-6}]}}"
+    )
+    for closed in (">&-", "2>&-", ">&- 2>&-"):
+        code, told = at_a_shell(f"$python -m taichi_plume.run s.yaml --check {closed}", tmp_path)
+        assert (code, "Traceback" in told) == (0, False), told

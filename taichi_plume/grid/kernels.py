@@ -1,6 +1,7 @@
 """How our kernels run: start-up, the Template alias, and the sweep that turns a cell formula into a fast kernel."""
 
 import contextlib
+import gc
 import io
 import os
 import sys
@@ -16,6 +17,7 @@ import taichi as ti
 from taichi.lang import impl
 
 from taichi_plume.grid import tracing  # noqa: F401  it makes the tracing of kernels quicker
+from taichi_plume.grid.engine import KERNELS, live_fields
 from taichi_plume.guard.terminal import LONGEST_VALUE, say, visible
 
 if TYPE_CHECKING:
@@ -32,34 +34,64 @@ MANY_CELLS = 50_000  # set by a pass: from here on a launch of its own is nothin
 FEW_CELLS = 300_000  # set by a pass: up to here the caller's thread is done before another one has woken up
 FEW_ROWS = 2000  # Taichi gives a CPU thread 512 iterations at least: with fewer rows, strips are tasks too
 
+_started: list[Any] = []  # program, arch, debug and threads of the last start
+
 
 def start(arch: str = "cpu", debug: bool = False, threads: int | None = None) -> str:
-    """Initialise Taichi on `arch` (auto, cpu, cuda, vulkan, metal) and return the backend it chose.
+    """Initialise Taichi on `arch` (auto, cpu, cuda, vulkan, metal) and return the backend that it chose.
 
-    threads: of a CPU; unless given, as many as it has cores. Raises RuntimeError where there is no such device; then
-    Taichi has not been started.
+    threads: of a CPU; the default is all cores. If Taichi already runs with the same arguments and some of its fields
+    are in use, nothing happens. Otherwise Taichi starts again, and simulations assembled before raise EngineError.
+    Raises RuntimeError if there is no such device; Taichi is then not running.
     """
     known = {"auto": ti.gpu, "cpu": ti.cpu, "cuda": ti.cuda, "vulkan": ti.vulkan, "metal": ti.metal}
     if not isinstance(arch, str) or arch not in known:
         raise RuntimeError(f"got '{visible(arch, LONGEST_VALUE)}', allowed are {', '.join(known)}")
+    if not (is_running() and _started == [impl.get_runtime().prog, arch, debug, threads] and _in_use()):
+        _restart(known[arch], debug, threads)
+        if on_cpu() and arch not in ("auto", "cpu"):
+            ti.reset()
+            raise RuntimeError(f"no {arch} device was found; use --arch cpu or auto")
+        _started[:] = impl.get_runtime().prog, arch, debug, threads
+    return "cpu" if on_cpu() else ti.cfg.arch.name
+
+
+def _restart(arch: Any, debug: bool, threads: int | None) -> None:
+    checks: dict[str, Any] = {"debug": True} if debug else {}  # the default is Taichi's own TI_DEBUG
+    checks |= {} if threads is None else {"cpu_max_num_threads": threads}
     with contextlib.redirect_stdout(io.StringIO()):  # "[Taichi] Starting on arch=..."
-        checks: dict[str, Any] = (
-            {"debug": True} if debug else {}
-        )  # unless told, Taichi's own TI_DEBUG decides
-        checks |= {} if threads is None else {"cpu_max_num_threads": threads}
         ti.init(
-            arch=known[arch],
+            arch=arch,
             default_fp=ti.f32,
             default_ip=ti.i32,
             log_level=ti.ERROR,
-            **_cache(),
             unrolling_limit=0,  # no warning where more than 32 fields are filled at once
+            **_cache(),
             **checks,
         )
-    if on_cpu() and arch not in ("auto", "cpu"):
-        ti.reset()
-        raise RuntimeError(f"no {arch} device was found; use --arch cpu or auto")
-    return "cpu" if on_cpu() else ti.cfg.arch.name
+
+
+def is_running() -> bool:
+    """Whether Taichi has been started."""
+    return impl.get_runtime().prog is not None
+
+
+def ensure_started() -> None:
+    """Start Taichi on the CPU unless it runs. If it was started by `start` and nothing is in use, free its memory."""
+    if not is_running():
+        start()
+    elif _started and _started[0] is impl.get_runtime().prog:
+        start(*_started[1:])
+
+
+def _in_use() -> bool:
+    """Whether something still holds a field of the program that runs."""
+    for kernel in KERNELS:
+        if kernel.template_slot_locations:  # it remembers the fields that were its arguments
+            kernel.mapper.mapping.clear()
+            kernel.compiled_kernels.clear()
+    gc.collect()
+    return bool(live_fields())
 
 
 def cache_folder() -> Path:
@@ -106,7 +138,7 @@ def on_cpu() -> bool:
 
 def compiled() -> int:
     """Number of kernels that have been compiled since `start`."""
-    return sum(len(kernel.compiled_kernels) for kernel in impl.get_runtime().kernels)
+    return KERNELS.compiled
 
 
 def double_field(shape: tuple[int, ...] = ()) -> Any:

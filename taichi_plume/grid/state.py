@@ -140,11 +140,10 @@ class State:
 
 def _clearer(fields: list[Any]) -> Callable[[], None]:
     """A function that zeroes the fields: in place, or by a kernel, compiled at once, those of one shape in one loop."""
-    places = views(fields)
-    if places is not None:
+    if views(fields) is not None:
 
         def zero() -> None:
-            for place in places:
+            for place in views(fields) or ():  # asked again: they go where Taichi is reset
                 place[...] = 0
 
         return zero

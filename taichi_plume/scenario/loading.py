@@ -2,7 +2,7 @@
 
 import difflib
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -45,19 +45,20 @@ def read_mapping(path: Path, needs: str) -> dict[str, Any]:
 
 
 def read_scenario(
-    path: Path,
+    source: Path | Mapping[str, Any],
     overrides: Sequence[str] = (),
     expand: Callable[[dict[str, Any]], dict[str, Any]] | None = None,
 ) -> Scenario:
-    """The scenario of a YAML file with overrides such as ``robots.0.count=3``; its files have not been opened yet.
+    """Scenario of a YAML file, or of such data, with overrides such as ``robots.0.count=3``; no file of it is opened.
 
-    expand: what is done with its data before overrides. Raises ScenarioError.
+    expand: applied to the data before the overrides. Raises ScenarioError.
     """
-    data = read_mapping(path, NEEDS)
+    data = read_mapping(source, NEEDS) if isinstance(source, Path) else dict(source)
+    where = f"{source}: " if isinstance(source, Path) else ""
     if expand is not None:
         data = expand(data)
     if "base" in data and "axes" in data:
-        raise ScenarioError([f"{path}: is a study, no scenario; python -m taichi_plume.study makes its runs"])
+        raise ScenarioError([f"{where}is a study, no scenario; python -m taichi_plume.study makes its runs"])
     for override in overrides:
         try:
             data = _overridden(data, override)
@@ -66,7 +67,18 @@ def read_scenario(
     try:
         return scenario_from(data)
     except ScenarioError as error:
-        raise ScenarioError([f"{path}: {line}" for line in error.faults]) from None
+        raise ScenarioError([f"{where}{line}" for line in error.faults]) from None
+
+
+def scenario_of(data: Mapping[str, Any], changes: Mapping[str, Any]) -> Scenario:
+    """Scenario of these data with other values at the paths of keys such as ``robots[0].count``.
+
+    Values may be sections and lists. Raises ScenarioError.
+    """
+    try:
+        return scenario_from(changed(data, changes))
+    except LineError as fault:
+        raise ScenarioError([str(fault)]) from None
 
 
 def scenario_from(data: dict[str, Any]) -> Scenario:

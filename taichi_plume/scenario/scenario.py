@@ -115,6 +115,15 @@ class Scenario(Model):
             raise fault("is carried out of a scenario's file alone; in Python by load_scenario")
         return value
 
+    def changed(self, changes: Mapping[str, Any]) -> "Scenario":
+        """Return the scenario with other values at the paths of keys, such as ``{"robots.0.count": 3}``.
+
+        Values are as in YAML: numbers, texts such as "5 cm", lists, dicts. Raises ScenarioError, a line for each fault.
+        """
+        from taichi_plume.scenario.loading import scenario_of  # it imports this module
+
+        return scenario_of(self.model_dump(mode="json", exclude_unset=True), changes)
+
     @property
     def floor(self) -> Arena:
         """Where robots may be."""

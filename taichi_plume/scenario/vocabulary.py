@@ -1,10 +1,10 @@
 """What every section of a scenario is made of: kinds of numbers with units, and the frozen model."""
 
 import difflib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_args, get_origin
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
@@ -162,6 +162,14 @@ class Model(BaseModel):
             one for value in vars(self).values() for one in (value if type(value) is tuple else (value,))
         ]
         return any(one.by_chance for one in values if isinstance(one, Model))
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+        """Copy with other values. Raises ValidationError (a ValueError) for an unknown key or a bad value."""
+        if not update:
+            return super().model_copy(deep=deep)
+        return type(self).model_validate(
+            {key: vars(self)[key] for key in self.model_fields_set} | dict(update)
+        )
 
     @classmethod
     def __get_pydantic_json_schema__(cls, core_schema: Any, handler: Any) -> Any:

@@ -12,14 +12,13 @@ from taichi_plume.map_scores import MapScores
 from taichi_plume.own_code import execute
 from taichi_plume.prepare import StructureError, checked
 from taichi_plume.running import End, explain, whole
-from taichi_plume.scenario.loading import ScenarioError
+from taichi_plume.scenario.loading import ScenarioError, scenario_of
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.study import shared_air
 from taichi_plume.study.failures import forget_failed, leave_failed
 from taichi_plume.study.leaving import run_with_files
 from taichi_plume.study.messages import Cost, Record, Request, Task
 from taichi_plume.study.rows import outcomes_of, probed, trial_rows
-from taichi_plume.study.scenarios import scenario_of
 from taichi_plume.study.warm import WARM, Kept
 
 

@@ -12,7 +12,7 @@ from pydantic import TypeAdapter, ValidationError
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 from taichi_plume.prepare import expanded
 from taichi_plume.scenario.input_files import outside
-from taichi_plume.scenario.loading import NEEDS, ScenarioError, explain, read_mapping
+from taichi_plume.scenario.loading import NEEDS, ScenarioError, explain, read_mapping, scenario_of
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.study.axes import Levels, Point, Range, count_of, points
 from taichi_plume.study.checking import Checks
@@ -21,7 +21,6 @@ from taichi_plume.study.messages import Axis, Request
 from taichi_plume.study.model import SEEDS, Study
 from taichi_plume.study.outcomes import Wanted
 from taichi_plume.study.resolving import resolve
-from taichi_plume.study.scenarios import scenario_of
 from taichi_plume.study.sharing import differs
 
 MOST_RUNS = 100_000

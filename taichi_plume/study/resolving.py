@@ -9,12 +9,12 @@ import numpy as np
 from taichi_plume.scenario.changes import shown, steps_of
 from taichi_plume.scenario.facts import facts
 from taichi_plume.scenario.keys import look_up, near
-from taichi_plume.scenario.loading import ScenarioError
+from taichi_plume.scenario.loading import ScenarioError, scenario_of
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.vocabulary import Model
 from taichi_plume.study.axes import DIGITS, Level, Levels, Range, Scalar
 from taichi_plume.study.model import Study, StudyAxis
-from taichi_plume.study.scenarios import canonical, scenario_of, value_at
+from taichi_plume.study.scenarios import canonical, value_at
 
 Changes = Mapping[str, Any]
 

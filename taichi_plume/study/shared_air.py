@@ -12,12 +12,11 @@ from taichi_plume.files.air_film import AirFilm, NewAirFilm
 from taichi_plume.grid.fields import concentration_at
 from taichi_plume.prepare import StructureError, checked
 from taichi_plume.running import explain
-from taichi_plume.scenario.loading import ScenarioError
+from taichi_plume.scenario.loading import ScenarioError, scenario_of
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.simulation import Every, Simulation
 from taichi_plume.solvers.filmed import VELOCITIES, Reel, variable
 from taichi_plume.study.messages import AirRecord, Task
-from taichi_plume.study.scenarios import scenario_of
 from taichi_plume.study.sharing import filmed
 from taichi_plume.study.warm import WARM
 

@@ -2,8 +2,8 @@
 
 from typing import TYPE_CHECKING
 
+from taichi_plume.scenario.loading import scenario_of
 from taichi_plume.study.outcomes import not_left
-from taichi_plume.study.scenarios import scenario_of
 from taichi_plume.study.store import DONE, KEPT, Store
 
 if TYPE_CHECKING:

@@ -11,6 +11,7 @@ from collections.abc import Hashable
 from typing import Any, NamedTuple
 
 import psutil
+import taichi as ti
 from taichi.lang import impl
 
 from taichi_plume.assemble import build
@@ -94,6 +95,7 @@ class Warm:
             self._compiled += kernels.compiled()
         self._kept.clear()
         gc.collect()
+        ti.reset()
         self.backend = kernels.start("cpu", threads=1)
         self._program = impl.get_runtime().prog
         self.begun += 1

@@ -12,10 +12,9 @@ from test_meshes import box_triangles, write_stl
 from taichi_plume.assemble import assemble
 from taichi_plume.files import gaden, gaden_models
 from taichi_plume.prepare import load
-from taichi_plume.scenario.loading import ScenarioError, scenario_from
+from taichi_plume.scenario.loading import ScenarioError, scenario_from, scenario_of
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.study.plan import load_plan
-from taichi_plume.study.scenarios import scenario_of
 
 CELL, SHAPE, LOW = 0.2, (20, 15, 6), np.array([-1.0, 2.0, 0.0])
 SIM = {

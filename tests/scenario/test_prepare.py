@@ -99,3 +99,72 @@ def test_many_faults_are_counted(path):
         load(path, [f"robots={robots}"])
     assert caught.value.lines[-1] == f"... and {len(caught.value.faults) - 20} more"
     assert all(line.startswith(f"{path}: ") for line in caught.value.faults)
+
+
+ROOM = {
+    "duration": 1,
+    "domain": {"size": [1, 1], "spacing": "5 cm"},
+    "wind": {
+        "kind": "cfd",
+        "openings": [{"kind": "inlet", "face": "x-", "speed": 0.5}, {"kind": "outlet", "face": "x+"}],
+    },
+    "gas": {"kind": "eulerian", "sources": [{"position": [0.2, 0.4], "rate": "1 mg/s"}]},
+}
+
+
+def test_a_dict_is_loaded_as_a_file_is(tmp_path):
+    (tmp_path / "s.yaml").write_text(yaml.safe_dump(ROOM))
+    assert load_scenario(ROOM) == load_scenario(tmp_path / "s.yaml")
+    assert load_scenario(ROOM, ["domain.spacing=0.1"]).domain.spacing == 0.1
+    write_stl(tmp_path / "box.stl", box_triangles((0.5, 0.3, 0), (0.6, 0.4, 0.5)))
+    meshed = ROOM | {"obstacles": [{"kind": "mesh", "file": "box.stl", "section": 0.1}]}
+    load_scenario(meshed, folder=tmp_path)
+    for source, line in (
+        (meshed, "obstacles[0]: box.stl"),
+        (ROOM | {"durtion": 2}, "did you mean 'duration'"),
+        (ROOM | {"gas": ROOM["gas"] | {"sources": [{"position": [5, 1], "rate": 1e-6}]}}, "gas.sources[0]"),
+        ({}, "missing key 'duration'"),
+        ([ROOM], "got list"),
+        (None, "got NoneType"),
+    ):
+        with pytest.raises(ScenarioError) as told:
+            load_scenario(source)  # type: ignore[arg-type]
+        assert line in str(told.value)
+
+
+def test_a_changed_scenario_is_checked_as_by_set():
+    room = load_scenario(ROOM)
+    other = room.changed(
+        {"duration": "2 min", "gas.sources[0].rate": 2e-6, "domain": {"size": [2, 1], "spacing": 0.1}}
+    )
+    assert (other.duration, other.gas.sources[0].rate, other.domain.size) == (120.0, 2e-6, (2.0, 1.0))
+    assert room.duration == 1.0
+    assert room.changed({}) == room
+    for changes, line in (
+        ({"durtion": 2}, "unknown key 'durtion'; did you mean 'duration'"),
+        ({"gas.sources.1.rate": 1}, "gas.sources has 1 item"),
+        ({"duration": -1}, "duration: got -1"),
+        ({"": 1}, "path of a key"),
+    ):
+        with pytest.raises(ScenarioError) as told:
+            room.changed(changes)
+        assert line in str(told.value)
+
+
+def test_a_copy_refuses_a_misspelt_key_and_a_bad_value():
+    room = load_scenario(ROOM)
+    assert room.model_copy(update={"duration": 2}).duration == 2.0
+    for update in ({"durtion": 2}, {"duration": -1}, {"domain": 3}):
+        with pytest.raises(ValueError, match=next(iter(update))):
+            room.model_copy(update=update)
+    assert room.model_copy(update={"seed": 3}).model_fields_set == room.model_fields_set | {"seed"}
+
+
+def test_assemble_makes_the_checks_of_the_command():
+    from taichi_plume.assemble import assemble
+
+    room = load_scenario(ROOM)
+    source = room.gas.sources[0].model_copy(update={"position": (5.0, 1.0)})
+    outside = room.model_copy(update={"gas": room.gas.model_copy(update={"sources": (source,)})})
+    with pytest.raises(ScenarioError, match=r"gas\.sources\[0\]"):
+        assemble(outside)

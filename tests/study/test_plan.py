@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 from scipy.stats import sobol_indices
 from small_study import ROOM, SPEED, write
 
+from taichi_plume.scenario.loading import scenario_of
 from taichi_plume.scenario.reset import differences
 from taichi_plume.study.axes import saltelli
 from taichi_plume.study.campaign import Labour
 from taichi_plume.study.ids import Digests
 from taichi_plume.study.plan import SEARCH_STEP, load_plan
-from taichi_plume.study.scenarios import scenario_of
 from taichi_plume.study.sharing import shared_airs
 
 SEARCH = {

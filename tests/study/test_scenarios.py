@@ -5,8 +5,8 @@ import yaml
 from small_study import ROOM
 
 from taichi_plume.scenario.changes import changed
-from taichi_plume.scenario.loading import ScenarioError
-from taichi_plume.study.scenarios import canonical, scenario_of, value_at
+from taichi_plume.scenario.loading import ScenarioError, scenario_of
+from taichi_plume.study.scenarios import canonical, value_at
 
 
 def test_changes_may_be_numbers_sections_and_lists():

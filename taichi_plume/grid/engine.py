@@ -1,0 +1,89 @@
+"""Lifetime of Taichi's program: its fields raise EngineError after a restart, and its list keeps no kernel alive.
+
+Taichi frees all fields when it is started again or reset. To use one of them afterwards would crash the process.
+"""
+
+import gc
+import weakref
+from functools import cache
+from typing import Any
+
+from taichi.lang import impl
+from taichi.lang.exception import TaichiCompilationError
+from taichi.lang.field import Field
+from taichi.lang.impl import PyTaichi
+from taichi.lang.kernel_impl import Kernel
+
+
+class EngineError(TaichiCompilationError, RuntimeError):
+    """A simulation whose fields are gone, because Taichi was started again or reset after its assembly."""
+
+    def __init__(self, *_: Any):  # Taichi raises errors within kernels again, with the place in the kernel
+        super().__init__(
+            "the fields of this simulation or environment are gone: Taichi was reset or started again after they "
+            "were made; assemble the simulation, or make the environment, again"
+        )
+
+
+class Kernels(weakref.WeakSet):
+    """Kernels that Taichi resets when it starts again. Its own list would keep all of them, and their fields, alive."""
+
+    append = weakref.WeakSet.add
+    compiled = 0
+    """Number compiled since Taichi was reset."""
+
+    def __bool__(self) -> bool:
+        return True  # Taichi would replace an empty list by one of its own
+
+
+class _Gone:
+    """A field that was freed."""
+
+    def __getattribute__(self, name: str) -> Any:
+        if name == "__class__":  # `isinstance` asks for it
+            return type(self)
+        raise EngineError
+
+
+@cache
+def _gone(kind: type) -> type:
+    return type("GoneField", (_Gone, kind), {})
+
+
+def live_fields() -> list[Field]:
+    """Fields of the program that runs."""
+    return [
+        one for one in gc.get_objects() if issubclass(type(one), Field) and not issubclass(type(one), _Gone)
+    ]
+
+
+def _materialize(runtime: Any, plain: Any = PyTaichi.materialize) -> None:
+    """Place new fields, as each launch of a kernel does first. Raises EngineError if Taichi was reset."""
+    if runtime.prog is None:
+        raise EngineError
+    plain(runtime)
+
+
+def _compile(kernel: Any, *args: Any, plain: Any = Kernel.materialize, **named: Any) -> None:
+    """Compile a kernel for new arguments, and count."""
+    before = len(kernel.compiled_kernels)
+    plain(kernel, *args, **named)
+    KERNELS.compiled += len(kernel.compiled_kernels) - before
+
+
+def _reset(plain: Any = impl.reset) -> None:
+    """Reset Taichi. Its fields raise EngineError from then on."""
+    if impl.get_runtime().prog is not None:
+        for field in live_fields():
+            field.__class__ = _gone(type(field))
+    plain()
+    KERNELS.compiled = 0
+    impl.get_runtime().print_full_traceback = (
+        False  # a kernel that fails asks for it, and only `init` sets it
+    )
+
+
+impl.reset = _reset
+PyTaichi.materialize = _materialize
+Kernel.materialize = _compile
+KERNELS = impl.get_runtime().kernels = Kernels(impl.get_runtime().kernels)

@@ -1,0 +1,118 @@
+"""Lifetime of fields: what is used after Taichi was started again, and what `start` keeps."""
+
+import subprocess
+import sys
+
+import pytest
+import taichi as ti
+from taichi.lang import impl
+
+from taichi_plume.grid import engine, kernels
+
+USES = """
+import sys
+import taichi as ti
+from taichi_plume.assemble import assemble
+from taichi_plume.grid.engine import EngineError
+from taichi_plume.grid.kernels import start
+from taichi_plume.scenario.loading import scenario_from
+
+sim = assemble(scenario_from({
+    "duration": 1.0,
+    "domain": {"size": [1.0, 0.8], "spacing": 0.1},
+    "wind": {"kind": "cfd", "openings": [{"kind": "inlet", "face": "x-", "speed": 0.5},
+                                         {"kind": "outlet", "face": "x+"}]},
+    "gas": {"kind": "eulerian", "sources": [{"position": [0.2, 0.4], "rate": 1e-6}]},
+    "robots": [{"count": 1, "start": {"kind": "positions", "positions": [[0.8, 0.4]]},
+                "algorithm": {"kind": "casting"}, "reach": 0.1}],
+}))
+swarm, gas, wind = sim.swarm, sim.gas, sim.wind
+sim.advance()
+print("assembled")
+exec(sys.argv[1])
+uses = (sim.advance, sim.run, sim.reset, swarm.snapshot, gas.gases[0].budget, gas.is_finite, wind.diagnostics,
+        lambda: wind.p[0, 0])
+for use in uses:
+    try:
+        use()
+        print("used:", use)
+    except EngineError as error:
+        print("refused:", error)
+"""
+
+
+@pytest.mark.parametrize("restart", ["start('cpu', threads=1)", "ti.init(ti.cpu)", "ti.reset()"])
+@pytest.mark.slow
+def test_a_simulation_whose_engine_is_gone_refuses_every_use(restart):
+    done = subprocess.run(
+        [sys.executable, "-c", USES, restart], capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    lines = [line for line in done.stdout.splitlines() if not line.startswith("[Taichi]")]
+    assert lines[0] == "assembled"
+    assert len(lines) == 9
+    assert all("assemble" in line and line.startswith("refused:") for line in lines[1:])
+
+
+def test_fields_of_a_program_that_ended_raise_and_later_ones_work(taichi):
+    old, vectors = ti.field(ti.f32, 3), ti.Vector.field(2, ti.f32, 3)
+    old.fill(1.0)
+    vectors.fill(1.0)
+    ti.reset()
+    kernels.start()
+    new = ti.field(ti.f32, 3)
+    new.fill(2.0)
+    for use in (
+        lambda: old[0],
+        lambda: old.to_numpy(),
+        lambda: vectors.shape,
+        lambda: old.fill(0),
+        lambda: old.dtype,
+    ):
+        with pytest.raises(engine.EngineError):
+            use()
+    assert new.to_numpy().tolist() == [2.0, 2.0, 2.0]
+
+
+def test_a_start_with_the_same_arguments_keeps_what_is_in_use(taichi):
+    ti.reset()
+    kernels.start("cpu", threads=1)
+    field = ti.field(ti.i32, 2)
+    field.fill(3)
+    program = impl.get_runtime().prog
+    assert kernels.start("cpu", threads=1) == "cpu"
+    assert impl.get_runtime().prog is program
+    assert field[1] == 3
+    kernels.start("cpu", threads=2)
+    assert impl.get_runtime().prog is not program
+
+
+def test_a_start_with_nothing_in_use_gives_the_memory_back(taichi):
+    ti.reset()
+    kernels.start("cpu", threads=1)
+    field = ti.field(ti.i32, 2)
+    field.fill(3)  # a kernel of a module, which remembers its arguments
+    program = impl.get_runtime().prog
+    del field
+    kernels.start("cpu", threads=1)
+    assert impl.get_runtime().prog is not program
+
+
+def test_kernels_that_nothing_uses_are_forgotten(taichi):
+    def make():
+        field = ti.field(ti.i32, 2)
+
+        @ti.kernel
+        def put():
+            for i in field:
+                field[i] = i
+
+        put()
+        return put
+
+    put = make()
+    before = len(impl.get_runtime().kernels)
+    assert engine.live_fields()
+    del put
+    assert not kernels._in_use()
+    assert len(impl.get_runtime().kernels) < before
