@@ -4,7 +4,7 @@ Every boundary face has, per velocity component, a target V and a mirror factor,
 beyond the face. The component through it is either prescribed (V) or free, with the ambient pressure outside.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from math import prod
 from typing import Any
@@ -41,14 +41,14 @@ class Boundaries:
 
     STATE = ("target", "ambient", "curved", "noise", "_targets", "_blown")
 
-    def __init__(self, openings: tuple[Opening, ...], grid: Grid, solid: np.ndarray, tables: Tables):
-        """Raises ValueError where no air is behind a jet."""
+    def __init__(self, openings: tuple[Opening, ...], grid: Grid, area: Sequence[np.ndarray], tables: Tables):
+        """area: per axis the shares of the faces that are open. Raises ValueError where no air is behind an opening."""
         self.grid = grid
         self.dim = grid.dim
         self._placed: list[tuple[int, Patch]] = []
         for n, opening in enumerate(openings):
             try:
-                patch = patch_of(opening, grid, ~solid)
+                patch = patch_of(opening, grid, area)
             except ValueError as error:
                 raise ValueError(f"openings[{n}]: {error}") from None
             if patch is not None:

@@ -69,7 +69,7 @@ class FlowSolver(Carrier):
         self.grid = grid
         self.dim = grid.dim
         tables = Tables()
-        self.boundaries = Boundaries(model.openings, grid, air.solid, tables)
+        self.boundaries = Boundaries(model.openings, grid, air.area, tables)
         self._area = [grid.pad_faces(faces, d) for d, faces in enumerate(air.area)]
         openness = opennesses(grid, self._area, self.boundaries.is_free)
         self.u = grid.faces_field()

@@ -102,7 +102,7 @@ class EulerianSolver(Gas):
         """Where openings are, by their numbers, if it matters."""
         if not gas.inflow and gas.surfaces is None:
             return {}
-        patches = {n: patch_of(opening, self.grid, ~air.solid) for n, opening in enumerate(openings)}
+        patches = {n: patch_of(opening, self.grid, air.area) for n, opening in enumerate(openings)}
         return {n: patch for n, patch in patches.items() if patch is not None}
 
     def _density(self, ppm: float) -> float:

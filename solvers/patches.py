@@ -1,9 +1,10 @@
 """Openings on the grid: which faces of the domain they cover, and with what profile they blow."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid, block_mean
 from taichi_plume.scenario.openings import Fan, Inlet, Jet, Opening
 from taichi_plume.scenario.windows import Region
@@ -12,6 +13,7 @@ SAMPLES = 8  # per axis, to average an opening's profile over a cell face
 RIM = 0.05  # of a fan's radius, over which its jet ends
 JETS = ("fan", "inlet", "honeycomb")  # kinds of openings that blow where they have a speed
 VENTS = (*JETS, "outlet")  # kinds that let air through
+NO_AIR = "no air behind the opening, obstacles cover all of it on this grid; move one of them or lower domain.spacing"
 
 Places = list[np.ndarray]
 """Per axis of the face, places relative to an opening's centre over its half size: [-1, 1] is inside."""
@@ -24,19 +26,19 @@ def periodic_axes(openings: tuple[Opening, ...], dim: int) -> tuple[bool, ...]:
 
 
 class Patch:
-    """A region of a face of the domain. covered: bool over the face's cells, where air is behind it.
+    """A region of a face of the domain. covered: bool over the face's cells, where the face lets air through.
 
     opening: the region as the scenario has it at present; kind: of the opening, empty where it is none.
     """
 
-    def __init__(self, region: Region, grid: Grid, air: np.ndarray, kind: str = ""):
-        """air: bool of grid.shape."""
+    def __init__(self, region: Region, grid: Grid, area: Sequence[np.ndarray], kind: str = ""):
+        """area: per axis the shares of the faces that are open, see `Air`."""
         self.grid = grid
         self.opening: Region = region
         self.kind = kind
         self.axis, self.side = region.axis, region.side
         self.along = region.along(grid.dim)
-        self.behind = np.take(air, -self.side, axis=self.axis)
+        self.behind = np.take(area[self.axis], -self.side, axis=self.axis) > 0.0
         center, half = region.rectangle(grid.extent)
         self.center, self.half = np.array(center), np.array(half)
         self.disc = region.is_disc(grid.dim)
@@ -107,13 +109,13 @@ PROFILES = {"fan": _top_hat, "inlet": _of_inlet, "honeycomb": _even}
 class JetPatch(Patch):
     """An opening that prescribes the speed of the air. profile: speed over mean speed, over the face's cells."""
 
-    def __init__(self, opening: Jet, kind: str, grid: Grid, air: np.ndarray):
+    def __init__(self, opening: Jet, kind: str, grid: Grid, area: Sequence[np.ndarray]):
         """Raises ValueError where no air is behind it."""
-        super().__init__(opening, grid, air, kind)
+        super().__init__(opening, grid, area, kind)
         profile = self.average(lambda p: PROFILES[kind](self, p, opening)) * self.behind
         profile[profile < 1e-3] = 0.0
         if not profile.any():
-            raise ValueError("no air behind the opening: an obstacle covers it")
+            raise ValueError(NO_AIR)
         self.profile = profile * (self.area / (profile.sum() * self.face_area))
         self.covered = self.profile > 0
 
@@ -135,20 +137,26 @@ class JetPatch(Patch):
 
 def opening_cells(openings: tuple[Opening, ...], grid: Grid) -> np.ndarray:
     """Which cells lie behind an opening that lets air through, bool of grid.shape."""
-    result = np.zeros(grid.shape, bool)
+    result, everywhere = np.zeros(grid.shape, bool), Air.everywhere(grid).area
     for opening in openings:
-        patch = patch_of(opening, grid, np.ones(grid.shape, bool))
+        patch = patch_of(opening, grid, everywhere)
         if patch is not None and opening.kind in VENTS:
             result[patch.cells()] = True
     return result
 
 
-def patch_of(opening: Opening, grid: Grid, air: np.ndarray) -> Patch | None:
-    """Where an opening lies on its face, as a `JetPatch` where it blows; None where it is a whole axis."""
+def patch_of(opening: Opening, grid: Grid, area: Sequence[np.ndarray]) -> Patch | None:
+    """Where an opening lies on its face, as a `JetPatch` where it blows; None where it is a whole axis.
+
+    area: per axis the shares of the faces that are open. Raises ValueError where a jet or an outlet has no open face.
+    """
     match opening.kind:
         case "periodic":
             return None
         case "fan" | "inlet" | "honeycomb" if opening.blows:
-            return JetPatch(opening, opening.kind, grid, air)
+            return JetPatch(opening, opening.kind, grid, area)
         case _:
-            return Patch(opening, grid, air, opening.kind)
+            patch = Patch(opening, grid, area, opening.kind)
+            if opening.kind in VENTS and not patch.covered.any():
+                raise ValueError(NO_AIR)
+            return patch

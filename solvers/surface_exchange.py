@@ -74,7 +74,7 @@ class SurfaceExchange:
     ) -> Iterator[tuple[Any, Any]]:
         """Of each the cells that touch it, and its area in each of them over a face's."""
         for n, wall in enumerate(walls):
-            patch = Patch(wall, self.grid, ~air.solid)
+            patch = Patch(wall, self.grid, air.area)
             for vent in vents:
                 if (vent.axis, vent.side) == (wall.axis, wall.side):
                     patch.covered &= ~vent.covered

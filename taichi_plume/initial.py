@@ -7,7 +7,7 @@ import numpy as np
 
 from taichi_plume.resources import Resources
 from taichi_plume.scenario.gases import EulerianGas
-from taichi_plume.scenario.initial import FilmedInitial, Initial
+from taichi_plume.scenario.initial import NO_UNITS, FilmedInitial, Initial, Units, units_of
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.scenario import Scenario
 
@@ -28,7 +28,12 @@ def begin_fields(scenario: Scenario, resources: Resources, wind: Any, gases: tup
     for (path, gas), solver in zip(scenario.gases, gases, strict=True):
         if isinstance(gas, EulerianGas) and gas.initial is not None:
             start, where = gas.initial, f"{path}.initial"
-            told = _filmed(start, where, resources, gas.species) if start.film else _formulas(start, extent)
+            units = units_of(gas.vapour)
+            told = (
+                _filmed(start, where, resources, gas.species)
+                if start.film
+                else _formulas(start, extent, units)
+            )
             solver.start_from(told)
 
 
@@ -46,14 +51,14 @@ def _filmed(model: FilmedInitial, path: str, resources: Resources, species: Any 
         raise ScenarioError([f"{path}.film: {error}"]) from None
 
 
-def _formulas(model: Initial, extent: tuple[float, ...]) -> Places:
+def _formulas(model: Initial, extent: tuple[float, ...], units: Units = NO_UNITS) -> Places:
     """Scalars, or vectors, of the formulas; 0 where they have no value, which is inside of obstacles.
 
     Beyond the domain, of that extent [m], the values at its faces hold.
     """
 
     def places(points: np.ndarray) -> np.ndarray:
-        found = model.values(np.clip(points, 0.0, extent))
+        found = model.values(np.clip(points, 0.0, extent), units)
         values = np.where(np.isfinite(found), found, 0.0)
         return values[0] if len(values) == 1 else np.moveaxis(values, 0, -1)
 

@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from taichi_plume import scores
 from taichi_plume.assemble import build
 from taichi_plume.files.filming import Filming
 from taichi_plume.grid.kernels import compiled
 from taichi_plume.grid.state import State
 from taichi_plume.prepare import checked
+from taichi_plume.scenario.initial import units_of
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.outputs import Fields
 from taichi_plume.scenario.scenario import Scenario
@@ -182,8 +184,30 @@ def test_a_film_goes_on_from_one_of_its_moments_on_any_grid(tmp_path):
         ("gas", {"concentration": 1, "film": "a.zarr"}, "takes a concentration or a film, got both"),
         ("gas", {"concentration": "1", "at": 3}, "at: is the moment of a film"),
         ("gas", {"concentration": "os.system('ls')"}, "has what is not arithmetic"),
+        ("gas", {"concentration": "-3 ppm"}, "gas.initial.concentration: at .* it is -"),
+        ("gas", {"concentration": "420 ppq"}, "'420 ppq' is no formula; allowed: .* ppm"),
+        ("gas", {"concentration": "3e6 ppm"}, "at most 1e.06 ppm"),
     ],
 )
 def test_what_cannot_begin_so_is_told(section, initial, told):
     with pytest.raises((ScenarioError, ValidationError), match=told):
         checked(Scenario.model_validate(BOX | {section: BOX[section] | {"initial": initial}}), Path())
+
+
+@pytest.mark.parametrize(
+    ("concentration", "ppm"),
+    [("420 ppm", 420.0), ("5 ppb", 5e-3), ("2e3 ppt", 2e-3), ("0.04 %", 400.0), ("100*ppm*(1 + x)", 200.0)],
+)
+def test_a_concentration_may_be_given_in_ppm(concentration, ppm):
+    gas = BOX["gas"] | {"species": "carbon_dioxide", "initial": {"concentration": concentration}}
+    scenario = checked(Scenario.model_validate(BOX | {"gas": gas}), Path()).scenario
+    ((_, model),) = scenario.gases
+    (found,) = model.initial.values(np.array([[1.0, 1.0]]), units_of(model.vapour))
+    assert found[0] * model.vapour.ppm_per_density == pytest.approx(ppm, rel=1e-6)
+
+
+def test_the_air_begins_with_the_ppm_of_its_gas():
+    gas = BOX["gas"] | {"species": "methane", "initial": {"concentration": "2 ppm"}}
+    gas["sources"] = [BOX["gas"]["sources"][0] | {"rate": 0}]
+    sim = build(checked(Scenario.model_validate(BOX | {"gas": gas}), Path()))
+    assert scores.true_gas(sim, 0.5, (4, 4)) == pytest.approx(2.0, rel=1e-5)

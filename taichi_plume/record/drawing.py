@@ -11,20 +11,19 @@ from taichi_plume.scenario.windows import Window
 
 ROBOTS = np.array(
     [
-        [66, 165, 245],
-        [255, 167, 38],
-        [102, 187, 106],
-        [236, 64, 122],
-        [171, 130, 255],
-        [38, 198, 218],
-        [255, 238, 88],
-        [239, 108, 88],
-        [174, 213, 129],
-        [144, 164, 255],
+        [0x22, 0x77, 0xDD],
+        [0x66, 0x11, 0xFF],
+        [0x33, 0xBB, 0xDD],
+        [0xAA, 0xBB, 0xAA],
+        [0x55, 0x55, 0x88],
+        [0x99, 0xBB, 0x77],
+        [0x00, 0x88, 0x77],
+        [0x66, 0xAA, 0xFF],
     ],
     np.uint8,
 )
-"""One colour per robot, round and round."""
+"""Colours of robots in recordings, reports, pictures and films, on dark and light ground. To people with protanopia or
+deuteranopia too they differ by 20 and more in CIELAB from each other, and from the reds and yellows of the gas."""
 STATES = np.array(
     [0x546E7AFF, 0xFFB300FF, 0x29B6F6FF, 0xAB47BCFF, 0x5C6BC0FF, 0xEC407AFF, 0x8D6E63FF, 0x26A69AFF],
     np.uint32,
@@ -104,6 +103,12 @@ class Scale:
 
 DENSITIES = Scale(1e-3, 1e2, "log")
 """Of beliefs [1/m²]."""
+
+
+def robot_color(number: int) -> tuple[int, int, int]:
+    """RGB bytes of a robot; number: its place in a trial, counted through the groups. The colours repeat in order."""
+    red, green, blue = ROBOTS[number % len(ROBOTS)].tolist()
+    return red, green, blue
 
 
 def painted(places: np.ndarray, palette: Sequence[Sequence[int]]) -> np.ndarray:

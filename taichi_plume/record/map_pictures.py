@@ -45,7 +45,7 @@ class MapPictures:
 
     def _styles(self, n: int, name: str) -> scene.Entities:
         """Colours of a map's series."""
-        color = drawing.ROBOTS[n % len(drawing.ROBOTS)]
+        color = np.array(drawing.robot_color(n))
         faint = (color * 0.6).astype(np.uint8)
         for entity in self._scored(n):
             label = f"{name}: error" if entity == f"map_errors/{n}_mae" else name

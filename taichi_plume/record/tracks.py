@@ -57,7 +57,7 @@ def recorded_robots(sim: Simulation) -> list[Robot]:
     """The first trial's robots, at most MOST_ROBOTS, the groups in equal shares."""
     groups = list(sim.swarm.groups)
     share = max(1, MOST_ROBOTS // max(1, len(groups)))
-    robots = []
+    robots, first = [], 0
     for group, names in zip(groups, sim.state_names(), strict=True):
         part = _part(group.name)
         if sum(_part(other.name) == part for other in groups) > 1:
@@ -65,8 +65,9 @@ def recorded_robots(sim: Simulation) -> list[Robot]:
         states = (*names, "found")
         for i in range(min(group.count, share)):
             name = part if group.count == 1 else f"{part}-{i}"
-            color = tuple(int(v) for v in drawing.ROBOTS[len(robots) % len(drawing.ROBOTS)])
+            color = drawing.robot_color(first + i)
             robots.append(Robot(group.start + i, name, color, states, group.model))
+        first += group.count
     return robots[:MOST_ROBOTS]
 
 

@@ -13,7 +13,7 @@ from matplotlib.colors import Colormap, LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
-from taichi_plume.record.drawing import decades
+from taichi_plume.record.drawing import decades, robot_color
 
 ABOVE, SIDE, FRONT = (0, 1), (0, 2), (1, 2)
 PLANES = {"xy": ABOVE, "xz": SIDE, "yz": FRONT}
@@ -23,19 +23,6 @@ SOLID, SOLID_EDGE = "#a7b0bb", "#5d6875"
 SOURCE, FOUND, START = "#d81b60", "#1b8a3a", "#5d6875"
 WRONG = "#d32f2f"
 HEATER, WIND = "#fb8c00", "#27445f"
-ROBOTS = (
-    "#1565c0",
-    "#2e9c4b",
-    "#7b3fb5",
-    "#00838f",
-    "#8d6e1f",
-    "#5c6bc0",
-    "#33691e",
-    "#00acc1",
-    "#9c27b0",
-    "#455a64",
-)
-"""One colour per robot, round and round; none of them is one of the gas."""
 STATES = (
     "#90a4ae",
     "#ffb300",
@@ -83,8 +70,8 @@ HALO = [withStroke(linewidth=2.2, foreground=PAPER)]
 
 
 def robot(number: int) -> str:
-    """The colour of a robot or a group."""
-    return ROBOTS[number % len(ROBOTS)]
+    """The colour of a robot or a group: in recordings robots have the same."""
+    return "#{:02x}{:02x}{:02x}".format(*robot_color(number))
 
 
 @contextmanager

@@ -30,7 +30,7 @@ class Track(NamedTuple):
 
     name: str
     number: int
-    """Among those that are shown: it decides on the colour."""
+    """Its place in a trial, counted through the groups: it decides on the colour."""
     group: "Group"
     t: np.ndarray
     values: dict[str, np.ndarray]
@@ -68,13 +68,15 @@ def tracks(path: Path, groups: "Sequence[Group]") -> list[Track]:
     names = np.asarray(table["group"].cast(pa.string()).to_pylist(), object)
     robot = table["robot"].to_numpy()
     found: list[Track] = []
+    first = 0
     for group in groups:
         mine = np.flatnonzero(names == group.name)
         for k in range(min(group.count, share)):
             rows = mine[robot[mine] == k]
             if len(rows) and len(found) < MOST_ROBOTS:
                 label = group.name if group.count == 1 else f"{group.name} {k}"
-                found.append(_track(table.take(rows), label, len(found), group))
+                found.append(_track(table.take(rows), label, first + k, group))
+        first += group.count
     return found
 
 

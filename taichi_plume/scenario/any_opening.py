@@ -10,7 +10,7 @@ from taichi_plume.scenario.context import Context
 from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.vocabulary import Color, Delay, Model, Temperature, Time, Velocities, Velocity
-from taichi_plume.scenario.windows import Region
+from taichi_plume.scenario.windows import LEAST_OPEN, MOSTLY_OPEN, Region
 
 if TYPE_CHECKING:
     from taichi_plume.scenario.openings import Opening
@@ -186,6 +186,16 @@ class Vent(FaceOpening):
     def warms(self) -> bool:
         """Whether the air that comes in has a temperature of its own."""
         return self.temperature is not None
+
+    def remarks(self, where: str, context: Context) -> Iterator[str]:
+        """An opening that obstacles cover in part."""
+        yield from super().remarks(where, context)
+        share = self.open_share(context)
+        if LEAST_OPEN <= share < MOSTLY_OPEN:
+            flow = (
+                f"; the same flow goes through the rest, {1 / share:.2g} times as fast" if self.blows else ""
+            )
+            yield f"{where}: obstacles cover a part of it, {100 * share:.0f} % of its area are open{flow}"
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
         """A temperature has to have an effect."""

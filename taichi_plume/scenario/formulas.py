@@ -52,7 +52,8 @@ class FormulaError(ValueError):
 
 
 def evaluate(text: str, places: dict[str, np.ndarray]) -> np.ndarray:
-    """The formula's values at `places`, coordinates [m] by axis that broadcast; nan and inf where it has none.
+    """The formula's values at `places`, coordinates [m] by axis that broadcast; nan and inf where it has none. `places`
+    may hold the sizes of units too.
 
     Raises FormulaError.
     """
@@ -116,26 +117,46 @@ def _number(value: Any) -> float:
         raise FormulaError("has a number that is too large") from None
 
 
-def formula(unit: str) -> Any:
-    """The annotated type of a formula for a quantity in `unit` [SI]; a plain number or one with a unit is one too."""
+def _parsed(value: Any, unit: str) -> float | None:
+    """The number in `unit` that a value is; None for a formula."""
+    try:
+        return parse(value, unit)
+    except PydanticCustomError:
+        return None
+
+
+def formula(unit: str, **others: float) -> Any:
+    """The annotated type of a formula for a quantity in `unit` [SI]; a plain number or one with a unit is one too.
+
+    others: units that are names in the formula, as their size in `unit` is known only later ("420 ppm" is "420*ppm"),
+    with the largest number of each.
+    """
 
     def check(value: Any) -> str:
-        try:
-            number = parse(value, unit)
-        except PydanticCustomError:
-            number = None
+        number = _parsed(value, unit)
+        for other in others if number is None else ():
+            amount = _parsed(value, other)
+            if amount is not None and isfinite(amount):
+                if amount > others[other]:
+                    raise fault(
+                        "got {got} {unit}; at most {most} {unit}",
+                        {"got": f"{amount:g}", "unit": other, "most": f"{others[other]:g}"},
+                    )
+                return f"{amount!r}*{other}"
         if number is not None and isfinite(number):
             return repr(number)
         if number is not None or not isinstance(value, str):
             raise fault("must be a finite number or a formula of x, y and z")
         try:
-            evaluate(value, dict.fromkeys(AXES, np.ones(1)))
+            evaluate(value, dict.fromkeys((*AXES, *others), np.ones(1)))
         except FormulaError as error:
             shown = value if len(value) <= 60 else value[:57] + "..."
             raise fault(
-                "'{got}' {why}; {allowed}", {"got": shown, "why": str(error), "allowed": ALLOWED}
+                "'{got}' {why}; {allowed}", {"got": shown, "why": str(error), "allowed": allowed}
             ) from None
         return value
+
+    allowed = ALLOWED.replace("pi,", f"pi, {', '.join(others)},") if others else ALLOWED
 
     unbounded = Quantity(unit, -inf, inf)
     return Annotated[str, BeforeValidator(check, json_schema_input_type=float | str), unbounded]

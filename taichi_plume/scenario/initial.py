@@ -9,12 +9,22 @@ from pydantic import Field, model_validator
 from taichi_plume.scenario.context import Context
 from taichi_plume.scenario.formulas import AXES, FormulaError, evaluate, formula
 from taichi_plume.scenario.quantities import fault
+from taichi_plume.scenario.species import Species
 from taichi_plume.scenario.vocabulary import FREE, PER_AXIS, FileName, Model, Time
 
 if TYPE_CHECKING:
     from taichi_plume.scenario.domain import Domain
 
 FASTEST, COLDEST, WARMEST = 100.0, 200.0, 500.0  # as of the keys for speeds and temperatures
+
+
+Units = dict[str, np.ndarray]
+NO_UNITS: Units = {}
+
+
+def units_of(species: Species) -> Units:
+    """Units that formulas of a concentration know by name [kg/m³]."""
+    return {"ppm": np.array(1.0 / species.ppm_per_density)}
 
 
 class Initial(Model):
@@ -29,18 +39,24 @@ class Initial(Model):
         """Key and text of each formula, one per axis of a vector; none where a film is shown."""
         raise NotImplementedError
 
-    def values(self, points: np.ndarray) -> np.ndarray:
+    def values(self, points: np.ndarray, units: Units = NO_UNITS) -> np.ndarray:
         """What the formulas are at points (..., dim) [m], (formulas, ...); nan and inf where they have no value."""
-        places = dict(zip(AXES, np.moveaxis(points, -1, 0), strict=False))
+        places = dict(zip(AXES, np.moveaxis(points, -1, 0), strict=False)) | units
         found = [evaluate(text, places) for _, text in self.formulas]
         return np.array([np.broadcast_to(one, points.shape[:-1]) for one in found])
 
-    def on_grid(self, domain: "Domain") -> Iterator[tuple[str, list[np.ndarray], np.ndarray]]:
+    def on_grid(
+        self, domain: "Domain", units: Units = NO_UNITS
+    ) -> Iterator[tuple[str, list[np.ndarray], np.ndarray]]:
         """Key, coordinates and values of each formula, where the grid has them. Raises FormulaError."""
         for d, (key, text) in enumerate(self.formulas):
             places = self._places(domain, d)
-            found = evaluate(text, dict(zip(AXES, places, strict=False)))
+            found = evaluate(text, dict(zip(AXES, places, strict=False)) | units)
             yield key, places, np.broadcast_to(found, np.broadcast_shapes(*(one.shape for one in places)))
+
+    def _units(self, where: str, context: Context) -> Units:
+        """Sizes of units that are names in the formulas; `where` is the path of the section."""
+        return NO_UNITS
 
     def _places(self, domain: "Domain", d: int) -> list[np.ndarray]:
         """Of the cells' centres."""
@@ -49,7 +65,7 @@ class Initial(Model):
     def problems(self, where: str, context: Context) -> Iterator[str]:
         """Formulas need a value of the right size wherever there is air."""
         try:
-            for key, places, values in self.on_grid(context.domain):
+            for key, places, values in self.on_grid(context.domain, self._units(where, context)):
                 bad = ~((values >= self.least) & (values <= self.most))
                 if bad.any() and (line := _first(bad, places, values, context)) is not None:
                     yield (
@@ -145,13 +161,18 @@ class InitialGas(FilmedInitial):
 
     part, key, unit = "gas", "concentration", "kg/m^3"
     least, most = 0.0, 10.0  # heavier than any vapour
-    concentration: Annotated[formula("kg/m^3") | None, FREE] = None  # type: ignore[valid-type]
-    """A number or a formula of x, y and z, such as "1e-5*exp(-((x-1)**2 + (y-1)**2)/0.02)"."""
+    concentration: Annotated[formula("kg/m^3", ppm=1e6) | None, FREE] = None  # type: ignore[valid-type]
+    """A number or a formula of x, y and z, such as "420 ppm" or "1e-5*exp(-((x-1)**2 + (y-1)**2)/0.02)". In a formula
+    ppm is the density of one, so that "420*ppm + 1e-5*x" adds both."""
 
     @property
     def formulas(self) -> tuple[tuple[str, str], ...]:
         """That of the concentration."""
         return () if self.concentration is None else (("concentration", self.concentration),)
+
+    def _units(self, where: str, context: Context) -> Units:
+        """One ppm of the gas whose section it is."""
+        return units_of(dict(context.scenario.gases)[where.removesuffix(".initial")].vapour)
 
 
 class InitialHeat(Initial):

@@ -42,7 +42,10 @@ class Quantity:
 def _registry():
     import pint  # only for scenarios that write other units
 
-    return pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
+    registry = pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
+    registry.define("ppb = 1e-9")
+    registry.define("ppt = 1e-12")  # parts per trillion, as in gas analysis
+    return registry
 
 
 def fault(message: str, context: dict[str, Any] | None = None) -> PydanticCustomError:

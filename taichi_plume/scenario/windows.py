@@ -12,6 +12,11 @@ from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.vocabulary import COMPILED, PER_FACE, Coordinate, Face, Length, Model
 
+LEAST_OPEN = 0.05  # share of an opening; less is closed
+MOSTLY_OPEN = 0.9  # share of an opening; more is open: walls that meet the face cover some of it
+SAMPLES = 4  # points per axis of a cell behind an opening
+FACE = 1e-3  # cells: depth at which the face itself is sampled
+
 
 class Window(Model):
     """Part of a plane: all of it, a rectangle (`center`, `size`) or a disc (`center`, `diameter`).
@@ -139,13 +144,39 @@ class Region(Window):
                 "make it larger or lower domain.spacing"
             )
             return
-        depth = (domain.shape[self.axis] - 0.5 if self.side else 0.5) * domain.spacing
-        behind = np.insert(covered, self.axis, depth, axis=1)
-        solid = np.zeros(len(behind), bool)
-        for one in context.resources.shapes.values():
-            solid |= one.inside(behind)
-        if len(behind) and solid.all():
-            yield f"{where}: there is no air behind it, an obstacle covers it; move one of them"
+        share = self.open_share(context)
+        if share < LEAST_OPEN:
+            area = self.area(domain.extent, domain.depth)
+            yield (
+                f"{where}: there is no air behind it, obstacles cover it: {share * area:.2g} of {area:.3g} m² "
+                f"are open on cells of {domain.spacing:g} m; move one of them or lower domain.spacing"
+            )
+
+    def open_share(self, context: Context) -> float:
+        """Share of its faces of cells that standing obstacles leave open; 1 where there are none.
+
+        A face is closed if obstacles cover half of the face, or half of the cell behind, at sampled points.
+        """
+        domain = context.domain
+        centers = self.covered(domain)
+        shapes = [one for one in context.resources.shapes.values() if one.model.motion is None]
+        if not shapes or not len(centers):
+            return 1.0
+        parts = (np.arange(SAMPLES) + 0.5) / SAMPLES
+        depths = np.array([FACE, *parts])  # on the face, and in the cell
+        shifts = np.stack(np.meshgrid(*[parts - 0.5] * centers.shape[1], indexing="ij"), axis=-1)
+        points = centers[:, None] + domain.spacing * shifts.reshape(-1, centers.shape[1])
+        solid = np.zeros((len(depths), *points.shape[:2]), bool)
+        for level, depth in zip(solid, depths, strict=True):
+            away = depth * domain.spacing
+            at = domain.shape[self.axis] * domain.spacing - away if self.side else away
+            here = np.insert(points.reshape(-1, points.shape[-1]), self.axis, at, axis=1)
+            for one in shapes:
+                near = ((here >= one.low) & (here <= one.high)).all(axis=1)
+                if near.any():
+                    level.reshape(-1)[near] |= one.inside(here[near])
+        face, cell = solid[0].mean(axis=1), solid[1:].mean(axis=(0, 2))
+        return float(((face < 0.5) & (cell <= 0.5)).mean())
 
     def overlaps(self, other: "Region", domain: Domain) -> bool:
         """Whether two regions are on one face and share more than their rims."""

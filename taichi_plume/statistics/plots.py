@@ -12,7 +12,7 @@ from taichi_plume.statistics.records import AXES
 from taichi_plume.statistics.spectra import KOLMOGOROV
 
 WIDTH = 7.4  # inches
-FIRST, SECOND, MODEL = look.ROBOTS[0], look.SOURCE, look.FAINT
+FIRST, SECOND, MODEL = look.robot(0), look.SOURCE, look.FAINT
 MOST_CURVES = 6
 SHOWN = 60.0  # s, of a record
 

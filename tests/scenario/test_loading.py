@@ -111,8 +111,12 @@ def test_a_good_file_loads(tmp_path):
             "wind.openings[0].turbulence_intensity: got '8 %': must be a plain number, such as 0.08",
         ),
         (
-            "recording.range_ppm=[1 ppm, 9]",
-            "recording.range_ppm[0]: got '1 ppm': must be a plain number, such",
+            "recording.range_ppm=[1 m, 9]",
+            "recording.range_ppm[0]: got '1 m': must have a unit that converts to ppm",
+        ),
+        (
+            "robots.0.algorithm={kind: casting, upwind_angle_deg: 30 deg}",
+            "robots[0].algorithm.upwind_angle_deg: got '30 deg': must be a plain number of degrees",
         ),
         (
             "robots.0.odometry={distance_scale: 1.01}",

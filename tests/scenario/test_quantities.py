@@ -90,3 +90,8 @@ def test_usual_units_are_converted_as_pint_does():
         for value in (0.1, 0.3, 7.0, 12.5, 20.0, 1e-5, 333.3):
             exact = registry.Quantity(value, registry.parse_units(text)).to(unit).magnitude
             assert parse(f"{value} {text}", unit) == exact
+
+
+@pytest.mark.parametrize(("text", "ppm"), [("420 ppm", 420), ("5 ppb", 5e-3), ("5 ppt", 5e-6), ("2 %", 2e4)])
+def test_concentrations_by_volume(text, ppm):
+    assert parse(text, "ppm") == pytest.approx(ppm, rel=1e-12)

@@ -3,6 +3,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.signal import welch
 
+from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
 from taichi_plume.scenario.openings import Inlet
 from taichi_plume.solvers.inflow import Fluctuations
@@ -21,7 +22,7 @@ ROOM, SLAB = (8, 40, 20), (8, 100)
 def noise_of(opening: dict, shape: tuple[int, ...], length: float, seed: int = 0) -> Fluctuations:
     grid = Grid(shape, DX)
     one = Inlet.model_validate(opening)
-    return Fluctuations(JetPatch(one, one.kind, grid, np.ones(shape, bool)), length, seed, "inflow 0")
+    return Fluctuations(JetPatch(one, one.kind, grid, Air.everywhere(grid).area), length, seed, "inflow 0")
 
 
 def planes_of(noise: Fluctuations, count: int, apart: float) -> np.ndarray:

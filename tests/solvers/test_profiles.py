@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
+from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
 from taichi_plume.scenario.openings import Inlet
 from taichi_plume.solvers.patches import JetPatch
@@ -26,7 +27,7 @@ def patch_of(profile: dict, dim: int, **more) -> JetPatch:
         "profile": {"walls": f"{'xyz'[dim - 1]}-"} | profile,
     }
     grid = Grid(SHAPES[dim], DX, depth=0.5)
-    return JetPatch(Inlet.model_validate(inlet | more), "inlet", grid, np.ones(SHAPES[dim], bool))
+    return JetPatch(Inlet.model_validate(inlet | more), "inlet", grid, Air.everywhere(grid).area)
 
 
 def by_height(speed, low: int, high: int) -> np.ndarray:
