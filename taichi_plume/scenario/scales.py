@@ -19,7 +19,7 @@ SCALES: dict[str, dict[str, float]] = {
     "1/s": {"mHz": 1e-3, "Hz": 1.0, "kHz": 1e3},
     "ohm": {"ohm": 1.0, "kohm": 1e3, "Mohm": 1e6},
 }
-_READ_ONLY = {"km/h", "m^3/h", "g/h", "degC", "km", "hPa"}  # named in messages, but never printed
+_READ_ONLY = {"km/h", "m^3/h", "g/h", "degC", "km", "hPa", "cm^2/s"}  # named in messages, but never printed
 
 
 def short(value: float) -> str:
@@ -44,7 +44,9 @@ def with_unit(value: float, unit: str) -> str:
     if value == 0 or 0.1 <= abs(value) < 1e4:
         return found
     scales = [(name, size) for name, size in SCALES.get(unit, {}).items() if name not in _READ_ONLY]
-    texts = [f"{short(value / size)} {name}" for name, size in scales if abs(value) >= size * (1 - 1e-9)]
+    texts = [
+        f"{short(value / size)} {name}" for name, size in scales if abs(value) >= 0.1 * size * (1 - 1e-9)
+    ]
     return min([*texts[-1:], found], key=len)
 
 
