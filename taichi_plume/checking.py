@@ -1,6 +1,6 @@
-"""What ``--check`` tells: the resolved scenario with its keys explained, its size, what is unlikely, and the scene.
+"""Output of ``--check``: the keys of the file, what follows from them, what is unlikely, the size, and the scene.
 
-All of what is printed is one YAML document, which can be run: what is told besides are comments.
+All of the output is one YAML document, which can be run: everything besides the keys is a comment.
 """
 
 import shutil
@@ -13,34 +13,45 @@ from typing import Any
 import yaml
 
 from taichi_plume.files.disk import written_whole
-from taichi_plume.files.run_folder import CHECK, to_yaml
+from taichi_plume.files.run_folder import CHECK
 from taichi_plume.guard.terminal import say, visible
 from taichi_plume.prepare import Prepared
+from taichi_plume.scenario.derived import derived
 from taichi_plume.scenario.facts import facts
+from taichi_plume.scenario.readable import all_keys, own_keys
 from taichi_plume.scenario.scenario import Scenario
-from taichi_plume.scenario.size import estimate
+from taichi_plume.scenario.size import estimate, memory
 from taichi_plume.scenario.vocabulary import Model
 
 COLUMN = 34  # where explanations begin, unless what they explain is longer
 WIDTH = 120  # columns where the output is no terminal
 NARROWEST = 60
+NAMES = 9  # columns of the names of what is derived
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
-def print_check(prepared: Prepared, out: Path | None = None) -> None:
-    """Print the scenario with every default, and draw the scene; out: where a run would go."""
+def print_check(prepared: Prepared, out: Path | None = None, whole: bool = False) -> None:
+    """Print what is written, derived and unlikely, and the size; draw the scene.
+
+    out: where a run would go; whole: print all keys with their defaults and meanings, instead of the user's alone.
+    """
     scenario = prepared.scenario
     wide = shutil.get_terminal_size((WIDTH, 24)).columns if sys.stdout.isatty() else WIDTH
-    size = estimate(scenario)
-    say(explained(scenario, max(wide, NARROWEST)), longest=None)
-    say("# more of a key: python -m taichi_plume.scenario --explain KEY")
-    say(f"# cells: {size['cells']:,}, about {size['bytes'] / 1e6:,.0f} MB of memory")
-    say(f"# flow steps: about {size['steps']:,}, about {duration(size['wall_s'])} on a few CPU cores")
+    text = explained(scenario, max(wide, NARROWEST)) + "\n" if whole else own_keys(scenario)
+    say(text, longest=None)
+    for name, line in derived(scenario):
+        say(visible(f"# {name:<{NAMES}} {line}"))
     for n, remark in enumerate(prepared.resources.remarks, 1):
         say(visible(f"# unlikely {n}: {remark}"))
+    size = estimate(scenario)
+    amounts = f"{memory(size['bytes'])} of memory, {memory(size['disk'])} on the disk"
+    say(f"# {'size':<{NAMES}} about {amounts}, {duration(size['wall_s'])} on a few CPU cores")
     path = out / CHECK if out is not None else Path("runs") / f"{scenario.name}-{CHECK}"
     fault = draw_scene(prepared, path)
-    say(visible(f"# scene: {path}" if fault is None else f"# scene: not drawn, {path}: {fault}"), flush=True)
+    drawn = path if fault is None else f"not drawn, {path}: {fault}"
+    say(visible(f"# {'scene':<{NAMES}} {drawn}"))
+    every = "" if whole else "all keys and defaults: --all; "
+    say(f"# {'more':<{NAMES}} {every}one key: python -m taichi_plume.scenario --explain KEY", flush=True)
     if fault is not None:
         say(visible(f"note: {path}: {fault}"), error=True)
 
@@ -56,7 +67,7 @@ def explained(scenario: Scenario, wide: int = WIDTH) -> str:
     """The resolved scenario as YAML in which each key is explained where it comes first, in lines `wide` at most unless
     a value is longer.
     """
-    text = to_yaml(scenario)
+    text = all_keys(scenario)
     keys = {line: (its, lines) for line, its, lines in _keys(yaml.compose(text, yaml.SafeLoader), scenario)}
     told: set[tuple[str, str]] = set()
     found: list[str] = []

@@ -44,7 +44,7 @@ def _new(args: argparse.Namespace) -> int:
         from taichi_plume.checking import print_check
 
         with reader_may_leave():
-            print_check(prepared, args.out)
+            print_check(prepared, args.out, args.all)
         return 0
     from taichi_plume.files.run_folder import RunFolder
     from taichi_plume.own_code import execute
@@ -117,7 +117,10 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--check",
         action="store_true",
-        help="only check: print the scenario with every default explained, its size and what is unlikely, and draw it",
+        help="only check: print the scenario, what follows from it, what is unlikely and its size, and draw it",
+    )
+    parser.add_argument(
+        "--all", action="store_true", help="with --check: print all keys, with their defaults and meanings"
     )
     parser.add_argument("--no-recording", action="store_true", help="write no recording.rrd")
     parser.add_argument(
@@ -141,6 +144,8 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
         parser.error("the following arguments are required: scenario")
     if args.live and args.no_recording:
         parser.error("--live shows the recording: it has no place beside --no-recording")
+    if args.all and not args.check:
+        parser.error("--all goes with --check")
     fixed = [f"--{key}" for key in ("out", "seed", "duration", "set", "check", "force") if getattr(args, key)]
     if args.resume is not None and (args.scenario or args.no_recording or fixed):
         what = fixed[0] if fixed else args.scenario or "--no-recording"

@@ -32,7 +32,7 @@ GOOD = "t,x,y,reading\n1,0,0,2\n"
         (
             GOOD,
             ["--map={kind: time_series, alpha: -1}"],
-            "--map.alpha: got -1: must be greater than or equal to",
+            "--map.alpha: got -1: must be at least",
         ),
         (
             GOOD,

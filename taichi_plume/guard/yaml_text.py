@@ -26,6 +26,22 @@ HARMFUL = {
     "Zl",
     "Zp",
 }  # of Unicode: controls, marks of direction, half characters, line ends
+_BEGUN = {  # what PyYAML says, and what it means
+    "could not find expected ':'": "a key needs a colon and a space after it, such as duration: 60 s",
+    "found unexpected end of stream": "a quote is opened and not closed",
+}
+_ELSEWHERE = {
+    "but found another document": "a second document begins here (---); keep one",
+    "expected <block end>, but found '<block mapping start>'": "this line is indented more than those before it",
+    "expected <block end>, but found '-'": "this '-' is not indented as those before it",
+    "expected <block end>, but found '<scalar>'": "text after the end of a value; check quotes and brackets",
+    "expected ',' or '}', but got '<scalar>'": "a comma or '}' is missing here; units go with each number: [1 m, 2 m]",
+    "expected ',' or ']', but got '<scalar>'": "a comma or ']' is missing here",
+    "expected ',' or ']', but got '}'": "a '[' is not closed before this '}'",
+    "expected ',' or '}', but got ']'": "a '{' is not closed before this ']'",
+    "expected ',' or '}', but got ':'": "a '{' of a line above is not closed",
+    "expected ',' or ']', but got ':'": "a '[' of a line above is not closed",
+}
 _TAG = "tag:yaml.org,2002:"
 _NUMBERS = {f"{_TAG}int", f"{_TAG}float"}
 _TEXTS = {f"{_TAG}str", f"{_TAG}merge", f"{_TAG}value"}
@@ -83,12 +99,15 @@ def parse(
         return loader.construct_document(node)
     except yaml.MarkedYAMLError as error:
         what = " ".join(str(error.problem or error.context).split())
-        place = _place(error.problem_mark or error.context_mark)
+        begun = what in _BEGUN  # the fault lies where something was begun, not where its end was missed
+        place = _place(error.context_mark if begun else error.problem_mark or error.context_mark)
         if what.startswith(r"found character '\t'"):
             raise LineError(f"{place}indent with spaces, not tabs") from None
         if what == "mapping values are not allowed here":
             what += "; check the indentation, or quote a text that contains ': '"
-        raise LineError(f"{place}not YAML: {visible(what)}") from None
+        raise LineError(
+            f"{place}not YAML: {visible(_BEGUN.get(what) or _ELSEWHERE.get(what, what))}"
+        ) from None
     except yaml.reader.ReaderError as error:
         line = text.count("\n", 0, error.position) + 1
         raise LineError(f"line {line}: not YAML: {error.reason}") from None
@@ -206,7 +225,9 @@ def _check_keys(mapping: yaml.MappingNode) -> None:
     lines: dict[str, int] = {}
     for key, _ in mapping.value:
         if not isinstance(key, yaml.ScalarNode) or key.tag not in _TEXTS:
-            raise LineError(f"{_place(key.start_mark)}a key must be a text; put it in quotes")
+            raise LineError(
+                f"{_place(key.start_mark)}a key must be a text; put it in quotes, or write a list in brackets: [1, 2]"
+            )
         if key.value in lines:
             raise LineError(
                 f"{_place(key.start_mark)}duplicate key '{_shown(key)}', first on line {lines[key.value]}; remove one"

@@ -8,10 +8,10 @@ import rerun as rr
 from taichi_plume import __version__
 from taichi_plume.belief_scores import believers
 from taichi_plume.declared import may_declare
-from taichi_plume.files.run_folder import to_yaml
 from taichi_plume.record.planes import Plane
 from taichi_plume.record.scales import Quantity
 from taichi_plume.record.scene import Entities
+from taichi_plume.scenario.readable import all_keys
 from taichi_plume.simulation import Simulation
 
 
@@ -26,7 +26,7 @@ def about(
         _table(_shown(sim, seen, quantities)),
         "## The run",
         _table(_facts(sim, backend, recorded).items()),
-        f"```yaml\n{to_yaml(sim.scenario)}```",
+        f"```yaml\n{all_keys(sim.scenario)}```",
     ]
     yield "about", rr.TextDocument("\n\n".join(parts), media_type=rr.MediaType.MARKDOWN)
 

@@ -65,7 +65,9 @@ def _put(data: dict[str, Any], parts: Sequence[str], value: Any, ours: dict[int,
             return
         below = place[key] if isinstance(place, list) else place.get(key)
         if below is None and isinstance(place, dict):
-            below = [] if parts[n + 1].isdecimal() else {}  # a section left to its defaults
+            if parts[n + 1].isdecimal():
+                raise LineError(_no_list(parts[: n + 1], key in place))
+            below = {}  # a section left to its defaults
         if isinstance(below, dict | list) and id(below) not in ours:
             below = below.copy()
             ours[id(below)] = below
@@ -73,9 +75,19 @@ def _put(data: dict[str, Any], parts: Sequence[str], value: Any, ours: dict[int,
         place = below
 
 
+def _no_list(parts: Sequence[str], empty: bool) -> str:
+    """Message about an item of a list that the data do not have; empty: whether its key is there without a value."""
+    from taichi_plume.scenario.keys import misspelt  # the whole vocabulary: only where something is wrong
+
+    path = path_of(parts)
+    lacks = "is empty" if empty else "is not in the file"
+    return misspelt(parts) or f"{path} {lacks}: give it whole, such as {path}=[...]"
+
+
 def _index(items: list, part: str, above: str) -> int:
     if not part.isdecimal():
-        raise LineError(f"{above} is a list: '{part}' must be the index of an item")
+        last = f"from 0 to {len(items) - 1}" if len(items) > 1 else "0"
+        raise LineError(f"{above} is a list: '{part}' must be the index of an item, {last}")
     if len(part) > len(str(len(items))) or int(part) >= len(items):  # of thousands of digits none is made
         has = f"{len(items)} item{'s' * (len(items) != 1)}"
         raise LineError(f"{above} has {has}, the first is 0: there is no {visible(part, LONGEST_VALUE)}")

@@ -1,4 +1,4 @@
-"""What is printed of a vocabulary: its schema, for editors, and what a key or section of it means."""
+"""Printed help about a vocabulary: its schema, for editors, and the meaning of a key or section."""
 
 import json
 import os
@@ -8,7 +8,6 @@ import textwrap
 from collections.abc import Iterator
 
 from taichi_plume.guard.terminal import LONGEST_VALUE, say, visible
-from taichi_plume.scenario.facts import first_sentence
 from taichi_plume.scenario.keys import Key, Place, look_up, near
 from taichi_plume.scenario.meanings import purpose
 from taichi_plume.scenario.vocabulary import Model
@@ -53,7 +52,7 @@ def _of_key(key: Key, wide: int) -> Iterator[str]:
 
 
 def _of_section(place: Place, kind: str, wide: int) -> Iterator[str]:
-    """What a section is, and what its keys are in a sentence each; kind: of these only."""
+    """Lines about a section: its purpose, and of each key the meaning, unit and default; kind: of this one only."""
     yield place.path + (f"   (in a section of kind {', '.join(place.within)})" if place.within else "")
     models = [model for name, model in place.kinds.items() if kind in ("", name)]
     for model in models or list(place.models):
@@ -62,7 +61,8 @@ def _of_section(place: Place, kind: str, wide: int) -> Iterator[str]:
     for key in place.keys:
         if not kind or not key.kinds or kind in key.kinds:
             of = f" ({', '.join(key.kinds)})" if key.kinds and not kind else ""
-            yield from _filled(f"{key.name}{of}: {first_sentence(key.facts.meaning)}", wide, 4)
+            default = f"default: {key.facts.default}" if key.facts.default else "has to be given"
+            yield from _filled(f"{key.name}{of}: {key.facts.brief}; {default}", wide, 4)
 
 
 def _filled(text: str, wide: int, indent: int) -> list[str]:

@@ -56,6 +56,14 @@ def facts(model: type[Model], key: str) -> Facts:
     return Facts(meaning, _type(whole), unit, limits, _default(field))
 
 
+@cache
+def quantity_unit(model: type[Model], key: str) -> str:
+    """Unit in which a key takes numbers, and texts such as "20 cm"; "" if it takes no texts or several units."""
+    whole = _whole(model.model_fields[key])
+    units = {_limits(kind, marks)[0] for kind, marks in _numbers(whole)}
+    return units.pop() if len(units) == 1 and "quantit" in _type(whole) else ""
+
+
 def first_sentence(text: str) -> str:
     """Without the full stop."""
     return re.split(r"(?<!\bal)\. ", text, maxsplit=1)[0].removesuffix(".")

@@ -5,12 +5,15 @@ In all functions `top` is the section that the paths begin in: a scenario, unles
 
 import difflib
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
+from itertools import takewhile
 
+from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 from taichi_plume.scenario.facts import Facts, facts, models_in, own_kind
 from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.scenario.suggestions import nearest
 from taichi_plume.scenario.vocabulary import Model
 
 
@@ -128,6 +131,53 @@ def look_up(text: str, top: type[Model] = Scenario) -> tuple[list[Place], list[K
         if found or keys:
             return list(found.values()), keys
     return [one for one in sections if path in one.kinds], []
+
+
+def sections_at(steps: Sequence[int | str], top: type[Model] = Scenario) -> list[type[Model]]:
+    """Sections of all kinds that may be at a path, alone or in a list; empty if no section can be there."""
+    found = [top]
+    for step in steps:
+        if isinstance(step, str) and not step.isdecimal():
+            fields = [model.model_fields[step] for model in found if step in model.model_fields]
+            found = list(dict.fromkeys(part for one in fields for part, _ in models_in(one)))
+    return found
+
+
+def misspelt(steps: Sequence[str], top: type[Model] = Scenario) -> str | None:
+    """Message about the first step of a path that is a key of no section there; None if there is no such step."""
+    for n, step in enumerate(steps):
+        models = sections_at(steps[:n], top)
+        known = dict.fromkeys(key for model in models for key in model.model_fields)
+        if known and not step.isdecimal() and step not in known:
+            close = nearest(step, known)
+            meant = f"did you mean '{'.'.join([*steps[:n], close])}'?" if close else f"use {', '.join(known)}"
+            above = ".".join(steps[:n])
+            return f"unknown key '{visible(step, LONGEST_VALUE)}'{f' in {above}' if above else ''}; {meant}"
+    return None
+
+
+def homes(name: str, of: Sequence[int | str] = (), top: type[Model] = Scenario) -> list[str]:
+    """Sections that have a key of that name, by their paths and kinds: those nearest to the path `of` first."""
+    found = []
+    for place in places(top).values():
+        models = [model for model in place.models if name in model.model_fields]
+        if models and not place.same_as:
+            kinds = [own_kind(model) for model in models if own_kind(model)]
+            few = ", ".join([*kinds[:4], *["..."][: len(kinds) > 4]])
+            some = f" (kind: {few})" if kinds and len(models) < len(place.models) else ""
+            found.append(((place.path or "the top of the file") + some, _shared(place.path, of)))
+    return [path for path, _ in sorted(found, key=lambda one: -one[1])]
+
+
+def kinds_at(name: str, top: type[Model] = Scenario) -> list[str]:
+    """Paths of the sections that may be of the kind of that name."""
+    return [place.path for place in places(top).values() if name in place.kinds and not place.same_as]
+
+
+def _shared(path: str, steps: Sequence[int | str]) -> int:
+    """How many steps two paths have in common from their beginning."""
+    pairs = zip(flat(path).split("."), [step for step in steps if isinstance(step, str)], strict=False)
+    return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], pairs))
 
 
 def near(text: str, top: type[Model] = Scenario) -> list[str]:

@@ -1,6 +1,5 @@
-"""From a YAML file to a Scenario; whatever is wrong with the file is told in one line per fault."""
+"""Loading a scenario from a YAML file, with an error message of one line for each fault of the file."""
 
-import difflib
 import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -11,7 +10,13 @@ from pydantic import TypeAdapter, ValidationError
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 from taichi_plume.guard.yaml_text import MOST_VALUES, LineError, parse, read_text, weight
 from taichi_plume.scenario.changes import changed, path_of, shown, steps_of
+from taichi_plume.scenario.facts import Facts, facts, own_kind
+from taichi_plume.scenario.keys import homes, kinds_at, sections_at
+from taichi_plume.scenario.metal_oxides import MOX_MODELS
+from taichi_plume.scenario.scales import units_like
 from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.scenario.suggestions import advice, hint, nearest
+from taichi_plume.scenario.vocabulary import Model
 
 MOST_LINES = 20
 NEEDS = "a scenario needs at least duration, domain, wind and gas"
@@ -114,11 +119,11 @@ def load_part(text: str, where: str, kind: Any) -> Any:
         data = {where: parse(text)}
     except LineError as fault:
         raise ScenarioError([f"{where}: {fault}"]) from None
-    validate = TypeAdapter(dict[str, kind]).validate_python
+    adapter = TypeAdapter(dict[str, kind])
     try:
-        return validate(data)[where]
+        return adapter.validate_python(data)[where]
     except ValidationError as error:
-        raise ScenarioError(explain(error, data, validate)) from None
+        raise ScenarioError(explain(error, data, adapter)) from None
 
 
 # ---------------------------------------------------------------- overrides
@@ -137,41 +142,41 @@ def _overridden(data: dict[str, Any], override: str) -> dict[str, Any]:
     return changed(data, {path: parse(text)})
 
 
-# ---------------------------------------------------------------- what pydantic found
+# ---------------------------------------------------------------- messages about pydantic's errors
 
 
-def explain(
-    error: ValidationError, data: dict, validate: Callable[[dict], object] = Scenario.model_validate
-) -> list[str]:
-    """What is wrong with `data`, a line per fault; validate: what told it."""
+def explain(error: ValidationError, data: dict, top: type[Model] | TypeAdapter = Scenario) -> list[str]:
+    """Messages about all that is wrong with `data`, a line per fault; top: the type that `data` should be of."""
     faults = error.errors(include_url=False)
     nameless = [
         _walk(fault["loc"], data)
         for fault in faults
         if fault["type"] == "union_tag_not_found"
+        or (fault["type"] == "union_tag_invalid" and fault.get("ctx", {}).get("tag") == "None")
         or (fault["type"] == "missing" and fault["loc"][-1] == "kind")
     ]
     if nameless:
         kinds = {path_of([*steps, "kind"]): _NO_KIND for steps in nameless}
         data = changed(data, kinds)
         try:
-            validate(data)
+            top.validate_python(data) if isinstance(top, TypeAdapter) else top.model_validate(data)
         except ValidationError as again:
             faults = again.errors(include_url=False)
-    lines = dict.fromkeys(_line(fault, data) for fault in faults)
+    section = Model if isinstance(top, TypeAdapter) else top
+    lines = dict.fromkeys(_line(fault, data, section) for fault in faults)
     return [line for line in lines if line]
 
 
-def _line(fault: Any, data: dict) -> str | None:
+def _line(fault: Any, data: dict, top: type[Model]) -> str | None:
     """`path: what is wrong` for one pydantic error; None where another error says it better."""
     kind, got, context = fault["type"], fault["input"], fault.get("ctx", {})
     steps = _walk(fault["loc"], data, absent=kind == "missing")
     member = fault["loc"][-1] if fault["loc"] else ""
+    if kind == "missing" and isinstance(steps[-1], int):
+        steps, kind, got = steps[:-1], "too_short", _at(data, steps[:-1])
     if kind == "missing":
-        parent, key = path_of(steps[:-1]), steps[-1]
-        if isinstance(key, int):
-            return f"{parent}: too few numbers: item {key} is missing"
-        return f"{parent}: missing key '{key}'" if parent else f"missing key '{key}'"
+        parent = path_of(steps[:-1])
+        return f"{parent}: missing key '{steps[-1]}'" if parent else f"missing key '{steps[-1]}'"
     where = f"{path_of(steps)}: " if steps else ""
     union = isinstance(member, str) and (member[:1].isupper() or member.startswith("tagged-union["))
     if kind in ("model_type", "model_attributes_type") and union:
@@ -182,35 +187,158 @@ def _line(fault: Any, data: dict) -> str | None:
         names = re.findall(r"'((?:[^'\\]|\\.)*)'", context["expected"])
         if got == _NO_KIND:
             parent = f"{path_of(steps[:-1])}: " if steps[:-1] else ""
-            return f"{parent}missing key 'kind'; known kinds: {', '.join(names)}"
-        return f"{where}got {shown(got)}; {_meant(got, names)}allowed: {', '.join(names)}"
+            return f"{parent}missing key 'kind'; {_lost_kind(got, steps[:-1], data)}known kinds: {', '.join(names)}"
+        return f"{where}got {shown(got)}; {hint(got, names)}allowed: {', '.join(names)}"
     if kind == "union_tag_invalid":
         names = re.findall(r"'([^']*)'", context["expected_tags"])
         if context["tag"] == _NO_KIND:
-            return f"{where}missing key 'kind'; known kinds: {', '.join(names)}"
+            return f"{where}missing key 'kind'; {_lost_kind(got, steps, data)}known kinds: {', '.join(names)}"
         tag = visible(context["tag"], LONGEST_VALUE)
-        return f"{where}unknown kind '{tag}'; {_meant(tag, names)}known kinds: {', '.join(names)}"
+        meant = _meant_kind(tag, names, top)
+        return f"{where}unknown kind '{tag}'; {meant}known kinds: {', '.join(names)}"
     if kind in ("model_type", "model_attributes_type", "dict_type"):
-        return f"{where}must be a mapping (key: value), got {shown(got)}"
+        return f"{where}must be a mapping (key: value), got {shown(got)}{_keys_there(steps, got, top)}"
     if kind == "tuple_type":
-        return f"{where}must be a list, got {shown(got)}"
+        return f"{where}must be a list, got {shown(got)}{_as_list(got, _facts(steps, data, top))}"
     if kind == "string_pattern_mismatch":
         letters = "at most 64 letters, digits, '_', '.' or '-', the first a letter or digit"
         return f"{where}got {shown(got)}: must be {letters}"
     if kind in ("too_long", "too_short"):
         bound = "at most" if kind == "too_long" else "at least"
         limit = context.get("max_length", context.get("min_length"))
-        if kind == "too_short" and len(got) >= limit:
+        if kind == "too_short" and limit is not None and len(got) >= limit:
             return None  # pydantic leaves out items that have faults of their own
-        return f"{where}must have {bound} {limit} item{'s' * (limit > 1)}, got {len(got)}"
+        its = _facts(steps, data, top)
+        if its is not None and (_axes(its) or re.match(r"(list of )+(lists of )?\d|.*in 3-D", its.type)):
+            start = ".start." in where
+            form = its.type.replace("list of lists", "list") if isinstance(steps[-1], int) else its.type
+            axes = _axes(its) or ": x and y" * start
+            height = "; the height of drones is start.altitude" * (start and len(got) == 3)
+            return f"{where}has {len(got)} number{'s' * (len(got) != 1)}, must be a {form}{axes}{height}"
+        items = f"{limit} item{'s' * (limit > 1)}" if limit is not None else f"{len(got) + 1} items"
+        return f"{where}must have {bound} {items}, got {len(got)}"
+    its = _facts(steps, data, top)
+    unit = its.unit if its is not None else ""
     if kind in ("float_parsing", "float_type"):
         key = next((step for step in reversed(steps) if isinstance(step, str)), "")
-        such = " of degrees, such as 90" if key.endswith("_deg") else ", such as 0.08"
-        return f"{where}got {shown(got)}: must be a plain number{such}"
+        such = (
+            " of degrees, such as 90"
+            if key.endswith("_deg")
+            else f"{f' of {unit}' * bool(unit)}, such as 0.08"
+        )
+        return f"{where}got {shown(got)}: must be a plain number{such}{_comma(got)}"
+    if kind == "quantity":
+        message = f"{where}got {shown(got)}: {fault['msg']}"
+        comma = _comma(got)
+        fits = f"; units that fit: {units_like(context['unit'])}" if "unit" in context and not comma else ""
+        return f"{message}{comma or fits}"
+    if kind == "fault" and "allowed" in context:
+        return where + _unknown_key(fault["msg"], context, steps, top)
     if kind == "fault":
         return where + fault["msg"]
+    if kind.startswith(("int_", "bool_")):
+        what = "a whole number" if kind.startswith("int") else "true or false"
+        return f"{where}got {shown(got)}: must be {what}{_comma(got)}"
     message = re.sub(r"^(Input|String|Value) should", "must", fault["msg"]).replace("valid string", "text")
+    message = message.replace("greater than or equal to", "at least").replace(
+        "less than or equal to", "at most"
+    )
     return f"{where}got {shown(got)}: {message}"
+
+
+def _meant_kind(tag: str, names: Sequence[str], top: type[Model]) -> str:
+    """Hint about an unknown kind: one that is spelled alike, a sensor's model, or a kind of another section."""
+    if "mox" in names and (model := nearest(tag, MOX_MODELS, cutoff=0.8)):
+        return f"did you mean kind: mox, model: {model}? "
+    text = hint(tag, names)
+    there = [] if text or top is Model else kinds_at(tag.casefold(), top)
+    return f"{tag.casefold()} is a kind of {' or '.join(there)}; " if there else text
+
+
+def _lost_kind(got: Any, steps: Sequence[int | str], data: dict) -> str:
+    """Hint about a section without a kind: where its kind may have been written."""
+    section = _at(data, steps)
+    for key, value in section.items() if isinstance(section, dict) else ():
+        if key.startswith("kind:"):
+            return f"put a space after the colon of '{visible(key, LONGEST_VALUE)}'; "
+        if key in ("type", "name", "class") and isinstance(value, str):
+            return f"write kind: {visible(value, LONGEST_VALUE)}, not {key}; "
+    return ""
+
+
+def _unknown_key(message: str, context: dict, steps: Sequence[int | str], top: type[Model]) -> str:
+    """Message about an unknown key, with the sections that have a key of that name."""
+    key, allowed = context["key"], context["allowed"].split(", ")
+    close = nearest(key, allowed, cutoff=0.8)
+    there = [] if close or top is Model else homes(key, steps, top)
+    if there:
+        text = f"it is a key of {' or '.join(there[:2])}"
+    elif ":" in key:
+        text = "put a space after the colon"
+    elif key[-1:] in ")]":
+        text = "write lists in brackets, such as [1, 2]"
+    else:
+        text = "" if nearest(key, allowed) else advice(key, allowed)
+    return f"unknown key '{key}'; {text}; allowed: {', '.join(allowed)}" if text else message
+
+
+def _keys_there(steps: Sequence[int | str], got: Any, top: type[Model]) -> str:
+    """Hint about the kinds, or the keys that have to be given, of a section that is no mapping."""
+    models = sections_at(steps, top)
+    kinds = [own_kind(model) for model in models if own_kind(model)]
+    if kinds:
+        meant = nearest(got, kinds) if isinstance(got, str) else ""
+        if meant:
+            return f"; did you mean {{kind: {meant}}}?"
+        return f"; begin with kind: {', '.join(kinds)}" + (
+            f" ({advice(got, kinds)})" if advice(got, kinds) else ""
+        )
+    if len(models) != 1 or models[0] is top:
+        return ""
+    return f"; its keys are {', '.join(models[0].model_fields)}"
+
+
+def _as_list(got: Any, its: Facts | None) -> str:
+    """Hint about a value where a list has to be."""
+    if isinstance(got, str | dict) and its is not None and "quantit" in its.type:
+        return f"; write it in brackets, such as [1, 2]: a {its.type}{_axes(its)}"
+    if isinstance(got, dict):
+        return "; begin each item with '- '"
+    return "; write [] for none" if got is None else "; write it in brackets: [...]"
+
+
+def _axes(its: Facts) -> str:
+    """The axes of a list of coordinates, where its type or meaning names them."""
+    if its.type.endswith("one per axis") or "in 3-D along z" in its.meaning:
+        return ": x, y and in 3-D z"
+    return ": x and y" if re.search(r"\bx and y\b", its.meaning) else ""
+
+
+def _comma(got: Any) -> str:
+    """Hint about a number that is written with a comma."""
+    match = re.match(r"\s*([-+]?\d+),(\d+)", got) if isinstance(got, str) else None
+    return f"; write decimals with a point, thousands without a comma: {match[1]}.{match[2]}" if match else ""
+
+
+def _at(data: Any, steps: Sequence[int | str]) -> Any:
+    """The value at a path of data."""
+    for step in steps:
+        data = data[step]
+    return data
+
+
+def _facts(steps: Sequence[int | str], data: dict, top: type[Model]) -> Facts | None:
+    """Facts about the key at a path, by the kind that the data have there; None where they are not certain."""
+    path = list(steps)
+    while path and isinstance(path[-1], int):
+        path.pop()
+    if not path:
+        return None
+    section, key = _at(data, path[:-1]), str(path[-1])
+    kind = section.get("kind") if isinstance(section, dict) else None
+    models = [model for model in sections_at(path[:-1], top) if key in model.model_fields]
+    found = {facts(model, key) for model in models if own_kind(model) in ("", kind)}
+    return found.pop() if len(found) == 1 else None
 
 
 def _walk(location: tuple[int | str, ...], data: Any, absent: bool = False) -> list[int | str]:
@@ -235,8 +363,3 @@ def _walk(location: tuple[int | str, ...], data: Any, absent: bool = False) -> l
             continue
         steps.append(step)
     return steps
-
-
-def _meant(got: Any, names: Sequence[str]) -> str:
-    close = difflib.get_close_matches(str(got), names, n=1)
-    return f"did you mean '{close[0]}'? " if close else ""

@@ -2,13 +2,16 @@
 
 from collections.abc import Iterator
 from math import prod
-from typing import Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
 
 from taichi_plume.scenario.context import Context, span
 from taichi_plume.scenario.vocabulary import PER_AXIS, Count, Duration, Model, Point, Time
+
+if TYPE_CHECKING:
+    from taichi_plume.scenario.scenario import Scenario
 
 MOST_POINTS = 100_000
 MANY_BYTES = 2e9  # of probes.parquet, beyond which it is noted
@@ -142,11 +145,15 @@ class Probes(Model):
         """Number of points."""
         return sum(one.size for one in self.points)
 
-    def samples(self, context: Context) -> float:
+    def samples(self, scenario: "Scenario") -> float:
         """How often they are sampled, about."""
-        scenario = context.scenario
         step = min(scenario.tick, scenario.wind.longest_step(scenario))
         return (scenario.duration - self.start) / (step if self.every == "step" else self.every)
+
+    def bytes(self, scenario: "Scenario") -> float:
+        """Size of probes.parquet, about."""
+        numbers = scenario.domain.dim + 1 + len(scenario.gases)
+        return self.samples(scenario) * self.size * numbers * BYTES_PER_NUMBER
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
         """They need names of their own, an end after their begin, and room."""
@@ -173,7 +180,6 @@ class Probes(Model):
                 f"{where}.every: {self.every:g} s is shorter than the air's steps of about {step:.2g} s, between which "
                 "rows are linear in time; lower tick for more"
             )
-        numbers = context.domain.dim + 1 + len(scenario.gases)
-        size = self.samples(context) * self.size * numbers * BYTES_PER_NUMBER
+        size = self.bytes(scenario)
         if size > MANY_BYTES:
             yield f"{where}: probes.parquet will have about {size / 1e9:.2g} GB; use fewer points or a longer every"

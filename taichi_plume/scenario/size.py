@@ -1,4 +1,4 @@
-"""How large a scenario is: numbers of coordinates, cells, memory, and roughly how long it takes.
+"""Size of a scenario: cells, memory, disk space, steps of the flow, and roughly how long a run takes.
 
 Nothing here allocates.
 """
@@ -8,6 +8,7 @@ from math import ceil, prod
 
 import psutil
 
+from taichi_plume.scenario.probes import BYTES_PER_NUMBER
 from taichi_plume.scenario.quantities import round_up
 from taichi_plume.scenario.scenario import Scenario
 
@@ -19,11 +20,15 @@ BYTES_PER_ENTRY = 12  # of a capacitance matrix, in double precision and its inv
 MOST_BESIDE, ENTRIES_PER_CELL = 5000, 150  # as in solvers/pressure.py: larger matrices are not made
 BESIDE = 1.15  # cells beside an obstacle per square of the grid that its surface has room for
 BYTES_PER_ROBOT = 2000  # state, readings and a few minutes of track
+BYTES_PER_PIXEL = 1.7  # and picture, of recording.rrd: measured, with arrows and tracks
+MOST_PIXELS, MOST_VOXELS = 400, 96  # per axis, as in record/planes.py
+BYTES_PER_ROW = 33  # of robots.parquet, which has one per robot and tick
+BYTES_OF_REPORT = 5e5
 CELL_STEPS_PER_SECOND = {2: 3e6, 3: 5e6}  # rough: wind and gas on a few CPU cores
 
 
 def estimate(scenario: Scenario) -> dict[str, float]:
-    """Rough size of a run: cells, bytes, steps of the flow, and seconds it takes on a few CPU cores."""
+    """Rough size of a run: cells, bytes of memory and disk, steps of the flow, and seconds on a few CPU cores."""
     domain, wind, tick = scenario.domain, scenario.wind, scenario.tick
     cells = prod(domain.shape)
     whole = scenario.warm_up + scenario.duration
@@ -32,7 +37,9 @@ def estimate(scenario: Scenario) -> dict[str, float]:
     return {
         "cells": cells,
         "bytes": _bytes(scenario, cells),
+        "disk": sum(_files(scenario).values()),
         "steps": steps,
+        "step": tick / substeps,
         "wall_s": cells * steps / CELL_STEPS_PER_SECOND[domain.dim],
     }
 
@@ -42,6 +49,35 @@ def _bytes(scenario: Scenario, cells: float) -> float:
     per_cell = BYTES_PER_CELL[domain.dim] + BYTES_PER_GAS * (len(scenario.gases) - 1)
     spacing = (prod(domain.size) / cells) ** (1.0 / domain.dim) if cells else domain.spacing
     return cells * per_cell + _of_solver(scenario, cells, spacing) + sum(_others(scenario).values())
+
+
+def _files(scenario: Scenario) -> dict[str, float]:
+    """Bytes of the large files of a run, by their names; without checkpoints."""
+    domain, whole = scenario.domain, scenario.warm_up + scenario.duration
+    films, log = scenario.fields, scenario.plumesim_log
+    pixels = [min(n, MOST_PIXELS) for n in domain.shape]
+    shown = float(prod(pixels))
+    if domain.dim == 3:  # the floor, two heights, a section and the volume
+        shown = 3.0 * pixels[0] * pixels[1] + max(pixels[:2]) * pixels[2]
+        shown += prod(min(ceil(n / 2), MOST_VOXELS) for n in domain.shape) * scenario.recording.volume
+    found = {
+        "recording.rrd": BYTES_PER_PIXEL * shown * scenario.recording.rate * whole,
+        "robots.parquet": BYTES_PER_ROW * _robots(scenario) * scenario.duration / scenario.tick,
+        "report.html": BYTES_OF_REPORT,
+    }
+    if scenario.probes is not None:
+        found["probes.parquet"] = scenario.probes.bytes(scenario)
+    if films is not None:
+        of_wind, of_gas = (2 * domain.dim + 1) * ("wind" in films.quantities), 2 * ("gas" in films.quantities)
+        numbers = of_wind + of_gas * len(
+            scenario.gases
+        )  # at the cells, and on their faces for playing it again
+        frames = films.rate * (scenario.duration - films.start)
+        found["fields.zarr"] = BYTES_PER_NUMBER * numbers * frames * prod(domain.shape)
+    if log is not None:
+        nodes = prod(extent / log.cell for extent in domain.extent[:2])
+        found["plume.pslog"] = 3 * BYTES_PER_NUMBER * nodes * log.rate * (scenario.duration - log.start)
+    return found
 
 
 def _others(scenario: Scenario) -> dict[str, float]:
@@ -92,12 +128,12 @@ def too_large(scenario: Scenario) -> Iterator[str]:
             most = max(others, key=others.__getitem__)
             if most == "robots":
                 yield (
-                    f"robots: {_robots(scenario)} robots in all trials need {_memory(needed)} of memory, "
-                    f"{_memory(free)} are free; lower count or trials"
+                    f"robots: {_robots(scenario)} robots in all trials need {memory(needed)} of memory, "
+                    f"{memory(free)} are free; lower count or trials"
                 )
             else:
                 yield (
-                    f"{most}: needs {_memory(others[most])} of memory, {_memory(free)} are free; make what it keeps "
+                    f"{most}: needs {memory(others[most])} of memory, {memory(free)} are free; make what it keeps "
                     "smaller, or use fewer robots or trials"
                 )
         else:
@@ -105,8 +141,8 @@ def too_large(scenario: Scenario) -> Iterator[str]:
             while _bytes(scenario, prod(max(1.0, extent / fits) for extent in domain.size)) > free:
                 fits *= 1.05
             yield (
-                f"domain.spacing: {cells:.3g} cells need {_memory(needed)} of memory, "
-                f"{_memory(free)} are free; a spacing of {round_up(fits):g} m fits"
+                f"domain.spacing: {cells:.3g} cells need {memory(needed)} of memory, "
+                f"{memory(free)} are free; a spacing of {round_up(fits):g} m fits"
             )
         return
     trials = (sum if scenario.rivals else max)([group.trials for group in scenario.robots] or [1])
@@ -116,7 +152,7 @@ def too_large(scenario: Scenario) -> Iterator[str]:
     for n, gas_map in enumerate(scenario.maps):
         if (of_map := trials * gas_map.bytes(domain.size, readings)) > free:
             yield (
-                f"maps[{n}]: needs {_memory(of_map)} of memory for all trials, {_memory(free)} are free; "
+                f"maps[{n}]: needs {memory(of_map)} of memory for all trials, {memory(free)} are free; "
                 "make its cells larger, or lower the trials"
             )
     yield from domain.rounded("domain")
@@ -131,5 +167,8 @@ def _unfit(scenario: Scenario) -> Iterator[str]:
     yield from filter(None, lines)
 
 
-def _memory(amount: float) -> str:
+def memory(amount: float) -> str:
+    """Bytes in words."""
+    if amount < 9.95e8:
+        return f"{max(amount / 1e6, 1.0):.2g} MB" if amount < 9.95e7 else f"{amount / 1e6:.0f} MB"
     return f"{amount / 1e9:,.0f} GB" if amount >= 1e11 else f"{amount / 1e9:.2g} GB"

@@ -1,6 +1,5 @@
 """Where gas comes from: species, sources and dishes of a scenario, and what every gas of one species has."""
 
-import difflib
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Self
 
@@ -12,6 +11,7 @@ from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.located import Located
 from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.species import PRESSURE, SPECIES, TEMPERATURE, Species, SpeciesName
+from taichi_plume.scenario.suggestions import hint
 from taichi_plume.scenario.vocabulary import (
     COMPILED,
     Diffusivity,
@@ -58,12 +58,11 @@ def _known(value: Any) -> Any:
     """A name that there is, or the figures of another species."""
     if value in (None, *SPECIES) or isinstance(value, dict | OtherSpecies):
         return value
-    close = difflib.get_close_matches(str(value), SPECIES, n=1)
     raise fault(
-        "got {got}; {hint}allowed: {names}; any other is told by {figures}",
+        "got {got}; {hint}allowed: {names}; any other needs {figures}",
         {
             "got": shown(value),
-            "hint": f"did you mean '{close[0]}'? " if close else "",
+            "hint": hint(value, SPECIES) if isinstance(value, str) else "",
             "names": ", ".join(SPECIES),
             "figures": "{molar_mass: ..., diffusivity: ...}",
         },

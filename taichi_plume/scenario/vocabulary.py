@@ -1,6 +1,5 @@
 """What every section of a scenario is made of: kinds of numbers with units, and the frozen model."""
 
-import difflib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -10,6 +9,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_valida
 
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 from taichi_plume.scenario.quantities import fault, number, quantity
+from taichi_plume.scenario.suggestions import nearest
 
 if TYPE_CHECKING:
     from taichi_plume.scenario.context import Context
@@ -190,8 +190,8 @@ class Model(BaseModel):
             allowed = list(cls.model_fields)
             for key in data:
                 if key not in allowed:
-                    close = difflib.get_close_matches(str(key), allowed, n=1)
-                    hint = f"did you mean '{close[0]}'? " if close else ""
+                    close = nearest(key, allowed)
+                    hint = f"did you mean '{close}'? " if close else ""
                     raise fault(
                         "unknown key '{key}'; {hint}allowed: {allowed}",
                         {"key": visible(key, LONGEST_VALUE), "hint": hint, "allowed": ", ".join(allowed)},
@@ -207,7 +207,8 @@ class Model(BaseModel):
             vector, value = mark_of(type(self), key, Vector), vars(self)[key]
             if vector is not None and value is not None and len(value) != dim - vector.fewer:
                 has = f"{len(value)} number{'s' * (len(value) > 1)}"
-                yield f"{where}.{key}: has {has}, a {dim}-D run takes {dim - vector.fewer} here"
+                axes = "along the face" if vector.fewer else "x and y" if dim == 2 else "x, y and z"
+                yield f"{where}.{key}: has {has}, a {dim}-D run takes {dim - vector.fewer} here: {axes}"
 
     def unusable(self, where: str, context: "Context") -> Iterator[str]:
         """What is wrong with its files, without which nothing more can be said."""

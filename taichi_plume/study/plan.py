@@ -73,9 +73,7 @@ def read_study(file: Path) -> Study:
     try:
         study = Study.model_validate(data)
     except ValidationError as error:
-        raise ScenarioError(
-            [f"{file}: {line}" for line in explain(error, data, Study.model_validate)]
-        ) from None
+        raise ScenarioError([f"{file}: {line}" for line in explain(error, data, Study)]) from None
     faults = study.faults()
     if faults:
         raise ScenarioError([f"{file}: {line}" for line in faults])

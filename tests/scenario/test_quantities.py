@@ -84,12 +84,18 @@ def test_the_schema_tells_editors_that_both_forms_are_right():
 
 
 def test_usual_units_are_converted_as_pint_does():
-    """To the bit."""
+    """To 15 digits, to which both are rounded."""
     registry = pint.UnitRegistry()
     for text, unit in USUAL:
         for value in (0.1, 0.3, 7.0, 12.5, 20.0, 1e-5, 333.3):
             exact = registry.Quantity(value, registry.parse_units(text)).to(unit).magnitude
-            assert parse(f"{value} {text}", unit) == exact
+            assert parse(f"{value} {text}", unit) == float(f"{exact:.15g}")
+
+
+def test_a_converted_number_is_the_decimal_that_was_written():
+    assert parse("20 mg/s", "kg/s") == 2e-5
+    assert parse("7 ms", "s") == 0.007
+    assert parse("35 ug/s", "kg/s") == 3.5e-8  # by pint
 
 
 @pytest.mark.parametrize(("text", "ppm"), [("420 ppm", 420), ("5 ppb", 5e-3), ("5 ppt", 5e-6), ("2 %", 2e4)])

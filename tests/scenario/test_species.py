@@ -187,7 +187,7 @@ def test_an_unknown_name_is_told_what_there_is_and_how_others_are_told(tmp_path,
         scenario(tmp_path, f"gas.species={got}")
     (line,) = error.value.faults
     assert "gas.species: got " in line
-    assert line.endswith("sulfur_hexafluoride; any other is told by {molar_mass: ..., diffusivity: ...}")
+    assert line.endswith("sulfur_hexafluoride; any other needs {molar_mass: ..., diffusivity: ...}")
     assert ("did you mean 'methane'?" in line) == (got == "methan")
 
 
