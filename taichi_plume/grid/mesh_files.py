@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from taichi_plume.grid.ply_files import DamagedError, read_ply
-from taichi_plume.grid.polygons import triangulated
+from taichi_plume.grid.ply_files import read_ply
+from taichi_plume.grid.polygons import DamagedError, triangulated
 from taichi_plume.grid.shapes import ShapeError
 from taichi_plume.guard.opening import read_regular
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible

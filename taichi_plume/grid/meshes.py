@@ -6,6 +6,7 @@ from functools import cache
 from math import inf
 from pathlib import Path
 from typing import Any
+from weakref import WeakSet
 
 import numpy as np
 
@@ -15,6 +16,8 @@ from taichi_plume.grid.shapes import Shape, rotation
 LONGEST_REASON = 150  # characters of why a library cannot be imported
 CHUNK = 1 << 18  # points handed to open3d at a time
 FLAT = 1e-9  # of its length: a thinner body has the same place on both sides in single precision
+MOST_BODIES = 800  # in all meshes: open3d ends the process near 1000 scenes (thread-local keys of the system)
+MOST_AT_EDGE = 100  # triangles that share an edge: more are no body, and open3d compares all with all
 SKIN = 1e-5  # m: a section this far from the height asked for does not run within a level face
 
 
@@ -41,6 +44,11 @@ class Solid(Shape):
             )
         # A scene per body: where bodies of one scene overlap, the ray count that decides on inside is wrong.
         self._bodies = [self.triangles[body == n] for n in range(body.max() + 1)]
+        if len(_scenes) + len(self._bodies) > MOST_BODIES:
+            raise MeshError(
+                f"{model.file}: has {len(self._bodies)} bodies, with which all meshes have more than {MOST_BODIES}; "
+                "join bodies in a mesh editor, or leave small ones out"
+            )
         self._scenes = [_scene(self.vertices, triangles) for triangles in self._bodies]
 
     def signed_distance(self, points: np.ndarray) -> np.ndarray:
@@ -119,8 +127,9 @@ def _bodies_of(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     mesh.remove_unreferenced_vertices()
     if not len(mesh.triangles):
         raise MeshError(f"{path.name}: all its triangles are lines or points")
-    body = np.asarray(mesh.cluster_connected_triangles()[0])
     vertices, triangles = np.asarray(mesh.vertices).copy(), np.asarray(mesh.triangles).copy()
+    _check_edges(path, vertices, triangles)
+    body = np.asarray(mesh.cluster_connected_triangles()[0])
     # not is_watertight(): that also looks for self-intersections, in quadratic time
     gaps = np.asarray(mesh.get_non_manifold_edges(allow_boundary_edges=False))
     if len(gaps):
@@ -138,13 +147,30 @@ def _bodies_of(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return vertices, triangles, body
 
 
+def _check_edges(path: Path, vertices: np.ndarray, triangles: np.ndarray) -> None:
+    """Raise MeshError if too many triangles share an edge."""
+    ends = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1).astype(np.int64)
+    edges, counts = np.unique(ends[:, 0] * len(vertices) + ends[:, 1], return_counts=True)
+    if counts.max() > MOST_AT_EDGE:
+        first, second = divmod(int(edges[counts.argmax()]), len(vertices))
+        x, y, z = vertices[[first, second]].mean(axis=0)
+        raise MeshError(
+            f"{path.name}: {counts.max()} triangles share the edge near ({x:.3f}, {y:.3f}, {z:.3f}) in the file's "
+            "coordinates; a closed body has two at each edge; close it in a mesh editor"
+        )
+
+
 def _scene(vertices: np.ndarray, triangles: np.ndarray) -> Any:
     o3d = _open3d()
     scene = o3d.t.geometry.RaycastingScene()
     scene.add_triangles(
         o3d.core.Tensor(vertices.astype(np.float32)), o3d.core.Tensor(triangles.astype(np.uint32))
     )
+    _scenes.add(scene)
     return scene
+
+
+_scenes: "WeakSet[Any]" = WeakSet()  # those that are in use
 
 
 def _nearest(scenes: list[Any], points: np.ndarray, query: str, sign: float = 1.0) -> np.ndarray:

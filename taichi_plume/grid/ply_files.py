@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from taichi_plume.grid.polygons import triangulated
+from taichi_plume.grid.polygons import DamagedError, triangulated
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 
 MOST_UNLIKE = 2_000_000  # rows that are read one by one
@@ -25,10 +25,6 @@ FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 CORNERS = ("vertex_indices", "vertex_index")
 
 
-class DamagedError(Exception):
-    """What is wrong with a file."""
-
-
 @dataclass
 class Element:
     """`count` rows of properties: name, type of the number of values of a list, or "", type of the values."""
@@ -40,10 +36,12 @@ class Element:
 
 def read_ply(content: bytes) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (n, 3) and triangles (m, 3), indices of them. Raises DamagedError."""
-    found = re.match(rb"ply\s*?\n(.*?\n)?end_header[ \t]*\r?\n", content[:LONGEST_HEADER], re.DOTALL)
-    if not found:
+    head = content[:LONGEST_HEADER]
+    start = re.match(rb"ply[ \t\r]*\n", head)
+    found = start and re.compile(rb"\nend_header[ \t]*\r?\n").search(head, start.end() - 1)
+    if not start or not found:
         raise DamagedError("is cut or damaged: has no header from 'ply' to 'end_header'")
-    order, elements = _header((found[1] or b"").decode("ascii", "replace"))
+    order, elements = _header(head[start.end() : found.start() + 1].decode("ascii", "replace"))
     body: _Words | _Bytes = _Bytes(content[found.end() :], order) if order else _Words(content[found.end() :])
     vertices, polygons = None, None
     for element in elements:

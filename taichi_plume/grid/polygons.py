@@ -1,29 +1,52 @@
-"""Polygons cut into triangles."""
+"""Polygons cut into triangles: fans, and ear clipping where they are not convex."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
 MOST_CORNERS = 2000  # of a polygon that is not convex
+MOST_WORK = 20_000_000  # corners looked at in all searches for ears of a file: some seconds
+PER_TURN = 50  # as many corners as to see whether one sticks out
+
+
+class DamagedError(Exception):
+    """Fault of a mesh file, in words."""
 
 
 def triangulated(vertices: np.ndarray, polygons: Sequence[Sequence[int]]) -> np.ndarray:
-    """Triangles (m, 3) that make up plane polygons, lists of indices of the vertices (n, 3)."""
+    """Triangles (m, 3) that make up plane polygons, lists of indices of the vertices (n, 3). Raises DamagedError."""
     triangles: list[tuple[int, int, int]] = []
-    for corners in polygons:
-        if len(corners) == 3:
-            triangles.append((corners[0], corners[1], corners[2]))
-        else:
-            triangles += [(corners[a], corners[b], corners[c]) for a, b, c in _cut(vertices[list(corners)])]
+    work = _Work()
+    with np.errstate(over="ignore", invalid="ignore"):  # such coordinates are refused afterwards
+        for corners in polygons:
+            if len(corners) == 3:
+                triangles.append((corners[0], corners[1], corners[2]))
+            else:
+                cut = _cut(vertices[list(corners)], work)
+                triangles += [(corners[a], corners[b], corners[c]) for a, b, c in cut]
     return np.array(triangles, int).reshape(-1, 3)
 
 
-def _cut(places: np.ndarray) -> list[tuple[int, int, int]]:
+class _Work:
+    """Count of the corners that were looked at for a file."""
+
+    def __init__(self) -> None:
+        self.done = 0
+
+    def add(self, corners: int) -> None:
+        """Raises DamagedError where it becomes too much."""
+        self.done += corners
+        if self.done > MOST_WORK:
+            raise DamagedError(
+                "has too many faces of many corners that are not convex; cut them into triangles in a mesh editor"
+            )
+
+
+def _cut(places: np.ndarray, work: _Work) -> list[tuple[int, int, int]]:
     """Triangles of the polygon of these corners (n, 3): a fan where it is convex, else ear by ear."""
     fan = [(0, n, n + 1) for n in range(1, len(places) - 1)]
     after = np.roll(places, -1, axis=0)
-    with np.errstate(over="ignore", invalid="ignore"):
-        normal = np.cross(places, after).sum(axis=0)  # Newell's
+    normal = np.cross(places, after).sum(axis=0)  # Newell's
     drop = int(np.abs(normal).argmax())
     flat = np.delete(places, drop, axis=1)
     if (normal[drop] < 0) != (drop == 1):  # seen from where it turns to the left
@@ -33,7 +56,7 @@ def _cut(places: np.ndarray) -> list[tuple[int, int, int]]:
         return fan
     left, ears = list(range(len(places))), []
     while len(left) > 3:
-        ear = next((n for n in range(len(left)) if _is_ear(flat, left, n)), None)
+        ear = next((n for n in range(len(left)) if _is_ear(flat, left, n, work)), None)
         if ear is None:  # it crosses itself
             return fan
         ears.append((left[ear - 1], left[ear], left[(ear + 1) % len(left)]))
@@ -48,12 +71,14 @@ def _turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
     )
 
 
-def _is_ear(flat: np.ndarray, left: list[int], n: int) -> bool:
+def _is_ear(flat: np.ndarray, left: list[int], n: int, work: _Work) -> bool:
     """Whether the corner sticks out, and no other one lies in its triangle."""
     mine = (left[n - 1], left[n], left[(n + 1) % len(left)])
     a, b, c = (flat[k] for k in mine)
+    work.add(PER_TURN)
     if not _turn(a, b, c) > 0:
         return False
+    work.add(len(left))
     others = flat[[k for k in left if k not in mine]]
     inside = (_turn(a, b, others) >= 0) & (_turn(b, c, others) >= 0) & (_turn(c, a, others) >= 0)
     return not inside.any()

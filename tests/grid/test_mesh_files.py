@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from test_meshes import box_triangles, torus, write_obj, write_stl
 
+from taichi_plume.grid import polygons
 from taichi_plume.grid.mesh_files import MeshError, read_mesh
 from taichi_plume.grid.meshes import Solid
 from taichi_plume.grid.polygons import triangulated
@@ -237,3 +238,53 @@ def test_damaged_files_never_end_the_process_or_hang(tmp_path, name):
             assert solid.triangles.max() < len(solid.vertices)
         assert time.perf_counter() - begin < 10
     assert refused > 2000
+
+
+PLANE = "".join(f"v {x:.3g} {y:.3g} 0\n" for x, y in np.random.default_rng(2).uniform(size=(1990, 2)))
+CROSSED = "f " + " ".join(str(n + 1) for n in np.random.default_rng(3).permutation(1990)) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "told"),
+    [
+        ("a.ply", b"ply" + b"\n" * 200_000, "has no header"),
+        ("a.ply", b"ply\n" + b"\n" * 200_000 + b"end_header\n", "has no header"),
+        ("a.ply", b"ply" + b" \n" * 100_000, "has no header"),
+        ("a.ply", b"ply\n" + b"\nend_header x" * 20_000, "has no header"),
+        ("a.obj", (PLANE + CROSSED * 40).encode(), "faces of many corners that are not convex"),
+        ("a.obj", b"v 0 0 0\nv 1e300 0 0\nv 1e300 1e300 0\nv 0 1e300 1e300\nf 1 2 3 4\n", "beyond 1e"),
+    ],
+    ids=range(6),
+)
+@pytest.mark.filterwarnings("error")
+def test_small_files_take_little_time(tmp_path, name, content, told, monkeypatch):
+    monkeypatch.setattr(polygons, "MOST_WORK", 2_000_000)
+    begin = time.process_time()
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(MeshError, match=told):
+        read_mesh(tmp_path / name)
+    assert time.process_time() - begin < 5.0
+
+
+def test_faces_that_share_an_edge_are_counted_first(tmp_path):
+    """Open3d compares each with each: 25,000 took minutes and gigabytes."""
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\n" + "f 1 2 3\n" * 25_000)
+    with pytest.raises(MeshError, match=r"a\.obj: 25000 triangles share the edge near"):
+        Solid(Mesh(kind="mesh", file="a.obj"), 3, tmp_path)
+
+
+def test_bodies_are_counted(tmp_path):
+    """Over a thousand scenes open3d ends the process."""
+    text = "".join(
+        f"v {n} 0 0\nv {n}.5 0 0\nv {n} 1 0\nv {n} 0 1\nf -4 -2 -3\nf -4 -3 -1\nf -4 -1 -2\nf -3 -2 -1\n"
+        for n in range(1100)
+    )
+    (tmp_path / "a.obj").write_text(text)
+    with pytest.raises(MeshError, match=r"a\.obj: has 1100 bodies.* more than 800"):
+        Solid(Mesh(kind="mesh", file="a.obj"), 3, tmp_path)
+    (tmp_path / "a.obj").write_text("".join(text.splitlines(keepends=True)[: 8 * 450]))
+    one = Solid(Mesh(kind="mesh", file="a.obj"), 3, tmp_path)
+    with pytest.raises(MeshError, match=r"a\.obj: has 450 bodies"):
+        Solid(Mesh(kind="mesh", file="a.obj"), 3, tmp_path)
+    del one  # those that are gone do not count
+    Solid(Mesh(kind="mesh", file="a.obj"), 3, tmp_path)
