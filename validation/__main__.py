@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.text import Text
 
+from taichi_plume.files.disk import written_whole
 from taichi_plume.guard.terminal import Parser, say, terminal
 from taichi_plume.signals import leave
 
@@ -62,8 +63,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         report, pictures = _examine(cases, args, backend)
         text = json.dumps(report, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
         if args.out:
-            (args.out / "report.json").write_text(text, encoding="utf-8")
-            (args.out / "report.html").write_text(page(report, pictures), encoding="utf-8")
+            for name, content in (("report.json", text), ("report.html", page(report, pictures))):
+                with written_whole(args.out / name) as fresh:
+                    fresh.write_text(content, encoding="utf-8")
     except OSError as error:
         say(f"the report could not be written: {error}", error=True)
         return 1

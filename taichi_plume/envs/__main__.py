@@ -56,7 +56,7 @@ def _record(args: argparse.Namespace) -> int:
     out, folder = args.out or Path(f"{prepared.scenario.name}_bank.zarr"), args.task.resolve().parent
     bank.check(prepared.scenario)
     if os.path.lexists(out):
-        bank.read(out)  # what is no bank is not replaced
+        bank.require_bank(out)
     out.parent.mkdir(parents=True, exist_ok=True)
     require_room(out.parent / out.name)
     device(args.arch)

@@ -6,6 +6,7 @@ On disk a bank is a zarr group. It belongs to one scenario, by a hash of what de
 import hashlib
 import json
 import os
+import secrets
 import shutil
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -32,6 +33,7 @@ from taichi_plume.study.ids import Digests
 from taichi_plume.study.shared_air import alone
 
 FORMAT = "taichi_plume bank 1"
+ARRAYS = ("values", "scale", "air")
 MOST = 2**31 - 1  # numbers of a field: Taichi counts them in 32 bits
 
 
@@ -68,7 +70,7 @@ class Bank:
         path = Path(path)
         path.parent.mkdir(parents=True, exist_ok=True)
         if os.path.lexists(path):
-            read(path)  # what is no bank is not replaced
+            require_bank(path)
         disk.require_room(path.parent / path.name, self.values.nbytes)
         about = {
             "format": FORMAT,
@@ -78,7 +80,7 @@ class Bank:
             "species": json.dumps([asdict(one) for one in self.species]),
             "sources": json.dumps([[places.tolist() for places in film] for film in self.sources]),
         }
-        part = path.with_name(f".{path.name}.{os.getpid()}.part")
+        part = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
         try:
             group = zarr_groups.create(part, about)
             chunk = (1, min(16, self.values.shape[1]), *self.values.shape[2:])
@@ -92,6 +94,15 @@ class Bank:
             part.rename(path)
         finally:
             shutil.rmtree(part, ignore_errors=True)
+
+
+def require_bank(path: Path) -> None:
+    """Raise ValueError unless a path holds a bank and nothing else, so that nothing of the user's is replaced."""
+    read(path)
+    others = {file.name for file in Path(path).iterdir()} - {"zarr.json", *ARRAYS}
+    if others or Path(path).is_symlink():
+        what = f"holds {min(others)}, which is not of a bank" if others else "is a link"
+        raise ValueError(f"{visible(path)}: {visible(what)}; choose another --out")
 
 
 def read(path: Path) -> Bank:
@@ -113,7 +124,7 @@ def read(path: Path) -> Bank:
             f"{visible(path)}: is no bank of this version; python -m taichi_plume.envs makes them"
         )
     try:
-        arrays = {name: group[name] for name in ("values", "scale", "air")}
+        arrays = {name: group[name] for name in ARRAYS}
         zarr_groups.require_memory(arrays)
         bank = Bank(
             arrays["values"][...],

@@ -16,7 +16,7 @@ from taichi_plume.files import disk
 from taichi_plume.guard.opening import read_regular
 
 LOCK = ".lock"
-LARGEST_MARK = 1 << 16  # bytes
+LARGEST_MARK = 1 << 26  # bytes
 
 
 class FolderLock:
@@ -66,7 +66,7 @@ def _is_lock(path: Path) -> bool:
 
 def mark(folder: Path, kind: str) -> None:
     """Write KIND.json, by which a folder of that kind is known, such as study.json. Raises OSError."""
-    content = {"format": _format(kind), "version": __version__}
+    content = {"format": format_of(kind), "version": __version__}
     with disk.written_whole(folder / f"{kind}.json") as fresh:
         fresh.write_text(json.dumps(content) + "\n", encoding="utf-8")
 
@@ -77,7 +77,7 @@ def is_marked(folder: Path, kind: str) -> bool:
         content = json.loads(read_regular(folder / f"{kind}.json", LARGEST_MARK) or b"")
     except (OSError, ValueError, RecursionError):
         return False
-    return isinstance(content, dict) and content.get("format") == _format(kind)
+    return isinstance(content, dict) and content.get("format") == format_of(kind)
 
 
 def other_in(folder: Path, kind: str) -> str | None:
@@ -88,7 +88,8 @@ def other_in(folder: Path, kind: str) -> str | None:
     return min((file.name for file in folder.iterdir() if file.name not in ours), default=None)
 
 
-def _format(kind: str) -> str:
+def format_of(kind: str) -> str:
+    """Value of `format` in the mark of a kind of folder."""
     return f"taichi_plume {kind} 1"
 
 

@@ -25,6 +25,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             None if args.range is None else tuple(args.range), sensors,
         )  # fmt: skip
         out = args.out or _folder(args.source)
+        if args.out is None and out.is_symlink():
+            raise RunFolderError(f"{out}: is a link, to which nothing is written; choose --out")
         paths = found.write(out)
         if not args.no_page:
             from taichi_plume.statistics import page

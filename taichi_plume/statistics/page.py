@@ -12,9 +12,8 @@ from taichi_plume.statistics import captions, plots
 from taichi_plume.statistics.analysis import Kind, OfProbe, Profile
 from taichi_plume.statistics.durations import CELANI, DECADE, FEWEST
 from taichi_plume.statistics.records import AXES
-from taichi_plume.statistics.result import Statistics
+from taichi_plume.statistics.result import PAGE, Statistics
 
-NAME = "statistics.html"
 MOST_PROBES = 6
 MOST_ROWS = 20
 HARDLY = 1e-3  # of the strongest mean
@@ -23,7 +22,7 @@ HARDLY = 1e-3  # of the strongest mean
 def write(found: Statistics, folder: Path) -> Path:
     """Write the page into a folder; returns its path. Raises OSError."""
     return html.write(
-        folder / NAME, _sections(found),
+        folder / PAGE, _sections(found),
         name=visible(found.name), what="statistics of a plume", status=visible(found.gas), good=True,
         message=f"Statistics of a plume, from {'probes' if found.of == 'probes' else 'a film'}",
         about="Statistics by taichi_plume", began=[visible(found.source)],

@@ -1,6 +1,7 @@
 """The statistics of a run or a film, as tables, and written."""
 
 import json
+import os
 from dataclasses import dataclass, field
 from math import isfinite
 from pathlib import Path
@@ -9,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from taichi_plume import __version__
+from taichi_plume.files import disk, own_folder
+from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.statistics import noses
 from taichi_plume.statistics.analysis import OfProbe
 from taichi_plume.statistics.filmed import FilmRecord
@@ -18,6 +21,9 @@ if TYPE_CHECKING:
     import pandas
     import xarray
 
+KIND = "statistics"  # statistics.json marks a folder of statistics
+PAGE = "statistics.html"
+TABLES = ("statistics", "durations", "spectra")
 UNITS = {
     **dict.fromkeys(
         ("mean", "rms", "mean_error", "conditional_mean", "p50", "p99", "p99.9", "maximum"), "ppm"
@@ -160,7 +166,8 @@ class Statistics:
             for k in (self.smelt.kept if self.smelt else [])
         ]  # fmt: skip
         return {
-            "taichi_plume": __version__, "source": str(self.source), "of": self.of, "gas": self.gas,
+            "format": own_folder.format_of(KIND), "taichi_plume": __version__,
+            "source": str(self.source), "of": self.of, "gas": self.gas,
             "threshold_ppm": self.threshold, "threshold_is": self.why, "begin_s": self.begin, "end_s": self.end,
             "samples": self.samples, "shortest_step_s": self.steps[0], "longest_step_s": self.steps[1],
             "probes": probes, "sensors": sensors, "notes": self.notes,
@@ -169,22 +176,29 @@ class Statistics:
     def write(self, folder: Path) -> list[Path]:
         """Write the tables into a folder: statistics.json, points, durations and spectra as Parquet, maps.nc of a film.
 
-        Raises OSError.
+        Earlier statistics are replaced. Raises RunFolderError if a file of that name is not one of statistics, and
+        OSError.
         """
-        folder.mkdir(parents=True, exist_ok=True)
-        text = json.dumps(_finite(self.summary), indent=1, ensure_ascii=False, allow_nan=False)
-        (folder / "statistics.json").write_text(text, encoding="utf-8", errors="backslashreplace")
-        paths = [folder / "statistics.json"]
-        for name, frame in (
-            ("statistics", self.points), ("durations", self.durations), ("spectra", self.spectra),
-        ):  # fmt: skip
-            frame.to_parquet(folder / f"{name}.parquet", index=False)
-            paths.append(folder / f"{name}.parquet")
         maps = self.maps
+        folder.mkdir(parents=True, exist_ok=True)
+        names = [
+            "statistics.json",
+            *(f"{name}.parquet" for name in TABLES),
+            *(["maps.nc"] if maps is not None else []),
+        ]
+        other = next((name for name in (*names, PAGE) if os.path.lexists(folder / name)), None)
+        if other is not None and not own_folder.is_marked(folder, KIND):
+            raise RunFolderError(f"{folder / other}: was not written by this command; choose another --out")
+        text = json.dumps(_finite(self.summary), indent=1, ensure_ascii=False, allow_nan=False)
+        with disk.written_whole(folder / "statistics.json") as fresh:
+            fresh.write_text(text, encoding="utf-8", errors="backslashreplace")
+        for name, frame in zip(TABLES, (self.points, self.durations, self.spectra), strict=True):
+            with disk.written_whole(folder / f"{name}.parquet") as fresh:
+                frame.to_parquet(fresh, index=False)
         if maps is not None:
-            maps.to_netcdf(folder / "maps.nc", engine="h5netcdf")
-            paths.append(folder / "maps.nc")
-        return paths
+            with disk.written_whole(folder / "maps.nc") as fresh:
+                maps.to_netcdf(fresh, engine="h5netcdf")
+        return [folder / name for name in names]
 
 
 def _finite(value: Any) -> Any:

@@ -70,6 +70,16 @@ def test_what_is_wrong_is_told_in_a_line(files, monkeypatch, capsys, line, told)
     assert "Traceback" not in err
 
 
+def test_a_folder_of_the_users_with_scenarios_stays_as_it_is(tmp_path, capsys):
+    scenarios = tmp_path / "scenarios"
+    scenarios.mkdir()
+    (scenarios / "open_2d.yaml").write_text("mine")
+    assert main(["--quick", "--out", str(tmp_path)]) == 2
+    assert "holds no contest (scenarios)" in capsys.readouterr().err
+    assert [(file.name, file.read_text()) for file in scenarios.iterdir()] == [("open_2d.yaml", "mine")]
+    assert [file.name for file in tmp_path.iterdir()] == ["scenarios"]
+
+
 @pytest.mark.slow
 def test_a_contest_is_the_same_again_goes_on_and_bears_a_broken_algorithm(files, monkeypatch, capsys):
     monkeypatch.chdir(files)

@@ -110,6 +110,10 @@ def test_a_bank_is_written_read_and_its_own_scenarios(closed, tmp_path):
     closed.bank.write(path)
     closed.bank.write(path)
     again = read(path)
+    (path / "notes.txt").write_text("mine")
+    with pytest.raises(ValueError, match=r"holds notes.txt"):
+        closed.bank.write(path)
+    assert (path / "notes.txt").read_text() == "mine"
     np.testing.assert_array_equal(again.values, closed.bank.values)
     assert again.species == closed.bank.species
     assert again.key == key_of(closed.scenario, HERE)

@@ -347,3 +347,23 @@ def test_what_is_no_run_is_told(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(RunFolderError, match="no folder"):
         statistics.of(tmp_path / "file")
+
+
+@pytest.mark.parametrize("name", ["statistics.json", "maps.nc", "spectra.parquet", "statistics.html"])
+def test_files_of_the_users_are_not_replaced(found, tmp_path, name):
+    """Earlier statistics are, and a link is not followed."""
+    names = {path.name for path in found.write(tmp_path / "earlier")} | {"statistics.html"}
+    if name not in names:
+        pytest.skip("these statistics have no such file")
+    mine = tmp_path / "mine" / name
+    mine.parent.mkdir()
+    mine.write_text("{}")
+    with pytest.raises(RunFolderError, match=name):
+        found.write(mine.parent)
+    assert [(file.name, file.read_text()) for file in mine.parent.iterdir()] == [(name, "{}")]
+    if name != "statistics.json":  # which marks the folder
+        again = tmp_path / "earlier" / name
+        again.unlink(missing_ok=True)
+        again.symlink_to(mine)
+    found.write(tmp_path / "earlier")
+    assert mine.read_text() == "{}"

@@ -138,7 +138,7 @@ def test_a_kill_between_the_steps_leaves_what_can_be_read(tmp_path, plan, monkey
     made_study.Store(tmp_path).add(records[:30])
     tables.publish(tmp_path, records[:30])
     made_study.Store(tmp_path).add(records[30:])
-    real = {"rename": Path.rename, "replace": tables.os.replace}
+    real = {"rename": Path.rename, "replace": tables.disk.os.replace}
     for last in range(8):
         steps = [0]
 
@@ -150,7 +150,7 @@ def test_a_kill_between_the_steps_leaves_what_can_be_read(tmp_path, plan, monkey
 
         with monkeypatch.context() as patch:
             patch.setattr(Path, "rename", lambda *how, step=step: step("rename", *how))
-            patch.setattr(tables.os, "replace", lambda *how, step=step: step("replace", *how))
+            patch.setattr(tables.disk.os, "replace", lambda *how, step=step: step("replace", *how))
             try:
                 tables.publish(tmp_path, records)
             except KeyboardInterrupt:
