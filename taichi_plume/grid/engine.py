@@ -8,6 +8,8 @@ import weakref
 from functools import cache
 from typing import Any
 
+from taichi._snode.fields_builder import FieldsBuilder
+from taichi._snode.snode_tree import SNodeTree
 from taichi.lang import impl
 from taichi.lang.exception import TaichiCompilationError
 from taichi.lang.field import Field
@@ -57,6 +59,26 @@ def live_fields() -> list[Field]:
     ]
 
 
+def free_unused_trees(live: list[Field]) -> None:
+    """Free the trees of fields (SNode trees) that hold none of the live fields; Taichi has places for 512 trees."""
+    runtime = impl.get_runtime()
+    used = {one.snode.ptr.get_snode_tree_id() for one in live if one.snode.ptr is not None}
+    for tree in reversed(_trees):
+        if tree.id not in used:
+            vars(runtime).get("roots_in_place", {}).pop(
+                tree.id, None
+            )  # of `memory`: another tree gets this number
+            tree.ptr.destroy_snode_tree(runtime.prog)
+            tree.destroyed = True
+    _trees[:] = [tree for tree in _trees if not tree.destroyed]
+
+
+def _finalize(builder: Any, *args: Any, plain: Any = FieldsBuilder._finalize, **named: Any) -> SNodeTree:
+    """Place the fields of a builder, and note their tree."""
+    _trees.append(plain(builder, *args, **named))
+    return _trees[-1]
+
+
 def _materialize(runtime: Any, plain: Any = PyTaichi.materialize) -> None:
     """Place new fields, as each launch of a kernel does first. Raises EngineError if Taichi was reset."""
     if runtime.prog is None:
@@ -77,12 +99,15 @@ def _reset(plain: Any = impl.reset) -> None:
         for field in live_fields():
             field.__class__ = _gone(type(field))
     plain()
+    _trees.clear()
     KERNELS.compiled = 0
     impl.get_runtime().print_full_traceback = (
         False  # a kernel that fails asks for it, and only `init` sets it
     )
 
 
+_trees: list[SNodeTree] = []
+FieldsBuilder._finalize = _finalize
 impl.reset = _reset
 PyTaichi.materialize = _materialize
 Kernel.materialize = _compile

@@ -17,7 +17,7 @@ import taichi as ti
 from taichi.lang import impl
 
 from taichi_plume.grid import tracing  # noqa: F401  it makes the tracing of kernels quicker
-from taichi_plume.grid.engine import KERNELS, live_fields
+from taichi_plume.grid.engine import KERNELS, free_unused_trees, live_fields
 from taichi_plume.guard.terminal import LONGEST_VALUE, say, visible
 
 if TYPE_CHECKING:
@@ -77,11 +77,13 @@ def is_running() -> bool:
 
 
 def ensure_started() -> None:
-    """Start Taichi on the CPU unless it runs. If it was started by `start` and nothing is in use, free its memory."""
+    """Start Taichi on the CPU unless it runs. Free what simulations that are gone have left."""
     if not is_running():
         start()
     elif _started and _started[0] is impl.get_runtime().prog:
         start(*_started[1:])
+    if on_cpu():
+        free_unused_trees(live_fields())
 
 
 def _in_use() -> bool:

@@ -8,6 +8,7 @@ import taichi as ti
 from taichi.lang import impl
 
 from taichi_plume.grid import engine, kernels
+from taichi_plume.grid.transfer import uploader
 
 USES = """
 import sys
@@ -116,3 +117,25 @@ def test_kernels_that_nothing_uses_are_forgotten(taichi):
     del put
     assert not kernels._in_use()
     assert len(impl.get_runtime().kernels) < before
+
+
+@pytest.mark.cpu
+def test_trees_of_fields_that_are_gone_make_room_and_the_others_keep_their_values(taichi):
+    ti.reset()
+    kernels.start("cpu", threads=1)
+    kept = ti.field(ti.i32, 3)
+    kept.fill(7)
+    put = uploader(kept)
+    sizes = []
+    for n in range(5):
+        passing = ti.field(ti.i32, 3 + n)
+        passing.fill(n)
+        put_passing = uploader(passing)
+        put_passing(n)
+        assert passing[2] == n
+        sizes.append(impl.get_runtime().prog.get_snode_tree_size())
+        del passing, put_passing
+        kernels.ensure_started()
+        assert kept.to_numpy().tolist() == [7 + n] * 3
+        put(8 + n)
+    assert max(sizes) == sizes[0]
