@@ -15,7 +15,7 @@ from taichi_plume.scenario.keys import homes, kinds_at, sections_at
 from taichi_plume.scenario.metal_oxides import MOX_MODELS
 from taichi_plume.scenario.scales import units_like
 from taichi_plume.scenario.scenario import Scenario
-from taichi_plume.scenario.suggestions import advice, hint, nearest
+from taichi_plume.scenario.suggestions import advice, hint, meant_key, nearest
 from taichi_plume.scenario.vocabulary import Model
 
 MOST_LINES = 20
@@ -269,7 +269,7 @@ def _lost_kind(got: Any, steps: Sequence[int | str], data: dict) -> str:
 def _unknown_key(message: str, context: dict, steps: Sequence[int | str], top: type[Model]) -> str:
     """Message about an unknown key, with the sections that have a key of that name."""
     key, allowed = context["key"], context["allowed"].split(", ")
-    close = nearest(key, allowed, cutoff=0.8)
+    close = meant_key(key, allowed, cutoff=0.8)
     there = [] if close or top is Model else homes(key, steps, top)
     if there:
         text = f"it is a key of {' or '.join(there[:2])}"
@@ -278,7 +278,7 @@ def _unknown_key(message: str, context: dict, steps: Sequence[int | str], top: t
     elif key[-1:] in ")]":
         text = "write lists in brackets, such as [1, 2]"
     else:
-        text = "" if nearest(key, allowed) else advice(key, allowed)
+        text = "" if meant_key(key, allowed) else advice(key, allowed)
     return f"unknown key '{key}'; {text}; allowed: {', '.join(allowed)}" if text else message
 
 

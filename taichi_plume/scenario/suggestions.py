@@ -100,6 +100,39 @@ _EVERYDAY = {
     "write species: 2-propanol": "isopropanol ipa isopropyl isopropyl_alcohol propanol",
     "write species: propane": "lpg c3h8",
 }
+# Names of keys that mean the same to people, in each line.
+_SYNONYMS = [
+    set(line.split())
+    for line in (
+        "speed velocity wind_speed flow_speed",
+        "position positions location pos place at coordinates xy xyz center centre origin",
+        "size width length dimensions dims extent edges shape",
+        "diameter radius r d",
+        "count number n num amount quantity",
+        "rate emission emission_rate strength source_rate mass_flow flux flow_rate",
+        "spacing resolution dx cell cell_size grid_size grid step",
+        "duration time end simulation_time t_end length",
+        "tick dt timestep time_step step",
+        "kind type class",
+        "species gas substance chemical compound",
+        "yaw_deg heading_deg angle rotation yaw orientation heading theta",
+        "face side wall boundary",
+        "file files path filename mesh_file",
+        "reach capture_radius goal_radius success_radius",
+        "max_speed speed velocity v_max",
+        "robots agents robot drones team",
+        "obstacles objects walls furniture geometry",
+        "sources source emitters leaks",
+        "openings boundaries inlets outlets boundary_conditions vents fans",
+        "sensors sensor noses",
+        "algorithm strategy controller behaviour behavior policy planner",
+        "wind air flow airflow",
+        "domain room world environment grid",
+        "threshold_ppm threshold detection_threshold",
+        "seed random_seed rng",
+        "warm_up warmup spinup spin_up",
+    )
+]
 _NEAR = 0.6  # difflib's ratio of names that are written alike
 
 
@@ -135,6 +168,13 @@ def advice(got: object, names: Collection[str]) -> str:
     fits = [one for one in found if re.search(rf"(kind:|species:) ({named})(?![\w-])", one)]
     elsewhere = [one for one in found if " in " in one or "kind:" not in one]
     return next(iter([*fits, *elsewhere]), "")
+
+
+def meant_key(got: object, keys: Collection[str], cutoff: float = _NEAR) -> str:
+    """Key that was probably meant: one that is written alike, or a word for the same; "" if there is none."""
+    close = nearest(got, keys, cutoff)
+    same = {plain(word) for group in _SYNONYMS if plain(got) in map(plain, group) for word in group}
+    return close or next((key for key in keys if plain(key) in same), "")
 
 
 def hint(got: object, names: Collection[str]) -> str:

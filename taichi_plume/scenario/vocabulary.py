@@ -9,7 +9,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_valida
 
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 from taichi_plume.scenario.quantities import fault, number, quantity
-from taichi_plume.scenario.suggestions import nearest
+from taichi_plume.scenario.suggestions import meant_key
 
 if TYPE_CHECKING:
     from taichi_plume.scenario.context import Context
@@ -190,7 +190,7 @@ class Model(BaseModel):
             allowed = list(cls.model_fields)
             for key in data:
                 if key not in allowed:
-                    close = nearest(key, allowed)
+                    close = meant_key(key, allowed)
                     hint = f"did you mean '{close}'? " if close else ""
                     raise fault(
                         "unknown key '{key}'; {hint}allowed: {allowed}",

@@ -81,7 +81,10 @@ def test_a_kind_or_name_that_is_unknown_gets_what_was_meant(tmp_path, override, 
         ("sensors={}", "", "key of robots[]"),
         ("openings=[]", "", "key of wind (kind: cfd, frozen)"),
         ("robots.0.speed=1", "robots[0]: ", "robots[].algorithm"),
-        ("wind.openings.0.velocity=1", "wind.openings[0]: ", "(kind: wall)"),
+        ("wind.openings.1.swirl=1", "wind.openings[1]: ", "(kind: fan)"),
+        ("wind.openings.0.velocity=1", "wind.openings[0]: ", "'speed'"),
+        ("gas.sources.0.location=[1, 1]", "gas.sources[0]: ", "'position'"),
+        ("domain.resolution=0.1", "domain: ", "'spacing'"),
         ("doors=[]", "", "kind: outlet"),
         ("Robots=[]", "", "'robots'"),
         ("warmUp=1", "", "'warm_up'"),
@@ -198,3 +201,9 @@ def test_what_is_printed_reads_back_as_the_same_value():
             assert len(re.sub(r"\D", "", text.split("e")[0].split(" ")[0]).strip("0")) <= 15
             assert parse(text, unit) == pytest.approx(value, rel=2e-15)
     assert short(1.9999999999999998e-05) == "2e-5"
+
+
+def test_every_group_of_synonyms_has_a_key():
+    keys = {key for place in places().values() for model in place.models for key in model.model_fields}
+    for group in suggestions._SYNONYMS:
+        assert group & keys, group
