@@ -171,8 +171,8 @@ def test_quiet_says_nothing(scenario, fake, capsys):
 def test_check_runs_nothing(scenario, capsys):
     assert run.main([str(scenario), "--check"]) == 0
     told = capsys.readouterr().out
-    assert "tick: 0.1" in told  # a default
-    assert "# cells: 300" in told
+    assert "ticks of 0.1 s" in told
+    assert " = 300 cells of 0.1 m" in told
     assert [file.name for file in Path("runs").iterdir()] == ["small-check.png"]
 
 

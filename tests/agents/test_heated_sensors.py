@@ -143,7 +143,7 @@ def test_phases_are_right_after_a_million_ticks():
         ({"period": 0}, "robots[0].sensors.gas.heater.period: got 0"),
         (
             {"hot_share": 1.5},
-            "robots[0].sensors.gas.heater.hot_share: got 1.5: must be less than or equal to 0.99",
+            "robots[0].sensors.gas.heater.hot_share: got 1.5: must be at most 0.99",
         ),
         ({"hot": "400 degC"}, ""),
         (3, "robots[0].sensors.gas.heater: must be a mapping (key: value), got 3"),
