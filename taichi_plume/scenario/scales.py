@@ -18,8 +18,9 @@ SCALES: dict[str, dict[str, float]] = {
     "J/kg": {"J/kg": 1.0, "kJ/kg": 1e3, "MJ/kg": 1e6},
     "1/s": {"mHz": 1e-3, "Hz": 1.0, "kHz": 1e3},
     "ohm": {"ohm": 1.0, "kohm": 1e3, "Mohm": 1e6},
+    "ppm": {"ppb": 1e-3, "ppm": 1.0, "%": 1e4},
 }
-_READ_ONLY = {"km/h", "m^3/h", "g/h", "degC", "km", "hPa", "cm^2/s"}  # named in messages, but never printed
+_READ_ONLY = {"km/h", "m^3/h", "g/h", "degC", "km", "hPa", "cm^2/s", "%"}  # named in messages, but never printed
 
 
 def short(value: float) -> str:
