@@ -7,6 +7,7 @@ import numpy as np
 
 from taichi_plume.files import bag_readings, bags
 from taichi_plume.files.bag_readings import Wanted
+from taichi_plume.files.readings import MOST
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.guard.opening import unopenable
 
@@ -63,6 +64,14 @@ def read(
         raise WayError(text) from None
     if not ways or any(not len(one.t) for one in ways):
         raise WayError(f"{path}: has no pose of a robot")
+    for one in ways:
+        for key, values in (("t", one.t), ("x", one.place), ("reading", one.ppm)):
+            largest = float(np.abs(values).max(initial=0.0))
+            if largest > MOST[key]:
+                what = {"t": "time", "x": "position", "reading": "reading"}[key]
+                raise WayError(
+                    f"{path}: a {what} of {one.name} is {largest:g}, a mistake: at most {MOST[key]:g} is taken"
+                )
     return ways
 
 

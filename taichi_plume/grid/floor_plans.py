@@ -12,13 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from taichi_plume.grid.map_files import FREE, MOST_PIXELS, OCCUPIED, MapError, RosMap, read_map
+from taichi_plume.grid.map_files import FREE, OCCUPIED, MapError, RosMap, read_map
 from taichi_plume.grid.shapes import TIE, Upright
 
 FAR = 1e6  # m, distance where there is no wall
 SLIVER = 0.02  # shares below are closed
 HALF = 0.49  # of a cell: with less air the domain's face before it is shut
 TURNED = 2  # finer: pixels of a map whose axes are not the domain's
+MOST_TURNED = 16_000_000  # pixels of a turned map in the domain
+MOST_RIM = 1_000_000  # of these, at the edges of walls: lines are drawn from each
 STRAIGHT = 1e-6  # quarters of a turn: a map turned by less lies along the axes
 KNOWN = 4_000_000  # pixels: of larger maps, distances are taken of blocks of them
 
@@ -236,9 +238,9 @@ def _along_axes(
     size = plan.resolution / TURNED
     first, last = _range(low, size, np.ceil((high - low) / size).astype(int), extent)
     count = np.maximum(last - first, 0)
-    if count.prod() > TURNED**2 * MOST_PIXELS:
+    if count.prod() > TURNED**2 * MOST_TURNED:
         raise MapError(
-            f"its picture is turned, and has more than {MOST_PIXELS:,} pixels in the domain; turn it back"
+            f"its picture is turned, and has more than {MOST_TURNED:,} pixels in the domain; turn it back"
         )
     return _drawn(solid, plan, shift, low + size * first, size, count), size, low + size * first
 
@@ -260,6 +262,12 @@ def _drawn(
     """
     from scipy import ndimage
 
+    inner: Any = ndimage.binary_erosion(solid, np.ones((3, 3)), border_value=1)
+    rim = solid & ~inner
+    if np.count_nonzero(rim) > MOST_RIM:
+        raise MapError(
+            f"its picture is turned, and has more than {MOST_RIM:,} pixels at edges of walls; turn it back"
+        )
     turn, origin = _turned(plan.yaw), np.array(plan.origin) - shift
     result = np.zeros(count, bool)
     y = corner[1] + size * (np.arange(count[1]) + 0.5)
@@ -268,8 +276,6 @@ def _drawn(
         index = np.floor((np.column_stack([x, y]) - origin) @ turn / plan.resolution).astype(int)
         known = ((index >= 0) & (index < solid.shape)).all(axis=1)
         result[n, known] = solid[tuple(index[known].T)]
-    inner: Any = ndimage.binary_erosion(solid, np.ones((3, 3)), border_value=1)
-    rim = solid & ~inner
     for step in ((1, 0), (0, 1), (1, 1), (1, -1)):
         pixel = np.argwhere(rim)
         beside = pixel + step

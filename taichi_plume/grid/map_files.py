@@ -9,6 +9,7 @@ probability p = 1 - s, or s where the map is negated. What is made of it depends
 """
 
 import os
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from io import BytesIO
@@ -25,6 +26,7 @@ from taichi_plume.guard.yaml_text import LineError, decode, parse
 LONGEST_YAML = 1 << 16  # bytes
 LARGEST_IMAGE = 1 << 28  # bytes
 MOST_PIXELS = 50_000_000  # 7000 x 7000
+STRIP = 256  # rows
 FORMATS = ("PPM", "PNG", "BMP")  # of pictures; PGM is one of PPM's
 FREE, OCCUPIED, UNKNOWN = 0, 1, 2
 SUFFIXES = (".yaml", ".yml")
@@ -124,7 +126,10 @@ def _picture(path: Path, image: Path) -> tuple[np.ndarray, int, np.ndarray | Non
 
     content = _content(path, image, LARGEST_IMAGE)
     try:
-        with Image.open(BytesIO(content), formats=FORMATS) as picture:
+        with warnings.catch_warnings():  # Pillow has a limit of its own: a warning, then an error
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+            picture = Image.open(BytesIO(content), formats=FORMATS)
+        with picture:
             width, height = picture.size
             if width * height > MOST_PIXELS:
                 raise _wrong(path, f"{image.name}: has {width} x {height} pixels; {MOST_PIXELS:,} are read")
@@ -132,15 +137,29 @@ def _picture(path: Path, image: Path) -> tuple[np.ndarray, int, np.ndarray | Non
                 return np.asarray(picture.convert("L")), 255, None
             if picture.mode.startswith("I"):
                 return np.clip(np.asarray(picture), 0, 65535).astype(np.uint16), 65535, None
-            colours = np.asarray(picture.convert("RGBA"))
+            return _brightness(picture)
     except MapError:
         raise
+    except Image.DecompressionBombError as error:
+        raise _wrong(path, f"{image.name}: {error}; {MOST_PIXELS:,} are read") from None
     except Exception as error:  # of a damaged file, a library for pictures raises almost anything
         reason = " ".join(str(error).split())[:LONGEST_VALUE] if isinstance(error, OSError) else "damaged"
         raise _wrong(
             path, f"{image.name}: is no PGM, PNG or BMP picture that can be read ({reason})"
         ) from None
-    return colours[..., :3].sum(axis=-1, dtype=np.uint16), 3 * 255, colours[..., 3] == 255
+
+
+def _brightness(picture: Any) -> tuple[np.ndarray, int, np.ndarray]:
+    """As `_picture`, of colours; strip by strip, as all of them in several copies take a gigabyte."""
+    width, height = picture.size
+    levels, opaque = np.empty((height, width), np.uint16), np.empty((height, width), bool)
+    picture.load()
+    for top in range(0, height, STRIP):
+        rows = slice(top, min(top + STRIP, height))
+        colours = np.asarray(picture.crop((0, top, width, rows.stop)).convert("RGBA"))
+        levels[rows] = colours[..., :3].sum(axis=-1, dtype=np.uint16)
+        opaque[rows] = colours[..., 3] == 255
+    return levels, 3 * 255, opaque
 
 
 def _content(path: Path, file: Path, most: int) -> bytes:

@@ -179,8 +179,8 @@ def peak(gas: PureGas, source: AnySource, context: Context, slow: bool = True) -
         return None
     if scenario.wind.uniform is None and slow:
         speed *= SLOW
-    area = gas.begins_in(source.radius, context.domain)
-    return rate / (speed * area) * gas.vapour.ppm_per_density if area else None
+    flow = speed * (gas.begins_in(source.radius, context.domain) or 0.0)
+    return rate / flow * gas.vapour.ppm_per_density if flow else None
 
 
 def _peaks(context: Context) -> list[float] | None:

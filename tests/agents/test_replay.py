@@ -196,3 +196,12 @@ def test_its_robots_do_not_err(folder):
     robots = [{**SCENARIO["robots"][1], "odometry": {}}]
     with pytest.raises(ScenarioError, match="its robots are where they were recorded to be"):
         checked(scenario_from({**SCENARIO, "robots": robots}), folder)
+
+
+@pytest.mark.parametrize(("x", "ppm", "what"), [(1e300, 5.0, "position"), (1.0, -1e300, "reading")])
+def test_numbers_that_are_mistakes_are_refused(tmp_path, x, ppm, what):
+    """They would overflow in single precision."""
+    poses = [(float(t), "/odom", pose(float(t), x if t == 2 else 0.1 * t, 1.0, 0.0)) for t in range(5)]
+    bag = write(tmp_path / "bag", [*poses, (1.5, "/gas", gas(1.5, ppm))])
+    with pytest.raises(WayError, match=rf"a {what} of robot is 1e\+300, a mistake"):
+        read(bag)

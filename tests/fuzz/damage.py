@@ -10,6 +10,8 @@ import numpy as np
 
 from tests.fuzz.values import MARKS, NUMBER_TEXTS
 
+REPEATED = 100_000  # bytes
+
 
 class Damage:
     """Damages files by chance."""
@@ -73,6 +75,15 @@ class Damage:
         return self._one(
             [b"", b"\0" * len(content), b"\n", self.rng.bytes(500), content[:4], content + self.rng.bytes(99)]
         )
+
+    def _repeat(self, content: bytes) -> bytes:
+        """A piece, a line or a line end so often that quadratic time shows."""
+        a = self._cuts(len(content), 1)[0]
+        line = content[a:].partition(b"\n")[0] + b"\n"
+        piece = self._one(
+            [b"\n", b" ", b"[", b"{", b"- ", line, content[a : a + int(self.rng.integers(1, 9))]]
+        )
+        return content[:a] + piece * (REPEATED // max(1, len(piece))) + content[a:]
 
     # ------------------------------------------------------------ of text
 
@@ -162,6 +173,7 @@ BINARY: list[Callable[[Damage, bytes], bytes]] = [
     Damage._overwrite,
     Damage._exchange,
     Damage._nothing,
+    Damage._repeat,
 ]
 TEXT: list[Callable[[Damage, str], str]] = [
     Damage._number,

@@ -11,6 +11,7 @@ from PIL import Image
 from scipy import ndimage
 
 from taichi_plume.assemble import assemble
+from taichi_plume.grid import floor_plans
 from taichi_plume.grid.cut_cells import Air, air_of, sealed
 from taichi_plume.grid.floor_plans import FloorPlan
 from taichi_plume.grid.grid import Grid
@@ -110,6 +111,28 @@ def test_faults_are_told_in_a_line(tmp_path, old, new, told):
         read_map(path)
     assert "\n" not in str(caught.value)
     assert str(caught.value).startswith("plan.yaml: ")
+
+
+@pytest.mark.parametrize("size", [(10_000, 10_000), (100_000, 100_000)])
+@pytest.mark.filterwarnings("error")
+def test_large_pictures_are_refused_unread(tmp_path, size):
+    """Pillow warns of the first, and raises an error of its own for the second."""
+    path = write(tmp_path, np.zeros((4, 4), bool))
+    (tmp_path / "plan.pgm").write_bytes(b"P5 %d %d 255\n" % size)
+    with pytest.raises(MapError, match=r"pixels.* 50,000,000 are read"):
+        read_map(path)
+
+
+def test_a_turned_map_has_few_edges_of_walls(tmp_path, monkeypatch):
+    """Lines are drawn from each of them: of a checkerboard that took minutes and gigabytes."""
+    walls = np.indices((40, 40)).sum(axis=0) % 2 == 0
+    monkeypatch.setattr(floor_plans, "MOST_RIM", 1000)
+    assert plan(tmp_path, walls[:20], (1.0, 2.0), at=(0.0, 0.0, 0.3)).solid.any()
+    plan(tmp_path, np.ones((40, 40), bool), (2.0, 2.0), at=(0.0, 0.0, 0.3))
+    monkeypatch.setattr(floor_plans, "MOST_RIM", 700)
+    with pytest.raises(MapError, match="turned, and has more than 700 pixels at edges of walls"):
+        plan(tmp_path, walls, (2.0, 2.0), at=(0.0, 0.0, 0.3))
+    assert plan(tmp_path, walls, (2.0, 2.0)).solid.any()
 
 
 def test_damaged_pictures_are_told(tmp_path):

@@ -184,3 +184,8 @@ def test_the_peak_of_a_plume_is_that_of_the_formula(tmp_path):
     assert peak(gas, source, its) == pytest.approx(
         density / 0.05808 * 8.314462618 * 298.15 / 101325 * 1e6, rel=1e-6
     )
+
+
+def test_hardly_any_air_is_no_fault(tmp_path):
+    """A speed that vanishes in a product: there was a division by zero."""
+    assert remarks(tmp_path, ROOM, "wind.openings.0.speed=5e-324 m/s")
