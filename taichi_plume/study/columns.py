@@ -43,6 +43,13 @@ TRIAL = (
     column("acquisitions", pa.int64(), "1", "how often robots of the team stopped to measure"),
     column("hits", pa.int64(), "1", "how often they noticed gas"),
     column("bumps", pa.int64(), "1", "how often they met something"),
+    column("pushes", pa.int64(), "1", "how often moving obstacles ran into them; null if no obstacle moves"),
+    column(
+        "pinned_s",
+        pa.float64(),
+        "s",
+        "time that they were inside moving obstacles; null if no obstacle moves",
+    ),
     column("final_distance_m", pa.float64(), "m", "of the robot that ended nearest to a source"),
     column("time_with_failures_s", pa.float64(), "s", "time, where a failure counts as the whole run"),
     column(

@@ -25,6 +25,7 @@ MEANS = (
     *("declared_rate", "reached_rate", "neither_rate", "declared_time_s", "localisation_error_m"),
     "false_declarations",
 )
+PUSHING = frozenset(("pushes", "pinned_s"))  # of runs with moving obstacles
 OF_TRIALS = (
     *(
         "trial",
@@ -40,6 +41,7 @@ OF_TRIALS = (
     ),
     *("final_distance_m", "declared_time_s", "localisation_error_m", "declarations", "false_declarations"),
     "reached_time_s",
+    *sorted(PUSHING),
 )
 GROUP = {
     **dict.fromkeys(("robots", "trials", "airs", "success_rate", "median_time_s", "median_path_m"), 0),
@@ -156,6 +158,8 @@ def _unknown(path: str, scenario: Scenario) -> Iterator[str]:
             known = known[step]
     if isinstance(known, Mapping | list):
         yield f"{path} holds several numbers; name one of them"
+    elif not PUSHING.isdisjoint(steps) and not any(one.motion for one in scenario.obstacles):
+        yield f"only runs with moving obstacles have {path}; give an obstacle of the base a motion"
 
 
 def _no_probe(path: str, scenario: Scenario) -> Iterator[str]:

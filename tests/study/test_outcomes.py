@@ -8,6 +8,8 @@ import pytest
 from taichi_plume.files import result
 from taichi_plume.map_scores import MapScores
 from taichi_plume.scenario.belief_algorithms import Infotaxis
+from taichi_plume.scenario.motion import Motion
+from taichi_plume.scenario.obstacles import Cylinder
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.study.outcomes import Wanted
 
@@ -70,3 +72,12 @@ def test_beliefs_leave_maps(run):
         wanted.look(one)
         assert wanted.keep == absent
         assert list(wanted.outcomes) == (["p", "no"] if absent else ["no"])
+
+
+def test_pushes_may_be_asked_for_where_an_obstacle_moves():
+    paths = {"groups.0.per_trial.pushes.0", "groups.0.per_trial.pinned_s.1"}
+    still = Cylinder(kind="cylinder", center=(1.0, 1.0), radius=0.2)
+    walker = still.model_copy(update={"motion": Motion(path=((1.0, 1.2, 1.0),))})
+    for obstacles, left in (([], paths), ([still], paths), ([still, walker], set())):
+        scenario = fake_run.scenario(2).model_copy(update={"obstacles": obstacles})
+        assert refused(scenario, paths) == left

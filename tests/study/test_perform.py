@@ -3,9 +3,11 @@
 import json
 from math import nan
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import tasks
@@ -13,8 +15,10 @@ from rooms import ROOM, UNIFORM, changed
 
 from taichi_plume import run
 from taichi_plume.run_data import open_run
+from taichi_plume.study.campaign import Labour
 from taichi_plume.study.perform import perform
 from taichi_plume.study.rows import found
+from taichi_plume.study.store import _SCHEMA, _row
 from taichi_plume.study.warm import WARM
 
 PROBES = {"points": [{"kind": "line", "name": "a.b", "start": [0.5, 0.6], "end": [1.5, 0.6], "count": 3}]}
@@ -68,6 +72,17 @@ def test_rows_and_outcomes_are_those_of_the_result_of_the_run_alone(tmp_path):
         "no": None,
         "text": None,
     }
+
+
+def test_the_tables_hold_what_trials_with_moving_obstacles_count(tmp_path):
+    motion = {"path": [[1.0, 1.9, 0.3], [2.0, 0.9, 1.1]]}
+    walkers = [{"kind": "cylinder", "center": [0.9, 1.1], "radius": 0.3, "motion": motion}]
+    (record,) = perform(tasks.task(changed(ROOM, obstacles=walkers), [{}], tmp_path, structure="walkers"))
+    assert record.status == "completed", record.message
+    (row,) = pa.Table.from_pylist([_row(record)], _SCHEMA).to_pylist()
+    for name in ("pushes", "pinned_s"):
+        assert [one[name] for one in row["trials"]] == [one[name] for one in record.trials]
+    assert max(one["pushes"] for one in record.trials) > 0
 
 
 def test_what_comes_of_a_run_does_not_depend_on_those_before_it(tmp_path):
@@ -206,3 +221,8 @@ def test_a_path_leads_to_a_number_or_to_none(content, path, number):
 def test_the_folder_of_the_study_is_named_in_no_record(tmp_path):
     records = [perform(tasks.task(changed(UNIFORM), [{}], Path(tmp_path, name)))[0] for name in "ab"]
     assert plain(records)[0] == plain(records)[1]
+
+
+@pytest.mark.parametrize("name", Labour())
+def test_the_functions_that_a_study_names_exist(name):
+    assert callable(resolve_name(name))

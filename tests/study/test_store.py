@@ -23,7 +23,8 @@ def record(run="a" * 16, status="completed", message="", success=True, **values)
     who = {"run": run, "point": 3, "air": "f0", "air_seed": 7, "seed": 7, **values}
     scores = {
         "group": "robots", "algorithm": "casting", "searched": True, "found": 1, "path_m": 2.0, "overhead": 1.1,
-        "team_path_m": 2.5, "acquisitions": 4, "hits": 2, "bumps": 0, "final_distance_m": 0.1 + 0.2,
+        "team_path_m": 2.5, "acquisitions": 4, "hits": 2, "bumps": 0, "pushes": 1, "pinned_s": 0.5,
+        "final_distance_m": 0.1 + 0.2,
         "time_with_failures_s": 12.25, "outcome": "declared", "declared_time_s": 0.1, "localisation_error_m": 1e-3,
         "declarations": 2, "false_declarations": 1, "reached_time_s": None, "shares_arena": False, "shortest_m": 1.8,
     }  # fmt: skip
