@@ -210,8 +210,6 @@ def _require_same(path: Path) -> None:
 
 def _film(path: Path) -> "xarray.Dataset":
     """What of a film is at the cells' middles."""
-    import xarray
-
     from taichi_plume.files import zarr_groups
     from taichi_plume.files.film import Film, FilmError
 
@@ -223,7 +221,7 @@ def _film(path: Path) -> "xarray.Dataset":
         group = zarr_groups.Group(path, consolidated=True)  # as it was when it was last consolidated, whole
         for name in group.names:
             _ = group[name]
-        data = xarray.open_zarr(path, consolidated=True, chunks=None, zarr_format=3)
+        data = zarr_groups.open_dataset(path, consolidated=True, chunks=None)
         for name in map(str, data.data_vars):
             stored, wanted = zarr_groups.stored_chunks(film.arrays[name]), data[name].sizes.get("time", 1)
             if stored < wanted:

@@ -167,7 +167,10 @@ class Film:
                 raise ValueError(f"it has the shape {size}, not {wanted}")
             if math.prod(size) * array.dtype.itemsize > LARGEST_CHUNK:
                 raise ValueError(f"it has frames of {size} cells, over {LARGEST_CHUNK >> 30} GiB")
-            stored = min(array.shape[0], stored_chunks(array)) if frames else stored_chunks(array)
+            stored = stored_chunks(array)
+            if frames:  # a copy by xarray may hold several in a chunk, or a frame in several
+                pieces = math.prod(-(-n // k) for n, k in zip(size, array.chunks[1:], strict=True))
+                stored = min(array.shape[0], stored * array.chunks[0] // pieces)
         except FAULTS as error:
             raise FilmError(f"{self.path}: is damaged: {name}: {reason(error)}") from None
         if stored < (frames or 1):

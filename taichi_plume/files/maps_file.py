@@ -221,9 +221,9 @@ def read(path: Path) -> "list[xarray.Dataset]":
 
 
 def _loaded(path: Path, group: Any) -> "xarray.Dataset":
-    import xarray
+    from taichi_plume.files import zarr_groups
 
-    return xarray.open_zarr(path, group=group.name, consolidated=False, zarr_format=3).load()
+    return zarr_groups.open_dataset(path, group=group.name, consolidated=False).load()
 
 
 def read_beliefs(path: Path) -> "list[xarray.Dataset]":

@@ -4,35 +4,34 @@ A Zarr array, or a group with one (plume-nav-sim: `concentration`, attributes fp
 origin (y, x) of the array or its group), a .npy file, or an HDF5 file (attributes likewise).
 """
 
+import itertools
+import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from taichi_plume.files.bounded_codecs import unpack
 from taichi_plume.files.film import FilmError
-from taichi_plume.files.zarr_groups import FAULTS, LARGEST_CHUNK, Group, GroupError, reason
+from taichi_plume.files.zarr_groups import FAULTS, LARGEST_CHUNK, MOST_CHUNKS, Group, GroupError, reason
 from taichi_plume.guard.opening import open_regular, unopenable
 from taichi_plume.guard.terminal import visible
 from taichi_plume.scenario.movie import MovieGas
 
 NAMES = ("concentration", "plume")  # of the variable, unless told: plume-nav-sim's, FlyGym's
 NPY, HDF5 = b"\x93NUMPY", b"\x89HDF\r\n\x1a\n"
+HDF5_FILTERS = {1, 2, 3}  # gzip (deflate), shuffle, fletcher32
 MOST_PIXELS = 100_000_000  # of a frame
 MOST_FRAMES = 10_000_000
 LARGEST = 1e12  # of a value: far beyond 1e6 ppm in any unit, and its sums stay numbers
-PACKED = (
-    *("blosc", "zstd", "zlib", "gzip", "lz4", "bz2", "lzma"),
-    *("shuffle", "delta", "fixedscaleoffset", "quantize", "bitround", "astype", "packbits"),
-    *("crc32", "crc32c", "adler32", "fletcher32"),
-)
 CODECS = frozenset(
     {
-        *PACKED,
-        *(f"numcodecs.{name}" for name in PACKED),  # the same in Zarr 3
+        *("blosc", "zstd", "zlib", "gzip", "lz4", "shuffle"),
+        *("crc32", "crc32c", "adler32", "fletcher32"),
         *("bytes", "transpose", "sharding_indexed"),
     }
 )
-"""Codecs that only move numbers, of Zarr 2 and 3. Another one, pickle, would execute what it reads."""
+"""Codecs whose decoded size is bounded, of Zarr 2 and 3. Another one, pickle, would execute what it reads."""
 
 
 class Movie:
@@ -60,6 +59,13 @@ class Movie:
                 f"of {MOST_PIXELS} pixels"
             )
         chunks = getattr(self.array, "chunks", None)
+        pieces = (
+            math.prod(-(-size // one) for size, one in zip(shape[1:], chunks[1:], strict=True))
+            if chunks
+            else 1
+        )
+        if pieces > MOST_CHUNKS:
+            raise FilmError(f"{path}: has {pieces} chunks in a frame; at most {MOST_CHUNKS}")
         if chunks and np.prod(chunks, dtype=float) * np.dtype(self.array.dtype).itemsize > LARGEST_CHUNK:
             raise FilmError(
                 f"{path}: has chunks of {chunks}, over {LARGEST_CHUNK >> 30} GiB; make them smaller"
@@ -75,6 +81,8 @@ class Movie:
     def frame(self, n: int) -> np.ndarray:
         """Picture n, axes (x, y), y upwards, in the file's unit. Raises FilmError where it is damaged."""
         try:
+            if hasattr(self.array, "id"):
+                _require_declared_size(self.array, n)
             picture = np.asarray(self.array[n], dtype=np.float64)
         except FAULTS as error:
             raise FilmError(f"{self.path}: frame {n} cannot be read: {visible(reason(error), 200)}") from None
@@ -165,7 +173,27 @@ def _hdf5(path: Path, variable: str | None) -> tuple[Any, dict[str, Any]]:
     array: Any = file[_chosen(path, names, variable)]
     if array.is_virtual or array.external:
         raise FilmError(f"{path}: {visible(array.name, 40)} lies in other files; copy it into one")
+    plan = array.id.get_create_plist()
+    filters = [plan.get_filter(n)[0] for n in range(plan.get_nfilters())]
+    if set(filters) - HDF5_FILTERS or filters.count(h5py.h5z.FILTER_DEFLATE) > 1:
+        raise FilmError(f"{path}: {visible(array.name, 40)} is packed; only gzip, once, and shuffle are read")
     return array, dict(file.attrs) | dict(array.attrs)
+
+
+def _require_declared_size(array: Any, n: int) -> None:
+    """Raise ValueError if a chunk of frame n unpacks to more than its size: HDF5 would unpack all of it."""
+    if array.compression != "gzip":
+        return
+    t, *sizes = array.chunks
+    most = math.prod(array.chunks) * array.dtype.itemsize + 4  # fletcher32
+    starts = [range(0, length, size) for length, size in zip(array.shape[1:], sizes, strict=True)]
+    for y, x in itertools.product(*starts):
+        try:
+            skipped, packed = array.id.read_direct_chunk((n // t * t, y, x))
+        except (OSError, ValueError, RuntimeError):
+            continue  # not stored
+        if not skipped:  # no filter
+            unpack("zlib", packed, most)
 
 
 def _chosen(path: Path, names: list[str], variable: str | None) -> str:

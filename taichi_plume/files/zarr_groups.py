@@ -10,7 +10,7 @@ import os
 import warnings
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import psutil
@@ -18,9 +18,13 @@ import zarr
 from zarr.codecs import BloscCodec, Crc32cCodec
 from zarr.errors import ZarrUserWarning
 
+from taichi_plume.files.bounded_codecs import BOUNDED
 from taichi_plume.files.tables import plain
 from taichi_plume.guard.opening import irregular, unopenable
 from taichi_plume.guard.terminal import visible
+
+if TYPE_CHECKING:
+    import xarray
 
 CONVENTIONS = "CF-1.11"
 FAULTS = (
@@ -34,9 +38,10 @@ FAULTS = (
     MemoryError,
 )
 """Of what zarr reads."""
-OWN_CODECS = frozenset({"bytes", "blosc", "crc32c"})
-"""Codecs of the groups that this package writes; none of them decodes a chunk to more than 2 GiB."""
-LARGEST_CHUNK = 1 << 31  # bytes of a decoded chunk
+OWN_CODECS = frozenset({"bytes", "blosc", "crc32c", "zstd"})
+"""Codecs of the groups that this package writes, and of xarray's copies of these groups."""
+LARGEST_CHUNK = 1 << 30  # bytes of a decoded chunk
+MOST_CHUNKS = 10_000  # of one element of the first axis, such as a frame
 
 
 class GroupError(ValueError):
@@ -47,7 +52,8 @@ class Group:
     """A Zarr group, or a single array, that others may have written: the only way in which stored groups are opened.
 
     A codec may execute what it reads, as pickle of Zarr 2 does. Hence every array is checked before any of its chunks
-    is decoded: its codecs, its data type (numbers), the size of its chunks.
+    is decoded: its codecs, its data type (numbers), size and number of its chunks. No chunk is decoded to more than
+    that size.
 
     name: path of the group within `path`. attributes: of the group. names: of its arrays; [""] if `path` is itself an
     array.
@@ -71,9 +77,10 @@ class Group:
             raise GroupError(f"{path}: {fault}")
         self.path, self.name, self.codecs = path, group, codecs
         zarr_format: Any = 3 if formats == (3,) else None
-        self._node: Any = zarr.open(
-            path, path=group, mode=mode, zarr_format=zarr_format, use_consolidated=consolidated
-        )
+        with zarr.config.set(BOUNDED):
+            self._node: Any = zarr.open(
+                path, path=group, mode=mode, zarr_format=zarr_format, use_consolidated=consolidated
+            )
         self.attributes: dict[str, Any] = dict(self._node.attrs)
         if isinstance(self._node, zarr.Array):
             self.names = [""]
@@ -86,7 +93,8 @@ class Group:
         """An array, checked. Raises GroupError, KeyError, and one of FAULTS."""
         if name not in self.names:
             raise KeyError(name)
-        array = self._node[name] if name else self._node
+        with zarr.config.set(BOUNDED):
+            array = self._node[name] if name else self._node
         if not isinstance(array, zarr.Array):
             raise GroupError(f"{self.path}: {visible(name, 40)} is a group, not an array")
         for codec in _codecs(array):
@@ -100,7 +108,20 @@ class Group:
             raise GroupError(
                 f"{where}: has chunks of {chunk}; wanted at least one value and at most {LARGEST_CHUNK >> 30} GiB"
             )
+        pieces = math.prod(-(-n // size) for n, size in zip(array.shape[1:], array.chunks[1:], strict=True))
+        if pieces > MOST_CHUNKS:
+            raise GroupError(
+                f"{where}: has {pieces} chunks along its axes but the first; at most {MOST_CHUNKS}"
+            )
         return array
+
+
+def open_dataset(path: Path, **options: Any) -> "xarray.Dataset":
+    """Open a group that `Group` has checked by xarray, whose chunks have the same bounds."""
+    import xarray
+
+    with zarr.config.set(BOUNDED):
+        return xarray.open_zarr(path, zarr_format=3, **options)
 
 
 def _codecs(array: zarr.Array) -> Iterable[str]:

@@ -90,6 +90,17 @@ def test_what_was_written_is_read(tmp_path):
             np.testing.assert_array_equal(values, frame[name].T)
 
 
+@pytest.mark.parametrize("plain", [False, True], ids=["encoding kept", "encoding dropped"])
+def test_a_copy_by_xarray_is_read(tmp_path, plain):
+    frames = new_film(tmp_path / "fields.zarr")
+    copy = xarray.open_zarr(tmp_path / "fields.zarr").load()
+    (copy.drop_encoding() if plain else copy).to_zarr(tmp_path / "copy.zarr", zarr_format=3)
+    film = Film(tmp_path / "copy.zarr")
+    np.testing.assert_array_equal(film.still("volume"), Film(tmp_path / "fields.zarr").still("volume"))
+    for name, values in film.frame(2, [*film.wind, *film.gas]).items():
+        np.testing.assert_array_equal(values, frames[2][name].T)
+
+
 def test_dimensions_have_names_coordinates_and_units(path):
     group = opened(path)
     arrays = dict(group.arrays())

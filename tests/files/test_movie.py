@@ -1,6 +1,7 @@
 """Movies of plumes in the three layouts that there are, and files that are none."""
 
 import json
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -143,3 +144,23 @@ def test_nothing_is_executed_and_no_other_file_read(tmp_path):
         file["plume"] = h5py.ExternalLink("own", "plume")
     with pytest.raises(FilmError, match="only nothing"):
         movie(tmp_path / "linked", frame_rate=1, pixel=1)
+
+
+def test_no_chunk_of_hdf5_decodes_to_more_than_is_declared(tmp_path):
+    told = {"frame_rate": 1, "pixel": 1}
+    for name, packed in (("sound", zlib.compress(bytes(256))), ("bomb", zlib.compress(bytes(1 << 26)))):
+        with h5py.File(tmp_path / name, "w") as file:
+            kept = {"shape": (1, 16, 8), "chunks": (1, 8, 8), "dtype": "f4", "compression": "gzip"}
+            array = file.create_dataset("plume", **kept)
+            array.id.write_direct_chunk((0, 8, 0), packed)  # the other chunk is not stored
+    assert movie(tmp_path / "sound", **told).frame(0).shape == (8, 16)
+    with pytest.raises(FilmError, match=r"frame 0 .*decodes to more than"):
+        movie(tmp_path / "bomb", **told).frame(0)
+    for name, packing in (("lzf", {"compression": "lzf"}), ("so", {"scaleoffset": 2})):
+        with h5py.File(tmp_path / name, "w") as file:
+            file.create_dataset("plume", data=PICTURES.astype("f4"), chunks=(1, 5, 7), **packing)
+        with pytest.raises(FilmError, match="only gzip"):
+            movie(tmp_path / name, **told)
+    with h5py.File(tmp_path / "fine", "w") as file:
+        file.create_dataset("plume", data=PICTURES, compression="gzip", shuffle=True, fletcher32=True)
+    np.testing.assert_array_equal(movie(tmp_path / "fine", **told).frame(1), PICTURES[1, ::1].T)

@@ -1,11 +1,15 @@
 """Stored Zarr groups may come from anyone: nothing in them is executed, and what they claim is bounded."""
 
 import ast
+import gzip
 import json
 import pickle
+import tracemalloc
+import zlib
 from pathlib import Path
 from typing import Any
 
+import numcodecs
 import numcodecs.pickles
 import numpy as np
 import pytest
@@ -13,7 +17,7 @@ import zarr
 
 import taichi_plume
 from taichi_plume.files import air_film, maps_file, new_film
-from taichi_plume.files.film import Film
+from taichi_plume.files.film import Film, FilmError
 from taichi_plume.files.movie import Movie
 from taichi_plume.files.zarr_groups import (
     Group,
@@ -21,6 +25,7 @@ from taichi_plume.files.zarr_groups import (
     add,
     consolidate,
     create,
+    open_dataset,
     require_memory,
     stored_chunks,
 )
@@ -159,7 +164,7 @@ def test_claims_are_bounded(tmp_path):
         require_memory({"a": Group(path)["a"]})
     big = {"name": "regular", "configuration": {"chunk_shape": [10**15]}}
     claim(path, "a", chunk_grid=big)
-    with pytest.raises(GroupError, match="at most 2 GiB"):
+    with pytest.raises(GroupError, match="at most 1 GiB"):
         _ = Group(path)["a"]
     claim(path, "a", data_type="string", fill_value="")
     with pytest.raises((GroupError, ValueError)):
@@ -212,3 +217,77 @@ def test_a_run_of_others(tmp_path):
     (path / ".zattrs").write_text(json.dumps(FORMATS["film"]))
     with pytest.raises(ValueError, match="no zarr group"):
         _ = open_run(tmp_path).fields
+
+
+SETTINGS = {
+    "zstd": {"level": 0, "checksum": False},
+    "gzip": {"level": 1},
+    "blosc": {"typesize": 4, "cname": "zstd", "clevel": 5, "shuffle": "noshuffle", "blocksize": 0},
+}
+ENDIAN = {"name": "bytes", "configuration": {"endian": "little"}}
+SHARDS = {"chunk_shape": [1, 8, 8], "index_codecs": [ENDIAN], "index_location": "end"}
+
+
+def bomb(path: Path, kind: str, size: int) -> None:
+    """A movie of one frame whose chunk decodes to `size` bytes instead of 256."""
+    zeros, codec = bytes(size), kind.rpartition("-")[2]
+    packed = {
+        "zstd": lambda: numcodecs.Zstd().encode(zeros),
+        "gzip": lambda: gzip.compress(zeros),
+        "zlib": lambda: zlib.compress(zeros),
+        "lz4": lambda: numcodecs.LZ4().encode(zeros),
+        "blosc": lambda: numcodecs.Blosc("zstd").encode(zeros),
+    }[codec]()
+    if kind.startswith("2"):
+        group = zarr.open_group(path, mode="w", zarr_format=2)
+        array = group.create_array("concentration", shape=(1, 8, 8), chunks=(1, 8, 8), dtype="f4")
+        about = path / "concentration/.zarray"
+        told = json.loads(about.read_text()) | {"compressor": {"id": codec}}
+        about.write_text(json.dumps(told))
+        (path / "concentration/0.0.0").write_bytes(packed)
+        return
+    group = zarr.open_group(path, mode="w", zarr_format=3)
+    array = group.create_array(
+        "concentration", shape=(1, 8, 8), chunks=(1, 8, 8), dtype="f4", compressors=None
+    )
+    array[...] = 1.0
+    codecs = [ENDIAN, {"name": codec, "configuration": SETTINGS[codec]}]
+    if kind.startswith("shard"):
+        codecs = [{"name": "sharding_indexed", "configuration": SHARDS | {"codecs": codecs}}]
+        packed += np.array([0, len(packed)], "<u8").tobytes()
+    claim(path, "concentration", codecs=codecs, dimension_names=["t", "y", "x"])
+    (path / "concentration/c/0/0/0").write_bytes(packed)
+
+
+@pytest.mark.parametrize(
+    "kind",
+    ["3-zstd", "3-gzip", "3-blosc", "shard-zstd", "shard-blosc", "2-zstd", "2-zlib", "2-lz4", "2-blosc"],
+)
+def test_no_chunk_decodes_to_more_than_is_declared(tmp_path, kind):
+    model = MovieGas(kind="movie", file="a", frame_rate=1, pixel=1)
+    bomb(tmp_path / "sound", kind, 256)
+    np.testing.assert_array_equal(Movie(tmp_path / "sound", model).frame(0), np.zeros((8, 8)))
+    bomb(tmp_path / "bomb", kind, 1 << 26)
+    movie = Movie(tmp_path / "bomb", model)
+    tracemalloc.start()
+    try:
+        with pytest.raises(FilmError, match=r"frame 0 .*decodes to more than"):
+            movie.frame(0)
+        assert tracemalloc.get_traced_memory()[1] < 1 << 24
+    finally:
+        tracemalloc.stop()
+
+
+def test_the_number_of_chunks_of_a_frame_is_bounded(tmp_path):
+    group = zarr.open_group(tmp_path / "a", mode="w")
+    group.create_array("concentration", shape=(1, 8000, 8000), chunks=(1, 1, 1), dtype="f4")
+    with pytest.raises(FilmError, match="64000000 chunks"):
+        Movie(tmp_path / "a", MovieGas(kind="movie", file="a", frame_rate=1, pixel=1))
+
+
+def test_xarray_reads_within_the_same_bounds(tmp_path):
+    """Arrays keep the codecs of the moment at which they were opened."""
+    bomb(tmp_path / "a", "3-blosc", 1 << 26)
+    data = open_dataset(tmp_path / "a", consolidated=False, chunks=None)
+    with pytest.raises(ValueError, match="decodes to more than"):
+        data.load()
