@@ -43,7 +43,7 @@ class Labour(NamedTuple):
     solve_air: str = "taichi_plume.study.shared_air:solve_air"
     why_not: str = "taichi_plume.study.sharing:why_not"
     leave_failed: str = "taichi_plume.study.failures:leave_failed"
-    scenario_of: str = "taichi_plume.study.scenarios:scenario_of"
+    scenario_of: str = "taichi_plume.scenario.loading:scenario_of"
 
 
 class Lane(NamedTuple):

@@ -3,6 +3,7 @@
 import json
 from math import nan
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from rooms import ROOM, UNIFORM, changed
 
 from taichi_plume import run
 from taichi_plume.run_data import open_run
+from taichi_plume.study.campaign import Labour
 from taichi_plume.study.perform import perform
 from taichi_plume.study.rows import found
 from taichi_plume.study.warm import WARM
@@ -31,6 +33,10 @@ class Late:
 def plain(records: Any) -> list[Any]:
     """Without what they cost."""
     return [one._replace(cost=None) for one in records]
+
+
+def test_functions_that_workers_import_by_name_exist():
+    assert all(callable(resolve_name(name)) for name in Labour())
 
 
 def test_rows_and_outcomes_are_those_of_the_result_of_the_run_alone(tmp_path):
