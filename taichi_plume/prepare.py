@@ -106,6 +106,7 @@ def checked(
 
     Raises ScenarioError.
     """
+    _require_scenario(scenario)
     faults = checks.misfits(scenario)
     if not faults:
         prepared = prepare(scenario, folder, allow_outside, named)
@@ -116,11 +117,21 @@ def checked(
     raise ScenarioError(faults)
 
 
+def _require_scenario(scenario: object) -> None:
+    """Raise ScenarioError for a path or a dict in place of a scenario."""
+    if not isinstance(scenario, Scenario):
+        got = visible(type(scenario).__name__)
+        raise ScenarioError(
+            [f"scenario: got {got}; load_scenario returns the scenario of a YAML file or a dict"]
+        )
+
+
 def again(prepared: Prepared, scenario: Scenario) -> Prepared:
     """Another scenario of the structure of the one that was prepared, with what its files hold.
 
     Raises ScenarioError: StructureError where its structure is another one, else where something of it is wrong.
     """
+    _require_scenario(scenario)
     old, resources = prepared
     played = {path: gas for path, gas in scenario.gases if isinstance(gas, PlaybackGas)}
     other = scenario.with_gases({path: completed(gas, resources.films[path]) for path, gas in played.items()})

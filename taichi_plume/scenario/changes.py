@@ -2,7 +2,10 @@
 
 import re
 from collections.abc import Mapping, Sequence
+from pathlib import PurePath
 from typing import Any
+
+import numpy as np
 
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 from taichi_plume.guard.yaml_text import DEEPEST, LineError
@@ -12,7 +15,7 @@ LONGEST_GOT = 48  # characters shown of what was got
 
 def steps_of(path: str) -> list[str]:
     """The keys of a path; ``robots.0.count`` and ``robots[0].count`` are the same."""
-    return re.sub(r"\[(\d+)\]", r".\1", path.strip()).split(".")
+    return re.sub(r"\[(\d+)\]", r".\1", str(path).strip()).split(".")
 
 
 def path_of(steps: Sequence[int | str]) -> str:
@@ -30,6 +33,22 @@ def shown(value: Any) -> str:
     """A value as it was got, in a few characters."""
     text = "nothing" if value is None else repr(value)
     return text if len(text) <= LONGEST_GOT else text[: LONGEST_GOT - 3] + "..."
+
+
+def yaml_value(value: Any, depth: int = 0) -> Any:
+    """Return a value of Python in the types that YAML has: tuples and arrays become lists, paths become texts.
+
+    Raises LineError if the value is nested too deeply.
+    """
+    if depth > DEEPEST:
+        raise LineError(f"is nested deeper than {DEEPEST} levels")
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {key: yaml_value(part, depth + 1) for key, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [yaml_value(part, depth + 1) for part in value]
+    return str(value) if isinstance(value, PurePath) else value
 
 
 def changed(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:

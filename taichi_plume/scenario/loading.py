@@ -9,7 +9,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 from taichi_plume.guard.yaml_text import MOST_VALUES, LineError, parse, read_text, weight
-from taichi_plume.scenario.changes import changed, path_of, shown, steps_of
+from taichi_plume.scenario.changes import changed, path_of, shown, steps_of, yaml_value
 from taichi_plume.scenario.facts import Facts, facts, own_kind
 from taichi_plume.scenario.keys import homes, kinds_at, sections_at
 from taichi_plume.scenario.metal_oxides import MOX_MODELS
@@ -58,8 +58,10 @@ def read_scenario(
 
     expand: applied to the data before the overrides. Raises ScenarioError.
     """
-    data = read_mapping(source, NEEDS) if isinstance(source, Path) else dict(source)
+    data = read_mapping(source, NEEDS) if isinstance(source, Path) else of_python(source)
     where = f"{source}: " if isinstance(source, Path) else ""
+    if isinstance(overrides, str):
+        raise ScenarioError([f"overrides: got {shown(overrides)}; give a list, such as ['robots.0.count=3']"])
     if expand is not None:
         data = expand(data)
     if "base" in data and "axes" in data:
@@ -73,6 +75,16 @@ def read_scenario(
         return scenario_from(data)
     except ScenarioError as error:
         raise ScenarioError([f"{where}{line}" for line in error.faults]) from None
+
+
+def of_python(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Keys and values from Python, in the types that YAML has. Raises ScenarioError."""
+    if not isinstance(values, Mapping):
+        raise ScenarioError([f"got {shown(values)}; give a dict of keys and values"])
+    try:
+        return yaml_value(values)
+    except LineError as fault:
+        raise ScenarioError([f"scenario: {fault}"]) from None
 
 
 def scenario_of(data: Mapping[str, Any], changes: Mapping[str, Any]) -> Scenario:

@@ -120,9 +120,9 @@ class Scenario(Model):
 
         Values are as in YAML: numbers, texts such as "5 cm", lists, dicts. Raises ScenarioError, a line for each fault.
         """
-        from taichi_plume.scenario.loading import scenario_of  # it imports this module
+        from taichi_plume.scenario.loading import of_python, scenario_of  # it imports this module
 
-        return scenario_of(self.model_dump(mode="json", exclude_unset=True), changes)
+        return scenario_of(self.model_dump(mode="json", exclude_unset=True), of_python(changes))
 
     @property
     def floor(self) -> Arena:

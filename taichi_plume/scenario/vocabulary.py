@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeVar, get_args, get_origin
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 from taichi_plume.scenario.quantities import fault, number, quantity
@@ -164,12 +164,25 @@ class Model(BaseModel):
         return any(one.by_chance for one in values if isinstance(one, Model))
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
-        """Copy with other values. Raises ValidationError (a ValueError) for an unknown key or a bad value."""
+        """Copy with other values. Raises ScenarioError, with a line for each unknown key and each bad value."""
+        from taichi_plume.scenario.loading import ScenarioError, explain, of_python  # it imports this module
+
         if not update:
             return super().model_copy(deep=deep)
-        return type(self).model_validate(
-            {key: vars(self)[key] for key in self.model_fields_set} | dict(update)
-        )
+        data = {key: vars(self)[key] for key in self.model_fields_set} | of_python(update)
+        try:
+            return type(self).model_validate(data)
+        except ValidationError as error:
+            raise ScenarioError(explain(error, data, type(self))) from None
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Raise AttributeError: sections are frozen. Pydantic's own attributes can be set."""
+        if not name.startswith("_"):
+            raise AttributeError(
+                f"{type(self).__name__}.{name} cannot be set; scenario.changed({{'seed': 3}}) returns a scenario with "
+                "other values"
+            )
+        super().__setattr__(name, value)
 
     @classmethod
     def __get_pydantic_json_schema__(cls, core_schema: Any, handler: Any) -> Any:

@@ -3,6 +3,7 @@
 from collections import Counter
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 from test_meshes import box_triangles, write_stl
@@ -154,10 +155,48 @@ def test_a_changed_scenario_is_checked_as_by_set():
 def test_a_copy_refuses_a_misspelt_key_and_a_bad_value():
     room = load_scenario(ROOM)
     assert room.model_copy(update={"duration": 2}).duration == 2.0
-    for update in ({"durtion": 2}, {"duration": -1}, {"domain": 3}):
-        with pytest.raises(ValueError, match=next(iter(update))):
+    for update in ({"durtion": 2}, {"duration": -1}, {"domain": 3}, {"obstacles": ({"size": [1, 1]},)}):
+        with pytest.raises(ScenarioError) as copied:
             room.model_copy(update=update)
+        with pytest.raises(ScenarioError) as loaded:
+            load_scenario(ROOM | update)
+        assert copied.value.faults == loaded.value.faults
+        assert next(iter(update)) in str(copied.value)
+    with pytest.raises(ScenarioError, match=r"^spacing: got -1"):
+        room.domain.model_copy(update={"spacing": -1})
     assert room.model_copy(update={"seed": 3}).model_fields_set == room.model_fields_set | {"seed"}
+
+
+def test_a_section_cannot_be_changed_in_place():
+    room = load_scenario(ROOM)
+    for name in ("duration", "durtion"):
+        with pytest.raises(AttributeError, match=rf"Scenario\.{name} .*changed"):
+            setattr(room, name, 3)
+    assert room.duration == 1.0
+
+
+def test_values_of_python_are_taken_as_those_of_yaml(tmp_path):
+    room = load_scenario(
+        ROOM | {"duration": np.float32(2), "domain": {"size": np.array([1, 1]), "spacing": 0.05}}
+    )
+    assert (room.duration, room.domain.size) == (2.0, (1.0, 1.0))
+    assert load_scenario(ROOM | {"robots": ()}, ["seed=2"]).robots == ()
+    assert room.changed({"seed": np.int64(3), "domain.size": (2, 1)}).domain.size == (2.0, 1.0)
+    loop = {"kind": "box"}
+    loop["size"] = loop
+    for bad, line in (
+        ({"obstacles": ({"size": (1, 1)},)}, "obstacles[0]: missing key 'kind'"),
+        ({"obstacles": [{"kind": "mesh", "file": tmp_path / "x.stl"}]}, "x.stl lies outside"),
+        ({"obstacles": [loop]}, "nested deeper"),
+        ({3: 1}, "unknown key '3'"),
+    ):
+        with pytest.raises(ScenarioError) as told:
+            load_scenario(ROOM | bad)
+        assert line in str(told.value)
+    with pytest.raises(ScenarioError, match="give a dict"):
+        room.changed(None)  # type: ignore[arg-type]
+    with pytest.raises(ScenarioError, match="give a list"):
+        load_scenario(ROOM, "duration=3")
 
 
 def test_assemble_makes_the_checks_of_the_command():
@@ -168,3 +207,6 @@ def test_assemble_makes_the_checks_of_the_command():
     outside = room.model_copy(update={"gas": room.gas.model_copy(update={"sources": (source,)})})
     with pytest.raises(ScenarioError, match=r"gas\.sources\[0\]"):
         assemble(outside)
+    for other in ("room.yaml", ROOM):
+        with pytest.raises(ScenarioError, match="load_scenario"):
+            assemble(other)  # type: ignore[arg-type]

@@ -37,6 +37,10 @@ def plain(records: Any) -> list[Any]:
     return [one._replace(cost=None) for one in records]
 
 
+def test_functions_that_workers_import_by_name_exist():
+    assert all(callable(resolve_name(name)) for name in Labour())
+
+
 def test_rows_and_outcomes_are_those_of_the_result_of_the_run_alone(tmp_path):
     base = changed(ROOM, name="alone", seed=3)
     outcomes = {
