@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 FILES = (".mcap", ".db3", ".bag")
 MOST_MESSAGES = 20_000_000  # of a topic
-LARGEST_METADATA = 1 << 24  # bytes
+LARGEST_METADATA = 1 << 22  # bytes
 LONGEST_METADATA = 1 << 20  # characters of one text in it, such as the qualities of service of a topic
 SECONDS, SECONDS_PER_MIB = 4.0, 20.0  # computing time to read a bag
 MEMORY, MEMORY_PER_BYTE = 512 * MIB, 64

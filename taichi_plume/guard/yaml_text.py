@@ -13,7 +13,7 @@ import yaml
 from taichi_plume.guard.opening import read_regular
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 
-LARGEST_FILE = 1 << 23  # bytes
+LARGEST_FILE = 1 << 22  # bytes; a second and more per MiB
 MOST_VALUES = 100_000  # once aliases are written out; all within LARGEST_FILE
 PER_VALUE = 20  # characters of a text that count as one value more
 DEEPEST = 32  # levels; those of a scenario are 10

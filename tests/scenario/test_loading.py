@@ -208,7 +208,7 @@ NESTS = "".join(f"{of[0]}: &{of[0]} [[[[[[[[[[{of[1:]}]]]]]]]]]]\n" for of in ("
         ("a: &a [*a]", "line 1, column 4: an alias contains itself"),
         (BOMB, "line 5, column 4: aliases expand to more than 100,000 values"),
         (b"name: \xff\xfe", "line 1: is not UTF-8 text"),
-        ("#" * (1 << 23) + "\n", "is larger than 8 MiB"),
+        ("#" * yaml_text.LARGEST_FILE + "\n", "is larger than 4 MiB"),
         (f"a: {'9' * 6000}", "line 1, column 4: a number of 6,000 characters; at most 1,000 are taken"),
         ("a: !!binary aGFsbG8=", "line 1, column 4: !!binary is not taken"),
         ("a: !!set {b, c}", "line 1, column 4: !!set is not taken"),
