@@ -27,6 +27,7 @@ COLUMN = 34  # where explanations begin, unless what they explain is longer
 WIDTH = 120  # columns where the output is no terminal
 NARROWEST = 60
 NAMES = 9  # columns of the names of what is derived
+PROGRAM_BYTES = 4e8  # measured: Python, Taichi and compiled kernels
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
@@ -44,7 +45,8 @@ def print_check(prepared: Prepared, out: Path | None = None, whole: bool = False
     for n, remark in enumerate(prepared.resources.remarks, 1):
         say(visible(f"# unlikely {n}: {remark}"))
     size = estimate(scenario)
-    amounts = f"{memory(size['bytes'])} of memory, {memory(size['disk'])} on the disk"
+    needed = round(size["bytes"] + PROGRAM_BYTES, -7)
+    amounts = f"{memory(needed)} of memory, {memory(size['disk'])} on the disk"
     say(f"# {'size':<{NAMES}} about {amounts}, {duration(size['wall_s'])} on a few CPU cores")
     path = out / CHECK if out is not None else Path("runs") / f"{scenario.name}-{CHECK}"
     fault = draw_scene(prepared, path)

@@ -137,7 +137,7 @@ def again(prepared: Prepared, scenario: Scenario) -> Prepared:
     other = scenario.with_gases({path: completed(gas, resources.films[path]) for path, gas in played.items()})
     faults = differences(old, other)
     if faults:
-        raise StructureError([f"{fault}; a reset keeps it, assemble anew" for fault in faults])
+        raise StructureError([f"{fault}; a reset cannot change it; assemble again" for fault in faults])
     found = replace(resources, scenario=other)
     faults = checks.misfits(other) or checks.problems(other, found)
     if faults:

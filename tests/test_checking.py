@@ -103,10 +103,24 @@ def test_what_follows_from_a_scenario(folder, capsys):
     assert "40 x 30 = 1,200 cells of 0.1 m" in lines["room"]
     assert "600 ticks of 0.1 s" in lines["time"]
     assert lines["air"].startswith("0.75 m^3/s")  # 0.5 m/s x 3 m x 0.5 m
-    assert "every 8 s: 7.5 times" in lines["air"]  # 6 m^3
+    assert "every 8 s, 7.5 in the run" in lines["air"]  # 6 m^3
     assert "100,000 of the room" in lines["Reynolds"]  # 0.5 x 3 / 1.5e-5
     assert "3,300 of a cell" in lines["Reynolds"]
     assert "8.4 ppm" in lines["gas"]  # 20 mg/m^3 of 58.08 g/mol, 24.47 L/mol
+
+
+def test_equal_parts_of_the_gas_are_one_line(folder, capsys):
+    source = "sources: [{position: [1, 1.5], rate: 15 mg/s}]"
+    part = f"{{kind: gaussian_plume, species: acetone, intensity: 0.1, {source}}}"
+    head = "duration: 60 s\ndomain: {size: [4, 3], spacing: 0.1}\nwind: {kind: uniform, velocity: [0.5, 0]}\n"
+    Path("s.yaml").write_text(f"{head}gas: {{kind: mixture, parts: [{part}, {part}]}}\n")
+    assert run.main(["s.yaml", "--check"]) == 0
+    shown = capsys.readouterr().out
+    assert re.search(r"^# gas +2 parts, .*acetone", shown, re.MULTILINE)
+    assert "# gas.parts" not in shown
+    size = re.search(r"^# size +about (\d+) MB of memory", shown, re.MULTILINE)
+    assert size
+    assert int(size[1]) >= 400, "the program's own memory counts"
 
 
 def test_all_goes_with_a_check(folder, capsys):

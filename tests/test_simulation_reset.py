@@ -135,7 +135,7 @@ def test_a_run_goes_on_from_a_saved_state():
 @pytest.mark.parametrize(
     ("path", "value", "line"),
     [
-        ("domain.spacing", 0.05, "domain.spacing: was 0.1, is 0.05; a reset keeps it, assemble anew"),
+        ("domain.spacing", 0.05, "domain.spacing: was 0.1, is 0.05; a reset cannot change it"),
         ("robots.1.count", 3, r"robots\[1\].count: was 2, is 3"),
         ("obstacles.0.radius", 0.2, r"obstacles\[0\].radius: was 0.15, is 0.2"),
         ("gas.parts.0.sources.0.position", [0.9, 0.9], r"position: \(0.9, 0.9\) m is inside obstacles\[0\]"),

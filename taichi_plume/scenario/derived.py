@@ -50,8 +50,8 @@ def _air(scenario: Scenario, whole: float) -> Iterator[tuple[str, str]]:
         volume = _volume(scenario)
         yield (
             "air",
-            f"{_about(inflow, 'm^3/s')} comes in at the start, as much as the room holds every "
-            f"{_about(volume / inflow, 's')}: {whole * inflow / volume:.3g} times in the run",
+            f"{_about(inflow, 'm^3/s')} flows in at the start: one air change every "
+            f"{_about(volume / inflow, 's')}, {whole * inflow / volume:.3g} in the run",
         )
     if not speed:
         return
@@ -67,23 +67,25 @@ def _air(scenario: Scenario, whole: float) -> Iterator[tuple[str, str]]:
     numbers = [("the room", speed * min(domain.extent)), *jets[:2], ("a cell", speed * domain.spacing)]
     if nu:
         shown = ", ".join(f"{_rounded(value / nu)} of {name}" for name, value in numbers if value)
-        yield "Reynolds", f"at {_about(speed, 'm/s')}: {shown}"
+        yield "Reynolds", f"at the highest speed expected, {_about(speed, 'm/s')}: {shown}"
 
 
 def _gas(scenario: Scenario) -> Iterator[tuple[str, str]]:
     """Rate of each gas, and its concentration if all air of the room were mixed."""
-    inflow = _inflow(scenario)
-    for path, gas in scenario.gases:
+    inflow, texts = _inflow(scenario), []
+    for _, gas in scenario.gases:
         rates = [getattr(source, "rate", None) for source in gas.sources]
         rate = sum(one for one in rates if one)
         text = f"{gas.vapour.name}, {len(rates)} source{'s' * (len(rates) != 1)}"
         if rate:
             text += f", {_about(rate, 'kg/s')} while on"
             if inflow > 0:
-                text += (
-                    f": {rate / inflow * gas.vapour.ppm_per_density:.2g} ppm in the mean of well-mixed air"
-                )
-        yield path, text
+                text += f": {rate / inflow * gas.vapour.ppm_per_density:.2g} ppm if all air is well mixed"
+        texts.append(text)
+    if len(texts) > 1 and len(set(texts)) == 1:
+        yield "gas", f"{len(texts)} parts, each {texts[0]}"
+    else:
+        yield from zip((path for path, _ in scenario.gases), texts, strict=True)
 
 
 def _inflow(scenario: Scenario) -> float:

@@ -100,7 +100,7 @@ class Policy(AnyAlgorithm):
     def remarks(self, where: str, context: "Context") -> Iterator[str]:
         """A network that is still to be learnt, and a period that ticks do not make."""
         if not self.file:
-            yield f"{where}.file: none is given: it can be learnt in an environment of taichi_plume.envs, but not run"
+            yield f"{where}.file: not given; a policy can be learnt in taichi_plume.envs, but not run without a file"
         tick = context.scenario.tick
         ticks = self.ticks(tick)
         if abs(ticks * tick - self.period) > 1e-6 * tick:

@@ -71,7 +71,7 @@ class StartAt(AnyStart):
         """There have to be as many positions as robots, all of them free."""
         if len(self.positions) != count:
             yield (
-                f"{where}.positions: has {len(self.positions)} places for count: {count}; give one place per robot"
+                f"{where}.positions: {len(self.positions)} given for {count} robots; give one position per robot"
             )
         else:
             yield from touching(where, body, self.listed, context, self.low_end(body))

@@ -344,7 +344,7 @@ FAULTS = [
     ),
     (
         "robots.0.start.positions=[[1, 1]]",
-        "robots[0].start.positions: has 1 places for count: 2",
+        "robots[0].start.positions: 1 given for 2 robots",
         "one place per robot",
     ),
     (

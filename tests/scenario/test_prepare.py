@@ -2,6 +2,7 @@
 
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -182,7 +183,7 @@ def test_values_of_python_are_taken_as_those_of_yaml(tmp_path):
     assert (room.duration, room.domain.size) == (2.0, (1.0, 1.0))
     assert load_scenario(ROOM | {"robots": ()}, ["seed=2"]).robots == ()
     assert room.changed({"seed": np.int64(3), "domain.size": (2, 1)}).domain.size == (2.0, 1.0)
-    loop = {"kind": "box"}
+    loop: dict[str, Any] = {"kind": "box"}
     loop["size"] = loop
     for bad, line in (
         ({"obstacles": ({"size": (1, 1)},)}, "obstacles[0]: missing key 'kind'"),
@@ -191,7 +192,7 @@ def test_values_of_python_are_taken_as_those_of_yaml(tmp_path):
         ({3: 1}, "unknown key '3'"),
     ):
         with pytest.raises(ScenarioError) as told:
-            load_scenario(ROOM | bad)
+            load_scenario({**ROOM, **bad})
         assert line in str(told.value)
     with pytest.raises(ScenarioError, match="give a dict"):
         room.changed(None)  # type: ignore[arg-type]
