@@ -232,7 +232,7 @@ def _line(fault: Any, data: dict, top: type[Model]) -> str | None:
         comma = _comma(got)
         fits = f"; units that fit: {units_like(context['unit'])}" if "unit" in context and not comma else ""
         return f"{message}{comma or fits}"
-    if kind == "fault" and "allowed" in context:
+    if kind == "fault" and {"key", "allowed"} <= context.keys():
         return where + _unknown_key(fault["msg"], context, steps, top)
     if kind == "fault":
         return where + fault["msg"]
