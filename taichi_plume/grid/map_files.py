@@ -9,6 +9,7 @@ probability p = 1 - s, or s where the map is negated. What is made of it depends
 """
 
 import os
+import re
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -25,6 +26,9 @@ from taichi_plume.guard.yaml_text import LineError, decode, parse
 
 LONGEST_YAML = 1 << 16  # bytes
 LARGEST_IMAGE = 1 << 28  # bytes
+PLAIN = (b"P1", b"P2", b"P3")  # PGM and its relatives as text
+MOST_COMMENTS = 1000  # of such a picture
+LONGEST_HEADER = 1 << 20  # bytes, comments included
 MOST_PIXELS = 50_000_000  # 7000 x 7000
 STRIP = 256  # rows
 FORMATS = ("PPM", "PNG", "BMP")  # of pictures; PGM is one of PPM's
@@ -122,12 +126,18 @@ def _image(path: Path, data: Mapping[str, Any]) -> Path:
 
 def _picture(path: Path, image: Path) -> tuple[np.ndarray, int, np.ndarray | None]:
     """Levels of the pixels, (rows, columns), the level of white, and which pixels are not transparent at all."""
-    from PIL import Image
+    from PIL import Image, UnidentifiedImageError
 
     content = _content(path, image, LARGEST_IMAGE)
+    if content[:2] in PLAIN:  # Pillow takes quadratic time for comments and blanks
+        if content.count(b"#") > MOST_COMMENTS:
+            raise _wrong(path, f"{image.name}: has more than {MOST_COMMENTS} comments; remove them")
+        content = re.sub(rb"\s+", b" ", re.sub(rb"#[^\r\n]*", b"", content))
     try:
         with warnings.catch_warnings():  # Pillow has a limit of its own: a warning, then an error
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+            header = content[:LONGEST_HEADER]  # Pillow reads a PGM's header byte by byte
+            Image.open(BytesIO(header), formats=FORMATS).close()
             picture = Image.open(BytesIO(content), formats=FORMATS)
         with picture:
             width, height = picture.size
@@ -143,7 +153,8 @@ def _picture(path: Path, image: Path) -> tuple[np.ndarray, int, np.ndarray | Non
     except Image.DecompressionBombError as error:
         raise _wrong(path, f"{image.name}: {error}; {MOST_PIXELS:,} are read") from None
     except Exception as error:  # of a damaged file, a library for pictures raises almost anything
-        reason = " ".join(str(error).split())[:LONGEST_VALUE] if isinstance(error, OSError) else "damaged"
+        is_known = isinstance(error, OSError) and not isinstance(error, UnidentifiedImageError)
+        reason = " ".join(str(error).split())[:LONGEST_VALUE] if is_known else "damaged"
         raise _wrong(
             path, f"{image.name}: is no PGM, PNG or BMP picture that can be read ({reason})"
         ) from None

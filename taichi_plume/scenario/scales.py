@@ -20,7 +20,16 @@ SCALES: dict[str, dict[str, float]] = {
     "ohm": {"ohm": 1.0, "kohm": 1e3, "Mohm": 1e6},
     "ppm": {"ppb": 1e-3, "ppm": 1.0, "%": 1e4},
 }
-_READ_ONLY = {"km/h", "m^3/h", "g/h", "degC", "km", "hPa", "cm^2/s", "%"}  # named in messages, but never printed
+_READ_ONLY = {
+    "km/h",
+    "m^3/h",
+    "g/h",
+    "degC",
+    "km",
+    "hPa",
+    "cm^2/s",
+    "%",
+}  # named in messages, but never printed
 
 
 def short(value: float) -> str:

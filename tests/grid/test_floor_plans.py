@@ -406,3 +406,18 @@ def test_checks_of_a_map(tmp_path):
     assert any(
         "all of the map is a domain.size of 2 x 1.2 m with an origin of [-3, 5]" in one for one in told
     )
+
+
+@pytest.mark.parametrize(
+    "picture", [b"P5\n" + b"#\n" * 600_000, b"P2 2 2 255\n" + b"#\n" * 2000 + b"0 0 0 0"]
+)
+def test_comments_of_pictures_are_bounded(tmp_path, picture):
+    """Pillow reads them byte by byte, and in the pixels of a text in quadratic time."""
+    (tmp_path / "plan.yaml").write_text(
+        "image: plan.pgm\nresolution: 0.05\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.2\n"
+    )
+    (tmp_path / "plan.pgm").write_bytes(picture)
+    with pytest.raises(MapError, match=r"comments|damaged"):
+        read_map(tmp_path / "plan.yaml")
+    (tmp_path / "plan.pgm").write_bytes(b"P2 # text\n2 2 #\n255\n0 255 #\n\n255 255")
+    assert (read_map(tmp_path / "plan.yaml").pixels == OCCUPIED).sum() == 1
