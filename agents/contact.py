@@ -15,7 +15,7 @@ OPEN = 1.5  # gap over a way that is free all along: a bilinear clearance map is
 PROBES = 256  # looks ahead per move; sliding along a wall takes one per 2 mm
 GRAZE = 1e-3  # sine of the angle below which a disc is passed, not met
 AROUND = 18  # steps of 5 degrees, to each side, in which a robot looks for room beside a walker
-CLEAR, PUSHED, PINNED = range(3)  # of a robot that a walker runs into: results of `escape`
+CLEAR, PUSHED, PINNED = range(3)  # results of `escape` for a robot that a walker runs into
 
 
 @dataclass

@@ -48,7 +48,7 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
     see `Contact`. sources: (m, 2 or 3) [m], known to the referee, not to the robots. walkers: obstacles that move, of
     which the robots feel the disc around the footprint. A walker that runs into a robot pushes the robot aside, or pins
     the robot where walls and other bodies leave no way out. Robots that are placed from outside stay where they are.
-    rivals: whether groups neither see nor touch each other. episodes: trials of the only group that each begin anew on
+    rivals: whether groups neither see nor touch each other. episodes: trials of the only group that each begin again on
     their own.
 
     Algorithms read `reading` [ppm], `wind` [m/s], `wind_known`, `blocked` (the bumper), where the robot believes to be,

@@ -146,7 +146,7 @@ def opening_cells(openings: tuple[Opening, ...], grid: Grid) -> np.ndarray:
 
 
 def patch_of(opening: Opening, grid: Grid, area: Sequence[np.ndarray]) -> Patch | None:
-    """Where an opening lies on its face, as a `JetPatch` where it blows; None where it is a whole axis.
+    """Return the place of an opening on its face, as a `JetPatch` if it blows; None for a whole axis.
 
     area: per axis the shares of the faces that are open. Raises ValueError where a jet or an outlet has no open face.
     """

@@ -67,6 +67,16 @@ def assemble(
     a line for each fault.
     """
     prepared = checked(scenario, Path(folder), allow_outside)
+    groups = [group.name for group in scenario.robots]
+    for name, algorithm in (algorithms or {}).items():
+        if name not in groups:
+            raise ScenarioError(
+                [f"algorithms: no group is named {name!r}; groups: {', '.join(groups) or 'none'}"]
+            )
+        if not isinstance(algorithm, type):
+            raise ScenarioError(
+                [f"algorithms: {name}: got {algorithm!r}; give a class, not an object of the class"]
+            )
     execute(prepared, allow_code, without=algorithms or ())
     kernels.ensure_started()
     return build(prepared, algorithms, driven=driven)

@@ -1,4 +1,4 @@
-"""Output of ``--check``: the keys of the file, what follows from them, what is unlikely, the size, and the scene.
+"""Output of ``--check``: keys of the file, derived quantities, unlikely settings, the size, and the scene.
 
 All of the output is one YAML document, which can be run: everything besides the keys is a comment.
 """
@@ -26,13 +26,13 @@ from taichi_plume.scenario.vocabulary import Model
 COLUMN = 34  # where explanations begin, unless what they explain is longer
 WIDTH = 120  # columns where the output is no terminal
 NARROWEST = 60
-NAMES = 9  # columns of the names of what is derived
+NAMES = 9  # columns of the names of derived quantities
 PROGRAM_BYTES = 4e8  # measured: Python, Taichi and compiled kernels
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
 def print_check(prepared: Prepared, out: Path | None = None, whole: bool = False) -> None:
-    """Print what is written, derived and unlikely, and the size; draw the scene.
+    """Print the keys, derived quantities, unlikely settings and the size; draw the scene.
 
     out: where a run would go; whole: print all keys with their defaults and meanings, instead of the user's alone.
     """

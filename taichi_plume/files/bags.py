@@ -25,7 +25,7 @@ LARGEST_METADATA = 1 << 22  # bytes
 LONGEST_METADATA = 1 << 20  # characters of one text in it, such as the qualities of service of a topic
 SECONDS, SECONDS_PER_MIB = 4.0, 20.0  # computing time to read a bag
 MEMORY, MEMORY_PER_BYTE = 512 * MIB, 64
-UNPACKED, UNPACKED_PER_BYTE = 64 * MIB, 200  # of compressed files, on the disk
+UNPACKED, UNPACKED_PER_BYTE = 64 * MIB, 200  # limits of compressed files, unpacked on the disk
 OLD_NAMES = {  # of ROS 1, and of older packages
     "olfaction_msgs/msg/gas_sensor": ros.GAS_SENSOR,
     "olfaction_msgs/msg/gas_sensor_array": ros.GAS_SENSOR_ARRAY,
@@ -120,7 +120,7 @@ def is_bag(path: Path) -> bool:
 
 
 def confined(function: Callable[..., Any], path: Path, *args: Any) -> Any:
-    """Return what a function returns of a bag and these arguments, which reads the bag in a process with limits.
+    """Call a function with a bag and these arguments in a process with limits, and return its result.
 
     A bag may be compressed to a thousandth, hold endless queries (SQLite) or sequences of any length. Raises BagError.
     """

@@ -29,7 +29,7 @@ from taichi_plume.scenario.loading import ScenarioError, read_mapping
 OLD = "preproc_params.yaml"
 NEEDS = "a configuration lists its models"
 MOST_VOXELS = 50_000_000
-MOST_PAIRS = 10_000_000  # of a triangle and a voxel in its bounding box
+MOST_PAIRS = 10_000_000  # pairs of a triangle and a voxel in its bounding box
 PER_BODY = 500  # pairs that take the time of a body
 CHUNK = 1 << 19  # pairs looked at together
 TOUCH = 1e-4  # voxels: a face this far from a voxel's is the same
@@ -148,10 +148,10 @@ def _layers(kept: np.ndarray) -> Iterator[np.ndarray]:
 
 
 def _empty_point(path: Path, config: dict[str, Any]) -> np.ndarray:
-    told = config.get("empty_point", [config.get(f"empty_point_{axis}", 0.0) for axis in "xyz"])
-    point = [number(x, -1e9, 1e9) for x in told] if isinstance(told, list) else []
+    seed = config.get("empty_point", [config.get(f"empty_point_{axis}", 0.0) for axis in "xyz"])
+    point = [number(x, -1e9, 1e9) for x in seed] if isinstance(seed, list) else []
     if len(point) != 3 or None in point:
-        raise WindFileError(f"{path}: empty_point: got {told!r}, must be three numbers in m")
+        raise WindFileError(f"{path}: empty_point: got {seed!r}, must be three numbers in m")
     return np.array(point, float)
 
 

@@ -106,13 +106,13 @@ def expanded(data: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[s
 def _corner(own: dict[str, Any]) -> np.ndarray | None:
     """Return the domain's lower corner in the project [m] if the scenario itself gives it as `wind.origin`."""
     wind = own.get("wind")
-    told = wind.get("origin") if isinstance(wind, dict) else None
-    corner = [gaden_models.number(x, -1e7, 1e7) for x in told] if isinstance(told, list) else []
+    origin = wind.get("origin") if isinstance(wind, dict) else None
+    corner = [gaden_models.number(x, -1e7, 1e7) for x in origin] if isinstance(origin, list) else []
     return np.array(corner, float) if len(corner) == 3 and None not in corner else None
 
 
 def _merged(below: Any, above: Any) -> Any:
-    """Mappings joined, what is above first; of other kinds only what is above."""
+    """Join two mappings; `above` wins. Other values: return `above`."""
     if not isinstance(below, dict) or not isinstance(above, dict):
         return above
     if "kind" in above and above["kind"] != below.get("kind"):
@@ -137,7 +137,7 @@ def _found(path: Path) -> _Project:
         raise ScenarioError([f"gaden: {path}: {told}"])
     file = files[0]
     sim = read_mapping(file, "a simulation has a source at least")
-    home = file.parent.parent  # of a path at the root it is the root: `parents` has fewer
+    home = file.parent.parent  # at the root `parent` is the root again; `parents` would be too short
     if file.name == "sim.yaml":
         home = home.parent
         return _Project(file, sim, configuration(home / "config.yaml"), home / "config.yaml", home, True)
@@ -158,28 +158,28 @@ def _simulations(path: Path) -> Iterator[Path]:
 
 def _wind_files(project: _Project, folder: Path) -> str:
     """The wind as a scenario in `folder` names it."""
-    told, place = project.config.get("unprocessed_wind_files"), project.home
+    wind, place = project.config.get("unprocessed_wind_files"), project.home
     if not project.new:
-        told, place = project.sim.get("wind_sim_path"), project.home / "wind_simulations"
-    if not project.new and told is None:  # then the launch file gives it; there may be but one
+        wind, place = project.sim.get("wind_sim_path"), project.home / "wind_simulations"
+    if not project.new and wind is None:  # the launch file gives it; only one wind may exist
         given = project.config.get("wind_files")
         files = sorted(place.glob("**/*_0.csv"))
         if isinstance(given, str) and "$(var wind_sim_path)" not in given:
-            told, place = (
+            wind, place = (
                 str(gaden_models.located(project.listing, f"{given}_0.csv")).removesuffix("_0.csv"),
                 Path(),
             )
         elif len(files) == 1:
-            told = str(files[0]).removesuffix("_0.csv")
+            wind = str(files[0]).removesuffix("_0.csv")
         elif files:
             names = ", ".join(str(one.relative_to(place)).removesuffix("_0.csv") for one in files[:10])
-            raise project.wrong(f"wind_sim_path: is missing, which names one of the winds {names}")
-    if not isinstance(told, str) or not told:
-        raise project.wrong("names no wind files (unprocessed_wind_files, or wind_sim_path)")
-    name = os.path.relpath(place / told, folder)
+            raise project.wrong(f"wind_sim_path: is missing; set it to one of the winds {names}")
+    if not isinstance(wind, str) or not wind:
+        raise project.wrong("names no wind files; set unprocessed_wind_files, or wind_sim_path")
+    name = os.path.relpath(place / wind, folder)
     fault = unopenable(folder / f"{name}_0.csv")
     if fault:
-        raise project.wrong(f"its wind {told}_0.csv {fault}")
+        raise project.wrong(f"its wind {wind}_0.csv {fault}")
     return f"{name}_%d.csv"
 
 

@@ -89,12 +89,12 @@ def read(folder: Path) -> dict[str, dict[str, dict[str, Any]]]:
 
 
 def is_input(folder: Path, path: Path) -> bool:
-    """Whether a file is, to the byte, an input of the run in that folder, as its manifest says."""
+    """Return whether a file is an input of the run in that folder, unchanged to the byte according to its manifest."""
     try:
-        told = read(folder)["inputs"].get(_name(folder, path))
-        if told is None or unopenable(path) or path.stat().st_size != told["bytes"]:
+        recorded = read(folder)["inputs"].get(_name(folder, path))
+        if recorded is None or unopenable(path) or path.stat().st_size != recorded["bytes"]:
             return False
-        return digest(path) == told
+        return digest(path) == recorded
     except (ManifestError, OSError, ValueError):
         return False
 

@@ -227,6 +227,6 @@ def _loaded(path: Path, group: Any) -> "xarray.Dataset":
 
 
 def read_beliefs(path: Path) -> "list[xarray.Dataset]":
-    """What each group of a run believed, in memory. Raises RunFolderError where the file is not ours or not whole."""
+    """Read the beliefs of each group of a run. Raises RunFolderError if the file is foreign or incomplete."""
     with opened(path, "beliefs") as groups:
         return [_loaded(path, group) for group in groups]

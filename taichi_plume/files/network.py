@@ -70,7 +70,7 @@ class Network:
         """Actions (rows, numbers) f32, within -1 and 1. Raises OwnAlgorithmError where the network gives none."""
         try:
             told = self.evaluator.call(_evaluate, observations)
-        except Exception as error:  # of the runtime's, of many kinds
+        except Exception as error:  # the runtime has many kinds of errors
             raise OwnAlgorithmError(
                 f"{self.path}: cannot be evaluated: {visible(' '.join(str(error).split()), SHOWN)}"
             ) from None
@@ -116,20 +116,20 @@ def _evaluator(path: Path, content: bytes) -> tuple[_Evaluator, list[_End], list
             ) from None
         except ConfinedError as error:
             raise NetworkError(f"{path}: {error}, only to be loaded; is it a policy?") from None
-        except Exception as error:  # of many kinds, which are no classes of their own
-            told = " ".join(str(error).split())
-            if any(one in told.lower() for one in EXTERNAL):
+        except Exception as error:  # the runtime has many kinds of errors, without a common class
+            message = " ".join(str(error).split())
+            if any(one in message.lower() for one in EXTERNAL):
                 raise NetworkError(
                     f"{path}: its weights lie in another file (external data), which is not read; export the network "
                     "into one file"
                 ) from None
             raise NetworkError(
-                f"{path}: is no network of ONNX that can be run: {visible(told, SHOWN)}"
+                f"{path}: is no network of ONNX that can be run: {visible(message, SHOWN)}"
             ) from None
     return found, *found.ends
 
 
-_session: Any = None  # of the process that evaluates
+_session: Any = None  # session of the process that evaluates
 
 
 def _load(content: bytes) -> tuple[list[_End], list[_End]]:

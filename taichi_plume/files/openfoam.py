@@ -26,7 +26,7 @@ from taichi_plume.guard.opening import admit, read_regular
 
 LARGEST_FILE = 1 << 30  # bytes, also once unpacked
 UNPACKED = 1 << 26  # bytes that a packed file of any size may have once unpacked
-TIGHTEST = 100  # of larger ones: bytes per packed byte; text of a mesh or field has 3 to 10
+TIGHTEST = 100  # bytes per packed byte of larger files; text of a mesh or field has 3 to 10
 LARGEST_LABEL = 2.0**31
 MOST_EQUAL = 1000  # entries of a list with one value for all, where nothing else says how many there are
 MESH = "constant/polyMesh"
@@ -372,7 +372,7 @@ def _open(path: Path) -> _Foam:
 
 
 def _after_comments(content: bytes, at: int) -> int:
-    """Where blanks and comments end that begin there."""
+    """Return the position after the blanks and comments that begin at a position."""
     while skipped := SKIPPED.match(content, at):
         at = skipped.end()
     return at

@@ -201,7 +201,7 @@ def _arrays_in(path: Path) -> list[str]:
         try:
             is_group = json.loads(file.read_bytes())["node_type"] == "group"
         except (OSError, ValueError, LookupError, TypeError, RecursionError):
-            is_group = False  # damaged: zarr says what is wrong
+            is_group = False  # damaged: zarr reports the fault
         names |= set() if is_group else {file.parent.name}
     return sorted(names)
 

@@ -77,7 +77,7 @@ def is_running() -> bool:
 
 
 def ensure_started() -> None:
-    """Start Taichi on the CPU unless it runs. Free what simulations that are gone have left."""
+    """Start Taichi on the CPU unless it runs. Free the memory of simulations that were dropped."""
     if not is_running():
         start()
     elif _started and _started[0] is impl.get_runtime().prog:

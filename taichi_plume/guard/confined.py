@@ -69,7 +69,7 @@ class ConfinedProcess:
         self.call(_import, modules)
 
     def call(self, function: Callable[..., Any], *args: Any, limits: Limits | None = None) -> Any:
-        """Return what a function of a module returns, or raise what it raises.
+        """Call a function of a module; return its result, or raise its exception.
 
         Raises ConfinedError at a limit; the process has ended then.
         """

@@ -89,7 +89,7 @@ class Run:
         return found
 
     def _may_read(self, name: str) -> bool:
-        """Whether a file of the scenario lies in the run's folder, or is still the one that the run read."""
+        """Return whether a file of the scenario lies in the run's folder, or is unchanged since the run."""
 
         def was_read(file: Path) -> bool:
             return manifest.is_input(self.folder, file)

@@ -30,7 +30,7 @@ class Track(NamedTuple):
 
     name: str
     number: int
-    """Its place in a trial, counted through the groups: it decides on the colour."""
+    """Index of the robot in a trial, counted through the groups. The index sets the colour."""
     group: "Group"
     t: np.ndarray
     values: dict[str, np.ndarray]

@@ -175,7 +175,7 @@ def kinds_at(name: str, top: type[Model] = Scenario) -> list[str]:
 
 
 def _shared(path: str, steps: Sequence[int | str]) -> int:
-    """How many steps two paths have in common from their beginning."""
+    """Number of steps that two paths share from the start."""
     pairs = zip(flat(path).split("."), [step for step in steps if isinstance(step, str)], strict=False)
     return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], pairs))
 

@@ -259,7 +259,7 @@ def _line(fault: Any, data: dict, top: type[Model]) -> str | None:
 
 
 def _meant_kind(tag: str, names: Sequence[str], top: type[Model]) -> str:
-    """Hint about an unknown kind: one that is spelled alike, a sensor's model, or a kind of another section."""
+    """Hint about an unknown kind: a kind that is spelled alike, a sensor's model, or a kind of another section."""
     if "mox" in names and (model := nearest(tag, MOX_MODELS, cutoff=0.8)):
         return f"did you mean kind: mox, model: {model}? "
     text = hint(tag, names)

@@ -76,7 +76,7 @@ class _Dumper(yaml.SafeDumper):
 
 
 def _fold(node: yaml.Node, column: int, most: int = LONGEST) -> int:
-    """Set what is written in one line, from that column on; returns the characters that this takes."""
+    """Choose the collections that fit in one line from a column on. Return the width of the node in characters."""
     if isinstance(node, yaml.ScalarNode):
         return len(node.value) + 2
     assert isinstance(node, yaml.CollectionNode)

@@ -22,7 +22,7 @@ BESIDE = 1.15  # cells beside an obstacle per square of the grid that its surfac
 BYTES_PER_ROBOT = 2000  # state, readings and a few minutes of track
 BYTES_PER_PIXEL = 1.7  # and picture, of recording.rrd: measured, with arrows and tracks
 MOST_PIXELS, MOST_VOXELS = 400, 96  # per axis, as in record/planes.py
-BYTES_PER_ROW = 33  # of robots.parquet, which has one per robot and tick
+BYTES_PER_ROW = 33  # in robots.parquet, a row per robot and tick
 BYTES_OF_REPORT = 5e5
 CELL_STEPS_PER_SECOND = {2: 3e6, 3: 5e6}  # rough: wind and gas on a few CPU cores
 

@@ -171,7 +171,7 @@ def advice(got: object, names: Collection[str]) -> str:
 
 
 def meant_key(got: object, keys: Collection[str], cutoff: float = _NEAR) -> str:
-    """Key that was probably meant: one that is written alike, or a word for the same; "" if there is none."""
+    """Key that was probably meant: a key written alike, or a synonym; "" if there is no such key."""
     close = nearest(got, keys, cutoff)
     same = {plain(word) for group in _SYNONYMS if plain(got) in map(plain, group) for word in group}
     return close or next((key for key in keys if plain(key) in same), "")

@@ -58,7 +58,7 @@ class Inbox:
         self.news = threading.Condition()
         """Held while what follows changes, and notified then."""
         self.heard = np.full(size, -np.inf)  # when, by the clock
-        self.number = np.zeros(size, np.uint64)  # of the last command
+        self.number = np.zeros(size, np.uint64)  # number of the last command
         self.answers = np.full(size, -1, np.int64)  # tick of the readings that it answers
         self.oldest = 0  # tick of readings that may still be answered
         self.tick = 0  # of the newest readings

@@ -32,7 +32,7 @@ from taichi_plume.serve.zenoh_config import LONGEST
 
 PROTOCOL: Any = "foxglove.sdk.v1"
 MOST_CLIENTS = 32
-MOST_CHANNELS = 1024  # that a client publishes on
+MOST_CHANNELS = 1024  # channels on which a client publishes
 LONGEST_NAME = 256  # characters of a topic or an encoding
 LONGEST_TEXT = 1 << 20  # characters of a control message
 MOST_BUFFERED = 1 << 22  # bytes not yet taken by a client; further messages to the client are dropped

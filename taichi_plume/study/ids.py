@@ -58,7 +58,7 @@ class Digests:
         self._known: dict[Path, str] = {}
 
     def ids(self, scenario: Scenario, opened: Mapping[str, Sequence[Path]]) -> Ids:
-        """Of a completed scenario; opened: `files` of its resources. Raises OSError where a file cannot be read."""
+        """Collect the files of a completed scenario; opened: `files` of its resources. Raises OSError."""
         data = scenario.model_dump(mode="json")
         read = {
             where: [self._of(file) for file in read_for(where, name, self.folder, opened)]
