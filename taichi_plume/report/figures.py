@@ -125,16 +125,15 @@ def _readings(axes: Any, track: Track, base: float, low: float, high: float) -> 
     t, true = thinned(track.t, track.values["true_ppm"])
     axes.fill_between(t, up(true), base, color="#c3cad2", linewidth=0)
     t, reading = thinned(track.t, track.values["reading_ppm"])
-    axes.plot(t, up(reading), color=color, linewidth=1.1)
+    axes.plot(t, up(reading), color=color, linewidth=1.4, path_effects=look.HALO)
     threshold = track.group.algorithm.threshold
     if threshold is not None:
         axes.axhline(float(up(threshold)), color=look.SOURCE, linewidth=0.9, linestyle="--")
     if track.found_at is not None:
         at = track.t[track.found_at]
         axes.plot([at, at], [base, base + PLOT - GAP], color=look.FOUND, linewidth=1.4)
-    look.note(
-        axes, axes.get_xlim()[0], base + PLOT - GAP, f" {look.short(track.name)}", color, ha="left", va="top"
-    )
+    name = f" {look.short(track.name)}"
+    look.note(axes, axes.get_xlim()[0], base + PLOT - GAP, name, look.INK, ha="left", va="top")
     marks = decades(low, high)
     return [(base + (PLOT - GAP) * place, label) for place, label in marks[:: max(1, round(len(marks) / 3))]]
 

@@ -190,7 +190,7 @@ class Vent(FaceOpening):
     def remarks(self, where: str, context: Context) -> Iterator[str]:
         """An opening that obstacles cover in part."""
         yield from super().remarks(where, context)
-        share = self.open_share(context)
+        share = self.open_share(context, with_plates=False)
         if LEAST_OPEN <= share < MOSTLY_OPEN:
             flow = (
                 f"; the same flow goes through the rest, {1 / share:.2g} times as fast" if self.blows else ""

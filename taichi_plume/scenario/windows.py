@@ -7,6 +7,7 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import Field, model_validator
 
+from taichi_plume.grid.floor_plans import FloorPlan
 from taichi_plume.scenario.context import Context, span
 from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.quantities import fault
@@ -152,10 +153,12 @@ class Region(Window):
                 f"are open on cells of {domain.spacing:g} m; move one of them or lower domain.spacing"
             )
 
-    def open_share(self, context: Context) -> float:
+    def open_share(self, context: Context, with_plates: bool = True) -> float:
         """Share of its faces of cells that standing obstacles leave open; 1 where there are none.
 
-        A face is closed if obstacles cover half of the face, or half of the cell behind, at sampled points.
+        A face is closed if obstacles cover more than half of the face or of the cell behind, at sampled points.
+        with_plates: whether an obstacle closes a face that fills less than half of the cell. The flow solver sees only
+        walls of maps so thin.
         """
         domain = context.domain
         centers = self.covered(domain)
@@ -166,17 +169,26 @@ class Region(Window):
         depths = np.array([FACE, *parts])  # on the face, and in the cell
         shifts = np.stack(np.meshgrid(*[parts - 0.5] * centers.shape[1], indexing="ij"), axis=-1)
         points = centers[:, None] + domain.spacing * shifts.reshape(-1, centers.shape[1])
-        solid = np.zeros((len(depths), *points.shape[:2]), bool)
+        solid = np.zeros((len(depths), *points.shape[:2]))
+        step = domain.spacing / SAMPLES
         for level, depth in zip(solid, depths, strict=True):
             away = depth * domain.spacing
             at = domain.shape[self.axis] * domain.spacing - away if self.side else away
             here = np.insert(points.reshape(-1, points.shape[-1]), self.axis, at, axis=1)
             for one in shapes:
-                near = ((here >= one.low) & (here <= one.high)).all(axis=1)
-                if near.any():
-                    level.reshape(-1)[near] |= one.inside(here[near])
+                if depth == FACE and not (with_plates or isinstance(one, FloorPlan)):
+                    continue
+                near = ((here >= one.low - step) & (here <= one.high + step)).all(axis=1)
+                if not near.any():
+                    continue
+                if depth == FACE:
+                    filled = one.inside(here[near])
+                else:  # the part of the sample's own volume, exact for a plane along the cells
+                    filled = np.clip(0.5 - one.signed_distance(here[near]) / step, 0.0, 1.0)
+                flat = level.reshape(-1)
+                flat[near] = np.maximum(flat[near], filled)
         face, cell = solid[0].mean(axis=1), solid[1:].mean(axis=(0, 2))
-        return float(((face < 0.5) & (cell <= 0.5)).mean())
+        return float(((face <= 0.5) & (cell <= 0.5 + 1e-6)).mean())
 
     def overlaps(self, other: "Region", domain: Domain) -> bool:
         """Whether two regions are on one face and share more than their rims."""

@@ -5,8 +5,10 @@ import pytest
 import yaml
 from PIL import Image
 
+from taichi_plume.assemble import _box
 from taichi_plume.prepare import load
 from taichi_plume.scenario.loading import ScenarioError
+from taichi_plume.solvers.patches import patch_of
 
 MAP = "image: plan.pgm\nresolution: 0.05\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
 KINDS = {
@@ -68,7 +70,7 @@ def test_a_door_is_the_open_share_of_the_face(tmp_path, spacing):
     ("obstacle", "size", "share"),
     [
         ({"kind": "box", "center": [0.1, 0.25], "size": [0.2, 0.5]}, (2.0, 1.0), 50),
-        ({"kind": "box", "center": [0.01, 0.25], "size": [0.02, 0.5]}, (2.0, 1.0), 50),
+        ({"kind": "box", "center": [0.01, 0.25], "size": [0.02, 0.5]}, (2.0, 1.0), None),
         ({"kind": "cylinder", "center": [0.0, 0.5], "radius": 0.3}, (2.0, 1.0), 40),
         ({"kind": "box", "center": [0.1, 0.5, 0.2], "size": [0.2, 1.0, 0.4]}, (2.0, 1.0, 0.8), 50),
         ({"kind": "cylinder", "center": [1.5, 0.5], "radius": 0.3}, (2.0, 1.0), None),
@@ -79,6 +81,28 @@ def test_a_part_that_is_covered_is_noted(tmp_path, obstacle, size, share):
     notes = remarks(prepared(tmp_path, obstacle, size=size))
     assert len(notes) == (share is not None)
     assert all(f"{share} %" in one for one in notes)
+
+
+@pytest.mark.parametrize(
+    ("door", "obstacle"),
+    [
+        (slice(4, 11), None),
+        (slice(4, 12), None),
+        (None, [0.06, 0.7]),
+        (None, [0.02, 0.4]),
+        (None, [0.2, 0.36]),
+        (None, [0.08, 0.33]),
+    ],
+)
+def test_the_share_is_that_of_the_faces_through_which_the_run_blows(tmp_path, door, obstacle):
+    size = obstacle or [0.0, 0.0]
+    box = {"kind": "box", "center": [size[0] / 2, size[1] / 2], "size": size}
+    case = prepared(tmp_path, box if obstacle else plan(tmp_path, door))
+    (grid, air), opening = _box(case.scenario, case.resources), case.scenario.wind.openings[0]
+    open_share = patch_of(opening, grid, air.area).covered.mean()
+    notes = remarks(case)
+    assert len(notes) == (open_share < 0.9)
+    assert all(f"{100 * open_share:.0f} %" in one for one in notes)
 
 
 @pytest.mark.parametrize("thickness", [0.02, 0.2])
