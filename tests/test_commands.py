@@ -1,6 +1,7 @@
 """`taichi-plume NAME` is `python -m taichi_plume.NAME`, for every command."""
 
 import os
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +13,7 @@ from taichi_plume import __main__ as commands
 from taichi_plume import __version__
 
 HERE = Path(commands.__file__).parent
+FOLDERS = [Path(folder) for folder in taichi_plume.__path__]  # in a checkout also the one above
 
 
 @pytest.mark.parametrize("name", commands.COMMANDS)
@@ -25,7 +27,8 @@ def test_each_command_tells_of_itself(name, capsys):
 def test_every_module_with_a_main_is_a_command():
     """But for what is run from within."""
     alone = {path.stem for path in HERE.glob("*.py") if 'if __name__ == "__main__"' in path.read_text()}
-    inside = {path.parent.name for path in HERE.glob("*/__main__.py")}
+    inside = {path.parent.name for folder in FOLDERS for path in folder.glob("*/__main__.py")}
+    inside -= {HERE.name}
     assert alone - {"__main__"} | inside == set(commands.COMMANDS) - (
         set() if "report" in inside else {"report"}
     )
@@ -65,7 +68,7 @@ def test_help_lists_all(capsys):
 def at_a_shell(script, folder):
     """Exit code and standard error of a shell's script, in which $python runs this Python."""
     done = subprocess.run(
-        ["sh", "-c", script.replace("$python", sys.executable)], capture_output=True, text=True, timeout=60,
+        ["sh", "-c", script.replace("$python", shlex.quote(sys.executable))], capture_output=True, text=True, timeout=60,
         check=False, cwd=folder, env=os.environ | {"PYTHONPATH": str(HERE.parent)},
     )  # fmt: skip
     return done.returncode, done.stderr
