@@ -68,9 +68,14 @@ def test_help_lists_all(capsys):
 def at_a_shell(script, folder):
     """Exit code and standard error of a shell's script, in which $python runs this Python."""
     done = subprocess.run(
-        ["sh", "-c", script.replace("$python", shlex.quote(sys.executable))], capture_output=True, text=True, timeout=60,
-        check=False, cwd=folder, env=os.environ | {"PYTHONPATH": str(HERE.parent)},
-    )  # fmt: skip
+        ["sh", "-c", script.replace("$python", shlex.quote(sys.executable))],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+        cwd=folder,
+        env=os.environ | {"PYTHONPATH": str(HERE.parent)},
+    )
     return done.returncode, done.stderr
 
 
