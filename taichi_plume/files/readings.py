@@ -27,6 +27,7 @@ NAMES = {
     "group": ("group",),
 }
 """Of which the first that a file has is taken."""
+MOST_ROWS = 10_000_000
 NEEDED = ("t", "x", "y", "reading")
 MOST = {"t": 1e13, "x": 1e8, "y": 1e8, "reading": 1e9, "wind_x": 1e4, "wind_y": 1e4}
 """What is larger, either way, is a mistake: a Unix time is 2e9 s, in milliseconds; pure vapour is 1e6 ppm."""
@@ -144,6 +145,10 @@ def _parquet(path: Path) -> tuple[dict[str, str], dict[str, np.ndarray]]:
     try:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
             names = _picked(path, file.schema_arrow.names)
+            if file.metadata.num_rows > MOST_ROWS:  # a page of equal values takes a few bytes
+                raise ReadingsError(
+                    f"{path}: has {file.metadata.num_rows:,} rows; at most {MOST_ROWS:,} are read"
+                )
             table = file.read(columns=list(names.values()))
     except ReadingsError:
         raise

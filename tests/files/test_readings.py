@@ -158,3 +158,14 @@ def test_numbers_beyond_reason_are_refused(tmp_path, row, fault):
     path.write_text(f"t,x,y,reading,wind_x,wind_y\n1,0,0,inf,nan,1\n{row}\n")
     with pytest.raises(ReadingsError, match=fault):
         read(path)
+
+
+def test_the_rows_of_a_parquet_are_bounded(tmp_path, monkeypatch):
+    """A page of equal values packs millions of rows into a few bytes."""
+    pq.write_table(
+        pa.table({name: np.zeros(1000) for name in ("t", "x", "y", "reading")}), tmp_path / "a.parquet"
+    )
+    assert len(read(tmp_path / "a.parquet").t) == 1000
+    monkeypatch.setattr("taichi_plume.files.readings.MOST_ROWS", 999)
+    with pytest.raises(ReadingsError, match="1,000 rows; at most 999"):
+        read(tmp_path / "a.parquet")

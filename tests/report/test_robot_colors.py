@@ -1,6 +1,7 @@
 """A robot has one colour in reports, pictures and recordings, which the colour-blind can tell from others."""
 
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -54,11 +55,13 @@ def test_a_robot_has_one_color_in_report_and_recording(tmp_path, counts):
     pq.write_table(pa.table(columns), tmp_path / "robots.parquet")
     starts = np.cumsum([0, *counts])
     model = SimpleNamespace(first_trial=0, odometry=None)
-    groups = [
+    groups: list[Any] = [
         SimpleNamespace(name=name, count=count, start=int(start), first_trial=0, model=model)
         for name, count, start in zip(names, counts, starts[:-1], strict=True)
     ]
-    sim = SimpleNamespace(swarm=SimpleNamespace(groups=groups), state_names=lambda: [("S",)] * len(groups))
+    sim: Any = SimpleNamespace(
+        swarm=SimpleNamespace(groups=groups), state_names=lambda: [("S",)] * len(groups)
+    )
     drawn = [look.robot(track.number) for track in tracks(tmp_path / "robots.parquet", groups)]
     recorded = ["#{:02x}{:02x}{:02x}".format(*one.color) for one in recorded_robots(sim)]
     assert drawn == recorded

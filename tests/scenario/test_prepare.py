@@ -192,7 +192,7 @@ def test_values_of_python_are_taken_as_those_of_yaml(tmp_path):
         ({3: 1}, "unknown key '3'"),
     ):
         with pytest.raises(ScenarioError) as told:
-            load_scenario({**ROOM, **bad})
+            load_scenario({**ROOM, **dict[Any, Any](bad)})
         assert line in str(told.value)
     with pytest.raises(ScenarioError, match="give a dict"):
         room.changed(None)  # type: ignore[arg-type]
