@@ -10,7 +10,9 @@ if (
     try:
         os.getcwd()
     except OSError:
-        print("the working folder does not exist any more; cd to one that does", file=sys.stderr)
+        from taichi_plume.guard.terminal import say
+
+        say("the working folder does not exist any more; cd to one that does", error=True)
         raise SystemExit(2) from None
 
 # `python -m` looks for modules in the working folder first: a yaml.py that lies in the folder of a case would be run.

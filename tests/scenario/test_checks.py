@@ -345,7 +345,7 @@ FAULTS = [
     (
         "robots.0.start.positions=[[1, 1]]",
         "robots[0].start.positions: 1 given for 2 robots",
-        "one place per robot",
+        "one position per robot",
     ),
     (
         "robots.0.start.positions=[[1, 1], [3.95, 2]]",
