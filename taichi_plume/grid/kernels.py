@@ -6,6 +6,7 @@ import io
 import os
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
@@ -29,6 +30,7 @@ else:
 # Of compiled kernels on disk. With Taichi's own 100 MB a dozen scenarios, or the tests, throw out each other's.
 CACHE_BYTES = 2_000_000_000
 _CACHE_FOLDER = "TI_OFFLINE_CACHE_FILE_PATH"  # Taichi's own variable
+STALE_S = 60.0  # age of the cache's lock, which Taichi holds for less than a second
 STRIP = 32  # cells per strip; 100 and more are six times slower (LLVM stops using registers)
 MANY_CELLS = 50_000  # set by a pass: from here on a launch of its own is nothing to it
 FEW_CELLS = 300_000  # set by a pass: up to here the caller's thread is done before another one has woken up
@@ -123,6 +125,7 @@ def _cache() -> dict[str, Any]:
             folder.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryFile(dir=folder):
                 pass
+            _remove_stale_lock(folder / "ticache.lock")
             place = {} if _CACHE_FOLDER in os.environ else {"offline_cache_file_path": str(folder)}
             return place | {"offline_cache_max_size_of_files": CACHE_BYTES}
         except OSError as error:
@@ -131,6 +134,13 @@ def _cache() -> dict[str, Any]:
             os.environ["TI_OFFLINE_CACHE"] = "0"
     os.environ[_CACHE_FOLDER] = os.sep
     return {}
+
+
+def _remove_stale_lock(lock: Path) -> None:
+    """Remove Taichi's lock of a kernel cache if a killed process left it: no kernel would be stored any more."""
+    with contextlib.suppress(OSError):
+        if time.time() - lock.stat().st_mtime > STALE_S:
+            lock.unlink()
 
 
 def on_cpu() -> bool:

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -86,6 +87,17 @@ def test_a_cache_folder_that_cannot_be_written_is_noted_once_and_not_used(
     assert capsys.readouterr().err == ""
     assert os.environ["TI_OFFLINE_CACHE"] == "0"
     assert Path(os.environ["TI_OFFLINE_CACHE_FILE_PATH"]).is_dir(), "Taichi crashes where it has to make it"
+
+
+def test_a_lock_that_a_killed_process_left_goes(no_cache_variables, tmp_path):
+    """With the lock Taichi would store no kernel any more, and every run would compile again."""
+    no_cache_variables.setenv("TI_OFFLINE_CACHE_FILE_PATH", str(tmp_path))
+    lock = tmp_path / "ticache.lock"
+    for age, stays in ((1.0, True), (3600.0, False)):
+        lock.touch()
+        os.utime(lock, (time.time() - age,) * 2)
+        kernels._cache()
+        assert lock.exists() == stays
 
 
 KERNEL = """
