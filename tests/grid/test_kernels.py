@@ -95,7 +95,8 @@ def test_a_lock_that_a_killed_process_left_goes(no_cache_variables, tmp_path):
     lock = tmp_path / "ticache.lock"
     for age, stays in ((1.0, True), (3600.0, False)):
         lock.touch()
-        os.utime(lock, (time.time() - age,) * 2)
+        then = time.time() - age
+        os.utime(lock, (then, then))
         kernels._cache()
         assert lock.exists() == stays
 
