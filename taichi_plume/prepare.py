@@ -65,8 +65,8 @@ def load(
     files: list[Path] = []
 
     def expand(data: dict[str, Any]) -> dict[str, Any]:
-        whole, told, read = expanded(data, path, allow_outside)
-        remarks.extend(told)
+        whole, notes, read = expanded(data, path, allow_outside)
+        remarks.extend(notes)
         files.extend(read)
         return whole
 
