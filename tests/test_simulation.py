@@ -61,8 +61,8 @@ def test_observers_keep_their_cadence_and_see_the_end():
 
 @pytest.mark.slow
 def test_it_ends_when_all_have_found_a_source():
-    start = {"kind": "positions", "positions": [[0.28, 0.4]]}
-    robots = [{"count": 1, "start": start, "algorithm": {"kind": "casting"}, "reach": 0.1}]
+    start = {"kind": "positions", "positions": [[0.35, 0.4]]}
+    robots = [{"count": 1, "start": start, "algorithm": {"kind": "spiral"}, "reach": 0.1}]
     sim = small(robots=robots, duration=20.0)
     sim.run()
     assert sim.swarm.all_over()
