@@ -61,7 +61,7 @@ def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 def _stl(content: bytes) -> tuple[np.ndarray, np.ndarray]:
     count = int.from_bytes(content[80:84], "little") if len(content) >= 84 else -1
-    if len(content) == 84 + 50 * count:
+    if count >= 0 and len(content) == 84 + 50 * count:
         facets = np.frombuffer(content, [("f", "<f4", (4, 3)), ("attribute", "<u2")], count, 84)
         corners = facets["f"][:, 1:].reshape(-1, 3).astype(float)
     elif content.lstrip()[:5].lower() == b"solid":

@@ -130,6 +130,7 @@ def test_every_cut_is_told(tmp_path):
         ("a.ply", ply("").replace(b"float x", b"float y"), "two properties of vertex"),
         ("a.ply", b"ply\nformat ascii 1.0\n" + b"comment\n" * 20_000, "has no header"),
         ("a.ply", b"ply\nformat ascii 1.0\nend_header\n", "has no vertices"),
+        ("a.stl", b"\0" * 34, "is cut"),
         ("a.stl", b"\0" * 80 + b"\xff\xff\xff\xff", "tells of 4294967295 triangles, it holds 0"),
         ("a.stl", stl_text().replace(b"endloop", b"endpool", 1), "'endpool' in place of 'endloop'"),
         ("a.stl", stl_text().replace(b"vertex 1.0", b"vertex 1,0", 1), "could not convert"),
