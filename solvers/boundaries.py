@@ -1,7 +1,8 @@
 """What the domain's faces do to the air: per boundary face a prescribed velocity or an ambient pressure.
 
 Every boundary face has, per velocity component, a target V and a mirror factor, which `ghosts` turns into what lies
-beyond the face. The component through it is either prescribed (V) or free, with the ambient pressure outside.
+beyond the face. The component through it is either prescribed (V) or free, with the ambient pressure outside. The
+targets along the face lie on the staggered grid, between the boundary face and the one below it.
 """
 
 from collections.abc import Callable, Sequence
@@ -39,7 +40,16 @@ class Boundaries:
     To be begun once `tables` are uploaded.
     """
 
-    STATE = ("target", "ambient", "curved", "noise", "_targets", "_blown")
+    STATE = (
+        "target",
+        "ambient",
+        "curved",
+        "noise",
+        "_targets",
+        "_wall_velocities",
+        "_sliding_targets",
+        "_blown",
+    )
 
     def __init__(self, openings: tuple[Opening, ...], grid: Grid, area: Sequence[np.ndarray], tables: Tables):
         """area: per axis the shares of the faces that are open. Raises ValueError where no air is behind an opening."""
@@ -121,7 +131,9 @@ class Boundaries:
         self._openings: list[Fan | Inlet | Honeycomb] = []  # of the jets
         self._swirl: list[dict[int, np.ndarray]] = []
         self._sliding: list[tuple[MovingWall, Patch]] = []
-        self._targets = [np.zeros((*shape, self.dim), np.float32) for shape in self._inner]
+        self._targets, self._wall_velocities = (
+            [np.zeros((*shape, self.dim), np.float32) for shape in self._inner] for _ in range(2)
+        )
         loss = [np.zeros(shape, np.float32) for shape in self._inner]
         for n, p in self._placed:
             opening = openings[n]
@@ -131,13 +143,18 @@ class Boundaries:
                     self._openings.append(opening)
                     self._swirl.append(p.swirl(opening.swirl if opening.kind == "fan" else 0.0))
                 case "wall":
-                    self._face(self._targets[p.axis], p)[p.covered] = opening.velocity
+                    self._face(self._wall_velocities[p.axis], p)[p.covered] = opening.velocity
                     if opening.schedule:
                         self._sliding.append((opening, p))
                 case "honeycomb":
                     self._face(loss[p.axis], p)[p.covered] = opening.loss_coefficient
             if opening.kind != "periodic":
                 p.opening = opening
+        for p in self.jets:
+            self._face(self._wall_velocities[p.axis], p)[p.covered] = 0.0
+        self._sliding_targets = [self._along_walls(d) for d in range(self.dim)]
+        for target, sliding in zip(self._targets, self._sliding_targets, strict=True):
+            target[...] = sliding
         self._put(
             *(self.spread(target, d) for d, target in enumerate(self._targets)),
             *(self.spread(faces, d) for d, faces in enumerate(loss)),
@@ -179,18 +196,35 @@ class Boundaries:
         Prescribed velocities grow within a step, but those along a face act through all of it.
         """
         slid = self._slide(t - dt, t)
-        if self._blow(self.speeds(t), dt) or slid:
+        if self._blow(self.speeds(t), dt, slid):
             self.upload_targets()
 
     def _slide(self, begin: float, end: float) -> bool:
         """Let walls move with their mean velocities between two times [s]. Returns whether they move otherwise now."""
         changed = False
         for wall, p in self._sliding:
-            face = self._face(self._targets[p.axis], p)
+            face = self._face(self._wall_velocities[p.axis], p)
             before = face[p.covered]
             face[p.covered] = wall.mean_velocity(begin, end)
-            changed = changed or bool(np.any(face[p.covered] != before))
+            if np.any(face[p.covered] != before):
+                self._sliding_targets[p.axis] = self._along_walls(p.axis)
+                changed = True
         return changed
+
+    def _along_walls(self, d: int) -> np.ndarray:
+        """Targets that the walls alone set on the faces of axis d: along the face the mean of the velocities of the two
+        boundary faces that a target lies between.
+        """
+        target = self._wall_velocities[d].copy()
+        for c in range(self.dim):
+            if c != d:
+                target[..., c] = 0.5 * (target[..., c] + self._below(target[..., c], c))
+        return target
+
+    def _below(self, values: np.ndarray, axis: int) -> np.ndarray:
+        """Values of the boundary faces below, along an axis; the first one's are those of the last, or its own."""
+        first = -1 if self.grid.periodic[axis] else 0
+        return np.concatenate([np.take(values, [first], axis), np.delete(values, -1, axis)], axis)
 
     def measure_inertia(self, pressure_of: Callable[[], Any]) -> None:
         """Let each fan with a curve know what the air in front of it weighs.
@@ -204,18 +238,22 @@ class Boundaries:
         if self.curved:
             self.update(-np.inf, 0.0)
 
-    def _blow(self, speeds: list[float], dt: float) -> bool:
-        """Set the targets of what blows with these mean speeds. Returns whether they may be others now."""
-        if speeds == self._blown and not self.noise:
+    def _blow(self, speeds: list[float], dt: float, slid: bool = False) -> bool:
+        """Set the targets of what blows with these mean speeds. Returns whether they may be others now.
+
+        slid: whether the velocity of a wall has changed.
+        """
+        if speeds == self._blown and not self.noise and not slid:
             return False
         self._blown = speeds
+        for d in self._put_targets:
+            self._targets[d][...] = self._sliding_targets[d]
         for n, (p, speed) in enumerate(zip(self.jets, speeds, strict=True)):
             inward = 1.0 if p.side == 0 else -1.0
             face = self._face(self._targets[p.axis], p)
-            face[p.covered] = 0.0
             face[..., p.axis] += inward * speed * p.profile
             for axis, swirl in self._swirl[n].items():
-                face[..., axis] += speed * swirl * p.covered
+                face[..., axis] += speed * swirl
             if n in self.noise and speed != 0:
                 amplitude = self._openings[n].turbulence_intensity * abs(speed)
                 for axis, plane in enumerate(self.noise[n].advance(speed, dt)):

@@ -37,7 +37,7 @@ from taichi_plume.solvers.screens import ScreenResistance
 from taichi_plume.solvers.stages import stages_for
 from taichi_plume.solvers.surfaces import Surfaces
 from taichi_plume.solvers.turbulence import MODELS
-from taichi_plume.solvers.walls import distances, walls_of
+from taichi_plume.solvers.walls import Walls, distances
 
 
 @ti.data_oriented
@@ -86,9 +86,7 @@ class FlowSolver(Carrier):
         away = None if self.nu is None else distances(air, self.boundaries.is_wall, grid)
         self.momentum = Momentum(model, grid, self.u, self.p, self.nu, openness, areas, fields, tables, away)
         self.walls = (
-            None
-            if self.nu is None
-            else walls_of(self.boundaries, self.momentum.viscosity, self.momentum.rough)
+            None if self.nu is None else Walls(self.boundaries, self.momentum.viscosity, self.momentum.rough)
         )
         self.open, self.area = self.momentum.open, self.momentum.area
         self.screens = [ScreenResistance(one, grid, openness, tables) for one in model.screens]
@@ -163,7 +161,7 @@ class FlowSolver(Carrier):
         self._stage = launch(
             fill,
             *([sweep([eddies], [self.nu], around)] if m.eddies else []),
-            *([walls.slowing(self.nu)] if walls else []),
+            *([walls.extending(self.nu)] if walls else []),
             *slipping(by_fluxes(terms.tendency, rate)),
             *([Pass(self._slow, self.surfaces.cells)] if self.surfaces else []),
             on_faces(advanced, u),

@@ -106,23 +106,23 @@ class Ghosts:
             V = self.b.target[d][K]
             for c in ti.static(range(self.dim)):
                 if ti.static(c != d):
-                    mirror = self.b.mirror[d][K][c]
+                    wall, drawn = self._conditions(K, d, c, outward)
                     first = u[c][inner]
-                    free = mirror > 0.0 or (
-                        mirror == 0.0 and V[d] * outward > 0.0
-                    )  # drawn out with its own velocity
                     straight, bent = 1.0, 0.0
                     if ti.static(self.lawful):
                         bend = self.walls.bend_at(K, d, c)
-                        straight = ti.select(mirror < 0.0, straightness(bend), 1.0)
+                        straight = straightness(bend)
                         bent = V[c] + (1.0 - 2.0 * bend) * (first - V[c])
                     for m in ti.static(range(g)):
                         image = u[c][inner - D * outward * ti.static(min(m, n - 1))]
-                        value = ti.select(free, image, 2.0 * V[c] - image)
-                        if ti.static(m == 0 and n > 1):  # at a wall the parabola through V and two cells
+                        dirichlet = 2.0 * V[c] - image
+                        no_slip = dirichlet
+                        if ti.static(m == 0 and n > 1):  # the parabola through V and two cells
                             second = u[c][inner - D * outward]
-                            value = ti.select(mirror < 0.0, (8.0 * V[c] + second) / 3.0 - 2.0 * first, value)
-                        u[c][inner + D * outward * (m + 1)] = straight * value + (1.0 - straight) * bent
+                            no_slip = (8.0 * V[c] + second) / 3.0 - 2.0 * first
+                        no_slip = straight * no_slip + (1.0 - straight) * bent
+                        value = wall * no_slip + drawn * image + (1.0 - wall - drawn) * dirichlet
+                        u[c][inner + D * outward * (m + 1)] = value
             at, beyond = u[d][face], u[d][face]
             if self.b.free[d][K] == 1:
                 beyond = ti.select(at * outward > 0.0, at, 0.0)  # still air comes in
@@ -131,6 +131,21 @@ class Ghosts:
                     beyond = 2.0 * at - u[d][face - D * outward * ti.min(m, n)]
                 if m < g or side == 0:
                     u[d][face + D * outward * m] = beyond
+
+    @ti.func
+    def _conditions(self, K: Template, d: Template, c: Template, outward):
+        """Shares of velocity component c at boundary face K of axis d that a wall holds (no slip) and that go on beyond
+        the face as inside (slip, outflow); the rest is prescribed. Component c lies between two boundary faces, and
+        each counts half.
+        """
+        wall, drawn = 0.0, 0.0
+        for step in ti.static(range(2)):
+            cell = K
+            cell[c] = ti.max(K[c] - step, 0)
+            mirror, speed = self.b.mirror[d][cell][c], self.b.target[d][cell][d]
+            wall += ti.select(mirror < 0.0, 0.5, 0.0)
+            drawn += ti.select(mirror > 0.0 or (mirror == 0.0 and speed * outward > 0.0), 0.5, 0.0)
+        return wall, drawn
 
     @ti.func
     def _fill_pressure_at(self, p: Template, K, d: Template, with_ambient: Template):

@@ -11,6 +11,7 @@ from taichi_plume.scenario.windows import Region
 
 SAMPLES = 8  # per axis, to average an opening's profile over a cell face
 RIM = 0.05  # of a fan's radius, over which its jet ends
+RIM_ROUNDING = 1e-9  # of an opening's half size: a mirrored room covers the mirrored faces
 JETS = ("fan", "inlet", "honeycomb")  # kinds of openings that blow where they have a speed
 VENTS = (*JETS, "outlet")  # kinds that let air through
 NO_AIR = "no air behind the opening, obstacles cover all of it on this grid; move one of them or lower domain.spacing"
@@ -71,8 +72,8 @@ class Patch:
         return np.max([np.abs(p) for p in places], axis=0)
 
     def inside(self, places: Places) -> np.ndarray:
-        """Which places the region covers."""
-        return self.radius(places) <= 1.0
+        """Which places the region covers; places on the rim count, whatever rounding makes of them."""
+        return self.radius(places) <= 1.0 + RIM_ROUNDING
 
     def cells(self) -> tuple[np.ndarray, ...]:
         """Index of the cells behind the covered faces."""
@@ -131,7 +132,7 @@ class JetPatch(Patch):
             arm = self.along.index(other)
             result[axis] = self.average(
                 lambda p, arm=arm, sense=sense: sense * p[arm] * self.inside(p), shift
-            )
+            ) * (self.covered | np.roll(self.covered, 1, self.along.index(axis)))
         return result
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import taichi as ti
-from scipy.ndimage import distance_transform_edt
+from scipy.spatial import cKDTree
 
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
@@ -47,7 +47,7 @@ class Walls:
         """Take k_s [m] over."""
         self._put(roughness or 0.0)
 
-    def _visit(self, body: Callable[..., None]) -> Pass:
+    def _visit(self, body: Callable[..., None], axes: list[int]) -> Pass:
         def of_axis(d: int) -> Callable:
             @ti.func
             def visited(K, a, b):
@@ -55,7 +55,6 @@ class Walls:
 
             return visited
 
-        axes = [d for d in range(self.dim) if self.b.is_wall[d].any()]
         return visit([of_axis(d) for d in axes], [self.b.sides[d] for d in axes])
 
     def measuring(self, u: Any) -> list[Pass]:
@@ -72,16 +71,19 @@ class Walls:
         inner = {d: [(0, n - (a != d)) for a, n in enumerate(self.b.sides[d])] for d in axes}
         return [sweep([of_axis(d)], [(self.bend[d], self.viscosity[d])], inner[d]) for d in axes]
 
-    def slowing(self, nu: Any) -> Pass:
-        """Sets nu beyond the walls such that the mean with that inside is the law's."""
+    def extending(self, nu: Any) -> Pass:
+        """Sets nu beyond the domain's faces: at walls such that the mean with the cell inside is that of the law,
+        elsewhere as inside (zero gradient).
+        """
 
         @ti.func
         def beyond(K, d: Template):
-            if self.b.mirror[d][K][d] < 0.0:
+            if ti.static(not self.grid.periodic[d]):
                 first, outward = self.first_cell(K, d)
-                nu[first + outward] = 2.0 * self.viscosity[d][K] - nu[first]
+                wall = self.b.mirror[d][K][d] < 0.0
+                nu[first + outward] = ti.select(wall, 2.0 * self.viscosity[d][K] - nu[first], nu[first])
 
-        return self._visit(beyond)
+        return self._visit(beyond, [d for d in range(self.dim) if not self.grid.periodic[d]])
 
     @ti.func
     def first_cell(self, K, d: Template):
@@ -94,12 +96,13 @@ class Walls:
     def _measured(self, u: Template, K, d: Template):
         """(bend, viscosity) of the first cell inside of boundary face K of axis d."""
         cell, _ = self.first_cell(K, d)
-        V, y = self.b.target[d][K], ti.static(0.5 * self.grid.dx)
+        y = ti.static(0.5 * self.grid.dx)
         square = 0.0
         for c in ti.static(range(self.dim)):
             if ti.static(c != d):
-                above = cell + ti.Vector.unit(self.dim, c, ti.i32)
-                square += (0.5 * (u[c][cell] + u[c][above]) - V[c]) ** 2
+                C = ti.Vector.unit(self.dim, c, ti.i32)
+                V = 0.5 * (self.b.target[d][K][c] + self.b.target[d][K + C][c])
+                square += (0.5 * (u[c][cell] + u[c][cell + C]) - V) ** 2
         speed, molecular, grain = ti.sqrt(square), self.molecular[None], self.roughness[None]
         viscosity, bend = near_surface(speed, y, molecular, grain, self.rough)
         bend = ti.select(self.b.mirror[d][K][d] < 0.0, bend, 1.0)
@@ -114,11 +117,6 @@ class Walls:
         return 0.5 * (self.bend[d][K] + self.bend[d][below])
 
 
-def walls_of(boundaries: Boundaries, molecular: Any, rough: bool) -> Walls | None:
-    """Those of a domain; None where it has none."""
-    return Walls(boundaries, molecular, rough) if any(faces.any() for faces in boundaries.is_wall) else None
-
-
 @ti.func
 def straightness(bend):
     """How much a first cell counts as resolved: 1 in the viscous layer, 0 from where u goes with the root of y on."""
@@ -126,54 +124,44 @@ def straightness(bend):
 
 
 def distances(air: Air, walls: list[np.ndarray], grid: Grid) -> np.ndarray:
-    """Distance [m] of the cells' centres from the next surface, (*grid.shape): obstacles' as the cut cells have them.
+    """Distance [m] of the cells' centres from the nearest surface, (*grid.shape), at least half a cell.
+
+    Surfaces are the middles of the domain's wall faces and, in each cell that an obstacle cuts, the point of the
+    obstacle's surface that is nearest to the centre.
 
     walls: per axis which faces of its two sides are walls, bool, of the grid's shape but for 2 along the axis.
     """
-    nearest = np.zeros((*(n + 2 for n in grid.shape), grid.dim), np.float32)
-    known = np.zeros([n + 2 for n in grid.shape], bool)
-    inside = (slice(1, -1),) * grid.dim
-    for d, sides in enumerate(walls):
-        for side in (0, 1):
-            place = [slice(1, -1)] * grid.dim
-            place[d] = slice(-1, None) if side else slice(0, 1)
-            known[tuple(place)] = np.take(sides, [side], axis=d)
-            nearest[(*place, d)] = (
-                0.5 if side == 0 else -0.5
-            )  # the face is half a cell inside of the ghost's centre
+    points = [_wall_points(sides, d, grid) for d, sides in enumerate(walls)]
     if not air.empty:
-        vectors = air.surface()
-        size = np.linalg.norm(vectors, axis=-1)
-        at = (size > 1e-6) & ~air.solid
-        weight = sum(np.delete(a, end, axis=d) for d, a in enumerate(air.area) for end in (0, -1))
-        total = sum(
-            np.delete(a * s, end, axis=d)
-            for d, (a, s) in enumerate(zip(air.area, air.distance, strict=True))
-            for end in (0, -1)
-        )
-        away = np.where(at, total / np.maximum(weight, 1e-6), 0.0)
-        known[inside] |= at
-        nearest[inside] = np.where(
-            at[..., None], (away / np.maximum(size, 1e-6))[..., None] * vectors, nearest[inside]
-        )
-    if not known.any():
+        points.append(_obstacle_points(air))
+    surface = np.concatenate(points)
+    if not len(surface):
         return np.full(grid.shape, FAR, np.float32)
-    wide = [(n // 2, n // 2) if wraps else (0, 0) for n, wraps in zip(grid.shape, grid.periodic, strict=True)]
-    return np.maximum(_to_nearest(known, nearest, wide)[inside], 0.5) * grid.dx
+    period = np.where(grid.periodic, grid.shape, 0.0)
+    surface = np.where(period > 0.0, surface % np.maximum(period, 1.0), surface)
+    centers = np.moveaxis(np.indices(grid.shape), 0, -1) + 0.5
+    found, _ = cKDTree(surface, boxsize=period).query(centers, workers=-1)
+    return (np.maximum(found, 0.5) * grid.dx).astype(np.float32)
 
 
-def _to_nearest(known: np.ndarray, nearest: np.ndarray, wide: list[tuple[int, int]]) -> np.ndarray:
-    """Distance [cells] of all cells from the surface point of the known cell next to them.
+def _wall_points(sides: np.ndarray, d: int, grid: Grid) -> np.ndarray:
+    """Middles of the wall faces of axis d, (count, dim) [cells]."""
+    index = np.argwhere(sides)
+    points = index + 0.5
+    points[:, d] = index[:, d] * grid.shape[d]
+    return points
 
-    nearest: from a known cell's centre to its surface point [cells]; wide: how far periodic axes go on, with the layer
-    around them.
-    """
-    for d, (before, after) in enumerate(wide):
-        if before:
-            known, nearest = (np.delete(a, (0, -1), axis=d) for a in (known, nearest))
-            width = [(before + 1, after + 1) if a == d else (0, 0) for a in range(known.ndim)]
-            known, nearest = np.pad(known, width, mode="wrap"), np.pad(nearest, [*width, (0, 0)], mode="wrap")
-    index = np.asarray(distance_transform_edt(~known, return_distances=False, return_indices=True))
-    point = np.moveaxis(nearest[tuple(index)], -1, 0) + index - np.indices(known.shape)
-    inner = tuple(slice(before, known.shape[d] - after) for d, (before, after) in enumerate(wide))
-    return np.sqrt((point**2).sum(axis=0))[inner]
+
+def _obstacle_points(air: Air) -> np.ndarray:
+    """Points of the obstacles' surfaces nearest to the centres of the cells that they cut, (count, dim) [cells]."""
+    vectors = air.surface()
+    size = np.linalg.norm(vectors, axis=-1)
+    cut = (size > 1e-6) & ~air.solid
+    weight = sum(np.delete(a, end, axis=d) for d, a in enumerate(air.area) for end in (0, -1))
+    total = sum(
+        np.delete(a * s, end, axis=d)
+        for d, (a, s) in enumerate(zip(air.area, air.distance, strict=True))
+        for end in (0, -1)
+    )
+    away = total[cut] / np.maximum(weight[cut], 1e-6)
+    return np.argwhere(cut) + 0.5 + (away / size[cut])[:, None] * vectors[cut]

@@ -31,6 +31,7 @@ from taichi_plume.validation.room_air_cases import ROOM_AIR_CASES
 from taichi_plume.validation.rotor_cases import ROTOR_CASES
 from taichi_plume.validation.source_cases import SOURCE_CASES
 from taichi_plume.validation.spiral_cases import SPIRAL_CASES
+from taichi_plume.validation.symmetry_cases import SYMMETRY_CASES
 from taichi_plume.validation.through_flow import ethier_steinman
 from taichi_plume.validation.tunnel_plume import TUNNEL_PLUME_CASES
 from taichi_plume.validation.turbulent_whiffs import TURBULENT_WHIFF_CASES
@@ -256,6 +257,7 @@ _ALL = (
     *SOURCE_CASES,
     *BALANCE_CASES,
     *WALL_CASES,
+    *SYMMETRY_CASES,
     Case(
         "conduction",
         "still air between a warm and a cold wall",

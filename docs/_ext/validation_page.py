@@ -16,13 +16,14 @@ GROUPS = (
         "Flows whose answer is known: vortices that die away, ducts, channels, a box with a sliding lid. They show "
         "that the equations are solved, and how fast errors shrink with the cells.",
         r"taylor_green|kovasznay|ethier|poiseuille|couette|duct|cavity_\d|drifting_v|oscillating|conduction|"
-        r"heated|one_layer",
+        r"heated|thermal_plume|one_layer",
     ),
     (
         "Around things, through openings, along walls",
         "What rooms are made of: cylinders that shed eddies, pipes that the grid cuts, fans, rotors and their jets, "
-        "floors, gusts that are blown in. Measured by others in laboratories, or bound to be kept, as mass is.",
-        r"cylinder|shedding|pipe|oblique_channel|room_\dd|fan|hovering|floor|log_layer|inflow|imported",
+        "floors, gusts that are blown in, rooms that are mirrored and turned. Measured by others in laboratories, or "
+        "bound to be kept, as mass is.",
+        r"symmetry|bluff|cylinder|shedding|pipe|oblique_channel|room_\dd|fan|hovering|floor|log_layer|inflow|imported",
     ),
     (
         "Does the gas spread as it should?",
