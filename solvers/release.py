@@ -1,11 +1,15 @@
 """Balls (in 2-D discs) that release something evenly over their volume: vapour sources and heaters on the grid.
 
 What a ball releases is spread by a kernel (see `spreading`) of one to two cells, wherever in a cell it sits and however
-small it is. It stays in the air that a ball's own cells are connected to nearby: behind a thin wall nothing appears.
+small it is. Variances add, and a ball of radius R has R²/(dim + 2) along an axis: a ball that is wider than the kernel
+is shrunk first by the variance of the kernel. So the plume of a large source is as wide as the source makes it, and
+that of a small source no wider than the kernel. A ball whose centre lies in an obstacle keeps its size, as its release
+has to reach the air around. The release stays in the air that a ball's own cells are connected to nearby: behind a
+thin wall nothing appears.
 """
 
 from collections.abc import Sequence
-from math import ceil, prod
+from math import ceil, prod, sqrt
 from typing import Any
 
 import numpy as np
@@ -17,7 +21,7 @@ from taichi_plume.grid.kernels import Template, double_field
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.heat import Heater
 from taichi_plume.scenario.sources import Source
-from taichi_plume.solvers.spreading import REACH, spread, tilted
+from taichi_plume.solvers.spreading import REACH, VARIANCE, spread, tilted
 
 SAMPLES = 4  # per axis and cell, to measure how much of a cell a ball covers
 
@@ -37,7 +41,7 @@ class Release:
         self._amounts: list[float] = []
         # those that the balls may touch
         self.cells = sum(
-            prod(min(2 * self._half(ball), n + 2 * REACH) + 2 * REACH + 2 for n in grid.shape)
+            prod(min(2 * _half(ball.radius / grid.dx), n + 2 * REACH) + 2 * REACH + 2 for n in grid.shape)
             for ball in balls
         )
         self._cell = ti.Vector.field(grid.dim, ti.i32, self.cells)
@@ -61,19 +65,26 @@ class Release:
             count += len(where)
         self._place(cell, share[:, 0], owner[:, 0], count)
 
-    def _half(self, ball: Source | Heater) -> int:
-        """Cells that a ball around a cell's centre touches on either side of it, along an axis."""
-        return max(0, ceil(ball.radius / self.grid.dx - 0.5))
+    def _shrunk(self, ball: Source | Heater) -> float:
+        """Radius [cells] of the ball that the kernel widens to the variance of the given ball; 0 for a ball narrower
+        than the kernel.
+        """
+        radius, highest = ball.radius / self.grid.dx, np.array(self.grid.shape) - 1
+        centre = np.clip(np.floor(np.array(ball.position) / self.grid.dx).astype(int), 0, highest)
+        if self.room[tuple(centre)] == 0.0:
+            return radius
+        return sqrt(max(0.0, radius**2 - (self.grid.dim + 2) * VARIANCE))
 
     def _cells_of(self, path: str, ball: Source | Heater) -> tuple[np.ndarray, np.ndarray]:
         """Cells of a ball, shape (n, dim), and the share of its release that each receives."""
-        radius, half = ball.radius / self.grid.dx, self._half(ball)  # here lengths are in cells
+        radius, shrunk = ball.radius / self.grid.dx, self._shrunk(ball)  # here lengths are in cells
+        half = _half(shrunk)
         place = np.array(ball.position) / self.grid.dx - 0.5  # from the centre of the first cell
         base = np.floor(place).astype(int)
         # cells of a ball around that of the base, as far as they can matter to the domain
         first = [max(-half, -b - REACH - 1) for b in base]
         last = [min(half, n - b + REACH - 1) for b, n in zip(base, self.grid.shape, strict=True)]
-        even = _even_ball(radius, [np.arange(a, b + 1) for a, b in zip(first, last, strict=True)])
+        even = _even_ball(shrunk, [np.arange(a, b + 1) for a, b in zip(first, last, strict=True)])
         share = spread(even, place - base)
         every, axes = share.size, []
         for axis, n in enumerate(self.grid.shape):
@@ -122,6 +133,11 @@ class Release:
                 held += self._amount[self._owner[n]] * self._share[n]
                 q[I] = ti.cast(held, ti.f32)
                 rest[I] = ti.cast(held - ti.cast(ti.cast(held, ti.f32), ti.f64), ti.f32)
+
+
+def _half(radius: float) -> int:
+    """Cells that a ball of a radius [cells] around a cell's centre touches on either side of it, along an axis."""
+    return max(0, ceil(radius - 0.5))
 
 
 def _even_ball(radius: float, cells: Sequence[np.ndarray]) -> np.ndarray:
