@@ -1,15 +1,15 @@
 """Balls (in 2-D discs) that release something evenly over their volume: vapour sources and heaters on the grid.
 
-What a ball releases is spread by a kernel (see `spreading`) of one to two cells, wherever in a cell it sits and however
-small it is. Variances add, and a ball of radius R has R²/(dim + 2) along an axis: a ball that is wider than the kernel
-is shrunk first by the variance of the kernel. So the plume of a large source is as wide as the source makes it, and
-that of a small source no wider than the kernel. A ball whose centre lies in an obstacle keeps its size, as its release
-has to reach the air around. The release stays in the air that a ball's own cells are connected to nearby: behind a
-thin wall nothing appears.
+A small ball is released by a kernel (see `spreading`) of one to two cells, wherever in a cell it sits and however small
+it is. A ball of radius R has the variance R²/(dim + 2) along an axis. From where that is more than the kernel's, each
+cell releases its part of the ball, narrowed along each axis by what means over cells and interpolation between them add
+to the variance: the plume of a large source is as wide as the source makes it. A ball whose centre lies in an
+obstacle is spread by the kernel in any case, as its release has to reach the air around. The release stays in the air
+that a ball's own cells are connected to nearby: behind a thin wall nothing appears.
 """
 
 from collections.abc import Sequence
-from math import ceil, prod, sqrt
+from math import ceil, prod
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,7 @@ from taichi_plume.scenario.heat import Heater
 from taichi_plume.scenario.sources import Source
 from taichi_plume.solvers.spreading import REACH, VARIANCE, spread, tilted
 
+CELL = 1.0 / 12.0  # variance that a cell adds along an axis to what its mean stands for [cells²]
 SAMPLES = 4  # per axis and cell, to measure how much of a cell a ball covers
 
 
@@ -65,28 +66,28 @@ class Release:
             count += len(where)
         self._place(cell, share[:, 0], owner[:, 0], count)
 
-    def _shrunk(self, ball: Source | Heater) -> float:
-        """Radius [cells] of the ball that the kernel widens to the variance of the given ball; 0 for a ball narrower
-        than the kernel.
-        """
-        radius, highest = ball.radius / self.grid.dx, np.array(self.grid.shape) - 1
-        centre = np.clip(np.floor(np.array(ball.position) / self.grid.dx).astype(int), 0, highest)
-        if self.room[tuple(centre)] == 0.0:
-            return radius
-        return sqrt(max(0.0, radius**2 - (self.grid.dim + 2) * VARIANCE))
-
     def _cells_of(self, path: str, ball: Source | Heater) -> tuple[np.ndarray, np.ndarray]:
         """Cells of a ball, shape (n, dim), and the share of its release that each receives."""
-        radius, shrunk = ball.radius / self.grid.dx, self._shrunk(ball)  # here lengths are in cells
-        half = _half(shrunk)
+        radius, highest = (
+            ball.radius / self.grid.dx,
+            np.array(self.grid.shape) - 1,
+        )  # here lengths are in cells
         place = np.array(ball.position) / self.grid.dx - 0.5  # from the centre of the first cell
-        base = np.floor(place).astype(int)
+        in_air = self.room[tuple(np.clip(np.round(place).astype(int), 0, highest))] > 0.0
+        resolved = in_air and radius**2 > (self.grid.dim + 2) * VARIANCE
+        half, base = _half(radius), np.floor(place).astype(int)
         # cells of a ball around that of the base, as far as they can matter to the domain
         first = [max(-half, -b - REACH - 1) for b in base]
         last = [min(half, n - b + REACH - 1) for b, n in zip(base, self.grid.shape, strict=True)]
-        even = _even_ball(shrunk, [np.arange(a, b + 1) for a, b in zip(first, last, strict=True)])
-        share = spread(even, place - base)
-        every, axes = share.size, []
+        blocks = [np.arange(a, b + 1) for a, b in zip(first, last, strict=True)]
+        if resolved:
+            f = place - base
+            narrower = np.sqrt(radius**2 - (self.grid.dim + 2) * (CELL + f * (1.0 - f)))
+            share = _even_ball(narrower, [np.arange(n[0] - REACH, n[-1] + REACH + 2) for n in blocks], f)
+        else:
+            within = np.full(place.shape, 0.0 if in_air else radius)
+            share = spread(_even_ball(within, blocks, np.zeros(place.shape)), place - base)
+        every, axes = np.count_nonzero(share), []
         for axis, n in enumerate(self.grid.shape):
             at = base[axis] + first[axis] - REACH + np.arange(share.shape[axis])
             kept = (at >= 0) & (at < n) | self.grid.periodic[axis]
@@ -108,13 +109,13 @@ class Release:
             )
         leads = [area[cells] > 0.0 for area in self._area]
         reached = _reached(start, leads, share > 0.0)
-        whole = share.size == every and bool(np.all(reached & (room == 1.0)))
+        whole = np.count_nonzero(share * reached * (room == 1.0)) == every
         share = share * room * reached
         where = np.argwhere(share > 0)
         found = tuple(where.T)
         share = share[found] / share.sum()
-        if not whole:
-            share = tilted(share, points[found], _middle(radius, points, room * reached))
+        middle = np.zeros(place.shape) if whole else _middle(radius, points, room * reached)
+        share = tilted(share, points[found], middle)
         return np.stack([at[where[:, d]] for d, at in enumerate(axes)], axis=-1) % self.grid.shape, share
 
     def set_amounts(self, amounts: list[float]) -> None:
@@ -140,13 +141,17 @@ def _half(radius: float) -> int:
     return max(0, ceil(radius - 0.5))
 
 
-def _even_ball(radius: float, cells: Sequence[np.ndarray]) -> np.ndarray:
-    """Shares of a ball around the centre of cell 0 that fall into cells: their numbers per axis, without gaps."""
+def _even_ball(radii: np.ndarray, cells: Sequence[np.ndarray], middle: np.ndarray) -> np.ndarray:
+    """Shares of an ellipsoid around a point that fall into cells: their numbers per axis, without gaps.
+
+    All lengths are in cells.
+    """
     sub = (np.arange(SAMPLES) + 0.5) / SAMPLES - 0.5
-    squares = [((axis[:, None] + sub) ** 2).ravel() for axis in cells]
-    share = block_mean(sum(np.ix_(*squares), start=np.zeros(())) <= radius**2, SAMPLES)
+    away = [(axis[:, None] + sub - x).ravel() for axis, x in zip(cells, middle, strict=True)]
+    squares = [(x / max(radius, 1e-9)) ** 2 for x, radius in zip(away, radii, strict=True)]
+    share = block_mean(sum(np.ix_(*squares), start=np.zeros(())) <= 1.0, SAMPLES)
     if not share.any():  # smaller than a cell's samples
-        share[tuple(-axis[0] for axis in cells)] = 1.0
+        share[tuple(round(x) - axis[0] for axis, x in zip(cells, middle, strict=True))] = 1.0
     return share / share.sum()
 
 
