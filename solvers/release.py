@@ -42,7 +42,7 @@ class Release:
         self._amounts: list[float] = []
         # those that the balls may touch
         self.cells = sum(
-            prod(min(2 * _half(ball.radius / grid.dx), n + 2 * REACH) + 2 * REACH + 2 for n in grid.shape)
+            prod(min(2 * self._half(ball), n + 2 * REACH) + 2 * REACH + 2 for n in grid.shape)
             for ball in balls
         )
         self._cell = ti.Vector.field(grid.dim, ti.i32, self.cells)
@@ -66,27 +66,28 @@ class Release:
             count += len(where)
         self._place(cell, share[:, 0], owner[:, 0], count)
 
+    def _half(self, ball: Source | Heater) -> int:
+        """Cells that a ball around a cell's centre touches on either side of it, along an axis."""
+        return max(0, ceil(ball.radius / self.grid.dx - 0.5))
+
     def _cells_of(self, path: str, ball: Source | Heater) -> tuple[np.ndarray, np.ndarray]:
         """Cells of a ball, shape (n, dim), and the share of its release that each receives."""
-        radius, highest = (
-            ball.radius / self.grid.dx,
-            np.array(self.grid.shape) - 1,
-        )  # here lengths are in cells
+        radius, half = ball.radius / self.grid.dx, self._half(ball)  # here lengths are in cells
         place = np.array(ball.position) / self.grid.dx - 0.5  # from the centre of the first cell
-        in_air = self.room[tuple(np.clip(np.round(place).astype(int), 0, highest))] > 0.0
-        resolved = in_air and radius**2 > (self.grid.dim + 2) * VARIANCE
-        half, base = _half(radius), np.floor(place).astype(int)
+        base = np.floor(place).astype(int)
+        f = place - base
+        nearest = np.clip(np.round(place).astype(int), 0, np.array(self.grid.shape) - 1)
+        in_air = self.room[tuple(nearest)] > 0.0
         # cells of a ball around that of the base, as far as they can matter to the domain
         first = [max(-half, -b - REACH - 1) for b in base]
         last = [min(half, n - b + REACH - 1) for b, n in zip(base, self.grid.shape, strict=True)]
         blocks = [np.arange(a, b + 1) for a, b in zip(first, last, strict=True)]
-        if resolved:
-            f = place - base
+        if in_air and radius**2 > (self.grid.dim + 2) * VARIANCE:
             narrower = np.sqrt(radius**2 - (self.grid.dim + 2) * (CELL + f * (1.0 - f)))
             share = _even_ball(narrower, [np.arange(n[0] - REACH, n[-1] + REACH + 2) for n in blocks], f)
         else:
             within = np.full(place.shape, 0.0 if in_air else radius)
-            share = spread(_even_ball(within, blocks, np.zeros(place.shape)), place - base)
+            share = spread(_even_ball(within, blocks, np.zeros(place.shape)), f)
         every, axes = np.count_nonzero(share), []
         for axis, n in enumerate(self.grid.shape):
             at = base[axis] + first[axis] - REACH + np.arange(share.shape[axis])
@@ -134,11 +135,6 @@ class Release:
                 held += self._amount[self._owner[n]] * self._share[n]
                 q[I] = ti.cast(held, ti.f32)
                 rest[I] = ti.cast(held - ti.cast(ti.cast(held, ti.f32), ti.f64), ti.f32)
-
-
-def _half(radius: float) -> int:
-    """Cells that a ball of a radius [cells] around a cell's centre touches on either side of it, along an axis."""
-    return max(0, ceil(radius - 0.5))
 
 
 def _even_ball(radii: np.ndarray, cells: Sequence[np.ndarray], middle: np.ndarray) -> np.ndarray:
