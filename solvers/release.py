@@ -1,7 +1,11 @@
 """Balls (in 2-D discs) that release something evenly over their volume: vapour sources and heaters on the grid.
 
-What a ball releases is spread by a kernel (see `spreading`) of one to two cells, wherever in a cell it sits and however
-small it is. It stays in the air that a ball's own cells are connected to nearby: behind a thin wall nothing appears.
+A small ball is released by a kernel (see `spreading`) of one to two cells, wherever in a cell it sits and however small
+it is. A ball of radius R has the variance R²/(dim + 2) along an axis. From where that is more than the kernel's, each
+cell releases its part of the ball, narrowed along each axis by what means over cells and interpolation between them add
+to the variance: the plume of a large source is as wide as the source makes it. A ball whose centre lies in an
+obstacle is spread by the kernel in any case, as its release has to reach the air around. The release stays in the air
+that a ball's own cells are connected to nearby: behind a thin wall nothing appears.
 """
 
 from collections.abc import Sequence
@@ -17,8 +21,9 @@ from taichi_plume.grid.kernels import Template, double_field
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.heat import Heater
 from taichi_plume.scenario.sources import Source
-from taichi_plume.solvers.spreading import REACH, spread, tilted
+from taichi_plume.solvers.spreading import REACH, VARIANCE, spread, tilted
 
+CELL = 1.0 / 12.0  # variance that a cell adds along an axis to what its mean stands for [cells²]
 SAMPLES = 4  # per axis and cell, to measure how much of a cell a ball covers
 
 
@@ -70,12 +75,20 @@ class Release:
         radius, half = ball.radius / self.grid.dx, self._half(ball)  # here lengths are in cells
         place = np.array(ball.position) / self.grid.dx - 0.5  # from the centre of the first cell
         base = np.floor(place).astype(int)
+        f = place - base
+        nearest = np.clip(np.round(place).astype(int), 0, np.array(self.grid.shape) - 1)
+        in_air = self.room[tuple(nearest)] > 0.0
         # cells of a ball around that of the base, as far as they can matter to the domain
         first = [max(-half, -b - REACH - 1) for b in base]
         last = [min(half, n - b + REACH - 1) for b, n in zip(base, self.grid.shape, strict=True)]
-        even = _even_ball(radius, [np.arange(a, b + 1) for a, b in zip(first, last, strict=True)])
-        share = spread(even, place - base)
-        every, axes = share.size, []
+        blocks = [np.arange(a, b + 1) for a, b in zip(first, last, strict=True)]
+        if in_air and radius**2 > (self.grid.dim + 2) * VARIANCE:
+            narrower = np.sqrt(radius**2 - (self.grid.dim + 2) * (CELL + f * (1.0 - f)))
+            share = _even_ball(narrower, [np.arange(n[0] - REACH, n[-1] + REACH + 2) for n in blocks], f)
+        else:
+            within = np.full(place.shape, 0.0 if in_air else radius)
+            share = spread(_even_ball(within, blocks, np.zeros(place.shape)), f)
+        every, axes = np.count_nonzero(share), []
         for axis, n in enumerate(self.grid.shape):
             at = base[axis] + first[axis] - REACH + np.arange(share.shape[axis])
             kept = (at >= 0) & (at < n) | self.grid.periodic[axis]
@@ -97,13 +110,13 @@ class Release:
             )
         leads = [area[cells] > 0.0 for area in self._area]
         reached = _reached(start, leads, share > 0.0)
-        whole = share.size == every and bool(np.all(reached & (room == 1.0)))
+        whole = np.count_nonzero(share * reached * (room == 1.0)) == every
         share = share * room * reached
         where = np.argwhere(share > 0)
         found = tuple(where.T)
         share = share[found] / share.sum()
-        if not whole:
-            share = tilted(share, points[found], _middle(radius, points, room * reached))
+        middle = np.zeros(place.shape) if whole else _middle(radius, points, room * reached)
+        share = tilted(share, points[found], middle)
         return np.stack([at[where[:, d]] for d, at in enumerate(axes)], axis=-1) % self.grid.shape, share
 
     def set_amounts(self, amounts: list[float]) -> None:
@@ -124,13 +137,17 @@ class Release:
                 rest[I] = ti.cast(held - ti.cast(ti.cast(held, ti.f32), ti.f64), ti.f32)
 
 
-def _even_ball(radius: float, cells: Sequence[np.ndarray]) -> np.ndarray:
-    """Shares of a ball around the centre of cell 0 that fall into cells: their numbers per axis, without gaps."""
+def _even_ball(radii: np.ndarray, cells: Sequence[np.ndarray], middle: np.ndarray) -> np.ndarray:
+    """Shares of an ellipsoid around a point that fall into cells: their numbers per axis, without gaps.
+
+    All lengths are in cells.
+    """
     sub = (np.arange(SAMPLES) + 0.5) / SAMPLES - 0.5
-    squares = [((axis[:, None] + sub) ** 2).ravel() for axis in cells]
-    share = block_mean(sum(np.ix_(*squares), start=np.zeros(())) <= radius**2, SAMPLES)
+    away = [(axis[:, None] + sub - x).ravel() for axis, x in zip(cells, middle, strict=True)]
+    squares = [(x / max(radius, 1e-9)) ** 2 for x, radius in zip(away, radii, strict=True)]
+    share = block_mean(sum(np.ix_(*squares), start=np.zeros(())) <= 1.0, SAMPLES)
     if not share.any():  # smaller than a cell's samples
-        share[tuple(-axis[0] for axis in cells)] = 1.0
+        share[tuple(round(x) - axis[0] for axis, x in zip(cells, middle, strict=True))] = 1.0
     return share / share.sum()
 
 

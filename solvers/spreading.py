@@ -13,6 +13,8 @@ leaves the sum, the centroid and the variance.
 
 import numpy as np
 
+VARIANCE = 5.0 / 6.0
+"""Variance [cells²] of the shares and of the linear interpolation by which gas is read, together."""
 REACH = 2
 """Cells on either side of the one at or before the point, and one more beyond it."""
 SMOOTHED = 1.0 / 6.0

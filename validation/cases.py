@@ -24,6 +24,7 @@ from taichi_plume.validation.infotaxis_cases import INFOTAXIS_CASES
 from taichi_plume.validation.jet import CORE, DECAY, SPREAD, fan_jet
 from taichi_plume.validation.mapping_cases import MAPPING_CASES
 from taichi_plume.validation.near_source import NEAR_SOURCE_CASES
+from taichi_plume.validation.near_source_mean import NEAR_SOURCE_MEAN_CASES
 from taichi_plume.validation.plume_cases import PLUME_CASES
 from taichi_plume.validation.plumesim_cases import PLUMESIM_CASES
 from taichi_plume.validation.puff_cases import PUFF_CASES
@@ -330,6 +331,7 @@ _ALL = (
     *INFLOW_CASES,
     *IMPORT_CASES,
     *NEAR_SOURCE_CASES,
+    *NEAR_SOURCE_MEAN_CASES,
     *PLUME_CASES,
     *PUFF_CASES,
     *TURBULENT_WHIFF_CASES,

@@ -109,9 +109,9 @@ class Source(Located):
     dish: Dish | None = None
     """An open dish of liquid instead of a rate: the wind over it says how much evaporates."""
     radius: Annotated[Length, COMPILED] = 0.05
-    """Radius of the ball (in 2-D the disc) that emits evenly over its volume. On a grid it is spread further, by 0.75
-    to 0.9 cells as standard deviation. With a dish: half of its diameter unless given, and no other value except to
-    spread the vapour of a dish smaller than a cell over up to a cell."""
+    """Radius of the ball (in 2-D the disc) that emits evenly over its volume. On a grid its gas is read with a standard
+    deviation of 0.9 cells at least, that of a ball with a radius of two cells. With a dish: half of its diameter unless
+    given, and no other value except to spread the vapour of a dish smaller than a cell over up to a cell."""
     start: Time | None = None
     """First moment of emission; unless given, the start of the warm-up."""
     stop: Time | None = None

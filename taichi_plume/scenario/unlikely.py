@@ -23,6 +23,9 @@ from taichi_plume.scenario.winds import FrozenWind
 SLOW = 0.1  # of the fastest air of a computed flow: it is seldom slower where a source stands
 PEAK = 3.0  # standard deviations of noise that are taken for gas every few minutes
 AT_THE_END = 0.05  # of the room: a source as near to where the air leaves makes next to no plume
+MISSED_MEAN = (
+    20  # cells downwind of a small source within which the grid's mean is too low; air.md, intensity 10 %
+)
 FEWEST_ACROSS = 3  # cells of an opening that blows
 FEWEST = 6  # cells across a room whose flow is computed
 JET = 0.25  # growth of a jet's half width with the distance: beyond, its air goes round in circles
@@ -130,8 +133,9 @@ def _source(path: str, source: AnySource, context: Context, where: Course | None
     gas = dict(scenario.gases)[path.rpartition(".")[0]]
     if gas.on_grid and source.radius < 0.5 * domain.spacing * (1 - 1e-6):
         yield (
-            f"{path}.radius: {source.radius:g} m is less than half a cell of {domain.spacing:g} m: its gas begins "
-            f"about {domain.spacing:g} m wide; lower domain.spacing where peaks near the source count"
+            f"{path}.radius: {source.radius:g} m is less than half a cell of {domain.spacing:g} m: the plume is too "
+            f"wide and its mean too low within about {MISSED_MEAN * domain.spacing:.2g} m; lower domain.spacing or use "
+            "kind: puffs where gas near the source counts"
         )
     if where is None:
         return
