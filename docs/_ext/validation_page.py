@@ -16,7 +16,7 @@ GROUPS = (
         "Flows whose answer is known: vortices that die away, ducts, channels, a box with a sliding lid. They show "
         "that the equations are solved, and how fast errors shrink with the cells.",
         r"taylor_green|kovasznay|ethier|poiseuille|couette|duct|cavity_\d|drifting_v|oscillating|conduction|"
-        r"heated|one_layer",
+        r"heated|thermal_plume|one_layer",
     ),
     (
         "Around things, through openings, along walls",
