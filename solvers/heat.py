@@ -20,6 +20,7 @@ from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Pass
 from taichi_plume.scenario.any_opening import Vent
 from taichi_plume.scenario.heat import Heat
+from taichi_plume.solvers.heat_puffs import HeatPuffs
 from taichi_plume.solvers.incoming import Incoming
 from taichi_plume.solvers.limited import LIMITED
 from taichi_plume.solvers.patches import VENTS, Patch
@@ -54,6 +55,7 @@ class HeatSolver:
         """
         self.grid, self.air = grid, air
         self.release = Release("heaters", heat.heaters, grid, air, air.room) if heat.heaters else None
+        self.puffs = HeatPuffs(self.release) if self.release and wind.nu is not None else None
         self._vents = [patch for patch in patches if patch.kind in VENTS]
         self.surfaces: SurfaceExchange | None = None
         if heat.walls or heat.obstacles:
@@ -88,6 +90,8 @@ class HeatSolver:
         self.heaters_joule = self.initial_joule = 0.0
         if self.release is not None:
             self.release.begin(model.heaters)
+        if self.puffs is not None:
+            self.puffs.begin(model, seed)
         if self.incoming is not None:
             self.incoming.begin(self._incoming())
         if self.surfaces is not None:
@@ -116,6 +120,8 @@ class HeatSolver:
         """Warm, carry and spread from t to t + dt, in as many steps as make no new extrema."""
         steps = self.transport.steps(dt)
         h = dt / steps
+        if self.puffs is not None:
+            self.puffs.advance(t)
         if self.release is not None:
             self.release.set_amounts([heater.power * h / self.capacity for heater in self.heaters])
         self.heaters_joule += sum(heater.power for heater in self.heaters) * dt

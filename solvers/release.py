@@ -29,7 +29,10 @@ SAMPLES = 4  # per axis and cell, to measure how much of a cell a ball covers
 
 @ti.data_oriented
 class Release:
-    """Some balls on the grid. What each releases next is set by `amounts`; `add_to` gives it to the cells."""
+    """Some balls on the grid. What each releases next is set by `amounts`; `add_to` gives it to the cells.
+
+    balls: cells (n, dim) of each ball and the share of the release (n,) that each cell receives.
+    """
 
     STATE = ()
 
@@ -50,21 +53,33 @@ class Release:
         self._owner = ti.field(ti.i32, self.cells)
         self._count: Any = ti.field(ti.i32, ())  # of the cells
         self._amount = double_field((len(balls),))
-        self._place = uploader(self._cell, self._share, self._owner, self._count)
+        self._place = uploader(self._cell, self._owner, self._count)
+        self._weigh = uploader(self._share)
         self._give = uploader(self._amount)
 
     def begin(self, balls: Sequence[Source | Heater]) -> None:
         """Place the balls, of the radii that they were made with. Raises ValueError for a ball that covers no air."""
-        cell, share, owner = (np.zeros((*self._cell.shape, n)) for n in (self.grid.dim, 1, 1))
+        cell, owner = (np.zeros((*self._cell.shape, n)) for n in (self.grid.dim, 1))
+        self.balls: list[tuple[np.ndarray, np.ndarray]] = []
         count = 0
         for n, ball in enumerate(balls):
             where, part = self._cells_of(f"{self.name}[{n}]", ball)
             these = slice(count, count + len(where))
             cell[these] = where + self.grid.ghost
-            share[these, 0] = part / (self.room[tuple(where.T)] * self.grid.cell_volume)
+            self.balls.append((where, part))
             owner[these] = n
             count += len(where)
-        self._place(cell, share[:, 0], owner[:, 0], count)
+        self._place(cell, owner[:, 0], count)
+        self.set_shares([part for _, part in self.balls])
+
+    def set_shares(self, shares: Sequence[np.ndarray]) -> None:
+        """Shares of each ball's release that the cells of `balls` receive from now on."""
+        found, first = np.zeros(self._share.shape), 0
+        for (where, _), share in zip(self.balls, shares, strict=True):
+            room = self.room[tuple(where.T)] * self.grid.cell_volume
+            found[first : first + len(where)] = share / room
+            first += len(where)
+        self._weigh(found)
 
     def _half(self, ball: Source | Heater) -> int:
         """Cells that a ball around a cell's centre touches on either side of it, along an axis."""

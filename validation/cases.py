@@ -15,7 +15,7 @@ from taichi_plume.validation.dispersion_cases import DISPERSION_CASES
 from taichi_plume.validation.experiment import Experiment
 from taichi_plume.validation.flow_cases import SMALL_STEPS, drifting, kovasznay, taylor_green
 from taichi_plume.validation.gas_cases import gaussian_puff
-from taichi_plume.validation.heat_cases import conduction, heated_cavity
+from taichi_plume.validation.heat_cases import HEIGHTS, conduction, heated_cavity, thermal_plume
 from taichi_plume.validation.helium_box import HELIUM_BOX_CASES
 from taichi_plume.validation.hybrid_cases import HYBRID_CASES
 from taichi_plume.validation.import_cases import IMPORT_CASES
@@ -274,6 +274,19 @@ _ALL = (
     ),
     _heated_cavity(1e4, (32, 64), flux=2.243, u_max=16.178, v_max=19.617),
     _heated_cavity(1e5, (32, 64), flux=4.519, u_max=34.73, v_max=68.59),
+    Case(
+        "thermal_plume",
+        "flow rate of a turbulent plume over a warm ball in still air, cells of 5 and 3 cm",
+        "Morton, Taylor & Turner 1956, doi:10.1098/rspa.1956.0011",
+        thermal_plume,
+        coarse=(36,),
+        fine=(36, 60),
+        slow=True,
+        expected={
+            **{f"flow rate at {z:g} m": Expected(tolerance=0.2) for z in HEIGHTS},
+            "exponent from 5/3": Expected(tolerance=0.15),
+        },
+    ),
     Case(
         "room_2d",
         "from one honeycomb wall to the other, around a box",

@@ -5,10 +5,21 @@ from typing import Any
 
 import numpy as np
 
+from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.grid import Grid
+from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.heat import HeatSolver
-from taichi_plume.validation.flow_cases import Errors, laminar_flow, rms, settle, velocities
+from taichi_plume.validation.case import Curve
+from taichi_plume.validation.flow_cases import Errors, advance, laminar_flow, rms, settle, velocities
 
+POWER, RADIUS = 60.0, 0.08  # W, m: of the source of the plume
+WIDTH, TALL = 1.8, 1.5  # m, of the box around the plume; its height over its width
+ABOVE_FLOOR = 0.2  # m: middle of the source
+HEIGHTS = (1.25, 1.7, 2.15)  # m above the middle of the source, where the plume is judged
+SETTLED, AVERAGED, SAMPLE = 20.0, 40.0, 0.1  # s
+EDGE = 0.02  # of the velocity on the axis: there the plume ends
+ENTRAINMENT = 0.153  # Q/(F^(1/3) z^(5/3)) in a plume, measured by Rouse, Yih & Humphreys 1952
 WARM_AND_COLD = [{"face": "x-", "temperature": 300.5}, {"face": "x+", "temperature": 299.5}]
 
 
@@ -72,3 +83,74 @@ def peak(profile: np.ndarray) -> float:
     k = int(profile[1:-1].argmax()) + 1
     before, top, after = profile[k - 1 : k + 2]
     return float(top - (after - before) ** 2 / (8.0 * (after - 2.0 * top + before)))
+
+
+def plume_flow(n: int, seed: int = 0, **keys: Any) -> tuple[np.ndarray, FlowSolver]:
+    """Mean upward velocity [m/s] on the horizontal faces of a box of n² by 1.5 n cells with a plume, and its flow.
+
+    The box has open sides and an open ceiling. keys: of the wind's `buoyancy.heat`.
+    """
+    middle = (0.5 * WIDTH, 0.5 * WIDTH, ABOVE_FLOOR)
+    heat = {"heaters": [{"position": middle, "radius": RADIUS, "power": POWER}]} | keys
+    still = [{"kind": "outlet", "face": face} for face in ("x-", "x+", "y-", "y+", "z+")]
+    wind = CfdWind.model_validate({"kind": "cfd", "openings": still, "buoyancy": {"heat": heat}})
+    grid = Grid((n, n, round(TALL * n)), WIDTH / n)
+    flow = FlowSolver(wind, grid, Air.everywhere(grid), seed=seed)
+    advance(flow, SETTLED)
+    mean = np.zeros(grid.shape)
+    samples = round(AVERAGED / SAMPLE)
+    for k in range(samples):
+        advance(flow, SETTLED + (k + 1) * SAMPLE, SETTLED + k * SAMPLE)
+        mean += grid.read(flow.u[2])
+    return mean / samples, flow
+
+
+def flow_rates(mean: np.ndarray, dx: float) -> tuple[np.ndarray, np.ndarray]:
+    """Heights of the horizontal faces above the source [m], and the flow rates of the plume through them [m³/s].
+
+    The plume reaches from the axis to the ring in which the mean velocity falls below EDGE times that on the axis.
+    """
+    place = (np.arange(mean.shape[0]) + 0.5) * dx - 0.5 * mean.shape[0] * dx
+    ring = (np.hypot(place[:, None], place) / dx).astype(int).ravel()  # one cell wide
+    count = np.bincount(ring)
+    rates = []
+    for plane in np.moveaxis(mean, 2, 0):
+        sums = np.bincount(ring, plane.ravel())
+        profile = sums / count
+        beyond = profile < EDGE * profile[0]
+        rates.append(sums[: np.argmax(beyond) if beyond.any() else None].sum() * dx**2)
+    return np.arange(mean.shape[2]) * dx - ABOVE_FLOOR, np.array(rates)
+
+
+def thermal_plume(n: int, **keys: Any) -> dict[str, float | Curve]:
+    """A turbulent plume in still air: Q = C F^(1/3) z^(5/3), F = g beta P/(rho c_p), z from the middle of the source.
+
+    Morton, Taylor & Turner 1956 derived the law for a point source; C as measured by Rouse, Yih & Humphreys 1952
+    (Tellus 4, 201). In the theory a wide source above which air rises from rest has the same origin.
+    """
+    mean, flow = plume_flow(n, **keys)
+    heat = heat_of(flow)
+    height, rate = flow_rates(mean, flow.grid.dx)
+    beta = 1.0 / heat.reference
+    law = ENTRAINMENT * (9.81 * beta * POWER / heat.capacity) ** (1.0 / 3.0)
+    found = np.interp(HEIGHTS, height, rate)
+    above = (height >= 0.3) & (height <= 2.2)
+    exponent = np.polyfit(np.log(HEIGHTS), np.log(found), 1)[0]
+    return {
+        **{
+            f"flow rate at {z:g} m": abs(q / (law * z ** (5.0 / 3.0)) - 1.0)
+            for z, q in zip(HEIGHTS, found, strict=True)
+        },
+        "exponent from 5/3": abs(exponent - 5.0 / 3.0),
+        **{f"Q at {z:g} m [m³/s]": float(q) for z, q in zip(HEIGHTS, found, strict=True)},
+        "exponent": float(exponent),
+        "flow rate of the plume": Curve(
+            "height [m]",
+            "flow rate [m³/s]",
+            height[above],
+            rate[above],
+            law * height[above] ** (5.0 / 3.0),
+            log_x=True,
+            log_y=True,
+        ),
+    }

@@ -16,6 +16,7 @@ from taichi_plume.scenario.vocabulary import (
     Accelerations,
     Diffusivity,
     Expansion,
+    Fraction,
     HeatCapacity,
     HeatTransfer,
     Length,
@@ -77,6 +78,10 @@ class Heat(Model):
     """Obstacles that keep a temperature. Others let no heat through."""
     heaters: tuple[Heater, ...] = ()
     """Balls of air that are warmed, such as by a person, a computer or a lamp."""
+    unsteadiness: Fraction = 1.0
+    """Share of each heater's power that leaves in puffs, the rest leaves evenly. A puff warms a part of the ball half
+    as wide as the ball; the next one, at another random place, follows when air has risen through the ball. This
+    disturbance makes the plume above turbulent. It has no effect with `turbulence: {kind: none}`."""
     initial: InitialHeat | None = None
     """Temperature at the begin of the warm-up; unless given, all of the air has the reference temperature."""
 
@@ -84,6 +89,10 @@ class Heat(Model):
     def volume_expansion(self) -> float:
         """Relative change of the volume per kelvin [1/K]."""
         return 1.0 / self.reference if self.expansion is None else self.expansion
+
+    def rising_speed(self, power: float, length: float) -> float:
+        """Speed [m/s] that air gains over a length [m] above a heater of that power [W]."""
+        return (9.81 * self.volume_expansion * abs(power) / (self.capacity * length)) ** (1 / 3)
 
     def top_speed(self, length: float) -> float:
         """Speed [m/s] that air a few kelvin apart gains over a length [m], or above a heater."""
@@ -93,7 +102,7 @@ class Heat(Model):
         power = max((abs(heater.power) for heater in self.heaters), default=0.0)
         return max(
             sqrt(rise * max(differences, default=0.0) * length),
-            (rise * power / (self.capacity * length)) ** (1 / 3),
+            self.rising_speed(power, length),
         )
 
     @property
@@ -104,7 +113,7 @@ class Heat(Model):
         found = [self.reference, *(surface.temperature for surface in (*self.walls, *self.obstacles))]
         for heater in self.heaters:
             heat, r = abs(heater.power) / self.capacity, heater.radius
-            speed = (9.81 * self.volume_expansion * heat / r) ** (1 / 3)
+            speed = self.rising_speed(heater.power, r)
             if speed > 0.0:
                 found.append(self.reference + copysign(2 * heat / (pi * r**2 * speed), heater.power))
         return found

@@ -23,10 +23,9 @@ from taichi_plume.scenario.winds import FrozenWind
 SLOW = 0.1  # of the fastest air of a computed flow: it is seldom slower where a source stands
 PEAK = 3.0  # standard deviations of noise that are taken for gas every few minutes
 AT_THE_END = 0.05  # of the room: a source as near to where the air leaves makes next to no plume
-MISSED_MEAN = (
-    20  # cells downwind of a small source within which the grid's mean is too low; air.md, intensity 10 %
-)
-FEWEST_ACROSS = 3  # cells of an opening that blows
+MISSED_MEAN = 20
+"""Cells downwind of a small source within which the grid's mean is too low, in a wind of 10 % intensity (air.md)."""
+FEWEST_ACROSS = 3  # cells of an opening that blows, and of a heater
 FEWEST = 6  # cells across a room whose flow is computed
 JET = 0.25  # growth of a jet's half width with the distance: beyond, its air goes round in circles
 
@@ -69,6 +68,7 @@ def remarks(context: Context) -> Iterator[str]:
     where = course(context)
     yield from _air(context, where)
     yield from _openings(context)
+    yield from _heaters(context)
     for path, source in context.scenario.sources:
         yield from _source(path, source, context, where)
     yield from _concentrations(context)
@@ -121,6 +121,21 @@ def _openings(context: Context) -> Iterator[str]:
             yield (
                 f"wind.openings[{n}]: is {width:g} m wide, {width / domain.spacing:.2g} cells, too few for its jet; "
                 f"use a domain.spacing of {width / 6:.2g} m or less"
+            )
+
+
+def _heaters(context: Context) -> Iterator[str]:
+    """Warnings of heaters that span too few cells for the plume above them."""
+    buoyancy, spacing = context.scenario.buoyancy, context.domain.spacing
+    if context.scenario.wind.computed is None or buoyancy is None or buoyancy.heat is None:
+        return
+    for n, heater in enumerate(buoyancy.heat.heaters):
+        width = 2.0 * heater.radius
+        if width < FEWEST_ACROSS * spacing * (1 - 1e-6):
+            yield (
+                f"wind.buoyancy.heat.heaters[{n}].radius: the heater is {width:g} m wide, {width / spacing:.2g} cells, "
+                f"so its plume starts about {FEWEST_ACROSS * spacing:g} m wide; use a domain.spacing of "
+                f"{width / FEWEST_ACROSS:.2g} m or less, or a wider heater"
             )
 
 

@@ -75,6 +75,13 @@ class CfdWind(AnyWind):
     """Velocity of the air at the begin of the warm-up; unless given, it rests but for what the openings force."""
 
     @property
+    def by_chance(self) -> bool:
+        """Whether the seed changes the air: by turbulent openings or heaters that release puffs."""
+        heat = self.buoyancy.heat if self.buoyancy is not None else None
+        puffs = heat is not None and bool(heat.heaters) and heat.unsteadiness > 0.0
+        return super().by_chance or (puffs and self.turbulence.kind != "none")
+
+    @property
     def computed(self) -> "CfdWind":
         """Itself."""
         return self

@@ -25,6 +25,7 @@ robots:
   - {count: 2, start: {kind: positions, positions: [[3.5, 1], [3.5, 2]]}, algorithm: {kind: casting}}
 """
 FAN = "wind.openings.0={kind: fan, face: x-, center: [1.5], diameter: 0.4, speed: 0.5}"
+HEATED = "wind.buoyancy={gravity: [0, -9.81], heat: {heaters: [{position: [2, 1], power: 20"
 UNIFORM = "wind={kind: uniform, velocity: [0.5, 0]}"
 
 
@@ -46,6 +47,7 @@ def test_what_ships_gets_no_remark(path):
         ("wind={kind: cfd, buoyancy: {gravity: [0, -9.81]}}",),
         ("robots.0.sensors={gas: {kind: pid}}", "robots.0.algorithm.threshold_ppm=0.5"),
         ("gas.sources.0.position=[3.7, 1.5]",),
+        (f"{HEATED}, radius: 0.075}}]}}}}",),
     ],
 )
 def test_what_is_meant_gets_none(tmp_path, overrides):
@@ -67,6 +69,11 @@ def test_what_is_meant_gets_none(tmp_path, overrides):
             ["wind.openings.0={kind: fan, face: x-, center: [1.5], diameter: 0.1, speed: 0.5}"],
             "wind.openings[0]: is 0.1 m wide, 2 cells, too few",
             "0.017 m or less",
+        ),
+        (
+            [f"{HEATED}, radius: 0.07}}]}}}}"],
+            "wind.buoyancy.heat.heaters[0].radius: the heater is 0.14 m wide, 2.8 cells",
+            "0.047 m or less",
         ),
         (["gas.sources.0.radius=0.01"], "gas.sources[0].radius: 0.01 m is less than half a cell", "lower"),
         (

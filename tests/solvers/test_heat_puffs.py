@@ -1,0 +1,136 @@
+"""Heaters release heat in puffs: the power stays exact, and the puffs follow from the seed and the time alone."""
+
+import numpy as np
+import pytest
+
+from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.kernels import compiled
+from taichi_plume.grid.state import State
+from taichi_plume.scenario.winds import CfdWind
+from taichi_plume.solvers.flow import FlowSolver
+
+pytestmark = pytest.mark.usefixtures("taichi")
+DX = 0.05
+
+
+def warm_wind(dim: int, turbulence: str = "smagorinsky", **heat) -> CfdWind:
+    """Still air with a heater of 30 W beside a wall, so that the wall cuts the ball."""
+    heater = {"position": (0.09,) + (0.3,) * (dim - 1), "radius": 0.12, "power": 30.0}
+    warm = {"gravity": (0.0,) * (dim - 1) + (-9.81,), "heat": {"heaters": [heater], **heat}}
+    return CfdWind.model_validate({"kind": "cfd", "turbulence": {"kind": turbulence}, "buoyancy": warm})
+
+
+def warm_box(
+    wind: CfdWind, shape: tuple[int, ...], periodic: tuple[bool, ...] = (), seed: int = 0
+) -> FlowSolver:
+    grid = Grid(shape, DX, depth=0.4, periodic=periodic)
+    return FlowSolver(wind, grid, Air.everywhere(grid), seed=seed)
+
+
+@pytest.mark.parametrize("shape", [(12, 14), (10, 8, 12)])
+def test_the_shares_of_every_puff_sum_to_one_and_their_mean_is_at_the_heater(shape):
+    puffs = warm_box(warm_wind(len(shape)), shape).heat.puffs
+    cells, even = puffs.release.balls[0]
+    found = np.array([puffs.shares(0, k) for k in range(-50, 350)])
+    np.testing.assert_allclose(found.sum(axis=1), 1.0, rtol=1e-12)
+    assert found.min() >= 0.0
+    middles = found @ cells
+    error = middles.std(axis=0) / np.sqrt(len(found))
+    assert np.all(np.abs(middles.mean(axis=0) - even @ cells) < 4.0 * error + 0.05)
+    assert np.all(middles.std(axis=0) * DX > 0.02)  # puffs wander within the ball
+
+
+def test_the_seed_and_the_number_of_a_puff_determine_its_shares():
+    flow = warm_box(warm_wind(2), (12, 14), seed=3)
+    first = [flow.heat.puffs.shares(0, k) for k in (0, 1, 2)]
+    again = [flow.heat.puffs.shares(0, k) for k in (2, 1, 0)][::-1]
+    np.testing.assert_array_equal(first, again)
+    assert not np.array_equal(first[0], first[1])
+    before = compiled()
+    flow.begin(warm_wind(2), 0.0, 4)
+    assert not np.array_equal(first[0], flow.heat.puffs.shares(0, 0))
+    flow.begin(warm_wind(2, unsteadiness=0.25), 0.0, 3)
+    even = flow.heat.release.balls[0][1]
+    np.testing.assert_allclose(flow.heat.puffs.shares(0, 0), 0.75 * even + 0.25 * first[0], rtol=1e-12)
+    assert compiled() == before
+
+
+def test_a_puff_reaches_across_a_periodic_boundary():
+    """Moved by half a domain, the heater releases the same puff in the cells that have moved with it."""
+    wind = warm_wind(2)
+    heat = wind.buoyancy.heat
+    moved = heat.heaters[0].model_copy(update={"position": (0.39, 0.3)})
+    other = heat.model_copy(update={"heaters": (moved,)})
+    flow = warm_box(wind, (12, 14), periodic=(True, False))
+    here = np.zeros((12, 14))
+    there = np.zeros((12, 14))
+    for model, out in ((heat, here), (other, there)):
+        flow.heat.begin(model, 0.0, 0)
+        for k in range(4):
+            out[tuple(flow.heat.release.balls[0][0].T)] += flow.heat.puffs.shares(0, k)
+    np.testing.assert_allclose(np.roll(here, 6, axis=0), there, rtol=1e-9, atol=1e-12)
+
+
+def test_the_power_is_exact_and_a_restored_state_goes_on_to_the_bit():
+    flow = warm_box(warm_wind(2), (12, 14))
+    heat, state = flow.heat, State(flow)
+    rate = heat.puffs._rates[0]
+
+    def advance(begin: float, end: float) -> np.ndarray:
+        steps = 24
+        for k in range(steps):
+            flow.advance(begin + k * (end - begin) / steps, (end - begin) / steps)
+        return heat.grid.read(heat.theta)
+
+    advance(0.0, 1.5 / rate)  # into the second puff
+    saved = state.save()
+    ahead = advance(1.5 / rate, 3.2 / rate)
+    warmth = heat.budget()
+    assert warmth["in_air_J"] == pytest.approx(30.0 * 3.2 / rate, rel=1e-6)
+    state.restore(saved)
+    np.testing.assert_array_equal(advance(1.5 / rate, 3.2 / rate), ahead)
+    assert heat.budget() == warmth
+    fresh = warm_box(warm_wind(2), (12, 14))
+    State(fresh).restore(saved)  # as a resumed run does
+    flow, heat = fresh, fresh.heat
+    np.testing.assert_array_equal(advance(1.5 / rate, 3.2 / rate), ahead)
+
+
+def test_without_eddies_or_at_zero_the_release_is_even():
+    """Heat that is released evenly stays symmetric about a heater in the middle."""
+    for turbulence, unsteadiness, symmetric in (
+        ("none", 1.0, True),
+        ("smagorinsky", 0.0, True),
+        ("smagorinsky", 1.0, False),
+    ):
+        heaters = [{"position": (0.3, 0.2), "radius": 0.12, "power": 30.0}]
+        wind = warm_wind(2, turbulence, heaters=heaters, unsteadiness=unsteadiness)
+        assert wind.by_chance is not symmetric
+        flow = warm_box(wind, (12, 14))
+        for k in range(5):
+            flow.advance(0.02 * k, 0.02)
+        theta = flow.grid.read(flow.heat.theta)
+        difference = float(np.abs(theta - theta[::-1]).max() / theta.max())
+        assert difference < 1e-5 if symmetric else difference > 0.1
+
+
+@pytest.mark.parametrize(
+    ("power", "radius", "length"), [(-30.0, 0.12, 0.12), (30.0, 0.01, DX), (0.0, 0.12, 0.12)]
+)
+def test_a_puff_lasts_as_long_as_air_takes_to_rise_through_the_heater(power, radius, length):
+    """A ball smaller than a cell counts as wide as a cell; without power there is only one puff."""
+    flow = warm_box(
+        warm_wind(2, heaters=[{"position": (0.3, 0.2), "radius": radius, "power": power}]), (12, 14)
+    )
+    speed = (9.81 / 298.15 * abs(power) / (1191.0 * length)) ** (1 / 3)
+    flow.heat.puffs.advance(0.0)
+    first = flow.heat.puffs._numbers
+    if power:
+        flow.heat.puffs.advance(2.9 * length / speed)
+        assert flow.heat.puffs._numbers == first == [0]
+        flow.heat.puffs.advance(3.1 * length / speed)
+        assert flow.heat.puffs._numbers == [1]
+    else:
+        flow.heat.puffs.advance(1e6)
+        assert flow.heat.puffs._numbers == first == [0]
