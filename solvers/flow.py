@@ -85,9 +85,9 @@ class FlowSolver(Carrier):
         areas = None if air.empty else self._area
         away = None if self.nu is None else distances(air, self.boundaries.is_wall, grid)
         self.momentum = Momentum(model, grid, self.u, self.p, self.nu, openness, areas, fields, tables, away)
-        self.walls = (
-            None if self.nu is None else Walls(self.boundaries, self.momentum.viscosity, self.momentum.rough)
-        )
+        self.walls = None
+        if self.nu is not None and not all(grid.periodic):
+            self.walls = Walls(self.boundaries, self.momentum.viscosity, self.momentum.rough)
         self.open, self.area = self.momentum.open, self.momentum.area
         self.screens = [ScreenResistance(one, grid, openness, tables) for one in model.screens]
         self.resistances: tuple[Resistance, ...] = (*self.screens, *(make(self.open) for make in resistances))
