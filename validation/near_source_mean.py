@@ -249,8 +249,8 @@ NEAR_SOURCE_MEAN_CASES = (
     ),
     _case(
         10,
-        "A source that is wider than the kernel is as wide on the grid as it should be: the ball is shrunk first by "
-        "what the kernel adds.",
+        "A source that is wider than the kernel is as wide on the grid as its ball: each cell releases its own part of "
+        "the ball, narrowed by what cells and interpolation add to the variance.",
     ),
     Case(
         "near_source_mean_taylor",
