@@ -85,7 +85,7 @@ def make(folder: Path) -> None:
         imported.replace(WIND, "wind: {kind: imported, files: set/%g/U.xy}")
     )
     plan = bases.SCENARIOS["mesh"].replace(
-        "{kind: mesh, file: box.stl, section: 0.1}", "{kind: map, file: plan.yml, origin: [-0.5, -1.8]}"
+        "{kind: mesh, file: box.stl, section: 0.1}", "{kind: map, file: plan.yml}"
     )
     (folder / "map.yaml").write_text(plan)
     for kind in ("obj", "ply"):
