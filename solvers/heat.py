@@ -54,7 +54,9 @@ class HeatSolver:
         surface that touches no air.
         """
         self.grid, self.air = grid, air
-        self.release = Release("heaters", heat.heaters, grid, air, air.room) if heat.heaters else None
+        self.release = None
+        if heat.heaters:
+            self.release = Release("heaters", heat.heaters, grid, air, air.room, blurred=True)
         self.puffs = HeatPuffs(self.release) if self.release and wind.nu is not None else None
         self._vents = [patch for patch in patches if patch.kind in VENTS]
         self.surfaces: SurfaceExchange | None = None

@@ -31,16 +31,26 @@ SAMPLES = 4  # per axis and cell, to measure how much of a cell a ball covers
 class Release:
     """Some balls on the grid. What each releases next is set by `amounts`; `add_to` gives it to the cells.
 
-    balls: cells (n, dim) of each ball and the share of the release (n,) that each cell receives.
+    balls: cells (n, dim) of each ball and the share of the release (n,) that each cell receives. blurred: whether the
+    kernel spreads balls of any radius, which leaves the puffs of heaters (see `heat_puffs`) the width of a cell around
+    their ball to stir.
     """
 
     STATE = ()
 
-    def __init__(self, name: str, balls: Sequence[Source | Heater], grid: Grid, air: Air, room: np.ndarray):
+    def __init__(
+        self,
+        name: str,
+        balls: Sequence[Source | Heater],
+        grid: Grid,
+        air: Air,
+        room: np.ndarray,
+        blurred: bool = False,
+    ):
         """name: of the balls in messages; room: share of each cell that stores, of grid.shape. To be begun by its
         owner.
         """
-        self.name, self.grid, self.room = name, grid, room
+        self.name, self.grid, self.room, self.blurred = name, grid, room, blurred
         self._area = air.area
         self._amounts: list[float] = []
         # those that the balls may touch
@@ -97,11 +107,11 @@ class Release:
         first = [max(-half, -b - REACH - 1) for b in base]
         last = [min(half, n - b + REACH - 1) for b, n in zip(base, self.grid.shape, strict=True)]
         blocks = [np.arange(a, b + 1) for a, b in zip(first, last, strict=True)]
-        if in_air and radius**2 > (self.grid.dim + 2) * VARIANCE:
+        if in_air and not self.blurred and radius**2 > (self.grid.dim + 2) * VARIANCE:
             narrower = np.sqrt(radius**2 - (self.grid.dim + 2) * (CELL + f * (1.0 - f)))
             share = _even_ball(narrower, [np.arange(n[0] - REACH, n[-1] + REACH + 2) for n in blocks], f)
         else:
-            within = np.full(place.shape, 0.0 if in_air else radius)
+            within = np.full(place.shape, 0.0 if in_air and not self.blurred else radius)
             share = spread(_even_ball(within, blocks, np.zeros(place.shape)), f)
         every, axes = np.count_nonzero(share), []
         for axis, n in enumerate(self.grid.shape):
