@@ -131,9 +131,7 @@ class Boundaries:
         self._openings: list[Fan | Inlet | Honeycomb] = []  # of the jets
         self._swirl: list[dict[int, np.ndarray]] = []
         self._sliding: list[tuple[MovingWall, Patch]] = []
-        self._targets, self._wall_velocities = (
-            [np.zeros((*shape, self.dim), np.float32) for shape in self._inner] for _ in range(2)
-        )
+        self._wall_velocities = [np.zeros((*shape, self.dim), np.float32) for shape in self._inner]
         loss = [np.zeros(shape, np.float32) for shape in self._inner]
         for n, p in self._placed:
             opening = openings[n]
@@ -153,8 +151,7 @@ class Boundaries:
         for p in self.jets:
             self._face(self._wall_velocities[p.axis], p)[p.covered] = 0.0
         self._sliding_targets = [self._along_walls(d) for d in range(self.dim)]
-        for target, sliding in zip(self._targets, self._sliding_targets, strict=True):
-            target[...] = sliding
+        self._targets = [target.copy() for target in self._sliding_targets]
         self._put(
             *(self.spread(target, d) for d, target in enumerate(self._targets)),
             *(self.spread(faces, d) for d, faces in enumerate(loss)),

@@ -3,9 +3,9 @@
 A small ball is released by a kernel (see `spreading`) of one to two cells, wherever in a cell it sits and however small
 it is. A ball of radius R has the variance R²/(dim + 2) along an axis. From where that is more than the kernel's, each
 cell releases its part of the ball, narrowed along each axis by what means over cells and interpolation between them add
-to the variance: the plume of a large source is as wide as the source makes it. A ball whose centre lies in an
-obstacle is spread by the kernel in any case, as its release has to reach the air around. The release stays in the air
-that a ball's own cells are connected to nearby: behind a thin wall nothing appears.
+to the variance: the plume of a large source is as wide as the source makes it. The kernel also spreads the ball of a
+heater, and a ball whose centre lies in an obstacle, as its release has to reach the air around. The release stays in
+the air that a ball's own cells are connected to nearby: behind a thin wall nothing appears.
 """
 
 from collections.abc import Sequence

@@ -34,9 +34,8 @@ SOURCE = np.array((0.431, 0.613, 0.587))  # m, at no special place in its cell
 SIZE = (2.8, 1.2, 1.2)  # m
 COURANT = (0.4, 1.2)
 KERNEL = 5.0 / 6.0  # cells²: variance that the release and the interpolation of readings have together
-TRUSTED = (
-    0.15  # what the kernel adds to the variance of a plume, over both: below it the grid's mean is judged
-)
+TRUSTED = 0.15
+"""Largest share of the variance of a plume on the grid that the kernel adds, where the mean on the axis is judged."""
 INITIAL = 0.01  # m: size of new puffs, as by default
 READINGS, BETWEEN = 10, 0.2  # number of snapshots in the means of puffs; time between them [s]
 FLUCTUATION, MEMORY, FIRMNESS = 0.05, 0.5, 2000.0  # m/s, s, puffs per second of the case with Taylor's law

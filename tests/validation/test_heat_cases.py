@@ -1,4 +1,4 @@
-"""How the validation case of a plume measures flow rates, on a plume that is known."""
+"""Flow rates in the validation case of a thermal plume, measured on a Gaussian plume."""
 
 import numpy as np
 import pytest

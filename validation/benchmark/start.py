@@ -63,9 +63,8 @@ def first_tick(config: Path, arch: str = "cpu") -> int:
     kernels_of_runtime = impl.get_runtime().kernels
     if compiled := getattr(kernels_of_runtime, "compiled", 0):
         return compiled
-    return sum(
-        len(kernel.compiled_kernels) for kernel in kernels_of_runtime
-    )  # a checkout before `grid.engine`
+    # a checkout without `grid.engine`
+    return sum(len(kernel.compiled_kernels) for kernel in kernels_of_runtime)
 
 
 def _measured(checkout: Path, config: Path, cold: bool, cache: str, arch: str) -> Start:
