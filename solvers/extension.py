@@ -54,8 +54,10 @@ class Extension:
     it: their mean, by area. None where the viscous layer is resolved (see `Surfaces.slip`).
     """
 
-    def __init__(self, surfaces: Any, area: list[np.ndarray], tables: Tables):
-        """surfaces: `Surfaces`; area: padded arrays of the field `area` of the flow."""
+    def __init__(self, surfaces: Any, convex: np.ndarray, area: list[np.ndarray], tables: Tables):
+        """surfaces: `Surfaces`; convex: which of all faces in `surfaces` lie beside a convex surface, bool (n,); area:
+        padded arrays of the field `area` of the flow.
+        """
         self.surfaces, self.grid = surfaces, surfaces.grid
         self._count: list[int] = []  # closed faces of each axis
         self._face: list[Any] = []
@@ -65,7 +67,7 @@ class Extension:
         self._beside: list[Any] = []  # faces in `surfaces`
         self._slip: list[Any] = []  # their velocity [m/s]
         self._besides: list[int] = []
-        slips = oblique_planes(surfaces.vectors, np.concatenate(surfaces.faces), self.grid)
+        slips = oblique_planes(surfaces.vectors, np.concatenate(surfaces.faces), self.grid) & ~convex
         parts = np.split(slips, np.cumsum([len(faces) for faces in surfaces.faces])[:-1])
         for d in range(self.grid.dim):
             face, end, source, weight = self._sources(d, area[d], parts[d])

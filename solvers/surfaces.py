@@ -1,4 +1,13 @@
-"""Friction of the air on obstacles, for the few faces whose volume holds some of their surface."""
+"""Friction of the air on obstacles (wall stress) and the separation of the flow from bluff bodies, for the few faces
+whose volume holds some of the surface.
+
+The law of the wall holds for attached layers. Where the pressure rises along a convex surface, the air next to the
+surface comes to rest and the flow separates; on a cylinder or a sphere the layer that stops is thinner than a cell, and
+a grid that sees only the friction of the law of the wall keeps the flow attached too long. There the layer is as thick
+as the grid can carry: the wall stress is that of air at rest on the surface (no slip), nu_w = (C dx)² D² |u_t|/s, with
+Smagorinsky's length and van Driest's damping D. Where a laminar layer separates does not depend on its thickness
+(Thwaites 1949, doi:10.1017/S0001925900000184), so neither does the place, as long as the layer is thin beside the body.
+"""
 
 from typing import Any
 
@@ -9,18 +18,22 @@ from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.kernels import Pass, Template
 from taichi_plume.grid.tables import Tables
 from taichi_plume.grid.transfer import uploader
+from taichi_plume.solvers.curvature import CONVEX, curvatures
 from taichi_plume.solvers.extension import Extension
 from taichi_plume.solvers.momentum import Momentum
+from taichi_plume.solvers.turbulence import damped
 from taichi_plume.solvers.wall_law import near_surface
 from taichi_plume.solvers.walls import straightness
 
 NEAREST = 0.05  # cells: no distance from a surface counts as less
+LEAST = 0.25  # cells: least distance over which the velocity of a layer that separates rises
+MIXING = 0.13  # cells: mixing length C of a layer that separates, as Smagorinsky's constant
 
 
 @ti.data_oriented
 class Surfaces:
-    """What slows the velocities beside obstacles: the stress nu_w u_t/s of the velocity u_t along a surface s away,
-    nu_w by the law of the wall where there is a model of eddies.
+    """Wall stress nu_w u_t/s of the velocity u_t along a surface s away, nu_w by the law of the wall where there is a
+    model of eddies; on convex surfaces in an adverse pressure gradient that of a layer which can separate.
 
     area, openness: padded arrays of the fields `area` and `open` of the flow. vectors: of the surface in each cell,
     padded; faces: which they are, (n, dim) of each axis; cells: their number.
@@ -49,6 +62,9 @@ class Surfaces:
         self._rate: list[Any] = []  # surface over (distance times stored volume), in cells
         self._stored: list[Any] = []  # volume that stores the momentum of the face, in cells
         self._normal: list[Any] = []  # of the surface, out of the air
+        # mixing length [m] of a layer that can separate, 0 on plane and concave surfaces
+        self._mixing: list[Any] = []
+        normals: list[np.ndarray] = []
         for d in range(grid.dim):
             above, below = np.roll(area[d], -1, axis=d), np.roll(area[d], 1, axis=d)
             # a cell's surface acts on its two faces of an axis, in proportion to their areas
@@ -70,8 +86,14 @@ class Surfaces:
             self._rate.append(tables.listed(size[where] / (distance * stored)))
             self._stored.append(tables.listed(stored))
             self._normal.append(tables.listed(normal))
+            normals.append(normal)
         self.cells = sum(self._count)
-        self._extension = Extension(self, area, tables) if momentum.eddies else None
+        self._extension: Extension | None = None
+        if momentum.eddies:
+            convex = curvatures(vectors, np.concatenate(self.faces), np.concatenate(normals)) > CONVEX
+            parts = np.split(convex, np.cumsum(self._count)[:-1])
+            self._mixing = [tables.listed(np.where(part, MIXING * grid.dx, 0.0)) for part in parts]
+            self._extension = Extension(self, convex, area, tables)
 
     def begin(self, roughness: float | None) -> None:
         """Take k_s [m] over."""
@@ -85,33 +107,53 @@ class Surfaces:
 
     @ti.func
     def _along(self, d: Template, k):
-        """(velocity u_d along the surface, speed along it) [m/s] at the k-th face of axis d."""
+        """Velocity along the surface [m/s] at the k-th face of axis d."""
         I, n = self._cell[d][k], self._normal[d][k]
         D = ti.Vector.unit(self.dim, d, ti.i32)
-        through = n[d] * self.m.u[d][I]
-        square = self.m.u[d][I] ** 2
+        u = ti.Vector.zero(ti.f32, self.dim)
+        u[d] = self.m.u[d][I]
         for e in ti.static(range(self.dim)):
             if ti.static(e != d):
                 E = ti.Vector.unit(self.dim, e, ti.i32)
-                flow, width = 0.0, 1e-6
+                width = 1e-6
                 for J in ti.static((0, 1)):
                     for K in ti.static((0, 1)):
                         face = I - J * D + K * E
-                        flow += self.m.area[e][face] * self.m.u[e][face]
+                        u[e] += self.m.area[e][face] * self.m.u[e][face]
                         width += self.m.area[e][face]
-                through += n[e] * flow / width
-                square += (flow / width) ** 2
-        return self.m.u[d][I] - n[d] * through, ti.sqrt(ti.max(square - through**2, 0.0))
+                u[e] /= width
+        return u - n * n.dot(u)
+
+    @ti.func
+    def _is_adverse(self, d: Template, k, along):
+        """Whether the pressure gradient at the k-th face of axis d slows the air that moves along the surface."""
+        I = self._cell[d][k]
+        D = ti.Vector.unit(self.dim, d, ti.i32)
+        rise = along[d] * (self.m.p[I] - self.m.p[I - D])
+        for e in ti.static(range(self.dim)):
+            if ti.static(e != d):
+                E = ti.Vector.unit(self.dim, e, ti.i32)
+                total, width = 0.0, 1e-6
+                for J in ti.static((0, 1)):
+                    for K in ti.static((0, 1)):
+                        face = I - J * D + K * E
+                        total += self.m.area[e][face] * (self.m.p[face] - self.m.p[face - E])
+                        width += self.m.area[e][face]
+                rise += along[e] * total / width
+        return rise > 0.0
 
     @ti.func
     def _friction(self, d: Template, k):
         """(face, rate [1/s] of friction, velocity along the surface [m/s]) of the k-th face of axis d."""
-        along, speed = self._along(d, k)
-        nu_here = self.m.viscosity[None]
+        along, nu = self._along(d, k), self.m.viscosity[None]
+        wall = nu
         if ti.static(self.m.eddies):
-            y = self._distance[d][k]
-            nu_here, _ = near_surface(speed, y, nu_here, self.roughness[None], self.m.rough)
-        return self._cell[d][k], self._rate[d][k] * nu_here / ti.static(self.grid.dx**2), along
+            y, speed = self._distance[d][k], along.norm()
+            wall, _ = near_surface(speed, y, nu, self.roughness[None], self.m.rough)
+            if self._mixing[d][k] > 0.0 and self._is_adverse(d, k, along):
+                wide = ti.max(y, ti.static(LEAST * self.grid.dx))
+                wall = ti.max(wall, nu + damped(self._mixing[d][k], speed / wide, wide, nu))
+        return self._cell[d][k], self._rate[d][k] * wall / ti.static(self.grid.dx**2), along[d]
 
     @ti.func
     def slip(self, d: Template, k):
@@ -121,7 +163,7 @@ class Surfaces:
         What is left of a velocity through the surface is not taken off: it would be found from faces at other distances
         from the surface, and what they are faster would be driven into the air.
         """
-        _, speed = self._along(d, k)
+        speed = self._along(d, k).norm()
         y = ti.max(self._distance[d][k], ti.static(0.5 * self.grid.dx))
         _, bend = near_surface(speed, y, self.m.viscosity[None], self.roughness[None], self.m.rough)
         return (1.0 - straightness(bend)) * self.m.u[d][self._cell[d][k]]
