@@ -90,6 +90,11 @@ class AnyObstacle(Model):
             )
 
     @property
+    def width(self) -> float:
+        """Largest horizontal width [m]; infinite for shapes whose width is not known."""
+        return inf
+
+    @property
     def thinnest(self) -> float:
         """How thin it is at its thinnest [m]; 0 where that is not known."""
         return 0.0
@@ -139,6 +144,11 @@ class Box(AnyObstacle):
         return _upright(2.0 * (x + y), x * y, self.size[-1], domain)
 
     @property
+    def width(self) -> float:
+        """Longer horizontal edge [m]."""
+        return max(self.size[:2])
+
+    @property
     def disc(self) -> float:
         """Radius of the disc around its base, which robots feel of it where it moves [m]."""
         return hypot(*self.size[:2]) / 2
@@ -175,6 +185,11 @@ class Cylinder(AnyObstacle):
         return _upright(2.0 * pi * r, pi * r**2, self.height or inf, domain)
 
     @property
+    def width(self) -> float:
+        """Diameter [m]."""
+        return 2.0 * self.radius
+
+    @property
     def disc(self) -> float:
         """Its radius [m]."""
         return self.radius
@@ -204,6 +219,11 @@ class Sphere(AnyObstacle):
     def surface(self, domain: Domain) -> float:
         """In 2-D of a disc."""
         return 2.0 * pi * self.radius if domain.dim == 2 else 4.0 * pi * self.radius**2
+
+    @property
+    def width(self) -> float:
+        """Diameter [m]."""
+        return 2.0 * self.radius
 
     @property
     def disc(self) -> float:

@@ -26,6 +26,8 @@ AT_THE_END = 0.05  # of the room: a source as near to where the air leaves makes
 MISSED_MEAN = 20
 """Cells downwind of a small source within which the grid's mean is too low, in a wind of 10 % intensity (air.md)."""
 FEWEST_ACROSS = 3  # cells of an opening that blows, and of a heater
+FEWEST_ACROSS_BODY = 3  # cells of an obstacle: with 3 hardly any air flows back behind a cylinder
+TRUSTED_ACROSS_BODY = 8  # cells from which on the drag of a cylinder is within 20 % of that with 32
 FEWEST = 6  # cells across a room whose flow is computed
 JET = 0.25  # growth of a jet's half width with the distance: beyond, its air goes round in circles
 
@@ -69,6 +71,7 @@ def remarks(context: Context) -> Iterator[str]:
     yield from _air(context, where)
     yield from _openings(context)
     yield from _heaters(context)
+    yield from _obstacles(context)
     for path, source in context.scenario.sources:
         yield from _source(path, source, context, where)
     yield from _concentrations(context)
@@ -137,6 +140,25 @@ def _heaters(context: Context) -> Iterator[str]:
                 f"so its plume starts about {FEWEST_ACROSS * spacing:g} m wide; use a domain.spacing of "
                 f"{width / FEWEST_ACROSS:.2g} m or less, or a wider heater"
             )
+
+
+def _obstacles(context: Context) -> Iterator[str]:
+    """Obstacles with too few cells across for the drag and the wake of a computed wind; one line for all."""
+    if context.scenario.wind.computed is None:
+        return
+    dx = context.domain.spacing
+    widths = {
+        n: obstacle.width
+        for n, obstacle in enumerate(context.scenario.obstacles)
+        if 0.5 * dx < obstacle.width < FEWEST_ACROSS_BODY * dx * (1 - 1e-6)  # thinner ones: see `missed`
+    }
+    if widths:
+        n, width = min(widths.items(), key=lambda item: item[1])
+        others = f" ({len(widths) - 1} more are narrow too)" if len(widths) > 1 else ""
+        yield (
+            f"obstacles[{n}]: the obstacle is {width:g} m wide, {width / dx:.2g} cells{others}: do not trust the drag "
+            f"and the wake; use a domain.spacing of {width / TRUSTED_ACROSS_BODY:.2g} m or less where they matter"
+        )
 
 
 # ---------------------------------------------------------------- sources

@@ -58,6 +58,11 @@ def test_what_is_meant_gets_none(tmp_path, overrides):
     ("overrides", "begins", "has"),
     [
         (["wind={kind: cfd}"], "wind: nothing moves the air", "kind: synthetic"),
+        (
+            ["obstacles=[{kind: cylinder, center: [3, 0.5], radius: 0.05}]"],
+            "obstacles[0]: the obstacle is 0.1 m wide, 2 cells",
+            "domain.spacing of 0.013 m or less",
+        ),
         (["domain.spacing=0.7"], "domain.spacing: makes only 4 cells along y", "use 0.28 m or less"),
         (["duration=6", "warm_up=1", "robots=[]"], "duration: with the warm-up it is 7 s", "at least 8 s"),
         (
