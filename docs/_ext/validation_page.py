@@ -23,7 +23,7 @@ GROUPS = (
         "What rooms are made of: cylinders that shed eddies, pipes that the grid cuts, fans, rotors and their jets, "
         "floors, gusts that are blown in, rooms that are mirrored and turned. Measured by others in laboratories, or "
         "bound to be kept, as mass is.",
-        r"symmetry|cylinder|shedding|pipe|oblique_channel|room_\dd|fan|hovering|floor|log_layer|inflow|imported",
+        r"symmetry|bluff|cylinder|shedding|pipe|oblique_channel|room_\dd|fan|hovering|floor|log_layer|inflow|imported",
     ),
     (
         "Does the gas spread as it should?",
