@@ -132,6 +132,8 @@ def thermal_plume(n: int, **keys: Any) -> dict[str, float | Curve]:
 
     Morton, Taylor & Turner 1956 derived the law for a point source; C as measured by Rouse, Yih & Humphreys 1952
     (Tellus 4, 201). In the theory a wide source above which air rises from rest has the same origin.
+    C = (6 a/5) (9 a/10)^(1/3) pi^(2/3) for top-hat profiles: C = 0.153 means an entrainment coefficient a of 0.12.
+    The exponent is that of a fit over HEIGHTS. If the plume grows from an origin z0 instead, it is 5/3 z/(z - z0).
     """
     mean, flow = plume_flow(n, **keys)
     heat = heat_of(flow)
