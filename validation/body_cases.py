@@ -25,12 +25,20 @@ DRAG, LIFT, PRESSURE_DROP = 5.57953523384, 0.010618948146, 0.11752016697
 # Case 2D-2, Re 100: the middle of what Schäfer & Turek take for certain, 0.295 to 0.305, 3.22 to 3.24 and 0.99 to 1.01
 STROUHAL, LARGEST_DRAG, LARGEST_LIFT = 0.300, 3.23, 1.00
 DIAMETER = 0.1  # m
+# Displacements of the cylinder [cells], away from the middle of the channel, where it would not begin to shed
+OFFSETS = ((0.0, 0.0), (0.5, 0.0), (0.0, -0.25), (0.0, -0.5))
 
 
-def _around_cylinder(n: int, mean: float) -> tuple[CfdWind, FlowSolver, Air]:
-    """Air with a mean speed [m/s] that passes a cylinder, 0.1 m, a little off the middle of a channel, 2.2 x 0.41 m."""
+def _around_cylinder(
+    n: int, mean: float, offset: tuple[float, float] = (0.0, 0.0)
+) -> tuple[CfdWind, FlowSolver, Air]:
+    """Air with a mean speed [m/s] that passes a cylinder, 0.1 m, a little off the middle of a channel, 2.2 x 0.41 m.
+
+    offset: displacement of the cylinder [cells].
+    """
     grid = Grid((22 * n, round(4.1 * n)), DIAMETER / n)
-    body = Ball(Sphere(kind="sphere", center=(0.2, 0.2), radius=DIAMETER / 2), 2)
+    x, y = (0.2 + part * grid.dx for part in offset)
+    body = Ball(Sphere(kind="sphere", center=(x, y), radius=DIAMETER / 2), 2)
     openings = [
         {"kind": "inlet", "face": "x-", "speed": mean, "profile": "parabolic"},
         {"kind": "outlet", "face": "x+"},
@@ -63,20 +71,26 @@ def cylinder(n: int) -> Errors:
     return at_both_steps(flow, wind, errors)
 
 
+def _shed(flow: FlowSolver, air: Air, mean: float) -> np.ndarray:
+    """Times [s], drag and lift coefficients over four periods, once the shedding of eddies is regular."""
+    begin, end = 5.0, 6.5  # s
+    advance(flow, begin)
+    t, rows = begin, []
+    while t < end:
+        dt = flow.stable_dt(t)
+        flow.advance(t, dt)
+        t += dt
+        rows.append((t, *_drag_and_lift(flow, air, mean)))
+    return np.transpose(rows)
+
+
 def shedding(n: int) -> Errors:
     """The cylinder sheds eddies, Re 100: their frequency, and the largest drag and lift in some periods."""
-    mean, begin, end = 1.0, 5.0, 6.5  # s: the eddies have become regular; four periods
+    mean = 1.0
     wind, flow, air = _around_cylinder(n, mean)
 
     def errors() -> Errors:
-        advance(flow, begin)
-        t, rows = begin, []
-        while t < end:
-            dt = flow.stable_dt(t)
-            flow.advance(t, dt)
-            t += dt
-            rows.append((t, *_drag_and_lift(flow, air, mean)))
-        times, drag, lift = np.transpose(rows)
+        times, drag, lift = _shed(flow, air, mean)
         up = np.flatnonzero((lift[:-1] < 0.0) & (lift[1:] >= 0.0))
         passes = times[up] - lift[up] * np.diff(times)[up] / np.diff(lift)[up]
         frequency = (len(passes) - 1) / (passes[-1] - passes[0])
@@ -87,6 +101,24 @@ def shedding(n: int) -> Errors:
         }
 
     return at_both_steps(flow, wind, errors)
+
+
+def shedding_positions(n: int) -> Errors:
+    """Amplitude of the lift in `shedding` with the cylinder at several positions relative to the cells.
+
+    The amplitude is half the range, which leaves out the mean lift: that depends on the distance to the middle of the
+    channel. Scatter is the range over the positions.
+    """
+    mean, found = 1.0, []
+    for offset in OFFSETS:
+        _, flow, air = _around_cylinder(n, mean, offset)
+        _, _, lift = _shed(flow, air, mean)
+        found.append(float(np.ptp(lift)) / 2.0 / LARGEST_LIFT)
+    return {
+        "lift amplitude, worst position": max(abs(part - 1.0) for part in found),
+        "lift amplitude, mean over positions": abs(float(np.mean(found)) - 1.0),
+        "lift amplitude, scatter": max(found) - min(found),
+    }
 
 
 def _pressure(flow: FlowSolver, air: Air, x: float, side: int) -> float:

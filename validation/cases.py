@@ -5,7 +5,14 @@ from functools import partial
 from taichi_plume.validation.annex20 import ANNEX20_CASES
 from taichi_plume.validation.backward_step import BACKWARD_STEP_CASES
 from taichi_plume.validation.balance_cases import BALANCE_CASES
-from taichi_plume.validation.body_cases import bluff_body, cylinder, oblique_channel, pipe, shedding
+from taichi_plume.validation.body_cases import (
+    bluff_body,
+    cylinder,
+    oblique_channel,
+    pipe,
+    shedding,
+    shedding_positions,
+)
 from taichi_plume.validation.case import SECOND_ORDER, Case, Expected
 from taichi_plume.validation.cavity import cavity
 from taichi_plume.validation.channel_cases import couette_start, duct, poiseuille, poiseuille_start
@@ -250,6 +257,16 @@ _ALL = (
             "cells it is half of that with 32, with 16 three quarters. It is within 12 % from 24 cells on, which is "
             "judged: the vortices that drive the reverse flow fade where they are a few cells wide."
         ),
+    ),
+    Case(
+        "shedding_positions",
+        "lift of a shedding cylinder at four positions relative to the cells",
+        "Schäfer & Turek 1996, case 2D-2, doi:10.1007/978-3-322-89849-4_39",
+        shedding_positions,
+        coarse=(10,),
+        fine=(10, 20),
+        slow=True,
+        expected={"lift amplitude, worst position": Expected(tolerance=0.08, at=20)},
     ),
     Case(
         "pipe",
