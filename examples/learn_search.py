@@ -25,7 +25,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 
-from taichi_plume.assemble import assemble
+from taichi_plume.assembly.assemble import assemble
 from taichi_plume.envs import bank as banks
 from taichi_plume.envs import sb3_env
 from taichi_plume.envs.task import open_task
@@ -33,7 +33,7 @@ from taichi_plume.grid import kernels
 from taichi_plume.guard.terminal import say
 from taichi_plume.scenario.algorithms import Casting
 from taichi_plume.scenario.scenario import Scenario
-from taichi_plume.scores import mean_with_interval, share_with_interval
+from taichi_plume.scoring.trials import mean_with_interval, share_with_interval
 
 TASK = Path(__file__).parent.parent / "configs" / "tasks" / "search_whiffs.yaml"
 THRESHOLDS = (0.5, 1.0, 2.0, 5.0)  # ppm, of casting

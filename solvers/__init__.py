@@ -1,3 +1,3 @@
 """Processes that advance fields: air flow and gas."""
 
-MAY_IMPORT: tuple[str, ...] = ("files", "grid", "guard", "scenario")
+MAY_IMPORT: tuple[str, ...] = ("files", "grid", "scenario")

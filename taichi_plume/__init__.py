@@ -50,9 +50,9 @@ if os.name == "posix" and not os.environ.keys() & {"HOME", "XDG_CACHE_HOME"}:
     os.environ["HOME"] = _home if os.path.isabs(_home) else "/"
 
 if TYPE_CHECKING:
+    from taichi_plume.assembly.prepare import load_scenario
     from taichi_plume.files.run_folder import RunFolderError
-    from taichi_plume.prepare import load_scenario
-    from taichi_plume.run_data import open_run
+    from taichi_plume.results.run import open_run
     from taichi_plume.scenario.scenario import Scenario
     from taichi_plume.simulation import Simulation
 

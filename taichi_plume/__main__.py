@@ -11,7 +11,7 @@ from typing import NoReturn
 
 from taichi_plume import __version__
 from taichi_plume.guard.terminal import Parser
-from taichi_plume.signals import leave
+from taichi_plume.running.signals import leave
 
 COMMANDS = {
     "run": "run a scenario, or only check it; go on with a run that was cut off",
@@ -30,14 +30,18 @@ COMMANDS = {
 }
 
 
+MODULES = {
+    "validation": "validation.__main__"
+}  # an extra of its own: its cases are no part of a wheel's commands
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` (without the program's name) and return its exit code."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     if arguments and arguments[0] in COMMANDS:
-        module = import_module(f"taichi_plume.{arguments[0]}")
-        if hasattr(module, "__path__"):
-            module = import_module(f"{module.__name__}.__main__")
-        return module.main(arguments[1:])
+        return import_module(f"taichi_plume.{MODULES.get(arguments[0], f'cli.{arguments[0]}')}").main(
+            arguments[1:]
+        )
     parser = Parser(
         prog="taichi-plume",
         description="Mobile-robot olfaction: air flow, gas, robots and maps from one YAML file.",
@@ -52,9 +56,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 2  # not reached: what is no command has been refused
 
 
-def command() -> NoReturn:
-    """What a shell calls."""
-    leave(main())
+def command(name: str = "") -> NoReturn:
+    """End the process with the exit code of the command line; `name`: the command, where it is no argument."""
+    leave(main([name, *sys.argv[1:]] if name else None))
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from taichi_plume import run
+from taichi_plume.cli import run
 
 SCENARIO = """
 name: bags

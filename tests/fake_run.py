@@ -167,7 +167,7 @@ class FakeMap:
             self.errors.append((t, np.full(self.trials, 10.0 / (1 + t))))
 
     def estimate(self) -> np.ndarray:
-        from taichi_plume import scores
+        from taichi_plume.scoring import trials as scores
 
         half = 0.5 * scores.true_gas(self.sim, self.cell, self.shape)
         return np.tile(np.where(self.seen, half, np.nan), (self.trials, 1, 1))

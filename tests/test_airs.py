@@ -9,8 +9,8 @@ import rerun as rr
 import xarray
 import yaml
 
-from taichi_plume import run
-from taichi_plume.assemble import assemble
+from taichi_plume.assembly.assemble import assemble
+from taichi_plume.cli import run
 from taichi_plume.grid import fields
 from taichi_plume.report.facts import key_facts
 from taichi_plume.report.run import Run

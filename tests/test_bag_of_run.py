@@ -11,12 +11,14 @@ import numpy as np
 import pytest
 import rerun as rr
 
-from taichi_plume import __version__, bag_of_fields, bag_of_run, export, maps, open_run
-from taichi_plume import run as run_command
+from taichi_plume import __version__, open_run
+from taichi_plume.cli import export, maps
+from taichi_plume.cli import run as run_command
 from taichi_plume.files import disk
 from taichi_plume.files.bag_readings import Wanted
 from taichi_plume.files.readings import read
 from taichi_plume.files.run_folder import RunFolderError
+from taichi_plume.results import bag_of_fields, bag_of_run
 
 pytestmark = pytest.mark.usefixtures("taichi")
 BEGIN = 1_700_000_000.0

@@ -6,14 +6,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from taichi_plume.assemble import assemble
-from taichi_plume.belief_scores import OF_BELIEFS, BeliefScores, GroupBeliefs, beliefs
+from taichi_plume.assembly.assemble import assemble
+from taichi_plume.assembly.prepare import load_scenario
 from taichi_plume.files import maps_file
 from taichi_plume.files.result import result, write_result
-from taichi_plume.map_scores import MapScores
-from taichi_plume.prepare import load_scenario
 from taichi_plume.record.recorder import Recorder
 from taichi_plume.report.beliefs import beliefs_of, rows
+from taichi_plume.scoring.beliefs import OF_BELIEFS, BeliefScores, GroupBeliefs, beliefs
+from taichi_plume.scoring.maps import MapScores
 
 SCENARIO = """
 duration: 8

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from taichi_plume import load_scenario
-from taichi_plume.assemble import assemble
+from taichi_plume.assembly.assemble import assemble
 from taichi_plume.grid import kernels
 from taichi_plume.validation.cross_checks import one_layer
 

@@ -10,9 +10,10 @@ import pytest
 import yaml
 from test_checks import FLOOR, ROOM
 
-from taichi_plume import checking, run
+from taichi_plume.assembly.prepare import load
+from taichi_plume.cli import check as checking
+from taichi_plume.cli import run
 from taichi_plume.files.run_folder import RunFolder, RunFolderError, to_yaml
-from taichi_plume.prepare import load
 from taichi_plume.scenario.scenario import Scenario
 
 CONFIGS = sorted((Path(__file__).parent.parent / "configs").glob("*.yaml"))

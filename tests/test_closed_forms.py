@@ -8,7 +8,7 @@ import pytest
 import yaml
 import zarr
 
-from taichi_plume import run
+from taichi_plume.cli import run
 
 SOURCE = {"position": [0.6, 1.0, 0.2], "rate": "5 mg/s"}
 KINDS = {

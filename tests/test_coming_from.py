@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 import zarr
 
-from taichi_plume.assemble import assemble
+from taichi_plume.assembly.assemble import assemble
+from taichi_plume.assembly.prepare import load, load_scenario
 from taichi_plume.grid.fields import ppm_at
-from taichi_plume.prepare import load, load_scenario
 
 pytestmark = pytest.mark.usefixtures("taichi")
 ROOT = Path(__file__).resolve().parents[1]

@@ -10,9 +10,9 @@ import pyarrow.parquet as pq
 import pytest
 import yaml
 
-from taichi_plume import run
-from taichi_plume.prepare import load
-from taichi_plume.statistics.__main__ import main as statistics
+from taichi_plume.assembly.prepare import load
+from taichi_plume.cli import run
+from taichi_plume.cli.statistics import main as statistics
 from taichi_plume.study.plan import load_plan
 
 CONFIGS = Path(__file__).parent.parent / "configs"

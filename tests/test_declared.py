@@ -6,11 +6,12 @@ import fake_run
 import numpy as np
 import pytest
 
-from taichi_plume import scores, summary
 from taichi_plume.agents.columns import COLUMNS
-from taichi_plume.declared import OUTCOMES, declared_outcomes, has_declared
 from taichi_plume.files import result
+from taichi_plume.running import summary
 from taichi_plume.scenario.robots import Group
+from taichi_plume.scoring import trials as scores
+from taichi_plume.scoring.declarations import OUTCOMES, declared_outcomes, has_declared
 from taichi_plume.study.messages import Request
 from taichi_plume.study.rows import trial_rows
 

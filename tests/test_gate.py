@@ -7,10 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from taichi_plume import own_code, run
-from taichi_plume.assemble import assemble
+from taichi_plume.assembly import own_code
+from taichi_plume.assembly.assemble import assemble
+from taichi_plume.assembly.prepare import load, load_scenario
+from taichi_plume.cli import run
 from taichi_plume.files.own_class import OwnAlgorithmError, OwnFile, failures_told
-from taichi_plume.prepare import load, load_scenario
 from taichi_plume.scenario.loading import ScenarioError
 
 SCENARIO = """

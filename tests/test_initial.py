@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from taichi_plume import scores
-from taichi_plume.assemble import build
+from taichi_plume.assembly.assemble import build
+from taichi_plume.assembly.prepare import checked
 from taichi_plume.files.filming import Filming
 from taichi_plume.grid.kernels import compiled
 from taichi_plume.grid.state import State
-from taichi_plume.prepare import checked
 from taichi_plume.scenario.initial import units_of
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.outputs import Fields
 from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.scoring import trials as scores
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from taichi_plume import maps, run
+from taichi_plume.cli import maps, run
 
 SCENARIO = """
 duration: 1

@@ -9,9 +9,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.linalg import spsolve
 from scipy.spatial.distance import cdist
 
-from taichi_plume import maps
+from taichi_plume.cli import maps
 from taichi_plume.files.readings import Readings
-from taichi_plume.map_making import of_log
+from taichi_plume.results.recorded_maps import of_log
 from taichi_plume.scenario.maps import Map, TimeSeriesMap
 
 pytestmark = pytest.mark.usefixtures("taichi")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from readings_log import log
 
-from taichi_plume import maps
+from taichi_plume.cli import maps
 from taichi_plume.scenario.maps import TimeSeriesMap
 
 pytestmark = pytest.mark.usefixtures("taichi")

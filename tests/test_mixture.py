@@ -8,9 +8,9 @@ import pytest
 import yaml
 import zarr
 
-from taichi_plume.assemble import assemble
+from taichi_plume.assembly.assemble import assemble
+from taichi_plume.cli.run import main
 from taichi_plume.grid.fields import ppm_at
-from taichi_plume.run import main
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.species import SPECIES
 

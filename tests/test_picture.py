@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from taichi_plume import picture
+from taichi_plume.cli import picture
 from taichi_plume.files import manifest
 from taichi_plume.report import films, look, plume
 from taichi_plume.report.run import Run

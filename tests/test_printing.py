@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 from test_imports import PACKAGE, ROOMS, ROOT
 
-from taichi_plume import maps, run
-from taichi_plume.summary import print_summary
+from taichi_plume.cli import maps, run
+from taichi_plume.running.summary import print_summary
 
 PRINTER = ROOT / PACKAGE / "guard" / "terminal.py"
 OTHERS = {

@@ -10,7 +10,7 @@ import pytest
 import yaml
 from test_descriptions import PATHS
 
-from taichi_plume.prepare import load
+from taichi_plume.assembly.prepare import load
 from taichi_plume.scenario.keys import all_keys, flat, places
 from taichi_plume.study.model import Study
 from tests.fuzz import formats

@@ -7,9 +7,10 @@ import fake_run
 import pyarrow.parquet as pq
 import pytest
 
-from taichi_plume import assemble, repair, run
+from taichi_plume.assembly import assemble
+from taichi_plume.cli import repair, run
+from taichi_plume.cli import report as report
 from taichi_plume.files import checkpoint, manifest, result, table_parts
-from taichi_plume.report import __main__ as report
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

@@ -10,14 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from taichi_plume import resume, run
+from taichi_plume.cli import run
 from taichi_plume.files import checkpoint, manifest
 from taichi_plume.files.run_folder import RunFolderError
+from taichi_plume.running import resume
 from tests.fuzz import bases
 
 KILL = """
 import os, sys
-from taichi_plume import resume, run
+from taichi_plume.running import resume
+from taichi_plume.cli import run
 from taichi_plume.simulation import Simulation
 advance = Simulation.advance
 

@@ -11,7 +11,8 @@ import pyarrow.parquet as pq
 import pytest
 import rerun as rr
 
-from taichi_plume import assemble, run
+from taichi_plume.assembly import assemble
+from taichi_plume.cli import run
 from taichi_plume.files import disk
 from taichi_plume.grid import fields, kernels
 from taichi_plume.simulation import Every, UnstableError
@@ -341,7 +342,7 @@ def test_signals_end_a_run_in_order(scenario, number):
 
 def test_help_and_faults_are_fast_because_nothing_heavy_is_imported(scenario):
     code = (
-        "import sys\nfrom taichi_plume import run\n"
+        "import sys\nfrom taichi_plume.cli import run\n"
         "assert run.main(['nowhere.yaml']) == 2\n"
         "heavy = {'taichi', 'rerun', 'open3d', 'pyarrow'} & set(sys.modules)\nassert not heavy, heavy\n"
     )

@@ -13,7 +13,8 @@ import polars
 import pytest
 import xarray
 
-from taichi_plume import RunFolderError, export, open_run, repair, run
+from taichi_plume import RunFolderError, open_run
+from taichi_plume.cli import export, repair, run
 from taichi_plume.files import disk, manifest, table_parts
 from taichi_plume.files.result import write_result
 from taichi_plume.scenario.scenario import Scenario

@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from taichi_plume import scores
-from taichi_plume.assemble import assemble
+from taichi_plume.assembly.assemble import assemble
+from taichi_plume.assembly.prepare import checked
 from taichi_plume.files.result import result
 from taichi_plume.grid.state import State
-from taichi_plume.prepare import checked
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.scoring import trials as scores
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

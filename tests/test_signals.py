@@ -10,7 +10,10 @@ from pathlib import Path
 import fake_run
 import pytest
 
-from taichi_plume import assemble, outputs, run, running
+from taichi_plume.assembly import assemble
+from taichi_plume.cli import run
+from taichi_plume.running import job as running
+from taichi_plume.running import outputs
 from taichi_plume.simulation import Every
 
 pytestmark = [
@@ -139,7 +142,7 @@ def test_ctrl_c_while_python_ends_is_no_fault():
     program = """
 import os, signal, time
 from concurrent.futures import ThreadPoolExecutor
-from taichi_plume.signals import leave
+from taichi_plume.running.signals import leave
 
 def late():
     time.sleep(0.3)

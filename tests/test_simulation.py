@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from taichi_plume.assemble import assemble
+from taichi_plume.assembly.assemble import assemble
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.simulation import Every, Simulation, UnstableError

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taichi_plume.assemble import assemble
+from taichi_plume.assembly.assemble import assemble
 from taichi_plume.grid.kernels import compiled
 from taichi_plume.grid.state import State
 from taichi_plume.scenario.loading import ScenarioError

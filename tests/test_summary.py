@@ -7,9 +7,10 @@ import fake_run
 import numpy as np
 import pytest
 
-from taichi_plume import scores, summary
 from taichi_plume.files import result
-from taichi_plume.map_scores import MapScores
+from taichi_plume.running import summary
+from taichi_plume.scoring import trials as scores
+from taichi_plume.scoring.maps import MapScores
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

@@ -18,7 +18,7 @@ from rich.text import Text
 
 from taichi_plume.files.disk import written_whole
 from taichi_plume.guard.terminal import Parser, say, terminal
-from taichi_plume.signals import leave
+from taichi_plume.running.signals import leave
 
 if TYPE_CHECKING:
     from rich.console import Console

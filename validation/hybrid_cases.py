@@ -14,7 +14,7 @@ from tempfile import TemporaryDirectory
 
 import yaml
 
-from taichi_plume.run_data import open_run
+from taichi_plume.results.run import open_run
 from taichi_plume.validation.experiment import Condition, Experiment, Range, Told
 from taichi_plume.validation.plumesim_cases import ALIKE, LAMINAR, PLUME, ROOMBA, arena, in_airs
 from taichi_plume.validation.searches import Searches, scenario_of

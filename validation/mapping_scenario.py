@@ -20,12 +20,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from taichi_plume import scores
-from taichi_plume.assemble import assemble
+from taichi_plume.assembly.assemble import assemble
 from taichi_plume.grid import fields
 from taichi_plume.grid.grid import centers
-from taichi_plume.map_scores import LOOKS
-from taichi_plume.scores import SETTLED
+from taichi_plume.scoring import trials as scores
+from taichi_plume.scoring.maps import LOOKS
+from taichi_plume.scoring.trials import SETTLED
 from taichi_plume.simulation import Every, Simulation
 from taichi_plume.validation.searches import scenario_of
 

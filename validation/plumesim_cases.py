@@ -16,7 +16,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from taichi_plume.assemble import assemble
+from taichi_plume.assembly.assemble import assemble
 from taichi_plume.files.plumesim_log import PlumeLogger, read_log
 from taichi_plume.files.point_frames import PointFrames
 from taichi_plume.grid.fields import ppm_at

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from taichi_plume.assemble import assemble
+from taichi_plume.assembly.assemble import assemble
 from taichi_plume.files.probes_table import ProbeTable
 from taichi_plume.files.table_parts import read
 from taichi_plume.simulation import Simulation

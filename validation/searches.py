@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from taichi_plume.assemble import assemble
+from taichi_plume.assembly.assemble import assemble
+from taichi_plume.assembly.prepare import checked
 from taichi_plume.grid import kernels
-from taichi_plume.prepare import checked
-from taichi_plume.run_data import Run
+from taichi_plume.results.run import Run
 from taichi_plume.scenario.scenario import Scenario
-from taichi_plume.scores import source_places, trial_outcomes, trial_summary
+from taichi_plume.scoring.trials import source_places, trial_outcomes, trial_summary
 from taichi_plume.simulation import Every, Simulation
 from taichi_plume.validation.experiment import Mean, Tracks, over_airs
 

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from taichi_plume.assemble import assemble
+from taichi_plume.assembly.assemble import assemble
 from taichi_plume.grid.rng import normal4, stream_id
 from taichi_plume.grid.transfer import uploader
-from taichi_plume.scores import mean_with_interval
+from taichi_plume.scoring.trials import mean_with_interval
 from taichi_plume.validation.experiment import Lines, Mean, Told
 from taichi_plume.validation.searches import outcomes, scenario_of
 from taichi_plume.validation.spiral_room import ALGORITHMS, DISTANCES, SOURCE, TABLE_2, at, floor, momo

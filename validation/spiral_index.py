@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from taichi_plume.agents.spiral import FLAT, Spiral
-from taichi_plume.assemble import assemble
+from taichi_plume.assembly.assemble import assemble
 from taichi_plume.simulation import Every, Simulation
 from taichi_plume.validation.experiment import Mean, Told, over_airs
 from taichi_plume.validation.searches import afresh, scenario_of

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from taichi_plume.contest.play import AXIS, Contest
-from taichi_plume.declared import OUTCOMES
 from taichi_plume.files import disk
 from taichi_plume.files.run_folder import RunFolderError
+from taichi_plume.scoring.declarations import OUTCOMES
 from taichi_plume.study import intervals
 from taichi_plume.study.results import Results, open_study
 

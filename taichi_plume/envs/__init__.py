@@ -13,15 +13,11 @@ if TYPE_CHECKING:
 
 MAY_IMPORT: tuple[str, ...] = (
     "agents",
-    "assemble",
-    "exit_codes",
+    "assembly",
     "files",
     "grid",
     "guard",
-    "prepare",
-    "running",
     "scenario",
-    "signals",
     "simulation",
     "solvers",
     "study",

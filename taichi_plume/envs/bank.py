@@ -17,10 +17,10 @@ from typing import Any, cast
 import numpy as np
 import psutil
 
+from taichi_plume.assembly.prepare import checked
 from taichi_plume.envs.task import require_parted
 from taichi_plume.grid.fields import concentration_at, velocity_at
 from taichi_plume.guard.terminal import visible
-from taichi_plume.prepare import checked
 from taichi_plume.scenario.gases import PlaybackGas
 from taichi_plume.scenario.played import PlaybackWind
 from taichi_plume.scenario.scenario import Scenario
@@ -245,7 +245,7 @@ def record(
     tell: called with the number of films that are done and that of all. Raises ScenarioError where something of the
     scenario is wrong, ValueError, in one line, where the bank would not fit into memory, UnstableError.
     """
-    from taichi_plume.assemble import build
+    from taichi_plume.assembly.assemble import build
 
     wanted, frames = airs(scenario), check(scenario)
     sim: Simulation | None = None

@@ -19,13 +19,13 @@ from taichi_plume.agents.placement import place
 from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.trials import Trials
-from taichi_plume.assemble import ways
+from taichi_plume.assembly.assemble import ways
+from taichi_plume.assembly.prepare import prepare
 from taichi_plume.envs.bank import record
 from taichi_plume.envs.rounds import BEGIN, BEGIN_AGAIN, FIRST, INFO, KEEP, REST, STEP, Rounds, Starts
 from taichi_plume.envs.task import require_task
 from taichi_plume.grid.rng import generator
 from taichi_plume.guard.terminal import visible
-from taichi_plume.prepare import prepare
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.robots import Group
 from taichi_plume.scenario.scenario import Scenario

@@ -34,7 +34,7 @@ def open_task(
 
     overrides: such as ``task.airs=8``, of a file. Raises ValueError (ScenarioError), a line for each fault.
     """
-    from taichi_plume.prepare import checked, load
+    from taichi_plume.assembly.prepare import checked, load
 
     if isinstance(overrides, str):
         raise ValueError(f"overrides: got one text; give a list of them, ['{visible(overrides)}']")

@@ -1,11 +1,3 @@
 """The formats that are read and written, one file each."""
 
-MAY_IMPORT: tuple[str, ...] = (
-    "belief_scores",
-    "grid",
-    "guard",
-    "map_scores",
-    "scenario",
-    "scores",
-    "simulation",
-)
+MAY_IMPORT: tuple[str, ...] = ("grid", "guard", "scenario", "scoring", "simulation")

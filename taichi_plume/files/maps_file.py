@@ -33,8 +33,8 @@ from taichi_plume.files.run_folder import RunFolderError
 if TYPE_CHECKING:
     import xarray
 
-    from taichi_plume.belief_scores import GroupBeliefs
-    from taichi_plume.map_scores import MapScores, MapSeries
+    from taichi_plume.scoring.beliefs import GroupBeliefs
+    from taichi_plume.scoring.maps import MapScores, MapSeries
     from taichi_plume.simulation import Simulation
 
 FORMAT = "taichi_plume maps 1"
@@ -81,8 +81,8 @@ class MapsFile:
         if not self.open:
             return
         self.open = False
-        from taichi_plume.belief_scores import beliefs
         from taichi_plume.files import zarr_groups
+        from taichi_plume.scoring.beliefs import beliefs
 
         disk.require_room(self.path)
         part = self.path.with_name(PART)

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from taichi_plume import __version__, scores
-from taichi_plume.belief_scores import BeliefScores
+from taichi_plume import __version__
 from taichi_plume.files.disk import written_whole
-from taichi_plume.map_scores import NAMES, MapScores, MapSeries
+from taichi_plume.scoring import trials as scores
+from taichi_plume.scoring.beliefs import BeliefScores
+from taichi_plume.scoring.maps import NAMES, MapScores, MapSeries
 from taichi_plume.simulation import Simulation
 
 

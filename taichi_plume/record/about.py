@@ -6,12 +6,12 @@ from math import prod
 import rerun as rr
 
 from taichi_plume import __version__
-from taichi_plume.belief_scores import believers
-from taichi_plume.declared import may_declare
 from taichi_plume.record.planes import Plane
 from taichi_plume.record.scales import Quantity
 from taichi_plume.record.scene import Entities
 from taichi_plume.scenario.readable import all_keys
+from taichi_plume.scoring.beliefs import believers
+from taichi_plume.scoring.declarations import may_declare
 from taichi_plume.simulation import Simulation
 
 

@@ -3,10 +3,10 @@
 import numpy as np
 import rerun as rr
 
-from taichi_plume.belief_scores import beliefs
 from taichi_plume.record import drawing
 from taichi_plume.record.stage import Stage, picture_format
 from taichi_plume.record.stream import Stream
+from taichi_plume.scoring.beliefs import beliefs
 from taichi_plume.simulation import Simulation
 
 

@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 import rerun as rr
 
-from taichi_plume.belief_scores import believers
 from taichi_plume.record import drawing
 from taichi_plume.record.drawing import Scale
 from taichi_plume.record.planes import Plane
 from taichi_plume.record.scales import Quantity
 from taichi_plume.record.scene import TEXT, Entities
 from taichi_plume.record.stage import Stage, label, picture, placed
+from taichi_plume.scoring.beliefs import believers
 from taichi_plume.simulation import Simulation
 
 WEIGHTS = Scale(10.0, 1e6, "log")

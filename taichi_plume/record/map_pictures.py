@@ -5,12 +5,12 @@ from collections.abc import Sequence
 import numpy as np
 import rerun as rr
 
-from taichi_plume.map_scores import MapSeries
 from taichi_plume.record import drawing, layout, legends, scene
 from taichi_plume.record.drawing import Scale
 from taichi_plume.record.stage import Stage, picture_format
 from taichi_plume.record.stream import Stream
-from taichi_plume.scores import map_rows
+from taichi_plume.scoring.maps import MapSeries
+from taichi_plume.scoring.trials import map_rows
 from taichi_plume.simulation import Simulation
 
 

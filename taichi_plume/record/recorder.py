@@ -14,7 +14,6 @@ import numpy as np
 import rerun as rr
 
 from taichi_plume import __version__
-from taichi_plume.map_scores import MapScores
 from taichi_plume.record import about, layout, legends, planes, scales, scene
 from taichi_plume.record.belief_pictures import BeliefPictures
 from taichi_plume.record.map_pictures import MapPictures
@@ -23,6 +22,7 @@ from taichi_plume.record.stage import Stage
 from taichi_plume.record.stream import Stream, mend
 from taichi_plume.record.tracks import Event, Tracks, recorded_robots
 from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.scoring.maps import MapScores
 from taichi_plume.simulation import Every, Simulation
 
 SAMPLE_PERIOD = 0.1  # s, robots

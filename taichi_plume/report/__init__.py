@@ -6,13 +6,12 @@ import logging
 logging.getLogger("matplotlib").setLevel(logging.ERROR)
 
 MAY_IMPORT: tuple[str, ...] = (
-    "declared",
+    "assembly",
     "files",
     "grid",
     "guard",
-    "prepare",
     "record",
+    "running",
     "scenario",
-    "signals",
-    "summary",
+    "scoring",
 )

@@ -5,7 +5,6 @@ from math import inf
 from pathlib import Path
 from typing import Any
 
-from taichi_plume import summary
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.files.tables import plain
 from taichi_plume.guard.terminal import visible
@@ -14,6 +13,7 @@ from taichi_plume.report.html import Image, Section, Table
 from taichi_plume.report.maps import maps_of
 from taichi_plume.report.references import papers
 from taichi_plume.report.run import Run
+from taichi_plume.running import summary
 
 NAME = "report.html"
 MOST_FRAMES = 240  # of a recording, that its mean is made of

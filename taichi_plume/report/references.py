@@ -12,7 +12,7 @@ from pathlib import Path
 from taichi_plume import __path__ as package_folders
 from taichi_plume.scenario.scenario import Scenario
 
-TABLES = (("kinds.py", "solvers"), ("agents/search.py", "agents"), ("agents/mapping.py", "agents"))
+TABLES = (("assembly/kinds.py", "solvers"), ("agents/search.py", "agents"), ("agents/mapping.py", "agents"))
 """Files with tables of kinds, and the folders in which the modules are that these name."""
 YEAR = re.compile(r"\b(1[89]|20)\d\d\b")
 ENDS = re.compile(r"(?<!Trans)(?<!al)(?<!eq)\.\s+(?=[A-Z]|[a-z]:)")  # of sentences, not of abbreviations

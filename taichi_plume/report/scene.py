@@ -20,7 +20,7 @@ from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.shapes import shape
 
 if TYPE_CHECKING:
-    from taichi_plume.prepare import Prepared
+    from taichi_plume.assembly.prepare import Prepared
 
 MOST_LABELS = 8  # obstacles, openings and the like of which each gets its name
 WIDE, MOST_TALL, LEFT, RIGHT, BELOW = 7.2, 9.0, 0.55, 0.1, 0.48  # inches of a drawing, and around its axes

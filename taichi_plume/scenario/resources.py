@@ -1,5 +1,5 @@
 # ruff: noqa: D102
-"""What a scenario's files and obstacles are made of, as its checks see it; `taichi_plume.prepare` makes it."""
+"""What a scenario's files and obstacles are made of, as its checks see it; `taichi_plume.assembly.prepare` makes it."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path

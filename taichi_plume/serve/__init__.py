@@ -1,15 +1,3 @@
 """The live service: a scenario in real time, some of whose robots are driven from outside."""
 
-MAY_IMPORT: tuple[str, ...] = (
-    "agents",
-    "exit_codes",
-    "files",
-    "grid",
-    "guard",
-    "own_code",
-    "prepare",
-    "running",
-    "scenario",
-    "signals",
-    "simulation",
-)
+MAY_IMPORT: tuple[str, ...] = ("agents", "files", "grid", "guard", "running", "simulation")

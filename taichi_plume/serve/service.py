@@ -20,11 +20,11 @@ from taichi_plume.agents.external import LOST, ExternalAlgorithm, Orders
 from taichi_plume.files import ros_messages as ros
 from taichi_plume.files.ros_robots import sensor_fields
 from taichi_plume.guard.terminal import say, visible
+from taichi_plume.running.signals import Ears
 from taichi_plume.serve import topics
 from taichi_plume.serve.inbox import Inbox
 from taichi_plume.serve.links import Hear, Link
 from taichi_plume.serve.view import View
-from taichi_plume.signals import Ears
 from taichi_plume.simulation import Every, Simulation
 
 SLIP = 1.0  # s of the clock that are caught up

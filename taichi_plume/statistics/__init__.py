@@ -15,16 +15,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from taichi_plume.statistics.result import Statistics
 
-MAY_IMPORT: tuple[str, ...] = (
-    "agents",
-    "files",
-    "grid",
-    "guard",
-    "report",
-    "run_data",
-    "scenario",
-    "signals",
-)
+MAY_IMPORT: tuple[str, ...] = ("agents", "files", "grid", "guard", "report", "results", "scenario")
 
 
 def of(source: Any, **options: Any) -> "Statistics":

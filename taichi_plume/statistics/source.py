@@ -8,7 +8,7 @@ import numpy as np
 
 from taichi_plume.files.run_folder import RunFolderError, is_run
 from taichi_plume.guard.opening import unopenable
-from taichi_plume.run_data import Run
+from taichi_plume.results.run import Run
 from taichi_plume.scenario.sensors import GasSensor
 from taichi_plume.statistics import noses, spectra
 from taichi_plume.statistics.analysis import OfProbe, Settings, of_probe

@@ -8,23 +8,14 @@ if TYPE_CHECKING:
     from taichi_plume.study.results import Results
 
 MAY_IMPORT: tuple[str, ...] = (
-    "assemble",
-    "declared",
-    "exit_codes",
+    "assembly",
     "files",
     "grid",
     "guard",
-    "map_scores",
-    "outputs",
-    "own_code",
-    "prepare",
     "report",
-    "resources",
-    "run_data",
     "running",
     "scenario",
-    "scores",
-    "signals",
+    "scoring",
     "simulation",
     "solvers",
 )

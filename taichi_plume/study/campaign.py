@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from taichi_plume import __version__
 from taichi_plume.guard.terminal import visible
-from taichi_plume.signals import Ears
+from taichi_plume.running.signals import Ears
 from taichi_plume.study import worker
 from taichi_plume.study.agenda import Agenda, Job
 from taichi_plume.study.cluster import Cluster, ClusterError

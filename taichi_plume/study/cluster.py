@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from taichi_plume import __version__
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
-from taichi_plume.signals import Ears, deaf
+from taichi_plume.running.signals import Ears, deaf
 
 if TYPE_CHECKING:
     from taichi_plume.study.plan import Plan

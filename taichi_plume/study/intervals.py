@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import ndtr, stdtrit
 
-from taichi_plume.scores import mean_with_interval, share_with_interval
+from taichi_plume.scoring.trials import mean_with_interval, share_with_interval
 
 FEWEST = 5  # airs that are resampled
 MANY = 200  # airs, of more of which percentiles are as good, and far quicker

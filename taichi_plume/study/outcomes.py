@@ -4,10 +4,10 @@ import difflib
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from taichi_plume.declared import OF_BELIEFS
 from taichi_plume.files.run_folder import FILES
 from taichi_plume.scenario.changes import steps_of
 from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.scoring.declarations import OF_BELIEFS
 
 PROBES = "probes"
 ANY = None

@@ -7,13 +7,13 @@ from contextlib import suppress
 from typing import Any
 
 from taichi_plume import __version__
+from taichi_plume.assembly.own_code import execute
+from taichi_plume.assembly.prepare import StructureError, checked
 from taichi_plume.files.result import result
-from taichi_plume.map_scores import MapScores
-from taichi_plume.own_code import execute
-from taichi_plume.prepare import StructureError, checked
-from taichi_plume.running import End, explain, whole
+from taichi_plume.running.job import End, explain, whole
 from taichi_plume.scenario.loading import ScenarioError, scenario_of
 from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.scoring.maps import MapScores
 from taichi_plume.study import shared_air
 from taichi_plume.study.failures import forget_failed, leave_failed
 from taichi_plume.study.leaving import run_with_files

@@ -9,8 +9,8 @@ from urllib.parse import quote
 
 from pydantic import TypeAdapter, ValidationError
 
+from taichi_plume.assembly.prepare import expanded
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
-from taichi_plume.prepare import expanded
 from taichi_plume.scenario.input_files import outside
 from taichi_plume.scenario.loading import NEEDS, ScenarioError, explain, read_mapping, scenario_of
 from taichi_plume.scenario.scenario import Scenario

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from taichi_plume.declared import DECLARED, REACHED
+from taichi_plume.scoring.declarations import DECLARED, REACHED
 from taichi_plume.study import columns, intervals
 from taichi_plume.study.table_rows import Planned, Tables
 

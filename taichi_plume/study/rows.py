@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from taichi_plume import scores
 from taichi_plume.grid.geodesic import shortest_ways
+from taichi_plume.scoring import trials as scores
 from taichi_plume.simulation import Simulation
 from taichi_plume.study.messages import Request
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import psutil
 
+from taichi_plume.assembly.prepare import StructureError, checked
 from taichi_plume.files.air_film import AirFilm, NewAirFilm
 from taichi_plume.grid.fields import concentration_at
-from taichi_plume.prepare import StructureError, checked
-from taichi_plume.running import explain
+from taichi_plume.running.job import explain
 from taichi_plume.scenario.loading import ScenarioError, scenario_of
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.simulation import Every, Simulation

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.guard.terminal import say, visible
+from taichi_plume.running.signals import Ears, deaf, listening, reader_may_leave
 from taichi_plume.scenario.loading import ScenarioError
-from taichi_plume.signals import Ears, deaf, listening, reader_may_leave
 from taichi_plume.study import figures
 from taichi_plume.study.store import DONE, Store, StoreError
 

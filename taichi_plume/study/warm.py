@@ -14,9 +14,9 @@ import psutil
 import taichi as ti
 from taichi.lang import impl
 
-from taichi_plume.assemble import build
+from taichi_plume.assembly.assemble import build
+from taichi_plume.assembly.prepare import Prepared
 from taichi_plume.grid import kernels
-from taichi_plume.prepare import Prepared
 from taichi_plume.simulation import Simulation
 from taichi_plume.solvers.filmed import Reel
 

@@ -9,7 +9,7 @@ import taichi as ti
 
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.clearance import ClearanceMap
-from taichi_plume.running import whole
+from taichi_plume.running.job import whole
 from taichi_plume.scenario.algorithms import Casting
 from taichi_plume.scenario.robots import Group
 from taichi_plume.scenario.starts import StartAt

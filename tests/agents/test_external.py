@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from taichi_plume.agents.external import DRIVEN, LOST, Orders
-from taichi_plume.assemble import assemble
-from taichi_plume.prepare import checked
+from taichi_plume.assembly.assemble import assemble
+from taichi_plume.assembly.prepare import checked
 from taichi_plume.scenario.loading import ScenarioError, scenario_from
 
 pytestmark = pytest.mark.usefixtures("taichi")

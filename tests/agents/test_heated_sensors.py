@@ -10,7 +10,7 @@ from test_sensors import Air, Floor
 
 from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import Swarm
-from taichi_plume.prepare import load
+from taichi_plume.assembly.prepare import load
 from taichi_plume.scenario.algorithms import Casting
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.robots import Group

@@ -11,9 +11,9 @@ from test_sensors import Air, Floor
 from taichi_plume.agents.line_sensors import Surroundings
 from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import Swarm
-from taichi_plume.assemble import assemble
+from taichi_plume.assembly.assemble import assemble
+from taichi_plume.assembly.prepare import load
 from taichi_plume.grid.fields import ppm_at
-from taichi_plume.prepare import load
 from taichi_plume.scenario.algorithms import Casting
 from taichi_plume.scenario.loading import scenario_from
 from taichi_plume.scenario.robots import Group

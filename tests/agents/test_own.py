@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from taichi_plume import outputs, run
-from taichi_plume.assemble import assemble
-from taichi_plume.prepare import load_scenario
+from taichi_plume.assembly.assemble import assemble
+from taichi_plume.assembly.prepare import load_scenario
+from taichi_plume.cli import run
+from taichi_plume.running import outputs
 from taichi_plume.scenario.loading import ScenarioError
 
 pytestmark = pytest.mark.usefixtures("taichi")

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taichi_plume.assemble import assemble
+from taichi_plume.assembly.assemble import assemble
 from taichi_plume.files.own_class import OwnAlgorithmError
 from taichi_plume.grid import kernels
 from taichi_plume.grid.state import State

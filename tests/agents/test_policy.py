@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taichi_plume import run
-from taichi_plume.assemble import assemble
+from taichi_plume.assembly.assemble import assemble
+from taichi_plume.assembly.prepare import checked, load
+from taichi_plume.cli import run
 from taichi_plume.files.own_class import OwnAlgorithmError
 from taichi_plume.grid.state import State
-from taichi_plume.prepare import checked, load
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.scenario import Scenario
 

@@ -6,13 +6,13 @@ import pyarrow.parquet as pq
 import pytest
 from recorded_bag import POSE, gas, pose, write
 
-from taichi_plume.assemble import assemble
+from taichi_plume.assembly.assemble import assemble
+from taichi_plume.assembly.prepare import checked
 from taichi_plume.files.bag_ways import WayError, read
 from taichi_plume.files.result import _beside_recorded
 from taichi_plume.grid.state import State
-from taichi_plume.prepare import checked
+from taichi_plume.running.summary import _recorded_line
 from taichi_plume.scenario.loading import ScenarioError, scenario_from
-from taichi_plume.summary import _recorded_line
 
 pytestmark = pytest.mark.usefixtures("taichi")
 TIMES = np.arange(100.0, 104.01, 0.25)

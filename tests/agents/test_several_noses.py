@@ -7,11 +7,12 @@ import pytest
 import taichi as ti
 from test_sensors import Air, Floor
 
-from taichi_plume import open_run, run
+from taichi_plume import open_run
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.observation import Observation
 from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import Swarm
+from taichi_plume.cli import run
 from taichi_plume.grid.state import State
 from taichi_plume.scenario.algorithms import Casting
 from taichi_plume.scenario.loading import ScenarioError, scenario_from
@@ -253,7 +254,7 @@ def test_faults_of_a_list_tell_its_place(sensors, told):
     ],
 )
 def test_what_does_not_fit_is_told(tmp_path, gas, keys, told):
-    from taichi_plume.prepare import load
+    from taichi_plume.assembly.prepare import load
 
     (tmp_path / "s.yaml").write_text(json.dumps(room(gas, **keys)))
     with pytest.raises(ScenarioError) as error:

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from taichi_plume.assemble import assemble
-from taichi_plume.map_scores import NAMES, MapScores
-from taichi_plume.prepare import load_scenario
+from taichi_plume.assembly.assemble import assemble
+from taichi_plume.assembly.prepare import load_scenario
 from taichi_plume.scenario.loading import ScenarioError
+from taichi_plume.scoring.maps import NAMES, MapScores
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

@@ -3,7 +3,7 @@
 import pandas as pd
 import pytest
 
-from taichi_plume.contest.__main__ import main
+from taichi_plume.cli.contest import main
 from taichi_plume.contest.standings import MEASURES
 from taichi_plume.study import intervals
 from taichi_plume.study import open as open_study

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from taichi_plume.assembly.prepare import prepare
 from taichi_plume.contest import plume
 from taichi_plume.contest.entrants import (
     FILES,
@@ -20,7 +21,6 @@ from taichi_plume.contest.entrants import (
 )
 from taichi_plume.contest.fixed import FOLDER, NAMES, fixed
 from taichi_plume.contest.play import Contest, plans
-from taichi_plume.prepare import prepare
 from taichi_plume.scenario.changes import changed
 from taichi_plume.scenario.loading import ScenarioError, scenario_from
 

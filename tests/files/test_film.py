@@ -10,10 +10,10 @@ import pytest
 import xarray
 import zarr
 
+from taichi_plume.assembly.prepare import load_scenario
 from taichi_plume.files import manifest
 from taichi_plume.files.film import Film, FilmError, dimensions
 from taichi_plume.files.new_film import NewFilm, complete
-from taichi_plume.prepare import load_scenario
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.species import SPECIES
 

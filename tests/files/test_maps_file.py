@@ -14,8 +14,8 @@ import xarray
 
 from taichi_plume.files import maps_file, zarr_groups
 from taichi_plume.files.run_folder import RunFolderError
-from taichi_plume.map_scores import MapScores
 from taichi_plume.report.maps import maps_of
+from taichi_plume.scoring.maps import MapScores
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from foam_case import Cell, Writer, box, decomposed, prism
 
-from taichi_plume.assemble import assemble
+from taichi_plume.assembly.assemble import assemble
+from taichi_plume.assembly.prepare import load_scenario
 from taichi_plume.files import openfoam
 from taichi_plume.files.openfoam import is_case, is_time, read, times
 from taichi_plume.files.wind_points import WindFileError
-from taichi_plume.prepare import load_scenario
 
 KINDS = [{}, {"binary": True}, {"packed": True}, {"binary": True, "packed": True}]
 SHEAR = np.array([[2.0, 0.4, 0.1], [0.0, 1.5, 0.3], [0.0, 0.0, 1.0]])

@@ -29,7 +29,7 @@ from taichi_plume.files.zarr_groups import (
     require_memory,
     stored_chunks,
 )
-from taichi_plume.run_data import open_run
+from taichi_plume.results.run import open_run
 from taichi_plume.scenario.movie import MovieGas
 
 FORMATS = {

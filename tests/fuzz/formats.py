@@ -212,8 +212,8 @@ def _readings(folder: Path, kind: Format) -> tuple[Callable[[], Any], tuple]:
 
 def _run(folder: Path, kind: Format) -> tuple[Callable[[], Any], tuple]:
     from taichi_plume import open_run
-    from taichi_plume.export import frames
     from taichi_plume.files.run_folder import RunFolderError
+    from taichi_plume.results.export import frames
 
     def values() -> Any:
         part = getattr(open_run(folder), kind.part)
@@ -230,10 +230,10 @@ def _run(folder: Path, kind: Format) -> tuple[Callable[[], Any], tuple]:
 
 
 def _scenario(folder: Path, kind: Format) -> tuple[Callable[[], Any], tuple]:
+    from taichi_plume.assembly.prepare import load
     from taichi_plume.files.film import FilmError
     from taichi_plume.files.wind_points import WindFileError
     from taichi_plume.grid.floor_plans import FloorPlan
-    from taichi_plume.prepare import load
     from taichi_plume.scenario.loading import ScenarioError
 
     def values() -> Any:

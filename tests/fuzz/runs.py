@@ -26,8 +26,8 @@ class Runner:
 
     def __call__(self, job: tuple[str, str]) -> Outcome:
         """The outcome; `place` says how it was run where it is accepted."""
+        from taichi_plume.assembly.prepare import load
         from taichi_plume.files.own_class import OwnAlgorithmError
-        from taichi_plume.prepare import load
         from taichi_plume.scenario.loading import ScenarioError
         from taichi_plume.simulation import UnstableError
 
@@ -43,7 +43,7 @@ class Runner:
         return outcome
 
     def _run(self, name: str, prepared: Any) -> Outcome:
-        from taichi_plume.prepare import load
+        from taichi_plume.assembly.prepare import load
         from taichi_plume.scenario.reset import differences
 
         scenario = prepared.scenario
@@ -62,9 +62,9 @@ class Runner:
 
     @staticmethod
     def _built(prepared: Any) -> Any:
-        from taichi_plume.assemble import build
+        from taichi_plume.assembly.assemble import build
+        from taichi_plume.assembly.own_code import execute
         from taichi_plume.grid import kernels
-        from taichi_plume.own_code import execute
 
         execute(prepared, allow=True)
         kernels.start("cpu")
@@ -74,7 +74,7 @@ class Runner:
     def _second(sim: Any, how: str) -> Outcome:
         """Go on for a second, and for one of the robots where the warm-up is as short; then look at the result."""
         from taichi_plume.files.result import result
-        from taichi_plume.map_scores import MapScores
+        from taichi_plume.scoring.maps import MapScores
 
         scores = MapScores(sim)
         sim.observers.append(scores.observer())

@@ -13,7 +13,7 @@ from taichi_plume.grid.transfer import uploader
 USES = """
 import sys
 import taichi as ti
-from taichi_plume.assemble import assemble
+from taichi_plume.assembly.assemble import assemble
 from taichi_plume.grid.engine import EngineError
 from taichi_plume.grid.kernels import start
 from taichi_plume.scenario.loading import scenario_from

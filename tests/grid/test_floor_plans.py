@@ -10,14 +10,14 @@ import pytest
 from PIL import Image
 from scipy import ndimage
 
-from taichi_plume.assemble import assemble
+from taichi_plume.assembly.assemble import assemble
+from taichi_plume.assembly.prepare import load, load_scenario
 from taichi_plume.grid import floor_plans
 from taichi_plume.grid.cut_cells import Air, air_of, sealed
 from taichi_plume.grid.floor_plans import FloorPlan
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.level_set import signed_distance
 from taichi_plume.grid.map_files import FREE, OCCUPIED, UNKNOWN, MapError, image_of, read_map
-from taichi_plume.prepare import load, load_scenario
 from taichi_plume.scenario.input_files import files_of
 from taichi_plume.scenario.loading import ScenarioError
 

@@ -5,9 +5,10 @@ from math import exp, sqrt
 import numpy as np
 import pytest
 
-from taichi_plume import run, statistics
+from taichi_plume import statistics
+from taichi_plume.cli import run
+from taichi_plume.cli.statistics import main
 from taichi_plume.scenario.species import SPECIES
-from taichi_plume.statistics.__main__ import main
 from taichi_plume.validation.whiffs import Meander
 
 pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]

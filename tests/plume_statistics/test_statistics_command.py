@@ -12,11 +12,12 @@ import pyarrow.parquet as pq
 import pytest
 import xarray
 
-from taichi_plume import open_run, run, statistics
+from taichi_plume import open_run, statistics
+from taichi_plume.cli import run
+from taichi_plume.cli.statistics import main
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.scenario.metal_oxides import MOX_MODELS
 from taichi_plume.statistics import records
-from taichi_plume.statistics.__main__ import main
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -294,7 +295,7 @@ def test_a_run_that_was_killed_and_repaired_is_used_and_told(folder, tmp_path):
 
 def test_bad_input_is_told_before_taichi_is_imported(tmp_path):
     code = (
-        "import sys; from taichi_plume.statistics.__main__ import main; code = main([sys.argv[1]]); "
+        "import sys; from taichi_plume.cli.statistics import main; code = main([sys.argv[1]]); "
         "assert not {'taichi', 'matplotlib', 'scipy.stats'} & sys.modules.keys(); sys.exit(code)"
     )
     made = subprocess.run([sys.executable, "-c", code, str(tmp_path)], capture_output=True, text=True)

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from taichi_plume import run
+from taichi_plume.cli import run
 from taichi_plume.record.reading import pictures
 
 CONFIG = Path(__file__).parents[2] / "configs/gaussian.yaml"

@@ -11,7 +11,7 @@ import psutil
 import pytest
 import rerun as rr
 
-from taichi_plume import run
+from taichi_plume.cli import run
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.record import live
 from taichi_plume.record.recorder import Recorder

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import rerun as rr
 
-from taichi_plume.assemble import assemble
+from taichi_plume.assembly.assemble import assemble
 from taichi_plume.grid.fields import Gas, Mixture
 from taichi_plume.record import drawing
 from taichi_plume.record.recorder import Recorder

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from taichi_plume import picture, run
+from taichi_plume.cli import picture, run
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.report.film_pictures import arrows_of_film, of_film
 from taichi_plume.report.run import Run

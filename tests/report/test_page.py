@@ -10,9 +10,9 @@ import pyarrow.parquet as pq
 import pytest
 from PIL import Image
 
+from taichi_plume.cli.report import main
 from taichi_plume.files.result import write_result
 from taichi_plume.report import figures, look, references
-from taichi_plume.report.__main__ import main
 from taichi_plume.report.maps import MapAtEnd
 from taichi_plume.report.page import NAME
 from taichi_plume.report.run import Run

@@ -7,7 +7,7 @@ import pytest
 from matplotlib.colors import to_rgb
 from PIL import Image
 
-from taichi_plume.prepare import checked
+from taichi_plume.assembly.prepare import checked
 from taichi_plume.report import look, scene
 
 SPHERE = {"kind": "sphere", "center": [1.0, 0.5, 0.7], "radius": 0.2}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from test_meshes import box_triangles, write_stl
 
-from taichi_plume.prepare import load_scenario
+from taichi_plume.assembly.prepare import load_scenario
 from taichi_plume.scenario import size as checks_size
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.size import estimate

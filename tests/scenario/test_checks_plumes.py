@@ -1,6 +1,6 @@
 import pytest
 
-from taichi_plume.prepare import load_scenario
+from taichi_plume.assembly.prepare import load_scenario
 from taichi_plume.scenario.loading import ScenarioError
 
 SOURCE = "sources: [{position: [1, 1.5, 0.1], rate: 1e-5}]"

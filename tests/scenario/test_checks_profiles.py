@@ -2,7 +2,7 @@
 
 import pytest
 
-from taichi_plume.prepare import load_scenario
+from taichi_plume.assembly.prepare import load_scenario
 from taichi_plume.scenario.loading import ScenarioError
 
 SCENARIO = """

@@ -5,8 +5,8 @@ import pytest
 import yaml
 from PIL import Image
 
-from taichi_plume.assemble import _box
-from taichi_plume.prepare import load
+from taichi_plume.assembly.assemble import _box
+from taichi_plume.assembly.prepare import load
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.solvers.patches import patch_of
 

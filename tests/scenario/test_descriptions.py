@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from taichi_plume.scenario import __main__ as command
+from taichi_plume.cli import scenario as command
 from taichi_plume.scenario.facts import facts, first_sentence
 from taichi_plume.scenario.keys import all_keys, flat, look_up, near, places
 from taichi_plume.scenario.maps import KernelMap

@@ -1,9 +1,9 @@
 import pytest
 import yaml
 
+from taichi_plume.assembly.prepare import load_scenario
 from taichi_plume.files.run_folder import to_yaml
 from taichi_plume.guard import yaml_text
-from taichi_plume.prepare import load_scenario
 from taichi_plume.scenario.loading import MOST_LINES, ScenarioError, scenario_from
 from taichi_plume.scenario.obstacles import Box
 from taichi_plume.scenario.openings import Fan

@@ -2,7 +2,7 @@
 
 import pytest
 
-from taichi_plume.prepare import load
+from taichi_plume.assembly.prepare import load
 from taichi_plume.scenario.pointing import numbered
 
 TEXT = """\

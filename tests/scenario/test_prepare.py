@@ -9,9 +9,9 @@ import pytest
 import yaml
 from test_meshes import box_triangles, write_stl
 
-from taichi_plume import prepare
+from taichi_plume.assembly import prepare
+from taichi_plume.assembly.prepare import checked, load, load_scenario
 from taichi_plume.files import own_class, plumesim_log
-from taichi_plume.prepare import checked, load, load_scenario
 from taichi_plume.scenario import shapes
 from taichi_plume.scenario.loading import ScenarioError, read_scenario
 
@@ -201,7 +201,7 @@ def test_values_of_python_are_taken_as_those_of_yaml(tmp_path):
 
 
 def test_assemble_makes_the_checks_of_the_command():
-    from taichi_plume.assemble import assemble
+    from taichi_plume.assembly.assemble import assemble
 
     room = load_scenario(ROOM)
     source = room.gas.sources[0].model_copy(update={"position": (5.0, 1.0)})

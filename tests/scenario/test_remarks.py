@@ -5,8 +5,8 @@ import pytest
 from test_checks import FLOOR, ROOM, told
 from test_meshes import box_triangles, write_stl
 
-from taichi_plume import run
-from taichi_plume.prepare import load
+from taichi_plume.assembly.prepare import load
+from taichi_plume.cli import run
 
 
 def remarks(tmp_path, text, *overrides):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from test_remarks import remarks
 
-from taichi_plume.prepare import load
+from taichi_plume.assembly.prepare import load
 from taichi_plume.scenario.context import Context
 from taichi_plume.scenario.unlikely import course, peak
 

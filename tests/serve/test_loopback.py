@@ -16,9 +16,9 @@ import yaml
 pytest.importorskip("zenoh")
 pytest.importorskip("websockets")
 
+from taichi_plume.cli.serve import main
 from taichi_plume.client import Team
 from taichi_plume.files import ros_messages as ros
-from taichi_plume.serve.__main__ import main
 from taichi_plume.serve.address import TOKEN
 
 pytestmark = pytest.mark.slow

@@ -5,13 +5,13 @@ from math import inf
 import numpy as np
 import pytest
 
-from taichi_plume.assemble import assemble
+from taichi_plume.assembly.assemble import assemble
 from taichi_plume.files import ros_messages as ros
 from taichi_plume.files.ros_shapes import points_of
 from taichi_plume.grid.fields import ppm_at
+from taichi_plume.running.signals import Ears
 from taichi_plume.scenario.loading import scenario_from
 from taichi_plume.serve.service import Pace, Service
-from taichi_plume.signals import Ears
 
 pytest.importorskip("rosbags")
 pytestmark = pytest.mark.usefixtures("taichi")

@@ -13,8 +13,8 @@ pytest.importorskip("websockets")
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
+from taichi_plume.cli.serve import main
 from taichi_plume.serve import websocket_link
-from taichi_plume.serve.__main__ import main
 from taichi_plume.serve.address import origin
 from taichi_plume.serve.links import LinkError
 from taichi_plume.serve.websocket_link import WebSocketLink
@@ -167,7 +167,7 @@ def test_origins_are_read_as_browsers_send_them():
 
 
 def test_a_missing_package_is_named_alone(monkeypatch, capsys):
-    monkeypatch.setattr("taichi_plume.serve.__main__.NEEDED", {"no_such_package": "no-such-package"})
+    monkeypatch.setattr("taichi_plume.cli.serve.NEEDED", {"no_such_package": "no-such-package"})
     assert main(["live.yaml"]) == 2
     said = capsys.readouterr().err
     assert said == "needs no-such-package: pip install 'taichi_plume[ros]'\n"

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 import yaml
 
+from taichi_plume.assembly.prepare import checked, load_scenario
 from taichi_plume.grid.grid import Grid
-from taichi_plume.prepare import checked, load_scenario
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.sources import Dish, Source

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from taichi_plume.assemble import assemble
+from taichi_plume.assembly.assemble import assemble
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import compiled

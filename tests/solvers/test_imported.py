@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from begun import assert_begins_anew
 
-from taichi_plume import run
-from taichi_plume.assemble import assemble
+from taichi_plume.assembly.assemble import assemble
+from taichi_plume.assembly.prepare import load_scenario
+from taichi_plume.cli import run
 from taichi_plume.files.site import Site
 from taichi_plume.grid.cut_cells import air_of
 from taichi_plume.grid.fields import velocity_at
 from taichi_plume.grid.grid import Grid
-from taichi_plume.prepare import load_scenario
 from taichi_plume.scenario.imported_wind import ImportedWind
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.simulation import Simulation

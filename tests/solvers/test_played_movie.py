@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from taichi_plume.assemble import assemble
+from taichi_plume.assembly.assemble import assemble
+from taichi_plume.assembly.prepare import ScenarioError, load
 from taichi_plume.grid.fields import ppm_at
-from taichi_plume.prepare import ScenarioError, load
 from taichi_plume.solvers.movie import means
 
 pytestmark = pytest.mark.usefixtures("taichi")

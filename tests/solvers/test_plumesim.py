@@ -8,11 +8,11 @@ import pytest
 from begun import Kept, assert_begins_anew
 from scipy.spatial import cKDTree  # type: ignore[attr-defined]
 
-from taichi_plume.assemble import assemble
+from taichi_plume.assembly.assemble import assemble
+from taichi_plume.assembly.prepare import load_scenario
 from taichi_plume.files.point_frames import PointFrames
 from taichi_plume.files.run_folder import to_yaml
 from taichi_plume.grid.fields import concentration_at, ppm_at, velocity_at
-from taichi_plume.prepare import load_scenario
 from taichi_plume.scenario.played import PlumeSimWind
 from taichi_plume.scenario.plumesim import PlumeSimGas, PlumeSimMeander, PlumeSimPuff
 from taichi_plume.scenario.scenario import Scenario

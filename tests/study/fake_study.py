@@ -14,7 +14,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from taichi_plume import study
-from taichi_plume.signals import leave
+from taichi_plume.running.signals import leave
 from taichi_plume.study.campaign import Labour
 from taichi_plume.study.cluster import _quiet
 from taichi_plume.study.messages import Axis, Request

@@ -507,7 +507,7 @@ NOWHERE = (
 CONNECT = """
 import sys
 from pathlib import Path
-from taichi_plume.signals import Ears
+from taichi_plume.running.signals import Ears
 from taichi_plume.study.cluster import ClusterError, remote
 for address in sys.argv[2:]:
     try:

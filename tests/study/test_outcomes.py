@@ -6,11 +6,11 @@ import fake_run
 import pytest
 
 from taichi_plume.files import result
-from taichi_plume.map_scores import MapScores
 from taichi_plume.scenario.belief_algorithms import Infotaxis
 from taichi_plume.scenario.motion import Motion
 from taichi_plume.scenario.obstacles import Cylinder
 from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.scoring.maps import MapScores
 from taichi_plume.study.outcomes import Wanted
 
 pytestmark = pytest.mark.usefixtures("taichi")

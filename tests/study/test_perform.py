@@ -13,8 +13,8 @@ import pytest
 import tasks
 from rooms import ROOM, UNIFORM, changed
 
-from taichi_plume import run
-from taichi_plume.run_data import open_run
+from taichi_plume.cli import run
+from taichi_plume.results.run import open_run
 from taichi_plume.study.campaign import Labour
 from taichi_plume.study.perform import perform
 from taichi_plume.study.rows import found

@@ -8,7 +8,7 @@ import tasks
 from rooms import ROOM, UNIFORM, changed
 
 from taichi_plume.files.air_film import AirFilm, AirFilmError, NewAirFilm
-from taichi_plume.run_data import open_run
+from taichi_plume.results.run import open_run
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.study.perform import perform
 from taichi_plume.study.shared_air import solve_air

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from taichi_plume.prepare import checked
+from taichi_plume.assembly.prepare import checked
 from taichi_plume.scenario.loading import ScenarioError, read_scenario
 from taichi_plume.study.checking import Checks
 from taichi_plume.study.ids import Digests

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from taichi_plume.cli.study import main
 from taichi_plume.guard.terminal import say
-from taichi_plume.study.__main__ import main
 
 SCENARIO = """
 duration: 1
@@ -112,7 +112,7 @@ def test_a_dashboard_needs_bokeh(case, capsys):
 def test_bad_input_is_told_before_anything_heavy_is_imported(case):
     (case / "study.yaml").write_text(STUDY.replace("threshold_ppm", "treshold"))
     code = (
-        "import sys; from taichi_plume.study.__main__ import main; code = main(['study.yaml']); "
+        "import sys; from taichi_plume.cli.study import main; code = main(['study.yaml']); "
         "sys.exit(code + 10 * bool({'taichi', 'dask', 'distributed', 'matplotlib', 'zarr'} & sys.modules.keys()))"
     )
     path = os.pathsep.join([str(Path(say.__code__.co_filename).parents[2])])

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import small_study
 
+from taichi_plume.cli.study import main
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.study import costs, page, tables
-from taichi_plume.study.__main__ import main
 from taichi_plume.study.messages import Axis
 from taichi_plume.study.plan import load_plan
 from taichi_plume.study.table_rows import planned

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 from rooms import UNIFORM, changed
 
+from taichi_plume.assembly.prepare import Prepared, checked
 from taichi_plume.grid import kernels
-from taichi_plume.prepare import Prepared, checked
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.study import warm
 from taichi_plume.study.warm import Warm
@@ -61,7 +61,7 @@ def test_one_thread_gives_what_many_give(prepared):
         sim.run()
         return sim.swarm.snapshot()["path_length"].tolist()
 
-    from taichi_plume.assemble import build
+    from taichi_plume.assembly.assemble import build
 
     one = path()
     kernels.start(threads=2)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taichi_plume.assemble import assemble
+from taichi_plume.assembly.assemble import assemble
 from taichi_plume.validation import helium_box as case
 from taichi_plume.validation.searches import scenario_of
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from taichi_plume import load_scenario
-from taichi_plume.assemble import assemble
+from taichi_plume.assembly.assemble import assemble
 from taichi_plume.validation import spiral_cases, spiral_room
 from taichi_plume.validation.experiment import Range
 from taichi_plume.validation.searches import scenario_of

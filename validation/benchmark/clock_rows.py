@@ -35,7 +35,7 @@ def scenario(checkout: Path, arch: str, config: str, span: tuple[float, float], 
     """Run the command on a scenario, and time a span of it with all that it calls: recording, tables, maps."""
     import taichi as ti
 
-    from taichi_plume import run
+    from taichi_plume.cli import run
     from taichi_plume.simulation import Every, Simulation
 
     notes: list[tuple[float, int, float, float]] = []

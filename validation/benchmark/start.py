@@ -45,7 +45,7 @@ def first_tick(config: Path, arch: str = "cpu") -> int:
     from taichi.lang import impl
 
     from taichi_plume import load_scenario
-    from taichi_plume.assemble import assemble
+    from taichi_plume.assembly.assemble import assemble
 
     try:
         from taichi_plume.grid import kernels

@@ -23,8 +23,8 @@ from typing import Any
 import psutil
 
 from taichi_plume import __version__
+from taichi_plume.assembly.prepare import load_scenario
 from taichi_plume.guard.terminal import Parser, say
-from taichi_plume.prepare import load_scenario
 from taichi_plume.study.messages import Options, Record, Request, Task
 from taichi_plume.study.perform import perform
 from taichi_plume.study.shared_air import solve_air

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from taichi_plume.assemble import assemble
+from taichi_plume.assembly.assemble import assemble
 from taichi_plume.files.filming import Filming
 from taichi_plume.grid import kernels
 from taichi_plume.validation.searches import outcomes, scenario_of

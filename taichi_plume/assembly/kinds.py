@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from taichi_plume.assembly.resources import Resources
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Gas, Wind
 from taichi_plume.grid.grid import Grid
-from taichi_plume.resources import Resources
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.scenario import Scenario
 

@@ -11,16 +11,16 @@ from typing import Any, NamedTuple, Protocol
 
 from rich.console import Console
 
-from taichi_plume import summary
+from taichi_plume.assembly.prepare import Prepared
 from taichi_plume.files import checkpoint, manifest, result, run_folder
 from taichi_plume.files.own_class import OwnAlgorithmError
 from taichi_plume.files.run_folder import RunFolder, RunFolderError
 from taichi_plume.grid import kernels
 from taichi_plume.guard.terminal import say, terminal, visible
-from taichi_plume.outputs import About, Outputs
-from taichi_plume.prepare import Prepared
+from taichi_plume.running import summary
+from taichi_plume.running.outputs import About, Outputs
+from taichi_plume.running.signals import Ears, deaf, listening, reader_may_leave
 from taichi_plume.scenario.loading import ScenarioError
-from taichi_plume.signals import Ears, deaf, listening, reader_may_leave
 from taichi_plume.simulation import Simulation, UnstableError
 
 FULL = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT)
@@ -112,7 +112,7 @@ def simulate(job: Job, quiet: bool = False, debug: bool = False) -> int:
 
 
 def _build(job: Job) -> Simulation:
-    from taichi_plume.assemble import build
+    from taichi_plume.assembly.assemble import build
 
     sim = build(job.prepared, driven=job.service is not None)
     if job.service is not None:
@@ -168,7 +168,7 @@ def _run(job: Job, sim: Simulation, ears: Ears, console: Console | None, debug: 
     try:
         with ExitStack() as stack:
             if console is not None and console.is_terminal:
-                from taichi_plume.progress import ProgressBar
+                from taichi_plume.running.progress import ProgressBar
 
                 bar = stack.enter_context(ProgressBar(sim, console))
                 sim.observers.append(bar.observer())

@@ -10,16 +10,16 @@ from typing import Any, NamedTuple, Protocol
 
 from taichi_plume import __version__
 from taichi_plume.agents.own import OwnAlgorithm
-from taichi_plume.belief_scores import BeliefScores
 from taichi_plume.files import checkpoint, disk, forces_table, manifest, maps_file, result, robots_table
 from taichi_plume.files.own_class import OwnAlgorithmError
 from taichi_plume.files.run_folder import LISTED, RunFolderError
 from taichi_plume.grid.state import State
 from taichi_plume.guard.terminal import say, visible
-from taichi_plume.map_scores import MapScores
+from taichi_plume.running.signals import Ears
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.outputs import Checkpoint
-from taichi_plume.signals import Ears
+from taichi_plume.scoring.beliefs import BeliefScores
+from taichi_plume.scoring.maps import MapScores
 from taichi_plume.simulation import Every, EveryStep, Simulation
 
 KEPT = 10.0  # s of the clock, after which what was computed comes to the disk

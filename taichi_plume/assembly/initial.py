@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from taichi_plume.resources import Resources
+from taichi_plume.assembly.resources import Resources
 from taichi_plume.scenario.gases import EulerianGas
 from taichi_plume.scenario.initial import NO_UNITS, FilmedInitial, Initial, Units, units_of
 from taichi_plume.scenario.loading import ScenarioError

@@ -12,10 +12,10 @@ from typing import Any
 
 import yaml
 
+from taichi_plume.assembly.prepare import Prepared
 from taichi_plume.files.disk import written_whole
 from taichi_plume.files.run_folder import CHECK
 from taichi_plume.guard.terminal import say, visible
-from taichi_plume.prepare import Prepared
 from taichi_plume.scenario.derived import derived
 from taichi_plume.scenario.facts import facts
 from taichi_plume.scenario.readable import all_keys, own_keys

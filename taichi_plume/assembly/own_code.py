@@ -3,9 +3,9 @@
 import sys
 from collections.abc import Collection
 
+from taichi_plume.assembly.prepare import Prepared
 from taichi_plume.files.own_class import OwnAlgorithmError
 from taichi_plume.guard.terminal import say, visible
-from taichi_plume.prepare import Prepared
 from taichi_plume.scenario.loading import ScenarioError
 
 DIGITS = 16  # of a SHA-256 that are shown

@@ -15,6 +15,11 @@ from taichi_plume.agents.placement import Placed, place, placed
 from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.team import teams
+from taichi_plume.assembly.initial import begin_fields
+from taichi_plume.assembly.kinds import GASES, WINDS, Context
+from taichi_plume.assembly.own_code import execute
+from taichi_plume.assembly.prepare import Prepared, again, checked
+from taichi_plume.assembly.resources import Resources
 from taichi_plume.files.bag_ways import Way
 from taichi_plume.files.gaden import Cubes
 from taichi_plume.files.network import Network, NetworkError
@@ -28,11 +33,6 @@ from taichi_plume.grid.layers import Layers
 from taichi_plume.grid.level_set import LevelSet
 from taichi_plume.grid.rng import generator
 from taichi_plume.grid.state import State
-from taichi_plume.initial import begin_fields
-from taichi_plume.kinds import GASES, WINDS, Context
-from taichi_plume.own_code import execute
-from taichi_plume.prepare import Prepared, again, checked
-from taichi_plume.resources import Resources
 from taichi_plume.scenario.algorithms import Own
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.obstacles import Obstacle

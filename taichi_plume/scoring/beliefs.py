@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from taichi_plume import scores
 from taichi_plume.agents.beliefs import Believer
-from taichi_plume.declared import OF_BELIEFS
 from taichi_plume.grid.series import Series
+from taichi_plume.scoring import trials as scores
+from taichi_plume.scoring.declarations import OF_BELIEFS
 from taichi_plume.simulation import Every, Simulation
 
 

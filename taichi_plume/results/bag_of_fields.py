@@ -10,7 +10,7 @@ from taichi_plume.files import ros_messages as ros
 from taichi_plume.files.ros_robots import MAP
 from taichi_plume.files.ros_shapes import cloud, grid
 from taichi_plume.guard.terminal import say, visible
-from taichi_plume.run_data import Run
+from taichi_plume.results.run import Run
 
 if TYPE_CHECKING:
     import xarray
@@ -50,7 +50,7 @@ def floor(run: Run, allow_outside: bool) -> Any:
 
 def clouds(run: Run, name: str, most: int, least: float) -> Iterator[Said]:
     """A gas, frame by frame, as the points of at most so many cells or, where there are more, of blocks of them."""
-    from taichi_plume.export import frames
+    from taichi_plume.results.export import frames
 
     data = run.fields
     axes = [str(one) for one in data[name].dims if one != "time"]

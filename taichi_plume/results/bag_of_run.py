@@ -23,7 +23,6 @@ from typing import Any
 import numpy as np
 
 from taichi_plume import __version__
-from taichi_plume.bag_of_fields import Said, clouds, floor, maps_at_end, maps_of, species
 from taichi_plume.files import ros_messages as ros
 from taichi_plume.files.bag_writer import BagWriter, NoBagError, new_bag
 from taichi_plume.files.ros_robots import (
@@ -39,7 +38,8 @@ from taichi_plume.files.ros_robots import (
 )
 from taichi_plume.files.ros_shapes import GRID, POINTS
 from taichi_plume.files.run_folder import RunFolderError
-from taichi_plume.run_data import Run
+from taichi_plume.results.bag_of_fields import Said, clouds, floor, maps_at_end, maps_of, species
+from taichi_plume.results.run import Run
 from taichi_plume.scenario.gas_sensors import GasSensor
 from taichi_plume.scenario.metal_oxides import MOX_MODELS, MoxSensor
 from taichi_plume.scenario.robots import Group

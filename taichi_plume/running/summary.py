@@ -6,9 +6,9 @@ from pathlib import Path
 from statistics import mean
 from typing import Any
 
-from taichi_plume.declared import has_declared
 from taichi_plume.files.run_folder import FILES
 from taichi_plume.guard.terminal import show, visible
+from taichi_plume.scoring.declarations import has_declared
 
 MEAN = ("error_ppm", "correlation", "peak_distance_m")
 """What is told of a map beside the mean of the gas since the start."""

@@ -7,7 +7,7 @@ from typing import Any
 from taichi_plume import __version__
 from taichi_plume.files import checkpoint, manifest
 from taichi_plume.files.run_folder import RunFolderError, told
-from taichi_plume.outputs import OVER, scenario_digest
+from taichi_plume.running.outputs import OVER, scenario_digest
 
 
 def saved(folder: Path) -> dict[str, Any]:

@@ -13,8 +13,8 @@ tends to it. Each time a snap ends (or `scores.PERIOD` has gone by, where a map 
 
 import numpy as np
 
-from taichi_plume import scores
 from taichi_plume.grid.series import Series
+from taichi_plume.scoring import trials as scores
 from taichi_plume.simulation import Every, Simulation
 
 LOOKS = 1.0  # s, between looks at the true gas and at the readings

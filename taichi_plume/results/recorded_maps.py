@@ -53,7 +53,7 @@ def map_of(
     those before the first reading are left out. At the end the running snap goes into the map as well, but its forecast
     is not judged. Raises ReadingsError.
     """
-    from taichi_plume.scores import PERIOD, forecast_error, peak_distance
+    from taichi_plume.scoring.trials import PERIOD, forecast_error, peak_distance
     from taichi_plume.simulation import Uncertain
 
     fault = model.unfit("--map", size)
@@ -112,7 +112,7 @@ def _made(
     from taichi_plume.agents.gas_map import Floor
     from taichi_plume.agents.mapping import mappers
     from taichi_plume.agents.recorded import RecordedTeam
-    from taichi_plume.scores import PERIOD, Prediction
+    from taichi_plume.scoring.trials import PERIOD, Prediction
 
     times, starts, robots = np.unique(t, return_index=True, return_counts=True)
     most, window = int(robots.max()), model.window or PERIOD

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
-from taichi_plume.declared import OUTCOMES, declared_outcomes
 from taichi_plume.grid import fields
 from taichi_plume.grid.grid import block_mean, centers
 from taichi_plume.scenario.played import Played
+from taichi_plume.scoring.declarations import OUTCOMES, declared_outcomes
 from taichi_plume.simulation import Mapper, Simulation, Uncertain
 
 SENSORS = 0.1  # m, height of sensors unless a scenario says more

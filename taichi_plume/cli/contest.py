@@ -1,0 +1,138 @@
+"""The command: ``python -m taichi_plume.contest`` lets all search algorithms, and your own, meet in the same airs.
+
+Exit code 0: all is done; 1: some runs have failed, the others' results are there; 2: the command line is wrong;
+130: interrupted, and the same command goes on. What is wrong is told before Taichi or Dask are imported.
+"""
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from taichi_plume.cli.exit_codes import exit_code
+from taichi_plume.guard.terminal import Parser, say, visible, whole_number
+from taichi_plume.running.signals import reader_may_leave
+
+AIRS, SEARCHES = 8, 8
+QUICK_AIRS, QUICK_SEARCHES = 2, 4
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line `argv` (without the program's name) and return its exit code."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
+    args = _arguments(arguments)
+    interrupted = "interrupted; what is done is kept, and the same command goes on"
+    return exit_code(lambda: _contest(args, arguments), interrupted)
+
+
+def _contest(args: argparse.Namespace, arguments: Sequence[str]) -> int:
+    from taichi_plume.contest import play
+    from taichi_plume.contest.entrants import entrants, scenarios
+    from taichi_plume.contest.fixed import NAMES, QUICK, fixed
+
+    names = scenarios(play.chosen(args.scenarios), QUICK if args.quick else NAMES)
+    some = entrants(play.chosen(args.algorithms), args.algorithm, args.policy)
+    _require_allowed(args)
+    searches = args.searches or (QUICK_SEARCHES if args.quick else SEARCHES)
+    chosen = tuple(fixed(name, args.seed, searches) for name in names)
+    airs = args.airs or (QUICK_AIRS if args.quick else AIRS)
+    contest = play.Contest(args.out, chosen, tuple(some), airs)
+    from taichi_plume.study.study_run import Wishes
+
+    wishes = Wishes(
+        args.out, args.workers, retry=args.retry, force=args.force, quiet=args.quiet, allow_code=bool(args.algorithm),
+        allow_outside=True, report=False,
+    )  # fmt: skip
+    code = play.play(contest, wishes)
+    _conclude(args, contest, ["python", "-m", "taichi_plume.contest", *arguments])
+    return code
+
+
+def _conclude(args: argparse.Namespace, contest, command: Sequence[str]) -> None:
+    """Write the table and the page of what there is, and tell it."""
+    from taichi_plume.contest import page, standings
+
+    rows = standings.rows(contest)
+    standings.require(rows)
+    standings.write(contest, rows)
+    path = page.write(contest, rows, command)
+    for row in rows:
+        if row.failed:
+            say(
+                visible(
+                    f"{row.scenario}: {row.algorithm}: {row.failed} of {row.runs} runs have failed: {row.message}"
+                ),
+                error=True,
+            )
+    if not args.quiet:
+        with reader_may_leave():
+            page.show_table(rows)
+            say(visible(f"{path}, contest.csv, contest.parquet"))
+
+
+def _require_allowed(args: argparse.Namespace) -> None:
+    """Refuse to execute the user's own file, unless that is wanted. Raises ScenarioError."""
+    from taichi_plume.assembly.own_code import wanted
+    from taichi_plume.files.own_class import OwnFile
+    from taichi_plume.scenario.loading import ScenarioError
+
+    refused = [
+        f"{visible(path)}: holds Python code, which runs with all your rights; look at it, then add --allow-code"
+        for path in args.algorithm
+        if not args.allow_code and not wanted(visible(path), OwnFile.read(path, None).digest)
+    ]
+    if refused:
+        raise ScenarioError(refused)
+
+
+def _arguments(argv: Sequence[str]) -> argparse.Namespace:
+    count = whole_number(1, 4096)
+    parser = Parser(
+        prog="python -m taichi_plume.contest",
+        description="All search algorithms, and your own, in the same fixed scenarios, airs and starts: one table and "
+        "one page. Started again, it goes on with what is not done.",
+    )
+    parser.add_argument(
+        "--algorithm",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="FILE.py",
+        help="your own; may be repeated",
+    )
+    parser.add_argument(
+        "--policy", type=Path, action="append", default=[], metavar="FILE",
+        help="a learnt policy: an ONNX file, or a scenario whose robots run one; may be repeated",
+    )  # fmt: skip
+    parser.add_argument("--allow-code", action="store_true", help="execute the files of --algorithm")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("contest"),
+        metavar="DIR",
+        help="the contest's folder (default: contest)",
+    )
+    parser.add_argument("--scenarios", metavar="NAMES", help="only these, with commas between")
+    parser.add_argument(
+        "--algorithms", metavar="NAMES", help="of the shipped ones only these, with commas between"
+    )
+    parser.add_argument(
+        "--quick", action="store_true", help=f"one scenario, {QUICK_AIRS} airs: about a minute, to look at"
+    )
+    parser.add_argument(
+        "--seed",
+        type=whole_number(0, (1 << 32) - 1),
+        metavar="N",
+        help="of airs, starts and noise (default: the scenarios')",
+    )
+    parser.add_argument("--airs", type=count, metavar="N", help=f"of each scenario (default: {AIRS})")
+    parser.add_argument("--searches", type=count, metavar="N", help=f"in each air (default: {SEARCHES})")
+    parser.add_argument("--workers", type=count, metavar="N", help="processes (default: one per core)")
+    parser.add_argument("--retry", action="store_true", help="make runs again that have failed")
+    parser.add_argument(
+        "--force", action="store_true", help="drop runs in the folder that this contest does not ask for"
+    )
+    parser.add_argument("--quiet", action="store_true", help="no progress, no table")
+    return parser.parse_args(argv)

@@ -1,0 +1,156 @@
+"""Gas maps of recorded readings: ``python -m taichi_plume.maps READINGS --kind time_series --size 4 3 --out DIR``.
+
+READINGS is the robots.parquet of a run, a bag of ROS or a CSV file (see `readings`). The map is told as in a scenario,
+such as ``--map '{kind: time_series, alpha: 0.9, cell: 10 cm}'``; ``--kind gmrf --help`` lists the parameters of a kind.
+The readings go through the very maps that robots make online; unless told for how long they count, all of the log do
+(see `map_making`). In DIR:
+
+    map.csv      x, y [m] of each cell's middle, ppm, weight and, where the map tells it, variance_ppm2
+    map.png      the same, seen from above
+    scores.json  see `map_making.GasMap`
+
+From Python::
+
+    readings = read("readings.csv")
+    kernels.start("cpu")
+    gas_map = map_of(readings, KernelMap(kind="kernel_dmv"), size=(4.0, 3.0))
+"""
+
+import json
+import os
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from taichi_plume.cli.map_options import arguments, wanted
+from taichi_plume.files import disk
+from taichi_plume.files.readings import Readings, ReadingsError, read
+from taichi_plume.guard.terminal import say, visible
+from taichi_plume.results.recorded_maps import GasMap, map_of
+
+FILES = ("map.csv", "map.png", "scores.json")
+MOST_OBLONG = 4.0  # of a picture
+
+
+def write(gas_map: GasMap, readings: Readings, size: tuple[float, float], folder: Path) -> None:
+    """Write FILES into an existing folder."""
+    from taichi_plume.files.result import plain
+
+    nx, ny = gas_map.estimate.shape
+    i, j = np.meshgrid(np.arange(nx), np.arange(ny), indexing="ij")
+    columns = {
+        "x": (i + 0.5) * gas_map.cell,
+        "y": (j + 0.5) * gas_map.cell,
+        "ppm": gas_map.estimate,
+        "weight": gas_map.weight,
+    }
+    if gas_map.variance is not None:
+        columns["variance_ppm2"] = gas_map.variance
+    table = np.column_stack([values.ravel() for values in columns.values()])
+    np.savetxt(folder / FILES[0], table, "%.7g", ",", header=",".join(columns), comments="")
+    _draw(gas_map, readings, size, folder / FILES[1])
+    text = json.dumps(plain(gas_map.scores), indent=2, allow_nan=False) + "\n"
+    with disk.written_whole(folder / FILES[2]) as fresh:
+        fresh.write_text(text, encoding="utf-8")
+
+
+def _draw(gas_map: GasMap, readings: Readings, size: tuple[float, float], path: Path) -> None:
+    from taichi_plume.report.look import Figure
+
+    pictures = {"estimate [ppm]": gas_map.estimate, "weight, as power of ten": _log(gas_map.weight)}
+    if gas_map.variance is not None:
+        pictures["standard deviation [ppm]"] = np.sqrt(gas_map.variance)
+    oblong = min(max(size[1] / size[0], 1 / MOST_OBLONG), MOST_OBLONG)
+    aspect = "equal" if oblong == size[1] / size[0] else "auto"
+    figure = Figure(figsize=(5.2 * len(pictures), 1.2 + 4.4 * oblong), layout="constrained")
+    axes = figure.subplots(1, len(pictures), squeeze=False)[0]
+    nx, ny = gas_map.estimate.shape
+    extent = (0, nx * gas_map.cell, 0, ny * gas_map.cell)
+    for axis, (title, values) in zip(axes, pictures.items(), strict=True):
+        picture = axis.imshow(values.T, origin="lower", extent=extent, aspect=aspect)
+        figure.colorbar(picture, ax=axis, shrink=0.8)
+        axis.plot(*readings.place.T, ".", color="white", markersize=1, alpha=0.4)
+        axis.set(xlim=(0, size[0]), ylim=(0, size[1]), xlabel="x [m]", ylabel="y [m]", title=title)
+    figure.savefig(path, dpi=110)
+
+
+def _log(values: np.ndarray) -> np.ndarray:
+    return np.log10(np.where(values > 0, values, np.nan))
+
+
+# ---------------------------------------------------------------- the command
+
+
+def _used(scores: dict[str, Any], times: Sequence[str]) -> str:
+    """What of a log went into its map; times: the parameters that say for how long readings count."""
+    forgotten, text = scores["forgotten"], f"{scores['readings']:,} readings"
+    if forgotten:
+        text = f"{forgotten:,} of {text} forgotten; without {' and '.join(times)} the map is of the whole log"
+    elif forgotten == 0:
+        text += ", none forgotten"
+    chosen = [f"{name}: {_shown(value)}" for name, value in scores["chosen_for_the_log"].items()]
+    text += f", with {', '.join(chosen)} for the whole log" if chosen else ""
+    return text + (
+        f"; {scores['left_out']:,} left out, as no number or off the floor" if scores["left_out"] else ""
+    )
+
+
+def _shown(value: float | None) -> str:
+    return "null" if value is None else f"{value:.4g}"
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line `argv` (without the program's name) and return its exit code."""
+    os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
+    from taichi_plume.files.run_folder import RunFolder, RunFolderError
+
+    try:
+        args, model = arguments(sys.argv[1:] if argv is None else argv)
+        from taichi_plume.grid import kernels
+
+        with RunFolder("", args.out, args.force, inputs=[args.readings], files=FILES, ours=_is_map) as folder:
+            readings = read(args.readings, args.trial, args.group, wanted(args))
+            origin = np.array(args.origin)
+            readings = replace(readings, place=readings.place - origin)
+            sources = np.array(args.source) - origin if args.source else None
+            for line in readings.topics:
+                say(visible(line))
+            kernels.start("cpu")
+            gas_map = map_of(readings, model, args.size, sources)
+            folder.clear()
+            stands = False
+            try:
+                write(gas_map, readings, args.size, args.out)
+                stands = True
+            finally:
+                folder.settle(stands)
+    except (ReadingsError, RunFolderError) as error:
+        say(visible(error), error=True)
+        return 2
+    except KeyboardInterrupt:
+        say("interrupted before the map was made", error=True)
+        return 130
+    except OSError as error:
+        say(visible(f"{args.out}: cannot be written: {error.strerror or error}"), error=True)
+        return 1
+    peak = gas_map.scores["peak"]
+    if peak["ppm"] is None:
+        say("knows no cell: its last readings are too old")
+    elif peak["x_m"] is None:
+        say("knows of no gas: 0 ppm wherever it knows")
+    else:
+        say(f"peak {peak['ppm']:.3g} ppm at ({peak['x_m']:.2f}, {peak['y_m']:.2f}) m")
+    say(_used(gas_map.scores, model.times))
+    say(visible(f"{args.out}: {', '.join(FILES)}"))
+    return 0
+
+
+def _is_map(folder: Path) -> bool:
+    """Whether a folder holds a map that was made before."""
+    from taichi_plume.files.run_folder import told
+
+    return told(folder / "scores.json").keys() >= {"kind", "readings", "known_fraction"}

@@ -1,0 +1,24 @@
+"""``python -m taichi_plume.scenario --schema`` prints the JSON schema; ``--explain KEY`` tells of a key."""
+
+from collections.abc import Sequence
+
+from taichi_plume.guard.terminal import Parser
+from taichi_plume.scenario.explaining import print_key, print_schema
+from taichi_plume.scenario.scenario import Scenario
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line `argv` (without the program's name) and return its exit code."""
+    parser = Parser(prog="python -m taichi_plume.scenario", description="What a scenario may say.")
+    asked = parser.add_mutually_exclusive_group(required=True)
+    asked.add_argument("--schema", action="store_true", help="print the JSON schema, for editors")
+    asked.add_argument(
+        "--explain",
+        metavar="KEY",
+        help="tell of a key, by its path such as wind.openings.speed or its name; of a section such as robots; of a "
+        "kind such as casting",
+    )
+    args = parser.parse_args(argv)
+    if args.schema:
+        return print_schema(Scenario)
+    return print_key(args.explain, Scenario)

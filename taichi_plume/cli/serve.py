@@ -1,0 +1,206 @@
+"""The command: ``python -m taichi_plume.serve scenario.yaml`` runs a scenario in real time, with robots from outside.
+
+Robots of groups with ``algorithm: {kind: external}`` are driven by clients (see taichi_plume.client), by ROS 2 nodes
+through a zenoh bridge, or by hand from Foxglove; topics are those of `topics`. It listens on this machine alone unless
+another address is given, which takes a token: in the environment, TAICHI_PLUME_TOKEN, for the service and for clients.
+Pages in a browser cannot connect unless the origin of their site is allowed.
+Else it is as ``python -m taichi_plume.run``, with the same files and exit codes; such a run cannot be resumed.
+"""
+
+import argparse
+import gc
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from functools import partial
+from importlib.util import find_spec
+from math import inf
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from taichi_plume.cli.exit_codes import exit_code
+from taichi_plume.guard.terminal import Parser, say, visible
+from taichi_plume.serve.address import TOKEN, Address, address, fault_of_token, loopback, origin, token_of
+
+if TYPE_CHECKING:
+    from taichi_plume.serve.links import Link
+
+PORT = 7447
+WEBSOCKET = 8765
+NEEDED = {"zenoh": "eclipse-zenoh", "websockets": "websockets", "rosbags": "rosbags"}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line `argv` (without the program's name) and return its exit code."""
+    args = _arguments(argv)
+    missing = [name for package, name in NEEDED.items() if find_spec(package) is None]
+    if missing:
+        say(f"needs {', '.join(missing)}: pip install 'taichi_plume[ros]'", error=True)
+        return 2
+    os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
+    gc.disable()  # until the run begins
+    try:
+        return exit_code(lambda: _serve(args), "interrupted before the run began", args.debug)
+    finally:
+        gc.enable()
+
+
+def _serve(args: argparse.Namespace) -> int:
+    from taichi_plume.assembly.prepare import load
+    from taichi_plume.scenario.loading import ScenarioError
+
+    prepared = load(args.scenario, args.set, args.allow_outside)
+    scenario = prepared.scenario
+    if not any(group.algorithm.outside for group in scenario.robots):
+        raise ScenarioError(
+            [f"{args.scenario}: no robot is driven from outside; give a group algorithm: {{kind: external}}"]
+        )
+    _require_names(args.scenario, [group.name for group in scenario.robots])
+    for remark in () if args.quiet else prepared.resources.remarks:
+        say(visible(f"note: {remark}"), error=True)
+    from taichi_plume.assembly.own_code import execute
+    from taichi_plume.files.run_folder import RunFolder
+    from taichi_plume.running.job import Job, device, simulate
+    from taichi_plume.scenario.input_files import input_paths
+    from taichi_plume.serve.service import Pace, Service
+
+    execute(prepared, args.allow_code, ask=True)
+    scenario = scenario.model_copy(update={"checkpoint": None})  # what is outside cannot be put back
+    prepared = prepared._replace(scenario=scenario)
+    arch = args.arch or "cpu"
+    backend = device(arch)
+    pace = Pace(inf if args.speed == "max" else float(args.speed), args.wait, args.at_once)
+    inputs = input_paths(scenario, args.scenario, prepared.resources.files)
+    with _links(args, scenario.name) as links:
+        service = Service(pace, links, args.quiet)
+        with RunFolder(scenario.name, args.out, args.force, inputs=inputs) as folder:
+            job = Job(
+                prepared, folder, args.scenario, inputs, arch, backend, not args.no_recording,
+                report=not args.no_report, service=service,
+            )  # fmt: skip
+            return simulate(job, args.quiet, args.debug)
+
+
+def _require_names(file: Path, names: Sequence[str]) -> None:
+    """Raise ScenarioError where topics of two groups would be the same."""
+    from taichi_plume.files.ros_messages import word
+    from taichi_plume.scenario.loading import ScenarioError
+
+    for n, name in enumerate(names):
+        for other in names[:n]:
+            if word(other) == word(name):
+                what = f"'{visible(other)}' and '{visible(name)}' have the same topics, {word(name)}/..."
+                raise ScenarioError([f"{file}: robots[{n}].name: {what}; name one of them otherwise"])
+
+
+@contextmanager
+def _links(args: argparse.Namespace, name: str) -> "Iterator[Sequence[Link]]":
+    """The transports, open. Raises RunFolderError where an address cannot be had."""
+    from taichi_plume.files.run_folder import RunFolderError
+    from taichi_plume.serve.links import LinkError
+    from taichi_plume.serve.websocket_link import WebSocketLink
+    from taichi_plume.serve.zenoh_link import ZenohLink
+
+    bind: Address = args.bind
+    with ExitStack() as stack:
+        try:
+            links: list[Link] = [ZenohLink(bind.host, bind.port, token_of())]
+            stack.callback(links[0].close)
+            if args.websocket:
+                remark = (lambda line: None) if args.quiet else partial(say, error=True)
+                links.append(WebSocketLink(args.websocket, name, args.allow_origin, token_of(), remark))
+                stack.callback(links[1].close)
+        except LinkError as error:
+            raise RunFolderError(str(error)) from None
+        if not args.quiet:
+            say(f"robots: {bind.host}:{bind.port}" + _websocket(args.websocket), error=True)
+        yield links
+
+
+def _websocket(port: int) -> str:
+    query = f"/?token=${TOKEN}" if token_of() else ""
+    return f"; Foxglove: ws://127.0.0.1:{port}{query}" if port else ""
+
+
+def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+    parser = Parser(
+        prog="python -m taichi_plume.serve",
+        description="Run a scenario in real time, with robots that are driven from outside.",
+    )
+    parser.add_argument(
+        "scenario", type=Path, help="YAML file with a group whose algorithm is {kind: external}"
+    )
+    parser.add_argument(
+        "--bind",
+        type=address,
+        default=Address("127.0.0.1", PORT),
+        metavar="HOST:PORT",
+        help=f"where robots connect to (default: 127.0.0.1:{PORT}); other addresses than of this machine take a token",
+    )
+    parser.add_argument(
+        "--websocket",
+        type=int,
+        default=WEBSOCKET,
+        metavar="PORT",
+        help=f"where the Foxglove app connects to, on this machine alone (default: {WEBSOCKET}; 0: not at all)",
+    )
+    parser.add_argument(
+        "--allow-origin",
+        type=origin,
+        action="append",
+        default=[],
+        metavar="ORIGIN",
+        help="let pages of this site connect to the WebSocket, such as https://app.foxglove.dev; may be repeated",
+    )
+    parser.add_argument(
+        "--speed",
+        default="1",
+        metavar="X",
+        help="simulated time over that of the clock, or max: as fast as it goes (default: 1)",
+    )
+    parser.add_argument(
+        "--wait", action="store_true", help="begin each tick when all robots have answered the one before"
+    )
+    parser.add_argument(
+        "--at-once", action="store_true", help="begin without robots of which nothing has been heard yet"
+    )
+    parser.add_argument("--out", type=Path, metavar="DIR", help="run directory (default: runs/NAME-N)")
+    parser.add_argument("--arch", choices=("auto", "cpu", "cuda", "vulkan", "metal"), help="where to compute")
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="PATH=VALUE", help="change any key; may be repeated"
+    )
+    parser.add_argument("--no-recording", action="store_true", help="write no recording.rrd")
+    parser.add_argument("--no-report", action="store_true", help="write no report.html")
+    parser.add_argument("--quiet", action="store_true", help="say nothing but what is wrong")
+    parser.add_argument("--force", action="store_true", help="replace an earlier run in --out")
+    parser.add_argument(
+        "--allow-code", action="store_true", help="execute Python files that the scenario names"
+    )
+    parser.add_argument(
+        "--allow-outside", action="store_true", help="read files that lie outside the scenario's folder"
+    )
+    parser.add_argument("--debug", action="store_true", help="show where an unexpected error came from")
+    args = parser.parse_args(argv)
+    if args.speed != "max":
+        try:
+            fine = 0.0 < float(args.speed) < inf
+        except ValueError:
+            fine = False
+        if not fine:
+            parser.error(f"--speed takes a number above 0 or max, not {visible(args.speed)}")
+    if not 0 <= args.websocket <= 65535:
+        parser.error(f"--websocket takes a port from 0 to 65535, not {args.websocket}")
+    if args.wait and args.at_once:
+        parser.error("--wait waits for robots in each tick, --at-once for none; give one of them")
+    if args.wait and args.speed not in ("1", "max"):
+        parser.error(f"--wait goes as fast as robots answer; --speed {args.speed} has no meaning with it")
+    token = token_of()
+    fault = fault_of_token(token) if token is not None else None
+    if fault:
+        parser.error(f"{TOKEN} {fault}")
+    if not loopback(args.bind.host) and token is None:
+        parser.error(
+            f"--bind {visible(args.bind.host)}: others can reach that address: set a token, TAICHI_PLUME_TOKEN, in the "
+            "environment of this command and of its clients"
+        )
+    return args

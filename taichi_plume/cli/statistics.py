@@ -1,0 +1,154 @@
+"""Statistics of a plume: ``python -m taichi_plume.statistics RUN|FILM``."""
+
+import argparse
+from collections.abc import Sequence
+from math import inf
+from pathlib import Path
+from typing import Any
+
+from taichi_plume.guard.terminal import Parser, say, visible
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line `argv` (without the program's name) and return its exit code."""
+    args = _arguments(argv)
+    from taichi_plume.files.run_folder import RunFolderError
+    from taichi_plume.scenario.loading import ScenarioError
+
+    try:
+        sensors = [_sensor(text) for text in args.sensor]
+        from taichi_plume.statistics import source
+
+        found = source.of(
+            args.source, args.gas, args.probe, args.threshold, args.start,
+            None if args.range is None else tuple(args.range), sensors,
+        )  # fmt: skip
+        out = args.out or _folder(args.source)
+        if args.out is None and out.is_symlink():
+            raise RunFolderError(f"{out}: is a link, to which nothing is written; choose --out")
+        paths = found.write(out)
+        if not args.no_page:
+            from taichi_plume.statistics import page
+
+            paths.append(page.write(found, out))
+    except RunFolderError as error:
+        say(visible(error), error=True)
+        return 2
+    except ScenarioError as error:
+        for line in error.lines:
+            say(visible(line), error=True)
+        return 2
+    except OSError as error:
+        say(
+            visible(f"{error.filename or args.out}: cannot be written: {error.strerror or error}"), error=True
+        )
+        return 2
+    except KeyboardInterrupt:
+        say("interrupted", error=True)
+        return 130
+    _tell(found)
+    say(visible(f"{paths[-1]}: {paths[-1].stat().st_size / 1e3:,.0f} kB"))
+    return 0
+
+
+def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+    parser = Parser(
+        prog="python -m taichi_plume.statistics",
+        description="Tell how a plume fluctuates, from a run's probes or from a film: mean and rms, intermittency, "
+        "whiffs and blanks, spectra, lengths, and which whiffs gas sensors keep.",
+    )
+    parser.add_argument(
+        "source", type=Path, metavar="RUN|FILM", help="the folder of a run with probes or fields, or a film"
+    )
+    parser.add_argument("--gas", metavar="NAME", help="species (default: the first)")
+    parser.add_argument("--probe", metavar="NAME", help="only this probe")
+    parser.add_argument(
+        "--threshold", type=_positive, metavar="PPM",
+        help="what is above is gas (default: a tenth of the mean at the point with the most gas)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--from",
+        dest="start",
+        type=_number,
+        metavar="T",
+        help="leave out what is before this simulated time [s]",
+    )
+    parser.add_argument(
+        "--range", type=_positive, nargs=2, metavar=("A", "B"),
+        help="durations [s] between which the power law is fitted (default: chosen from the data)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--sensor", action="append", default=[], metavar="YAML",
+        help="another gas sensor, such as '{kind: pid, rise_time: 20 ms, decay_time: 20 ms, period: 10 ms}'",
+    )  # fmt: skip
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="(default: RUN/statistics, or FILM with -statistics instead of .zarr)",
+    )
+    parser.add_argument("--no-page", action="store_true", help="write no statistics.html")
+    args = parser.parse_args(argv)
+    if args.range is not None and not args.range[0] < args.range[1]:
+        parser.error("argument --range: A must be less than B")
+    return args
+
+
+def _number(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = inf
+    if not -inf < value < inf:
+        raise argparse.ArgumentTypeError(f"must be a number without a unit, got '{visible(text)}'")
+    return value
+
+
+def _positive(text: str) -> float:
+    value = _number(text)
+    if value <= 0.0:
+        raise argparse.ArgumentTypeError(f"must be more than 0, got {visible(text)}")
+    return value
+
+
+def _sensor(text: str) -> Any:
+    from typing import Annotated
+
+    from pydantic import Field
+
+    from taichi_plume.scenario.loading import load_part
+    from taichi_plume.scenario.sensors import IdealGasSensor, MoxSensor, PidSensor
+
+    kind = Annotated[MoxSensor | PidSensor | IdealGasSensor, Field(discriminator="kind")]
+    return load_part(text, "--sensor", kind)
+
+
+def _folder(source: Path) -> Path:
+    if (source / "zarr.json").exists():
+        source = source if source.name else source.resolve()  # "." has no name
+        return source.with_name(f"{source.stem}-statistics")
+    return source / "statistics"
+
+
+def _tell(found: Any) -> None:
+    """The most that is to say, in some lines."""
+    lines = [
+        f"{found.gas}: {sum(len(one.probe.places) for one in found.probes):,} points, {found.samples:,} samples from "
+        f"{found.begin:.4g} to {found.end:.4g} s; threshold {found.threshold:.3g} ppm ({found.why})"
+    ]
+    for one in found.probes:
+        for kind in one.kinds:
+            if kind.law is not None:
+                law = kind.law
+                lines.append(
+                    f"{one.probe.name}: {len(kind.all.lasted):,} {kind.name}, p(T) ~ T^-a with a = {law.value:.2f} "
+                    f"(95 %: {law.low:.2f} to {law.high:.2f}) from {law.first:.3g} to {law.last:.3g} s; turbulence: 1.5"
+                )
+    if found.smelt:
+        slow, fast = found.smelt.kept[:2]
+        lines.append(
+            f"of {slow.whiffs:,} whiff{'s' * (slow.whiffs != 1)} a metal oxide of 12 s keeps {slow.share:.0%}, "
+            f"a detector of 50 ms {fast.share:.0%}"
+        )
+    for line in [*lines, *(f"note: {one}" for one in found.notes)]:
+        say(visible(line))

@@ -1,0 +1,104 @@
+"""The command: ``python -m taichi_plume.study study.yaml`` makes all runs of a study, on all cores or a Dask cluster.
+
+``python -m taichi_plume.study report DIR`` writes tables and page of a study's folder again. Exit code 0: all is done;
+1: some runs have failed, or the workers were lost, what there is is kept; 2: the study or the command line is wrong;
+130: interrupted. What is wrong is told before Taichi or Dask are imported.
+"""
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from taichi_plume.cli.exit_codes import exit_code
+from taichi_plume.guard.terminal import Parser, whole_number
+from taichi_plume.running.signals import reader_may_leave
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line `argv` (without the program's name) and return its exit code."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
+    report = arguments[:1] == ["report"]
+    args = _report_arguments(arguments[1:]) if report else _arguments(arguments)
+    debug = getattr(args, "debug", False)
+    return exit_code(lambda: _report(args.folder) if report else _study(args), "interrupted", debug)
+
+
+def _study(args: argparse.Namespace) -> int:
+    from taichi_plume.study.plan import load_plan
+
+    plan = load_plan(args.study, args.allow_outside)
+    out = args.out or Path("studies") / plan.study.name
+    if args.check:
+        from taichi_plume.study.preview import print_check
+
+        with reader_may_leave():
+            print_check(plan, out)
+        return 0
+    from taichi_plume.study.study_run import Wishes, carry_out
+
+    wishes = Wishes(
+        out, args.workers, args.scheduler, args.retry, args.force, args.quiet, args.allow_code, args.allow_outside,
+        args.dashboard, not args.no_report, args.debug,
+    )  # fmt: skip
+    return carry_out(plan, wishes)
+
+
+def _report(folder: Path) -> int:
+    """Make the tables of a study's folder of what its runs have left, and the page."""
+    from taichi_plume.study.study_run import publish
+
+    return publish(folder)
+
+
+def _report_arguments(argv: Sequence[str]) -> argparse.Namespace:
+    parser = Parser(
+        prog="python -m taichi_plume.study report",
+        description="Write the tables and the page of a study again, of all runs that are done.",
+    )
+    parser.add_argument("folder", type=Path, metavar="DIR", help="the study's folder, such as studies/NAME")
+    return parser.parse_args(argv)
+
+
+def _arguments(argv: Sequence[str]) -> argparse.Namespace:
+    parser = Parser(
+        prog="python -m taichi_plume.study",
+        description="Make all runs of a study, and tables of them. Started again, it goes on with what is not done.",
+        epilog="python -m taichi_plume.study report DIR: write the tables and the page of a study again",
+    )
+    parser.add_argument("study", type=Path, help="YAML file")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="the study's folder (default: studies/NAME)")
+    parser.add_argument(
+        "--workers",
+        type=whole_number(1, 4096),
+        metavar="N",
+        help="processes on this machine (default: one per core)",
+    )
+    parser.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="of a Dask scheduler, such as tcp://host:8786, whose workers do the runs",
+    )
+    parser.add_argument("--retry", action="store_true", help="make runs again that have failed")
+    parser.add_argument(
+        "--force", action="store_true", help="drop runs in the folder that the study does not ask for"
+    )
+    parser.add_argument("--check", action="store_true", help="only check: say which runs it makes")
+    parser.add_argument("--quiet", action="store_true", help="no progress, no summary")
+    parser.add_argument(
+        "--allow-code", action="store_true", help="execute Python files that scenarios name (kind: own)"
+    )
+    parser.add_argument(
+        "--allow-outside", action="store_true", help="read files that lie outside the scenario's folder"
+    )
+    parser.add_argument("--dashboard", action="store_true", help="show Dask's page of what its workers do")
+    parser.add_argument("--no-report", action="store_true", help="write no report.html")
+    parser.add_argument("--debug", action="store_true", help="show where an unexpected error came from")
+    args = parser.parse_args(argv)
+    if args.workers and args.scheduler:
+        parser.error("--workers is of this machine: it has no place beside --scheduler")
+    if args.dashboard and args.scheduler:
+        parser.error("--dashboard is of this machine: a scheduler has, or has not, a dashboard of its own")
+    return args

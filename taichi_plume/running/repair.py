@@ -1,0 +1,194 @@
+"""Completes what a killed run has left: see `complete`; `verify` tells which files have changed.
+
+Rows of robots that are in parts become robots.parquet, the recording gets its index, tables end with a whole row, and
+result.json says how far the run came. Nothing that was computed is thrown away, and a run that has a checkpoint can be
+resumed afterwards as well. ``--verify`` tells instead which files are no longer as their run left them.
+"""
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from taichi_plume.files import checkpoint, manifest, maps_file, plumesim_log, table_parts
+from taichi_plume.files.result import write_result
+from taichi_plume.files.run_folder import KILLED, LISTED, RunFolder, RunFolderError, resuming, told
+from taichi_plume.guard.terminal import say, visible
+from taichi_plume.running.job import report
+from taichi_plume.running.outputs import OVER
+
+PARTS = ("robots.parts", "probes.parts", "recording.old.rrd")
+"""What is there only until a file is finished."""
+
+
+def verify(folder: Path) -> int:
+    """Print which files of a run have changed since its manifest was written; return 1 if any has, else 0."""
+    if not folder.is_dir():
+        raise RunFolderError(f"{folder}: is no folder; give the folder of a run")
+    try:
+        listed = manifest.read(folder)["outputs"]
+    except manifest.ManifestError as error:
+        raise RunFolderError(str(error)) from None
+    if not listed:
+        raise RunFolderError(f"{folder}: has no {manifest.NAME}, which runs write at their end")
+    faults = [
+        manifest.changed(folder / name)
+        if (folder / name).exists()
+        else f"{folder / name}: is no longer there"
+        for name in listed
+    ]
+    for fault in filter(None, faults):
+        say(visible(fault))
+    say(
+        visible(
+            f"{folder}: {sum(not fault for fault in faults)} of {len(listed)} files are as their run left them"
+        )
+    )
+    return int(any(faults))
+
+
+def complete(folder: RunFolder, reported: bool) -> int:
+    """Complete every file of a killed run and return the exit code; `reported`: write the report as well."""
+    path = folder.path
+    content = _content(path)
+    status, whole = content["status"], not any((path / name).exists() for name in PARTS)
+    if status != "running" and whole:
+        if (path / checkpoint.NAME).exists() and not (path / manifest.NAME).exists():  # killed while it ended
+            if reported and not (path / "report.html").exists():
+                report(path)
+            _seal(path)
+        if status in OVER:
+            (path / checkpoint.NAME).unlink(missing_ok=True)
+        say(visible(f"{path}: the run has ended by itself ({status})"))
+        return 0
+    code = 0
+    (path / manifest.NAME).unlink(missing_ok=True)  # of what will be rewritten
+    for name, mend in COMPLETE.items():
+        try:
+            what = mend(path / name)
+        except (OSError, ValueError, LookupError) as error:
+            what, code = f"could not be completed: {' '.join(str(error).split())}", 1
+        if what:
+            say(visible(f"{name}: {what}"))
+    try:
+        if status == "running":
+            status = KILLED
+            write_result(path, content | {"status": status, **_reached(path / "robots.parquet", content)})
+    except OSError as error:
+        raise RunFolderError(f"{path}: cannot be written to: {error.strerror or error}") from None
+    if reported:
+        report(path)
+    _seal(path)
+    say(visible(f"result.json: {status}"))
+    if (path / checkpoint.NAME).exists():
+        say(visible(f"to go on: {resuming(path)}", None))
+    return code
+
+
+def _seal(path: Path) -> None:
+    """Write the manifest."""
+    try:
+        manifest.write(path, _inputs(path), [path / name for name in LISTED])
+    except OSError as error:
+        raise RunFolderError(f"{path}: cannot be written to: {error.strerror or error}") from None
+
+
+def _content(folder: Path) -> dict[str, Any]:
+    """What result.json says; where it says nothing, that the run runs."""
+    return {"name": folder.name, "status": "running", "seed": None} | told(folder / "result.json")
+
+
+def _inputs(folder: Path) -> dict[str, Any]:
+    """Digests of what the run read, as far as a checkpoint tells."""
+    try:
+        return checkpoint.read(folder / checkpoint.NAME)["inputs"]
+    except (checkpoint.CheckpointError, LookupError):
+        return {}
+
+
+def _reached(table: Path, content: dict[str, Any]) -> dict[str, Any]:
+    """How far the robots came."""
+    try:
+        rows = pq.read_table(table, columns=["t", "group", "found"])
+    except (OSError, ValueError, LookupError):
+        rows = None
+    if rows is None or not len(rows):
+        return {"message": content.get("message", "")}
+    t = pc.max(rows["t"]).as_py()
+    last = rows.filter(pc.equal(rows["t"], t))
+    groups = [
+        {
+            "name": name.as_py(),
+            "robots_of_all_trials": len(its := last.filter(pc.equal(last["group"], name))),
+            "found": pc.sum(its["found"]).as_py(),
+        }
+        for name in pc.unique(last["group"].cast("string"))
+    ]
+    return {"message": f"the rows of robots end at t = {t:.2f} s", "groups": groups}
+
+
+# ---------------------------------------------------------------- files
+
+
+def _parts(path: Path) -> str | None:
+    if not table_parts.parts_of(path).is_dir():
+        return None
+    table_parts.join(path)
+    return f"{pq.read_metadata(path).num_rows:,} rows" if path.exists() else "no rows"
+
+
+def _lines(path: Path) -> str | None:
+    """Cut off a last row that is not whole."""
+    if not path.exists():
+        return None
+    with path.open("rb+") as file:
+        content = file.read()
+        file.truncate(content.rfind(b"\n") + 1)
+    lines = content.count(b"\n")
+    return f"{lines} lines"
+
+
+def _log(path: Path) -> str | None:
+    return f"{plumesim_log.shorten(path)} frames" if path.exists() else None
+
+
+def _recording(path: Path) -> str | None:
+    from taichi_plume.record.recorder import EARLIER, MENDED
+    from taichi_plume.record.stream import mend
+
+    earlier = path.with_name(EARLIER)
+    if earlier.exists():  # killed while it was taken over: all is in the old one
+        earlier.replace(path)
+    if not path.exists():
+        return None
+    mended = path.with_name(MENDED)
+    mend(path, mended)
+    mended.replace(path)
+    return f"{path.stat().st_size / 1e6:.3g} MB"
+
+
+def _film(path: Path) -> str | None:
+    if not path.is_dir():
+        return None
+    from taichi_plume.files import new_film
+
+    return f"{new_film.complete(path)} frames"
+
+
+def _maps(path: Path) -> None:
+    """Maps are whole or not there; what was being written of them goes."""
+    shutil.rmtree(path.with_name(maps_file.PART), ignore_errors=True)
+
+
+COMPLETE: dict[str, Callable[[Path], str | None]] = {
+    "robots.parquet": _parts,
+    "probes.parquet": _parts,
+    "forces.csv": _lines,
+    "fields.zarr": _film,
+    "plume.pslog": _log,
+    "maps.zarr": _maps,
+    "recording.rrd": _recording,
+}
