@@ -35,7 +35,7 @@ def scenario(checkout: Path, arch: str, config: str, span: tuple[float, float], 
     """Run the command on a scenario, and time a span of it with all that it calls: recording, tables, maps."""
     import taichi as ti
 
-    from taichi_plume.cli import run
+    from taichi_plume.__main__ import main
     from taichi_plume.simulation import Every, Simulation
 
     notes: list[tuple[float, int, float, float]] = []
@@ -56,7 +56,7 @@ def scenario(checkout: Path, arch: str, config: str, span: tuple[float, float], 
     path = checkout / "configs" / f"{config}.yaml"
     with tempfile.TemporaryDirectory() as folder:
         told = [str(path), "--out", f"{folder}/run", "--quiet", "--arch", arch, "--duration", str(span[1])]
-        code = run.main([*told, "--set", "stop_early=false", *more])
+        code = main(["run", *told, "--set", "stop_early=false", *more])
     if code:
         raise RuntimeError(f"{config} ended with exit code {code}")
     first, last = (min(notes, key=lambda one: abs(one[0] - t)) for t in span)
