@@ -1,13 +1,16 @@
 """What is wrong with a scenario beyond single keys: each section tells it of itself, see `vocabulary.Model`."""
 
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 from taichi_plume.scenario import unlikely
 from taichi_plume.scenario.context import Context
-from taichi_plume.scenario.resources import Resources
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.size import too_large
 from taichi_plume.scenario.vocabulary import Model, sections
+
+if TYPE_CHECKING:
+    from taichi_plume.assembly.resources import Resources
 
 FIRST = ("obstacles", "gas", "arena", "robots", "wind")  # what lies in the room, before the air in it
 
@@ -31,14 +34,14 @@ def misfits(scenario: Scenario) -> list[str]:
     return lines or list(too_large(scenario))
 
 
-def remarks(scenario: Scenario, resources: Resources) -> list[str]:
+def remarks(scenario: Scenario, resources: "Resources") -> list[str]:
     """What of a scenario, of which nothing is wrong, is probably not meant: lines ``path: message``."""
     context = Context(scenario, resources)
     lines = [line for where, section in every(scenario) for line in section.remarks(where, context)]
     return [*lines, *unlikely.remarks(context)]
 
 
-def problems(scenario: Scenario, resources: Resources) -> list[str]:
+def problems(scenario: Scenario, resources: "Resources") -> list[str]:
     """What else is wrong with a scenario, whose files have been opened.
 
     Files that cannot be used are told alone: the other checks need them right.

@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from taichi_plume.scenario.resources import Resources
-
 if TYPE_CHECKING:
+    from taichi_plume.assembly.resources import Resources
     from taichi_plume.scenario.domain import Domain
     from taichi_plume.scenario.scenario import Scenario
 
@@ -15,7 +14,7 @@ class Context:
     """What a check may look at."""
 
     scenario: "Scenario"
-    resources: Resources
+    resources: "Resources"
 
     @property
     def domain(self) -> "Domain":

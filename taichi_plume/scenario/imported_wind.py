@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from math import prod
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 import psutil
@@ -10,7 +10,6 @@ import psutil
 from taichi_plume.scenario.any_wind import AnyWind
 from taichi_plume.scenario.context import Context
 from taichi_plume.scenario.played import Played
-from taichi_plume.scenario.resources import Cubes, Site
 from taichi_plume.scenario.vocabulary import (
     COMPILED,
     Coordinate,
@@ -22,6 +21,10 @@ from taichi_plume.scenario.vocabulary import (
     Prandtl,
     Viscosity,
 )
+
+if TYPE_CHECKING:
+    from taichi_plume.files.gaden import Cubes
+    from taichi_plume.files.site import Site
 
 ROUNDING = 0.01  # cells that the domain may reach beyond the points
 
@@ -102,7 +105,7 @@ class ImportedWind(AnyWind, Played):
         if site.cubes is not None:
             yield from self._in_cubes(site, site.cubes, context)
 
-    def _beyond_cubes(self, site: Site, context: Context) -> Iterator[str]:
+    def _beyond_cubes(self, site: "Site", context: Context) -> Iterator[str]:
         """A domain that is larger than the occupancy grid."""
         if site.cubes is None:
             return
@@ -112,7 +115,7 @@ class ImportedWind(AnyWind, Played):
             if low > slack or extent > high + slack:
                 yield _outside(site, a, (0.0, extent), (low, high), f"{self.occupancy} has cells")
 
-    def _without_wind(self, site: Site, context: Context) -> Iterator[str]:
+    def _without_wind(self, site: "Site", context: Context) -> Iterator[str]:
         """Air beyond the points."""
         cells = np.argwhere(~context.resources.solid())
         if not len(cells):
@@ -126,7 +129,7 @@ class ImportedWind(AnyWind, Played):
                 have = f"the points of {site.first.path} stand for air"
                 yield _outside(site, a, (low, high), (site.low[a], site.high[a]), have)
 
-    def _in_cubes(self, site: Site, cubes: Cubes, context: Context) -> Iterator[str]:
+    def _in_cubes(self, site: "Site", cubes: "Cubes", context: Context) -> Iterator[str]:
         """Sources and robots inside the obstacles of the occupancy grid."""
         file = self.occupancy
         if context.scenario.robots and context.scenario.domain.dim == 3:
@@ -151,7 +154,7 @@ class ImportedWind(AnyWind, Played):
                     yield f"robots[{n}].start{each.format(k)} touches an obstacle of {file}; move the robot"
 
 
-def _outside(site: Site, axis: int, air: tuple[float, float], known: tuple[float, float], have: str) -> str:
+def _outside(site: "Site", axis: int, air: tuple[float, float], known: tuple[float, float], have: str) -> str:
     """A line about the domain along an axis; air, known: from where to where [m], in the domain."""
     x, origin = "xyz"[axis], site.origin[axis]
     (a, b), (low, high) = air, known

@@ -1,14 +1,16 @@
 """Winds and gases that are played back: frames of an earlier run, or of points as PlumeSim has them."""
 
 from collections.abc import Iterator
-from typing import ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 
 from taichi_plume.scenario.any_wind import AnyWind
 from taichi_plume.scenario.context import Context
-from taichi_plume.scenario.resources import Film
 from taichi_plume.scenario.vocabulary import FileName, Model, Point2, SomeCoefficient, Time
+
+if TYPE_CHECKING:
+    from taichi_plume.files.film import Film
 
 
 class Played(Model):
@@ -58,7 +60,7 @@ class Playback(Played):
                 f"it has {film.times[0]:g} to {film.times[-1]:g} s"
             )
 
-    def _another_domain(self, film: Film, context: Context) -> Iterator[str]:
+    def _another_domain(self, film: "Film", context: Context) -> Iterator[str]:
         domain = context.domain
         if domain.shape != film.shape or abs(domain.spacing - film.dx) > 1e-6 * film.dx:
             size = ", ".join(f"{n * film.dx:.6g}" for n in film.shape)

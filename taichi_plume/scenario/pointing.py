@@ -1,22 +1,24 @@
 """Where in the room what a remark is about lies: for numbers in a drawing of the scene."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from taichi_plume.scenario.arena import Arena
 from taichi_plume.scenario.located import Located
-from taichi_plume.scenario.resources import Resources
 from taichi_plume.scenario.robots import Group
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.starts import StartArea
 from taichi_plume.scenario.vocabulary import sections
 from taichi_plume.scenario.windows import Window
 
+if TYPE_CHECKING:
+    from taichi_plume.assembly.resources import Resources
+
 
 def numbered(
-    remarks: Sequence[str], scenario: Scenario, resources: Resources
+    remarks: Sequence[str], scenario: Scenario, resources: "Resources"
 ) -> list[tuple[int, tuple[float, ...]]]:
     """Number, counted from 1, and place [m] of each remark about something that has one: 2 or 3 coordinates."""
     places: dict[str, tuple[float, ...]] = {}
@@ -34,7 +36,7 @@ def numbered(
     return found
 
 
-def _place(where: str, section: Any, scenario: Scenario, resources: Resources) -> Any:
+def _place(where: str, section: Any, scenario: Scenario, resources: "Resources") -> Any:
     extent = scenario.domain.extent
     if isinstance(section, Located):
         return section.position
