@@ -7,13 +7,11 @@ import numpy as np
 
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import on_cpu
+from taichi_plume.scenario.size import ENTRIES_PER_CELL, MOST_BESIDE
 from taichi_plume.solvers.capacitance import Capacitance, Changes
 from taichi_plume.solvers.direct import FastTransforms, SparseFactors
 from taichi_plume.solvers.multigrid import Multigrid
 from taichi_plume.solvers.poisson import Openness
-
-MOST = 5000  # cells beside obstacles: their matrix is made in 6 s and takes 100 MB
-PER_CELL = 150  # entries of the matrix per cell of the grid, beyond which other solvers are faster
 
 
 class PressureSolver(Protocol):
@@ -38,7 +36,7 @@ def pressure_solver(faces: tuple[np.ndarray, ...], grid: Grid) -> PressureSolver
     changes = Changes.of(openness, grid)
     if not len(changes.near):
         return FastTransforms(changes.kinds, grid)
-    if len(changes.near) <= min(MOST, sqrt(PER_CELL * prod(grid.shape))):
+    if len(changes.near) <= min(MOST_BESIDE, sqrt(ENTRIES_PER_CELL * prod(grid.shape))):
         return Capacitance(changes, grid)
     if sum(n > 1 for n in grid.shape) <= 2:
         return SparseFactors(openness, grid)

@@ -11,9 +11,8 @@ import numpy as np
 
 from taichi_plume.grid.grid import Grid
 from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.scenario.size import MOST_PIXELS, MOST_VOXELS
 
-MOST_PIXELS = 400  # per axis of a plane
-MOST_VOXELS = 96  # per axis of the volume
 SLIGHT = 1e-9  # weight of solids beside air
 FLOOR = 0.1  # m above the floor, where neither a source nor a sensor tells what matters
 

@@ -8,7 +8,6 @@ from taichi_plume.assembly.prepare import load_scenario
 from taichi_plume.scenario import size as checks_size
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.size import estimate
-from taichi_plume.solvers import pressure
 
 ROOM = """\
 duration: 10
@@ -552,10 +551,6 @@ def test_only_flows_without_fast_transforms_need_memory_for_a_matrix(tmp_path):
     bare = needed(ROOM, "obstacles=[]")
     assert needed(ROOM) > bare + 12 * 500**2  # cells beside its surfaces
     assert needed(ROOM, "obstacles=[{kind: sphere, center: [2, 1.5, 0.2], radius: 1.45}]") == bare
-
-
-def test_the_limits_of_the_matrix_are_those_of_the_solver():
-    assert (checks_size.MOST_BESIDE, checks_size.ENTRIES_PER_CELL) == (pressure.MOST, pressure.PER_CELL)
 
 
 @pytest.mark.parametrize(
