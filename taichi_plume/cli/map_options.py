@@ -15,10 +15,9 @@ from pydantic_core import PydanticCustomError
 from taichi_plume.files.bag_readings import UNITS, Wanted
 from taichi_plume.files.readings import ReadingsError
 from taichi_plume.guard.terminal import Parser, whole_number
-from taichi_plume.scenario.facts import facts
+from taichi_plume.scenario.facts import facts, purpose
 from taichi_plume.scenario.loading import ScenarioError, load_part
 from taichi_plume.scenario.maps import Map
-from taichi_plume.scenario.meanings import purpose
 from taichi_plume.scenario.metal_oxides import MOX_MODELS
 from taichi_plume.scenario.quantities import parse
 

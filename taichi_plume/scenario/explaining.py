@@ -8,8 +8,8 @@ import textwrap
 from collections.abc import Iterator
 
 from taichi_plume.guard.terminal import LONGEST_VALUE, say, visible
+from taichi_plume.scenario.facts import purpose
 from taichi_plume.scenario.keys import Key, Place, look_up, near
-from taichi_plume.scenario.meanings import purpose
 from taichi_plume.scenario.vocabulary import Model
 
 WIDEST = 100  # columns of a text that is read

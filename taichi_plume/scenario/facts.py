@@ -1,18 +1,22 @@
 """What a key of a section is: meaning, type, unit, range and default, all from the models themselves."""
 
+import ast
+import inspect
 import re
+import textwrap
 import types
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
+from itertools import pairwise
 from math import inf
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from annotated_types import Ge, Gt, Le, Lt
+from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
-from taichi_plume.scenario.meanings import meanings
 from taichi_plume.scenario.quantities import Quantity
 from taichi_plume.scenario.vocabulary import InputFile, Model, Vector
 
@@ -62,6 +66,32 @@ def quantity_unit(model: type[Model], key: str) -> str:
     whole = _whole(model.model_fields[key])
     units = {_limits(kind, marks)[0] for kind, marks in _numbers(whole)}
     return units.pop() if len(units) == 1 and "quantit" in _type(whole) else ""
+
+
+@cache
+def meanings(model: type[Model]) -> dict[str, str]:
+    """Return the meaning of each key: the text below it in its class, or in a base class. A `kind` means its section.
+
+    pydantic's `use_attribute_docstrings` would read all sources at every start: 1.3 s more than the 2.1 s of importing
+    the scenario.
+    """
+    found = {"kind": purpose(model)}
+    for one in reversed(model.__mro__):
+        if issubclass(one, BaseModel) and one is not BaseModel:
+            (section,) = ast.parse(textwrap.dedent(inspect.getsource(one))).body
+            assert isinstance(section, ast.ClassDef)
+            for key, text in pairwise([*section.body, ast.Pass()]):
+                match key, text:
+                    case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(
+                        value=ast.Constant(value=str(meaning))
+                    ):
+                        found[name] = " ".join(meaning.split())
+    return {key: found[key] for key in model.model_fields if key in found}
+
+
+def purpose(model: type[BaseModel]) -> str:
+    """Return the first paragraph of the docstring of a section's class, in one line."""
+    return " ".join((model.__doc__ or "").strip().split("\n\n")[0].split())
 
 
 def first_sentence(text: str) -> str:
