@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from test_checks import FLOOR, ROOM
+from test_messages import FLOOR, ROOM
 
 from taichi_plume.assembly.prepare import load
 from taichi_plume.cli import check as checking

@@ -4,7 +4,9 @@ from math import hypot, sqrt
 from typing import get_args
 
 import pytest
+from test_messages import HALL
 
+from taichi_plume.assembly.prepare import load_scenario
 from taichi_plume.scenario.algorithms import Algorithm
 from taichi_plume.scenario.any_opening import AnyOpening
 from taichi_plume.scenario.any_wind import GUST, AnyWind
@@ -207,3 +209,21 @@ STREWN = {"kind": "plumesim_meandering", "release_point": (1, 1)}
 )
 def test_whether_another_seed_makes_other_air(changes, drawn):
     assert scenario(**changes).air_by_chance == drawn
+
+
+def test_gas_that_comes_in_is_that_of_its_schedule_and_units_of_sections_are_si(tmp_path):
+    path = tmp_path / "s.yaml"
+    path.write_text(HALL)
+    changes = [
+        "gas.inflow=[{opening: 0, concentration: 2 percent, schedule: [{at: 2 min, concentration: 7 ppm}]}]",
+        "gas.surfaces.walls=[{face: z-, uptake: 1 mm/s}]",
+        "gas.surfaces.obstacles=[{number: 0, uptake: 2 mm/s, transfer: 3 mm/s}]",
+        "obstacles=[{kind: sphere, center: [2, 1.5, 1], radius: 0.3}]",
+    ]
+    gas = load_scenario(path, changes).gas
+    assert [gas.inflow[0].at(t) for t in (-5.0, 119.0, 120.0)] == [20_000.0, 20_000.0, 7.0]
+    assert gas.surfaces.walls[0].uptake == pytest.approx(1e-3)
+    assert gas.surfaces.obstacles[0].transfer == pytest.approx(3e-3)
+    growth = "gas.growth={kind: inertial, dissipation: 10 cm^2/s^3}"
+    puffs = load_scenario(path, ["gas.kind=puffs", growth, "gas.fluctuation=3 cm/s", "gas.buoyancy=true"]).gas
+    assert (puffs.growth.dissipation, puffs.fluctuation) == (pytest.approx(1e-3), pytest.approx(0.03))
