@@ -36,8 +36,8 @@ if TYPE_CHECKING:  # they bring zarr and Taichi, for runs that need them
 class Resources:
     """What a scenario's files and obstacles are made of, each opened once, by the paths of the sections that name them.
 
-    faults: what is wrong with those that cannot be used. files: paths that were opened for each section, and for
-    `gaden`, those that other files name among them. shapes: of the obstacles without a fault, in their order.
+    faults: why files cannot be used, by the paths of the keys that name them. files: paths that were opened for each
+    section, and for `gaden`, those that other files name among them. shapes: of the obstacles, in their order.
     site: the files of an imported wind. code: files of own algorithms; own: their classes, once they were executed.
     networks: of policies. ways: of recorded robots. remarks: what is probably not meant, once checked.
     """
@@ -117,7 +117,7 @@ def _film(resources: Resources, path: str, model: Playback, folder: Path) -> Pur
             film.frame(n, film.wind if model.part == "wind" else film.gas)
         resources.films[path] = film
     except FilmError as error:
-        resources.faults[path] = str(error)
+        resources.faults[f"{path}.file"] = str(error)
     return gas
 
 
@@ -139,7 +139,7 @@ def _moment(resources: Resources, path: str, model: InitialWind | InitialGas, fo
         moment(film, names, model.at)
         resources.films[path] = film
     except FilmError as error:
-        resources.faults[path] = str(error)
+        resources.faults[f"{path}.film"] = str(error)
 
 
 def completed(gas: PlaybackGas, film: "Film") -> PlaybackGas:
@@ -165,7 +165,7 @@ def _points(
         known = (frames for frames in resources.frames.values() if frames.path == file)
         resources.frames[path] = next(known, None) or frames_of(model, folder)
     except PointFileError as error:
-        resources.faults[path] = str(error)
+        resources.faults[f"{path}.{model.key}"] = str(error)
 
 
 def _movie(resources: Resources, path: str, model: MovieGas, folder: Path) -> None:
@@ -179,7 +179,7 @@ def _movie(resources: Resources, path: str, model: MovieGas, folder: Path) -> No
             movie.frame(n)
         resources.movies[path] = movie
     except FilmError as error:
-        resources.faults[path] = str(error)
+        resources.faults[f"{path}.file"] = str(error)
 
 
 def _site(resources: Resources, path: str, model: ImportedWind, folder: Path) -> None:
@@ -192,7 +192,7 @@ def _site(resources: Resources, path: str, model: ImportedWind, folder: Path) ->
         site.read(site.files[-1][1])
         resources.site = site
     except WindFileError as error:
-        resources.faults[path] = str(error)
+        resources.faults[f"{path}.files"] = str(error)
 
 
 def _own(resources: Resources, path: str, model: Own, folder: Path) -> None:
@@ -201,7 +201,7 @@ def _own(resources: Resources, path: str, model: Own, folder: Path) -> None:
         try:
             resources.code[path] = OwnFile.read(folder / model.file, model.name)
         except OwnAlgorithmError as error:
-            resources.faults[path] = str(error)
+            resources.faults[f"{path}.file"] = str(error)
 
 
 def _network(resources: Resources, path: str, model: Policy, folder: Path) -> None:
@@ -210,7 +210,7 @@ def _network(resources: Resources, path: str, model: Policy, folder: Path) -> No
         try:
             resources.networks[path] = Network.read(folder / model.file)
         except OwnAlgorithmError as error:
-            resources.faults[path] = str(error)
+            resources.faults[f"{path}.file"] = str(error)
 
 
 def _ways(resources: Resources, path: str, model: Replay, folder: Path) -> None:
@@ -220,7 +220,7 @@ def _ways(resources: Resources, path: str, model: Replay, folder: Path) -> None:
     try:
         resources.ways[path] = read(folder / model.file, model.frame, model.topics, model.poses)
     except WayError as error:
-        resources.faults[path] = str(error)
+        resources.faults[f"{path}.file"] = str(error)
 
 
 OPENERS: dict[type[Model], Callable[[Resources, str, Any, Path], PureGas | None]] = {

@@ -1,12 +1,10 @@
 """The search algorithms of a scenario and their parameters."""
 
-from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field
 
 from taichi_plume.scenario.belief_algorithms import Infotaxis, SpaceAwareInfotaxis
-from taichi_plume.scenario.context import Context
 from taichi_plume.scenario.external import External
 from taichi_plume.scenario.filter_algorithms import HitMap, ParticleFilter
 from taichi_plume.scenario.listening import AnyAlgorithm, EColi, Spiral
@@ -55,12 +53,6 @@ class Own(AnyAlgorithm):
     def may_declare(self) -> bool:
         """Whether its robots may say where a source is: what a class does is not known before."""
         return True
-
-    def problems(self, where: str, context: Context) -> Iterator[str]:
-        """The file has to hold an algorithm."""
-        fault = context.resources.faults.get(where)
-        if fault is not None:
-            yield f"{where}.file: {fault}"
 
 
 Algorithm = Annotated[

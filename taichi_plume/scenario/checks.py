@@ -42,10 +42,12 @@ def remarks(scenario: Scenario, resources: "Resources") -> list[str]:
 
 
 def problems(scenario: Scenario, resources: "Resources") -> list[str]:
-    """What else is wrong with a scenario, whose files have been opened.
+    """Return what else is wrong with a scenario whose files have been opened.
 
-    Files that cannot be used are told alone: the other checks need them right.
+    Files that cannot be used are reported alone: the other checks need all files and shapes.
     """
     context = Context(scenario, resources)
+    if resources.faults:
+        return [f"{path}: {fault}" for path, fault in resources.faults.items()]
     lines = [line for where, section in every(scenario) for line in section.unusable(where, context)]
     return lines or [line for where, section in every(scenario) for line in section.problems(where, context)]

@@ -73,10 +73,8 @@ class ImportedWind(AnyWind, Played):
 
     def unusable(self, where: str, context: Context) -> Iterator[str]:
         """The first and the last file have been read; those between are, when the run begins."""
-        fault, site = context.resources.faults.get(where), context.resources.site
-        if fault is not None or site is None:
-            yield f"{where}.files: {fault}"
-            return
+        site = context.resources.site
+        assert site is not None
         low, high = site.levels
         if self.height is not None and not low <= self.height <= high:
             yield (
@@ -98,7 +96,7 @@ class ImportedWind(AnyWind, Played):
                 f"{free / 1e9:.2g} GB are free; use fewer, or raise domain.spacing"
             )
         faults = list(self._beyond_cubes(site, context))
-        if faults or len(context.resources.shapes) < len(context.scenario.obstacles):
+        if faults:
             yield from faults
             return
         yield from self._without_wind(site, context)

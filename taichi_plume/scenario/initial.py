@@ -104,10 +104,6 @@ class FilmedInitial(Initial):
         """The film has to show enough."""
         if self.film is None:
             return
-        fault = context.resources.faults.get(where)
-        if fault is not None:
-            yield f"{where}.film: {fault}"
-            return
         film, domain = context.resources.films[where], context.domain
         if not (film.wind if self.part == "wind" else film.gas):
             yield f"{where}.film: {film.path}: holds no {self.part}; record it with fields.quantities: [{self.part}]"

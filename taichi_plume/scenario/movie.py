@@ -39,10 +39,6 @@ class MovieGas(OneGas, Played):
 
     def unusable(self, where: str, context: Context) -> Iterator[str]:
         """Its pictures have to lie in the domain, and there has to be something to show at the start."""
-        fault = context.resources.faults.get(where)
-        if fault is not None:
-            yield f"{where}.file: {fault}"
-            return
         movie, extent = context.resources.movies[where], context.domain.extent
         (x, y), (width, height) = movie.origin, movie.size
         if not (x < extent[0] and y < extent[1] and x + width > 0 and y + height > 0):

@@ -39,10 +39,6 @@ class AnyObstacle(Model):
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
         """It has to be in the domain, on all of its way; `where` is obstacles[n]."""
-        fault = context.resources.faults.get(where)
-        if fault is not None:
-            yield f"{where}: {fault}"
-            return
         shape, domain = context.resources.shapes[where], context.domain
         extent, size = np.array(domain.extent), shape.high - shape.low
         beyond = (shape.high <= 0) | (shape.low >= extent)
@@ -306,10 +302,6 @@ class WallMap(Standing):
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
         """It may reach far beyond the domain, but has to tell of all or of some of it."""
-        fault = context.resources.faults.get(where)
-        if fault is not None:
-            yield f"{where}: {fault}"
-            return
         plan, extent = self._shape(where, context), np.array(context.domain.extent[:2])
         if (plan.high[:2] <= 0).any() or (plan.low[:2] >= extent).any():
             (low, high), at = plan.reach, np.array(self.origin or (0, 0))

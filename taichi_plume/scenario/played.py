@@ -34,10 +34,6 @@ class Playback(Played):
 
     def unusable(self, where: str, context: Context) -> Iterator[str]:
         """The film has to be whole, of the same domain and obstacles, and with what is asked of it."""
-        fault = context.resources.faults.get(where)
-        if fault is not None:
-            yield f"{where}.file: {fault}"
-            return
         film = context.resources.films[where]
         held = [name for name, variables in (("wind", film.wind), ("gas", film.gas)) if variables]
         if self.part not in held:
@@ -47,13 +43,11 @@ class Playback(Played):
             )
         elif faults := list(self._another_domain(film, context)):
             yield from faults
-        elif len(context.resources.shapes) == len(context.scenario.obstacles):
-            differing = context.resources.unlike(where)
-            if differing:
-                yield (
-                    f"obstacles: {differing} cells are not as in {film.path}, which {self.part} plays back; "
-                    "give the obstacles of the recorded run"
-                )
+        elif differing := context.resources.unlike(where):
+            yield (
+                f"obstacles: {differing} cells are not as in {film.path}, which {self.part} plays back; "
+                "give the obstacles of the recorded run"
+            )
         if self.start > film.times[-1] and not self.loop:
             yield (
                 f"{where}.start: {self.start:g} s is after the last frame of {film.path}; "
@@ -99,10 +93,6 @@ class PointPlayback(Played):
 
     def unusable(self, where: str, context: Context) -> Iterator[str]:
         """Some of the points have to be in the domain, and there has to be something to show at the start."""
-        fault = context.resources.faults.get(where)
-        if fault is not None:
-            yield f"{where}.{self.key}: {fault}"
-            return
         frames, extent = context.resources.frames[where], context.domain.extent
         place = frames.place + np.array(self.offset)
         low, high = place.min(axis=0), place.max(axis=0)

@@ -91,12 +91,6 @@ class Policy(AnyAlgorithm):
         if "noses" in self.observe and len(group.sensors.noses) == 1:
             yield f"{where}.algorithm.observe: noses, but there is one gas sensor; leave the entry out, or list more"
 
-    def problems(self, where: str, context: "Context") -> Iterator[str]:
-        """The file has to hold a network."""
-        fault = context.resources.faults.get(where)
-        if fault is not None:
-            yield f"{where}.file: {fault}"
-
     def remarks(self, where: str, context: "Context") -> Iterator[str]:
         """A network that is still to be learnt, and a period that ticks do not make."""
         if not self.file:

@@ -57,10 +57,6 @@ class Replay(AnyAlgorithm):
 
     def problems(self, where: str, context: "Context") -> Iterator[str]:
         """The recording has to hold its robots, on the floor."""
-        fault = context.resources.faults.get(where)
-        if fault is not None:
-            yield f"{where}.file: {fault}"
-            return
         there = [one.name for one in context.resources.ways[where]]
         count = _group(where, context).count
         listed = ", ".join(there[:MOST_LISTED]) + (" ..." if len(there) > MOST_LISTED else "")

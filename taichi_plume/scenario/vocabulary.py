@@ -224,7 +224,7 @@ class Model(BaseModel):
                 yield f"{where}.{key}: has {has}, a {dim}-D run takes {dim - vector.fewer} here: {axes}"
 
     def unusable(self, where: str, context: "Context") -> Iterator[str]:
-        """What is wrong with its files, without which nothing more can be said."""
+        """Yield what is wrong with the content of its files, without which nothing more can be said."""
         yield from ()
 
     def problems(self, where: str, context: "Context") -> Iterator[str]:
