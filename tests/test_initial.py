@@ -186,6 +186,7 @@ def test_a_film_goes_on_from_one_of_its_moments_on_any_grid(tmp_path):
         ("gas", {"concentration": "os.system('ls')"}, "has what is not arithmetic"),
         ("gas", {"concentration": "-3 ppm"}, "gas.initial.concentration: at .* it is -"),
         ("gas", {"concentration": "420 ppq"}, "'420 ppq' is no formula; allowed: .* ppm"),
+        ("gas", {"concentration": "420 ppm * exp(-x)"}, "'420 ppm .* is no formula; allowed: .* ppm"),
         ("gas", {"concentration": "3e6 ppm"}, "at most 1e.06 ppm"),
     ],
 )

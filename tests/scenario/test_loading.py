@@ -4,7 +4,7 @@ import yaml
 from taichi_plume.assembly.prepare import load_scenario
 from taichi_plume.files.run_folder import to_yaml
 from taichi_plume.guard import yaml_text
-from taichi_plume.scenario.loading import MOST_LINES, ScenarioError, scenario_from
+from taichi_plume.scenario.loading import MOST_LINES, ScenarioError
 from taichi_plume.scenario.obstacles import Box
 from taichi_plume.scenario.openings import Fan
 from taichi_plume.scenario.windows import Region
@@ -208,15 +208,3 @@ def test_an_override_changes_one_place_of_an_aliased_section(tmp_path):
     text = yaml.safe_dump(data)
     assert "*id001" in text
     assert [s.rate for s in load(tmp_path, text, "gas.sources.1.rate=0.2").gas.sources] == [1e-5, 0.2]
-
-
-@pytest.mark.parametrize("text", ["420 ppm * exp(-x)", "420 ppq"])
-def test_a_scenario_with_what_is_no_formula_is_refused_in_a_line(text):
-    gas = {
-        "kind": "eulerian",
-        "sources": [{"position": [0.5, 0.5], "rate": 0}],
-        "initial": {"concentration": text},
-    }
-    data = {"domain": {"size": [1, 1], "spacing": 0.1}, "wind": {"kind": "still"}, "gas": gas}
-    with pytest.raises(ScenarioError, match=r"gas\.initial\.concentration: '420 pp.*allowed: .*ppm"):
-        scenario_from(data)

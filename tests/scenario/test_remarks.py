@@ -1,6 +1,4 @@
-"""Notes on what can be run but is probably not meant: about meshes, what they are computed from, and of what ships."""
-
-from pathlib import Path
+"""Notes on what can be run but is probably not meant: about meshes, and what they are computed from."""
 
 import numpy as np
 import pytest
@@ -11,8 +9,6 @@ from taichi_plume.assembly.prepare import load
 from taichi_plume.cli import run
 from taichi_plume.scenario.context import Context
 from taichi_plume.scenario.unlikely import course, peak
-
-CONFIGS = sorted((Path(__file__).parents[2] / "configs").glob("*.yaml"))
 
 
 def of_obstacles(tmp_path, *overrides):
@@ -72,11 +68,6 @@ def test_own_algorithms_may_declare(tmp_path):
     (tmp_path / "own.py").write_text("class Own:\n    def act(self, robots):\n        pass\n")
     own = "robots.0.algorithm={kind: own, file: own.py}"
     assert said(tmp_path, FLOOR, "robots.0.found=declared", own) == []
-
-
-@pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.stem)
-def test_what_ships_gets_no_remark(path):
-    assert load(path).resources.remarks == []
 
 
 def context(tmp_path, *overrides) -> Context:

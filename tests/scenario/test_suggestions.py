@@ -118,39 +118,6 @@ def test_a_path_of_known_keys_is_not_misspelt():
 
 
 @pytest.mark.parametrize(
-    ("override", "parts"),
-    [
-        (
-            "robots.0.start.positions=[[1, 1, 1]]",
-            ["robots[0].start.positions[0]: has 3 numbers", "2", "x and y"],
-        ),
-        ("gas.sources.0.position=[1]", ["gas.sources[0].position: has 1 number", "x, y and in 3-D z"]),
-        (
-            "obstacles.0.center=[1, 1, 1]",
-            ["obstacles[0].center: has 3 numbers", "2-D run takes 2", "x and y"],
-        ),
-        (
-            "wind.openings.1={kind: outlet, face: x+, center: [1, 1], size: [1]}",
-            ["wind.openings[1].center: has 2", "2-D"],
-        ),
-        ("domain.size=[1]", ["domain.size: has 1 number", "x, y and in 3-D z"]),
-        ("domain.size=4 m", ["domain.size: must be a list, got '4 m'", "in brackets"]),
-        ("gas.sources={rate: 1}", ["gas.sources: must be a list, got {'rate': 1}", "'- '"]),
-        ("duration=7,5 s", ["duration: got '7,5 s'", "7.5"]),
-        ("robots.0.count=2,5", ["robots[0].count: got '2,5'", "2.5"]),
-        ("gas.sources.0.rate=5 ppb", ["gas.sources[0].rate: got '5 ppb'", "kg/s", "mg/s"]),
-        ("domain.spacing=4 cn", ["domain.spacing: got '4 cn'", "mm, cm, m"]),
-    ],
-)
-def test_a_value_of_a_wrong_form_gets_the_right_one(tmp_path, override, parts):
-    line = fault(
-        tmp_path, GOOD, *(["wind.openings.0.size=[1]"] if "center=[1, 1]" in override else []), override
-    )
-    assert line.startswith(parts[0])
-    assert all(part in line for part in parts)
-
-
-@pytest.mark.parametrize(
     ("text", "line", "meant"),
     [
         ("name: a\nduration 75 s\nseed: 1\n", 2, "colon"),
