@@ -66,8 +66,8 @@ def __getattr__(name: str) -> Any:
         "RunFolderError": "files.run_folder",
         "Scenario": "scenario.scenario",
         "Simulation": "simulation",
-        "load_scenario": "prepare",
-        "open_run": "run_data",
+        "load_scenario": "assembly.prepare",
+        "open_run": "results.run",
     }
     if name not in where:
         raise AttributeError(f"module 'taichi_plume' has no attribute '{name}'")
