@@ -23,7 +23,7 @@ from taichi_plume.contest.standings import (
     Row,
 )
 from taichi_plume.guard.terminal import show, visible
-from taichi_plume.report import html, look
+from taichi_plume.report import html
 from taichi_plume.report.html import Image, Section, Table
 from taichi_plume.study import cells, intervals
 from taichi_plume.study.points import Quantity
@@ -40,7 +40,7 @@ def write(contest: Contest, rows: Sequence[Row], command: Sequence[str]) -> Path
     return html.write(
         contest.out / f"{NAME}.html", _sections(contest, rows, command),
         name="Contest of search algorithms", what="taichi_plume", about="Page of a contest of taichi_plume",
-        status=f"{runs - left:,} of {runs:,} runs", good=not left, message="", began=[],
+        status=f"{runs - left:,} of {runs:,} runs", good=not left,
     )  # fmt: skip
 
 
@@ -52,7 +52,7 @@ def _sections(contest: Contest, rows: Sequence[Row], command: Sequence[str]) -> 
             yield _scenario(contest, one, mine)
     yield _failures(rows)
     yield Section("How it was measured", "measured", lines=list(captions.MEASURED))
-    yield Section("How to repeat it", "again", lines=[visible(shlex.join(command), None)])
+    yield Section("How to repeat it", "again", lines=[shlex.join(command)], code=True)
 
 
 def _whole(contest: Contest, rows: Sequence[Row]) -> Section:
@@ -71,31 +71,31 @@ def _whole(contest: Contest, rows: Sequence[Row]) -> Section:
     searches = f"{contest.searches} searches in each of {contest.airs} airs"
     section = Section("Success", "success")
     section.lines.append(f"{len(contest.entrants)} algorithms in {len(names)} scenarios, {searches}.")
-    section.tables.append(Table(cells.shown(table), ("success [%]", *names, "mean"), captions.WHOLE))
+    section.tables.append(Table(table, ("success [%]", *names, "mean"), captions.WHOLE))
     return section
 
 
 def _scenario(contest: Contest, one: Fixed, rows: Sequence[Row]) -> Section:
-    section = Section(one.name, one.name, lines=[visible(line) for line in one.about])
+    section = Section(one.name, one.name, lines=list(one.about))
     told = ", ".join(f"{key} {value:g}" for key, value in one.told.items())
     section.lines.append(f"{captions.TOLD} {told}.")
     image = plots.arena(one, mean_plume(one, contest.out / SCENARIOS))
-    section.images.append(Image(look.inline(image), f"{one.name} from above", captions.ARENA))
+    section.images.append(Image(image, f"{one.name} from above", captions.ARENA))
     section.images.append(
-        Image(look.inline(plots.compared(rows, one.scenario.duration)), "Success and time", captions.COMPARED)
+        Image(plots.compared(rows, one.scenario.duration), "Success and time", captions.COMPARED)
     )
     said = [row for row in rows if row.estimates[ERROR.name]]
     section.tables.append(_table(rows, [each for each in MEASURES if each not in WORDS], captions.TABLE))
     if said:
         section.tables.append(_table(said, WORDS, captions.WORDS))
     words = [(row.algorithm, intervals.words(row.estimates[SUCCESS.name], "1", True)) for row in rows]
-    section.tables.append(Table(cells.shown(words), ("success in words", "")))
+    section.tables.append(Table(words, ("success in words", "")))
     return section
 
 
 def _table(rows: Sequence[Row], some: Sequence[Measure], caption: str) -> Table:
     table = [(row.algorithm, *(cell(each, row.estimates[each.name]) for each in some)) for row in rows]
-    return Table(cells.shown(table), ("algorithm", *(plots.title(each) for each in some)), caption)
+    return Table(table, ("algorithm", *(plots.title(each) for each in some)), caption)
 
 
 def _failures(rows: Sequence[Row]) -> Section:
@@ -107,7 +107,7 @@ def _failures(rows: Sequence[Row]) -> Section:
     ]
     section = Section("What failed", "failed")
     if told:
-        section.tables.append(Table(cells.shown(told), ("", "runs", "message"), captions.FAILED))
+        section.tables.append(Table(told, ("", "runs", "message"), captions.FAILED))
     return section
 
 

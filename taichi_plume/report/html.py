@@ -1,24 +1,36 @@
-"""Pages that need nothing else: sections of lines, images and tables, put into `page.html`."""
+"""HTML pages that need nothing else: sections of lines, images and tables, put into `page.html`.
 
-from collections.abc import Iterable
+Reports of runs and studies, statistics and standings of contests are such pages. The template escapes every text, so
+sections hold names and messages as they are.
+"""
+
+import base64
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from taichi_plume import __version__
 from taichi_plume.files.disk import written_whole
-from taichi_plume.report.facts import Rows
+from taichi_plume.guard.terminal import visible
 
 TEMPLATE = Path(__file__).with_name("page.html")
+NO_BREAK = "\u00a0"
+LONGEST = 4000  # characters of a text; longer ones are cut in the middle, commands are not
+Rows = Sequence[Sequence[object]]
 
 
 @dataclass
 class Image:
-    """A figure: the image itself as an address, what it shows in a line, and how to read it."""
+    """A figure: PNG, what it shows in a line, and how to read it."""
 
-    address: str
+    png: bytes
     title: str
     caption: str
+
+    @property
+    def address(self) -> str:
+        """The PNG as an address that needs no file."""
+        return "data:image/png;base64," + base64.b64encode(self.png).decode("ascii")
 
 
 @dataclass
@@ -26,19 +38,20 @@ class Table:
     """Rows under their heads, with a line on what they say."""
 
     rows: Rows
-    heads: tuple[str, ...] = ()
+    heads: Sequence[str] = ()
     caption: str = ""
 
 
 @dataclass
 class Section:
-    """A part of the page, in the order in which it is read: lines, images, tables."""
+    """A part of the page, in the order in which it is read: lines, images, tables. code: lines are commands."""
 
     title: str
     key: str
     lines: list[str] = field(default_factory=list)
     images: list[Image] = field(default_factory=list)
     tables: list[Table] = field(default_factory=list)
+    code: bool = False
 
     @property
     def empty(self) -> bool:
@@ -46,18 +59,37 @@ class Section:
         return not (self.lines or self.images or self.tables)
 
 
-def write(path: Path, sections: Iterable[Section], **told: Any) -> Path:
-    """Write a page of those sections that say something; returns its path. Raises OSError.
+def write(
+    path: Path,
+    sections: Iterable[Section],
+    *,
+    name: str,
+    status: str,
+    good: bool,
+    message: str = "",
+    began: Sequence[str] = (),
+    what: str = "report of a run",
+    about: str = "Report of a run of taichi_plume",
+) -> Path:
+    """Write a page of the sections that are not empty; returns its path. Raises OSError.
 
-    told: what else the template takes: name, status, good (whether that is a good one), message, began (lines of
-    how it began), and where it is no report of a run, `what` it is and `about`.
+    name: heading; status, good: a word in a green box, or a red one; message: a line beside it. about: the line below,
+    followed by those of `began`. what: follows the name in the title of the window.
     """
     import jinja2
 
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    environment.filters["shown"] = shown
     template = environment.from_string(TEMPLATE.read_text(encoding="utf-8"))
-    said = [one for one in sections if not one.empty]
-    html = template.render(sections=said, version=__version__, **told)
+    html = template.render(
+        sections=[one for one in sections if not one.empty], version=__version__, name=name, status=status,
+        good=good, message=message, began=began, what=what, about=about,
+    )  # fmt: skip
     with written_whole(path) as fresh:
         fresh.write_text(html, encoding="utf-8", errors="backslashreplace")
     return path
+
+
+def shown(text: object, longest: int | None = LONGEST) -> str:
+    """Return a text as `visible` does; spaces at which no line ends stay."""
+    return NO_BREAK.join(visible(part, longest) for part in str(text).split(NO_BREAK))

@@ -1,6 +1,5 @@
 """How figures look: colours, sizes of letters, scales; and figures without a window."""
 
-import base64
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -96,11 +95,6 @@ def png(one: Figure) -> bytes:
     out = BytesIO()
     one.savefig(out, format="png", metadata={"Software": None})
     return out.getvalue()
-
-
-def inline(image: bytes) -> str:
-    """A PNG as the address of an image that is the image."""
-    return "data:image/png;base64," + base64.b64encode(image).decode("ascii")
 
 
 def plain(axes: Any) -> None:

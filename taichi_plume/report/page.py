@@ -7,8 +7,7 @@ from typing import Any
 
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.files.tables import plain
-from taichi_plume.guard.terminal import visible
-from taichi_plume.report import beliefs, captions, facts, figures, html, look, scene
+from taichi_plume.report import beliefs, captions, facts, figures, html, scene
 from taichi_plume.report.html import Image, Section, Table
 from taichi_plume.report.maps import maps_of
 from taichi_plume.report.references import papers
@@ -30,9 +29,8 @@ def write(run: Run, tolerant: bool | None = None) -> Path:
     parts = Parts(run, run.unfinished if tolerant is None else tolerant)
     message = str(run.result.get("message") or "")
     return html.write(
-        run.folder / NAME, parts.all(), name=visible(run.scenario.name), status=visible(run.status),
-        message=visible(message), good=run.status in ("completed", "stopped"),
-        began=[visible(line) for line in run.began.lines],
+        run.folder / NAME, parts.all(), name=run.scenario.name, status=run.status,
+        good=run.status in ("completed", "stopped"), message=message, began=run.began.lines,
     )  # fmt: skip
 
 
@@ -51,7 +49,7 @@ class Parts:
         except RunFolderError as error:
             if not self.tolerant:
                 raise
-            self.lacks.append(f"{visible(error)}.")
+            self.lacks.append(f"{error}.")
             return without
 
     def all(self) -> Iterator[Section]:
@@ -82,19 +80,15 @@ class Parts:
         """The result as the command printed it."""
         section = Section("The result in words", "words")
         if self.result:
-            section.tables.append(
-                Table([(visible(name), visible(text)) for name, text in summary.summary(self.result)[1:]])
-            )
+            section.tables.append(Table(summary.summary(self.result)[1:]))
             return section
         if self.run.unfinished:
-            status, folder = visible(self.run.status), visible(self.run.folder)
-            section.lines.append(captions.UNFINISHED.format(status=status, folder=folder))
+            section.lines.append(captions.UNFINISHED.format(status=self.run.status, folder=self.run.folder))
         for group in self.run.result.get("groups", []):
             if "found" in group:
                 of = group.get("robots_of_all_trials", "?")
-                section.lines.append(
-                    f"{visible(group.get('name'))}: {group['found']} of {of} robots had found a source."
-                )
+                name, found = group.get("name"), group["found"]
+                section.lines.append(f"{name}: {found} of {of} robots had found a source.")
         return section
 
     def setting(self) -> Section:
@@ -103,9 +97,8 @@ class Parts:
         seen = "from above" if run.scenario.domain.dim == 2 else "from above and from the side"
         robots = "; coloured discs are the robots at their start" if run.scenario.robots else ""
         caption = captions.SCENE.format(seen=seen, robots=robots)
-        image = Image(look.inline(scene.picture(run.scenario, run.shapes, figures.DPI)), "The scene", caption)
-        rows = [(visible(name), visible(text)) for name, text in facts.key_facts(run)]
-        return Section("What was run", "setting", images=[image], tables=[Table(rows)])
+        image = Image(scene.picture(run.scenario, run.shapes, figures.DPI), "The scene", caption)
+        return Section("What was run", "setting", images=[image], tables=[Table(facts.key_facts(run))])
 
     def trials(self) -> Section:
         """Success and times with their intervals."""
@@ -113,22 +106,20 @@ class Parts:
         groups = self.result.get("groups", [])
         searched = [group for group in groups if not group["no_search"]]
         for group in searched:
-            heads = (visible(group["name"]), "mean", "95 % interval", "over")
+            heads = (group["name"], "mean", "95 % interval", "over")
             caption = captions.TRIALS if group["trials"] > 1 else ""
             section.tables.append(Table(facts.trials(group), heads, caption))
         for group in groups:
             if group["no_search"]:
-                why = visible(group["no_search"])
-                section.lines.append(f"{visible(group['name'])}: no source to be found, {why}.")
+                section.lines.append(f"{group['name']}: no source to be found, {group['no_search']}.")
         for group in groups:
             if group.get("shares_arena_with"):
-                others = visible(", ".join(group["shares_arena_with"]))
-                section.lines.append(captions.SHARED.format(name=visible(group["name"]), others=others))
+                others = ", ".join(group["shares_arena_with"])
+                section.lines.append(captions.SHARED.format(name=group["name"], others=others))
         many = [one for one in searched if one["trials"] > 4 and one["trials_differ_by"] != "nothing"]
         if many:
             end = max(float(self.result["simulated_s"]) + self.run.begin, 1e-3)
-            image = figures.success(many, end)
-            section.images.append(Image(look.inline(image), "Found by when", captions.SUCCESS))
+            section.images.append(Image(figures.success(many, end), "Found by when", captions.SUCCESS))
         return section
 
     def plume(self) -> Section:
@@ -151,13 +142,11 @@ class Parts:
                 trails=trails if one.axes == "xy" else captions.ASIDE,
             )
             image = figures.mean_plume(run, one, self.tracks)
-            title = visible(f"Mean {one.quantity}{where}")
-            section.images.append(Image(look.inline(image), title, visible(caption)))
+            section.images.append(Image(image, f"Mean {one.quantity}{where}", caption))
         if not pictures:
             section.lines.append(captions.NO_PICTURES)
             if self.tracks:
-                image = figures.only_tracks(run, self.tracks)
-                section.images.append(Image(look.inline(image), "Tracks", trails))
+                section.images.append(Image(figures.only_tracks(run, self.tracks), "Tracks", trails))
         return section
 
     def _planes(self) -> list[str]:
@@ -183,7 +172,7 @@ class Parts:
             part = ""
             if some < len(self.tracks):
                 part = f" The readings are of the first {some} robots, the lanes of the first {lanes}."
-            image = look.inline(figures.smelt(self.run, self.tracks))
+            image = figures.smelt(self.run, self.tracks)
             caption = captions.SMELT.format(part=part)
             section.images.append(Image(image, "Readings and behaviour over time", caption))
         return section
@@ -197,13 +186,13 @@ class Parts:
         made = self._tried(lambda: maps_of(self.run.folder), [])
         if made:
             part = f" Shown are the first {most} of {len(made)} maps." if len(made) > most else ""
-            image = look.inline(figures.beside_truth(self.run, made[:most]))
+            image = figures.beside_truth(self.run, made[:most])
             section.images.append(Image(image, "Maps at the end", captions.MAPS.format(part=part)))
         else:
             section.lines.append(captions.NO_MAPS)
         told = self.result.get("maps", [])
         if told:
-            names = [visible(name) for name in facts.map_names(told)]
+            names = facts.map_names(told)
             heads = (
                 "map",
                 "mean error [ppm]",
@@ -214,7 +203,7 @@ class Parts:
             section.tables.append(Table(facts.map_rows(told, names), heads, captions.MAP_SCORES))
             over_time = figures.scores(told[:most], names[:most])
             if over_time:
-                section.images.append(Image(look.inline(over_time), "Scores over time", captions.OVER_TIME))
+                section.images.append(Image(over_time, "Scores over time", captions.OVER_TIME))
         return section
 
     def beliefs(self) -> Section:
@@ -223,13 +212,12 @@ class Parts:
         told = self.result.get("beliefs", [])
         made = self._tried(lambda: beliefs.beliefs_of(self.run.folder), []) if told else []
         if made:
-            image = look.inline(beliefs.beside_sources(self.run, made[: beliefs.MOST]))
+            image = beliefs.beside_sources(self.run, made[: beliefs.MOST])
             section.images.append(Image(image, "Beliefs at the end", captions.BELIEFS))
         if told:
             heads = ("group", "peak to source [m]", "mean to source [m]", "expected distance [m]")
             heads += ("entropy [bit]", "probability within reach")
-            table = [(visible(row[0]), *row[1:]) for row in beliefs.rows(told)]
-            section.tables.append(Table(table, heads, captions.BELIEF_SCORES))
+            section.tables.append(Table(beliefs.rows(told), heads, captions.BELIEF_SCORES))
         return section
 
     def balance(self) -> Section:
@@ -247,23 +235,23 @@ class Parts:
     def notes(self) -> Section:
         """What is unlikely, and what this page lacks."""
         remarks = self.run.result.get("remarks")
-        lines = [visible(one) for one in remarks if isinstance(one, str)] if isinstance(remarks, list) else []
+        lines = [one for one in remarks if isinstance(one, str)] if isinstance(remarks, list) else []
         return Section("Notes", "notes", lines=lines + self.lacks)
 
     def citing(self) -> Section:
         """Software and papers."""
-        version = visible(self.run.result.get("version", "of unknown version"))
+        version = self.run.result.get("version", "of unknown version")
         section = Section("How to cite", "citing")
         section.lines.append(captions.CITE.format(version=version))
-        rows = [(visible(name), visible(" ".join(lines), None)) for name, lines in papers(self.run.scenario)]
+        rows = [(name, " ".join(lines)) for name, lines in papers(self.run.scenario)]
         if rows:
             section.tables.append(Table(rows, ("used here", "rests on")))
         return section
 
     def again(self) -> Section:
         """Command, versions, files."""
-        section = Section("How to run it again", "again")
+        section = Section("How to run it again", "again", code=True)
         if self.run.began.again:
-            section.lines.append(visible(self.run.began.again, None))
+            section.lines.append(self.run.began.again)
         section.tables.append(Table(facts.files(self.run), ("file", "size", "what it holds")))
         return section

@@ -5,8 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from taichi_plume.guard.terminal import visible
-from taichi_plume.report import html, look
+from taichi_plume.report import html
 from taichi_plume.report.html import Image, Section, Table
 from taichi_plume.statistics import captions, plots
 from taichi_plume.statistics.analysis import Kind, OfProbe, Profile
@@ -23,14 +22,10 @@ def write(found: Statistics, folder: Path) -> Path:
     """Write the page into a folder; returns its path. Raises OSError."""
     return html.write(
         folder / PAGE, _sections(found),
-        name=visible(found.name), what="statistics of a plume", status=visible(found.gas), good=True,
+        name=found.name, what="statistics of a plume", status=found.gas, good=True,
         message=f"Statistics of a plume, from {'probes' if found.of == 'probes' else 'a film'}",
-        about="Statistics by taichi_plume", began=[visible(found.source)],
+        about="Statistics by taichi_plume", began=[str(found.source)],
     )  # fmt: skip
-
-
-def _image(png: bytes, title: str, caption: str) -> Image:
-    return Image(look.inline(png), visible(title), visible(caption))
 
 
 def _number(value: Any) -> str:
@@ -53,8 +48,7 @@ def _words(found: Statistics) -> Section:
         for one in found.probes
     ]
     where = ", ".join(
-        f"{visible(one.probe.name)} ({kind})"
-        for one, kind in zip(found.probes[:MOST_PROBES], kinds, strict=False)
+        f"{one.probe.name} ({kind})" for one, kind in zip(found.probes[:MOST_PROBES], kinds, strict=False)
     )
     more = len(found.probes) - MOST_PROBES
     where += f" and {more} more" if more > 0 else ""
@@ -62,7 +56,7 @@ def _words(found: Statistics) -> Section:
     every = f"every {low:.3g} s" if high - low < 1e-3 * high else f"every {low:.3g} to {high:.3g} s"
     lines = [
         captions.MEASURED.format(
-            gas=visible(found.gas), points=f"{points:,} point{'s' * (points != 1)}", where=where, begin=found.begin,
+            gas=found.gas, points=f"{points:,} point{'s' * (points != 1)}", where=where, begin=found.begin,
             end=found.end, samples=f"{found.samples:,}", every=every,
         ),
         captions.THRESHOLD.format(threshold=found.threshold, why=found.why),
@@ -70,7 +64,7 @@ def _words(found: Statistics) -> Section:
     for one in found.probes[:MOST_PROBES]:
         laws = "; ".join(filter(None, map(_law_in_words, one.kinds)))
         if laws:
-            lines.append(f"{visible(one.probe.name)}: {laws}.")
+            lines.append(f"{one.probe.name}: {laws}.")
     if found.smelt:
         slow, fast = found.smelt.kept[:2]
         lines.append(
@@ -110,7 +104,7 @@ def _strength(found: Statistics) -> Section:
             error = f"\u00a0±\u00a0{p['mean_error'][k]:.1g}" if np.isfinite(p["mean_error"][k]) else ""
             rows.append(
                 (
-                    f"{visible(one.probe.name)}: {k}", place, f"{p['mean'][k]:.3g}{error}", _number(p["intensity"][k]),
+                    f"{one.probe.name}: {k}", place, f"{p['mean'][k]:.3g}{error}", _number(p["intensity"][k]),
                     f"{p['intermittency'][k]:.3f}", _number(p["conditional_mean"][k]), _number(p["peak99"][k]),
                     _number(p["peak"][k]), _number(p["integral_time"][k]),
                 )
@@ -126,7 +120,7 @@ def _strength(found: Statistics) -> Section:
         if "speed" in one.points and np.isfinite(one.points["turbulence_intensity"]).any():
             means = [f"{one.points[f'mean_{u}'].mean():.3g}" for u in "uvw" if f"mean_{u}" in one.points]
             intensity = _number(np.nanmean(one.points["turbulence_intensity"]))
-            winds.append((visible(one.probe.name), *means, intensity))
+            winds.append((one.probe.name, *means, intensity))
     if winds:
         axes = AXES[: len(winds[0]) - 2]
         heads = ("probe", *(f"wind along {a} [m/s]" for a in axes), "turbulence intensity")
@@ -147,7 +141,7 @@ def _maps(found: Statistics) -> Section:
             "intermittency": data["intermittency"].values,
         }
         png = plots.maps(data.x.values, data.y.values, values)
-        section.images.append(_image(png, f"From the film{at}", captions.MAPS))
+        section.images.append(Image(png, f"From the film{at}", captions.MAPS))
     for one in found.probes[:MOST_PROBES]:
         if one.probe.kind != "grid":
             continue
@@ -163,7 +157,7 @@ def _maps(found: Statistics) -> Section:
         values = {title: one.points[key].reshape(one.probe.counts)[cut] for title, key in names.items()}
         values["rms / mean"] = _where_gas(values["rms / mean"], mean[cut])
         png = plots.maps(x, y, values, "".join(AXES[d] for d in axes))
-        section.images.append(_image(png, f"Grid {one.probe.name}", captions.MAPS))
+        section.images.append(Image(png, f"Grid {one.probe.name}", captions.MAPS))
     return section
 
 
@@ -179,14 +173,14 @@ def _spread(shown: list[OfProbe]) -> Section:
         if one.profiles:
             png = plots.profiles(one.profiles)
             caption = captions.PROFILES + _gaussian(one.profiles)
-            section.images.append(_image(png, f"{one.probe.name}: profiles", caption))
+            section.images.append(Image(png, f"{one.probe.name}: profiles", caption))
             along = next((a for a in AXES if one.profiles[0].at.startswith(a)), "")
             wide = plots.widths(one.profiles, along) if along else None
             if wide:
-                section.images.append(_image(wide, f"{one.probe.name}: width and centre", captions.WIDTHS))
+                section.images.append(Image(wide, f"{one.probe.name}: width and centre", captions.WIDTHS))
         if one.correlations:
             png = plots.correlations(one.correlations)
-            section.images.append(_image(png, f"{one.probe.name}: correlation", captions.CORRELATION))
+            section.images.append(Image(png, f"{one.probe.name}: correlation", captions.CORRELATION))
     return section
 
 
@@ -219,12 +213,12 @@ def _whiffs(found: Statistics, shown: list[OfProbe]) -> Section:
             )
             within = f"{law.first:.3g} to {law.last:.3g} s, {law.count:,}" if law else "-"
             rows.append(
-                (f"{visible(one.probe.name)}: {kind.name}", f"{len(every.lasted):,}", str(every.cut), f"{middle:.3g}",
+                (f"{one.probe.name}: {kind.name}", f"{len(every.lasted):,}", str(every.cut), f"{middle:.3g}",
                  f"{mean:.3g}", f"{largest:.3g}", told, within)
             )  # fmt: skip
         if all(len(kind.all.lasted) > 1 for kind in one.kinds):
             png = plots.laws(one, step)
-            section.images.append(_image(png, f"{one.probe.name}: how long they last", captions.LAWS))
+            section.images.append(Image(png, f"{one.probe.name}: how long they last", captions.LAWS))
     heads = (
         "of", "number", "cut", "median [s]", "mean [s]", "longest [s]", "exponent (95 %)", "range and number",
     )  # fmt: skip
@@ -239,13 +233,13 @@ def _sensors(found: Statistics) -> Section:
     smelt = found.smelt
     if smelt is None or not smelt.kept[0].whiffs:
         return section
-    section.lines.append(captions.KEPT.format(gas=visible(found.gas)))
-    section.images.append(_image(plots.sensors(smelt), "Share of whiffs kept", captions.BARS))
+    section.lines.append(captions.KEPT.format(gas=found.gas))
+    section.images.append(Image(plots.sensors(smelt), "Share of whiffs kept", captions.BARS))
     png = plots.records(smelt, found.threshold, found.begin)
-    section.images.append(_image(png, "The air at a point, and what two sensors read", captions.RECORDS))
+    section.images.append(Image(png, "The air at a point, and what two sensors read", captions.RECORDS))
     rows = [
         (
-            visible(k.nose.name),
+            k.nose.name,
             f"{k.share:.1%}",
             f"{k.kept:,} of {k.whiffs:,}",
             f"{k.rises:,}",
@@ -267,16 +261,16 @@ def _within(shown: list[OfProbe]) -> Section:
                 f"{captions.WITHIN} Gamma: shape {gamma.shape:.3g}; lognormal: deviation of the logarithm "
                 f"{lognormal.shape:.3g}."
             )
-            section.images.append(_image(plots.within(one), one.probe.name, told))
+            section.images.append(Image(plots.within(one), one.probe.name, told))
     return section
 
 
 def _time(shown: list[OfProbe]) -> Section:
     section = Section("How fast it fluctuates", "time")
     if shown and any(one.density.any() for one in shown):
-        section.images.append(_image(plots.spectrum(shown), "Spectra", captions.SPECTRUM))
+        section.images.append(Image(plots.spectrum(shown), "Spectra", captions.SPECTRUM))
     return section
 
 
 def _notes(found: Statistics) -> Section:
-    return Section("Notes", "notes", lines=[visible(one) for one in [*found.notes, captions.FILES]])
+    return Section("Notes", "notes", lines=[*found.notes, captions.FILES])

@@ -1,11 +1,9 @@
 """The cells of the tables of a study's page."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from taichi_plume.guard.terminal import visible
 from taichi_plume.study import intervals
 from taichi_plume.study.points import Quantity
 
@@ -65,8 +63,3 @@ def keys(axis: Any) -> str:
         ", ".join(dict.fromkeys(key for one in variants.values() if isinstance(one, dict) for key in one))
         or "-"
     )
-
-
-def shown(rows: Sequence[tuple[Any, ...]]) -> list[tuple[str, ...]]:
-    """Cells as they may be shown."""
-    return [tuple(visible(cell, 300) for cell in row) for row in rows]

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from taichi_plume.guard.terminal import visible
-from taichi_plume.report import html, look
+from taichi_plume.report import html
 from taichi_plume.report.html import Image, Section, Table
 from taichi_plume.study import captions, cells, columns, costs, indices, plots, refine
 from taichi_plume.study.points import SUCCESS, TIME, Points, Quantity
@@ -33,18 +32,14 @@ def write(folder: Path) -> Path:
     done, asked = status.get("completed", 0) + status.get("stopped", 0), sum(status.values())
     return html.write(
         folder / NAME, Page(study).sections(),
-        name=visible(study.plan.about["name"]), what="report of a study", about="Report of a study of taichi_plume",
-        status=f"{done:,} of {asked:,} runs", good=done == asked, message=_left(status), began=[],
+        name=study.plan.about["name"], what="report of a study", about="Report of a study of taichi_plume",
+        status=f"{done:,} of {asked:,} runs", good=done == asked, message=_left(status),
     )  # fmt: skip
 
 
 def _left(status: dict[str, int]) -> str:
     told = [f"{status[name]:,} {name}" for name in ("failed", "missing") if status.get(name)]
     return ", ".join(told)
-
-
-def _image(png: bytes, title: str, caption: str) -> Image:
-    return Image(look.inline(png), visible(title), visible(caption))
 
 
 class Page:
@@ -92,7 +87,7 @@ class Page:
                     for value in plots.values_of(self.points, axis)[:MOST_SHOWN]
                     if value in told
                 ]
-            section.tables.append(Table(cells.shown(rows), (visible(one.title), "")))
+            section.tables.append(Table(rows, (one.title, "")))
         section.tables += list(self._apart())
         if TIME in self.main:
             section.lines.append(captions.FAILURES)
@@ -121,7 +116,7 @@ class Page:
         if rows:
             more = f" The first {MOST_SHOWN} are shown." if len(rows) > MOST_SHOWN else ""
             heads = ("in the same airs", "success of", "differs by [percentage points]", "95 % interval")
-            yield Table(cells.shown(rows[:MOST_SHOWN]), heads, captions.APART + more)
+            yield Table(rows[:MOST_SHOWN], heads, captions.APART + more)
 
     def varied(self) -> Section:
         """The axes."""
@@ -143,14 +138,12 @@ class Page:
                 (axis.name, cells.keys(told.get(axis.name)), text, axis.unit or "-", f"{len(values):,}")
             )
         if rows:
-            section.tables.append(
-                Table(cells.shown(rows), ("axis", "key of the scenario", "values", "unit", "how many"))
-            )
+            section.tables.append(Table(rows, ("axis", "key of the scenario", "values", "unit", "how many")))
         runs = self.points.runs
         airs = int(runs.groupby("point")["air"].nunique().max()) if len(runs) else 0
         each = len(runs) / max(1, runs["point"].nunique() * max(1, airs))
         points = int(runs["point"].nunique())
-        base = visible(self.about["study"].get("base", "a scenario"))
+        base = self.about["study"].get("base", "a scenario")
         section.lines.append(
             f"{points:,} point{'s' * (points != 1)}, each in {airs:,} air{'s' * (airs != 1)} with {each:.3g} "
             f"run{'s' * (each != 1)} in each: {len(runs):,} runs. The base is {base}."
@@ -172,16 +165,16 @@ class Page:
             caption = captions.ALONG if few else captions.RUNNING
             for kind in kinds:
                 title = f"{' and '.join(one.name for one in kind)} over {axis}{lines}"
-                section.images.append(_image(plots.along(self.points, axis, self.by, kind), title, caption))
+                section.images.append(Image(plots.along(self.points, axis, self.by, kind), title, caption))
         for axis in self.named[:MOST_ALONG]:
             section.images.append(
-                _image(plots.between(self.points, axis, some), f"By {axis}", captions.BETWEEN)
+                Image(plots.between(self.points, axis, some), f"By {axis}", captions.BETWEEN)
             )
         grid = [axis for axis in self.numeric if len(plots.values_of(self.points, axis)) <= plots.MOST_VALUES]
         for pair in list(pairwise(grid))[:3]:
             title = f"{some[0].title} over {pair[0]} and {pair[1]}{lines}"
             section.images.append(
-                _image(plots.heat(self.points, pair, self.by, some[0]), title, captions.HEAT)
+                Image(plots.heat(self.points, pair, self.by, some[0]), title, captions.HEAT)
             )
         left = len(self.numeric) + len(self.named) - 2 * MOST_ALONG
         if left > 0:
@@ -200,17 +193,15 @@ class Page:
         section = Section("Which axes matter", "sensitivity", lines=[captions.INDICES])
         for one, group, found in list(indices.found(self.points))[:MOST_KINDS]:
             title = one.title + (f", {group}" if group and "group" in self.named else "")
-            section.lines += [visible(f"{title}: {line}.") for line in indices.words(found)]
+            section.lines += [f"{title}: {line}." for line in indices.words(found)]
             if not found.indices:
                 continue
-            section.images.append(_image(plots.sensitivity(title, found.indices), title, captions.SOBOL))
+            section.images.append(Image(plots.sensitivity(title, found.indices), title, captions.SOBOL))
             rows = [
                 (axis, f"{each[0]:.2f}", cells.ends(*each[1:3]), f"{each[3]:.2f}", cells.ends(*each[4:]))
                 for axis, each in found.indices.items()
             ]
-            section.tables.append(
-                Table(cells.shown(rows), (visible(title), "first order", "95 %", "total", "95 %"))
-            )
+            section.tables.append(Table(rows, (title, "first order", "95 %", "total", "95 %")))
         return section
 
     def _orders(self) -> Section:
@@ -227,13 +218,13 @@ class Page:
             if not mine:
                 continue
             image = plots.refinement(mine, names, one.title, one.unit)
-            section.images.append(_image(image, f"{one.title} over the spacing", captions.SPACING))
+            section.images.append(Image(image, f"{one.title} over the spacing", captions.SPACING))
             told = [
                 (name or "all", ", ".join(f"{value:.4g}" for value in row["values"]), refine.words(row))
                 for row, name in list(zip(mine, names, strict=True))[:MOST_SHOWN]
             ]
-            heads = (visible(one.title), "values, finest first", "order")
-            section.tables.append(Table(cells.shown(told), heads))
+            heads = (one.title, "values, finest first", "order")
+            section.tables.append(Table(told, heads))
         return section
 
     def _combination(self, row: dict[str, Any], axis: str) -> str:
@@ -263,10 +254,8 @@ class Page:
                 runs += f", {about[name]} {name}" if about[name] else ""
             means = [cells.cell(one, told[one.name][row]) for one in some]
             rows.append((*(cells.plain(about[axis]) for axis in axes), *means, runs))
-        heads = tuple(visible(plots.label(self.points, axis)) for axis in axes)
-        section.tables.append(
-            Table(cells.shown(rows), (*heads, *(visible(cells.head(one)) for one in some), "runs"), caption)
-        )
+        heads = tuple(plots.label(self.points, axis) for axis in axes)
+        section.tables.append(Table(rows, (*heads, *(cells.head(one) for one in some), "runs"), caption))
         return section
 
     def failures(self) -> Section:
@@ -285,13 +274,8 @@ class Page:
                 if len(rows) > MOST_FAULTS
                 else ""
             )
-            section.tables.append(
-                Table(
-                    cells.shown(rows[:MOST_FAULTS]),
-                    ("runs", "message", "to run one of them again"),
-                    captions.FAILED + more,
-                )
-            )
+            heads = ("runs", "message", "to run one of them again")
+            section.tables.append(Table(rows[:MOST_FAULTS], heads, captions.FAILED + more))
         missing = int((runs["status"] == "missing").sum())
         if missing:
             section.lines.append(captions.MISSING.format(missing=missing, all=len(runs)))
@@ -300,21 +284,18 @@ class Page:
     def costs(self) -> Section:
         """What it took."""
         rows = costs.told(self.study.tables.costs)
-        return Section(
-            "What it took", "costs", tables=[Table(cells.shown(rows), (), captions.COSTS)] if rows else []
-        )
+        return Section("What it took", "costs", tables=[Table(rows, (), captions.COSTS)] if rows else [])
 
     def reading(self) -> Section:
         """How to read the tables."""
-        folder = visible(self.folder)
-        trials = f"{folder}/trials"
+        folder, trials = self.folder, f"{self.folder}/trials"
         lines = [
             f'from taichi_plume import study; results = study.open("{folder}"); results.points(); results.trials()',
             f"duckdb -c \"select * from '{trials}/**/*.parquet'\"",
             f'pandas.read_parquet("{trials}")',
             f'polars.read_parquet("{trials}/**/*.parquet")',
         ]
-        return Section("How to read the tables", "read", lines=lines)
+        return Section("How to read the tables", "read", lines=lines, code=True)
 
     def again(self) -> Section:
         """How to go on."""
@@ -323,7 +304,4 @@ class Page:
             shlex.join(["python", "-m", "taichi_plume.study", str(self.about["file"]), "--out", out]),
             shlex.join(["python", "-m", "taichi_plume.study", "report", out]),
         ]
-        rows = [(visible(name), text) for name, text in captions.AGAIN]
-        return Section(
-            "How to go on", "again", lines=[visible(one, None) for one in lines], tables=[Table(rows)]
-        )
+        return Section("How to go on", "again", lines=lines, tables=[Table(captions.AGAIN)], code=True)
