@@ -243,7 +243,7 @@ class Parts:
         version = self.run.result.get("version", "of unknown version")
         section = Section("How to cite", "citing")
         section.lines.append(captions.CITE.format(version=version))
-        rows = [(name, " ".join(lines)) for name, lines in papers(self.run.scenario)]
+        rows = papers(self.run.scenario)
         if rows:
             section.tables.append(Table(rows, ("used here", "rests on")))
         return section

@@ -1,111 +1,81 @@
-"""The papers behind what a run used: what the docstrings of the modules that computed it cite.
+"""Papers behind the algorithms, gas maps, gases and winds that a run used, for the report's section on citing.
 
-Nothing is imported for it: the tables of kinds are read as text, and so are the modules that they name.
+The modules' docstrings cite the same papers beside the equations that rest on them. Add a kind's papers here too.
 """
 
-import ast
-import re
-from collections.abc import Iterator
-from functools import cache
-from pathlib import Path
-
-from taichi_plume import __path__ as package_folders
 from taichi_plume.scenario.scenario import Scenario
 
-TABLES = (("assembly/kinds.py", "solvers"), ("agents/search.py", "agents"), ("agents/mapping.py", "agents"))
-"""Files with tables of kinds, and the folders in which the modules are that these name."""
-YEAR = re.compile(r"\b(1[89]|20)\d\d\b")
-ENDS = re.compile(r"(?<!Trans)(?<!al)(?<!eq)\.\s+(?=[A-Z]|[a-z]:)")  # of sentences, not of abbreviations
+FERRI = (
+    "Ferri, Caselli, Mattoli, Mondini, Mazzolai & Dario, Robotics and Autonomous Systems 57 (2009) 393-402."
+)
+LOCHMATTER = (
+    'Lochmatter & Martinoli, "Theoretical analysis of three bio-inspired plume tracking algorithms", ICRA 2009, '
+    "doi:10.1109/ROBOT.2009.5152521."
+)
+MARJOVI = 'Marjovi & Marques, "Multi-Robot Odor Distribution Mapping in Realistic Time-Variant Conditions", ICRA 2014'
+PLUMESIM = (
+    'PlumeSim: Cabrita, Sousa & Marques, "Player/Stage simulation of olfactory experiments", IROS 2010.'
+)
+TURDUEV = (
+    "Turduev, Cabrita, Kırtay, Gazi & Marques, Autonomous Agents and Multi-Agent Systems 28 (2014) 72-100"
+)
+SEARCHES: dict[str, str] = {
+    "casting": 'Lochmatter & Martinoli, "Tracking odor plumes in a laminar wind field with bio-inspired algorithms", '
+    "ISER 2008.",
+    "casting_3d": "Casting to all sides of the wind as moths do: Rutkowski, Edwards, Willis, Quinn & Causey, "
+    '"Moth-inspired plume tracking strategies in three-dimensions", ICRA 2005; Rutkowski, Willis & Quinn, '
+    '"Simulated odor tracking in a plane normal to the wind direction", ICRA 2006.',
+    "surge_cast": LOCHMATTER,
+    "surge_spiral": LOCHMATTER,
+    "spiral": FERRI,
+    "ecoli": "Russell, Bab-Hadiashar, Shepherd & Wallace, Robotics and Autonomous Systems 45 (2003) 83-97. Its "
+    f"parameters: {FERRI}",
+    "infotaxis": "Vergassola, Villermaux & Shraiman, Nature 445 (2007) 406-409, doi:10.1038/nature05464.",
+    "space_aware_infotaxis": "Loisy & Eloy, Proc. R. Soc. A 478 (2022) 20220118, doi:10.1098/rspa.2022.0118.",
+    "particle_filter": 'Li, Meng, Wang & Zeng, "Odor source localization using a mobile robot in outdoor airflow '
+    'environments with a particle filter algorithm", Autonomous Robots 30 (2011) 281-292, '
+    "doi:10.1007/s10514-011-9219-2. Resampling: Kitagawa 1996, doi:10.1080/10618600.1996.10474692; roughening: Gordon, "
+    "Salmond & Smith 1993, doi:10.1049/ip-f-2.1993.0015.",
+    "hit_map": 'Ojeda, Monroy & Gonzalez-Jimenez, "Information-driven gas source localization exploiting gas and wind '
+    'local measurements for autonomous mobile robots", IEEE Robotics and Automation Letters 6 (2021) 1320-1326, '
+    'doi:10.1109/LRA.2021.3057290 (GrGSL), and "Robotic gas source localization with probabilistic mapping and online '
+    'dispersion simulation", IEEE Trans. Robotics (2024), arXiv:2304.08879 (PMFS).',
+    "dapso": 'Akat & Gazi, "Decentralized asynchronous particle swarm optimization", IEEE Swarm Intelligence Symposium '
+    f"2008, used for gas maps by {TURDUEV}. Constriction: Clerc & Kennedy, IEEE Trans. Evolutionary Computation 6 "
+    "(2002) 58-73. Exploration that a reading ends: Li, Li, Lee & Zhang, PLoS ONE 9 (2014) e111970.",
+    "lineup": 'Marjovi & Marques, "Optimal swarm formation for odor plume finding", IEEE Trans. Cybernetics 44 (2014) '
+    "2302-2315, and Autonomous Robots 35 (2013) 93-109.",
+    "sweep": f"The systematic search with which swarms are compared by {TURDUEV}.",
+    "least_known": f"{MARJOVI}, eq 6.",
+}
+MAPS: dict[str, str] = {
+    "time_series": f"{MARJOVI}, eq 4-7.",
+    "inverse_distance": f"{MARJOVI}, eq 1-3.",
+    "kernel_dmv": "Lilienthal, Reggente, Trincavelli, Blanco & Gonzalez, IROS 2009 (DM+V); Asadi et al. 2011 (older "
+    "readings count less); Reggente & Lilienthal 2009 (DM+V/W: stretched along the wind).",
+    "gmrf": "Monroy, Blanco & Gonzalez-Jimenez, Autonomous Robots 2016.",
+}
+GASES: dict[str, str] = {
+    "puffs": "Farrell et al. 2002, doi:10.1023/A:1016283702837, improved. Exact steps of the random wind: Gillespie "
+    "1996, doi:10.1103/PhysRevE.54.2084.",
+    "plumesim_gaussian": PLUMESIM,
+    "plumesim_meandering": PLUMESIM,
+    "plumesim_log": PLUMESIM,
+    "fluent": PLUMESIM,
+}
+WINDS: dict[str, str] = {
+    "synthetic": "Kinematic simulation: Fung et al. 1992, doi:10.1017/S0022112092001423. No air through walls: Bridson "
+    "et al. 2007, doi:10.1145/1276377.1276435. Dissipation: Metais & Lesieur 1992, doi:10.1017/S0022112092000733; "
+    "Sreenivasan 1995, doi:10.1063/1.868656.",
+    "plumesim_log": PLUMESIM,
+}
 
 
-def papers(scenario: Scenario) -> list[tuple[str, list[str]]]:
-    """What of a run rests on papers, with what its module says of them; each sentence once."""
-    said: set[str] = set()
-    told = []
-    for name, table, kind in _used(scenario):
-        lines = [line for line in _cited(table, kind) if line not in said]
-        said.update(lines)
-        if lines:
-            told.append((name, lines))
-    return told
-
-
-def _used(scenario: Scenario) -> Iterator[tuple[str, int, str]]:
-    """Name for people, number of the table and kind of each part of a scenario; a kind once."""
-    wanted = [
-        (f"search algorithm {group.algorithm.kind}", 1, group.algorithm.kind) for group in scenario.robots
-    ]
-    wanted += [(f"gas map {one.kind}", 2, one.kind) for one in scenario.maps]
-    wanted += [(f"gas {gas.kind}", 0, gas.kind) for _, gas in scenario.gases]
-    wanted.append((f"wind {scenario.wind.kind}", 0, scenario.wind.kind))
-    yield from dict.fromkeys((name.replace("_", " "), table, kind) for name, table, kind in wanted)
-
-
-@cache
-def _cited(table: int, kind: str) -> list[str]:
-    """Sentences with a year in the docstrings of the modules behind a kind, and in those that these refer to."""
-    file, folder = TABLES[table]
-    lines: list[str] = []
-    for module in _modules(_source(file), kind):
-        text = _docstring(_source(f"{folder}/{module}.py"))
-        found = _sentences(text)
-        for other in re.findall(r"`(\w+)`", text) if not found else ():
-            found += _sentences(_docstring(_source(f"{folder}/{other}.py")))
-        lines += [line for line in found if line not in lines]
-    return lines
-
-
-def _sentences(text: str) -> list[str]:
-    """Those that name a year, with the formulas between them left out."""
-    found = []
-    for block in re.split(r"\n\s*\n", text):
-        if YEAR.search(block) and not block.startswith("    "):
-            for sentence in ENDS.split(" ".join(block.split())):
-                if YEAR.search(sentence or ""):
-                    found.append(sentence.rstrip(". ") + ".")
-    return found
-
-
-def _source(name: str) -> Path:
-    """Return the path of a source file of the package, which lies in several folders in a checkout."""
-    paths = [Path(folder) / name for folder in package_folders]
-    return next((path for path in paths if path.exists()), paths[0])
-
-
-def _docstring(file: Path) -> str:
-    try:
-        return ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
-    except (OSError, ValueError, SyntaxError):
-        return ""
-
-
-def _modules(file: Path, kind: str) -> list[str]:
-    """The modules that a table of kinds names for a kind."""
-    tree = ast.parse(file.read_text(encoding="utf-8"))
-    imported = {
-        alias.asname or alias.name: (node.module or "").rpartition(".")[2]
-        for node in ast.walk(tree)
-        if isinstance(node, ast.ImportFrom)
-        for alias in node.names
-    }
-    functions = {node.name: node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)}
-    found: list[str] = []
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Dict):
-            for key, value in zip(node.keys, node.values, strict=True):
-                if isinstance(key, ast.Constant) and key.value == kind:
-                    found += _named(value, imported, functions)
-    return list(dict.fromkeys(found))
-
-
-def _named(value: ast.AST, imported: dict[str, str], functions: dict[str, ast.FunctionDef]) -> list[str]:
-    """Modules of an entry: of the class itself, or of those that its function asks `_of` for."""
-    found = []
-    for node in ast.walk(value):
-        if isinstance(node, ast.Name) and node.id in functions and node is value:
-            found += _named(functions[node.id], imported, {})
-        elif isinstance(node, ast.Name) and node is value and node.id in imported:
-            found.append(imported[node.id])
-        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "_of":
-            found += [one.value for one in node.args[:1] if isinstance(one, ast.Constant)]
-    return found
+def papers(scenario: Scenario) -> list[tuple[str, str]]:
+    """Return the name of each part of a run that rests on papers, and the papers; a kind once."""
+    used = [(SEARCHES, "search algorithm", group.algorithm.kind) for group in scenario.robots]
+    used += [(MAPS, "gas map", one.kind) for one in scenario.maps]
+    used += [(GASES, "gas", gas.kind) for _, gas in scenario.gases]
+    used.append((WINDS, "wind", scenario.wind.kind))
+    rows = [(f"{part} {kind}".replace("_", " "), table[kind]) for table, part, kind in used if kind in table]
+    return list(dict(rows).items())
