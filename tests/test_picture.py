@@ -10,7 +10,7 @@ from PIL import Image
 from taichi_plume.cli import picture
 from taichi_plume.files import manifest
 from taichi_plume.report import films, look, plume
-from taichi_plume.report.run import Run
+from taichi_plume.results.run import Run
 
 
 @pytest.fixture(scope="module")
@@ -36,8 +36,8 @@ def told(capsys):
 
 def test_colours_are_those_of_the_scale_where_the_gas_is(folder):
     """The peak's pixel has its colour; where there is none, the floor shows."""
-    run = Run.of(folder)
-    one = run.pictures()["gas_slice"]
+    run = Run(folder, lenient=True)
+    one = run.planes.read()["gas_slice"]
     figure, view = plume.figure_of(run, one, [], 8, 100, wind=False)
     view.show(6.0, one.data[14])
     image: Any = np.asarray(Image.open(io.BytesIO(look.png(figure))).convert("RGB"), float)
@@ -52,10 +52,10 @@ def test_colours_are_those_of_the_scale_where_the_gas_is(folder):
 
 
 def test_a_moment_shows_its_own_frame_robots_and_wind(folder):
-    run = Run.of(folder)
-    one = run.pictures()["gas_slice"]
+    run = Run(folder, lenient=True)
+    one = run.planes.read()["gas_slice"]
     _, view = plume.figure_of(run, one, run.tracks, 8, 100)
-    view.show(4.0, one.data[10], run.arrows("slice"))
+    view.show(4.0, one.data[10], run.planes.arrows("slice"))
     bodies = [np.asarray(path.vertices).mean(axis=0) for path in view.bodies.get_paths()]
     np.testing.assert_allclose(bodies, [[2.5, 0.5], [2.5, 1.5]], atol=0.05)
     assert [len(np.asarray(path.vertices)) for path in view.trails.get_paths()] == [9, 9]
@@ -112,14 +112,14 @@ def test_a_film_has_its_frames_and_moves(folder, tmp_path, told):
 
 def test_a_frame_of_a_film_is_the_picture_of_that_moment(folder, tmp_path):
     """What is drawn on what stood still is what would have been drawn at once."""
-    run = Run.of(folder)
-    one = run.pictures()["gas_slice"]
+    run = Run(folder, lenient=True)
+    one = run.planes.read()["gas_slice"]
 
     def drawn(times: list[int], still: bool) -> np.ndarray:
         figure, view = plume.figure_of(run, one, run.tracks, 6, 80)
         canvas = films.Still(figure, view.moving) if still else figure.canvas
         for n in times:
-            view.show(one.times[n], one.data[n], run.arrows("slice"))
+            view.show(one.times[n], one.data[n], run.planes.arrows("slice"))
             canvas.draw()
         return np.asarray(canvas.buffer_rgba()).astype(int)
 
@@ -137,7 +137,7 @@ def test_mp4_without_ffmpeg_is_one_line(folder, tmp_path, told, monkeypatch):
 
 def bad_folders(tmp_path: Path) -> dict[str, Path]:
     """Folders of which no picture can be made, with what is told."""
-    folders = {"no folder": tmp_path / "none", "not the folder of a run": tmp_path / "empty"}
+    folders = {"does not exist": tmp_path / "none", "not the folder of a run": tmp_path / "empty"}
     folders["not the folder of a run"].mkdir()
     folders["neither"] = made_run.made(tmp_path / "bare", recording=False)
     folders["another version"] = made_run.made(tmp_path / "old", recording=False)
@@ -180,7 +180,7 @@ def test_a_run_that_goes_on_is_shown_as_far_as_it_is(tmp_path, told):
     folder = made_run.made(tmp_path / "run", told={"name": "made", "status": "running", "seed": 0})
     (folder / "robots.parts").mkdir()
     (folder / "robots.parquet").rename(folder / "robots.parts" / f"{0:012d}.parquet")
-    assert len(Run.of(folder).tracks) == 2
+    assert len(Run(folder, lenient=True).tracks) == 2
     code, said = told(folder, "--out", tmp_path / "x.png", "--width", 300)
     assert code == 0
     assert "t = 10 s" in said
@@ -212,18 +212,18 @@ def test_walls_of_files_beside_the_scenario_are_drawn_while_they_are_those_of_th
     scenario = made_run.scenario(3, obstacles=[{"kind": kind, "file": f"../case/{files[0].name}"}])
     folder = made_run.made(tmp_path / "run", scenario)
     monkeypatch.chdir(case)
-    assert not Run.of(folder).shapes, "the manifest names no input"
+    assert not Run(folder, lenient=True).shapes, "the manifest names no input"
     manifest.write(folder, manifest.digests(folder, files), [])
-    run = Run.of(folder)
+    run = Run(folder, lenient=True)
     assert (len(run.shapes), run.lacks) == (1, [])
     for changed in files:
         before = changed.read_bytes()
         changed.write_bytes(before[:-1] + b"!")
         code, said = told(folder, "--at", 5, "--out", tmp_path / "a.png")
         assert (code, "--allow-outside" in said) == (0, True)
-        assert not Run.of(folder).shapes
+        assert not Run(folder, lenient=True).shapes
         changed.write_bytes(before)
-    assert len(Run.of(folder).shapes) == 1
+    assert len(Run(folder, lenient=True).shapes) == 1
 
 
 @pytest.mark.parametrize("option", ["--out", "--film"])

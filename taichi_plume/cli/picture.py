@@ -13,7 +13,7 @@ from taichi_plume.guard.terminal import Parser, say, visible
 
 if TYPE_CHECKING:
     from taichi_plume.record.reading import Picture
-    from taichi_plume.report.run import Run
+    from taichi_plume.results.run import Run
 
 VIEWS = {"above": "slice", "slice": "slice", "column": "column", "section": "section", "side": "section"}
 """What the views are called in recordings."""
@@ -31,10 +31,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = _arguments(argv)
     from taichi_plume.files.run_folder import RunFolderError
     from taichi_plume.report.films import NoFilmError
-    from taichi_plume.report.run import Run
+    from taichi_plume.results.run import Run
 
     try:
-        run = Run.of(args.run, allow_outside=args.allow_outside)
+        run = Run(args.run, lenient=True, allow_outside=args.allow_outside)
         for lack in run.lacks:
             say(visible(f"note: {lack}"), error=True)
         if args.film is not None:
@@ -116,7 +116,7 @@ def _still(run: "Run", args: argparse.Namespace) -> None:
     if not len(one.times) or at > end + period:
         raise _outside(run, one.name, at)
     figure, view = _figure(run, one, args, args.width or PICTURE_WIDTH)
-    _show(view, one, at, run.arrows(_plane(one), (at - 1.5 / _wind_rate(run), at)))
+    _show(view, one, at, run.planes.arrows(_plane(one), (at - 1.5 / _wind_rate(run), at)))
     what = next((view for view, name in VIEWS.items() if one.view == name), one.view)
     out = args.out or Path(f"{run.folder.resolve().name}-{what}-{at:g}s.png")
     _save(figure, out)
@@ -142,7 +142,7 @@ def _film(run: "Run", args: argparse.Namespace) -> None:
     if len(chosen) > count:
         chosen = np.linspace(0, len(chosen) - 1, count).round().astype(int).tolist()
     figure, view = _figure(run, one, args, args.width or FILM_WIDTH)
-    arrows = run.arrows(_plane(one), (begin - 1.5 / _wind_rate(run), end), (end - begin) / count)
+    arrows = run.planes.arrows(_plane(one), (begin - 1.5 / _wind_rate(run), end), (end - begin) / count)
     with styled():
         film(
             figure,
@@ -191,16 +191,16 @@ def _picture(
     run: "Run", args: argparse.Namespace, between: tuple[float, float], spacing: float = 0.0
 ) -> "Picture":
     """The pictures of the view that is asked for, of some time. Raises RunFolderError."""
-    if not (run.has_recording or run.has_film):
+    if not (run.planes.has_recording or run.planes.has_film):
         raise _error(run, "has neither recording.rrd nor fields.zarr, from which pictures are made")
     wanted = (
         [f"{args.of}_{VIEWS.get(args.view, args.view)}"]
         if args.view
         else [f"{args.of}_column", f"{args.of}_slice"]
     )
-    found = run.pictures(wanted, between, spacing)
+    found = run.planes.read(wanted, between, spacing)
     if not found:
-        there = ", ".join(run.planes()) or "none"
+        there = ", ".join(run.planes.names()) or "none"
         raise _error(run, f"has no pictures of {' or '.join(wanted)}, but of {there}")
     return found[next(name for name in wanted if name in found)]
 
@@ -208,13 +208,13 @@ def _picture(
 def _period(run: "Run") -> float:
     """Simulated time between its pictures [s]."""
     fields = run.scenario.fields
-    rate = run.scenario.recording.rate if run.has_recording or fields is None else fields.rate
+    rate = run.scenario.recording.rate if run.planes.has_recording or fields is None else fields.rate
     return max(1.0 / rate, run.scenario.tick)
 
 
 def _wind_rate(run: "Run") -> float:
     fields = run.scenario.fields
-    return run.scenario.recording.wind_rate if run.has_recording or fields is None else fields.rate
+    return run.scenario.recording.wind_rate if run.planes.has_recording or fields is None else fields.rate
 
 
 def _plane(one: "Picture") -> str:
@@ -227,11 +227,11 @@ def _end(run: "Run") -> float:
     simulated = run.result.get("simulated_s")
     if isinstance(simulated, int | float) and not run.unfinished:
         return run.begin + float(simulated)
-    return max([*(float(track.t[-1]) for track in run.tracks), *(run.span() or ())], default=run.begin)
+    return max([*(float(track.t[-1]) for track in run.tracks), *(run.planes.span() or ())], default=run.begin)
 
 
 def _outside(run: "Run", name: str, at: float) -> Exception:
-    times = run.span([name])
+    times = run.planes.span([name])
     there = "none" if times is None else f"from {times[0]:g} to {times[1]:g} s"
     return _error(run, f"t = {at:g} s is outside the run, whose pictures are {there}")
 

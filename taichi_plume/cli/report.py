@@ -21,10 +21,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser.parse_args(argv)
     from taichi_plume.files.run_folder import RunFolderError
     from taichi_plume.report.page import write
-    from taichi_plume.report.run import Run
+    from taichi_plume.results.run import Run
 
     try:
-        path = write(Run.of(args.run, allow_outside=args.allow_outside))
+        path = write(Run(args.run, lenient=True, allow_outside=args.allow_outside))
     except RunFolderError as error:
         say(visible(error), error=True)
         return 2

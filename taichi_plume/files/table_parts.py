@@ -44,6 +44,16 @@ def schema_of(columns: Sequence[pa.Field]) -> pa.Schema:
     return pa.schema(columns, {name: json.dumps(one) for name, one in {"pandas": pandas, **told}.items()})
 
 
+def units(schema: pa.Schema) -> dict[str, str]:
+    """Return the unit of each column."""
+    return {one.name: (one.metadata or {}).get(b"unit", b"1").decode() for one in schema}
+
+
+def meanings(schema: pa.Schema) -> dict[str, str]:
+    """Return what each column says."""
+    return {one.name: (one.metadata or {}).get(b"meaning", b"").decode() for one in schema}
+
+
 def parts_of(path: Path) -> Path:
     """The folder of a table's parts."""
     return path.with_suffix(".parts")

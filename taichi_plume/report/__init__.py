@@ -11,6 +11,7 @@ MAY_IMPORT: tuple[str, ...] = (
     "grid",
     "guard",
     "record",
+    "results",
     "running",
     "scenario",
     "scoring",

@@ -10,7 +10,7 @@ from matplotlib.patches import Rectangle
 from taichi_plume.record.drawing import DENSITIES, logarithmic
 from taichi_plume.report import look
 from taichi_plume.report.maps import NAME
-from taichi_plume.report.run import Run
+from taichi_plume.results.run import Run
 from taichi_plume.scoring.declarations import OF_BELIEFS
 
 WIDE, MOST, DPI = 7.2, 4, 100  # inches; groups that are shown

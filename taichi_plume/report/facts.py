@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from math import isfinite, prod
 from typing import Any
 
-from taichi_plume.report.run import Run
+from taichi_plume.results.run import Run
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scoring.declarations import has_declared
 

@@ -12,8 +12,8 @@ from taichi_plume.record.drawing import Scale, decades, logarithmic
 from taichi_plume.record.reading import Picture
 from taichi_plume.report import look, plume, scene
 from taichi_plume.report.maps import MapAtEnd
-from taichi_plume.report.run import Run
-from taichi_plume.report.tracks import Track
+from taichi_plume.results.run import Run
+from taichi_plume.results.tracks import Track
 
 WIDE = 7.2  # inches
 DPI = 100

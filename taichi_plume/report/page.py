@@ -11,7 +11,7 @@ from taichi_plume.report import beliefs, captions, facts, figures, html, scene
 from taichi_plume.report.html import Image, Section, Table
 from taichi_plume.report.maps import maps_of
 from taichi_plume.report.references import papers
-from taichi_plume.report.run import Run
+from taichi_plume.results.run import Run
 from taichi_plume.running import summary
 
 NAME = "report.html"
@@ -30,7 +30,7 @@ def write(run: Run, tolerant: bool | None = None) -> Path:
     message = str(run.result.get("message") or "")
     return html.write(
         run.folder / NAME, parts.all(), name=run.scenario.name, status=run.status,
-        good=run.status in ("completed", "stopped"), message=message, began=run.began.lines,
+        good=run.status in ("completed", "stopped"), message=message, began=run.header[1:],
     )  # fmt: skip
 
 
@@ -127,7 +127,7 @@ class Parts:
         run = self.run
         section = Section("Where the gas was, and where the robots went", "plume")
         spacing = max(run.scenario.duration + run.scenario.warm_up, 1e-3) / MOST_FRAMES
-        pictures = self._tried(lambda: run.pictures(self._planes(), (0.0, inf), spacing), {})
+        pictures = self._tried(lambda: run.planes.read(self._planes(), (0.0, inf), spacing), {})
         pictures = {name: one for name, one in pictures.items() if len(one.times)}
         trails = self._trails()
         for one in sorted(
@@ -151,7 +151,7 @@ class Parts:
 
     def _planes(self) -> list[str]:
         """The first plane of each kind; of slice and column the one that shows the gas wherever it is."""
-        names = [name for name in self.run.planes() if name.count("_") == 1]
+        names = [name for name in self.run.planes.names() if name.count("_") == 1]
         return [name for name in names if not (name == "gas_slice" and "gas_column" in names)]
 
     def _trails(self) -> str:
@@ -251,7 +251,6 @@ class Parts:
     def again(self) -> Section:
         """Command, versions, files."""
         section = Section("How to run it again", "again", code=True)
-        if self.run.began.again:
-            section.lines.append(self.run.began.again)
+        section.lines += filter(None, self.run.header[:1])
         section.tables.append(Table(facts.files(self.run), ("file", "size", "what it holds")))
         return section

@@ -17,8 +17,8 @@ from matplotlib.transforms import Affine2D
 
 from taichi_plume.record.reading import Arrows, Picture
 from taichi_plume.report import look, scene
-from taichi_plume.report.run import Run
-from taichi_plume.report.tracks import Track
+from taichi_plume.results.run import Run
+from taichi_plume.results.tracks import Track
 
 BODY = 0.011  # robots are drawn at least this large, over the longer side of the view
 ROUND = 20  # corners of a body

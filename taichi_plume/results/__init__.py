@@ -3,11 +3,10 @@
 MAY_IMPORT: tuple[str, ...] = (
     "agents",
     "files",
+    "grid",
     "guard",
     "record",
-    "report",
     "scenario",
     "scoring",
     "simulation",
-    "study",
 )

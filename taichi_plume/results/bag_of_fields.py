@@ -29,7 +29,7 @@ def floor(run: Run, allow_outside: bool) -> Any:
 
     What of it cannot be told is said.
     """
-    from taichi_plume.report.run import Run as Drawn
+    from taichi_plume.results.obstacles import shapes_of
 
     scenario = run.scenario
     h, extent, floor = scenario.domain.spacing, scenario.domain.extent, scenario.floor
@@ -39,10 +39,10 @@ def floor(run: Run, allow_outside: bool) -> Any:
     low = np.array(floor.low)
     taken = ~((points > low) & (points < low + floor.size)).all(axis=-1)
     tall = max((group.body.height for group in scenario.robots), default=h)
-    drawn = Drawn.of(run.folder, allow_outside=allow_outside)
-    for lack in drawn.lacks:
+    shapes, lacks = shapes_of(run.folder, scenario, allow_outside)
+    for lack in lacks:
         say(visible(f"note: /map: {lack}"), error=True)
-    for one in drawn.shapes:
+    for one in shapes:
         if one.model.motion is None:
             taken |= one.horizontal_distance(points, 0.0, tall) < 0.0
     return grid(np.where(taken, 100, 0), h, -h, 0.0, MAP)

@@ -14,16 +14,23 @@
 
 Opening is instant, each part is read when it is first asked for. Of a run that still runs, or was killed, there is what
 has come to the disk. What is missing or damaged is told in one line, as a RunFolderError.
+
+Reports, pictures and films also use
+
+    run.planes      results.planes.Planes: pictures and wind arrows in planes, of the recording or the fields
+    run.tracks      list of results.tracks.Track: robots of the first trial of each group over time
+    run.shapes      shapes of the obstacles, as far as they may be read; `run.lacks` says which may not
 """
 
 import io
+from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from taichi_plume import __version__
 from taichi_plume.files import manifest
-from taichi_plume.files.run_folder import KILLED, OURS, RunFolderError, is_run, told
+from taichi_plume.files.run_folder import HEADER, KILLED, OURS, RunFolderError, is_run, told
 from taichi_plume.files.tables import LONGEST_TEXT, plain
 from taichi_plume.guard.opening import read_regular, unopenable
 from taichi_plume.guard.terminal import visible
@@ -32,6 +39,9 @@ if TYPE_CHECKING:
     import pandas
     import xarray
 
+    from taichi_plume.grid.shapes import Shape
+    from taichi_plume.results.planes import Planes
+    from taichi_plume.results.tracks import Track
     from taichi_plume.scenario.scenario import Scenario
 
 LARGEST_CSV = 1 << 30  # bytes
@@ -62,17 +72,33 @@ def open_run(folder: Path | str) -> "Run":
 
 
 class Run:
-    """What a run has left; see `open_run`. Every attribute may raise RunFolderError."""
+    """The folder of a run, see `open_run`. Every attribute may raise RunFolderError.
 
-    def __init__(self, folder: Path):
-        self.folder = folder
+    lenient: a result that is missing or damaged is an empty one, and other versions and changed files are read as far
+    as they can be. allow_outside: the files of obstacles may lie outside the folder and be others than the run has
+    read. shapes: of the obstacles, if they are known.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        lenient: bool = False,
+        allow_outside: bool = False,
+        shapes: "Sequence[Shape] | None" = None,
+    ):
+        self.folder, self.lenient, self.allow_outside, self._known_shapes = (
+            folder,
+            lenient,
+            allow_outside,
+            shapes,
+        )
         fault = unopenable(folder, folder=True)
         if fault:
             raise RunFolderError(f"{folder}: {fault}; give the folder of a run")
         if not is_run(folder):
             raise RunFolderError(f"{folder}: is not the folder of a run")
         made = told(folder / "result.json").get("version", __version__)
-        if str(made).split(".")[:2] != __version__.split(".")[:2]:
+        if not lenient and str(made).split(".")[:2] != __version__.split(".")[:2]:
             of = visible(made, LONGEST_TEXT)
             raise RunFolderError(
                 f"{folder}: was made by taichi_plume {of}, this is {__version__}; use that one"
@@ -83,6 +109,8 @@ class Run:
         """What came of the run: result.json."""
         path = self.folder / "result.json"
         content = told(path)
+        if self.lenient:
+            return content
         if not content.keys() >= OURS:
             raise RunFolderError(f"{path}: {'is damaged' if path.exists() else 'does not exist'}")
         _require_same(path)
@@ -93,7 +121,7 @@ class Run:
         """A row per trial of each group, named by `group`: what its result tells, with units and meanings."""
         import pyarrow as pa
 
-        from taichi_plume.study import columns
+        from taichi_plume.files.trials_table import TRIAL
 
         path, groups = self.folder / "result.json", self.result.get("groups")
         if (
@@ -104,15 +132,12 @@ class Run:
             )
         try:
             told = [{"algorithm": [one["algorithm"]] * one["trials"], **one["per_trial"]} for one in groups]
-            fields = [one for one in columns.TRIAL if one.name in told[0]]
+            fields = [one for one in TRIAL if one.name in told[0]]
             values = [[value for one in told for value in one[field.name]] for field in fields]
             arrays = [pa.array(each, field.type) for each, field in zip(values, fields, strict=True)]
-            frame = pa.table(arrays, pa.schema(fields)).to_pandas()
+            return _frame(pa.table(arrays, pa.schema(fields)))
         except (LookupError, TypeError, ValueError) as error:
             raise RunFolderError(f"{path}: is damaged: {plain(' '.join(str(error).split()))}") from None
-        frame.attrs["units"] = columns.units(pa.schema(fields))
-        frame.attrs["meanings"] = columns.meanings(pa.schema(fields))
-        return frame
 
     @cached_property
     def scenario(self) -> "Scenario":
@@ -120,11 +145,12 @@ class Run:
         from taichi_plume.scenario.loading import ScenarioError, read_scenario
 
         path = self.folder / "scenario.yaml"
-        _require_same(path)
+        if not self.lenient:
+            _require_same(path)
         try:
             return read_scenario(path)
         except ScenarioError as error:
-            raise RunFolderError(f"{path}: cannot be read: {error.lines[0]}") from None
+            raise RunFolderError(f"{path}: is damaged, or of another version: {error.lines[0]}") from None
 
     @cached_property
     def fields(self) -> "xarray.Dataset":
@@ -176,6 +202,69 @@ class Run:
         from taichi_plume.files import maps_file
 
         return maps_file.read_beliefs(self._path("maps"))
+
+    # ------------------------------------------------------------ for reports, pictures and films
+
+    @property
+    def status(self) -> str:
+        """How the run ended, in a word: "unknown" if result.json does not say."""
+        return str(self.result.get("status", "unknown"))
+
+    @property
+    def unfinished(self) -> bool:
+        """Whether the run still runs or was killed: its files may end anywhere."""
+        return self.status in ("running", KILLED, "unknown")
+
+    @property
+    def begin(self) -> float:
+        """Simulated time of the first tick [s]."""
+        return self.scenario.first_tick * self.scenario.tick
+
+    @cached_property
+    def header(self) -> list[str]:
+        """The lines above scenario.yaml: the command to run the scenario again, then what the run ran with."""
+        lines = []
+        with (self.folder / "scenario.yaml").open(encoding="utf-8", errors="replace") as file:
+            for line in file:
+                if not line.startswith("#"):
+                    break
+                lines.append(
+                    line.removeprefix(HEADER).removeprefix("#").strip().removeprefix("Again:").strip()
+                )
+        return lines
+
+    @cached_property
+    def planes(self) -> "Planes":
+        """Pictures and wind arrows in planes."""
+        from taichi_plume.results.planes import Planes
+
+        return Planes(self.folder, self.scenario)
+
+    @cached_property
+    def tracks(self) -> "list[Track]":
+        """Robots of the first trial of each group over time, as many as can be told apart."""
+        from taichi_plume.results.tracks import tracks
+
+        return tracks(self.folder / "robots.parquet", self.scenario.robots)
+
+    @property
+    def shapes(self) -> "Sequence[Shape]":
+        """Shapes of the obstacles, as far as they may be read."""
+        return self._shapes_and_lacks[0]
+
+    @property
+    def lacks(self) -> list[str]:
+        """A sentence on each obstacle that is not among the shapes, and on a missing result."""
+        lacks = [] if self.result else ["result.json is missing or damaged: how the run ended is not known."]
+        return lacks + self._shapes_and_lacks[1]
+
+    @cached_property
+    def _shapes_and_lacks(self) -> "tuple[Sequence[Shape], list[str]]":
+        from taichi_plume.results.obstacles import shapes_of
+
+        if self._known_shapes is not None:
+            return self._known_shapes, []
+        return shapes_of(self.folder, self.scenario, self.allow_outside)
 
     def require(self, name: str) -> None:
         """Raises RunFolderError where the run has no film or recording, whichever is named."""
@@ -244,12 +333,18 @@ def _table(path: Path) -> "pandas.DataFrame":
 
     table = table_parts.read(path)
     try:
-        frame = table.to_pandas()
-        about = {one.name: one.metadata or {} for one in table.schema}
-        frame.attrs["units"] = {name: one.get(b"unit", b"1").decode() for name, one in about.items()}
-        frame.attrs["meanings"] = {name: one.get(b"meaning", b"").decode() for name, one in about.items()}
+        return _frame(table)
     except (ValueError, TypeError, LookupError) as error:
         raise RunFolderError(f"{path}: is damaged: {plain(' '.join(str(error).split()))}") from None
+
+
+def _frame(table: Any) -> "pandas.DataFrame":
+    """Return a table of pyarrow as pandas has them, with units and meanings."""
+    from taichi_plume.files import table_parts
+
+    frame = table.to_pandas()
+    frame.attrs["units"] = table_parts.units(table.schema)
+    frame.attrs["meanings"] = table_parts.meanings(table.schema)
     return frame
 
 

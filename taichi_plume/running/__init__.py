@@ -8,6 +8,7 @@ MAY_IMPORT: tuple[str, ...] = (
     "guard",
     "record",
     "report",
+    "results",
     "scenario",
     "scoring",
     "simulation",

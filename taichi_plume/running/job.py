@@ -237,10 +237,10 @@ def report(folder: Path, prepared: Prepared | None = None) -> None:
     """Write the report of a run that is over; why there is none is told in a line. prepared: what its files hold."""
     try:
         from taichi_plume.report import page, scene  # they bring matplotlib, for runs that are over
-        from taichi_plume.report.run import Run
+        from taichi_plume.results.run import Run
 
         shapes = scene.all_shapes(prepared) if prepared else None
-        page.write(Run.of(folder, shapes), tolerant=True)
+        page.write(Run(folder, lenient=True, shapes=shapes), tolerant=True)
     except Exception as error:  # of a picture: no reason to call a run a failure
         say(visible(f"note: report.html could not be written: {explain(error)[1]}"), error=True)
 

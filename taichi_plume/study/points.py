@@ -5,8 +5,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from taichi_plume.files import table_parts
 from taichi_plume.scoring.declarations import DECLARED, REACHED
-from taichi_plume.study import columns, intervals
+from taichi_plume.study import intervals
 from taichi_plume.study.table_rows import Planned, Tables
 
 if TYPE_CHECKING:
@@ -45,7 +46,7 @@ SAID = (
 
 def outcomes(plan: Planned, tables: Tables) -> tuple[Quantity, ...]:
     """Those of whole runs."""
-    units = columns.units(tables.runs.schema)
+    units = table_parts.units(tables.runs.schema)
     return tuple(Quantity(name, name, units[name], what="runs") for name in plan.outcomes)
 
 
@@ -132,7 +133,7 @@ class Points:
         import pandas as pd
 
         made: dict[str, Any] = {name: self.table[name] for name in self.table.columns}
-        units = columns.units(self.plan.table.schema)
+        units = table_parts.units(self.plan.table.schema)
         for one in self.quantities:
             told = self.estimates[one.name]
             for place, end in (("mean", ""), ("low", "_low"), ("high", "_high")):

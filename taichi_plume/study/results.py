@@ -17,11 +17,12 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from taichi_plume import __version__
+from taichi_plume.files import table_parts
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.files.tables import LONGEST_TEXT, plain
 from taichi_plume.guard.opening import unopenable
 from taichi_plume.guard.terminal import visible
-from taichi_plume.study import columns, table_rows, tables
+from taichi_plume.study import table_rows, tables
 
 if TYPE_CHECKING:
     import pandas
@@ -215,8 +216,8 @@ class Results:
 def frame(table: pa.Table) -> "pandas.DataFrame":
     """A table as pandas has it, with units and meanings; nulls stay nulls of truths and whole numbers."""
     made = table.to_pandas()
-    made.attrs["units"] = columns.units(table.schema)
-    made.attrs["meanings"] = columns.meanings(table.schema)
+    made.attrs["units"] = table_parts.units(table.schema)
+    made.attrs["meanings"] = table_parts.meanings(table.schema)
     return made
 
 

@@ -17,7 +17,7 @@ from taichi_plume.files.result import write_result
 from taichi_plume.report import figures, look, references
 from taichi_plume.report.maps import MapAtEnd
 from taichi_plume.report.page import NAME
-from taichi_plume.report.run import Run
+from taichi_plume.results.run import Run
 
 ROOT = Path(__file__).parent.parent.parent
 ADDRESSES = {"src", "href", "action", "data", "poster", "srcset", "background", "formaction", "cite", "ping"}
@@ -208,7 +208,7 @@ def test_bad_folders_are_one_line_each(tmp_path, capsys):
     torn = made_run.made(tmp_path / "torn")
     (torn / "robots.parquet").write_bytes(b"PAR1 nothing")
     for folder, words in (
-        (gone, "is no folder"), (empty, "is not the folder of a run"), (old, "another version"),
+        (gone, "does not exist"), (empty, "is not the folder of a run"), (old, "another version"),
         (other, "frobnicate"), (torn, "is damaged"),
     ):  # fmt: skip
         assert main([str(folder)]) == 2
@@ -267,7 +267,7 @@ def test_thousands_of_trials_make_a_small_page(tmp_path, report):
 @pytest.mark.parametrize("states", [["FIND"], [f"STATE_{n}" for n in range(7)], ["a" * 300, "b", "c"]])
 def test_all_letters_of_the_series_are_on_the_figure(tmp_path, monkeypatch, states):
     """However many states there are and however long names are."""
-    run = Run.of(made_run.made(tmp_path / "run"))
+    run = Run(made_run.made(tmp_path / "run"), lenient=True)
     tracks = [one._replace(name="n" * 64, states=states, state=0 * one.state) for one in run.tracks]
     drawn = []
     monkeypatch.setattr(look, "png", lambda figure: drawn.append(figure) or b"")
@@ -284,7 +284,7 @@ def test_all_letters_of_the_series_are_on_the_figure(tmp_path, monkeypatch, stat
 @pytest.mark.parametrize("size", [(4.0, 3.0), (20.0, 0.8), (0.8, 20.0)])
 def test_maps_of_rooms_of_any_shape(tmp_path, monkeypatch, size):
     """Narrow ones have room for the scale and for the titles, side by side and within a page."""
-    run = Run.of(made_run.made(tmp_path / "run"))
+    run = Run(made_run.made(tmp_path / "run"), lenient=True)
     monkeypatch.setattr(type(run.scenario.domain), "extent", size)
     drawn = []
     monkeypatch.setattr(look, "png", lambda figure: drawn.append(figure) or b"")

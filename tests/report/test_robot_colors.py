@@ -11,7 +11,7 @@ import pytest
 from taichi_plume.record.drawing import ROBOTS
 from taichi_plume.record.tracks import recorded_robots
 from taichi_plume.report import look
-from taichi_plume.report.tracks import COLUMNS, tracks
+from taichi_plume.results.tracks import COLUMNS, tracks
 
 # Machado, Oliveira & Fernandes 2009, doi:10.1109/TVCG.2009.113, severity 1
 EYES = {

@@ -1,0 +1,47 @@
+"""Shapes of the obstacles of a run, as far as their files may be read and are those of the run."""
+
+from pathlib import Path
+
+from taichi_plume.files import manifest
+from taichi_plume.grid.shapes import Shape, ShapeError
+from taichi_plume.guard.opening import gate
+from taichi_plume.guard.terminal import LONGEST_VALUE, visible
+from taichi_plume.scenario.input_files import files_of, outside
+from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.scenario.shapes import shape
+
+
+def shapes_of(folder: Path, scenario: Scenario, allow_outside: bool) -> tuple[list[Shape], list[str]]:
+    """Return the shapes, and a sentence on each obstacle that has none.
+
+    allow_outside: read files outside the run's folder even if they are not those that the run has read.
+    """
+    found: list[Shape] = []
+    lacks: list[str] = []
+    if getattr(scenario.wind, "occupancy", None) is not None:
+        lacks.append("What stands in the occupancy grid of the imported wind is not drawn.")
+    for n, one in enumerate(scenario.obstacles):
+        name = getattr(one, "file", None)
+        if name and not allow_outside and not _may_read(folder, name):
+            lacks.append(
+                f"Obstacle {n} is not drawn: its file {visible(name, LONGEST_VALUE)} lies outside the run's folder "
+                f"and is not the one that {manifest.NAME} names; --allow-outside reads it."
+            )
+            continue
+        try:
+            # a file outside that came this far is allowed, or the very file that the run read
+            free = allow_outside or (name and outside(folder, name))
+            with gate(None if free else folder):
+                found.append(shape(one, scenario.domain, folder))
+        except ShapeError as error:
+            lacks.append(f"Obstacle {n} is not drawn: {error}.")
+    return found, lacks
+
+
+def _may_read(folder: Path, name: str) -> bool:
+    """Return whether a file of the scenario lies in the run's folder, or is unchanged since the run."""
+    if not outside(folder, name):
+        return True
+    if not manifest.is_input(folder, folder / name):
+        return False
+    return all(manifest.is_input(folder, file) for file in files_of(folder, name))  # a map has a picture
