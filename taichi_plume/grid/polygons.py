@@ -54,14 +54,28 @@ def _cut(places: np.ndarray, work: _Work) -> list[tuple[int, int, int]]:
     turns = _turn(np.roll(flat, 1, axis=0), flat, np.roll(flat, -1, axis=0))
     if (turns >= 0).all() or len(places) > MOST_CORNERS or not np.isfinite(places).all():
         return fan
-    left, ears = list(range(len(places))), []
+    return ears(flat, work, afresh=True)
+
+
+def ears(outline: np.ndarray, work: _Work | None = None, afresh: bool = False) -> list[tuple[int, int, int]]:
+    """Return triangles of a polygon (n, 2) that turns to the left, by clipping ears; a fan if it crosses itself.
+
+    afresh: look for each ear from the first corner on, which takes longer: the triangles of mesh files, and with them
+    the distances to their surface, depend on it.
+    """
+    left, found = list(range(len(outline))), []
+    n = misses = 0
     while len(left) > 3:
-        ear = next((n for n in range(len(left)) if _is_ear(flat, left, n, work)), None)
-        if ear is None:  # it crosses itself
-            return fan
-        ears.append((left[ear - 1], left[ear], left[(ear + 1) % len(left)]))
-        del left[ear]
-    return [*ears, (left[0], left[1], left[2])]
+        if misses == len(left):
+            return [(0, k, k + 1) for k in range(1, len(outline) - 1)]
+        n %= len(left)
+        if _is_ear(outline, left, n, work):
+            found.append((left[n - 1], left[n], left[(n + 1) % len(left)]))
+            del left[n]
+            misses, n = 0, 0 if afresh else n
+        else:
+            n, misses = n + 1, misses + 1
+    return [*found, (left[0], left[1], left[2])]
 
 
 def _turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
@@ -71,14 +85,15 @@ def _turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
     )
 
 
-def _is_ear(flat: np.ndarray, left: list[int], n: int, work: _Work) -> bool:
+def _is_ear(flat: np.ndarray, left: list[int], n: int, work: _Work | None) -> bool:
     """Whether the corner sticks out, and no other one lies in its triangle."""
     mine = (left[n - 1], left[n], left[(n + 1) % len(left)])
     a, b, c = (flat[k] for k in mine)
-    work.add(PER_TURN)
-    if not _turn(a, b, c) > 0:
+    sticks_out = bool(_turn(a, b, c) > 0)
+    if work is not None:
+        work.add(PER_TURN + sticks_out * len(left))
+    if not sticks_out:
         return False
-    work.add(len(left))
     others = flat[[k for k in left if k not in mine]]
     inside = (_turn(a, b, others) >= 0) & (_turn(b, c, others) >= 0) & (_turn(c, a, others) >= 0)
     return not inside.any()

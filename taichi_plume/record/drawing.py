@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from taichi_plume.grid.polygons import ears
 from taichi_plume.scenario.windows import Window
 
 ROBOTS = np.array(
@@ -150,7 +151,7 @@ def prism_mesh(outline: np.ndarray, base: float, top: float) -> tuple[np.ndarray
     def at(points: np.ndarray, z: float) -> np.ndarray:
         return np.column_stack([points, np.full(n, z)])
 
-    faces = ears(outline)
+    faces = np.array(ears(outline))
     corners = [at(outline, base), at(following, base), at(following, top), at(outline, top)]
     i = np.arange(n)
     sides = np.vstack([np.stack([i, i + n, i + 2 * n], -1), np.stack([i, i + 2 * n, i + 3 * n], -1)])
@@ -166,38 +167,6 @@ def faceted(vertices: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-30)
     return corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3), np.repeat(normals, 3, axis=0)
-
-
-def ears(outline: np.ndarray) -> np.ndarray:
-    """Triangles (n - 2, 3) of a simple counter-clockwise polygon (n, 2), by clipping ears."""
-    left = list(range(len(outline)))
-    triangles = []
-    k = misses = 0
-    while len(left) > 3 and misses < len(left):
-        k %= len(left)
-        a, b, c = left[k - 1], left[k], left[(k + 1) % len(left)]
-        if _is_ear(outline, left, a, b, c):
-            triangles.append((a, b, c))
-            del left[k]
-            misses = 0
-        else:
-            k += 1
-            misses += 1
-    return np.array([*triangles, left[:3]])
-
-
-def _is_ear(outline: np.ndarray, left: list[int], a: int, b: int, c: int) -> bool:
-    p, q, r = outline[a], outline[b], outline[c]
-    if _cross(p, q, r) <= 0:
-        return False
-    others = outline[[i for i in left if i not in (a, b, c)]]
-    inside = (_cross(p, q, others) >= 0) & (_cross(q, r, others) >= 0) & (_cross(r, p, others) >= 0)
-    return not np.any(inside)
-
-
-def _cross(p: np.ndarray, q: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """Twice the area of the triangles p, q, r; positive when they turn left."""
-    return (q[0] - p[0]) * (r[..., 1] - p[1]) - (q[1] - p[1]) * (r[..., 0] - p[0])
 
 
 # ---------------------------------------------------------------- openings
