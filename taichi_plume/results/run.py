@@ -126,7 +126,7 @@ class Run:
         path, groups = self.folder / "result.json", self.result.get("groups")
         if (
             not groups or self.result.get("status") == KILLED
-        ):  # then they tell how far the robots came, at most
+        ):  # a killed run tells how far the robots came, at most
             raise RunFolderError(
                 f"{path}: tells of no trials: the scenario has no robots, or the run has not ended"
             )
