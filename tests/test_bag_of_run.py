@@ -417,17 +417,6 @@ def test_what_cannot_be_is_told_in_a_line(run, tmp_path, capsys):
         assert told in error
         assert error.count("\n") == 1
     assert sorted(one.name for one in tmp_path.iterdir()) == ["file", "link", "mine"]
-    for options in (
-        ["--trial", "-1"],
-        ["--begin", "nan"],
-        ["--begin", "-1"],
-        ["--points", "0"],
-        ["--least", "inf"],
-    ):
-        with pytest.raises(SystemExit) as end:
-            export.main([str(run), "--to", "mcap", *options])
-        assert end.value.code == 2
-        assert "must be a" in capsys.readouterr().err
 
 
 def test_a_bag_is_replaced_by_force_and_no_half_is_left(run, tmp_path, capsys, monkeypatch):
@@ -446,7 +435,7 @@ def test_a_bag_is_replaced_by_force_and_no_half_is_left(run, tmp_path, capsys, m
         patch.setattr(disk, "require_room", full)
         patch.setattr("taichi_plume.files.bag_writer.CHECKED_EVERY", 1 << 10)
         assert export.main([*command, "--trial", "1", "--force"]) == 1
-    assert capsys.readouterr().err.endswith("cannot be written: the disk is full\n")
+    assert capsys.readouterr().err.endswith(": the disk is full\n")
     assert [one.name for one in tmp_path.iterdir()] == ["bag"]
     assert (out / "bag.mcap").read_bytes() == before
     assert export.main([*command, "--trial", "1", "--force"]) == 0

@@ -11,6 +11,14 @@ import pytest
 import taichi_plume
 from taichi_plume import __main__ as commands
 from taichi_plume import __version__
+from taichi_plume.cli.exit_codes import exit_code
+from taichi_plume.files.film import FilmError
+from taichi_plume.files.readings import ReadingsError
+from taichi_plume.files.run_folder import RunFolderError
+from taichi_plume.guard.input_error import InputError
+from taichi_plume.scenario.loading import ScenarioError
+from taichi_plume.serve.links import LinkError
+from taichi_plume.simulation import UnstableError
 
 HERE = Path(commands.__file__).parent
 FOLDERS = [Path(folder) for folder in taichi_plume.__path__]  # in a checkout also the one above
@@ -44,11 +52,118 @@ def test_what_is_no_command_is_told(line, capsys):
     assert "\x1b" not in told
 
 
-def test_options_go_to_the_command(tmp_path, capsys):
-    assert commands.main(["repair", str(tmp_path / "nowhere")]) == 2
-    assert "nowhere: is no folder" in capsys.readouterr().err
-    assert commands.main(["export", str(tmp_path), "--to", "csv"]) == 2
-    assert "is not the folder of a run" in capsys.readouterr().err
+WRONG = {
+    "run": ["{}"], "serve": ["{}"], "report": ["{}"], "picture": ["{}"], "export": ["{}", "--to", "csv"],
+    "maps": ["{}", "--size", "1", "1", "--out", "out"], "repair": ["{}"], "scenario": ["--explain", "{}"],
+    "study": ["{}"], "contest": ["--algorithm", "{}"], "envs": ["{}"], "statistics": ["{}"], "validation": ["{}"],
+}  # fmt: skip
+"""Command lines that name something that does not exist."""
+WICKED = "a\x1b]0;x\x07\nb\u202e"
+
+
+def refused(name, *line):
+    """Exit code of a command, whether it returns the code or leaves with it."""
+    try:
+        return commands.main([name, *line])
+    except SystemExit as end:
+        return end.code
+
+
+@pytest.mark.parametrize("name", commands.COMMANDS)
+def test_input_that_does_not_exist_is_one_line_and_exit_code_2(name, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert refused(name, *(part.format(WICKED) for part in WRONG[name])) == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert told.err.count("\n") == 1
+    assert r"a\x1b]0;x\x07\nb\u202e" in told.err
+    assert told.err[:-1].isprintable()
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "report .",
+        "picture .",
+        "export . --to csv",
+        "repair .",
+        "repair . --verify",
+        "statistics .",
+        "study report .",
+    ],
+)
+def test_a_folder_of_no_run_is_one_line_and_exit_code_2(line, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert commands.main(line.split()) == 2
+    told = capsys.readouterr().err
+    assert told.startswith(".: ")
+    assert told.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", commands.COMMANDS)
+def test_every_command_ends_by_the_one_table_of_exit_codes(name, monkeypatch):
+    module = commands.MODULES.get(name, f"cli.{name}")
+    monkeypatch.setattr(f"taichi_plume.{module}.exit_code", lambda *_, **__: 77)
+    assert commands.main([name, *WRONG[name]]) == 77
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "lines"),
+    [
+        (InputError("a\nb", "c"), 2, [r"a\nb", "c"]),
+        (
+            ScenarioError([f"key: {n}" for n in range(25)]),
+            2,
+            [*(f"key: {n}" for n in range(20)), "... and 5 more"],
+        ),
+        *((kind("f: no"), 2, ["f: no"]) for kind in (RunFolderError, FilmError, ReadingsError, LinkError)),
+        (KeyboardInterrupt(), 130, ["stopped"]),
+        (OSError(28, "full", "f\x1b"), 1, [r"f\x1b: full"]),
+        (OSError(28, "full", "part", None, "f"), 1, ["f: full"]),
+        (OSError(28, "full"), 1, ["out: full"]),
+        (OSError("of a library"), 1, ["out: of a library"]),
+        (UnstableError("u > 9 m/s"), 1, ["u > 9 m/s"]),
+    ],
+)
+def test_exit_codes(error, code, lines, capsys):
+    def work():
+        raise error
+
+    assert exit_code(work, "stopped", debug=False, out=Path("out")) == code
+    assert capsys.readouterr().err.splitlines() == lines
+
+
+def test_an_unexpected_error_is_one_line_or_with_debug_a_traceback(capsys):
+    def work():
+        raise TypeError("a\nb")
+
+    assert exit_code(work, debug=False) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "TypeError" in line
+    assert exit_code(work, debug=True) == 1
+    assert capsys.readouterr().err.startswith("Traceback")
+    with pytest.raises(TypeError):
+        exit_code(work)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "export . --to mcap --trial -1", "export . --to mcap --begin nan", "export . --to mcap --begin -1",
+        "export . --to mcap --points 0", "export . --to mcap --least inf", "picture . --at inf", "picture . --fps 51",
+        "picture . --width 199", "picture . --frames 0", "maps . --trial -1", "serve . --websocket 65536",
+        "study . --workers 0", "study . --workers many", "contest --airs 0", "contest --seed -1",
+        "validation --trials 0", "statistics . --threshold 0", "statistics . --threshold nan",
+        "statistics . --from inf",
+        "statistics . --from 2_s", "statistics . --range 3 1", "statistics . --range 1",
+    ],
+)  # fmt: skip
+def test_numbers_out_of_their_range_are_refused(line, capsys):
+    assert refused(*line.split()) == 2
+    option = next(part for part in reversed(line.split()) if part.startswith("--"))
+    assert option in capsys.readouterr().err.splitlines()[-1]
 
 
 def test_public_names_are_few_and_there():

@@ -40,7 +40,7 @@ GOOD = "t,x,y,reading\n1,0,0,2\n"
             "--map.cell: got '2 kg': must have a unit that converts to m",
         ),
         (GOOD, ["--map={kind: time_series, alfa: 2}"], "--map: unknown key 'alfa'; did you mean 'alpha'?"),
-        (GOOD, ["--map={kind: gmrf, cell: 0, window: 0}"], "greater than 0; --map.window: got 0.0: must be"),
+        (GOOD, ["--map={kind: gmrf, window: 0}"], "--map.window: got 0.0: must be greater than 0"),
         (GOOD, ["--map={kind: gmrf, alpha: 2}"], "--map: unknown key 'alpha'"),
         (GOOD, ["--map={alpha: 0.9}"], "--map: missing key 'kind'; known kinds: time_series, inverse"),
         (GOOD, ["--map={kind: gmrf"], "--map: line 1, column 12: not YAML: expected ',' or '}'"),

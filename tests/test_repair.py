@@ -103,10 +103,3 @@ def test_a_run_that_was_killed_at_its_very_end_is_over(finished):
     assert not (finished / checkpoint.NAME).exists()
     assert repair.main(["--verify", str(finished)]) == 0
     assert told(finished)["status"] == "completed"
-
-
-def test_folders_of_no_run_are_refused(tmp_path, capsys):
-    assert repair.main([str(tmp_path / "nowhere")]) == 2
-    assert repair.main([str(tmp_path)]) == 2
-    assert repair.main(["--verify", str(tmp_path)]) == 2
-    assert len(capsys.readouterr().err.splitlines()) == 3

@@ -195,11 +195,6 @@ def test_bad_input_is_told_without_traceback(scenario, options, fault, capsys):
     assert not Path("runs").exists()
 
 
-def test_missing_file(capsys):
-    assert run.main(["nowhere.yaml"]) == 2
-    assert "nowhere.yaml" in capsys.readouterr().err
-
-
 def test_full_directory_is_refused(scenario, fake, capsys):
     Path("out").mkdir()
     Path("out/result.json").write_text('{"name": "a", "status": "completed", "seed": 1}')
@@ -219,7 +214,7 @@ def test_folder_that_cannot_be_used_is_told_before_anything_is_made(scenario, mo
 
 def test_missing_device_is_told_and_leaves_earlier_results(scenario, monkeypatch, capsys):
     def start(arch):
-        raise RuntimeError(f"no {arch} device was found; use --arch cpu or auto")
+        raise kernels.DeviceError(f"no {arch} device was found; use --arch cpu or auto")
 
     monkeypatch.setattr(kernels, "start", start)
     Path("out").mkdir()

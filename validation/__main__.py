@@ -7,16 +7,17 @@ Exit code 0: all as expected; 1: one is not; 2: no such case.
 import argparse
 import difflib
 import json
-import os
 from collections.abc import Sequence
 from math import isfinite
-from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from rich.text import Text
 
+from taichi_plume.cli.exit_codes import exit_code
+from taichi_plume.cli.options import add, whole_number
 from taichi_plume.files.disk import written_whole
+from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import Parser, say, terminal
 from taichi_plume.running.signals import leave
 
@@ -33,16 +34,21 @@ VERDICTS = {True: ("met", "green"), False: ("NOT MET", "bold red"), None: ("", "
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` (without the program's name) and return its exit code."""
     args = _arguments(argv)
-    os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
+    return exit_code(lambda: _validate(args), out=args.out)
+
+
+def _validate(args: argparse.Namespace) -> int:
     from taichi_plume.validation.cases import CASES
 
-    unknown = [name for name in args.names if name not in CASES]
-    for name in unknown:
+    lines = []
+    for name in args.names:
+        if name in CASES:
+            continue
         close = difflib.get_close_matches(name, CASES, n=1)
         hint = f"did you mean '{close[0]}'?" if close else f"there are: {', '.join(CASES)}"
-        say(f"no case '{name}'; {hint}", error=True)
-    if unknown:
-        return 2
+        lines.append(f"no case '{name}'; {hint}")
+    if lines:
+        raise InputError(*lines)
     cases: list[Case | Experiment] = [
         case for name, case in CASES.items() if not args.names or name in args.names
     ]
@@ -52,28 +58,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     from taichi_plume.grid import kernels
     from taichi_plume.validation.report import page
 
-    try:
-        backend = kernels.start(args.arch)
-    except RuntimeError as error:
-        say(error, error=True)
-        return 2
-    try:
-        if args.out:
-            args.out.mkdir(parents=True, exist_ok=True)
-        report, pictures = _examine(cases, args, backend)
-        text = json.dumps(report, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
-        if args.out:
-            for name, content in (("report.json", text), ("report.html", page(report, pictures))):
-                with written_whole(args.out / name) as fresh:
-                    fresh.write_text(content, encoding="utf-8")
-    except OSError as error:
-        say(f"the report could not be written: {error}", error=True)
-        return 1
-    except KeyboardInterrupt:
-        say("interrupted", error=True)
-        return 130
+    backend = kernels.start(args.arch)
+    if args.out:
+        args.out.mkdir(parents=True, exist_ok=True)
+    report, pictures = _examine(cases, args, backend)
+    text = json.dumps(report, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+    if args.out:
+        for name, content in (("report.json", text), ("report.html", page(report, pictures))):
+            with written_whole(args.out / name) as fresh:
+                fresh.write_text(content, encoding="utf-8")
     if args.json:
-        say(text, longest=None, end="")
+        say(*text.splitlines(), longest=None)
     return 0 if report["passed"] else 1
 
 
@@ -85,24 +80,16 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     )
     parser.add_argument("names", nargs="*", metavar="NAMES", help="cases (default: all)")
     parser.add_argument(
-        "--trials", type=_count, metavar="N", help="of every experiment, for a quick look (default: its own)"
+        "--trials",
+        type=whole_number(1, 10**6),
+        metavar="N",
+        help="of every experiment, for a quick look (default: its own)",
     )
     parser.add_argument("--list", action="store_true", help="only tell what there is")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="write report.html and report.json there")
+    add(parser, "--out", help="write report.html and report.json there")
     parser.add_argument("--json", action="store_true", help="print the report as JSON")
-    parser.add_argument(
-        "--arch",
-        choices=("auto", "cpu", "cuda", "vulkan", "metal"),
-        default="cpu",
-        help="where to compute; auto takes a GPU if there is one (default: cpu)",
-    )
+    add(parser, "--arch")
     return parser.parse_args(argv)
-
-
-def _count(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"must be a whole number from 1 on, got '{text}'")
-    return int(text)
 
 
 def _examine(

@@ -199,8 +199,8 @@ def of(counts: Counter[str], folders: Sequence[str]) -> int:
     return sum(count for folder, count in counts.items() if folder.split("/")[0] in folders)
 
 
-def table(old: House, new: House) -> str:
-    """Both beside each other, in Markdown."""
+def table(old: House, new: House) -> list[str]:
+    """Return the lines of a Markdown table of both."""
     rows: list[tuple[str, str, str]] = []
 
     def row(name: str, *values: object) -> None:
@@ -229,7 +229,7 @@ def table(old: House, new: House) -> str:
     row("test cases", *(h.test_cases for h in both))
     row("longest test file", *("{} {}".format(*h.longest_test) for h in both))
     head = [("", "old", "new"), ("---", "---:", "---:")]
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in head + rows)
+    return [f"| {' | '.join(cells)} |" for cells in head + rows]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -238,7 +238,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("checkouts", nargs=2, type=Path, metavar="FOLDER")
     parser.add_argument("--no-cases", action="store_true", help="do not collect the tests")
     args = parser.parse_args(argv)
-    say(table(*(counted(root, not args.no_cases) for root in args.checkouts)))
+    say(*table(*(counted(root, not args.no_cases) for root in args.checkouts)))
     return 0
 
 

@@ -5,7 +5,7 @@ from collections.abc import Collection
 
 from taichi_plume.assembly.prepare import Prepared
 from taichi_plume.files.own_class import OwnAlgorithmError
-from taichi_plume.guard.terminal import say, visible
+from taichi_plume.guard.terminal import say
 from taichi_plume.scenario.loading import ScenarioError
 
 DIGITS = 16  # of a SHA-256 that are shown
@@ -23,10 +23,10 @@ def execute(prepared: Prepared, allow: bool, ask: bool = False, without: Collect
         if where in prepared.resources.code and group.name not in without:
             files[where] = prepared.resources.code[where]
     refused = [
-        f"{where}.file: {visible(file.path)} holds Python code, which runs with all your rights; look at it, then add "
+        f"{where}.file: {file.path} holds Python code, which runs with all your rights; look at it, then add "
         "--allow-code (in Python: allow_code=True)"
         for where, file in files.items()
-        if not allow and not (ask and wanted(f"{where}.file: {visible(file.path)}", file.digest))
+        if not allow and not (ask and wanted(f"{where}.file: {file.path}", file.digest))
     ]
     if refused:
         raise ScenarioError(refused)

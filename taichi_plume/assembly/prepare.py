@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 from taichi_plume.assembly.resources import OPENERS, Resources, completed
 from taichi_plume.grid.shapes import ShapeError
 from taichi_plume.guard.opening import gate
-from taichi_plume.guard.terminal import visible
 from taichi_plume.scenario import checks
 from taichi_plume.scenario.gases import PlaybackGas, PureGas
 from taichi_plume.scenario.input_files import given, input_files, strangers
@@ -59,7 +58,7 @@ def load(
     elif isinstance(source, Mapping):
         path, where = Path(folder or ".") / "scenario", ""
     else:
-        got = visible(type(source).__name__)
+        got = type(source).__name__
         raise ScenarioError([f"scenario: got {got}; give the path of a YAML file, or a dict"])
     remarks: list[str] = []
     files: list[Path] = []
@@ -120,7 +119,7 @@ def checked(
 def _require_scenario(scenario: object) -> None:
     """Raise ScenarioError for a path or a dict in place of a scenario."""
     if not isinstance(scenario, Scenario):
-        got = visible(type(scenario).__name__)
+        got = type(scenario).__name__
         raise ScenarioError(
             [f"scenario: got {got}; load_scenario returns the scenario of a YAML file or a dict"]
         )

@@ -15,7 +15,7 @@ import yaml
 from taichi_plume.assembly.prepare import Prepared
 from taichi_plume.files.disk import written_whole
 from taichi_plume.files.run_folder import CHECK
-from taichi_plume.guard.terminal import say, visible
+from taichi_plume.guard.terminal import say
 from taichi_plume.scenario.derived import derived
 from taichi_plume.scenario.facts import facts
 from taichi_plume.scenario.readable import all_keys, own_keys
@@ -39,11 +39,11 @@ def print_check(prepared: Prepared, out: Path | None = None, whole: bool = False
     scenario = prepared.scenario
     wide = shutil.get_terminal_size((WIDTH, 24)).columns if sys.stdout.isatty() else WIDTH
     text = explained(scenario, max(wide, NARROWEST)) + "\n" if whole else own_keys(scenario)
-    say(text, longest=None)
+    say(*text.split("\n"), longest=None)
     for name, line in derived(scenario):
-        say(visible(f"# {name:<{NAMES}} {line}"))
+        say(f"# {name:<{NAMES}} {line}")
     for n, remark in enumerate(prepared.resources.remarks, 1):
-        say(visible(f"# unlikely {n}: {remark}"))
+        say(f"# unlikely {n}: {remark}")
     size = estimate(scenario)
     needed = round(size["bytes"] + PROGRAM_BYTES, -7)
     amounts = f"{memory(needed)} of memory, {memory(size['disk'])} on the disk"
@@ -51,11 +51,11 @@ def print_check(prepared: Prepared, out: Path | None = None, whole: bool = False
     path = out / CHECK if out is not None else Path("runs") / f"{scenario.name}-{CHECK}"
     fault = draw_scene(prepared, path)
     drawn = path if fault is None else f"not drawn, {path}: {fault}"
-    say(visible(f"# {'scene':<{NAMES}} {drawn}"))
+    say(f"# {'scene':<{NAMES}} {drawn}")
     every = "" if whole else "all keys and defaults: --all; "
     say(f"# {'more':<{NAMES}} {every}one key: python -m taichi_plume.scenario --explain KEY", flush=True)
     if fault is not None:
-        say(visible(f"note: {path}: {fault}"), error=True)
+        say(f"note: {path}: {fault}", error=True)
 
 
 def duration(seconds: float) -> str:

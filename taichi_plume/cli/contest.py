@@ -5,13 +5,13 @@ Exit code 0: all is done; 1: some runs have failed, the others' results are ther
 """
 
 import argparse
-import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from taichi_plume.cli.exit_codes import exit_code
-from taichi_plume.guard.terminal import Parser, say, visible, whole_number
+from taichi_plume.cli.options import add, whole_number
+from taichi_plume.guard.terminal import Parser, say
 from taichi_plume.running.signals import reader_may_leave
 
 AIRS, SEARCHES = 8, 8
@@ -21,10 +21,9 @@ QUICK_AIRS, QUICK_SEARCHES = 2, 4
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` (without the program's name) and return its exit code."""
     arguments = list(sys.argv[1:] if argv is None else argv)
-    os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
     args = _arguments(arguments)
     interrupted = "interrupted; what is done is kept, and the same command goes on"
-    return exit_code(lambda: _contest(args, arguments), interrupted)
+    return exit_code(lambda: _contest(args, arguments), interrupted, out=args.out)
 
 
 def _contest(args: argparse.Namespace, arguments: Sequence[str]) -> int:
@@ -60,16 +59,12 @@ def _conclude(args: argparse.Namespace, contest, command: Sequence[str]) -> None
     path = page.write(contest, rows, command)
     for row in rows:
         if row.failed:
-            say(
-                visible(
-                    f"{row.scenario}: {row.algorithm}: {row.failed} of {row.runs} runs have failed: {row.message}"
-                ),
-                error=True,
-            )
+            failed = f"{row.failed} of {row.runs} runs have failed"
+            say(f"{row.scenario}: {row.algorithm}: {failed}: {row.message}", error=True)
     if not args.quiet:
         with reader_may_leave():
             page.show_table(rows)
-            say(visible(f"{path}, contest.csv, contest.parquet"))
+            say(f"{path}, contest.csv, contest.parquet")
 
 
 def _require_allowed(args: argparse.Namespace) -> None:
@@ -79,9 +74,9 @@ def _require_allowed(args: argparse.Namespace) -> None:
     from taichi_plume.scenario.loading import ScenarioError
 
     refused = [
-        f"{visible(path)}: holds Python code, which runs with all your rights; look at it, then add --allow-code"
+        f"{path}: holds Python code, which runs with all your rights; look at it, then add --allow-code"
         for path in args.algorithm
-        if not args.allow_code and not wanted(visible(path), OwnFile.read(path, None).digest)
+        if not args.allow_code and not wanted(str(path), OwnFile.read(path, None).digest)
     ]
     if refused:
         raise ScenarioError(refused)
@@ -106,14 +101,8 @@ def _arguments(argv: Sequence[str]) -> argparse.Namespace:
         "--policy", type=Path, action="append", default=[], metavar="FILE",
         help="a learnt policy: an ONNX file, or a scenario whose robots run one; may be repeated",
     )  # fmt: skip
-    parser.add_argument("--allow-code", action="store_true", help="execute the files of --algorithm")
-    parser.add_argument(
-        "--out",
-        type=Path,
-        default=Path("contest"),
-        metavar="DIR",
-        help="the contest's folder (default: contest)",
-    )
+    add(parser, "--allow-code", help="execute the files of --algorithm")
+    add(parser, "--out", default=Path("contest"), help="the contest's folder (default: contest)")
     parser.add_argument("--scenarios", metavar="NAMES", help="only these, with commas between")
     parser.add_argument(
         "--algorithms", metavar="NAMES", help="of the shipped ones only these, with commas between"
@@ -130,9 +119,6 @@ def _arguments(argv: Sequence[str]) -> argparse.Namespace:
     parser.add_argument("--airs", type=count, metavar="N", help=f"of each scenario (default: {AIRS})")
     parser.add_argument("--searches", type=count, metavar="N", help=f"in each air (default: {SEARCHES})")
     parser.add_argument("--workers", type=count, metavar="N", help="processes (default: one per core)")
-    parser.add_argument("--retry", action="store_true", help="make runs again that have failed")
-    parser.add_argument(
-        "--force", action="store_true", help="drop runs in the folder that this contest does not ask for"
-    )
-    parser.add_argument("--quiet", action="store_true", help="no progress, no table")
+    add(parser, "--force", help="drop runs in the folder that this contest does not ask for")
+    add(parser, "--retry", "--quiet")
     return parser.parse_args(argv)

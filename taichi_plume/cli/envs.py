@@ -6,42 +6,18 @@ such device; 130: interrupted.
 
 import argparse
 import os
-import traceback
 from collections.abc import Sequence
 from pathlib import Path
 
 from taichi_plume.cli.exit_codes import exit_code
-from taichi_plume.guard.terminal import Parser, say, visible
+from taichi_plume.cli.options import add
+from taichi_plume.guard.terminal import Parser, say
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` (without the program's name) and return its exit code."""
     args = _arguments(argv)
-    os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
-    return exit_code(lambda: _told_of(args), "interrupted: no bank was written", args.debug)
-
-
-def _told_of(args: argparse.Namespace) -> int:
-    """Record, and tell of faults that other commands do not have."""
-    from taichi_plume.files.run_folder import RunFolderError
-    from taichi_plume.scenario.loading import ScenarioError
-
-    try:
-        return _record(args)
-    except (ScenarioError, RunFolderError, OSError):
-        raise
-    except ValueError as error:
-        if args.debug:
-            say(traceback.format_exc(), error=True)
-        say(visible(error), error=True)
-        return 2
-    except Exception as error:
-        from taichi_plume.running.job import explain
-
-        if args.debug:
-            say(traceback.format_exc(), error=True)
-        say(visible(f"no bank was written: {explain(error)[1]}"), error=True)
-        return 1
+    return exit_code(lambda: _record(args), "interrupted: no bank was written", args.debug, args.out)
 
 
 def _record(args: argparse.Namespace) -> int:
@@ -50,7 +26,7 @@ def _record(args: argparse.Namespace) -> int:
     prepared = load(args.task, args.set, args.allow_outside)
     from taichi_plume.envs import bank
     from taichi_plume.files.disk import require_room
-    from taichi_plume.running.job import device
+    from taichi_plume.grid import kernels
 
     out, folder = args.out or Path(f"{prepared.scenario.name}_bank.zarr"), args.task.resolve().parent
     bank.check(prepared.scenario)
@@ -58,13 +34,13 @@ def _record(args: argparse.Namespace) -> int:
         bank.require_bank(out)
     out.parent.mkdir(parents=True, exist_ok=True)
     require_room(out.parent / out.name)
-    device(args.arch)
+    kernels.start(args.arch)
     made = bank.record(prepared.scenario, folder, True, None if args.quiet else _told)
     made.write(out)
     if not args.quiet:
         films, frames, nx, ny, channels = made.values.shape
         say(
-            f"{visible(out)}: {films} films of {frames} frames, {made.frame:g} s apart, of {nx} x {ny} cells: wind and "
+            f"{out}: {films} films of {frames} frames, {made.frame:g} s apart, of {nx} x {ny} cells: wind and "
             f"{channels - 2} gases, {made.values.nbytes / 1e6:.3g} MB in memory"
         )
     return 0
@@ -83,23 +59,6 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "task", type=Path, help="YAML file of a scenario; its section `task` tells of the films"
     )
-    parser.add_argument("--out", type=Path, metavar="BANK.zarr", help="where to (default: NAME_bank.zarr)")
-    parser.add_argument(
-        "--arch",
-        choices=("auto", "cpu", "cuda", "vulkan", "metal"),
-        default="cpu",
-        help="where to compute; auto takes a GPU if there is one (default: cpu)",
-    )
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="PATH=VALUE",
-        help="change any key, such as task.airs=8; may be repeated",
-    )
-    parser.add_argument(
-        "--allow-outside", action="store_true", help="read files that lie outside the scenario's folder"
-    )
-    parser.add_argument("--quiet", action="store_true", help="say nothing")
-    parser.add_argument("--debug", action="store_true", help="show where an unexpected error came from")
+    add(parser, "--out", metavar="BANK.zarr", help="where to (default: NAME_bank.zarr)")
+    add(parser, "--arch", "--set", "--allow-outside", "--quiet", "--debug")
     return parser.parse_args(argv)

@@ -1,33 +1,45 @@
-"""What a command's end is for a shell: its exit code, and on stderr why."""
+"""From exception to exit code: the one table of all commands."""
 
 import traceback
 from collections.abc import Callable
+from pathlib import Path
 
-from taichi_plume.guard.terminal import say, visible
+from taichi_plume.guard.input_error import InputError
+from taichi_plume.guard.terminal import say
 
 
-def exit_code(work: Callable[[], int], interrupted: str, debug: bool = False) -> int:
-    """That of a command's work, or of what cut it short, which is told in a line for each fault.
+def exit_code(
+    work: Callable[[], int],
+    interrupted: str = "interrupted",
+    debug: bool | None = None,
+    out: Path | None = None,
+) -> int:
+    """Do the work of a command and return its exit code; if an exception ends the work, print why.
 
-    2: what it was given is wrong; 130: `interrupted`; 1: a file could not be read or written.
+    2: the user's input is wrong (InputError); 130: Ctrl-C, with the message `interrupted`; 1: a file cannot be read or
+    written (OSError), or any other error. out: where the command writes, for an OSError that names no file. debug:
+    print the traceback as well; None: the command has no --debug, so an unexpected error is raised again.
     """
-    from taichi_plume.files.run_folder import RunFolderError
-    from taichi_plume.scenario.loading import ScenarioError
-
     try:
         return work()
-    except ScenarioError as error:
-        say(error, error=True)
-        return 2
-    except RunFolderError as error:
-        say(visible(error), error=True)
+    except InputError as error:
+        say(*error.lines, error=True)
         return 2
     except KeyboardInterrupt:
         say(interrupted, error=True)
         return 130
     except OSError as error:
         if debug:
-            say(traceback.format_exc(), error=True)
-        at = f"{error.filename}: " if error.filename else ""
-        say(visible(f"{at}{error.strerror or error}"), error=True)
+            say(*traceback.format_exc().splitlines(), error=True)
+        file = error.filename2 or error.filename or out
+        say(f"{file}: " * bool(file) + str(error.strerror or error), error=True)
+        return 1
+    except Exception as error:
+        if debug is None:
+            raise
+        from taichi_plume.running.job import explain  # heavy, and only needed here
+
+        if debug:
+            say(*traceback.format_exc().splitlines(), error=True)
+        say(explain(error)[1], error=True)
         return 1

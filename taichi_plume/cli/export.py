@@ -3,15 +3,18 @@
 Exit code 0: done; 1: it could not be written; 2: there is no such run, or it has no such data; 130: interrupted.
 """
 
-from argparse import ArgumentTypeError, Namespace
+from argparse import Namespace
 from collections.abc import Sequence
-from math import inf
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from taichi_plume.files.run_folder import RunFolderError
-from taichi_plume.guard.terminal import Parser, say, visible, whole_number
-from taichi_plume.results.export import export
-from taichi_plume.results.run import open_run
+from taichi_plume.cli.exit_codes import exit_code
+from taichi_plume.cli.options import OTHER_MAPS, add, from_zero, whole_number
+from taichi_plume.guard.input_error import InputError
+from taichi_plume.guard.terminal import Parser, say
+
+if TYPE_CHECKING:
+    from taichi_plume.results.run import Run
 
 DEFAULT = {
     "vtkhdf": "fields.vtkhdf",
@@ -26,45 +29,40 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` (without the program's name) and return its exit code."""
     args = _arguments(argv)
     out = args.out or (args.run / DEFAULT[args.to] if args.to in DEFAULT else args.run)
-    try:
-        if args.out is None and out != args.run and out.is_symlink():
-            raise RunFolderError(f"{out}: is a link, to which nothing is written; choose --out")
-        if args.to == "mcap":
-            files = _bag(args, out)
-        else:
-            files = export(open_run(args.run), args.to, out, args.source, args.force)
-    except RunFolderError as error:
-        say(visible(error), error=True)
-        return 2
-    except KeyboardInterrupt:
-        say(f"interrupted, nothing was written to {visible(out)}", error=True)
-        return 130
-    except OSError as error:
-        say(visible(f"{out}: cannot be written: {error.strerror or error}"), error=True)
-        return 1
+    return exit_code(lambda: _export(args, out), f"interrupted, nothing was written to {out}", out=out)
+
+
+def _export(args: Namespace, out: Path) -> int:
+    from taichi_plume.results.export import export
+    from taichi_plume.results.run import open_run
+
+    if args.out is None and out != args.run and out.is_symlink():
+        raise InputError(f"{out}: is a link, to which nothing is written; choose --out")
+    run = open_run(args.run)
+    files = _bag(run, args, out) if args.to == "mcap" else export(run, args.to, out, args.source, args.force)
     for file in files:
-        say(visible(f"{file}: {file.stat().st_size / 1e6:,.3g} MB"))
+        say(f"{file}: {file.stat().st_size / 1e6:,.3g} MB")
     return 0
 
 
-def _bag(args: Namespace, out: Path) -> list[Path]:
-    """Write a bag. Raises RunFolderError and OSError."""
+def _bag(run: "Run", args: Namespace, out: Path) -> list[Path]:
+    """Write a bag and return its files. Raises InputError and OSError."""
     try:
         import rosbags  # noqa: F401
     except ImportError:
-        raise RunFolderError('bags need rosbags: pip install "taichi_plume[ros]"') from None
+        raise InputError('bags need rosbags: pip install "taichi_plume[ros]"') from None
     from taichi_plume.results.bag_of_run import Choice, write
 
     given = {name: vars(args)[name] for name in OF_BAGS if vars(args)[name] is not None}
     choice = Choice(**given, allow_outside=args.allow_outside)
-    return write(open_run(args.run), out, choice, args.force)
+    return write(run, out, choice, args.force)
 
 
 def _arguments(argv: Sequence[str] | None) -> Namespace:
     parser = Parser(
         prog="python -m taichi_plume.export", description="Write a run's data for other programs."
     )
-    parser.add_argument("run", type=Path, metavar="RUN", help="the run's folder")
+    add(parser, "run")
     parser.add_argument(
         "--to",
         required=True,
@@ -72,21 +70,20 @@ def _arguments(argv: Sequence[str] | None) -> Namespace:
         help="vtkhdf: the film for ParaView and pyvista; netcdf: fields after CF; csv: the tables; "
         "mcap: a bag of ROS 2; gaden: the film for GADEN's player",
     )
-    parser.add_argument(
-        "--out", type=Path, help="the file, of csv, mcap and gaden a folder (default: in the run's folder)"
-    )
+    what = "the file, of csv, mcap and gaden a folder (default: in the run's folder)"
+    add(parser, "--out", metavar="OUT", help=what)
     parser.add_argument(
         "--from",
         dest="source",
         choices=("film", "recording"),
         help="what netcdf is made of (default: the film, else the decoded colours of the recording)",
     )
-    parser.add_argument("--force", action="store_true", help="replace what is there")
+    add(parser, "--force", help="replace what is there")
     bag = parser.add_argument_group("of a bag")
     bag.add_argument("--trial", type=whole_number(0, 10**6), metavar="N", help="of several (default: 0)")
     bag.add_argument(
         "--begin",
-        type=_from_zero,
+        type=from_zero,
         metavar="SECONDS",
         help="time of ROS when the run begins, such as a Unix time (default: 0)",
     )
@@ -98,15 +95,11 @@ def _arguments(argv: Sequence[str] | None) -> Namespace:
     )
     bag.add_argument(
         "--least",
-        type=_from_zero,
+        type=from_zero,
         metavar="PPM",
         help="less gas is no point of a cloud (default: 0.1)",
     )
-    bag.add_argument(
-        "--allow-outside",
-        action="store_true",
-        help="read maps and meshes outside the run's folder that are not those of the run",
-    )
+    add(bag, "--allow-outside", help=OTHER_MAPS)
     args = parser.parse_args(argv)
     for name in OF_BAGS:
         if vars(args)[name] is not None and args.to != "mcap":
@@ -114,14 +107,3 @@ def _arguments(argv: Sequence[str] | None) -> Namespace:
     if args.source is not None and args.to != "netcdf":
         parser.error("--from is of --to netcdf")
     return args
-
-
-def _from_zero(text: str) -> float:
-    """A number that is finite and not negative."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = -1.0
-    if not 0.0 <= value < inf:
-        raise ArgumentTypeError(f"must be a number from 0 on, got '{visible(text)}'")
-    return value

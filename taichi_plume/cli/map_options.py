@@ -12,11 +12,13 @@ from typing import NoReturn, get_args
 
 from pydantic_core import PydanticCustomError
 
+from taichi_plume.cli.options import add as shared
+from taichi_plume.cli.options import whole_number
 from taichi_plume.files.bag_readings import UNITS, Wanted
-from taichi_plume.files.readings import ReadingsError
-from taichi_plume.guard.terminal import Parser, whole_number
+from taichi_plume.guard.input_error import InputError
+from taichi_plume.guard.terminal import Parser
 from taichi_plume.scenario.facts import facts, purpose
-from taichi_plume.scenario.loading import ScenarioError, load_part
+from taichi_plume.scenario.loading import load_part
 from taichi_plume.scenario.maps import Map
 from taichi_plume.scenario.metal_oxides import MOX_MODELS
 from taichi_plume.scenario.quantities import parse
@@ -28,25 +30,22 @@ KINDS = {get_args(one.model_fields["kind"].annotation)[0]: one for one in get_ar
 
 class _Parser(Parser):
     def error(self, message: str) -> NoReturn:
-        raise ReadingsError(f"{message}; --help tells more")
+        raise InputError(f"{message}; --help tells more")
 
 
 def arguments(argv: Sequence[str]) -> tuple[argparse.Namespace, Map]:
-    """Options and the model of the map. Raises ReadingsError."""
+    """Options and the model of the map. Raises InputError."""
     told = _Parser(add_help=False, allow_abbrev=False)
     told.add_argument("--map", metavar="MAP", action="append", default=[])
     told.add_argument("--kind", metavar="KIND")
     told.add_argument("-h", "--help", action="store_true")
     args, _ = told.parse_known_args(argv)
     if len(args.map) + (args.kind is not None) > 1:
-        raise ReadingsError("--map and --kind: tell of one map; give one of them, once")
+        raise InputError("--map and --kind: tell of one map; give one of them, once")
     where, text = (
         ("--map", args.map[0]) if args.map else ("--kind", f"{{kind: {json.dumps(args.kind or DEFAULT)}}}")
     )
-    try:
-        model = load_part(text, where, Map)
-    except ScenarioError as error:
-        raise ReadingsError("; ".join(error.lines)) from None
+    model = load_part(text, where, Map)
     parser = _options(_kinds() if not (args.map or args.kind) else _parameters(model))
     if args.help:
         parser.print_help()
@@ -56,7 +55,7 @@ def arguments(argv: Sequence[str]) -> tuple[argparse.Namespace, Map]:
         names = [name for action in parser._actions for name in action.option_strings if name[:2] == "--"]
         close = difflib.get_close_matches(unknown[0].partition("=")[0], names, n=1)
         meant = f"did you mean '{close[0]}'? " if close else ""
-        raise ReadingsError(f"unexpected '{unknown[0]}'; {meant}options: {', '.join(names)}")
+        raise InputError(f"unexpected '{unknown[0]}'; {meant}options: {', '.join(names)}")
     return args, model
 
 
@@ -82,9 +81,9 @@ def _options(end: str) -> _Parser:
     add("--size", type=_side, nargs=2, required=True, metavar=("LX", "LY"), help="of the floor [m]")
     add("--origin", type=_length, nargs=2, default=(0.0, 0.0), metavar=("X", "Y"),
         help="lower corner of the floor [m], from which the map's own places count (default: 0 0)")  # fmt: skip
-    add("--out", type=Path, required=True, metavar="DIR", help="where the map goes")
-    add("--force", action="store_true", help="overwrite an earlier map in --out")
-    add("--trial", type=int, metavar="N", help="of several (default: the first)")
+    shared(parser, "--out", required=True, help="where the map goes")
+    shared(parser, "--force", help="replace an earlier map in --out")
+    add("--trial", type=whole_number(0, 10**6), metavar="N", help="of several (default: the first)")
     add("--group", metavar="NAME", help="of several, in a bag a robot (default: all robots of the trial)")
     add("--source", type=_length, nargs=2, action="append", metavar=("X", "Y"),
         help="a source [m], to score the peak; may be repeated")  # fmt: skip

@@ -16,8 +16,8 @@ From Python::
     gas_map = map_of(readings, KernelMap(kind="kernel_dmv"), size=(4.0, 3.0))
 """
 
+import argparse
 import json
-import os
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
@@ -26,11 +26,13 @@ from typing import Any
 
 import numpy as np
 
+from taichi_plume.cli.exit_codes import exit_code
 from taichi_plume.cli.map_options import arguments, wanted
 from taichi_plume.files import disk
-from taichi_plume.files.readings import Readings, ReadingsError, read
-from taichi_plume.guard.terminal import say, visible
+from taichi_plume.files.readings import Readings, read
+from taichi_plume.guard.terminal import say
 from taichi_plume.results.recorded_maps import GasMap, map_of
+from taichi_plume.scenario.maps import Map
 
 FILES = ("map.csv", "map.png", "scores.json")
 MOST_OBLONG = 4.0  # of a picture
@@ -105,38 +107,33 @@ def _shown(value: float | None) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` (without the program's name) and return its exit code."""
-    os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
-    from taichi_plume.files.run_folder import RunFolder, RunFolderError
 
-    try:
+    def parse_and_make() -> int:
         args, model = arguments(sys.argv[1:] if argv is None else argv)
-        from taichi_plume.grid import kernels
+        return exit_code(lambda: _make(args, model), "interrupted before the map was made", out=args.out)
 
-        with RunFolder("", args.out, args.force, inputs=[args.readings], files=FILES, ours=_is_map) as folder:
-            readings = read(args.readings, args.trial, args.group, wanted(args))
-            origin = np.array(args.origin)
-            readings = replace(readings, place=readings.place - origin)
-            sources = np.array(args.source) - origin if args.source else None
-            for line in readings.topics:
-                say(visible(line))
-            kernels.start("cpu")
-            gas_map = map_of(readings, model, args.size, sources)
-            folder.clear()
-            stands = False
-            try:
-                write(gas_map, readings, args.size, args.out)
-                stands = True
-            finally:
-                folder.settle(stands)
-    except (ReadingsError, RunFolderError) as error:
-        say(visible(error), error=True)
-        return 2
-    except KeyboardInterrupt:
-        say("interrupted before the map was made", error=True)
-        return 130
-    except OSError as error:
-        say(visible(f"{args.out}: cannot be written: {error.strerror or error}"), error=True)
-        return 1
+    return exit_code(parse_and_make)
+
+
+def _make(args: argparse.Namespace, model: Map) -> int:
+    from taichi_plume.files.run_folder import RunFolder
+    from taichi_plume.grid import kernels
+
+    with RunFolder("", args.out, args.force, inputs=[args.readings], files=FILES, ours=_is_map) as folder:
+        readings = read(args.readings, args.trial, args.group, wanted(args))
+        origin = np.array(args.origin)
+        readings = replace(readings, place=readings.place - origin)
+        sources = np.array(args.source) - origin if args.source else None
+        say(*readings.topics)
+        kernels.start("cpu")
+        gas_map = map_of(readings, model, args.size, sources)
+        folder.clear()
+        stands = False
+        try:
+            write(gas_map, readings, args.size, args.out)
+            stands = True
+        finally:
+            folder.settle(stands)
     peak = gas_map.scores["peak"]
     if peak["ppm"] is None:
         say("knows no cell: its last readings are too old")
@@ -144,8 +141,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         say("knows of no gas: 0 ppm wherever it knows")
     else:
         say(f"peak {peak['ppm']:.3g} ppm at ({peak['x_m']:.2f}, {peak['y_m']:.2f}) m")
-    say(_used(gas_map.scores, model.times))
-    say(visible(f"{args.out}: {', '.join(FILES)}"))
+    say(_used(gas_map.scores, model.times), f"{args.out}: {', '.join(FILES)}")
     return 0
 
 

@@ -9,7 +9,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from taichi_plume.guard.terminal import Parser, say, visible
+from taichi_plume.cli.exit_codes import exit_code
+from taichi_plume.cli.options import OTHER_MAPS, add, number, whole_number
+from taichi_plume.guard.input_error import InputError
+from taichi_plume.guard.terminal import Parser, say
 
 if TYPE_CHECKING:
     from taichi_plume.record.reading import Picture
@@ -29,32 +32,19 @@ LARGEST = 8000  # pixels
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` (without the program's name) and return its exit code."""
     args = _arguments(argv)
-    from taichi_plume.files.run_folder import RunFolderError
-    from taichi_plume.report.films import NoFilmError
+    return exit_code(lambda: _draw(args), out=args.film or args.out)
+
+
+def _draw(args: argparse.Namespace) -> int:
     from taichi_plume.results.run import Run
 
-    try:
-        run = Run(args.run, lenient=True, allow_outside=args.allow_outside)
-        for lack in run.lacks:
-            say(visible(f"note: {lack}"), error=True)
-        if args.film is not None:
-            _film(run, args)
-        if args.film is None or args.at is not None or args.out is not None:
-            _still(run, args)
-    except (RunFolderError, NoFilmError) as error:
-        say(visible(error), error=True)
-        return 2
-    except OSError as error:
-        say(
-            visible(
-                f"{error.filename or args.film or args.out}: cannot be written: {error.strerror or error}"
-            ),
-            error=True,
-        )
-        return 2
-    except KeyboardInterrupt:
-        say("interrupted", error=True)
-        return 130
+    run = Run(args.run, lenient=True, allow_outside=args.allow_outside)
+    for lack in run.lacks:
+        say(f"note: {lack}", error=True)
+    if args.film is not None:
+        _film(run, args)
+    if args.film is None or args.at is not None or args.out is not None:
+        _still(run, args)
     return 0
 
 
@@ -63,11 +53,9 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
         prog="python -m taichi_plume.picture",
         description="Draw a moment of a run, or a film of it, for a talk or a paper.",
     )
-    parser.add_argument("run", type=Path, metavar="RUN", help="the run's folder")
-    parser.add_argument("--at", type=float, metavar="S", help="simulated time in seconds (default: the end)")
-    parser.add_argument(
-        "--out", type=Path, metavar="FILE", help=f"{', '.join(SUFFIXES)} (default: RUN-VIEW-AT.png, here)"
-    )
+    add(parser, "run")
+    parser.add_argument("--at", type=number, metavar="S", help="simulated time in seconds (default: the end)")
+    add(parser, "--out", metavar="FILE", help=f"{', '.join(SUFFIXES)} (default: RUN-VIEW-AT.png, here)")
     parser.add_argument("--film", type=Path, metavar="FILE", help="make a film: .gif, or .mp4 with ffmpeg")
     parser.add_argument(
         "--view",
@@ -79,31 +67,31 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
         "--of", default="gas", metavar="QUANTITY", help="gas, temperature, ... (default: gas)"
     )
     parser.add_argument(
-        "--begin", type=float, metavar="S", help="of a film (default: the start of the robots)"
+        "--begin", type=number, metavar="S", help="of a film (default: the start of the robots)"
     )
-    parser.add_argument("--end", type=float, metavar="S", help="of a film (default: the end)")
-    parser.add_argument("--frames", type=int, metavar="N", help=f"of a film (default: at most {MOST_FRAMES})")
-    parser.add_argument("--fps", type=int, default=12, metavar="N", help="frames per second (default: 12)")
+    parser.add_argument("--end", type=number, metavar="S", help="of a film (default: the end)")
     parser.add_argument(
-        "--width", type=int, metavar="PIXELS", help=f"(default: {PICTURE_WIDTH}, of a film {FILM_WIDTH})"
+        "--frames",
+        type=whole_number(1, 10_000),
+        metavar="N",
+        help=f"of a film (default: at most {MOST_FRAMES})",
+    )
+    parser.add_argument(
+        "--fps", type=whole_number(1, 50), default=12, metavar="N", help="frames per second (default: 12)"
+    )
+    parser.add_argument(
+        "--width",
+        type=whole_number(200, LARGEST),
+        metavar="PIXELS",
+        help=f"(default: {PICTURE_WIDTH}, of a film {FILM_WIDTH})",
     )
     parser.add_argument("--no-wind", action="store_true", help="without the arrows of the wind")
-    parser.add_argument(
-        "--allow-outside",
-        action="store_true",
-        help="read maps and meshes outside the run's folder that are not those of the run",
-    )
+    add(parser, "--allow-outside", help=OTHER_MAPS)
     args = parser.parse_args(argv)
     if args.out is not None and args.out.suffix.lower() not in SUFFIXES:
         parser.error(f"argument --out: {args.out} must end in {', '.join(SUFFIXES)}")
     if args.film is not None and args.film.suffix.lower() not in FILMS:
         parser.error(f"argument --film: {args.film} must end in .gif or .mp4")
-    if args.width is not None and not 200 <= args.width <= LARGEST:
-        parser.error(f"argument --width: must be from 200 to {LARGEST} pixels")
-    if args.frames is not None and not 1 <= args.frames <= 10_000:
-        parser.error("argument --frames: must be from 1 to 10000")
-    if not 1 <= args.fps <= 50:
-        parser.error("argument --fps: must be from 1 to 50")
     return args
 
 
@@ -120,7 +108,7 @@ def _still(run: "Run", args: argparse.Namespace) -> None:
     what = next((view for view, name in VIEWS.items() if one.view == name), one.view)
     out = args.out or Path(f"{run.folder.resolve().name}-{what}-{at:g}s.png")
     _save(figure, out)
-    say(visible(f"{out}: {one.name.replace('_', ' ')} at t = {one.times[-1]:.4g} s"))
+    say(f"{out}: {one.name.replace('_', ' ')} at t = {one.times[-1]:.4g} s")
 
 
 def _film(run: "Run", args: argparse.Namespace) -> None:
@@ -152,11 +140,8 @@ def _film(run: "Run", args: argparse.Namespace) -> None:
             chosen,
             lambda n: _show(view, one, float(one.times[n]), arrows, n),
         )
-    say(
-        visible(
-            f"{args.film}: {len(chosen)} frames, t = {one.times[chosen[0]]:.4g} to {one.times[chosen[-1]]:.4g} s"
-        )
-    )
+    first, last = one.times[chosen[0]], one.times[chosen[-1]]
+    say(f"{args.film}: {len(chosen)} frames, t = {first:.4g} to {last:.4g} s")
 
 
 def _show(view: Any, one: "Picture", t: float, arrows: Any, n: int = -1) -> None:
@@ -190,7 +175,7 @@ def _save(figure: Any, out: Path) -> None:
 def _picture(
     run: "Run", args: argparse.Namespace, between: tuple[float, float], spacing: float = 0.0
 ) -> "Picture":
-    """The pictures of the view that is asked for, of some time. Raises RunFolderError."""
+    """The pictures of the view that is asked for, of some time. Raises InputError."""
     if not (run.planes.has_recording or run.planes.has_film):
         raise _error(run, "has neither recording.rrd nor fields.zarr, from which pictures are made")
     wanted = (
@@ -237,6 +222,4 @@ def _outside(run: "Run", name: str, at: float) -> Exception:
 
 
 def _error(run: "Run", what: str) -> Exception:
-    from taichi_plume.files.run_folder import RunFolderError
-
-    return RunFolderError(f"{run.folder}: {what}")
+    return InputError(f"{run.folder}: {what}")

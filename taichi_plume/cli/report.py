@@ -1,9 +1,11 @@
 """Makes the report of a run again from its files: ``python -m taichi_plume.report RUN``."""
 
+import argparse
 from collections.abc import Sequence
-from pathlib import Path
 
-from taichi_plume.guard.terminal import Parser, say, visible
+from taichi_plume.cli.exit_codes import exit_code
+from taichi_plume.cli.options import OTHER_MAPS, add
+from taichi_plume.guard.terminal import Parser, say
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -12,24 +14,16 @@ def main(argv: Sequence[str] | None = None) -> int:
         prog="python -m taichi_plume.report",
         description="Make report.html of a run again, from the files in its folder alone.",
     )
-    parser.add_argument("run", type=Path, metavar="RUN", help="the run's folder")
-    parser.add_argument(
-        "--allow-outside",
-        action="store_true",
-        help="read maps and meshes outside the run's folder that are not those of the run",
-    )
+    add(parser, "run")
+    add(parser, "--allow-outside", help=OTHER_MAPS)
     args = parser.parse_args(argv)
-    from taichi_plume.files.run_folder import RunFolderError
+    return exit_code(lambda: _report(args), out=args.run)
+
+
+def _report(args: argparse.Namespace) -> int:
     from taichi_plume.report.page import write
     from taichi_plume.results.run import Run
 
-    try:
-        path = write(Run(args.run, lenient=True, allow_outside=args.allow_outside))
-    except RunFolderError as error:
-        say(visible(error), error=True)
-        return 2
-    except OSError as error:
-        say(visible(f"{args.run}: the report cannot be written: {error.strerror or error}"), error=True)
-        return 2
-    say(visible(f"{path}: {path.stat().st_size / 1e3:,.0f} kB"))
+    path = write(Run(args.run, lenient=True, allow_outside=args.allow_outside))
+    say(f"{path}: {path.stat().st_size / 1e3:,.0f} kB")
     return 0

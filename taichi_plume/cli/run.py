@@ -6,24 +6,23 @@ wrong, or there is no such device; 130: interrupted. Heavy imports wait until th
 
 import argparse
 import gc
-import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from taichi_plume.cli.exit_codes import exit_code
-from taichi_plume.guard.terminal import Parser, say, visible
+from taichi_plume.cli.options import add
+from taichi_plume.guard.terminal import Parser, say
 from taichi_plume.running.signals import reader_may_leave
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` (without the program's name) and return its exit code."""
     args = _arguments(argv)
-    os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
     gc.disable()  # until the run begins: a start takes 7 % more where what it makes is looked through
     try:
         work = _resume if args.resume else _new
-        return exit_code(lambda: work(args), "interrupted before the run began", args.debug)
+        return exit_code(lambda: work(args), "interrupted before the run began", args.debug, args.out)
     finally:
         gc.enable()
 
@@ -39,7 +38,7 @@ def _new(args: argparse.Namespace) -> int:
     prepared = load(args.scenario, overrides, args.allow_outside)
     told_below = args.check and sys.stdout.isatty()  # where the notes would have scrolled away
     for remark in () if args.quiet or told_below else prepared.resources.remarks:
-        say(visible(f"note: {remark}"), error=True)
+        say(f"note: {remark}", error=True)
     if args.check:
         from taichi_plume.cli.check import print_check
 
@@ -48,11 +47,12 @@ def _new(args: argparse.Namespace) -> int:
         return 0
     from taichi_plume.assembly.own_code import execute
     from taichi_plume.files.run_folder import RunFolder
-    from taichi_plume.running.job import Job, device, simulate
+    from taichi_plume.grid import kernels
+    from taichi_plume.running.job import Job, simulate
     from taichi_plume.scenario.input_files import input_paths
 
     execute(prepared, args.allow_code, ask=True)
-    backend = device(args.arch or "cpu")
+    backend = kernels.start(args.arch or "cpu")
     inputs = input_paths(prepared.scenario, args.scenario, prepared.resources.files)
     with RunFolder(prepared.scenario.name, args.out, args.force, inputs=inputs) as folder:
         arch, recording = args.arch or "cpu", not args.no_recording
@@ -66,7 +66,8 @@ def _resume(args: argparse.Namespace) -> int:
     from taichi_plume.assembly.own_code import execute
     from taichi_plume.assembly.prepare import load
     from taichi_plume.files.run_folder import RunFolder
-    from taichi_plume.running.job import Job, device, simulate
+    from taichi_plume.grid import kernels
+    from taichi_plume.running.job import Job, simulate
     from taichi_plume.running.resume import require_same, saved
     from taichi_plume.scenario.input_files import input_paths
 
@@ -77,7 +78,7 @@ def _resume(args: argparse.Namespace) -> int:
         inputs = input_paths(prepared.scenario, file, prepared.resources.files)
         require_same(folder.path, told["inputs"], inputs[1:])
         execute(prepared, args.allow_code, ask=True)
-        backend = device(args.arch or told["arch"])
+        backend = kernels.start(args.arch or told["arch"])
         arch = args.arch or told["arch"]
         shown = {"live": _viewer(args) if told["recording"] else None, "report": not args.no_report}
         job = Job(prepared, folder, file, inputs, arch, backend, told["recording"], told, **shown)
@@ -99,21 +100,11 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
         description="Run a scenario: air flow, gas, robots, maps. The results go to a folder.",
     )
     parser.add_argument("scenario", type=Path, nargs="?", help="YAML file")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="run directory (default: runs/NAME-N)")
-    parser.add_argument(
-        "--arch",
-        choices=("auto", "cpu", "cuda", "vulkan", "metal"),
-        help="where to compute; auto takes a GPU if there is one (default: cpu)",
-    )
+    add(parser, "--out")
+    add(parser, "--arch", default=None)  # of --resume: that of the run
     parser.add_argument("--seed", metavar="N", help="instead of the scenario's")
     parser.add_argument("--duration", metavar="S", help="seconds, instead of the scenario's")
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="PATH=VALUE",
-        help="change any key, such as robots.0.count=3; may be repeated",
-    )
+    add(parser, "--set")
     parser.add_argument(
         "--check",
         action="store_true",
@@ -122,23 +113,14 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--all", action="store_true", help="with --check: print all keys, with their defaults and meanings"
     )
-    parser.add_argument("--no-recording", action="store_true", help="write no recording.rrd")
     parser.add_argument(
         "--live", action="store_true", help="open the viewer while the run goes on (on this machine alone)"
     )
-    parser.add_argument("--no-report", action="store_true", help="write no report.html")
-    parser.add_argument("--quiet", action="store_true", help="no progress bar, no summary")
-    parser.add_argument("--force", action="store_true", help="replace an earlier run in --out")
+    add(parser, "--no-recording", "--no-report", "--quiet", "--force")
     parser.add_argument(
         "--resume", type=Path, metavar="RUN", help="go on with a run that was cut off, from its checkpoint"
     )
-    parser.add_argument(
-        "--allow-code", action="store_true", help="execute Python files that the scenario names (kind: own)"
-    )
-    parser.add_argument(
-        "--allow-outside", action="store_true", help="read files that lie outside the scenario's folder"
-    )
-    parser.add_argument("--debug", action="store_true", help="show where an unexpected error came from")
+    add(parser, "--allow-code", "--allow-outside", "--debug")
     args = parser.parse_args(argv)
     if args.resume is None and args.scenario is None:
         parser.error("the following arguments are required: scenario")

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from taichi_plume.cli.exit_codes import exit_code
 from taichi_plume.guard.terminal import Parser
 from taichi_plume.scenario.explaining import print_key, print_schema
 from taichi_plume.scenario.scenario import Scenario
@@ -19,6 +20,4 @@ def main(argv: Sequence[str] | None = None) -> int:
         "kind such as casting",
     )
     args = parser.parse_args(argv)
-    if args.schema:
-        return print_schema(Scenario)
-    return print_key(args.explain, Scenario)
+    return exit_code(lambda: print_schema(Scenario) if args.schema else print_key(args.explain, Scenario))

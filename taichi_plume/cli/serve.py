@@ -9,7 +9,6 @@ Else it is as ``python -m taichi_plume.run``, with the same files and exit codes
 
 import argparse
 import gc
-import os
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
@@ -19,7 +18,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from taichi_plume.cli.exit_codes import exit_code
-from taichi_plume.guard.terminal import Parser, say, visible
+from taichi_plume.cli.options import add, whole_number
+from taichi_plume.guard.input_error import InputError
+from taichi_plume.guard.terminal import Parser, say
 from taichi_plume.serve.address import TOKEN, Address, address, fault_of_token, loopback, origin, token_of
 
 if TYPE_CHECKING:
@@ -33,19 +34,17 @@ NEEDED = {"zenoh": "eclipse-zenoh", "websockets": "websockets", "rosbags": "rosb
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` (without the program's name) and return its exit code."""
     args = _arguments(argv)
-    missing = [name for package, name in NEEDED.items() if find_spec(package) is None]
-    if missing:
-        say(f"needs {', '.join(missing)}: pip install 'taichi_plume[ros]'", error=True)
-        return 2
-    os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
     gc.disable()  # until the run begins
     try:
-        return exit_code(lambda: _serve(args), "interrupted before the run began", args.debug)
+        return exit_code(lambda: _serve(args), "interrupted before the run began", args.debug, args.out)
     finally:
         gc.enable()
 
 
 def _serve(args: argparse.Namespace) -> int:
+    missing = [name for package, name in NEEDED.items() if find_spec(package) is None]
+    if missing:
+        raise InputError(f"needs {', '.join(missing)}: pip install 'taichi_plume[ros]'")
     from taichi_plume.assembly.prepare import load
     from taichi_plume.scenario.loading import ScenarioError
 
@@ -57,25 +56,25 @@ def _serve(args: argparse.Namespace) -> int:
         )
     _require_names(args.scenario, [group.name for group in scenario.robots])
     for remark in () if args.quiet else prepared.resources.remarks:
-        say(visible(f"note: {remark}"), error=True)
+        say(f"note: {remark}", error=True)
     from taichi_plume.assembly.own_code import execute
     from taichi_plume.files.run_folder import RunFolder
-    from taichi_plume.running.job import Job, device, simulate
+    from taichi_plume.grid import kernels
+    from taichi_plume.running.job import Job, simulate
     from taichi_plume.scenario.input_files import input_paths
     from taichi_plume.serve.service import Pace, Service
 
     execute(prepared, args.allow_code, ask=True)
     scenario = scenario.model_copy(update={"checkpoint": None})  # what is outside cannot be put back
     prepared = prepared._replace(scenario=scenario)
-    arch = args.arch or "cpu"
-    backend = device(arch)
+    backend = kernels.start(args.arch)
     pace = Pace(inf if args.speed == "max" else float(args.speed), args.wait, args.at_once)
     inputs = input_paths(scenario, args.scenario, prepared.resources.files)
     with _links(args, scenario.name) as links:
         service = Service(pace, links, args.quiet)
         with RunFolder(scenario.name, args.out, args.force, inputs=inputs) as folder:
             job = Job(
-                prepared, folder, args.scenario, inputs, arch, backend, not args.no_recording,
+                prepared, folder, args.scenario, inputs, args.arch, backend, not args.no_recording,
                 report=not args.no_report, service=service,
             )  # fmt: skip
             return simulate(job, args.quiet, args.debug)
@@ -89,29 +88,24 @@ def _require_names(file: Path, names: Sequence[str]) -> None:
     for n, name in enumerate(names):
         for other in names[:n]:
             if word(other) == word(name):
-                what = f"'{visible(other)}' and '{visible(name)}' have the same topics, {word(name)}/..."
+                what = f"'{other}' and '{name}' have the same topics, {word(name)}/..."
                 raise ScenarioError([f"{file}: robots[{n}].name: {what}; name one of them otherwise"])
 
 
 @contextmanager
 def _links(args: argparse.Namespace, name: str) -> "Iterator[Sequence[Link]]":
-    """The transports, open. Raises RunFolderError where an address cannot be had."""
-    from taichi_plume.files.run_folder import RunFolderError
-    from taichi_plume.serve.links import LinkError
+    """Open transports. Raises LinkError if an address cannot be used."""
     from taichi_plume.serve.websocket_link import WebSocketLink
     from taichi_plume.serve.zenoh_link import ZenohLink
 
     bind: Address = args.bind
     with ExitStack() as stack:
-        try:
-            links: list[Link] = [ZenohLink(bind.host, bind.port, token_of())]
-            stack.callback(links[0].close)
-            if args.websocket:
-                remark = (lambda line: None) if args.quiet else partial(say, error=True)
-                links.append(WebSocketLink(args.websocket, name, args.allow_origin, token_of(), remark))
-                stack.callback(links[1].close)
-        except LinkError as error:
-            raise RunFolderError(str(error)) from None
+        links: list[Link] = [ZenohLink(bind.host, bind.port, token_of())]
+        stack.callback(links[0].close)
+        if args.websocket:
+            remark = (lambda line: None) if args.quiet else partial(say, error=True)
+            links.append(WebSocketLink(args.websocket, name, args.allow_origin, token_of(), remark))
+            stack.callback(links[1].close)
         if not args.quiet:
             say(f"robots: {bind.host}:{bind.port}" + _websocket(args.websocket), error=True)
         yield links
@@ -139,7 +133,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     )
     parser.add_argument(
         "--websocket",
-        type=int,
+        type=whole_number(0, 65535),
         default=WEBSOCKET,
         metavar="PORT",
         help=f"where the Foxglove app connects to, on this machine alone (default: {WEBSOCKET}; 0: not at all)",
@@ -164,22 +158,8 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--at-once", action="store_true", help="begin without robots of which nothing has been heard yet"
     )
-    parser.add_argument("--out", type=Path, metavar="DIR", help="run directory (default: runs/NAME-N)")
-    parser.add_argument("--arch", choices=("auto", "cpu", "cuda", "vulkan", "metal"), help="where to compute")
-    parser.add_argument(
-        "--set", action="append", default=[], metavar="PATH=VALUE", help="change any key; may be repeated"
-    )
-    parser.add_argument("--no-recording", action="store_true", help="write no recording.rrd")
-    parser.add_argument("--no-report", action="store_true", help="write no report.html")
-    parser.add_argument("--quiet", action="store_true", help="say nothing but what is wrong")
-    parser.add_argument("--force", action="store_true", help="replace an earlier run in --out")
-    parser.add_argument(
-        "--allow-code", action="store_true", help="execute Python files that the scenario names"
-    )
-    parser.add_argument(
-        "--allow-outside", action="store_true", help="read files that lie outside the scenario's folder"
-    )
-    parser.add_argument("--debug", action="store_true", help="show where an unexpected error came from")
+    add(parser, "--out", "--arch", "--set", "--no-recording", "--no-report", "--quiet", "--force")
+    add(parser, "--allow-code", "--allow-outside", "--debug")
     args = parser.parse_args(argv)
     if args.speed != "max":
         try:
@@ -187,9 +167,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
         except ValueError:
             fine = False
         if not fine:
-            parser.error(f"--speed takes a number above 0 or max, not {visible(args.speed)}")
-    if not 0 <= args.websocket <= 65535:
-        parser.error(f"--websocket takes a port from 0 to 65535, not {args.websocket}")
+            parser.error(f"--speed takes a number above 0 or max, not {args.speed}")
     if args.wait and args.at_once:
         parser.error("--wait waits for robots in each tick, --at-once for none; give one of them")
     if args.wait and args.speed not in ("1", "max"):
@@ -200,7 +178,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
         parser.error(f"{TOKEN} {fault}")
     if not loopback(args.bind.host) and token is None:
         parser.error(
-            f"--bind {visible(args.bind.host)}: others can reach that address: set a token, TAICHI_PLUME_TOKEN, in the "
+            f"--bind {args.bind.host}: others can reach that address: set a token, TAICHI_PLUME_TOKEN, in the "
             "environment of this command and of its clients"
         )
     return args

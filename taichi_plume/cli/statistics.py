@@ -2,52 +2,39 @@
 
 import argparse
 from collections.abc import Sequence
-from math import inf
 from pathlib import Path
 from typing import Any
 
-from taichi_plume.guard.terminal import Parser, say, visible
+from taichi_plume.cli.exit_codes import exit_code
+from taichi_plume.cli.options import add, number, positive
+from taichi_plume.guard.input_error import InputError
+from taichi_plume.guard.terminal import Parser, say
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` (without the program's name) and return its exit code."""
     args = _arguments(argv)
-    from taichi_plume.files.run_folder import RunFolderError
-    from taichi_plume.scenario.loading import ScenarioError
+    return exit_code(lambda: _analyse(args), out=args.out or args.source)
 
-    try:
-        sensors = [_sensor(text) for text in args.sensor]
-        from taichi_plume.statistics import source
 
-        found = source.of(
-            args.source, args.gas, args.probe, args.threshold, args.start,
-            None if args.range is None else tuple(args.range), sensors,
-        )  # fmt: skip
-        out = args.out or _folder(args.source)
-        if args.out is None and out.is_symlink():
-            raise RunFolderError(f"{out}: is a link, to which nothing is written; choose --out")
-        paths = found.write(out)
-        if not args.no_page:
-            from taichi_plume.statistics import page
+def _analyse(args: argparse.Namespace) -> int:
+    sensors = [_sensor(text) for text in args.sensor]
+    from taichi_plume.statistics import source
 
-            paths.append(page.write(found, out))
-    except RunFolderError as error:
-        say(visible(error), error=True)
-        return 2
-    except ScenarioError as error:
-        for line in error.lines:
-            say(visible(line), error=True)
-        return 2
-    except OSError as error:
-        say(
-            visible(f"{error.filename or args.out}: cannot be written: {error.strerror or error}"), error=True
-        )
-        return 2
-    except KeyboardInterrupt:
-        say("interrupted", error=True)
-        return 130
+    found = source.of(
+        args.source, args.gas, args.probe, args.threshold, args.start,
+        None if args.range is None else tuple(args.range), sensors,
+    )  # fmt: skip
+    out = args.out or _folder(args.source)
+    if args.out is None and out.is_symlink():
+        raise InputError(f"{out}: is a link, to which nothing is written; choose --out")
+    paths = found.write(out)
+    if not args.no_page:
+        from taichi_plume.statistics import page
+
+        paths.append(page.write(found, out))
     _tell(found)
-    say(visible(f"{paths[-1]}: {paths[-1].stat().st_size / 1e3:,.0f} kB"))
+    say(f"{paths[-1]}: {paths[-1].stat().st_size / 1e3:,.0f} kB")
     return 0
 
 
@@ -63,52 +50,30 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--gas", metavar="NAME", help="species (default: the first)")
     parser.add_argument("--probe", metavar="NAME", help="only this probe")
     parser.add_argument(
-        "--threshold", type=_positive, metavar="PPM",
+        "--threshold", type=positive, metavar="PPM",
         help="what is above is gas (default: a tenth of the mean at the point with the most gas)",
     )  # fmt: skip
     parser.add_argument(
         "--from",
         dest="start",
-        type=_number,
+        type=number,
         metavar="T",
         help="leave out what is before this simulated time [s]",
     )
     parser.add_argument(
-        "--range", type=_positive, nargs=2, metavar=("A", "B"),
+        "--range", type=positive, nargs=2, metavar=("A", "B"),
         help="durations [s] between which the power law is fitted (default: chosen from the data)",
     )  # fmt: skip
     parser.add_argument(
         "--sensor", action="append", default=[], metavar="YAML",
         help="another gas sensor, such as '{kind: pid, rise_time: 20 ms, decay_time: 20 ms, period: 10 ms}'",
     )  # fmt: skip
-    parser.add_argument(
-        "--out",
-        type=Path,
-        metavar="DIR",
-        help="(default: RUN/statistics, or FILM with -statistics instead of .zarr)",
-    )
+    add(parser, "--out", help="(default: RUN/statistics, or FILM with -statistics instead of .zarr)")
     parser.add_argument("--no-page", action="store_true", help="write no statistics.html")
     args = parser.parse_args(argv)
     if args.range is not None and not args.range[0] < args.range[1]:
         parser.error("argument --range: A must be less than B")
     return args
-
-
-def _number(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = inf
-    if not -inf < value < inf:
-        raise argparse.ArgumentTypeError(f"must be a number without a unit, got '{visible(text)}'")
-    return value
-
-
-def _positive(text: str) -> float:
-    value = _number(text)
-    if value <= 0.0:
-        raise argparse.ArgumentTypeError(f"must be more than 0, got {visible(text)}")
-    return value
 
 
 def _sensor(text: str) -> Any:
@@ -150,5 +115,4 @@ def _tell(found: Any) -> None:
             f"of {slow.whiffs:,} whiff{'s' * (slow.whiffs != 1)} a metal oxide of 12 s keeps {slow.share:.0%}, "
             f"a detector of 50 ms {fast.share:.0%}"
         )
-    for line in [*lines, *(f"note: {one}" for one in found.notes)]:
-        say(visible(line))
+    say(*lines, *(f"note: {one}" for one in found.notes))

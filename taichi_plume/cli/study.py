@@ -6,24 +6,23 @@
 """
 
 import argparse
-import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from taichi_plume.cli.exit_codes import exit_code
-from taichi_plume.guard.terminal import Parser, whole_number
+from taichi_plume.cli.options import add, whole_number
+from taichi_plume.guard.terminal import Parser
 from taichi_plume.running.signals import reader_may_leave
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` (without the program's name) and return its exit code."""
     arguments = list(sys.argv[1:] if argv is None else argv)
-    os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
     report = arguments[:1] == ["report"]
     args = _report_arguments(arguments[1:]) if report else _arguments(arguments)
-    debug = getattr(args, "debug", False)
-    return exit_code(lambda: _report(args.folder) if report else _study(args), "interrupted", debug)
+    work, debug = (_report, None) if report else (_study, args.debug)
+    return exit_code(lambda: work(args), debug=debug, out=args.out)
 
 
 def _study(args: argparse.Namespace) -> int:
@@ -46,11 +45,11 @@ def _study(args: argparse.Namespace) -> int:
     return carry_out(plan, wishes)
 
 
-def _report(folder: Path) -> int:
+def _report(args: argparse.Namespace) -> int:
     """Make the tables of a study's folder of what its runs have left, and the page."""
     from taichi_plume.study.study_run import publish
 
-    return publish(folder)
+    return publish(args.out)
 
 
 def _report_arguments(argv: Sequence[str]) -> argparse.Namespace:
@@ -58,7 +57,7 @@ def _report_arguments(argv: Sequence[str]) -> argparse.Namespace:
         prog="python -m taichi_plume.study report",
         description="Write the tables and the page of a study again, of all runs that are done.",
     )
-    parser.add_argument("folder", type=Path, metavar="DIR", help="the study's folder, such as studies/NAME")
+    parser.add_argument("out", type=Path, metavar="DIR", help="the study's folder, such as studies/NAME")
     return parser.parse_args(argv)
 
 
@@ -69,7 +68,7 @@ def _arguments(argv: Sequence[str]) -> argparse.Namespace:
         epilog="python -m taichi_plume.study report DIR: write the tables and the page of a study again",
     )
     parser.add_argument("study", type=Path, help="YAML file")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="the study's folder (default: studies/NAME)")
+    add(parser, "--out", help="the study's folder (default: studies/NAME)")
     parser.add_argument(
         "--workers",
         type=whole_number(1, 4096),
@@ -81,21 +80,10 @@ def _arguments(argv: Sequence[str]) -> argparse.Namespace:
         metavar="ADDRESS",
         help="of a Dask scheduler, such as tcp://host:8786, whose workers do the runs",
     )
-    parser.add_argument("--retry", action="store_true", help="make runs again that have failed")
-    parser.add_argument(
-        "--force", action="store_true", help="drop runs in the folder that the study does not ask for"
-    )
+    add(parser, "--force", help="drop runs in the folder that the study does not ask for")
     parser.add_argument("--check", action="store_true", help="only check: say which runs it makes")
-    parser.add_argument("--quiet", action="store_true", help="no progress, no summary")
-    parser.add_argument(
-        "--allow-code", action="store_true", help="execute Python files that scenarios name (kind: own)"
-    )
-    parser.add_argument(
-        "--allow-outside", action="store_true", help="read files that lie outside the scenario's folder"
-    )
     parser.add_argument("--dashboard", action="store_true", help="show Dask's page of what its workers do")
-    parser.add_argument("--no-report", action="store_true", help="write no report.html")
-    parser.add_argument("--debug", action="store_true", help="show where an unexpected error came from")
+    add(parser, "--retry", "--quiet", "--allow-code", "--allow-outside", "--no-report", "--debug")
     args = parser.parse_args(argv)
     if args.workers and args.scheduler:
         parser.error("--workers is of this machine: it has no place beside --scheduler")

@@ -20,6 +20,7 @@ import psutil
 from taichi_plume.assembly.prepare import checked
 from taichi_plume.envs.task import require_parted
 from taichi_plume.grid.fields import concentration_at, velocity_at
+from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import visible
 from taichi_plume.scenario.gases import PlaybackGas
 from taichi_plume.scenario.played import PlaybackWind
@@ -102,7 +103,7 @@ def require_bank(path: Path) -> None:
     others = {file.name for file in Path(path).iterdir()} - {"zarr.json", *ARRAYS}
     if others or Path(path).is_symlink():
         what = f"holds {min(others)}, which is not of a bank" if others else "is a link"
-        raise ValueError(f"{visible(path)}: {visible(what)}; choose another --out")
+        raise InputError(f"{visible(path)}: {visible(what)}; choose another --out")
 
 
 def read(path: Path) -> Bank:
@@ -114,13 +115,13 @@ def read(path: Path) -> Bank:
         group = zarr_groups.Group(path)
         told = group.attributes
     except zarr_groups.GroupError as error:
-        raise ValueError(visible(error)) from None
+        raise InputError(visible(error)) from None
     except zarr_groups.FAULTS:
-        raise ValueError(
+        raise InputError(
             f"{visible(path)}: is no zarr group; python -m taichi_plume.envs makes banks"
         ) from None
     if told.get("format") != FORMAT:
-        raise ValueError(
+        raise InputError(
             f"{visible(path)}: is no bank of this version; python -m taichi_plume.envs makes them"
         )
     try:
@@ -147,9 +148,9 @@ def read(path: Path) -> Bank:
         if not (fits and np.isfinite(bank.values).all() and np.isfinite(bank.scale).all()):
             raise ValueError("its arrays do not fit each other")
     except zarr_groups.GroupError as error:
-        raise ValueError(visible(error)) from None
+        raise InputError(visible(error)) from None
     except zarr_groups.FAULTS as error:
-        raise ValueError(f"{visible(path)}: is damaged: {visible(zarr_groups.reason(error))}") from None
+        raise InputError(f"{visible(path)}: is damaged: {visible(zarr_groups.reason(error))}") from None
     return bank
 
 
@@ -188,7 +189,7 @@ def _playing(scenario: Scenario, file: str) -> Scenario:
     if isinstance(wind, PlaybackWind):
         wind = wind.model_copy(update={"file": file})
     elif not gases:
-        raise ValueError(
+        raise InputError(
             "task.films: neither wind nor gas is of kind playback; make one so, or remove the films"
         )
     return scenario.with_gases(gases).model_copy(update={"wind": wind})
@@ -220,11 +221,11 @@ def bank_of(
     if bank is None:
         return record(scenario, folder, **recording)
     if not isinstance(bank, Bank | str | Path):
-        raise ValueError(f"bank: got {visible(type(bank).__name__)}; give a Bank or the path of one")
+        raise InputError(f"bank: got {visible(type(bank).__name__)}; give a Bank or the path of one")
     name = "the bank" if isinstance(bank, Bank) else visible(bank)
     found = bank if isinstance(bank, Bank) else read(Path(bank))
     if found.key != key_of(scenario, folder):
-        raise ValueError(
+        raise InputError(
             f"{name}: was recorded of another scenario (its air, task or version differ); record it again with "
             "python -m taichi_plume.envs TASK.yaml --out BANK.zarr"
         )
@@ -263,7 +264,7 @@ def record(
         sim.run()
         mixed = tuple(gas.species for gas in sim.gas.gases)
         if n and (mixed != species or not np.array_equal(filming.air, air)):
-            raise ValueError(f"task.films[{n}]: has other species, or walls elsewhere, than the first film")
+            raise InputError(f"task.films[{n}]: has other species, or walls elsewhere, than the first film")
         species, air = mixed, filming.air
         if not n:
             values = np.empty((len(wanted), *filming.values.shape), np.float16)
@@ -297,9 +298,9 @@ def check(scenario: Scenario) -> int:
     what = f"task: {films} films of {frames} frames of {nx} x {ny} cells"
     fewer = "lower task.airs or task.film, or raise task.frame or domain.spacing"
     if count > MOST:
-        raise ValueError(f"{what} are {count:.3g} numbers, at most {MOST:.3g} can be counted; {fewer}")
+        raise InputError(f"{what} are {count:.3g} numbers, at most {MOST:.3g} can be counted; {fewer}")
     if needed > free:
-        raise ValueError(
+        raise InputError(
             f"{what} need {needed / 1e9:.3g} GB of memory, {free / 1e9:.3g} GB are free; {fewer}"
         )
     return frames

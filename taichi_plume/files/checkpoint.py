@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from taichi_plume.files import disk
+from taichi_plume.guard.input_error import InputError
 
 NAME = "checkpoint.npz"
 TREE = "tree"
@@ -22,7 +23,7 @@ KIND = "taichi_plume checkpoint 1"
 DIGEST = 32  # bytes
 
 
-class CheckpointError(ValueError):
+class CheckpointError(InputError):
     """A checkpoint that cannot be read; the message begins with its path."""
 
 

@@ -42,6 +42,7 @@ from taichi_plume.files.zarr_groups import (
     require_memory,
     stored_chunks,
 )
+from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.opening import unopenable
 from taichi_plume.scenario.sources import OtherSpecies
 
@@ -57,7 +58,7 @@ MOST = 1e9
 """Of a number in the attributes, cells along an axis among them."""
 
 
-class FilmError(ValueError):
+class FilmError(InputError):
     """A film that cannot be read; the message begins with its path."""
 
 

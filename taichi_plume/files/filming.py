@@ -8,9 +8,8 @@ import numpy as np
 
 from taichi_plume import __version__
 from taichi_plume.files import disk
-from taichi_plume.files.film import GAS, VELOCITIES, FilmError
+from taichi_plume.files.film import GAS, VELOCITIES
 from taichi_plume.files.new_film import NewFilm
-from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.grid.fields import Carrier, concentration_at
 from taichi_plume.scenario.outputs import Fields
 from taichi_plume.scenario.scenario import Scenario
@@ -75,11 +74,8 @@ class Filming:
         self.film = self._new()
 
     def go_on(self) -> None:
-        """Cut off the frames after the last `flush`. Raises RunFolderError where not so many are left."""
-        try:
-            self.film = self._new(kept=self.frames)
-        except FilmError as error:
-            raise RunFolderError(str(error)) from None
+        """Cut off the frames after the last `flush`. Raises FilmError if fewer are left."""
+        self.film = self._new(kept=self.frames)
 
     def observer(self) -> Every:
         """What the simulation has to call."""

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from taichi_plume.files import disk
+from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.opening import unopenable
 
 NAME = "manifest.json"
@@ -22,7 +23,7 @@ LARGEST = 1 << 24  # bytes
 ZARR_METADATA = "zarr.json"
 
 
-class ManifestError(ValueError):
+class ManifestError(InputError):
     """A manifest that cannot be read; the message is one line and begins with its path."""
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from taichi_plume.files import bag_readings, bags, manifest
 from taichi_plume.files.bag_readings import Wanted
 from taichi_plume.files.tables import Table, TextFile, cells_of, delimiter_of, listed, plain
+from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.opening import unopenable
 
 NAMES = {
@@ -33,7 +34,7 @@ MOST = {"t": 1e13, "x": 1e8, "y": 1e8, "reading": 1e9, "wind_x": 1e4, "wind_y": 
 """What is larger, either way, is a mistake: a Unix time is 2e9 s, in milliseconds; pure vapour is 1e6 ppm."""
 
 
-class ReadingsError(ValueError):
+class ReadingsError(InputError):
     """Readings or parameters that no map can be made of; the message is one line."""
 
 

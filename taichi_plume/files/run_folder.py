@@ -18,8 +18,8 @@ import yaml
 from taichi_plume import __version__
 from taichi_plume.files import disk
 from taichi_plume.files.own_folder import LOCK, FolderLock, link_in
+from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.opening import open_regular, read_regular
-from taichi_plume.guard.terminal import visible
 from taichi_plume.scenario.algorithms import Own
 from taichi_plume.scenario.changes import changed
 from taichi_plume.scenario.input_files import input_files, outside
@@ -61,7 +61,7 @@ OURS = {"name", "status", "seed"}  # keys of every result.json
 KILLED = "killed"  # status of a run that did not end by itself, once it is repaired
 
 
-class RunFolderError(ValueError):
+class RunFolderError(InputError):
     """A run directory that cannot be used."""
 
 
@@ -331,7 +331,7 @@ def _again(folder: Path, scenario: Scenario, source: Path) -> str:
     if any(outside(folder, str(source.resolve() / name)) for _, name in input_files(scenario)):
         options.append(OPTIONS[1])
     command = ["python", "-m", "taichi_plume.run", str(folder / "scenario.yaml"), *options]
-    return visible(shlex.join(command), None)
+    return shlex.join(command)
 
 
 def resuming(folder: Path) -> str:

@@ -19,6 +19,7 @@ from taichi.lang import impl
 
 from taichi_plume.grid import tracing  # noqa: F401  it makes the tracing of kernels quicker
 from taichi_plume.grid.engine import KERNELS, free_unused_trees, live_fields
+from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import LONGEST_VALUE, say, visible
 
 if TYPE_CHECKING:
@@ -39,21 +40,28 @@ FEW_ROWS = 2000  # Taichi gives a CPU thread 512 iterations at least: with fewer
 _started: list[Any] = []  # program, arch, debug and threads of the last start
 
 
+class DeviceError(InputError, RuntimeError):
+    """The machine has no such device to compute on."""
+
+
 def start(arch: str = "cpu", debug: bool = False, threads: int | None = None) -> str:
     """Initialise Taichi on `arch` (auto, cpu, cuda, vulkan, metal) and return the backend that it chose.
 
     threads: of a CPU; the default is all cores. If Taichi already runs with the same arguments and some of its fields
     are in use, nothing happens. Otherwise Taichi starts again, and simulations assembled before raise EngineError.
-    Raises RuntimeError if there is no such device; Taichi is then not running.
+    Raises DeviceError if there is no such device; Taichi is then not running.
     """
     known = {"auto": ti.gpu, "cpu": ti.cpu, "cuda": ti.cuda, "vulkan": ti.vulkan, "metal": ti.metal}
     if not isinstance(arch, str) or arch not in known:
-        raise RuntimeError(f"got '{visible(arch, LONGEST_VALUE)}', allowed are {', '.join(known)}")
+        raise DeviceError(f"got '{visible(arch, LONGEST_VALUE)}', allowed are {', '.join(known)}")
     if not (is_running() and _started == [impl.get_runtime().prog, arch, debug, threads] and _in_use()):
-        _restart(known[arch], debug, threads)
+        try:
+            _restart(known[arch], debug, threads)
+        except RuntimeError as error:  # of Taichi: the driver of the device failed
+            raise DeviceError(error) from None
         if on_cpu() and arch not in ("auto", "cpu"):
             ti.reset()
-            raise RuntimeError(f"no {arch} device was found; use --arch cpu or auto")
+            raise DeviceError(f"no {arch} device was found; use --arch cpu or auto")
         _started[:] = impl.get_runtime().prog, arch, debug, threads
     return "cpu" if on_cpu() else ti.cfg.arch.name
 
@@ -130,7 +138,7 @@ def _cache() -> dict[str, Any]:
             return place | {"offline_cache_max_size_of_files": CACHE_BYTES}
         except OSError as error:
             why = f"{folder} cannot be written ({error.strerror or error}), so every run compiles its kernels again"
-            say(visible(f"note: {why}; set {_CACHE_FOLDER} to a folder that can be written"), error=True)
+            say(f"note: {why}; set {_CACHE_FOLDER} to a folder that can be written", error=True)
             os.environ["TI_OFFLINE_CACHE"] = "0"
     os.environ[_CACHE_FOLDER] = os.sep
     return {}

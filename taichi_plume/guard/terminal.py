@@ -3,7 +3,6 @@
 import argparse
 import re
 import sys
-from collections.abc import Callable
 from contextlib import nullcontext, suppress
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -36,18 +35,17 @@ def _cut(line: str, longest: int) -> str:
 
 
 def say(
-    text: object,
+    *lines: object,
     error: bool = False,
     longest: int | None = LONGEST_LINE,
     end: str = "\n",
     flush: bool = False,
 ) -> None:
-    """Print a text, whose lines end in a line feed, to stdout or, of an `error`, to stderr.
+    """Print lines, escaped and cut to `longest` as by `visible`, to stdout or, of an `error`, to stderr.
 
-    longest: as `visible`, of each line.
+    A line feed within a line is escaped as well: no name or value of a file begins a line. end: of each line.
     """
-    clean = "\n".join(visible(line, longest) for line in str(text).split("\n"))
-    _write(f"{clean}{end}", error, flush)
+    _write("".join(visible(line, longest) + end for line in lines), error, flush)
 
 
 def _write(text: str, error: bool = False, flush: bool = False) -> None:
@@ -99,20 +97,3 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Say what is wrong with the command line and exit with 2."""
         super().error(visible(message))
-
-
-def whole_number(least: int, most: int) -> Callable[[str], int]:
-    """The type of an option that takes such a number."""
-
-    def read(text: str) -> int:
-        try:
-            number = int(text)
-        except ValueError:
-            number = least - 1
-        if not least <= number <= most:
-            raise argparse.ArgumentTypeError(
-                f"must be a whole number from {least} to {most}, got '{visible(text)}'"
-            )
-        return number
-
-    return read

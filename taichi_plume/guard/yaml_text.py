@@ -105,9 +105,7 @@ def parse(
             raise LineError(f"{place}indent with spaces, not tabs") from None
         if what == "mapping values are not allowed here":
             what += "; check the indentation, or quote a text that contains ': '"
-        raise LineError(
-            f"{place}not YAML: {visible(_BEGUN.get(what) or _ELSEWHERE.get(what, what))}"
-        ) from None
+        raise LineError(f"{place}not YAML: {_BEGUN.get(what) or _ELSEWHERE.get(what, what)}") from None
     except yaml.reader.ReaderError as error:
         line = text.count("\n", 0, error.position) + 1
         raise LineError(f"line {line}: not YAML: {error.reason}") from None

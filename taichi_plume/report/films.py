@@ -11,11 +11,12 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from taichi_plume.files.disk import written_whole
+from taichi_plume.guard.input_error import InputError
 
 COLORS = 255  # of a GIF
 
 
-class NoFilmError(ValueError):
+class NoFilmError(InputError):
     """A film that cannot be made here; a line that begins with its path."""
 
 

@@ -14,13 +14,12 @@ from rich.console import Console
 from taichi_plume.assembly.prepare import Prepared
 from taichi_plume.files import checkpoint, manifest, result, run_folder
 from taichi_plume.files.own_class import OwnAlgorithmError
-from taichi_plume.files.run_folder import RunFolder, RunFolderError
-from taichi_plume.grid import kernels
-from taichi_plume.guard.terminal import say, terminal, visible
+from taichi_plume.files.run_folder import RunFolder
+from taichi_plume.guard.input_error import InputError
+from taichi_plume.guard.terminal import say, terminal
 from taichi_plume.running import summary
 from taichi_plume.running.outputs import About, Outputs
 from taichi_plume.running.signals import Ears, deaf, listening, reader_may_leave
-from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.simulation import Simulation, UnstableError
 
 FULL = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT)
@@ -76,16 +75,8 @@ class End(NamedTuple):
     code: int
 
 
-def device(arch: str) -> str:
-    """Start Taichi; returns the backend it chose. Raises RunFolderError where the machine has no such device."""
-    try:
-        return kernels.start(arch)
-    except RuntimeError as error:
-        raise RunFolderError(str(error)) from None
-
-
 def simulate(job: Job, quiet: bool = False, debug: bool = False) -> int:
-    """Assemble and run; returns the command's exit code. Raises ScenarioError, RunFolderError, KeyboardInterrupt."""
+    """Assemble and run; returns the command's exit code. Raises InputError and KeyboardInterrupt."""
     console = terminal(error=True)
     with listening() as ears:
         try:
@@ -93,12 +84,12 @@ def simulate(job: Job, quiet: bool = False, debug: bool = False) -> int:
                 console.print("compiling ...", end="\r")
             sim = _build(job)
             outputs = _begin(job, sim, ears)
-        except (ScenarioError, RunFolderError, KeyboardInterrupt):
+        except (InputError, KeyboardInterrupt):
             raise
         except BaseException as error:
             if debug:
-                say(traceback.format_exc(), error=True)
-            say(f"failed before the run began: {visible(explain(error)[1])}", error=True)
+                say(*traceback.format_exc().splitlines(), error=True)
+            say(f"failed before the run began: {explain(error)[1]}", error=True)
             return 1
         end = _to_the_end(job, sim, outputs, ears, None if quiet else console, debug)
         with deaf():
@@ -180,7 +171,7 @@ def _run(job: Job, sim: Simulation, ears: Ears, console: Console | None, debug: 
         return _interrupted(sim, error)
     except Exception as error:
         if debug:
-            say(traceback.format_exc(), error=True)
+            say(*traceback.format_exc().splitlines(), error=True)
         return End(*explain(error), 1)
     return whole(sim)
 
@@ -228,8 +219,7 @@ def _conclude(job: Job, sim: Simulation, outputs: Outputs, end: End) -> tuple[di
         outputs.seal(end.status)
     except OSError as error:
         end = end if end.code else End(*explain(error), 1)
-        reason = visible(error.strerror or error)
-        say(f"result.json or {manifest.NAME} could not be written: {reason}", error=True)
+        say(f"result.json or {manifest.NAME} could not be written: {error.strerror or error}", error=True)
     return content, end
 
 
@@ -242,15 +232,15 @@ def report(folder: Path, prepared: Prepared | None = None) -> None:
         shapes = scene.all_shapes(prepared) if prepared else None
         page.write(Run(folder, lenient=True, shapes=shapes), tolerant=True)
     except Exception as error:  # of a picture: no reason to call a run a failure
-        say(visible(f"note: report.html could not be written: {explain(error)[1]}"), error=True)
+        say(f"note: report.html could not be written: {explain(error)[1]}", error=True)
 
 
 def _tell_kept(folder: Path, end: End) -> None:
     kept = sorted(file.name for file in run_folder.files_in(folder) if file.name != run_folder.LOCK)
     kept_there = ", ".join(kept) or "nothing"
-    say(f"{end.status}: {visible(end.message)}\nkept in {visible(folder)}: {kept_there}", error=True)
+    say(f"{end.status}: {end.message}", f"kept in {folder}: {kept_there}", error=True)
     if checkpoint.NAME in kept:
-        say(visible(f"to go on: {run_folder.resuming(folder)}", None), error=True)
+        say(f"to go on: {run_folder.resuming(folder)}", error=True, longest=None)
 
 
 def explain(error: BaseException) -> tuple[str, str]:

@@ -14,7 +14,7 @@ from taichi_plume.files import checkpoint, disk, forces_table, manifest, maps_fi
 from taichi_plume.files.own_class import OwnAlgorithmError
 from taichi_plume.files.run_folder import LISTED, RunFolderError
 from taichi_plume.grid.state import State
-from taichi_plume.guard.terminal import say, visible
+from taichi_plume.guard.terminal import say
 from taichi_plume.running.signals import Ears
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.outputs import Checkpoint
@@ -205,7 +205,7 @@ class Outputs:
         if self.remarks and not self._told and now - self._begun >= USUAL:
             self._told = True
             for remark in self.remarks:
-                say(visible(f"note: {remark}"), error=True)
+                say(f"note: {remark}", error=True)
         if self.resumable and (due or self.ears.asked):
             self.checkpoint()
         elif self.ears.asked or now - self._kept >= KEPT:

@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 from taichi_plume.files import checkpoint, manifest, maps_file, plumesim_log, table_parts
 from taichi_plume.files.result import write_result
 from taichi_plume.files.run_folder import KILLED, LISTED, RunFolder, RunFolderError, resuming, told
-from taichi_plume.guard.terminal import say, visible
+from taichi_plume.guard.terminal import say
 from taichi_plume.running.job import report
 from taichi_plume.running.outputs import OVER
 
@@ -28,10 +28,7 @@ def verify(folder: Path) -> int:
     """Print which files of a run have changed since its manifest was written; return 1 if any has, else 0."""
     if not folder.is_dir():
         raise RunFolderError(f"{folder}: is no folder; give the folder of a run")
-    try:
-        listed = manifest.read(folder)["outputs"]
-    except manifest.ManifestError as error:
-        raise RunFolderError(str(error)) from None
+    listed = manifest.read(folder)["outputs"]
     if not listed:
         raise RunFolderError(f"{folder}: has no {manifest.NAME}, which runs write at their end")
     faults = [
@@ -40,13 +37,8 @@ def verify(folder: Path) -> int:
         else f"{folder / name}: is no longer there"
         for name in listed
     ]
-    for fault in filter(None, faults):
-        say(visible(fault))
-    say(
-        visible(
-            f"{folder}: {sum(not fault for fault in faults)} of {len(listed)} files are as their run left them"
-        )
-    )
+    fine = sum(not fault for fault in faults)
+    say(*filter(None, faults), f"{folder}: {fine} of {len(listed)} files are as their run left them")
     return int(any(faults))
 
 
@@ -62,7 +54,7 @@ def complete(folder: RunFolder, reported: bool) -> int:
             _seal(path)
         if status in OVER:
             (path / checkpoint.NAME).unlink(missing_ok=True)
-        say(visible(f"{path}: the run has ended by itself ({status})"))
+        say(f"{path}: the run has ended by itself ({status})")
         return 0
     code = 0
     (path / manifest.NAME).unlink(missing_ok=True)  # of what will be rewritten
@@ -72,7 +64,7 @@ def complete(folder: RunFolder, reported: bool) -> int:
         except (OSError, ValueError, LookupError) as error:
             what, code = f"could not be completed: {' '.join(str(error).split())}", 1
         if what:
-            say(visible(f"{name}: {what}"))
+            say(f"{name}: {what}")
     try:
         if status == "running":
             status = KILLED
@@ -82,9 +74,9 @@ def complete(folder: RunFolder, reported: bool) -> int:
     if reported:
         report(path)
     _seal(path)
-    say(visible(f"result.json: {status}"))
+    say(f"result.json: {status}")
     if (path / checkpoint.NAME).exists():
-        say(visible(f"to go on: {resuming(path)}", None))
+        say(f"to go on: {resuming(path)}", longest=None)
     return code
 
 

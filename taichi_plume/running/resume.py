@@ -11,7 +11,7 @@ from taichi_plume.running.outputs import OVER, scenario_digest
 
 
 def saved(folder: Path) -> dict[str, Any]:
-    """The content of a run's checkpoint. Raises RunFolderError where the run cannot be resumed."""
+    """The content of a run's checkpoint. Raises InputError if the run cannot be resumed."""
     status = str(told(folder / "result.json").get("status", "unknown"))
     if status in OVER:
         raise RunFolderError(f"{folder}: this run is over ({status}), there is nothing to resume")
@@ -23,8 +23,6 @@ def saved(folder: Path) -> dict[str, Any]:
     try:
         content = checkpoint.read(path)
         version, scenario = content["version"], content["scenario"]
-    except checkpoint.CheckpointError as error:
-        raise RunFolderError(str(error)) from None
     except (LookupError, TypeError):
         raise RunFolderError(f"{path}: is no checkpoint of a run") from None
     if version != __version__:

@@ -7,7 +7,7 @@ from statistics import mean
 from typing import Any
 
 from taichi_plume.files.run_folder import FILES
-from taichi_plume.guard.terminal import show, visible
+from taichi_plume.guard.terminal import show
 from taichi_plume.scoring.declarations import has_declared
 
 MEAN = ("error_ppm", "correlation", "peak_distance_m")
@@ -27,14 +27,14 @@ def print_summary(content: dict[str, Any], folder: Path) -> None:
     table.add_column(style="bold")
     table.add_column(overflow="fold")
     for name, value in summary(content):
-        table.add_row(visible(name), Text(visible(value)))
+        table.add_row(name, Text(value))
     files = [name for name in FILES if (folder / name).exists()]
-    show(table, Text(f"\n{visible(folder)}: {', '.join(files)}"))
+    show(table, Text(f"\n{folder}: {', '.join(files)}"))
     if "recording.rrd" in files:
         command = shlex.join(["rerun", str(folder / "recording.rrd")])
         show(Text.assemble("look at it:  ", (command, "bold cyan")), soft_wrap=True)
     if "report.html" in files:
-        show(Text.assemble("read it:     ", (visible(folder / "report.html"), "bold cyan")), soft_wrap=True)
+        show(Text.assemble("read it:     ", (str(folder / "report.html"), "bold cyan")), soft_wrap=True)
 
 
 def summary(content: dict[str, Any]) -> list[tuple[str, str]]:

@@ -7,6 +7,7 @@ import sys
 import textwrap
 from collections.abc import Iterator
 
+from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import LONGEST_VALUE, say, visible
 from taichi_plume.scenario.facts import purpose
 from taichi_plume.scenario.keys import Key, Place, look_up, near
@@ -21,13 +22,15 @@ def print_schema(top: type[Model]) -> int:
 
 
 def print_key(text: str, top: type[Model]) -> int:
-    """Print what keys or sections of that path, name or kind mean; returns a command's exit code, 2 of none."""
+    """Print what keys or sections of that path, name or kind mean; returns a command's exit code.
+
+    Raises InputError if there is no such key.
+    """
     sections, keys = look_up(text, top)
     if not sections and not keys:
         close = near(text, top)
         meant = f"did you mean {' or '.join(close)}? " if close else ""
-        say(f"no key '{visible(text, LONGEST_VALUE)}'; {meant}--schema prints all", error=True)
-        return 2
+        raise InputError(f"no key '{visible(text, LONGEST_VALUE)}'; {meant}--schema prints all")
     wide = min(WIDEST, shutil.get_terminal_size((WIDEST, 24)).columns)
     kind = text if all(text in one.kinds for one in sections) else ""
     blocks = [_of_section(one, kind, wide) for one in sections] + [_of_key(one, wide) for one in keys]
@@ -36,7 +39,7 @@ def print_key(text: str, top: type[Model]) -> int:
 
 def _print(text: str) -> int:
     try:
-        say(text, longest=None, flush=True)
+        say(*text.splitlines(), longest=None, flush=True)
     except BrokenPipeError:  # a reader such as `head` may leave early; Python flushes again at its end
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 0

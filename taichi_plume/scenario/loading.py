@@ -7,6 +7,7 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
+from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 from taichi_plume.guard.yaml_text import MOST_VALUES, LineError, parse, read_text, weight
 from taichi_plume.scenario.changes import changed, path_of, shown, steps_of, yaml_value
@@ -24,7 +25,7 @@ NEEDS = "a scenario needs at least duration, domain, wind and gas"
 _NO_KIND = "\0"  # stands for a missing kind, so that pydantic lists the known ones
 
 
-class ScenarioError(ValueError):
+class ScenarioError(InputError):
     """A scenario that cannot be run. `faults`: all that is wrong, a line each with the YAML path first; `lines`: those
     that are shown.
     """
@@ -32,8 +33,8 @@ class ScenarioError(ValueError):
     def __init__(self, lines: Sequence[str]):
         self.faults = [visible(line) for line in lines]
         more = len(lines) - MOST_LINES
-        self.lines = [*self.faults[:MOST_LINES], *([f"... and {more} more"] if more > 0 else [])]
-        super().__init__("\n".join(self.lines))
+        shown = [*self.faults[:MOST_LINES], *([f"... and {more} more"] if more > 0 else [])]
+        super().__init__(*shown)
 
 
 def read_mapping(path: Path, needs: str) -> dict[str, Any]:

@@ -7,8 +7,6 @@ from ipaddress import ip_address
 from typing import NamedTuple
 from urllib.parse import urlsplit
 
-from taichi_plume.guard.terminal import visible
-
 TOKEN = "TAICHI_PLUME_TOKEN"  # in the environment
 SHORTEST = 8  # characters of a token
 
@@ -25,7 +23,7 @@ def address(text: str) -> Address:
     host, _, port = text.rpartition(":")
     host = host.removeprefix("[").removesuffix("]")
     if not host or not port.isascii() or not port.isdigit() or not 0 < int(port) < 65536:
-        raise ArgumentTypeError(f"takes HOST:PORT, such as 127.0.0.1:7447, not {visible(text)}")
+        raise ArgumentTypeError(f"takes HOST:PORT, such as 127.0.0.1:7447, not {text}")
     return Address(host, int(port))
 
 
@@ -49,7 +47,7 @@ def origin(text: str) -> str:
         or not (place or scheme == "file")
         or rest not in (["", "", ""], ["/", "", ""])
     ):
-        raise ArgumentTypeError(f"takes an origin, such as https://app.foxglove.dev, not {visible(text)}")
+        raise ArgumentTypeError(f"takes an origin, such as https://app.foxglove.dev, not {text}")
     return f"{scheme}://{place}"
 
 

@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from typing import Protocol
 
+from taichi_plume.guard.input_error import InputError
+
 
 class Hear(Protocol):
     """What hears of a topic."""
@@ -12,7 +14,7 @@ class Hear(Protocol):
         ...
 
 
-class LinkError(Exception):
+class LinkError(InputError):
     """A transport that cannot begin; one line."""
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from taichi_plume.agents.external import LOST, ExternalAlgorithm, Orders
 from taichi_plume.files import ros_messages as ros
 from taichi_plume.files.ros_robots import sensor_fields
-from taichi_plume.guard.terminal import say, visible
+from taichi_plume.guard.terminal import say
 from taichi_plume.running.signals import Ears
 from taichi_plume.serve import topics
 from taichi_plume.serve.inbox import Inbox
@@ -279,7 +279,7 @@ class Service:
 
     def _say(self, line: str) -> None:
         if not self.quiet:
-            say(visible(line), error=True)
+            say(line, error=True)
 
     # ------------------------------------------------------------ its end
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from taichi_plume.files.film import Film, FilmError, places
+from taichi_plume.files.film import Film, places
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.statistics.durations import stretches
 from taichi_plume.statistics.moments import weights
@@ -20,7 +20,7 @@ STATIONS = (0.1, 0.25, 0.5, 0.8)
 
 
 class FilmRecord:
-    """The film at a path, from a time on, of one gas; raises RunFolderError.
+    """The film at a path, from a time on, of one gas. Raises FilmError and RunFolderError.
 
     mean, rms, maximum: of each cell over time [ppm], axes (x, y[, z]), NaN in obstacles. level: the index of the
     height with the strongest mean, of the maps; None in 2-D.
@@ -28,11 +28,8 @@ class FilmRecord:
 
     def __init__(self, path: Path, gas: str | None = None, start: float | None = None):
         self.path = path
-        try:
-            self.film = Film(path)
-            self.air = self.film.still("air") > 0 if "air" in self.film.arrays else None
-        except FilmError as error:
-            raise RunFolderError(str(error)) from None
+        self.film = Film(path)
+        self.air = self.film.still("air") > 0 if "air" in self.film.arrays else None
         self.gases = [name.removesuffix("_ppm") for name in self.film.arrays if name.endswith("_ppm")]
         if not self.gases:
             raise RunFolderError(f"{path}: holds no gas; film it with `fields: {{rate: 10}}`")
@@ -54,11 +51,8 @@ class FilmRecord:
         self._found: dict[str, np.ndarray] | None = None
 
     def _frames(self, names: list[str]) -> Iterator[dict[str, np.ndarray]]:
-        try:
-            for n in range(self.skipped, self.skipped + len(self.times)):
-                yield self.film.frame(n, names)
-        except FilmError as error:
-            raise RunFolderError(str(error)) from None
+        for n in range(self.skipped, self.skipped + len(self.times)):
+            yield self.film.frame(n, names)
 
     def _scan(self) -> None:
         """Mean, rms and maximum of all cells."""

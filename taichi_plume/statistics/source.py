@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from taichi_plume.files.run_folder import RunFolderError, is_run
+from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.opening import unopenable
 from taichi_plume.results.run import Run
 from taichi_plume.scenario.sensors import GasSensor
@@ -76,7 +77,7 @@ def of(
         try:
             found.film = FilmRecord(film, found.gas, start)
             found.gamma = found.film.intermittency(found.threshold)
-        except RunFolderError as error:
+        except InputError as error:
             found.notes.append(f"No maps: {error}.")
     return _told_end(found, status)
 

@@ -116,7 +116,7 @@ def _campaign(
         except OSError as error:
             stack.close()
             if wishes.debug:
-                say(traceback.format_exc(), error=True)
+                say(*traceback.format_exc().splitlines(), error=True)
             at = f": {error.filename}" if error.filename else ""
             say(visible(f"{error.strerror or error}{at}"), error=True)
             return 1

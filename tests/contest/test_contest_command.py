@@ -50,12 +50,9 @@ def files(tmp_path):
         (["--scenarios", "open_3"], "scenario 'open_3': there is none of that name; did you mean open_3d?"),
         (["--algorithms", "infotax"], "did you mean infotaxis?"),
         (["--scenarios", "open_2d,"], "give names with commas between"),
-        (["--algorithm", "nothing.py"], "nothing.py: does not exist"),
         (["--algorithm", "upwind.py"], "look at it, then add --allow-code"),
         (["--out", "full"], "full: is not empty, and holds no contest (photo.txt); choose another --out"),
         (["--out", "upwind.py"], "upwind.py: "),
-        (["--airs", "0"], "--airs: must be a whole number from 1 to 4096, got '0'"),
-        (["--seed", "-1"], "must be a whole number from 0 to 4294967295"),
     ],
 )
 def test_what_is_wrong_is_told_in_a_line(files, monkeypatch, capsys, line, told):

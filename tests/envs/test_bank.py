@@ -258,7 +258,6 @@ def test_the_command_writes_a_bank(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (["nowhere.yaml"], "nowhere.yaml"),
         (["task.yaml", "--set", "task.airs=0"], "task.airs"),
         (["task.yaml", "--set", "task.airs=1000", "--set", "task.film=360000"], "lower task.airs"),
     ],

@@ -8,6 +8,7 @@ from rich.progress import Progress
 from rich.table import Table
 from rich.text import Text
 
+from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import LONGEST_LINE, Parser, say, terminal, visible
 
 WICKED = "a\x1b]0;title\x07\r\x08\x9b31m\u202eb\u2066\u200f\ud800\u2028\x85c\0"
@@ -36,11 +37,18 @@ def test_long_lines_lose_their_middle():
 
 
 def test_say(capsys):
-    say(f"one\n{WICKED}")
+    say("one\ntwo", WICKED)
     say(WICKED, error=True, end="")
+    say()
     told = capsys.readouterr()
-    assert told.out == f"one\n{visible(WICKED)}\n"
+    assert told.out == f"one\\ntwo\n{visible(WICKED)}\n"
     assert told.err == visible(WICKED)
+
+
+def test_input_errors_escape_each_line():
+    error = InputError(WICKED, "b" * 5000)
+    assert error.lines == [visible(WICKED), visible("b" * 5000)]
+    assert str(error) == "\n".join(error.lines)
 
 
 def test_say_where_the_terminal_knows_few_letters(monkeypatch):

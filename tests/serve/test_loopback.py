@@ -207,7 +207,6 @@ def test_a_token_is_asked_for(tmp_path):
         (["--bind", "127.0.0.1:99999"], "takes HOST:PORT"),
         (["--wait", "--at-once"], "--wait waits for robots in each tick"),
         (["--wait", "--speed", "2"], "--speed 2 has no meaning with it"),
-        (["--websocket", "99999"], "takes a port from 0 to 65535"),
         (["--speed", "fast"], "--speed takes a number above 0 or max"),
         (["--speed", "nan"], "--speed takes a number above 0 or max"),
         (["--set", "robots.0.algorithm={kind: casting}"], "no robot is driven from outside"),

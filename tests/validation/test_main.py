@@ -164,10 +164,3 @@ def test_an_experiment_is_reported(experiments, tmp_path, capsys, option, trials
     assert "a &lt; b" in page
     (picture,) = re.findall(r"svg\+xml;base64,([^\"]*)", page)
     assert b"ways" in base64.b64decode(picture)
-
-
-def test_trials_must_be_a_number(capsys):
-    with pytest.raises(SystemExit) as end:
-        main(["--trials", "0"])
-    assert end.value.code == 2
-    assert "must be a whole number from 1 on, got '0'" in capsys.readouterr().err

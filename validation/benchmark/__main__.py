@@ -91,7 +91,7 @@ def main(argv: list[str] | None = None) -> int:
             OTHER_CASES[name](args.arch) if name in OTHER_CASES else [measure(name, args.arch, args.seconds)]
         )
     if args.json:
-        say(json.dumps([asdict(row) for row in rows], indent=2), longest=None)
+        say(*json.dumps([asdict(row) for row in rows], indent=2).splitlines(), longest=None)
     return 0
 
 

@@ -239,7 +239,10 @@ def main(argv: Sequence[str] | None = None) -> int:
                 say(line, flush=True)
         rows += found
     if args.json:
-        say(json.dumps([asdict(row) | {"verdict": row.verdict} for row in rows], indent=2), longest=None)
+        say(
+            *json.dumps([asdict(row) | {"verdict": row.verdict} for row in rows], indent=2).splitlines(),
+            longest=None,
+        )
     return int(failed)
 
 

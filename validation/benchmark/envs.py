@@ -175,7 +175,7 @@ def main(arguments: Sequence[str]) -> int:
         parser.error(f"argument --count: {args.count} is below 1")
     rows = measure(args.arch, args.count, args.seconds)
     if args.json:
-        say(json.dumps([asdict(row) for row in rows], indent=2), longest=None)
+        say(*json.dumps([asdict(row) for row in rows], indent=2).splitlines(), longest=None)
     else:
         for row in rows:
             say(row)

@@ -1,0 +1,14 @@
+"""Base class of the errors that a user's input causes."""
+
+from taichi_plume.guard.terminal import visible
+
+
+class InputError(ValueError):
+    """Files, values or options of the user that cannot be used.
+
+    `lines`: one line for each fault, escaped and cut as by `visible`. A command prints them and exits with 2.
+    """
+
+    def __init__(self, *lines: object):
+        self.lines = [visible(line) for line in lines]
+        super().__init__("\n".join(self.lines))
