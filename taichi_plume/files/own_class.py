@@ -83,7 +83,7 @@ class OwnFile:
             line = getattr(error, "lineno", None)
             where = f"{self.path}, line {line}" if line else f"{self.path}"
             what = getattr(error, "msg", None) or str(error) or "is nested too deeply"
-            raise OwnAlgorithmError(f"{where}: {what}") from None
+            raise OwnAlgorithmError(f"{where}: {visible(what)}") from None
         classes = {node.name: node for node in _at_top(tree) if isinstance(node, ast.ClassDef)}
         sure = [name for name, node in classes.items() if _acts(node)]
         maybe = [name for name, node in classes.items() if node.bases or node.decorator_list or name in sure]
@@ -182,4 +182,4 @@ def told(error: BaseException, path: Path) -> str:
         message = " ".join(str(error).split())
     except BaseException:  # it is the user's too
         message = "its message cannot be made"
-    return f"{where}: {type(error).__name__}: {message}"
+    return visible(f"{where}: {type(error).__name__}: {message}")
