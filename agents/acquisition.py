@@ -78,6 +78,5 @@ class Recording(Acquisition):
 
     @ti.func
     def _hear(self, n, k, ppm):
-        """Take in sample k, from 0 on."""
         self.total[n] += ppm
         self.heard[n, k] = ppm

@@ -40,7 +40,6 @@ class Casting(PlumeTracker):
         super().__init__(swarm, members, tick)
 
     def numbers(self, group: GroupRange) -> Numbers:
-        """Those of a group that kernels read."""
         model = cast(algorithms.Casting, group.model.algorithm)
         angle = radians(model.upwind_angle_deg)
         return {
@@ -52,7 +51,6 @@ class Casting(PlumeTracker):
 
     @ti.func
     def _course(self, n):
-        """Unit vector along which the robot wants to drive."""
         course = self._finding_course(n)
         if self.swarm.state[self.robot[n]] == IN_PLUME:
             U = self.upwind[n]
@@ -62,7 +60,6 @@ class Casting(PlumeTracker):
 
     @ti.func
     def _decide(self, n, dt):
-        """Change the state of robot n where the readings say so."""
         state = self.swarm.state[self.robot[n]]
         if state == IN_PLUME:
             smells = self._still_smells(n)

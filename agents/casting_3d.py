@@ -45,7 +45,6 @@ class Casting3D(PlumeTracker):
         super().__init__(swarm, members, tick)
 
     def numbers(self, group: GroupRange) -> Numbers:
-        """Those of a group that kernels read."""
         model = cast(algorithms.Casting3D, group.model.algorithm)
         return {
             **super().numbers(group),
@@ -95,7 +94,6 @@ class Casting3D(PlumeTracker):
 
     @ti.func
     def _decide(self, n, dt):
-        """Change the state of robot n where the readings say so."""
         state, bump = self.swarm.state[self.robot[n]], self.bump[n] == 1
         if state == SURGE:
             if not self._still_smells(n) and (bump or self._driven(n) >= self.p.lost_distance[n]):

@@ -55,11 +55,9 @@ class EColi:
         }
 
     def begin(self) -> None:
-        """Set the numbers; all robots begin to listen."""
         self.p.begin()
 
     def act(self, tick: int, t: float, dt: float) -> None:
-        """Turn the readings at time t [s] into commands for the next dt [s]."""
         self._act(tick, dt)
 
     @ti.kernel

@@ -93,7 +93,6 @@ class MoxLaw:
         self._fill = uploader(self.box)
 
     def begin(self) -> None:
-        """Set the numbers of the members' sensors, and draw how units differ."""
         self.of.begin()
         if self.swarm.episodes is not None:
             group = self.swarm.groups[0]
@@ -103,14 +102,12 @@ class MoxLaw:
 
     @ti.func
     def renew(self, n, unit):
-        """Take another unit, given by a number from 0 to 1."""
         u = ti.min(ti.cast(unit * UNITS, ti.i32), UNITS - 1)
         for k in ti.static(range(len(DIFFER))):
             self.different[k][n] = self.box[u, k]
 
     @ti.func
     def response(self, n, ppm):
-        """Steady y at a concentration."""
         return self.of.b[n] * log(1.0 + ppm * self.of.per_c0[n])
 
     @ti.func
@@ -152,7 +149,6 @@ class LinearLaw:
         self.of = Parameters(members, lambda group: {"limit": _linear(group, slot).detection_limit_ppm})
 
     def begin(self) -> None:
-        """Set the numbers of the members' sensors."""
         self.of.begin()
 
     @ti.func
@@ -161,7 +157,6 @@ class LinearLaw:
 
     @ti.func
     def response(self, n, ppm):
-        """Steady y at a concentration."""
         return ppm
 
     @ti.func
@@ -171,7 +166,6 @@ class LinearLaw:
 
     @ti.func
     def ppm(self, n, r):
-        """What it reads."""
         return ti.select(r >= self.of.limit[n], ti.max(r, 0.0), 0.0)
 
 

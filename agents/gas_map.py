@@ -87,7 +87,6 @@ class GasMap:
         self.errors = Series(self.trials)
 
     def update(self, swarm: Readers, t: float, dt: float) -> None:
-        """Take in the readings at time t [s], the end of a tick of dt [s]."""
         raise NotImplementedError
 
     def remembered(self, t: np.ndarray, place: np.ndarray, dt: float) -> np.ndarray:
@@ -97,11 +96,9 @@ class GasMap:
         return np.full(len(t), np.nan)
 
     def estimate(self) -> np.ndarray:
-        """Concentration [ppm], (trials, nx, ny); NaN where nothing is known."""
         raise NotImplementedError
 
     def weight(self) -> np.ndarray:
-        """What stands behind the estimate, (trials, nx, ny), in the method's own measure; 0 where nothing is known."""
         raise NotImplementedError
 
 

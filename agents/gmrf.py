@@ -57,7 +57,6 @@ class MarkovMap(GasMap):
         self.begin(model)
 
     def begin(self, model: models.MarkovMap) -> None:
-        """Begin a run."""
         super().begin(model)
         self.model = model
         self.noise = 1.0 / model.lambda_observation  # ppm², of a reading
@@ -82,7 +81,6 @@ class MarkovMap(GasMap):
         return self._solution()[1]
 
     def remembered(self, t: np.ndarray, place: np.ndarray, dt: float) -> np.ndarray:
-        """See `GasMap`."""
         return np.minimum(self._share((window_of(t, self.model.window, dt) + 1.0) * self.model.window), 1.0)
 
     def weight(self) -> np.ndarray:

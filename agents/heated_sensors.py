@@ -38,13 +38,11 @@ class HeatedSensors(GasSensors):
         self.slow_held = ti.field(ti.f32, members.size)
 
     def begin(self) -> None:
-        """Set the numbers that the groups give."""
         super().begin()
         self.cycle.begin()
 
     @ti.func
     def renew(self, n, unit):
-        """The n-th one is put back to the begin of a run, as another unit: a number from 0 to 1."""
         self.signal[n], self.slow[n], self.sum[n], self.baseline[n] = 0.0, 0.0, 0.0, 0.0
         self.held[n], self.slow_held[n] = 0.0, 0.0
         self.law.renew(n, unit)
@@ -81,7 +79,6 @@ class HeatedSensors(GasSensors):
 
     @ti.func
     def lag(self, n, tick, cold, goal, noise, drift, reading_noise):
-        """Signal that the n-th sensor gives while it follows its goal for a tick; see `GasSensors.lag`."""
         y = self._go(self.signal, self.held, n, tick, goal, self.cycle.per_decay[n])
         share = self.of.slow_share[n]
         if share > 0.0:

@@ -105,7 +105,6 @@ class HitMap:
         }
 
     def begin(self) -> None:
-        """Set the numbers; all robots begin to listen, and take all places for equally probable."""
         self.p.begin()
         self.roads.begin(self._room)
         self._begin()
@@ -115,7 +114,6 @@ class HitMap:
         return self._read()[0]
 
     def act(self, tick: int, t: float, dt: float) -> None:
-        """Turn the readings at time t [s] into commands for the next dt [s]."""
         self._act(t, dt)
 
     @ti.kernel

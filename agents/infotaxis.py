@@ -93,7 +93,6 @@ class AnyInfotaxis:
         }
 
     def begin(self) -> None:
-        """Set the numbers; all robots begin to listen and take all places for equally probable."""
         self.p.begin()
         self._upload(self._chances(), self.belief.even)
 
@@ -108,7 +107,6 @@ class AnyInfotaxis:
         return self._read()[0]
 
     def act(self, tick: int, t: float, dt: float) -> None:
-        """Turn the readings at time t [s] into commands for the next dt [s]."""
         self._act(tick, t, dt)
 
     @ti.kernel

@@ -97,7 +97,6 @@ class KernelMap(GasMap):
         self.begin(model)
 
     def begin(self, model: models.KernelMap) -> None:
-        """Begin a run."""
         super().begin(model)
         self.fading = 0.0 if model.memory is None else 1.0 / model.memory  # 1/s
         self.time = 0.0  # of the last update [s]
@@ -110,7 +109,6 @@ class KernelMap(GasMap):
         )
 
     def update(self, swarm: Any, t: float, dt: float) -> None:
-        """Take in the readings at time t [s]."""
         fade = exp(-self.fading * (t - self.time))
         self.time = t
         for first in range(0, swarm.members.shape[1], self.exact):  # no more at once than there are slots
@@ -129,7 +127,6 @@ class KernelMap(GasMap):
         return self._blend(weights, squares, prior)
 
     def remembered(self, t: np.ndarray, place: np.ndarray, dt: float) -> np.ndarray:
-        """See `GasMap`."""
         return np.exp(-self.fading * (self.time - t))
 
     def weight(self) -> np.ndarray:

@@ -77,7 +77,6 @@ class LeastKnown:
         self._set_goal(start, np.inf)
 
     def act(self, tick: int, t: float, dt: float) -> None:
-        """Command the next dt [s]."""
         self.map.update(self.swarm, t, dt)
         self._ask()
         asks, goal, believed = self._read()

@@ -61,7 +61,6 @@ class LineSensors(GasSensors):
         self.length = ti.field(ti.f32, members.size)  # of each beam, as it is [m]
 
     def begin(self) -> None:
-        """Set the numbers that the groups give."""
         super().begin()
         self.beam.begin()
 
@@ -144,7 +143,6 @@ class LineSensors(GasSensors):
 
     @ti.func
     def read(self, n, i, tick, r, ppm):
-        """Robot i reads what its sensor, the n-th, tells."""
         if self.is_due(n, tick):
             value = ppm
             if self.beam.gives_mean[n] == 1:

@@ -99,11 +99,9 @@ class LineUp:
         }
 
     def begin(self) -> None:
-        """Set the numbers; all lines begin to feel the wind."""
         self.p.begin()
 
     def act(self, tick: int, t: float, dt: float) -> None:
-        """Command the next dt [s]."""
         self._act(tick, dt)
 
     @ti.kernel

@@ -130,7 +130,6 @@ class OwnAlgorithm:
         return words
 
     def begin(self) -> None:
-        """Make the user's algorithm, with the group's parameters."""
         (group,) = self.members.groups
         number = np.arange(group.size)
         trial = group.model.first_trial + number // group.count
@@ -149,7 +148,6 @@ class OwnAlgorithm:
         return saves_itself(self.algorithm)
 
     def act(self, tick: int, t: float, dt: float) -> None:
-        """Show the robots to the user's algorithm and carry out what it wants."""
         robots = self.robots
         robots.t, robots.dt = t, dt
         robots.heard, robots.heard_at = self._heard()

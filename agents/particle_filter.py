@@ -84,7 +84,6 @@ class ParticleFilter(Casting):
         self._read = reader(self.particle, self.weight, self.known)
 
     def numbers(self, group: GroupRange) -> Numbers:
-        """Those of a group that kernels read."""
         model = cast(Model, group.model.algorithm)
         return {
             **super().numbers(group),
@@ -111,7 +110,6 @@ class ParticleFilter(Casting):
         return belief
 
     def act(self, tick: int, t: float, dt: float) -> None:
-        """Turn the readings at time t [s] into commands for the next dt [s]."""
         due = tick % self.between == 0
         self._sense(due, dt)
         if due:

@@ -36,7 +36,6 @@ class PolicyAlgorithm:
         self.begin()
 
     def begin(self) -> None:
-        """Set the numbers; all robots begin to observe."""
         (group,) = self.members.groups
         self.ticks = cast(Policy, group.model.algorithm).ticks(self.tick)
         self.waits = group.waits(self.tick) + 1
@@ -45,7 +44,6 @@ class PolicyAlgorithm:
         self._clear()
 
     def act(self, tick: int, t: float, dt: float) -> None:
-        """Turn the readings at time t [s] into commands for the next dt [s]."""
         since = tick - self.waits
         decides = since % self.ticks == 0
         self._follow(dt, int(decides), since * dt, self.observations)

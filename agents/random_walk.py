@@ -47,11 +47,9 @@ class RandomWalk:
         }
 
     def begin(self) -> None:
-        """Set the numbers; all robots are between two legs."""
         self.p.begin()
 
     def act(self, tick: int, t: float, dt: float) -> None:
-        """Command the next dt [s]."""
         self._act(tick, dt)
 
     @ti.kernel

@@ -49,7 +49,6 @@ class ReplayAlgorithm:
         self._order(0.0, self.tick)
 
     def act(self, tick: int, t: float, dt: float) -> None:
-        """Compare readings, and go on to where the robots are at the end of the next tick."""
         self._compare(t, dt)
         self._order(t, dt)
 

@@ -144,12 +144,10 @@ class SnapMap(GasMap):
 
     @classmethod
     def reserve(cls, model: Any, floor: Floor, shared: dict) -> None:
-        """Say what this map will need of the snaps that are alike."""
         shared.setdefault(alike(model), Needs()).add(cls.needs(model, floor))
 
     @classmethod
     def made(cls, model: Any, floor: Floor, shared: dict) -> Self:
-        """The map of a model, which shares its snaps."""
         needs = shared[alike(model)]
         needs.snaps = needs.snaps or Snaps(model, floor, needs)
         return cls(model, floor, needs.snaps)
@@ -169,7 +167,6 @@ class SnapMap(GasMap):
         return self._sums()[1]
 
     def update(self, swarm: Readers, t: float, dt: float) -> None:
-        """Take in the readings at time t [s]."""
         self.snaps.update(swarm, t, dt)
 
     def remembered(self, t: np.ndarray, place: np.ndarray, dt: float) -> np.ndarray:

@@ -37,13 +37,11 @@ class SurgeCast(PlumeTracker):
         super().__init__(swarm, members, tick)
 
     def numbers(self, group: GroupRange) -> Numbers:
-        """Those of a group that kernels read."""
         model = cast(algorithms.SurgeCast, group.model.algorithm)
         return {**super().numbers(group), "cast_distance": model.cast_distance}  # m
 
     @ti.func
     def _course(self, n):
-        """Unit vector along which the robot wants to drive."""
         course = self._finding_course(n)
         if self.swarm.state[self.robot[n]] == SURGE:
             course = self.upwind[n]
@@ -51,7 +49,6 @@ class SurgeCast(PlumeTracker):
 
     @ti.func
     def _decide(self, n, dt):
-        """Change the state of robot n where the readings say so."""
         state = self.swarm.state[self.robot[n]]
         if state == SURGE:
             if not self._still_smells(n) and (

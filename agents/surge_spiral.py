@@ -35,7 +35,6 @@ class SurgeSpiral(PlumeTracker):
         super().__init__(swarm, members, tick)
 
     def numbers(self, group: GroupRange) -> Numbers:
-        """Those of a group that kernels read."""
         model = cast(algorithms.SurgeSpiral, group.model.algorithm)
         return {
             **super().numbers(group),
@@ -46,7 +45,6 @@ class SurgeSpiral(PlumeTracker):
 
     @ti.func
     def _course(self, n):
-        """Unit vector along which the robot wants to drive."""
         course = self._finding_course(n)
         state = self.swarm.state[self.robot[n]]
         if state == SURGE:
@@ -61,7 +59,6 @@ class SurgeSpiral(PlumeTracker):
 
     @ti.func
     def _decide(self, n, dt):
-        """Change the state of robot n where the readings say so."""
         i = self.robot[n]
         state = self.swarm.state[i]
         if state == SURGE:

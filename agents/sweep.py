@@ -59,7 +59,6 @@ class Sweep:
         }
 
     def begin(self) -> None:
-        """Set the numbers, and the ways from where the robots begin."""
         self.p.begin()
         ways = self._ways()
         table = np.zeros((*self.way.shape, 2), np.float32)
@@ -80,7 +79,6 @@ class Sweep:
         return ways
 
     def act(self, tick: int, t: float, dt: float) -> None:
-        """Command the next dt [s]."""
         self._act(dt)
 
     @ti.kernel

@@ -60,16 +60,13 @@ class Team:
 
     @property
     def state_names(self) -> tuple[str, ...]:
-        """Names of the values of the swarm's `state`."""
         return (*self.algorithm.STATE_NAMES, BEFORE) if self.waits else self.algorithm.STATE_NAMES
 
     def begin(self) -> None:
-        """Start anew, with the numbers that the swarm's groups have now."""
         self.algorithm.begin()
         self._hold()
 
     def act(self, tick: int, t: float, dt: float) -> None:
-        """Turn readings into commands."""
         if tick < self.first_tick:
             return
         if self.waits and tick == self.first_tick:

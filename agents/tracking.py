@@ -74,12 +74,10 @@ class PlumeTracker:
         }
 
     def begin(self) -> None:
-        """Set the numbers, and the state at the begin of a run."""
         self.p.begin()
         self._begin()
 
     def act(self, tick: int, t: float, dt: float) -> None:
-        """Turn the readings at time t [s] into commands for the next dt [s]."""
         self._act(dt)
 
     @ti.kernel
