@@ -210,7 +210,6 @@ class MovingObstacle(Bodies):
         self.motion, self.center = motion, model.center
 
     def advance(self, t: float, dt: float) -> None:
-        """Move on to t + dt [s]."""
         before = np.array(self.motion.place(self.center, t))
         after = np.array(self.motion.place(self.center, t + dt))
         self._move(after[None], ((after - before) / dt)[None])
@@ -251,7 +250,6 @@ class Wake(Bodies):
         self.n.set(pace=1.0 / dt if t > -1e-9 else 0.0)
 
     def fastest(self, t: float) -> float:
-        """Their largest speed [m/s]."""
         return self.max_speed
 
 

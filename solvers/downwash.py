@@ -151,7 +151,6 @@ class Downwash:
 
     @ti.func
     def apply(self, u: Template, dt):
-        """Push the air for dt [s]."""
         for d in ti.static(range(3)):
             block = self.block[None]
             for K in ti.grouped(ti.ndrange(self.count, block[0], block[1], block[2])):

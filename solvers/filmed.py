@@ -77,11 +77,9 @@ class FilmedWind(Wind):
         self.begin(None, t, 0)
 
     def begin(self, model: Any, t: float, seed: int) -> None:
-        """Begin a run at time t [s]."""
         self._show(t)
 
     def advance(self, t: float, dt: float) -> None:
-        """Show the time t + dt."""
         self._show(t + dt)
 
     def _show(self, t: float) -> None:
@@ -92,7 +90,6 @@ class FilmedWind(Wind):
 
     @ti.func
     def velocity(self, x: Template, t: float):
-        """Velocity [m/s] at point x [m], linear between the faces; the time is the film's own."""
         return sample_faces(self.u, x, self.grid.dx, self.grid.ghost, self.grid.padded)
 
 
@@ -115,12 +112,10 @@ class FilmedGas(Gas):
         self.begin(model, t, 0)
 
     def begin(self, model: Any, t: float, seed: int) -> None:
-        """Begin a run at time t [s]."""
         self.species = model.vapour
         self._show(t)
 
     def advance(self, t: float, dt: float) -> None:
-        """Show the time t + dt."""
         self._show(t + dt)
 
     def _show(self, t: float) -> None:
@@ -129,10 +124,8 @@ class FilmedGas(Gas):
             self.grid.write(self.c, frame[self.name], 1)
 
     def cells(self, t: float) -> np.ndarray:
-        """Concentration of every cell [kg/m³], of the grid's shape; the time is the film's own."""
         return self.grid.read(self.c)
 
     @ti.func
     def concentration(self, x: Template, t: float):
-        """Concentration [kg/m³] at point x [m], linear between the centres of cells that hold air."""
         return sample_cells(self.c, self.air, x, self.grid.dx, self.grid.ghost, self.grid.padded)

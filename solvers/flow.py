@@ -194,7 +194,6 @@ class FlowSolver(Carrier):
             one.apply(self.u, k * dt)
 
     def advance(self, t: float, dt: float) -> None:
-        """One step of three stages."""
         self.boundaries.advance(self.p, t, dt)
         for resistance in self.resistances:
             resistance.advance(t, dt)

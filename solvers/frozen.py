@@ -45,7 +45,6 @@ class FrozenSolver(FlowSolver):
         self._measure_mean = launch(*self.limits.passes())
 
     def begin(self, model: FrozenWind, t: float, seed: int) -> None:
-        """Flow from rest at time t [s], the start of the warm-up."""
         super().begin(model, t, seed)
         self.until = t + model.after
         self.since = self.until - (0.5 * model.after if model.average is None else model.average)
@@ -57,7 +56,6 @@ class FrozenSolver(FlowSolver):
         return float("inf") if self.frozen else super().stable_dt(t)
 
     def advance(self, t: float, dt: float) -> None:
-        """One step, until the flow is frozen."""
         if self.frozen:
             return
         super().advance(t, dt)

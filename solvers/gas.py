@@ -159,11 +159,9 @@ class EulerianSolver(Gas):
         return budget
 
     def cells(self, t: float) -> np.ndarray:
-        """Concentration of every cell [kg/m³], of the grid's shape; the time is the solver's own."""
         return self.grid.read(self.c)
 
     def is_finite(self) -> bool:
-        """Whether every concentration is a number."""
         return isfinite(self.transport.inside())
 
     def least(self) -> float:

@@ -56,7 +56,6 @@ class GaussianPuffs(Gas):
         self.begin(gas, t, 0)
 
     def begin(self, model: GaussianPuffGas, t: float, seed: int) -> None:
-        """Begin a run at time t [s], after the wind."""
         self.species = model.vapour
         self._time = np.array([release.time for release in model.releases])
         self._radius = np.array([release.radius for release in model.releases])
@@ -68,7 +67,6 @@ class GaussianPuffs(Gas):
         self.advance(t, 0.0)
 
     def advance(self, t: float, dt: float) -> None:
-        """Go on to time t + dt, as the wind has done."""
         end = t + dt
         out = self._time <= end
         for n in np.flatnonzero(out & np.isnan(self._start[:, 0])):
@@ -81,7 +79,6 @@ class GaussianPuffs(Gas):
 
     @ti.func
     def concentration(self, x: Template, t: float):
-        """Concentration [kg/m³] at point x [m]; the time is the solver's own."""
         total = 0.0
         for n in range(self.count):
             part = self.mass[n]
@@ -127,7 +124,6 @@ class ContinuousPuffs(Gas):
         self.begin(gas, t, 0)
 
     def begin(self, model: ContinuousGas, t: float, seed: int) -> None:
-        """Begin a run at time t [s], after the wind."""
         self.species = model.vapour
         D, U = diffusivities(model, self.dim), np.array(self.wind.mean)
         depth = self.grid.depth if self.dim == 2 else 1.0
@@ -147,13 +143,11 @@ class ContinuousPuffs(Gas):
         self.advance(t, 0.0)
 
     def advance(self, t: float, dt: float) -> None:
-        """Go on to time t + dt."""
         ages = np.clip([(t + dt - stop, t + dt - start) for start, stop in self._span], 0.0, 1e30)
         self._put_ages(*ages.T)
 
     @ti.func
     def concentration(self, x: Template, t: float):
-        """Concentration [kg/m³] at point x [m]; the time is the solver's own."""
         total = 0.0
         U, D = self.U[None], self.D[None]
         for n in range(self.count):

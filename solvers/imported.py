@@ -176,12 +176,10 @@ class ImportedFlow(PlayedWind):
     """A flow from elsewhere."""
 
     def __init__(self, film: ImportedFilm, wind: ImportedWind, grid: Grid, t: float = 0.0, seed: int = 0):
-        """t: begin of the run [s]."""
         self.imported = film
         super().__init__(wind, film, grid, t, seed)
 
     def begin(self, model: ImportedWind, t: float, seed: int) -> None:
-        """Begin a run at time t [s]."""
         self.imported.begin(model)
         super().begin(model, t, seed)
 

@@ -27,7 +27,6 @@ class MovieFrames:
         ]
 
     def gas_of(self, species: object) -> str:
-        """There is one."""
         return NAME
 
     def still(self, name: str) -> np.ndarray:
@@ -60,11 +59,9 @@ class PlayedMovie(PlayedGas):
     """A recorded gas whose frames are pictures."""
 
     def __init__(self, gas: MovieGas, movie: Movie, grid: Grid, t: float = 0.0):
-        """t: begin of the run [s]."""
         super().__init__(gas, MovieFrames(movie, grid), grid, t)
 
     def begin(self, model: MovieGas, t: float, seed: int) -> None:
-        """Begin a run at time t [s]."""
         self.density = model.ppm_per_unit / model.vapour.ppm_per_density
         super().begin(model, t, seed)
 

@@ -176,7 +176,6 @@ class PlayedWind(Carrier):
         self.begin(wind, t, seed)
 
     def begin(self, model: PlaybackWind | ImportedWind, t: float, seed: int) -> None:
-        """Begin a run at time t [s]."""
         self._be(self.frames)
         self.film.begin(model, t)
         self._know()
@@ -206,13 +205,11 @@ class PlayedWind(Carrier):
         return inf if not self.carries else 0.5 / max(self.outflow_rate, 1e-9)
 
     def advance(self, t: float, dt: float) -> None:
-        """Show the time t + dt."""
         self.film.show(t + dt)
         self._know()
 
     @ti.func
     def velocity(self, x: Template, t: float):
-        """Velocity [m/s] at point x [m], linear between the faces; the time is the player's own."""
         return sample_faces(self.u, x, self.grid.dx, self.grid.ghost, self.grid.padded)
 
 
@@ -235,7 +232,6 @@ class PlayedGas(Gas):
         self.begin(gas, t, 0)
 
     def begin(self, model: PlaybackGas | MovieGas, t: float, seed: int) -> None:
-        """Begin a run at time t [s]."""
         self.species = model.vapour
         self.film.begin(model, t)
 
@@ -244,14 +240,11 @@ class PlayedGas(Gas):
         return {name: self.grid.pad(values) for name, values in frame.items()}, None
 
     def advance(self, t: float, dt: float) -> None:
-        """Show the time t + dt."""
         self.film.show(t + dt)
 
     def cells(self, t: float) -> np.ndarray:
-        """Concentration of every cell [kg/m³], of the grid's shape; the time is the player's own."""
         return self.grid.read(self.c)
 
     @ti.func
     def concentration(self, x: Template, t: float):
-        """Concentration [kg/m³] at point x [m], linear between the centres of cells that hold air."""
         return sample_cells(self.c, self.air, x, self.grid.dx, self.grid.ghost, self.grid.padded)

@@ -81,7 +81,6 @@ class Plumes(Gas):
         self.begin(gas, t, seed)
 
     def begin(self, model: GaussianPlumeGas | MeanderingGas, t: float, seed: int) -> None:
-        """Begin a run at time t [s], after the wind."""
         self.species = model.vapour
         wind, depth = self.wind.model, self.grid.depth if self.dim == 2 else 1.0
         fluctuation = model.width_fluctuation
@@ -106,13 +105,11 @@ class Plumes(Gas):
             self.width.begin(*law)
 
     def advance(self, t: float, dt: float) -> None:
-        """Go on to time t + dt, as the wind has done."""
         if self.width is not None:
             self.width.advance(t + dt)
 
     @ti.func
     def concentration(self, x: Template, t: float):
-        """Concentration [kg/m³] at point x [m]; the time is the wind's own."""
         total = 0.0
         for n in range(self.count):
             along = self._component(x - self.place[n], 0)

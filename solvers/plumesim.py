@@ -81,17 +81,14 @@ class PointGas(Gas):
         self.begin(gas, t, 0)
 
     def begin(self, model: PlumeSimGas | FluentGas, t: float, seed: int) -> None:
-        """Begin a run at time t [s]."""
         self.species = model.vapour
         self.film.begin(model, t, density_per_percent(model) * self.film.frames.percent[:, None])
 
     def advance(self, t: float, dt: float) -> None:
-        """Show the time t + dt."""
         self.film.show(t + dt)
 
     @ti.func
     def concentration(self, x: Template, t: float):
-        """Concentration [kg/m³] at point x [m]; the time is the player's own."""
         c = 0.0
         if ti.static(self.interpolate):
             c = self.cloud.between(x)[0]
@@ -121,16 +118,13 @@ class PointWind(Wind):
         self.begin(wind, t, seed)
 
     def begin(self, model: PlumeSimWind, t: float, seed: int) -> None:
-        """Begin a run at time t [s]."""
         self.film.begin(model, t, self.film.frames.wind)
 
     def advance(self, t: float, dt: float) -> None:
-        """Show the time t + dt."""
         self.film.show(t + dt)
 
     @ti.func
     def velocity(self, x: Template, t: float):
-        """Velocity [m/s] at point x [m]; the time is the player's own."""
         flat = ti.Vector.zero(ti.f32, 2)
         if ti.static(self.interpolate):
             flat = self.cloud.between(x)
@@ -165,7 +159,6 @@ class ProgramPuff(Gas):
         self.begin(gas, t, 0)
 
     def begin(self, model: PlumeSimPuff, t: float, seed: int) -> None:
-        """Begin a run at time t [s]."""
         self.model, self.species = model, model.vapour
         nodes = np.array([max(1, int(width / model.cell + 1e-9)) for width in self.extent[:2]])
         wide = 4 * pi * sqrt(model.diffusion[0] * model.diffusion[1])
@@ -190,7 +183,6 @@ class ProgramPuff(Gas):
         self.number[None] = self.frame_at(t)
 
     def advance(self, t: float, dt: float) -> None:
-        """Show the time t + dt."""
         self._show(t + dt)
 
     @ti.func
@@ -240,7 +232,6 @@ class ProgramMeander(Gas):
         self.begin(gas, t, seed)
 
     def begin(self, model: PlumeSimMeander, t: float, seed: int) -> None:
-        """Strew its points anew."""
         self.species = model.vapour
         self.place = meandering_points(model, self.length, generator(seed, f"{self.name} meandering"))
         self.cloud.set(self.place, np.zeros((len(self.place), 1)))
@@ -254,5 +245,4 @@ class ProgramMeander(Gas):
 
     @ti.func
     def concentration(self, x: Template, t: float):
-        """Concentration [kg/m³] at point x [m]."""
         return self.n.full[None] * ti.min(100.0, self.n.share[None] * self.cloud.count(x))

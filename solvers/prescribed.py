@@ -28,7 +28,6 @@ class PrescribedWind(Carrier):
         self.begin(velocity, 0.0, 0)
 
     def begin(self, model: Velocities, t: float, seed: int) -> None:
-        """Blow with those velocities, whatever the time and the seed."""
         grid = self.grid
         index = np.stack(np.meshgrid(*map(np.arange, grid.padded), indexing="ij"), axis=-1) - grid.ghost
         middles = [np.where(np.arange(grid.dim) == d, 0.0, 0.5) for d in range(grid.dim)]
@@ -45,5 +44,4 @@ class PrescribedWind(Carrier):
 
     @ti.func
     def velocity(self, x: Template, t: float):
-        """Velocity [m/s] at point x [m], linear between the faces."""
         return sample_faces(self.u, x, self.grid.dx, self.grid.ghost, self.grid.padded)

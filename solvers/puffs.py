@@ -139,7 +139,6 @@ class PuffSolver(Gas):
     # ---------------------------------------------------------------- the step
 
     def advance(self, t: float, dt: float) -> None:
-        """Move all puffs from t to t + dt, those that are released meanwhile from their own moment on."""
         if self.puffs.count > FULL * self.most:
             self.puffs.merge()
         if self.handover is not None:
@@ -245,7 +244,6 @@ class PuffSolver(Gas):
     # ---------------------------------------------------------------- what is known about the gas
 
     def cells(self, t: float) -> np.ndarray:
-        """Mean concentration of every cell [kg/m³] at the present time t [s], of the grid's shape."""
         if self._deposit is None:
             self._deposit = Deposit(self, self._air)
         held = self._deposit.cells(t)
@@ -264,7 +262,6 @@ class PuffSolver(Gas):
         }
 
     def is_finite(self) -> bool:
-        """Whether every puff has a place and a size, and the gas on the grid is a number."""
         held = 0.0 if self.handover is None else self.handover.transport.inside()
         return isfinite(float(np.abs(self.puffs.rows()).sum(dtype=float)) + held)
 

@@ -75,12 +75,10 @@ class ScreenResistance:
         """A screen stays as it is."""
 
     def fastest(self, t: float) -> float:
-        """It drives nothing."""
         return 0.0
 
     @ti.func
     def apply(self, u: Template, dt):
-        """Slow the air on the screen's faces for dt [s]."""
         A = ti.Vector.unit(self.dim, self.axis, ti.i32)
         a, b, transverse = self.n.a[None], self.n.b[None], self.n.transverse[None]
         for n in range(self.counts[self.axis]):

@@ -156,7 +156,6 @@ class SyntheticSolver(Carrier):
         self.begin(wind, t, seed)
 
     def begin(self, model: SyntheticWind, t: float, seed: int) -> None:
-        """Begin a run at time t [s]."""
         self._begun = t
         self._rng = generator(seed, "synthetic wind")
         self._model, self._seed = model, seed
@@ -289,5 +288,4 @@ class SyntheticSolver(Carrier):
 
     @ti.func
     def velocity(self, x: Template, t: float):
-        """Velocity [m/s] at point x [m], linear between the faces; the time is the solver's own."""
         return sample_faces(self.u, x, self.grid.dx, self.grid.ghost, self.grid.padded)

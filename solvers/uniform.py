@@ -42,7 +42,6 @@ class UniformSolver(Carrier):
         self.begin(wind, t, seed)
 
     def begin(self, model: UniformWind, t: float, seed: int) -> None:
-        """Begin a run at time t [s]."""
         self.model = model
         self.mean = model.velocity
         self.across = model.frame[1:]
@@ -77,7 +76,6 @@ class UniformSolver(Carrier):
                 self.u[d][I] = carrying[d]
 
     def advance(self, t: float, dt: float) -> None:
-        """Go on to time t + dt."""
         if self.gusts is None:
             return
         before, gust = self.gusts.at(t)
@@ -92,5 +90,4 @@ class UniformSolver(Carrier):
 
     @ti.func
     def velocity(self, x: Template, t: float):
-        """The velocity [m/s]; the time is the solver's own."""
         return self.now[None]
