@@ -95,7 +95,6 @@ class FloorPlan(Upright):
     # ---------------------------------------------------------------- shares
 
     def shares(self, shape: tuple[int, ...], dx: float) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Shares of the cells and, per axis, of the faces that are air."""
         volume, area = self._flat_shares(shape[:2], dx)
         if len(shape) == 3:
             planes = np.arange(shape[2] + 1) * dx

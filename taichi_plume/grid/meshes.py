@@ -52,7 +52,6 @@ class Solid(Shape):
         self._scenes = [_scene(self.vertices, triangles) for triangles in self._bodies]
 
     def signed_distance(self, points: np.ndarray) -> np.ndarray:
-        """Distance [m] of points (..., dim) to the surface, negative inside."""
         if points.shape[-1] == 2:
             return self._shadow_distance(points, *self._slice)
         return _nearest(self._scenes, points, "compute_signed_distance")

@@ -63,7 +63,6 @@ class Upright(Shape):
         """Signed distance [m] of points (..., 2) to the outline of the footprint."""
 
     def signed_distance(self, points: np.ndarray) -> np.ndarray:
-        """Distance [m] of points (..., dim) to the surface, negative inside."""
         across = self.footprint_distance(points[..., :2])
         if len(self.low) == 2:
             return across
@@ -90,7 +89,6 @@ class UprightBox(Upright):
         super().__init__(model, dim, self.center - reach, self.center + reach, z - height / 2, z + height / 2)
 
     def footprint_distance(self, points: np.ndarray) -> np.ndarray:
-        """Signed distance [m] to the rectangle."""
         beyond = np.abs((points - self.center) @ self.axes) - self.half
         return np.linalg.norm(np.maximum(beyond, 0.0), axis=-1) + np.minimum(beyond.max(axis=-1), 0.0)
 
@@ -105,7 +103,6 @@ class UprightCylinder(Upright):
         super().__init__(model, dim, low, high, model.base, top)
 
     def footprint_distance(self, points: np.ndarray) -> np.ndarray:
-        """Signed distance [m] to the circle."""
         return np.linalg.norm(points - self.center, axis=-1) - self.radius
 
 
@@ -140,7 +137,6 @@ class Ball(Shape):
         self.low, self.high = self.center - self.radius, self.center + self.radius
 
     def signed_distance(self, points: np.ndarray) -> np.ndarray:
-        """Distance [m] of points (..., dim) to the surface, negative inside."""
         return np.linalg.norm(points - self.center, axis=-1) - self.radius
 
     def horizontal_distance(self, points: np.ndarray, low: float, high: float) -> np.ndarray:
