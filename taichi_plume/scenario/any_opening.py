@@ -131,12 +131,10 @@ class Scheduled(AnyOpening):
 
     @property
     def changes(self) -> "tuple[SpeedAt | VelocityAt, ...]":
-        """The schedule."""
         return vars(self)["schedule"]
 
     @property
     def knots(self) -> tuple[float, ...]:
-        """Times between which the speed changes linearly [s]."""
         return tuple(time for step in self.changes for time in (step.at, step.at + self.ramp))
 
     def share(self, step: Change, t: float) -> float:
@@ -146,7 +144,6 @@ class Scheduled(AnyOpening):
         return min(1.0, (t - step.at) / self.ramp) if self.ramp else 1.0
 
     def remarks(self, where: str, context: Context) -> Iterator[str]:
-        """What changes after the end."""
         yield from super().remarks(where, context)
         end = context.scenario.duration
         for n, step in enumerate(self.changes):
@@ -159,13 +156,11 @@ class FaceOpening(AnyOpening, Region):
 
     @property
     def region(self) -> Region:
-        """Itself."""
         return self
 
     def clashes(
         self, where: str, number: int, openings: "Sequence[Opening]", context: Context
     ) -> Iterator[str]:
-        """It must lie on its face, beside the openings before it."""
         yield from self.on_its_face(where, context)
         for m, other in enumerate(openings[:number]):
             if other.region is not None and self.overlaps(other.region, context.domain):
@@ -184,11 +179,9 @@ class Vent(FaceOpening):
 
     @property
     def warms(self) -> bool:
-        """Whether the air that comes in has a temperature of its own."""
         return self.temperature is not None
 
     def remarks(self, where: str, context: Context) -> Iterator[str]:
-        """An opening that obstacles cover in part."""
         yield from super().remarks(where, context)
         share = self.open_share(context, with_plates=False)
         if LEAST_OPEN <= share < MOSTLY_OPEN:
@@ -198,7 +191,6 @@ class Vent(FaceOpening):
             yield f"{where}: obstacles cover a part of it, {100 * share:.0f} % of its area are open{flow}"
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
-        """A temperature has to have an effect."""
         buoyancy = context.scenario.buoyancy
         if self.warms and (buoyancy is None or buoyancy.heat is None):
             yield (

@@ -32,7 +32,6 @@ class Arena(Model):
         return None
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
-        """It has to lie on the floor."""
         fault = self.fault(context.domain.extent)
         if fault:
             yield f"{where}: {fault}"

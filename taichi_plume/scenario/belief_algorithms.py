@@ -38,7 +38,6 @@ class Declares(AnyAlgorithm):
 
     @property
     def may_declare(self) -> bool:
-        """Whether its robots may say where a source is."""
         return self.declare_spread is not None
 
     @property
@@ -59,7 +58,6 @@ class Declares(AnyAlgorithm):
         return spread is None or spread > self.least_spread
 
     def in_group(self, where: str, group: "Group", floor: "Arena") -> Iterator[str]:
-        """A belief that has to get sure enough."""
         spread = self.declare_spread
         if group.found == "declared" and "declare_spread" not in self.model_fields_set:
             spread = type(self).model_fields["declare_spread"].default
@@ -96,7 +94,6 @@ class AnyInfotaxis(Listening, Declares):
 
     @property
     def threshold(self) -> float:
-        """Mean reading of a detection [ppm]."""
         return self.threshold_ppm
 
     @property
@@ -107,11 +104,9 @@ class AnyInfotaxis(Listening, Declares):
 
     @property
     def least_spread(self) -> float:
-        """That of a single cell [m]."""
         return self.cell / sqrt(6.0)
 
     def unfit(self, where: str, floor: "Arena") -> str | None:
-        """Every cell of its map is looked at, again and again."""
         return ill_sized(f"{where}.algorithm.cell", self.cell, floor.size, MOST_BELIEFS)
 
     def bytes(self, group: "Group", floor: "Arena", tick: float) -> float:

@@ -95,7 +95,6 @@ class Body(Model):
         return self.kind in DRONES
 
     def misfits(self, where: str, dim: int) -> Iterator[str]:
-        """Drones have all figures of theirs and fly in 3-D; others have none of them."""
         yield from super().misfits(where, dim)
         if not self.flies:
             for key in [key for key in WINGED if getattr(self, key) is not None][:1]:

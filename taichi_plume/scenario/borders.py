@@ -89,7 +89,6 @@ class GasSurfaces(Model):
         return self
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
-        """Walls have to lie on their faces and apart, obstacles to be there."""
         yield from wall_faults(f"{where}.walls", self.walls, context)
         yield from obstacle_faults(f"{where}.obstacles", self.obstacles, "surface", context)
 

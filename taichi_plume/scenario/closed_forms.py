@@ -41,7 +41,6 @@ class ClosedForm(OneGas):
 
     @property
     def finest(self) -> float:
-        """Distance [m] of points on a line whose mean tells its integral to a percent."""
         least = min(source.radius for source in getattr(self, self.sources_key))
         return least / 16.0 if self.jumps else least
 
@@ -54,7 +53,6 @@ class ClosedForm(OneGas):
         return sqrt(2.0 * pi) * radius * domain.depth if domain.dim == 2 else 2.0 * pi * radius**2
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
-        """It holds in a uniform wind."""
         wind = context.scenario.wind
         if wind.uniform is None:
             yield (
@@ -97,7 +95,6 @@ class Release(Located):
     """Size of the new puff, as standard deviation."""
 
     def remarks(self, where: str, context: Context) -> Iterator[str]:
-        """It should be released while the run lasts."""
         if self.time >= context.scenario.duration:
             yield f"{where}.time: {self.time:g} s is not before the end at {context.scenario.duration:g} s"
 
@@ -119,7 +116,6 @@ class GaussianPuffGas(ClosedForm):
         return self.releases
 
     def in_wind(self, where: str, wind: UniformWind, context: Context) -> Iterator[str]:
-        """It moves with gusts, from when they begin."""
         yield from super().in_wind(where, wind, context)
         yield from _numbers(f"{where}.diffusivity", self.diffusivity, context.domain.dim, "")
         begin = context.scenario.first_tick * context.scenario.tick
@@ -166,7 +162,6 @@ class ContinuousGas(ClosedForm):
     """
 
     def in_wind(self, where: str, wind: UniformWind, context: Context) -> Iterator[str]:
-        """It takes a steady wind; in a calm gas must not have been emitted for ever."""
         if wind.gusts is not None:
             yield (
                 f"{where}.kind: continuous has no solution in a gusty wind; remove wind.gusts, or use kind: meandering "
@@ -206,7 +201,6 @@ class GaussianPlumeGas(ClosedForm):
         return self
 
     def in_wind(self, where: str, wind: UniformWind, context: Context) -> Iterator[str]:
-        """It takes a steady wind that blows."""
         if not wind.speed:
             yield _calm(where, self.kind)
             return
@@ -251,11 +245,9 @@ class MeanderingGas(ClosedForm):
 
     @property
     def by_chance(self) -> bool:
-        """Its width is drawn, besides the gusts."""
         return self.width_fluctuation > 0
 
     def in_wind(self, where: str, wind: UniformWind, context: Context) -> Iterator[str]:
-        """It takes a wind that blows, and gusts."""
         if not wind.speed:
             yield _calm(where, self.kind)
             return

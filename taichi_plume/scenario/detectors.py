@@ -74,7 +74,6 @@ class PidSensor(GasSensor):
         return Signal(*self._lags(PID_LAG, PID_LAG), noise=self.noise_ppm)
 
     def weight(self, species: str) -> float:
-        """How much a ppm of a species counts."""
         if species in UNSEEN and species not in self.correction:
             return 0.0
         return self.factors[self.calibrated_for] / self.factors.get(species, 1.0)
@@ -85,7 +84,6 @@ class PidSensor(GasSensor):
         return PID_FACTORS | self.correction
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
-        """What it is calibrated for has to have a factor."""
         if self.calibrated_for not in self.factors:
             yield (
                 f"{where}.calibrated_for: there is no correction for '{self.calibrated_for}'; add one, or use "
@@ -93,7 +91,6 @@ class PidSensor(GasSensor):
             )
 
     def remarks(self, where: str, context: Context) -> Iterator[str]:
-        """What is in the air should have a factor."""
         for name in sorted({gas.vapour.name for _, gas in context.scenario.gases} - set(self.factors)):
             if name in UNSEEN:
                 yield f"{where}.kind: a lamp of 10.6 eV does not ionise '{name}': it counts as clean air"
@@ -140,11 +137,9 @@ class TdlasSensor(GasSensor):
         return Signal(*self._lags(TDLAS_LAG, TDLAS_LAG), noise=self.noise_ppm_m)
 
     def weight(self, species: str) -> float:
-        """It sees one."""
         return float(species == self.species)
 
     def remarks(self, where: str, context: Context) -> Iterator[str]:
-        """What it is tuned to should be in the air."""
         gases = sorted({gas.vapour.name for _, gas in context.scenario.gases})
         if self.species not in gases:
             there = f"the gas is {', '.join(gases)}" if gases else "there is no gas"
@@ -166,5 +161,4 @@ class IdealGasSensor(GasSensor):
         return Signal(*self._lags(0.0, 0.0), noise=self.noise_ppm)
 
     def weight(self, species: str) -> float:
-        """All count alike."""
         return 1.0

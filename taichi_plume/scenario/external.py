@@ -24,7 +24,6 @@ class External(AnyAlgorithm):
 
     @property
     def placed(self) -> bool:
-        """Whether its robots are put to poses from outside."""
         return self.takes == "pose"
 
     @property
@@ -33,6 +32,5 @@ class External(AnyAlgorithm):
         return True
 
     def in_group(self, where: str, group: "Group", floor: "Arena") -> Iterator[str]:
-        """Real robots tell where they are, and do not wait."""
         if self.placed and group.odometry is not None:
             yield f"{where}.odometry: its robots are told where they are from outside (takes: pose); remove it"

@@ -72,7 +72,6 @@ class ParticleFilter(Casting, Declares):
         return max(1, ceil(self.memory / self.period - 1e-9))
 
     def unfit(self, where: str, floor: "Arena") -> str | None:
-        """Beliefs are told in cells."""
         return ill_sized(f"{where}.algorithm.cell", self.cell, floor.size, MOST_CELLS)
 
     def bytes(self, group: "Group", floor: "Arena", tick: float) -> float:
@@ -127,16 +126,13 @@ class HitMap(Listening, Declares):
 
     @property
     def threshold(self) -> float:
-        """Mean reading of a hit [ppm]."""
         return self.threshold_ppm
 
     @property
     def least_spread(self) -> float:
-        """That of a single cell [m]."""
         return self.cell / sqrt(6.0)
 
     def unfit(self, where: str, floor: "Arena") -> str | None:
-        """It knows the way from each cell to each."""
         return ill_sized(f"{where}.algorithm.cell", self.cell, floor.size, MOST_PLACES)
 
     def bytes(self, group: "Group", floor: "Arena", tick: float) -> float:

@@ -62,7 +62,6 @@ class EulerianGas(OneGas):
         return 2.0 * r * domain.depth if domain.dim == 2 else pi * r**2
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
-        """What evaporates must do so, and air come in that carries gas."""
         yield from dishes(where, self.vapour, self.sources)
         yield from inflow_faults(f"{where}.inflow", self.inflow, context)
 
@@ -137,11 +136,9 @@ class PuffGas(OneGas):
 
     @property
     def by_chance(self) -> bool:
-        """Puffs stray."""
         return True
 
     def misfits(self, where: str, dim: int) -> Iterator[str]:
-        """Nothing sinks in a view from above."""
         if self.buoyancy and dim == 2:
             yield f"{where}.buoyancy: is for 3-D runs; remove it, or give domain.size three numbers"
         yield from super().misfits(where, dim)
@@ -151,7 +148,6 @@ class PuffGas(OneGas):
         return 4.0 * (5 * dim + 11) * self.most
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
-        """Puffs have to fit the domain, come in a number that there is room for, and do not weigh."""
         yield from dishes(where, self.vapour, self.sources)
         at_once, tick = self.release_rate * len(self.sources), context.scenario.tick
         if at_once * tick > self.most:
@@ -229,7 +225,6 @@ class MixtureGas(Model):
         return self.model_copy(update={"parts": parts})
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
-        """A name is that of one species."""
         names: dict[str, Species] = {}
         for path, gas in self.alone(where):
             other = names.setdefault(gas.vapour.name, gas.vapour)

@@ -119,7 +119,6 @@ class Heat(Model):
         return found
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
-        """Walls have to lie on their faces and apart, temperatures be those of obstacles that there are."""
         yield from wall_faults(f"{where}.walls", self.walls, context)
         yield from obstacle_faults(f"{where}.obstacles", self.obstacles, "temperature", context)
 
@@ -140,7 +139,6 @@ class Buoyancy(Model):
         return self.gravity or (0.0,) * (dim - 1) + (-9.81,)
 
     def misfits(self, where: str, dim: int) -> Iterator[str]:
-        """Which way is down has to be known."""
         if dim == 2 and self.gravity is None:
             yield (
                 f"{where}.gravity: is missing; a 2-D run is a view from above, give [0, -9.81] to make it an "

@@ -63,7 +63,6 @@ class ImportedWind(AnyWind, Played):
     """Turbulent Schmidt number: eddy viscosity over eddy diffusivity of gas. A smaller one mixes gas more."""
 
     def misfits(self, where: str, dim: int) -> Iterator[str]:
-        """Faces and sections that there are not."""
         yield from super().misfits(where, dim)
         for n, face in enumerate(self.walls):
             if "xyz".index(face[0]) >= dim:

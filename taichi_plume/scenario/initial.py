@@ -63,7 +63,6 @@ class Initial(Model):
         return _lattice([(np.arange(n) + 0.5) * domain.spacing for n in domain.shape])
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
-        """Formulas need a value of the right size wherever there is air."""
         try:
             for key, places, values in self.on_grid(context.domain, self._units(where, context)):
                 bad = ~((values >= self.least) & (values <= self.most))
@@ -101,7 +100,6 @@ class FilmedInitial(Initial):
     """Of its formulas."""
 
     def unusable(self, where: str, context: Context) -> Iterator[str]:
-        """The film has to show enough."""
         if self.film is None:
             return
         film, domain = context.resources.films[where], context.domain
@@ -135,7 +133,6 @@ class InitialWind(FilmedInitial):
 
     @property
     def formulas(self) -> tuple[tuple[str, str], ...]:
-        """Of each component."""
         return tuple((f"velocity[{d}]", text) for d, text in enumerate(self.velocity or ()))
 
     def _places(self, domain: "Domain", d: int) -> list[np.ndarray]:
@@ -163,7 +160,6 @@ class InitialGas(FilmedInitial):
 
     @property
     def formulas(self) -> tuple[tuple[str, str], ...]:
-        """That of the concentration."""
         return () if self.concentration is None else (("concentration", self.concentration),)
 
     def _units(self, where: str, context: Context) -> Units:
@@ -180,7 +176,6 @@ class InitialHeat(Initial):
 
     @property
     def formulas(self) -> tuple[tuple[str, str], ...]:
-        """That of the temperature."""
         return (("temperature", self.temperature),)
 
 

@@ -121,7 +121,6 @@ class Spiral(Listening):
     """Random SPIRAL, to compare with: the index is drawn between 0 and 1, and nothing is smelt."""
 
     def bytes(self, group: "Group", floor: "Arena", tick: float) -> float:
-        """Of the samples of an acquisition, which every robot keeps."""
         return 4.0 * group.count * group.trials * self.acquisition / max(self.sample_period, tick)
 
 

@@ -18,7 +18,6 @@ class Located(Model):
     """Where its middle is, per axis. It has to be in the air: in the room and outside of all obstacles."""
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
-        """It has to be in the domain and outside of all obstacles."""
         position = self.position
         extent = context.domain.extent
         outside = [a for a, x in enumerate(position) if not 0 <= x <= extent[a]]

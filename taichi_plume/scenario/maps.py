@@ -51,7 +51,6 @@ class AnyMap(Model):
         return 40.0 * prod(extent / self.cell for extent in size[:2])
 
     def remarks(self, where: str, context: Context) -> Iterator[str]:
-        """It should be made once within a run."""
         window = vars(self).get("window") or 0.0
         if window > context.scenario.duration:
             yield (
@@ -76,7 +75,6 @@ class Snaps(AnyMap):
     """Distances below it count as it; unless given, half a cell."""
 
     def bytes(self, size: tuple[float, ...], readings: float) -> float:
-        """With the samples of a snap."""
         return super().bytes(size, readings) + 12.0 * readings * self.window
 
 
@@ -127,7 +125,6 @@ class TimeSeriesMap(Snaps):
             snaps //= 2
 
     def unfit(self, where: str, size: tuple[float, ...]) -> str | None:
-        """The neighbourhood is a list, gone through for every cell at each snap."""
         line = super().unfit(where, size)
         reach = min(max(size[:2]) / self.cell, self.beta / self.alpha / self.cell + 1.0)
         members = self.lags * (2.0 * reach + 1.0) ** 2
@@ -192,7 +189,6 @@ class KernelMap(AnyMap):
         return {}
 
     def bytes(self, size: tuple[float, ...], readings: float) -> float:
-        """With the latest readings."""
         return super().bytes(size, readings) + 70.0 * self.exact
 
 
@@ -216,12 +212,10 @@ class MarkovMap(AnyMap):
         return {"memory": None}
 
     def bytes(self, size: tuple[float, ...], readings: float) -> float:
-        """With a block of its matrix for each column."""
         long, short = sorted((extent / self.cell for extent in size[:2]), reverse=True)
         return super().bytes(size, readings) + 8.0 * long * short**2
 
     def unfit(self, where: str, size: tuple[float, ...]) -> str | None:
-        """Its columns must not be too long."""
         width = min(size[:2])
         line = super().unfit(where, size)
         if line is None and width / self.cell > MOST_FIELD_COLUMN:

@@ -188,7 +188,6 @@ class Heater(Model):
         return exp(-self.activation_energy / BOLTZMANN * (1.0 / self.cold - 1.0 / self.hot))
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
-        """Hot is hotter."""
         if self.hot <= self.cold:
             yield f"{where}.hot: {self.hot:g} K is not above cold: {self.cold:g} K; make it hotter"
 
@@ -266,7 +265,6 @@ class MoxSensor(GasSensor):
 
     @property
     def cycled(self) -> bool:
-        """Whether its heater is switched."""
         return self.heater is not None
 
     def curve(self, species: str) -> tuple[float, float] | None:
@@ -285,12 +283,10 @@ class MoxSensor(GasSensor):
         return model.c0 if self.bend(species) else model.c0 / curve[0]
 
     def bend(self, species: str) -> tuple[float, float] | None:
-        """c1 [ppm] and p where a species counts as the power law a ((1 + c/c1)^p - 1), a its `weight`; else None."""
         curve, b = self.curve(species), MOX_MODELS[self.model].b
         return None if curve is None or curve[1] == b else (curve[0], curve[1] / b)
 
     def reads(self, species: str, ppm: float) -> float:
-        """What it reads in the long run of so much of one species alone [ppm]."""
         felt, read = self.curve(species), self.reading_curve
         if felt is None or felt[1] == read[1]:
             return 0.0 if felt is None else ppm * (read[0] / felt[0])
@@ -303,7 +299,6 @@ class MoxSensor(GasSensor):
         return self.curve(self.calibrated_for or model.gas) or (model.c0, model.b)
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
-        """What it is calibrated for has to be felt, in a way that is known."""
         model, gas = MOX_MODELS[self.model], self.calibrated_for
         known = {model.gas, *model.others, *(name for name, share in self.sensitivity.items() if share)}
         if gas is not None and gas not in known:
@@ -313,7 +308,6 @@ class MoxSensor(GasSensor):
             )
 
     def remarks(self, where: str, context: Context) -> Iterator[str]:
-        """A misspelt species would not count, and others are not known."""
         gases, model = {gas.vapour.name for _, gas in context.scenario.gases}, MOX_MODELS[self.model]
         for name in sorted(set(self.sensitivity) - gases):
             yield f"{where}.sensitivity: '{name}' is not in the air of this scenario; is its name right?"

@@ -38,7 +38,6 @@ class MovieGas(OneGas, Played):
     """Places that robots search for, which no movie tells; they emit nothing, the plume is given."""
 
     def unusable(self, where: str, context: Context) -> Iterator[str]:
-        """Its pictures have to lie in the domain, and there has to be something to show at the start."""
         movie, extent = context.resources.movies[where], context.domain.extent
         (x, y), (width, height) = movie.origin, movie.size
         if not (x < extent[0] and y < extent[1] and x + width > 0 and y + height > 0):
@@ -53,6 +52,5 @@ class MovieGas(OneGas, Played):
             )
 
     def remarks(self, where: str, context: Context) -> Iterator[str]:
-        """Robots need something to search for."""
         if not self.sources and context.scenario.robots:
             yield f"{where}.sources: none, and a movie tells of none: no robot can find any; give their places"

@@ -38,7 +38,6 @@ class AnyObstacle(Model):
     """What every obstacle has to be."""
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
-        """It has to be in the domain, on all of its way; `where` is obstacles[n]."""
         shape, domain = context.resources.shapes[where], context.domain
         extent, size = np.array(domain.extent), shape.high - shape.low
         beyond = (shape.high <= 0) | (shape.low >= extent)
@@ -59,7 +58,6 @@ class AnyObstacle(Model):
             yield from self.motion.clashes(where, self.center, shape, domain)
 
     def remarks(self, where: str, context: Context) -> Iterator[str]:
-        """What of it has no effect: what lies beyond the walls, and what is too thin for the grid."""
         shape, domain = context.resources.shapes[where], context.domain
         if vars(self).get("motion") is not None:
             if context.scenario.wind.computed is None:
@@ -135,7 +133,6 @@ class Box(AnyObstacle):
     """A walk over the floor, which stirs the air of a computed wind; unless given, it stands."""
 
     def surface(self, domain: Domain) -> float:
-        """Of its six faces, in 2-D of four."""
         x, y = self.size[:2]
         return _upright(2.0 * (x + y), x * y, self.size[-1], domain)
 
@@ -156,7 +153,6 @@ class Box(AnyObstacle):
 
     @property
     def thinnest(self) -> float:
-        """Its shortest edge [m]."""
         return min(self.size)
 
 
@@ -176,7 +172,6 @@ class Cylinder(AnyObstacle):
     """A walk over the floor, which stirs the air of a computed wind; unless given, it stands."""
 
     def surface(self, domain: Domain) -> float:
-        """Of its side and its ends."""
         r = self.radius
         return _upright(2.0 * pi * r, pi * r**2, self.height or inf, domain)
 
@@ -197,7 +192,6 @@ class Cylinder(AnyObstacle):
 
     @property
     def thinnest(self) -> float:
-        """Its diameter or its height [m]."""
         return min(2.0 * self.radius, self.height or inf)
 
 
@@ -213,7 +207,6 @@ class Sphere(AnyObstacle):
     """A walk over the floor, which stirs the air of a computed wind; unless given, it stands."""
 
     def surface(self, domain: Domain) -> float:
-        """In 2-D of a disc."""
         return 2.0 * pi * self.radius if domain.dim == 2 else 4.0 * pi * self.radius**2
 
     @property
@@ -233,7 +226,6 @@ class Sphere(AnyObstacle):
 
     @property
     def thinnest(self) -> float:
-        """Its diameter [m]."""
         return 2.0 * self.radius
 
 
@@ -249,13 +241,11 @@ class Prism(Standing):
     """Length from its base upward; unless given, it reaches the ceiling. 3-D only."""
 
     def surface(self, domain: Domain) -> float:
-        """Of its sides and its ends."""
         corners = np.array(self.vertices)
         around = float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).sum())
         return _upright(around, abs(_twice_area(corners)) / 2, self.height or inf, domain)
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
-        """Its outline has to be one."""
         yield from _outline(f"{where}.vertices", np.array(self.vertices))
         yield from super().problems(where, context)
 
@@ -301,7 +291,6 @@ class WallMap(Standing):
     """Length from their base upward; unless given, they reach the ceiling. 3-D only."""
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
-        """It may reach far beyond the domain, but has to tell of all or of some of it."""
         plan, extent = self._shape(where, context), np.array(context.domain.extent[:2])
         if (plan.high[:2] <= 0).any() or (plan.low[:2] >= extent).any():
             (low, high), at = plan.reach, np.array(self.origin or (0, 0))
@@ -312,7 +301,6 @@ class WallMap(Standing):
             )
 
     def remarks(self, where: str, context: Context) -> Iterator[str]:
-        """A domain that reaches beyond the map, and one without walls."""
         plan, domain = self._shape(where, context), context.domain
         low, high = plan.low[:2], plan.high[:2]
         if (low > domain.spacing).any() or (high < np.array(domain.extent[:2]) - domain.spacing).any():

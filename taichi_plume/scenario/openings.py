@@ -55,7 +55,6 @@ class Jet(Scheduled, Vent):
 
     @property
     def by_chance(self) -> bool:
-        """What it blows is turbulent."""
         return self.turbulence_intensity > 0
 
     @property
@@ -65,20 +64,16 @@ class Jet(Scheduled, Vent):
 
     @property
     def label(self) -> str:
-        """With the speed."""
         return super().label if self.speed is None else f"{super().label} {self.speed:g} m/s"
 
     @property
     def lets_out(self) -> bool:
-        """Without a speed it is an outlet."""
         return not self.blows
 
     def top_speed(self, domain: Domain) -> float:
-        """Largest scheduled speed [m/s]."""
         return max(abs(speed) for speed in (self.speed or 0.0, *(step.speed for step in self.schedule)))
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
-        """Its eddies have to fit the room."""
         yield from super().problems(where, context)
         most = max(context.domain.extent)
         if self.turbulence_length is not None and self.turbulence_length > most:
@@ -88,7 +83,6 @@ class Jet(Scheduled, Vent):
             )
 
     def remarks(self, where: str, context: Context) -> Iterator[str]:
-        """Eddies that the cells cannot carry, and what blows all the time inwards."""
         yield from super().remarks(where, context)
         length, cell = self.turbulence_length, context.domain.spacing
         if length is not None and self.by_chance and length < CARRIED * cell * (1.0 - 1e-6):
@@ -107,7 +101,6 @@ class Jet(Scheduled, Vent):
         return speed
 
     def inflow(self, t: float, domain: Domain) -> float:
-        """Air that is blown in at time t [m³/s]."""
         return self.speed_at(t) * self.area(domain.extent, domain.depth)
 
 
@@ -149,12 +142,10 @@ class Fan(Jet):
 
     @property
     def blows(self) -> bool:
-        """A fan always blows."""
         return True
 
     @property
     def follows_pressure(self) -> bool:
-        """With a curve."""
         return self.curve is not None
 
     def top_speed(self, domain: Domain) -> float:
@@ -163,7 +154,6 @@ class Fan(Jet):
         return max(free, super().top_speed(domain))
 
     def misfits(self, where: str, dim: int) -> Iterator[str]:
-        """A 2-D run has no swirl."""
         if dim == 2 and self.swirl != 0:
             yield f"{where}.swirl: a 2-D run has no swirl; remove it, or give domain.size three numbers"
         yield from super().misfits(where, dim)
@@ -181,7 +171,6 @@ class Inlet(Jet):
     table."""
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
-        """Its profile has to fit it."""
         yield from super().problems(where, context)
         if not isinstance(self.profile, str):
             yield from self.profile.unfit(f"{where}.profile", self, context.domain)
@@ -205,7 +194,6 @@ class Outlet(Vent):
 
     @property
     def lets_out(self) -> bool:
-        """Always."""
         return True
 
 
@@ -226,7 +214,6 @@ class MovingWall(Scheduled, FaceOpening):
     """Velocities from given times on; before the first, `velocity` holds."""
 
     def top_speed(self, domain: Domain) -> float:
-        """Its own, the largest scheduled one [m/s]."""
         return max(hypot(*self.velocity), *(step.speed for step in self.schedule), 0.0)
 
     def _velocity_at(self, t: float) -> np.ndarray:
@@ -246,7 +233,6 @@ class MovingWall(Scheduled, FaceOpening):
     def clashes(
         self, where: str, number: int, openings: "Sequence[Opening]", context: Context
     ) -> Iterator[str]:
-        """It must not move out of its plane either."""
         yield from super().clashes(where, number, openings, context)
         told = [(f"{where}.velocity", self.velocity)]
         told += [(f"{where}.schedule[{n}].velocity", step.velocity) for n, step in enumerate(self.schedule)]
@@ -268,11 +254,9 @@ class Periodic(AnyOpening):
 
     @property
     def wraps(self) -> str:
-        """Its axis."""
         return self.axis
 
     def misfits(self, where: str, dim: int) -> Iterator[str]:
-        """A 2-D run has no z."""
         if dim == 2 and self.axis == "z":
             yield f"{where}.axis: 'z' does not exist in a 2-D run; use x or y"
         yield from super().misfits(where, dim)
@@ -280,7 +264,6 @@ class Periodic(AnyOpening):
     def clashes(
         self, where: str, number: int, openings: "Sequence[Opening]", context: Context
     ) -> Iterator[str]:
-        """Nothing else may be on the faces of its axis."""
         if any(other.wraps == self.axis for other in openings[:number]):
             yield f"{where}: axis {self.axis} is periodic already; remove one"
         for m, other in enumerate(openings):

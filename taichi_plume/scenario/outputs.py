@@ -46,7 +46,6 @@ class Section(Model):
         return 1 if along_x else 0
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
-        """It has to be in the domain."""
         extent = context.domain.extent
         axis = self.normal(extent)
         if self.at is not None and len(extent) == 3 and self.at > extent[axis]:
@@ -77,7 +76,6 @@ class Recording(Model):
     the arena, and all of its way where there are but one or two robots."""
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
-        """Planes have to be in the domain, and scales to ascend."""
         extent = context.domain.extent
         for height in self.slice_height or ():
             if len(extent) == 3 and height > extent[2]:
@@ -97,7 +95,6 @@ class Checkpoint(Model):
     """Simulated time between checkpoints, in whole ticks; instead of `wall`."""
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
-        """One of the two is enough."""
         if self.wall is not None and self.every is not None:
             yield f"{where}: has wall and every; give one of them"
 
@@ -109,7 +106,6 @@ class Forces(Model):
     """Time between its rows, in whole ticks; step: rows after each step of the air."""
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
-        """Between ticks there are only steps."""
         tick = context.scenario.tick
         if self.every != "step" and self.every < tick * (1 - CLOSE):
             yield f"{where}.every: {self.every:g} s is shorter than a tick of {tick:g} s; use step, or lower tick"
@@ -130,7 +126,6 @@ class Fields(Model):
     """What to film; temperature only where it is solved for (`buoyancy: {heat: ...}` of the wind)."""
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
-        """There is at most a frame per tick, one before the end, and something in it."""
         tick = context.scenario.tick
         if self.rate * tick > 1 + 1e-9:
             yield (
@@ -158,7 +153,6 @@ class PlumeLog(Model):
     """Height of the nodes over the floor, in 3-D; the log itself is flat."""
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
-        """Its frames have to come at whole milliseconds and ticks, its nodes to be in the domain."""
         domain, tick = context.domain, context.scenario.tick
         ticks = 1 / (self.rate * tick)
         whole = max(1, round(ticks))

@@ -33,7 +33,6 @@ class Playback(Played):
     """Path of a fields.zarr that an earlier run wrote, relative to the scenario's folder."""
 
     def unusable(self, where: str, context: Context) -> Iterator[str]:
-        """The film has to be whole, of the same domain and obstacles, and with what is asked of it."""
         film = context.resources.films[where]
         held = [name for name, variables in (("wind", film.wind), ("gas", film.gas)) if variables]
         if self.part not in held:
@@ -92,7 +91,6 @@ class PointPlayback(Played):
     the nearest point counts, as in PlumeSim."""
 
     def unusable(self, where: str, context: Context) -> Iterator[str]:
-        """Some of the points have to be in the domain, and there has to be something to show at the start."""
         frames, extent = context.resources.frames[where], context.domain.extent
         place = frames.place + np.array(self.offset)
         low, high = place.min(axis=0), place.max(axis=0)
@@ -122,7 +120,6 @@ class PlumeSimWind(AnyWind, PlumeSimLog):
     kind: Literal["plumesim_log"]
 
     def unusable(self, where: str, context: Context) -> Iterator[str]:
-        """What a wind that is known at points only cannot do."""
         yield from super().unusable(where, context)
         scenario = context.scenario
         for path, gas in scenario.gases:

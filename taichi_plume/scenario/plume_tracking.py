@@ -45,7 +45,6 @@ class PlumeTracking(AnyAlgorithm):
 
     @property
     def threshold(self) -> float:
-        """Of the plume [ppm]."""
         return self.threshold_ppm
 
 
@@ -78,7 +77,6 @@ class Casting3D(PlumeTracking):
     """Highest altitude at which it searches; below the ceiling."""
 
     def in_group(self, where: str, group: "Group", floor: "Arena") -> Iterator[str]:
-        """Its robots have to fly, and somewhere."""
         if not group.body.flies:
             yield f"{where}.algorithm: casting_3d is for drones; give body.kind: drone, or use casting"
         if self.lowest >= self.highest:

@@ -112,7 +112,6 @@ class PlumeSimPuff(PercentGas):
         return self
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
-        """It has to be released in the domain, on nodes that are neither too many nor none."""
         yield from _release(where, self.release_point, context.domain)
         yield from nodes(where, self.cell, context.domain)
 
@@ -138,11 +137,9 @@ class PlumeSimMeander(PercentGas):
 
     @property
     def by_chance(self) -> bool:
-        """Its points are strewn."""
         return True
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
-        """It has to be released in the domain, with room downwind."""
         lines = list(_release(where, self.release_point, context.domain))
         yield from lines
         x, width = self.release_point[0], context.domain.extent[0]

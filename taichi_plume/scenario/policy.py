@@ -68,7 +68,6 @@ class Policy(AnyAlgorithm):
 
     @property
     def may_declare(self) -> bool:
-        """Whether its robots may say where a source is."""
         return self.declares
 
     @model_validator(mode="after")
@@ -85,14 +84,12 @@ class Policy(AnyAlgorithm):
         return max(1, round(self.period / tick))
 
     def in_group(self, where: str, group: "Group", floor: "Arena") -> Iterator[str]:
-        """Mates have to be there to be observed."""
         if "mates" in self.observe and group.count == 1:
             yield f"{where}.algorithm.observe: mates, but count is 1: there are none; leave the entry out"
         if "noses" in self.observe and len(group.sensors.noses) == 1:
             yield f"{where}.algorithm.observe: noses, but there is one gas sensor; leave the entry out, or list more"
 
     def remarks(self, where: str, context: "Context") -> Iterator[str]:
-        """A network that is still to be learnt, and a period that ticks do not make."""
         if not self.file:
             yield f"{where}.file: not given; a policy can be learnt in taichi_plume.envs, but not run without a file"
         tick = context.scenario.tick

@@ -38,7 +38,6 @@ class Probe(Model):
         return 1
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
-        """All have to be in the air."""
         if self.size > MOST_POINTS:
             return  # all probes together are told
         places, extent = self.places, context.domain.extent
@@ -73,7 +72,6 @@ class ProbePoint(Probe):
 
     @property
     def places(self) -> np.ndarray:
-        """The point."""
         return np.array([self.at])
 
 
@@ -91,12 +89,10 @@ class ProbeLine(Probe):
 
     @property
     def size(self) -> int:
-        """As many as it counts."""
         return self.count
 
     @property
     def places(self) -> np.ndarray:
-        """From start to end."""
         return np.linspace(self.start, self.end, self.count)
 
 
@@ -114,7 +110,6 @@ class ProbeGrid(Probe):
 
     @property
     def size(self) -> int:
-        """Of all axes."""
         return prod(self.counts)
 
     @property
@@ -156,7 +151,6 @@ class Probes(Model):
         return self.samples(scenario) * self.size * numbers * BYTES_PER_NUMBER
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
-        """They need names of their own, an end after their begin, and room."""
         if self.size > MOST_POINTS:
             yield f"{where}.points: are {self.size:,} points, at most {MOST_POINTS:,} are taken; use fewer"
         first: dict[str, int] = {}
@@ -172,7 +166,6 @@ class Probes(Model):
             )
 
     def remarks(self, where: str, context: Context) -> Iterator[str]:
-        """Large tables take the disk, and points between steps tell nothing new."""
         scenario = context.scenario
         step = min(scenario.tick, scenario.wind.longest_step(scenario))
         if self.every != "step" and self.every < 0.5 * step:

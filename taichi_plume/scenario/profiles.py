@@ -54,7 +54,6 @@ class HeightProfile(Model):
         raise NotImplementedError
 
     def misfits(self, where: str, dim: int) -> Iterator[str]:
-        """A 2-D run has no faces along z."""
         yield from super().misfits(where, dim)
         for face in self.walls:
             if "xyz".index(face[0]) >= dim:
@@ -139,7 +138,6 @@ class TableProfile(HeightProfile):
         return np.interp(heights, self.heights, self.speeds)
 
     def _lacks(self, where: str, heights: np.ndarray, domain: Domain) -> Iterator[str]:
-        """It has to cover the opening."""
         rounded = 0.5 * domain.spacing + 1e-6  # of the domain to whole cells
         if self.heights[0] > heights.min() + 1e-6 or self.heights[-1] < heights.max() - rounded:
             yield (

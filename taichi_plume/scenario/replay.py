@@ -42,11 +42,9 @@ class Replay(AnyAlgorithm):
 
     @property
     def placed(self) -> bool:
-        """Its robots are put to recorded poses."""
         return True
 
     def in_group(self, where: str, group: "Group", floor: "Arena") -> Iterator[str]:
-        """Its robots err in nothing that is not recorded."""
         if group.odometry is not None:
             yield f"{where}.odometry: its robots are where they were recorded to be (kind: replay); remove it"
         if self.robots and len(self.robots) != group.count:
@@ -56,7 +54,6 @@ class Replay(AnyAlgorithm):
             )
 
     def problems(self, where: str, context: "Context") -> Iterator[str]:
-        """The recording has to hold its robots, on the floor."""
         there = [one.name for one in context.resources.ways[where]]
         count = _group(where, context).count
         listed = ", ".join(there[:MOST_LISTED]) + (" ..." if len(there) > MOST_LISTED else "")
@@ -80,7 +77,6 @@ class Replay(AnyAlgorithm):
                 )
 
     def remarks(self, where: str, context: "Context") -> Iterator[str]:
-        """What of a way is not gone as it was."""
         size = np.array(context.domain.extent[:2])
         chosen = self.chosen(context.resources.ways[where], _group(where, context).count)
         for one in chosen:

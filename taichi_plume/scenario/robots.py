@@ -141,7 +141,6 @@ class Group(Model):
         return None if self.misfit(floor) else self.start.places(self.count)
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
-        """Bodies, sensors and places have to fit the floor, and algorithms what they are given."""
         scenario = context.scenario
         if scenario.arena is not None and scenario.arena.fault(context.domain.extent):
             return
@@ -165,7 +164,6 @@ class Group(Model):
         yield from self.algorithm.in_group(where, self, scenario.floor)
 
     def remarks(self, where: str, context: Context) -> Iterator[str]:
-        """What keeps its robots from doing or finding anything."""
         stands = getattr(self.algorithm, "speed", None) == 0
         if self.reach == 0 and not (stands or context.scenario.maps):  # robots that measure or map need none
             yield f"{where}.reach: 0 m: its robots do not search, none will count as having found a source"

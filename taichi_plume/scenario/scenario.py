@@ -207,14 +207,12 @@ class Scenario(Model):
         return ceil(self.duration / self.tick - 1e-9)
 
     def misfits(self, where: str, dim: int) -> Iterator[str]:
-        """Ticks are counted."""
         ticks = (self.warm_up + self.duration) / self.tick
         if ticks > MOST_TICKS:
             yield f"tick: {self.tick:g} s makes {ticks:.3g} ticks, at most {MOST_TICKS:g} are counted; raise it"
         yield from super().misfits(where, dim)
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
-        """Robots must not overlap, nor two groups have one name, by which tables and recordings tell them apart."""
         first: dict[str, int] = {}
         names: list[tuple[str, int]] = []
         discs: list[tuple[np.ndarray, float]] = []

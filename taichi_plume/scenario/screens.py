@@ -26,11 +26,9 @@ class Screen(Window):
 
     @property
     def normal(self) -> int:
-        """The axis through the screen."""
         return "xyz".index(self.axis)
 
     def level(self, extent: tuple[float, ...]) -> float:
-        """Where its middle is along the axis [m]."""
         return self.at
 
     def losses(self, viscosity: float) -> tuple[float, float]:
@@ -38,13 +36,11 @@ class Screen(Window):
         raise NotImplementedError
 
     def misfits(self, where: str, dim: int) -> Iterator[str]:
-        """A 2-D run has no z."""
         if dim == 2 and self.axis == "z":
             yield f"{where}.axis: 'z' does not exist in a 2-D run; use x or y"
         yield from super().misfits(where, dim)
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
-        """There has to be air on both sides of it, and a cell that it covers."""
         domain = context.domain
         half = max(self.thickness, domain.spacing) / 2
         low, high = half + domain.spacing, domain.extent[self.normal] - half - domain.spacing
@@ -83,7 +79,6 @@ class Straightener(Screen):
         return self
 
     def losses(self, viscosity: float) -> tuple[float, float]:
-        """(a, b) of the pressure drop (a + b |u|) u over the density."""
         if self.cell is None:
             return 0.0, (2.0 if self.loss_coefficient is None else self.loss_coefficient) / 2.0
         return 60.2 / 2.0 * viscosity * self.thickness / self.cell**2, 0.6
@@ -99,7 +94,6 @@ class Perforated(Screen):
     transverse: Coefficient = 1.0
 
     def losses(self, viscosity: float) -> tuple[float, float]:
-        """(a, b) of the pressure drop (a + b |u|) u over the density."""
         return 0.0, self.loss_coefficient / 2.0
 
 

@@ -84,7 +84,6 @@ class Puffing(Model):
 
     @property
     def by_chance(self) -> bool:
-        """Unless all are the same."""
         return self.spread > 0
 
 
@@ -131,7 +130,6 @@ class Source(Located):
         return self
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
-        """The radius must be that of the dish, if there is one."""
         yield from super().problems(where, context)
         half = 0.5 * self.dish.diameter if self.dish else self.radius
         spreads = half < self.radius <= context.domain.spacing * (1 + 1e-6)
@@ -142,7 +140,6 @@ class Source(Located):
             )
 
     def remarks(self, where: str, context: Context) -> Iterator[str]:
-        """It should emit something while the run lasts."""
         if self.rate == 0:
             yield f"{where}.rate: 0 kg/s: it emits nothing"
         yield from unheard(where, self.start, self.stop, context)
@@ -155,7 +152,6 @@ class Target(Source):
     """Without effect here: the plume is given, and robots search for this place."""
 
     def remarks(self, where: str, context: Context) -> Iterator[str]:
-        """It is not meant to emit."""
         yield from ()
 
 

@@ -60,15 +60,12 @@ class StartAt(AnyStart):
 
     @property
     def listed(self) -> np.ndarray:
-        """The positions."""
         return np.array(self.positions)
 
     def places(self, count: int) -> np.ndarray | None:
-        """The positions, where there are so many."""
         return self.listed if len(self.positions) == count else None
 
     def clashes(self, where: str, body: "Body", count: int, context: Context) -> Iterator[str]:
-        """There have to be as many positions as robots, all of them free."""
         if len(self.positions) != count:
             yield (
                 f"{where}.positions: {len(self.positions)} given for {count} robots; give one position per robot"
@@ -87,11 +84,9 @@ class StartLine(AnyStart):
     """Place of the last robot, x and y; the others are at equal distances between."""
 
     def places(self, count: int) -> np.ndarray:
-        """So many on the line."""
         return np.linspace(self.begin, self.end, count)
 
     def clashes(self, where: str, body: "Body", count: int, context: Context) -> Iterator[str]:
-        """The line has to be free."""
         yield from touching(where, body, self.places(count), context, self.low_end(body))
 
 
@@ -105,7 +100,6 @@ class StartArea(AnyStart):
     """Upper corner of the rectangle in which the centres are drawn, x and y."""
 
     def clashes(self, where: str, body: "Body", count: int, context: Context) -> Iterator[str]:
-        """So many discs have to find room at random where their centres may be."""
         low, high = np.array(self.low), np.array(self.high)
         if (high < low).any():
             yield f"{where}.high: must not be below low, got {self.high} under {self.low}"

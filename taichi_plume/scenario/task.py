@@ -63,7 +63,6 @@ class Task(Model):
         return 2.0 * self.episode if self.film is None else self.film
 
     def problems(self, where: str, context: "Context") -> Iterator[str]:
-        """Films have to last, and to be asked for."""
         if self.film is not None and self.film < self.episode:
             yield (
                 f"{where}.film: {self.film:g} s is shorter than an episode of {self.episode:g} s; make it longer, or "

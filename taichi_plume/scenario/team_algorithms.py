@@ -111,11 +111,9 @@ class Dapso(Listening):
 
     @property
     def threshold(self) -> float:
-        """While the best reading known is smaller, it explores [ppm]."""
         return self.threshold_ppm
 
     def in_group(self, where: str, group: "Group", floor: "Arena") -> Iterator[str]:
-        """There has to be air between walls, and memory for the messages."""
         crowded = list(_crowded(where, self.avoidance, group, floor))
         yield from crowded
         if crowded:
@@ -123,7 +121,6 @@ class Dapso(Listening):
         yield from too_many_messages(where, [group])
 
     def bytes(self, group: "Group", floor: "Arena", tick: float) -> float:
-        """Of what every robot heard last from each other of its team."""
         return 24.0 * group.trials * group.count**2
 
 
@@ -155,7 +152,6 @@ class LineUp(AnyAlgorithm):
     """Air to others and to walls below which they push the robot away."""
 
     def in_group(self, where: str, group: "Group", floor: "Arena") -> Iterator[str]:
-        """There has to be air between walls, and room for the line."""
         crowded = list(_crowded(where, self.avoidance, group, floor))
         yield from crowded
         if crowded:
@@ -205,7 +201,6 @@ class Sweep(AnyAlgorithm):
         return axis, max(ceil(size[1 - axis] / self.lane - 1e-9), robots)
 
     def unfit(self, where: str, floor: "Arena") -> str | None:
-        """Way points are kept of all lanes."""
         _, number = self.lanes(floor.size, 1)
         if number > MOST_LANES:
             least = round_up(max(floor.size) / MOST_LANES)
@@ -213,11 +208,9 @@ class Sweep(AnyAlgorithm):
         return None
 
     def bytes(self, group: "Group", floor: "Arena", tick: float) -> float:
-        """Of the way points."""
         return 16.0 * group.trials * (self.lanes(floor.size, group.count)[1] + group.count)
 
     def in_group(self, where: str, group: "Group", floor: "Arena") -> Iterator[str]:
-        """There has to be air between walls, and lanes as wide as robots."""
         crowded = list(_crowded(where, self.avoidance, group, floor))
         yield from crowded
         if crowded:
@@ -256,15 +249,12 @@ class LeastKnown(AnyAlgorithm):
     """Air to others and to walls below which they push the robot away."""
 
     def unfit(self, where: str, floor: "Arena") -> str | None:
-        """Its map has to have cells, and not too many."""
         return self.map.unfit(f"{where}.algorithm.map", floor.high)
 
     def bytes(self, group: "Group", floor: "Arena", tick: float) -> float:
-        """Of the map of every trial."""
         return group.trials * self.map.bytes(floor.high, group.count / tick)
 
     def in_group(self, where: str, group: "Group", floor: "Arena") -> Iterator[str]:
-        """There has to be air between walls, and not too many places to tell what they part."""
         yield from _crowded(where, self.avoidance, group, floor)
         room = group.body.radius + self.avoidance
         least = 2.0 * sqrt(floor.size[0] * floor.size[1] / MOST_CELLS)

@@ -112,7 +112,6 @@ class Region(Window):
 
     @property
     def normal(self) -> int:
-        """The same."""
         return self.axis
 
     @property
@@ -121,11 +120,9 @@ class Region(Window):
         return int(self.face[1] == "+")
 
     def level(self, extent: tuple[float, ...]) -> float:
-        """Where the face is along its axis [m]."""
         return extent[self.axis] if self.side else 0.0
 
     def misfits(self, where: str, dim: int) -> Iterator[str]:
-        """A 2-D run has no faces along z."""
         if dim == 2 and self.face[0] == "z":
             yield f"{where}.face: '{self.face}' does not exist in a 2-D run; use x-, x+, y- or y+"
         yield from super().misfits(where, dim)

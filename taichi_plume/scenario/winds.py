@@ -76,18 +76,15 @@ class CfdWind(AnyWind):
 
     @property
     def by_chance(self) -> bool:
-        """Whether the seed changes the air: by turbulent openings or heaters that release puffs."""
         heat = self.buoyancy.heat if self.buoyancy is not None else None
         puffs = heat is not None and bool(heat.heaters) and heat.unsteadiness > 0.0
         return super().by_chance or (puffs and self.turbulence.kind != "none")
 
     @property
     def computed(self) -> "CfdWind":
-        """Itself."""
         return self
 
     def top_speed(self, scenario: "Scenario") -> float:
-        """Of openings, bodies that move, and air that rises and sinks [m/s]."""
         speeds = [opening.top_speed(scenario.domain) for opening in self.openings]
         for one in scenario.obstacles:
             if one.motion is not None:
@@ -99,11 +96,9 @@ class CfdWind(AnyWind):
         return max(speeds, default=0.0)
 
     def longest_step(self, scenario: "Scenario") -> float:
-        """By its Courant number [s]."""
         return self.courant * super().longest_step(scenario)
 
     def remarks(self, where: str, context: Context) -> Iterator[str]:
-        """What roughness has no effect, or more than it should."""
         if self.roughness and self.turbulence.kind == "none":
             yield f"{where}.roughness: is felt only with a model of eddies; use turbulence: {{kind: smagorinsky}}"
         elif (self.roughness or 0.0) > 0.5 * context.domain.spacing:
@@ -114,7 +109,6 @@ class CfdWind(AnyWind):
         yield from super().remarks(where, context)
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
-        """Openings must not be in each other's way, and air has to get out."""
         lines = [
             line
             for n, opening in enumerate(self.openings)
@@ -164,7 +158,6 @@ class Gusts(Model):
 
     @property
     def by_chance(self) -> bool:
-        """Unless there are none."""
         return self.intensity > 0 or self.vertical > 0
 
     def deviations(self, dim: int) -> tuple[float, ...]:
@@ -172,7 +165,6 @@ class Gusts(Model):
         return (self.intensity, self.vertical)[: dim - 1]
 
     def misfits(self, where: str, dim: int) -> Iterator[str]:
-        """A 2-D run has no vertical."""
         if dim == 2 and self.vertical:
             yield f"{where}.vertical: a 2-D run has no vertical; remove it, or give domain.size three numbers"
         yield from super().misfits(where, dim)
@@ -205,19 +197,15 @@ class UniformWind(AnyWind):
 
     @property
     def uniform(self) -> "UniformWind":
-        """Itself."""
         return self
 
     def top_speed(self, scenario: "Scenario") -> float:
-        """Of the mean velocity [m/s]."""
         return self.speed
 
     def axes_speed(self, scenario: "Scenario") -> float:
-        """Of the mean velocity [m/s]."""
         return sum(abs(v) for v in self.velocity)
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
-        """Nothing deflects it, and its gusts have to be drawn in advance."""
         if context.scenario.obstacles:
             yield (
                 f"{where}.kind: a uniform wind blows through obstacles; use kind: cfd or synthetic, or remove the "
@@ -249,11 +237,9 @@ class FrozenWind(CfdWind):
     """The flow is averaged over so long before it stands still; unless given, half of `after`."""
 
     def moving(self, whole: float) -> float:
-        """Until it stands still."""
         return min(whole, self.after)
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
-        """It has to come to stand still within the run."""
         yield from super().problems(where, context)
         whole = context.scenario.warm_up + context.scenario.duration
         if self.after > whole:
@@ -310,7 +296,6 @@ class SyntheticWind(AnyWind):
 
     @property
     def by_chance(self) -> bool:
-        """All of its waves are drawn."""
         return True
 
     def shortest_on(self, spacing: float) -> float:
@@ -322,11 +307,9 @@ class SyntheticWind(AnyWind):
         return 2.0 * hypot(self.speed, self.circulation)
 
     def axes_speed(self, scenario: "Scenario") -> float:
-        """Largest sum of |u| over the axes [m/s]."""
         return GUST * hypot(self.speed, self.circulation)
 
     def problems(self, where: str, context: Context) -> Iterator[str]:
-        """The cells must carry its waves."""
         spacing = context.domain.spacing
         shortest = self.shortest_on(spacing)
         if shortest < 2 * spacing:
