@@ -181,7 +181,6 @@ class Film:
 
     @property
     def wind(self) -> list[str]:
-        """Names of the wind's variables; empty where none was recorded."""
         names = [*VELOCITIES[: len(self.shape)], *(["viscosity"] if "viscosity" in self.arrays else [])]
         return names if VELOCITIES[0] in self.arrays else []
 
@@ -204,7 +203,6 @@ class Film:
         raise FilmError(f"{self.path}: holds {names}; give the species of one")
 
     def still(self, name: str) -> np.ndarray:
-        """A variable that does not change, axes (x, y, z)."""
         try:
             require_memory({name: self.arrays[name]})
             return self.arrays[name][...].T
@@ -220,7 +218,6 @@ class Film:
         return Air(volume, area, area, np.full(volume.shape, -1), self.periodic)
 
     def frame(self, n: int, names: list[str]) -> dict[str, np.ndarray]:
-        """Variables of frame n, axes (x, y, z)."""
         result = {}
         for name in names:
             try:

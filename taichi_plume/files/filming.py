@@ -69,7 +69,6 @@ class Filming:
         self._new = partial(NewFilm, path, grid.shape, grid.dx, attributes, moving, still, species)
 
     def start(self) -> None:
-        """Begin the film."""
         disk.require_room(self.path)
         self.film = self._new()
 
@@ -94,12 +93,10 @@ class Filming:
         self.film.append(sim.t, frame)
 
     def flush(self) -> None:
-        """Show readers the frames up to here; all are on the disk."""
         self.film.flush()
         self.frames = self.film.frames
 
     def close(self) -> None:
-        """Show readers all frames."""
         if hasattr(self, "film"):
             self.film.flush()
 

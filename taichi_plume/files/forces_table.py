@@ -25,7 +25,6 @@ class ForceTable:
         self.size = 0
 
     def start(self) -> None:
-        """Begin the table."""
         self.file = self.path.open("wb")
         self.file.write(self.head.encode())
 
@@ -50,12 +49,10 @@ class ForceTable:
             self.file.write(row.encode())
 
     def flush(self) -> None:
-        """Bring the rows to the disk."""
         self.file.flush()
         os.fsync(self.file.fileno())
         self.size = self.file.tell()
 
     def close(self) -> None:
-        """Close the file."""
         if hasattr(self, "file"):
             self.file.close()

@@ -123,11 +123,9 @@ class Cubes(Shape):
         self.high = grid.high[:dim] - origin[:dim]
 
     def signed_distance(self, points: np.ndarray) -> np.ndarray:
-        """Distance [m] of points (..., dim) to the surface, negative inside."""
         return _distance(points, self.solid, self.low, self.size)
 
     def horizontal_distance(self, points: np.ndarray, low: float, high: float) -> np.ndarray:
-        """Distance [m] from points (..., 2) to the shadow of the part between these heights."""
         if self.solid.ndim == 2:
             return self.signed_distance(points)
         begin, end = ((np.array([low, high]) - self.low[2]) / self.size + [1e-6, 1 - 1e-6]).astype(int)

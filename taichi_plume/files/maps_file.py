@@ -64,12 +64,10 @@ class MapsFile:
         self.open = False
 
     def start(self) -> None:
-        """Nothing is written before the end."""
         disk.require_room(self.path)
         self.open = True
 
     def go_on(self) -> None:
-        """What there is is of an earlier end."""
         shutil.rmtree(self.path, ignore_errors=True)
         self.start()
 

@@ -112,7 +112,6 @@ class PlumeLogger:
         self.frames = self.size = self.whole = 0  # bytes
 
     def start(self) -> None:
-        """Begin the log."""
         disk.require_room(self.path)
         self.file = self.path.open("wb")
         self._write_header()
@@ -158,7 +157,6 @@ class PlumeLogger:
         self.file.flush()
 
     def flush(self) -> None:
-        """All is on the disk after every frame."""
         os.fsync(self.file.fileno())
         self.size = self.whole
 

@@ -82,7 +82,6 @@ class PartsTable:
         }
 
     def start(self) -> None:
-        """Begin the table."""
         disk.require_room(self.path)
         self.parts.mkdir()
         self.open = True
