@@ -69,7 +69,6 @@ class Resources:
         return [one if one.model.motion is None else None for one in self.shapes.values()]
 
     def unlike(self, path: str) -> int:
-        """Number of cells whose air is not as in the film of that section."""
         film = self.films[path]
         if film.path not in self._unlike:
             from taichi_plume.grid.cut_cells import air_of

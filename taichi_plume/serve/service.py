@@ -122,7 +122,6 @@ class Service:
         self._start = self._began = 0.0
 
     def warm(self, sim: Simulation) -> None:
-        """Compile what a tick takes, before robots wait for it; the simulation is then at its begin again."""
         sim.tick = 0
         for team in sim.teams:
             algorithm = getattr(team, "algorithm", None)
@@ -136,7 +135,6 @@ class Service:
         sim.reset()
 
     def attach(self, sim: Simulation, ears: Ears) -> None:
-        """Begin to serve a simulation that is about to run."""
         self.sim, self.ears = sim, ears
         names = {number: name for number, name in enumerate(group.name for group in sim.swarm.groups)}
         for team in sim.teams:
@@ -170,7 +168,6 @@ class Service:
             self.remarks.append(f"messages that nobody takes: {self.strays:,}")
 
     def close(self) -> None:
-        """Tell that the run is over, and end all transports."""
         gc.unfreeze()
         tick = max(0, self.sim.tick)
         self._send([topics.ended(group.name, self.sim.t, tick) for group in self.groups])
@@ -284,7 +281,6 @@ class Service:
     # ------------------------------------------------------------ its end
 
     def told(self) -> dict[str, Any]:
-        """What result.json holds of it."""
         taking = 1e3 * np.array(self.taking or [np.nan])
         p50, p99 = (
             round(float(one), 3) if np.isfinite(one) else None for one in np.percentile(taking, [50, 99])

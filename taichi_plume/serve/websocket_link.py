@@ -107,11 +107,9 @@ class WebSocketLink:
         self._call(self._publish, self._channels[topic], data, time.time_ns())
 
     def go_on(self, t: float) -> None:
-        """Send simulated time t [s] to all clients."""
         self._call(self._broadcast, struct.pack("<BQ", TIME, round(1e9 * max(0.0, t))))
 
     def close(self) -> None:
-        """Close all connections and stop the server."""
         self._call(self._stop.set)
         self._thread.join(2 * CLOSE_S)
 

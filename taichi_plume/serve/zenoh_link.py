@@ -38,7 +38,6 @@ class ZenohLink:
         ]
 
     def wants(self, topic: str, name: str) -> bool:
-        """Whether anybody listens to a topic."""
         publisher = self._publishers.get(topic)
         if publisher is None:
             publisher = self._publishers[topic] = self.session.declare_publisher(topic)
@@ -52,6 +51,5 @@ class ZenohLink:
         """Who wants to know simulated time listens to the clock."""
 
     def close(self) -> None:
-        """End it."""
         with suppress(Exception):
             self.session.close()

@@ -154,5 +154,4 @@ class FilmRecord:
         return self._found[quantity][:, points]
 
     def sums(self, quantity: str) -> tuple[np.ndarray, np.ndarray]:
-        """Mean over time and maximum of the strongest cell."""
         return np.array([np.nanmax(self.mean)]), np.array([np.nanmax(self.maximum)])

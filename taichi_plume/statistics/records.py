@@ -147,14 +147,12 @@ class ProbeRecord:
             done += len(values)
 
     def values(self, points: np.ndarray, quantity: str) -> np.ndarray:
-        """What points measured, (n, points) f32; the points by their numbers."""
         found = np.empty((len(self.times), len(points)), np.float32)
         for first, some in self._chunks(quantity):
             found[first : first + len(some)] = some[:, points]
         return found
 
     def sums(self, quantity: str) -> tuple[np.ndarray, np.ndarray]:
-        """Mean over time and maximum of each point."""
         from taichi_plume.statistics.moments import weights
 
         share = weights(self.times)

@@ -43,5 +43,4 @@ class Records(Wind):
 
     @ti.func
     def velocity(self, x: Template, t: float):
-        """None."""
         return ti.Vector([0.0, 0.0])
