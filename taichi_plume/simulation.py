@@ -32,6 +32,8 @@ class Team(Protocol):
 
     numbers: tuple[int, ...]
     """Of the groups, by their place in the scenario."""
+    algorithm: Any
+    """What drives the robots."""
 
     @property
     def state_names(self) -> tuple[str, ...]:

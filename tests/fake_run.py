@@ -236,6 +236,7 @@ def simulation(model: Scenario) -> Simulation:
     teams: list[Any] = [
         SimpleNamespace(
             numbers=(n,),
+            algorithm=None,
             state_names=("search", "surge"),
             act=lambda *_: None,
         )

@@ -127,7 +127,7 @@ def test_an_own_algorithm_flies_drones(path):
     np.testing.assert_allclose(now["climb_rate"], [0.1, -0.1], atol=1e-5)
     left = np.array([-np.sin(0.5), np.cos(0.5)])
     np.testing.assert_allclose((now["position"] - [[2.0, 1.6], [3.0, 1.4]]) @ left, 0.4, atol=0.03)
-    seen = np.array(sim.teams[0].algorithm.algorithm.altitudes)  # type: ignore[attr-defined]
+    seen = np.array(sim.teams[0].algorithm.algorithm.altitudes)
     assert seen[0] == pytest.approx(0.8)
     assert np.abs(seen[79] - 1.3).max() < 5e-3
 

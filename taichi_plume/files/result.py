@@ -132,7 +132,7 @@ def _beside_recorded(sim: Simulation, group: Any) -> dict[str, Any]:
     """How the readings of a group that goes recorded ways are beside those recorded, if there are any."""
     found = None
     for team in sim.teams:
-        told = getattr(getattr(team, "algorithm", None), "recorded", None)
+        told = getattr(team.algorithm, "recorded", None)
         if told is not None and group.number in team.numbers:
             found = told()
     return {"beside_recorded": found} if found else {}

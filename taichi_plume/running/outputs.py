@@ -294,6 +294,6 @@ def _without_state(sim: Simulation) -> list[tuple[str, str]]:
             "has no state() and restore(), without which a run cannot be resumed: add them, or set checkpoint: null",
         )
         for team in sim.teams
-        if isinstance(getattr(team, "algorithm", None), OwnAlgorithm) and not team.algorithm.can_be_saved  # type: ignore[attr-defined]
+        if isinstance(team.algorithm, OwnAlgorithm) and not team.algorithm.can_be_saved
         for number in team.numbers
     ]

@@ -70,8 +70,7 @@ def _nearest(places: np.ndarray, sources: np.ndarray, square: bool = False) -> n
 
 def believers(sim: Simulation) -> list[Believer]:
     """The algorithms of a run whose robots believe in places."""
-    algorithms = (getattr(team, "algorithm", None) for team in sim.teams)
-    return [one for one in algorithms if isinstance(one, Believer)]
+    return [team.algorithm for team in sim.teams if isinstance(team.algorithm, Believer)]
 
 
 def beliefs(sim: Simulation) -> list[GroupBeliefs]:

@@ -124,10 +124,9 @@ class Service:
     def warm(self, sim: Simulation) -> None:
         sim.tick = 0
         for team in sim.teams:
-            algorithm = getattr(team, "algorithm", None)
-            if isinstance(algorithm, ExternalAlgorithm):
-                algorithm.order(Orders.none(algorithm.size), 0.0)
-                algorithm.told()
+            if isinstance(team.algorithm, ExternalAlgorithm):
+                team.algorithm.order(Orders.none(team.algorithm.size), 0.0)
+                team.algorithm.told()
         for message in View(sim).messages():
             message.data()
         sim.advance()
@@ -138,9 +137,8 @@ class Service:
         self.sim, self.ears = sim, ears
         names = {number: name for number, name in enumerate(group.name for group in sim.swarm.groups)}
         for team in sim.teams:
-            algorithm = getattr(team, "algorithm", None)
-            if isinstance(algorithm, ExternalAlgorithm):
-                self.groups.append(Outside(sim, team.numbers[0], algorithm, self.remarks.append))
+            if isinstance(team.algorithm, ExternalAlgorithm):
+                self.groups.append(Outside(sim, team.numbers[0], team.algorithm, self.remarks.append))
         self.remarks += [
             f"{group.name} has {group.inbox.size} robots, more than {topics.MOST_ROBOTS}: only the group has topics"
             for group in self.groups

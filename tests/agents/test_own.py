@@ -85,7 +85,7 @@ def test_it_is_told_what_the_odometers_say(path):
     scenario = load_scenario(path, ["robots.0.algorithm={kind: own}", "robots.0.odometry={veer_deg: 20}"])
     sim = assemble(scenario, path.parent, {"mine": Circle})
     sim.run()
-    now, seen = sim.swarm.snapshot(), sim.teams[0].algorithm.algorithm.seen  # type: ignore[attr-defined]
+    now, seen = sim.swarm.snapshot(), sim.teams[0].algorithm.algorithm.seen
     for what, name in zip(seen, ("position", "heading", "odometer"), strict=True):
         np.testing.assert_array_equal(what, now[name if name == "odometer" else f"believed_{name}"])
     assert (np.abs(seen[0] - now["position"]) > 1e-4).any(axis=1).all()
