@@ -11,14 +11,11 @@ SIDESTEP  along s V by lost_distance, then IN_PLUME; blocked for PATIENCE: other
 """
 
 from math import cos, radians, sin
-from typing import cast
 
 import taichi as ti
 
 from taichi_plume.agents.groups import GroupRange
-from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers
-from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.tracking import FIND, PATIENCE, PlumeTracker
 from taichi_plume.scenario import algorithms
 
@@ -31,19 +28,19 @@ CASTS = 4  # failed sweeps before the search starts anew
 class Casting(PlumeTracker):
     """The casting algorithm. tick: control period [s]."""
 
+    STREAM = "casting"
     STATE: tuple[str, ...] = (*PlumeTracker.STATE, "cast", "failed")
     STATE_NAMES: tuple[str, ...] = ("FIND", "UPWIND", "IN_PLUME", "LOST", "SIDESTEP")
 
-    def __init__(self, swarm: Swarm, members: Members, tick: float):
-        self.cast = ti.field(ti.f32, members.size)  # length of the present sweep [m]
-        self.failed = ti.field(ti.i32, members.size)  # sweeps without gas
-        super().__init__(swarm, members, tick)
+    def _allocate(self) -> None:
+        super()._allocate()
+        self.cast = ti.field(ti.f32, self.size)  # length of the present sweep [m]
+        self.failed = ti.field(ti.i32, self.size)  # sweeps without gas
 
-    def numbers(self, group: GroupRange) -> Numbers:
-        model = cast(algorithms.Casting, group.model.algorithm)
+    def numbers(self, group: GroupRange, model: algorithms.Casting) -> Numbers:
         angle = radians(model.upwind_angle_deg)
         return {
-            **super().numbers(group),
+            **super().numbers(group, model),
             "along": cos(angle),  # of the course in the plume, on U
             "across": sin(angle),  # on s V
             "cast_distance": model.cast_distance,  # m

@@ -17,14 +17,10 @@ CAST    along s V, r Z, -s V, -r Z by cast_distance and cast_rise, then twice as
 The drone keeps its heading: it flies in any direction.
 """
 
-from typing import cast
-
 import taichi as ti
 
 from taichi_plume.agents.groups import GroupRange
-from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers
-from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.tracking import FIND, UPWIND, PlumeTracker
 from taichi_plume.grid.elementary import cos_sin
 from taichi_plume.scenario import algorithms
@@ -36,18 +32,18 @@ SURGE, CAST, RISE = range(2, 5)
 class Casting3D(PlumeTracker):
     """The casting algorithm in space. tick: control period [s]."""
 
+    STREAM = "casting_3d"
     STATE: tuple[str, ...] = (*PlumeTracker.STATE, "leg", "rise")
     STATE_NAMES: tuple[str, ...] = ("FIND", "UPWIND", "SURGE", "CAST", "RISE")
 
-    def __init__(self, swarm: Swarm, members: Members, tick: float):
-        self.leg = ti.field(ti.i32, members.size)  # of the cast, from 0 on
-        self.rise = ti.field(ti.f32, members.size)  # r; 0 before it first rises, which is upward
-        super().__init__(swarm, members, tick)
+    def _allocate(self) -> None:
+        super()._allocate()
+        self.leg = ti.field(ti.i32, self.size)  # of the cast, from 0 on
+        self.rise = ti.field(ti.f32, self.size)  # r; 0 before it first rises, which is upward
 
-    def numbers(self, group: GroupRange) -> Numbers:
-        model = cast(algorithms.Casting3D, group.model.algorithm)
+    def numbers(self, group: GroupRange, model: algorithms.Casting3D) -> Numbers:
         return {
-            **super().numbers(group),
+            **super().numbers(group, model),
             "cast_distance": model.cast_distance,  # m
             "cast_rise": model.cast_rise,  # m
             "find_rise": model.find_rise,  # m

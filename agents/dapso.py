@@ -21,18 +21,15 @@ than restart_step it forgets all that it knows and drives to a random place, wha
 """
 
 import cmath
-from typing import cast
 
 import taichi as ti
 
 from taichi_plume.agents.acquisition import Acquisition
-from taichi_plume.agents.few import few
+from taichi_plume.agents.algorithm import KernelAlgorithm
 from taichi_plume.agents.groups import GroupRange
-from taichi_plume.agents.members import Members
-from taichi_plume.agents.parameters import Numbers, Parameters
+from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.potential import Potential
 from taichi_plume.agents.radio import Radio
-from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.rng import uniform4
 from taichi_plume.scenario import algorithms
 
@@ -50,24 +47,22 @@ def constriction(phi: float, kappa: float = 1.0) -> float:
 
 
 @ti.data_oriented
-class Dapso:
+class Dapso(KernelAlgorithm):
     """The DAPSO algorithm. tick: control period [s]."""
 
-    PER_GROUP: bool = False
+    STREAM = "dapso"
+    TALKS = True
     STATE: tuple[str, ...] = (
         *("radio", "potential", "acquisition", "under_way", "step", "way_point"),
         *("best", "best_time", "best_place", "goal", "short"),
     )
     STATE_NAMES: tuple[str, ...] = ("MEASURE", "DRIVE", "EXPLORE")
 
-    def __init__(self, swarm: Swarm, members: Members, tick: float):
-        self.swarm, self.size, self.tick = swarm, members.size, tick
-        self.robot, self.number = members.robot, members.number
-        self.p = Parameters(members, self.numbers, stream="dapso", radio="radio")
-        self.radio = Radio(members, self.p)
-        self.potential = Potential(members, self.p)
-        self.acquisition = Acquisition(members, self.p)
+    def _allocate(self) -> None:
         n = self.size
+        self.radio = Radio(self.members, self.p)
+        self.potential = Potential(self.members, self.p)
+        self.acquisition = Acquisition(self.members, self.p)
         self.under_way = ti.field(ti.i32, n)  # ticks since the last acquisition
         self.step = ti.Vector.field(2, ti.f32, n)  # v [m]
         self.way_point = ti.Vector.field(2, ti.f32, n)  # w [m]
@@ -76,11 +71,8 @@ class Dapso:
         self.best_place = ti.Vector.field(2, ti.f32, n)  # p [m]
         self.goal = ti.Vector.field(2, ti.f32, n)  # g at the last update [m]
         self.short = ti.field(ti.i32, n)  # short steps in a row
-        self.begin()
 
-    def numbers(self, group: GroupRange) -> Numbers:
-        """Those of a group that kernels read."""
-        model = cast(algorithms.Dapso, group.model.algorithm)
+    def numbers(self, group: GroupRange, model: algorithms.Dapso) -> Numbers:
         return {
             **Radio.numbers(group),
             **Potential.numbers(self.swarm, group, model.speed, model.avoidance),
@@ -99,43 +91,35 @@ class Dapso:
             "within": model.neighbourhood.limit,
         }
 
-    def begin(self) -> None:
-        self.p.begin()
-        self._begin()
-
     def act(self, tick: int, t: float, dt: float) -> None:
-        self._act(tick, t, dt)
+        super().act(tick, t, dt)
         self.radio.deliver(tick, t)
 
-    @ti.kernel
-    def _begin(self):
-        ti.loop_config(serialize=ti.static(few(self.size)))
-        for n in range(self.size):
-            self.best[n] = UNKNOWN
-            self.radio.forget(n)
-            u = uniform4(self.swarm.key[None], self.p.stream[n], self.number[n], 0, 0)
-            inwards = self._inside(n, ti.Vector([u[0], u[1]])) - self.swarm.believed_position[self.robot[n]]
-            self.step[n] = u[2] * self.p.longest[n] * inwards / ti.max(inwards.norm(), 1e-6)
+    @ti.func
+    def _start(self, n):
+        self.best[n] = UNKNOWN
+        self.radio.forget(n)
+        u = uniform4(self.swarm.key[None], self.p.stream[n], self.number[n], 0, 0)
+        inwards = self._inside(n, ti.Vector([u[0], u[1]])) - self.swarm.believed_position[self.robot[n]]
+        self.step[n] = u[2] * self.p.longest[n] * inwards / ti.max(inwards.norm(), 1e-6)
 
-    @ti.kernel
-    def _act(self, tick: int, t: float, dt: float):
-        ti.loop_config(serialize=ti.static(few(self.size)))
-        for n in range(self.size):
-            i = self.robot[n]
-            if self.swarm.state[i] == MEASURE:
+    @ti.func
+    def _step(self, n, tick, t, dt):
+        i = self.robot[n]
+        if self.swarm.state[i] == MEASURE:
+            self.potential.stand(n)
+            if self.acquisition.listen(n):
+                self._learn(n, t)
+                self._choose(n, tick, t)
+                self.potential.set_out(n)
+                self.under_way[n] = 0
+        if self.swarm.state[i] != MEASURE:
+            if self._is_there(n, dt):
                 self.potential.stand(n)
-                if self.acquisition.listen(n):
-                    self._learn(n, t)
-                    self._choose(n, tick, t)
-                    self.potential.set_out(n)
-                    self.under_way[n] = 0
-            if self.swarm.state[i] != MEASURE:
-                if self._is_there(n, dt):
-                    self.potential.stand(n)
-                    self.swarm.state[i] = MEASURE
-                else:
-                    self.under_way[n] += 1
-                    self.potential.drive(n, self.way_point[n], dt)
+                self.swarm.state[i] = MEASURE
+            else:
+                self.under_way[n] += 1
+                self.potential.drive(n, self.way_point[n], dt)
 
     @ti.func
     def _is_there(self, n, dt):

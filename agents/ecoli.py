@@ -9,17 +9,14 @@ TUMBLE   it did not, or is the first: turn by any angle, drive a step
 """
 
 from math import pi, radians
-from typing import cast
 
 import taichi as ti
 
 from taichi_plume.agents.acquisition import Acquisition
-from taichi_plume.agents.few import few
+from taichi_plume.agents.algorithm import KernelAlgorithm
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.legs import Legs
-from taichi_plume.agents.members import Members
-from taichi_plume.agents.parameters import Numbers, Parameters
-from taichi_plume.agents.swarm import Swarm
+from taichi_plume.agents.parameters import Numbers
 from taichi_plume.grid.rng import uniform4
 from taichi_plume.scenario import algorithms
 
@@ -27,25 +24,19 @@ ACQUIRE, RUN, TUMBLE = range(3)
 
 
 @ti.data_oriented
-class EColi:
+class EColi(KernelAlgorithm):
     """The E. coli algorithm. tick: control period [s]."""
 
-    PER_GROUP: bool = False
+    STREAM = "e. coli"
     STATE: tuple[str, ...] = ("legs", "acquisition", "before")
     STATE_NAMES: tuple[str, ...] = ("ACQUIRE", "RUN", "TUMBLE")
 
-    def __init__(self, swarm: Swarm, members: Members, tick: float):
-        self.swarm, self.size, self.tick = swarm, members.size, tick
-        self.robot, self.number = members.robot, members.number
-        self.p = Parameters(members, self.numbers, stream="e. coli")
-        self.legs = Legs(members, self.p)
-        self.acquisition = Acquisition(members, self.p)
+    def _allocate(self) -> None:
+        self.legs = Legs(self.members, self.p)
+        self.acquisition = Acquisition(self.members, self.p)
         self.before = ti.field(ti.f32, self.size)  # mean of the acquisition before [ppm]
-        self.begin()
 
-    def numbers(self, group: GroupRange) -> Numbers:
-        """Those of a group that kernels read."""
-        model = cast(algorithms.EColi, group.model.algorithm)
+    def numbers(self, group: GroupRange, model: algorithms.EColi) -> Numbers:
         return {
             **Legs.numbers(group, model.speed),
             **Acquisition.numbers(model, self.tick),
@@ -54,22 +45,14 @@ class EColi:
             "run_angle": radians(model.run_angle_deg),
         }
 
-    def begin(self) -> None:
-        self.p.begin()
-
-    def act(self, tick: int, t: float, dt: float) -> None:
-        self._act(tick, dt)
-
-    @ti.kernel
-    def _act(self, tick: int, dt: float):
-        ti.loop_config(serialize=ti.static(few(self.size)))
-        for n in range(self.size):
-            i = self.robot[n]
-            if self.swarm.state[i] == ACQUIRE:
-                if self.acquisition.listen(n):
-                    self._choose(n, tick)
-            if self.swarm.state[i] != ACQUIRE and not self.legs.advance(n, dt):
-                self.swarm.state[i] = ACQUIRE
+    @ti.func
+    def _step(self, n, tick, t, dt):
+        i = self.robot[n]
+        if self.swarm.state[i] == ACQUIRE:
+            if self.acquisition.listen(n):
+                self._choose(n, tick)
+        if self.swarm.state[i] != ACQUIRE and not self.legs.advance(n, dt):
+            self.swarm.state[i] = ACQUIRE
 
     @ti.func
     def _choose(self, n, tick):

@@ -25,19 +25,16 @@ the time to go there and measure is largest; but when the belief has converged, 
 is declared, and that a search that goes on rules places out, is as in `beliefs`."""
 
 from math import radians
-from typing import cast
 
 import numpy as np
 import taichi as ti
 
 from taichi_plume.agents.acquisition import Acquisition
+from taichi_plume.agents.algorithm import KernelAlgorithm
 from taichi_plume.agents.beliefs import LEAST, Beliefs, Declaring
-from taichi_plume.agents.few import few
 from taichi_plume.agents.groups import GroupRange
-from taichi_plume.agents.members import Members
-from taichi_plume.agents.parameters import Numbers, Parameters
+from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.potential import NEAR, Potential
-from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.ways import FAR, Ways
 from taichi_plume.grid.elementary import direction, exp, log
 from taichi_plume.grid.transfer import reader
@@ -49,23 +46,21 @@ ON_THE_WAY = 0.5  # cells from a corner of the way that count as there
 
 
 @ti.data_oriented
-class HitMap:
+class HitMap(KernelAlgorithm):
     """The hit map of the robots of one group, each with a belief of its own. tick: control period [s]."""
 
     PER_GROUP: bool = True  # has one map of ways
+    WORK = 4
     STATE: tuple[str, ...] = ("potential", "acquisition", "declaring", "belief", "felt", "goal", "next")
     STATE_NAMES: tuple[str, ...] = ("ACQUIRE", "MOVE")
 
-    def __init__(self, swarm: Swarm, members: Members, tick: float):
-        self.swarm, self.members, self.size, self.tick = swarm, members, members.size, tick
-        self.robot = members.robot
-        self.p = Parameters(members, self.numbers)
-        self.potential = Potential(members, self.p)
-        self.acquisition = Acquisition(members, self.p)
-        self.declaring = Declaring(members, self.p)
-        self.belief = Beliefs(members, self.model.cell)
-        self.gas = Ways(swarm.clearance, self.model.cell, 0.0)  # for air
-        self.roads = Ways(swarm.clearance, self.model.cell, self._room)  # for robots
+    def _allocate(self) -> None:
+        self.potential = Potential(self.members, self.p)
+        self.acquisition = Acquisition(self.members, self.p)
+        self.declaring = Declaring(self.members, self.p)
+        self.belief = Beliefs(self.members, self.model.cell)
+        self.gas = Ways(self.swarm.clearance, self.model.cell, 0.0)  # for air
+        self.roads = Ways(self.swarm.clearance, self.model.cell, self._room)  # for robots
         self.count, self.columns, self.cell = self.gas.count, self.gas.shape[1], self.gas.cell
         self.felt = ti.Vector.field(2, ti.f32, self.size)  # sum of the wind while it listens [m/s]
         self.home = ti.field(ti.i32, self.size)  # cell where it starts
@@ -73,21 +68,13 @@ class HitMap:
         self.next = ti.field(ti.i32, self.size)  # cell on the way there
         self.belief_cell, self.belief_low = self.cell, np.array(self.gas.low)
         self._read = reader(self.belief.p)
-        self.begin()
-
-    @property
-    def model(self) -> Model:
-        """The group's, as it is now."""
-        return cast(Model, self.members.groups[0].model.algorithm)
 
     @property
     def _room(self) -> float:
         """What robots keep from all that stands [m]."""
         return self.members.groups[0].model.body.radius + self.model.avoidance
 
-    def numbers(self, group: GroupRange) -> Numbers:
-        """Those of a group that kernels read."""
-        model = cast(Model, group.model.algorithm)
+    def numbers(self, group: GroupRange, model: Model) -> Numbers:
         return {
             **Potential.numbers(self.swarm, group, model.speed, model.avoidance),
             **Acquisition.numbers(model, self.tick),
@@ -105,30 +92,22 @@ class HitMap:
         }
 
     def begin(self) -> None:
-        self.p.begin()
         self.roads.begin(self._room)
-        self._begin()
+        super().begin()
 
     def beliefs(self) -> np.ndarray:
         """Probabilities of the source's place, (size, nx, ny)."""
         return self._read()[0]
 
-    def act(self, tick: int, t: float, dt: float) -> None:
-        self._act(t, dt)
+    @ti.func
+    def _start(self, n):
+        self.home[n] = self.gas.free_cell_of(self.swarm.believed_position[self.robot[n]])
+        self._forget(n)
 
-    @ti.kernel
-    def _begin(self):
-        for n in range(self.size):
-            self.home[n] = self.gas.free_cell_of(self.swarm.believed_position[self.robot[n]])
-            self._forget(n)
-
-    @ti.kernel
-    def _act(self, t: float, dt: float):
-        ti.loop_config(serialize=ti.static(few(4 * self.size)))
-        for n in range(self.size):
-            i = self.robot[n]
-            if not self.swarm.searches(i):
-                continue
+    @ti.func
+    def _step(self, n, tick, t, dt):
+        i = self.robot[n]
+        if self.swarm.searches(i):
             if self.swarm.state[i] == ACQUIRE:
                 self.potential.stand(n)
                 if self.swarm.wind_known[i] == 1:

@@ -16,20 +16,18 @@ out. With a reach of hardly more than a cell this is the published update, in wh
 """
 
 from math import hypot, log, pi
-from typing import cast
 
 import numpy as np
 import taichi as ti
 from scipy.special import k0e
 
 from taichi_plume.agents.acquisition import Acquisition
+from taichi_plume.agents.algorithm import KernelAlgorithm
 from taichi_plume.agents.beliefs import LEAST, Beliefs, Declaring
-from taichi_plume.agents.few import few
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.legs import Legs
-from taichi_plume.agents.members import Members
-from taichi_plume.agents.parameters import Numbers, Parameters
-from taichi_plume.agents.swarm import Swarm, wrap
+from taichi_plume.agents.parameters import Numbers
+from taichi_plume.agents.swarm import wrap
 from taichi_plume.grid.rng import uniform4
 from taichi_plume.grid.transfer import reader, uploader
 from taichi_plume.scenario import belief_algorithms
@@ -50,24 +48,23 @@ def detection_rate(
 
 
 @ti.data_oriented
-class AnyInfotaxis:
+class AnyInfotaxis(KernelAlgorithm):
     """What the kinds of infotaxis share, for the robots of one group, each with a belief of its own.
 
     They differ in the `_cost` of an acquisition. tick: control period [s].
     """
 
     PER_GROUP: bool = True  # has one table of chances and one size of cells
+    STREAM = "infotaxis"
+    WORK = 4
     STATE: tuple[str, ...] = ("legs", "acquisition", "declaring", "belief", "downwind")
     STATE_NAMES: tuple[str, ...] = ("ACQUIRE", "MOVE")
 
-    def __init__(self, swarm: Swarm, members: Members, tick: float):
-        self.swarm, self.members, self.size, self.tick = swarm, members, members.size, tick
-        self.robot, self.number = members.robot, members.number
-        self.p = Parameters(members, self.numbers, stream="infotaxis")
-        self.legs = Legs(members, self.p)
-        self.acquisition = Acquisition(members, self.p)
-        self.declaring = Declaring(members, self.p)
-        self.belief = Beliefs(members, self.model.cell)
+    def _allocate(self) -> None:
+        self.legs = Legs(self.members, self.p)
+        self.acquisition = Acquisition(self.members, self.p)
+        self.declaring = Declaring(self.members, self.p)
+        self.belief = Beliefs(self.members, self.model.cell)
         self.belief_cell, self.belief_low = self.belief.cell, np.array(self.belief.low)
         self.spacing = self.belief_cell / FINER
         self.half = int(np.ceil(hypot(*self.belief.extent) / self.spacing)) + 1
@@ -75,25 +72,18 @@ class AnyInfotaxis:
         self.downwind = ti.Vector.field(2, ti.f32, self.size)  # mean of the wind felt so far
         self._upload = uploader(self.chance, self.belief.p)
         self._read = reader(self.belief.p)
-        self.begin()
 
-    @property
-    def model(self) -> belief_algorithms.AnyInfotaxis:
-        """The group's, as it is now."""
-        return cast(belief_algorithms.AnyInfotaxis, self.members.groups[0].model.algorithm)
-
-    def numbers(self, group: GroupRange) -> Numbers:
-        """Those of a group that kernels read."""
+    def numbers(self, group: GroupRange, model: belief_algorithms.AnyInfotaxis) -> Numbers:
         return {
-            **Legs.numbers(group, self.model.speed),
-            **Acquisition.numbers(self.model, self.tick),
-            **Declaring.numbers(self.model, group),
-            "threshold": self.model.threshold_ppm,
-            "step": self.model.step,  # m
+            **Legs.numbers(group, model.speed),
+            **Acquisition.numbers(model, self.tick),
+            **Declaring.numbers(model, group),
+            "threshold": model.threshold_ppm,
+            "step": model.step,  # m
         }
 
     def begin(self) -> None:
-        self.p.begin()
+        super().begin()
         self._upload(self._chances(), self.belief.even)
 
     def _chances(self) -> np.ndarray:
@@ -106,16 +96,10 @@ class AnyInfotaxis:
         """Probabilities of the source's place, (robots, nx, ny); the sum of each map is 1."""
         return self._read()[0]
 
-    def act(self, tick: int, t: float, dt: float) -> None:
-        self._act(tick, t, dt)
-
-    @ti.kernel
-    def _act(self, tick: int, t: float, dt: float):
-        ti.loop_config(serialize=ti.static(few(4 * self.size)))
-        for n in range(self.size):
-            i = self.robot[n]
-            if self.swarm.searches(i):
-                self._search(n, tick, t, dt)
+    @ti.func
+    def _step(self, n, tick, t, dt):
+        if self.swarm.searches(self.robot[n]):
+            self._search(n, tick, t, dt)
 
     @ti.func
     def _search(self, n, tick, t, dt):

@@ -9,18 +9,18 @@ the one that it has given up, if it has. What it smells plays no part.
 DRIVE  to the way point by `potential`; there, or where others are in the way, the next one
 """
 
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import taichi as ti
 from scipy import ndimage
 
+from taichi_plume.agents.algorithm import KernelAlgorithm
 from taichi_plume.agents.few import few
 from taichi_plume.agents.gas_map import Floor
-from taichi_plume.agents.members import Members
-from taichi_plume.agents.parameters import Numbers, Parameters
+from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.potential import NEAR, Potential
-from taichi_plume.agents.swarm import GroupRange, Swarm
+from taichi_plume.agents.swarm import GroupRange
 from taichi_plume.agents.time_series import TimeSeriesMap
 from taichi_plume.grid.grid import centers
 from taichi_plume.grid.transfer import reader, uploader
@@ -30,40 +30,30 @@ TIE = 1e-6  # of the largest weight: cells as little known as each other
 
 
 @ti.data_oriented
-class LeastKnown:
+class LeastKnown(KernelAlgorithm):
     """Map-driven ways of the robots of one group, each trial for itself. tick: control period [s]."""
 
     PER_GROUP: bool = True  # has one map
     STATE: tuple[str, ...] = ("potential", "map", "goal")
     STATE_NAMES: tuple[str, ...] = ("DRIVE",)
 
-    def __init__(self, swarm: Swarm, members: Members, tick: float):
-        self.swarm, self.members = swarm, members
-        self.size = members.size
-        group = members.groups[0]
+    def _allocate(self) -> None:
+        swarm, group = self.swarm, self.members.groups[0]
         self.count, self.trials, self.row = group.count, group.trials, group.row
-        self.p = Parameters(members, self.numbers)
-        self.potential = Potential(members, self.p)
-        floor = Floor(swarm.clearance.high, swarm.trials, swarm.members.shape[1], tick)
+        self.potential = Potential(self.members, self.p)
+        floor = Floor(swarm.clearance.high, swarm.trials, swarm.members.shape[1], self.tick)
         self.map = TimeSeriesMap(self.model.map, floor)
         self.goal: Any = ti.Vector.field(2, ti.f32, self.size)  # way points [m]
         self.asks = ti.field(ti.i32, self.size)  # whether the robot needs another one
         self._set_goal = uploader(self.goal, self.potential.mark)
         self._read = reader(self.asks, self.goal, swarm.believed_position)
-        self.begin()
 
-    @property
-    def model(self) -> algorithms.LeastKnown:
-        """The group's, as it is now."""
-        return cast(algorithms.LeastKnown, self.members.groups[0].model.algorithm)
-
-    def numbers(self, group: GroupRange) -> Numbers:
-        """Those of a group that kernels read."""
-        return Potential.numbers(self.swarm, group, self.model.speed, self.model.avoidance)
+    def numbers(self, group: GroupRange, model: algorithms.LeastKnown) -> Numbers:
+        return Potential.numbers(self.swarm, group, model.speed, model.avoidance)
 
     def begin(self) -> None:
         """Set the numbers; the first way points are where the robots begin, so that they ask for others."""
-        self.p.begin()
+        super().begin()
         self.map.begin(self.model.map)
         group, clearance = self.members.groups[0], self.swarm.clearance
         self.share, self.apart = self.model.share, self.model.apart

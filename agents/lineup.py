@@ -18,17 +18,16 @@ each other whatever the range of their messages.
 """
 
 from math import cos, radians, sin
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import taichi as ti
 
+from taichi_plume.agents.algorithm import KernelAlgorithm
 from taichi_plume.agents.few import few
 from taichi_plume.agents.groups import GroupRange
-from taichi_plume.agents.members import Members
-from taichi_plume.agents.parameters import Numbers, Parameters
+from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.potential import Potential
-from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.tables import Tables
 from taichi_plume.scenario import algorithms
 
@@ -41,21 +40,20 @@ FAR = 1e9  # m
 
 
 @ti.data_oriented
-class LineUp:
+class LineUp(KernelAlgorithm):
     """The line-up, a line per team. tick: control period [s]."""
 
-    PER_GROUP: bool = False
     STATE: tuple[str, ...] = (
         *("potential", "mode", "wind", "slant", "gap", "a", "b", "tilt", "way", "step"),
         *("rank", "least", "late"),
     )
     STATE_NAMES: tuple[str, ...] = ("FEEL", "FORM", "SWEEP", "WAIT")
 
-    def __init__(self, swarm: Swarm, members: Members, tick: float):
-        self.swarm, self.size, self.tick, self.robot = swarm, members.size, tick, members.robot
-        self.p = Parameters(members, self.numbers)
-        self.potential = Potential(members, self.p)
-        counts = np.array([group.count for group in members.groups for _ in range(group.trials)], np.int32)
+    def _allocate(self) -> None:
+        self.potential = Potential(self.members, self.p)
+        counts = np.array(
+            [group.count for group in self.members.groups for _ in range(group.trials)], np.int32
+        )
         self.lines = len(counts)
         tables = Tables()
         self.first = tables.listed(np.cumsum(counts) - counts)  # robot of a line, its others follow
@@ -74,11 +72,8 @@ class LineUp:
         self.rank = ti.field(ti.i32, self.size)  # i
         self.least = ti.field(ti.f32, self.size)  # smallest distance to its place since it had reached it [m]
         self.late = ti.field(ti.f32, self.size)  # time since it came closer [s]
-        self.begin()
 
-    def numbers(self, group: GroupRange) -> Numbers:
-        """Those of a group that kernels read."""
-        model = cast(algorithms.LineUp, group.model.algorithm)
+    def numbers(self, group: GroupRange, model: algorithms.LineUp) -> Numbers:
         low, high = np.array(self.swarm.clearance.low), np.array(self.swarm.clearance.high)
         angle = radians(model.wind_direction_deg or 0.0)
         return {
@@ -98,14 +93,8 @@ class LineUp:
             "direction": (cos(angle), sin(angle)),
         }
 
-    def begin(self) -> None:
-        self.p.begin()
-
-    def act(self, tick: int, t: float, dt: float) -> None:
-        self._act(tick, dt)
-
     @ti.kernel
-    def _act(self, tick: int, dt: float):
+    def _step_all(self, tick: int, t: float, dt: float):
         ti.loop_config(serialize=ti.static(few(self.size)))
         for k in range(self.lines):
             if self.mode[k] == FEEL:

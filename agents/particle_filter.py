@@ -19,7 +19,7 @@ detections in a row that the particles explain worse than a source anywhere on t
 that a search that goes on rules places out; and the values of keys, whose scale is that of a room.
 """
 
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import taichi as ti
@@ -28,11 +28,9 @@ from taichi_plume.agents.beliefs import Declaring
 from taichi_plume.agents.casting import IN_PLUME, LOST, SIDESTEP, Casting
 from taichi_plume.agents.few import few
 from taichi_plume.agents.groups import GroupRange
-from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.potential import NEAR, Potential
 from taichi_plume.agents.releases import Releases
-from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.rng import normal4, uniform4
 from taichi_plume.grid.transfer import reader
 from taichi_plume.scenario.filter_algorithms import ParticleFilter as Model
@@ -50,6 +48,7 @@ class ParticleFilter(Casting):
     """The particle filter of the robots of one group, each with particles of its own. tick: control period [s]."""
 
     PER_GROUP: bool = True  # the numbers of particles and periods are shapes
+    STREAM = "particle_filter"
     STATE: tuple[str, ...] = (
         *Casting.STATE,
         *("potential", "declaring", "particle", "weight", "known", "releases", "smelt"),
@@ -57,10 +56,11 @@ class ParticleFilter(Casting):
     )
     STATE_NAMES: tuple[str, ...] = (*Casting.STATE_NAMES, "GO")
 
-    def __init__(self, swarm: Swarm, members: Members, tick: float):
-        model = cast(Model, members.groups[0].model.algorithm)
-        n, self.count, self.kept = members.size, model.particles, model.estimates
-        self.between = max(1, round(model.period / tick))
+    def _allocate(self) -> None:
+        super()._allocate()
+        model: Model = self.model
+        n, self.count, self.kept = self.size, model.particles, model.estimates
+        self.between = max(1, round(model.period / self.tick))
         self.particle = ti.Vector.field(2, ti.f32, (n, self.count))  # places [m]
         self.spare = ti.Vector.field(2, ti.f32, (n, self.count))
         self.weight = ti.field(ti.f32, (n, self.count))
@@ -74,23 +74,22 @@ class ParticleFilter(Casting):
         self.visited = ti.field(ti.i32, n)  # whether there was one
         self.doubts = ti.field(ti.i32, n)  # unexplained detections in a row
         self.belief_cell = model.cell
-        self.belief_low = np.array(swarm.clearance.low)
-        self.floor = (tuple(swarm.clearance.low), tuple(swarm.clearance.high))
-        super().__init__(swarm, members, tick)
-        period = self.between * tick
-        self.releases = Releases(members, self.p, max(1, round(model.memory / period)), period)
-        self.potential = Potential(members, self.p)
-        self.declaring = Declaring(members, self.p)
+        clearance = self.swarm.clearance
+        self.belief_low = np.array(clearance.low)
+        self.floor = (tuple(clearance.low), tuple(clearance.high))
+        period = self.between * self.tick
+        self.releases = Releases(self.members, self.p, max(1, round(model.memory / period)), period)
+        self.potential = Potential(self.members, self.p)
+        self.declaring = Declaring(self.members, self.p)
         self._read = reader(self.particle, self.weight, self.known)
 
-    def numbers(self, group: GroupRange) -> Numbers:
-        model = cast(Model, group.model.algorithm)
+    def numbers(self, group: GroupRange, model: Model) -> Numbers:
         return {
-            **super().numbers(group),
+            **super().numbers(group, model),
             **Potential.numbers(self.swarm, group, model.speed, model.avoidance),
             **Declaring.numbers(model, group),
             **Releases.numbers(model),
-            "roughening": model.roughening / self.count**0.5,
+            "roughening": model.roughening / model.particles**0.5,
             "converged": model.converged,  # m
         }
 

@@ -5,16 +5,13 @@ BUMP  something is in the way: another random angle, and a new leg
 """
 
 from math import pi, radians
-from typing import cast
 
 import taichi as ti
 
-from taichi_plume.agents.few import few
+from taichi_plume.agents.algorithm import KernelAlgorithm
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.legs import DRIVE, Legs
-from taichi_plume.agents.members import Members
-from taichi_plume.agents.parameters import Numbers, Parameters
-from taichi_plume.agents.swarm import Swarm
+from taichi_plume.agents.parameters import Numbers
 from taichi_plume.grid.rng import uniform4
 from taichi_plume.scenario import algorithms
 
@@ -22,23 +19,17 @@ WALK, BUMP = range(2)
 
 
 @ti.data_oriented
-class RandomWalk:
+class RandomWalk(KernelAlgorithm):
     """The random walk. tick: control period [s]."""
 
-    PER_GROUP: bool = False
+    STREAM = "random walk"
     STATE: tuple[str, ...] = ("legs",)
     STATE_NAMES: tuple[str, ...] = ("WALK", "BUMP")
 
-    def __init__(self, swarm: Swarm, members: Members, tick: float):
-        self.swarm, self.size = swarm, members.size
-        self.robot, self.number = members.robot, members.number
-        self.p = Parameters(members, self.numbers, stream="random walk")
-        self.legs = Legs(members, self.p)
-        self.begin()
+    def _allocate(self) -> None:
+        self.legs = Legs(self.members, self.p)
 
-    def numbers(self, group: GroupRange) -> Numbers:
-        """Those of a group that kernels read."""
-        model = cast(algorithms.RandomWalk, group.model.algorithm)
+    def numbers(self, group: GroupRange, model: algorithms.RandomWalk) -> Numbers:
         return {
             **Legs.numbers(group, model.speed),
             "leg": model.leg,  # m
@@ -46,22 +37,13 @@ class RandomWalk:
             "turn": radians(model.turn_angle_deg),
         }
 
-    def begin(self) -> None:
-        self.p.begin()
-
-    def act(self, tick: int, t: float, dt: float) -> None:
-        self._act(tick, dt)
-
-    @ti.kernel
-    def _act(self, tick: int, dt: float):
-        ti.loop_config(serialize=ti.static(few(self.size)))
-        for n in range(self.size):
-            i = self.robot[n]
-            if self.swarm.blocked[i] == 1 and self.legs.phase[n] == DRIVE:
-                self._set_out(n, tick, BUMP)
-            if not self.legs.advance(n, dt):
-                self._set_out(n, tick, WALK)
-                self.legs.advance(n, dt)
+    @ti.func
+    def _step(self, n, tick, t, dt):
+        if self.swarm.blocked[self.robot[n]] == 1 and self.legs.phase[n] == DRIVE:
+            self._set_out(n, tick, BUMP)
+        if not self.legs.advance(n, dt):
+            self._set_out(n, tick, WALK)
+            self.legs.advance(n, dt)
 
     @ti.func
     def _set_out(self, n, tick, state):

@@ -1,20 +1,20 @@
-"""Search algorithms: what they must offer, and which there are.
+"""The table of search algorithms.
 
-To add one: write a class with this protocol in a file of its own, its parameters as a model with a `kind` in
-scenario/algorithms.py, and enter it in ALGORITHMS. One object drives the robots of all groups that have chosen it:
-the n-th is robot `members.robot[n]` of the swarm, and counts as `members.number[n]` where random numbers are drawn; a
-class with `PER_GROUP` has an object per group. Of its robots it reads the swarm's `reading`, `wind`, `wind_known`,
-`blocked`, `believed_heading` and `odometer` (and `believed_position`, if the robots are to have positioning) and
-writes `speed_command`, `turn_rate_command` and `state`. True poses are not for it: what a robot senses around it, such
-as walls and mates, it puts into its map by `swarm.as_believed`. It may say where a source is, by `swarm.declare`; one
-that has maps of where it believes the source to be offers them as `beliefs`, and they are recorded and scored.
+To add one: derive a class from `algorithm.KernelAlgorithm` in a file of its own, its parameters as a model with a
+`kind` in scenario/algorithms.py, and enter it in ALGORITHMS. One object drives the robots of all groups that have
+chosen it: the n-th is robot `members.robot[n]` of the swarm, and counts as `members.number[n]` where random numbers
+are drawn; a class with `PER_GROUP` has an object per group. Of its robots it reads the swarm's `reading`, `wind`,
+`wind_known`, `blocked`, `believed_heading` and `odometer` (and `believed_position`, if the robots are to have
+positioning) and writes `speed_command`, `turn_rate_command` and `state`. True poses are not for it: what a robot
+senses around it, such as walls and mates, it puts into its map by `swarm.as_believed`. It may say where a source is,
+by `swarm.declare`; one that has maps of where it believes the source to be offers them as `beliefs`, and they are
+recorded and scored.
 
 The numbers of its model reach kernels by `parameters`, so that others compile nothing. `legs` and `potential` drive for
 it, `acquisition` listens, and `radio` carries messages between the robots of a team.
 """
 
-from typing import Protocol
-
+from taichi_plume.agents.algorithm import Algorithm
 from taichi_plume.agents.casting import Casting
 from taichi_plume.agents.casting_3d import Casting3D
 from taichi_plume.agents.dapso import Dapso
@@ -24,39 +24,13 @@ from taichi_plume.agents.hit_map import HitMap
 from taichi_plume.agents.infotaxis import Infotaxis
 from taichi_plume.agents.least_known import LeastKnown
 from taichi_plume.agents.lineup import LineUp
-from taichi_plume.agents.members import Members
 from taichi_plume.agents.particle_filter import ParticleFilter
 from taichi_plume.agents.random_walk import RandomWalk
 from taichi_plume.agents.space_aware_infotaxis import SpaceAwareInfotaxis
 from taichi_plume.agents.spiral import Spiral
 from taichi_plume.agents.surge_cast import SurgeCast
 from taichi_plume.agents.surge_spiral import SurgeSpiral
-from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.sweep import Sweep
-
-
-class Algorithm(Protocol):
-    """Drives the robots of the groups of one kind of algorithm, all trials at once."""
-
-    PER_GROUP: bool
-    """Whether each group has an algorithm of its own."""
-    STATE: tuple[str, ...]
-    """Names of the attributes that change in a run, see grid/state.py."""
-    STATE_NAMES: tuple[str, ...]
-    """What the values of the swarm's `state` mean."""
-
-    def __init__(self, swarm: Swarm, members: Members, tick: float):
-        """Prepare the robots, and `begin`; tick: control period [s]."""
-        ...
-
-    def begin(self) -> None:
-        """Set the numbers to those that `members.groups` have now, and the state at the begin of a run."""
-        ...
-
-    def act(self, tick: int, t: float, dt: float) -> None:
-        """Turn the readings at time t [s] into commands for the next dt [s]."""
-        ...
-
 
 ALGORITHMS: dict[str, type[Algorithm]] = {
     "casting": Casting,

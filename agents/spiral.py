@@ -22,17 +22,15 @@ over what; but the mean is to tell the distance where the peaks are low, and who
 """
 
 from math import pi
-from typing import Any, cast
+from typing import Any
 
 import taichi as ti
 
 from taichi_plume.agents.acquisition import Recording, ticks_between
-from taichi_plume.agents.few import few
+from taichi_plume.agents.algorithm import KernelAlgorithm
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.legs import Legs
-from taichi_plume.agents.members import Members
-from taichi_plume.agents.parameters import Numbers, Parameters
-from taichi_plume.agents.swarm import Swarm
+from taichi_plume.agents.parameters import Numbers
 from taichi_plume.grid.rng import uniform4
 from taichi_plume.scenario import algorithms
 
@@ -47,22 +45,19 @@ FLAT = 2.0  # weight of the mean of a record without a peak
 
 
 @ti.data_oriented
-class Spiral:
+class Spiral(KernelAlgorithm):
     """The SPIRAL algorithm. tick: control period [s]."""
 
-    PER_GROUP: bool = False
+    STREAM = "spiral"
     STATE: tuple[str, ...] = (
         *("legs", "acquisition", "indices", "places", "arm", "sense", "threshold", "index", "misses", "low"),
     )
     STATE_NAMES: tuple[str, ...] = ("ARM", "ACQUIRE", "ESCAPE")
 
-    def __init__(self, swarm: Swarm, members: Members, tick: float):
-        self.swarm, self.size, self.tick = swarm, members.size, tick
-        self.robot, self.number = members.robot, members.number
-        self.p = Parameters(members, self.numbers, stream="spiral")
-        self.legs = Legs(members, self.p)
+    def _allocate(self) -> None:
         n = self.size
-        self.acquisition = Recording(members, self.p)
+        self.legs = Legs(self.members, self.p)
+        self.acquisition = Recording(self.members, self.p)
         self.heard = self.acquisition.heard
         self.indices = ti.field(ti.f32, (n, REMEMBERED))  # of the last acquisitions [ppm]
         self.places: Any = ti.Vector.field(2, ti.f32, (n, REMEMBERED))  # where they were [m]
@@ -72,11 +67,8 @@ class Spiral:
         self.index = ti.field(ti.f32, n)  # last PI [ppm]
         self.misses = ti.field(ti.i32, n)  # in a row
         self.low = ti.field(ti.i32, n)  # of them below half of the threshold, in a row
-        self.begin()
 
-    def numbers(self, group: GroupRange) -> Numbers:
-        """Those of a group that kernels read."""
-        model = cast(algorithms.Spiral, group.model.algorithm)
+    def numbers(self, group: GroupRange, model: algorithms.Spiral) -> Numbers:
         between = ticks_between(model, self.tick)
         return {
             **Legs.numbers(group, model.speed),
@@ -95,38 +87,27 @@ class Spiral:
             "escape_length": model.escape_length,  # m
         }
 
-    def begin(self) -> None:
-        self.p.begin()
-        self._begin()
+    @ti.func
+    def _start(self, n):
+        u = self._uniform(n, 0)
+        self.sense[n] = ti.select(u[2] > 0.5, 1.0, -1.0)
+        self.threshold[n] = self.p.minimum[n]
+        self._set_out(n)
 
-    def act(self, tick: int, t: float, dt: float) -> None:
-        self._act(tick, dt)
-
-    @ti.kernel
-    def _begin(self):
-        ti.loop_config(serialize=ti.static(few(self.size)))
-        for n in range(self.size):
-            u = self._uniform(n, 0)
-            self.sense[n] = ti.select(u[2] > 0.5, 1.0, -1.0)
-            self.threshold[n] = self.p.minimum[n]
-            self._set_out(n)
-
-    @ti.kernel
-    def _act(self, tick: int, dt: float):
-        ti.loop_config(serialize=ti.static(few(self.size)))
-        for n in range(self.size):
-            i = self.robot[n]
-            if self.swarm.state[i] == ACQUIRE:
-                if self.acquisition.listen(n):
-                    self._judge(n, tick)
-            if self.p.by_gradient[n] == 1 and self.swarm.blocked[i] == 1:
-                self.legs.aside[n] = self._better_side(n)
-            if self.swarm.state[i] != ACQUIRE and not self.legs.advance(n, dt):
-                if self.swarm.state[i] == ESCAPE:
-                    self._set_out(n)
-                    self.legs.advance(n, dt)
-                else:
-                    self.swarm.state[i] = ACQUIRE
+    @ti.func
+    def _step(self, n, tick, t, dt):
+        i = self.robot[n]
+        if self.swarm.state[i] == ACQUIRE:
+            if self.acquisition.listen(n):
+                self._judge(n, tick)
+        if self.p.by_gradient[n] == 1 and self.swarm.blocked[i] == 1:
+            self.legs.aside[n] = self._better_side(n)
+        if self.swarm.state[i] != ACQUIRE and not self.legs.advance(n, dt):
+            if self.swarm.state[i] == ESCAPE:
+                self._set_out(n)
+                self.legs.advance(n, dt)
+            else:
+                self.swarm.state[i] = ACQUIRE
 
     @ti.func
     def _uniform(self, n, tick):

@@ -8,14 +8,10 @@ CAST   along s V to cast_distance from where it was lost, then as far to the oth
        far; after PAIRS of them, or when blocked on both sides, FIND
 """
 
-from typing import cast
-
 import taichi as ti
 
 from taichi_plume.agents.groups import GroupRange
-from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers
-from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.tracking import FIND, PlumeTracker
 from taichi_plume.scenario import algorithms
 
@@ -28,17 +24,17 @@ PAIRS = 3  # of legs without gas before the search starts anew
 class SurgeCast(PlumeTracker):
     """The surge-cast algorithm. tick: control period [s]."""
 
+    STREAM = "surge_cast"
     STATE: tuple[str, ...] = (*PlumeTracker.STATE, "leg", "length")
     STATE_NAMES: tuple[str, ...] = ("FIND", "UPWIND", "SURGE", "CAST")
 
-    def __init__(self, swarm: Swarm, members: Members, tick: float):
-        self.leg = ti.field(ti.i32, members.size)  # of the cast, from 0 on
-        self.length = ti.field(ti.f32, members.size)  # of the leg [m]
-        super().__init__(swarm, members, tick)
+    def _allocate(self) -> None:
+        super()._allocate()
+        self.leg = ti.field(ti.i32, self.size)  # of the cast, from 0 on
+        self.length = ti.field(ti.f32, self.size)  # of the leg [m]
 
-    def numbers(self, group: GroupRange) -> Numbers:
-        model = cast(algorithms.SurgeCast, group.model.algorithm)
-        return {**super().numbers(group), "cast_distance": model.cast_distance}  # m
+    def numbers(self, group: GroupRange, model: algorithms.SurgeCast) -> Numbers:
+        return {**super().numbers(group, model), "cast_distance": model.cast_distance}  # m
 
     @ti.func
     def _course(self, n):

@@ -8,14 +8,11 @@ SPIRAL  along r = gap phi / 2 pi, turning towards s; after so many turns, or whe
 """
 
 from math import pi
-from typing import cast
 
 import taichi as ti
 
 from taichi_plume.agents.groups import GroupRange
-from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers
-from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.tracking import FIND, STEER, PlumeTracker
 from taichi_plume.scenario import algorithms
 
@@ -26,18 +23,18 @@ SURGE, SPIRAL = range(2, 4)
 class SurgeSpiral(PlumeTracker):
     """The surge-spiral algorithm. tick: control period [s]."""
 
+    STREAM = "surge_spiral"
     STATE: tuple[str, ...] = (*PlumeTracker.STATE, "phi", "began")
     STATE_NAMES: tuple[str, ...] = ("FIND", "UPWIND", "SURGE", "SPIRAL")
 
-    def __init__(self, swarm: Swarm, members: Members, tick: float):
-        self.phi = ti.field(ti.f32, members.size)  # angle gone round [rad]
-        self.began = ti.field(ti.f32, members.size)  # heading at the middle of the spiral [rad]
-        super().__init__(swarm, members, tick)
+    def _allocate(self) -> None:
+        super()._allocate()
+        self.phi = ti.field(ti.f32, self.size)  # angle gone round [rad]
+        self.began = ti.field(ti.f32, self.size)  # heading at the middle of the spiral [rad]
 
-    def numbers(self, group: GroupRange) -> Numbers:
-        model = cast(algorithms.SurgeSpiral, group.model.algorithm)
+    def numbers(self, group: GroupRange, model: algorithms.SurgeSpiral) -> Numbers:
         return {
-            **super().numbers(group),
+            **super().numbers(group, model),
             "widening": model.gap / (2.0 * pi),  # dr/dphi [m]
             "most": 2.0 * pi * model.turns,  # phi [rad]
             "lag": group.speed(model.speed) * STEER,  # way by which steering lags [m]

@@ -14,12 +14,10 @@ from typing import Any, cast
 import numpy as np
 import taichi as ti
 
-from taichi_plume.agents.few import few
+from taichi_plume.agents.algorithm import KernelAlgorithm
 from taichi_plume.agents.groups import GroupRange
-from taichi_plume.agents.members import Members
-from taichi_plume.agents.parameters import Numbers, Parameters
+from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.potential import NEAR, Potential
-from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario import algorithms
 
@@ -29,18 +27,14 @@ AHEAD = 0.3  # m of the lane ahead of the robot, where it heads for
 
 
 @ti.data_oriented
-class Sweep:
+class Sweep(KernelAlgorithm):
     """The sweep, each team for itself. tick: control period [s]."""
 
-    PER_GROUP: bool = False
     STATE: tuple[str, ...] = ("potential", "next", "order")
     STATE_NAMES: tuple[str, ...] = ("TRANSIT", "SWEEP", "DONE")
 
-    def __init__(self, swarm: Swarm, members: Members, tick: float):
-        self.swarm, self.members = swarm, members
-        self.size, self.robot = members.size, members.robot
-        self.p = Parameters(members, self.numbers)
-        self.potential = Potential(members, self.p)
+    def _allocate(self) -> None:
+        self.potential = Potential(self.members, self.p)
         ways = self._ways()
         n = self.size
         self.way: Any = ti.Vector.field(2, ti.f32, (n, max(map(len, ways))))  # way points [m]
@@ -48,18 +42,15 @@ class Sweep:
         self.next = ti.field(ti.i32, n)  # number of the present one
         self.order = ti.field(ti.i32, n)  # +1: forwards, -1: back
         self._upload = uploader(self.way, self.length, self.order, self.potential.mark)
-        self.begin()
 
-    def numbers(self, group: GroupRange) -> Numbers:
-        """Those of a group that kernels read."""
-        model = cast(algorithms.Sweep, group.model.algorithm)
+    def numbers(self, group: GroupRange, model: algorithms.Sweep) -> Numbers:
         return {
             **Potential.numbers(self.swarm, group, model.speed, model.avoidance),
             "repeat": model.repeat,
         }
 
     def begin(self) -> None:
-        self.p.begin()
+        super().begin()
         ways = self._ways()
         table = np.zeros((*self.way.shape, 2), np.float32)
         for row, way in zip(table, ways, strict=True):
@@ -78,21 +69,16 @@ class Sweep:
                 ways += [low + way for way in lanes(team - low, high - low, axis, number, room)]
         return ways
 
-    def act(self, tick: int, t: float, dt: float) -> None:
-        self._act(dt)
-
-    @ti.kernel
-    def _act(self, dt: float):
-        ti.loop_config(serialize=ti.static(few(self.size)))
-        for n in range(self.size):
-            i = self.robot[n]
-            end = self.potential.clear(n, self.way[n, self.next[n]])
-            if self.swarm.state[i] != DONE and self.potential.is_over(n, end, NEAR):
-                self._proceed(n)
-            if self.swarm.state[i] == DONE:
-                self.potential.stand(n)
-            else:
-                self.potential.drive(n, self.potential.clear(n, self._goal(n)), dt)
+    @ti.func
+    def _step(self, n, tick, t, dt):
+        i = self.robot[n]
+        end = self.potential.clear(n, self.way[n, self.next[n]])
+        if self.swarm.state[i] != DONE and self.potential.is_over(n, end, NEAR):
+            self._proceed(n)
+        if self.swarm.state[i] == DONE:
+            self.potential.stand(n)
+        else:
+            self.potential.drive(n, self.potential.clear(n, self._goal(n)), dt)
 
     @ti.func
     def _goal(self, n):

@@ -4,12 +4,13 @@ from collections.abc import Mapping, Sequence
 
 import taichi as ti
 
+from taichi_plume.agents.algorithm import Algorithm
 from taichi_plume.agents.few import few
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.own import OwnAlgorithm
 from taichi_plume.agents.policy import PolicyAlgorithm
 from taichi_plume.agents.replay import ReplayAlgorithm
-from taichi_plume.agents.search import ALGORITHMS, Algorithm
+from taichi_plume.agents.search import ALGORITHMS
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.files.bag_ways import Way
 from taichi_plume.files.network import Network

@@ -10,16 +10,13 @@ so that a slow sensor notices in time. Into it: reading at the threshold or more
 in use) up by 15 % from the smallest since the loss.
 """
 
-from typing import cast
-
 import taichi as ti
 
-from taichi_plume.agents.few import few
+from taichi_plume.agents.algorithm import KernelAlgorithm
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.lag import Lag
-from taichi_plume.agents.members import Members
-from taichi_plume.agents.parameters import Numbers, Parameters
-from taichi_plume.agents.swarm import Swarm, wrap
+from taichi_plume.agents.parameters import Numbers
+from taichi_plume.agents.swarm import wrap
 from taichi_plume.grid.elementary import cos_sin, direction
 from taichi_plume.grid.rng import uniform4
 from taichi_plume.scenario.plume_tracking import PlumeTracking
@@ -34,20 +31,16 @@ ON_COURSE = 0.98  # cosine of the heading error; below, contact is with what the
 
 
 @ti.data_oriented
-class PlumeTracker:
+class PlumeTracker(KernelAlgorithm):
     """The part of a plume tracking algorithm that they share. tick: control period [s].
 
     A tracker adds its own states and `numbers`, and overrides `_decide`, which changes the state, and `_course`, where
     each one leads.
     """
 
-    PER_GROUP: bool = False
     STATE: tuple[str, ...] = ("wind", "upwind", "side", "step_sign", "peak", "trough", "mark", "stuck")
 
-    def __init__(self, swarm: Swarm, members: Members, tick: float):
-        self.swarm, self.members, self.tick = swarm, members, tick
-        self.size, self.robot, self.number = members.size, members.robot, members.number
-        self.p = Parameters(members, self.numbers, stream=members.groups[0].model.algorithm.kind)
+    def _allocate(self) -> None:
         n = self.size
         self.wind = ti.Vector.field(2, ti.f32, n)  # average of the measured wind [m/s]
         self.upwind = ti.Vector.field(2, ti.f32, n)  # U; the first heading until wind is felt
@@ -58,11 +51,8 @@ class PlumeTracker:
         self.mark = ti.field(ti.f32, n)  # odometer [m] at the begin of the leg; in the plume, at the last gas
         self.stuck = ti.field(ti.f32, n)  # time blocked in a row [s]
         self.bump = ti.field(ti.i32, n)  # whether what it drives towards is in the way
-        self.begin()
 
-    def numbers(self, group: GroupRange) -> Numbers:
-        """Those of a group that kernels read."""
-        model = cast(PlumeTracking, group.model.algorithm)
+    def numbers(self, group: GroupRange, model: PlumeTracking) -> Numbers:
         return {
             "speed": group.speed(model.speed),  # m/s
             "threshold": model.threshold_ppm,
@@ -73,33 +63,22 @@ class PlumeTracker:
             "averaging": Lag(model.wind_memory, self.tick).share,
         }
 
-    def begin(self) -> None:
-        self.p.begin()
-        self._begin()
+    @ti.func
+    def _start(self, n):
+        i = self.robot[n]
+        heading = self.swarm.believed_heading[i]
+        self.upwind[n] = ti.Vector([ti.cos(heading), ti.sin(heading)])
+        u = uniform4(self.swarm.key[None], self.p.stream[n], self.number[n], 0, 0)
+        self.side[n] = ti.select(u.x > 0.5, 1.0, -1.0)  # type: ignore[operator]
+        self.step_sign[n] = 1.0
+        self.swarm.state[i] = FIND
 
-    def act(self, tick: int, t: float, dt: float) -> None:
-        self._act(dt)
-
-    @ti.kernel
-    def _begin(self):
-        ti.loop_config(serialize=ti.static(few(self.size)))
-        for n in range(self.size):
-            i = self.robot[n]
-            heading = self.swarm.believed_heading[i]
-            self.upwind[n] = ti.Vector([ti.cos(heading), ti.sin(heading)])
-            u = uniform4(self.swarm.key[None], self.p.stream[n], self.number[n], 0, 0)
-            self.side[n] = ti.select(u.x > 0.5, 1.0, -1.0)  # type: ignore[operator]
-            self.step_sign[n] = 1.0
-            self.swarm.state[i] = FIND
-
-    @ti.kernel
-    def _act(self, dt: float):
-        ti.loop_config(serialize=ti.static(few(self.size)))
-        for n in range(self.size):
-            self._estimate_wind(n)
-            self._feel_bumper(n, dt)
-            self._decide(n, dt)
-            self._steer(n, dt)
+    @ti.func
+    def _step(self, n, tick, t, dt):
+        self._estimate_wind(n)
+        self._feel_bumper(n, dt)
+        self._decide(n, dt)
+        self._steer(n, dt)
 
     @ti.func
     def _decide(self, n, dt):

@@ -1,0 +1,105 @@
+"""Search algorithms: their protocol, and the base class of those that are Taichi kernels over robots."""
+
+from typing import Any, ClassVar, Protocol
+
+import taichi as ti
+
+from taichi_plume.agents.few import few
+from taichi_plume.agents.groups import GroupRange
+from taichi_plume.agents.members import Members
+from taichi_plume.agents.parameters import Numbers, Parameters
+from taichi_plume.agents.swarm import Swarm
+
+
+class Algorithm(Protocol):
+    """Drives the robots of the groups of one kind of algorithm, all trials at once."""
+
+    PER_GROUP: bool
+    """Whether each group has an algorithm of its own."""
+    STATE: tuple[str, ...]
+    """Names of the attributes that change in a run, see grid/state.py."""
+    STATE_NAMES: tuple[str, ...]
+    """What the values of the swarm's `state` mean."""
+
+    def __init__(self, swarm: Swarm, members: Members, tick: float):
+        """Prepare the robots, and `begin`; tick: control period [s]."""
+        ...
+
+    def begin(self) -> None:
+        """Set the numbers to those that `members.groups` have now, and the state at the begin of a run."""
+        ...
+
+    def act(self, tick: int, t: float, dt: float) -> None:
+        """Turn the readings at time t [s] into commands for the next dt [s]."""
+        ...
+
+
+@ti.data_oriented
+class KernelAlgorithm:
+    """An algorithm in Taichi. tick: control period [s].
+
+    A subclass gives `numbers`, makes its fields and parts in `_allocate`, and overrides `_step`, a tick of one robot,
+    and `_start`, the state of a robot at the start of a run, where that is not zero. In these, robot n of the
+    algorithm is robot i = `robot[n]` of the swarm, and `p.threshold[n]` the number "threshold" of its group.
+    """
+
+    PER_GROUP: bool = False
+    STATE: tuple[str, ...]
+    STATE_NAMES: tuple[str, ...]
+    STREAM: ClassVar[str] = ""
+    """Name of the random stream whose key is `p.stream`; none if empty."""
+    TALKS: ClassVar[bool] = False
+    """Whether robots send messages: `p.radio` is then the key of the random stream of their losses."""
+    WORK: ClassVar[int] = 1
+    """How many times the work of a simple algorithm a robot takes, see `few`."""
+
+    def __init__(self, swarm: Swarm, members: Members, tick: float):
+        self.swarm, self.members, self.tick = swarm, members, tick
+        self.size, self.robot, self.number = members.size, members.robot, members.number
+        streams = {"stream": self.STREAM, "radio": "radio" if self.TALKS else ""}
+        self.p = Parameters(
+            members,
+            lambda group: self.numbers(group, group.model.algorithm),
+            **{key: name for key, name in streams.items() if name},
+        )
+        self._allocate()
+        self.begin()
+
+    @property
+    def model(self) -> Any:
+        """The section of the first group, with the numbers of the present run."""
+        return self.members.groups[0].model.algorithm
+
+    def numbers(self, group: GroupRange, model: Any) -> Numbers:
+        """Numbers of a group that kernels read. model: section of the scenario."""
+        raise NotImplementedError
+
+    def _allocate(self) -> None:
+        """Make fields and parts."""
+
+    def begin(self) -> None:
+        self.p.begin()
+        self._start_all()
+
+    def act(self, tick: int, t: float, dt: float) -> None:
+        self._step_all(tick, t, dt)
+
+    @ti.kernel
+    def _start_all(self):
+        ti.loop_config(serialize=ti.static(few(self.WORK * self.size)))
+        for n in range(self.size):
+            self._start(n)
+
+    @ti.kernel
+    def _step_all(self, tick: int, t: float, dt: float):
+        ti.loop_config(serialize=ti.static(few(self.WORK * self.size)))
+        for n in range(self.size):
+            self._step(n, tick, t, dt)
+
+    @ti.func
+    def _start(self, n):
+        """Set the state of robot n at the start of a run."""
+
+    @ti.func
+    def _step(self, n, tick, t, dt):
+        """Turn the readings of robot n at time t [s] into commands for the next dt [s]."""
