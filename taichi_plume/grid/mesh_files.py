@@ -5,12 +5,11 @@ STL has no more to check than its size and grammar, OBJ not even a count: a body
 """
 
 import re
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from taichi_plume.grid.ply_files import read_ply
+from taichi_plume.grid.ply_files import numbers, read_ply
 from taichi_plume.grid.polygons import DamagedError, triangulated
 from taichi_plume.grid.shapes import ShapeError
 from taichi_plume.guard.opening import read_regular
@@ -18,8 +17,12 @@ from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 
 LARGEST_FILE = 1 << 26  # bytes: a million triangles and more
 FARTHEST = 1e9  # in the file's units: farther is a number read wrongly
-VERTEX = ["vertex", "#", "#", "#"]
-FACET = ["facet", "normal", "#", "#", "#", "outer", "loop", *VERTEX, *VERTEX, *VERTEX, "endloop", "endfacet"]
+SOLID, END = re.compile(r"\s*solid\b[^\n]*\n"), re.compile(r"\s*endsolid\b[^\n]*")
+FACET = re.compile(
+    r"\s*facet\s+normal\s+\S+\s+\S+\s+\S+\s+outer\s+loop"
+    + 3 * r"\s+vertex\s+(\S+)\s+(\S+)\s+(\S+)"
+    + r"\s+endloop\s+endfacet\b"
+)
 IGNORED = re.compile("vt|vn|vp|g|o|s|mg|l|p|usemtl|mtllib|usemap|maplib|bevel|lod|[cd]_interp|shadow_obj")
 
 
@@ -70,34 +73,25 @@ def _stl(content: bytes) -> tuple[np.ndarray, np.ndarray]:
         raise DamagedError("is cut: no STL file is so short")
     else:
         there = (len(content) - 84) / 50
-        raise DamagedError(f"is cut or damaged: its header tells of {count} triangles, it holds {there:.6g}")
+        raise DamagedError(f"is cut or damaged: its header announces {count} triangles, it holds {there:.6g}")
     return corners, np.arange(len(corners)).reshape(-1, 3)
 
 
 def _facets(content: bytes) -> np.ndarray:
-    """The corners (3 m, 3) of an STL file of text."""
-    before, *parts = re.split(r"(?m)^[ \t]*((?:end)?solid)\b[^\n]*$", _text(content).lower())
-    kinds, bodies = parts[::2], parts[1::2]
-    if before.strip() or kinds != ["solid", "endsolid"] * (len(kinds) // 2):
-        raise DamagedError("is cut or damaged: not every 'solid' ends with an 'endsolid'")
-    if any(text.strip() for text in bodies[1::2]):
-        raise DamagedError("is damaged: holds something after an 'endsolid'")
-    numbers: list[str] = []
-    for text in bodies[::2]:
-        words, facets = text.split(), len(text.split()) // len(FACET)
-        if len(words) % len(FACET):
-            raise DamagedError(f"is cut or damaged: after {facets} facets comes half a one")
-        for n, word in enumerate(FACET):
-            wrong = (
-                next((one for one in words[n :: len(FACET)] if one != word), None) if word != "#" else None
-            )
-            if wrong is not None:
-                raise DamagedError(
-                    f"is damaged: holds '{visible(wrong, LONGEST_VALUE)}' in place of '{word}'"
-                )
-        chosen = [n for n in range(7, len(FACET)) if FACET[n] == "#"]
-        numbers += [words[k + n] for k in range(0, len(words), len(FACET)) for n in chosen]
-    return _numbers(numbers).reshape(-1, 3)
+    """Corners (3 m, 3) of the facets of an STL file of text."""
+    text, at, ended = _text(content).lower(), 0, True
+    words: list[str] = []
+    while ended and (solid := SOLID.match(text, at)):
+        at = solid.end()
+        while facet := FACET.match(text, at):
+            words += facet.groups()
+            at = facet.end()
+        end = END.match(text, at)
+        ended, at = end is not None, end.end() if end else at
+    rest = " ".join(text[at : at + 1000].split())
+    if rest or not ended:
+        raise DamagedError(f"is cut or damaged: after {len(words) // 9} facets comes '{visible(rest, 60)}'")
+    return numbers(words).reshape(-1, 3)
 
 
 # ---------------------------------------------------------------- OBJ
@@ -105,28 +99,26 @@ def _facets(content: bytes) -> np.ndarray:
 
 def _obj(content: bytes) -> tuple[np.ndarray, np.ndarray]:
     text = _text(content).replace("\\\n", " ")
-    numbers: list[str] = []
+    coordinates: list[str] = []
     polygons: list[list[int]] = []
-    count = 0
     for line, row in enumerate(text.splitlines(), 1):
         key, *words = row.partition("#")[0].split() or ("",)
         if key == "v":
             if len(words) < 3:
                 raise DamagedError(f"line {line}: a vertex has three coordinates")
-            numbers += words[:3]
-            count += 1
+            coordinates += words[:3]
         elif key == "f":
-            polygons.append([_index(word, count, line) for word in words])
+            polygons.append([_index(word, len(coordinates) // 3, line) for word in words])
             if len(words) < 3:
                 raise DamagedError(f"line {line}: a face has three corners or more")
         elif key and not IGNORED.fullmatch(key):
             raise DamagedError(
                 f"line {line}: '{visible(key, LONGEST_VALUE)}' is no key of a mesh of vertices and faces"
             )
+    vertices = numbers(coordinates).reshape(-1, 3)
     highest = max((max(one) for one in polygons), default=-1)
-    if highest >= count:
-        raise DamagedError(f"is cut or damaged: a face has vertex {highest + 1} of {count}")
-    vertices = _numbers(numbers).reshape(-1, 3)
+    if highest >= len(vertices):
+        raise DamagedError(f"is cut or damaged: a face has vertex {highest + 1} of {len(vertices)}")
     return vertices, triangulated(vertices, polygons)
 
 
@@ -148,13 +140,6 @@ def _index(word: str, count: int, line: int) -> int:
 def _text(content: bytes) -> str:
     """Of comments and names any bytes do; the rest is ASCII."""
     return content.decode("utf-8", "replace").replace("\r\n", "\n").replace("\r", "\n")
-
-
-def _numbers(words: Sequence[str]) -> np.ndarray:
-    try:
-        return np.fromiter(map(float, words), float, len(words))
-    except ValueError as error:
-        raise DamagedError(f"is damaged: {visible(error, LONGEST_VALUE)}") from None
 
 
 READERS = {".stl": _stl, ".obj": _obj, ".ply": read_ply}

@@ -1,6 +1,11 @@
-"""PLY files, of text or binary: a header that tells what there is, then just that."""
+"""PLY files, text or binary: a header that lists elements and their counts, then exactly these.
+
+Not read by trimesh: it refuses binary files whose lists differ in length (triangles and quads) and comments in Latin-1,
+and cuts every polygon into a fan, also one that is not convex.
+"""
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -9,7 +14,7 @@ import numpy as np
 from taichi_plume.grid.polygons import DamagedError, triangulated
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 
-MOST_UNLIKE = 2_000_000  # rows that are read one by one
+MOST_UNLIKE = 2_000_000  # values and lists of rows that are read one by one
 LONGEST_HEADER = 1 << 16  # bytes
 TYPES = {
     **dict.fromkeys(("char", "int8"), "i1"),
@@ -27,11 +32,11 @@ CORNERS = ("vertex_indices", "vertex_index")
 
 @dataclass
 class Element:
-    """`count` rows of properties: name, type of the number of values of a list, or "", type of the values."""
+    """`count` rows of properties: name, type of a list's length (None if it is no list), type of the values."""
 
     name: str
     count: int
-    properties: list[tuple[str, str, str]] = field(default_factory=list)
+    properties: list[tuple[str, np.dtype | None, np.dtype]] = field(default_factory=list)
 
 
 def read_ply(content: bytes) -> tuple[np.ndarray, np.ndarray]:
@@ -42,29 +47,24 @@ def read_ply(content: bytes) -> tuple[np.ndarray, np.ndarray]:
     if not start or not found:
         raise DamagedError("is cut or damaged: has no header from 'ply' to 'end_header'")
     order, elements = _header(head[start.end() : found.start() + 1].decode("ascii", "replace"))
-    body: _Words | _Bytes = _Bytes(content[found.end() :], order) if order else _Words(content[found.end() :])
-    vertices, polygons = None, None
-    for element in elements:
-        columns = body.take(element)
-        if element.name == "vertex":
-            if not {"x", "y", "z"} <= columns.keys() or any(
-                c for n, c, _ in element.properties if n in "xyz"
-            ):
-                raise DamagedError("its vertices have no x, y, z")
-            vertices = np.stack([columns[axis].astype(float) for axis in "xyz"], axis=-1)
-        elif element.name == "face":
-            lists = [name for name, counted, _ in element.properties if counted and name in CORNERS]
-            if not lists:
-                raise DamagedError("its faces have no vertex_indices")
-            polygons = columns[lists[0]]
-    body.end()
-    if vertices is None or polygons is None:
-        raise DamagedError("has no vertices or no faces")
-    return vertices, _triangles(vertices, polygons)
+    is_list = {(one.name, name): length is not None for one in elements for name, length, _ in one.properties}
+    if any(is_list.get(("vertex", axis), True) for axis in "xyz"):
+        raise DamagedError("its vertices have no x, y, z")
+    corners = next((name for name in CORNERS if is_list.get(("face", name))), None)
+    if corners is None:
+        raise DamagedError("its faces have no vertex_indices")
+    rest = memoryview(content)[found.end() :]
+    body = _Body(rest if order else numbers(one[0] for one in re.finditer(rb"\S+", rest)).data.cast("B"))
+    columns = {element.name: body.columns(element) for element in elements}
+    if body.left():
+        left = f"{body.left()} bytes" if order else f"{body.left() // 8} numbers"
+        raise DamagedError(f"is damaged: holds {left} more than its header announces")
+    vertices = np.stack([columns["vertex"][axis].astype(float) for axis in "xyz"], axis=-1)
+    return vertices, _triangles(vertices, columns["face"][corners])
 
 
 def _header(text: str) -> tuple[str, list[Element]]:
-    """The order of bytes, "" of text, and what follows."""
+    """Return the order of bytes, "" of text, and the elements. Numbers of a text have the type float64."""
     order, elements = None, []
     for line in text.splitlines():
         match line.split():
@@ -74,10 +74,9 @@ def _header(text: str) -> tuple[str, list[Element]]:
                 order = FORMATS[kind]
             case ["element", name, count] if re.fullmatch(r"[0-9]{1,12}", count):
                 elements.append(Element(name, int(count)))
-            case ["property", "list", counted, kind, name] if elements and {counted, kind} <= TYPES.keys():
-                elements[-1].properties.append((name, TYPES[counted], TYPES[kind]))
-            case ["property", kind, name] if elements and kind in TYPES:
-                elements[-1].properties.append((name, "", TYPES[kind]))
+            case ["property", *length, kind, name] if elements and _is_type(length, kind):
+                types = [np.dtype(order + TYPES[one] if order else "f8") for one in (*length[1:], kind)]
+                elements[-1].properties.append((name, types[0] if length else None, types[-1]))
             case _:
                 raise DamagedError(f"is damaged: its header has '{visible(line.strip(), LONGEST_VALUE)}'")
     if order is None:
@@ -93,168 +92,90 @@ def _header(text: str) -> tuple[str, list[Element]]:
     return order, elements
 
 
-def _triangles(vertices: np.ndarray, polygons: Any) -> np.ndarray:
-    if isinstance(polygons, np.ndarray):
-        wrong = polygons.size and not ((polygons >= 0) & (polygons < len(vertices))).all()
-        sizes = {polygons.shape[1]}
-    else:
-        wrong = any(((one < 0) | (one >= len(vertices))).any() for one in polygons)
-        sizes = {len(one) for one in polygons}
-    if wrong:
+def _is_type(length: list[str], kind: str) -> bool:
+    """Whether the words of a property are a type, or 'list' and two types."""
+    return kind in TYPES and (not length or (len(length) == 2 and length[0] == "list" and length[1] in TYPES))
+
+
+def _triangles(vertices: np.ndarray, polygons: np.ndarray | list[np.ndarray]) -> np.ndarray:
+    if not len(polygons):
+        return np.empty((0, 3), int)
+    corners = polygons.ravel() if isinstance(polygons, np.ndarray) else np.concatenate(polygons)
+    if not ((corners >= 0) & (corners < len(vertices)) & (corners == np.floor(corners))).all():
         raise DamagedError(f"is damaged: a face has a corner that is none of the {len(vertices)} vertices")
-    if len(polygons) and min(sizes) < 3:
+    if min(len(one) for one in polygons) < 3:
         raise DamagedError("is damaged: a face has fewer than three corners")
-    if sizes == {3}:
-        return np.asarray(polygons, int)
+    if isinstance(polygons, np.ndarray) and polygons.shape[1] == 3:
+        return polygons.astype(int)
     return triangulated(vertices, [[int(n) for n in one] for one in polygons])
 
 
-# ---------------------------------------------------------------- what follows the header
+def numbers(words: Iterable[Any]) -> np.ndarray:
+    """Numbers that words are. Raises DamagedError."""
+    try:
+        return np.fromiter(map(float, words), float)
+    except ValueError as error:
+        raise DamagedError(f"is damaged: {visible(error, LONGEST_VALUE)}") from None
 
 
 class _Body:
-    """Rows one after the other. Of lists of one length for all rows a column is (rows, length), else a list of them."""
+    """Values after the header, element by element."""
 
-    def __init__(self) -> None:
-        self.at = 0
-
-    def take(self, element: Element) -> dict[str, Any]:
-        """The columns of the next element."""
-        if not element.count or not element.properties:
-            return {name: np.empty((0, 3) if counted else 0) for name, counted, _ in element.properties}
-        if element.count > self.left():
-            raise self.cut(element)
-        return self.alike(element) or self.one_by_one(element)
+    def __init__(self, content: memoryview):
+        self.content, self.at = content, 0
 
     def left(self) -> int:
-        """The most rows that there may be."""
-        raise NotImplementedError
-
-    def alike(self, element: Element) -> dict[str, Any] | None:
-        """The columns, if all rows have lists as long as the first one's."""
-        raise NotImplementedError
-
-    def one_by_one(self, element: Element) -> dict[str, Any]:
-        """The columns, row by row."""
-        if element.count > MOST_UNLIKE:
-            raise DamagedError(f"has more than {MOST_UNLIKE:,} rows with lists of unlike lengths")
-        columns: dict[str, list[Any]] = {name: [] for name, _, _ in element.properties}
-        for _ in range(element.count):
-            for name, counted, kind in element.properties:
-                length = self.length(counted, element) if counted else None
-                values = self.values(kind, 1 if length is None else length, element)
-                columns[name].append(values[0] if length is None else values)
-        lists = {name for name, counted, _ in element.properties if counted}
-        return {name: one if name in lists else np.array(one) for name, one in columns.items()}
-
-    def length(self, counted: str, element: Element) -> int:
-        """How long the next list is."""
-        return whole(self.values(counted, 1, element)[0])
-
-    def values(self, kind: str, count: int, element: Element) -> np.ndarray:
-        """The next values."""
-        raise NotImplementedError
-
-    def cut(self, element: Element) -> DamagedError:
-        """What is wrong where there are too few rows."""
-        return DamagedError(
-            f"is cut or damaged: its header tells of {element.count} rows of {visible(element.name, 40)}, fewer follow"
-        )
-
-
-class _Bytes(_Body):
-    def __init__(self, content: bytes, order: str):
-        super().__init__()
-        self.content, self.order = content, order
-
-    def left(self) -> int:
+        """Bytes that no element has taken."""
         return len(self.content) - self.at
 
-    def values(self, kind: str, count: int, element: Element) -> np.ndarray:
-        dtype = np.dtype(self.order + kind)
-        if count * dtype.itemsize > self.left():
-            raise self.cut(element)
-        found = np.frombuffer(self.content, dtype, count, self.at)
-        self.at += count * dtype.itemsize
-        return found
+    def columns(self, element: Element) -> dict[str, Any]:
+        """Columns by name: (count,) of values; of lists (count, length), or a Python list if lengths differ."""
+        if not element.count or not element.properties:
+            return {name: np.empty(0 if length is None else (0, 3)) for name, length, _ in element.properties}
+        least = sum((kind if length is None else length).itemsize for _, length, kind in element.properties)
+        if element.count * least > self.left():
+            raise self._cut(element)
+        begin = self.at
+        first = self._row(element)
+        fields: list[Any] = []
+        for n, (_, length, kind) in enumerate(element.properties):
+            if length is not None:
+                fields.append((f"length {n}", length))
+            fields.append((str(n), kind) if length is None else (str(n), kind, (first[n].size,)))
+        row = np.dtype(fields)
+        if element.count * row.itemsize <= len(self.content) - begin:
+            rows = np.frombuffer(self.content, row, element.count, begin)
+            if all((rows[name] == rows[name][0]).all() for name, *_ in fields if name.startswith("length")):
+                self.at = begin + rows.nbytes
+                return {name: rows[str(n)] for n, (name, _, _) in enumerate(element.properties)}
+        if element.count * len(element.properties) > MOST_UNLIKE:
+            raise DamagedError(f"has more than {MOST_UNLIKE:,} values in rows with lists of unlike lengths")
+        table = [first, *(self._row(element) for _ in range(element.count - 1))]
+        return {
+            name: [one[n] for one in table]
+            if length is not None
+            else np.concatenate([one[n] for one in table])
+            for n, (name, length, _) in enumerate(element.properties)
+        }
 
-    def alike(self, element: Element) -> dict[str, Any] | None:
-        begin, parts = self.at, []
-        for n, (_, counted, kind) in enumerate(element.properties):
-            if counted:
-                length = self.length(counted, element)
-                parts += [(f"n{n}", self.order + counted), (f"v{n}", self.order + kind, (length,))]
-                self.values(kind, length, element)
-            else:
-                parts.append((f"v{n}", self.order + kind))
-                self.values(kind, 1, element)
-        self.at, row = begin, np.dtype(parts)
-        if element.count * row.itemsize > self.left():
-            return None
-        rows = np.frombuffer(self.content, row, element.count, begin)
-        columns = {}
-        for n, (name, counted, _) in enumerate(element.properties):
-            if counted and not (rows[f"n{n}"] == rows[f"n{n}"][0]).all():
-                return None
-            columns[name] = rows[f"v{n}"]
-        self.at += element.count * row.itemsize
-        return columns
+    def _row(self, element: Element) -> list[np.ndarray]:
+        """Values of each property of the next row."""
+        row = []
+        for _, length, kind in element.properties:
+            count = 1.0 if length is None else float(self._take(length, 1, element)[0])
+            if count < 0 or not count.is_integer():
+                raise DamagedError("is damaged: the length of a list is no whole number")
+            row.append(self._take(kind, int(count), element))
+        return row
 
-    def end(self) -> None:
-        if self.left():
-            raise DamagedError(f"is damaged: holds {self.left()} bytes more than its header tells of")
+    def _take(self, kind: np.dtype, count: int, element: Element) -> np.ndarray:
+        begin, end = self.at, self.at + count * kind.itemsize
+        if end > len(self.content):
+            raise self._cut(element)
+        self.at = end
+        return np.frombuffer(self.content[begin:end], kind)
 
-
-class _Words(_Body):
-    def __init__(self, content: bytes):
-        super().__init__()
-        words = (found[0] for found in re.finditer(rb"\S+", content))
-        try:
-            self.numbers = np.fromiter(map(float, words), float)
-        except ValueError as error:
-            raise DamagedError(f"is damaged: {visible(error, LONGEST_VALUE)}") from None
-
-    def left(self) -> int:
-        return len(self.numbers) - self.at
-
-    def values(self, kind: str, count: int, element: Element) -> np.ndarray:
-        if count > self.left():
-            raise self.cut(element)
-        self.at += count
-        return _of(kind, self.numbers[self.at - count : self.at])
-
-    def alike(self, element: Element) -> dict[str, Any] | None:
-        begin, places = self.at, []
-        for _, counted, kind in element.properties:
-            length = self.length(counted, element) if counted else 1
-            self.values(kind, length, element)
-            places.append((self.at - begin - length, length))
-        width, self.at = self.at - begin, begin
-        if element.count * width > self.left():
-            return None
-        rows = self.numbers[begin : begin + element.count * width].reshape(element.count, width)
-        columns = {}
-        for (name, counted, kind), (first, length) in zip(element.properties, places, strict=True):
-            if counted and not (rows[:, first - 1] == length).all():
-                return None
-            columns[name] = _of(kind, rows[:, first : first + length] if counted else rows[:, first])
-        self.at += element.count * width
-        return columns
-
-    def end(self) -> None:
-        if self.left():
-            raise DamagedError(f"is damaged: holds {self.left()} numbers more than its header tells of")
-
-
-def _of(kind: str, numbers: np.ndarray) -> np.ndarray:
-    """Numbers of a text as values of that type; those of whole numbers have to be ones."""
-    if kind[0] != "f" and not (np.isfinite(numbers) & (numbers == np.round(numbers))).all():
-        raise DamagedError("is damaged: holds a fraction where a whole number has to be")
-    return numbers
-
-
-def whole(number: Any) -> int:
-    """The length of a list."""
-    if not (np.isfinite(number) and number >= 0 and number == int(number)):
-        raise DamagedError("is damaged: the length of a list is no whole number")
-    return int(number)
+    def _cut(self, element: Element) -> DamagedError:
+        return DamagedError(
+            f"is cut or damaged: its header announces {element.count} rows of {visible(element.name, 40)}, fewer follow"
+        )
