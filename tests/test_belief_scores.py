@@ -9,9 +9,10 @@ import pytest
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.assembly.prepare import load_scenario
 from taichi_plume.files import maps_file
-from taichi_plume.files.result import result, write_result
 from taichi_plume.record.recorder import Recorder
 from taichi_plume.report.beliefs import beliefs_of, rows
+from taichi_plume.running import final_maps
+from taichi_plume.running.result import result, write_result
 from taichi_plume.scoring.beliefs import OF_BELIEFS, BeliefScores, GroupBeliefs, beliefs
 from taichi_plume.scoring.maps import MapScores
 
@@ -68,7 +69,7 @@ def test_a_run_leaves_its_beliefs(tmp_path, taichi):
     scores, judge = BeliefScores(sim), MapScores(sim)
     recorder = Recorder(sim, tmp_path / "recording.rrd", "cpu", judge)
     sim.observers += [scores.observer(), *recorder.observers()]
-    writer = maps_file.MapsFile(sim, tmp_path / "maps.zarr", judge)
+    writer = final_maps.MapsFile(sim, tmp_path / "maps.zarr", judge)
     recorder.start()
     writer.start()
     sim.run()

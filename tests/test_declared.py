@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from taichi_plume.agents.columns import COLUMNS
-from taichi_plume.files import result
-from taichi_plume.running import summary
+from taichi_plume.running import result, summary
 from taichi_plume.scenario.robots import Group
 from taichi_plume.scoring import trials as scores
 from taichi_plume.scoring.declarations import OUTCOMES, declared_outcomes, has_declared

@@ -77,7 +77,7 @@ def test_only_the_recording_knows_rerun():
             "taichi_plume.assembly.assemble",
             {"open3d", "matplotlib", "rerun", "zarr", "scipy.signal", "scipy.stats"},
         ),
-        ("taichi_plume.files.result, taichi_plume.solvers.gas", {"scipy.stats", "scipy.optimize"}),
+        ("taichi_plume.running.result, taichi_plume.solvers.gas", {"scipy.stats", "scipy.optimize"}),
     ],
 )
 def test_heavy_packages_are_imported_only_where_used(modules, heavy):

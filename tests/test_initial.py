@@ -9,9 +9,9 @@ from pydantic import ValidationError
 
 from taichi_plume.assembly.assemble import build
 from taichi_plume.assembly.prepare import checked
-from taichi_plume.files.filming import Filming
 from taichi_plume.grid.kernels import compiled
 from taichi_plume.grid.state import State
+from taichi_plume.running.filming import Filming
 from taichi_plume.scenario.initial import units_of
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.outputs import Fields

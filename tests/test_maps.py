@@ -15,8 +15,8 @@ from taichi_plume.agents.recorded import RecordedTeam
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.assembly.prepare import load_scenario
 from taichi_plume.cli import maps
-from taichi_plume.files import robots_table
 from taichi_plume.grid import kernels
+from taichi_plume.running import robots_table
 from taichi_plume.scenario.maps import InverseDistanceMap, KernelMap, MarkovMap, TimeSeriesMap
 
 pytestmark = pytest.mark.usefixtures("taichi")

@@ -10,7 +10,8 @@ import pytest
 from taichi_plume.assembly import assemble
 from taichi_plume.cli import repair, run
 from taichi_plume.cli import report as report
-from taichi_plume.files import checkpoint, manifest, result, table_parts
+from taichi_plume.files import checkpoint, manifest, table_parts
+from taichi_plume.running import result
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

@@ -7,8 +7,8 @@ import pytest
 
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.assembly.prepare import checked
-from taichi_plume.files.result import result
 from taichi_plume.grid.state import State
+from taichi_plume.running.result import result
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scoring import trials as scores

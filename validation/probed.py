@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from taichi_plume.assembly.assemble import assemble
-from taichi_plume.files.probes_table import ProbeTable
 from taichi_plume.files.table_parts import read
+from taichi_plume.running.probes_table import ProbeTable
 from taichi_plume.simulation import Simulation
 from taichi_plume.validation.searches import scenario_of
 

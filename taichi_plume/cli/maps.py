@@ -40,7 +40,7 @@ MOST_OBLONG = 4.0  # of a picture
 
 def write(gas_map: GasMap, readings: Readings, size: tuple[float, float], folder: Path) -> None:
     """Write FILES into an existing folder."""
-    from taichi_plume.files.result import plain
+    from taichi_plume.running.result import plain
 
     nx, ny = gas_map.estimate.shape
     i, j = np.meshgrid(np.arange(nx), np.arange(ny), indexing="ij")

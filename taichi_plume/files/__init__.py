@@ -1,3 +1,3 @@
 """The formats that are read and written, one file each."""
 
-MAY_IMPORT: tuple[str, ...] = ("grid", "guard", "scenario", "scoring", "simulation")
+MAY_IMPORT: tuple[str, ...] = ("grid", "guard", "scenario")

@@ -12,12 +12,12 @@ from typing import Any, NamedTuple, Protocol
 from rich.console import Console
 
 from taichi_plume.assembly.prepare import Prepared
-from taichi_plume.files import checkpoint, manifest, result, run_folder
+from taichi_plume.files import checkpoint, manifest, run_folder
 from taichi_plume.files.own_class import OwnAlgorithmError
 from taichi_plume.files.run_folder import RunFolder
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import say, terminal
-from taichi_plume.running import summary
+from taichi_plume.running import result, summary
 from taichi_plume.running.outputs import About, Outputs
 from taichi_plume.running.signals import Ears, deaf, listening, reader_may_leave
 from taichi_plume.simulation import Simulation, UnstableError

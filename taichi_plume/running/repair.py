@@ -14,11 +14,11 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from taichi_plume.files import checkpoint, manifest, maps_file, plumesim_log, table_parts
-from taichi_plume.files.result import write_result
 from taichi_plume.files.run_folder import KILLED, LISTED, RunFolder, RunFolderError, resuming, told
 from taichi_plume.guard.terminal import say
 from taichi_plume.running.job import report
 from taichi_plume.running.outputs import OVER
+from taichi_plume.running.result import write_result
 
 PARTS = ("robots.parts", "probes.parts", "recording.old.rrd")
 """What is there only until a file is finished."""

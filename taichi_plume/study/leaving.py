@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from taichi_plume.files import run_folder
-from taichi_plume.files.result import result, write_result
 from taichi_plume.running.job import End, report, whole
 from taichi_plume.running.outputs import About, Outputs
+from taichi_plume.running.result import result, write_result
 from taichi_plume.running.signals import Ears
 from taichi_plume.scenario.input_files import input_paths
 from taichi_plume.study.messages import Request, Task

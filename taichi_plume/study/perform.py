@@ -9,8 +9,8 @@ from typing import Any
 from taichi_plume import __version__
 from taichi_plume.assembly.own_code import execute
 from taichi_plume.assembly.prepare import StructureError, checked
-from taichi_plume.files.result import result
 from taichi_plume.running.job import End, explain, whole
+from taichi_plume.running.result import result
 from taichi_plume.scenario.loading import ScenarioError, scenario_of
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scoring.maps import MapScores

@@ -9,8 +9,8 @@ from recorded_bag import POSE, gas, pose, write
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.assembly.prepare import checked
 from taichi_plume.files.bag_ways import WayError, read
-from taichi_plume.files.result import _beside_recorded
 from taichi_plume.grid.state import State
+from taichi_plume.running.result import _beside_recorded
 from taichi_plume.running.summary import _recorded_line
 from taichi_plume.scenario.loading import ScenarioError, scenario_from
 

@@ -9,7 +9,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from taichi_plume.files import robots_table, run_folder, table_parts
+from taichi_plume.files import run_folder, table_parts
+from taichi_plume.running import robots_table
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

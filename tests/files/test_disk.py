@@ -6,8 +6,8 @@ import pytest
 
 from taichi_plume.files import checkpoint, manifest
 from taichi_plume.files.disk import left_in, new_beside, written_whole
-from taichi_plume.files.result import write_result
 from taichi_plume.report import html
+from taichi_plume.running.result import write_result
 
 WRITERS = {
     "result.json": lambda folder: write_result(folder, {"name": "a"}),

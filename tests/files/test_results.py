@@ -10,8 +10,8 @@ import pyarrow.parquet as pq
 import pytest
 import yaml
 
-from taichi_plume.files import disk, result, robots_table, run_folder, table_parts
-from taichi_plume.running import summary
+from taichi_plume.files import disk, run_folder, table_parts
+from taichi_plume.running import result, robots_table, summary
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scoring import trials as scores
 from taichi_plume.simulation import Every, Simulation, UnstableError

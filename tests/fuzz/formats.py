@@ -139,7 +139,7 @@ def _write_table(path: Path) -> None:
 
 def _write_maps(path: Path) -> None:
     """A map of two trials as a run leaves it."""
-    from taichi_plume.files.maps_file import MapsFile
+    from taichi_plume.running.final_maps import MapsFile
     from taichi_plume.scenario.maps import TimeSeriesMap
 
     values = np.random.default_rng(2).random((2, 6, 5))

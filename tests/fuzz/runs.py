@@ -73,7 +73,7 @@ class Runner:
     @staticmethod
     def _second(sim: Any, how: str) -> Outcome:
         """Go on for a second, and for one of the robots where the warm-up is as short; then look at the result."""
-        from taichi_plume.files.result import result
+        from taichi_plume.running.result import result
         from taichi_plume.scoring.maps import MapScores
 
         scores = MapScores(sim)

@@ -13,11 +13,11 @@ from PIL import Image
 from taichi_plume.agents import mapping, search
 from taichi_plume.assembly import kinds
 from taichi_plume.cli.report import main
-from taichi_plume.files.result import write_result
 from taichi_plume.report import figures, look, references
 from taichi_plume.report.maps import MapAtEnd
 from taichi_plume.report.page import NAME
 from taichi_plume.results.run import Run
+from taichi_plume.running.result import write_result
 
 ROOT = Path(__file__).parent.parent.parent
 ADDRESSES = {"src", "href", "action", "data", "poster", "srcset", "background", "formaction", "cite", "ping"}

@@ -1,0 +1,110 @@
+"""Writer of `maps.zarr` at the end of a run, see `files/maps_file.py`."""
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from taichi_plume import __version__
+from taichi_plume.files import disk, maps_file
+from taichi_plume.scoring.beliefs import GroupBeliefs, beliefs
+from taichi_plume.scoring.maps import MapScores, MapSeries
+from taichi_plume.simulation import Simulation, Uncertain
+
+
+class MapsFile:
+    """Writes `path` when the run ends, however it does; `go_on()` removes that of an earlier end."""
+
+    STATE = ()
+
+    def __init__(self, sim: Simulation, path: Path, map_scores: MapScores):
+        self.sim, self.path, self.map_scores = sim, path, map_scores
+        self.open = False
+
+    def start(self) -> None:
+        """Nothing is written before the end."""
+        disk.require_room(self.path)
+        self.open = True
+
+    def go_on(self) -> None:
+        """What there is is of an earlier end."""
+        shutil.rmtree(self.path, ignore_errors=True)
+        self.start()
+
+    def flush(self) -> None:
+        """Nothing is written before the end."""
+
+    def close(self) -> None:
+        """Write the maps, all or none. Raises OSError when the disk is full."""
+        if not self.open:
+            return
+        self.open = False
+        scenario = self.sim.scenario
+        found = beliefs(self.sim)
+        series = self.map_scores.series
+        facts = {
+            "title": f"Gas maps of {scenario.name}",
+            "source": f"taichi_plume {__version__}",
+            **scenario.seeds,
+            "maps": len(series),
+            "beliefs": len(found),
+        }
+        parts = [(str(n), self._facts(n), _variables(one)) for n, one in enumerate(series)]
+        parts += [(f"belief_{k}", self._believed(one), _belief(one)) for k, one in enumerate(found)]
+        maps_file.write(self.path, facts, parts)
+
+    def _facts(self, n: int) -> dict[str, Any]:
+        model, series = self.sim.scenario.maps[n], self.map_scores.series[n]
+        rivals = len(series.parts) > 1
+        names = [group.name for group in self.sim.swarm.groups] if self.sim.swarm.count else []
+        made = [[names[k]] if rivals else names for k in range(len(series.parts))]
+        return {
+            "title": f"Gas map {n} of {self.sim.scenario.name}",
+            **model.model_dump(mode="json"),
+            "t_s": self.sim.t,
+            "groups": [
+                {"names": who, "first_trial": rows.start, "trials": rows.stop - rows.start}
+                for who, rows in zip(made, series.parts, strict=True)
+            ],
+        }
+
+    def _believed(self, one: GroupBeliefs) -> dict[str, Any]:
+        kind = one.group.model.algorithm.kind
+        return {
+            "title": f"What {one.group.name} believes",
+            "group": one.group.name,
+            "algorithm": kind,
+            "cell_m": one.cell,
+            "t_s": self.sim.t,
+        }
+
+
+def _variables(series: MapSeries) -> dict[str, np.ndarray]:
+    """By name, as they are stored."""
+    estimate = np.asarray(series.map.estimate(), np.float32)
+    trials, nx, ny = estimate.shape
+    cells = {"estimate": estimate, "weight": np.asarray(series.map.weight(), np.float32)}
+    if isinstance(series.map, Uncertain):
+        cells["variance"] = np.asarray(series.map.variance(), np.float32)
+    cells["truth"] = np.broadcast_to(series.truth.astype(np.float32), estimate.shape)
+    return {
+        "trial": np.arange(trials, dtype=np.int32),
+        "y": (np.arange(ny) + 0.5) * series.cell,
+        "x": (np.arange(nx) + 0.5) * series.cell,
+        **{name: np.ascontiguousarray(values.transpose(0, 2, 1)) for name, values in cells.items()},
+        "measurable": series.measurable.T.astype(np.int8),
+    }
+
+
+def _belief(one: GroupBeliefs) -> dict[str, np.ndarray]:
+    """By name, as they are stored."""
+    x, y = one.axes()
+    trials, robots = one.p.shape[:2]
+    return {
+        "trial": np.arange(trials, dtype=np.int32),
+        "robot": np.arange(robots, dtype=np.int32),
+        "y": y,
+        "x": x,
+        "probability": np.ascontiguousarray(one.p.transpose(0, 1, 3, 2), np.float32),
+    }
