@@ -82,11 +82,13 @@ def _arguments(argv: Sequence[str]) -> argparse.Namespace:
     )
     add(parser, "--force", help="drop runs in the folder that the study does not ask for")
     parser.add_argument("--check", action="store_true", help="only check: say which runs it makes")
-    parser.add_argument("--dashboard", action="store_true", help="show Dask's page of what its workers do")
+    parser.add_argument("--dashboard", action="store_true", help="print the address of the scheduler's page")
     add(parser, "--retry", "--quiet", "--allow-code", "--allow-outside", "--no-report", "--debug")
     args = parser.parse_args(argv)
     if args.workers and args.scheduler:
         parser.error("--workers is of this machine: it has no place beside --scheduler")
-    if args.dashboard and args.scheduler:
-        parser.error("--dashboard is of this machine: a scheduler has, or has not, a dashboard of its own")
+    if args.dashboard and not args.scheduler:
+        parser.error(
+            "--dashboard is the page of a Dask scheduler: start `dask scheduler` and add --scheduler ADDRESS"
+        )
     return args

@@ -19,23 +19,20 @@ TARGET_S = 4.0
 PER_WORKER_S = 0.04
 """Of a task, for each worker: so long the command and the scheduler take for the tasks of the others."""
 MOST_RUNS = 1000  # of a task
-DEATHS = 3  # of workers, after which what they did is to blame
+DEATHS = 2  # of workers that had nothing but this run or film, after which it has failed
 REMEMBERED = 16  # runs of a structure, whose cost tells that of the next ones
 
 
 class Job(NamedTuple):
     """What one task does: runs, or where `solve` the film of the air that all of these share.
 
-    film: that they play. deaths: of workers that did it; alone: a worker does nothing else at that time, so that it is
-    to blame if the worker dies. expected_s: None where nothing is known.
+    film: that they play. deaths: of workers that did it, a single run or a film.
     """
 
     requests: tuple[Request, ...]
     film: Path | None = None
     solve: bool = False
     deaths: int = 0
-    alone: bool = False
-    expected_s: float | None = None
 
     @property
     def structure(self) -> str:
@@ -64,7 +61,6 @@ class Agenda:
         room: Callable[[], bool] = lambda: True,
     ):
         self.film, self.most_films, self.room = film, most_films, room
-        self.suspects: deque[Job] = deque()
         self.repeated: deque[Job] = deque()
         self.left: Counter[str] = Counter()  # runs that are not done, by shared air
         self.unsolved: dict[str, None] = {}  # airs in their order
@@ -121,7 +117,7 @@ class Agenda:
             del self._open[group]
         self._attended[group] += 1
         film = self.film(group[0]) if group[0] else None
-        return Job(some, film, expected_s=None if each is None else each * len(some))
+        return Job(some, film)
 
     def target(self, workers: int) -> float:
         """How long a task should take [s], of so many workers."""
@@ -142,33 +138,21 @@ class Agenda:
         """These runs of a job were not done: its worker had no more time for them."""
         if not requests:
             return
-        if job.alone:
-            self.suspects.append(job._replace(requests=tuple(requests)))
-            return
         group = (job.air if job.film else "", job.structure)
         self._open.setdefault(group, deque()).extendleft(reversed(requests))
 
-    def back(self, job: Job) -> None:
-        """Nobody does this job: it is to be done as it is."""
-        (self.suspects if job.alone else self.repeated).append(job)
-
     def apart(self, job: Job) -> None:
         """Do the runs of a job that went wrong one by one."""
-        self.repeated.extend(job._replace(requests=(one,), expected_s=None) for one in job.requests)
+        self.repeated.extend(job._replace(requests=(one,)) for one in job.requests)
 
-    def killed(self, job: Job, deaths: int) -> bool:
-        """Workers died while they had this job; whether it is to blame, and is not done again.
-
-        Whatever else they had is as suspicious: each is done again by a worker that has nothing else, several runs
-        together, in the end one by one.
-        """
-        again = job._replace(deaths=job.deaths + deaths, alone=True, expected_s=None)
-        if again.deaths >= DEATHS and len(job.requests) > 1 and not job.solve:
-            self.suspects.extend(again._replace(requests=(one,), deaths=0) for one in job.requests)
-        elif again.deaths >= DEATHS and job.alone:
+    def died(self, job: Job) -> bool:
+        """Do a job again whose worker died, its runs one by one. Return whether a single run or film has failed."""
+        if len(job.requests) > 1 and not job.solve:
+            self.apart(job)
+        elif job.deaths + 1 >= DEATHS:
             return True
         else:
-            self.suspects.append(again)
+            self.repeated.append(job._replace(deaths=job.deaths + 1))
         return False
 
     def solved(self, air: str) -> None:

@@ -51,8 +51,11 @@ class Options(NamedTuple):
 
 
 class Task(NamedTuple):
-    """Runs that a worker does one after the other. base: the base scenario's data; folder: where its files lie; film:
-    of the air that they share, None where each solves its own.
+    """Runs that a worker executes one after another or, if `solve`, the film of the air that they share.
+
+    base: the base scenario's data; folder: where its files lie; film: path of the film of the shared air, None where
+    each run solves its own air. limit_s: after this time the worker returns the runs that it has finished, at least
+    one.
     """
 
     base: dict[str, Any]
@@ -60,11 +63,13 @@ class Task(NamedTuple):
     requests: tuple[Request, ...]
     options: Options
     film: Path | None = None
+    solve: bool = False
+    limit_s: float = float("inf")
 
 
 class Cost(NamedTuple):
     """Of a run: begun, seconds since the epoch; total_s, all that its worker did for it, simulation_s of that while
-    simulated time went by; kernels compiled; the worker's address.
+    simulated time went by; kernels compiled; the Dask address or process id of the worker.
     """
 
     begun: float

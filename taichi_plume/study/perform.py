@@ -1,12 +1,12 @@
-"""What a worker does: runs, one after the other, on simulations that stay warm."""
+"""Worker side of a study: execute runs one after another on simulations that stay compiled."""
 
+import os
 import sys
 import time
 from collections.abc import Hashable
 from contextlib import suppress
 from typing import Any
 
-from taichi_plume import __version__
 from taichi_plume.assembly.own_code import execute
 from taichi_plume.assembly.prepare import StructureError, checked
 from taichi_plume.running.job import End, explain, whole
@@ -23,8 +23,13 @@ from taichi_plume.study.warm import WARM, Kept
 
 
 def perform(task: Task) -> list[Record]:
-    """Make the runs of a task. One that fails is a record of its own; the next one goes on."""
-    return [_Run(task, request).record() for request in task.requests]
+    """Execute the runs of a task, as many as its limit allows. A failed run yields a record; the others continue."""
+    began, records = time.perf_counter(), []
+    for request in task.requests:
+        records.append(_Run(task, request).record())
+        if time.perf_counter() - began > task.limit_s:
+            break
+    return records
 
 
 class _Run:
@@ -43,7 +48,6 @@ class _Run:
         trials: list[dict[str, Any]] = []
         outcomes: dict[str, float | None] = dict.fromkeys(self.task.options.outcomes)
         try:
-            self._require_version()
             scenario = self.scenario = scenario_of(self.task.base, self.request.changes)
             one = self._ready(scenario)
             end, outcomes = self._simulate(one)
@@ -52,15 +56,6 @@ class _Run:
         except (Exception, SystemExit) as error:  # users' code may raise what it likes
             end = self._failed(error)
         return Record(self.request.run, end.status, end.message, trials, outcomes, self._cost())
-
-    def _require_version(self) -> None:
-        wanted = self.task.options.version
-        if wanted != __version__:
-            raise ScenarioError(
-                [
-                    f"this worker has taichi_plume {__version__}, the study is of {wanted}; install that one there"
-                ]
-            )
 
     def _ready(self, scenario: Scenario) -> Kept:
         """The simulation at the begin of the run: one that is there, or a new one."""
@@ -114,9 +109,9 @@ class _Run:
 
 
 def _worker() -> str:
-    """Address of the worker that this process is; "" where it is none."""
+    """Address of this worker on a Dask cluster, else the id of this process."""
     distributed: Any = sys.modules.get("distributed")
-    try:
-        return distributed.get_worker().address if distributed else ""
-    except ValueError:
-        return ""
+    if distributed:
+        with suppress(ValueError):  # no worker
+            return distributed.get_worker().address
+    return str(os.getpid())

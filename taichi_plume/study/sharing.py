@@ -3,14 +3,13 @@
 import re
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from pkgutil import resolve_name
 from typing import TYPE_CHECKING
 
+from taichi_plume.scenario.loading import scenario_of
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.study.messages import Request
 
 if TYPE_CHECKING:
-    from taichi_plume.study.campaign import Labour
     from taichi_plume.study.plan import Plan
 
 OF_ROBOTS = ("groups", "maps")  # what of a run's result tells nothing of the air itself
@@ -28,7 +27,7 @@ def why_not(
     return next(_reasons(scenario, outcomes, share, keep), None)
 
 
-def shared_airs(plan: "Plan", requests: Sequence[Request], labour: "Labour") -> set[str]:
+def shared_airs(plan: "Plan", requests: Sequence[Request]) -> set[str]:
     """The airs that several of the runs share and that can be solved apart from them.
 
     With share_air: always also those of single runs that are others in them, whatever else is still to be done.
@@ -42,7 +41,6 @@ def shared_airs(plan: "Plan", requests: Sequence[Request], labour: "Labour") -> 
         for one in (plan.requests if always else requests)
         if counts[one.air] > (0 if always else 1)
     }
-    scenario_of, why_not = resolve_name(labour.scenario_of), resolve_name(labour.why_not)
     told: dict[str, list[bool]] = {}  # by structure, as numbers decide nothing of it: as wanted, and exactly
     airs: dict[str, list[list[bool]]] = {}
     for (air, structure), request in first.items():

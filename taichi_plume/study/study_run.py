@@ -1,22 +1,20 @@
 """A study from its begin to its end: folder, workers, campaign, tables, page, and what the user is told."""
 
 import traceback
-from contextlib import ExitStack
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.guard.terminal import say, visible
-from taichi_plume.running.signals import Ears, deaf, listening, reader_may_leave
+from taichi_plume.running.signals import Ears, listening, reader_may_leave
 from taichi_plume.scenario.loading import ScenarioError
-from taichi_plume.study import figures
 from taichi_plume.study.store import DONE, Store, StoreError
 
 if TYPE_CHECKING:
-    from taichi_plume.study.campaign import Labour
-    from taichi_plume.study.cluster import Cluster
     from taichi_plume.study.messages import Request
     from taichi_plume.study.plan import Plan
+    from taichi_plume.study.workers import Workers
 
 SHOWN = 3  # failed runs that are shown
 
@@ -37,16 +35,16 @@ class Wishes(NamedTuple):
     debug: bool = False
 
 
-def carry_out(plan: "Plan", wishes: Wishes, labour: "Labour | None" = None) -> int:
-    """Make the runs of a plan that are not done, then tables and page; returns the command's exit code.
+def carry_out(plan: "Plan", wishes: Wishes) -> int:
+    """Execute the runs of a plan that are not done, then write tables and page. Return the command's exit code.
 
-    labour: what workers call, for tests. Raises ScenarioError, RunFolderError, OSError.
+    Raises ScenarioError, RunFolderError, OSError.
     """
     _require_allowed(plan, wishes)
     try:
         with listening() as ears, Store(wishes.out) as store:
             store.begin(plan, wishes.force)
-            code = _work(plan, store, wishes, labour, ears)
+            code = _work(plan, store, wishes, ears)
             if code == 2:
                 return code
             ears.running, ears.hasty = (
@@ -62,7 +60,7 @@ def carry_out(plan: "Plan", wishes: Wishes, labour: "Labour | None" = None) -> i
         raise RunFolderError(str(error)) from None
 
 
-def _work(plan: "Plan", store: Store, wishes: Wishes, labour: "Labour | None", ears: Ears) -> int:
+def _work(plan: "Plan", store: Store, wishes: Wishes, ears: Ears) -> int:
     """Do what is not done; returns the exit code so far."""
     from taichi_plume.study.todo import todo
 
@@ -70,17 +68,19 @@ def _work(plan: "Plan", store: Store, wishes: Wishes, labour: "Labour | None", e
     _tell_begin(len(plan.requests), len(missing), wishes)
     if not missing:
         return 0
-    from taichi_plume.study import cluster
-    from taichi_plume.study.cluster import ClusterError
+    from taichi_plume.study.workers import DaskWorkers, LocalWorkers, WorkersError, cores
 
     try:
         if wishes.scheduler:
-            workers = cluster.remote(wishes.scheduler, wishes.out, ears)
+            workers: Workers = DaskWorkers(wishes.scheduler, plan, wishes.out, ears)
+            if wishes.dashboard:
+                say(visible(f"Dask's dashboard: {workers.client.dashboard_link}"), error=True)
         else:
-            workers = cluster.local(wishes.workers, len(missing), wishes.out, ears, wishes.dashboard)
-        with workers:
-            return _campaign(plan, store, workers, wishes, labour, ears, missing)
-    except ClusterError as error:
+            ears.running = True
+            workers = LocalWorkers(min(wishes.workers or cores(), len(missing)), wishes.out)
+        with closing(workers):
+            return _campaign(plan, store, workers, wishes, ears, missing)
+    except WorkersError as error:
         say(visible(error), error=True)
         if error.code == 1:
             say(visible(f"what is done is kept in {wishes.out}; the same command goes on"), error=True)
@@ -88,43 +88,28 @@ def _work(plan: "Plan", store: Store, wishes: Wishes, labour: "Labour | None", e
 
 
 def _campaign(
-    plan: "Plan",
-    store: Store,
-    workers: "Cluster",
-    wishes: Wishes,
-    labour: "Labour | None",
-    ears: Ears,
-    todo: "list[Request]",
+    plan: "Plan", store: Store, workers: "Workers", wishes: Wishes, ears: Ears, missing: "list[Request]"
 ) -> int:
-    from taichi_plume.study.campaign import Campaign, Labour, options_of
-    from taichi_plume.study.display import Display
+    from taichi_plume.study.campaign import Campaign, options_of
+    from taichi_plume.study.progress import Display
     from taichi_plume.study.sharing import shared_airs
 
-    if wishes.dashboard:
-        say(visible(f"Dask's dashboard: {workers.client.dashboard_link}"), error=True)
-    labour = labour or Labour()
-    shared = shared_airs(plan, todo, labour)
+    shared = shared_airs(plan, missing)
     options = options_of(plan, wishes.out, wishes.allow_code, wishes.allow_outside)
     total = len(plan.requests)
-    campaign: Campaign | None = None
-    with ExitStack() as stack:
-        display = stack.enter_context(Display(total, total - len(todo), wishes.quiet))
-        ears.hasty = True  # a first signal ends it in order, a second one at once
-        campaign = Campaign(plan, store, workers, options, labour, todo, shared, display, ears)
-        try:
+    ears.hasty = True  # a first signal ends it in order, a second one at once
+    try:
+        with Display(total, total - len(missing), wishes.quiet) as display:
+            campaign = Campaign(plan, store, workers, options, missing, shared, display, ears)
             campaign.run()
-        except OSError as error:
-            stack.close()
-            if wishes.debug:
-                say(*traceback.format_exc().splitlines(), error=True)
-            at = f": {error.filename}" if error.filename else ""
-            say(visible(f"{error.strerror or error}{at}"), error=True)
-            return 1
-        finally:
-            with deaf():
-                figures.write(store, campaign.figures)
-    if campaign.figures.tasks and not wishes.quiet:
-        say(campaign.figures.line(), error=True)
+    except OSError as error:
+        if wishes.debug:
+            say(*traceback.format_exc().splitlines(), error=True)
+        at = f": {error.filename}" if error.filename else ""
+        say(visible(f"{error.strerror or error}{at}"), error=True)
+        return 1
+    if not wishes.quiet:
+        say(campaign.totals.line(), error=True)
     return 0
 
 

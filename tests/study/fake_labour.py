@@ -5,16 +5,14 @@ the process that does it; marks lie in the study's folder), burn [s of CPU].
 """
 
 import os
-import shutil
 import signal
 import time
-from pathlib import Path
 
 from taichi_plume.study.messages import AirRecord, Cost, Record, Request, Task
 
 
-def perform(task: Task) -> list[Record]:
-    return [run(task, request) for request in task.requests]
+def work(task: Task) -> list[Record] | AirRecord:
+    return solve_air(task) if task.solve else [run(task, request) for request in task.requests]
 
 
 def run(task: Task, request: Request) -> Record:
@@ -23,6 +21,8 @@ def run(task: Task, request: Request) -> Record:
     mark(task, request)
     if deaths(task, request) <= told.get("kills", 0):
         os.kill(os.getpid(), signal.SIGKILL)
+    if told.get("full"):
+        raise OSError(28, "No space left on device")
     if told.get("raise"):
         raise ValueError(told["raise"])
     if task.film is not None:
@@ -53,14 +53,10 @@ def run(task: Task, request: Request) -> Record:
             told["fail"],
             [],
             {},
-            Cost(begun, time.perf_counter() - clock, 0.0, 0, worker()),
+            Cost(begun, time.perf_counter() - clock, 0.0, 0, str(os.getpid())),
         )
-    cost = Cost(begun, time.perf_counter() - clock, simulated, 0, worker())
+    cost = Cost(begun, time.perf_counter() - clock, simulated, 0, str(os.getpid()))
     return Record(request.run, "completed", "", [row], {"number": request.number / 7}, cost)
-
-
-def worker() -> str:
-    return str(os.getpid())
 
 
 def mark(task: Task, request: Request) -> None:
@@ -92,16 +88,5 @@ def solve_air(task: Task) -> AirRecord:
     return AirRecord(air, told.get("solve", 0.0), 10, 100)
 
 
-def scenario_of(base: dict, changes: dict) -> dict:
-    return base | changes
-
-
 def why_not(scenario: dict, outcomes: dict, share: str, keep: tuple = ()) -> str | None:
     return None if scenario.get("shared") else "nothing is solved for"
-
-
-def leave_failed(task: Task, request: Request, scenario: dict, message: str) -> None:
-    folder: Path = task.options.out / "failed" / request.run
-    shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir(parents=True)
-    (folder / "message.txt").write_text(message)

@@ -4,24 +4,19 @@ JSON: runs, airs, structures; base: what all runs do (`fake_labour`), changes: b
 are a text, so that these tests need nothing of what makes the real ones.
 """
 
-import asyncio
 import json
-import os
-import signal
 import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import fake_labour
+
 from taichi_plume import study
 from taichi_plume.running.signals import leave
-from taichi_plume.study.campaign import Labour
-from taichi_plume.study.cluster import _quiet
+from taichi_plume.study import campaign, sharing
 from taichi_plume.study.messages import Axis, Request
 from taichi_plume.study.study_run import Wishes, carry_out
-
-NAMES = ("perform", "solve_air", "why_not", "leave_failed", "scenario_of")
-LABOUR = Labour(*(f"fake_labour:{name}" for name in NAMES))
 
 
 def plan_of(folder: Path, told: dict[str, Any]) -> Any:
@@ -74,27 +69,11 @@ def without_tables() -> None:
         setattr(study, name, made)
 
 
-def interrupt_in(name: str) -> None:
-    """Send this process a Ctrl-C while it waits for an object of Dask's to begin, such as `Client._start`."""
-    _quiet(Path(os.devnull))  # Dask reads how to log when it is imported
-    import distributed
-
-    kind, _, method = name.partition(".")
-    made = getattr(distributed, kind)
-    begin = getattr(made, method)
-
-    async def interrupted(self: Any, *args: Any, **more: Any) -> Any:
-        os.kill(os.getpid(), signal.SIGINT)
-        await asyncio.sleep(0.1)
-        return await begin(self, *args, **more)
-
-    setattr(made, method, interrupted)
-
-
 def main() -> int:
     without_tables()
-    if "INTERRUPTED_IN" in os.environ:
-        interrupt_in(os.environ["INTERRUPTED_IN"])
+    campaign.work = fake_labour.work
+    sharing.why_not = fake_labour.why_not
+    sharing.scenario_of = lambda base, changes: base | changes
     out, told, *options = sys.argv[1:]
     given = {
         name.lstrip("-").replace("-", "_"): value
@@ -108,7 +87,7 @@ def main() -> int:
     )
     if wishes.workers:
         wishes = wishes._replace(workers=int(wishes.workers))
-    return carry_out(plan_of(Path(f"{out}-case"), json.loads(told)), wishes, LABOUR)
+    return carry_out(plan_of(Path(f"{out}-case"), json.loads(told)), wishes)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Campaigns with workers of Dask whose runs are of no substance: what is killed, what is lost, what is left."""
+"""Campaigns whose runs do nothing: what is left when workers, the command, the scheduler or runs fail."""
 
 import json
 import os
@@ -15,11 +15,10 @@ from pathlib import Path
 
 import psutil
 import pytest
-from distributed.security import Security
 
 from taichi_plume import __version__
 from taichi_plume.study.store import Store
-from taichi_plume.study.worker import unfit
+from taichi_plume.study.workers import WorkersError, _require_scheduler, unfit
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(os.name == "nt", reason="POSIX signals")]
 HERE = Path(__file__).parent
@@ -125,7 +124,6 @@ def test_killed_and_resumed(tmp_path, unbroken):
     assert code == 130
     assert "go" in said
     until(lambda: not left(second.pid), "its processes to end")
-    assert not (out / ".dask").exists()
     assert kept.keys() < Store(out).statuses().keys()
     assert len((out / "table.txt").read_text().splitlines()) == len(Store(out).statuses()) < 60
 
@@ -169,17 +167,6 @@ def test_interrupted_before_the_first_run(tmp_path):
     until(lambda: not left(process.pid), "its processes to end")
 
 
-@pytest.mark.parametrize("made", ["LocalCluster._start", "Client._ensure_connected"])
-def test_interrupted_while_dask_begins(tmp_path, made):
-    """By a signal that comes in the middle of making what talks to the workers."""
-    process = start(tmp_path / "out", {"runs": 4}, "--workers=1", env={"INTERRUPTED_IN": made})
-    code, said = finish(process)
-    assert code == 130
-    assert "4 runs are not done yet; the same command goes on" in said
-    assert not (tmp_path / "out" / "begun.txt").exists()
-    until(lambda: not left(process.pid), "its processes to end")
-
-
 def test_interrupted_while_a_scheduler_is_silent(tmp_path):
     """It does not wait for an answer that does not come."""
     with socket.create_server(("127.0.0.1", 0)) as silent:
@@ -206,11 +193,11 @@ def test_failures_are_told_and_retried(tmp_path):
     assert "37 of 40 runs are done" in said
     messages = {one.run[-2:]: one.message for one in Store(out).records() if one.status == "failed"}
     assert messages == {
-        "07": "killed its worker 3 times: too little memory?", "14": "it burst", "15": "ValueError: odd"
+        "07": "killed its worker 2 times: too little memory? see workers.log", "14": "it burst", "15": "ValueError: odd"
     }  # fmt: skip
     for line in messages.values():
         assert line in said
-    assert (out / "failed" / f"{7:016x}" / "message.txt").read_text() == messages["07"]
+    assert (out / "failed" / f"{7:016x}" / "message.txt").read_text().strip() == messages["07"]
     begun = (out / "begun.txt").read_text()
 
     code, said = study(out, told, "--workers=2")
@@ -235,9 +222,8 @@ def test_airs_are_filmed_once_and_films_go(tmp_path, unbroken):
     assert sorted((out / "airs.txt").read_text().splitlines()) == [f"{n:04x} 10" for n in range(6)]
     assert max(map(int, (out / "films.txt").read_text().split())) <= 2  # others, when one was begun
     assert not list((out / "airs").glob("*.zarr"))
-    figures = json.loads((out / "figures.json").read_text())
-    assert len(figures["airs"]) == 6
-    assert figures["campaign"]["airs"] == 6
+    assert len(Store(out).air_records()) == 6
+    assert "50 runs and 6 airs" in said
     code, _ = study(
         out,
         {"runs": 60, "airs": 6, "structures": 2, "base": base | {"bad_airs": []}},
@@ -262,6 +248,15 @@ def test_a_worker_is_killed_while_it_solves(tmp_path):
     assert set(begun) == {"0000 10", "0001 10"}
     assert max(begun.values()) >= 2
     assert len(Store(out).statuses()) == 20
+
+
+def test_a_full_disk_ends_the_study(tmp_path):
+    out = tmp_path / "out"
+    code, said = study(out, {"runs": 6, "changes": {"4": {"full": True}}}, "--workers=1")
+    assert code == 1
+    assert "No space left on device" in said
+    assert 0 < len(Store(out).statuses()) < 6
+    assert study(out, {"runs": 6}, "--workers=1")[0] == 0
 
 
 def test_one_command_at_a_time(tmp_path):
@@ -426,58 +421,10 @@ def test_workers_with_several_threads(tmp_path):
     assert all(end <= begin + 0.01 for (_, end), (begin, _) in pairwise(times))
 
 
-BREAK_IN = """
-import asyncio, sys
-from distributed.core import rpc
-from distributed.security import Security
-async def identity(address, args):
-    async with rpc(address, connection_args=args) as server:
-        return await server.identity()
-async def tried(address, args):
-    try:
-        return (await asyncio.wait_for(identity(address, args), 3))["type"]
-    except (OSError, TypeError, ValueError) as error:  # TimeoutError is an OSError
-        return type(error).__name__
-async def main():
-    plain, other = Security(require_encryption=False), Security.temporary()
-    ways = [("tcp", plain), ("tls", plain), ("tls", other)]
-    print(*await asyncio.gather(*(
-        tried(f"{protocol}://127.0.0.1:{port}", security.get_connection_args("client"))
-        for port in sys.argv[1:] for protocol, security in ways
-    )))
-asyncio.run(main())
-"""
-
-
-def test_other_processes_cannot_reach_the_workers(tmp_path):
-    """Neither without TLS nor with another key; scheduler, worker and nanny listen on loopback alone."""
-    process = start(tmp_path / "out", {"runs": 60, "base": {"sleep": 0.5}}, "--workers=1")
-    try:
-        until(lambda: workers(process, tmp_path / "out"), "a worker")
-        found = psutil.Process(process.pid)
-        listening = [
-            one.laddr
-            for process in [found, *found.children(recursive=True)]
-            for one in process.net_connections()
-            if one.status == psutil.CONN_LISTEN
-        ]
-        assert len(listening) >= 3
-        assert {one.ip for one in listening} == {"127.0.0.1"}
-        line = [sys.executable, "-c", BREAK_IN, *(str(one.port) for one in listening)]
-        tried = subprocess.run(line, env=ENVIRONMENT, capture_output=True, text=True, timeout=ENOUGH)
-        answers = tried.stdout.split()
-        assert len(answers) == 3 * len(listening), tried.stderr
-        assert not {"Scheduler", "Worker", "Nanny"} & set(answers)
-    finally:
-        process.kill()
-        finish(process)
-
-
 def test_a_scheduler_with_tls(tmp_path, unbroken):
     """Its certificate and key come from Dask's configuration; without them it is not reached."""
-    made = Security.temporary()
-    (tmp_path / "cert.pem").write_text(made.tls_ca_file)
-    (tmp_path / "key.pem").write_text(made.tls_client_key)
+    line = "openssl req -x509 -newkey rsa:3072 -nodes -days 2 -subj /CN=dask -keyout key.pem -out cert.pem"
+    subprocess.run(line.split(), cwd=tmp_path, check=True, capture_output=True)
     files = {"ca-file": "cert.pem", "cert": "cert.pem", "key": "key.pem"}
     tls = [text for name, file in files.items() for text in (f"--tls-{name}", str(tmp_path / file))]
     prefix = "DASK_DISTRIBUTED__COMM__TLS__"
@@ -496,63 +443,22 @@ def test_a_scheduler_with_tls(tmp_path, unbroken):
     assert (tmp_path / "out" / "table.txt").read_text() == unbroken
 
 
-NOWHERE = (
-    "tcp://127.0.0.1:9",
-    "nonsense",
-    "tcp://",
-    "127.0.0.1",
-    "foo://127.0.0.1:1",
-    "tcp://nowhere.invalid:8786",
-)
-CONNECT = """
-import sys
-from pathlib import Path
-from taichi_plume.running.signals import Ears
-from taichi_plume.study.cluster import ClusterError, remote
-for address in sys.argv[2:]:
-    try:
-        remote(address, Path(sys.argv[1]), Ears())
-    except ClusterError as error:
-        print(error.code, error)
-"""
-
-
-def test_no_scheduler_there(tmp_path):
-    code, said = study(tmp_path / "out", {"runs": 3}, f"--scheduler={NOWHERE[0]}")
-    assert code == 2
-    (line,) = [one for one in said.splitlines() if "runs; into" not in one]
-    assert line.startswith(f"--scheduler {NOWHERE[0]}: no Dask scheduler there")
-    others = subprocess.run(
-        [sys.executable, "-c", CONNECT, str(tmp_path), *NOWHERE[1:]],
-        env=ENVIRONMENT, capture_output=True, text=True, timeout=2 * ENOUGH,
-    )  # fmt: skip
-    lines = others.stdout.splitlines()
-    assert len(lines) == len(NOWHERE) - 1, others.stderr
-    for line, address in zip(lines, NOWHERE[1:], strict=True):
-        assert line.startswith(f"2 --scheduler {address}: no Dask scheduler there")
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nonsense", "tcp://", "foo://127.0.0.1:1"])
+def test_no_scheduler_there(address):
+    with pytest.raises(WorkersError, match=f"--scheduler {address}: no Dask scheduler there") as caught:
+        _require_scheduler(address)
+    assert caught.value.code == 2
 
 
 def test_something_else_there(tmp_path):
-    server = [sys.executable, "-m", "http.server", "0", "--bind", "127.0.0.1"]
-    with subprocess.Popen(
-        server,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        text=True,
-        env=ENVIRONMENT | {"PYTHONUNBUFFERED": "1"},
-    ) as process:
-        try:
-            assert process.stdout
-            port = process.stdout.readline().split("port ")[1].split()[0]
-            code, said = study(tmp_path / "out", {"runs": 3}, f"--scheduler=tcp://127.0.0.1:{port}")
-        finally:
-            process.kill()
-    assert code == 2
-    assert "no Dask scheduler there" in said
-
-
-def test_a_worker_is_no_scheduler(tmp_path):
+    """A server of another protocol, and a worker of Dask's."""
     with cluster(tmp_path, 1) as (_, processes):
+        server = [sys.executable, "-u", "-m", "http.server", "0", "--bind", "127.0.0.1"]
+        processes.append(
+            subprocess.Popen(server, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+        )
+        assert processes[-1].stdout
+        other = processes[-1].stdout.readline().split("port ")[1].split()[0]
         found = psutil.Process(processes[1].pid)
         ports = until(
             lambda: [
@@ -562,9 +468,9 @@ def test_a_worker_is_no_scheduler(tmp_path):
                 if one.status == psutil.CONN_LISTEN
             ]
         )
-        code, said = study(tmp_path / "out", {"runs": 3}, f"--scheduler=tcp://127.0.0.1:{ports[0]}")
-    assert code == 2
-    assert "no Dask scheduler there" in said
+        for port in (other, ports[0]):
+            code, said = study(tmp_path / "out", {"runs": 3}, f"--scheduler=tcp://127.0.0.1:{port}")
+            assert (code, "no Dask scheduler there" in said) == (2, True), said
 
 
 # ---------------------------------------------------------------- the network
@@ -579,19 +485,17 @@ sys.addaudithook(hook)
 """
 
 
-def test_nothing_but_loopback(tmp_path):
+def test_no_sockets(tmp_path):
     """In the command and in its workers, each of which begins with a hook that sees what sockets do."""
     (tmp_path / "sitecustomize.py").write_text(SPY)
+    (tmp_path / "spied.txt").touch()
     environment = {
         "PYTHONPATH": os.pathsep.join([str(tmp_path), *PATHS]),
         "SPIED": str(tmp_path / "spied.txt"),
     }
     process = start(tmp_path / "out", {"runs": 20}, "--workers=2", env=environment)
     assert finish(process)[0] == 0
-    told = (tmp_path / "spied.txt").read_text().splitlines()
-    assert len([line for line in told if line.startswith("socket.connect ('127.0.0.1'")]) >= 3
-    for line in told:
-        assert "127.0.0.1" in line or "'localhost'" in line or ".sock" in line, line
+    assert (tmp_path / "spied.txt").read_text() == ""
 
 
 def test_what_lies_in_the_working_folder_is_not_imported(tmp_path):

@@ -16,7 +16,6 @@ from small_study import ROOM, SPEED, write
 from taichi_plume.scenario.loading import scenario_of
 from taichi_plume.scenario.reset import differences
 from taichi_plume.study.axes import saltelli
-from taichi_plume.study.campaign import Labour
 from taichi_plume.study.ids import Digests
 from taichi_plume.study.plan import SEARCH_STEP, load_plan
 from taichi_plume.study.sharing import shared_airs
@@ -228,8 +227,8 @@ def test_runs_that_are_shown_less_than_their_air_are_others(tmp_path):
         assert [one.air for one in exact.requests] == [one.air for one in always.requests]
         assert ([one.run for one in exact.requests] != [one.run for one in always.requests]) == others
         last = exact.requests[-1:]  # the only one that is left in its air
-        assert not shared_airs(exact, last, Labour())
-        assert shared_airs(always, last, Labour()) == ({last[0].air} if others else set())
+        assert not shared_airs(exact, last)
+        assert shared_airs(always, last) == ({last[0].air} if others else set())
 
 
 def test_airs_differ_only_where_something_is_drawn(tmp_path):
@@ -301,7 +300,6 @@ def test_a_plan_is_the_same_in_another_process_and_ids_with_axes_in_another_orde
 import sys
 from pathlib import Path
 from taichi_plume.study.axes import saltelli
-from taichi_plume.study.campaign import Labour
 from taichi_plume.study.ids import Digests
 from taichi_plume.study.plan import load_plan
 for one in load_plan(Path({str(tmp_path / "study.yaml")!r})).requests:

@@ -1,4 +1,4 @@
-"""How far a study is: a bar on a terminal, else a line now and then."""
+"""Progress of a study: a bar on a terminal, else a line now and then; in the end, how busy its workers were."""
 
 import time
 from contextlib import suppress
@@ -15,9 +15,11 @@ from rich.progress import (
 )
 
 from taichi_plume.guard.terminal import say, terminal
+from taichi_plume.study.messages import AirRecord
 
 if TYPE_CHECKING:
     from taichi_plume.study.campaign import Campaign
+    from taichi_plume.study.messages import Record
 
 FIRST_S, LINE_S = 10.0, 60.0  # until the first line, and between the others
 
@@ -91,12 +93,57 @@ class Display:
 
 
 def _facts(campaign: "Campaign") -> str:
-    agenda, workers = campaign.agenda, len(campaign.lanes)
+    agenda, workers = campaign.agenda, len(campaign.there)
     facts = []
     if agenda.airs:
         facts.append(f"{agenda.airs - len(agenda.left)} of {agenda.airs} airs")
     if campaign.failed:
         facts.append(f"{campaign.failed} failed")
-    busy = sum(lane.tasks > 0 for lane in campaign.lanes.values())
-    facts.append(f"{busy} of {workers} workers busy" if workers else "no workers")
+    facts.append(f"{len(campaign.given)} of {workers} workers busy" if workers else "no workers")
     return ", ".join(facts)
+
+
+class Totals:
+    """Runs and airs of a campaign, and the time of its workers [s]."""
+
+    def __init__(self, workers: int):
+        self.runs = self.airs = 0
+        self.worker_s = self.busy_s = self.simulation_s = 0.0
+        self.most = self._workers = workers
+        self._began = self._last = time.perf_counter()
+
+    def count(self, workers: int) -> None:
+        """Count the workers that there are now."""
+        now = time.perf_counter()
+        self.worker_s += self._workers * (now - self._last)
+        self._last, self._workers, self.most = now, workers, max(self.most, workers)
+
+    def add(self, result: "list[Record] | AirRecord") -> None:
+        """Add the result of a task."""
+        if isinstance(result, AirRecord):
+            self.airs += 1
+            self.busy_s += result.seconds
+            self.simulation_s += result.seconds
+            return
+        self.runs += len(result)
+        self.busy_s += sum(one.cost.total_s for one in result)
+        self.simulation_s += sum(one.cost.simulation_s for one in result)
+
+    def line(self) -> str:
+        """Runs, wall time, workers and how busy they were, in one line."""
+        self.count(self._workers)
+        airs = f" and {self.airs:,} airs" * bool(self.airs)
+        busy = min(1.0, self.busy_s / self.worker_s) if self.worker_s else 0.0
+        beyond = (self.worker_s - self.simulation_s) / max(1, self.runs)
+        return (
+            f"{self.runs:,} runs{airs} in {_span(self._last - self._began)} by {self.most} "
+            f"worker{'s' * (self.most != 1)}, busy {100 * busy:.0f} % of that; {beyond:.3g} s per run beyond the "
+            "simulation"
+        )
+
+
+def _span(seconds: float) -> str:
+    if seconds < 100:
+        return f"{seconds:.1f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes // 60} h {minutes % 60:02d} min" if minutes >= 60 else f"{minutes} min {rest:02d} s"

@@ -1,0 +1,315 @@
+"""Workers of a study: processes on this machine, or the workers of a Dask scheduler.
+
+Each worker is a `concurrent.futures.Executor` that is given a single task at a time: a worker that dies names the task
+that killed it, and a worker keeps the simulations that it has compiled. Processes on this machine end with the command
+and open no socket.
+"""
+
+import asyncio
+import multiprocessing
+import os
+import re
+import signal
+import threading
+import time
+import warnings
+from collections.abc import Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager, suppress
+from functools import partial
+from math import ceil
+from multiprocessing import resource_tracker
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+from taichi_plume import __version__
+from taichi_plume.guard.terminal import LONGEST_VALUE, visible
+from taichi_plume.running.signals import Ears, deaf
+
+if TYPE_CHECKING:
+    from taichi_plume.study.messages import AirRecord, Record, Task
+    from taichi_plume.study.plan import Plan
+
+LOG = "workers.log"  # what workers, and with --scheduler Dask, print
+CONNECT_S = 10.0  # for a scheduler to answer
+LOOK_S = 1.0  # between looks at the workers of a scheduler
+ENVIRONMENT = {
+    **dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1"),
+    "PYTHONSAFEPATH": "1",  # a worker imports no socket.py of the working folder
+}
+
+_TAICHI = threading.Lock()  # one thread of a process at a time can use Taichi
+
+
+class WorkersError(Exception):
+    """No workers, or workers that were lost; the message is one line. code: exit code of the command."""
+
+    def __init__(self, message: str, code: int = 1):
+        super().__init__(visible(message))
+        self.code = code
+
+
+class Workers(Protocol):
+    """Workers by name. remarks: notes that the user has not seen yet."""
+
+    remarks: list[str]
+
+    @property
+    def death(self) -> type[BaseException]:
+        """Exception of a task whose worker died."""
+        ...
+
+    def workers(self) -> list[str]:
+        """Names of the workers that can be given tasks now. Raises WorkersError if the scheduler is gone."""
+        ...
+
+    def submit(self, worker: str, function: Any, *arguments: Any) -> "Future[Any]":
+        """Let a worker call a function."""
+        ...
+
+    def close(self) -> None:
+        """End processes on this machine at once; workers of a Dask scheduler keep running."""
+        ...
+
+
+def work(task: "Task") -> "list[Record] | AirRecord":
+    """Film the air of a task or execute its runs. Threads of a worker take turns.
+
+    Called in workers: Taichi is imported here, so that the command does without.
+    """
+    with _TAICHI:
+        if task.solve:
+            from taichi_plume.study.shared_air import solve_air
+
+            return solve_air(task)
+        from taichi_plume.study.perform import perform
+
+        return perform(task)
+
+
+# ---------------------------------------------------------------- on this machine
+
+
+class LocalWorkers:
+    """Worker processes on this machine: an executor of one process each. Standard output and errors go to `out`."""
+
+    death: type[BaseException] = BrokenProcessPool
+
+    def __init__(self, count: int, out: Path):
+        self.remarks: list[str] = []
+        self._log = out.resolve() / LOG
+        self._names = [str(n) for n in range(count)]
+        self._executors: dict[str, ProcessPoolExecutor] = {}
+        self._processes: set[Any] = set()
+        os.environ.update(ENVIRONMENT)
+
+    def workers(self) -> list[str]:
+        """Names of the workers; a worker that died is started again by the next task that it is given."""
+        return self._names
+
+    def submit(self, worker: str, function: Any, *arguments: Any) -> "Future[Any]":
+        """Let a worker call a function; its process is started if there is none."""
+        with suppress(KeyError, BrokenProcessPool):
+            return self._executors[worker].submit(function, *arguments)
+        context = multiprocessing.get_context("spawn")
+        before = set(multiprocessing.active_children())
+        with _blocked_signals():
+            executor = ProcessPoolExecutor(1, context, _begin_process, (self._log,))
+            future = executor.submit(function, *arguments)
+        self._processes |= set(multiprocessing.active_children()) - before
+        self._executors[worker] = executor
+        return future
+
+    def close(self) -> None:
+        """End all processes at once, even in the middle of a run."""
+        with deaf():
+            for process in self._processes:
+                process.kill()
+            for executor in self._executors.values():
+                executor.shutdown(cancel_futures=True)
+            with suppress(OSError):
+                if not self._log.stat().st_size:
+                    self._log.unlink()
+
+
+def cores() -> int:
+    """Number of CPU cores that this process may use: by its affinity and, on Linux, the quota of its control group."""
+    count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    with suppress(OSError, ValueError):  # the quota may be "max"
+        quota, period = map(int, Path("/sys/fs/cgroup/cpu.max").read_text().split())
+        count = min(count, max(1, ceil(quota / period)))
+    return count
+
+
+def _begin_process(log: Path) -> None:
+    """Initialise a worker process: print to the log, and end if the command was killed."""
+    file = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+    for stream in (1, 2):
+        os.dup2(file, stream)
+    os.close(file)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+@contextmanager
+def _blocked_signals() -> Iterator[None]:
+    """Start processes that ignore Ctrl-C and the hang-up of the terminal, which both reach all processes of a group."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    ignored = {signal.SIGINT, signal.SIGHUP}
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, ignored)
+    try:
+        resource_tracker.ensure_running()  # unblocks SIGINT
+        signal.pthread_sigmask(signal.SIG_BLOCK, ignored)
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+# ---------------------------------------------------------------- of a Dask scheduler
+
+
+class DaskWorkers:
+    """Workers of the Dask scheduler at an address. Raises WorkersError if there is no scheduler.
+
+    Once the scheduler has answered, signals wait until `ears` are asked.
+    """
+
+    def __init__(self, address: str, plan: "Plan", out: Path, ears: Ears):
+        try:
+            _log_to(out / LOG)
+            from distributed import Client
+            from distributed.scheduler import KilledWorker
+        except ImportError:
+            raise WorkersError(
+                "--scheduler needs the packages dask and distributed: pip install 'taichi_plume[cluster]'", 2
+            ) from None
+        _require_scheduler(address)
+        ears.running = True
+        try:
+            self.client: Any = Client(address, timeout=CONNECT_S, set_as_default=False)
+        except OSError:
+            raise WorkersError(f"--scheduler {address}: the scheduler does not answer", 2) from None
+        self.death: type[BaseException] = KilledWorker
+        self.remarks: list[str] = []
+        content = (out / "study.yaml").read_bytes()
+        self._unfit = partial(unfit, __version__, out.resolve(), content, plan.folder.resolve())
+        self._executors: dict[str, Executor] = {}
+        self._looked = float("-inf")
+        self._lonely = False
+
+    def workers(self) -> list[str]:
+        """Addresses of the workers. Raises WorkersError also if a worker cannot be used for the study."""
+        if time.monotonic() - self._looked > LOOK_S:
+            self._looked = time.monotonic()
+            with suppress(OSError, RuntimeError, ValueError):  # the scheduler is gone, which its status says
+                self._look(dict(self.client.nthreads()))
+            if self.client.status not in ("running", "connecting"):
+                raise WorkersError("the scheduler is gone")
+        return list(self._executors)
+
+    def _look(self, threads: dict[str, int]) -> None:
+        fresh = threads.keys() - self._executors.keys()
+        if fresh:
+            self._require_fit(fresh)
+        several = [address for address in fresh if threads[address] > 1]
+        if several:
+            self.remarks.append(
+                f"note: {len(several)} workers have several threads ({min(several)}), of which one is used: "
+                "start them with --nthreads 1, and --nworkers as many as there are cores"
+            )
+        for address in fresh:
+            self._executors[address] = self.client.get_executor(workers=[address], pure=False)
+        for address in self._executors.keys() - threads.keys():
+            del self._executors[address]
+        if not threads and not self._lonely:
+            self._lonely = True
+            scheduler = self.client.scheduler.address
+            self.remarks.append(f"no workers there; one is started by: dask worker {scheduler} --nthreads 1")
+
+    def _require_fit(self, addresses: set[str]) -> None:
+        """Raise WorkersError if a worker has another version or does not see the study's files."""
+        answers = self.client.run(self._unfit, workers=list(addresses), on_error="return")
+        for address, answer in sorted(answers.items()):
+            if not answer or isinstance(answer, OSError):  # OSError: the worker is gone
+                continue
+            if re.search(r"(ModuleNotFound|Import|Attribute)Error", repr(answer)):
+                why = visible(answer, LONGEST_VALUE)
+                answer = f"has no taichi_plume {__version__} ({why}): install it there"
+            raise WorkersError(f"worker {address}: {answer}", 2)
+
+    def submit(self, worker: str, function: Any, *arguments: Any) -> "Future[Any]":
+        """Let a worker call a function."""
+        return self._executors[worker].submit(function, *arguments)
+
+    def close(self) -> None:
+        """Leave the scheduler, which drops tasks that have not begun."""
+        with deaf(), suppress(Exception):
+            self.client.close(timeout=2)
+        self.client.status = "closed"  # also without an answer, for which its finalizer would wait again
+
+
+def unfit(version: str, out: Path, content: bytes, folder: Path) -> str:
+    """Return why this worker cannot be used for a study, in one line; "" if it can.
+
+    version: of the command; out: the study's folder; content: of its study.yaml; folder: of the base scenario.
+    """
+    if version != __version__:
+        return f"has taichi_plume {__version__}, and this is {version}: install the same there"
+    try:
+        same = (out / "study.yaml").read_bytes() == content
+    except OSError:
+        same = False
+    if not same:
+        return f"does not see the study's folder {out}: it has to lie on a disk that all workers share"
+    if not folder.is_dir():
+        return f"does not see the scenario's folder {folder}: it has to lie on a disk that all workers share"
+    return ""
+
+
+def _require_scheduler(address: str) -> None:
+    """Raise WorkersError unless a Dask scheduler answers at an address."""
+    try:
+        kind = asyncio.run(asyncio.wait_for(_kind(address), CONNECT_S))
+    except (OSError, ValueError, TypeError, LookupError, ImportError, RuntimeError, AssertionError) as error:
+        # on the way to a tls:// address a certificate may be wrong, which the error says
+        refused = isinstance(error, OSError) and not address.startswith("tls:")
+        silent = refused or not str(error)
+        kind = "nothing answers" if silent else f"{type(error).__name__}: {error}"
+    if kind != "Scheduler":
+        raise WorkersError(
+            f"--scheduler {address}: no Dask scheduler there ({kind}); one is started by: dask scheduler", 2
+        )
+
+
+async def _kind(address: str) -> str:
+    """Kind of the Dask server at an address: "Scheduler", "Worker" or "Nanny". Raises all sorts of errors.
+
+    A tls:// address takes the certificate and key of Dask's configuration, as `Client` does.
+    """
+    from distributed.core import rpc
+    from distributed.security import Security
+
+    async with rpc(address, connection_args=Security().get_connection_args("client")) as there:
+        identity: Any = await there.identity()
+        return str(identity["type"])
+
+
+def _log_to(log: Path) -> None:
+    """Write what Dask logs to a file, as the terminal is the command's. Call before distributed is imported."""
+    warnings.filterwarnings("ignore", module=r"(distributed|dask)\b")
+    import dask.config
+
+    handlers = {"file": {"class": "logging.FileHandler", "filename": str(log), "delay": True}}
+    quiet = {"level": "WARNING", "handlers": ["file"], "propagate": False}
+    loggers = dict.fromkeys(("distributed", "tornado", "asyncio", "bokeh"), quiet)
+    config = {"version": 1, "disable_existing_loggers": False, "handlers": handlers, "loggers": loggers}
+    dask.config.set({"logging": config})
