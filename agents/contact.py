@@ -1,4 +1,4 @@
-"""How far a robot gets before it touches a wall, an obstacle, another robot of its trial or what walks about.
+"""Collisions: how far a robot gets before it touches a wall, an obstacle, another robot of its trial or a walker.
 
 Where robots fly, all bodies are upright cylinders from their `altitude` up by their `height`: they meet only those
 beside them, and also floor, ceiling and what is above or below.

@@ -1,4 +1,4 @@
-"""What the domain's faces do to the air: per boundary face a prescribed velocity or an ambient pressure.
+"""Boundary conditions of the air: per boundary face a prescribed velocity (Dirichlet) or an ambient pressure.
 
 Every boundary face has, per velocity component, a target V and a mirror factor, which `ghosts` turns into what lies
 beyond the face. The component through it is either prescribed (V) or free, with the ambient pressure outside. The

@@ -1,4 +1,4 @@
-"""What keeps the air incompressible: the flow into each cell, and the pressure that makes it vanish.
+"""Pressure projection, which keeps the air incompressible: divergence of each cell, and the pressure that removes it.
 
     div u = 0,   u -= a dphi/dx,   p += dphi dx/dt
 

@@ -1,4 +1,4 @@
-"""How large the flow is: what bounds the step."""
+"""Largest speed and viscosity of the flow, which limit the time step (Courant number, CFL condition)."""
 
 from math import prod, sqrt
 from typing import Any

@@ -1,4 +1,4 @@
-"""The Poisson equation of the projection: sum over faces of a (phi_I - phi_neighbour) = b.
+"""The Poisson equation of the pressure projection: sum over faces of a (phi_I - phi_neighbour) = b.
 
 `a` is the openness of a face: 0 closed, 1 open, 2 on the domain's boundary with phi = 0 on the face itself. All arrays
 have one ghost layer, axis 0 contiguous, and three axes whatever the dimension.

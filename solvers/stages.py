@@ -1,4 +1,4 @@
-"""The stages of a step of the flow in time."""
+"""Three-stage, second-order Runge-Kutta time stepping of the flow, with projections (SSP-RK3 at its longest)."""
 
 SHORT, LONG = 0.58, 1.0  # first stages, over the step
 STABLE = 1.3  # Courant number up to which the short one is
