@@ -19,7 +19,7 @@ MAY_IMPORT: tuple[str, ...] = ("agents", "files", "grid", "guard", "report", "re
 
 
 def of(source: Any, **options: Any) -> "Statistics":
-    """The statistics of a run's folder or of a film; options: of `statistics.source.of`. Raises RunFolderError."""
+    """The statistics of a run's folder or of a film; options: of `statistics.source.of`. Raises InputError."""
     from taichi_plume.statistics import source as made
 
     return made.of(source, **options)

@@ -30,7 +30,7 @@ def of(
     bounds: tuple[float, float] | None = None,
     sensors: Sequence[GasSensor] = (),
 ) -> Statistics:
-    """The statistics of a run's folder, or of a film. Raises RunFolderError, a line.
+    """The statistics of a run's folder, or of a film. Raises InputError.
 
     gas: the species, unless it is the first. probe: the only probe that is looked at. threshold: [ppm]; unless given, a
     tenth of the mean where it is largest. start: earliest time that counts [s]. bounds: of the durations that exponents

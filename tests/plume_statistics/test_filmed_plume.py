@@ -6,6 +6,7 @@ import pytest
 from taichi_plume import statistics
 from taichi_plume.files.new_film import NewFilm
 from taichi_plume.files.run_folder import RunFolderError
+from taichi_plume.guard.input_error import InputError
 from taichi_plume.scenario.species import SPECIES
 from taichi_plume.statistics.filmed import FilmRecord
 
@@ -91,5 +92,5 @@ def test_films_that_tell_too_little(film, tmp_path):
         statistics.of(path, gas="acetone")
     empty = NewFilm(tmp_path / "e.zarr", (4, 4), DX, {"depth": 1.0, "periodic": [False] * 2}, [], {}, ())
     empty.flush()
-    with pytest.raises(RunFolderError, match=r"e\.zarr"):
+    with pytest.raises(InputError, match=r"e\.zarr"):
         statistics.of(tmp_path / "e.zarr")
