@@ -15,6 +15,7 @@ from taichi_plume.agents.recorded import RecordedTeam
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.assembly.prepare import load_scenario
 from taichi_plume.cli import maps
+from taichi_plume.files.readings import ReadingsError
 from taichi_plume.grid import kernels
 from taichi_plume.running import robots_table
 from taichi_plume.scenario.maps import InverseDistanceMap, KernelMap, MarkovMap, TimeSeriesMap
@@ -223,9 +224,7 @@ def test_times_that_all_but_agree_need_no_more_room(tmp_path, monkeypatch):
 @pytest.mark.parametrize("model", MODELS)
 def test_a_clock_that_jumps_is_refused(model, tmp_path):
     rows = [(1.7e9, 0.5, 0.5, 5.0), (1.0, 0.5, 0.5, 5.0), (2.0, 0.5, 0.5, 5.0)]
-    with pytest.raises(
-        maps.ReadingsError, match=r"^row 1: t = 1700000000 s is 1\.7e\+09 s after the time before"
-    ):
+    with pytest.raises(ReadingsError, match=r"^row 1: t = 1700000000 s is 1\.7e\+09 s after the time before"):
         maps.map_of(maps.read(log(tmp_path / "a.csv", rows)), model, (1.0, 1.0))
 
 

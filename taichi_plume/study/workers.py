@@ -102,7 +102,6 @@ class LocalWorkers:
         self._names = [str(n) for n in range(count)]
         self._executors: dict[str, ProcessPoolExecutor] = {}
         self._processes: set[Any] = set()
-        os.environ.update(ENVIRONMENT)
 
     def workers(self) -> list[str]:
         """Names of the workers; a worker that died is started again by the next task that it is given."""
@@ -114,7 +113,7 @@ class LocalWorkers:
             return self._executors[worker].submit(function, *arguments)
         context = multiprocessing.get_context("spawn")
         before = set(multiprocessing.active_children())
-        with _blocked_signals():
+        with _blocked_signals(), _environment():
             executor = ProcessPoolExecutor(1, context, _begin_process, (self._log,))
             future = executor.submit(function, *arguments)
         self._processes |= set(multiprocessing.active_children()) - before
@@ -172,6 +171,21 @@ def _blocked_signals() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def _environment() -> Iterator[None]:
+    """Start processes with the variables of ENVIRONMENT; those of this process stay as they are."""
+    before = {name: os.environ.get(name) for name in ENVIRONMENT}
+    os.environ.update(ENVIRONMENT)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
 
 
 # ---------------------------------------------------------------- of a Dask scheduler

@@ -1,0 +1,17 @@
+"""Processes of a study on this machine."""
+
+import os
+
+from taichi_plume.study.workers import ENVIRONMENT, LocalWorkers
+
+
+def test_workers_alone_get_the_environment_of_workers(tmp_path, monkeypatch):
+    monkeypatch.delenv("PYTHONSAFEPATH", raising=False)
+    before = dict(os.environ)
+    workers = LocalWorkers(1, tmp_path)
+    try:
+        found = workers.submit("0", os.getenv, "PYTHONSAFEPATH").result(timeout=60)
+    finally:
+        workers.close()
+    assert found == ENVIRONMENT["PYTHONSAFEPATH"]
+    assert dict(os.environ) == before
