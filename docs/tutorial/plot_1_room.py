@@ -15,15 +15,15 @@ This page is a Python file instead, so that it could be executed.
 import shlex
 import sys
 from contextlib import redirect_stderr
-from importlib import import_module
 from pathlib import Path
+
+from taichi_plume.__main__ import main
 
 
 def terminal(command):
     """Type a command, such as ``python -m taichi_plume.run room.yaml``."""
-    module, *options = shlex.split(command.strip().removeprefix("python -m "))
     with redirect_stderr(sys.stdout):
-        import_module(module).main(options)
+        main(shlex.split(command.strip().removeprefix("python -m taichi_plume.")))
 
 
 def write(text):

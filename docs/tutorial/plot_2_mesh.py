@@ -12,17 +12,17 @@ number more in every position; the rest of the scenario is written alike.
 import shlex
 import sys
 from contextlib import redirect_stderr
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 
+from taichi_plume.__main__ import main
+
 
 def terminal(command):
     """Type a command, such as ``python -m taichi_plume.run room.yaml``."""
-    module, *options = shlex.split(command.strip().removeprefix("python -m "))
     with redirect_stderr(sys.stdout):
-        import_module(module).main(options)
+        main(shlex.split(command.strip().removeprefix("python -m taichi_plume.")))
 
 
 def write(text):

@@ -8,9 +8,10 @@ some seconds each.
 
 import json
 import shlex
-from importlib import import_module
 from pathlib import Path
 from tempfile import mkdtemp
+
+from taichi_plume.__main__ import main
 
 CONFIGS = next(path for path in Path.cwd().resolve().parents if (path / "configs").is_dir()) / "configs"
 RUNS = Path(mkdtemp())
@@ -18,10 +19,8 @@ RUNS = Path(mkdtemp())
 
 def terminal(command):
     """Type a command."""
-    module, *options = shlex.split(command.removeprefix("python -m "))
-    import_module(module).main(
-        [one.replace("configs", str(CONFIGS)).replace("runs", str(RUNS)) for one in options]
-    )
+    name, *options = shlex.split(command.removeprefix("python -m taichi_plume."))
+    main([name, *(option.replace("configs", str(CONFIGS)).replace("runs", str(RUNS)) for option in options)])
 
 
 def told(name):
