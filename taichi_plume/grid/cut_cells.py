@@ -104,9 +104,9 @@ def air_of(
 ) -> Air:
     """Return the air around shapes; None stands for an absent shape, which keeps its number.
 
-    open_cells: bool of grid.shape, cells at an opening; unless given, all cells at the domain's faces. Air is kept if
-    it is the largest connected part or reaches an open cell; air sealed off by obstacles counts as solid. left: fractions
-    of the cells and of the faces per axis that other obstacles leave.
+    open_cells: bool of grid.shape, cells at an opening; unless given, all cells at the domain's faces. Air stays
+    if it is the largest connected part or reaches an open cell; air sealed off by obstacles counts as solid. left:
+    fractions of the cells and of the faces per axis that other obstacles leave.
     """
     distance, nearest = _distances(shapes, grid)
     area, away = _face_fractions(distance)
