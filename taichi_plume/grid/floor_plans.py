@@ -142,7 +142,7 @@ class FloorPlan(Upright):
     # ---------------------------------------------------------------- drawing
 
     def rectangles(self, most: int) -> np.ndarray:
-        """Return the walls as rectangles (n, 4), lower and upper corner [m]; of blocks of pixels to have at most `most`."""
+        """Return the walls as rectangles (n, 4), lower and upper corner [m]; of blocks of pixels if n > most."""
         walls, size = self.solid, self.size
         while True:
             found = _runs(walls)

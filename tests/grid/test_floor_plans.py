@@ -96,7 +96,7 @@ def test_the_first_row_is_the_upper_edge_and_what_is_transparent_is_unknown(tmp_
         ("image: plan.pgm", "image: [1]", "must be the name of a picture"),
         ("image: plan.pgm", "image: none.pgm", "none.pgm: no such file"),
         ("image: plan.pgm", 'image: "a\\0b"', r"has the character \\x00"),
-        ("image: plan.pgm", "image: plan.yaml", "is no PGM, PNG or BMP picture"),
+        ("image: plan.pgm", "image: plan.yaml", "PGM, PNG or BMP picture"),
         ("image: plan.pgm", "image: .", "Is a directory"),
         ("image: plan.pgm", "[" * 9000, "is nested too deeply"),
         ("image: plan.pgm", "a: 1", "has no key image"),
