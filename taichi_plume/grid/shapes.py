@@ -21,9 +21,9 @@ class ShapeError(ValueError):
 
 
 class Shape(ABC):
-    """An obstacle. model: section of the scenario; low, high: bounding box (dim,) [m]."""
+    """An obstacle. model: section of the scenario, None for an imported wind; low, high: bounding box (dim,) [m]."""
 
-    model: Any
+    model: Any = None
     low: np.ndarray
     high: np.ndarray
 

@@ -1,6 +1,6 @@
-"""Papers behind the algorithms, gas maps, gases and winds that a run used, for the report's section on citing.
+"""References: papers behind the algorithms, gas maps, gases and winds of a run, for the report's section on citing.
 
-The modules' docstrings cite the same papers beside the equations that rest on them. Add a kind's papers here too.
+The modules' docstrings cite the same papers beside the equations. Add a new kind's papers here, too.
 """
 
 from taichi_plume.scenario.scenario import Scenario

@@ -65,8 +65,8 @@ def entities(path: Path) -> set[str]:
 
 
 def verified(path: Path) -> bool:
-    rerun = Path(sys.executable).with_name("rerun")
-    return subprocess.run([rerun, "rrd", "verify", path], capture_output=True, check=False).returncode == 0
+    command = [sys.executable, "-m", "rerun_cli", "rrd", "verify", path]
+    return subprocess.run(command, capture_output=True, check=False).returncode == 0
 
 
 @pytest.fixture(scope="module")

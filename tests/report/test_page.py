@@ -13,8 +13,7 @@ from PIL import Image
 from taichi_plume.agents import mapping, search
 from taichi_plume.assembly import kinds
 from taichi_plume.cli.report import main
-from taichi_plume.report import figures, look, references
-from taichi_plume.report.maps import MapAtEnd
+from taichi_plume.report import figures, look, maps, references
 from taichi_plume.report.page import NAME
 from taichi_plume.results.run import Run
 from taichi_plume.running.result import write_result
@@ -286,7 +285,7 @@ def test_maps_of_rooms_of_any_shape(tmp_path, monkeypatch, size):
     drawn = []
     monkeypatch.setattr(look, "png", lambda figure: drawn.append(figure) or b"")
     cells = np.ones((round(size[1] / 0.1), round(size[0] / 0.1)))
-    figures.beside_truth(run, [MapAtEnd("kernel dmv map", 0.1, cells, cells)] * 2)
+    maps.beside_truth(run, [maps.MapAtEnd("kernel dmv map", 0.1, cells, cells)] * 2)
     (figure,) = drawn
     figure.canvas.draw()
     whole, (axes, scale) = figure.bbox, figure.axes
