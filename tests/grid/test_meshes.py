@@ -31,11 +31,13 @@ def box_triangles(low, high):
     return np.array(triangles)
 
 
+def stl_bytes(triangles):
+    facets = [struct.pack("<12fH", 0, 0, 0, *triangle.ravel(), 0) for triangle in triangles]
+    return b"\0" * 80 + struct.pack("<I", len(triangles)) + b"".join(facets)
+
+
 def write_stl(path, triangles):
-    with path.open("wb") as file:
-        file.write(b"\0" * 80 + struct.pack("<I", len(triangles)))
-        for triangle in triangles:
-            file.write(struct.pack("<12fH", 0, 0, 0, *triangle.ravel(), 0))
+    path.write_bytes(stl_bytes(triangles))
     return path.name
 
 
@@ -125,14 +127,11 @@ def test_overlapping_bodies_of_a_mesh_are_united(tmp_path):
 
 def test_faulty_meshes_are_told(tmp_path):
     triangles = box_triangles((1, 1, 0), (2, 2, 0.5))
-    (tmp_path / "junk.stl").write_text("no mesh")
+    beside = np.concatenate([box_triangles((3, 1, 0), (4, 2, 1)), triangles[:10]])
     faults = {
         "none.stl": "no such file",
-        "junk.stl": "no STL file is so short",
         write_stl(tmp_path / "hole.stl", triangles[1:]): "body 0 is not watertight: 3 open",
-        write_stl(
-            tmp_path / "lid.stl", np.concatenate([box_triangles((3, 1, 0), (4, 2, 1)), triangles[:10]])
-        ): ("body 1 is not watertight: 4 open"),
+        write_stl(tmp_path / "lid.stl", beside): "body 1 is not watertight: 4 open",
     }
     for file, told in faults.items():
         with pytest.raises(MeshError, match=told):
