@@ -1,10 +1,10 @@
 """Occupancy maps of ROS's map_server: a YAML file, and beside it a picture of the floor.
 
-The picture's first row is the map's upper edge. A pixel of the mean shade s, 0 black to 1 white, is occupied with the
+The picture's first row is the map's upper edge. A pixel of mean shade s, 0 black to 1 white, is occupied with the
 probability p = 1 - s, or s if the map is negated. The mode decides about a pixel:
 
     trinary  occupied above `occupied_thresh`, free below `free_thresh`, unknown in between
-    scale    the same, but in between occupied from the middle of the two on; unknown where it is transparent
+    scale    the same, but in between occupied from the middle of the two on; unknown if transparent
     raw      255 s are percents, occupied from 50 on; unknown above 100
 """
 

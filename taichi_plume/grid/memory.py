@@ -1,7 +1,7 @@
 """Fields as NumPy views of their memory, on the CPU: filling and reading them compiles and launches no kernel.
 
 A kernel for a few numbers takes 0.1 s to compile, 0.01 to 0.05 s to trace and load from the cache, and up to 0.1 ms to
-launch; writing to memory takes microseconds. Taichi tells the address of a field in a kernel only, and one kernel for
+launch; writing to memory takes microseconds. Only kernels know the address of a field, and one kernel for
 each of its trees of fields is enough, as the layout of a tree is known.
 """
 

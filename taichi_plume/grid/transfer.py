@@ -6,6 +6,7 @@ its constructor. After that nothing here compiles.
 """
 
 from collections.abc import Callable, Sequence
+from functools import cache, partial
 from math import prod
 from typing import TYPE_CHECKING
 
@@ -65,15 +66,14 @@ def uploader(*fields: Field) -> Callable[..., None]:
 
     An array has the field's shape (and a last axis over the components of a vector field), or is one number for all.
     """
-    launched: list[Callable[..., None]] = []
+    copier = cache(partial(_copier, fields))
 
     def upload(*arrays: np.ndarray | float) -> None:
         if len(arrays) != len(fields):
             raise TypeError(f"{len(fields)} fields, {len(arrays)} arrays")
         places = views(fields)
         if places is None:
-            launched[:] = launched or [_copier(fields)[0]]
-            launched[0](*arrays)
+            copier()[0](*arrays)
             return
         for place, array in zip(places, arrays, strict=True):
             place[...] = array
@@ -83,13 +83,12 @@ def uploader(*fields: Field) -> Callable[..., None]:
 
 def reader(*fields: Field) -> Callable[[], list[np.ndarray]]:
     """Return a function that reads the fields: an array of each, shaped as the arrays that `uploader` takes."""
-    launched: list[Callable[[], list[np.ndarray]]] = []
+    copier = cache(partial(_copier, fields))
 
     def read() -> list[np.ndarray]:
         places = views(fields)
         if places is None:
-            launched[:] = launched or [_copier(fields)[1]]
-            return launched[0]()
+            return copier()[1]()
         return [np.array(place, order="C") for place in places]
 
     return read

@@ -255,13 +255,9 @@ def camera(
     return target - 1.03 * distance * forward, target, up
 
 
-def lattice(extent: Sequence[float], counts: Sequence[int]) -> np.ndarray:
-    """Return the centres [m] of `counts` equal cells of the box 0..extent, (*counts, dim)."""
-    axes = [(np.arange(n) + 0.5) * length / n for length, n in zip(extent, counts, strict=True)]
-    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-
-
 def arrow_places(extent: Sequence[float]) -> tuple[np.ndarray, float]:
     """Return the positions of wind arrows on a rectangle, (n, 2) [m], and the distance between them [m]."""
     step = hypot(*extent) / 26
-    return lattice(extent, [max(1, round(length / step)) for length in extent]).reshape(-1, 2), step
+    counts = [max(1, round(length / step)) for length in extent]
+    axes = [(np.arange(n) + 0.5) * length / n for length, n in zip(extent, counts, strict=True)]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2), step
