@@ -113,7 +113,7 @@ def air_of(
     body = nearest[(slice(FINER // 2, None, FINER),) * grid.dim]
     known = _own_fractions(shapes, grid)
     if known:
-        distance, _ = _distances([None if n in known else one for n, one in enumerate(shapes)], grid)
+        distance, _ = _distances([None if n in known else shape for n, shape in enumerate(shapes)], grid)
         area, _ = _face_fractions(distance)
     volume, _ = _fraction(distance, tuple(range(grid.dim)))
     for shares in [*known.values(), *([left] if left is not None else [])]:
@@ -140,7 +140,7 @@ def sealed(air: Air, shapes: Sequence[Shape | None], grid: Grid) -> Air:
 
 def _own_fractions(shapes: Sequence[Shape | None], grid: Grid) -> dict[int, Fractions]:
     """Return the fractions that shapes give themselves, by the shapes' numbers."""
-    given = {n: one.shares(grid.shape, grid.dx) for n, one in enumerate(shapes) if one is not None}
+    given = {n: shape.shares(grid.shape, grid.dx) for n, shape in enumerate(shapes) if shape is not None}
     return {n: shares for n, shares in given.items() if shares is not None}
 
 
@@ -159,16 +159,16 @@ def _distances(shapes: Sequence[Shape | None], grid: Grid) -> tuple[np.ndarray, 
     """Return the signed distance [cells] of the nodes to the nearest surface, at most 2, and its shape's number."""
     nodes, step = tuple(FINER * n + 1 for n in grid.shape), grid.dx / FINER
     distance, nearest = np.full(nodes, 2.0, np.float32), np.full(nodes, -1, np.int32)
-    for number, one in enumerate(shapes):
-        if one is None:
+    for number, shape in enumerate(shapes):
+        if shape is None:
             continue
-        first = np.clip(np.floor(one.low / step) - FINER, 0, nodes).astype(int)
-        last = np.clip(np.ceil(one.high / step) + FINER + 1, 0, nodes).astype(int)
+        first = np.clip(np.floor(shape.low / step) - FINER, 0, nodes).astype(int)
+        last = np.clip(np.ceil(shape.high / step) + FINER + 1, 0, nodes).astype(int)
         block = tuple(slice(a, b) for a, b in zip(first, last, strict=True))
         axes = [np.arange(a, b) * step for a, b in zip(first, last, strict=True)]
         points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
         if points.size:
-            here = one.signed_distance(points) / grid.dx
+            here = shape.signed_distance(points) / grid.dx
             closer = here < distance[block]
             distance[block] = np.where(closer, here, distance[block])
             nearest[block] = np.where(closer, number, nearest[block])

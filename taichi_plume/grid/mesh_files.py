@@ -116,7 +116,7 @@ def _obj(content: bytes) -> tuple[np.ndarray, np.ndarray]:
                 f"line {line}: '{visible(key, LONGEST_VALUE)}' is no key of a mesh of vertices and faces"
             )
     vertices = numbers(coordinates).reshape(-1, 3)
-    highest = max((max(one) for one in polygons), default=-1)
+    highest = max((max(polygon) for polygon in polygons), default=-1)
     if highest >= len(vertices):
         raise DamagedError(f"is cut or damaged: a face has vertex {highest + 1} of {len(vertices)}")
     return vertices, triangulated(vertices, polygons)

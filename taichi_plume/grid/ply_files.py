@@ -40,14 +40,15 @@ def read_ply(content: bytes) -> tuple[np.ndarray, np.ndarray]:
     if not start or not found:
         raise DamagedError("is cut or damaged: has no header from 'ply' to 'end_header'")
     order, elements = _header(head[start.end() : found.start() + 1].decode("ascii", "replace"))
-    is_list = {(one.name, name): length is not None for one in elements for name, length, _ in one.properties}
+    properties = [(element.name, *values) for element in elements for values in element.properties]
+    is_list = {(of, name): length is not None for of, name, length, _ in properties}
     if any(is_list.get(("vertex", axis), True) for axis in "xyz"):
         raise DamagedError("its vertices have no x, y, z")
     corners = next((name for name in CORNERS if is_list.get(("face", name))), None)
     if corners is None:
         raise DamagedError("its faces have no vertex_indices")
     rest = memoryview(content)[found.end() :]
-    body = _Body(rest if order else numbers(one[0] for one in re.finditer(rb"\S+", rest)).data.cast("B"))
+    body = _Body(rest if order else numbers(word[0] for word in re.finditer(rb"\S+", rest)).data.cast("B"))
     columns = {element.name: body.columns(element) for element in elements}
     if body.left():
         left = f"{body.left()} bytes" if order else f"{body.left() // 8} numbers"
@@ -68,7 +69,7 @@ def _header(text: str) -> tuple[str, list[Element]]:
             case ["element", name, count] if re.fullmatch(r"[0-9]{1,12}", count):
                 elements.append(Element(name, int(count)))
             case ["property", *length, kind, name] if elements and _is_type(length, kind):
-                types = [np.dtype(order + TYPES[one] if order else "f8") for one in (*length[1:], kind)]
+                types = [np.dtype(order + TYPES[name] if order else "f8") for name in (*length[1:], kind)]
                 elements[-1].properties.append((name, types[0] if length else None, types[-1]))
             case _:
                 raise DamagedError(f"is damaged: its header has '{visible(line.strip(), LONGEST_VALUE)}'")
@@ -94,11 +95,11 @@ def _triangles(vertices: np.ndarray, polygons: np.ndarray | list[np.ndarray]) ->
     corners = polygons.ravel() if isinstance(polygons, np.ndarray) else np.concatenate(polygons)
     if not ((corners >= 0) & (corners < len(vertices)) & (corners == np.floor(corners))).all():
         raise DamagedError(f"is damaged: a face has a corner that is none of the {len(vertices)} vertices")
-    if min(len(one) for one in polygons) < 3:
+    if min(len(polygon) for polygon in polygons) < 3:
         raise DamagedError("is damaged: a face has fewer than three corners")
     if isinstance(polygons, np.ndarray) and polygons.shape[1] == 3:
         return polygons.astype(int)
-    return triangulated(vertices, [[int(n) for n in one] for one in polygons])
+    return triangulated(vertices, [[int(n) for n in polygon] for polygon in polygons])
 
 
 def numbers(words: Iterable[str | bytes]) -> np.ndarray:

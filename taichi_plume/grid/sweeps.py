@@ -136,7 +136,7 @@ def flux_sweep(
     slabs = tuple(reversed(whole[2:]))
     pairs, across = tuple(range(len(bodies))), tuple(range(2, dim))
     bodies, outs = tuple(bodies), tuple(outs)
-    fluxes, lasts = tuple(tuple(one) for one in fluxes), tuple(lasts)
+    fluxes, lasts = tuple(tuple(per_axis) for per_axis in fluxes), tuple(lasts)
 
     @ti.func
     def index(J: Template, row, i):

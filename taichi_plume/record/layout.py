@@ -89,9 +89,9 @@ class Layout:
             self.robots += ["/believed/**", "/believed_trails/**"]
         self.tops = [plane for plane in shown.seen if plane.letters == "xy"]
         self.sides = [plane for plane in shown.seen if plane.letters != "xy"]
-        self.believers = [group for one in believers(sim) for group in one.members.groups]
+        self.believers = [group for algorithm in believers(sim) for group in algorithm.members.groups]
         self.mapped = bool(sim.maps or self.believers)
-        self.main = [one for one in shown.quantities if one.entity in ("gas", "temperature")]
+        self.main = [quantity for quantity in shown.quantities if quantity.entity in ("gas", "temperature")]
         self.unnamed = [f"- /world/openings/{n}/name" for n in range(len(sim.scenario.openings))]
 
     def blueprint(self) -> rrb.Blueprint:
@@ -163,7 +163,7 @@ class Layout:
         u, v = (self.stage.extent[d] for d in plane.axes)
         left, right, below = self._framed(u, v, panel)
         corners = [[left, -0.01 * v], [right, 1.02 * v], [0.2 * u, below], [0.8 * u, below]]
-        contents = [f"/outlines/{plane.name}/**", *(f"/world/{one}" for one in beside(self.sim, plane))]
+        contents = [f"/outlines/{plane.name}/**", *(f"/world/{entity}" for entity in beside(self.sim, plane))]
         contents += self._pictures(quantity, plane, panel)
         azimuth = 0.0 if plane.normal == 1 else 90.0
         return self._view(name, contents, placed(plane, corners, self.stage), panel, 0.0, azimuth)
@@ -196,10 +196,10 @@ class Layout:
 
     def _flat_arena(self, panel: Panel) -> Part:
         """Return the arena of a 2-D run: a tab for each quantity."""
-        views = [
-            self._above(one, self.tops[0], "Arena" if one.entity == "gas" else one.heading, panel)
-            for one in self.shown.quantities
-        ]
+        views = []
+        for quantity in self.shown.quantities:
+            name = "Arena" if quantity.entity == "gas" else quantity.heading
+            views.append(self._above(quantity, self.tops[0], name, panel))
         if not views:
             world = ["/world/**", *self.robots, "/wind/slice", "/legend/wind/**"]
             return self._view("Arena", world, self._floor(0.0, panel), panel, 90.0)
@@ -266,13 +266,15 @@ class Layout:
             planes = sorted(self.tops, key=lambda plane: not plane.over_height)
             planes = planes if unit == "ppm" else planes[::-1]
             quantities = [quantity for quantity in self.shown.quantities if quantity.unit == unit]
-            groups.append([(one, plane) for one in quantities for plane in planes if one.on(plane)])
+            groups.append(
+                [(quantity, plane) for quantity in quantities for plane in planes if quantity.on(plane)]
+            )
         return [group for group in groups if group]
 
     def _maps(self, wide: float, tall: float) -> list[Part]:
         """Return a view of each map beside the truth."""
         panel = Panel.of(wide / 2, tall, bars=2)
-        species = " + ".join(one.name for one in self.sim.gas.species)
+        species = " + ".join(gas.name for gas in self.sim.gas.species)
         maps = []
         for n, gas_map in enumerate(self.sim.scenario.maps):
             pictures = {}

@@ -59,7 +59,7 @@ class Recorder:
         self.events: list[Event] = []
         self.schedule = _schedule(scenario)
         self.walks: dict[int, list[tuple[float, float, float]]] = {
-            n: [] for n, one in enumerate(scenario.obstacles) if one.motion
+            n: [] for n, obstacle in enumerate(scenario.obstacles) if obstacle.motion
         }
         """(time, x, y) of each moving obstacle since the last flush."""
         scores = map_scores or MapScores(sim)

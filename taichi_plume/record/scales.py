@@ -80,7 +80,7 @@ def _gas(entity: str, which: list[int], scale: Scale, sim: Simulation) -> Quanti
     def points(sim: Simulation, where: np.ndarray) -> np.ndarray:
         return fields.ppm_at(sim.gas, where, sim.t)[..., which].sum(axis=-1)
 
-    name = " + ".join(one.name for one in species)
+    name = " + ".join(vapour.name for vapour in species)
     finer = any(gas.finer_than_cells for gas in gases)
     details = max(gas.details for gas in gases)
     return Quantity(entity, name, "ppm", scale, "inferno", cells, points if finer else None, details)

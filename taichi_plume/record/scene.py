@@ -293,7 +293,7 @@ def section(sim: Simulation, raster: Raster, stage: Stage) -> Entities:
 def beside(sim: Simulation, plane: Plane) -> list[str]:
     """Return the sources and heaters that a section cuts, or nearly so."""
     heat = sim.scenario.buoyancy.heat if sim.scenario.buoyancy is not None else None
-    there = [(f"sources/{n}", one) for n, (_, one) in enumerate(sim.scenario.sources)]
-    there += [(f"heaters/{n}", one) for n, one in enumerate(heat.heaters if heat is not None else ())]
+    there = [(f"sources/{n}", thing) for n, (_, thing) in enumerate(sim.scenario.sources)]
+    there += [(f"heaters/{n}", heater) for n, heater in enumerate(heat.heaters if heat is not None else ())]
     normal, level = plane.normal or 0, plane.level or 0.0
-    return [name for name, one in there if abs(one.position[normal] - level) < one.radius + sim.grid.dx]
+    return [name for name, thing in there if abs(thing.position[normal] - level) < thing.radius + sim.grid.dx]

@@ -178,7 +178,7 @@ class Tracks:
                 text = f"{robot.name}: {'right' if right else 'wrong'}"
                 self.stream.log(t, f"declared/{robot.name}", scene.declared(place, right, text, self.stage))
             robot.declared.clear()
-            samples = [one[n] for one in self.samples[self.sent[n] :]]
+            samples = [sample[n] for sample in self.samples[self.sent[n] :]]
             self.sent[n] = len(self.samples)
             if samples:
                 self._send_samples(robot, np.array(samples).T)

@@ -89,7 +89,7 @@ def key_facts(run: Run) -> Rows:
         ("sources", f"{len(scenario.sources)}"),
     ]
     if scenario.obstacles:
-        rows.append(("obstacles", _counted([one.kind for one in scenario.obstacles])))
+        rows.append(("obstacles", _counted([obstacle.kind for obstacle in scenario.obstacles])))
     for group in scenario.robots:
         trials = f", {group.trials} trials at once in the same air" if group.trials > 1 else ""
         later = f"; sets off at {group.begin:g} s" if group.begin else ""
@@ -98,13 +98,13 @@ def key_facts(run: Run) -> Rows:
         how = f"{group.body.kind} by {group.algorithm.kind.replace('_', ' ')}"
         rows.append((group.name, f"{group.count} × {how}{trials}; smells by {smells}{later}"))
     if scenario.maps:
-        rows.append(("maps", ", ".join(one.kind.replace("_", " ") for one in scenario.maps)))
+        rows.append(("maps", ", ".join(gas_map.kind.replace("_", " ") for gas_map in scenario.maps)))
     rows += [(name.replace("_", " "), str(seed)) for name, seed in scenario.seeds.items()]
     return rows
 
 
 def _wind(scenario: Scenario) -> str:
-    kinds = [one.label for one in scenario.openings]
+    kinds = [opening.label for opening in scenario.openings]
     return scenario.wind.kind + (f": {_counted(kinds)}" if kinds else "")
 
 
@@ -166,10 +166,10 @@ def flow(result: dict[str, Any]) -> Rows:
 def map_rows(maps: Sequence[dict[str, Any]], names: Sequence[str]) -> Rows:
     """Return scores at the end: (map, error, correlation, fraction of cells known, error against the mean gas)."""
     rows: Rows = []
-    for name, one in zip(names, maps, strict=True):
-        for part in one.get("groups", [one]):
+    for name, result in zip(names, maps, strict=True):
+        for part in result.get("groups", [result]):
             over = part.get("mean_gas", {}).get("error_ppm") or [None]
-            whose = f"{name}, {part['name']}" if "groups" in one else name
+            whose = f"{name}, {part['name']}" if "groups" in result else name
             share = part.get("known_fraction")
             known = "–" if share is None else f"{100 * share:.0f} %"
             scores = _number(part.get("mae_ppm")), _number(part.get("correlation"), "{:.2f}")
@@ -179,7 +179,7 @@ def map_rows(maps: Sequence[dict[str, Any]], names: Sequence[str]) -> Rows:
 
 def map_names(maps: Sequence[dict[str, Any]]) -> list[str]:
     """Return unique names of the maps of a result."""
-    kinds = [str(one.get("kind", "?")).replace("_", " ") for one in maps]
+    kinds = [str(result.get("kind", "?")).replace("_", " ") for result in maps]
     return [f"{kind} (maps[{n}])" if kinds.count(kind) > 1 else kind for n, kind in enumerate(kinds)]
 
 

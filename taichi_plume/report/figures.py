@@ -102,7 +102,7 @@ def smelt(run: Run, tracks: Sequence[Track]) -> bytes:
 def _ends(run: Run, tracks: Sequence[Track]) -> tuple[float, float]:
     """Return the whole decades between which the readings are shown [ppm]."""
     values = [track.values[key] for track in tracks for key in ("reading_ppm", "true_ppm")]
-    largest = max((float(np.nanmax(one, initial=0.0)) for one in values), default=0.0)
+    largest = max((float(np.nanmax(series, initial=0.0)) for series in values), default=0.0)
     low = 10.0 ** np.floor(np.log10(run.scenario.recording.range_ppm[0]))
     return low, max(10.0 ** np.ceil(np.log10(max(largest, low))), 100 * low)
 
@@ -220,7 +220,7 @@ def success(groups: Sequence[dict[str, Any]], end: float) -> bytes:
 
 def scores(maps: Sequence[dict[str, Any]], names: Sequence[str]) -> bytes | None:
     """Draw the maps' error and correlation over time; None if they were not scored over time."""
-    scored = [(name, one.get("mean_gas", {})) for name, one in zip(names, maps, strict=True)]
+    scored = [(name, result.get("mean_gas", {})) for name, result in zip(names, maps, strict=True)]
     scored = [(name, series) for name, series in scored if series.get("time_s")]
     if not scored:
         return None

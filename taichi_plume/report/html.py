@@ -82,7 +82,7 @@ def write(
     environment.filters["shown"] = shown
     template = environment.from_string(TEMPLATE.read_text(encoding="utf-8"))
     html = template.render(
-        sections=[one for one in sections if not one.empty], version=__version__, name=name, status=status,
+        sections=[section for section in sections if not section.empty], version=__version__, name=name, status=status,
         good=good, message=message, began=began, what=what, about=about,
     )  # fmt: skip
     with written_whole(path) as fresh:

@@ -88,10 +88,10 @@ def figure(width: float, height: float, dpi: float = 110) -> Figure:
     return made
 
 
-def png(one: Figure) -> bytes:
+def png(figure: Figure) -> bytes:
     """Return a figure as a PNG, without time and version, so that equal figures have equal files."""
     out = BytesIO()
-    one.savefig(out, format="png", metadata={"Software": None})
+    figure.savefig(out, format="png", metadata={"Software": None})
     return out.getvalue()
 
 

@@ -98,12 +98,12 @@ def beside_truth(run: Run, maps: Sequence[MapAtEnd]) -> bytes:
         axes = figure.add_axes((0.01, 1 - 0.1 / high_up - share, across * inches / WIDE, share))
         axes.set_axis_off()
         image = None
-        for n, one in enumerate(maps):
+        for n, gas_map in enumerate(maps):
             bottom = tall - (n + 1) * up
-            pictures = ((one.estimate, f"{one.name}: estimate"), (one.truth, "truth: mean of the gas"))
-            for k, (values, title) in enumerate(pictures):
+            titles = (f"{gas_map.name}: estimate", "truth: mean of the gas")
+            for k, (values, title) in enumerate(zip((gas_map.estimate, gas_map.truth), titles, strict=True)):
                 left, (rows, columns) = k * aside, values.shape
-                reach = (left, left + one.cell * columns, bottom, bottom + one.cell * rows)
+                reach = (left, left + gas_map.cell * columns, bottom, bottom + gas_map.cell * rows)
                 image = _draw(axes, run, values, reach, (left, bottom), scale)
                 place = (left, bottom + length + 0.02 * width)
                 axes.text(*place, title, fontweight="bold", fontsize=9, parse_math=False)
@@ -126,14 +126,14 @@ def beside_sources(run: Run, beliefs: Sequence[BeliefAtEnd]) -> bytes:
     with look.styled():
         figure = look.figure(WIDE, tall, DPI)
         image = None
-        for n, one in enumerate(beliefs):
+        for n, belief in enumerate(beliefs):
             left, top = (n % columns) * share + 0.01, 1 - ((n // columns + 1) * up) / tall
             axes = figure.add_axes((left, top, width * inches / WIDE, length * inches / tall))
             axes.set_axis_off()
-            image = _draw(axes, run, one.density, one.reach, (0, 0), (DENSITIES.low, DENSITIES.high))
+            image = _draw(axes, run, belief.density, belief.reach, (0, 0), (DENSITIES.low, DENSITIES.high))
             axes.set_xlim(0, width)
             axes.set_ylim(0, length)
-            axes.set_title(one.group, fontweight="bold", fontsize=9, loc="left", parse_math=False)
+            axes.set_title(belief.group, fontweight="bold", fontsize=9, loc="left", parse_math=False)
         bar = figure.add_axes((0.9, 0.08, 0.015, 0.8))
         look.scale(None, image, DENSITIES.low, DENSITIES.high, True, "1/m²", cax=bar)
         return look.png(figure)

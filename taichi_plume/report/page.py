@@ -119,7 +119,7 @@ class Parts:
             if group.get("shares_arena_with"):
                 others = ", ".join(group["shares_arena_with"])
                 section.lines.append(captions.SHARED.format(name=group["name"], others=others))
-        many = [one for one in searched if one["trials"] > 4 and one["trials_differ_by"] != "nothing"]
+        many = [group for group in searched if group["trials"] > 4 and group["trials_differ_by"] != "nothing"]
         if many:
             end = max(float(self.result["simulated_s"]) + self.run.begin, 1e-3)
             section.images.append(Image(figures.success(many, end), "Found by when", captions.SUCCESS))
@@ -131,20 +131,23 @@ class Parts:
         section = Section("Where the gas was, and where the robots went", "plume")
         spacing = max(run.scenario.duration + run.scenario.warm_up, 1e-3) / MOST_FRAMES
         pictures = self._tried(lambda: run.planes.read(self._planes(), (0.0, inf), spacing), {})
-        pictures = {name: one for name, one in pictures.items() if len(one.times)}
+        shown = [picture for picture in pictures.values() if len(picture.times)]
+        shown.sort(key=lambda picture: (picture.axes != "xy", not picture.name.startswith("gas")))
         trails = self._trails()
-        for one in sorted(
-            pictures.values(), key=lambda one: (one.axes != "xy", not one.name.startswith("gas"))
-        ):
-            where = f", {one.plane}" if one.plane else ""
-            kind = "logarithmic" if one.logarithmic else "linear"
-            trailing = trails if one.axes == "xy" else captions.ASIDE
+        for picture in shown:
+            where = f", {picture.plane}" if picture.plane else ""
+            kind = "logarithmic" if picture.logarithmic else "linear"
+            trailing = trails if picture.axes == "xy" else captions.ASIDE
             caption = captions.MEAN.format(
-                count=len(one.times), begin=one.times[0], end=one.times[-1], kind=kind, trails=trailing
+                count=len(picture.times),
+                begin=picture.times[0],
+                end=picture.times[-1],
+                kind=kind,
+                trails=trailing,
             )
-            image = figures.mean_plume(run, one, self.tracks)
-            section.images.append(Image(image, f"Mean {one.quantity}{where}", caption))
-        if not pictures:
+            image = figures.mean_plume(run, picture, self.tracks)
+            section.images.append(Image(image, f"Mean {picture.quantity}{where}", caption))
+        if not shown:
             section.lines.append(captions.NO_PICTURES)
             if self.tracks:
                 section.images.append(Image(figures.only_tracks(run, self.tracks), "Tracks", trails))
@@ -231,7 +234,7 @@ class Parts:
     def notes(self) -> Section:
         """Return warnings, and what this page lacks."""
         remarks = self.run.result.get("remarks")
-        lines = [one for one in remarks if isinstance(one, str)] if isinstance(remarks, list) else []
+        lines = [text for text in remarks if isinstance(text, str)] if isinstance(remarks, list) else []
         return Section("Notes", "notes", lines=lines + self.lacks)
 
     def citing(self) -> Section:

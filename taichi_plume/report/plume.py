@@ -55,7 +55,7 @@ class PlumeView:
             for solid in solids:
                 solid.set_alpha(0.55)
         shapes = zip(solids, run.shapes, strict=True)
-        self.walkers = [(patch, one.model) for patch, one in shapes if one.model and one.model.motion]
+        self.walkers = [(patch, shape.model) for patch, shape in shapes if shape.model and shape.model.motion]
         arrows = PolyCollection([], facecolor=look.WIND, edgecolor="none", alpha=0.42, zorder=3)
         self.arrows = axes.add_collection(arrows)
         self.arrows.set_visible(wind)
@@ -88,9 +88,9 @@ class PlumeView:
         shown = [(track, track.at(t)) for track in self.tracks]
         self.bodies.set_verts([self._body(track, n) if n >= 0 else np.zeros((0, 2)) for track, n in shown])
         found = [n >= 0 and bool(track.values["found"][n]) for track, n in shown]
-        self.bodies.set_edgecolor([look.FOUND if one else "white" for one in found])
-        self.bodies.set_linewidth([2.4 if one else 0.8 for one in found])
-        for mark, (track, n) in zip(self.said, [one for one in shown if said(one[0])], strict=False):
+        self.bodies.set_edgecolor([look.FOUND if has_found else "white" for has_found in found])
+        self.bodies.set_linewidth([2.4 if has_found else 0.8 for has_found in found])
+        for mark, (track, n) in zip(self.said, [pair for pair in shown if said(pair[0])], strict=False):
             put_mark(mark, track.declared(n))
         a, b = ("xyz"[d] for d in self.plane)
         trailing = [
@@ -202,7 +202,7 @@ def _legend(figure: Figure, run: Run, view: PlumeView, x: float, y: float) -> No
         handles.append(mark("has found it", marker="o", markersize=7, **style))
     last = [track.declared(len(track.t) - 1) for track in view.tracks] if view.said else []
     for right, label, rim in ((True, "declared rightly", look.FOUND), (False, "falsely", look.WRONG)):
-        if any(one is not None and one[1] == right for one in last):
+        if any(word is not None and word[1] == right for word in last):
             style = {"color": "white", "markeredgecolor": rim, "markeredgewidth": 1.6}
             handles.append(mark(label, marker="X", markersize=9, **style))
     if view.arrows.get_visible():

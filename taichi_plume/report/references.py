@@ -74,7 +74,7 @@ WINDS: dict[str, str] = {
 def papers(scenario: Scenario) -> list[tuple[str, str]]:
     """Return the name of each part of a run that rests on papers, and the papers; a kind once."""
     used = [(SEARCHES, "search algorithm", group.algorithm.kind) for group in scenario.robots]
-    used += [(MAPS, "gas map", one.kind) for one in scenario.maps]
+    used += [(MAPS, "gas map", gas_map.kind) for gas_map in scenario.maps]
     used += [(GASES, "gas", gas.kind) for _, gas in scenario.gases]
     used.append((WINDS, "wind", scenario.wind.kind))
     rows = [(f"{part} {kind}".replace("_", " "), table[kind]) for table, part, kind in used if kind in table]

@@ -50,7 +50,7 @@ def draw(
     width, height = extent[a], extent[b]
     axes.add_patch(Rectangle((0, 0), width, height, facecolor=look.FLOOR, edgecolor="none", zorder=0))
     shapes = simple_shapes(scenario) if shapes is None else shapes
-    drawn = [solids.solid(axes, one, plane) for one in shapes]
+    drawn = [solids.solid(axes, solid, plane) for solid in shapes]
     axes.add_patch(Rectangle((0, 0), width, height, fill=False, edgecolor=look.INK, linewidth=1.6, zorder=6))
     if plane == ABOVE and scenario.arena is not None:
         low, size = scenario.arena.low, scenario.arena.size
@@ -63,8 +63,8 @@ def draw(
     if starts:
         _starts(axes, scenario, plane, sizes)
     if sizes and plane == ABOVE and len(shapes) <= MOST_LABELS:
-        for one in shapes:
-            solids.name(axes, one)
+        for solid in shapes:
+            solids.name(axes, solid)
     openings.wind(axes, scenario, plane)
     axes.set_aspect("equal")
     margin = (MARGIN if sizes else MARGIN / 3) * max(width, height)
@@ -81,7 +81,8 @@ def draw(
 
 def simple_shapes(scenario: Scenario) -> list[Shape]:
     """Return the shapes of the obstacles that are not read from a file."""
-    return [shape(one, scenario.domain, Path()) for one in scenario.obstacles if "file" not in vars(one)]
+    obstacles = [obstacle for obstacle in scenario.obstacles if "file" not in vars(obstacle)]
+    return [shape(obstacle, scenario.domain, Path()) for obstacle in obstacles]
 
 
 def picture(
