@@ -251,57 +251,46 @@ def sample_cells(c: Template, air: Template, x: Template, dx: float, ghost: ti.i
     return total / ti.max(share, 1e-6)
 
 
-@ti.func
-def _point(points: Template, n, dim: Template):
-    """Row n as a vector."""
-    return ti.Vector([points[n, d] for d in ti.static(range(dim))])
-
-
 @ti.kernel
-def _concentration_at(
-    gas: Template, dim: Template, points: ti.types.ndarray(), t: float, out: ti.types.ndarray()
+def _sample(
+    kind: Template,
+    source: Template,
+    dim: Template,
+    points: ti.types.ndarray(),  # type: ignore[valid-type]
+    t: float,
+    out: ti.types.ndarray(),  # type: ignore[valid-type]
 ):
     for n in range(out.shape[0]):
-        out[n] = gas.concentration(_point(points, n, dim), t)
+        x = ti.Vector([points[n, d] for d in ti.static(range(dim))])
+        if ti.static(kind == "velocity"):
+            u = source.velocity(x, t)
+            for d in ti.static(range(dim)):
+                out[n, d] = u[d]
+        elif ti.static(kind == "ppm"):
+            ppm = source.ppm(x, t)
+            for s in ti.static(range(len(source.species))):
+                out[n, s] = ppm[s]
+        else:
+            out[n, 0] = source.concentration(x, t)
 
 
-@ti.kernel
-def _velocity_at(
-    wind: Template, dim: Template, points: ti.types.ndarray(), t: float, out: ti.types.ndarray()
-):
-    for n in range(out.shape[0]):
-        u = wind.velocity(_point(points, n, dim), t)
-        for d in ti.static(range(dim)):
-            out[n, d] = u[d]
-
-
-@ti.kernel
-def _ppm_at(gas: Template, dim: Template, points: ti.types.ndarray(), t: float, out: ti.types.ndarray()):
-    for n in range(out.shape[0]):
-        ppm = gas.ppm(_point(points, n, dim), t)
-        for s in ti.static(range(len(gas.species))):
-            out[n, s] = ppm[s]
+def _sampled(kind: str, source: object, points: np.ndarray, t: float, width: int) -> np.ndarray:
+    flat = np.ascontiguousarray(points.reshape(-1, points.shape[-1]), np.float32)
+    out = np.empty((len(flat), width), np.float32)
+    _sample(kind, source, points.shape[-1], flat, t, out)
+    return out.reshape(*points.shape[:-1], width)
 
 
 def ppm_at(gas: Mixture, points: np.ndarray, t: float) -> np.ndarray:
-    """Mole fraction [ppm] of each species at points (..., dim) [m], as an array of shape (..., species)."""
-    flat = np.ascontiguousarray(points.reshape(-1, points.shape[-1]), np.float32)
-    out = np.empty((len(flat), len(gas.species)), np.float32)
-    _ppm_at(gas, points.shape[-1], flat, t, out)
-    return out.reshape(*points.shape[:-1], -1)
+    """Return the mole fraction [ppm] of each species at points (..., dim) [m], of shape (..., species)."""
+    return _sampled("ppm", gas, points, t, len(gas.species))
 
 
 def concentration_at(gas: Gas, points: np.ndarray, t: float) -> np.ndarray:
-    """Concentration [kg/m³] at points (..., dim) [m], as an array of shape (...)."""
-    flat = np.ascontiguousarray(points.reshape(-1, points.shape[-1]), np.float32)
-    out = np.empty(len(flat), np.float32)
-    _concentration_at(gas, points.shape[-1], flat, t, out)
-    return out.reshape(points.shape[:-1])
+    """Return the concentration [kg/m³] at points (..., dim) [m], of shape (...)."""
+    return _sampled("concentration", gas, points, t, 1)[..., 0]
 
 
 def velocity_at(wind: Wind, points: np.ndarray, t: float) -> np.ndarray:
-    """Velocity [m/s] at points (..., dim) [m], as an array of the same shape."""
-    flat = np.ascontiguousarray(points.reshape(-1, points.shape[-1]), np.float32)
-    out = np.empty_like(flat)
-    _velocity_at(wind, points.shape[-1], flat, t, out)
-    return out.reshape(points.shape)
+    """Return the velocity [m/s] at points (..., dim) [m], of the same shape."""
+    return _sampled("velocity", wind, points, t, points.shape[-1])
