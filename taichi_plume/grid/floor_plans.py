@@ -154,7 +154,8 @@ class FloorPlan(Upright):
 def _blocks(walls: np.ndarray, n: int) -> np.ndarray:
     """Return which blocks of n x n pixels hold a wall."""
     padded = np.pad(walls, [(0, -length % n) for length in walls.shape])
-    return padded.reshape(padded.shape[0] // n, n, padded.shape[1] // n, n).any(axis=(1, 3))
+    blocks = padded.reshape(padded.shape[0] // n, n, padded.shape[1] // n, n)
+    return np.any(blocks, axis=(1, 3))
 
 
 def _whole(share: np.ndarray) -> np.ndarray:

@@ -7,6 +7,7 @@ each of its trees of fields is enough, as the layout of a tree is known.
 
 import ctypes
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import taichi as ti
@@ -57,7 +58,7 @@ def _view(field: Field, roots: dict[int, int | None]) -> np.ndarray | None:
         return None
     shape, steps = (*field.shape, *[len(parts)] * vector), (*strides[0], *[step] * vector)
     length = sum((n - 1) * step for n, step in zip(shape, steps, strict=True)) + 8
-    memory = (ctypes.c_char * length).from_address(root + offsets[0])
+    memory: Any = (ctypes.c_char * length).from_address(root + offsets[0])
     return np.ndarray(shape, KINDS[field.dtype], memory, strides=steps)
 
 

@@ -66,14 +66,9 @@ class Solid(Shape):
             return self._shadow_distance(points, *self._slice)
         return self._shadow_distance(points, low + SKIN, high - SKIN)
 
-    def inside(self, points: np.ndarray, tie: float = 0.0) -> np.ndarray:
-        """Return whether points (..., dim) lie below the surface, also when moved by `tie` [m] to either side."""
+    def inside(self, points: np.ndarray) -> np.ndarray:
         if points.shape[-1] == 2:
             points = _at_height(points, self._slice[0])
-        nudge = tie * np.array([1.0, 0.8, 0.6])  # along no likely face
-        return self._occupied(points + nudge) & self._occupied(points - nudge)
-
-    def _occupied(self, points: np.ndarray) -> np.ndarray:
         return -_least(points, [scene.compute_occupancy for scene in self._scenes], sign=-1.0) > 0.5
 
     def _shadow_distance(self, points: np.ndarray, low: float, high: float) -> np.ndarray:

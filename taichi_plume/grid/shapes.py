@@ -42,9 +42,9 @@ class Shape(ABC):
         """Return the air fractions of cells of edge dx [m] and of their faces per axis; None to use the distances."""
         return None
 
-    def inside(self, points: np.ndarray, tie: float = 0.0) -> np.ndarray:
-        """Return whether points (..., dim) lie more than `tie` [m] below the surface."""
-        return self.signed_distance(points) < -tie
+    def inside(self, points: np.ndarray) -> np.ndarray:
+        """Return whether points (..., dim) lie below the surface."""
+        return self.signed_distance(points) < 0.0
 
 
 class Upright(Shape):

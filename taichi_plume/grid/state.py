@@ -12,7 +12,7 @@ compiled when the component is complete.
 
 from collections.abc import Callable, Iterable, Iterator
 from copy import deepcopy
-from typing import Any, ClassVar, NamedTuple, Protocol, TypeGuard, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 import taichi as ti
@@ -20,12 +20,6 @@ import taichi as ti
 from taichi_plume.grid.kernels import Field
 from taichi_plume.grid.memory import views
 from taichi_plume.grid.transfer import alike, reader, uploader
-
-
-class Component(Protocol):
-    """Object that names its state."""
-
-    STATE: ClassVar[tuple[str, ...]]
 
 
 @runtime_checkable
@@ -40,10 +34,6 @@ class SavesItself(Protocol):
 def saves_itself(value: object) -> bool:
     """Return whether an object has the methods by which it is saved and restored."""
     return isinstance(value, SavesItself)
-
-
-def _is_component(value: object) -> TypeGuard[Component]:
-    return hasattr(value, "STATE")  # isinstance of a protocol takes ten times as long
 
 
 class _Piece(NamedTuple):
@@ -67,14 +57,14 @@ class _Piece(NamedTuple):
             self.owner[self.key] = value
 
 
-def _pieces(component: Component, path: str) -> Iterator[_Piece]:
+def _pieces(component: Any, path: str) -> Iterator[_Piece]:
     for name in component.STATE:
         yield from _split(_Piece(f"{path}.{name}", component, name, True))
 
 
 def _split(piece: _Piece) -> Iterator[_Piece]:
     value = piece.value
-    if _is_component(value):
+    if hasattr(value, "STATE"):
         yield from _pieces(value, piece.path)
     elif isinstance(value, list | tuple | dict) and _has_parts(value):
         for n in value if isinstance(value, dict) else range(len(value)):
@@ -87,7 +77,7 @@ def _has_parts(values: Iterable[object]) -> bool:
     """Return whether a list, tuple or dict holds fields or components."""
     return any(
         isinstance(value, ti.Field)
-        or _is_component(value)
+        or hasattr(value, "STATE")
         or (isinstance(value, list | tuple | dict) and _has_parts(value))
         for value in (values.values() if isinstance(values, dict) else values)
     )
@@ -96,7 +86,7 @@ def _has_parts(values: Iterable[object]) -> bool:
 class State:
     """State of a component and of all its parts. The constructor compiles the kernels, over all fields at once."""
 
-    def __init__(self, part: Component):
+    def __init__(self, part: object):
         self.part = part
         fields: dict[int, tuple[str, Field]] = {}
         for piece in self._walk():
@@ -121,7 +111,7 @@ class State:
             value = piece.value
             if isinstance(value, np.random.Generator):
                 value = value.bit_generator.state
-            elif isinstance(value, SavesItself):
+            elif saves_itself(value):
                 value = value.state()
             saved[piece.path] = deepcopy(value)
         return saved
@@ -145,7 +135,7 @@ class State:
             value, before = piece.value, deepcopy(saved[piece.path])
             if isinstance(value, np.random.Generator):
                 value.bit_generator.state = before
-            elif isinstance(value, SavesItself):
+            elif saves_itself(value):
                 value.restore(before)
             else:
                 piece.replace(before)

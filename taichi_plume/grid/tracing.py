@@ -14,7 +14,7 @@ from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from types import CodeType, FunctionType, SimpleNamespace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import taichi as ti
 from taichi.lang import impl, kernel_impl, matrix, snode
@@ -69,7 +69,7 @@ def inside_class(level_of_class_stackframe: int) -> bool:
 # ---------------------------------------------------------------- positions
 
 
-def position(self: ASTTransformerContext, node: ast.stmt | ast.expr) -> str:
+def position(self: Any, node: ast.stmt | ast.expr) -> str:
     """Return the file, the line and its text for Taichi's messages. Taichi itself also underlines the position."""
     lines = vars(self).setdefault("line_texts", {})
     if node.lineno not in lines:

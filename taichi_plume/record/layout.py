@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import rerun.blueprint as rrb
@@ -338,7 +338,7 @@ def _series(origin: str, name: str, legend: bool) -> rrb.TimeSeriesView:
     )
 
 
-def _recent(entities: list[str], seconds: float | None) -> dict[str, rrb.VisibleTimeRanges]:
+def _recent(entities: list[str], seconds: float | None) -> Any:
     """Return visible time ranges of entities: the last seconds, or the whole run."""
     edge = rrb.TimeRangeBoundary
     start = edge.infinite() if seconds is None else edge.cursor_relative(seconds=-seconds)

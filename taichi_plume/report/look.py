@@ -138,9 +138,10 @@ def short(text: str, letters: int = LONGEST_NAME) -> str:
     return text if len(text) <= letters else f"{text[: letters - half]}…{text[1 - half :]}"
 
 
-def darker(color: Sequence[float], share: float = 0.68) -> tuple[float, ...]:
+def darker(color: Sequence[float]) -> tuple[float, float, float]:
     """Return a colour of the recording, 0 to 255, as a colour for paper, 0 to 1."""
-    return tuple(share * part / 255 for part in color)
+    red, green, blue = (0.68 * part / 255 for part in color)
+    return red, green, blue
 
 
 def note(

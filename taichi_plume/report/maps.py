@@ -97,7 +97,7 @@ def beside_truth(run: Run, maps: Sequence[MapAtEnd]) -> bytes:
         figure = look.figure(WIDE, high_up, DPI)
         axes = figure.add_axes((0.01, 1 - 0.1 / high_up - share, across * inches / WIDE, share))
         axes.set_axis_off()
-        image = None
+        image: Any = None
         for n, gas_map in enumerate(maps):
             bottom = tall - (n + 1) * up
             titles = (f"{gas_map.name}: estimate", "truth: mean of the gas")
@@ -125,7 +125,7 @@ def beside_sources(run: Run, beliefs: Sequence[BeliefAtEnd]) -> bytes:
     tall = rows * up + 0.1
     with look.styled():
         figure = look.figure(WIDE, tall, DPI)
-        image = None
+        image: Any = None
         for n, belief in enumerate(beliefs):
             left, top = (n % columns) * share + 0.01, 1 - ((n // columns + 1) * up) / tall
             axes = figure.add_axes((left, top, width * inches / WIDE, length * inches / tall))
