@@ -12,7 +12,7 @@ compiled when the component is complete.
 
 from collections.abc import Callable, Iterable, Iterator
 from copy import deepcopy
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple
 
 import numpy as np
 import taichi as ti
@@ -22,18 +22,9 @@ from taichi_plume.grid.memory import views
 from taichi_plume.grid.transfer import alike, reader, uploader
 
 
-@runtime_checkable
-class SavesItself(Protocol):
-    """Object that knows how to save and restore its own state."""
-
-    def state(self) -> object: ...
-
-    def restore(self, state: Any, /) -> None: ...
-
-
 def saves_itself(value: object) -> bool:
     """Return whether an object has the methods by which it is saved and restored."""
-    return isinstance(value, SavesItself)
+    return callable(getattr(value, "state", None)) and callable(getattr(value, "restore", None))
 
 
 class _Piece(NamedTuple):
