@@ -121,8 +121,7 @@ def test_a_state_is_saved_restored_and_cleared(taichi):
         STATE = ("scalar", "parts", "draws", "log")
 
     part = Part()
-    part.scalar, part.parts, part.log = scalar, [inner], [1.0]
-    part.draws = np.random.default_rng(2)
+    part.scalar, part.parts, part.log, part.draws = scalar, [inner], [1.0], np.random.default_rng(2)
     put, get = uploader(scalar, *several), reader(scalar, *several)
     put(*ARRAYS)
     state = State(part)
