@@ -310,7 +310,7 @@ def are_parted(part: np.ndarray, side: np.ndarray, margin: float) -> bool:
 @pytest.mark.parametrize("yaw", [0.0, 0.1, 0.7, -1.2, np.pi / 4])
 @pytest.mark.parametrize("dx", [0.05, 0.1, 0.23])
 def test_a_wall_one_pixel_thick_parts_the_air(tmp_path, yaw, dx):
-    """In any direction; puffs, which fly between nodes, find no way either."""
+    """The wall has any direction, and its level set has no gap for puffs either."""
     walls = np.zeros((200, 200), bool)
     walls[100] = True  # 2.5 cm
     grid = Grid((round(2.0 / dx), round(1.6 / dx)), dx)

@@ -1,4 +1,4 @@
-"""What a recording shows of a computed plume: read back from its file."""
+"""Pictures and arrows of a recorded plume, read back from the file."""
 
 from pathlib import Path
 from typing import Any

@@ -72,7 +72,7 @@ def test_a_part_of_the_frames_and_their_mean(room):
 
 
 def test_a_species_has_the_planes_that_all_have(tmp_path):
-    """Its pictures are below gas/0: their plane is that of the whole gas, and so is the wind beside them."""
+    """Pictures of a species, below gas/0, have the planes of the whole gas and of the wind."""
     side = {"axes": "xz", "shape": (40, 10)}
     planes = {"gas/slice": {}, "gas/0/slice": {}, "gas/0/section_2": side}
     made_run.record(tmp_path / "two.rrd", planes)

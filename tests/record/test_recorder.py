@@ -145,7 +145,7 @@ def test_slice_shows_the_gas_where_it_is(tmp_path):
 
 
 def fake_ppm(points: np.ndarray) -> np.ndarray:
-    """The gas of `fake_run` at the begin [ppm]."""
+    """Return the gas of `fake_run` at the start [ppm]."""
     along, y = points[..., 0] - 0.6, points[..., 1]
     s = 0.05 + 0.08 * np.maximum(along, 0)
     across = y - 1.5 - 0.12 * along * np.sin(-2 * points[..., 0])

@@ -1,4 +1,4 @@
-"""Where robots said that a source is, in a report's figures, tables and words; nothing where they said nothing."""
+"""Declared source positions in a report's figures, tables and words; none without declarations."""
 
 import made_run
 import numpy as np
@@ -23,7 +23,7 @@ def run(tmp_path) -> Run:
 
 
 def saying(run: Run) -> list:
-    """Its robots: from t = 4 s on the first has said wrongly (2, 2) and, from 6 s on, rightly (1, 1.2)."""
+    """Return the tracks; the first robot declares (2, 2) falsely at 4 s and (1, 1.2) rightly at 6 s."""
     first, other = run.tracks
     t, nan = first.t, np.full(len(first.t), np.nan)
     said = (t >= 4).astype(int) + (t >= 6)

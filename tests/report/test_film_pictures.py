@@ -1,4 +1,4 @@
-"""What a run without a recording shows from its fields is what the recording would have shown."""
+"""Pictures made from fields equal the pictures of the recording."""
 
 from pathlib import Path
 

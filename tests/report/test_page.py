@@ -26,7 +26,7 @@ GMRF = {"kind": "gmrf", "cell": 0.5}
 
 
 class Read(HTMLParser):
-    """What a browser would find in a page: tags, their attributes, texts; whether each tag is closed."""
+    """Parsed page: tags, attributes and texts; every tag is closed."""
 
     def __init__(self, html: str):
         super().__init__()
@@ -96,7 +96,7 @@ WICKED = f"{WORDS} \x1b[2J"
 
 
 def test_names_stay_text(tmp_path, report):
-    """Of a scenario, a group, a species, a message, a remark, the command on top of scenario.yaml."""
+    """Names of scenario, group and species, message, remark, and the command on top of scenario.yaml."""
     model = made_run.scenario()
     group = model.robots[0].model_copy(update={"name": WORDS})
     folder = made_run.made(tmp_path / "run", model.model_copy(update={"robots": (group,)}))
@@ -214,7 +214,7 @@ def test_a_result_that_says_other_things_is_told_in_a_line(tmp_path, capsys, sta
 
 
 def test_thousands_of_trials_make_a_small_page(tmp_path, report):
-    """Of many robots some are shown, of long series the peaks."""
+    """Some of many robots are shown, and the peaks of long series."""
     area = {"kind": "area", "low": [2, 0.3], "high": [3.8, 2.7]}
     team = {"name": "pair", "count": 2, "trials": 1000, "algorithm": {"kind": "casting"}, "start": area}
     model = made_run.scenario(robots=[team])

@@ -95,7 +95,7 @@ def test_names_and_sizes_are_written_and_are_no_mathematics():
 
 
 def test_arrows_point_where_air_goes():
-    """In from the left by the fan, out to the right."""
+    """Air comes in from the left by the fan, and leaves to the right."""
     axes = drawn(made_run.scenario(wind=CFD))
     arrows = [one for one in axes.patches if type(one).__name__ == "FancyArrowPatch"]
     ways = [np.subtract(*one._posA_posB[::-1]) for one in arrows]
