@@ -10,7 +10,7 @@ from taichi_plume.assembly.assemble import assemble
 from taichi_plume.assembly.prepare import load_scenario
 from taichi_plume.files import maps_file
 from taichi_plume.record.recorder import Recorder
-from taichi_plume.report.beliefs import beliefs_of, rows
+from taichi_plume.report.maps import belief_rows, beliefs_of
 from taichi_plume.running import final_maps
 from taichi_plume.running.result import result, write_result
 from taichi_plume.scoring.beliefs import OF_BELIEFS, BeliefScores, GroupBeliefs, beliefs
@@ -95,5 +95,5 @@ def test_a_run_leaves_its_beliefs(tmp_path, taichi):
     assert drawn.density.shape == (8, 10)
     assert drawn.density.sum() * 0.04 == pytest.approx(1.0, rel=1e-3)
     assert drawn.reach == pytest.approx((0.0, 2.0, 0.0, 1.6))
-    assert rows([told])[0][0] == "second"
+    assert belief_rows([told])[0][0] == "second"
     assert b"beliefs/1" in (tmp_path / "recording.rrd").read_bytes()

@@ -1,3 +1,3 @@
-"""The staggered grid and what lives on it: fields, kernels, shapes, cut cells, random numbers."""
+"""Staggered grid: fields, kernels, obstacles as shapes, cut cells, state of a run, random numbers."""
 
 MAY_IMPORT: tuple[str, ...] = ("guard",)

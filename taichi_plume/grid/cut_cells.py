@@ -1,8 +1,8 @@
-"""How much of every cell and face is air, where the surfaces of obstacles cut through the grid.
+"""Cut cells (immersed boundary): volume and area fractions of air, where surfaces of obstacles cut through the grid.
 
-The signed distance to the surfaces is taken as linear between nodes half a cell apart: the shares are of second order
-in the spacing, exact where a plane surface runs along the cells. What is thinner than half a cell may be missed, see
-`missed`. Shapes that know their shares better tell them (`Shape.shares`).
+The signed distance to the surfaces is taken as linear between nodes half a cell apart: the fractions are of second
+order in the spacing, exact where a plane surface runs along the cells. Parts thinner than half a cell may be missed
+(see `missed`). Shapes may give fractions of their own (`Shape.shares`).
 """
 
 from collections.abc import Sequence
@@ -16,17 +16,19 @@ from scipy.sparse.csgraph import connected_components
 from taichi_plume.grid.grid import Grid, block_mean
 from taichi_plume.grid.shapes import FINER, TIE, Shape
 
-SECTIONS = 8  # per axis, to integrate a share between nodes
-SLIVER = 0.02  # shares below are closed
+SECTIONS = 8  # per axis, to integrate a fraction between nodes
+SLIVER = 0.02  # smaller fractions are closed
+Fractions = tuple[np.ndarray, list[np.ndarray]]
+"""Fractions of air of the cells, and of the faces per axis."""
 
 
 @dataclass(frozen=True)
 class Air:
-    """Shares that are air: `volume` of the cells, grid.shape; `area` of the faces per axis, one more along that axis.
+    """Fractions of air: `volume` of the cells, grid.shape; `area` of the faces per axis, one more along that axis.
 
     distance: mean distance [cells] of a face's open part from the nearest surface, arrays like area.
-    body: number of the obstacle that is next to the cell, -1 where none is near; periodic: per axis. sealed: per axis
-    the faces, bool like area, that walls close which may be thinner than any cell; empty where there are none such.
+    body: number of the obstacle next to the cell, -1 if none is near; periodic: per axis. sealed: per axis the faces,
+    bool like area, closed by walls that may be thinner than any cell; empty if there are no such walls.
     """
 
     volume: np.ndarray
@@ -38,7 +40,7 @@ class Air:
 
     @property
     def solid(self) -> np.ndarray:
-        """Which cells hold no air, bool of grid.shape."""
+        """Cells that hold no air, bool of grid.shape."""
         return self.volume == 0.0
 
     @property
@@ -48,22 +50,20 @@ class Air:
 
     @property
     def room(self) -> np.ndarray:
-        """Volume share that a cell counts as storing, grid.shape: as though it were as wide as its widest face.
+        """Volume fraction that a cell counts as storing, grid.shape: at least its widest face's area fraction.
 
-        However little of a cell is air, it then does not shorten the step.
+        However small the cell, it does not shorten the time step.
         """
         return np.maximum(self.volume, _widest(list(self.area), self.volume.ndim))
 
     def regions(self) -> np.ndarray:
-        """Number of the connected part of the air that each cell belongs to, from 1 on; 0 in solid cells."""
+        """Return the number of the connected part of the air that each cell belongs to, from 1 on; 0 in solid cells."""
         number = np.arange(self.volume.size).reshape(self.volume.shape)
         links = []
-        for d, area in enumerate(
-            self.area
-        ):  # where an axis does not wrap round, its first face leads nowhere
+        for d, area in enumerate(self.area):
             lower = np.moveaxis(np.roll(number, 1, axis=d), d, 0)
             upper, leads = np.moveaxis(number, d, 0), np.moveaxis(area, d, 0)[:-1] > 0.0
-            leads[0] &= self.periodic[d]
+            leads[0] &= self.periodic[d]  # else the first face leads out of the domain
             links.append(np.stack([lower[leads], upper[leads]]))
         i, j = np.concatenate(links, axis=1)
         graph = csr_array((np.ones(len(i), np.int8), (i, j)), shape=(number.size, number.size))
@@ -74,21 +74,21 @@ class Air:
 
     @staticmethod
     def of(solid: np.ndarray, grid: Grid) -> "Air":
-        """Obstacles of whole cells: solid, bool of grid.shape."""
+        """Return the air around obstacles of whole cells: solid, bool of grid.shape."""
         faces = [np.ones(_faces(grid, d)) for d in range(grid.dim)]
         return _closed(1.0 - solid, faces, [0.5 * a for a in faces], np.zeros(grid.shape, np.int32), grid)
 
     @staticmethod
     def everywhere(grid: Grid) -> "Air":
-        """No obstacles."""
+        """Return the air of a domain without obstacles."""
         return Air.of(np.zeros(grid.shape, bool), grid)
 
     def surface(self) -> np.ndarray:
-        """Vector area of the surface in each cell, out of the air, over a face's area: shape (*grid.shape, dim)."""
+        """Return the vector area of each cell's surface, out of the air, over a face's area: (*grid.shape, dim)."""
         sides = [np.delete(a, -1, axis=d) - np.delete(a, 0, axis=d) for d, a in enumerate(self.area)]
         result = np.stack(sides, axis=-1)
         for d, wraps in enumerate(self.periodic):
-            if not wraps:  # what an opening or a wall of the domain covers is none of the obstacle's
+            if not wraps:  # a face covered by an opening or a wall of the domain is not part of the obstacle
                 for cells, full in ((0, 1.0), (-1, -1.0)):
                     edge = np.moveaxis(result, d, 0)[cells]
                     closed = np.moveaxis(self.area[d], d, 0)[cells] == 0.0
@@ -100,24 +100,22 @@ def air_of(
     shapes: Sequence[Shape | None],
     grid: Grid,
     open_cells: np.ndarray | None = None,
-    left: tuple[np.ndarray, list[np.ndarray]] | None = None,
+    left: Fractions | None = None,
 ) -> Air:
-    """The air that is left around shapes; None stands for one that is not there, but is counted.
+    """Return the air around shapes; None stands for an absent shape, which keeps its number.
 
-    open_cells: bool of grid.shape, cells at an opening; unless given, all cells at the domain's faces. Air
-    is kept where it is the largest connected part or reaches an open cell: what obstacles seal off counts as filled.
-    left: shares of the cells and of the faces per axis that other obstacles leave.
+    open_cells: bool of grid.shape, cells at an opening; unless given, all cells at the domain's faces. Air stays
+    if it is the largest connected part or reaches an open cell; air sealed off by obstacles counts as solid. left:
+    fractions of the cells and of the faces per axis that other obstacles leave.
     """
     distance, nearest = _distances(shapes, grid)
-    faces = [_share(distance, tuple(a for a in range(grid.dim) if a != d)) for d in range(grid.dim)]
-    area, away = [share for share, _ in faces], [mean for _, mean in faces]
+    area, away = _face_fractions(distance)
     body = nearest[(slice(FINER // 2, None, FINER),) * grid.dim]
-    known = _told(shapes, grid)
+    known = _own_fractions(shapes, grid)
     if known:
-        distance, _ = _distances([None if n in known else one for n, one in enumerate(shapes)], grid)
-        faces = [_share(distance, tuple(a for a in range(grid.dim) if a != d)) for d in range(grid.dim)]
-        area = [share for share, _ in faces]
-    volume, _ = _share(distance, tuple(range(grid.dim)))
+        distance, _ = _distances([None if n in known else shape for n, shape in enumerate(shapes)], grid)
+        area, _ = _face_fractions(distance)
+    volume, _ = _fraction(distance, tuple(range(grid.dim)))
     for shares in [*known.values(), *([left] if left is not None else [])]:
         volume, area = volume * shares[0], [a * b for a, b in zip(area, shares[1], strict=True)]
     air = _closed(volume, area, away, body, grid)
@@ -136,17 +134,17 @@ def air_of(
 
 
 def sealed(air: Air, shapes: Sequence[Shape | None], grid: Grid) -> Air:
-    """The air of a film, with the faces that thin walls among these shapes close, of which a film does not tell."""
-    return _sealed(air, _told(shapes, grid))
+    """Return the air of a film, completed by the faces that thin walls among these shapes close."""
+    return _sealed(air, _own_fractions(shapes, grid))
 
 
-def _told(shapes: Sequence[Shape | None], grid: Grid) -> dict[int, tuple[np.ndarray, list[np.ndarray]]]:
-    """The shares of those shapes that know them better than distances tell, by their numbers."""
-    told = {n: one.shares(grid.shape, grid.dx) for n, one in enumerate(shapes) if one is not None}
-    return {n: shares for n, shares in told.items() if shares is not None}
+def _own_fractions(shapes: Sequence[Shape | None], grid: Grid) -> dict[int, Fractions]:
+    """Return the fractions that shapes give themselves, by the shapes' numbers."""
+    given = {n: shape.shares(grid.shape, grid.dx) for n, shape in enumerate(shapes) if shape is not None}
+    return {n: shares for n, shares in given.items() if shares is not None}
 
 
-def _sealed(air: Air, known: dict[int, tuple[np.ndarray, list[np.ndarray]]]) -> Air:
+def _sealed(air: Air, known: dict[int, Fractions]) -> Air:
     if not known:
         return air
     shut = [np.any([shares[1][d] == 0.0 for shares in known.values()], axis=0) for d in range(len(air.area))]
@@ -158,19 +156,19 @@ def _faces(grid: Grid, d: int) -> tuple[int, ...]:
 
 
 def _distances(shapes: Sequence[Shape | None], grid: Grid) -> tuple[np.ndarray, np.ndarray]:
-    """Signed distance [cells] of the nodes to the nearest surface, at most 2, and the number of its shape."""
+    """Return the signed distance [cells] of the nodes to the nearest surface, at most 2, and its shape's number."""
     nodes, step = tuple(FINER * n + 1 for n in grid.shape), grid.dx / FINER
     distance, nearest = np.full(nodes, 2.0, np.float32), np.full(nodes, -1, np.int32)
-    for number, one in enumerate(shapes):
-        if one is None:
+    for number, shape in enumerate(shapes):
+        if shape is None:
             continue
-        first = np.clip(np.floor(one.low / step) - FINER, 0, nodes).astype(int)
-        last = np.clip(np.ceil(one.high / step) + FINER + 1, 0, nodes).astype(int)
+        first = np.clip(np.floor(shape.low / step) - FINER, 0, nodes).astype(int)
+        last = np.clip(np.ceil(shape.high / step) + FINER + 1, 0, nodes).astype(int)
         block = tuple(slice(a, b) for a, b in zip(first, last, strict=True))
         axes = [np.arange(a, b) * step for a, b in zip(first, last, strict=True)]
         points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
         if points.size:
-            here = one.signed_distance(points) / grid.dx
+            here = shape.signed_distance(points) / grid.dx
             closer = here < distance[block]
             distance[block] = np.where(closer, here, distance[block])
             nearest[block] = np.where(closer, number, nearest[block])
@@ -178,12 +176,20 @@ def _distances(shapes: Sequence[Shape | None], grid: Grid) -> tuple[np.ndarray, 
     return distance, nearest
 
 
-def _share(distance: np.ndarray, axes: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Of the faces or cells that span `axes`: the share where the distance is positive, and its mean there."""
-    across = [a for a in range(distance.ndim) if a not in axes]
+def _face_fractions(distance: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Return the area fractions and mean distances of the faces of each axis."""
+    dim = distance.ndim
+    area, mean = zip(
+        *(_fraction(distance, tuple(a for a in range(dim) if a != d)) for d in range(dim)), strict=True
+    )
+    return list(area), list(mean)
+
+
+def _fraction(distance: np.ndarray, axes: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the fraction of faces or cells that span `axes` with a positive distance, and the mean distance there."""
+    dim = distance.ndim
     ends = [
-        (slice(None, -1), slice(1, None)) if a in axes else (slice(None, None, FINER),)
-        for a in range(distance.ndim)
+        (slice(None, -1), slice(1, None)) if a in axes else (slice(None, None, FINER),) for a in range(dim)
     ]
     corners = [distance[index] for index in product(*ends)]  # of every part, axis 0 slowest
     low, high, total = corners[0], corners[0], np.zeros_like(corners[0])
@@ -194,14 +200,14 @@ def _share(distance: np.ndarray, axes: tuple[int, ...]) -> tuple[np.ndarray, np.
     cut = (low < 0.0) & (high > 0.0)
     values = np.stack([corner[cut] for corner in corners], axis=-1)
     share[cut], total[cut] = _integrate(values.reshape(-1, *[2] * len(axes)))
-    parts = tuple(1 if a in across else FINER for a in range(distance.ndim))
+    parts = tuple(FINER if a in axes else 1 for a in range(dim))
     share, total = block_mean(share, parts), block_mean(total, parts)
     mean = total / np.maximum(share, 1e-6)
     return np.where(share < SLIVER, 0.0, np.where(share > 1.0 - TIE, 1.0, share)), mean
 
 
 def _integrate(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Share of positive values, and their integral, of cells (n, 2, ...) linear between their corners.
+    """Return the fraction of positive values, and their integral, of cells (n, 2, ...) multilinear between corners.
 
     Exact along the last axis.
     """
@@ -212,17 +218,16 @@ def _integrate(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return share, 0.5 * share * positive.sum(axis=1)
     places = (np.arange(SECTIONS) + 0.5) / SECTIONS
     sections = [_integrate((1.0 - s) * corners[:, 0] + s * corners[:, 1]) for s in places]
-    return np.mean([share for share, _ in sections], axis=0), np.mean(
-        [total for _, total in sections], axis=0
-    )
+    shares, totals = zip(*sections, strict=True)
+    return np.mean(shares, axis=0), np.mean(totals, axis=0)
 
 
 def _closed(
     volume: np.ndarray, area: list[np.ndarray], distance: list[np.ndarray], body: np.ndarray, grid: Grid
 ) -> Air:
-    """Air whose faces lead from air to air; cells without an open face are solid.
+    """Return air whose faces lead from air to air; cells without an open face are solid.
 
-    The domain's own faces are open or closed as a whole: by half of the cell behind.
+    A face of the domain is open if half of the cell behind is air, else closed.
     """
     volume = volume.astype(np.float32)
     area = [a.astype(np.float32) for a in area]
@@ -241,6 +246,6 @@ def _closed(
 
 
 def _widest(area: list[np.ndarray], dim: int) -> np.ndarray:
-    """The largest share of a cell's faces."""
+    """Return the largest area fraction of a cell's faces."""
     sides = [np.delete(area[d], end, axis=d) for d in range(dim) for end in (0, -1)]
     return np.max(sides, axis=0)

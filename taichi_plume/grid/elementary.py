@@ -1,7 +1,7 @@
 """Logarithm, exponential, sine, cosine and arctangent in f32 that call no library: loops over them are vectorised.
 
-Taichi's own call the C library for each number, three to eight nanoseconds each. Here each is brought into a small
-interval and interpolated there by a polynomial in the Chebyshev points; all are right to about 1e-7.
+Taichi's own functions call the C library for each number, three to eight nanoseconds each. Here the argument is reduced
+to a small interval and the function interpolated there by a polynomial in the Chebyshev points, right to about 1e-7.
 """
 
 from collections.abc import Callable
@@ -18,7 +18,7 @@ ROOT_OF_HALF = int(np.float32(np.sqrt(0.5)).view(np.int32))  # its bits
 def _coefficients(
     function: Callable[[np.ndarray], np.ndarray], low: float, high: float, degree: int
 ) -> tuple[float, ...]:
-    """Of the polynomial of that degree that is the function at the Chebyshev points of an interval."""
+    """Return the coefficients of the polynomial that interpolates a function at the Chebyshev points of an interval."""
     fit = Chebyshev.interpolate(function, degree, (low, high))
     return tuple(float(k) for k in fit.convert(kind=Polynomial).coef)
 
@@ -33,7 +33,7 @@ ARCTAN = _coefficients(lambda z: np.arctan(np.sqrt(z)) / np.sqrt(z), 0.0, EIGHTH
 
 @ti.func
 def _polynomial(k: ti.template(), x):  # type: ignore[valid-type]
-    """By Horner's rule; k: its coefficients, that of 1 first."""
+    """Polynomial of x by Horner's rule; k: coefficients, the constant first."""
     result = ti.cast(k[-1], ti.f32)
     for n in ti.static(range(len(k) - 2, -1, -1)):
         result = result * x + k[n]
@@ -42,16 +42,13 @@ def _polynomial(k: ti.template(), x):  # type: ignore[valid-type]
 
 @ti.func
 def _nearest(x: ti.f32):
-    """The whole number next to x."""
+    """Whole number nearest to x."""
     return ti.cast(x + ti.select(x < 0.0, -0.5, 0.5), ti.i32)
 
 
 @ti.func
 def log(x: ti.f32):
-    """ln x of a positive x (not a denormal one): of x = 2^e m, m between the roots of 1/2 and 2, is
-
-    e ln 2 + 2 artanh((m - 1)/(m + 1)).
-    """
+    """Natural logarithm of a positive, normal x = 2^e m, √½ <= m < √2: e ln 2 + 2 artanh((m - 1)/(m + 1))."""
     bits = ti.bit_cast(x, ti.i32)
     e = (bits - ROOT_OF_HALF) >> 23
     m = ti.bit_cast(bits - (e << 23), ti.f32)
@@ -81,7 +78,7 @@ def cos_sin(angle: ti.f32):
 
 @ti.func
 def direction(y: ti.f32, x: ti.f32):
-    """The angle [rad] of the vector (x, y), in [-π, π]; 0 of none. As atan2, from that of its steeper part."""
+    """Angle [rad] of the vector (x, y), in [-π, π], as atan2; 0 of the zero vector."""
     across, along = ti.abs(y), ti.abs(x)
     more, less = ti.max(across, along), ti.min(across, along)
     ratio = less / ti.max(more, 1e-30)
@@ -95,12 +92,12 @@ def direction(y: ti.f32, x: ti.f32):
 
 @ti.func
 def turned(v, angle):
-    """The vector v turned left by `angle` [rad]."""
+    """Vector v turned left by `angle` [rad]."""
     e = cos_sin(angle)
     return ti.Vector([e[0] * v[0] - e[1] * v[1], e[1] * v[0] + e[0] * v[1]])
 
 
 @ti.func
 def wrap(angle):
-    """The angle [rad] brought into [-π, π]."""
+    """Angle [rad] brought into [-π, π]."""
     return angle - 2.0 * np.pi * ti.round(angle / (2.0 * np.pi))

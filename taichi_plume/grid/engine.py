@@ -1,12 +1,12 @@
-"""Lifetime of Taichi's program: its fields raise EngineError after a restart, and its list keeps no kernel alive.
+"""Lifetime of Taichi's program: fields raise EngineError after a restart, unused kernels and SNode trees are freed.
 
-Taichi frees all fields when it is started again or reset. To use one of them afterwards would crash the process.
+Taichi frees all fields when it is started again or reset. Using such a field would crash the process.
 """
 
 import gc
 import weakref
+from collections.abc import Callable
 from functools import cache
-from typing import Any
 
 from taichi._snode.fields_builder import FieldsBuilder
 from taichi._snode.snode_tree import SNodeTree
@@ -20,7 +20,7 @@ from taichi.lang.kernel_impl import Kernel
 class EngineError(TaichiCompilationError, RuntimeError):
     """A simulation whose fields are gone, because Taichi was started again or reset after its assembly."""
 
-    def __init__(self, *_: Any):  # Taichi raises errors within kernels again, with the place in the kernel
+    def __init__(self, *_: object):  # Taichi raises errors within kernels again, with the place in the kernel
         super().__init__(
             "the fields of this simulation or environment are gone: Taichi was reset or started again after they "
             "were made; assemble the simulation, or make the environment, again"
@@ -28,20 +28,20 @@ class EngineError(TaichiCompilationError, RuntimeError):
 
 
 class Kernels(weakref.WeakSet):
-    """Kernels that Taichi resets when it starts again. Its own list would keep all of them, and their fields, alive."""
+    """Kernels that Taichi resets when it starts again. Taichi's own list would keep all kernels and fields alive."""
 
     append = weakref.WeakSet.add
     compiled = 0
     """Number compiled since Taichi was reset."""
 
     def __bool__(self) -> bool:
-        return True  # Taichi would replace an empty list by one of its own
+        return True  # Taichi would replace an empty list by a list of its own
 
 
 class _Gone:
-    """A field that was freed."""
+    """Field that was freed."""
 
-    def __getattribute__(self, name: str) -> Any:
+    def __getattribute__(self, name: str) -> type:
         if name == "__class__":  # `isinstance` asks for it
             return type(self)
         raise EngineError
@@ -53,57 +53,55 @@ def _gone(kind: type) -> type:
 
 
 def live_fields() -> list[Field]:
-    """Fields of the program that runs."""
-    return [
-        one for one in gc.get_objects() if issubclass(type(one), Field) and not issubclass(type(one), _Gone)
-    ]
+    """Return the fields of the running program."""
+    kinds = ((thing, type(thing)) for thing in gc.get_objects())
+    return [thing for thing, kind in kinds if issubclass(kind, Field) and not issubclass(kind, _Gone)]
 
 
 def free_unused_trees(live: list[Field]) -> None:
     """Free the trees of fields (SNode trees) that hold none of the live fields; Taichi has places for 512 trees."""
     runtime = impl.get_runtime()
-    used = {one.snode.ptr.get_snode_tree_id() for one in live if one.snode.ptr is not None}
+    used = {field.snode.ptr.get_snode_tree_id() for field in live if field.snode.ptr is not None}
     for tree in reversed(_trees):
         if tree.id not in used:
-            vars(runtime).get("roots_in_place", {}).pop(
-                tree.id, None
-            )  # of `memory`: another tree gets this number
+            # addresses kept by `memory`: another tree gets this number
+            vars(runtime).get("roots_in_place", {}).pop(tree.id, None)
             tree.ptr.destroy_snode_tree(runtime.prog)
             tree.destroyed = True
     _trees[:] = [tree for tree in _trees if not tree.destroyed]
 
 
-def _finalize(builder: Any, *args: Any, plain: Any = FieldsBuilder._finalize, **named: Any) -> SNodeTree:
+def _finalize(
+    builder: FieldsBuilder, *args: object, plain: Callable = FieldsBuilder._finalize, **named: object
+) -> SNodeTree:
     """Place the fields of a builder, and note their tree."""
     _trees.append(plain(builder, *args, **named))
     return _trees[-1]
 
 
-def _materialize(runtime: Any, plain: Any = PyTaichi.materialize) -> None:
+def _materialize(runtime: PyTaichi, plain: Callable = PyTaichi.materialize) -> None:
     """Place new fields, as each launch of a kernel does first. Raises EngineError if Taichi was reset."""
     if runtime.prog is None:
         raise EngineError
     plain(runtime)
 
 
-def _compile(kernel: Any, *args: Any, plain: Any = Kernel.materialize, **named: Any) -> None:
+def _compile(kernel: Kernel, *args: object, plain: Callable = Kernel.materialize, **named: object) -> None:
     """Compile a kernel for new arguments, and count."""
     before = len(kernel.compiled_kernels)
     plain(kernel, *args, **named)
     KERNELS.compiled += len(kernel.compiled_kernels) - before
 
 
-def _reset(plain: Any = impl.reset) -> None:
-    """Reset Taichi. Its fields raise EngineError from then on."""
+def _reset(plain: Callable = impl.reset) -> None:
+    """Reset Taichi. The fields of the program raise EngineError from then on."""
     if impl.get_runtime().prog is not None:
         for field in live_fields():
             field.__class__ = _gone(type(field))
     plain()
     _trees.clear()
     KERNELS.compiled = 0
-    impl.get_runtime().print_full_traceback = (
-        False  # a kernel that fails asks for it, and only `init` sets it
-    )
+    impl.get_runtime().print_full_traceback = False  # a kernel that fails reads it, and only `init` sets it
 
 
 _trees: list[SNodeTree] = []

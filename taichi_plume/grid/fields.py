@@ -1,9 +1,7 @@
-"""What can be sampled: the Gas, Wind and Carrier protocols, multilinear interpolation, and sampling from the host.
+"""Protocols of Gas, Wind and Carrier (gridded wind), multilinear interpolation, and sampling from the host.
 
-Sensors, recorder and scores know gas and wind only through these, so a grid, puffs, a closed form and
-a recording of an earlier run are interchangeable, in 2-D and 3-D.
-
-Winds and gases inherit their protocol, and with it what they leave at its default.
+Sensors, recorder and scores know gas and wind only through these protocols, so a grid, puffs, a closed form and a
+recording of an earlier run are interchangeable, in 2-D and 3-D. Winds and gases inherit their protocol's defaults.
 """
 
 from collections.abc import Sequence
@@ -13,91 +11,86 @@ import numpy as np
 import taichi as ti
 
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Template
+from taichi_plume.grid.kernels import Expression, Field, Template
 from taichi_plume.grid.transfer import uploader
 
 
 class Wind(Protocol):
-    """Air that moves. Implementations are `ti.data_oriented`."""
+    """Moving air. Implementations are `ti.data_oriented`."""
 
     STATE: ClassVar[tuple[str, ...]] = ()
 
     def begin(self, model: Any, t: float, seed: int) -> None:
-        """Begin a run at time t [s] with the numbers of the scenario's section, of the structure that it was made for
-        (see `state`).
-        """
+        """Start a run at time t [s] with the numbers of the scenario's section, whose structure is unchanged."""
         ...
 
     def stable_dt(self, t: float = 0.0) -> float:
-        """Longest step [s] that `advance` takes from time t in one go; infinite where there is no limit."""
+        """Longest stable time step [s] of `advance` from time t, by the Courant number (CFL); infinite if unlimited."""
         return float("inf")
 
     def advance(self, t: float, dt: float) -> None:
-        """Step from time t [s] by dt [s]."""
+        """Advance from time t [s] by dt [s]."""
         ...
 
-    def velocity(self, x: Any, t: Any) -> Any:
+    def velocity(self, x: Expression, t: Expression) -> Expression:
         """ti.func: velocity [m/s] at point x [m] (both of the domain's dimension) and time t [s]."""
         ...
 
     def diagnostics(self) -> dict[str, float]:
-        """Numbers for the result; nothing unless the wind has something to tell."""
+        """Return numbers for the result."""
         return {}
 
     def mixing(self) -> dict[str, float]:
-        """More of them, how fast the air mixes, that take a moment to measure and change nothing of the run; nothing
-        unless the wind is drawn by chance and knows it.
-        """
+        """Return the eddy diffusivity of a random wind, measured without a change of the run; empty for other winds."""
         return {}
 
     @property
     def carrier(self) -> "Carrier | None":
-        """The wind itself, where it has velocities on the faces of the grid; None where it has not."""
+        """The wind itself if it has velocities on the faces of the grid, else None."""
         return None
 
 
 class Carrier(Wind, Protocol):
-    """A wind on the grid, as gas and heat are carried by it and as it is filmed.
+    """Gridded wind as seen by scalar transport (gas, heat) and by the film writer.
 
-    All fields are padded (see `Grid`) and belong to the time that `advance` has come to. ti.func: `velocity`.
+    All fields are padded (see `Grid`) and belong to the time that `advance` has reached. ti.func: `velocity`.
 
-    The two numbers, viscosity and schmidt, are those of the last `begin`, and of the host: what is carried uploads to
-    numbers of its own what its kernels need of them (see `transfer.Numbers`). It therefore begins after its wind. What
-    changes from step to step (outflow_rate, max_viscosity) is read by the host before each of its steps.
+    The two numbers, viscosity and schmidt, are values on the host of the last `begin`: a transported scalar uploads
+    them to numbers of its own (see `transfer.Numbers`), and therefore begins after its wind. The host reads
+    outflow_rate and max_viscosity, which change from step to step, before each step of a scalar.
     """
 
     grid: Grid
     dim: int
 
-    u: tuple[Any, ...]
+    u: tuple[Field, ...]
     """Velocity [m/s] on the lower d-faces of the cells, one field per axis d; divergence-free, ghost layers filled."""
 
-    open: tuple[Any, ...]
+    open: tuple[Field, ...]
     """Fields like u: how freely pressure moves the air of a face. 1 in the open, less where an obstacle cuts the face,
-    0 where nothing diffuses through: on walls, in obstacles, and where a velocity is prescribed."""
+    0 where nothing diffuses through: on walls, in obstacles, and where a velocity is prescribed (Dirichlet)."""
 
-    area: tuple[Any, ...] | None = None
-    """Fields like u: share of each face that is air, 0 to 1; None where no face is cut."""
+    area: tuple[Field, ...] | None = None
+    """Fields like u: area fraction of each face that is air, 0 to 1; None if no face is cut."""
 
-    nu: Any = None
-    """Cell field: viscosity with that of the eddies [m²/s], at least `viscosity` once the air has moved a step; None
-    where there are no eddies, which is fixed at construction."""
+    nu: Field = None
+    """Cell field: molecular and eddy viscosity [m²/s], at least `viscosity` after the first step; None if there are no
+    eddies, which is fixed at construction."""
 
     viscosity: float = 0.0
-    """Molecular viscosity [m²/s], which is taken off nu to have that of the eddies."""
+    """Molecular viscosity [m²/s]; nu less this is the eddy viscosity."""
 
     schmidt: float = 1.0
     """Turbulent Schmidt number: eddy viscosity over eddy diffusivity of gas."""
 
     max_viscosity: float = 0.0
-    """Largest nu [m²/s], `viscosity` where there are no eddies."""
+    """Largest nu [m²/s], `viscosity` if there are no eddies."""
 
     outflow_rate: float = 0.0
     """Largest flow out of a cell over its volume [1/s]."""
 
-    scratch: tuple[Any, Any] | None = None
-    """Two cell fields that the wind lends between its steps, for what is lost when it goes on; None where it has
-    none to spare."""
+    scratch: tuple[Field, Field] | None = None
+    """Two cell fields that the wind lends between its steps, for values that its next step may overwrite; or None."""
 
     @property
     def carrier(self) -> "Carrier | None":
@@ -106,11 +99,11 @@ class Carrier(Wind, Protocol):
 
 
 class Species(Protocol):
-    """A vapour; two are the same where they are equal."""
+    """A vapour; equal ones are the same species."""
 
     @property
     def name(self) -> str:
-        """As written in scenarios."""
+        """Name as written in scenarios."""
         ...
 
     @property
@@ -125,59 +118,56 @@ class Gas(Protocol):
     STATE: ClassVar[tuple[str, ...]] = ()
 
     species: Species
-    """Of the vapour."""
 
     finer_than_cells: bool = True
-    """Whether points know more of it than `cells`: of all but what is solved for on the grid."""
+    """Whether `concentration` resolves more than `cells`: all gases but those solved for on the grid."""
 
     details: int = 1
-    """How many details there are per cell and axis: pictures of it are so much finer than the grid."""
+    """Details per cell and axis: pictures are finer than the grid by this factor."""
 
     def begin(self, model: Any, t: float, seed: int) -> None:
-        """Begin a run at time t [s] with the numbers of the scenario's section, of the structure that it was made for
-        (see `state`).
-        """
+        """Start a run at time t [s] with the numbers of the scenario's section, whose structure is unchanged."""
         ...
 
     def advance(self, t: float, dt: float) -> None:
-        """Step from time t [s] by dt [s]."""
+        """Advance from time t [s] by dt [s]."""
         ...
 
     def is_finite(self) -> bool:
-        """Whether every concentration is a number; a closed form always is."""
+        """Return whether every concentration is a number; true of every closed form."""
         return True
 
-    def concentration(self, x: Any, t: Any) -> Any:
+    def concentration(self, x: Expression, t: Expression) -> Expression:
         """ti.func: concentration [kg/m³] at point x [m] and time t [s]."""
         ...
 
     def budget(self) -> dict[str, float]:
-        """Mass emitted_kg, in_domain_kg and outflow_kg (gone through the domain's faces), and initial_kg where there
-        was some at the begin; nothing where it is not kept.
+        """Return the masses emitted_kg, in_domain_kg, outflow_kg (gone through the domain's faces) and, if the run
+        started with gas, initial_kg; empty if the gas keeps no budget.
         """
         return {}
 
     def cells(self, t: float) -> np.ndarray | None:
-        """Mean concentration of every cell [kg/m³] at time t [s], of the grid's shape; None where only points know."""
+        """Mean concentration of every cell [kg/m³] at time t [s], of the grid's shape; None if known at points only."""
         return None
 
 
 class Odour(Protocol):
-    """What a gas sensor smells."""
+    """Mixture of species as a gas sensor smells it."""
 
     @property
     def species(self) -> tuple[Species, ...]:
-        """Those of the numbers that `ppm` gives."""
+        """Species of the numbers that `ppm` gives."""
         ...
 
-    def ppm(self, x: Any, t: Any) -> Any:
+    def ppm(self, x: Expression, t: Expression) -> Expression:
         """ti.func: mole fraction [ppm] of each species, a vector, at point x [m] and time t [s]."""
         ...
 
 
 @ti.data_oriented
 class Mixture:
-    """All the gas of a run, an `Odour`: one or several gases, of which those of one species add up."""
+    """All gas of a run, an `Odour`: one or several gases; gases of one species add up."""
 
     STATE = ("gases",)
 
@@ -190,7 +180,7 @@ class Mixture:
         self.begin()
 
     def begin(self) -> None:
-        """Take the species of the gases, which have begun. Raises ValueError where others than before are of one."""
+        """Take the species of the gases, which have begun. Raises ValueError if other gases than before share one."""
         species = tuple(dict.fromkeys(gas.species for gas in self.gases))
         if self._which != tuple(species.index(gas.species) for gas in self.gases):
             raise ValueError("other gases than before are of one species")
@@ -198,12 +188,12 @@ class Mixture:
         self._set(np.array([gas.species.ppm_per_density for gas in self.gases] or [0.0]))
 
     def advance(self, t: float, dt: float) -> None:
-        """Step all gases from time t [s] by dt [s]."""
+        """Advance all gases from time t [s] by dt [s]."""
         for gas in self.gases:
             gas.advance(t, dt)
 
     def is_finite(self) -> bool:
-        """Whether every concentration is a number."""
+        """Return whether every concentration is a number."""
         return all(gas.is_finite() for gas in self.gases)
 
     @ti.func
@@ -238,7 +228,7 @@ def corner_weight(weight: Template, offset: Template):
 
 @ti.func
 def sample_faces(u: Template, x: Template, dx: float, ghost: ti.i32, padded: Template):
-    """Vector at point x [m] of a staggered grid's face fields u, one per axis, linear between the faces."""
+    """Vector at point x [m] of a staggered grid's face fields u, one per axis, multilinear between the faces."""
     result = ti.Vector.zero(ti.f32, x.n)
     for c in ti.static(range(x.n)):
         shift = ti.Vector([0.0 if d == c else 0.5 for d in ti.static(range(x.n))])
@@ -250,7 +240,7 @@ def sample_faces(u: Template, x: Template, dx: float, ghost: ti.i32, padded: Tem
 
 @ti.func
 def sample_cells(c: Template, air: Template, x: Template, dx: float, ghost: ti.i32, padded: Template):
-    """Value of the cell field c at point x [m], linear between the centres of cells where air is 1."""
+    """Value of the cell field c at point x [m], multilinear between the centres of cells where air is 1."""
     shift = ti.Vector([0.5] * x.n)
     base, weight = corner(x, shift, dx, ghost, padded)
     total, share = 0.0, 0.0
@@ -261,57 +251,46 @@ def sample_cells(c: Template, air: Template, x: Template, dx: float, ghost: ti.i
     return total / ti.max(share, 1e-6)
 
 
-@ti.func
-def _point(points: Template, n, dim: Template):
-    """Row n as a vector."""
-    return ti.Vector([points[n, d] for d in ti.static(range(dim))])
-
-
 @ti.kernel
-def _concentration_at(
-    gas: Template, dim: Template, points: ti.types.ndarray(), t: float, out: ti.types.ndarray()
+def _sample(
+    kind: Template,
+    source: Template,
+    dim: Template,
+    points: ti.types.ndarray(),  # type: ignore[valid-type]
+    t: float,
+    out: ti.types.ndarray(),  # type: ignore[valid-type]
 ):
     for n in range(out.shape[0]):
-        out[n] = gas.concentration(_point(points, n, dim), t)
+        x = ti.Vector([points[n, d] for d in ti.static(range(dim))])
+        if ti.static(kind == "velocity"):
+            u = source.velocity(x, t)
+            for d in ti.static(range(dim)):
+                out[n, d] = u[d]
+        elif ti.static(kind == "ppm"):
+            ppm = source.ppm(x, t)
+            for s in ti.static(range(len(source.species))):
+                out[n, s] = ppm[s]
+        else:
+            out[n, 0] = source.concentration(x, t)
 
 
-@ti.kernel
-def _velocity_at(
-    wind: Template, dim: Template, points: ti.types.ndarray(), t: float, out: ti.types.ndarray()
-):
-    for n in range(out.shape[0]):
-        u = wind.velocity(_point(points, n, dim), t)
-        for d in ti.static(range(dim)):
-            out[n, d] = u[d]
-
-
-@ti.kernel
-def _ppm_at(gas: Template, dim: Template, points: ti.types.ndarray(), t: float, out: ti.types.ndarray()):
-    for n in range(out.shape[0]):
-        ppm = gas.ppm(_point(points, n, dim), t)
-        for s in ti.static(range(len(gas.species))):
-            out[n, s] = ppm[s]
+def _sampled(kind: str, source: object, points: np.ndarray, t: float, width: int) -> np.ndarray:
+    flat = np.ascontiguousarray(points.reshape(-1, points.shape[-1]), np.float32)
+    out = np.empty((len(flat), width), np.float32)
+    _sample(kind, source, points.shape[-1], flat, t, out)
+    return out.reshape(*points.shape[:-1], width)
 
 
 def ppm_at(gas: Mixture, points: np.ndarray, t: float) -> np.ndarray:
-    """Mole fraction [ppm] of each species at points (..., dim) [m], as an array of shape (..., species)."""
-    flat = np.ascontiguousarray(points.reshape(-1, points.shape[-1]), np.float32)
-    out = np.empty((len(flat), len(gas.species)), np.float32)
-    _ppm_at(gas, points.shape[-1], flat, t, out)
-    return out.reshape(*points.shape[:-1], -1)
+    """Return the mole fraction [ppm] of each species at points (..., dim) [m], of shape (..., species)."""
+    return _sampled("ppm", gas, points, t, len(gas.species))
 
 
 def concentration_at(gas: Gas, points: np.ndarray, t: float) -> np.ndarray:
-    """Concentration [kg/m³] at points (..., dim) [m], as an array of shape (...)."""
-    flat = np.ascontiguousarray(points.reshape(-1, points.shape[-1]), np.float32)
-    out = np.empty(len(flat), np.float32)
-    _concentration_at(gas, points.shape[-1], flat, t, out)
-    return out.reshape(points.shape[:-1])
+    """Return the concentration [kg/m³] at points (..., dim) [m], of shape (...)."""
+    return _sampled("concentration", gas, points, t, 1)[..., 0]
 
 
 def velocity_at(wind: Wind, points: np.ndarray, t: float) -> np.ndarray:
-    """Velocity [m/s] at points (..., dim) [m], as an array of the same shape."""
-    flat = np.ascontiguousarray(points.reshape(-1, points.shape[-1]), np.float32)
-    out = np.empty_like(flat)
-    _velocity_at(wind, points.shape[-1], flat, t, out)
-    return out.reshape(points.shape)
+    """Return the velocity [m/s] at points (..., dim) [m], of the same shape."""
+    return _sampled("velocity", wind, points, t, points.shape[-1])

@@ -1,8 +1,8 @@
-"""The walls of an occupancy map as an obstacle: pixels of a floor plan, in 3-D drawn out to a height.
+"""Walls of an occupancy map as an obstacle: pixels of a floor plan, in 3-D extruded to a height.
 
-Walls of one pixel may be much thinner than the cells of the grid. So the shares of cells and faces are measured on the
-pixels themselves: of the air in a cell the largest part that hangs together is kept, and a face is open where the kept
-parts on both sides touch. What two cells exchange has then a way between the pixels, and no wall leaks, however thin.
+Walls of one pixel may be much thinner than the cells of the grid. So the air fractions of cells and faces are measured
+on the pixels: the largest connected part of the air in a cell is kept, and a face is open where the kept parts on both
+sides touch. Two cells then exchange air only by a path between the pixels, and no wall leaks, however thin.
 """
 
 from functools import cached_property
@@ -15,21 +15,21 @@ import numpy as np
 from taichi_plume.grid.map_files import FREE, OCCUPIED, MapError, RosMap, read_map
 from taichi_plume.grid.shapes import TIE, Upright
 
-FAR = 1e6  # m, distance where there is no wall
-SLIVER = 0.02  # shares below are closed
-HALF = 0.49  # of a cell: with less air the domain's face before it is shut
-TURNED = 2  # finer: pixels of a map whose axes are not the domain's
+FAR = 1e6  # m, distance without any wall
+SLIVER = 0.02  # smaller fractions are closed
+HALF = 0.49  # fraction of a cell: with less air, the domain's face before the cell is closed
+TURNED = 2  # refinement of the pixels of a turned map
 MOST_TURNED = 16_000_000  # pixels of a turned map in the domain
 MOST_RIM = 1_000_000  # of these, at the edges of walls: lines are drawn from each
 STRAIGHT = 1e-6  # quarters of a turn: a map turned by less lies along the axes
-KNOWN = 4_000_000  # pixels: of larger maps, distances are taken of blocks of them
+KNOWN = 4_000_000  # pixels: in larger maps, distances are taken to blocks of pixels
 
 
 class FloorPlan(Upright):
-    """The walls of a map, of which only what lies in the domain is kept.
+    """Walls of a map; only the part in the domain is kept.
 
-    solid: which pixels are wall, axes (x, y), along the domain's; size: edge of one [m]; corner: the lower corner of
-    the first in the domain [m]. low, high: the box around the whole map; reach: that of its floor in the map's frame.
+    solid: wall pixels, bool, axes (x, y), along the domain's; size: edge of a pixel [m]; corner: lower corner of the
+    first pixel in the domain [m]. low, high: box around the whole map; reach: box of its floor in the map's frame.
     """
 
     def __init__(self, model: Any, extent: tuple[float, ...], folder: Path):
@@ -54,14 +54,7 @@ class FloorPlan(Upright):
         from scipy import ndimage
 
         finer = max(1, int(np.ceil(np.sqrt(self.solid.size / KNOWN))))
-        wide = [(0, -n % finer) for n in self.solid.shape]
-        parts = [
-            m
-            for n, (_, more) in zip(self.solid.shape, wide, strict=True)
-            for m in ((n + more) // finer, finer)
-        ]
-        blocks = np.pad(self.solid, wide).reshape(parts).any(axis=(1, 3))
-        walls = np.pad(blocks, 1)
+        walls = np.pad(_blocks(self.solid, finer), 1)
         kinds = (walls, ~walls) if walls.any() else ()
         nearest = [
             np.asarray(ndimage.distance_transform_edt(~kind, return_distances=False, return_indices=True))
@@ -70,11 +63,9 @@ class FloorPlan(Upright):
         return walls, finer * self.size, nearest
 
     def footprint_distance(self, points: np.ndarray) -> np.ndarray:
-        """Signed distance [m] to the walls; of large maps, to blocks of pixels that hold some: never more than that."""
-        if points.ndim == 4 and points.shape[2] > 1 and (points == points[:, :, :1]).all():
-            return np.repeat(
-                self.footprint_distance(points[:, :, :1]), points.shape[2], axis=2
-            )  # of all heights
+        """Return the signed distance [m] to the walls; in large maps to blocks of pixels with walls: a lower bound."""
+        if points.ndim == 4 and points.shape[2] > 1 and (points == points[:, :, :1]).all():  # of all heights
+            return np.repeat(self.footprint_distance(points[:, :, :1]), points.shape[2], axis=2)
         walls, size, nearest = self._nearest
         if not nearest:
             return np.full(points.shape[:-1], FAR)
@@ -84,7 +75,7 @@ class FloorPlan(Upright):
         beyond = np.linalg.norm(place - near, axis=-1)
         first = np.clip(np.floor(near - 0.5), 0, most - 2).astype(int)
         away = np.full((2, len(place)), np.inf)
-        for corner in ((0, 0), (0, 1), (1, 0), (1, 1)):  # nearest to one of four around is what is nearest
+        for corner in ((0, 0), (0, 1), (1, 0), (1, 1)):  # the nearest block is nearest to one of four around
             index = tuple((first + corner).T)
             for n, table in enumerate(nearest):
                 to = np.abs(near - (table[(slice(None), *index)].T + 0.5)) - 0.5
@@ -98,14 +89,13 @@ class FloorPlan(Upright):
         volume, area = self._flat_shares(shape[:2], dx)
         if len(shape) == 3:
             planes = np.arange(shape[2] + 1) * dx
-            within = (
-                np.maximum(np.minimum(planes[1:], self.top) - np.maximum(planes[:-1], self.base), 0.0) / dx
-            )
+            overlap = np.minimum(planes[1:], self.top) - np.maximum(planes[:-1], self.base)
+            within = np.maximum(overlap, 0.0) / dx
             cut = (planes > self.base + TIE * dx) & (planes < self.top - TIE * dx)
             flat, volume = volume, 1.0 - within * (1.0 - volume[..., None])
             area = [1.0 - within * (1.0 - part[..., None]) for part in area]
             area.append(np.where(cut, flat[..., None], 1.0))
-        for axis in range(2):  # a wall on a face of the domain shuts it
+        for axis in range(2):  # a wall on a face of the domain closes the face
             cells, faces = np.moveaxis(volume, axis, 0), np.moveaxis(area[axis], axis, 0)
             for end in (0, -1):
                 cells[end] = np.where(faces[end] < 0.5, np.minimum(cells[end], HALF), cells[end])
@@ -119,7 +109,7 @@ class FloorPlan(Upright):
         begin = [np.searchsorted(cell, np.arange(n)) for (_, cell, _), n in zip(axes, shape, strict=True)]
 
         def over(part: np.ndarray) -> np.ndarray:
-            """Shares of cells of parts of them."""
+            """Return the fractions of the cells that are made of some parts."""
             columns = np.add.reduceat(part * width_y.astype(np.float32), begin[1], axis=1)
             return np.add.reduceat(columns * width_x[:, None], begin[0], axis=0) / dx**2
 
@@ -137,9 +127,7 @@ class FloorPlan(Upright):
         return over(air), area
 
     def _parts(self, axis: int, cells: int, dx: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """What edges of pixels and cells cut an axis into: of each part the pixel of the padded map, its cell, and its
-        width [m].
-        """
+        """Cut an axis at the edges of pixels and cells; return the (padded) pixel, cell and width [m] of each part."""
         planes, count = np.arange(cells + 1) * dx, self.solid.shape[axis]
         edges = self.corner[axis] + self.size * np.arange(count + 1)
         nearest = dx * np.rint(edges / dx)
@@ -154,18 +142,20 @@ class FloorPlan(Upright):
     # ---------------------------------------------------------------- drawing
 
     def rectangles(self, most: int) -> np.ndarray:
-        """The walls as rectangles (n, 4): their lower and their upper corner [m]; of blocks of pixels, if they would be
-        more than `most`.
-        """
-        walls: Any = self.solid
-        size = self.size
+        """Return the walls as rectangles (n, 4), lower and upper corner [m]; of blocks of pixels if n > most."""
+        walls, size = self.solid, self.size
         while True:
             found = _runs(walls)
             if len(found) <= most or min(walls.shape) < 2:
                 return np.concatenate([self.corner, self.corner]) + size * found
-            walls = np.pad(walls, [(0, n % 2) for n in walls.shape])
-            walls = walls.reshape(walls.shape[0] // 2, 2, walls.shape[1] // 2, 2).any(axis=(1, 3))
-            size *= 2.0
+            walls, size = _blocks(walls, 2), 2.0 * size
+
+
+def _blocks(walls: np.ndarray, n: int) -> np.ndarray:
+    """Return which blocks of n x n pixels hold a wall."""
+    padded = np.pad(walls, [(0, -length % n) for length in walls.shape])
+    blocks = padded.reshape(padded.shape[0] // n, n, padded.shape[1] // n, n)
+    return np.any(blocks, axis=(1, 3))
 
 
 def _whole(share: np.ndarray) -> np.ndarray:
@@ -173,7 +163,7 @@ def _whole(share: np.ndarray) -> np.ndarray:
 
 
 def _lesser(air: np.ndarray, axes: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> np.ndarray:
-    """Of the air in cells that walls cut, all but its largest part that hangs together within the cell."""
+    """Return the air in cut cells except the largest connected part of each cell."""
     from scipy import ndimage
 
     (_, cell_x, width_x), (_, cell_y, width_y) = axes
@@ -197,7 +187,7 @@ def _lesser(air: np.ndarray, axes: list[tuple[np.ndarray, np.ndarray, np.ndarray
 
 
 def _runs(walls: np.ndarray) -> np.ndarray:
-    """Rectangles [pixels] that cover the walls: the runs of each row, joined where rows have the same."""
+    """Return rectangles [pixels] that cover the walls: runs of each row, joined if consecutive rows have the same."""
     steps = np.diff(np.pad(walls, ((0, 0), (1, 1))).astype(np.int8), axis=1)
     row, begin = np.nonzero(steps == 1)
     end = np.nonzero(steps == -1)[1]
@@ -210,7 +200,7 @@ def _runs(walls: np.ndarray) -> np.ndarray:
     return np.column_stack([row[first], begin[first], row[last] + 1, end[first]]).astype(float)
 
 
-# ---------------------------------------------------------------- how a map lies
+# ---------------------------------------------------------------- position of a map
 
 
 def _turned(yaw: float) -> np.ndarray:
@@ -218,7 +208,7 @@ def _turned(yaw: float) -> np.ndarray:
 
 
 def _reach(plan: RosMap) -> tuple[np.ndarray, np.ndarray]:
-    """Corners of the box around a map, in its frame [m]."""
+    """Return the corners of the box around a map, in the map's frame [m]."""
     corners = np.array([[0, 0], [1, 0], [0, 1], [1, 1]]) * plan.pixels.shape * plan.resolution
     corners = corners @ _turned(plan.yaw).T + np.array(plan.origin)
     return corners.min(axis=0), corners.max(axis=0)
@@ -227,7 +217,7 @@ def _reach(plan: RosMap) -> tuple[np.ndarray, np.ndarray]:
 def _along_axes(
     solid: np.ndarray, plan: RosMap, shift: np.ndarray, extent: tuple[float, ...]
 ) -> tuple[np.ndarray, float, np.ndarray]:
-    """The part of a map in a domain of `extent`, with pixels along its axes; their edge and their lower corner [m]."""
+    """Return the part of a map in a domain of `extent`, with pixels along the axes; their edge and lower corner [m]."""
     low, high = (corner - shift for corner in _reach(plan))
     quarters = 2.0 * plan.yaw / pi
     if abs(quarters - round(quarters)) < STRAIGHT:
@@ -245,9 +235,9 @@ def _along_axes(
 
 
 def _range(
-    low: np.ndarray, size: float, shape: Any, extent: tuple[float, ...]
+    low: np.ndarray, size: float, shape: np.ndarray | tuple[int, ...], extent: tuple[float, ...]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """First and last pixels in the domain, and one more at each end."""
+    """Return the first and last pixels in the domain, with one more at each end."""
     first = np.clip(np.floor(-low / size) - 1, 0, shape).astype(int)
     last = np.clip(np.ceil((np.array(extent[:2]) - low) / size) + 1, first, shape).astype(int)
     return first, last
@@ -256,8 +246,8 @@ def _range(
 def _drawn(
     solid: np.ndarray, plan: RosMap, shift: np.ndarray, corner: np.ndarray, size: float, count: np.ndarray
 ) -> np.ndarray:
-    """A turned map on pixels along the axes: those whose middle lies in a wall, and a line from each pixel of a wall's
-    edge to those beside it, without which a thin wall might have gaps.
+    """Return a turned map on pixels along the axes: pixels whose middle lies in a wall, and lines between neighbouring
+    pixels of a wall's edge, without which a thin wall might have gaps.
     """
     from scipy import ndimage
 

@@ -1,24 +1,22 @@
-"""Shortest ways over the floor, around what stands, for a body that is a disc.
+"""Shortest paths (geodesic distances) over the floor, around obstacles, for a disc.
 
-Dijkstra's algorithm on a grid of places where the disc fits, from each to 32 others around it: in the open a way is at
-most 1.4 % longer than the true one, which is asked for first and taken where nothing is in it.
+Dijkstra's algorithm on a grid of positions where the disc fits, each linked to 32 others around it: in the open a path
+is at most 1.4 % longer than the true one. A straight path is tried first and taken if it is free.
 """
 
 from collections import OrderedDict
 from collections.abc import Callable
 from hashlib import sha256
-from typing import Any
 
 import numpy as np
 
 NODES = 128  # along the longer side of the floor
-OFFSETS = tuple(
-    (i, j) for i in range(4) for j in range(-3, 4) if np.gcd(i, j) == 1 and (i > 0 or j > 0)
-)  # and their opposites
-ALONG = (0.25, 0.5, 0.75)  # of a step, where the disc has to fit too
-FAR = 3.0  # steps from a start to the places by which it joins the grid
-MOST_KNOWN = 4  # floors whose ways are kept: run after run asks for those of the same
-SLACK = 2e-3  # m, that a start may be nearer to what stands
+OFFSETS = [(i, j) for i in range(4) for j in range(-3, 4) if np.gcd(i, j) == 1 and (i > 0 or j > 0)]
+"""Steps to half of the linked positions; the others are opposite."""
+ALONG = (0.25, 0.5, 0.75)  # fractions of a step at which the disc has to fit too
+FAR = 3.0  # steps from a start to the positions by which it joins the grid
+MOST_KNOWN = 4  # floors whose distances are kept for the next runs
+SLACK = 2e-3  # m by which a start may be closer to an obstacle
 
 _known: OrderedDict[bytes, np.ndarray] = OrderedDict()
 
@@ -34,10 +32,10 @@ def shortest_ways(
     low: tuple[float, float],
     high: tuple[float, float],
 ) -> np.ndarray:
-    """The shortest way from each start (n, 2) to any of the goals (m, 2), (n,) [m]; NaN where there is none.
+    """Return the length of the shortest path from each start (n, 2) to any goal (m, 2), (n,) [m]; NaN if there is none.
 
-    room: of points (..., 2) on the floor from low to high, how far they are from what stands [m]: the disc of `radius`
-    fits where that is as much. A goal need not be free: from within `reach` of it, the rest is straight.
+    room: distance [m] of points (..., 2) on the floor from low to high to the next obstacle: the disc of `radius` fits
+    if the distance is as large. A goal need not be free: within `reach` of a goal, the rest of the path is straight.
     """
     if not len(goals):
         return np.full(len(starts), np.nan)
@@ -54,14 +52,14 @@ def shortest_ways(
     if barred.any():
         axes = [a + step * np.arange(int((b - a) / step) + 1) for a, b in zip(low, high, strict=True)]
         places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-        told = (room(places), goals, np.array([*low, *high, reach, radius]))
-        key = sha256(b"".join(np.ascontiguousarray(one).tobytes() for one in told)).digest()
+        floor = (room(places), goals, np.array([*low, *high, reach, radius]))
+        key = sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in floor)).digest()
         ways[barred] = _around(starts[barred], goals, reach, step, free, places, key)
     return ways
 
 
 def _straight(start: np.ndarray, goal: np.ndarray, reach: float, step: float, free: Room) -> bool:
-    """Whether nothing is in the straight way."""
+    """Return whether the straight path is free."""
     length = float(np.linalg.norm(goal - start))
     if length <= reach:
         return True
@@ -79,12 +77,12 @@ def _around(
     places: np.ndarray,
     key: bytes,
 ) -> np.ndarray:
-    """Ways of starts whose straight way is barred, by the nodes (nx, ny, 2); key: of the floor and its goals."""
+    """Return the lengths of paths that are not straight; places: nodes (nx, ny, 2); key: of the floor."""
     from scipy.sparse.csgraph import dijkstra
 
     ways = _known.get(key)
     if ways is None:
-        graph: Any = _graph(places, step, free, goals, reach)
+        graph = _graph(places, step, free, goals, reach)
         ways = dijkstra(graph, indices=graph.shape[0] - 1)[:-1].reshape(places.shape[:2])
         if len(_known) >= MOST_KNOWN:
             _known.popitem(last=False)
@@ -100,7 +98,7 @@ def _around(
 
 
 def _graph(places: np.ndarray, step: float, free: Room, goals: np.ndarray, reach: float):
-    """Of the free places (nx, ny, 2), with their steps [m]; a last node is joined to those within reach of a goal."""
+    """Return the graph of the free places (nx, ny, 2) with their distances [m]; the last node stands for the goals."""
     from scipy.sparse import coo_array
 
     nx, ny = places.shape[:2]
@@ -120,8 +118,5 @@ def _graph(places: np.ndarray, step: float, free: Room, goals: np.ndarray, reach
     begins.append(np.full(int(last.sum()), nx * ny))
     ends.append(number[last])
     lengths.append(np.maximum(apart[last], 1e-9))
-    i, j, w = (np.concatenate(some) for some in (begins, ends, lengths))
-    size = nx * ny + 1
-    return coo_array(
-        (np.concatenate([w, w]), (np.concatenate([i, j]), np.concatenate([j, i]))), (size, size)
-    ).tocsr()
+    i, j, w = np.concatenate(begins + ends), np.concatenate(ends + begins), np.concatenate(lengths + lengths)
+    return coo_array((w, (i, j)), (nx * ny + 1, nx * ny + 1)).tocsr()

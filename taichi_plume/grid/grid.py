@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from taichi_plume.grid.kernels import Template, launch
+from taichi_plume.grid.kernels import Field, Template, launch
 from taichi_plume.grid.memory import view
 from taichi_plume.grid.sweeps import sweep
 
@@ -30,13 +30,13 @@ def _write(field: Template, ghost: Template, values: ti.types.ndarray()):
 
 
 def centers(cells: Sequence[int], edge: float) -> np.ndarray:
-    """Of so many cells along each axis from the origin on, (*cells, dim) [m]; edge: of a cell [m]."""
+    """Centres (*cells, dim) [m] of a number of cells along each axis from the origin on; edge: of a cell [m]."""
     axes = [(np.arange(n) + 0.5) * edge for n in cells]
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
 
 
 def block_mean(values: np.ndarray, n: int | tuple[int, ...]) -> np.ndarray:
-    """Mean over blocks of n entries (per axis, or the same for all), of which every length is a multiple."""
+    """Mean over blocks of n entries (per axis, or the same for all); every length is a multiple of n."""
     blocks = (n,) * values.ndim if isinstance(n, int) else n
     split = values.reshape(
         [m for length, b in zip(values.shape, blocks, strict=True) for m in (length // b, b)]
@@ -46,7 +46,7 @@ def block_mean(values: np.ndarray, n: int | tuple[int, ...]) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Grid:
-    """Cells of edge `dx` [m]: `shape` of them per axis, inside `ghost` layers. Two axes mean a slab of `depth` [m]."""
+    """Cubic cells of edge `dx` [m], `shape` per axis, inside `ghost` layers. Two axes mean a slab of `depth` [m]."""
 
     shape: tuple[int, ...]
     dx: float
@@ -60,7 +60,7 @@ class Grid:
 
     @staticmethod
     def of(domain: Any, periodic: tuple[bool, ...] = ()) -> "Grid":
-        """The grid of a scenario's domain, which has `shape`, `spacing` and `depth`."""
+        """Return the grid of a scenario's domain, which has `shape`, `spacing` and `depth`."""
         return Grid(domain.shape, domain.spacing, domain.depth, periodic=periodic)
 
     @property
@@ -85,11 +85,11 @@ class Grid:
 
     @property
     def cells(self) -> tuple[tuple[int, int], ...]:
-        """(begin, end) of the inner cells per axis."""
+        """First inner cell and end of the inner cells per axis."""
         return tuple((self.ghost, self.ghost + n) for n in self.shape)
 
     def faces(self, d: int) -> tuple[tuple[int, int], ...]:
-        """(begin, end) of the faces of axis d: the lower ones of inner cells and the domain's upper ones."""
+        """Return (first, end) of the faces of axis d: the lower faces of inner cells and the domain's upper faces."""
         return tuple((begin, end + (a == d)) for a, (begin, end) in enumerate(self.cells))
 
     @property
@@ -97,41 +97,41 @@ class Grid:
         """Number of faces on the domain's boundary."""
         return sum(2 * prod(self.shape) // n for n in self.shape)
 
-    def field(self, shape: tuple[int, ...] = (), dtype: Any = ti.f32) -> Any:
-        """A scalar field over the padded grid (or `shape`), axis 0 contiguous."""
+    def field(self, shape: tuple[int, ...] = (), dtype: object = ti.f32) -> Field:
+        """Return a new scalar field over the padded grid (or `shape`), axis 0 contiguous."""
         return ti.field(dtype, shape=shape or self.padded, order="kji"[-self.dim :])
 
-    def vector_field(self, shape: tuple[int, ...]) -> Any:
-        """A field of vectors (dim) over `shape`, laid out as `field`."""
+    def vector_field(self, shape: tuple[int, ...]) -> Field:
+        """Return a new field of vectors (dim) over `shape`, laid out as `field`."""
         return ti.Vector.field(self.dim, ti.f32, shape, order="kji"[-self.dim :])
 
-    def faces_field(self) -> tuple[Any, ...]:
-        """One scalar face field per axis."""
+    def faces_field(self) -> tuple[Field, ...]:
+        """Return a new scalar face field per axis."""
         return tuple(self.field() for _ in self.shape)
 
     def inner(self, padded: np.ndarray) -> np.ndarray:
-        """The view of a padded array without its ghost layers."""
-        return padded[tuple(slice(begin, end) for begin, end in self.cells)]
+        """Return the view of a padded array without its ghost layers."""
+        return padded[self._window(0)]
 
     def pad(self, inner: np.ndarray) -> np.ndarray:
-        """`inner` with ghost layers that repeat the edge, or wrap round on periodic axes."""
+        """Return `inner` with ghost layers that repeat the edge, or wrap round on periodic axes."""
         for axis, wrap in enumerate(self.periodic):
             width = [(self.ghost, self.ghost) if a == axis else (0, 0) for a in range(self.dim)]
             inner = np.pad(inner, width, mode="wrap" if wrap else "edge")
         return inner
 
     def pad_faces(self, faces: np.ndarray, d: int) -> np.ndarray:
-        """Face values of axis d, one more than cells along it, on the padded grid; ghost layers as of `pad`."""
+        """Return face values of axis d, one more than cells along it, on the padded grid; ghost layers as of `pad`."""
         if self.periodic[d]:
-            return self.pad(np.delete(faces, -1, axis=d))  # the last face is the first one again
+            return self.pad(np.delete(faces, -1, axis=d))  # the last face is the first face again
         for axis, wrap in enumerate(self.periodic):
             width = [(0, 0)] * self.dim
             width[axis] = (self.ghost, self.ghost - (axis == d))
             faces = np.pad(faces, width, mode="wrap" if wrap else "edge")
         return faces
 
-    def read(self, field: Any, margin: int = 0) -> np.ndarray:
-        """The inner values of a padded field and `margin` ghost layers; much faster than `to_numpy`.
+    def read(self, field: Field, margin: int = 0) -> np.ndarray:
+        """Return the inner values of a padded field and `margin` ghost layers; much faster than `to_numpy`.
 
         Shape `shape`, larger by twice the margin; axis 0 contiguous.
         """
@@ -142,7 +142,7 @@ class Grid:
         _read(field, self.ghost - margin, values)
         return values.T
 
-    def write(self, field: Any, values: np.ndarray, margin: int = 0) -> None:
+    def write(self, field: Field, values: np.ndarray, margin: int = 0) -> None:
         """Set the inner values of a padded field and `margin` ghost layers; the layers beyond stay."""
         place = view(field)
         if place is not None:
@@ -151,13 +151,13 @@ class Grid:
         _write(field, self.ghost - margin, np.ascontiguousarray(values.T, np.float32))
 
     def _window(self, margin: int) -> tuple[slice, ...]:
-        """Of a padded array, the inner values and so many ghost layers."""
+        """Return the index of the inner values of a padded array, with `margin` ghost layers."""
         return tuple(slice(begin - margin, end + margin) for begin, end in self.cells)
 
-    def blending(self, fields: Sequence[Any], goals: Sequence[Any]) -> Callable[[float], None]:
-        """A kernel that moves fields by a share of the way to their goals, ghost layers too; by 1, to the bit."""
+    def blending(self, fields: Sequence[Field], goals: Sequence[Field]) -> Callable[[float], None]:
+        """Return a kernel that moves fields by a fraction of the way to their goals, ghost layers too; 1 is exact."""
 
-        def toward(field: Any, goal: Any) -> Callable:
+        def toward(field: Field, goal: Field) -> Callable:
             @ti.func
             def body(I, share, _):
                 return (1.0 - share) * field[I] + share * goal[I]
@@ -169,7 +169,7 @@ class Grid:
         return launch(*passes)
 
     def largest_outflow(self, faces: Sequence[np.ndarray]) -> float:
-        """Largest flow out of a cell over its volume [1/s] of the velocities [m/s] on the faces of each axis."""
+        """Return the largest outflow of a cell over its volume [1/s], of velocities [m/s] on the faces of each axis."""
         out = sum(
             np.maximum(np.delete(u, 0, axis=d), 0.0) - np.minimum(np.delete(u, -1, axis=d), 0.0)
             for d, u in enumerate(faces)

@@ -1,8 +1,8 @@
 """Linear interpolation from points in any order to a lattice.
 
 Points that fill a lattice themselves are interpolated along each axis, others by moving least squares: the linear
-function that fits the nearest points best, by the inverse square of their distance (Lancaster & Salkauskas 1981,
-doi:10.1090/S0025-5718-1981-0616367-1). Both are of second order, and go on alike a little beyond the points.
+function that fits the nearest points best, weighted by the inverse square of their distance (Lancaster & Salkauskas
+1981, doi:10.1090/S0025-5718-1981-0616367-1). Both are of second order and extrapolate a little beyond the points.
 """
 
 from collections.abc import Callable, Sequence
@@ -13,9 +13,7 @@ from scipy.interpolate import make_interp_spline
 from scipy.spatial import cKDTree  # type: ignore[attr-defined]
 
 SAME = 2e-5  # of the largest extent: files give five or six digits
-STEEPEST = (
-    3.0  # sum of a point's absolute weights, from where on it is rather the plain mean: far beyond the points
-)
+STEEPEST = 3.0  # sum of absolute weights, above which the plain mean takes over: far beyond the points
 CHUNK = 1 << 16  # places whose weights are computed at a time
 
 Axes = Sequence[np.ndarray]
@@ -23,7 +21,7 @@ Axes = Sequence[np.ndarray]
 
 
 def lattice_of(place: np.ndarray) -> tuple[list[np.ndarray], np.ndarray] | None:
-    """The axes of points (n, k) that fill a lattice, and the points' order on it, last axis fastest; else None."""
+    """Return axes of points (n, k) that fill a lattice, and the points' order on it, last axis fastest; else None."""
     tie = SAME * float(np.ptp(place, axis=0).max())
     axes, steps = [], []
     for x in place.T:
@@ -44,10 +42,10 @@ def lattice_of(place: np.ndarray) -> tuple[list[np.ndarray], np.ndarray] | None:
 
 
 class Interpolation:
-    """From points (n, k) [m] to a lattice of other places. Axes along which all points are level do not count.
+    """Interpolation from points (n, k) [m] to a lattice. Axes along which all points coincide do not count.
 
-    low, high: corners of the box that the points stand for, half a spacing beyond the outermost; slack: how much more
-    [m] may be asked for, as points in disorder do not tell where their box ends.
+    low, high: corners of the box of the points, half a spacing beyond the outermost; slack: tolerance of that box [m],
+    as the box of scattered points is uncertain.
     """
 
     def __init__(self, place: np.ndarray):
@@ -70,7 +68,7 @@ class Interpolation:
             self.high[self.used] += [(axis[-1] - axis[-2]) / 2 for axis in self.lattice]
 
     def onto(self, axes: Axes) -> Callable[[np.ndarray], np.ndarray]:
-        """What makes values at the points (n,) to values on a lattice, one dimension per axis of the points."""
+        """Return the function from values at the points (n,) to values on a lattice, one dimension per axis."""
         shape = tuple(len(axis) for axis in axes)
         wanted = [axes[int(a)] for a in self.used]
         level = [n if a in self.used else 1 for a, n in enumerate(shape)]
@@ -89,7 +87,7 @@ class Interpolation:
         return lambda values: np.broadcast_to((weights @ values).reshape(level), shape)
 
     def _weights(self, places: np.ndarray) -> sp.csr_array:
-        """Of the points at places (m, k): a row of each."""
+        """Return the weights of the points at places (m, k), a row per place."""
         dim = places.shape[1]
         count = min(2**dim + 4, len(self.place))
         distance, near = self.tree.query(places, k=range(1, count + 1), workers=-1)

@@ -1,4 +1,4 @@
-"""How our kernels run: start-up, the Template alias, and the sweep that turns a cell formula into a fast kernel."""
+"""Kernels: start of Taichi, cache of compiled kernels, type aliases, and launches of several passes as one kernel."""
 
 import contextlib
 import gc
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from itertools import groupby
 from math import prod
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import taichi as ti
 from taichi.lang import impl
@@ -27,14 +27,18 @@ if TYPE_CHECKING:
 else:
     Template = ti.template()
 """Annotation of compile-time arguments: fields, axes, objects with `ti.func` methods."""
+Field: TypeAlias = Any
+"""Taichi field of scalars or vectors; its type is opaque to type checkers."""
+Expression: TypeAlias = Any
+"""Value inside a kernel: number, vector or point, whose type Taichi infers."""
 
-# Of compiled kernels on disk. With Taichi's own 100 MB a dozen scenarios, or the tests, throw out each other's.
+# Limit of compiled kernels on disk. At Taichi's own 100 MB a dozen scenarios, or the tests, evict each other's kernels.
 CACHE_BYTES = 2_000_000_000
 _CACHE_FOLDER = "TI_OFFLINE_CACHE_FILE_PATH"  # Taichi's own variable
 STALE_S = 60.0  # age of the cache's lock, which Taichi holds for less than a second
 STRIP = 32  # cells per strip; 100 and more are six times slower (LLVM stops using registers)
-MANY_CELLS = 50_000  # set by a pass: from here on a launch of its own is nothing to it
-FEW_CELLS = 300_000  # set by a pass: up to here the caller's thread is done before another one has woken up
+MANY_CELLS = 50_000  # set by a pass: from here on a separate launch costs comparatively little
+FEW_CELLS = 300_000  # set by a pass: up to here the caller's thread finishes before another thread wakes up
 FEW_ROWS = 2000  # Taichi gives a CPU thread 512 iterations at least: with fewer rows, strips are tasks too
 
 _started: list[Any] = []  # program, arch, debug and threads of the last start
@@ -57,7 +61,7 @@ def start(arch: str = "cpu", debug: bool = False, threads: int | None = None) ->
     if not (is_running() and _started == [impl.get_runtime().prog, arch, debug, threads] and _in_use()):
         try:
             _restart(known[arch], debug, threads)
-        except RuntimeError as error:  # of Taichi: the driver of the device failed
+        except RuntimeError as error:  # from Taichi: the driver of the device failed
             raise DeviceError(error) from None
         if on_cpu() and arch not in ("auto", "cpu"):
             ti.reset()
@@ -66,7 +70,7 @@ def start(arch: str = "cpu", debug: bool = False, threads: int | None = None) ->
     return "cpu" if on_cpu() else ti.cfg.arch.name
 
 
-def _restart(arch: Any, debug: bool, threads: int | None) -> None:
+def _restart(arch: object, debug: bool, threads: int | None) -> None:
     checks: dict[str, Any] = {"debug": True} if debug else {}  # the default is Taichi's own TI_DEBUG
     checks |= {} if threads is None else {"cpu_max_num_threads": threads}
     with contextlib.redirect_stdout(io.StringIO()):  # "[Taichi] Starting on arch=..."
@@ -82,12 +86,12 @@ def _restart(arch: Any, debug: bool, threads: int | None) -> None:
 
 
 def is_running() -> bool:
-    """Whether Taichi has been started."""
+    """Return whether Taichi has been started."""
     return impl.get_runtime().prog is not None
 
 
 def ensure_started() -> None:
-    """Start Taichi on the CPU unless it runs. Free the memory of simulations that were dropped."""
+    """Start Taichi on the CPU unless Taichi runs. Free the memory of simulations that were dropped."""
     if not is_running():
         start()
     elif _started and _started[0] is impl.get_runtime().prog:
@@ -97,9 +101,9 @@ def ensure_started() -> None:
 
 
 def _in_use() -> bool:
-    """Whether something still holds a field of the program that runs."""
+    """Return whether a reference to a field of the running program is left."""
     for kernel in KERNELS:
-        if kernel.template_slot_locations:  # it remembers the fields that were its arguments
+        if kernel.template_slot_locations:  # the kernel keeps the fields that were its arguments
             kernel.mapper.mapping.clear()
             kernel.compiled_kernels.clear()
     gc.collect()
@@ -121,8 +125,8 @@ def cache_folder() -> Path:
     return folder / "taichi_plume" / "kernels"
 
 
-def _cache() -> dict[str, Any]:
-    """Options of `ti.init` for the cache of compiled kernels.
+def _cache() -> dict[str, str | int]:
+    """Return the options of `ti.init` for the cache of compiled kernels.
 
     If the cache folder cannot be written, the cache is switched off by TI_OFFLINE_CACHE and a note says so once. Child
     processes inherit the variable. Taichi creates the folder even then, and crashes if that fails: the root exists.
@@ -134,8 +138,10 @@ def _cache() -> dict[str, Any]:
             with tempfile.TemporaryFile(dir=folder):
                 pass
             _remove_stale_lock(folder / "ticache.lock")
-            place = {} if _CACHE_FOLDER in os.environ else {"offline_cache_file_path": str(folder)}
-            return place | {"offline_cache_max_size_of_files": CACHE_BYTES}
+            options: dict[str, str | int] = {"offline_cache_max_size_of_files": CACHE_BYTES}
+            return (
+                options if _CACHE_FOLDER in os.environ else options | {"offline_cache_file_path": str(folder)}
+            )
         except OSError as error:
             why = f"{folder} cannot be written ({error.strerror or error}), so every run compiles its kernels again"
             say(f"note: {why}; set {_CACHE_FOLDER} to a folder that can be written", error=True)
@@ -152,7 +158,7 @@ def _remove_stale_lock(lock: Path) -> None:
 
 
 def on_cpu() -> bool:
-    """Whether kernels run on the CPU."""
+    """Return whether kernels run on the CPU."""
     return ti.cfg.arch in (ti.x64, ti.arm64)
 
 
@@ -161,9 +167,9 @@ def compiled() -> int:
     return KERNELS.compiled
 
 
-def double_field(shape: tuple[int, ...] = ()) -> Any:
-    """A number, or numbers of a shape, in f64, stored apart: beside 32-bit fields Vulkan would misplace them."""
-    field: Any = ti.field(ti.f64)
+def double_field(shape: tuple[int, ...] = ()) -> Field:
+    """Return a field of f64, in a tree of its own: beside 32-bit fields Vulkan would misplace the numbers."""
+    field: Field = ti.field(ti.f64)
     apart = ti.FieldsBuilder()
     axes: Any = range(len(shape))
     (apart.dense(ti.axes(*axes), shape) if shape else apart).place(field)
@@ -173,14 +179,14 @@ def double_field(shape: tuple[int, ...] = ()) -> Any:
 
 @dataclass(frozen=True)
 class Pass:
-    """A part of a kernel: ti.func ``run(a, b)``, and about how many cells it sets."""
+    """Part of a kernel: ti.func ``run(a, b)``, and the approximate number of cells that it sets."""
 
-    run: Callable[[Any, Any], None]
+    run: Callable[[Expression, Expression], None]
     cells: int
 
 
 def visit(bodies: Sequence[Callable], shapes: Sequence[tuple[int, ...]]) -> Pass:
-    """A pass that calls ``body(I, a, b)``, which may store, for all I of a shape, per pair of body and shape."""
+    """Return a pass that calls ``body(I, a, b)``, which may store, for all I of a shape, per pair of body and shape."""
     dim = len(shapes[0])
     pairs = tuple(range(len(bodies)))
     bodies, shapes = tuple(bodies), tuple(shapes)
@@ -201,14 +207,14 @@ def visit(bodies: Sequence[Callable], shapes: Sequence[tuple[int, ...]]) -> Pass
 
 
 def launch(*passes: Pass) -> Callable[..., None]:
-    """``run(a=0, b=0)`` of several passes in order.
+    """Return ``run(a=0, b=0)``, which executes several passes in order.
 
-    On a CPU passes of few cells that follow each other are one task of the caller's thread: waking another one takes
-    0.1 ms. One of many is a kernel of its own, which costs 2 us: the time that Taichi takes to compile a kernel grows
-    with the square of its length.
+    On a CPU, consecutive passes of few cells are one task of the caller's thread: waking another thread takes 0.1 ms. A
+    pass of many cells is a kernel of its own, which costs 2 us: the time in which Taichi compiles a kernel grows with
+    the square of the kernel's length.
     """
     groups = groupby(enumerate(passes), lambda nth: nth[0] if on_cpu() and nth[1].cells > MANY_CELLS else -1)
-    parts = tuple(_directly(_kernel([one for _, one in some])) for _, some in groups)
+    parts = tuple(_launcher(_kernel([part for _, part in group])) for _, group in groups)
     if len(parts) == 1:
         return parts[0]
 
@@ -220,9 +226,9 @@ def launch(*passes: Pass) -> Callable[..., None]:
 
 
 def _kernel(passes: Sequence[Pass]) -> Any:
-    """One kernel of them; in the caller's thread where that is quicker."""
+    """Return one kernel of several passes; in the caller's thread if that is quicker."""
     serial = on_cpu() and passes[0].cells <= FEW_CELLS
-    bodies = tuple(one.run for one in passes)
+    bodies = tuple(part.run for part in passes)
 
     @ti.kernel
     def run(a: ti.f32, b: ti.f32):
@@ -238,11 +244,11 @@ def _kernel(passes: Sequence[Pass]) -> Any:
     return run
 
 
-def _directly(kernel: Any) -> Callable[..., None]:
-    """``run(a=0, b=0)`` of a kernel of two f32: from its second launch on in 2 us, where Taichi's own way takes 16.
+def _launcher(kernel: Any) -> Callable[..., None]:
+    """Return ``run(a=0, b=0)`` of a kernel of two f32. From the second launch on it takes 2 us; Taichi's own takes 16.
 
-    Taichi looks up by the kind of each argument which kernel is meant, and the compiled one by its hash; of these
-    kernels there is one of each. Another start of Taichi compiles anew.
+    Taichi looks up the instance of a kernel by the kind of each argument, and the compiled kernel by its hash. Here
+    there is one of each. After another start of Taichi the kernel is compiled again.
     """
     program: Any = None
     traced: Any = None
@@ -267,10 +273,10 @@ def _directly(kernel: Any) -> Callable[..., None]:
 
 @contextlib.contextmanager
 def _data_flow_by_llvm() -> Iterator[None]:
-    """Compile without Taichi's analysis of which store reaches which load: it grows with the square of a kernel's
-    length, to half of the time of compiling, and LLVM finds the same.
+    """Compile without Taichi's analysis of which store reaches which load, and leave that to LLVM.
 
-    Not for all kernels: without it Taichi 1.7 gives LLVM faulty code of the V-cycle's, and aborts.
+    The analysis takes up to half of the compile time, as it grows with the square of a kernel's length. The V-cycle
+    needs it: without it Taichi 1.7 gives LLVM faulty code for those kernels, and aborts.
     """
     before, ti.cfg.cfg_optimization = ti.cfg.cfg_optimization, not on_cpu()
     try:

@@ -1,11 +1,10 @@
-"""Where the surfaces of obstacles are, for what flies through the air: a signed distance on nodes half a cell apart.
+"""Level set of obstacles, at which puffs and particles bounce: a signed distance on nodes half a cell apart.
 
-The cells that a surface cuts are half air at most in one of their halves: the distance is right to half a cell. No
-point of a solid cell has a positive one.
+Each half of a cut cell counts as air or solid, so the distance is right to half a cell. No point of a solid cell has a
+positive distance.
 """
 
 from itertools import product
-from typing import Any
 
 import numpy as np
 import taichi as ti
@@ -14,12 +13,12 @@ from scipy.ndimage import distance_transform_edt, map_coordinates
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import corner, corner_weight
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Template
+from taichi_plume.grid.kernels import Field, Template
 from taichi_plume.grid.transfer import uploader
 
 FINER = 2  # nodes per cell and axis
-BOUNCES = 3  # off surfaces on one way
-SAFE = 0.57  # of a distance can be gone at once: interpolated, it changes by up to sqrt(3) of the way
+BOUNCES = 3  # off surfaces in one step
+SAFE = 0.57  # fraction of a distance that is free: interpolated, it changes by up to sqrt(3) times the way
 
 
 def signed_distance(air: Air, grid: Grid) -> np.ndarray:
@@ -38,7 +37,7 @@ def signed_distance(air: Air, grid: Grid) -> np.ndarray:
 
 
 def _halves(air: Air, grid: Grid) -> np.ndarray:
-    """Which halves of the cells are solid: of cut cells, the deepest that make up the solid share."""
+    """Return the solid halves of the cells, bool: of cut cells, the deepest halves that make up the solid fraction."""
     solid = air.volume.astype(float)
     for axis in range(grid.dim):
         solid = solid.repeat(FINER, axis=axis)
@@ -49,7 +48,7 @@ def _halves(air: Air, grid: Grid) -> np.ndarray:
         places = np.array(list(product(range(FINER), repeat=grid.dim)))
         depth = (
             places - 0.5 * (FINER - 1)
-        ) @ normal.T  # of each part of each cell, along the surface's normal
+        ) @ normal.T  # of each part, along the surface's normal, (parts, cells)
         rank = (-depth).argsort(axis=0, kind="stable").argsort(axis=0, kind="stable")
         filled = rank < np.rint((1.0 - air.volume[tuple(cut.T)]) * len(places))
         for place, chosen in zip(places, filled, strict=True):
@@ -66,18 +65,18 @@ def _halves(air: Air, grid: Grid) -> np.ndarray:
 
 @ti.data_oriented
 class LevelSet:
-    """Obstacles as a signed distance, linear between the nodes, and what they do to a way through the air."""
+    """Obstacles as a signed distance, multilinear between the nodes, with reflection of moving points."""
 
     def __init__(self, air: Air, grid: Grid):
         self.grid = grid
         self.dim = grid.dim
         self.step = grid.dx / FINER
         self.values = signed_distance(air, grid)
-        self.field: Any = grid.field(self.values.shape)
+        self.field: Field = grid.field(self.values.shape)
         uploader(self.field)(self.values)
 
     def in_air(self, x: np.ndarray) -> np.ndarray:
-        """Which of the points (n, dim) [m] are in the air."""
+        """Return which of the points (n, dim) [m] are in the air, bool."""
         return map_coordinates(self.values, x.T / self.step, order=1, mode="nearest") > 0.0
 
     @ti.func
@@ -119,10 +118,7 @@ class LevelSet:
 
     @ti.func
     def bounce(self, x: Template, way: Template, v: Template):
-        """Where a way from x, in the air, ends, and the velocity v there: mirrored by surfaces that it meets.
-
-        The end is in the air.
-        """
+        """End of a way from x, in the air, and the velocity v there, both reflected at surfaces; it is in the air."""
         end, last, speed = x + way, x, v
         met, bounces = 1, 0
         while met == 1 and bounces <= BOUNCES:

@@ -1,10 +1,10 @@
-"""Occupancy maps as ROS's map_server has them: a YAML file, and beside it a picture of the floor.
+"""Occupancy maps of ROS's map_server: a YAML file, and beside it a picture of the floor.
 
-The picture's first row is the map's upper edge. A pixel of the mean shade s, 0 black to 1 white, is occupied with the
-probability p = 1 - s, or s where the map is negated. What is made of it depends on the mode:
+The picture's first row is the map's upper edge. A pixel of mean shade s, 0 black to 1 white, is occupied with the
+probability p = 1 - s, or s if the map is negated. The mode decides about a pixel:
 
     trinary  occupied above `occupied_thresh`, free below `free_thresh`, unknown in between
-    scale    the same, but in between occupied from the middle of the two on; unknown where it is transparent
+    scale    the same, but in between occupied from the middle of the two on; unknown if transparent
     raw      255 s are percents, occupied from 50 on; unknown above 100
 """
 
@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -24,31 +24,34 @@ from taichi_plume.guard.opening import read_regular
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 from taichi_plume.guard.yaml_text import LineError, decode, parse
 
+if TYPE_CHECKING:
+    from PIL.Image import Image
+
 LONGEST_YAML = 1 << 16  # bytes
 LARGEST_IMAGE = 1 << 28  # bytes
-PLAIN = (b"P1", b"P2", b"P3")  # PGM and its relatives as text
-MOST_COMMENTS = 1000  # of such a picture
+PLAIN = (b"P1", b"P2", b"P3")  # PBM, PGM and PPM as text
+MOST_COMMENTS = 1000  # in such a picture
 LONGEST_HEADER = 1 << 20  # bytes, comments included
 MOST_PIXELS = 50_000_000  # 7000 x 7000
 STRIP = 256  # rows
-FORMATS = ("PPM", "PNG", "BMP")  # of pictures; PGM is one of PPM's
+FORMATS = ("PPM", "PNG", "BMP")  # of pictures; PPM includes PGM
 FREE, OCCUPIED, UNKNOWN = 0, 1, 2
 SUFFIXES = (".yaml", ".yml")
 DEFAULTS = {"negate": 0, "occupied_thresh": 0.65, "free_thresh": 0.25}  # map_saver's
 MODES = ("trinary", "scale", "raw")
 FARTHEST = 1e8  # m: room for coordinates of the Earth
 RESOLUTIONS = (1e-4, 1e3)  # m
-HALF = 50  # percent, from which on a pixel of a scale counts as occupied
+HALF = 50  # percent: from here on a pixel counts as occupied
 
 
 class MapError(ShapeError):
-    """A map that is missing or cannot be read; the message begins with its name."""
+    """A map that is missing or cannot be read; the message begins with the map's name."""
 
 
 @dataclass(frozen=True)
 class RosMap:
-    """pixels: FREE, OCCUPIED or UNKNOWN, axes (x, y); resolution: edge of a pixel [m]; origin: where the lower left
-    corner of the picture lies [m]; yaw: by how much the picture is turned about it to the left [rad].
+    """pixels: FREE, OCCUPIED or UNKNOWN, axes (x, y); resolution: edge of a pixel [m]; origin: lower left corner of the
+    picture [m]; yaw: angle by which the picture is turned about the origin to the left [rad].
     """
 
     pixels: np.ndarray
@@ -58,7 +61,7 @@ class RosMap:
 
 
 def read_map(path: Path) -> RosMap:
-    """The map of a YAML file, whose picture lies in its folder or below. Raises MapError."""
+    """Return the map of a YAML file, whose picture lies in its folder or below. Raises MapError."""
     data = _yaml(path)
     levels, most, opaque = _picture(path, _image(path, data))
     known = {key: _number(path, data, key, 0.0, 1.0) for key in DEFAULTS}
@@ -80,7 +83,7 @@ def read_map(path: Path) -> RosMap:
 
 
 def image_of(path: Path) -> Path | None:
-    """The picture that a map's YAML file names; None where it cannot be read, or names none."""
+    """Return the picture that a map's YAML file names; None if the file cannot be read or names no picture."""
     try:
         return _image(path, _yaml(path))
     except MapError:
@@ -88,7 +91,7 @@ def image_of(path: Path) -> Path | None:
 
 
 def _meanings(shade: np.ndarray, known: Mapping[str, float], mode: str) -> np.ndarray:
-    """FREE, OCCUPIED or UNKNOWN for shades from 0 to 1."""
+    """Return FREE, OCCUPIED or UNKNOWN for shades from 0 to 1."""
     if mode == "raw":
         percent = np.rint(255.0 * shade)
         return np.select([percent > 100, percent >= HALF], [UNKNOWN, OCCUPIED], FREE).astype(np.uint8)
@@ -98,7 +101,7 @@ def _meanings(shade: np.ndarray, known: Mapping[str, float], mode: str) -> np.nd
     return np.select([occupied > high, occupied < low], [OCCUPIED, FREE], between).astype(np.uint8)
 
 
-def _yaml(path: Path) -> dict[str, Any]:
+def _yaml(path: Path) -> dict[str, object]:
     content = _content(path, path, LONGEST_YAML)
     try:
         data = parse(decode(content), "a map of ROS's map_server", dates=True)
@@ -109,8 +112,8 @@ def _yaml(path: Path) -> dict[str, Any]:
     return data
 
 
-def _image(path: Path, data: Mapping[str, Any]) -> Path:
-    """The picture, in the folder of the YAML file once links are followed."""
+def _image(path: Path, data: Mapping[str, object]) -> Path:
+    """Return the picture, which has to lie in the folder of the YAML file once links are followed."""
     name = data["image"]
     if not isinstance(name, str) or not name:
         raise _wrong(path, f"image: must be the name of a picture, got {_shown(name)}")
@@ -125,7 +128,7 @@ def _image(path: Path, data: Mapping[str, Any]) -> Path:
 
 
 def _picture(path: Path, image: Path) -> tuple[np.ndarray, int, np.ndarray | None]:
-    """Levels of the pixels, (rows, columns), the level of white, and which pixels are not transparent at all."""
+    """Return the levels of the pixels, (rows, columns), the level of white, and which pixels are fully opaque."""
     from PIL import Image, UnidentifiedImageError
 
     content = _content(path, image, LARGEST_IMAGE)
@@ -152,16 +155,14 @@ def _picture(path: Path, image: Path) -> tuple[np.ndarray, int, np.ndarray | Non
         raise
     except Image.DecompressionBombError as error:
         raise _wrong(path, f"{image.name}: {error}; {MOST_PIXELS:,} are read") from None
-    except Exception as error:  # of a damaged file, a library for pictures raises almost anything
+    except Exception as error:  # Pillow raises almost anything for a damaged file
         is_known = isinstance(error, OSError) and not isinstance(error, UnidentifiedImageError)
         reason = " ".join(str(error).split())[:LONGEST_VALUE] if is_known else "damaged"
-        raise _wrong(
-            path, f"{image.name}: is no PGM, PNG or BMP picture that can be read ({reason})"
-        ) from None
+        raise _wrong(path, f"{image.name}: is no readable PGM, PNG or BMP picture ({reason})") from None
 
 
-def _brightness(picture: Any) -> tuple[np.ndarray, int, np.ndarray]:
-    """As `_picture`, of colours; strip by strip, as all of them in several copies take a gigabyte."""
+def _brightness(picture: "Image") -> tuple[np.ndarray, int, np.ndarray]:
+    """Return `_picture` of a coloured picture; strip by strip, as several copies of the whole take a gigabyte."""
     width, height = picture.size
     levels, opaque = np.empty((height, width), np.uint16), np.empty((height, width), bool)
     picture.load()
@@ -186,7 +187,7 @@ def _content(path: Path, file: Path, most: int) -> bytes:
     return content
 
 
-def _number(path: Path, data: Mapping[str, Any], key: str, least: float, most: float) -> float:
+def _number(path: Path, data: Mapping[str, object], key: str, least: float, most: float) -> float:
     value = data.get(key, DEFAULTS.get(key))
     try:
         number = float(value)  # type: ignore[arg-type]
@@ -198,7 +199,7 @@ def _number(path: Path, data: Mapping[str, Any], key: str, least: float, most: f
     return number
 
 
-def _shown(value: Any) -> str:
+def _shown(value: object) -> str:
     return visible(repr(value), LONGEST_VALUE)
 
 

@@ -1,7 +1,7 @@
-"""Fields as NumPy arrays in place, on the CPU: no kernel has to be compiled, loaded or launched to fill or read them.
+"""Fields as NumPy views of their memory, on the CPU: filling and reading them compiles and launches no kernel.
 
 A kernel for a few numbers takes 0.1 s to compile, 0.01 to 0.05 s to trace and load from the cache, and up to 0.1 ms to
-launch; writing to memory takes microseconds. Taichi tells the address of a field in a kernel only, and one kernel for
+launch; writing to memory takes microseconds. Only kernels know the address of a field, and one kernel for
 each of its trees of fields is enough, as the layout of a tree is known.
 """
 
@@ -13,36 +13,36 @@ import numpy as np
 import taichi as ti
 from taichi.lang import impl
 
-from taichi_plume.grid.kernels import on_cpu
+from taichi_plume.grid.kernels import Field, on_cpu
 
 KINDS = {ti.f32: np.float32, ti.i32: np.int32, ti.u32: np.uint32, ti.f64: np.float64}
 SNodeType = ti._lib.core.SNodeType
 PAGE = 4096  # bytes; a tree begins on a page of its own
-Two: Any = ti.types.vector(2, ti.u64)
+Two = ti.types.vector(2, ti.u64)
 
 
-def view(field: Any) -> np.ndarray | None:
-    """The numbers of a field of scalars or vectors, in place: shape of the field, and components. The field must live.
+def view(field: Field) -> np.ndarray | None:
+    """Return the memory of a field of scalars or vectors: shape of the field, and components. The field must live.
 
-    None on a GPU, or where the layout of the field is not one that is understood; kernels have to do it then.
+    None on a GPU, or if the layout of the field is none that is understood; use kernels then.
     """
     runtime = impl.get_runtime()
-    # Addresses of its trees. Taichi makes a new runtime at each start: what was found before is not used again.
+    # Addresses of the trees. Taichi makes a new runtime at each start: addresses found before are not used again.
     roots = vars(runtime).setdefault("roots_in_place", {})
-    known = getattr(field, "in_place", None)
+    known = vars(field).get("in_place")
     if known is None or known[0] is not roots:
         runtime.materialize()
-        known = field.in_place = roots, _found(field, roots) if on_cpu() else None
+        known = field.in_place = roots, _view(field, roots) if on_cpu() else None
     return known[1]
 
 
-def views(fields: Sequence[Any]) -> list[np.ndarray] | None:
-    """Of several fields, None where one has none."""
-    found = [view(field) for field in fields]
-    return None if any(one is None for one in found) else found  # pyright: ignore
+def views(fields: Sequence[Field]) -> list[np.ndarray] | None:
+    """Return the memory of several fields, None if one of them has no view."""
+    places = [view(field) for field in fields]
+    return None if any(place is None for place in places) else places  # pyright: ignore
 
 
-def _found(field: Any, roots: dict[int, int | None]) -> np.ndarray | None:
+def _view(field: Field, roots: dict[int, int | None]) -> np.ndarray | None:
     vector = isinstance(field, ti.MatrixField)
     parts = [field.get_scalar_field(k) for k in range(field.n)] if vector else [field]
     if (vector and field.m != 1) or field.dtype not in KINDS:
@@ -62,8 +62,8 @@ def _found(field: Any, roots: dict[int, int | None]) -> np.ndarray | None:
     return np.ndarray(shape, KINDS[field.dtype], memory, strides=steps)
 
 
-def _layout(field: Any) -> tuple[int, tuple[int, ...]] | None:
-    """Bytes from the begin of the tree to a field of scalars, and from entry to entry along each of its axes."""
+def _layout(field: Field) -> tuple[int, tuple[int, ...]] | None:
+    """Return the bytes from the start of the tree to a field of scalars, and from entry to entry along each axis."""
     at = field.snode.ptr
     offset, strides = at.offset_bytes_in_parent_cell, dict.fromkeys(range(len(field.shape)), 0)
     while (at := at.parent).type == SNodeType.dense:
@@ -77,14 +77,14 @@ def _layout(field: Any) -> tuple[int, tuple[int, ...]] | None:
     return (offset, tuple(strides.values())) if at.type == SNodeType.root else None
 
 
-def _extents(node: Any) -> dict[int, int]:
-    """Entries along each axis that is divided at a node of a tree or above it."""
+def _extents(node: ti._lib.core.SNode) -> dict[int, int]:
+    """Return the number of entries along each axis that is divided at a node of a tree or above that node."""
     axes = node.get_physical_index_position()[: node.num_active_indices()]
     return {d: node.get_shape_along_axis(i) for i, d in enumerate(axes)}
 
 
-def _root(field: Any, roots: dict[int, int | None]) -> int | None:
-    """Address of the tree that a field of scalars is in; checked by its page and the field's last entry."""
+def _root(field: Field, roots: dict[int, int | None]) -> int | None:
+    """Return the address of the tree of a field of scalars, checked by its page and the field's last entry."""
     tree = field.snode._snode_tree_id
     place = _layout(field)
     if tree not in roots and place is not None:

@@ -1,7 +1,7 @@
 """Meshes of STL, OBJ and PLY files: read whole, with every count and index in range, or not at all.
 
-Libraries read what they can of a damaged file, and the one for distances ends the process with an index out of range.
-STL has no more to check than its size and grammar, OBJ not even a count: a body may be missing from the end of one.
+Libraries read parts of a damaged file, and open3d ends the process at an index out of range. Of an STL file size and
+grammar can be checked; an OBJ file has no counts, so bodies missing at the end of the file are not noticed.
 """
 
 import re
@@ -16,7 +16,7 @@ from taichi_plume.guard.opening import read_regular
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 
 LARGEST_FILE = 1 << 26  # bytes: a million triangles and more
-FARTHEST = 1e9  # in the file's units: farther is a number read wrongly
+FARTHEST = 1e9  # in the file's units: larger numbers are damage
 SOLID, END = re.compile(r"\s*solid\b[^\n]*\n"), re.compile(r"\s*endsolid\b[^\n]*")
 FACET = re.compile(
     r"\s*facet\s+normal\s+\S+\s+\S+\s+\S+\s+outer\s+loop"
@@ -31,7 +31,7 @@ class MeshError(ShapeError):
 
 
 def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (n, 3), as in the file, and triangles (m, 3), indices of them. Raises MeshError."""
+    """Return the vertices (n, 3), as in the file, and triangles (m, 3), indices of vertices. Raises MeshError."""
     try:
         content = read_regular(path, LARGEST_FILE)
     except IsADirectoryError:
@@ -78,7 +78,7 @@ def _stl(content: bytes) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _facets(content: bytes) -> np.ndarray:
-    """Corners (3 m, 3) of the facets of an STL file of text."""
+    """Return the corners (3 m, 3) of the facets of an STL file of text."""
     text, at, ended = _text(content).lower(), 0, True
     words: list[str] = []
     while ended and (solid := SOLID.match(text, at)):
@@ -116,14 +116,14 @@ def _obj(content: bytes) -> tuple[np.ndarray, np.ndarray]:
                 f"line {line}: '{visible(key, LONGEST_VALUE)}' is no key of a mesh of vertices and faces"
             )
     vertices = numbers(coordinates).reshape(-1, 3)
-    highest = max((max(one) for one in polygons), default=-1)
+    highest = max((max(polygon) for polygon in polygons), default=-1)
     if highest >= len(vertices):
         raise DamagedError(f"is cut or damaged: a face has vertex {highest + 1} of {len(vertices)}")
     return vertices, triangulated(vertices, polygons)
 
 
 def _index(word: str, count: int, line: int) -> int:
-    """Index from 0 on of a corner such as 3, 3/1, 3//2 or -1, the last of `count` vertices so far."""
+    """Return the index from 0 on of a corner such as 3, 3/1, 3//2 or -1, the last of `count` vertices so far."""
     number = word.partition("/")[0]
     if not re.fullmatch(r"-?[0-9]{1,15}", number):
         raise DamagedError(f"line {line}: '{visible(word, LONGEST_VALUE)}' is no corner of a face")
@@ -134,11 +134,8 @@ def _index(word: str, count: int, line: int) -> int:
     return index
 
 
-# ---------------------------------------------------------------- words
-
-
 def _text(content: bytes) -> str:
-    """Of comments and names any bytes do; the rest is ASCII."""
+    """Return the text of a file; comments and names may have any bytes, the rest is ASCII."""
     return content.decode("utf-8", "replace").replace("\r\n", "\n").replace("\r", "\n")
 
 

@@ -1,6 +1,7 @@
-"""Closed bodies from mesh files (STL, OBJ, PLY), measured by open3d."""
+"""Closed bodies from mesh files (STL, OBJ, PLY): signed distance, inside test and shadow, by open3d."""
 
 import ctypes
+from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
 from math import inf
@@ -13,19 +14,19 @@ import numpy as np
 from taichi_plume.grid.mesh_files import MeshError, read_mesh
 from taichi_plume.grid.shapes import Shape, rotation
 
-LONGEST_REASON = 150  # characters of why a library cannot be imported
+LONGEST_REASON = 150  # characters of the reason why open3d cannot be imported
 CHUNK = 1 << 18  # points handed to open3d at a time
-FLAT = 1e-9  # of its length: a thinner body has the same place on both sides in single precision
+FLAT = 1e-9  # fraction of a body's length: in single precision a thinner body has no inside
 MOST_BODIES = 800  # in all meshes: open3d ends the process near 1000 scenes (thread-local keys of the system)
-MOST_AT_EDGE = 100  # triangles that share an edge: more are no body, and open3d compares all with all
-SKIN = 1e-5  # m: a section this far from the height asked for does not run within a level face
+MOST_AT_EDGE = 100  # triangles that share an edge: more make no body, and open3d compares each with each
+SKIN = 1e-5  # m: offset of a section from the given height, so that it does not run within a level face
 
 
 class Solid(Shape):
     """Closed bodies from a mesh file: their union, scaled, then turned about the vertical, then moved.
 
-    vertices: (n, 3) [m] and triangles: (m, 3) indices, as placed in the domain. In 2-D the shape is the
-    section of the bodies at one height, with distances in the plane.
+    vertices: (n, 3) [m] and triangles: (m, 3) indices, as placed in the domain. In 2-D the shape is the section of the
+    bodies at one height, with distances in the plane.
     """
 
     def __init__(self, model: Any, dim: int, folder: Path):
@@ -42,7 +43,7 @@ class Solid(Shape):
                 f"{model.file}: section {model.section:g} m does not cut it, it lies at z {low[2]:.4g} to "
                 f"{high[2]:.4g} m; give a section in between"
             )
-        # A scene per body: where bodies of one scene overlap, the ray count that decides on inside is wrong.
+        # A scene per body: if bodies of one scene overlap, the ray count that decides on inside is wrong.
         self._bodies = [self.triangles[body == n] for n in range(body.max() + 1)]
         if len(_scenes) + len(self._bodies) > MOST_BODIES:
             raise MeshError(
@@ -54,50 +55,45 @@ class Solid(Shape):
     def signed_distance(self, points: np.ndarray) -> np.ndarray:
         if points.shape[-1] == 2:
             return self._shadow_distance(points, *self._slice)
-        return _nearest(self._scenes, points, "compute_signed_distance")
+        return _least(points, [scene.compute_signed_distance for scene in self._scenes])
 
     def horizontal_distance(self, points: np.ndarray, low: float, high: float) -> np.ndarray:
-        """Distance [m] from points (..., 2) to the shadow of the part between these heights.
+        """Return the distance [m] from points (..., 2) to the shadow of the part between these heights.
 
-        Inside the shadow of a body it is the distance to the next edge of a triangle, negative.
+        Inside the shadow it is the negative distance to the next edge of a triangle.
         """
         if len(self.low) == 2:
             return self._shadow_distance(points, *self._slice)
         return self._shadow_distance(points, low + SKIN, high - SKIN)
 
-    def inside(self, points: np.ndarray, tie: float = 0.0) -> np.ndarray:
-        """Whether points (..., dim) lie below the surface, also when moved by `tie` [m] to either side."""
+    def inside(self, points: np.ndarray) -> np.ndarray:
         if points.shape[-1] == 2:
             points = _at_height(points, self._slice[0])
-        nudge = tie * np.array([1.0, 0.8, 0.6])  # along no likely face
-        return self._occupied(points + nudge) & self._occupied(points - nudge)
-
-    def _occupied(self, points: np.ndarray) -> np.ndarray:
-        return -_nearest(self._scenes, points, "compute_occupancy", sign=-1.0) > 0.5
+        return -_least(points, [scene.compute_occupancy for scene in self._scenes], sign=-1.0) > 0.5
 
     def _shadow_distance(self, points: np.ndarray, low: float, high: float) -> np.ndarray:
-        """Distance [m] to the nearest edge of a triangle cut to the layer: some of these make the outline."""
+        """Return the distance [m] to the nearest edge of a triangle cut to the layer; the outline consists of edges."""
         shadow = np.full(points.shape[:-1], inf)
         for scene, triangles in zip(self._scenes, self._bodies, strict=True):
             edges = _edges_between(self.vertices[triangles], low, high)
             if not len(edges):
                 continue
             foot = _at_height(points, low)
-            covered = _nearest([scene], foot, "compute_occupancy") > 0.5
+            covered = _least(foot, [scene.compute_occupancy]) > 0.5
             if high > low:
                 covered |= _blocked_upwards(scene, foot, high - low)
-            distance = _nearest([_curtain(edges)], _at_height(points, 0.0), "compute_distance")
+            distance = _least(_at_height(points, 0.0), [_curtain(edges).compute_distance])
             shadow = np.minimum(shadow, np.where(covered, -distance, distance))
         return shadow
 
 
 @cache
 def _open3d() -> Any:
-    """The open3d module: 2 s to import and 100 MB, so only for scenarios with meshes. Raises MeshError without it."""
+    """Import open3d, which takes 2 s and 100 MB, so only for scenarios with meshes. Raises MeshError without it."""
     with suppress(ImportError, OSError):
         import libusb_package
 
-        # open3d links libusb for its cameras; a machine without it gets the one from the Python package
+        # open3d links libusb for its cameras; a machine without libusb gets it from the Python package
         ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
     try:
         import open3d
@@ -115,7 +111,7 @@ def _at_height(points: np.ndarray, z: float) -> np.ndarray:
 
 
 def _bodies_of(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Vertices (n, 3), triangles (m, 3) and the number of the body that each triangle belongs to (m,)."""
+    """Return the vertices (n, 3), triangles (m, 3) and the number of the body that each triangle belongs to (m,)."""
     vertices, triangles = read_mesh(path)
     o3d = _open3d()
     mesh = o3d.geometry.TriangleMesh(
@@ -172,20 +168,20 @@ def _scene(vertices: np.ndarray, triangles: np.ndarray) -> Any:
 _scenes: "WeakSet[Any]" = WeakSet()  # those that are in use
 
 
-def _nearest(scenes: list[Any], points: np.ndarray, query: str, sign: float = 1.0) -> np.ndarray:
-    """The least of sign·query over the scenes at points (..., 3)."""
+def _least(points: np.ndarray, queries: list[Callable], sign: float = 1.0) -> np.ndarray:
+    """Return the least of sign·query over the queries of scenes at points (..., 3)."""
     flat = points.reshape(-1, 3).astype(np.float32)
     least = np.full(len(flat), inf)
     for begin in range(0, len(flat), CHUNK):
         part = slice(begin, begin + CHUNK)
-        for scene in scenes:
-            answer = getattr(scene, query)(_open3d().core.Tensor(flat[part])).numpy()
+        for query in queries:
+            answer = query(_open3d().core.Tensor(flat[part])).numpy()
             least[part] = np.minimum(least[part], sign * answer)
     return least.reshape(points.shape[:-1])
 
 
 def _blocked_upwards(scene: Any, points: np.ndarray, length: float) -> np.ndarray:
-    """Whether a surface lies within `length` [m] above points (..., 3)."""
+    """Return whether a surface lies within `length` [m] above points (..., 3)."""
     flat = points.reshape(-1, 3)
     rays = np.concatenate([flat, np.broadcast_to([0.0, 0.0, 1.0], flat.shape)], axis=1).astype(np.float32)
     blocked = scene.test_occlusions(_open3d().core.Tensor(rays), tnear=0.0, tfar=length)
@@ -193,7 +189,7 @@ def _blocked_upwards(scene: Any, points: np.ndarray, length: float) -> np.ndarra
 
 
 def _edges_between(corners: np.ndarray, low: float, high: float) -> np.ndarray:
-    """Edges (n, 2, 2) in the plane of the triangles (m, 3, 3) cut to low <= z <= high."""
+    """Return the edges (n, 2, 2) in the plane of the triangles (m, 3, 3) cut to low <= z <= high."""
     start, way = corners, np.roll(corners, -1, axis=1) - corners
     rise = way[..., 2]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -214,7 +210,7 @@ def _edges_between(corners: np.ndarray, low: float, high: float) -> np.ndarray:
 
 
 def _curtain(edges: np.ndarray) -> Any:
-    """A scene in which the distance of a point at z = 0 is that to the nearest of the edges (n, 2, 2)."""
+    """Return a scene in which the distance of a point at z = 0 is that to the nearest of the edges (n, 2, 2)."""
     bottom, top = _at_height(edges, -1.0), _at_height(edges, 1.0)
     corners = np.concatenate([bottom, top], axis=1).reshape(-1, 3)
     first = 4 * np.arange(len(edges))[:, None]

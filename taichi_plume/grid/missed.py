@@ -1,7 +1,7 @@
-"""What of a body the grid does not see: parts so thin that they lie between the nodes at which distances are taken.
+"""Parts of an obstacle that the grid does not resolve: they are thin and lie between the nodes of the signed distance.
 
-`cut_cells` takes the distance to a surface as linear between nodes half a cell apart. A body is seen where that is
-negative. It is asked here at random places of the body, for the shapes of a scenario, before anything is assembled.
+`cut_cells` takes the distance to a surface as linear between nodes half a cell apart, so a point is resolved if that
+value is negative. It is evaluated here at random points of a shape, before anything is assembled.
 """
 
 from dataclasses import dataclass
@@ -11,17 +11,17 @@ import numpy as np
 
 from taichi_plume.grid.shapes import FINER, TIE, Shape
 
-SAMPLES = 20_000  # places in the box around a body
-LOOKED_AT = 500  # of those that are in the body
-FEW = 10  # places in the body that tell little: more are tried once
-MOST_MISSED = 0.4  # of a body: more counts as missed
-MOST_LOST = 0.02  # of a body that no node near it sees: more is a part that is missed
+SAMPLES = 20_000  # points in the box around a body
+LOOKED_AT = 500  # points in the body that are evaluated
+FEW = 10  # with fewer points in the body, more are tried once
+MOST_MISSED = 0.4  # fraction of a body: more counts as missed
+MOST_LOST = 0.02  # fraction of a body without a node inside near it: more is a missed part
 
 
 @dataclass(frozen=True)
 class Missed:
-    """share: of a body's volume in the domain that the grid does not see; place: the middle of what is missed, (dim,)
-    [m]; whole: whether more of it is missed than seen.
+    """share: fraction of a body's volume in the domain that the grid does not resolve; place: middle of the missed
+    part, (dim,) [m]; whole: whether the body as a whole is missed.
     """
 
     share: float
@@ -30,7 +30,7 @@ class Missed:
 
 
 def missed(shape: Shape, extent: tuple[float, ...], dx: float, samples: int = SAMPLES) -> Missed | None:
-    """What of a shape is not seen in a domain of that extent [m] by cells of dx [m]; None where nothing to speak of."""
+    """Return the part of a shape that cells of dx [m] miss in a domain of an extent [m]; None if it is negligible."""
     low, high = np.maximum(shape.low, 0.0), np.minimum(shape.high, extent)
     if (high <= low).any():
         return None
@@ -64,6 +64,6 @@ def missed(shape: Shape, extent: tuple[float, ...], dx: float, samples: int = SA
 
 
 def _distance(shape: Shape, points: np.ndarray, dx: float) -> np.ndarray:
-    """As `cut_cells` takes it [m]."""
+    """Return the distance [m] as `cut_cells` takes it."""
     distance = shape.signed_distance(points)
     return np.where(np.abs(distance) < TIE * dx, 0.0, distance)

@@ -1,7 +1,7 @@
 """PLY files, text or binary: a header that lists elements and their counts, then exactly these.
 
-Not read by trimesh: it refuses binary files whose lists differ in length (triangles and quads) and comments in Latin-1,
-and cuts every polygon into a fan, also one that is not convex.
+trimesh is not used: it refuses binary files whose lists differ in length (triangles and quads) and comments in Latin-1,
+and cuts every polygon into a fan, even if the polygon is not convex.
 """
 
 import re
@@ -14,25 +14,18 @@ import numpy as np
 from taichi_plume.grid.polygons import DamagedError, triangulated
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 
-MOST_UNLIKE = 2_000_000  # values and lists of rows that are read one by one
+MOST_UNLIKE = 2_000_000  # values and lists in rows that are read one by one
 LONGEST_HEADER = 1 << 16  # bytes
-TYPES = {
-    **dict.fromkeys(("char", "int8"), "i1"),
-    **dict.fromkeys(("uchar", "uint8"), "u1"),
-    **dict.fromkeys(("short", "int16"), "i2"),
-    **dict.fromkeys(("ushort", "uint16"), "u2"),
-    **dict.fromkeys(("int", "int32"), "i4"),
-    **dict.fromkeys(("uint", "uint32"), "u4"),
-    **dict.fromkeys(("float", "float32"), "f4"),
-    **dict.fromkeys(("double", "float64"), "f8"),
-}
+TYPES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"}
+TYPES |= {"float": "f4", "double": "f8", "float32": "f4", "float64": "f8"}
+TYPES |= {f"{sign}int{8 * size}": f"{sign or 'i'}{size}" for sign in ("", "u") for size in (1, 2, 4)}
 FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 CORNERS = ("vertex_indices", "vertex_index")
 
 
 @dataclass
 class Element:
-    """`count` rows of properties: name, type of a list's length (None if it is no list), type of the values."""
+    """`count` rows of properties: name, type of a list's length (None for a single value), type of the values."""
 
     name: str
     count: int
@@ -40,21 +33,22 @@ class Element:
 
 
 def read_ply(content: bytes) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (n, 3) and triangles (m, 3), indices of them. Raises DamagedError."""
+    """Return the vertices (n, 3) and triangles (m, 3), indices of vertices. Raises DamagedError."""
     head = content[:LONGEST_HEADER]
     start = re.match(rb"ply[ \t\r]*\n", head)
     found = start and re.compile(rb"\nend_header[ \t]*\r?\n").search(head, start.end() - 1)
     if not start or not found:
         raise DamagedError("is cut or damaged: has no header from 'ply' to 'end_header'")
     order, elements = _header(head[start.end() : found.start() + 1].decode("ascii", "replace"))
-    is_list = {(one.name, name): length is not None for one in elements for name, length, _ in one.properties}
+    properties = [(element.name, *values) for element in elements for values in element.properties]
+    is_list = {(of, name): length is not None for of, name, length, _ in properties}
     if any(is_list.get(("vertex", axis), True) for axis in "xyz"):
         raise DamagedError("its vertices have no x, y, z")
     corners = next((name for name in CORNERS if is_list.get(("face", name))), None)
     if corners is None:
         raise DamagedError("its faces have no vertex_indices")
     rest = memoryview(content)[found.end() :]
-    body = _Body(rest if order else numbers(one[0] for one in re.finditer(rb"\S+", rest)).data.cast("B"))
+    body = _Body(rest if order else numbers(word[0] for word in re.finditer(rb"\S+", rest)).data.cast("B"))
     columns = {element.name: body.columns(element) for element in elements}
     if body.left():
         left = f"{body.left()} bytes" if order else f"{body.left() // 8} numbers"
@@ -75,25 +69,23 @@ def _header(text: str) -> tuple[str, list[Element]]:
             case ["element", name, count] if re.fullmatch(r"[0-9]{1,12}", count):
                 elements.append(Element(name, int(count)))
             case ["property", *length, kind, name] if elements and _is_type(length, kind):
-                types = [np.dtype(order + TYPES[one] if order else "f8") for one in (*length[1:], kind)]
+                types = [np.dtype(order + TYPES[name] if order else "f8") for name in (*length[1:], kind)]
                 elements[-1].properties.append((name, types[0] if length else None, types[-1]))
             case _:
                 raise DamagedError(f"is damaged: its header has '{visible(line.strip(), LONGEST_VALUE)}'")
     if order is None:
         raise DamagedError("is damaged: its header has no format")
     for element in elements:
-        names = [name for name, _, _ in element.properties]
-        if len(set(names)) < len(names):
-            raise DamagedError(
-                f"is damaged: its header has two properties of {visible(element.name, 40)} of one name"
-            )
+        if len({name for name, _, _ in element.properties}) < len(element.properties):
+            name = visible(element.name, 40)
+            raise DamagedError(f"is damaged: its header has two properties of {name} of one name")
     if len({element.name for element in elements}) < len(elements):
         raise DamagedError("is damaged: its header has two elements of one name")
     return order, elements
 
 
 def _is_type(length: list[str], kind: str) -> bool:
-    """Whether the words of a property are a type, or 'list' and two types."""
+    """Return whether the words of a property are a type, or 'list' and two types."""
     return kind in TYPES and (not length or (len(length) == 2 and length[0] == "list" and length[1] in TYPES))
 
 
@@ -103,15 +95,15 @@ def _triangles(vertices: np.ndarray, polygons: np.ndarray | list[np.ndarray]) ->
     corners = polygons.ravel() if isinstance(polygons, np.ndarray) else np.concatenate(polygons)
     if not ((corners >= 0) & (corners < len(vertices)) & (corners == np.floor(corners))).all():
         raise DamagedError(f"is damaged: a face has a corner that is none of the {len(vertices)} vertices")
-    if min(len(one) for one in polygons) < 3:
+    if min(len(polygon) for polygon in polygons) < 3:
         raise DamagedError("is damaged: a face has fewer than three corners")
     if isinstance(polygons, np.ndarray) and polygons.shape[1] == 3:
         return polygons.astype(int)
-    return triangulated(vertices, [[int(n) for n in one] for one in polygons])
+    return triangulated(vertices, [[int(n) for n in polygon] for polygon in polygons])
 
 
-def numbers(words: Iterable[Any]) -> np.ndarray:
-    """Numbers that words are. Raises DamagedError."""
+def numbers(words: Iterable[str | bytes]) -> np.ndarray:
+    """Return words as numbers. Raises DamagedError."""
     try:
         return np.fromiter(map(float, words), float)
     except ValueError as error:
@@ -125,11 +117,11 @@ class _Body:
         self.content, self.at = content, 0
 
     def left(self) -> int:
-        """Bytes that no element has taken."""
+        """Return the number of bytes that no element has taken."""
         return len(self.content) - self.at
 
     def columns(self, element: Element) -> dict[str, Any]:
-        """Columns by name: (count,) of values; of lists (count, length), or a Python list if lengths differ."""
+        """Return the columns by name: values (count,), lists (count, length), or a Python list if lengths differ."""
         if not element.count or not element.properties:
             return {name: np.empty(0 if length is None else (0, 3)) for name, length, _ in element.properties}
         least = sum((kind if length is None else length).itemsize for _, length, kind in element.properties)
@@ -137,11 +129,12 @@ class _Body:
             raise self._cut(element)
         begin = self.at
         first = self._row(element)
-        fields: list[Any] = []
+        fields: list[tuple] = []
         for n, (_, length, kind) in enumerate(element.properties):
-            if length is not None:
-                fields.append((f"length {n}", length))
-            fields.append((str(n), kind) if length is None else (str(n), kind, (first[n].size,)))
+            if length is None:
+                fields.append((str(n), kind))
+            else:
+                fields += [(f"length {n}", length), (str(n), kind, (first[n].size,))]
         row = np.dtype(fields)
         if element.count * row.itemsize <= len(self.content) - begin:
             rows = np.frombuffer(self.content, row, element.count, begin)
@@ -151,15 +144,14 @@ class _Body:
         if element.count * len(element.properties) > MOST_UNLIKE:
             raise DamagedError(f"has more than {MOST_UNLIKE:,} values in rows with lists of unlike lengths")
         table = [first, *(self._row(element) for _ in range(element.count - 1))]
+        columns = zip(element.properties, zip(*table, strict=True), strict=True)
         return {
-            name: [one[n] for one in table]
-            if length is not None
-            else np.concatenate([one[n] for one in table])
-            for n, (name, length, _) in enumerate(element.properties)
+            name: np.concatenate(column) if length is None else list(column)
+            for (name, length, _), column in columns
         }
 
     def _row(self, element: Element) -> list[np.ndarray]:
-        """Values of each property of the next row."""
+        """Return the values of each property of the next row."""
         row = []
         for _, length, kind in element.properties:
             count = 1.0 if length is None else float(self._take(length, 1, element)[0])

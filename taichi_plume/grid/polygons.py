@@ -1,12 +1,12 @@
-"""Polygons cut into triangles: fans, and ear clipping where they are not convex."""
+"""Triangulation of polygons: fans of convex polygons, ear clipping of others."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
 MOST_CORNERS = 2000  # of a polygon that is not convex
-MOST_WORK = 20_000_000  # corners looked at in all searches for ears of a file: some seconds
-PER_TURN = 50  # as many corners as to see whether one sticks out
+MOST_WORK = 20_000_000  # corners examined in all searches for ears of a file: some seconds
+PER_TURN = 50  # corners that take as long as one test for a convex corner
 
 
 class DamagedError(Exception):
@@ -14,7 +14,7 @@ class DamagedError(Exception):
 
 
 def triangulated(vertices: np.ndarray, polygons: Sequence[Sequence[int]]) -> np.ndarray:
-    """Triangles (m, 3) that make up plane polygons, lists of indices of the vertices (n, 3). Raises DamagedError."""
+    """Return triangles (m, 3) of plane polygons, lists of indices of the vertices (n, 3). Raises DamagedError."""
     triangles: list[tuple[int, int, int]] = []
     work = _Work()
     with np.errstate(over="ignore", invalid="ignore"):  # such coordinates are refused afterwards
@@ -28,13 +28,13 @@ def triangulated(vertices: np.ndarray, polygons: Sequence[Sequence[int]]) -> np.
 
 
 class _Work:
-    """Count of the corners that were looked at for a file."""
+    """Count of the corners examined for a file."""
 
     def __init__(self) -> None:
         self.done = 0
 
     def add(self, corners: int) -> None:
-        """Raises DamagedError where it becomes too much."""
+        """Count some corners. Raises DamagedError above MOST_WORK."""
         self.done += corners
         if self.done > MOST_WORK:
             raise DamagedError(
@@ -43,13 +43,13 @@ class _Work:
 
 
 def _cut(places: np.ndarray, work: _Work) -> list[tuple[int, int, int]]:
-    """Triangles of the polygon of these corners (n, 3): a fan where it is convex, else ear by ear."""
+    """Return triangles of the polygon of these corners (n, 3): a fan if it is convex, else ear by ear."""
     fan = [(0, n, n + 1) for n in range(1, len(places) - 1)]
     after = np.roll(places, -1, axis=0)
     normal = np.cross(places, after).sum(axis=0)  # Newell's
     drop = int(np.abs(normal).argmax())
     flat = np.delete(places, drop, axis=1)
-    if (normal[drop] < 0) != (drop == 1):  # seen from where it turns to the left
+    if (normal[drop] < 0) != (drop == 1):  # make the polygon counter-clockwise
         flat = flat * [1, -1]
     turns = _turn(np.roll(flat, 1, axis=0), flat, np.roll(flat, -1, axis=0))
     if (turns >= 0).all() or len(places) > MOST_CORNERS or not np.isfinite(places).all():
@@ -58,10 +58,10 @@ def _cut(places: np.ndarray, work: _Work) -> list[tuple[int, int, int]]:
 
 
 def ears(outline: np.ndarray, work: _Work | None = None, afresh: bool = False) -> list[tuple[int, int, int]]:
-    """Return triangles of a polygon (n, 2) that turns to the left, by clipping ears; a fan if it crosses itself.
+    """Return triangles of a counter-clockwise polygon (n, 2), by ear clipping; a fan if the polygon crosses itself.
 
-    afresh: look for each ear from the first corner on, which takes longer: the triangles of mesh files, and with them
-    the distances to their surface, depend on it.
+    afresh: search for each ear from the first corner on, which takes longer. The triangles of mesh files, and so the
+    distances to their surface, depend on it.
     """
     left, found = list(range(len(outline))), []
     n = misses = 0
@@ -79,14 +79,13 @@ def ears(outline: np.ndarray, work: _Work | None = None, afresh: bool = False) -
 
 
 def _turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """Above 0 where the way a, b, c (..., 2) turns to the left."""
-    return (b[..., 0] - a[..., 0]) * (c[..., 1] - a[..., 1]) - (b[..., 1] - a[..., 1]) * (
-        c[..., 0] - a[..., 0]
-    )
+    """Return a positive number if the path a, b, c (..., 2) turns to the left."""
+    (along_x, along_y), (to_x, to_y) = (b - a).T, (c - a).T
+    return along_x * to_y - along_y * to_x
 
 
 def _is_ear(flat: np.ndarray, left: list[int], n: int, work: _Work | None) -> bool:
-    """Whether the corner sticks out, and no other one lies in its triangle."""
+    """Return whether corner n of the remaining polygon is convex with no other corner in its triangle."""
     mine = (left[n - 1], left[n], left[(n + 1) % len(left)])
     a, b, c = (flat[k] for k in mine)
     sticks_out = bool(_turn(a, b, c) > 0)

@@ -1,4 +1,4 @@
-"""One seed, many independent named streams; the same numbers whatever the order of threads.
+"""Random numbers: one seed, many independent named streams; the same numbers whatever the order of threads.
 
 On the host: numpy generators. In kernels: Philox4x32-10, a counter-based generator (Salmon et al. 2011,
 doi:10.1145/2063384.2063405), keyed by (seed, stream) and counted by (index, tick, draw).
@@ -13,12 +13,12 @@ from taichi_plume.grid.elementary import cos_sin, log
 
 
 def stream_id(name: str) -> int:
-    """A 32-bit key for a component's name, the same on every machine."""
+    """Return a 32-bit key for a component's name, the same on every machine."""
     return zlib.crc32(name.encode())
 
 
 def generator(seed: int, name: str) -> np.random.Generator:
-    """The host-side random stream of component `name`."""
+    """Return the random stream of component `name` on the host."""
     return np.random.default_rng([seed, stream_id(name)])
 
 

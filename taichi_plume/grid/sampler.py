@@ -1,13 +1,13 @@
-"""Everything that is known of the air at given points, in one launch."""
+"""Sampling of wind, gas and cell fields at given points, in one launch."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import taichi as ti
 
 from taichi_plume.grid.fields import Mixture, Wind, sample_cells
 from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.kernels import Field
 from taichi_plume.grid.transfer import uploader
 
 
@@ -15,7 +15,7 @@ from taichi_plume.grid.transfer import uploader
 class Sampler:
     """Samples wind [m/s], each species of the gas [ppm] and cell fields at points (n, dim) [m].
 
-    solid: which cells hold no air, of the grid's shape.
+    solid: cells that hold no air, bool of the grid's shape.
     """
 
     def __init__(
@@ -23,7 +23,7 @@ class Sampler:
         points: np.ndarray,
         wind: Wind,
         gas: Mixture,
-        cells: Sequence[Any],
+        cells: Sequence[Field],
         solid: np.ndarray,
         grid: Grid,
     ):
@@ -36,13 +36,18 @@ class Sampler:
         uploader(self.air)(grid.pad(~solid))
 
     def sample(self, t: float) -> np.ndarray:
-        """At time t [s], (width, n): components of the wind, species, then cell fields."""
+        """Return the values at time t [s], (width, n): components of the wind, species, then cell fields."""
         out = np.empty((self.width, len(self.points)), np.float32)
         self._sample(self.points, t, out)
         return out
 
     @ti.kernel
-    def _sample(self, points: ti.types.ndarray(), t: float, out: ti.types.ndarray()):  # type: ignore[valid-type]
+    def _sample(
+        self,
+        points: ti.types.ndarray(),  # type: ignore[valid-type]
+        t: float,
+        out: ti.types.ndarray(),  # type: ignore[valid-type]
+    ):
         for n in range(points.shape[0]):
             x = ti.Vector([points[n, d] for d in ti.static(range(self.dim))])
             u = self.wind.velocity(x, t)

@@ -1,11 +1,11 @@
-"""Numbers noted over time, in one array: a row takes its numbers' room and no more, however long a run is."""
+"""Time series of numbers in one array, which grows by doubling: no Python object per row."""
 
 from collections.abc import Iterator
 from typing import overload
 
 import numpy as np
 
-FIRST = 16  # rows there is room for at first
+FIRST = 16  # rows of an empty series
 
 
 class Series:
@@ -14,11 +14,11 @@ class Series:
     STATE = ("table", "count")
 
     def __init__(self, width: int):
-        self.table = np.zeros((FIRST, 1 + width))  # the time, then the numbers; room for more rows doubles
+        self.table = np.zeros((FIRST, 1 + width))  # the time, then the numbers
         self.count = 0
 
     def append(self, row: tuple[float, np.ndarray]) -> None:
-        """Note numbers (width,) of a time [s]."""
+        """Append a time [s] and numbers (width,)."""
         if self.count == len(self.table):
             self.table = np.concatenate([self.table, np.zeros_like(self.table)])
         self.table[self.count, 0], self.table[self.count, 1:] = row
@@ -26,12 +26,12 @@ class Series:
 
     @property
     def times(self) -> np.ndarray:
-        """(rows,) [s]."""
+        """Times (rows,) [s]."""
         return self.table[: self.count, 0]
 
     @property
     def values(self) -> np.ndarray:
-        """(rows, width)."""
+        """Numbers (rows, width)."""
         return self.table[: self.count, 1:]
 
     def __len__(self) -> int:

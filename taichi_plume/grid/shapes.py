@@ -1,8 +1,7 @@
-"""Obstacles as signed distances.
+"""Obstacles as signed distances: boxes, cylinders, prisms and balls.
 
-Distances are in m, negative inside; points are (..., 2) in a 2-D run and (..., 3) in a 3-D run. Those of
-the primitives are exact. What a robot on the ground can touch of a shape is its shadow: the part between
-two heights, seen from above.
+Distances are in m, negative inside; points are (..., 2) in a 2-D run and (..., 3) in a 3-D run. The distances of these
+shapes are exact. A robot on the ground can touch the shadow of a shape: the part between two heights, seen from above.
 """
 
 from abc import ABC, abstractmethod
@@ -12,42 +11,40 @@ from typing import Any
 import numpy as np
 
 FINER = 2  # nodes per cell and axis at which distances are taken, to cut cells
-TIE = 1e-4  # cells: a place this close to a surface counts as outside, whatever the rounding
+TIE = 1e-4  # cells: a point this close to a surface counts as outside, whatever the rounding
 CLEARANCE_STEP = 0.01  # m, the finest grid of a clearance map
 CLEARANCE_NODES = 400_000
 
 
 class ShapeError(ValueError):
-    """A file of an obstacle that is missing or cannot be used; the message begins with its name."""
+    """A file of an obstacle that is missing or cannot be used; the message begins with the file's name."""
 
 
 class Shape(ABC):
-    """An obstacle. `model` is its section of the scenario, `low` and `high` (dim,) its bounding box [m]."""
+    """An obstacle. model: section of the scenario, None for an imported wind; low, high: bounding box (dim,) [m]."""
 
-    model: Any
+    model: Any = None
     low: np.ndarray
     high: np.ndarray
 
     @abstractmethod
     def signed_distance(self, points: np.ndarray) -> np.ndarray:
-        """Distance [m] of points (..., dim) to the surface, negative inside."""
+        """Return the distance [m] of points (..., dim) to the surface, negative inside."""
 
     @abstractmethod
     def horizontal_distance(self, points: np.ndarray, low: float, high: float) -> np.ndarray:
-        """Distance [m] from points (..., 2) to the shadow of the part with low < z < high; infinite if none.
+        """Return the distance [m] from points (..., 2) to the shadow of the part with low < z < high, infinite if none.
 
         In a 2-D run heights do not matter.
         """
 
     def shares(self, shape: tuple[int, ...], dx: float) -> tuple[np.ndarray, list[np.ndarray]] | None:
-        """Shares that it leaves of so many cells of edge dx [m], and of their faces per axis, where it knows them
-        better than distances on nodes tell; else None.
-        """
+        """Return the air fractions of cells of edge dx [m] and of their faces per axis; None to use the distances."""
         return None
 
-    def inside(self, points: np.ndarray, tie: float = 0.0) -> np.ndarray:
-        """Whether points (..., dim) lie more than `tie` [m] below the surface."""
-        return self.signed_distance(points) < -tie
+    def inside(self, points: np.ndarray) -> np.ndarray:
+        """Return whether points (..., dim) lie below the surface."""
+        return self.signed_distance(points) < 0.0
 
 
 class Upright(Shape):
@@ -60,7 +57,7 @@ class Upright(Shape):
 
     @abstractmethod
     def footprint_distance(self, points: np.ndarray) -> np.ndarray:
-        """Signed distance [m] of points (..., 2) to the outline of the footprint."""
+        """Return the signed distance [m] of points (..., 2) to the outline of the footprint."""
 
     def signed_distance(self, points: np.ndarray) -> np.ndarray:
         across = self.footprint_distance(points[..., :2])
@@ -71,7 +68,7 @@ class Upright(Shape):
         return outside + np.minimum(np.maximum(across, along), 0.0)
 
     def horizontal_distance(self, points: np.ndarray, low: float, high: float) -> np.ndarray:
-        """Distance [m] from points (..., 2) to the footprint, if the shape reaches between these heights."""
+        """Return the distance [m] from points (..., 2) to the footprint, if the shape reaches between these heights."""
         if len(self.low) == 3 and (self.base >= high or self.top <= low):
             return np.full(points.shape[:-1], inf)
         return self.footprint_distance(points)
@@ -115,7 +112,7 @@ class UprightPrism(Upright):
         super().__init__(model, dim, self.vertices.min(axis=0), self.vertices.max(axis=0), model.base, top)
 
     def footprint_distance(self, points: np.ndarray) -> np.ndarray:
-        """Signed distance [m] to the polygon; inside is where a ray to the right crosses it oddly often."""
+        """Return the signed distance [m] to the polygon; a ray from inside crosses it an odd number of times."""
         squared = np.full(points.shape[:-1], inf)
         odd = np.zeros(points.shape[:-1], bool)
         x, y = points[..., 0], points[..., 1]
@@ -140,7 +137,7 @@ class Ball(Shape):
         return np.linalg.norm(points - self.center, axis=-1) - self.radius
 
     def horizontal_distance(self, points: np.ndarray, low: float, high: float) -> np.ndarray:
-        """Distance [m] from points (..., 2) to the widest disc between these heights."""
+        """Return the distance [m] from points (..., 2) to the widest disc between these heights."""
         z = self.center[2] if len(self.center) == 3 else low
         squared = self.radius**2 - (z - np.clip(z, low, high)) ** 2
         if squared <= 0:
@@ -149,11 +146,11 @@ class Ball(Shape):
 
 
 def rotation(yaw_deg: float) -> np.ndarray:
-    """Columns: the axes of a body turned about the vertical."""
+    """Return the axes of a body turned about the vertical, as columns."""
     c, s = cos(radians(yaw_deg)), sin(radians(yaw_deg))
     return np.array([[c, -s], [s, c]])
 
 
 def clearance_resolution(extent: tuple[float, ...]) -> float:
-    """Spacing [m] of the nodes of a clearance map, which may tell up to √2 times this less than is free."""
+    """Return the spacing [m] of the nodes of a clearance map, whose error is up to √2 times this."""
     return max(CLEARANCE_STEP, sqrt(extent[0] * extent[1] / CLEARANCE_NODES))

@@ -1,80 +1,88 @@
-"""What of a run changes while it runs: each component says it once, and saving, restoring and resetting follow from it.
+"""State of a run: each component names the attributes that change; checkpoints, restoring and resets follow from it.
 
-A component has ``STATE``, the names of its attributes that change in a run: Taichi fields, tuples of them, components
+A component has ``STATE``, the names of its attributes that change in a run: Taichi fields, tuples of fields, components
 with a STATE of their own (also in lists, tuples and dicts), random generators, objects that save themselves with
-``state()`` and ``restore(state)``, and plain Python data (numbers, arrays, lists, dicts). What is merely worked out
-anew in each step before it is read is no state.
+``state()`` and ``restore(state)``, and plain Python data (numbers, arrays, lists, dicts). An attribute that each step
+computes again before it is read is not part of the state.
 
-A component also has ``begin(...)``, which sets its numbers and its state at the begin of a run; it finds the fields of
-its state zero, as new ones are. Its constructor ends with it. What `begin` launches and uploads has therefore been
-compiled when the component stands.
+A component also has ``begin(...)``, which sets its numbers and its state at the start of a run; it finds the fields of
+its state zero, as new fields are. Its constructor ends with it. The kernels that `begin` launches have therefore been
+compiled when the component is complete.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from copy import deepcopy
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import taichi as ti
 
+from taichi_plume.grid.kernels import Field
 from taichi_plume.grid.memory import views
 from taichi_plume.grid.transfer import alike, reader, uploader
 
 
-def saves_itself(value: Any) -> bool:
-    """Whether an object has what it takes to be saved and restored."""
+def saves_itself(value: object) -> bool:
+    """Return whether an object has the methods by which it is saved and restored."""
     return callable(getattr(value, "state", None)) and callable(getattr(value, "restore", None))
 
 
-def _is_field(value: Any) -> bool:
-    return isinstance(value, ti.Field)
+class _Piece(NamedTuple):
+    """Piece of state not made of others: attribute `key` of its owner, or item `key` of a list, tuple or dict."""
+
+    path: str
+    owner: Any
+    key: Any
+    is_attribute: bool
+
+    @property
+    def value(self) -> Any:
+        """Present value."""
+        return getattr(self.owner, self.key) if self.is_attribute else self.owner[self.key]
+
+    def replace(self, value: object) -> None:
+        """Set another value."""
+        if self.is_attribute:
+            setattr(self.owner, self.key, value)
+        else:
+            self.owner[self.key] = value
 
 
-def _walk(part: Any, path: str) -> Iterator[tuple[str, Any, str]]:
-    """Path, owner and attribute of each piece of state that is not itself made of others."""
-    for name in part.STATE:
-        value = getattr(part, name)
-        yield from _pieces(value, f"{path}.{name}", part, name)
+def _pieces(component: Any, path: str) -> Iterator[_Piece]:
+    for name in component.STATE:
+        yield from _split(_Piece(f"{path}.{name}", component, name, True))
 
 
-def _pieces(value: Any, path: str, owner: Any, key: Any) -> Iterator[tuple[str, Any, Any]]:
+def _split(piece: _Piece) -> Iterator[_Piece]:
+    value = piece.value
     if hasattr(value, "STATE"):
-        yield from _walk(value, path)
+        yield from _pieces(value, piece.path)
     elif isinstance(value, list | tuple | dict) and _has_parts(value):
-        items = value.items() if isinstance(value, dict) else enumerate(value)
-        for n, one in items:
-            yield from _pieces(one, f"{path}[{n}]", value, n)
+        for n in value if isinstance(value, dict) else range(len(value)):
+            yield from _split(_Piece(f"{piece.path}[{n}]", value, n, False))
     else:
-        yield path, owner, key
+        yield piece
 
 
-def _has_parts(values: Any) -> bool:
-    """Whether a list, tuple or dict holds fields or components."""
-    each = values.values() if isinstance(values, dict) else values
+def _has_parts(values: Iterable[object]) -> bool:
+    """Return whether a list, tuple or dict holds fields or components."""
     return any(
-        _is_field(one) or hasattr(one, "STATE") or (isinstance(one, list | tuple | dict) and _has_parts(one))
-        for one in each
+        isinstance(value, ti.Field)
+        or hasattr(value, "STATE")
+        or (isinstance(value, list | tuple | dict) and _has_parts(value))
+        for value in (values.values() if isinstance(values, dict) else values)
     )
 
 
-def _value(owner: Any, key: Any) -> Any:
-    return getattr(owner, key) if isinstance(key, str) and not isinstance(owner, dict) else owner[key]
-
-
 class State:
-    """The state of a component and of all that it is made of.
+    """State of a component and of all its parts. The constructor compiles the kernels, over all fields at once."""
 
-    Its kernels are compiled when it is made, over all fields at once.
-    """
-
-    def __init__(self, part: Any):
+    def __init__(self, part: object):
         self.part = part
-        pieces = list(_walk(part, type(part).__name__))
-        fields = {}
-        for path, owner, key in pieces:
-            value = _value(owner, key)
-            if _is_field(value):
-                fields.setdefault(id(value), (path, value))
+        fields: dict[int, tuple[str, Field]] = {}
+        for piece in self._walk():
+            if isinstance(piece.value, ti.Field):
+                fields.setdefault(id(piece.value), (piece.path, piece.value))
         self.paths = [path for path, _ in fields.values()]
         self._fields = [field for _, field in fields.values()]
         self._clear = _clearer(self._fields)
@@ -82,68 +90,60 @@ class State:
         self._put: Callable[..., None] | None = None
 
     def clear(self) -> None:
-        """Set every field to zero, as new ones are."""
+        """Set every field to zero, as new fields are."""
         self._clear()
 
     def save(self) -> dict[str, Any]:
-        """All of it, by the path of each piece, on the host."""
+        """Return the state by the path of each piece, on the host."""
         if self._read is None:
             self._read = reader(*self._fields)
         saved: dict[str, Any] = dict(zip(self.paths, self._read(), strict=True))
-        for path, owner, key in self._walked():
-            value = _value(owner, key)
+        for piece in self._on_host():
+            value = piece.value
             if isinstance(value, np.random.Generator):
-                saved[path] = deepcopy(value.bit_generator.state)
+                value = value.bit_generator.state
             elif saves_itself(value):
-                saved[path] = deepcopy(value.state())
-            elif not _is_field(value):
-                saved[path] = deepcopy(value)
+                value = value.state()
+            saved[piece.path] = deepcopy(value)
         return saved
 
     def unlike(self, saved: dict[str, Any]) -> str | None:
-        """Why what was saved cannot be restored; None where it can."""
-        paths = [
-            *self.paths,
-            *(path for path, owner, key in self._walked() if not _is_field(_value(owner, key))),
-        ]
-        other = sorted(set(paths) ^ saved.keys())
+        """Return the reason why a saved state cannot be restored, None if it can."""
+        other = sorted({*self.paths, *(piece.path for piece in self._on_host())} ^ saved.keys())
         if other:
-            return f"{other[0]} is but in one of the two"
+            return f"{other[0]} exists in only one of the two states"
         for path, field in zip(self.paths, self._fields, strict=True):
             if tuple(np.shape(saved[path])[: len(field.shape)]) != tuple(field.shape):
                 return f"{path} has the shape {np.shape(saved[path])}, not {tuple(field.shape)}"
         return None
 
-    def _walked(self) -> list[tuple[str, Any, Any]]:
-        return list(_walk(self.part, type(self.part).__name__))
-
     def restore(self, saved: dict[str, Any]) -> None:
-        """Go back to what was saved."""
+        """Go back to a saved state."""
         if self._put is None:
             self._put = uploader(*self._fields)
         self._put(*(saved[path] for path in self.paths))
-        for path, owner, key in self._walked():
-            value = _value(owner, key)
+        for piece in self._on_host():
+            value, before = piece.value, deepcopy(saved[piece.path])
             if isinstance(value, np.random.Generator):
-                value.bit_generator.state = deepcopy(saved[path])
-            elif _is_field(value):
-                continue
+                value.bit_generator.state = before
             elif saves_itself(value):
-                value.restore(deepcopy(saved[path]))
-            elif isinstance(owner, dict):
-                owner[key] = deepcopy(saved[path])
-            elif isinstance(owner, list):
-                owner[int(key)] = deepcopy(saved[path])
+                value.restore(before)
             else:
-                setattr(owner, key, deepcopy(saved[path]))
+                piece.replace(before)
+
+    def _walk(self) -> list[_Piece]:
+        return list(_pieces(self.part, type(self.part).__name__))
+
+    def _on_host(self) -> list[_Piece]:
+        return [piece for piece in self._walk() if not isinstance(piece.value, ti.Field)]
 
 
-def _clearer(fields: list[Any]) -> Callable[[], None]:
-    """A function that zeroes the fields: in place, or by a kernel, compiled at once, those of one shape in one loop."""
+def _clearer(fields: list[Field]) -> Callable[[], None]:
+    """Return a function that zeroes the fields: in place, or by one kernel, with one loop for fields of one shape."""
     if views(fields) is not None:
 
         def zero() -> None:
-            for place in views(fields) or ():  # asked again: they go where Taichi is reset
+            for place in views(fields) or ():  # asked again: the views are gone after a reset of Taichi
                 place[...] = 0
 
         return zero

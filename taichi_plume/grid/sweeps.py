@@ -1,21 +1,20 @@
-"""Passes over the cells or faces of a grid that set a field from others."""
+"""Sweeps: passes over the cells or faces of a grid that set a field from others, vectorised strip by strip."""
 
 from collections.abc import Callable, Sequence
 from math import prod
-from typing import Any
 
 import taichi as ti
 
-from taichi_plume.grid.kernels import FEW_CELLS, FEW_ROWS, STRIP, Pass, Template, on_cpu
+from taichi_plume.grid.kernels import FEW_CELLS, FEW_ROWS, STRIP, Field, Pass, Template, on_cpu
 
 Ranges = Sequence[tuple[int, int]]
-"""(begin, end) per axis."""
+"""First index and end per axis."""
 
 
 def _strips(cells: int) -> tuple[int, int]:
-    """How many a row of so many cells has, and how many cells each of them but the last.
+    """Return the number of strips of a row of cells, and the cells of each strip except the last.
 
-    The last one has several: LLVM makes faulty code of loops over one cell and, of another field, none.
+    The last strip has several cells: LLVM makes faulty code of loops over one cell and, of another field, none.
     """
     strips = -(-cells // STRIP)
     even = -(-cells // strips)
@@ -23,18 +22,25 @@ def _strips(cells: int) -> tuple[int, int]:
     return strips, whole if cells - (strips - 1) * whole >= min(4, cells) else even
 
 
-def sweep(bodies: Sequence[Callable], outs: Sequence[Any], *ranges: Ranges) -> Pass:
-    """A pass setting ``out[I] = body(I, a, b)`` per pair of body and out, I in `ranges`: of all, or of each body,
-    with other ends.
+def _merged(
+    bodies: Sequence[Callable], ranges: Sequence[Ranges]
+) -> tuple[Sequence[Ranges], list[tuple[int, int]]]:
+    """Return the ranges of each body, and the range per axis that covers all of them."""
+    own = ranges if len(ranges) == len(bodies) else tuple(ranges) * len(bodies)
+    return own, [max(axis) for axis in zip(*own, strict=True)]
+
+
+def sweep(bodies: Sequence[Callable], outs: Sequence[Field | tuple[Field, ...]], *ranges: Ranges) -> Pass:
+    """Return a pass that sets ``out[I] = body(I, a, b)`` per pair of body and out, for I in the common range of all
+    bodies or in the range of each body; ranges differ in their ends only.
 
     body: ti.func of an index vector and two scalars, without stores and with `ti.select` for `if`; it may read `out` at
-    I only. Where `out` is a tuple of fields, it returns a vector with a value for each.
+    I only. If `out` is a tuple of fields, body returns a vector with a value for each field.
 
     On a CPU a row is cut into strips: 32 values are computed into registers, then stored. LLVM vectorises loops
     only while they store nothing global, so this is up to five times faster than storing cell by cell.
     """
-    own = ranges if len(ranges) == len(bodies) else ranges * len(bodies)
-    whole = [max(axis) for axis in zip(*own, strict=True)]
+    own, whole = _merged(bodies, ranges)
     dim = len(whole)
     begin, end = whole[0]  # axis 0 is contiguous in memory
     strips, width = _strips(end - begin)
@@ -106,31 +112,31 @@ def sweep(bodies: Sequence[Callable], outs: Sequence[Any], *ranges: Ranges) -> P
     return Pass(by_strip if flat and cells > FEW_CELLS else by_row, cells)
 
 
-BLOCK = 16  # rows of which each gives what it passes on to the next one
+BLOCK = 16  # rows swept in order, so that a flux between two rows is computed once
 
 
 def flux_sweep(
     fluxes: Sequence[Sequence[Callable]],
     lasts: Sequence[Callable],
     bodies: Sequence[Callable],
-    outs: Sequence[Any],
+    outs: Sequence[Field],
     *ranges: Ranges,
 ) -> Pass:
-    """As `sweep`, ``out[I] = body(I, net, a, b)``, net what flows into volume I: of each axis e the flux through its
-    lower side, ``fluxes[n][e](I)``, less that through its upper one, which is the lower one of I + e. lasts: as the
-    fluxes along a row, but also beyond the range's last volume.
+    """Return a finite-volume `sweep` that sets ``out[I] = body(I, net, a, b)``; net: net flux into volume I.
 
-    On a CPU the fluxes along a row and from a row to the next are reckoned once, for both volumes beside them.
+    The net flux is the sum over axes e of the flux through the lower side, ``fluxes[n][e](I)``, less the flux through
+    the upper side, which is the lower side of I + e. lasts: the fluxes along a row at the end of the range, too.
+
+    On a CPU the fluxes along a row and from a row to the next are computed once, for both volumes beside them.
     """
-    own = ranges if len(ranges) == len(bodies) else ranges * len(bodies)
-    whole = [max(axis) for axis in zip(*own, strict=True)]
+    own, whole = _merged(bodies, ranges)
     dim = len(whole)
     (begin, end), (low, high) = whole[:2]
     (strips, width), blocks = _strips(end - begin), -(-(high - low) // BLOCK)
     slabs = tuple(reversed(whole[2:]))
     pairs, across = tuple(range(len(bodies))), tuple(range(2, dim))
     bodies, outs = tuple(bodies), tuple(outs)
-    fluxes, lasts = tuple(tuple(one) for one in fluxes), tuple(lasts)
+    fluxes, lasts = tuple(tuple(per_axis) for per_axis in fluxes), tuple(lasts)
 
     @ti.func
     def index(J: Template, row, i):
@@ -165,7 +171,7 @@ def flux_sweep(
                     for e in ti.static(across):
                         for side in range(
                             2
-                        ):  # not unrolled by Taichi: half the compile time; LLVM unrolls it
+                        ):  # not unrolled by Taichi, which halves the compile time, but by LLVM
                             for n in range(count):
                                 I = index(J, row, first + n) + side * ti.Vector.unit(dim, e, ti.i32)
                                 net[n] += (1 - 2 * side) * fluxes[q][e](I)

@@ -1,33 +1,32 @@
 """Constants of a solver, in fields that are filled once."""
 
-from typing import Any
-
 import numpy as np
 import taichi as ti
 
+from taichi_plume.grid.kernels import Field
 from taichi_plume.grid.transfer import uploader
 
 
 class Tables:
-    """Collects the fields that a solver and its parts fill when they are made, to fill them all in one launch."""
+    """Collects the constant fields of a solver and its parts, to fill all of them in one launch."""
 
     def __init__(self):
-        self._fields: list[Any] = []
+        self._fields: list[Field] = []
         self._values: list[np.ndarray] = []
 
-    def put(self, field: Any, values: np.ndarray) -> Any:
+    def put(self, field: Field, values: np.ndarray) -> Field:
         """Fill the field with values of its shape; returns the field."""
         self._fields.append(field)
         self._values.append(np.asarray(values))
         return field
 
-    def listed(self, values: np.ndarray) -> Any:
-        """A field of the numbers (n,) or rows (n, dim), whole or f32; of one zero where there are none: Taichi has no
-        empty fields.
+    def listed(self, values: np.ndarray) -> Field:
+        """Return a field of the numbers (n,) or rows (n, dim), i32 or f32; one zero if n is 0, as Taichi has no empty
+        fields.
         """
         dtype = ti.i32 if np.issubdtype(values.dtype, np.integer) else ti.f32
         n = max(1, len(values))
-        field: Any = ti.field(dtype, n) if values.ndim == 1 else ti.Vector.field(values.shape[1], dtype, n)
+        field = ti.field(dtype, n) if values.ndim == 1 else ti.Vector.field(values.shape[1], dtype, n)
         return self.put(field, values if len(values) else np.zeros((1, *values.shape[1:])))
 
     def upload(self) -> None:

@@ -1,9 +1,9 @@
-"""Taichi's tracing of kernels, made cheaper: of a start with compiled kernels on disk it is the longest part.
+"""Faster tracing of Taichi's kernels, the longest part of a start with compiled kernels on disk.
 
-Taichi 1.7, the last of its line, reads a function's source anew for each place that calls it, works out for each node
-of each kernel where in the source it stands, and for each field the whole stack that declares it, all for messages of
-errors. Here sources are read once and places are told by file and line. Each change is made only where Taichi is as
-expected; elsewhere it works as usual. What is traced is the same: the cache of compiled kernels is found by it.
+Taichi 1.7, the last release, reads a function's source again for each call of it, computes the position in the source
+for each node of each kernel, and for each field the whole stack that declares it, all for error messages. Here sources
+are read once and positions are given by file and line. A function of Taichi is replaced only if it is as expected;
+otherwise it stays. The traced code is the same, so that the cache of compiled kernels stays valid.
 """
 
 import ast
@@ -14,7 +14,7 @@ from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from types import CodeType, FunctionType, SimpleNamespace
-from typing import Any
+from typing import Any, TypeVar
 
 import taichi as ti
 from taichi.lang import impl, kernel_impl, matrix, snode
@@ -24,11 +24,15 @@ from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext, Builder
 TAICHI = str(Path(ti.__file__).parent)
 
 
-def replace(owner: Any, name: str, parameters: tuple[str, ...], other: Callable) -> bool:
-    """Put another function in the place of one of Taichi's that has these parameters; whether it was as expected."""
-    old = getattr(owner, name, None)
-    code = getattr(old, "__code__", None)
-    if code is None or code.co_varnames[: code.co_argcount] != parameters:
+Read = TypeVar("Read")
+
+
+def replace(owner: object, name: str, parameters: tuple[str, ...], other: Callable) -> bool:
+    """Replace a function of Taichi if it has these parameters; return whether it was replaced."""
+    old = vars(owner).get(name)
+    if not isinstance(old, FunctionType):
+        return False
+    if old.__code__.co_varnames[: old.__code__.co_argcount] != parameters:
         return False
     setattr(owner, name, other)
     return True
@@ -37,12 +41,12 @@ def replace(owner: Any, name: str, parameters: tuple[str, ...], other: Callable)
 # ---------------------------------------------------------------- sources
 
 
-def once(read: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    """`read` of a function's source, once for all functions that one `def` makes."""
-    known: dict[int, tuple[CodeType, Any]] = {}  # with the code, so that its number is not given again
+def once(read: Callable[[object], Read]) -> Callable[[object], Read]:
+    """Return a `read` of a function's source that reads once for all functions made by the same `def`."""
+    known: dict[int, tuple[CodeType, Read]] = {}  # with the code, so that its id is not given again
 
-    def reading(function: Any) -> Any:
-        if type(function) is not FunctionType or hasattr(function, "__wrapped__"):
+    def reading(function: object) -> Read:
+        if type(function) is not FunctionType or "__wrapped__" in vars(function):
             return read(function)
         code = function.__code__
         if id(code) not in known:
@@ -53,7 +57,7 @@ def once(read: Callable[[Any], Any]) -> Callable[[Any], Any]:
 
 
 def inside_class(level_of_class_stackframe: int) -> bool:
-    """Whether the function that is being decorated is one of a class, by the line that the frame outside stands at."""
+    """Return whether the function that is being decorated is a method, by the line of the frame outside."""
     try:
         frame = sys._getframe(level_of_class_stackframe)
     except ValueError:
@@ -62,26 +66,20 @@ def inside_class(level_of_class_stackframe: int) -> bool:
     return any(pattern.match(line) for pattern in kernel_impl._KERNEL_CLASS_STACKFRAME_STMT_RES)
 
 
-# ---------------------------------------------------------------- places
+# ---------------------------------------------------------------- positions
 
 
-def position(self: Any, node: Any) -> str:
-    """File and line for Taichi's messages, and the line's text.
-
-    Taichi itself also underlines the place.
-    """
-    lines = self.__dict__.setdefault("told", {})
-    told = lines.get(node.lineno)
-    if told is None:
+def position(self: Any, node: ast.stmt | ast.expr) -> str:
+    """Return the file, the line and its text for Taichi's messages. Taichi itself also underlines the position."""
+    lines = vars(self).setdefault("line_texts", {})
+    if node.lineno not in lines:
         text, line = self.src[node.lineno - 1].strip(), node.lineno + self.lineno_offset
-        told = lines[node.lineno] = (
-            f'File "{self.file}", line {line}, in {self.func.func.__name__}:\n{text}\n'
-        )
-    return told
+        lines[node.lineno] = f'File "{self.file}", line {line}, in {self.func.func.__name__}:\n{text}\n'
+    return lines[node.lineno]
 
 
 def declaration(stacklevel: int = 1) -> str:
-    """The line that declares a field: the innermost that is not Taichi's."""
+    """Return the line that declares a field: the innermost line outside Taichi."""
     frame = sys._getframe(1)
     while frame.f_back is not None and frame.f_code.co_filename.startswith(TAICHI):
         frame = frame.f_back
@@ -92,13 +90,13 @@ def declaration(stacklevel: int = 1) -> str:
 
 
 class _Failing:
-    """A builder of nodes that fails as another one did."""
+    """A builder of nodes that fails with the same error as another builder."""
 
     def __init__(self, error: Exception):
         self.error = error
 
     def __getattr__(self, name: str) -> Callable:
-        def fail(ctx: Any, node: Any) -> Any:
+        def fail(ctx: ASTTransformerContext, node: ast.AST) -> None:
             raise self.error
 
         return fail
@@ -106,14 +104,14 @@ class _Failing:
 
 @cache
 def _builder(builder: type, kind: type) -> tuple[Callable | None, bool]:
-    """The function that builds nodes of a kind, and whether they have a place in the source."""
+    """Return the function that builds nodes of a kind, and whether such nodes have a position in the source."""
     return getattr(builder, f"build_{kind.__name__}", None), issubclass(kind, ast.stmt | ast.expr)
 
 
 def building(plain: Callable) -> Callable:
-    """What builds a node: as `plain` does, which still tells what is wrong with one."""
+    """Return a function that builds a node as `plain` does; `plain` still reports the errors."""
 
-    def build(self: Any, ctx: Any, node: Any) -> Any:
+    def build(self: object, ctx: ASTTransformerContext, node: ast.AST) -> object:
         method, placed = _builder(type(self), type(node))
         if method is None:
             return plain(self, ctx, node)
@@ -130,18 +128,18 @@ def building(plain: Callable) -> Callable:
 
 
 def quicken() -> tuple[bool, ...]:
-    """Make the changes; which of them were made."""
-    places = ("getsourcelines", "getsourcefile")
-    changes = [replace(kernel_impl, name, ("obj",), once(getattr(kernel_impl, name))) for name in places]
-    if getattr(kernel_impl, "textwrap", None) is textwrap:
+    """Replace functions of Taichi; return for each whether it was replaced."""
+    sources = ("getsourcelines", "getsourcefile")
+    changes = [replace(kernel_impl, name, ("obj",), once(vars(kernel_impl)[name])) for name in sources]
+    if vars(kernel_impl).get("textwrap") is textwrap:
         fill, dedent = cache(textwrap.fill), cache(textwrap.dedent)
         kernel_impl.textwrap = SimpleNamespace(fill=fill, dedent=dedent)  # type: ignore[attr-defined]
         changes.append(True)
     changes.append(replace(kernel_impl, "_inside_class", ("level_of_class_stackframe",), inside_class))
     changes.append(replace(ASTTransformerContext, "get_pos_info", ("self", "node"), position))
-    changes.extend(
-        replace(one, "get_traceback", ("stacklevel",), declaration) for one in (impl, matrix, snode)
-    )
+    changes += [
+        replace(part, "get_traceback", ("stacklevel",), declaration) for part in (impl, matrix, snode)
+    ]
     if ast_transformer_utils.impl is impl and hasattr(impl.PyTaichi(), "src_info_stack"):
         plain = Builder.__call__
         changes.append(replace(Builder, "__call__", ("self", "ctx", "node"), building(plain)))

@@ -1,34 +1,35 @@
-"""Arrays to and from fields, many at once, and the numbers that kernels read when they run.
+"""Arrays to and from fields, many at once, and numbers that kernels read when they run.
 
-On the CPU they are copied in place. Elsewhere every `from_numpy`, `to_numpy` and `fill` of another field compiles a
-kernel of its own (0.1 s without a cache, 0.03 s with one); here a component compiles one for all of its fields, when it
-is built. After that nothing here compiles.
+On the CPU fields are copied in place. Elsewhere every `from_numpy`, `to_numpy` and `fill` of another field compiles a
+kernel of its own (0.1 s without a cache, 0.03 s with one); here a component compiles one kernel for all its fields, in
+its constructor. After that nothing here compiles.
 """
 
 from collections.abc import Callable, Sequence
+from functools import cache, partial
 from math import prod
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import taichi as ti
 
-from taichi_plume.grid.kernels import Template
+from taichi_plume.grid.kernels import Field, Template
 from taichi_plume.grid.memory import KINDS, views
 
 
 class _Layout:
-    """Where fields lie, one after the other, in a flat array of f32 (of i32 and u32 by their bits) and one of f64."""
+    """Places of fields, one after the other, in a flat array of f32 (of i32 and u32 by their bits) and one of f64."""
 
-    def __init__(self, fields: Sequence[Any]):
-        self.fields = tuple(fields)
-        self.widths = tuple(getattr(field, "n", 1) for field in fields)
+    def __init__(self, fields: Sequence[Field]):
         self.vectors = tuple(isinstance(field, ti.MatrixField) for field in fields)
+        self.widths = tuple(
+            field.n if vector else 1 for field, vector in zip(fields, self.vectors, strict=True)
+        )
         self.shapes = tuple(
             (*field.shape, n) if vector else field.shape
             for field, n, vector in zip(fields, self.widths, self.vectors, strict=True)
         )
         self.dtypes = tuple(KINDS[field.dtype] for field in fields)
-        self.alike = alike(fields)
         self.begins: tuple[int, ...] = ()
         length = {False: 0, True: 0}
         for shape, dtype in zip(self.shapes, self.dtypes, strict=True):
@@ -38,13 +39,13 @@ class _Layout:
         self.double = np.zeros(max(1, length[True]))
 
     def part(self, f: int) -> np.ndarray:
-        """The place of field f in the flat arrays, a view of the field's shape and kind of number."""
+        """Return the place of field f in the flat arrays, a view of the field's shape and kind of number."""
         flat = self.double if self.dtypes[f] is np.float64 else self.single.view(self.dtypes[f])
         return flat[self.begins[f] : self.begins[f] + prod(self.shapes[f])].reshape(self.shapes[f])
 
 
-def alike(fields: Sequence[Any]) -> tuple[tuple[int, ...], ...]:
-    """Numbers of the fields of each shape: one loop for all of them compiles in a fraction of the time of one each."""
+def alike(fields: Sequence[Field]) -> tuple[tuple[int, ...], ...]:
+    """Indices of the fields of each shape: one loop for a shape compiles in a fraction of the time of one per field."""
     groups: dict[tuple[int, ...], list[int]] = {}
     for f, field in enumerate(fields):
         groups.setdefault(tuple(field.shape), []).append(f)
@@ -60,20 +61,19 @@ def _place(I: Template, shape: Template):
     return place
 
 
-def uploader(*fields: Any) -> Callable[..., None]:
-    """A function ``put(*arrays)`` that sets the fields, whole and in this order.
+def uploader(*fields: Field) -> Callable[..., None]:
+    """Return a function ``put(*arrays)`` that sets the fields, whole and in this order.
 
     An array has the field's shape (and a last axis over the components of a vector field), or is one number for all.
     """
-    launched: list[Callable[..., None]] = []
+    copier = cache(partial(_copier, fields))
 
-    def upload(*arrays: Any) -> None:
+    def upload(*arrays: np.ndarray | float) -> None:
         if len(arrays) != len(fields):
             raise TypeError(f"{len(fields)} fields, {len(arrays)} arrays")
         places = views(fields)
         if places is None:
-            launched[:] = launched or [_uploading(fields)]
-            launched[0](*arrays)
+            copier()[0](*arrays)
             return
         for place, array in zip(places, arrays, strict=True):
             place[...] = array
@@ -81,24 +81,23 @@ def uploader(*fields: Any) -> Callable[..., None]:
     return upload
 
 
-def reader(*fields: Any) -> Callable[[], list[np.ndarray]]:
-    """A function that reads the fields: an array of each, shaped as those that `uploader` takes."""
-    launched: list[Callable[[], list[np.ndarray]]] = []
+def reader(*fields: Field) -> Callable[[], list[np.ndarray]]:
+    """Return a function that reads the fields: an array of each, shaped as the arrays that `uploader` takes."""
+    copier = cache(partial(_copier, fields))
 
     def read() -> list[np.ndarray]:
         places = views(fields)
         if places is None:
-            launched[:] = launched or [_reading(fields)]
-            return launched[0]()
+            return copier()[1]()
         return [np.array(place, order="C") for place in places]
 
     return read
 
 
-def _uploading(fields: Sequence[Any]) -> Callable[..., None]:
-    """As `uploader`, in one launch."""
+def _copier(fields: Sequence[Field]) -> tuple[Callable[..., None], Callable[[], list[np.ndarray]]]:
+    """Return functions that upload and read the fields, each by one launch of a kernel compiled when first used."""
     layout = _Layout(fields)
-    widths, begins, vectors = layout.widths, layout.begins, layout.vectors
+    groups, widths, begins, vectors = alike(fields), layout.widths, layout.begins, layout.vectors
     dtypes = tuple(field.dtype for field in fields)
 
     @ti.func
@@ -112,33 +111,6 @@ def _uploading(fields: Sequence[Any]) -> Callable[..., None]:
             value = ti.bit_cast(single[at], dtypes[f])
         return value
 
-    @ti.kernel
-    def put(single: ti.types.ndarray(dtype=ti.f32, ndim=1), double: ti.types.ndarray(dtype=ti.f64, ndim=1)):
-        for same in ti.static(layout.alike):
-            for I in ti.grouped(fields[same[0]]):
-                place = _place(I, fields[same[0]].shape)
-                for f in ti.static(same):
-                    for k in ti.static(range(widths[f])):
-                        value = entry(f, begins[f] + place * widths[f] + k, single, double)
-                        if ti.static(not vectors[f]):
-                            fields[f][I] = value
-                        else:
-                            fields[f][I][k] = value
-
-    def upload(*arrays: Any) -> None:
-        for f, array in enumerate(arrays):
-            layout.part(f)[...] = array
-        put(layout.single, layout.double)
-
-    return upload
-
-
-def _reading(fields: Sequence[Any]) -> Callable[[], list[np.ndarray]]:
-    """As `reader`, in one launch."""
-    layout = _Layout(fields)
-    widths, begins, vectors = layout.widths, layout.begins, layout.vectors
-    dtypes = tuple(field.dtype for field in fields)
-
     @ti.func
     def keep(f: Template, value, at, single: Template, double: Template):
         if ti.static(dtypes[f] == ti.f64):
@@ -149,23 +121,36 @@ def _reading(fields: Sequence[Any]) -> Callable[[], list[np.ndarray]]:
             single[at] = ti.bit_cast(value, ti.f32)
 
     @ti.kernel
-    def get(single: ti.types.ndarray(dtype=ti.f32, ndim=1), double: ti.types.ndarray(dtype=ti.f64, ndim=1)):
-        for same in ti.static(layout.alike):
+    def copy(
+        to_fields: Template,
+        single: ti.types.ndarray(dtype=ti.f32, ndim=1),  # type: ignore[valid-type]
+        double: ti.types.ndarray(dtype=ti.f64, ndim=1),  # type: ignore[valid-type]
+    ):
+        for same in ti.static(groups):
             for I in ti.grouped(fields[same[0]]):
                 place = _place(I, fields[same[0]].shape)
                 for f in ti.static(same):
                     for k in ti.static(range(widths[f])):
                         at = begins[f] + place * widths[f] + k
-                        if ti.static(not vectors[f]):
-                            keep(f, fields[f][I], at, single, double)
-                        else:
+                        if ti.static(to_fields and vectors[f]):
+                            fields[f][I][k] = entry(f, at, single, double)
+                        elif ti.static(to_fields):
+                            fields[f][I] = entry(f, at, single, double)
+                        elif ti.static(vectors[f]):
                             keep(f, fields[f][I][k], at, single, double)
+                        else:
+                            keep(f, fields[f][I], at, single, double)
+
+    def upload(*arrays: np.ndarray | float) -> None:
+        for f, array in enumerate(arrays):
+            layout.part(f)[...] = array
+        copy(True, layout.single, layout.double)
 
     def read() -> list[np.ndarray]:
-        get(layout.single, layout.double)
+        copy(False, layout.single, layout.double)
         return [layout.part(f).copy() for f in range(len(fields))]
 
-    return read
+    return upload, read
 
 
 class Numbers:
@@ -175,14 +160,15 @@ class Numbers:
     change in one call: a launch), a kernel reads ``n.viscosity[None]``, the host ``n["viscosity"]``.
     """
 
+    if TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Field: ...
+
     def __init__(self, *names: str):
         self._values = dict.fromkeys(names, 0.0)
-        for name in names:
-            setattr(self, name, ti.field(ti.f32, ()))
-        self._upload = uploader(*(getattr(self, name) for name in names))
-
-    def __getattr__(self, name: str) -> Any:
-        raise AttributeError(name)
+        fields = {name: ti.field(ti.f32, ()) for name in names}
+        vars(self).update(fields)
+        self._upload = uploader(*fields.values())
 
     def __getitem__(self, name: str) -> float:
         return self._values[name]

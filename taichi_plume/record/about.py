@@ -1,6 +1,6 @@
-"""The text beside a recording: what is what by form and colour, the run's key facts, its resolved scenario."""
+"""Text document of a recording: legend of forms and colours, key facts of the run, resolved scenario."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from math import prod
 
 import rerun as rr
@@ -18,12 +18,12 @@ from taichi_plume.simulation import Simulation
 def about(
     sim: Simulation, backend: str, recorded: int, seen: Sequence[Plane], quantities: Sequence[Quantity]
 ) -> Entities:
-    """As one document."""
+    """Yield the document."""
     name = "".join(f"\\{sign}" if sign in "\\`*_{}[]()<>#+-.!|~" else sign for sign in sim.scenario.name)
     parts = [
         f"# {name}",
         "## What you see",
-        _table(_shown(sim, seen, quantities)),
+        _table(_legend(sim, seen, quantities)),
         "## The run",
         _table(_facts(sim, backend, recorded).items()),
         f"```yaml\n{all_keys(sim.scenario)}```",
@@ -31,14 +31,14 @@ def about(
     yield "about", rr.TextDocument("\n\n".join(parts), media_type=rr.MediaType.MARKDOWN)
 
 
-def _table(rows: object) -> str:
-    return "| | |\n|---|---|\n" + "\n".join(f"| {key} | {value} |" for key, value in rows)  # type: ignore[attr-defined]
+def _table(rows: Iterable[tuple[str, str]]) -> str:
+    return "| | |\n|---|---|\n" + "\n".join(f"| {key} | {value} |" for key, value in rows)
 
 
-def _shown(
+def _legend(
     sim: Simulation, seen: Sequence[Plane], quantities: Sequence[Quantity]
 ) -> Iterator[tuple[str, str]]:
-    """What things look like, and what they are."""
+    """Yield the look and the meaning of what is drawn."""
     scenario, deep = sim.scenario, sim.grid.dim == 3
     if scenario.sources:
         yield "red ball", "a source of gas"
@@ -56,7 +56,7 @@ def _shown(
     where = f", {plane}, drawn on the floor" if deep else ""
     yield (
         "grey arrows",
-        f"wind{where}: as long as the air is fast, the key beside the colour bar tells how much",
+        f"wind{where}: the length is the speed of the air, on the scale of the key beside the colour bar",
     )
     if sim.swarm.count:
         yield (
@@ -64,32 +64,32 @@ def _shown(
             "robots, each in the colour of its trail, its sensor's curve and its events; large arenas show them larger",
         )
         if any(group.odometry for group in scenario.robots):
-            yield "pale outlines and trails", "where robots believe to be"
+            yield "pale outlines and trails", "estimated positions of robots (odometry)"
         if any(may_declare(group) for group in scenario.robots):
             yield (
                 "rings with a cross",
-                "where a robot says that a source is, its last word or its first right one: green right, orange wrong",
+                "declared source positions, the last or the first right one of a robot: green right, orange wrong",
             )
-        yield "bars of behaviour", "what each robot is doing; green: it has found a source"
-    if any(one.motion for one in scenario.obstacles):
-        yield "white, named walker", "an obstacle that moves, its way as a thin line"
+        yield "bars of behaviour", "state of each robot; green: the robot has found a source"
+    if any(obstacle.motion for obstacle in scenario.obstacles):
+        yield "white, named walker", "a moving obstacle, with its path as a thin line"
     if scenario.obstacles:
         yield "grey", "obstacles"
     if sim.maps:
         yield (
             "map tabs",
-            "left what the robots make of their readings (its weight, its error), right the truth: the mean of the gas "
+            "left the estimate from the robots' readings (its weight, its error), right the truth: the mean of the gas "
             "since the start; purple to yellow, on the gas's scale",
         )
     if believers(sim):
         yield (
             "belief tabs",
-            "where the first robot of a group believes the source to be, a probability per square metre; black to pale",
+            "belief of the first robot of a group about the source, as probability per square metre; black to pale",
         )
 
 
 def _facts(sim: Simulation, backend: str, recorded: int) -> dict[str, str]:
-    """Key figures of the run."""
+    """Return the key figures of the run."""
     scenario, grid = sim.scenario, sim.grid
     robots = "none"
     if sim.swarm.count:

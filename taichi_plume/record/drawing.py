@@ -1,4 +1,4 @@
-"""Shapes, colours and cameras of the recording as plain arrays: what to draw, not how it is stored."""
+"""Geometry, colours, scales and cameras of the recording as plain arrays, without rerun."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -29,9 +29,9 @@ STATES = np.array(
     [0x546E7AFF, 0xFFB300FF, 0x29B6F6FF, 0xAB47BCFF, 0x5C6BC0FF, 0xEC407AFF, 0x8D6E63FF, 0x26A69AFF],
     np.uint32,
 )
-FOUND = 0x43A047FF  # green, which no state is; red are sources
+FOUND = 0x43A047FF  # green, which no state has; sources are red
 RIGHT, WRONG = (102, 255, 120), (255, 145, 40)
-"""Declarations of where a source is."""
+"""Right and wrong declarations of a source's position."""
 VIRIDIS = ((68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (253, 231, 37))
 EMBER = ((24, 26, 32), (78, 52, 46), (191, 97, 44), (255, 183, 77), (255, 245, 200))
 BLUE_RED = ((33, 102, 172), (103, 169, 207), (236, 239, 241), (239, 138, 98), (178, 24, 43))
@@ -43,18 +43,18 @@ FIELD_OF_VIEW = radians(55)  # of the viewer's camera, over the height of its pa
 
 
 def pale(color: tuple[int, ...]) -> tuple[int, ...]:
-    """The colour halfway to white."""
+    """Return the colour halfway to white."""
     return tuple((part + 255) // 2 for part in color)
 
 
 def logarithmic(values: np.ndarray, low: float, high: float) -> np.ndarray:
-    """Place of `values` on a logarithmic scale from `low` (0) to `high` (1); NaN stays NaN."""
+    """Return the place of `values` on a logarithmic scale from `low` (0) to `high` (1); NaN stays NaN."""
     place = (np.log10(np.maximum(values, low * 1e-6)) - log10(low)) / (log10(high) - log10(low))
     return np.clip(place, 0.0, 1.0)
 
 
 def decades(low: float, high: float) -> list[tuple[float, str]]:
-    """Place on the logarithmic scale and label of each power of ten from `low` to `high`; of few, with 3 times them."""
+    """Return place and label of each power of ten on a logarithmic scale; if they are few, also of 3 times each."""
     powers = range(floor(log10(low)), floor(log10(high) + 1e-9) + 1)
     factors = (1, 3) if log10(high / low) < 4 - 1e-9 else (1,)
     marks = [
@@ -70,21 +70,21 @@ def decades(low: float, high: float) -> list[tuple[float, str]]:
 
 
 def rounded_up(value: float, steps: Sequence[float] = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)) -> float:
-    """The next of these numbers, times a power of ten, that is not below a value above 0."""
+    """Return the smallest of these numbers, times a power of ten, that is not below a positive value."""
     power = 10.0 ** ceil(log10(value) - 1 - 1e-9)
     return next(n * power for n in (*steps, 10.0) if n * power >= value * (1 - 1e-9))
 
 
 @dataclass(frozen=True)
 class Scale:
-    """What a byte v stands for: low (high/low)^(v/255) with 0 for at most low, or low + (high - low) v/255."""
+    """Value of a byte v: low (high/low)^(v/255) with 0 for at most low, or low + (high - low) v/255."""
 
     low: float
     high: float
     kind: Literal["log", "linear"]
 
     def bytes(self, values: np.ndarray) -> np.ndarray:
-        """As u8; NaN becomes 0."""
+        """Return values as u8; NaN becomes 0."""
         known = np.fmax(values, np.float32(self.low))
         if self.kind == "log":
             places = np.log(known) - np.float32(log(self.low))
@@ -94,7 +94,7 @@ class Scale:
         return np.minimum(places + np.float32(0.5), 255).astype(np.uint8)
 
     def marks(self) -> list[tuple[float, str]]:
-        """Place and label of what a legend shows."""
+        """Return place and label of the marks of a legend."""
         if self.kind == "log":
             return decades(self.low, self.high)
         step = rounded_up((self.high - self.low) / 7, (1.0, 2.0, 5.0))
@@ -103,17 +103,17 @@ class Scale:
 
 
 DENSITIES = Scale(1e-3, 1e2, "log")
-"""Of beliefs [1/m²]."""
+"""Scale of beliefs [1/m²]."""
 
 
 def robot_color(number: int) -> tuple[int, int, int]:
-    """RGB bytes of a robot; number: its place in a trial, counted through the groups. The colours repeat in order."""
+    """Return the RGB bytes of a robot; number: of the robot in a trial, counted through the groups. Colours repeat."""
     red, green, blue = ROBOTS[number % len(ROBOTS)].tolist()
     return red, green, blue
 
 
 def painted(places: np.ndarray, palette: Sequence[Sequence[int]]) -> np.ndarray:
-    """RGBA bytes (..., 4) of `places` in 0..1 on a palette; NaN is transparent."""
+    """Return RGBA bytes (..., 4) of `places` in 0..1 on a palette; NaN is transparent."""
     known = np.isfinite(places)
     at = np.where(known, places, 0.0) * (len(palette) - 1)
     rgb = [np.interp(at, np.arange(len(palette)), channel) for channel in np.transpose(palette)]
@@ -121,15 +121,19 @@ def painted(places: np.ndarray, palette: Sequence[Sequence[int]]) -> np.ndarray:
 
 
 def rows(image: np.ndarray) -> bytes:
-    """Bytes of image[ix, iy, ...] as the viewer wants them: rows of constant y, the largest y first."""
+    """Return the bytes of image[ix, iy, ...] in the viewer's order: rows of constant y, the largest y first."""
     return np.ascontiguousarray(np.swapaxes(image, 0, 1)[::-1]).tobytes()
 
 
 # ---------------------------------------------------------------- solids
 
 
-def robot_mesh(radius: float, height: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A disc drawn out to a nose along +x: vertices (n, 3) [m], triangles (m, 3), normals (n, 3)."""
+Triangles = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Vertices (n, 3) [m], triangles (m, 3) and normals (n, 3) of a mesh."""
+
+
+def robot_mesh(radius: float, height: float) -> Triangles:
+    """Return the mesh of a disc with a nose along +x."""
     nose = 1.7 * radius
     side = np.arccos(radius / nose)  # where the nose's flanks touch the disc
     angle = np.linspace(side, 2 * pi - side, 24)
@@ -137,8 +141,8 @@ def robot_mesh(radius: float, height: float) -> tuple[np.ndarray, np.ndarray, np
     return prism_mesh(np.vstack([[nose, 0.0], outline]), 0.0, height)
 
 
-def prism_mesh(outline: np.ndarray, base: float, top: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A vertical prism over a simple polygon (n, 2): vertices, triangles and normals as in `robot_mesh`."""
+def prism_mesh(outline: np.ndarray, base: float, top: float) -> Triangles:
+    """Return the mesh of a vertical prism over a simple polygon (n, 2)."""
     x, y = outline.T
     if np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y) < 0:
         outline = outline[::-1]  # counter-clockwise
@@ -161,8 +165,8 @@ def prism_mesh(outline: np.ndarray, base: float, top: float) -> tuple[np.ndarray
     return vertices, triangles, np.vstack([outward, outward, outward, outward, up, -up])
 
 
-def faceted(vertices: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A mesh whose triangles share no vertices, so that its edges show: as in `robot_mesh`."""
+def faceted(vertices: np.ndarray, triangles: np.ndarray) -> Triangles:
+    """Return a mesh whose triangles share no vertices, so that the edges show."""
     corners = np.asarray(vertices, float)[np.asarray(triangles)]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-30)
@@ -173,7 +177,7 @@ def faceted(vertices: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np
 
 
 def opening(region: Window, extent: Sequence[float], height: float) -> np.ndarray:
-    """Outline (n, 3) [m] of an opening or a screen on its plane; `height` [m] is that of the walls, in 2-D too."""
+    """Return the outline (n, 3) [m] of an opening or a screen on its plane; height: of the walls [m], in 2-D too."""
     low, high = region_bounds(region, extent, height)
     if region.diameter is not None and region.center is not None and len(region.center) == 2:
         angle = np.linspace(0, 2 * pi, 48, endpoint=False)
@@ -184,7 +188,7 @@ def opening(region: Window, extent: Sequence[float], height: float) -> np.ndarra
 
 
 def region_bounds(region: Window, extent: Sequence[float], height: float) -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper corner [m] of a region in its plane's own two axes."""
+    """Return the lower and upper corner [m] of a region in the two axes of its plane."""
     axis = region.normal
     sides = np.array([length for d, length in enumerate((*extent[:2], height)) if d != axis])
     low, high = np.zeros(2), sides.copy()
@@ -196,12 +200,12 @@ def region_bounds(region: Window, extent: Sequence[float], height: float) -> tup
 
 
 def on_plane(flat: np.ndarray, region: Window, size: tuple[float, ...]) -> np.ndarray:
-    """Points (n, 3) on the region's plane in the box 0..size, from points (n, 2) in the plane's own axes."""
+    """Return points (n, 3) on the region's plane in the box 0..size, from points (n, 2) in the plane's axes."""
     return np.insert(flat, region.normal, region.level(size), axis=-1)
 
 
 def comb(region: Window, extent: Sequence[float], height: float) -> list[np.ndarray]:
-    """The cells of a honeycomb as hexagons (7, 3) [m] within its region; in 2-D as short bars."""
+    """Return the cells of a honeycomb as hexagons (7, 3) [m] within its region; in 2-D as short bars."""
     low, high = region_bounds(region, extent, height)
     size = (*extent[:2], height)
     if len(extent) == 2:
@@ -227,7 +231,7 @@ def comb(region: Window, extent: Sequence[float], height: float) -> list[np.ndar
 def camera(
     points: np.ndarray, aspect: float, elevation_deg: float, azimuth_deg: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Position, target [m] and up of a camera that just frames points (n, 3).
+    """Return the position, target [m] and up vector of a camera that just frames points (n, 3).
 
     aspect: width over height of its panel; elevation_deg: above the ground, 90 looks straight down; azimuth_deg: 0
     looks along +y, 90 along -x.
@@ -239,9 +243,7 @@ def camera(
     half_height = tan(FIELD_OF_VIEW / 2)
     target = (points.min(axis=0) + points.max(axis=0)) / 2
     distance = 0.0
-    for _ in range(
-        20
-    ):  # what is near looks larger: move the target until top and bottom have the same margin
+    for _ in range(20):  # near things look larger: move the target until top and bottom have the same margin
         offsets = points - target
         depth, height = offsets @ forward, offsets @ up
         distance = max(
@@ -253,13 +255,9 @@ def camera(
     return target - 1.03 * distance * forward, target, up
 
 
-def lattice(extent: Sequence[float], counts: Sequence[int]) -> np.ndarray:
-    """Centres [m] of `counts` equal cells of the box 0..extent, (*counts, dim)."""
-    axes = [(np.arange(n) + 0.5) * length / n for length, n in zip(extent, counts, strict=True)]
-    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-
-
 def arrow_places(extent: Sequence[float]) -> tuple[np.ndarray, float]:
-    """Where wind arrows stand on a rectangle, (n, 2) [m], and the distance between them [m]."""
+    """Return the positions of wind arrows on a rectangle, (n, 2) [m], and the distance between them [m]."""
     step = hypot(*extent) / 26
-    return lattice(extent, [max(1, round(length / step)) for length in extent]).reshape(-1, 2), step
+    counts = [max(1, round(length / step)) for length in extent]
+    axes = [(np.arange(n) + 0.5) * length / n for length, n in zip(extent, counts, strict=True)]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2), step

@@ -1,4 +1,4 @@
-"""How the viewer lays a recording out: views, cameras, panels. For rerun, as `recording` and `scene`."""
+"""Layout of a recording in the viewer (rerun blueprint): views, cameras, panels."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,21 +21,22 @@ from taichi_plume.simulation import Simulation, Uncertain
 if TYPE_CHECKING:
     from taichi_plume.record.tracks import Robot
 
-MOST_LANES = 12  # behaviour lanes and entries of a legend that one can still read
+Part = rrb.View | rrb.Container
+MOST_LANES = 12  # legible behaviour lanes and entries of a legend
 MAP_SERIES = {
     "map_errors": "error_ppm",
     "map_correlations": "correlation",
     "map_peaks": "peak_distance_m",
     "map_surprises": "nlpd",
 }
-"""Where the scores of maps are (see `map_scores`), the error first."""
+"""Entities and names of the scores of maps, the error first."""
 MAP_NAMES = {
     "estimate": "Estimate [ppm]",
     "weight": "Weight",
     "error": "Ratio",
     "truth": "Truth: mean gas so far [ppm]",
 }
-"""What is shown of a map."""
+"""Pictures of a map and their titles."""
 MAP_TITLES = ("Error [ppm]", "Correlation", "Peak to source [m]", "NLPD of the next readings")
 BACKGROUND = (24, 26, 32)
 TEXT_HEIGHT = 32  # pixels, of a label and the gap above
@@ -43,7 +44,7 @@ TEXT_HEIGHT = 32  # pixels, of a label and the gap above
 
 @dataclass(frozen=True)
 class Shown:
-    """What a recording holds: its robots, planes and quantities; live: as it comes."""
+    """Contents of a recording: robots, planes and quantities; live: followed by a viewer."""
 
     stage: Stage
     robots: Sequence["Robot"]
@@ -60,18 +61,18 @@ class Panel(NamedTuple):
 
     @staticmethod
     def of(wide: float, tall: float, bars: int = 1) -> "Panel":
-        """With these shares of a 1600 x 900 window, under `bars` title bars."""
+        """Return the panel with these fractions of a 1600 x 900 window, under `bars` title bars."""
         return Panel(1600 * wide, 830 * tall - 28 * bars)
 
     @property
     def titled(self) -> bool:
-        """Whether there is room for the titles of legends; the names of views tell the same."""
+        """Whether there is room for the titles of legends; the names of views are the same."""
         return self.height > 330
 
 
 class Layout:
-    """Makes views. At the left the arena above sections, sensors and behaviour; at the right views from above and maps
-    above their scores and the events.
+    """Makes views. Left: the arena above sections, sensors and behaviour. Right: views from above and maps, above their
+    scores and the events.
     """
 
     def __init__(self, sim: Simulation, shown: Shown):
@@ -88,12 +89,13 @@ class Layout:
             self.robots += ["/believed/**", "/believed_trails/**"]
         self.tops = [plane for plane in shown.seen if plane.letters == "xy"]
         self.sides = [plane for plane in shown.seen if plane.letters != "xy"]
-        self.believers = [group for one in believers(sim) for group in one.members.groups]
+        self.believers = [group for algorithm in believers(sim) for group in algorithm.members.groups]
         self.mapped = bool(sim.maps or self.believers)
-        self.main = [one for one in shown.quantities if one.entity in ("gas", "temperature")]
+        self.main = [quantity for quantity in shown.quantities if quantity.entity in ("gas", "temperature")]
+        self.unnamed = [f"- /world/openings/{n}/name" for n in range(len(sim.scenario.openings))]
 
     def blueprint(self) -> rrb.Blueprint:
-        """All of it."""
+        """Return the layout."""
         left, wide = self._left()
         total = self.sim.scenario.warm_up + self.sim.scenario.duration
         return rrb.Blueprint(
@@ -112,8 +114,10 @@ class Layout:
 
     # ------------------------------------------------------------ spatial views
 
-    def _view(self, name: str, contents: list[str], points: np.ndarray, panel: Panel, *angles: float) -> Any:
-        """A camera on some points (n, 3) [m]; angles: see `drawing.camera`."""
+    def _view(
+        self, name: str, contents: list[str], points: np.ndarray, panel: Panel, *angles: float
+    ) -> rrb.Spatial3DView:
+        """Return a view whose camera frames some points (n, 3) [m]; angles: see `drawing.camera`."""
         position, target, up = drawing.camera(points, panel.width / panel.height, *angles)
         return rrb.Spatial3DView(
             origin="/",
@@ -126,7 +130,7 @@ class Layout:
         )
 
     def _framed(self, u: float, v: float, panel: Panel) -> tuple[float, float, float]:
-        """Left, right and lower end [m] of a picture u x v with its legend, and room for the texts below."""
+        """Return left, right and lower end [m] of a picture u x v with its legend, and room for the texts below."""
         side, length = 0.03 * self.stage.length, self.stage.length
         below = (TITLE if panel.titled else TICKS) * length
         room = min(TEXT_HEIGHT, 0.3 * panel.height)
@@ -134,43 +138,40 @@ class Layout:
         return -side, u + side, -below - room * scale
 
     def _floor(self, height: float, panel: Panel) -> np.ndarray:
-        """Corners of the arena up to a height, and of its legend."""
+        """Return the corners of the arena up to a height, and of its legend."""
         lx, ly = self.stage.extent[:2]
         left, right, below = self._framed(lx, ly, panel)
         box = [[x, y, z] for x in (left, right) for y in (0.0, ly) for z in (0.0, height)]
         return np.array([*box, [0.2 * lx, below, 0.0], [0.8 * lx, below, 0.0]])
 
     def _pictures(self, quantity: Quantity, plane: Plane, panel: Panel) -> list[str]:
-        """Entities of a picture with its legend and the wind."""
+        """Return the entities of a picture with its legend and the wind."""
         entity = f"{quantity.entity}/{plane.name}"
         wind = "slice" if plane.letters == "xy" else plane.name
         seen = [f"/{entity}", f"/legend/{entity}/**", f"/wind/{wind}", f"/legend/wind/{wind}/**"]
         return seen if panel.titled else [*seen, f"- /legend/{entity}/title"]
 
-    def _above(self, quantity: Quantity, plane: Plane, name: str, panel: Panel) -> Any:
-        """From above; of a 3-D arena without what stands up from its floor."""
-        world = ["/world/**", "- /world/walls", *([] if self.flat else self._unnamed()), *self.robots]
-        contents = [*world, *self._pictures(quantity, plane, panel)]
+    def _above(self, quantity: Quantity, plane: Plane, name: str, panel: Panel) -> Part:
+        """Return a view from above."""
+        unnamed = [] if self.flat else self.unnamed  # no room for names
+        contents = ["/world/**", "- /world/walls", *unnamed, *self.robots]
+        contents += self._pictures(quantity, plane, panel)
         return self._view(name, contents, self._floor(0.0, panel), panel, 90.0)
 
-    def _unnamed(self) -> list[str]:
-        """Leaves out what has no room for names."""
-        return [f"- /world/openings/{n}/name" for n in range(len(self.sim.scenario.openings))]
-
-    def _side(self, quantity: Quantity, plane: Plane, name: str, panel: Panel) -> Any:
-        """A vertical section."""
+    def _side(self, quantity: Quantity, plane: Plane, name: str, panel: Panel) -> Part:
+        """Return a view of a vertical section."""
         u, v = (self.stage.extent[d] for d in plane.axes)
         left, right, below = self._framed(u, v, panel)
         corners = [[left, -0.01 * v], [right, 1.02 * v], [0.2 * u, below], [0.8 * u, below]]
-        contents = [f"/outlines/{plane.name}/**", *(f"/world/{one}" for one in beside(self.sim, plane))]
+        contents = [f"/outlines/{plane.name}/**", *(f"/world/{entity}" for entity in beside(self.sim, plane))]
         contents += self._pictures(quantity, plane, panel)
         azimuth = 0.0 if plane.normal == 1 else 90.0
         return self._view(name, contents, placed(plane, corners, self.stage), panel, 0.0, azimuth)
 
     # ------------------------------------------------------------ columns
 
-    def _left(self) -> tuple[Any, float]:
-        """The left column, and its share of the width."""
+    def _left(self) -> tuple[Part, float]:
+        """Return the left column, and its fraction of the width."""
         plots = _plots(self.names)
         lx, ly = self.stage.extent[:2]
         if self.flat:
@@ -179,12 +180,12 @@ class Layout:
                 tall = float(np.clip(1.9 * wide * (ly + 0.15 * self.stage.length) / lx, 0.35, 0.6))
             main, shares = [self._flat_arena(Panel.of(wide, tall, bars=min(2, len(self.main))))], [tall]
         else:
-            wide, all_of_it = 0.6, 0.61 if plots else 1.0
+            wide, whole = 0.6, 0.61 if plots else 1.0
             share = 0.0
             if self.sides and self.main:
                 u, v = (self.stage.extent[d] for d in self.sides[0].axes)
-                share = all_of_it * float(np.clip(0.2 + 0.4 * v / u, 0.28, 0.45))
-            main, shares = [self._arena(Panel.of(wide, all_of_it - share))], [all_of_it - share]
+                share = whole * float(np.clip(0.2 + 0.4 * v / u, 0.28, 0.45))
+            main, shares = [self._arena(Panel.of(wide, whole - share))], [whole - share]
             if share:
                 main.append(self._sections(wide, share))
                 shares.append(share)
@@ -193,52 +194,47 @@ class Layout:
             shares.append(1 - sum(shares))
         return rrb.Vertical(*main, row_shares=shares), wide
 
-    def _flat_arena(self, panel: Panel) -> Any:
-        """The arena of a 2-D run: a tab for each quantity."""
-        views = [
-            self._above(one, self.tops[0], "Arena" if one.entity == "gas" else one.heading, panel)
-            for one in self.shown.quantities
-        ]
+    def _flat_arena(self, panel: Panel) -> Part:
+        """Return the arena of a 2-D run: a tab for each quantity."""
+        views = []
+        for quantity in self.shown.quantities:
+            name = "Arena" if quantity.entity == "gas" else quantity.heading
+            views.append(self._above(quantity, self.tops[0], name, panel))
         if not views:
             world = ["/world/**", *self.robots, "/wind/slice", "/legend/wind/**"]
             return self._view("Arena", world, self._floor(0.0, panel), panel, 90.0)
-        return views[0] if len(views) == 1 else rrb.Tabs(*views, active_tab=0)
+        return _tabs(views)
 
-    def _arena(self, panel: Panel) -> Any:
-        """The arena in 3-D; on its floor the largest of the gas over the height."""
+    def _arena(self, panel: Panel) -> Part:
+        """Return the arena in 3-D; on its floor the maximum of the gas over the height."""
         contents = ["/world/**", *self.robots]
         for quantity in self.main[:1]:
-            floor = next(
-                (plane for plane in self.tops if quantity.on(plane) and plane.over_height), self.tops[0]
-            )
+            columns = [plane for plane in self.tops if quantity.on(plane) and plane.over_height]
+            floor = [*columns, self.tops[0]][0]
             contents += [*self._pictures(quantity, floor, panel), "/gas/volume"]
         return self._view("Arena", contents, self._floor(self.stage.height, panel), panel, 48.0)
 
-    def _sections(self, wide: float, tall: float) -> Any:
-        """Gas and temperature side by side, each with a tab for every section: of temperature the last one first."""
+    def _sections(self, wide: float, tall: float) -> Part:
+        """Return gas and temperature side by side, with a tab for every section: of temperature the last one first."""
         groups = []
         for quantity in self.main:
             planes = self.sides if quantity.unit == "ppm" else self.sides[::-1]
             panel = Panel.of(wide / len(self.main), tall)
-            views = [
-                self._side(quantity, plane, _name(quantity, plane, n), panel)
-                for n, plane in enumerate(planes)
-            ]
-            groups.append(views[0] if len(views) == 1 else rrb.Tabs(*views, active_tab=0))
+            names = [_name(quantity, plane, n) for n, plane in enumerate(planes)]
+            sections = zip(planes, names, strict=True)
+            groups.append(_tabs([self._side(quantity, plane, name, panel) for plane, name in sections]))
         return groups[0] if len(groups) == 1 else rrb.Horizontal(*groups)
 
     def _right(self, wide: float) -> rrb.Vertical:
-        parts: list[Any] = []
+        parts: list[Part] = []
         shares: list[float] = []
         if not self.flat:
             groups = self._groups()
             tall = 0.4 if not self.mapped else 0.34 / max(1, len(groups))
             for group in groups:
-                panel = Panel.of(wide, tall)
-                views = [
-                    self._above(one, plane, _name(one, plane, n), panel)
-                    for n, (one, plane) in enumerate(group)
-                ]
+                panel, views = Panel.of(wide, tall), []
+                for n, (quantity, plane) in enumerate(group):
+                    views.append(self._above(quantity, plane, _name(quantity, plane, n), panel))
                 parts.append(rrb.Tabs(*views, active_tab=0, name="From above"))
                 shares.append(tall)
         if self.mapped:
@@ -262,70 +258,71 @@ class Layout:
         return rrb.Vertical(*parts, row_shares=shares)
 
     def _groups(self) -> list[list[tuple[Quantity, Plane]]]:
-        """Pictures from above that share a panel: of the gas, the largest over the height first, and of temperature,
-        the last slice first.
+        """Return the pictures from above that share a panel: of the gas, the maximum over the height first, and of
+        temperature, the last slice first.
         """
         groups = []
         for unit in ("ppm", "K"):
             planes = sorted(self.tops, key=lambda plane: not plane.over_height)
             planes = planes if unit == "ppm" else planes[::-1]
-            group = [
-                (one, plane)
-                for one in self.shown.quantities
-                for plane in planes
-                if one.unit == unit and one.on(plane)
-            ]
-            if group:
-                groups.append(group)
-        return groups
+            quantities = [quantity for quantity in self.shown.quantities if quantity.unit == unit]
+            groups.append(
+                [(quantity, plane) for quantity in quantities for plane in planes if quantity.on(plane)]
+            )
+        return [group for group in groups if group]
 
-    def _maps(self, wide: float, tall: float) -> list[Any]:
-        """Of each map what it tells beside the truth."""
+    def _maps(self, wide: float, tall: float) -> list[Part]:
+        """Return a view of each map beside the truth."""
         panel = Panel.of(wide / 2, tall, bars=2)
-        species = " + ".join(one.name for one in self.sim.gas.species)
+        species = " + ".join(gas.name for gas in self.sim.gas.species)
         maps = []
         for n, gas_map in enumerate(self.sim.scenario.maps):
             pictures = {}
             for what, title in MAP_NAMES.items():
-                seen = ["/world/**", "- /world/walls", *self._unnamed(), *self.robots]
-                seen += [f"/maps/{n}/{what}", f"/legend/{what}/**", f"- /legend/{what}/title"]
-                pictures[what] = self._view(title, seen, self._floor(0.0, panel), panel, 90.0)
+                pictures[what] = self._map(title, f"/maps/{n}/{what}", what, panel)
             truth = pictures.pop("truth")
             name = f"{species.capitalize()} map: {gas_map.kind.replace('_', ' ')}"
             beside = rrb.Horizontal(rrb.Tabs(*pictures.values(), active_tab=0), rrb.Tabs(truth), name=name)
             maps.append(beside)
         return maps
 
-    def _beliefs(self, wide: float, tall: float) -> list[Any]:
-        """Of each group that believes in places of the source, what its first robot does."""
+    def _beliefs(self, wide: float, tall: float) -> list[Part]:
+        """Return the belief map of the first robot of each group that keeps one."""
         panel = Panel.of(wide, tall)
-        views = []
-        for group in self.believers:
-            seen = ["/world/**", "- /world/walls", *self._unnamed(), *self.robots]
-            seen += [f"/beliefs/{group.number}", "/legend/belief/**", "- /legend/belief/title"]
-            name = f"Belief of {group.name} [1/m²]"
-            views.append(self._view(name, seen, self._floor(0.0, panel), panel, 90.0))
-        return views
+        return [
+            self._map(f"Belief of {group.name} [1/m²]", f"/beliefs/{group.number}", "belief", panel)
+            for group in self.believers
+        ]
+
+    def _map(self, name: str, entity: str, legend: str, panel: Panel) -> Part:
+        """Return a view of a picture of a map with its legend, without names of openings."""
+        contents = ["/world/**", "- /world/walls", *self.unnamed, *self.robots]
+        contents += [entity, f"/legend/{legend}/**", f"- /legend/{legend}/title"]
+        return self._view(name, contents, self._floor(0.0, panel), panel, 90.0)
 
 
 def trail(sim: Simulation, robots: int) -> float | None:
-    """How long trails last [s]; None: all of the way."""
+    """Return the duration of trails [s]; None for the whole path."""
     if sim.scenario.recording.trail is not None:
         return sim.scenario.recording.trail
     if robots <= 2:
         return None
-    speeds = [
-        getattr(group.algorithm, "speed", None) or group.body.max_speed for group in sim.scenario.robots
-    ]
+    groups = sim.scenario.robots
+    speeds = [vars(group.algorithm).get("speed") or group.body.max_speed for group in groups]
     return max(20.0, 2 * max(sim.grid.extent[:2]) / min(speeds))
 
 
 def _name(quantity: Quantity, plane: Plane, n: int) -> str:
-    """Of view n of a group; the first tells the quantity."""
+    """Return the name of view n of a group; the first name has the quantity."""
     return f"{quantity.heading}, {plane.text}" if n == 0 else plane.text
 
 
-def _plots(robots: list[str]) -> list[Any]:
+def _tabs(views: list[Part]) -> Part:
+    """Return views as tabs; a single view without them."""
+    return views[0] if len(views) == 1 else rrb.Tabs(*views, active_tab=0)
+
+
+def _plots(robots: list[str]) -> list[Part]:
     if not robots:
         return []
     lanes = [f"/states/{name}" for name in robots[:MOST_LANES]]
@@ -342,7 +339,7 @@ def _series(origin: str, name: str, legend: bool) -> rrb.TimeSeriesView:
 
 
 def _recent(entities: list[str], seconds: float | None) -> Any:
-    """What was there in the last seconds, or from the begin on."""
+    """Return visible time ranges of entities: the last seconds, or the whole run."""
     edge = rrb.TimeRangeBoundary
     start = edge.infinite() if seconds is None else edge.cursor_relative(seconds=-seconds)
     span = rrb.VisibleTimeRange(TIME, start=start, end=edge.cursor_relative())

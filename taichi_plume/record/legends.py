@@ -1,7 +1,6 @@
-"""Colour bars and keys, which the viewer has none of. For rerun, as `scene`."""
+"""Legends of a recording: colour bars and keys of arrows, as rerun archetypes, since the viewer has no legends."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -18,15 +17,12 @@ from taichi_plume.simulation import Simulation
 WEIGHTS = Scale(10.0, 1e6, "log")
 RATIOS = Scale(0.01, 100.0, "log")  # estimate over truth
 MAPS = Plane("map", (0, 1), None, None, "")
-TOP, TICKS, TITLE = (
-    0.03,
-    0.064,
-    0.109,
-)  # below a picture, over the arena's length: of the bar, its ticks, its title
+TOP, TICKS, TITLE = 0.03, 0.064, 0.109
+"""Distances of the bar, its ticks and its title below a picture, over the arena's length."""
 
 
 def legends(sim: Simulation, stage: Stage, seen: Sequence[Plane], quantities: Sequence[Quantity]) -> Entities:
-    """A colour bar for every picture."""
+    """Yield a colour bar for every picture."""
     for quantity in quantities:
         for plane in seen:
             if not quantity.on(plane):
@@ -42,16 +38,20 @@ def legends(sim: Simulation, stage: Stage, seen: Sequence[Plane], quantities: Se
         yield from _bar("truth", "true mean since the start [ppm]", gas, viridis, MAPS, stage)
         yield from _bar("weight", "weight of the estimate", WEIGHTS.marks(), drawing.EMBER, MAPS, stage)
         yield from _bar("error", "estimate over true mean", ratios, drawing.BLUE_RED, MAPS, stage)
-
     if believers(sim):
         marks = drawing.DENSITIES.marks()
         yield from _bar("belief", "probability of a source [1/m²]", marks, drawing.EMBER, MAPS, stage)
 
 
 def _bar(
-    name: str, title: str, scale: list[tuple[float, str]], colors: Any, plane: Plane, stage: Stage
+    name: str,
+    title: str,
+    scale: list[tuple[float, str]],
+    colors: str | Sequence[Sequence[int]],
+    plane: Plane,
+    stage: Stage,
 ) -> Entities:
-    """A colour bar below a plane. colors: the viewer's colormap, or a palette."""
+    """Yield a colour bar below a plane. colors: the viewer's colormap, or a palette."""
     length = stage.extent[plane.axes[0]]
     left, right = (0.05 * length, 0.95 * length) if plane is MAPS else (0.26 * length, 0.97 * length)
     width = right - left
@@ -59,18 +59,11 @@ def _bar(
     thick = max(1, round(0.022 * stage.length / pixel))
     bottom = -TOP * stage.length - thick * pixel
     ramp = np.tile(np.arange(256, dtype=np.uint8)[:, None], (1, thick))
-    own = not isinstance(colors, str)
-    bar = picture(
-        plane,
-        (256, thick),
-        pixel,
-        (left, bottom),
-        stage,
-        color=own,
-        data=drawing.rows(drawing.painted(ramp / 255.0, colors) if own else ramp),
-        colormap=None if own else colors,
-    )
-    yield f"legend/{name}/bar", bar
+    if isinstance(colors, str):
+        how = {"data": drawing.rows(ramp), "colormap": colors}
+    else:
+        how = {"color": True, "data": drawing.rows(drawing.painted(ramp / 255.0, colors)), "colormap": None}
+    yield f"legend/{name}/bar", picture(plane, (256, thick), pixel, (left, bottom), stage, **how)
     below = -TICKS * stage.length
     ticks = rr.Points3D(
         placed(plane, [[left + at * width, below] for at, _ in scale], stage),
@@ -84,8 +77,10 @@ def _bar(
     yield f"legend/{name}/title", label(title, middle, TEXT)
 
 
-def arrow_key(plane: Plane, text: str, length: float, color: Any, radius: float, stage: Stage) -> Entities:
-    """An arrow of some length [m] below a plane, left of the colour bar, and what it stands for."""
+def arrow_key(
+    plane: Plane, text: str, length: float, color: tuple[int, ...], radius: float, stage: Stage
+) -> Entities:
+    """Yield an arrow of some length [m] below a plane, left of the colour bar, and its meaning."""
     left = 0.08 * stage.extent[plane.axes[0]] - length / 2
     ends = placed(plane, [[left, -0.042 * stage.length], [left + length, -0.042 * stage.length]], stage)
     arrow = rr.Arrows3D(origins=ends[:1], vectors=ends[1:] - ends[:1], colors=color, radii=radius)

@@ -1,4 +1,4 @@
-"""The viewer beside a run: opened when asked for, listening on the loopback alone, sending nothing elsewhere."""
+"""Viewer of a running simulation (--live): listens on the loopback interface only and sends nothing elsewhere."""
 
 import json
 import os
@@ -12,27 +12,27 @@ from pathlib import Path
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.files.tables import plain
 
-PATIENCE = 30.0  # s until its window is there
+PATIENCE = 30.0  # s until the viewer's window is open
 LOOPBACK = "127.0.0.1"
 VIEWER = (sys.executable, "-m", "rerun_cli")
 OPTIONS = ("--hide-welcome-screen", "--expect-data-soon")
-NOWHERE = f"http://{LOOPBACK}:9"  # the port of old whose listener throws all away; hardly ever is there one
+NOWHERE = f"http://{LOOPBACK}:9"  # the discard port: hardly any machine listens there
 SEVERED = "gRPC connection severed"
-"""How rerun begins to tell that the viewer is gone."""
+"""Start of rerun's message when the viewer is gone."""
 
 
 def open_viewer() -> str:
-    """Open a viewer in a process of its own, which outlives ours; returns where it takes recordings.
+    """Open a viewer in a process of its own, which outlives this process; returns the address for recordings.
 
-    Raises RunFolderError where it cannot be opened, as without a screen, or would send reports to its makers.
+    Raises RunFolderError if the viewer cannot be opened, as without a screen, or would send reports to its makers.
     """
     with tempfile.TemporaryDirectory(prefix="taichi_plume-", ignore_cleanup_errors=True) as settings:
-        environment = quiet(settings)  # it reads them before it listens
+        environment = quiet(settings)  # the viewer reads its settings before it listens
         with socket.socket() as free:
             free.bind((LOOPBACK, 0))
             port = free.getsockname()[1]
-        told = Path(settings, "told.txt")
-        with told.open("wb") as file:
+        output = Path(settings, "output.txt")
+        with output.open("wb") as file:
             viewer = subprocess.Popen(
                 [*VIEWER, "--bind", LOOPBACK, "--port", str(port), *OPTIONS],
                 env=environment,
@@ -41,19 +41,19 @@ def open_viewer() -> str:
                 stderr=file,
                 start_new_session=True,  # Ctrl-C ends the run, not the viewer
             )
-        fault = _fault(viewer, port, told)
+        fault = _fault(viewer, port, output)
         if fault:
             raise RunFolderError(f"--live: the viewer cannot be opened: {plain(fault)}")
-        viewer.returncode = 0  # not ours to wait for
+        viewer.returncode = 0  # Python need not wait for it
     return f"rerun+http://{LOOPBACK}:{port}/proxy"
 
 
-def _fault(viewer: subprocess.Popen[bytes], port: int, told: Path) -> str:
-    """What keeps it from listening, once that is known; nothing where it does."""
+def _fault(viewer: subprocess.Popen[bytes], port: int, output: Path) -> str:
+    """Wait until the viewer listens and return "", or the reason why it does not."""
     until = time.monotonic() + PATIENCE
     while time.monotonic() < until:
         if viewer.poll() is not None:
-            lines = told.read_text(errors="replace").splitlines()
+            lines = output.read_text(errors="replace").splitlines()
             reason = next((line for line in lines if "rror" in line or "panicked" in line), "")
             return reason.rpartition(": ")[2] or f"exit code {viewer.returncode}; is there a screen?"
         try:
@@ -62,23 +62,22 @@ def _fault(viewer: subprocess.Popen[bytes], port: int, told: Path) -> str:
         except OSError:
             time.sleep(0.1)
     viewer.terminate()
-    return f"nothing came of it in {PATIENCE:g} s"
+    return f"it did not listen within {PATIENCE:g} s"
 
 
 def quiet(settings: str) -> dict[str, str]:
-    """The environment of a viewer that sends nothing; its settings, but for its own user's, go to that folder.
+    """Return the environment of a viewer that sends nothing, with a settings folder of its own.
 
-    Raises RunFolderError where the viewer reads them elsewhere, and there says that it will send reports.
+    Raises RunFolderError if the viewer reads other settings, by which it would send reports.
     """
     environment = os.environ | {"XDG_CONFIG_HOME": settings}
-    for name in ("HTTPS_PROXY", "HTTP_PROXY", "ALL_PROXY"):  # or it asks whether there is a newer version
+    for name in ("HTTPS_PROXY", "HTTP_PROXY", "ALL_PROXY"):  # else it asks for newer versions
         environment |= {name: NOWHERE, name.lower(): NOWHERE}
     subprocess.run([*VIEWER, "analytics", "disable"], env=environment, capture_output=True, check=False)
-    asked = subprocess.run(
-        [*VIEWER, "analytics", "config"], env=environment, capture_output=True, text=True, check=False
-    )
+    command = [*VIEWER, "analytics", "config"]
+    answer = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     try:
-        enabled = json.loads(asked.stdout)["analytics_enabled"]
+        enabled = json.loads(answer.stdout)["analytics_enabled"]
     except (ValueError, LookupError, TypeError):
         enabled = True
     if enabled:

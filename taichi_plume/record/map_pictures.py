@@ -1,4 +1,4 @@
-"""Gas maps in the recording: estimate, truth, weight and error of the first trial's, and their scores as series."""
+"""Gas maps and belief maps (posterior of the source position) in the recording, of the first trial."""
 
 from collections.abc import Sequence
 
@@ -9,13 +9,16 @@ from taichi_plume.record import drawing, layout, legends, scene
 from taichi_plume.record.drawing import Scale
 from taichi_plume.record.stage import Stage, picture_format
 from taichi_plume.record.stream import Stream
+from taichi_plume.scoring.beliefs import beliefs
 from taichi_plume.scoring.maps import MapSeries
 from taichi_plume.scoring.trials import map_rows
 from taichi_plume.simulation import Simulation
 
+RAMP = np.arange(256) / 255
+
 
 class MapPictures:
-    """Draws the maps of a run; series: their scores."""
+    """Draws the estimate, truth, weight and error of the maps of a run; series: their scores."""
 
     STATE = ("sent",)
 
@@ -23,28 +26,19 @@ class MapPictures:
         self.stream, self.maps, self.series = stream, list(sim.maps), series
         gas = Scale(*sim.scenario.recording.range_ppm, "log")
         self.scales = {"estimate": gas, "truth": gas, "weight": legends.WEIGHTS, "error": legends.RATIOS}
-        ramp = np.arange(256) / 255
-        self.colors = {name: drawing.painted(ramp, palette) for name, palette in scene.ESTIMATES.items()}
+        self.colors = {name: drawing.painted(RAMP, palette) for name, palette in scene.ESTIMATES.items()}
         self.sent = [{"forecast": 0, "rows": 0} for _ in self.maps]
-        """Of each map's errors and scores."""
+        """Number of forecasts and scores of each map that have been sent."""
         made_by = [names for names, _ in map_rows(sim)]
-        whose = (
-            f", {made_by[0][0]}" if len(made_by) > 1 else ""
-        )  # of rivals the first trial is the first group's
+        whose = f", {made_by[0][0]}" if len(made_by) > 1 else ""  # the first trial is one of the first rival
         for n, model in enumerate(sim.scenario.maps):
             stream.log_still(self._styles(n, model.kind.replace("_", " ") + whose))
         for n, gas_map in enumerate(self.maps):
-            shape = np.shape(gas_map.estimate())[1:]
-            for name in scene.ESTIMATES:
-                blank = rr.GridMap.from_fields(
-                    format=picture_format(*shape, color=True),
-                    cell_size=gas_map.cell,
-                    translation=[0, 0, stage.lift],
-                )
-                stream.log_still(iter([(f"maps/{n}/{name}", blank)]))
+            blank = _blank(np.shape(gas_map.estimate())[1:], gas_map.cell, (0, 0), stage)
+            stream.log_still([(f"maps/{n}/{name}", blank) for name in scene.ESTIMATES])
 
     def _styles(self, n: int, name: str) -> scene.Entities:
-        """Colours of a map's series."""
+        """Yield the colours of a map's series."""
         color = np.array(drawing.robot_color(n))
         faint = (color * 0.6).astype(np.uint8)
         for entity in self._scored(n):
@@ -53,11 +47,11 @@ class MapPictures:
         yield f"map_errors/{n}_forecast", rr.SeriesLines(colors=faint, names=f"{name}: forecast", widths=1.4)
 
     def _scored(self, n: int) -> list[str]:
-        """Entities of the scores of map n, as layout.MAP_SERIES has them."""
+        """Return the entities of the scores of map n, in the order of layout.MAP_SERIES."""
         return [f"map_errors/{n}_mae", *(f"{origin}/{n}" for origin in list(layout.MAP_SERIES)[1:])]
 
     def show(self, sim: Simulation) -> None:
-        """What the maps are now, and what is new of their scores."""
+        """Send the present maps, and new scores."""
         low = self.scales["estimate"].low
         for n, gas_map in enumerate(self.maps):
             estimate = np.asarray(gas_map.estimate())[0]
@@ -76,7 +70,6 @@ class MapPictures:
             self._send_scores(n)
 
     def _send_scores(self, n: int) -> None:
-        """What is new of a map's scores."""
         series, sent = self.series[n], self.sent[n]
         forecasts = self.maps[n].errors
         fresh = forecasts[sent["forecast"] :]
@@ -87,8 +80,34 @@ class MapPictures:
         sent["forecast"], sent["rows"] = len(forecasts), len(series.rows)
 
     def _send_series(self, entity: str, times: list[float], values: Sequence[float] | np.ndarray) -> None:
-        """Those of the values that are numbers."""
+        """Send the values that are numbers."""
         known = [(t, float(value)) for t, value in zip(times, values, strict=True) if np.isfinite(value)]
         if known:
             t, scalars = zip(*known, strict=True)
             self.stream.send(entity, t, rr.Scalars.columns(scalars=scalars))
+
+
+class BeliefPictures:
+    """Draws the belief of the first robot of each group, as probability density [1/m²]."""
+
+    STATE = ()
+
+    def __init__(self, stream: Stream, sim: Simulation, stage: Stage):
+        self.stream = stream
+        self.colors = drawing.painted(RAMP, drawing.EMBER)
+        for belief in beliefs(sim):
+            blank = _blank(belief.p.shape[2:], belief.cell, belief.low, stage)
+            stream.log_still([(f"beliefs/{belief.group.number}", blank)])
+
+    def show(self, sim: Simulation) -> None:
+        """Send the present beliefs."""
+        for belief in beliefs(sim):
+            density = belief.p[0, 0] / belief.cell**2
+            colors = self.colors[drawing.DENSITIES.bytes(density)]
+            self.stream.picture(sim.t, f"beliefs/{belief.group.number}", drawing.rows(colors))
+
+
+def _blank(shape: Sequence[int], cell: float, low: Sequence[float] | np.ndarray, stage: Stage) -> rr.GridMap:
+    """Return a coloured picture on the floor without pixels; low: lower left corner [m]."""
+    form = picture_format(shape[0], shape[1], color=True)
+    return rr.GridMap.from_fields(format=form, cell_size=cell, translation=[*low, stage.lift])

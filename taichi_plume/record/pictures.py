@@ -1,4 +1,4 @@
-"""Gas, temperature and wind in the recording: planes, in 3-D a volume, and arrows."""
+"""Gas, temperature and wind in the recording: slices and sections, in 3-D a volume, and arrows."""
 
 from collections.abc import Sequence
 
@@ -13,22 +13,22 @@ from taichi_plume.record.stage import Stage, picture, placed
 from taichi_plume.record.stream import Stream
 from taichi_plume.simulation import Simulation
 
-SPLIT = 2  # samples per cell and axis, where points know more than cells do
+SPLIT = 2  # samples per cell and axis of a gas that is finer than the cells
 ARROW = 0.9  # length of the arrow in the key, over the distance between arrows
 KEY = 0.95  # share of the arrows that are shorter
-SHORTEST = 0.04  # of the key's: what is shorter is not drawn
-SLOWEST = 1e-3  # m/s: arrows of less are not made longer
+SHORTEST = 0.04  # of the key's arrow: shorter arrows are not drawn
+SLOWEST = 1e-3  # m/s: the least speed of the key's arrow
 THIN = 0.038  # radius of arrows, over the distance between them
 ARROW_COLOR = (165, 180, 200, 180)
 HALVES = (np.arange(256) / 255).astype(np.float16)
-DENSITY = 3.5  # optical, of the volume across the arena's height, or its length where it is as high as that
+DENSITY = 3.5  # optical density of the volume across the arena's height, at least a quarter of its length
 
 
 class Pictures:
     """Draws quantities on planes and in 3-D the gas as a volume, picture by picture.
 
-    A byte of a picture stands for the largest of the cells that its pixel covers. What it is of, the static values
-    `quantity`, `unit`, `low`, `high`, `scale`, `plane`, `axes`, `cell` and `origin` of its entity tell.
+    A byte of a picture stands for the largest of the cells that its pixel covers. The static values `quantity`, `unit`,
+    `low`, `high`, `scale`, `plane`, `axes`, `cell` and `origin` of an entity describe its pictures.
     """
 
     def __init__(
@@ -43,22 +43,17 @@ class Pictures:
         grid = sim.grid
         self.rasters: dict[str, list[Raster]] = {}
         self.sampled: dict[str, list[np.ndarray | None]] = {}
-        """Where each raster takes its samples; None where it is made of cells."""
-        for one in quantities:
-            rasters, sampled = (
-                self.rasters.setdefault(one.entity, []),
-                self.sampled.setdefault(one.entity, []),
-            )
-            for plane in (plane for plane in seen if one.on(plane)):
-                at_points = one.points is not None and not plane.over_height
-                rasters.append(
-                    Raster(plane, grid, sim.air.solid, *((SPLIT, one.details) if at_points else ()))
-                )
-                sampled.append(rasters[-1].points if at_points else None)
+        """Sampling points of each raster; None if it is made of cells."""
         self.centers: np.ndarray | None = None
-        for one in quantities:
-            for raster in self.rasters[one.entity]:
-                stream.log_still(_still(one, raster, stage))
+        for quantity in quantities:
+            rasters = self.rasters[quantity.entity] = []
+            sampled = self.sampled[quantity.entity] = []
+            for plane in (plane for plane in seen if quantity.on(plane)):
+                at_points = quantity.points is not None and not plane.over_height
+                split = (SPLIT, quantity.details) if at_points else ()
+                rasters.append(Raster(plane, grid, sim.air.solid, *split))
+                sampled.append(rasters[-1].points if at_points else None)
+                stream.log_still(_still(quantity, rasters[-1], stage))
         self.voxels: tuple[int, ...] | None = None
         if grid.dim == 3 and sim.scenario.recording.volume and quantities:
             self.voxels = planes.voxels(grid.shape)
@@ -70,17 +65,17 @@ class Pictures:
                 optical_density=DENSITY / max(grid.extent[2], stage.length / 4),
                 colormap="inferno",
             )
-            stream.log_still(iter([("gas/volume", volume)]))
+            stream.log_still([("gas/volume", volume)])
 
     def show(self, sim: Simulation) -> None:
-        """All quantities on all planes, and the volume."""
+        """Send all quantities on all planes, and the volume."""
         for quantity in self.quantities:
             cells: np.ndarray | None = None
             volume = self.voxels is not None and quantity.entity == "gas"
             places = self.sampled[quantity.entity]
             if volume or any(points is None for points in places):
                 cells = self._cells(sim, quantity)
-            slices: list[np.ndarray] = []  # of what only points know: finer than the layers of cells
+            slices: list[np.ndarray] = []  # sampled at points: finer than the layers of cells
             for raster, points in zip(self.rasters[quantity.entity], places, strict=True):
                 if points is not None and quantity.points is not None:
                     pixels = raster.of_samples(quantity.points(sim, points))
@@ -96,7 +91,7 @@ class Pictures:
                 self._show_volume(sim, quantity, cells)
 
     def _cells(self, sim: Simulation, quantity: Quantity) -> np.ndarray:
-        """In all cells; at their centres where only points know."""
+        """Return the values of all cells; at their centres if the quantity is known at points only."""
         cells = quantity.cells(sim)
         if cells is None:
             assert quantity.points is not None
@@ -113,31 +108,20 @@ class Pictures:
 
 
 def _still(quantity: Quantity, raster: Raster, stage: Stage) -> scene.Entities:
-    """Where a picture lies, and what its bytes stand for."""
+    """Yield the place of a picture, and the meaning of its bytes."""
     plane, scale = raster.plane, quantity.scale
     entity = f"{quantity.entity}/{plane.name}"
     how = {"colormap": quantity.colormap, "opacity": 0.95}
     yield entity, picture(plane, raster.shape, raster.cell, raster.origin, stage, **how)
-    yield (
-        entity,
-        rr.AnyValues(
-            quantity=quantity.name,
-            unit=quantity.unit,
-            low=scale.low,
-            high=scale.high,
-            scale=scale.kind,
-            plane=plane.text,
-            axes=plane.letters,
-            cell=raster.cell,
-            origin=list(raster.origin),
-        ),
-    )
+    values = {"quantity": quantity.name, "unit": quantity.unit, "low": scale.low, "high": scale.high}
+    values |= {"scale": scale.kind, "plane": plane.text, "axes": plane.letters}
+    yield entity, rr.AnyValues(**values, cell=raster.cell, origin=list(raster.origin))
 
 
 class Arrows:
-    """Draws the wind as arrows on the first slice and on sections, as long as the air is fast.
+    """Draws the wind on the first slice and on sections as arrows, whose length is the speed.
 
-    top: speed [m/s] of the key's arrow, of which nearly all arrows fall short: the largest so far.
+    top: speed [m/s] of the key's arrow, the largest so far; nearly all arrows are shorter.
     """
 
     STATE = ("top",)
@@ -152,11 +136,11 @@ class Arrows:
             self.places.append(plane.within(places))
             self.steps.append(step)
             style = rr.Arrows3D.from_fields(colors=ARROW_COLOR, radii=THIN * step)
-            stream.log_still(iter([(f"wind/{plane.name}", style)]))
+            stream.log_still([(f"wind/{plane.name}", style)])
         self.points = np.concatenate(self.places).astype(np.float32)
 
     def show(self, sim: Simulation) -> None:
-        """Arrows centred on their points."""
+        """Send arrows centred on their points."""
         velocity = fields.velocity_at(sim.wind, self.points, sim.t)
         speed = np.linalg.norm(velocity, axis=-1)
         known = speed[np.isfinite(speed)]
@@ -164,14 +148,14 @@ class Arrows:
         if fast > self.top:
             self.top = drawing.rounded_up(fast)
             for plane, step in zip(self.planes, self.steps, strict=True):
-                key = legends.arrow_key(
-                    plane, f"{self.top:g} m/s", ARROW * step, ARROW_COLOR, THIN * step, self.stage
-                )
-                for entity, what in key:
-                    self.stream.log(sim.t, entity, what)
-        for n, (plane, step) in enumerate(zip(self.planes, self.steps, strict=True)):
-            begin = sum(len(places) for places in self.places[:n])
-            self._show(sim, plane, self.places[n], velocity[begin : begin + len(self.places[n])], step)
+                text = f"{self.top:g} m/s"
+                key = legends.arrow_key(plane, text, ARROW * step, ARROW_COLOR, THIN * step, self.stage)
+                for entity, archetype in key:
+                    self.stream.log(sim.t, entity, archetype)
+        ends = np.cumsum([len(places) for places in self.places])[:-1]
+        parts = zip(self.planes, self.places, np.split(velocity, ends), self.steps, strict=True)
+        for plane, places, part, step in parts:
+            self._show(sim, plane, places, part, step)
 
     def _show(
         self, sim: Simulation, plane: Plane, places: np.ndarray, velocity: np.ndarray, step: float
@@ -183,6 +167,5 @@ class Arrows:
         drawn = length > SHORTEST * ARROW * step
         vectors = vectors[drawn]
         origins = placed(plane, places[drawn][:, along], self.stage, 6) - vectors / 2
-        self.stream.log(
-            sim.t, f"wind/{plane.name}", rr.Arrows3D.from_fields(origins=origins, vectors=vectors)
-        )
+        arrows = rr.Arrows3D.from_fields(origins=origins, vectors=vectors)
+        self.stream.log(sim.t, f"wind/{plane.name}", arrows)

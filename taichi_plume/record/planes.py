@@ -1,4 +1,4 @@
-"""Where a recording looks: horizontal slices, the largest of each column, a vertical section; and pixels made of cells.
+"""Planes of a recording (horizontal slices, column maximum, vertical sections), and their pixels made of cells.
 
 Plain arrays, no rerun. A picture is an array (first axis, second axis) of its plane.
 """
@@ -14,14 +14,14 @@ from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.size import MOST_PIXELS, MOST_VOXELS
 
 SLIGHT = 1e-9  # weight of solids beside air
-FLOOR = 0.1  # m above the floor, where neither a source nor a sensor tells what matters
+FLOOR = 0.1  # m: height of the slice without any source or sensor
 
 
 @dataclass(frozen=True)
 class Plane:
-    """Where a picture is taken. axes: those it shows; normal: the other one, None in 2-D.
+    """Plane of a picture. axes: horizontal and vertical axis of the picture; normal: third axis, None in 2-D.
 
-    level: where it cuts the normal [m]; None where it is the largest along it. text: for people.
+    level: position along the normal [m]; None for the maximum along it. text: for people.
     """
 
     name: str
@@ -31,24 +31,24 @@ class Plane:
     text: str
 
     def within(self, points: np.ndarray) -> np.ndarray:
-        """Points (..., 2) in its axes as points of the domain, (..., dim) [m]."""
+        """Return points (..., 2) in the plane's axes as points of the domain, (..., dim) [m]."""
         if self.normal is None or self.level is None:
             return points
         return np.insert(points, self.normal, self.level, axis=-1)
 
     @property
     def over_height(self) -> bool:
-        """Whether it is the largest of each column."""
+        """Whether the picture shows the maximum of each column."""
         return self.normal is not None and self.level is None
 
     @property
     def letters(self) -> str:
-        """The axes by their names."""
+        """Names of the axes."""
         return "".join("xyz"[d] for d in self.axes)
 
 
 def planes(scenario: Scenario, extent: Sequence[float]) -> list[Plane]:
-    """Those of a run's recording, as its `recording` section has them."""
+    """Return the planes of a recording by the scenario's `recording` section."""
     if len(extent) == 2:
         return [Plane("slice", (0, 1), None, None, "")]
     found = []
@@ -66,7 +66,7 @@ def _nth(name: str, n: int) -> str:
 
 
 def heights(scenario: Scenario, extent: Sequence[float]) -> list[float]:
-    """Of the slices [m]; unless given, of the first source, sensors and heater, as far as they are not the same."""
+    """Return the heights of the slices [m]; unless given, of the first source, sensors and heater, if they differ."""
     if scenario.recording.slice_height is not None:
         return list(scenario.recording.slice_height)
     sources, heaters = _first(scenario)
@@ -76,7 +76,7 @@ def heights(scenario: Scenario, extent: Sequence[float]) -> list[float]:
 
 
 def cuts(scenario: Scenario, extent: Sequence[float]) -> list[tuple[int, float]]:
-    """Axis that each section cuts, and where [m]; unless given, at the first source and the first heater."""
+    """Return normal axis and position [m] of each section; unless given, at the first source and the first heater."""
     section = scenario.recording.section
     if section is None:
         return []
@@ -89,14 +89,14 @@ def cuts(scenario: Scenario, extent: Sequence[float]) -> list[tuple[int, float]]
 
 
 def _first(scenario: Scenario) -> tuple[list[tuple[float, ...]], list[tuple[float, ...]]]:
-    """Where the first source is, and the first heater; none where there is none."""
+    """Return the position of the first source and of the first heater, each as a list that may be empty."""
     heat = scenario.buoyancy.heat if scenario.buoyancy is not None else None
     sources = [source.position for _, source in scenario.sources[:1]]
     return sources, [heater.position for heater in heat.heaters[:1]] if heat is not None else []
 
 
 def _apart(levels: Sequence[float], distance: float) -> list[float]:
-    """Those that are further than so much from all before."""
+    """Return the levels that are further than a distance from all before."""
     found: list[float] = []
     for level in levels:
         if all(abs(level - other) > distance for other in found):
@@ -105,21 +105,19 @@ def _apart(levels: Sequence[float], distance: float) -> list[float]:
 
 
 class Raster:
-    """The pixels of a plane on a grid: at most MOST_PIXELS along each axis, the largest of what each stands for.
+    """Pixels of a plane on a grid: at most MOST_PIXELS along each axis, each the largest value that it covers.
 
-    split: samples per cell along each axis, of what is known between the cells' centres; details: of these, so many
-    pixels per cell, if they are not too many. shape: pixels; cell, origin: size of one and the lower left corner, in
-    the plane's axes [m].
+    split: samples per cell along each axis, of a quantity known between the cells' centres; details: pixels per cell of
+    such a quantity, if they are not too many. shape: number of pixels; cell, origin: size of a pixel and lower left
+    corner, in the plane's axes [m].
     """
 
     def __init__(self, plane: Plane, grid: Grid, solid: np.ndarray, split: int = 1, details: int = 1):
         self.plane, self.grid = plane, grid
         cells = [grid.shape[d] for d in plane.axes]
-        self.block = (
-            split // details
-            if max(cells) * details <= MOST_PIXELS
-            else split * ceil(max(cells) / MOST_PIXELS)
-        )
+        self.block = split // details
+        if max(cells) * details > MOST_PIXELS:
+            self.block = split * ceil(max(cells) / MOST_PIXELS)
         self.samples = tuple(n * split for n in cells)
         self.step = grid.dx / split
         self.shape = tuple(ceil(n / self.block) for n in self.samples)
@@ -130,13 +128,13 @@ class Raster:
 
     @property
     def points(self) -> np.ndarray:
-        """Where samples are taken, (*samples, dim) [m]."""
+        """Sampling points, (*samples, dim) [m]."""
         axes = [(np.arange(n) + 0.5) * self.step for n in self.samples]
         flat = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
         return self.plane.within(flat)
 
     def of_cells(self, values: np.ndarray) -> np.ndarray:
-        """Pixels of a quantity in all cells, (*grid.shape); only without a `split`."""
+        """Return the pixels of a quantity in all cells, (*grid.shape); only without a `split`."""
         if self.plane.normal is None:
             picture = values
         elif self.plane.over_height:
@@ -146,7 +144,7 @@ class Raster:
         return self.of_samples(np.asarray(picture))
 
     def of_samples(self, values: np.ndarray) -> np.ndarray:
-        """Pixels of a quantity at `points`."""
+        """Return the pixels of a quantity at `points`."""
         if self.block == 1:
             return values
         beyond = [(0, n * self.block - have) for n, have in zip(self.shape, values.shape, strict=True)]
@@ -156,9 +154,9 @@ class Raster:
 def _between(
     normal: int, level: float, grid: Grid, solid: np.ndarray
 ) -> list[tuple[tuple, np.ndarray | float]]:
-    """Layers of cells beside a level and their weights: linear between the centres of those that hold air.
+    """Return the layers of cells beside a level and their weights: linear between the centres of cells that hold air.
 
-    Of solids only in the midst of them, where there is no other: a temperature there is not zero.
+    Solid cells count only if all cells there are solid: a temperature in solids is not zero.
     """
     at = level / grid.dx - 0.5
     first = int(np.clip(np.floor(at), 0, max(0, grid.shape[normal] - 2)))
@@ -175,7 +173,7 @@ def _between(
 
 
 def largest(values: np.ndarray, counts: Sequence[int]) -> np.ndarray:
-    """The largest of the cells that each of `counts` equal parts per axis touches."""
+    """Return the largest of the cells that each of `counts` equal parts per axis touches."""
     for axis, (n, count) in enumerate(zip(values.shape, counts, strict=True)):
         if n == count:
             continue
@@ -193,5 +191,5 @@ def largest(values: np.ndarray, counts: Sequence[int]) -> np.ndarray:
 
 
 def voxels(shape: Sequence[int]) -> tuple[int, ...]:
-    """How many voxels stand for so many cells per axis."""
+    """Return the number of voxels per axis for a number of cells."""
     return tuple(min(ceil(n / 2), MOST_VOXELS) for n in shape)

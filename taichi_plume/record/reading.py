@@ -1,6 +1,6 @@
-"""Pictures and wind arrows read back from a recording of ours, in the units they stand for.
+"""Pictures and wind arrows read back from a recording, in the units that they stand for.
 
-Whatever keeps a recording from being read is a RunFolderError: one line that begins with its path.
+A recording that cannot be read raises RunFolderError: one line that begins with the recording's path.
 """
 
 import warnings
@@ -20,23 +20,22 @@ from taichi_plume.record.drawing import TIME
 if TYPE_CHECKING:
     import xarray as xr
 
-LEVELS = 256  # of a picture's bytes
 SCALE = ("quantity", "unit", "low", "high", "scale", "plane", "axes", "cell", "origin")
-"""What a recording says of each picture's bytes and place."""
+"""Values that a recording holds about the bytes and the place of each picture."""
 FORMAT, DATA = "GridMap:format", "GridMap:data"
 ALL_TIMES = (-np.inf, np.inf)
 MEANING = {"slice": "in a plane", "column": "maximum over the height", "section": "in a vertical plane"}
 FAULTS = (RuntimeError, ValueError, LookupError, TypeError, ArithmeticError, OSError, pa.ArrowException)
-"""Of what rerun and Arrow read."""
+"""Errors of rerun and Arrow."""
 
 
 class Picture(NamedTuple):
-    """A plane of a scalar over time, as it was recorded.
+    """Plane of a scalar over time, as it was recorded.
 
-    name: "gas_0_section_2", say; view: the plane's, "section_2"; plane: where that is, for people; axes: of the plane,
-    "xy", "xz" or "yz"; cell, origin: size and lower left corner of its pixels along these [m]. times (n,) [s]; data
-    (n, rows, columns): place of each pixel on the scale from `low` (0) to `high` (255), rows along the second axis,
-    columns along the first, both ascending.
+    name: "gas_0_section_2", for example; view: name of the plane, "section_2"; plane: its position, for people; axes:
+    of the plane, "xy", "xz" or "yz"; cell, origin: size of the pixels and lower left corner along these [m]. times (n,)
+    [s]; data (n, rows, columns): place of each pixel on the scale from `low` (0) to `high` (255), rows along the second
+    axis, columns along the first, both ascending.
     """
 
     name: str
@@ -55,25 +54,30 @@ class Picture(NamedTuple):
 
     @property
     def levels(self) -> np.ndarray:
-        """What the 256 bytes stand for, in `unit`; of a logarithmic scale 0 for "at most low"."""
-        return levels(self.low, self.high, self.logarithmic)
+        """Values of the 256 bytes in `unit`, float32; on a logarithmic scale 0 for "at most low"."""
+        share = np.arange(256) / 255
+        if not self.logarithmic:
+            return (self.low + (self.high - self.low) * share).astype(np.float32)
+        values = self.low * (self.high / self.low) ** share
+        values[0] = 0.0
+        return values.astype(np.float32)
 
     @property
     def extent(self) -> tuple[float, float, float, float]:
-        """Left, right, bottom and top of its pixels [m]."""
+        """Left, right, bottom and top of the pixels [m]."""
         (x, y), (dx, dy), (rows, columns) = self.origin, self.cell, self.data.shape[1:]
         return x, x + dx * columns, y, y + dy * rows
 
     def coordinates(self, axis: int) -> np.ndarray:
-        """Middles of its pixels along its first (0) or second (1) axis [m]."""
+        """Return the middles of the pixels along the first (0) or second (1) axis [m]."""
         return self.origin[axis] + (np.arange(self.data.shape[2 - axis]) + 0.5) * self.cell[axis]
 
-    def values(self, frames: slice | Sequence[int] = slice(None)) -> np.ndarray:
-        """Of some frames, (n, rows, columns), float32, in `unit`."""
-        return self.levels[self.data[frames]]
+    def values(self) -> np.ndarray:
+        """Return all frames, (n, rows, columns), float32, in `unit`."""
+        return self.levels[self.data]
 
     def mean(self) -> np.ndarray:
-        """Over its frames, (rows, columns), in `unit`."""
+        """Return the mean over the frames, (rows, columns), in `unit`."""
         table, total = self.levels, np.zeros(self.data.shape[1:])
         for frame in self.data:
             total += table[frame]
@@ -81,21 +85,11 @@ class Picture(NamedTuple):
 
 
 class Arrows(NamedTuple):
-    """The recorded wind: times (n,) [s]; of each the arrows' tails and ways, (m, 3) [m] as drawn."""
+    """Recorded wind: times (n,) [s]; for each time the arrows' tails and vectors, (m, 3) [m] as drawn."""
 
     times: np.ndarray
     tails: list[np.ndarray]
     ways: list[np.ndarray]
-
-
-def levels(low: float, high: float, logarithmic: bool) -> np.ndarray:
-    """What the bytes of a picture stand for, (256,) float32."""
-    share = np.arange(LEVELS) / (LEVELS - 1)
-    if not logarithmic:
-        return (low + (high - low) * share).astype(np.float32)
-    values = low * (high / low) ** share
-    values[0] = 0.0
-    return values.astype(np.float32)
 
 
 def read(
@@ -104,89 +98,87 @@ def read(
     between: tuple[float, float] = ALL_TIMES,
     spacing: float = 0.0,
 ) -> dict[str, Picture]:
-    """The pictures of a recording by name, or those of some names, as far as there are such.
+    """Return the pictures of a recording by name, all or those of some names.
 
     between: first and last time [s]; spacing: least time from frame to frame [s]. Raises RunFolderError.
     """
     scales = _scales(path)
     pictures = {}
     for name in scales if names is None else [name for name in names if name in scales]:
-        its = scales[name]
-        size, entity = its.pop("size"), its.pop("entity")
-        times, parts = [], []
+        entity, size, scale = scales[name]
+        times, parts = [np.zeros(0)], [np.zeros((0, *size), np.uint8)]
         for t, kept, column in _rows(path, entity, [DATA], between, spacing):
             pixels = column[0].flatten().flatten().to_numpy(zero_copy_only=False)
             if pixels.size != len(t) * size[0] * size[1]:
                 raise RunFolderError(f"{path}: is damaged: pictures of {entity} have another size")
             times.append(t[kept])
             parts.append(pixels.reshape(len(t), *size)[kept, ::-1])
-        t = np.concatenate(times) if times else np.zeros(0)
-        data = np.concatenate(parts) if parts else np.zeros((0, *size), np.uint8)
+        t = np.concatenate(times)
         order = np.argsort(t, kind="stable")
-        pictures[name] = Picture(name, **its, times=t[order], data=data[order])
+        pictures[name] = Picture(name, **scale, times=t[order], data=np.concatenate(parts)[order])
     return pictures
 
 
 def names(path: Path) -> list[str]:
-    """Which pictures a recording has. Raises RunFolderError."""
+    """Return the names of the pictures of a recording. Raises RunFolderError."""
     return list(_scales(path))
 
 
 def span(path: Path, wanted: Sequence[str] | None = None) -> tuple[float, float] | None:
-    """First and last time [s] of the pictures of some names, or of all; None where there are none.
+    """Return the first and last time [s] of the pictures of some names, or of all; None without pictures.
 
-    However long the recording is, no picture of it is kept. Raises RunFolderError.
+    No picture is kept in memory. Raises RunFolderError.
     """
-    first, last = np.inf, -np.inf
-    for name, its in _scales(path).items():
+    ends: list[float] = []
+    for name, (entity, _, _) in _scales(path).items():
         if wanted is None or name in wanted:
-            for t, _, _ in _rows(path, its["entity"], [DATA], ALL_TIMES, 0.0):
-                first, last = min(first, float(t.min())), max(last, float(t.max()))
-    return (first, last) if first <= last else None
+            for t, _, _ in _rows(path, entity, [DATA], ALL_TIMES, 0.0):
+                ends += [float(t.min()), float(t.max())]
+    return (min(ends), max(ends)) if ends else None
 
 
 def arrows(
     path: Path, plane: str = "slice", between: tuple[float, float] = ALL_TIMES, spacing: float = 0.0
 ) -> Arrows:
-    """The wind of a recording in a plane, "slice" or "section"; none where it has none. Raises RunFolderError."""
+    """Return the wind of a recording in a plane, "slice" or "section"; may be empty. Raises RunFolderError."""
     found: list[tuple[float, np.ndarray, np.ndarray]] = []
-    for t, kept, columns in _rows(
-        path, f"/wind/{plane}", ["Arrows3D:origins", "Arrows3D:vectors"], between, spacing
-    ):
+    components = ["Arrows3D:origins", "Arrows3D:vectors"]
+    for t, kept, columns in _rows(path, f"/wind/{plane}", components, between, spacing):
         tails, ways = (_points(column) for column in columns)
         found += [(float(t[k]), tails[k], ways[k]) for k in np.flatnonzero(kept)]
-    found.sort(key=lambda one: one[0])
-    return Arrows(np.array([one[0] for one in found]), [one[1] for one in found], [one[2] for one in found])
+    found.sort(key=lambda arrow: arrow[0])
+    return Arrows(
+        np.array([t for t, _, _ in found]), [tail for _, tail, _ in found], [way for _, _, way in found]
+    )
 
 
 def pictures(path: Path) -> "xr.Dataset":
-    """All pictures of a recording: `gas_slice` (time, y, x) and the like, float32 in ppm or K, with CF attributes.
+    """Return all pictures of a recording: `gas_slice` (time, y, x) and so on, float32 in ppm or K, with CF attributes.
 
-    Where planes differ in their pixels or times, the later one's dimensions have its name: `z_section`.
-    Raises RunFolderError.
+    If pixels or times of planes differ, the dimensions of the later plane get its name: `z_section`. Raises
+    RunFolderError.
     """
     import xarray as xr
 
-    variables: dict[str, Any] = {}
-    coords: dict[str, Any] = {}
-    for name, one in read(path).items():
+    variables: dict[str, tuple] = {}
+    coords: dict[str, tuple] = {}
+    for name, picture in read(path).items():
         dims = []
+        vertical, horizontal = picture.coordinates(1), picture.coordinates(0)
         for axis, along in (
-            ("time", one.times),
-            (one.axes[1], one.coordinates(1)),
-            (one.axes[0], one.coordinates(0)),
+            ("time", picture.times),
+            (picture.axes[1], vertical),
+            (picture.axes[0], horizontal),
         ):
-            dim = axis
-            if dim in coords and not np.array_equal(coords[dim][1], along):
-                dim = f"{axis}_{one.view}"
-            if dim in coords and not np.array_equal(coords[dim][1], along):
-                dim = f"{axis}_{name}"
-            coords.setdefault(dim, (dim, along, _about(axis)))
+            for dim in (axis, f"{axis}_{picture.view}", f"{axis}_{name}"):
+                if dim not in coords or np.array_equal(coords[dim][1], along):
+                    break
+            coords.setdefault(dim, (dim, along, _attributes(axis)))
             dims.append(dim)
-        where = one.plane or MEANING.get(one.view, one.view)
-        about = {"long_name": f"{one.quantity}, {where}", "units": one.unit, "plane": one.plane}
-        about |= {"recorded_from": one.low, "recorded_to": one.high}
-        variables[name] = (dims, one.values(), about)
+        where = picture.plane or MEANING.get(picture.view, picture.view)
+        about = {"long_name": f"{picture.quantity}, {where}", "units": picture.unit, "plane": picture.plane}
+        about |= {"recorded_from": picture.low, "recorded_to": picture.high}
+        variables[name] = (dims, picture.values(), about)
     comment = (
         "decoded from 256 colours between recorded_from and recorded_to; values beyond these are cut off"
     )
@@ -194,8 +186,8 @@ def pictures(path: Path) -> "xr.Dataset":
     return xr.Dataset(variables, coords, about)
 
 
-def _about(axis: str) -> dict[str, str]:
-    """CF attributes of a coordinate."""
+def _attributes(axis: str) -> dict[str, str]:
+    """Return the CF attributes of a coordinate."""
     if axis == "time":
         return {"units": "s", "long_name": "simulated time", "axis": "T"}
     return {"units": "m", "long_name": f"middle of the pixels along {axis}", "axis": axis.upper()}
@@ -204,90 +196,77 @@ def _about(axis: str) -> dict[str, str]:
 # ---------------------------------------------------------------- rerun
 
 
-def _stream(path: Path) -> Any:
-    """The chunks of a recording, by its index where it has one; that of a killed run has none."""
+def _stream(path: Path) -> "rr.chunk.LazyChunkStream":
+    """Return the chunks of a recording, by its index if there is one: the recording of a killed run has none."""
     reason = unopenable(path)
     if reason:
         raise RunFolderError(f"{path}: {reason}")
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of rerun, where there is no index
+        warnings.simplefilter("ignore")  # of rerun, if there is no index
+        reader = rr.chunk.RrdReader(str(path))
         try:
-            reader = rr.chunk.RrdReader(str(path))
-            try:
-                return reader.store().stream()
-            except FAULTS:
-                return reader.stream()
-        except FAULTS as error:
-            raise _unread(path, error) from None
+            return reader.store().stream()
+        except FAULTS:
+            return reader.stream()
 
 
-def _unread(path: Path, error: Exception) -> RunFolderError:
-    reason = plain(" ".join(str(error).split())).replace(f"Failed to read RRD file at {path}: ", "")
-    return RunFolderError(f"{path}: is cut off or no recording: {reason}")
-
-
-def _chunks(path: Path, **wanted: Any) -> Iterator[Any]:
-    """Tables of the chunks that a filter leaves, each with its entity."""
+def _chunks(path: Path, **chosen: Any) -> Iterator[tuple[str, pa.RecordBatch]]:
+    """Yield the chunks that a filter leaves: entity and table."""
     try:
-        for chunk in _stream(path).filter(**wanted):
+        for chunk in _stream(path).filter(**chosen):
             yield chunk.entity_path, chunk.to_record_batch()
     except RunFolderError:
         raise
     except FAULTS as error:
-        raise _unread(path, error) from None
+        reason = plain(" ".join(str(error).split())).replace(f"Failed to read RRD file at {path}: ", "")
+        raise RunFolderError(f"{path}: is cut off or no recording: {reason}") from None
 
 
-def _scales(path: Path) -> dict[str, dict[str, Any]]:
-    """Of each picture what a `Picture` says of it, its `entity`, and `size`: rows and columns."""
-    told: dict[str, dict[str, Any]] = {}
+def _scales(path: Path) -> dict[str, tuple[str, tuple[int, int], dict[str, Any]]]:
+    """Return for each picture its entity, its rows and columns, and the fields of `Picture` known without its data."""
+    static: dict[str, dict[str, Any]] = {}
     for entity, batch in _chunks(path, is_static=True, components=[*SCALE, FORMAT]):
         for key in (*SCALE, FORMAT):
             if key in batch.schema.names:
-                told.setdefault(entity, {})[key] = batch.column(key)[0].as_py()
-    pictures = {entity: its for entity, its in told.items() if FORMAT in its}
+                static.setdefault(entity, {})[key] = batch.column(key)[0].as_py()
+    pictures = {entity: values for entity, values in static.items() if FORMAT in values}
     if not pictures:
         raise RunFolderError(f"{path}: is no recording of a run of ours, or has been cut off at its begin")
-    scaled = {entity: its for entity, its in pictures.items() if {"low", "high"} <= its.keys()}
+    scaled = {entity: values for entity, values in pictures.items() if {"low", "high"} <= values.keys()}
     if not scaled:
         raise RunFolderError(
             f"{path}: was made by another version, which did not say what its pictures stand for; run it again"
         )
     try:
         return {
-            entity.strip("/").replace("/", "_"): _scale(its)
-            | {"entity": entity, "view": entity.rpartition("/")[2]}
-            for entity, its in sorted(scaled.items())  # in a file they come in any order
+            entity.strip("/").replace("/", "_"): (entity, *_scale(entity, values))
+            for entity, values in sorted(scaled.items())  # in a file they come in any order
         }
     except FAULTS as error:
         raise RunFolderError(f"{path}: is damaged: {plain(str(error))}") from None
 
 
-def _scale(its: dict[str, Any]) -> dict[str, Any]:
-    """One picture's, from lists as rerun keeps them."""
-    one = {key: its[key][0] for key in ("quantity", "unit", "scale", "axes")}
-    low, high = float(its["low"][0]), float(its["high"][0])
-    logarithmic = one.pop("scale") == "log"
+def _scale(entity: str, values: dict[str, Any]) -> tuple[tuple[int, int], dict[str, Any]]:
+    """Return rows and columns, and the fields of a picture, from lists as rerun keeps them."""
+    quantity, unit, scale, axes = (values[key][0] for key in ("quantity", "unit", "scale", "axes"))
+    low, high, logarithmic = float(values["low"][0]), float(values["high"][0]), scale == "log"
     if not np.isfinite([low, high]).all() or high <= low or (logarithmic and low <= 0):
         raise ValueError(f"a scale from {low:g} to {high:g}")
-    cell, origin = [float(x) for x in its["cell"]], [float(x) for x in its.get("origin", (0.0, 0.0))]
-    format_ = its[FORMAT][0]
-    plane = (its.get("plane") or [""])[0]  # rerun keeps no empty text
-    return {
-        **one,
-        "low": low,
-        "high": high,
-        "logarithmic": logarithmic,
-        "plane": plane,
-        "cell": (cell[0], cell[-1]),
-        "origin": (origin[0], origin[1]),
-        "size": (format_["height"], format_["width"]),
-    }
+    cell, origin = [float(x) for x in values["cell"]], [float(x) for x in values.get("origin", (0.0, 0.0))]
+    form, plane = values[FORMAT][0], (values.get("plane") or [""])[0]  # rerun keeps no empty text
+    fields = {"view": entity.rpartition("/")[2], "quantity": quantity, "unit": unit, "low": low, "high": high}
+    fields |= {"logarithmic": logarithmic, "plane": plane, "axes": axes}
+    fields |= {"cell": (cell[0], cell[-1]), "origin": (origin[0], origin[1])}
+    return (form["height"], form["width"]), fields
 
 
 def _rows(
     path: Path, entity: str, components: list[str], between: tuple[float, float], spacing: float
 ) -> Iterator[tuple[np.ndarray, np.ndarray, list[pa.Array]]]:
-    """Times [s] and columns of an entity, chunk by chunk, and which rows to keep: those that are in time, and apart."""
+    """Yield the times [s] of each chunk of an entity, the rows to keep, and its columns.
+
+    Rows are kept if they are `between` two times, and `spacing` apart.
+    """
     latest = -np.inf
     for _, batch in _chunks(path, content=entity, components=components, is_static=False):
         if TIME not in batch.schema.names or not set(components) <= set(batch.schema.names):
@@ -303,7 +282,7 @@ def _rows(
 
 
 def _points(column: pa.Array) -> list[np.ndarray]:
-    """Points (m, 3) of each row."""
+    """Return the points (m, 3) of each row."""
     counts = column.value_lengths().fill_null(0).to_numpy(zero_copy_only=False)
     flat = column.flatten().flatten().to_numpy(zero_copy_only=False).reshape(-1, 3)
     return np.split(flat, np.cumsum(counts)[:-1])

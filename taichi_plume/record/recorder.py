@@ -1,8 +1,7 @@
-"""The run as a rerun recording: gas, wind, robots, sensors, maps, events.
+"""Rerun recording of a run: gas, wind, robots, sensors, maps, events.
 
 Fields are logged picture by picture; robots are gathered and sent in batches. Of several trials the first is recorded.
-The file can be read up to the last flush even when the process dies.
-Only the files of this folder know rerun.
+The file can be read up to the last flush even when the process dies. Only the files of this folder import rerun.
 """
 
 import time
@@ -15,8 +14,7 @@ import rerun as rr
 
 from taichi_plume import __version__
 from taichi_plume.record import about, layout, legends, planes, scales, scene
-from taichi_plume.record.belief_pictures import BeliefPictures
-from taichi_plume.record.map_pictures import MapPictures
+from taichi_plume.record.map_pictures import BeliefPictures, MapPictures
 from taichi_plume.record.pictures import Arrows, Pictures
 from taichi_plume.record.stage import Stage
 from taichi_plume.record.stream import Stream, mend
@@ -26,18 +24,18 @@ from taichi_plume.scoring.maps import MapScores
 from taichi_plume.simulation import Every, Simulation
 
 SAMPLE_PERIOD = 0.1  # s, robots
-LIVE = 0.5  # s of the clock between what a viewer is sent
+LIVE = 0.5  # s of the clock between two batches for a viewer
 BATCH = 2.0  # s, at least
-BATCHES = 250  # at most: rerun keeps 1.5 kB of each, of each entity, in memory until the end
-AT_ONCE = 10  # robots of which what was gathered is sent
+BATCHES = 250  # at most: rerun keeps 1.5 kB per batch and entity in memory until the end
+AT_ONCE = 10  # robots whose samples are sent together
 EARLIER = "recording.old.rrd"
 MENDED = "recording.part.rrd"
 
 
 class Recorder:
-    """Writes `path` while `sim` runs. Add `observers()` to the simulation's; call `close()` whatever happens.
+    """Writes `path` while `sim` runs. Add `observers()` to the simulation's; call `close()` in any case.
 
-    `start()` begins it, `go_on()` continues that of a run that was resumed. live: address of a viewer (see `live`).
+    `start()` begins the file, `go_on()` continues that of a resumed run. live: address of a viewer (see `live`).
 
     Raises OSError, from the constructor or an observer, as soon as the disk has no room for more.
     """
@@ -61,9 +59,9 @@ class Recorder:
         self.events: list[Event] = []
         self.schedule = _schedule(scenario)
         self.walks: dict[int, list[tuple[float, float, float]]] = {
-            n: [] for n, one in enumerate(scenario.obstacles) if one.motion
+            n: [] for n, obstacle in enumerate(scenario.obstacles) if obstacle.motion
         }
-        """(time, x, y) of the way of each moving obstacle since the last flush."""
+        """(time, x, y) of each moving obstacle since the last flush."""
         scores = map_scores or MapScores(sim)
         self.own_scores = None if map_scores else scores
         stage = Stage.of(sim)
@@ -72,15 +70,15 @@ class Recorder:
         self.stream = Stream(path, scenario.name, list(scenario.seeds.values()), blueprint, live)
         self.sent = -np.inf  # on the clock, to the viewer
         self.shares = max(1, ceil(len(robots) / AT_ONCE))
-        self.share = 0  # of the robots that is sent next
-        told: dict[str, Any] = {**scenario.seeds, "backend": backend, "version": __version__}
-        properties = rr.AnyValues(**told, spacing_m=sim.grid.dx)
-        self.stream.rerun.send_property("run", properties)
+        self.share = 0  # share of the robots that is sent next
+        values: dict[str, Any] = {**scenario.seeds, "backend": backend, "version": __version__}
+        self.stream.rerun.send_property("run", rr.AnyValues(**values, spacing_m=sim.grid.dx))
         self.stream.log_still(scene.arena(sim, stage))
-        for raster in (
-            planes.Raster(plane, sim.grid, sim.air.solid) for plane in seen if plane.letters != "xy"
-        ):
-            self.stream.log_still(scene.section(sim, raster, stage))
+        for plane in seen:
+            if plane.letters != "xy":
+                self.stream.log_still(
+                    scene.section(sim, planes.Raster(plane, sim.grid, sim.air.solid), stage)
+                )
         self.stream.log_still(legends.legends(sim, stage, seen, shown))
         self.stream.log_still(about.about(sim, backend, len(robots), seen, shown))
         self.tracks = Tracks(self.stream, stage, robots, self.thresholds, self.events)
@@ -90,7 +88,7 @@ class Recorder:
         self.beliefs = BeliefPictures(self.stream, sim, stage)
 
     def observers(self) -> list[Every]:
-        """What the simulation has to call, in this order."""
+        """Return the observers that the simulation has to call, in this order."""
         return [
             Every(1 / self.rates.rate, self.pictures.show, warm_up=True),
             Every(1 / self.rates.wind_rate, self.arrows.show, warm_up=True),
@@ -105,7 +103,7 @@ class Recorder:
         ]
 
     def show_now(self, sim: Simulation) -> None:
-        """Let the viewer have what was gathered, twice a second of the clock."""
+        """Send the gathered samples to the viewer, twice a second of the clock."""
         if time.monotonic() - self.sent > LIVE:
             self.flush()
             self.sent = time.monotonic()
@@ -115,9 +113,9 @@ class Recorder:
         self.stream.begin()
 
     def go_on(self) -> None:
-        """Begin the file with what there is of it up to the last `flush`."""
+        """Begin the file with the contents up to the last `flush`."""
         whole = self.path.with_name(EARLIER)
-        if self.path.exists() and not whole.exists():  # else this very step has been cut off before
+        if self.path.exists() and not whole.exists():  # else this step was interrupted before
             fresh = self.path.with_name(MENDED)
             mend(self.path, fresh)
             fresh.replace(whole)
@@ -127,16 +125,16 @@ class Recorder:
             whole.unlink()
 
     def sample_obstacles(self, sim: Simulation) -> None:
-        """Gather where those that move are, relative to their centre in the scenario."""
+        """Gather the positions of moving obstacles, relative to their centre in the scenario."""
         for n, samples in self.walks.items():
-            one = sim.scenario.obstacles[n]
-            if one.motion is not None:
-                x, y = one.motion.place(one.center, sim.t)
-                samples.append((sim.t, x - one.center[0], y - one.center[1]))
+            obstacle = sim.scenario.obstacles[n]
+            if obstacle.motion is not None:
+                x, y = obstacle.motion.place(obstacle.center, sim.t)
+                samples.append((sim.t, x - obstacle.center[0], y - obstacle.center[1]))
 
     def note(self, sim: Simulation) -> None:
-        """Tell what has happened by schedule, and bring to the disk what there is, of many robots in turns: a run in
-        real time has less than a tick for it. Raises OSError when there is no room.
+        """Log scheduled events and write the gathered samples, of many robots in turns: a run in real time has less
+        than a tick for it. Raises OSError if there is no room.
         """
         while self.schedule and self.schedule[0][0] <= sim.t + 1e-9:
             at, text = self.schedule.pop(0)
@@ -146,7 +144,7 @@ class Recorder:
         self.share = (self.share + 1) % self.shares
 
     def flush(self) -> None:
-        """Send what was gathered and bring it to the disk. Raises OSError when there is no room."""
+        """Write the gathered samples to the disk. Raises OSError if there is no room."""
         self.stream.require_room()
         self._send()
         self.t = self.sim.t
@@ -167,7 +165,7 @@ class Recorder:
         self.stream.flush()
 
     def close(self) -> None:
-        """Send the rest and finish the file; it stays readable whatever happened before."""
+        """Send the rest and finish the file, which stays readable in any case."""
         if not self.stream.open:
             return
         try:
@@ -176,11 +174,8 @@ class Recorder:
             self.stream.close()
 
 
-# ---------------------------------------------------------------- what is recorded
-
-
 def _schedule(scenario: Scenario) -> list[tuple[float, str]]:
-    """(time, text) of each scheduled change of an opening's speed, in order."""
+    """Return the time and text of each scheduled change of an opening's speed, in order."""
     changes = []
     for n, opening in enumerate(scenario.openings):
         for step in opening.changes:

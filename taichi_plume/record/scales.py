@@ -1,4 +1,4 @@
-"""The quantities that a run solves for, with the scales of their colours."""
+"""Quantities of a recording, gas and temperature, with their colour scales."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,15 +11,15 @@ from taichi_plume.record.planes import Plane
 from taichi_plume.scenario.heat import Heat
 from taichi_plume.simulation import Simulation
 
-NARROWEST = 1.0  # K: a range of temperatures is not narrower
+NARROWEST = 1.0  # K: least width of a range of temperatures
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """A scalar that is drawn. entity: what its pictures are below; colormap: of the viewer.
+    """A scalar that is drawn. entity: parent of its pictures; colormap: of the viewer.
 
-    cells: of a simulation, its values in all cells (*grid.shape), None where only points know. points: at points
-    (..., dim) [m], where they know more than the cells do; else None.
+    cells: function of a simulation that returns the values of all cells (*grid.shape), or None if they are known at
+    points only. points: function that returns the values at points (..., dim) [m]; None if cells are as fine.
     """
 
     entity: str
@@ -33,22 +33,22 @@ class Quantity:
     """Pixels per cell and axis."""
 
     def on(self, plane: Plane) -> bool:
-        """Whether it is drawn there: of a temperature the largest over the height says little."""
+        """Return whether the quantity is drawn on a plane: the maximum over the height says little of heat."""
         return self.unit == "ppm" or not plane.over_height
 
     @property
     def title(self) -> str:
-        """With its unit."""
+        """Name with unit."""
         return f"{self.name} [{self.unit}]"
 
     @property
     def heading(self) -> str:
-        """The same with a capital."""
+        """Name with unit and a capital."""
         return self.title[:1].upper() + self.title[1:]
 
 
 def quantities(sim: Simulation) -> list[Quantity]:
-    """The gas, of several species their sum and then each, and the temperature where it is solved for."""
+    """Return the gas, of several species their sum and then each, and the temperature if it is solved for."""
     found = []
     if sim.gas.species:
         scale = Scale(*sim.scenario.recording.range_ppm, "log")
@@ -63,23 +63,24 @@ def quantities(sim: Simulation) -> list[Quantity]:
 
 
 def _gas(entity: str, which: list[int], scale: Scale, sim: Simulation) -> Quantity:
-    """Of the species of these numbers together."""
+    """Return the sum of the species of some numbers."""
     species = [sim.gas.species[n] for n in which]
     gases = [gas for gas in sim.gas.gases if gas.species in species]
 
     def cells(sim: Simulation) -> np.ndarray | None:
-        parts = [(gas.cells(sim.t), np.float32(gas.species.ppm_per_density)) for gas in gases]
         total = None
-        for held, factor in parts:
-            if held is None:
+        for gas in gases:
+            density = gas.cells(sim.t)
+            if density is None:
                 return None
-            total = held * factor if total is None else total + held * factor
+            ppm = density * np.float32(gas.species.ppm_per_density)
+            total = ppm if total is None else total + ppm
         return total
 
     def points(sim: Simulation, where: np.ndarray) -> np.ndarray:
         return fields.ppm_at(sim.gas, where, sim.t)[..., which].sum(axis=-1)
 
-    name = " + ".join(one.name for one in species)
+    name = " + ".join(vapour.name for vapour in species)
     finer = any(gas.finer_than_cells for gas in gases)
     details = max(gas.details for gas in gases)
     return Quantity(entity, name, "ppm", scale, "inferno", cells, points if finer else None, details)
@@ -94,13 +95,8 @@ def _temperature(sim: Simulation, heat: Heat) -> Quantity:
     given = sim.scenario.recording.range_kelvin
     if given is None:
         air = cells(sim)[~sim.air.solid]
-        openings = [getattr(opening, "temperature", None) for opening in sim.scenario.openings]
-        known = [
-            *heat.likely,
-            *(one for one in openings if one is not None),
-            float(air.min()),
-            float(air.max()),
-        ]
+        incoming = [vars(opening).get("temperature") for opening in sim.scenario.openings]
+        known = [*heat.likely, *(t for t in incoming if t is not None), float(air.min()), float(air.max())]
         middle, half = (min(known) + max(known)) / 2, max(max(known) - min(known), NARROWEST) / 2
         given = (middle - half, middle + half)
     return Quantity("temperature", "temperature", "K", Scale(*given, "linear"), "turbo", cells, None)

@@ -1,6 +1,6 @@
-"""What stands still in a recording: arena, obstacles, openings, what warms, sources, bodies, outlines of planes.
+"""Static scene of a recording: arena, obstacles, openings, heaters, sources, robots' bodies, outlines of planes.
 
-For rerun, as `legends` and `layout`: every function yields (entity, rerun archetype).
+Functions yield or return rerun archetypes; `Entities` are pairs (entity path, archetype).
 """
 
 from collections.abc import Callable, Iterator
@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import rerun as rr
+from numpy.typing import ArrayLike
 
 from taichi_plume.files.gaden import Cubes
 from taichi_plume.grid.floor_plans import FloorPlan
@@ -31,7 +32,7 @@ ESTIMATES = {
     "weight": drawing.EMBER,
     "error": drawing.BLUE_RED,
 }
-"""What is shown of a map, with its palette."""
+"""Pictures of a map with their palettes."""
 
 FLOOR = (44, 48, 58)
 GREY = (150, 155, 165)
@@ -43,14 +44,14 @@ WARM, COOL = (255, 138, 101), (100, 181, 246)
 TEXT = (205, 210, 218)
 WHITE = (255, 255, 255)
 
-Entities = Iterator[tuple[str, Any]]
+Entities = Iterator[tuple[str, rr.AsComponents]]
 
 
 # ---------------------------------------------------------------- arena
 
 
 def arena(sim: Simulation, stage: Stage) -> Entities:
-    """Floor, edges, the robots' part of it, obstacles, sources, openings and screens."""
+    """Yield floor, edges, the robots' part of the floor, obstacles, sources, openings and screens."""
     (lx, ly), h = stage.extent[:2], stage.height
 
     def ring(z: float, low: Point2 = (0, 0), high: Point2 = (lx, ly)) -> list[list[float]]:
@@ -61,13 +62,8 @@ def arena(sim: Simulation, stage: Stage) -> Entities:
     posts = [[[x, y, 0], [x, y, h]] for x in (0, lx) for y in (0, ly)]
     yield "world/outline", rr.LineStrips3D([ring(0)], colors=LINES, radii=rr.Radius.ui_points(1.5))
     yield "world/walls", rr.LineStrips3D([ring(h), *posts], colors=FAINT, radii=rr.Radius.ui_points(0.8))
-    below = rr.Boxes3D(
-        centers=[[lx / 2, ly / 2, -3 * stage.lift]],
-        half_sizes=[[lx / 2, ly / 2, 2 * stage.lift]],
-        fill_mode="solid",
-        colors=FLOOR,
-    )
-    yield "world/floor", below
+    half = [lx / 2, ly / 2, 2 * stage.lift]
+    yield "world/floor", _boxes([[lx / 2, ly / 2, -3 * stage.lift]], [half], FLOOR)
     if sim.scenario.arena is not None:
         edges = ring(stage.lift, sim.scenario.arena.low, sim.scenario.arena.high)
         yield "world/arena", rr.LineStrips3D([edges], colors=LINES, radii=rr.Radius.ui_points(1.5))
@@ -76,14 +72,12 @@ def arena(sim: Simulation, stage: Stage) -> Entities:
         yield f"world/obstacles/{n}", _solid(shape, stage, WALKER if walks else GREY)
         if walks:
             yield from _walk(n, shape.model, stage)
-    for n, source in enumerate(source for _, source in sim.scenario.sources):
+    for n, (_, source) in enumerate(sim.scenario.sources):
         yield from _source(f"world/sources/{n}", source, stage)
     for n, opening in enumerate(sim.scenario.openings):
-        if opening.region is not None:
+        if (region := opening.region) is not None:
             name = opening.label if opening.passes else None
-            yield from _window(
-                f"world/openings/{n}", opening.region, opening.color, opening.straight, name, stage
-            )
+            yield from _window(f"world/openings/{n}", region, opening.color, opening.straight, name, stage)
     for n, screen in enumerate(sim.scenario.screens):
         yield from _window(f"world/screens/{n}", screen, screen.color, True, screen.kind, stage)
     if sim.scenario.buoyancy is not None and sim.scenario.buoyancy.heat is not None:
@@ -91,7 +85,7 @@ def arena(sim: Simulation, stage: Stage) -> Entities:
 
 
 def _walk(n: int, model: Any, stage: Stage) -> Entities:
-    """The name of an obstacle that moves, and its way."""
+    """Yield the name of a moving obstacle, and its path."""
     center = np.array(model.center[:2])
     way = np.array([center, *(point[1:] for point in model.motion.path)])
     way = np.column_stack([way, np.full(len(way), stage.lift)])
@@ -100,7 +94,7 @@ def _walk(n: int, model: Any, stage: Stage) -> Entities:
 
 
 def _warmth(heat: Heat, stage: Stage) -> Entities:
-    """Heaters, and walls that keep a temperature, warmer ones in another colour than cooler ones."""
+    """Yield heaters, and walls that keep a temperature, in one colour if warmer than the air and another if cooler."""
     for n, heater in enumerate(heat.heaters):
         center = [*heater.position, *[stage.height / 2] * (3 - len(heater.position))]
         color = WARM if heater.power >= 0 else COOL
@@ -117,31 +111,30 @@ def _warmth(heat: Heat, stage: Stage) -> Entities:
         yield from _window(f"world/tempered/{n}", wall, color, False, name, stage)
 
 
-def _solid(shape: Any, stage: Stage, color: Color) -> Any:
-    """An obstacle; those of a flat arena are as high as its walls."""
+def _boxes(centers: ArrayLike, halves: ArrayLike, color: Color, **how: Any) -> rr.Boxes3D:
+    return rr.Boxes3D(centers=centers, half_sizes=halves, fill_mode="solid", colors=color, **how)
+
+
+def _solid(shape: Shape | Cubes, stage: Stage, color: Color) -> rr.AsComponents:
+    """Return an obstacle; in a flat arena obstacles are as high as the walls."""
     if isinstance(shape, Cubes):
         centers, half = shape.visible(stage.extent), [shape.size / 2] * 3
         if centers.shape[1] == 2:
             centers = np.column_stack([centers, np.full(len(centers), stage.height / 2)])
             half[2] = stage.height / 2
-        return rr.Boxes3D(centers=centers, half_sizes=[half], fill_mode="solid", colors=color)
+        return _boxes(centers, [half], color)
     return SOLIDS[shape.model.kind](shape, stage, color)
 
 
-def _box(shape: Shape, stage: Stage, color: Color) -> Any:
+def _box(shape: Shape, stage: Stage, color: Color) -> rr.Boxes3D:
     center, size = list(shape.model.center), list(shape.model.size)
     if len(center) == 2:
         center, size = [*center, stage.height / 2], [*size, stage.height]
-    return rr.Boxes3D(
-        centers=[center],
-        half_sizes=[np.array(size) / 2],
-        rotation_axis_angles=[rr.RotationAxisAngle([0, 0, 1], degrees=shape.model.yaw_deg)],
-        fill_mode="solid",
-        colors=color,
-    )
+    turns = [rr.RotationAxisAngle([0, 0, 1], degrees=shape.model.yaw_deg)]
+    return _boxes([center], [np.array(size) / 2], color, rotation_axis_angles=turns)
 
 
-def _ball(shape: Shape, stage: Stage, color: Color) -> Any:
+def _ball(shape: Shape, stage: Stage, color: Color) -> rr.Ellipsoids3D:
     center, half = list(shape.model.center), [shape.model.radius] * 3
     if len(center) == 2:
         center, half[2] = [*center, stage.height / 2], stage.height / 2
@@ -149,13 +142,13 @@ def _ball(shape: Shape, stage: Stage, color: Color) -> Any:
 
 
 def _upright(model: Cylinder | Prism | WallMap, stage: Stage) -> tuple[float, float]:
-    """Where it stands and how high it reaches [m], of the walls' height in a flat arena."""
+    """Return the lower and upper end [m] of an upright obstacle; in a flat arena, of the walls."""
     if len(stage.extent) == 2:
         return 0.0, stage.height
     return model.base, stage.height if model.height is None else min(stage.height, model.base + model.height)
 
 
-def _cylinder(shape: Shape, stage: Stage, color: Color) -> Any:
+def _cylinder(shape: Shape, stage: Stage, color: Color) -> rr.Cylinders3D:
     base, top = _upright(shape.model, stage)
     return rr.Cylinders3D(
         lengths=[top - base],
@@ -166,27 +159,26 @@ def _cylinder(shape: Shape, stage: Stage, color: Color) -> Any:
     )
 
 
-def _prism(shape: Shape, stage: Stage, color: Color) -> Any:
-    return mesh(
-        *drawing.prism_mesh(np.array(shape.model.vertices, float), *_upright(shape.model, stage)), color
-    )
+def _prism(shape: Shape, stage: Stage, color: Color) -> rr.Mesh3D:
+    outline = np.array(shape.model.vertices, float)
+    return mesh(*drawing.prism_mesh(outline, *_upright(shape.model, stage)), color)
 
 
-def _mesh(shape: Solid, stage: Stage, color: Color) -> Any:
+def _mesh(shape: Solid, stage: Stage, color: Color) -> rr.Mesh3D:
     return mesh(*drawing.faceted(shape.vertices, shape.triangles), color)
 
 
-def _plan(shape: FloorPlan, stage: Stage, color: Color) -> Any:
+def _plan(shape: FloorPlan, stage: Stage, color: Color) -> rr.Boxes3D:
     low, high = np.split(shape.rectangles(MOST_BOXES), 2, axis=1)
     low, high = np.maximum(low, 0.0), np.minimum(high, stage.extent[:2])
     base, top = _upright(shape.model, stage)
     seen = (high > low).all(axis=1)
     centers = np.column_stack([0.5 * (low + high)[seen], np.full(seen.sum(), 0.5 * (base + top))])
     halves = np.column_stack([0.5 * (high - low)[seen], np.full(seen.sum(), 0.5 * (top - base))])
-    return rr.Boxes3D(centers=centers, half_sizes=halves, fill_mode="solid", colors=color)
+    return _boxes(centers, halves, color)
 
 
-SOLIDS: dict[str, Callable[[Any, Stage, Color], Any]] = {
+SOLIDS: dict[str, Callable[[Any, Stage, Color], rr.AsComponents]] = {
     "box": _box,
     "sphere": _ball,
     "cylinder": _cylinder,
@@ -194,28 +186,24 @@ SOLIDS: dict[str, Callable[[Any, Stage, Color], Any]] = {
     "mesh": _mesh,
     "map": _plan,
 }
-"""How the obstacles of each kind are drawn."""
+"""Archetype of the obstacles of each kind."""
 
 
 def _source(entity: str, source: AnySource, stage: Stage) -> Entities:
-    """A red ball, its name above it in white: gas may be as red."""
+    """Yield a red ball, and its name above in white, as gas may be red."""
     position = [*source.position, *[stage.height / 2] * (3 - len(source.position))]
     radius = max(source.radius, 0.006 * stage.length)
     if len(stage.extent) == 2:
         radius = min(radius, 0.02 * stage.length)
     yield entity, rr.Points3D([position], radii=radius, colors=RED)
-    above = [
-        position[0],
-        min(position[1] + radius + 0.1 * stage.length, stage.extent[1]),
-        position[2] + radius,
-    ]
-    yield f"{entity}/name", label("source", above, WHITE)
+    y = min(position[1] + radius + 0.1 * stage.length, stage.extent[1])
+    yield f"{entity}/name", label("source", [position[0], y, position[2] + radius], WHITE)
 
 
 def _window(
     entity: str, window: Window, color: Color, combed: bool, name: str | None, stage: Stage
 ) -> Entities:
-    """An opening or a screen; combed: with lines across it. name: of one that air goes through."""
+    """Yield an opening or a screen; combed: with lines across it; name: of an opening that lets air pass, else None."""
     outline = drawing.opening(window, stage.extent, stage.height)
     lines, width = [np.vstack([outline, outline[:1]])], 2.0
     if combed:
@@ -232,7 +220,7 @@ def _window(
 
 
 def _within(outline: np.ndarray, stage: Stage, near: bool) -> np.ndarray:
-    """Where the name of an opening stands: at its far or near end, so far inside the arena that it is not cut off."""
+    """Return the position of an opening's name: at its far or near end, inside the arena so that it is not cut off."""
     x, y = outline[:, 0].mean(), outline[:, 1].min() if near else outline[:, 1].max()
     margin = np.minimum(np.array([0.13, 0.04]) * stage.length, np.array(stage.extent[:2]) / 2)
     place = np.clip([x, y], margin, np.array(stage.extent[:2]) - margin)
@@ -243,13 +231,13 @@ def _within(outline: np.ndarray, stage: Stage, near: bool) -> np.ndarray:
 
 
 def body(radius: float, height: float, color: tuple[int, ...], stage: Stage) -> rr.Mesh3D:
-    """A robot's body, pointed in front; in large arenas larger than it is."""
+    """Return a robot's body, pointed in front; in large arenas it is enlarged."""
     grown = max(radius, BODY * stage.length)
     return mesh(*drawing.robot_mesh(grown, max(height * grown / radius, 0.5 * grown)), color)
 
 
 def ghost(radius: float, color: tuple[int, ...], stage: Stage) -> rr.LineStrips3D:
-    """Where a robot believes to be: the outline of its body, with a line to the front."""
+    """Return the estimated pose of a robot: the outline of its body, with a line to the front."""
     grown = max(radius, BODY * stage.length)
     angles = np.linspace(0, 2 * np.pi, 33)
     ring = grown * np.column_stack([np.cos(angles), np.sin(angles), 0 * angles])
@@ -258,7 +246,7 @@ def ghost(radius: float, color: tuple[int, ...], stage: Stage) -> rr.LineStrips3
 
 
 def declared(place: np.ndarray, right: bool, text: str, stage: Stage) -> rr.LineStrips3D:
-    """Where a robot says that a source is, (2,) [m]: a named ring and cross, right or wrong by their colour."""
+    """Return the mark of a declared source position, (2,) [m]: a named ring and cross, coloured by right or wrong."""
     size, height = 2.2 * BODY * stage.length, 4 * stage.lift
     angles = np.linspace(0, 2 * np.pi, 33)
     strips = [size * np.column_stack([np.cos(angles), np.sin(angles)])]
@@ -273,7 +261,7 @@ def declared(place: np.ndarray, right: bool, text: str, stage: Stage) -> rr.Line
 
 
 def lanes(states: tuple[str, ...]) -> rr.StateConfiguration:
-    """Colours of a robot's states, of which the last is "found"."""
+    """Return the colours of a robot's states; the last state is "found"."""
     colors = np.resize(drawing.STATES, len(states))
     colors[-1] = drawing.FOUND
     return rr.StateConfiguration(values=list(states), labels=list(states), colors=colors)
@@ -283,7 +271,7 @@ def lanes(states: tuple[str, ...]) -> rr.StateConfiguration:
 
 
 def section(sim: Simulation, raster: Raster, stage: Stage) -> Entities:
-    """The edges of a vertical section, what of it is solid, and the names of the sources beside it."""
+    """Yield the edges of a vertical section, its solid part, and the names of the sources beside it."""
     plane, name = raster.plane, f"outlines/{raster.plane.name}"
     u, v = (stage.extent[d] for d in plane.axes)
     edges = placed(plane, [[0, 0], [u, 0], [u, v], [0, v], [0, 0]], stage, 4)
@@ -303,9 +291,9 @@ def section(sim: Simulation, raster: Raster, stage: Stage) -> Entities:
 
 
 def beside(sim: Simulation, plane: Plane) -> list[str]:
-    """Sources and heaters that a section cuts, or nearly so."""
+    """Return the sources and heaters that a section cuts, or nearly so."""
     heat = sim.scenario.buoyancy.heat if sim.scenario.buoyancy is not None else None
-    there = [(f"sources/{n}", one) for n, (_, one) in enumerate(sim.scenario.sources)]
-    there += [(f"heaters/{n}", one) for n, one in enumerate(heat.heaters if heat is not None else ())]
+    there = [(f"sources/{n}", thing) for n, (_, thing) in enumerate(sim.scenario.sources)]
+    there += [(f"heaters/{n}", heater) for n, heater in enumerate(heat.heaters if heat is not None else ())]
     normal, level = plane.normal or 0, plane.level or 0.0
-    return [name for name, one in there if abs(one.position[normal] - level) < one.radius + sim.grid.dx]
+    return [name for name, thing in there if abs(thing.position[normal] - level) < thing.radius + sim.grid.dx]

@@ -1,10 +1,11 @@
-"""The stage of a recording: how large things are drawn, and how pictures, texts and meshes are placed on it."""
+"""Sizes of the recorded arena, and rerun archetypes placed in it: pictures, texts and meshes."""
 
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import rerun as rr
+from numpy.typing import ArrayLike
 
 from taichi_plume.record.planes import Plane
 from taichi_plume.simulation import Simulation
@@ -14,7 +15,7 @@ FLAT = 0.05  # height of the walls of a 2-D arena over its shorter side
 
 @dataclass(frozen=True)
 class Stage:
-    """The arena as drawn: floor [m], height of its walls, longer side, gap between what lies on the floor."""
+    """The arena as drawn: floor, height of its walls, longer side, gap between things that lie on the floor [m]."""
 
     extent: tuple[float, ...]
     height: float
@@ -23,14 +24,14 @@ class Stage:
 
     @staticmethod
     def of(sim: Simulation) -> "Stage":
-        """That of a simulation; flat ones get low walls."""
+        """Return the stage of a simulation; flat arenas get low walls."""
         extent = sim.grid.extent
         length = max(extent[:2])
         return Stage(extent, extent[2] if len(extent) == 3 else FLAT * min(extent), length, 5e-4 * length)
 
 
-def placed(plane: Plane, points: Any, stage: Stage, above: float = 1.0) -> np.ndarray:
-    """Points (n, 2) [m] in a plane's axes as (n, 3), so many `stage.lift` on the viewer's side of the plane.
+def placed(plane: Plane, points: ArrayLike, stage: Stage, above: float = 1.0) -> np.ndarray:
+    """Return points (n, 2) [m] in a plane's axes as (n, 3), by `above` times `stage.lift` towards the viewer.
 
     Horizontal planes lie on the floor, whatever their height.
     """
@@ -46,16 +47,16 @@ def placed(plane: Plane, points: Any, stage: Stage, above: float = 1.0) -> np.nd
 
 
 def turned(plane: Plane) -> rr.Quaternion:
-    """Quaternion that turns a picture's axes into those of the plane."""
+    """Return the quaternion that turns a picture's axes into the plane's axes."""
     half = 0.5**0.5
     turns = {"xy": [0.0, 0.0, 0.0, 1.0], "xz": [half, 0.0, 0.0, half], "yz": [0.5, 0.5, 0.5, 0.5]}
     return rr.Quaternion(xyzw=turns[plane.letters])
 
 
 def picture(
-    plane: Plane, shape: tuple[int, ...], cell: float, origin: Any, stage: Stage, **how: Any
+    plane: Plane, shape: tuple[int, ...], cell: float, origin: tuple[float, float], stage: Stage, **how: Any
 ) -> rr.GridMap:
-    """A GridMap that lies in a plane, its lower left corner at `origin` in the plane's axes [m]; without pixels."""
+    """Return a GridMap that lies in a plane; origin: lower left corner in the plane's axes [m]."""
     above = how.pop("above", 1.0)
     return rr.GridMap.from_fields(
         format=picture_format(shape[0], shape[1], how.pop("color", False)),
@@ -66,8 +67,8 @@ def picture(
     )
 
 
-def label(text: str, position: Any, color: tuple[int, ...]) -> rr.Points3D:
-    """A text at a place."""
+def label(text: str, position: ArrayLike, color: tuple[int, ...]) -> rr.Points3D:
+    """Return a text at a position."""
     return rr.Points3D(
         [position], radii=rr.Radius.ui_points(0.0), colors=color, labels=[text], show_labels=True
     )
@@ -76,13 +77,13 @@ def label(text: str, position: Any, color: tuple[int, ...]) -> rr.Points3D:
 def mesh(
     vertices: np.ndarray, triangles: np.ndarray, normals: np.ndarray, color: tuple[int, ...]
 ) -> rr.Mesh3D:
-    """A mesh of one colour."""
+    """Return a mesh of one colour."""
     return rr.Mesh3D(
         vertex_positions=vertices, triangle_indices=triangles, vertex_normals=normals, albedo_factor=color
     )
 
 
 def picture_format(width: int, height: int, color: bool) -> rr.components.ImageFormat:
-    """Of a GridMap's bytes: RGBA, or one byte that the viewer colours."""
+    """Return the format of a GridMap's bytes: RGBA, or one byte that the viewer colours."""
     model = "RGBA" if color else "L"
     return rr.components.ImageFormat(width=width, height=height, color_model=model, channel_datatype="U8")

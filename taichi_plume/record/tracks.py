@@ -1,4 +1,4 @@
-"""Robots in the recording: poses, trails, readings and behaviour, sampled often and sent in batches."""
+"""Robots in the recording: poses, trails, readings, declarations and behaviour, sampled often and sent in batches."""
 
 import re
 from collections.abc import Sequence
@@ -17,16 +17,14 @@ from taichi_plume.simulation import Simulation
 MOST_ROBOTS = 50
 
 Event = tuple[float, str, str, tuple[int, ...]]
-"""Time [s], level, text and colour of something that happened."""
-
-
+"""Time [s], level, text and colour of an event."""
 Declared = tuple[float, np.ndarray, bool]
 """Time [s] and place (2,) [m] of a declaration, and whether it is right."""
 
 
 @dataclass
 class Robot:
-    """A recorded robot, and what has changed of it since the last batch."""
+    """A recorded robot, and its changes since the last batch."""
 
     STATE: ClassVar[tuple[str, ...]] = ("state", "last", "said", "right")
 
@@ -40,21 +38,21 @@ class Robot:
     state: int = -1
     changes: list[tuple[float, str]] = field(default_factory=list)
     last: dict[str, np.ndarray] = field(default_factory=dict)
-    """Where each of its trails ends."""
+    """End of each of its trails."""
     said: int = 0
-    """How often it has declared."""
+    """Number of its declarations."""
     right: int = 0
-    """How often of these rightly."""
+    """Number of its right declarations."""
     declared: list[Declared] = field(default_factory=list)
 
     @property
     def reckons(self) -> bool:
-        """Whether it has but its odometry to know where it is."""
+        """Whether the robot knows its position by odometry only."""
         return self.model.odometry is not None
 
 
 def recorded_robots(sim: Simulation) -> list[Robot]:
-    """The first trial's robots, at most MOST_ROBOTS, the groups in equal shares."""
+    """Return the first trial's robots, at most MOST_ROBOTS, the groups in equal shares."""
     groups = list(sim.swarm.groups)
     share = max(1, MOST_ROBOTS // max(1, len(groups)))
     robots, first = [], 0
@@ -72,9 +70,9 @@ def recorded_robots(sim: Simulation) -> list[Robot]:
 
 
 class Tracks:
-    """Samples robots and sends what was gathered.
+    """Samples robots and sends the samples in batches.
 
-    thresholds: lines in the plot of the readings [ppm]; events: where what happens is added.
+    thresholds: lines in the plot of the readings [ppm]; events: list to which events are added.
     """
 
     STATE = ("robots", "states")
@@ -92,17 +90,17 @@ class Tracks:
         self.index = np.array([robot.index for robot in robots], int)
         self.found = np.array([len(robot.states) - 1 for robot in robots], int)
         self.states = np.full(len(robots), -1)
-        """Of the robots when they were last looked at."""
+        """State of each robot in the last sample."""
         self.samples: list[np.ndarray] = []
-        """(robots, 9) each: time, x, y, heading, reading, believed x, y and heading, altitude; those of which some
-        robot's are not sent yet.
+        """Samples not yet sent for all robots, (robots, 9) each: time, x, y, heading, reading, believed x, y and
+        heading, altitude.
         """
         self.sent = np.zeros(len(robots), int)
-        """How many of them are."""
+        """Number of these samples that have been sent, per robot."""
         stream.log_still(self._styles())
 
     def _styles(self) -> scene.Entities:
-        """Bodies, and colours of trails, series and lanes."""
+        """Yield bodies, and colours of trails, series and lanes."""
         for robot in self.robots:
             body, name = robot.model.body, robot.name
             yield f"robots/{name}", scene.body(body.radius, body.height, robot.color, self.stage)
@@ -125,19 +123,10 @@ class Tracks:
             return
         now = sim.swarm.snapshot()
         k = self.index
-        self.samples.append(
-            np.column_stack(
-                [
-                    np.full(len(k), sim.t),
-                    now["position"][k],
-                    now["heading"][k],
-                    now["reading_ppm"][k],
-                    now["believed_position"][k],
-                    now["believed_heading"][k],
-                    now["altitude"][k] if "altitude" in now else np.zeros(len(k)),
-                ]
-            )
-        )
+        names = ("position", "heading", "reading_ppm", "believed_position", "believed_heading")
+        altitude = now["altitude"][k] if "altitude" in now else np.zeros(len(k))
+        columns = [np.full(len(k), sim.t), *(now[name][k] for name in names), altitude]
+        self.samples.append(np.column_stack(columns))
         states = np.where(now["found"][k], self.found, now["state"][k])
         for n in np.flatnonzero(states != self.states):
             self._note_state(self.robots[n], int(states[n]), self.samples[-1][n], now)
@@ -147,7 +136,7 @@ class Tracks:
                 self._note_declared(robot, sim.t, now)
 
     def _note_declared(self, robot: Robot, t: float, now: dict[str, np.ndarray]) -> None:
-        """Tell where it says that a source is. After a right place the swarm keeps no other."""
+        """Note a declaration as an event and a mark. After a right declaration the swarm keeps no other position."""
         said, false, place, when = (
             now[name][robot.index]
             for name in ("declarations", "false_declarations", "declared_position", "declared_time")
@@ -163,7 +152,7 @@ class Tracks:
         robot.said, robot.right = int(said), int(said - false)
 
     def _note_state(self, robot: Robot, state: int, sample: np.ndarray, now: dict[str, np.ndarray]) -> None:
-        """Tell of a change of state; sample: as in `samples`."""
+        """Note a change of state as an event; sample: as in `samples`."""
         t, x, y, _, reading = (float(value) for value in sample[:5])
         name = robot.states[state]
         robot.changes.append((t, name))
@@ -178,7 +167,7 @@ class Tracks:
         robot.state = state
 
     def send(self, share: int = 0, of: int = 1) -> None:
-        """Send what was gathered of every `of`-th robot, from number `share` on."""
+        """Send the gathered samples of every `of`-th robot, from number `share` on."""
         for n in range(share, len(self.robots), of):
             robot = self.robots[n]
             if robot.changes:
@@ -189,7 +178,7 @@ class Tracks:
                 text = f"{robot.name}: {'right' if right else 'wrong'}"
                 self.stream.log(t, f"declared/{robot.name}", scene.declared(place, right, text, self.stage))
             robot.declared.clear()
-            samples = [one[n] for one in self.samples[self.sent[n] :]]
+            samples = [sample[n] for sample in self.samples[self.sent[n] :]]
             self.sent[n] = len(self.samples)
             if samples:
                 self._send_samples(robot, np.array(samples).T)
@@ -211,15 +200,12 @@ class Tracks:
     def _send_way(
         self, robot: Robot, poses: str, trails: str, t: np.ndarray, way: np.ndarray, z: np.ndarray
     ) -> None:
-        """Poses (3, n) at altitudes z (n,) [m], and the steps between them as a trail, to the robot's entities below
-        these two.
-        """
+        """Send poses (3, n) at altitudes z (n,) [m] to an entity in `poses`, and the steps to an entity in `trails`."""
         x, y, heading = way
         place = np.column_stack([x, y, z + 2 * self.stage.lift])
         turn = np.column_stack([0 * x, 0 * x, np.sin(heading / 2), np.cos(heading / 2)])
-        self.stream.send(
-            f"{poses}/{robot.name}", t, rr.Transform3D.columns(translation=place, quaternion=turn)
-        )
+        transforms = rr.Transform3D.columns(translation=place, quaternion=turn)
+        self.stream.send(f"{poses}/{robot.name}", t, transforms)
         path = np.vstack([robot.last.get(trails, place[:1]), place])
         robot.last[trails] = place[-1:]
         steps = rr.LineStrips3D.columns(strips=list(np.stack([path[:-1], path[1:]], axis=1)))
@@ -227,7 +213,7 @@ class Tracks:
 
 
 def _part(name: str) -> str:
-    """A name as a part of an entity path."""
+    """Return a name as a part of an entity path."""
     return re.sub(r"[^A-Za-z0-9_.-]", "_", name) or "_"
 
 

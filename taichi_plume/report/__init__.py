@@ -1,4 +1,4 @@
-"""The report of a run, and the drawings that pictures share with it: all from a run's files, by matplotlib."""
+"""Report of a run, and drawings for reports, pictures and films: from a run's files, by matplotlib."""
 
 import logging
 

@@ -1,4 +1,4 @@
-"""What stands below figures and tables of a report: how to read them, for who sees one for the first time."""
+"""Captions of the figures and tables of a report, for first-time readers."""
 
 SCENE = (
     "The room {seen}, to scale. Stars are sources; grey are obstacles; coloured edges are openings with the way of "
@@ -49,7 +49,7 @@ BELIEF_SCORES = (
     "nearest true one. Probability within reach: that the believed source is within reach of a true one."
 )
 BUDGET = "What came in has to be what is there or has left."
-"""Of the mass of the gas."""
+"""Caption of the mass of the gas."""
 UNFINISHED = (
     "This run has not ended by itself (status: {status}); the page shows what there is so far. To complete its files: "
     "python -m taichi_plume.repair {folder}"

@@ -1,5 +1,6 @@
-"""The tables of a report: what was run, how the trials went, where the gas is, which files there are."""
+"""Tables of a report: key facts, trials, gas budget, flow solution, maps' scores, files."""
 
+from collections import Counter
 from collections.abc import Sequence
 from math import isfinite, prod
 from typing import Any
@@ -40,7 +41,7 @@ SAID = {
     "declared_time_s": ("time to declare", "s", "trial that declared"),
     "false_declarations": ("false declarations", "a trial", "trial"),
 }
-"""Told where robots have declared."""
+"""Quantities of robots that have declared."""
 BUDGET = {
     "initial_kg": "there at the begin",
     "emitted_kg": "given off by the sources",
@@ -70,88 +71,78 @@ FLOW = {
 
 
 def key_facts(run: Run) -> Rows:
-    """The scenario in a dozen lines."""
+    """Return the scenario in a dozen lines."""
     scenario, domain = run.scenario, run.scenario.domain
     room = " × ".join(f"{length:g}" for length in domain.extent) + " m"
     room += f", a slab {domain.depth:g} m deep seen from above" if domain.dim == 2 else ""
-    shape = domain.shape
+    shape, warm_up = domain.shape, scenario.warm_up
+    gases = [f"{gas.vapour.name} ({gas.kind.replace('_', ' ')})" for _, gas in scenario.gases]
     rows: Rows = [
         ("room", room),
         ("grid", f"{' × '.join(map(str, shape))} = {prod(shape):,} cells of {domain.spacing:g} m"),
         (
             "time",
-            f"{scenario.duration:g} s, after {scenario.warm_up:g} s without robots; a tick is {scenario.tick:g} s",
+            f"{scenario.duration:g} s, after {warm_up:g} s without robots; a tick is {scenario.tick:g} s",
         ),
         ("wind", _wind(scenario)),
-        (
-            "gas",
-            ", ".join(
-                dict.fromkeys(
-                    f"{gas.vapour.name} ({gas.kind.replace('_', ' ')})" for _, gas in scenario.gases
-                )
-            ),
-        ),
+        ("gas", ", ".join(dict.fromkeys(gases))),
         ("sources", f"{len(scenario.sources)}"),
     ]
     if scenario.obstacles:
-        rows.append(("obstacles", _counted([one.kind for one in scenario.obstacles])))
+        rows.append(("obstacles", _counted([obstacle.kind for obstacle in scenario.obstacles])))
     for group in scenario.robots:
         trials = f", {group.trials} trials at once in the same air" if group.trials > 1 else ""
         later = f"; sets off at {group.begin:g} s" if group.begin else ""
         sensor = group.sensors.nose
-        smells = " ".join(
-            str(part) for part in (sensor.kind, getattr(sensor, "model", "")) if isinstance(part, str)
-        )
+        smells = " ".join(part for part in (sensor.kind, vars(sensor).get("model")) if isinstance(part, str))
         how = f"{group.body.kind} by {group.algorithm.kind.replace('_', ' ')}"
         rows.append((group.name, f"{group.count} × {how}{trials}; smells by {smells}{later}"))
     if scenario.maps:
-        rows.append(("maps", ", ".join(one.kind.replace("_", " ") for one in scenario.maps)))
+        rows.append(("maps", ", ".join(gas_map.kind.replace("_", " ") for gas_map in scenario.maps)))
     rows += [(name.replace("_", " "), str(seed)) for name, seed in scenario.seeds.items()]
     return rows
 
 
 def _wind(scenario: Scenario) -> str:
-    kinds = [one.label for one in scenario.openings]
+    kinds = [opening.label for opening in scenario.openings]
     return scenario.wind.kind + (f": {_counted(kinds)}" if kinds else "")
 
 
 def _counted(names: Sequence[str]) -> str:
-    """Names with how often each is there."""
-    return ", ".join(
-        f"{n} × {name}" if (n := names.count(name)) > 1 else name for name in dict.fromkeys(names)
-    )
+    """Return the names with their counts."""
+    counts = Counter(names)
+    return ", ".join(f"{n} × {name}" if n > 1 else name for name, n in counts.items())
 
 
 def trials(group: dict[str, Any]) -> Rows:
-    """A group's means with their intervals: (what, mean, interval of 95 % confidence, over what)."""
-    told, quantities, shares = group["summary"], QUANTITIES, {"success_rate": "success"}
+    """Return a group's means with their intervals: (quantity, mean, interval of 95 % confidence, over which trials)."""
+    summary, quantities, shares = group["summary"], QUANTITIES, {"success_rate": "success"}
     if has_declared(group["per_trial"]):
         quantities, shares = quantities | SAID, shares | OUTCOMES
     rows: Rows = []
     for key, name in shares.items():
-        rate = told.get(key, {})
+        rate = summary.get(key, {})
         if rate.get("mean") is not None:
             interval = f"{100 * rate['low']:.0f} to {100 * rate['high']:.0f} %"
             over = f"{_trials(rate['n'], 'trial')} in one air (Wilson)"
             rows.append((name, f"{100 * rate['mean']:.0f} %", interval, over))
     for key, (name, unit, over) in quantities.items():
-        one = told.get(key, {})
-        if one.get("mean") is not None:
-            known = one.get("low") is not None and isfinite(one["low"])
-            interval = f"{one['low']:.3g} to {one['high']:.3g} {unit}" if known else "none: a single one"
-            rows.append(
-                (name, f"{one['mean']:.3g} {unit}", interval, f"{_trials(one['n'], over)} in one air")
-            )
+        mean = summary.get(key, {})
+        if mean.get("mean") is not None:
+            known = mean.get("low") is not None and isfinite(mean["low"])
+            interval = f"{mean['low']:.3g} to {mean['high']:.3g} {unit}" if known else "none: a single one"
+            over = f"{_trials(mean['n'], over)} in one air"
+            rows.append((name, f"{mean['mean']:.3g} {unit}", interval, over))
     return rows
 
 
 def _trials(n: int, what: str) -> str:
-    """So many of them: `what` begins or ends with the noun "trial"."""
+    """Return a number of trials; `what` begins or ends with the noun "trial"."""
     return f"{n:,} {what.replace('trial', 'trials', 1) if n != 1 else what}"
 
 
 def budget(result: dict[str, Any]) -> Rows:
-    """Where the gas went."""
+    """Return the gas budget."""
     gas = result.get("gas") or {}
     rows: Rows = [
         (name, f"{1e3 * gas[key]:.4g} g") for key, name in BUDGET.items() if gas.get(key) is not None
@@ -163,49 +154,46 @@ def budget(result: dict[str, Any]) -> Rows:
 
 
 def flow(result: dict[str, Any]) -> Rows:
-    """What the solver says of its air: (name, value, what it means)."""
-    told = result.get("flow") or {}
-    named = {key: FLOW.get(key, (key.replace("_", " "), "")) for key in told}
-    return [
-        (named[key][0], f"{told[key]:.3g}", named[key][1])
-        for key in told
-        if isinstance(told[key], int | float)
-    ]
+    """Return the diagnostics of the flow solver: (name, value, meaning)."""
+    rows: Rows = []
+    for key, value in (result.get("flow") or {}).items():
+        name, meaning = FLOW.get(key, (key.replace("_", " "), ""))
+        if isinstance(value, int | float):
+            rows.append((name, f"{value:.3g}", meaning))
+    return rows
 
 
 def map_rows(maps: Sequence[dict[str, Any]], names: Sequence[str]) -> Rows:
-    """Scores at the end: (map, error, correlation, share of cells known, error against the mean gas)."""
+    """Return scores at the end: (map, error, correlation, fraction of cells known, error against the mean gas)."""
     rows: Rows = []
-    for name, one in zip(names, maps, strict=True):
-        for part in one.get("groups", [one]):
+    for name, result in zip(names, maps, strict=True):
+        for part in result.get("groups", [result]):
             over = part.get("mean_gas", {}).get("error_ppm") or [None]
-            whose = f"{name}, {part['name']}" if "groups" in one else name
+            whose = f"{name}, {part['name']}" if "groups" in result else name
             share = part.get("known_fraction")
-            rows.append(
-                (whose, _number(part.get("mae_ppm")), _number(part.get("correlation"), "{:.2f}"),
-                 "–" if share is None else f"{100 * share:.0f} %", _number(over[-1]))
-            )  # fmt: skip
+            known = "–" if share is None else f"{100 * share:.0f} %"
+            scores = _number(part.get("mae_ppm")), _number(part.get("correlation"), "{:.2f}")
+            rows.append((whose, *scores, known, _number(over[-1])))
     return rows
 
 
 def map_names(maps: Sequence[dict[str, Any]]) -> list[str]:
-    """What the maps of a result are called, none twice."""
-    kinds = [str(one.get("kind", "?")).replace("_", " ") for one in maps]
+    """Return unique names of the maps of a result."""
+    kinds = [str(result.get("kind", "?")).replace("_", " ") for result in maps]
     return [f"{kind} (maps[{n}])" if kinds.count(kind) > 1 else kind for n, kind in enumerate(kinds)]
 
 
-def _number(value: Any, form: str = "{:.3g}") -> str:
+def _number(value: float | None, form: str = "{:.3g}") -> str:
     return "–" if value is None else form.format(value)
 
 
 def files(run: Run) -> Rows:
-    """What lies in the folder: (name, size, what it is)."""
+    """Return the files in the folder: (name, size, contents)."""
     rows: Rows = []
     for name, what in FILES.items():
         path = run.folder / name
         if path.exists() and name != "report.html":
-            size = (
-                sum(part.stat().st_size for part in path.rglob("*")) if path.is_dir() else path.stat().st_size
-            )
+            parts = path.rglob("*") if path.is_dir() else [path]
+            size = sum(part.stat().st_size for part in parts)
             rows.append((name, f"{size / 1e6:.3g} MB" if size > 1e5 else f"{size / 1e3:.3g} kB", what))
     return rows

@@ -1,17 +1,18 @@
-"""The figures of a report: mean plume and tracks, what robots smelt and did, success over time, maps and scores."""
+"""Figures of a report: mean plume and tracks, sensor readings and behaviour, success over time, scores of maps."""
 
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch, Rectangle
+from matplotlib.patches import Patch
 
 from taichi_plume.record.drawing import Scale, decades, logarithmic
 from taichi_plume.record.reading import Picture
 from taichi_plume.report import look, plume, scene
-from taichi_plume.report.maps import MapAtEnd
 from taichi_plume.results.run import Run
 from taichi_plume.results.tracks import Track
 
@@ -19,16 +20,13 @@ WIDE = 7.2  # inches
 DPI = 100
 MOST_SERIES = 4  # robots whose readings are shown
 MOST_LANES = 12  # robots whose behaviour is shown
-MOST_POINTS = 1200  # of a line, by and by more than a page has dots
-MOST_MAPS = 4
-MAPS, TALLEST_MAP, LOWEST = 6.1, 6.0, 1.4  # inches: a map and its truth, side by side; a figure of them
-TITLE = (2.6, 0.3)  # inches
+MOST_POINTS = 1200  # of a line: more than a page has dots
 MOST_STATES = 6  # side by side in their legend
 PLOT, LANE, GAP = 1.1, 0.19, 0.2  # inches: a robot's readings, its behaviour, between them
 
 
 def mean_plume(run: Run, picture: Picture, tracks: Sequence[Track]) -> bytes:
-    """The mean of the recorded pictures, and where the robots went."""
+    """Draw the mean of the recorded pictures, and the robots' tracks."""
     with look.styled():
         figure, view = plume.figure_of(run, picture, tracks, WIDE, DPI, wind=False)
         scale = Scale(picture.low, picture.high, "log" if picture.logarithmic else "linear")
@@ -39,7 +37,7 @@ def mean_plume(run: Run, picture: Picture, tracks: Sequence[Track]) -> bytes:
 
 
 def only_tracks(run: Run, tracks: Sequence[Track]) -> bytes:
-    """Where the robots went, over the scene."""
+    """Draw the robots' tracks over the scene."""
     extent = run.scenario.domain.extent
     with look.styled():
         figure = look.figure(WIDE, float(np.clip(WIDE * extent[1] / extent[0], 2.4, 8.0)) + 0.4, DPI)
@@ -48,9 +46,8 @@ def only_tracks(run: Run, tracks: Sequence[Track]) -> bytes:
         colors = [look.robot(track.number) for track in tracks]
         axes.add_collection(LineCollection(_trails(tracks), colors=colors, linewidths=1.3, zorder=8))
         for track in tracks:
-            plume.put_mark(
-                plume.declared_mark(axes, look.robot(track.number)), track.declared(len(track.t) - 1)
-            )
+            mark = plume.declared_mark(axes, look.robot(track.number))
+            plume.put_mark(mark, track.declared(len(track.t) - 1))
         return look.png(figure)
 
 
@@ -66,9 +63,9 @@ def _trails(tracks: Sequence[Track]) -> list[np.ndarray]:
 
 
 def smelt(run: Run, tracks: Sequence[Track]) -> bytes:
-    """Readings beside the true gas of a few robots, and the behaviour of some more, over one axis of time.
+    """Draw readings beside the true gas of a few robots, and the behaviour of some more, over one time axis.
 
-    All in one pair of axes, in inches upwards: each of its own would take as long to draw as all the rest.
+    All share one pair of axes, in inches upwards: drawing separate axes would take as long as all the rest.
     """
     shown, lanes = tracks[:MOST_SERIES], tracks[:MOST_LANES]
     low, high = _ends(run, shown)
@@ -86,38 +83,34 @@ def smelt(run: Run, tracks: Sequence[Track]) -> bytes:
         places, labels = _behaviour(axes, lanes)
         for n, track in enumerate(shown):
             marks = _readings(axes, track, tall - (n + 1) * PLOT, low, high)
-            places, labels = (
-                [*places, *(place for place, _ in marks)],
-                [*labels, *(label for _, label in marks)],
-            )
+            places += [place for place, _ in marks]
+            labels += [label for _, label in marks]
         axes.set_yticks(places, labels=labels)
-        for text in axes.get_yticklabels():
-            text.set_parse_math(False)
+        look.verbatim(axes.get_yticklabels())
         axes.tick_params(axis="y", length=0)
-        handles: list[Any] = [
+        handles: list[Artist] = [
             Patch(facecolor="#c3cad2", label="true gas at the sensor [ppm]"),
             Line2D([], [], color=look.INK, label="reading of the sensor [ppm]"),
         ]
         if any(track.group.algorithm.threshold is not None for track in shown):
-            handles.append(
-                Line2D([], [], color=look.SOURCE, linestyle="--", linewidth=0.9, label="threshold")
-            )
+            style = {"color": look.SOURCE, "linestyle": "--", "linewidth": 0.9}
+            handles.append(Line2D([], [], label="threshold", **style))
         figure.legend(handles=handles, loc="upper left", bbox_to_anchor=(0.11, 1), ncols=3, borderaxespad=0.2)
         return look.png(figure)
 
 
 def _ends(run: Run, tracks: Sequence[Track]) -> tuple[float, float]:
-    """Whole decades between which the readings are shown [ppm]."""
+    """Return the whole decades between which the readings are shown [ppm]."""
     values = [track.values[key] for track in tracks for key in ("reading_ppm", "true_ppm")]
-    largest = max((float(np.nanmax(one, initial=0.0)) for one in values), default=0.0)
+    largest = max((float(np.nanmax(series, initial=0.0)) for series in values), default=0.0)
     low = 10.0 ** np.floor(np.log10(run.scenario.recording.range_ppm[0]))
     return low, max(10.0 ** np.ceil(np.log10(max(largest, low))), 100 * low)
 
 
-def _readings(axes: Any, track: Track, base: float, low: float, high: float) -> list[tuple[float, str]]:
-    """One robot's, above `base`: true gas as an area, reading as a line, logarithmic; returns the scale's marks."""
+def _readings(axes: Axes, track: Track, base: float, low: float, high: float) -> list[tuple[float, str]]:
+    """Draw a robot's true gas as an area and reading as a line, logarithmic, above `base`; return the scale's marks."""
 
-    def up(ppm: Any) -> np.ndarray:
+    def up(ppm: np.ndarray | float) -> np.ndarray:
         return base + (PLOT - GAP) * logarithmic(np.asarray(ppm), low, high)
 
     color = look.robot(track.number)
@@ -138,8 +131,8 @@ def _readings(axes: Any, track: Track, base: float, low: float, high: float) -> 
     return [(base + (PLOT - GAP) * place, label) for place, label in marks[:: max(1, round(len(marks) / 3))]]
 
 
-def _behaviour(axes: Any, tracks: Sequence[Track]) -> tuple[list[float], list[str]]:
-    """A lane per robot at the bottom, coloured by its state; returns where their names go, and these."""
+def _behaviour(axes: Axes, tracks: Sequence[Track]) -> tuple[list[float], list[str]]:
+    """Draw a lane per robot at the bottom, coloured by state; return the positions of the robots' names, and these."""
     names = _states(tracks)
     boxes, colors = [], []
     places = [(len(tracks) - lane - 0.5) * LANE for lane in range(len(tracks))]
@@ -153,10 +146,8 @@ def _behaviour(axes: Any, tracks: Sequence[Track]) -> tuple[list[float], list[st
             boxes.append([(left, low), (right, low), (right, high), (left, high)])
             colors.append(look.STATES[names.index(track.states[track.state[begin]]) % len(look.STATES)])
         if track.found_at is not None:
-            found = track.t[track.found_at]
-            axes.plot(
-                found, place, "*", color=look.FOUND, markeredgecolor="white", markersize=10, clip_on=False
-            )
+            star = {"color": look.FOUND, "markeredgecolor": "white", "markersize": 10, "clip_on": False}
+            axes.plot(track.t[track.found_at], place, "*", **star)
     axes.add_collection(PolyCollection(boxes, facecolors=colors, linewidths=0))
     marks = [
         Patch(facecolor=look.STATES[k % len(look.STATES)], label=look.short(name))
@@ -167,18 +158,17 @@ def _behaviour(axes: Any, tracks: Sequence[Track]) -> tuple[list[float], list[st
         handles=marks, loc="upper left", bbox_to_anchor=(0, below), ncols=_columns(names), borderaxespad=0,
         columnspacing=1.0, handlelength=1.0,
     )  # fmt: skip
-    for text in legend.get_texts():
-        text.set_parse_math(False)
+    look.verbatim(legend.get_texts())
     return places, [look.short(track.name, 12) for track in tracks]
 
 
 def _states(tracks: Sequence[Track]) -> list[str]:
-    """The names of what they did, in the order of the lanes."""
+    """Return the names of the states, in the order of the lanes."""
     return list(dict.fromkeys(name for track in tracks for name in track.states))
 
 
 def _columns(names: Sequence[str]) -> int:
-    """How many names go side by side under a figure: fewer where they are long."""
+    """Return the number of names side by side under a figure, fewer if they are long."""
     longest = max((len(look.short(name)) for name in names), default=0)
     return max(1, min(MOST_STATES, 80 // (longest + 5)))
 
@@ -188,7 +178,7 @@ def _legend_rows(names: Sequence[str]) -> int:
 
 
 def thinned(t: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A long series by the least and largest of its parts, so that no peak is lost."""
+    """Return a long series by the least and largest values of its parts, so that no peak is lost."""
     parts = len(t) // (MOST_POINTS // 2)
     if parts < 2:
         return t, values
@@ -205,7 +195,7 @@ def thinned(t: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def success(groups: Sequence[dict[str, Any]], end: float) -> bytes:
-    """The share of each group's trials in which a source had been found by a time."""
+    """Draw the fraction of each group's trials in which a source had been found by a time."""
     with look.styled():
         figure = look.figure(WIDE, 2.6, DPI)
         axes = figure.add_axes((0.1, 0.2, 0.87, 0.72))
@@ -221,85 +211,31 @@ def success(groups: Sequence[dict[str, Any]], end: float) -> bytes:
         axes.set_ylim(0, 1.02)
         axes.set_xlabel("time since the robots started [s]")
         axes.set_ylabel("share of trials")
-        for text in axes.legend(loc="upper left").get_texts():
-            text.set_parse_math(False)
+        look.verbatim(axes.legend(loc="upper left").get_texts())
         return look.png(figure)
 
 
 # ---------------------------------------------------------------- maps
 
 
-def beside_truth(run: Run, maps: Sequence[MapAtEnd]) -> bytes:
-    """Each map's estimate on the left, the truth on the right, on one scale; all in one pair of axes."""
-    width, length = run.scenario.domain.extent[:2]
-    low, high = run.scenario.recording.range_ppm
-    inches = min(MAPS / (2.05 * width), TALLEST_MAP / length)  # per metre
-    aside, up = max(1.05 * width, TITLE[0] / inches), length + TITLE[1] / inches
-    across, tall = aside + width, len(maps) * up
-    with look.styled():
-        high_up = max(tall * inches + 0.1, LOWEST)
-        share = tall * inches / high_up
-        figure = look.figure(WIDE, high_up, DPI)
-        axes = figure.add_axes((0.01, 1 - 0.1 / high_up - share, across * inches / WIDE, share))
-        axes.set_axis_off()
-        image: Any = None
-        for n, one in enumerate(maps):
-            bottom = tall - (n + 1) * up
-            told = ((one.estimate, f"{one.name}: estimate"), (one.truth, "truth: mean of the gas"))
-            for k, (values, title) in enumerate(told):
-                left, (rows, columns) = k * aside, values.shape
-                axes.add_patch(Rectangle((left, bottom), width, length, facecolor="#d5dbe1", zorder=0))
-                reach = (left, left + one.cell * columns, bottom, bottom + one.cell * rows)
-                places = logarithmic(values, low, high)
-                image = axes.imshow(places, cmap=look.GAS, vmin=0, vmax=1, origin="lower", extent=reach)
-                frame = Rectangle((left, bottom), width, length, fill=False, edgecolor=look.INK, linewidth=1)
-                axes.add_patch(frame)
-                for _, source in run.scenario.sources:
-                    x, y = left + source.position[0], bottom + source.position[1]
-                    axes.plot(x, y, "*", color=look.SOURCE, markeredgecolor="white", markersize=11)
-                axes.text(
-                    left,
-                    bottom + length + 0.02 * width,
-                    title,
-                    fontweight="bold",
-                    fontsize=9,
-                    parse_math=False,
-                )
-        axes.set_xlim(-0.01 * width, across + 0.01 * width)
-        axes.set_ylim(-0.01 * width, tall)
-        bar = figure.add_axes((across * inches / WIDE + 0.025, 0.06, 0.015, 0.83))
-        look.scale(None, image, low, high, True, "ppm", cax=bar)
-        return look.png(figure)
-
-
 def scores(maps: Sequence[dict[str, Any]], names: Sequence[str]) -> bytes | None:
-    """How the maps' error and correlation went; None where they were not scored over time."""
-    known = [
-        (name, one["mean_gas"])
-        for name, one in zip(names, maps, strict=True)
-        if one.get("mean_gas", {}).get("time_s")
-    ]
-    if not known:
+    """Draw the maps' error and correlation over time; None if they were not scored over time."""
+    scored = [(name, result.get("mean_gas", {})) for name, result in zip(names, maps, strict=True)]
+    scored = [(name, series) for name, series in scored if series.get("time_s")]
+    if not scored:
         return None
+    titles = {"error_ppm": "mean error [ppm]", "correlation": "correlation with the truth"}
     with look.styled():
         figure = look.figure(WIDE, 2.4, DPI)
-        for k, (key, label) in enumerate(
-            (("error_ppm", "mean error [ppm]"), ("correlation", "correlation with the truth"))
-        ):
+        for k, (key, label) in enumerate(titles.items()):
             axes = figure.add_axes((0.08 + 0.49 * k, 0.2, 0.42, 0.68))
             look.plain(axes)
-            for n, (name, told) in enumerate(known):
-                values = [np.nan if value is None else value for value in told[key]]
-                axes.plot(
-                    *thinned(np.array(told["time_s"]), np.array(values, float)),
-                    color=look.robot(n),
-                    label=name,
-                    marker="o" if len(told["time_s"]) == 1 else "",
-                    markersize=4,
-                )
+            for n, (name, series) in enumerate(scored):
+                t, values = thinned(np.array(series["time_s"]), np.array(series[key], float))
+                marker = "o" if len(series["time_s"]) == 1 else ""
+                axes.plot(t, values, color=look.robot(n), label=name, marker=marker, markersize=4)
             axes.set_xlabel("time [s]")
             axes.set_title(label, fontsize=9)
             if k == 0:
-                for text in axes.legend(loc="best").get_texts():
-                    text.set_parse_math(False)
+                look.verbatim(axes.legend(loc="best").get_texts())
         return look.png(figure)

@@ -1,11 +1,12 @@
-"""Films: a figure frame by frame into a GIF or, with ffmpeg, an MP4; what does not move is drawn once."""
+"""Films: a figure frame by frame into a GIF or, with ffmpeg, an MP4; the static parts are drawn once."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 from matplotlib import animation
+from matplotlib.artist import Artist
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
@@ -14,44 +15,46 @@ from taichi_plume.files.disk import written_whole
 from taichi_plume.guard.input_error import InputError
 
 COLORS = 255  # of a GIF
+Frame = TypeVar("Frame")
 
 
 class NoFilmError(InputError):
-    """A film that cannot be made here; a line that begins with its path."""
+    """A film that cannot be made here; a line that begins with the film's path."""
 
 
 class Still(FigureCanvasAgg):
-    """A canvas that keeps the picture of all that stands still, and draws what moves on top of it."""
+    """A canvas that keeps the picture of the static parts, and draws the moving parts on top."""
 
-    def __init__(self, figure: Figure, moving: Sequence[Any]):
+    def __init__(self, figure: Figure, moving: Sequence[Artist]):
         super().__init__(figure)
-        self.moving = sorted(moving, key=lambda one: one.get_zorder())
-        self.behind: Any = None
-        lowest = min(one.get_zorder() for one in moving)
-        axes = moving[0].axes
-        self.above = [one for one in axes.get_children() if one not in moving and one.get_zorder() > lowest]
-        for one in [*self.moving, *self.above]:
-            one.set_animated(True)
+        self.background = None
+        lowest = min(part.get_zorder() for part in moving)
+        others = [part for part in moving[0].axes.get_children() if part not in moving]
+        above = [part for part in others if part.get_zorder() > lowest]
+        by_order = sorted(moving, key=Artist.get_zorder)
+        self.drawn = sorted([*by_order, *above], key=Artist.get_zorder)
+        for part in self.drawn:
+            part.set_animated(True)
 
     def draw(self) -> None:
-        """All of it the first time, then what moves and what lies on that."""
-        if self.behind is None:
+        """Draw everything the first time, later the moving parts and the parts on top of them."""
+        if self.background is None:
             super().draw()
-            self.behind = self.copy_from_bbox(self.figure.bbox)
-        self.restore_region(self.behind)
-        for one in sorted([*self.moving, *self.above], key=lambda one: one.get_zorder()):
-            self.figure.draw_artist(one)
+            self.background = self.copy_from_bbox(self.figure.bbox)
+        self.restore_region(self.background)
+        for part in self.drawn:
+            self.figure.draw_artist(part)
 
 
 def film(
     figure: Figure,
-    moving: Sequence[Any],
+    moving: Sequence[Artist],
     path: Path,
     fps: int,
-    frames: Sequence[Any],
-    show: Callable[[Any], None],
+    frames: Sequence[Frame],
+    show: Callable[[Frame], None],
 ) -> None:
-    """Write a film of frames, each put there by `show`. Raises NoFilmError and OSError."""
+    """Write a film of frames; `show` puts a frame on the figure. Raises NoFilmError and OSError."""
     if path.suffix.lower() != ".gif" and not animation.FFMpegWriter.isAvailable():
         raise NoFilmError(
             f"{path}: MP4 needs the program ffmpeg, which is not there; name it .gif, or install ffmpeg"
@@ -69,10 +72,10 @@ def film(
                 writer.grab_frame()
 
 
-def _gif(canvas: Still, path: Path, fps: int, frames: Sequence[Any], show: Callable[[Any], None]) -> None:
-    """One palette for all frames, from three of them: quicker than one each, smaller, and colours stay the same."""
+def _gif(canvas: Still, path: Path, fps: int, frames: Sequence[Frame], show: Callable[[Frame], None]) -> None:
+    """Write a GIF with one palette, made of three frames: quicker and smaller than one palette per frame."""
 
-    def drawn(frame: Any) -> Image.Image:
+    def drawn(frame: Frame) -> Image.Image:
         show(frame)
         canvas.draw()
         return Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3].copy())

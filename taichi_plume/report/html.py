@@ -1,4 +1,4 @@
-"""HTML pages that need nothing else: sections of lines, images and tables, put into `page.html`.
+"""Self-contained HTML pages: sections of lines, images and tables, put into the template `page.html`.
 
 Reports of runs and studies, statistics and standings of contests are such pages. The template escapes every text, so
 sections hold names and messages as they are.
@@ -21,7 +21,7 @@ Rows = Sequence[Sequence[object]]
 
 @dataclass
 class Image:
-    """A figure: PNG, what it shows in a line, and how to read it."""
+    """A figure: PNG, title in a line, and caption on how to read it."""
 
     png: bytes
     title: str
@@ -29,13 +29,13 @@ class Image:
 
     @property
     def address(self) -> str:
-        """The PNG as an address that needs no file."""
+        """The PNG as a data URL."""
         return "data:image/png;base64," + base64.b64encode(self.png).decode("ascii")
 
 
 @dataclass
 class Table:
-    """Rows under their heads, with a line on what they say."""
+    """Rows under their heads, with a caption."""
 
     rows: Rows
     heads: Sequence[str] = ()
@@ -44,7 +44,7 @@ class Table:
 
 @dataclass
 class Section:
-    """A part of the page, in the order in which it is read: lines, images, tables. code: lines are commands."""
+    """A part of the page, in reading order: lines, images, tables. code: lines are commands."""
 
     title: str
     key: str
@@ -55,7 +55,7 @@ class Section:
 
     @property
     def empty(self) -> bool:
-        """Whether there is nothing to be said."""
+        """Whether the section has no contents."""
         return not (self.lines or self.images or self.tables)
 
 
@@ -71,7 +71,7 @@ def write(
     what: str = "report of a run",
     about: str = "Report of a run of taichi_plume",
 ) -> Path:
-    """Write a page of the sections that are not empty; returns its path. Raises OSError.
+    """Write a page of the sections that are not empty; returns the page's path. Raises OSError.
 
     name: heading; status, good: a word in a green box, or a red one; message: a line beside it. about: the line below,
     followed by those of `began`. what: follows the name in the title of the window.
@@ -82,7 +82,7 @@ def write(
     environment.filters["shown"] = shown
     template = environment.from_string(TEMPLATE.read_text(encoding="utf-8"))
     html = template.render(
-        sections=[one for one in sections if not one.empty], version=__version__, name=name, status=status,
+        sections=[section for section in sections if not section.empty], version=__version__, name=name, status=status,
         good=good, message=message, began=began, what=what, about=about,
     )  # fmt: skip
     with written_whole(path) as fresh:
@@ -91,5 +91,5 @@ def write(
 
 
 def shown(text: object, longest: int | None = LONGEST) -> str:
-    """Return a text as `visible` does; spaces at which no line ends stay."""
+    """Return a text as `visible` does, but keep non-breaking spaces."""
     return NO_BREAK.join(visible(part, longest) for part in str(text).split(NO_BREAK))

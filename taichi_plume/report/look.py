@@ -1,27 +1,32 @@
-"""How figures look: colours, sizes of letters, scales; and figures without a window."""
+"""Style of figures: colours, sizes of letters, colour bars; and figures without a window."""
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from io import BytesIO
 from typing import Any
 
 import matplotlib as mpl
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.colorbar import Colorbar
 from matplotlib.colors import Colormap, LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
+from matplotlib.text import Text
+from matplotlib.typing import ColorType
 
 from taichi_plume.record.drawing import decades, robot_color
 
 ABOVE, SIDE, FRONT = (0, 1), (0, 2), (1, 2)
 PLANES = {"xy": ABOVE, "xz": SIDE, "yz": FRONT}
-"""The axes of a view, to the right and up; by their names."""
+"""Axes of a view, to the right and up, by their names."""
 INK, FAINT, PAPER, FLOOR = "#1d2733", "#7b8794", "#ffffff", "#f4f6f8"
 SOLID, SOLID_EDGE = "#a7b0bb", "#5d6875"
 SOURCE, FOUND, START = "#d81b60", "#1b8a3a", "#5d6875"
 WRONG = "#d32f2f"
-HEATER, WIND = "#fb8c00", "#27445f"
+HEATER, WIND, BREEZE = "#fb8c00", "#27445f", "#2778b5"
 STATES = (
     "#90a4ae",
     "#ffb300",
@@ -35,12 +40,7 @@ STATES = (
     "#d4e157",
 )
 LONGEST_NAME = 24  # letters, in a figure
-LETTERS: dict[Any, float] = {
-    "font.size": 9.0,
-    "axes.titlesize": 10.0,
-    "axes.labelsize": 9.0,
-    "legend.fontsize": 8.0,
-}
+LETTERS = {"font.size": 9.0, "axes.titlesize": 10.0, "axes.labelsize": 9.0, "legend.fontsize": 8.0}
 STYLE: Any = {
     "font.family": "DejaVu Sans",
     "text.color": INK,
@@ -62,50 +62,62 @@ STYLE: Any = {
 GAS: Colormap = LinearSegmentedColormap.from_list(
     "plume", [FLOOR, "#fde9a9", "#fdbb57", "#f4763b", "#cf2f2c", "#7d0d2b", "#3b0518"]
 )
-"""Of gas on paper: the floor's colour where there is none."""
+"""Colours of gas on paper: the floor's colour without gas."""
 WARMTH = "RdYlBu_r"
 HALO = [withStroke(linewidth=2.2, foreground=PAPER)]
-"""Around letters that stand on a picture."""
+"""Outline of letters on a picture."""
 
 
 def robot(number: int) -> str:
-    """The colour of a robot or a group: in recordings robots have the same."""
+    """Return the colour of a robot or a group, the same as in recordings."""
     return "#{:02x}{:02x}{:02x}".format(*robot_color(number))
 
 
 @contextmanager
-def styled(more: Any = None) -> Iterator[None]:
-    """The context in which our figures are made and saved; more: other settings of matplotlib."""
-    with warnings.catch_warnings(), mpl.rc_context(STYLE | (more or {})):
-        warnings.filterwarnings(
-            "ignore", "Glyph .* missing"
-        )  # of names in scripts that the font does not have
+def styled(more: Mapping[Any, Any] | None = None) -> Iterator[None]:
+    """Enter the context in which our figures are made and saved; more: other settings of matplotlib."""
+    with warnings.catch_warnings(), mpl.rc_context({**STYLE, **(more or {})}):
+        warnings.filterwarnings("ignore", "Glyph .* missing")  # of names in scripts that the font lacks
         yield
 
 
 def figure(width: float, height: float, dpi: float = 110) -> Figure:
-    """One of this size [inches]."""
+    """Return an empty figure of a size [inches]."""
     made = Figure(figsize=(width, height), dpi=dpi)
     FigureCanvasAgg(made)
     return made
 
 
-def png(one: Figure) -> bytes:
-    """A figure as a PNG; without the time and version that would tell equal ones apart."""
+def png(figure: Figure) -> bytes:
+    """Return a figure as a PNG, without time and version, so that equal figures have equal files."""
     out = BytesIO()
-    one.savefig(out, format="png", metadata={"Software": None})
+    figure.savefig(out, format="png", metadata={"Software": None})
     return out.getvalue()
 
 
-def plain(axes: Any) -> None:
-    """Axes of a plot over time: no frame but below and on the left, a faint grid."""
+def plain(axes: Axes) -> None:
+    """Style the axes of a plot over time: frame below and on the left only, a faint grid."""
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(True, color="#e3e7eb", linewidth=0.7)
     axes.set_axisbelow(True)
 
 
-def scale(axes: Any, image: Any, low: float, high: float, logarithmic: bool, label: str, **where: Any) -> Any:
-    """A colour bar beside an image of bytes or shares: its ends 0 and `top` stand for low and high."""
+def verbatim(texts: Iterable[Text]) -> None:
+    """Show names as they are, never as mathematics."""
+    for text in texts:
+        text.set_parse_math(False)
+
+
+def scale(
+    axes: Axes | None,
+    image: ScalarMappable,
+    low: float,
+    high: float,
+    logarithmic: bool,
+    label: str,
+    **where: Any,
+) -> Colorbar:
+    """Add a colour bar beside an image of bytes or fractions, whose least and largest colour stand for low and high."""
     bottom, top = image.get_clim()
     bar = image.figure.colorbar(image, ax=axes, **({"fraction": 0.04, "pad": 0.02, "aspect": 28} | where))
     if logarithmic:
@@ -121,20 +133,21 @@ def scale(axes: Any, image: Any, low: float, high: float, logarithmic: bool, lab
 
 
 def short(text: str, letters: int = LONGEST_NAME) -> str:
-    """A name that leaves room for others: a longer one by its begin and its end, which may be a number."""
+    """Return a name, cut in the middle if it is too long; the end may be a number."""
     half = letters // 2
     return text if len(text) <= letters else f"{text[: letters - half]}…{text[1 - half :]}"
 
 
-def darker(color: Sequence[float], share: float = 0.68) -> tuple[float, ...]:
-    """A colour of the recording's, 0 to 255, as one that shows on paper, 0 to 1."""
-    return tuple(share * part / 255 for part in color)
+def darker(color: Sequence[float]) -> tuple[float, float, float]:
+    """Return a colour of the recording, 0 to 255, as a colour for paper, 0 to 1."""
+    red, green, blue = (0.68 * part / 255 for part in color)
+    return red, green, blue
 
 
 def note(
-    axes: Any, x: float, y: float, text: str, color: Any, dx: float = 0, dy: float = 0, **how: Any
+    axes: Axes, x: float, y: float, text: str, color: ColorType, dx: float = 0, dy: float = 0, **how: Any
 ) -> None:
-    """Letters at a place, moved by so many points; never read as mathematics."""
+    """Write a text at a position, moved by (dx, dy) points; never read as mathematics."""
     how = {"ha": "center", "va": "center"} | how
     axes.annotate(
         text, (x, y), (dx, dy), textcoords="offset points", color=color, fontsize=7.5,

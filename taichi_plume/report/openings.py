@@ -1,11 +1,11 @@
-"""Openings and screens, and where air goes through them, seen from above or from the side."""
+"""Drawings of openings and screens with the direction of the air, seen from above or from the side."""
 
 from math import hypot
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle, FancyArrowPatch, Rectangle
+from matplotlib.typing import ColorType
 
 from taichi_plume.report import look
 from taichi_plume.report.look import ABOVE
@@ -14,9 +14,9 @@ from taichi_plume.scenario.windows import Window
 
 
 def windows(axes: Axes, scenario: Scenario, plane: tuple[int, int], sizes: bool) -> None:
-    """Openings and screens."""
+    """Draw openings and screens."""
     named = sizes and plane == ABOVE
-    shown: dict[tuple[str, str], int] = {}
+    shown: set[tuple[str | None, str]] = set()
     for opening in scenario.openings:
         if opening.region is None:  # periodic: both faces of an axis
             axis = "xyz".index(opening.wraps or "x")
@@ -27,29 +27,30 @@ def windows(axes: Axes, scenario: Scenario, plane: tuple[int, int], sizes: bool)
         color = look.darker(opening.color)
         way = 0
         if opening.passes:
-            way = 1 if opening.blows and (getattr(opening, "speed", None) or 0.0) >= 0 else -1
+            way = 1 if opening.blows and (vars(opening).get("speed") or 0.0) >= 0 else -1
         like = (opening.region.face, opening.label)
-        shown[like] = shown.get(like, 0) + 1
-        name = opening.label if named and shown[like] == 1 else ""  # of several alike the first
+        name = opening.label if named and like not in shown else ""  # only the first of several alike
+        shown.add(like)
         one_window(axes, scenario, opening.region, color, plane, name, way, opening.straight)
-        _slide(axes, scenario, opening, color, plane)
+        velocity = vars(opening).get("velocity")
+        if velocity is not None:
+            _slide(axes, scenario, opening.region, velocity, color, plane)
     for screen in scenario.screens:
-        one_window(
-            axes, scenario, screen, look.darker(screen.color), plane, screen.kind if named else "", 0, True
-        )
+        name = screen.kind if named else ""
+        one_window(axes, scenario, screen, look.darker(screen.color), plane, name, 0, True)
 
 
 def one_window(
     axes: Axes,
     scenario: Scenario,
     window: Window,
-    color: Any,
+    color: ColorType,
     plane: tuple[int, int],
     name: str,
     way: int,
     combed: bool = False,
 ) -> None:
-    """A window as a thick line where it is seen edge on, else by its outline; way: +1 blows in, -1 lets out."""
+    """Draw a window as a thick line if it is seen edge on, else by its outline; way: +1 blows in, -1 lets out."""
     extent, normal = scenario.domain.extent, window.normal
     center, half = window.rectangle(extent)
     along = window.along(len(extent))
@@ -65,17 +66,12 @@ def one_window(
     middle, reach = next((c, h) for d, c, h in zip(along, center, half, strict=True) if d == other)
     low, high = max(0.0, middle - reach), min(extent[other], middle + reach)
     level = window.level(extent)
-    ends = _ends(normal, level, low, high, plane)
-    dashed = (0, (1.2, 0.7)) if combed else "-"
-    axes.plot(
-        *ends,
-        color=color,
-        linewidth=4.5,
-        linestyle=dashed,
-        solid_capstyle="butt",
-        dash_capstyle="butt",
-        zorder=7,
-    )
+    caps = {
+        "linestyle": (0, (1.2, 0.7)) if combed else "-",
+        "solid_capstyle": "butt",
+        "dash_capstyle": "butt",
+    }
+    axes.plot(*_ends(normal, level, low, high, plane), color=color, linewidth=4.5, zorder=7, **caps)
     inward = 1.0 if level < extent[normal] / 2 else -1.0
     size = max(extent[plane[0]], extent[plane[1]])
     if way:
@@ -86,49 +82,46 @@ def one_window(
         count = max(1, min(5, round((high - low) / (0.16 * size))))
         for at in low + (np.arange(count) + 0.5) * (high - low) / count:
             points = [(level_, at) if plane[0] == normal else (at, level_) for level_ in (start, end)]
-            axes.add_patch(
-                FancyArrowPatch(
-                    *points, color=color, arrowstyle="-|>", mutation_scale=9, linewidth=1.3, zorder=8
-                )
-            )
+            style = {"arrowstyle": "-|>", "mutation_scale": 9, "linewidth": 1.3, "zorder": 8}
+            axes.add_patch(FancyArrowPatch(*points, color=color, **style))
     if name:
         upright = plane[0] == normal
-        beyond = level - inward * 0.065 * size if getattr(window, "face", None) else level
+        beyond = level - inward * 0.065 * size if vars(window).get("face") else level
         x, y = (beyond, (low + high) / 2) if upright else ((low + high) / 2, beyond)
         look.note(axes, x, y, name, color, rotation=90 if upright else 0)
 
 
-def _slide(axes: Axes, scenario: Scenario, opening: Any, color: Any, plane: tuple[int, int]) -> None:
-    """An arrow along a wall that slides."""
-    velocity = getattr(opening, "velocity", None)
-    if velocity is None or opening.region is None or opening.region.normal not in plane:
-        return
-    level, size = opening.region.level(scenario.domain.extent), max(scenario.domain.extent)
-    middle = [scenario.domain.extent[d] / 2 for d in plane]
-    middle[plane.index(opening.region.normal)] = level
+def _slide(
+    axes: Axes,
+    scenario: Scenario,
+    region: Window,
+    velocity: tuple[float, ...],
+    color: ColorType,
+    plane: tuple[int, int],
+) -> None:
+    """Draw an arrow along a sliding wall."""
     way = np.array([velocity[d] for d in plane], float)
-    if hypot(*way) > 0:
-        tip = np.array(middle) + 0.18 * size * way / hypot(*way)
-        axes.add_patch(
-            FancyArrowPatch(
-                (middle[0], middle[1]),
-                (tip[0], tip[1]),
-                color=color,
-                arrowstyle="-|>",
-                mutation_scale=11,
-                zorder=9,
-            )
-        )
+    if region.normal not in plane or not hypot(*way) > 0:
+        return
+    level, size = region.level(scenario.domain.extent), max(scenario.domain.extent)
+    middle = np.array([scenario.domain.extent[d] / 2 for d in plane])
+    middle[plane.index(region.normal)] = level
+    tip = middle + 0.18 * size * way / hypot(*way)
+    style = {"arrowstyle": "-|>", "mutation_scale": 11, "zorder": 9}
+    axes.add_patch(FancyArrowPatch(tuple(middle), tuple(tip), color=color, **style))
 
 
-def _ends(normal: int, level: float, low: float, high: float, plane: tuple[int, int]) -> tuple[Any, Any]:
-    """x and y of the ends of a line across the axis `normal`."""
+Ends = tuple[float, float]
+
+
+def _ends(normal: int, level: float, low: float, high: float, plane: tuple[int, int]) -> tuple[Ends, Ends]:
+    """Return x and y of the ends of a line across the axis `normal`."""
     return ((level, level), (low, high)) if plane[0] == normal else ((low, high), (level, level))
 
 
 def wind(axes: Axes, scenario: Scenario, plane: tuple[int, int]) -> None:
-    """An arrow and a speed for a wind that is given by its velocity."""
-    velocity = getattr(scenario.wind, "velocity", None)
+    """Draw an arrow and a speed for a wind that is given by its velocity."""
+    velocity = vars(scenario.wind).get("velocity")
     if velocity is None:
         return
     way = np.array([velocity[d] for d in plane], float)
@@ -137,10 +130,7 @@ def wind(axes: Axes, scenario: Scenario, plane: tuple[int, int]) -> None:
     extent = np.array([scenario.domain.extent[d] for d in plane])
     start = 0.12 * extent
     tip = start + 0.14 * extent.max() * way / hypot(*way)
-    arrow = FancyArrowPatch(
-        tuple(start), tuple(tip), color="#2778b5", arrowstyle="-|>", mutation_scale=14, linewidth=2, zorder=8
-    )
-    axes.add_patch(arrow)
-    look.note(
-        axes, start[0], start[1], f"wind {hypot(*velocity):.3g} m/s", "#2778b5", ha="left", va="top", dy=-5
-    )
+    style = {"arrowstyle": "-|>", "mutation_scale": 14, "linewidth": 2, "zorder": 8}
+    axes.add_patch(FancyArrowPatch(tuple(start), tuple(tip), color=look.BREEZE, **style))
+    text = f"wind {hypot(*velocity):.3g} m/s"
+    look.note(axes, start[0], start[1], text, look.BREEZE, ha="left", va="top", dy=-5)

@@ -1,30 +1,30 @@
-"""`report.html`: a run on one page that needs nothing else: no net, no scripts, its images inside."""
+"""Report of a run, `report.html`: one page with its images inside, without scripts, that needs no network."""
 
 from collections.abc import Callable, Iterator
 from math import inf
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.files.tables import plain
-from taichi_plume.report import beliefs, captions, facts, figures, html, scene
+from taichi_plume.report import captions, facts, figures, html, maps, scene
 from taichi_plume.report.html import Image, Section, Table
-from taichi_plume.report.maps import maps_of
 from taichi_plume.report.references import papers
 from taichi_plume.results.run import Run
 from taichi_plume.running import summary
 
 NAME = "report.html"
-MOST_FRAMES = 240  # of a recording, that its mean is made of
-TOLD = {"wall_s", "simulated_s", "cells", "steps", "backend", "flow", "gas", "groups", "maps"}
-"""What a result has that tells how a run went; those of runs that were killed have less."""
+MOST_FRAMES = 240  # of a recording, from which its mean is computed
+COMPLETE = {"wall_s", "simulated_s", "cells", "steps", "backend", "flow", "gas", "groups", "maps"}
+"""Keys of a complete result; results of killed runs have fewer."""
+Value = TypeVar("Value")
 
 
 def write(run: Run, tolerant: bool | None = None) -> Path:
-    """Write the report of a run into its folder; returns its path.
+    """Write the report of a run into the run's folder; returns the path.
 
-    tolerant: whether what cannot be read is only told on the page, as it is of runs that have not ended by themselves.
-    Raises RunFolderError and OSError.
+    tolerant: whether files that cannot be read are only noted on the page; the default for unfinished runs. Raises
+    RunFolderError and OSError.
     """
     parts = Parts(run, run.unfinished if tolerant is None else tolerant)
     message = str(run.result.get("message") or "")
@@ -35,15 +35,15 @@ def write(run: Run, tolerant: bool | None = None) -> Path:
 
 
 class Parts:
-    """The sections of a run's report, in their order. What cannot be read is raised or, if tolerant, told."""
+    """Sections of a run's report, in their order. An error in reading is raised or, if tolerant, noted."""
 
     def __init__(self, run: Run, tolerant: bool):
         self.run, self.tolerant = run, tolerant
-        self.result = run.result if run.result.keys() >= TOLD else {}
+        self.result = run.result if run.result.keys() >= COMPLETE else {}
         self.lacks = list(run.lacks)
         self.tracks = self._tried(lambda: run.tracks, [])
 
-    def _tried(self, read: Callable[[], Any], without: Any) -> Any:
+    def _tried(self, read: Callable[[], Value], without: Value) -> Value:
         try:
             return read()
         except RunFolderError as error:
@@ -53,16 +53,19 @@ class Parts:
             return without
 
     def all(self) -> Iterator[Section]:
-        """Each of them; those of which there is nothing are empty."""
-        told = self._told
-        for make in (
-            told(self.words), self.setting, told(self.trials), self.plume, self.smelt, told(self.maps),
-            told(self.beliefs), told(self.balance), self.notes, self.citing, self.again,
-        ):  # fmt: skip
+        """Yield each section; some may be empty."""
+        yield self._of_result(self.words)
+        yield self.setting()
+        yield self._of_result(self.trials)
+        yield self.plume()
+        yield self.smelt()
+        for make in (self.maps, self.beliefs, self.balance):
+            yield self._of_result(make)
+        for make in (self.notes, self.citing, self.again):
             yield make()
 
-    def _told(self, make: Callable[[], Section]) -> Callable[[], Section]:
-        """A section made of the result, which may lack or hold anything where it is not of this version."""
+    def _of_result(self, make: Callable[[], Section]) -> Section:
+        """Make a section of the result, which may have any contents if another version wrote it."""
 
         def section() -> Section:
             try:
@@ -74,10 +77,10 @@ class Parts:
                 path = self.run.folder / "result.json"
                 raise RunFolderError(f"{path}: is damaged, or of another version: {why}") from error
 
-        return lambda: self._tried(section, Section("", ""))
+        return self._tried(section, Section("", ""))
 
     def words(self) -> Section:
-        """The result as the command printed it."""
+        """Return the result as the command printed it."""
         section = Section("The result in words", "words")
         if self.result:
             section.tables.append(Table(summary.summary(self.result)[1:]))
@@ -92,7 +95,7 @@ class Parts:
         return section
 
     def setting(self) -> Section:
-        """The scene and the key facts."""
+        """Return the scene and the key facts."""
         run = self.run
         seen = "from above" if run.scenario.domain.dim == 2 else "from above and from the side"
         robots = "; coloured discs are the robots at their start" if run.scenario.robots else ""
@@ -101,7 +104,7 @@ class Parts:
         return Section("What was run", "setting", images=[image], tables=[Table(facts.key_facts(run))])
 
     def trials(self) -> Section:
-        """Success and times with their intervals."""
+        """Return success and times with their intervals."""
         section = Section("Success and times", "trials")
         groups = self.result.get("groups", [])
         searched = [group for group in groups if not group["no_search"]]
@@ -116,41 +119,42 @@ class Parts:
             if group.get("shares_arena_with"):
                 others = ", ".join(group["shares_arena_with"])
                 section.lines.append(captions.SHARED.format(name=group["name"], others=others))
-        many = [one for one in searched if one["trials"] > 4 and one["trials_differ_by"] != "nothing"]
+        many = [group for group in searched if group["trials"] > 4 and group["trials_differ_by"] != "nothing"]
         if many:
             end = max(float(self.result["simulated_s"]) + self.run.begin, 1e-3)
             section.images.append(Image(figures.success(many, end), "Found by when", captions.SUCCESS))
         return section
 
     def plume(self) -> Section:
-        """Mean pictures of the recording with tracks."""
+        """Return the mean pictures of the recording with tracks."""
         run = self.run
         section = Section("Where the gas was, and where the robots went", "plume")
         spacing = max(run.scenario.duration + run.scenario.warm_up, 1e-3) / MOST_FRAMES
         pictures = self._tried(lambda: run.planes.read(self._planes(), (0.0, inf), spacing), {})
-        pictures = {name: one for name, one in pictures.items() if len(one.times)}
+        shown = [picture for picture in pictures.values() if len(picture.times)]
+        shown.sort(key=lambda picture: (picture.axes != "xy", not picture.name.startswith("gas")))
         trails = self._trails()
-        for one in sorted(
-            pictures.values(), key=lambda one: (one.axes != "xy", not one.name.startswith("gas"))
-        ):
-            where = f", {one.plane}" if one.plane else ""
+        for picture in shown:
+            where = f", {picture.plane}" if picture.plane else ""
+            kind = "logarithmic" if picture.logarithmic else "linear"
+            trailing = trails if picture.axes == "xy" else captions.ASIDE
             caption = captions.MEAN.format(
-                count=len(one.times),
-                begin=one.times[0],
-                end=one.times[-1],
-                kind="logarithmic" if one.logarithmic else "linear",
-                trails=trails if one.axes == "xy" else captions.ASIDE,
+                count=len(picture.times),
+                begin=picture.times[0],
+                end=picture.times[-1],
+                kind=kind,
+                trails=trailing,
             )
-            image = figures.mean_plume(run, one, self.tracks)
-            section.images.append(Image(image, f"Mean {one.quantity}{where}", caption))
-        if not pictures:
+            image = figures.mean_plume(run, picture, self.tracks)
+            section.images.append(Image(image, f"Mean {picture.quantity}{where}", caption))
+        if not shown:
             section.lines.append(captions.NO_PICTURES)
             if self.tracks:
                 section.images.append(Image(figures.only_tracks(run, self.tracks), "Tracks", trails))
         return section
 
     def _planes(self) -> list[str]:
-        """The first plane of each kind; of slice and column the one that shows the gas wherever it is."""
+        """Return the names of the first plane of each kind; the column instead of the slice if there are both."""
         names = [name for name in self.run.planes.names() if name.count("_") == 1]
         return [name for name in names if not (name == "gas_slice" and "gas_column" in names)]
 
@@ -164,7 +168,7 @@ class Parts:
         return captions.TRAILS.format(part=said + part)
 
     def smelt(self) -> Section:
-        """Readings and behaviour."""
+        """Return readings and behaviour."""
         section = Section("What the robots smelt and did", "smelt")
         if self.tracks and max(len(track.t) for track in self.tracks) > 1:
             some = min(len(self.tracks), figures.MOST_SERIES)
@@ -178,50 +182,45 @@ class Parts:
         return section
 
     def maps(self) -> Section:
-        """Maps beside the truth, and their scores."""
+        """Return maps beside the truth, and their scores."""
         section = Section("Gas maps beside the truth", "maps")
         if not self.run.scenario.maps:
             return section
-        most = figures.MOST_MAPS
-        made = self._tried(lambda: maps_of(self.run.folder), [])
+        most = maps.MOST
+        made = self._tried(lambda: maps.maps_of(self.run.folder), [])
         if made:
             part = f" Shown are the first {most} of {len(made)} maps." if len(made) > most else ""
-            image = figures.beside_truth(self.run, made[:most])
+            image = maps.beside_truth(self.run, made[:most])
             section.images.append(Image(image, "Maps at the end", captions.MAPS.format(part=part)))
         else:
             section.lines.append(captions.NO_MAPS)
-        told = self.result.get("maps", [])
-        if told:
-            names = facts.map_names(told)
-            heads = (
-                "map",
-                "mean error [ppm]",
-                "correlation",
-                "cells known",
-                "error against the mean gas [ppm]",
-            )
-            section.tables.append(Table(facts.map_rows(told, names), heads, captions.MAP_SCORES))
-            over_time = figures.scores(told[:most], names[:most])
+        results = self.result.get("maps", [])
+        if results:
+            names = facts.map_names(results)
+            heads = ("map", "mean error [ppm]", "correlation", "cells known")
+            heads += ("error against the mean gas [ppm]",)
+            section.tables.append(Table(facts.map_rows(results, names), heads, captions.MAP_SCORES))
+            over_time = figures.scores(results[:most], names[:most])
             if over_time:
                 section.images.append(Image(over_time, "Scores over time", captions.OVER_TIME))
         return section
 
     def beliefs(self) -> Section:
-        """Where robots believed the source to be."""
+        """Return the beliefs about the source position, and their scores."""
         section = Section("Where robots believed the source to be", "beliefs")
-        told = self.result.get("beliefs", [])
-        made = self._tried(lambda: beliefs.beliefs_of(self.run.folder), []) if told else []
+        results = self.result.get("beliefs", [])
+        made = self._tried(lambda: maps.beliefs_of(self.run.folder), []) if results else []
         if made:
-            image = beliefs.beside_sources(self.run, made[: beliefs.MOST])
+            image = maps.beside_sources(self.run, made[: maps.MOST])
             section.images.append(Image(image, "Beliefs at the end", captions.BELIEFS))
-        if told:
+        if results:
             heads = ("group", "peak to source [m]", "mean to source [m]", "expected distance [m]")
             heads += ("entropy [bit]", "probability within reach")
-            section.tables.append(Table(beliefs.rows(told), heads, captions.BELIEF_SCORES))
+            section.tables.append(Table(maps.belief_rows(results), heads, captions.BELIEF_SCORES))
         return section
 
     def balance(self) -> Section:
-        """What became of the gas, and how well the air was solved."""
+        """Return the gas budget, and the quality of the flow solution."""
         section = Section("Gas budget and numerics", "balance")
         gas, flow = facts.budget(self.result), facts.flow(self.result)
         if gas:
@@ -233,13 +232,13 @@ class Parts:
         return section
 
     def notes(self) -> Section:
-        """What is unlikely, and what this page lacks."""
+        """Return warnings, and what this page lacks."""
         remarks = self.run.result.get("remarks")
-        lines = [one for one in remarks if isinstance(one, str)] if isinstance(remarks, list) else []
+        lines = [text for text in remarks if isinstance(text, str)] if isinstance(remarks, list) else []
         return Section("Notes", "notes", lines=lines + self.lacks)
 
     def citing(self) -> Section:
-        """Software and papers."""
+        """Return software and papers."""
         version = self.run.result.get("version", "of unknown version")
         section = Section("How to cite", "citing")
         section.lines.append(captions.CITE.format(version=version))
@@ -249,7 +248,7 @@ class Parts:
         return section
 
     def again(self) -> Section:
-        """Command, versions, files."""
+        """Return command, versions, files."""
         section = Section("How to run it again", "again", code=True)
         section.lines += filter(None, self.run.header[:1])
         section.tables.append(Table(facts.files(self.run), ("file", "size", "what it holds")))

@@ -1,6 +1,6 @@
 """Gas over the scene, with wind and robots, at any moment of a run: for pictures, films and the report.
 
-What changes is kept and changed: a film draws walls, scales and letters once.
+The artists of moving parts are updated: a film draws walls, scales and letters once.
 """
 
 from collections.abc import Sequence
@@ -8,11 +8,13 @@ from math import pi
 from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
+from matplotlib.text import Text
 from matplotlib.transforms import Affine2D
 
 from taichi_plume.record.reading import Arrows, Picture
@@ -22,16 +24,16 @@ from taichi_plume.results.tracks import Track
 
 BODY = 0.011  # robots are drawn at least this large, over the longer side of the view
 ROUND = 20  # corners of a body
-MOST_NAMES = 6  # robots that the legend names one by one
+MOST_NAMES = 6  # robots that the legend names individually
 LETTER, LOWEST = 0.075, 1.0  # inches: a letter's width; the height of a picture's scale
 BESIDE, BELOW, ON_TOP = 0.6, 0.5, 0.68  # inches around the axes, for letters of 9 points
 BAR = 1.15
 
 
 class PlumeView:
-    """A picture's plane of a run, drawn on axes; `show` puts a moment there.
+    """A picture's plane of a run, drawn on axes; `show` updates it to a time.
 
-    moving: what `show` changes, to be drawn again; the rest stays.
+    moving: artists that `show` changes.
     """
 
     def __init__(
@@ -52,31 +54,25 @@ class PlumeView:
         if self.plane != look.ABOVE:  # they may stand before the plane or behind it
             for solid in solids:
                 solid.set_alpha(0.55)
-        self.walkers = [
-            (patch, one.model) for patch, one in zip(solids, run.shapes, strict=True) if _walks(one)
-        ]
-        self.arrows = axes.add_collection(
-            PolyCollection([], facecolor=look.WIND, edgecolor="none", alpha=0.42, zorder=3)
-        )
+        shapes = zip(solids, run.shapes, strict=True)
+        self.walkers = [(patch, shape.model) for patch, shape in shapes if shape.model and shape.model.motion]
+        arrows = PolyCollection([], facecolor=look.WIND, edgecolor="none", alpha=0.42, zorder=3)
+        self.arrows = axes.add_collection(arrows)
         self.arrows.set_visible(wind)
         colors = [look.robot(track.number) for track in self.tracks]
         self.trails = axes.add_collection(LineCollection([], colors=colors, linewidths=1.3, zorder=8))
-        self.bodies = axes.add_collection(
-            PolyCollection([], facecolors=colors, edgecolors="white", linewidths=0.8, zorder=11)
-        )
-        self.said: list[Any] = []
+        bodies = PolyCollection([], facecolors=colors, edgecolors="white", linewidths=0.8, zorder=11)
+        self.bodies = axes.add_collection(bodies)
+        self.said: list[Line2D] = []
         if self.plane == look.ABOVE:
-            self.said = [
-                declared_mark(axes, look.robot(track.number)) for track in self.tracks if said(track)
-            ]
-        self.clock: Any = None  # letters of `figure_of`
-        self.moving: list[Any] = [
-            self.image, *(patch for patch, _ in self.walkers), self.arrows, self.trails, self.bodies,
-            *self.said,
-        ]  # fmt: skip
+            declaring = [track for track in self.tracks if said(track)]
+            self.said = [declared_mark(axes, look.robot(track.number)) for track in declaring]
+        self.clock: Text | None = None  # text of `figure_of`
+        patches = [patch for patch, _ in self.walkers]
+        self.moving: list[Artist] = [self.image, *patches, self.arrows, self.trails, self.bodies, *self.said]
 
     def show(self, t: float, pixels: np.ndarray, arrows: Arrows | None = None) -> None:
-        """Put there the pixels (rows, columns) of a picture, on its scale of bytes, and all else of time t [s]."""
+        """Show the pixels (rows, columns) of a picture, on its scale of bytes, and everything else at time t [s]."""
         self.image.set_data(pixels)
         for patch, model in self.walkers:
             place = (*model.motion.place(model.center, t), 0.0)
@@ -92,56 +88,54 @@ class PlumeView:
         shown = [(track, track.at(t)) for track in self.tracks]
         self.bodies.set_verts([self._body(track, n) if n >= 0 else np.zeros((0, 2)) for track, n in shown])
         found = [n >= 0 and bool(track.values["found"][n]) for track, n in shown]
-        self.bodies.set_edgecolor([look.FOUND if one else "white" for one in found])
-        self.bodies.set_linewidth([2.4 if one else 0.8 for one in found])
-        for mark, (track, n) in zip(self.said, [one for one in shown if said(one[0])], strict=False):
+        self.bodies.set_edgecolor([look.FOUND if has_found else "white" for has_found in found])
+        self.bodies.set_linewidth([2.4 if has_found else 0.8 for has_found in found])
+        for mark, (track, n) in zip(self.said, [pair for pair in shown if said(pair[0])], strict=False):
             put_mark(mark, track.declared(n))
-        axes = ["xyz"[d] for d in self.plane]
+        a, b = ("xyz"[d] for d in self.plane)
+        trailing = [
+            (track.values, n) for track, n in shown if self.plane == look.ABOVE or track.group.body.flies
+        ]
         self.trails.set_segments(
-            [
-                np.column_stack([track.values[axis][: n + 1] for axis in axes])
-                for track, n in shown
-                if self.plane == look.ABOVE or track.group.body.flies
-            ]
+            [np.column_stack([values[a][: n + 1], values[b][: n + 1]]) for values, n in trailing]
         )
 
     def _body(self, track: Track, n: int) -> np.ndarray:
-        """Outline of a robot: a disc with a nose or, from the side, a box."""
-        place = (float(track.values["x"][n]), float(track.values["y"][n]))
+        """Return the outline of a robot: a disc with a nose or, from the side, a box."""
+        x, y, z, heading = (float(track.values[name][n]) for name in ("x", "y", "z", "heading"))
+        place = (x, y)
         radius = max(track.group.body.radius, BODY * self.length)
         if self.plane != look.ABOVE:
             low, high = place[self.plane[0]] - radius, place[self.plane[0]] + radius
-            z = float(track.values["z"][n])
             top = z + max(track.group.body.height, radius)
             return np.array([[low, z], [high, z], [high, top], [low, top]])
         side = np.arccos(1 / 1.8)  # where the nose's flanks touch the disc
-        angle = float(track.values["heading"][n]) + np.linspace(side, 2 * pi - side, ROUND)
+        angle = heading + np.linspace(side, 2 * pi - side, ROUND)
         ring = np.column_stack([np.cos(angle), np.sin(angle)])
-        heading = float(track.values["heading"][n])
         nose = 1.8 * np.array([np.cos(heading), np.sin(heading)])
         return np.array(place) + radius * np.vstack([nose, ring])
 
 
 def said(track: Track) -> bool:
-    """Whether a robot has declared anything."""
+    """Return whether a robot has declared a source."""
     return bool(track.values["declarations"].any())
 
 
 def declared_mark(axes: Axes, color: str) -> Line2D:
-    """The cross of a robot of this colour, for where it says that a source is; still nowhere."""
-    how = {"linestyle": "none", "marker": "X", "markersize": 11, "zorder": 12, "markeredgewidth": 1.6}
-    return axes.plot([], [], color=color, **how)[0]  # pyright: ignore[reportArgumentType]
+    """Return the cross for the source position that a robot of this colour declares, without a position yet."""
+    how: dict[str, Any] = {"linestyle": "none", "marker": "X", "markersize": 11, "markeredgewidth": 1.6}
+    return axes.plot([], [], color=color, zorder=12, **how)[0]
 
 
 def put_mark(mark: Line2D, declared: tuple[np.ndarray, bool] | None) -> None:
-    """Put it there, with a green rim where it is right and a red one where it is wrong."""
+    """Move a cross to a declared position, with a green rim if it is right and a red rim if it is wrong."""
     place, right = declared or (np.zeros((0, 2)), False)
     mark.set_data(*np.atleast_2d(place).T)
     mark.set_markeredgecolor(look.FOUND if right else look.WRONG)
 
 
 def arrow_outlines(tails: np.ndarray, ways: np.ndarray) -> np.ndarray:
-    """Arrows (n, 7, 2) in the plane: slim, their heads in proportion; tails, ways (n, 2) [m]."""
+    """Return slim arrows (n, 7, 2) in the plane, with heads in proportion; tails, ways (n, 2) [m]."""
     along, across = ways[:, None], np.stack([-ways[:, 1], ways[:, 0]], axis=-1)[:, None]
     shape = np.array(
         [[0, 0.028], [0.62, 0.028], [0.62, 0.15], [1, 0], [0.62, -0.15], [0.62, -0.028], [0, -0.028]]
@@ -158,16 +152,14 @@ def figure_of(
     letters: float = 1.0,
     wind: bool = True,
 ) -> tuple[Figure, PlumeView]:
-    """A figure `width` inches wide with a view, its scale in ppm or K and a legend; letters: over 9 points."""
+    """Return a figure `width` inches wide and its view, with a colour bar and a legend; letters: size over 9 points."""
     extent = run.scenario.domain.extent
     sides = [extent[d] for d in look.PLANES[picture.axes]]
     left, right, below, above = (letters * part for part in (BESIDE, BAR, BELOW, ON_TOP))
     ways = [high - low for low, high in (_around(side, max(sides)) for side in sides)]
     broad = width - left - right
-    tall = broad * ways[1] / ways[0]
-    if tall > 1.05 * width:
-        tall = 1.05 * width
-    high_up = max(tall, letters * LOWEST)  # of a narrow plane: as its scale needs it
+    tall = min(broad * ways[1] / ways[0], 1.05 * width)
+    high_up = max(tall, letters * LOWEST)  # a narrow plane has the height of its colour bar
     height = _even(high_up + below + above, dpi)
     figure = look.figure(width, height, dpi)
     under = below + (high_up - tall) / 2
@@ -190,7 +182,7 @@ def figure_of(
 
 
 def _legend(figure: Figure, run: Run, view: PlumeView, x: float, y: float) -> None:
-    """What the marks of a picture mean, in a row on top."""
+    """Add the legend of a picture, in a row on top."""
 
     def mark(label: str, **how: Any) -> Line2D:
         return Line2D([], [], linestyle=how.pop("linestyle", "none"), label=label, **how)
@@ -203,28 +195,16 @@ def _legend(figure: Figure, run: Run, view: PlumeView, x: float, y: float) -> No
         handles.append(mark("heater", marker="o", color=look.HEATER, alpha=0.6, markersize=9))
     for track in view.tracks if len(view.tracks) <= MOST_NAMES else view.tracks[:1]:
         name = look.short(track.name) if len(view.tracks) <= MOST_NAMES else "robots and their trails"
-        color = look.robot(track.number)
-        handles.append(
-            mark(name, marker="o", color=color, linestyle="-", markeredgecolor="white", markersize=7)
-        )
+        style = {"color": look.robot(track.number), "linestyle": "-", "markeredgecolor": "white"}
+        handles.append(mark(name, marker="o", markersize=7, **style))
     if any(track.found_at is not None for track in view.tracks):
-        handles.append(
-            mark(
-                "has found it",
-                marker="o",
-                color="white",
-                markeredgecolor=look.FOUND,
-                markeredgewidth=2,
-                markersize=7,
-            )
-        )
-    for right, label in ((True, "declared rightly"), (False, "falsely")):
-        last = [track.declared(len(track.t) - 1) for track in view.tracks] if view.said else []
-        if any(one is not None and one[1] == right for one in last):
-            rim = look.FOUND if right else look.WRONG
-            handles.append(
-                mark(label, marker="X", color="white", markeredgecolor=rim, markeredgewidth=1.6, markersize=9)
-            )
+        style = {"color": "white", "markeredgecolor": look.FOUND, "markeredgewidth": 2}
+        handles.append(mark("has found it", marker="o", markersize=7, **style))
+    last = [track.declared(len(track.t) - 1) for track in view.tracks] if view.said else []
+    for right, label, rim in ((True, "declared rightly", look.FOUND), (False, "falsely", look.WRONG)):
+        if any(word is not None and word[1] == right for word in last):
+            style = {"color": "white", "markeredgecolor": rim, "markeredgewidth": 1.6}
+            handles.append(mark(label, marker="X", markersize=9, **style))
     if view.arrows.get_visible():
         handles.append(mark("wind", marker=r"$\rightarrow$", color=look.WIND, alpha=0.7, markersize=11))
 
@@ -233,8 +213,7 @@ def _legend(figure: Figure, run: Run, view: PlumeView, x: float, y: float) -> No
             handles=handles, loc="upper left", bbox_to_anchor=(x, y), ncols=len(handles), borderaxespad=0,
             columnspacing=1.0, handletextpad=0.3, handlelength=1.3, fontsize=size,
         )  # fmt: skip
-        for text in legend.get_texts():
-            text.set_parse_math(False)
+        look.verbatim(legend.get_texts())
         return legend
 
     legend = made(None)
@@ -245,14 +224,10 @@ def _legend(figure: Figure, run: Run, view: PlumeView, x: float, y: float) -> No
 
 
 def _around(length: float, longest: float) -> tuple[float, float]:
-    """Limits of an axis: the room and a little more."""
+    """Return the limits of an axis: the room with a small margin."""
     return -0.025 * longest, length + 0.025 * longest
 
 
 def _even(inches: float, dpi: float) -> float:
-    """A length of a whole, even number of pixels, as films need it."""
+    """Return a length of a whole, even number of pixels, as films need it."""
     return 2 * round(inches * dpi / 2) / dpi
-
-
-def _walks(one: Any) -> bool:
-    return getattr(getattr(one, "model", None), "motion", None) is not None

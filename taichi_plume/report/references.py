@@ -1,6 +1,6 @@
-"""Papers behind the algorithms, gas maps, gases and winds that a run used, for the report's section on citing.
+"""References: papers behind the algorithms, gas maps, gases and winds of a run, for the report's section on citing.
 
-The modules' docstrings cite the same papers beside the equations that rest on them. Add a kind's papers here too.
+The modules' docstrings cite the same papers beside the equations. Add a new kind's papers here, too.
 """
 
 from taichi_plume.scenario.scenario import Scenario
@@ -74,7 +74,7 @@ WINDS: dict[str, str] = {
 def papers(scenario: Scenario) -> list[tuple[str, str]]:
     """Return the name of each part of a run that rests on papers, and the papers; a kind once."""
     used = [(SEARCHES, "search algorithm", group.algorithm.kind) for group in scenario.robots]
-    used += [(MAPS, "gas map", one.kind) for one in scenario.maps]
+    used += [(MAPS, "gas map", gas_map.kind) for gas_map in scenario.maps]
     used += [(GASES, "gas", gas.kind) for _, gas in scenario.gases]
     used.append((WINDS, "wind", scenario.wind.kind))
     rows = [(f"{part} {kind}".replace("_", " "), table[kind]) for table, part, kind in used if kind in table]

@@ -1,28 +1,31 @@
-"""The scene of a scenario as a drawing: seen from above or, in 3-D, from the side; sizes in metres.
+"""Drawing of a scenario's scene: from above or, in 3-D, from the side; sizes in metres.
 
-From a checked scenario and the shapes of its obstacles alone: nothing is computed, and Taichi is not needed.
+It needs only a checked scenario and the shapes of the obstacles: nothing is simulated, and Taichi is not needed.
 """
 
 from collections.abc import Sequence
 from math import cos, radians, sin
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle, Rectangle
 
 from taichi_plume.grid.shapes import Shape
 from taichi_plume.report import look, openings, solids
 from taichi_plume.report.look import ABOVE, SIDE
+from taichi_plume.scenario.gases import AnySource
 from taichi_plume.scenario.pointing import numbered
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.shapes import shape
+from taichi_plume.scenario.sources import Source
 
 if TYPE_CHECKING:
     from taichi_plume.assembly.prepare import Prepared
 
-MOST_LABELS = 8  # obstacles, openings and the like of which each gets its name
+MOST_LABELS = 8  # obstacles, openings and so on; more of them get no names
 WIDE, MOST_TALL, LEFT, RIGHT, BELOW = 7.2, 9.0, 0.55, 0.1, 0.48  # inches of a drawing, and around its axes
 MARGIN = 0.09  # around a room, for names, over its longer side
 MOST_BODIES = 60  # robots whose starts are drawn one by one
@@ -31,23 +34,23 @@ MOST_BODIES = 60  # robots whose starts are drawn one by one
 def draw(
     axes: Axes,
     scenario: Scenario,
-    shapes: Sequence[Any] | None = None,
+    shapes: Sequence[Shape] | None = None,
     sizes: bool = True,
     plane: tuple[int, int] = ABOVE,
     starts: bool = True,
-) -> list[Any]:
+) -> list[Artist]:
     """Draw walls, openings, screens, obstacles, heaters, sources, the robots' arena and starts.
 
-    shapes: of the obstacles, and cubes of an imported wind; unless given, of those that no file tells. sizes: whether
-    names and sizes are written. plane: `ABOVE`, in 3-D also `SIDE` or `FRONT`. Returns what was drawn of the obstacles,
-    one entry for each of the shapes.
+    shapes: of the obstacles, and cubes of an imported wind; unless given, of the obstacles without a file. sizes:
+    whether names and sizes are written. plane: `ABOVE`, in 3-D also `SIDE` or `FRONT`. Returns the artists of the
+    shapes.
     """
     extent = scenario.domain.extent
     a, b = plane
     width, height = extent[a], extent[b]
     axes.add_patch(Rectangle((0, 0), width, height, facecolor=look.FLOOR, edgecolor="none", zorder=0))
     shapes = simple_shapes(scenario) if shapes is None else shapes
-    drawn = [solids.solid(axes, one, plane) for one in shapes]
+    drawn = [solids.solid(axes, solid, plane) for solid in shapes]
     axes.add_patch(Rectangle((0, 0), width, height, fill=False, edgecolor=look.INK, linewidth=1.6, zorder=6))
     if plane == ABOVE and scenario.arena is not None:
         low, size = scenario.arena.low, scenario.arena.size
@@ -60,8 +63,8 @@ def draw(
     if starts:
         _starts(axes, scenario, plane, sizes)
     if sizes and plane == ABOVE and len(shapes) <= MOST_LABELS:
-        for one in shapes:
-            solids.name(axes, one)
+        for solid in shapes:
+            solids.name(axes, solid)
     openings.wind(axes, scenario, plane)
     axes.set_aspect("equal")
     margin = (MARGIN if sizes else MARGIN / 3) * max(width, height)
@@ -77,17 +80,21 @@ def draw(
 
 
 def simple_shapes(scenario: Scenario) -> list[Shape]:
-    """Shapes of the obstacles that no file tells."""
-    return [shape(one, scenario.domain, Path()) for one in scenario.obstacles if not hasattr(one, "file")]
+    """Return the shapes of the obstacles that are not read from a file."""
+    obstacles = [obstacle for obstacle in scenario.obstacles if "file" not in vars(obstacle)]
+    return [shape(obstacle, scenario.domain, Path()) for obstacle in obstacles]
 
 
 def picture(
     scenario: Scenario,
-    shapes: Sequence[Any],
+    shapes: Sequence[Shape],
     dpi: float = 110,
     numbers: Sequence[tuple[int, tuple[float, ...]]] = (),
 ) -> bytes:
-    """The scene as a PNG: from above and, in 3-D, from the side below, on one scale. numbers: drawn at places [m]."""
+    """Return the scene as a PNG: from above and, in 3-D, from the side below, on one scale.
+
+    numbers: numbers drawn at positions [m].
+    """
     extent = scenario.domain.extent
     planes = [ABOVE] if len(extent) == 2 else [ABOVE, SIDE]
     ways = [_sides(extent, plane) for plane in planes]
@@ -108,19 +115,19 @@ def picture(
 
 
 def _sides(extent: tuple[float, ...], plane: tuple[int, int]) -> tuple[float, float]:
-    """Width and height of a drawing with names around it [m]."""
+    """Return the width and height of a drawing with names around it [m]."""
     margin = 2 * MARGIN * max(extent[d] for d in plane)
     return extent[plane[0]] + margin, extent[plane[1]] + margin
 
 
 def save_check(prepared: "Prepared", path: Path) -> None:
-    """Write the scene of a checked scenario as a PNG, with the numbers of what is unlikely. Raises OSError."""
+    """Write the scene of a checked scenario as a PNG, with the numbers of its warnings. Raises OSError."""
     numbers = numbered(prepared.resources.remarks, prepared.scenario, prepared.resources)
     path.write_bytes(picture(prepared.scenario, all_shapes(prepared), 150, numbers))
 
 
 def _numbers(axes: Axes, numbers: Sequence[tuple[int, tuple[float, ...]]]) -> None:
-    """Numbers in discs, those of one place side by side."""
+    """Draw numbers in discs, numbers of one position side by side."""
     beside: dict[tuple[float, ...], int] = {}
     for number, place in numbers:
         n = beside[place] = beside.get(place, -1) + 1
@@ -131,8 +138,8 @@ def _numbers(axes: Axes, numbers: Sequence[tuple[int, tuple[float, ...]]]) -> No
         )  # fmt: skip
 
 
-def all_shapes(prepared: "Prepared") -> list[Any]:
-    """Those of the obstacles, and the cubes of an imported wind."""
+def all_shapes(prepared: "Prepared") -> list[Shape]:
+    """Return the shapes of the obstacles, and the cubes of an imported wind."""
     resources = prepared.resources
     cubes = resources.site.cubes if resources.site is not None else None
     return [*resources.obstacles, *([cubes] if cubes is not None else [])]
@@ -142,13 +149,12 @@ def all_shapes(prepared: "Prepared") -> list[Any]:
 
 
 def _sources(axes: Axes, scenario: Scenario, plane: tuple[int, int], sizes: bool) -> None:
-    """Sources with what they give off, and heaters."""
+    """Draw sources with their emission, and heaters."""
     named = sizes and plane == ABOVE and len(scenario.sources) <= MOST_LABELS
     for _, source in scenario.sources:
         place = _place(source.position, plane)
-        axes.add_patch(
-            Circle(place, source.radius, facecolor=look.SOURCE, edgecolor="none", alpha=0.35, zorder=9)
-        )
+        style = {"facecolor": look.SOURCE, "edgecolor": "none", "alpha": 0.35, "zorder": 9}
+        axes.add_patch(Circle(place, source.radius, **style))
         axes.plot(*place, "*", color=look.SOURCE, markeredgecolor="white", markersize=13, zorder=10)
         if named:
             look.note(axes, *place, _given_off(source), look.SOURCE, va="bottom", dy=8)
@@ -169,16 +175,16 @@ def _place(position: tuple[float, ...], plane: tuple[int, int]) -> tuple[float, 
     return position[plane[0]], position[plane[1]]
 
 
-def _given_off(source: Any) -> str:
-    """What a source is, in a word or two."""
-    rate, dish = getattr(source, "rate", None), getattr(source, "dish", None)
-    if dish is not None:
-        return f"source, dish of {100 * dish.diameter:.3g} cm"
+def _given_off(source: AnySource) -> str:
+    """Return the emission of a source in a few words."""
+    if isinstance(source, Source) and source.dish is not None:
+        return f"source, dish of {100 * source.dish.diameter:.3g} cm"
+    rate = vars(source).get("rate")
     return f"source, {1e6 * rate:.3g} mg/s" if rate else "source"
 
 
 def _starts(axes: Axes, scenario: Scenario, plane: tuple[int, int], sizes: bool) -> None:
-    """Where robots start: the bodies, or the area in which places are drawn."""
+    """Draw the robots' starts: the bodies, or the area in which positions are random."""
     first = 0
     named = sizes and plane == ABOVE and len(scenario.robots) <= MOST_LABELS
     for group in scenario.robots:
@@ -189,30 +195,19 @@ def _starts(axes: Axes, scenario: Scenario, plane: tuple[int, int], sizes: bool)
         name = look.short(group.name)
         text = f"{group.count} × {name}" if group.count > 1 else name
         if places is None:
-            low, high = (np.array(getattr(group.start, key, (0, 0)), float) for key in ("low", "high"))
+            low, high = (np.array(vars(group.start).get(key, (0, 0)), float) for key in ("low", "high"))
             corner = np.array([*low, base])[list(plane)]
             size = (np.array([*high, base + height]) - np.array([*low, base]))[list(plane)]
-            area = Rectangle(
-                tuple(corner),
-                *size,
-                facecolor=look.START,
-                alpha=0.16,
-                edgecolor=look.START,
-                linestyle=":",
-                zorder=3,
-            )
-            axes.add_patch(area)
+            style = {"facecolor": look.START, "alpha": 0.16, "edgecolor": look.START, "linestyle": ":"}
+            axes.add_patch(Rectangle(tuple(corner), *size, zorder=3, **style))
             at = corner + size * [0.5, 1.0]
             text += " start here" if group.count > 1 else " starts here"
         else:
             heading = group.start.heading_deg
             for place, color in zip(places[:MOST_BODIES], colors, strict=False):
                 if plane == ABOVE:
-                    axes.add_patch(
-                        Circle(
-                            tuple(place), radius, facecolor=color, edgecolor="white", linewidth=0.6, zorder=11
-                        )
-                    )
+                    style = {"facecolor": color, "edgecolor": "white", "linewidth": 0.6, "zorder": 11}
+                    axes.add_patch(Circle(tuple(place), radius, **style))
                     if heading is not None:
                         nose = place + 2.2 * radius * np.array([cos(radians(heading)), sin(radians(heading))])
                         axes.plot(*zip(place, nose, strict=True), color=color, linewidth=1.6, zorder=11)

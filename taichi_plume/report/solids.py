@@ -1,13 +1,14 @@
-"""Obstacles as outlines: their shadows seen from above or from the side."""
+"""Drawings of obstacles: outlines of their shadows seen from above or from the side."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Protocol, TypeGuard
 
 import numpy as np
 from contourpy import contour_generator
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import PatchCollection
-from matplotlib.patches import Circle, PathPatch, Polygon, Rectangle
+from matplotlib.patches import Circle, Patch, PathPatch, Polygon, Rectangle
 from matplotlib.path import Path as Outline
 
 from taichi_plume.grid.floor_plans import FloorPlan
@@ -17,61 +18,67 @@ from taichi_plume.report import look
 from taichi_plume.report.look import ABOVE
 
 MOST_RECTANGLES = 20_000  # of a map's walls: of more, pixels are joined
-SECTION_NODES = 200  # per axis, at which the section of a mesh is looked for in 2-D
+SECTION_NODES = 200  # per axis, to find the section of a mesh in 2-D
+Style = dict[str, Any]
 
 
-def solid(axes: Axes, one: Any, plane: tuple[int, int]) -> Any:
-    """An obstacle; an outline of its shadow along the third axis."""
+class Cubes(Protocol):
+    """Occupancy of an imported wind: `files.gaden.Cubes`, whose import would start Taichi."""
+
+    solid: np.ndarray
+    size: float
+
+    def visible(self, extent: Any) -> np.ndarray:
+        """Return the centres of the cubes at a surface."""
+        ...
+
+
+def solid(axes: Axes, shape: Shape, plane: tuple[int, int]) -> Artist:
+    """Draw an obstacle by the outline of its shadow along the third axis."""
+    if _is_cubes(shape):
+        places = shape.visible([np.inf] * len(shape.solid.shape))
+        corners = np.unique(np.round(places[:, list(plane)] - shape.size / 2, 6), axis=0)
+        squares = [Rectangle(tuple(corner), shape.size, shape.size) for corner in corners]
+        style: Style = {"facecolor": look.SOLID, "edgecolor": "none", "zorder": 4}
+        return axes.add_collection(PatchCollection(squares, **style))
     style = {"facecolor": look.SOLID, "edgecolor": look.SOLID_EDGE, "linewidth": 0.9, "zorder": 4}
-    if _is_cubes(one):
-        places = one.visible([np.inf] * len(one.solid.shape))
-        corners = np.unique(np.round(places[:, list(plane)] - one.size / 2, 6), axis=0)
-        return axes.add_collection(
-            PatchCollection(
-                [Rectangle(tuple(corner), one.size, one.size) for corner in corners],
-                facecolor=look.SOLID,
-                edgecolor="none",
-                zorder=4,
-            )
-        )
-    return axes.add_patch(OUTLINES.get(type(one), _bounds)(one, plane, style))
+    seen_from_above = plane == ABOVE or isinstance(shape, Ball | Solid)
+    outline = OUTLINES.get(type(shape), _bounds) if seen_from_above else _bounds
+    return axes.add_patch(outline(shape, plane, style))
 
 
-def _is_cubes(one: Any) -> bool:
-    """Whether it is the occupancy of an imported wind (`files.gaden.Cubes`, which would bring Taichi)."""
-    return hasattr(one, "visible")
+def _is_cubes(shape: Shape) -> TypeGuard[Cubes]:
+    return shape.model is None
 
 
-def _bounds(one: Shape, plane: tuple[int, int], style: dict[str, Any]) -> Any:
-    """The rectangle around it, which an upright body fills when seen from the side."""
-    low, high = one.low[list(plane)], one.high[list(plane)]
+def _bounds(shape: Shape, plane: tuple[int, int], style: Style) -> Patch:
+    """Return the rectangle around an obstacle, which an upright body fills when seen from the side."""
+    low, high = shape.low[list(plane)], shape.high[list(plane)]
     return Rectangle((low[0], low[1]), high[0] - low[0], high[1] - low[1], **style)
 
 
-def _box(one: Any, plane: tuple[int, int], style: dict[str, Any]) -> Any:
-    if plane != ABOVE:
-        return _bounds(one, plane, style)
+def _box(shape: UprightBox, plane: tuple[int, int], style: Style) -> Patch:
     signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    return Polygon(one.center + (signs * one.half) @ one.axes.T, **style)
+    return Polygon(shape.center + (signs * shape.half) @ shape.axes.T, **style)
 
 
-def _cylinder(one: Any, plane: tuple[int, int], style: dict[str, Any]) -> Any:
-    return Circle(tuple(one.center), one.radius, **style) if plane == ABOVE else _bounds(one, plane, style)
+def _cylinder(shape: UprightCylinder, plane: tuple[int, int], style: Style) -> Patch:
+    return Circle(tuple(shape.center), shape.radius, **style)
 
 
-def _prism(one: Any, plane: tuple[int, int], style: dict[str, Any]) -> Any:
-    return Polygon(one.vertices, **style) if plane == ABOVE else _bounds(one, plane, style)
+def _prism(shape: UprightPrism, plane: tuple[int, int], style: Style) -> Patch:
+    return Polygon(shape.vertices, **style)
 
 
-def _ball(one: Any, plane: tuple[int, int], style: dict[str, Any]) -> Any:
-    return Circle(tuple(one.center[list(plane)]), one.radius, **style)
+def _ball(shape: Ball, plane: tuple[int, int], style: Style) -> Patch:
+    return Circle(tuple(shape.center[list(plane)]), shape.radius, **style)
 
 
-def _mesh(one: Any, plane: tuple[int, int], style: dict[str, Any]) -> Any:
-    """The shadow of a mesh: all its triangles, turned one way, as one path; of a flat run its section."""
-    if len(one.low) == 2:
-        return _section(one, style)
-    corners = one.vertices[one.triangles][..., list(plane)]
+def _mesh(shape: Solid, plane: tuple[int, int], style: Style) -> Patch:
+    """Return the shadow of a mesh: all triangles, turned one way, as one path; in a flat run the section."""
+    if len(shape.low) == 2:
+        return _section(shape, style)
+    corners = shape.vertices[shape.triangles][..., list(plane)]
     sides = corners[:, 1:] - corners[:, :1]
     clockwise = sides[:, 0, 0] * sides[:, 1, 1] < sides[:, 0, 1] * sides[:, 1, 0]
     corners[clockwise] = corners[clockwise][:, ::-1]
@@ -80,31 +87,32 @@ def _mesh(one: Any, plane: tuple[int, int], style: dict[str, Any]) -> Any:
     return PathPatch(Outline(points, codes), **style | {"edgecolor": look.SOLID, "linewidth": 0.3})
 
 
-def _section(one: Any, style: dict[str, Any]) -> Any:
-    """Where the plane of a flat run cuts a mesh."""
-    pad = 0.02 * (one.high - one.low).max()
+def _section(shape: Solid, style: Style) -> Patch:
+    """Return the section of a mesh by the plane of a flat run."""
+    pad = 0.02 * (shape.high - shape.low).max()
     x, y = (
-        np.linspace(low - pad, high + pad, SECTION_NODES) for low, high in zip(one.low, one.high, strict=True)
+        np.linspace(low - pad, high + pad, SECTION_NODES)
+        for low, high in zip(shape.low, shape.high, strict=True)
     )
     places = np.stack(np.meshgrid(x, y, indexing="xy"), axis=-1)
-    lines: Any = contour_generator(x, y, one.signed_distance(places)).lines(0.0)
+    lines: Any = contour_generator(x, y, shape.signed_distance(places)).lines(0.0)
     if not lines:
-        return _bounds(one, ABOVE, style)
+        return _bounds(shape, ABOVE, style)
     return PathPatch(Outline.make_compound_path(*(Outline(line, closed=True) for line in lines)), **style)
 
 
-def _plan(one: Any, plane: tuple[int, int], style: dict[str, Any]) -> Any:
-    """The walls of a map, seen from above."""
-    walls = one.rectangles(MOST_RECTANGLES)
-    if plane != ABOVE or not len(walls):
-        return _bounds(one, plane, style)
+def _plan(shape: FloorPlan, plane: tuple[int, int], style: Style) -> Patch:
+    """Return the walls of a map, seen from above."""
+    walls = shape.rectangles(MOST_RECTANGLES)
+    if not len(walls):
+        return _bounds(shape, plane, style)
     x, y = walls[:, [0, 2, 2, 0, 0]], walls[:, [1, 1, 3, 3, 1]]
     codes = np.tile([Outline.MOVETO, *[Outline.LINETO] * 3, Outline.CLOSEPOLY], len(walls))
     style = style | {"edgecolor": look.SOLID, "linewidth": 0.2}
     return PathPatch(Outline(np.stack([x, y], axis=-1).reshape(-1, 2), codes), **style)
 
 
-OUTLINES: dict[type, Callable[[Any, tuple[int, int], dict[str, Any]], Any]] = {
+OUTLINES: dict[type, Callable[[Any, tuple[int, int], Style], Patch]] = {
     UprightBox: _box,
     UprightCylinder: _cylinder,
     UprightPrism: _prism,
@@ -112,21 +120,21 @@ OUTLINES: dict[type, Callable[[Any, tuple[int, int], dict[str, Any]], Any]] = {
     Solid: _mesh,
     FloorPlan: _plan,
 }
-"""How obstacles of each shape are drawn; others by the rectangle around them."""
+"""Outlines of obstacles of each shape, mostly seen from above; others are drawn by the rectangle around them."""
 
 
-def name(axes: Axes, one: Any) -> None:
-    """Kind and size of an obstacle, below it."""
-    if _is_cubes(one):
+def name(axes: Axes, shape: Shape) -> None:
+    """Write the kind and size of an obstacle below it."""
+    if shape.model is None:
         return
-    model = one.model
-    if hasattr(model, "radius"):
-        text = f"{model.kind} ⌀ {2 * model.radius:.3g}"
+    values = vars(shape.model)
+    if "radius" in values:
+        text = f"{shape.model.kind} ⌀ {2 * values['radius']:.3g}"
     else:
-        size = getattr(model, "size", one.high - one.low)
-        text = f"{model.kind} {' × '.join(f'{edge:.3g}' for edge in size)}"
-    height = getattr(model, "height", None)
-    text += (f", {height:.3g} high" if height is not None and len(one.low) == 3 else "") + " m"
-    if model.motion is not None:
+        size = values.get("size", shape.high - shape.low)
+        text = f"{shape.model.kind} {' × '.join(f'{edge:.3g}' for edge in size)}"
+    height = values.get("height")
+    text += (f", {height:.3g} high" if height is not None and len(shape.low) == 3 else "") + " m"
+    if shape.model.motion is not None:
         text += ", walks"
-    look.note(axes, (one.low[0] + one.high[0]) / 2, one.low[1], text, look.SOLID_EDGE, va="top", dy=-3)
+    look.note(axes, (shape.low[0] + shape.high[0]) / 2, shape.low[1], text, look.SOLID_EDGE, va="top", dy=-3)

@@ -1,4 +1,4 @@
-"""The bodies that tests of geometry share, in a room and on a floor."""
+"""Bodies shared by tests of geometry, in a room and on a floor."""
 
 from math import sqrt
 
@@ -20,7 +20,7 @@ SHAPES = {
 
 
 def is_inside(name, p):
-    """The bodies of SHAPES once more, as inequalities."""
+    """Return which points lie in a body of SHAPES, by inequalities."""
     x, y, z = p[..., 0], p[..., 1], p[..., 2]
     if name == "box":
         u = (x - 2.0) * sqrt(0.75) + (y - 1.4) * 0.5

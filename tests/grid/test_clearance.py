@@ -1,4 +1,4 @@
-"""Clearance maps never tell more than is free, and little less."""
+"""Clearance maps are tight lower bounds of the distance to the next surface."""
 
 from math import sqrt
 from pathlib import Path
@@ -31,8 +31,19 @@ def sample(clearance, at):
     return distance.to_numpy(), normal.to_numpy()
 
 
-def to_walls(p):
-    return np.min([p[:, 0], 4.0 - p[:, 0], p[:, 1], 3.0 - p[:, 1]], axis=0)
+def to_walls(p, low=(0.0, 0.0), high=(4.0, 3.0)):
+    return np.minimum(p - low, high - p).min(axis=1)
+
+
+def assert_tight(clearance, p, truth):
+    distance, normal = sample(clearance, p)
+    assert (distance <= truth + 1e-5).all()
+    assert (distance >= truth - sqrt(2) * clearance.resolution - 1e-5).all()
+    np.testing.assert_allclose(np.linalg.norm(normal, axis=1), 1.0, atol=1e-5)
+    np.testing.assert_allclose(clearance.distance_at(p), distance, atol=1e-5)
+
+
+COLUMN = shape(Cylinder(kind="cylinder", center=(2.0, 1.5), radius=0.5), ROOM, Path())
 
 
 @pytest.mark.parametrize("resolution", [0.1, None])
@@ -44,23 +55,15 @@ def test_clearance_is_a_tight_lower_bound(resolution):
     truth = to_walls(p)
     for one in obstacles:
         truth = np.minimum(truth, one.horizontal_distance(p, 0.0, height))
-    clearance = ClearanceMap(obstacles, ROOM.extent, height, resolution)
-    distance, normal = sample(clearance, p)
-    assert (distance <= truth + 1e-5).all()
-    assert (distance >= truth - sqrt(2) * clearance.resolution - 1e-5).all()
-    np.testing.assert_allclose(np.linalg.norm(normal, axis=1), 1.0, atol=1e-5)
-    np.testing.assert_allclose(clearance.distance_at(p), distance, atol=1e-5)
+    assert_tight(ClearanceMap(obstacles, ROOM.extent, height, resolution), p, truth)
 
 
 def test_normals_point_away_from_the_nearest_surface():
-    column = shape(Cylinder(kind="cylinder", center=(2.0, 1.5), radius=0.5), ROOM, Path())
-    clearance = ClearanceMap([column], ROOM.extent, 0.2)
-    p = np.array(
-        [[2.6, 1.5], [2.0, 0.9], [2.0 + 0.4, 1.5 + 0.4], [0.1, 1.5], [3.95, 0.5], [1.0, 2.9], [0.5, 0.1]]
-    )
+    p = np.array([[2.6, 1.5], [2.0, 0.9], [2.4, 1.9], [0.1, 1.5], [3.95, 0.5], [1.0, 2.9], [0.5, 0.1]])
     s = sqrt(0.5)
     expected = [[1, 0], [0, -1], [s, s], [1, 0], [-1, 0], [0, -1], [0, 1]]
-    np.testing.assert_allclose(sample(clearance, p)[1], expected, atol=0.02)
+    normal = sample(ClearanceMap([COLUMN], ROOM.extent, 0.2), p)[1]
+    np.testing.assert_allclose(normal, expected, atol=0.02)
 
 
 def test_clearance_without_obstacles_is_the_distance_to_the_walls():
@@ -71,17 +74,11 @@ def test_clearance_without_obstacles_is_the_distance_to_the_walls():
 
 
 def test_clearance_of_a_part_of_the_floor():
-    column = shape(Cylinder(kind="cylinder", center=(2.0, 1.5), radius=0.5), ROOM, Path())
-    low, high = np.array([0.7, 0.4]), np.array([3.1, 2.8])
+    low, high = (0.7, 0.4), (3.1, 2.8)
     p = random_points(dim=2)
-    p = p[((p > low) & (p < high)).all(axis=1)]
-    edges = np.minimum(p - low, high - p).min(axis=1)
-    truth = np.minimum(edges, np.hypot(*(p - [2.0, 1.5]).T) - 0.5)
-    clearance = ClearanceMap([column], tuple(high), 0.2, low=tuple(low))
-    distance, _ = sample(clearance, p)
-    np.testing.assert_allclose(clearance.distance_at(p), distance, atol=1e-5)
-    assert (distance <= truth + 1e-5).all()
-    assert (distance >= truth - sqrt(2) * clearance.resolution - 1e-5).all()
+    p = p[to_walls(p, low, high) > 0.0]
+    truth = np.minimum(to_walls(p, low, high), np.hypot(*(p - [2.0, 1.5]).T) - 0.5)
+    assert_tight(ClearanceMap([COLUMN], high, 0.2, low=low), p, truth)
 
 
 def test_robots_pass_under_what_is_above_them():
@@ -92,6 +89,5 @@ def test_robots_pass_under_what_is_above_them():
 
 
 def test_clearance_grid_is_bounded_for_large_arenas():
-    pole = shape(Cylinder(kind="cylinder", center=(2.0, 1.5), radius=0.5), FLOOR, Path())
-    nodes = ClearanceMap([pole], (200.0, 100.0), 0.2).nodes
+    nodes = ClearanceMap([COLUMN], (200.0, 100.0), 0.2).nodes
     assert 300_000 < nodes[0] * nodes[1] < 420_000

@@ -79,20 +79,13 @@ def test_a_wall_half_a_cell_thick_is_not_missed():
     assert (air.area[1][10, 6:14] < 1.0).all()
 
 
-def ring(n=30):
-    """A square ring of wall around a closed room, as four boxes, in a floor of n x n cells."""
-    grid = Grid((n, n), 3.0 / n)
-    sides = [
-        ((1.5, 0.9), (1.4, 0.2)),
-        ((1.5, 2.1), (1.4, 0.2)),
-        ((0.9, 1.5), (0.2, 1.4)),
-        ((2.1, 1.5), (0.2, 1.4)),
-    ]
-    return [one(Box(kind="box", center=c, size=s), grid) for c, s in sides], grid
-
-
 def test_sealed_air_becomes_solid():
-    walls, grid = ring()
+    """A square ring of four walls around a closed room."""
+    grid = Grid((30, 30), 0.1)
+    walls = []
+    for a in (0.9, 2.1):
+        walls.append(one(Box(kind="box", center=(1.5, a), size=(1.4, 0.2)), grid))
+        walls.append(one(Box(kind="box", center=(a, 1.5), size=(0.2, 1.4)), grid))
     solid = air_of(walls, grid).solid
     assert solid.sum() == 14 * 14
     assert not solid[0, 0]

@@ -10,7 +10,7 @@ N = 1 << 14
 
 
 def test_elementary_functions_are_those_of_numpy():
-    """To the rounding of f32: of the argument where that is large, of the result else."""
+    """Errors are rounding errors of f32, of the argument if it is large, else of the result."""
     rng = np.random.default_rng(1)
     points = rng.uniform(-12.0, 12.0, (N, 2)).astype(np.float32)
     points[:5] = [[0.0, 0.0], [0.0, 1.0], [0.0, -1.0], [1.0, 0.0], [-1.0, 0.0]]

@@ -45,9 +45,8 @@ for use in uses:
 @pytest.mark.parametrize("restart", ["start('cpu', threads=1)", "ti.init(ti.cpu)", "ti.reset()"])
 @pytest.mark.slow
 def test_a_simulation_whose_engine_is_gone_refuses_every_use(restart):
-    done = subprocess.run(
-        [sys.executable, "-c", USES, restart], capture_output=True, text=True, timeout=120, check=False
-    )
+    command = [sys.executable, "-c", USES, restart]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, done.stderr[-2000:]
     lines = [line for line in done.stdout.splitlines() if not line.startswith("[Taichi]")]
     assert lines[0] == "assembled"
@@ -63,40 +62,34 @@ def test_fields_of_a_program_that_ended_raise_and_later_ones_work(taichi):
     kernels.start()
     new = ti.field(ti.f32, 3)
     new.fill(2.0)
-    for use in (
+    uses = (
         lambda: old[0],
         lambda: old.to_numpy(),
         lambda: vectors.shape,
         lambda: old.fill(0),
         lambda: old.dtype,
-    ):
+    )
+    for use in uses:
         with pytest.raises(engine.EngineError):
             use()
     assert new.to_numpy().tolist() == [2.0, 2.0, 2.0]
 
 
-def test_a_start_with_the_same_arguments_keeps_what_is_in_use(taichi):
+@pytest.mark.parametrize("in_use", [True, False])
+def test_a_start_with_the_same_arguments_keeps_what_is_in_use_and_else_frees_the_memory(taichi, in_use):
     ti.reset()
     kernels.start("cpu", threads=1)
     field = ti.field(ti.i32, 2)
-    field.fill(3)
+    field.fill(3)  # a kernel of a module, which keeps its arguments
     program = impl.get_runtime().prog
+    if not in_use:
+        del field
     assert kernels.start("cpu", threads=1) == "cpu"
-    assert impl.get_runtime().prog is program
-    assert field[1] == 3
-    kernels.start("cpu", threads=2)
-    assert impl.get_runtime().prog is not program
-
-
-def test_a_start_with_nothing_in_use_gives_the_memory_back(taichi):
-    ti.reset()
-    kernels.start("cpu", threads=1)
-    field = ti.field(ti.i32, 2)
-    field.fill(3)  # a kernel of a module, which remembers its arguments
-    program = impl.get_runtime().prog
-    del field
-    kernels.start("cpu", threads=1)
-    assert impl.get_runtime().prog is not program
+    assert (impl.get_runtime().prog is program) == in_use
+    if in_use:
+        assert field[1] == 3
+        kernels.start("cpu", threads=2)
+        assert impl.get_runtime().prog is not program
 
 
 def test_kernels_that_nothing_uses_are_forgotten(taichi):

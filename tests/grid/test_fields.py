@@ -48,7 +48,7 @@ def test_sampling_is_exact_for_linear_fields(dim):
 
 @ti.data_oriented
 class Even(Gas):
-    """The same everywhere: 1 mg/m³."""
+    """Uniform gas of 1 mg/m³."""
 
     def __init__(self, species: Species):
         self.species = species

@@ -1,4 +1,4 @@
-"""Occupancy maps of ROS: what is read of them, how they lie in the domain, and that no wall leaks."""
+"""Occupancy maps of ROS: reading, position in the domain, air fractions, and walls that do not leak."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -25,19 +25,21 @@ YAML = "image: plan.pgm\nresolution: {}\norigin: [{}, {}, {}]\nnegate: 0\noccupi
 
 
 def write(folder: Path, walls: np.ndarray, size: float = 0.05, origin=(0.0, 0.0, 0.0)) -> Path:
-    """A map whose walls are bool, axes (x, y)."""
+    """Write a map; walls: bool, axes (x, y)."""
     Image.fromarray(np.where(walls, 0, 254).astype(np.uint8).T[::-1]).save(folder / "plan.pgm")
     (folder / "plan.yaml").write_text(YAML.format(size, *origin))
     return folder / "plan.yaml"
 
 
 def plan(folder: Path, walls: np.ndarray, extent, size=0.05, at=(0.0, 0.0, 0.0), **keys: Any) -> FloorPlan:
-    """Its shape; the lower corner of the domain is the origin of the map's frame."""
+    """Return the shape of a map; the lower corner of the domain is the origin of the map's frame."""
     write(folder, walls, size, at)
     given = {"file": "plan.yaml", "unknown": "wall", "origin": (0.0, 0.0), "base": 0.0, "height": None}
-    return FloorPlan(
-        SimpleNamespace(**given, motion=None) if not keys else SimpleNamespace(**given | keys), extent, folder
-    )
+    return FloorPlan(SimpleNamespace(**{**given, "motion": None, **keys}), extent, folder)
+
+
+def turn(yaw: float) -> np.ndarray:
+    return np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
 
 
 # ---------------------------------------------------------------- files
@@ -55,11 +57,8 @@ def plan(folder: Path, walls: np.ndarray, extent, size=0.05, at=(0.0, 0.0, 0.0),
 @pytest.mark.parametrize("kind", ["pgm", "png", "RGB", "16 bit"])
 def test_shades_are_free_occupied_or_unknown(tmp_path, mode, negate, meant, kind):
     shades = np.array([[0, 77, 128, 150, 205, 254]], np.uint8)
-    picture = Image.fromarray(shades)
-    if kind == "RGB":
-        picture = picture.convert("RGB")
-    elif kind == "16 bit":
-        picture = Image.fromarray(shades.astype(np.uint16) * 257)
+    picture = Image.fromarray(shades.astype(np.uint16) * 257 if kind == "16 bit" else shades)
+    picture = picture.convert("RGB") if kind == "RGB" else picture
     name = "plan.pgm" if kind == "pgm" else "plan.png"
     picture.save(tmp_path / name)
     text = YAML.format(0.1, -1, 2, 0.5).replace("plan.pgm", name).replace("negate: 0", f"negate: {negate}")
@@ -96,7 +95,7 @@ def test_the_first_row_is_the_upper_edge_and_what_is_transparent_is_unknown(tmp_
         ("image: plan.pgm", "image: [1]", "must be the name of a picture"),
         ("image: plan.pgm", "image: none.pgm", "none.pgm: no such file"),
         ("image: plan.pgm", 'image: "a\\0b"', r"has the character \\x00"),
-        ("image: plan.pgm", "image: plan.yaml", "is no PGM, PNG or BMP picture"),
+        ("image: plan.pgm", "image: plan.yaml", "PGM, PNG or BMP picture"),
         ("image: plan.pgm", "image: .", "Is a directory"),
         ("image: plan.pgm", "[" * 9000, "is nested too deeply"),
         ("image: plan.pgm", "a: 1", "has no key image"),
@@ -159,13 +158,26 @@ def test_damaged_pictures_are_told(tmp_path):
     assert told > 50  # of a PNG nearly all
 
 
+@pytest.mark.parametrize(
+    "picture", [b"P5\n" + b"#\n" * 600_000, b"P2 2 2 255\n" + b"#\n" * 2000 + b"0 0 0 0"]
+)
+def test_comments_of_pictures_are_bounded(tmp_path, picture):
+    """Pillow reads comments byte by byte, and in the pixels of a text in quadratic time."""
+    path = write(tmp_path, np.zeros((4, 4), bool))
+    (tmp_path / "plan.pgm").write_bytes(picture)
+    with pytest.raises(MapError, match=r"comments|damaged"):
+        read_map(path)
+    (tmp_path / "plan.pgm").write_bytes(b"P2 # text\n2 2 #\n255\n0 255 #\n\n255 255")
+    assert (read_map(path).pixels == OCCUPIED).sum() == 1
+
+
 def test_the_picture_is_one_of_the_files_of_a_scenario(tmp_path):
     write(tmp_path, np.zeros((4, 4), bool))
     assert files_of(tmp_path, "plan.yaml") == [tmp_path / "plan.yaml", tmp_path / "plan.pgm"]
     assert image_of(tmp_path / "none.yaml") is None
 
 
-# ---------------------------------------------------------------- where it lies
+# ---------------------------------------------------------------- position
 
 
 @pytest.mark.parametrize("quarters", [0, 1, 2, 3, -1])
@@ -175,8 +187,7 @@ def test_a_map_lies_as_its_origin_says(tmp_path, quarters):
     at = (0.33, 0.41, quarters * np.pi / 2)
     found = plan(tmp_path, walls, (1.2, 1.1), 0.1, at)
     places = np.random.default_rng(1).random((500, 2)) * [1.2, 1.1]
-    c, s = np.cos(at[2]), np.sin(at[2])
-    there = (places - at[:2]) @ np.array([[c, -s], [s, c]]) / 0.1
+    there = (places - at[:2]) @ turn(at[2]) / 0.1
     pixel = np.floor(there).astype(int)
     known = ((pixel >= 0) & (pixel < walls.shape)).all(axis=1)
     wall = np.zeros(len(places), bool)
@@ -187,7 +198,7 @@ def test_a_map_lies_as_its_origin_says(tmp_path, quarters):
 def test_unless_told_its_lower_corner_is_the_domain_s(tmp_path):
     walls = np.zeros((20, 10), bool)
     walls[0] = True
-    found = plan(tmp_path, walls, (1.0, 0.5), 0.05, (-7.0, 3.0, 0.0), origin=None, motion=None)
+    found = plan(tmp_path, walls, (1.0, 0.5), 0.05, (-7.0, 3.0, 0.0), origin=None)
     assert found.inside(np.array([[0.02, 0.3], [0.06, 0.3]])).tolist() == [True, False]
     np.testing.assert_allclose(found.reach, [[-7.0, 3.0], [-6.0, 3.5]])
 
@@ -233,7 +244,7 @@ def test_thick_walls_cut_cells_exactly(tmp_path):
 def test_in_3_d_walls_are_drawn_out(tmp_path):
     walls = np.zeros((20, 12), bool)
     walls[10:12] = True  # x 0.5 to 0.6
-    found = plan(tmp_path, walls, (1.0, 0.6, 0.5), base=0.0, height=0.25, motion=None)
+    found = plan(tmp_path, walls, (1.0, 0.6, 0.5), height=0.25)
     volume, area = found.shares((10, 6, 5), 0.1)
     np.testing.assert_allclose(volume[5, 3], [0.0, 0.0, 0.5, 1.0, 1.0], atol=1e-9)
     np.testing.assert_allclose(area[0][5, 3], [0.0, 0.0, 0.5, 1.0, 1.0], atol=1e-9)
@@ -277,47 +288,43 @@ def test_what_cells_exchange_has_a_way_between_the_pixels(tmp_path, seed):
     cell = np.floor(places / dx).astype(int)
     inside = ((places >= 0) & (places < grid.extent)).all(axis=1)
     label = label.ravel()
-    told: dict[int, set[int]] = {}
+    touched: dict[int, set[int]] = {}
     for region in range(1, regions.max() + 1):
         here = inside & (label > 0)
         here[here] = regions[tuple(cell[here].T)] == region
-        whole = cell[here][:, 0] * grid.shape[1] + cell[here][:, 1]
-        parts = label[here]
+        whole, parts = cell[here][:, 0] * grid.shape[1] + cell[here][:, 1], label[here]
         only = [set(parts[whole == one]) for one in np.unique(whole)]
-        sure = [next(iter(one)) for one in only if len(one) == 1]  # cells that touch one part alone
-        told[region] = set(sure)
-    assert all(len(parts) <= 1 for parts in told.values()), told
-    assert sum(map(bool, told.values())) > 1
+        touched[region] = {
+            part for one in only if len(one) == 1 for part in one
+        }  # cells that touch one part alone
+    assert all(len(parts) <= 1 for parts in touched.values()), touched
+    assert sum(map(bool, touched.values())) > 1
+
+
+def are_parted(part: np.ndarray, side: np.ndarray, margin: float) -> bool:
+    """Return whether no part lies on both sides of a wall; side: distance from the wall."""
+    left, right = (set(part[side * sign > margin]) - {0} for sign in (-1, 1))
+    return bool(left) and bool(right) and not left & right
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.1, 0.7, -1.2, np.pi / 4])
 @pytest.mark.parametrize("dx", [0.05, 0.1, 0.23])
 def test_a_wall_one_pixel_thick_parts_the_air(tmp_path, yaw, dx):
-    """In any direction; puffs, which fly between nodes, find no way either."""
+    """The wall has any direction, and its level set has no gap for puffs either."""
     walls = np.zeros((200, 200), bool)
     walls[100] = True  # 2.5 cm
     grid = Grid((round(2.0 / dx), round(1.6 / dx)), dx)
     middle = np.array(grid.extent) / 2 + [0.013, 0.021]
-    turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
-    at = (*(middle - turn @ [2.5125, 2.5]), yaw)
+    at = (*(middle - turn(yaw) @ [2.5125, 2.5]), yaw)
     found = plan(tmp_path, walls, grid.extent, 0.025, at)
     air = air_of([found], grid)
-    side = (grid.centers() - middle) @ turn[:, 0]
-    regions = air.regions()
-    left, right = (set(regions[side * sign > dx]) - {0} for sign in (-1, 1))
-    assert left
-    assert right
-    assert not left & right
+    assert are_parted(air.regions(), (grid.centers() - middle) @ turn(yaw)[:, 0], dx)
     of_film = sealed(replace(air, sealed=()), [found], grid)
     np.testing.assert_array_equal(signed_distance(of_film, grid), signed_distance(air, grid))
     free = signed_distance(air, grid) > 0.0
     part = ndimage.label(free, np.ones((3, 3)))[0]  # type: ignore[index]
     nodes = np.stack(np.meshgrid(*[np.arange(n) * dx / 2 for n in free.shape], indexing="ij"), axis=-1)
-    side = (nodes - middle) @ turn[:, 0]
-    left, right = (set(part[side * sign > 1.5 * dx]) - {0} for sign in (-1, 1))
-    assert left
-    assert right
-    assert not left & right
+    assert are_parted(part, (nodes - middle) @ turn(yaw)[:, 0], 1.5 * dx)
 
 
 def test_a_wall_on_a_face_of_the_domain_shuts_it(tmp_path):
@@ -336,8 +343,7 @@ def test_the_walls_in_rectangles_are_all_of_them(tmp_path):
     assert area == pytest.approx(walls.sum() * 0.0025)
     places = np.random.default_rng(8).random((500, 2)) * [2.5, 2.0]
     inside = ((places[:, None] > boxes[:, :2]) & (places[:, None] < boxes[:, 2:])).all(axis=-1)
-    covered = np.any(inside, axis=1)
-    np.testing.assert_array_equal(covered, found.inside(places))
+    np.testing.assert_array_equal(np.any(inside, axis=1), found.inside(places))
     assert len(found.rectangles(20)) <= 20
 
 
@@ -402,22 +408,5 @@ def test_checks_of_a_map(tmp_path):
     for override, told in cases.items():
         with pytest.raises(ScenarioError, match=told):
             load(tmp_path / "room.yaml", [override])
-    told = load(tmp_path / "room.yaml", ["domain.size=[3, 2]"]).resources.remarks
-    assert any(
-        "all of the map is a domain.size of 2 x 1.2 m with an origin of [-3, 5]" in one for one in told
-    )
-
-
-@pytest.mark.parametrize(
-    "picture", [b"P5\n" + b"#\n" * 600_000, b"P2 2 2 255\n" + b"#\n" * 2000 + b"0 0 0 0"]
-)
-def test_comments_of_pictures_are_bounded(tmp_path, picture):
-    """Pillow reads them byte by byte, and in the pixels of a text in quadratic time."""
-    (tmp_path / "plan.yaml").write_text(
-        "image: plan.pgm\nresolution: 0.05\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.2\n"
-    )
-    (tmp_path / "plan.pgm").write_bytes(picture)
-    with pytest.raises(MapError, match=r"comments|damaged"):
-        read_map(tmp_path / "plan.yaml")
-    (tmp_path / "plan.pgm").write_bytes(b"P2 # text\n2 2 #\n255\n0 255 #\n\n255 255")
-    assert (read_map(tmp_path / "plan.yaml").pixels == OCCUPIED).sum() == 1
+    remarks = load(tmp_path / "room.yaml", ["domain.size=[3, 2]"]).resources.remarks
+    assert any("domain.size of 2 x 1.2 m with an origin of [-3, 5]" in remark for remark in remarks)

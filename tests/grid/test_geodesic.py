@@ -15,16 +15,16 @@ def pillar(middle, radius):
 def wall(x, top):
     """A thin wall from the floor's lower edge up."""
 
-    def room(points):
-        points = np.asarray(points)
-        beyond = np.maximum(points[..., 1] - top, 0.0)
-        return np.hypot(points[..., 0] - x, beyond)
+    return lambda points: np.hypot(points[..., 0] - x, np.maximum(points[..., 1] - top, 0.0))
 
-    return room
+
+def way_of(start, goal, room, reach=0.1):
+    (way,) = shortest_ways(np.array([start]), np.array([goal]), reach, 0.1, room, LOW, HIGH)
+    return way
 
 
 def around(a, b, middle, radius, far_side=False):
-    """The taut string past a disc, on the shorter side or on the other."""
+    """Return the length of the taut string past a disc, on the shorter side or on the other."""
     a, b = np.asarray(a) - middle, np.asarray(b) - middle
     ra, rb = np.linalg.norm(a), np.linalg.norm(b)
     apart = np.arccos(a @ b / (ra * rb))
@@ -35,18 +35,15 @@ def around(a, b, middle, radius, far_side=False):
 
 @pytest.mark.parametrize("start", [(3.5, 1.5), (3.2, 1.3), (3.7, 1.7)])
 def test_around_a_pillar_it_is_the_taut_string(start):
-    middle = np.array([2.0, 1.5])
-    goal = np.array([[0.6, 1.5]])
-    (way,) = shortest_ways(np.array([start]), goal, 0.1, 0.1, pillar(middle, 0.5), LOW, HIGH)
-    true = around(start, goal[0], middle, 0.6)
-    assert true * 0.995 < way < true * 1.02
+    middle, goal = np.array([2.0, 1.5]), (0.6, 1.5)
+    true = around(start, goal, middle, 0.6)
+    assert true * 0.995 < way_of(start, goal, pillar(middle, 0.5)) < true * 1.02
 
 
 def test_around_the_end_of_a_wall_it_is_bent_there():
-    start, goal = np.array([3.0, 0.5]), np.array([1.0, 0.5])
-    (way,) = shortest_ways(start[None], goal[None], 0.1, 0.1, wall(2.0, 2.0), LOW, HIGH)
+    start, goal = (3.0, 0.5), (1.0, 0.5)
     true = around(start, goal, np.array([2.0, 2.0]), 0.1, far_side=True)
-    assert true * 0.995 < way < true * 1.02
+    assert true * 0.995 < way_of(start, goal, wall(2.0, 2.0)) < true * 1.02
 
 
 def test_in_the_open_it_is_straight_and_to_the_nearest():
@@ -58,23 +55,17 @@ def test_in_the_open_it_is_straight_and_to_the_nearest():
 
 def test_a_source_that_the_disc_cannot_stand_on_is_reached_from_where_it_can():
     """A source in the pillar's edge, seen from the other side."""
-    middle, goal = np.array([2.0, 1.5]), np.array([[1.5, 1.5]])
-    (way,) = shortest_ways(np.array([[3.5, 1.5]]), goal, 0.25, 0.1, pillar(middle, 0.5), LOW, HIGH)
-    assert 2.0 < way < 3.0
+    assert 2.0 < way_of((3.5, 1.5), (1.5, 1.5), pillar(np.array([2.0, 1.5]), 0.5), reach=0.25) < 3.0
 
 
 def test_where_no_way_leads_there_is_none():
     shut = wall(2.0, 9.0)
-    (way,) = shortest_ways(np.array([[3.0, 0.5]]), np.array([[1.0, 0.5]]), 0.1, 0.1, shut, LOW, HIGH)
-    assert np.isnan(way)
+    assert np.isnan(way_of((3.0, 0.5), (1.0, 0.5), shut))
     assert np.isnan(shortest_ways(np.array([[3.0, 0.5]]), np.empty((0, 2)), 0.1, 0.1, shut, LOW, HIGH)).all()
 
 
 def test_a_wall_that_has_moved_a_little_is_another_floor():
     """Ways are kept by floor."""
-    start, goal = np.array([[3.0, 0.5]]), np.array([[1.0, 0.5]])
-    ways = [
-        shortest_ways(start, goal, 0.1, 0.1, wall(2.0, top), LOW, HIGH)[0] for top in (1.8, 1.805, 1.9, 1.8)
-    ]
+    ways = [way_of((3.0, 0.5), (1.0, 0.5), wall(2.0, top)) for top in (1.8, 1.805, 1.9, 1.8)]
     assert ways[0] <= ways[1] < ways[2]
     assert ways[3] == ways[0]

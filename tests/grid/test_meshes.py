@@ -14,9 +14,11 @@ from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.obstacles import Mesh
 from taichi_plume.scenario.shapes import shape
 
+centers = Grid.of(Domain(size=(4.0, 3.0, 1.0), spacing=0.05)).centers()
+
 
 def box_triangles(low, high):
-    """The 12 triangles (12, 3, 3) of an upright box."""
+    """Return the 12 triangles (12, 3, 3) of an upright box."""
     low, high = np.array(low, float), np.array(high, float)
     corner = np.array([[low[0], high[0]], [low[1], high[1]], [low[2], high[2]]])
     triangles = []
@@ -31,11 +33,13 @@ def box_triangles(low, high):
     return np.array(triangles)
 
 
+def stl_bytes(triangles):
+    facets = [struct.pack("<12fH", 0, 0, 0, *triangle.ravel(), 0) for triangle in triangles]
+    return b"\0" * 80 + struct.pack("<I", len(triangles)) + b"".join(facets)
+
+
 def write_stl(path, triangles):
-    with path.open("wb") as file:
-        file.write(b"\0" * 80 + struct.pack("<I", len(triangles)))
-        for triangle in triangles:
-            file.write(struct.pack("<12fH", 0, 0, 0, *triangle.ravel(), 0))
+    path.write_bytes(stl_bytes(triangles))
     return path.name
 
 
@@ -47,7 +51,7 @@ def write_obj(path, vertices, quads):
 
 
 def torus(n=60, m=40, ring_radius=0.6, tube=0.2):
-    """Vertices and quads of a torus about the z axis."""
+    """Return vertices and quads of a torus about the z axis."""
     a, b = np.meshgrid(np.arange(n), np.arange(m), indexing="ij")
     u, v = 2 * pi * a / n, 2 * pi * b / m
     across = ring_radius + tube * np.cos(v)
@@ -73,8 +77,7 @@ def test_mesh_box_is_the_box(tmp_path):
         mine = one.horizontal_distance(p[:, :2], 0.0, height)
         assert ((mine < 0) == (away < 0)).all()
         np.testing.assert_allclose(mine[away > 0], away[away > 0], atol=1e-5)
-    c = Grid.of(Domain(size=(4.0, 3.0, 1.0), spacing=0.05)).centers()
-    np.testing.assert_array_equal(one.inside(c), is_inside("box", c))
+    np.testing.assert_array_equal(one.inside(centers), is_inside("box", centers))
 
 
 def test_mesh_section_is_a_2d_shape(tmp_path):
@@ -101,8 +104,7 @@ def test_mesh_torus_in_3d(tmp_path):
     p = random_points(5000)
     exact = np.hypot(np.hypot(p[:, 0] - 2.0, p[:, 1] - 1.5) - 0.6, p[:, 2] - 0.3) - 0.2
     np.testing.assert_allclose(one.signed_distance(p), exact, atol=0.003)
-    c = Grid.of(Domain(size=(4.0, 3.0, 1.0), spacing=0.05)).centers()
-    volume = one.inside(c).sum() * 0.05**3
+    volume = one.inside(centers).sum() * 0.05**3
     assert volume == pytest.approx(2 * pi**2 * 0.6 * 0.2**2, rel=0.03)
     # a robot 0.2 m high meets the lower part alone: its shadow is narrower than the torus seen from above
     truth = abs(np.hypot(p[:, 0] - 2.0, p[:, 1] - 1.5) - 0.6) - sqrt(0.2**2 - 0.1**2)
@@ -115,24 +117,17 @@ def test_overlapping_bodies_of_a_mesh_are_united(tmp_path):
     bodies = [((1, 1, 0), (2, 2, 0.6)), ((1.5, 1.5, 0.2), (2.5, 2.5, 0.8))]
     file = write_stl(tmp_path / "two.stl", np.concatenate([box_triangles(*b) for b in bodies]))
     one = shape(Mesh(kind="mesh", file=file), ROOM, tmp_path)
-    grid = Grid.of(Domain(size=(4.0, 3.0, 1.0), spacing=0.05))
-    c = grid.centers()
-    expected = np.zeros(grid.shape, bool)
-    for low, high in bodies:
-        expected |= ((c > low) & (c < high)).all(axis=-1)
-    np.testing.assert_array_equal(one.inside(c), expected)
+    expected = [((centers > low) & (centers < high)).all(axis=-1) for low, high in bodies]
+    np.testing.assert_array_equal(one.inside(centers), expected[0] | expected[1])
 
 
 def test_faulty_meshes_are_told(tmp_path):
     triangles = box_triangles((1, 1, 0), (2, 2, 0.5))
-    (tmp_path / "junk.stl").write_text("no mesh")
+    beside = np.concatenate([box_triangles((3, 1, 0), (4, 2, 1)), triangles[:10]])
     faults = {
         "none.stl": "no such file",
-        "junk.stl": "no STL file is so short",
         write_stl(tmp_path / "hole.stl", triangles[1:]): "body 0 is not watertight: 3 open",
-        write_stl(
-            tmp_path / "lid.stl", np.concatenate([box_triangles((3, 1, 0), (4, 2, 1)), triangles[:10]])
-        ): ("body 1 is not watertight: 4 open"),
+        write_stl(tmp_path / "lid.stl", beside): "body 1 is not watertight: 4 open",
     }
     for file, told in faults.items():
         with pytest.raises(MeshError, match=told):

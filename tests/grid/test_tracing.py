@@ -1,4 +1,4 @@
-"""The quicker tracing of kernels: it is in force, and what is traced is what Taichi traces."""
+"""Faster tracing of kernels: all replacements are active, and traced code is the same."""
 
 from typing import Any
 

@@ -40,7 +40,7 @@ ARRAYS = (
 
 @pytest.fixture(params=["in place", "by kernels"])
 def way(request, monkeypatch):
-    """How numbers reach fields: as on the CPU, or as on a GPU."""
+    """Copy numbers as on the CPU, or as on a GPU."""
     if request.param == "by kernels":
         monkeypatch.setattr(memory, "on_cpu", lambda: False)
 
@@ -80,7 +80,7 @@ def test_numbers_are_read_when_a_kernel_runs(taichi):
 
 @pytest.mark.cpu
 def test_fields_of_every_layout_are_reached_in_place(taichi):
-    """What is written there is what Taichi reads, and no kernel but the one that tells the address is needed."""
+    """Taichi reads the values written in place, and only the kernel for the address is compiled."""
     several = (*fields(), ti.field(ti.f64, (2, 3)), ti.Vector.field(3, ti.f32, (1, 2), order="ji"))
     before = compiled()
     places = memory.views(several)
@@ -121,8 +121,7 @@ def test_a_state_is_saved_restored_and_cleared(taichi):
         STATE = ("scalar", "parts", "draws", "log")
 
     part = Part()
-    part.scalar, part.parts, part.log = scalar, [inner], [1.0]
-    part.draws = np.random.default_rng(2)
+    part.scalar, part.parts, part.log, part.draws = scalar, [inner], [1.0], np.random.default_rng(2)
     put, get = uploader(scalar, *several), reader(scalar, *several)
     put(*ARRAYS)
     state = State(part)

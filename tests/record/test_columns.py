@@ -1,4 +1,4 @@
-"""The largest concentration over the height lies where the gas is, also of gas that is known at points."""
+"""Maximum over the height of a gas that is known at points: its position is that of the gas."""
 
 from pathlib import Path
 

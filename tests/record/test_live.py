@@ -3,13 +3,14 @@
 import signal
 import subprocess
 import time
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
 import fake_run
 import psutil
 import pytest
-import rerun as rr
+from recordings import stream
 
 from taichi_plume.cli import run
 from taichi_plume.files.run_folder import RunFolderError
@@ -20,18 +21,18 @@ from taichi_plume.simulation import Every
 pytestmark = pytest.mark.usefixtures("taichi")
 
 
-def rows(recording: Path) -> dict[str, int]:
-    """Of every entity that changes, by path."""
-    found: dict[str, int] = {}
-    for chunk in rr.chunk.RrdReader(str(recording)).stream():
+def rows(recording: Path) -> Counter[str]:
+    """Return the number of rows of every entity that changes."""
+    found: Counter[str] = Counter()
+    for chunk in stream(recording):
         if not chunk.is_static and not chunk.entity_path.startswith("/__"):
-            found[chunk.entity_path] = found.get(chunk.entity_path, 0) + chunk.num_rows
+            found[chunk.entity_path] += chunk.num_rows
     return found
 
 
 @pytest.fixture
 def viewer(monkeypatch, tmp_path):
-    """Rerun's server without a window in the viewer's place: it keeps what it gets. Processes that were opened."""
+    """Use rerun's server without a window as the viewer; return the processes that were opened."""
     opened: list[subprocess.Popen] = []
     start = subprocess.Popen
 
@@ -46,8 +47,14 @@ def viewer(monkeypatch, tmp_path):
     yield opened
     for process in opened:
         if psutil.pid_exists(process.pid):
-            for one in [*psutil.Process(process.pid).children(recursive=True), psutil.Process(process.pid)]:
+            for one in family(process.pid)[::-1]:
                 one.terminate()
+
+
+def family(pid: int) -> list[psutil.Process]:
+    """Return a process and its descendants."""
+    process = psutil.Process(pid)
+    return [process, *process.children(recursive=True)]
 
 
 def recorded(path: Path, address: str, observers: tuple[Every, ...] = ()) -> None:
@@ -60,19 +67,14 @@ def recorded(path: Path, address: str, observers: tuple[Every, ...] = ()) -> Non
     recorder.close()
 
 
-def sockets(pid: int) -> list[Any]:
-    """Of a process and those that it began."""
-    process = psutil.Process(pid)
-    return [one for part in [process, *process.children(recursive=True)] for one in part.net_connections()]
-
-
 def test_a_viewer_gets_what_the_file_gets_on_the_loopback_alone(viewer, tmp_path):
     address = live.open_viewer()
-    listening = [one for one in sockets(viewer[0].pid) if one.status == psutil.CONN_LISTEN]
-    assert {one.laddr.ip for one in listening} == {"127.0.0.1"}
+    sockets: list[Any] = [one for part in family(viewer[0].pid) for one in part.net_connections()]
+    assert {one.laddr.ip for one in sockets if one.status == psutil.CONN_LISTEN} == {"127.0.0.1"}
     recorded(tmp_path / "recording.rrd", address)
     time.sleep(0.5)
-    for one in psutil.Process(viewer[0].pid).children(recursive=True) or [psutil.Process(viewer[0].pid)]:
+    first, *children = family(viewer[0].pid)
+    for one in children or [first]:
         one.send_signal(signal.SIGINT)
     viewer[0].wait(20)
     whole = rows(tmp_path / "recording.rrd")
@@ -84,11 +86,10 @@ def test_a_run_goes_on_when_its_viewer_is_closed(viewer, tmp_path):
     address = live.open_viewer()
 
     def leave(sim: Any) -> None:
-        for one in [*psutil.Process(viewer[0].pid).children(recursive=True), viewer[0]]:
+        for one in family(viewer[0].pid)[::-1]:
             one.kill()
 
-    once = Every(3.0, leave)
-    recorded(tmp_path / "recording.rrd", address, (once,))
+    recorded(tmp_path / "recording.rrd", address, (Every(3.0, leave),))
     recorded(tmp_path / "alone.rrd", "")
     assert rows(tmp_path / "recording.rrd") == rows(tmp_path / "alone.rrd")
 

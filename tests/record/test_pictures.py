@@ -1,4 +1,4 @@
-"""What a recording shows of a computed plume: read back from its file."""
+"""Pictures and arrows of a recorded plume, read back from the file."""
 
 from pathlib import Path
 from typing import Any
@@ -6,12 +6,12 @@ from typing import Any
 import fake_run
 import numpy as np
 import pytest
-import rerun as rr
+import recordings
+from recordings import stream
 
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.grid.fields import Gas, Mixture
 from taichi_plume.record import drawing
-from taichi_plume.record.recorder import Recorder
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.simulation import Simulation
 
@@ -32,14 +32,9 @@ class Cells(fake_run.FakeGas):
 
 
 def recorded(sim: Simulation, path: Path) -> dict[str, dict[str, Any]]:
-    """Static and last values of all entities of the run's recording, by component."""
-    recorder = Recorder(sim, path)
-    recorder.start()
-    sim.observers += recorder.observers()
-    sim.run()
-    recorder.close()
+    """Return static and last values of all entities of the run's recording, by component."""
     found: dict[str, dict[str, Any]] = {}
-    for chunk in rr.chunk.RrdReader(str(path)).stream():
+    for chunk in stream(recordings.recorded(sim, path)):
         batch = chunk.to_record_batch()
         for name in batch.schema.names:
             values = [value for value in batch.column(name).to_pylist() if value is not None]
@@ -49,7 +44,7 @@ def recorded(sim: Simulation, path: Path) -> dict[str, dict[str, Any]]:
 
 
 def ppm(entity: dict[str, Any]) -> np.ndarray:
-    """A picture as its static values tell to read it, (first axis, second axis)."""
+    """Return a picture decoded by its static values, (first axis, second axis)."""
     form = entity["GridMap:format"][0]
     pixels = np.array(entity["GridMap:data"][0], np.uint8).reshape(form["height"], form["width"])[::-1].T
     (low,), (high,), (scale,) = entity["low"], entity["high"], entity["scale"]
@@ -105,38 +100,22 @@ def test_what_only_points_know_is_where_it_is_on_all_planes(tmp_path):
 def test_static_values_tell_what_pictures_are(tmp_path):
     found = recorded(run_of(np.full(SHAPE, 20.0), recording={"range_ppm": [0.5, 50]}), tmp_path / "a.rrd")
     entity = found["/gas/section"]
-    told = {
-        name: entity[name]
-        for name in ("quantity", "unit", "low", "high", "scale", "plane", "axes", "cell", "origin")
-    }
-    assert told == {
-        "quantity": ["ethanol"],
-        "unit": ["ppm"],
-        "low": [0.5],
-        "high": [50.0],
-        "scale": ["log"],
-        "plane": ["y = 1.5 m"],
-        "axes": ["xz"],
-        "cell": [pytest.approx(0.05)],
-        "origin": [0.0, 0.0],
-    }
+    expected = {"quantity": ["ethanol"], "unit": ["ppm"], "low": [0.5], "high": [50.0], "scale": ["log"]}
+    expected |= {"plane": ["y = 1.5 m"], "axes": ["xz"], "cell": [pytest.approx(0.05)], "origin": [0.0, 0.0]}
+    assert {name: entity[name] for name in expected} == expected
     assert found["/gas/slice"]["plane"] == ["0.1 m above the floor"]
     assert found["/gas/column"]["plane"] == ["maximum over the height"]
     for name in ("slice", "column", "section"):
         assert ppm(found[f"/gas/{name}"]) == pytest.approx(20, rel=np.log(100) / 510 + 1e-5)
 
 
+WARM = {"reference": 295, "walls": [{"face": "x-", "temperature": 300, "transfer": 300}]}
 HEATED = {
     "name": "heated",
     "duration": 0.5,
     "tick": 0.1,
     "domain": {"size": [1.0, 0.8, 0.6], "spacing": 0.1},
-    "wind": {
-        "kind": "cfd",
-        "buoyancy": {
-            "heat": {"reference": 295, "walls": [{"face": "x-", "temperature": 300, "transfer": 300}]}
-        },
-    },
+    "wind": {"kind": "cfd", "buoyancy": {"heat": WARM}},
     "gas": {"kind": "eulerian", "sources": [{"position": [0.5, 0.4, 0.1], "rate": 1e-7}]},
 }
 

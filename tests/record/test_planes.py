@@ -31,35 +31,29 @@ GRID = Grid((20, 16, 10), 0.1)
 AIR = np.zeros(GRID.shape, bool)
 
 
-def test_column_is_the_largest_over_the_height():
+def sliced(values: np.ndarray, level: float | None, solid: np.ndarray = AIR) -> np.ndarray:
+    return Raster(Plane("slice", (0, 1), 2, level, ""), GRID, solid).of_cells(values)
+
+
+def test_a_column_is_the_largest_over_the_height_and_slices_are_linear_between_layers_of_cells():
     values = random(*GRID.shape)
-    raster = Raster(Plane("column", (0, 1), 2, None, ""), GRID, AIR)
-    assert np.array_equal(raster.of_cells(values), values.max(axis=2))
-
-
-@pytest.mark.parametrize("height", [0.0, 0.05, 0.1, 0.33, 0.98])
-def test_slices_are_linear_between_layers_of_cells(height):
+    assert np.array_equal(sliced(values, None), values.max(axis=2))
     x, y, z = np.moveaxis(GRID.centers(), -1, 0)
-    raster = Raster(Plane("slice", (0, 1), 2, height, ""), GRID, AIR)
-    expected = (3 * x - y)[..., 0] + 7 * np.clip(height, 0.05, 0.95)
-    assert raster.of_cells(3 * x - y + 7 * z) == pytest.approx(expected, abs=1e-5)
+    for height in (0.0, 0.05, 0.1, 0.33, 0.98):
+        expected = (3 * x - y)[..., 0] + 7 * np.clip(height, 0.05, 0.95)
+        assert sliced(3 * x - y + 7 * z, height) == pytest.approx(expected, abs=1e-5)
 
 
 def test_slices_leave_out_what_is_solid():
+    """A slice of 294 K shows no rim of 0 K around obstacles."""
     values, solid = random(*GRID.shape), AIR.copy()
     solid[:, :, 2] = True
     solid[5, 5, 3] = True
-    raster = Raster(Plane("slice", (0, 1), 2, 0.32, ""), GRID, solid)
     expected = values[:, :, 3].copy()
     expected[5, 5] = 0.3 * values[5, 5, 2] + 0.7 * values[5, 5, 3]  # solid on both sides
-    assert raster.of_cells(values) == pytest.approx(expected)
-
-
-def test_what_is_the_same_everywhere_is_so_in_solids_too():
-    """A slice of 294 K shows no rim of 0 K around what stands in the air."""
-    solid = random(*GRID.shape) > 0.5
-    picture = Raster(Plane("slice", (0, 1), 2, 0.37, ""), GRID, solid).of_cells(np.full(GRID.shape, 294.0))
-    assert picture == pytest.approx(np.full(GRID.shape[:2], 294.0), rel=1e-6)
+    assert sliced(values, 0.32, solid) == pytest.approx(expected)
+    warm = np.full(GRID.shape, 294.0)
+    assert sliced(warm, 0.37, random(*GRID.shape) > 0.5) == pytest.approx(warm[..., 0], rel=1e-6)
 
 
 @pytest.mark.parametrize(("axes", "normal"), [((0, 2), 1), ((1, 2), 0)])
@@ -105,19 +99,12 @@ def levels(model: Scenario) -> dict[str, tuple[str, float | None]]:
     return {one.name: (one.letters, one.level) for one in planes.planes(model, model.domain.extent)}
 
 
-def test_planes_go_through_the_source_and_the_sensors():
+def test_planes_go_through_the_source_and_the_sensors_unless_the_recording_gives_them():
     expected = {"slice": ("xy", 0.4), "slice_2": ("xy", 0.1), "column": ("xy", None), "section": ("xz", 1.5)}
     assert levels(scenario()) == expected
-
-
-def test_planes_are_where_the_recording_wants_them():
+    assert levels(fake_run.scenario(2)) == {"slice": ("xy", None)}
     found = levels(scenario(slice_height=["20 cm", 0.3], section={"plane": "yz", "at": 2}))
     expected = {"slice": ("xy", 0.2), "slice_2": ("xy", 0.3), "column": ("xy", None), "section": ("yz", 2.0)}
     assert found == expected
     assert "section" not in levels(scenario(section=None))
     assert levels(scenario(slice_height=0.3))["slice"] == ("xy", 0.3)
-
-
-def test_flat_runs_have_one_plane():
-    model = fake_run.scenario(2)
-    assert levels(model) == {"slice": ("xy", None)}

@@ -5,7 +5,7 @@ from pathlib import Path
 import fake_run
 import numpy as np
 import pytest
-from test_recorder import column, entities, record, recorded
+from recordings import column, entities, record, recorded
 
 from taichi_plume.grid.state import State
 from taichi_plume.record import drawing

@@ -1,7 +1,6 @@
 import os
 import subprocess
 import sys
-import warnings
 from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
@@ -9,13 +8,12 @@ from typing import Any
 
 import fake_run
 import numpy as np
-import pyarrow as pa
 import pytest
 import rerun as rr
+from recordings import column, entities, record, recorded, verified
 
 from taichi_plume.files import disk
 from taichi_plume.grid import kernels
-from taichi_plume.record.recorder import Recorder
 from taichi_plume.simulation import Every, Simulation
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -28,45 +26,9 @@ def strict():
     rr.set_strict_mode(False)
 
 
-def record(sim: Simulation, path: Path) -> Recorder:
-    recorder = Recorder(sim, path)
-    recorder.start()
-    sim.observers += recorder.observers()
-    return recorder
-
-
-def recorded(sim: Simulation, path: Path) -> Path:
-    recorder = record(sim, path)
-    sim.run()
-    recorder.close()
-    return path
-
-
-def stream(path: Path) -> rr.chunk.LazyChunkStream:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # a file without footer is worth a warning, and on purpose here
-        return rr.chunk.RrdReader(str(path)).stream()
-
-
-def column(path: Path, entity: str, component: str) -> tuple[np.ndarray, list]:
-    """Times [s] and values of a component of an entity."""
-    times, values = [], []
-    for chunk in stream(path).filter(content=entity, components=component, is_static=False):
-        batch = chunk.to_record_batch()
-        times.append(batch.column("sim_time").cast(pa.int64()).to_numpy() * 1e-9)
-        values += batch.column(component).to_pylist()
-    t = np.concatenate(times) if times else np.zeros(0)
-    order = np.argsort(t, kind="stable")
-    return t[order], [values[i] for i in order]
-
-
-def entities(path: Path) -> set[str]:
-    return {chunk.entity_path for chunk in stream(path)}
-
-
-def verified(path: Path) -> bool:
-    rerun = Path(sys.executable).with_name("rerun")
-    return subprocess.run([rerun, "rrd", "verify", path], capture_output=True, check=False).returncode == 0
+def fake(path: Path, dim: int = 2, **changes: Any) -> Path:
+    """Record a run of `fake_run.scenario`."""
+    return recorded(fake_run.simulation(fake_run.scenario(dim, **changes)), path)
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +46,7 @@ def arena(tmp_path_factory) -> SimpleNamespace:
 
 
 def is_whole(path: Path, dim: int, duration: float) -> None:
-    """Whether a recording of `fake_run.scenario` has all entities, and pictures from -1 s on."""
+    """Assert that a recording of `fake_run.scenario` has all entities, and pictures from -1 s on."""
     assert verified(path)
     there = entities(path)
     assert {f"/robots/team-{i}" for i in range(4)} <= there
@@ -105,17 +67,12 @@ def is_whole(path: Path, dim: int, duration: float) -> None:
     assert t[0] == -1.0
     assert t[-1] == pytest.approx(duration)
     assert np.unique(t.round(6)).size == 5 * (duration + 1) + 1
-    reader = rr.chunk.RrdReader(str(path))
-    assert len(reader.blueprints()) == 1
+    assert len(rr.chunk.RrdReader(str(path)).blueprints()) == 1
 
 
-def test_everything_is_there(arena):
+def test_everything_is_there(arena, tmp_path):
     is_whole(arena.path, 2, 9)
-
-
-def test_everything_is_there_in_three_dimensions(tmp_path):
-    model = fake_run.scenario(3, duration=2, warm_up=1)
-    is_whole(recorded(fake_run.simulation(model), tmp_path / "a.rrd"), 3, 2)
+    is_whole(fake(tmp_path / "a.rrd", 3, duration=2, warm_up=1), 3, 2)
 
 
 def test_robots_are_where_they_were(arena):
@@ -135,25 +92,18 @@ def test_where_robots_believe_to_be_is_seen_beside_where_they_are(tmp_path):
     start = {"kind": "area", "low": [3, 0.5], "high": [3.8, 2.5]}
     one = {"count": 2, "start": start, "algorithm": {"kind": "casting"}}
     robots = [{"name": "wheels", "odometry": {}, **one}, {"name": "cameras", **one}]
-    path = recorded(
-        fake_run.simulation(fake_run.scenario(2, duration=3, maps=[], robots=robots)), tmp_path / "a.rrd"
-    )
-    ghosts = {
-        "/believed/wheels-0",
-        "/believed/wheels-1",
-        "/believed_trails/wheels-0",
-        "/believed_trails/wheels-1",
-    }
+    path = fake(tmp_path / "a.rrd", duration=3, maps=[], robots=robots)
+    ghosts = {f"/{kind}/wheels-{n}" for kind in ("believed", "believed_trails") for n in (0, 1)}
     assert {entity for entity in entities(path) if "believed" in entity} == ghosts
     t, places = column(path, "/believed/wheels-1", "Transform3D:translation")
     _, truth = column(path, "/robots/wheels-1", "Transform3D:translation")
     assert len(t) == 31
     off = np.array(places)[:, 0, :2] - np.array(truth)[:, 0, :2]
     assert off == pytest.approx(np.tile([0.03, -0.1], (31, 1)), abs=1e-5)
-    turns = [
-        column(path, f"/{kind}/wheels-1", "Transform3D:quaternion")[1] for kind in ("believed", "robots")
-    ]
-    halves = [np.arctan2(*np.array(turn)[:, 0, 2:].T) for turn in turns]
+    halves = []
+    for kind in ("believed", "robots"):
+        _, turns = column(path, f"/{kind}/wheels-1", "Transform3D:quaternion")
+        halves.append(np.arctan2(*np.array(turns)[:, 0, 2:].T))
     assert np.cos(2 * (halves[0] - halves[1]) - 0.4) == pytest.approx(np.ones(31), abs=1e-6)
     t, steps = column(path, "/believed_trails/wheels-1", "LineStrips3D:strips")
     ends = np.array([step[0][1] for step in steps])
@@ -165,12 +115,9 @@ def test_where_robots_believe_to_be_is_seen_beside_where_they_are(tmp_path):
 def test_what_moves_is_seen_moving_and_screens_are_seen(tmp_path):
     motion = {"path": [[1, 1.5, 2.5], [2, 2.5, 2.5]]}
     walker = {"kind": "cylinder", "center": [1.5, 1.5], "radius": 0.2, "motion": motion}
-    model = fake_run.scenario(2, duration=3, warm_up=1, obstacles=[walker])
-    wind = model.wind.model_dump() | {"screens": [{"kind": "honeycomb", "axis": "x", "at": 0.3}]}
-    path = recorded(
-        fake_run.simulation(fake_run.scenario(2, duration=3, warm_up=1, obstacles=[walker], wind=wind)),
-        tmp_path / "a.rrd",
-    )
+    wind = fake_run.scenario(2).wind.model_dump()
+    wind |= {"screens": [{"kind": "honeycomb", "axis": "x", "at": 0.3}]}
+    path = fake(tmp_path / "a.rrd", duration=3, warm_up=1, obstacles=[walker], wind=wind)
     t, shifts = column(path, "/world/obstacles/0", "Transform3D:translation")
     at = {round(float(a), 2): shift[0] for a, shift in zip(t, shifts, strict=True)}
     assert len(at) == 41
@@ -189,9 +136,8 @@ def test_slice_shows_the_gas_where_it_is(tmp_path):
         np.array(pictures[0][0], np.uint8).reshape(ny, nx)[::-1].T
     )  # rows of constant y, the largest first
     quarters = [-sim.grid.dx / 4, sim.grid.dx / 4]  # a pixel is the largest of what it covers
-    ppm = np.max(
-        [fake_ppm(sim.grid.centers() + np.array([a, b])) for a in quarters for b in quarters], axis=0
-    )
+    samples = [sim.grid.centers() + np.array([a, b]) for a in quarters for b in quarters]
+    ppm = np.max([fake_ppm(points) for points in samples], axis=0)
     clear = np.abs(sim.grid.centers()[..., 0] - 0.55) > sim.grid.dx  # at the edge rounding decides
     decades = np.log10(np.maximum(ppm, 0.1) / 0.1)
     assert np.abs(image / 255 * 4 - decades)[clear].max() < 0.5 * 4 / 255 + 1e-2
@@ -199,7 +145,7 @@ def test_slice_shows_the_gas_where_it_is(tmp_path):
 
 
 def fake_ppm(points: np.ndarray) -> np.ndarray:
-    """The gas of `fake_run` at the begin [ppm]."""
+    """Return the gas of `fake_run` at the start [ppm]."""
     along, y = points[..., 0] - 0.6, points[..., 1]
     s = 0.05 + 0.08 * np.maximum(along, 0)
     across = y - 1.5 - 0.12 * along * np.sin(-2 * points[..., 0])
@@ -239,8 +185,7 @@ def test_map_pictures_are_transparent_where_unknown(arena):
 
 
 def test_without_robots_and_maps(tmp_path):
-    model = fake_run.scenario(3, duration=1, robots=[], maps=[])
-    path = recorded(fake_run.simulation(model), tmp_path / "a.rrd")
+    path = fake(tmp_path / "a.rrd", 3, duration=1, robots=[], maps=[])
     assert verified(path)
     assert not any(entity.startswith(("/robots", "/maps")) for entity in entities(path))
 
@@ -326,10 +271,12 @@ recorder.close()
 @pytest.mark.skipif(os.name == "nt", reason="no limit on file sizes")
 def test_a_writer_that_fails_is_noticed_and_does_not_hang(tmp_path):
     path = tmp_path / "a.rrd"
-    script = WRITER_FAILS.format(tests=str(Path(__file__).parents[1]), path=str(path))
-    run = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=False
-    )
+    command = [
+        sys.executable,
+        "-c",
+        WRITER_FAILS.format(tests=str(Path(__file__).parents[1]), path=str(path)),
+    ]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert "noticed:" in run.stdout, run.stderr
     t, _ = column(path, "/sensors/team-0", "Scalars:scalars")
     assert 1.0 <= t[-1] < 20.0

@@ -1,4 +1,4 @@
-"""Where robots said that a source is, in a report's figures, tables and words; nothing where they said nothing."""
+"""Declared source positions in a report's figures, tables and words; none without declarations."""
 
 import made_run
 import numpy as np
@@ -23,7 +23,7 @@ def run(tmp_path) -> Run:
 
 
 def saying(run: Run) -> list:
-    """Its robots: from t = 4 s on the first has said wrongly (2, 2) and, from 6 s on, rightly (1, 1.2)."""
+    """Return the tracks; the first robot declares (2, 2) falsely at 4 s and (1, 1.2) rightly at 6 s."""
     first, other = run.tracks
     t, nan = first.t, np.full(len(first.t), np.nan)
     said = (t >= 4).astype(int) + (t >= 6)
@@ -48,29 +48,22 @@ def crosses(figure) -> list[tuple[list[float], str]]:
     return [([*line.get_xdata(), *line.get_ydata()], to_hex(line.get_markeredgecolor())) for line in lines]
 
 
-def test_crosses_are_where_robots_said(run, drawn):
+def test_crosses_are_where_robots_said_and_red_while_they_are_wrong(run, drawn):
     (picture,) = run.planes.read(["gas_slice"], (0.0, np.inf), 1.0).values()
     figures.mean_plume(run, picture, saying(run))
     figures.only_tracks(run, saying(run))
-    for figure in drawn:
-        assert crosses(figure) == [([1.0, 1.2], look.FOUND)]
+    assert [crosses(figure) for figure in drawn] == [[([1.0, 1.2], look.FOUND)]] * 2
     names = [text.get_text() for text in drawn[0].legends[0].get_texts()]
     assert "declared rightly" in names
     assert "falsely" not in names
-
-
-def test_the_cross_of_a_wrong_word_is_red_until_it_is_right(run, drawn):
-    before = [one._replace(t=one.t[one.t < 5]) for one in saying(run)]
-    figures.only_tracks(run, before)
-    assert crosses(drawn[0]) == [([2.0, 2.0], look.WRONG)]
+    figures.only_tracks(run, [track._replace(t=track.t[track.t < 5]) for track in saying(run)])
+    assert crosses(drawn[-1]) == [([2.0, 2.0], look.WRONG)]
 
 
 def test_a_run_in_which_nobody_declares_has_none(run, drawn):
     figures.only_tracks(run, run.tracks)
     assert crosses(drawn[0]) == []
-    parts = Parts(run, False)
-    told = " ".join(str(part) for part in parts.all())
-    assert "declar" not in told
+    assert "declar" not in " ".join(str(part) for part in Parts(run, False).all())
 
 
 def test_tables_tell_outcomes_and_how_many_airs(run):

@@ -1,4 +1,4 @@
-"""What a run without a recording shows from its fields is what the recording would have shown."""
+"""Pictures made from fields equal the pictures of the recording."""
 
 from pathlib import Path
 
@@ -48,10 +48,8 @@ def test_pictures_are_those_of_the_recording(folder):
 @pytest.mark.parametrize("plane", ["slice", "section"])
 def test_arrows_point_where_those_of_the_recording_do(folder, plane):
     it = Run(folder, lenient=True)
-    recorded, filmed = (
-        it.planes.arrows(plane),
-        arrows_of_film(it.planes.film, it.scenario, plane, (2.0, 2.0), 0.0),
-    )
+    recorded = it.planes.arrows(plane)
+    filmed = arrows_of_film(it.planes.film, it.scenario, plane, (2.0, 2.0), 0.0)
     assert recorded is not None
     ways, tails = recorded.ways[-1], recorded.tails[-1]
     middles = filmed.tails[0] + filmed.ways[0] / 2

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import made_run
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from PIL import Image
@@ -13,8 +14,7 @@ from PIL import Image
 from taichi_plume.agents import mapping, search
 from taichi_plume.assembly import kinds
 from taichi_plume.cli.report import main
-from taichi_plume.report import figures, look, references
-from taichi_plume.report.maps import MapAtEnd
+from taichi_plume.report import figures, look, maps, references
 from taichi_plume.report.page import NAME
 from taichi_plume.results.run import Run
 from taichi_plume.running.result import write_result
@@ -22,10 +22,11 @@ from taichi_plume.running.result import write_result
 ROOT = Path(__file__).parent.parent.parent
 ADDRESSES = {"src", "href", "action", "data", "poster", "srcset", "background", "formaction", "cite", "ping"}
 VOID = {"meta", "img", "br", "link", "hr", "input"}
+GMRF = {"kind": "gmrf", "cell": 0.5}
 
 
 class Read(HTMLParser):
-    """What a browser would find in a page: tags, their attributes, texts; whether each tag is closed."""
+    """Parsed page: tags, attributes and texts; every tag is closed."""
 
     def __init__(self, html: str):
         super().__init__()
@@ -58,7 +59,7 @@ class Read(HTMLParser):
 
 @pytest.fixture
 def report(capsys):
-    """The page of a folder, read."""
+    """Write and read the page of a folder."""
 
     def make(folder: Path) -> Read:
         assert main([str(folder)]) == 0
@@ -68,28 +69,20 @@ def report(capsys):
     return make
 
 
-def test_nothing_leaves_the_page(tmp_path, report):
+def test_nothing_leaves_the_page_and_images_have_words(tmp_path, report):
     page = report(made_run.made(tmp_path / "run"))
     for tag, attrs in page.tags:
         assert tag not in ("script", "link", "iframe", "object", "embed", "base", "form")
         assert not [key for key in attrs if key.startswith("on")]
         for key in ADDRESSES & attrs.keys():
             assert attrs[key].startswith(("data:image/png;base64,", "#")), (tag, key)
-    policy = [
-        attrs["content"] for _, attrs in page.tags if attrs.get("http-equiv") == "Content-Security-Policy"
-    ]
-    assert policy
-    assert "default-src 'none'" in policy[0]
-    style = (tmp_path / "run" / NAME).read_text()
-    assert not re.search(r"url\(|@import|https?:", style)
+    policies = [attrs for _, attrs in page.tags if attrs.get("http-equiv") == "Content-Security-Policy"]
+    assert "default-src 'none'" in policies[0]["content"]
+    assert not re.search(r"url\(|@import|https?:", (tmp_path / "run" / NAME).read_text())
     ids = {attrs["id"] for _, attrs in page.tags if "id" in attrs}
-    links = [attrs["href"] for _, attrs in page.tags if "href" in attrs]
+    links = {attrs["href"][1:] for _, attrs in page.tags if "href" in attrs}
     assert links
-    assert {link[1:] for link in links} <= ids
-
-
-def test_images_are_images_with_words_for_those_who_do_not_see_them(tmp_path, report):
-    page = report(made_run.made(tmp_path / "run"))
+    assert links <= ids
     images = [attrs for tag, attrs in page.tags if tag == "img"]
     assert len(images) == 3
     for one in images:
@@ -103,13 +96,12 @@ WICKED = f"{WORDS} \x1b[2J"
 
 
 def test_names_stay_text(tmp_path, report):
-    """Of a scenario, a group, a species, a message, a remark, the command on top of scenario.yaml."""
+    """Names of scenario, group and species, message, remark, and the command on top of scenario.yaml."""
     model = made_run.scenario()
     group = model.robots[0].model_copy(update={"name": WORDS})
     folder = made_run.made(tmp_path / "run", model.model_copy(update={"robots": (group,)}))
-    told = made_run.result(
-        model, message=WICKED, remarks=[WICKED], name=WICKED, status="<b>odd", version="<i>"
-    )
+    keys = {"message": WICKED, "remarks": [WICKED], "name": WICKED, "status": "<b>odd", "version": "<i>"}
+    told = made_run.result(model, **keys)
     told["groups"][0]["name"] = WORDS
     write_result(folder, told)
     made_run.record(folder / "recording.rrd", quantity=WICKED)
@@ -123,54 +115,38 @@ def test_names_stay_text(tmp_path, report):
     assert "\x1b" not in (folder / NAME).read_text(encoding="utf-8")
 
 
-def test_a_run_with_robots_in_2d(tmp_path, report):
-    page = report(made_run.made(tmp_path / "run"))
-    assert page.titles == ["The scene", "Mean ethanol", "Readings and behaviour over time"]
-    for words in (
-        "1 of 2 robots found a source",
-        "20 to 100 %",
-        "one thing is unlikely",
-        "Mean of 21 recorded pictures",
-        "Lochmatter & Martinoli",
-        "python -m taichi_plume.run",
-        "seed: 0",
-        "0.01 g",
-        "1.0e-08 of what came",
-    ):
-        assert words in page.text, words
+SERIES = "Readings and behaviour over time"
+PARTS = (
+    "1 of 2 robots found a source", "20 to 100 %", "one thing is unlikely", "Mean of 21 recorded pictures",
+    "Lochmatter & Martinoli", "python -m taichi_plume.run", "seed: 0", "0.01 g", "1.0e-08 of what came",
+)  # fmt: skip
 
 
-def test_a_room_shows_its_column_and_its_section(tmp_path, report):
-    page = report(made_run.made(tmp_path / "run", made_run.scenario(3)))
-    assert page.titles[1:3] == ["Mean ethanol, maximum over the height", "Mean ethanol, y = 1"]  # .5 m
+@pytest.mark.parametrize(
+    ("dim", "changes", "recording", "titles", "words"),
+    [
+        (2, {}, True, ["Mean ethanol", SERIES], PARTS),
+        (3, {}, True, ["Mean ethanol, maximum over the height", "Mean ethanol, y = 1", SERIES], ()),
+        (2, {"robots": []}, True, ["Mean ethanol"], ()),
+        (2, {}, False, ["Tracks", SERIES], ("neither a recording nor recorded fields",)),
+        (2, {"maps": [GMRF]}, True, ["Mean ethanol", SERIES], ("no maps.zarr", "Monroy, Blanco")),
+    ],
+    ids=["2-D", "3-D", "no robots", "no recording", "no maps.zarr"],
+)
+def test_the_page_shows_what_there_is(tmp_path, report, dim, changes, recording, titles, words):
+    model = made_run.scenario(dim, **changes)
+    page = report(made_run.made(tmp_path / "run", model, recording=recording))
+    assert page.titles == ["The scene", *titles]
+    assert not [one for one in words if one not in page.text]
+    assert ("robots smelt" in page.text) == (changes.get("robots") != [])
 
 
-def test_a_run_without_robots(tmp_path, report):
-    model = made_run.scenario(robots=[])
-    page = report(made_run.made(tmp_path / "run", model))
-    assert page.titles == ["The scene", "Mean ethanol"]
-    assert "robots smelt" not in page.text
-
-
-def test_a_run_without_a_recording_says_so_and_shows_tracks(tmp_path, report):
-    page = report(made_run.made(tmp_path / "run", recording=False))
-    assert page.titles == ["The scene", "Tracks", "Readings and behaviour over time"]
-    assert "neither a recording nor recorded fields" in page.text
-
-
-def test_a_run_without_maps_zarr_says_so(tmp_path, report):
-    model = made_run.scenario(maps=[{"kind": "gmrf", "cell": 0.5}])
-    page = report(made_run.made(tmp_path / "run", model))
-    assert "no maps.zarr" in page.text
-    assert "Monroy, Blanco" in page.text
-
-
-@pytest.mark.parametrize("status", ["failed", "unstable", "interrupted"])
-def test_runs_that_failed_are_told_and_shown(tmp_path, report, status):
-    told = {"name": "made", "status": status, "message": "it broke at t = 3 s", "seed": 0}
-    page = report(made_run.made(tmp_path / "run", told=told))
-    assert f"{status} it broke at t = 3 s" in page.text
-    assert "Mean ethanol" in page.titles
+def test_runs_that_failed_are_told_and_shown(tmp_path, report):
+    for status in ("failed", "unstable", "interrupted"):
+        told = {"name": "made", "status": status, "message": "it broke at t = 3 s", "seed": 0}
+        page = report(made_run.made(tmp_path / status, told=told))
+        assert f"{status} it broke at t = 3 s" in page.text
+        assert "Mean ethanol" in page.titles
 
 
 def test_a_run_that_was_killed_is_shown_as_far_as_it_came(tmp_path, report):
@@ -182,7 +158,7 @@ def test_a_run_that_was_killed_is_shown_as_far_as_it_came(tmp_path, report):
     page = report(folder)
     assert "taichi_plume.repair" in page.text
     assert "recording.rrd: is cut off" in page.text
-    assert page.titles == ["The scene", "Tracks", "Readings and behaviour over time"]
+    assert page.titles == ["The scene", "Tracks", SERIES]
 
 
 def test_numbers_that_are_none(tmp_path, report):
@@ -190,12 +166,9 @@ def test_numbers_that_are_none(tmp_path, report):
     folder = made_run.made(tmp_path / "run")
     table = pq.read_table(folder / "robots.parquet").to_pandas()
     table.loc[table.t > 3, ["reading_ppm", "true_ppm", "x", "y", "heading"]] = np.nan
-    import pyarrow as pa
-
-    for key in ("group", "state"):
-        table[key] = table[key].astype(str)
+    table = table.astype({"group": str, "state": str})
     pq.write_table(pa.Table.from_pandas(table, preserve_index=False), folder / "robots.parquet")
-    assert "Readings and behaviour over time" in report(folder).titles
+    assert SERIES in report(folder).titles
 
 
 def test_bad_folders_are_one_line_each(tmp_path, capsys):
@@ -205,9 +178,7 @@ def test_bad_folders_are_one_line_each(tmp_path, capsys):
     made_run.reworded(other, frobnicate=3)
     torn = made_run.made(tmp_path / "torn")
     (torn / "robots.parquet").write_bytes(b"PAR1 nothing")
-    for folder, words in (
-        (old, "another version"), (other, "frobnicate"), (torn, "is damaged"),
-    ):  # fmt: skip
+    for folder, words in ((old, "another version"), (other, "frobnicate"), (torn, "is damaged")):
         assert main([str(folder)]) == 2
         said = capsys.readouterr().err
         assert said.startswith(str(folder)), said
@@ -229,8 +200,8 @@ def test_bad_folders_are_one_line_each(tmp_path, capsys):
 )
 @pytest.mark.parametrize("status", ["completed", "killed"])
 def test_a_result_that_says_other_things_is_told_in_a_line(tmp_path, capsys, status, changes):
-    """In the page itself where the run did not end by itself."""
-    model = made_run.scenario(maps=[{"kind": "gmrf", "cell": 0.5}])
+    """In the page itself if the run did not end by itself."""
+    model = made_run.scenario(maps=[GMRF])
     folder = made_run.made(tmp_path / "run", model, told=made_run.result(model, status=status, **changes))
     code, said = main([str(folder)]), capsys.readouterr().err
     if status == "killed":
@@ -243,56 +214,60 @@ def test_a_result_that_says_other_things_is_told_in_a_line(tmp_path, capsys, sta
 
 
 def test_thousands_of_trials_make_a_small_page(tmp_path, report):
-    """Of many robots some are shown, of long series the peaks."""
+    """Some of many robots are shown, and the peaks of long series."""
     area = {"kind": "area", "low": [2, 0.3], "high": [3.8, 2.7]}
     team = {"name": "pair", "count": 2, "trials": 1000, "algorithm": {"kind": "casting"}, "start": area}
     model = made_run.scenario(robots=[team])
     told = made_run.result(model)
     trials = told["groups"][0]
-    trials |= {"trials": 1000, "trials_differ_by": "starts and chance"}
-    trials["per_trial"] = {
-        "success": [True] * 1000,
-        "found": [1] * 1000,
-        "time_s": list(np.linspace(2, 9, 1000)),
-    }
+    per_trial = {"success": [True] * 1000, "found": [1] * 1000, "time_s": list(np.linspace(2, 9, 1000))}
+    trials |= {"trials": 1000, "trials_differ_by": "starts and chance", "per_trial": per_trial}
     page = report(made_run.made(tmp_path / "run", model, trials=200, told=told))
     assert "Shown are 2 of 2,000 robots" in page.text
     assert "Found by when" in page.titles
     assert (tmp_path / "run" / NAME).stat().st_size < 1e6
 
 
+@pytest.fixture
+def drawn(monkeypatch) -> list:
+    """Return the list of figures that would have become pictures."""
+    made: list = []
+    monkeypatch.setattr(look, "png", lambda figure: made.append(figure) or b"")
+    return made
+
+
+def are_inside(boxes, whole) -> bool:
+    return all(
+        min(box.x0 - whole.x0, whole.x1 - box.x1, box.y0 - whole.y0, whole.y1 - box.y1) >= 0 for box in boxes
+    )
+
+
 @pytest.mark.parametrize("states", [["FIND"], [f"STATE_{n}" for n in range(7)], ["a" * 300, "b", "c"]])
-def test_all_letters_of_the_series_are_on_the_figure(tmp_path, monkeypatch, states):
+def test_all_letters_of_the_series_are_on_the_figure(tmp_path, drawn, states):
     """However many states there are and however long names are."""
     run = Run(made_run.made(tmp_path / "run"), lenient=True)
     tracks = [one._replace(name="n" * 64, states=states, state=0 * one.state) for one in run.tracks]
-    drawn = []
-    monkeypatch.setattr(look, "png", lambda figure: drawn.append(figure) or b"")
     figures.smelt(run, tracks)
-    drawn[0].canvas.draw()
-    whole = drawn[0].bbox
-    (axes,) = drawn[0].axes
-    for one in (axes.get_legend(), axes.xaxis.label, *drawn[0].legends):
-        box = one.get_window_extent()
-        assert min(box.x0 - whole.x0, whole.x1 - box.x1, box.y0 - whole.y0, whole.y1 - box.y1) >= 0
+    (figure,) = drawn
+    figure.canvas.draw()
+    (axes,) = figure.axes
+    texts = (axes.get_legend(), axes.xaxis.label, *figure.legends)
+    assert are_inside([one.get_window_extent() for one in texts], figure.bbox)
     assert not axes.xaxis.label.get_window_extent().overlaps(axes.get_legend().get_window_extent())
 
 
 @pytest.mark.parametrize("size", [(4.0, 3.0), (20.0, 0.8), (0.8, 20.0)])
-def test_maps_of_rooms_of_any_shape(tmp_path, monkeypatch, size):
+def test_maps_of_rooms_of_any_shape(tmp_path, monkeypatch, drawn, size):
     """Narrow ones have room for the scale and for the titles, side by side and within a page."""
     run = Run(made_run.made(tmp_path / "run"), lenient=True)
     monkeypatch.setattr(type(run.scenario.domain), "extent", size)
-    drawn = []
-    monkeypatch.setattr(look, "png", lambda figure: drawn.append(figure) or b"")
     cells = np.ones((round(size[1] / 0.1), round(size[0] / 0.1)))
-    figures.beside_truth(run, [MapAtEnd("kernel dmv map", 0.1, cells, cells)] * 2)
+    maps.beside_truth(run, [maps.MapAtEnd("kernel dmv map", 0.1, cells, cells)] * 2)
     (figure,) = drawn
     figure.canvas.draw()
     whole, (axes, scale) = figure.bbox, figure.axes
     boxes = [one.get_window_extent() for one in axes.texts]
-    for box in (*boxes, scale.yaxis.label.get_window_extent(), scale.get_tightbbox()):
-        assert min(box.x0 - whole.x0, whole.x1 - box.x1, box.y0 - whole.y0, whole.y1 - box.y1) >= 0
+    assert are_inside([*boxes, scale.yaxis.label.get_window_extent(), scale.get_tightbbox()], whole)
     assert not boxes[0].overlaps(boxes[1])
     assert scale.bbox.height > 100
     assert whole.height < 1500
@@ -317,17 +292,15 @@ def test_a_long_series_keeps_its_peaks():
 
 def test_the_papers_are_those_of_the_kinds_that_are_used():
     maps = [{"kind": "kernel_dmv"}, {"kind": "time_series"}]
-    told = dict(references.papers(made_run.scenario(maps=maps)))
-    assert told.keys() == {
-        "search algorithm casting",
-        "gas map kernel dmv",
-        "gas map time series",
-        "wind synthetic",
+    papers = dict(references.papers(made_run.scenario(maps=maps)))
+    cited = {
+        "search algorithm casting": "ISER 2008",
+        "gas map kernel dmv": "IROS 2009",
+        "gas map time series": "ICRA 2014",
+        "wind synthetic": "10.1017/S0022112092001423",
     }
-    assert "ISER 2008" in told["search algorithm casting"]
-    assert "IROS 2009" in told["gas map kernel dmv"]
-    assert "ICRA 2014" in told["gas map time series"]
-    assert "10.1017/S0022112092001423" in told["wind synthetic"]
+    assert papers.keys() == cited.keys()
+    assert all(text in papers[name] for name, text in cited.items())
 
 
 @pytest.mark.parametrize(

@@ -44,14 +44,9 @@ def test_a_robot_has_one_color_in_report_and_recording(tmp_path, counts):
     names = [f"team{n}" for n in range(len(counts))]
     who = [(name, k) for name, count in zip(names, counts, strict=True) for k in range(count)]
     n = len(who)
-    columns = dict.fromkeys(COLUMNS, np.zeros(n)) | {
-        "t": np.zeros(n),
-        "group": [name for name, _ in who],
-        "trial": np.zeros(n, np.int32),
-        "robot": np.array([k for _, k in who], np.int32),
-        "state": ["S"] * n,
-        "found": np.zeros(n, bool),
-    }
+    columns = dict.fromkeys((*COLUMNS, "t"), np.zeros(n)) | {"state": ["S"] * n, "found": np.zeros(n, bool)}
+    columns |= {"group": [name for name, _ in who], "robot": np.array([k for _, k in who], np.int32)}
+    columns |= {"trial": np.zeros(n, np.int32)}
     pq.write_table(pa.table(columns), tmp_path / "robots.parquet")
     starts = np.cumsum([0, *counts])
     model = SimpleNamespace(first_trial=0, odometry=None)
@@ -59,9 +54,8 @@ def test_a_robot_has_one_color_in_report_and_recording(tmp_path, counts):
         SimpleNamespace(name=name, count=count, start=int(start), first_trial=0, model=model)
         for name, count, start in zip(names, counts, starts[:-1], strict=True)
     ]
-    sim: Any = SimpleNamespace(
-        swarm=SimpleNamespace(groups=groups), state_names=lambda: [("S",)] * len(groups)
-    )
+    swarm = SimpleNamespace(groups=groups)
+    sim: Any = SimpleNamespace(swarm=swarm, state_names=lambda: [("S",)] * len(groups))
     drawn = [look.robot(track.number) for track in tracks(tmp_path / "robots.parquet", groups)]
     recorded = ["#{:02x}{:02x}{:02x}".format(*one.color) for one in recorded_robots(sim)]
     assert drawn == recorded

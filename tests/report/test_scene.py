@@ -33,20 +33,15 @@ def is_solid(color) -> bool:
 
 def test_obstacles_are_where_they_are():
     axes = drawn(made_run.scenario(), sizes=False)
-    assert is_solid(seen(axes, 3.2, 2.4))
-    assert is_solid(seen(axes, 3.2 + 0.17, 2.4))
-    assert not is_solid(seen(axes, 3.2 + 0.23, 2.4))
+    assert [is_solid(seen(axes, 3.2 + x, 2.4)) for x in (0.0, 0.17, 0.23)] == [True, True, False]
 
 
 def test_from_the_side_heights_count():
-    model = made_run.scenario(
-        3, obstacles=[SPHERE, {"kind": "box", "center": [3, 2, 0.2], "size": [1, 1, 0.4]}]
-    )
+    box = {"kind": "box", "center": [3, 2, 0.2], "size": [1, 1, 0.4]}
+    model = made_run.scenario(3, obstacles=[SPHERE, box])
     axes = drawn(model, look.SIDE, sizes=False)
-    assert is_solid(seen(axes, 1.0, 0.7))
-    assert not is_solid(seen(axes, 1.0, 0.3))
-    assert is_solid(seen(axes, 2.6, 0.3))
-    assert not is_solid(seen(axes, 2.6, 0.5))
+    assert [is_solid(seen(axes, 1.0, z)) for z in (0.7, 0.3)] == [True, False]
+    assert [is_solid(seen(axes, 2.6, z)) for z in (0.3, 0.5)] == [True, False]
     axes = drawn(model, look.FRONT, sizes=False)
     assert is_solid(seen(axes, 0.5, 0.7))
 
@@ -87,20 +82,20 @@ def test_names_and_sizes_are_written_and_are_no_mathematics():
     group = model.robots[0].model_copy(update={"name": r"$\frac{1}{0}$ <b>"})
     axes = drawn(model.model_copy(update={"robots": (group,)}))
     told = " ".join(text.get_text() for text in axes.texts)
-    for words in (
+    expected = (
         "cylinder ⌀ 0.4 m",
         "source, 1 mg/s",
         "fan 1 m/s",
         "outlet",
         "honeycomb",
         r"$\frac{1}{0}$ <b>",
-    ):
-        assert words in told
+    )
+    assert not [words for words in expected if words not in told]
     assert not [text for text in drawn(model, sizes=False).texts if text.get_text()]
 
 
 def test_arrows_point_where_air_goes():
-    """In from the left by the fan, out to the right."""
+    """Air comes in from the left by the fan, and leaves to the right."""
     axes = drawn(made_run.scenario(wind=CFD))
     arrows = [one for one in axes.patches if type(one).__name__ == "FancyArrowPatch"]
     ways = [np.subtract(*one._posA_posB[::-1]) for one in arrows]
@@ -119,13 +114,8 @@ def test_the_check_writes_a_picture(tmp_path, dim):
 
 def test_starts_that_are_drawn_by_lot_and_thousands_of_robots():
     area = {"kind": "area", "low": [2, 0.3], "high": [3.8, 2.7]}
-    many = {
-        "name": "many",
-        "count": 3000,
-        "algorithm": {"kind": "casting"},
-        "start": area,
-        "body": {"radius": 0.01},
-    }
+    many = {"name": "many", "count": 3000, "algorithm": {"kind": "casting"}, "start": area}
+    many |= {"body": {"radius": 0.01}}
     axes = drawn(made_run.scenario(robots=[many]))
     assert len(axes.patches) < 50
     assert "3000 × many" in " ".join(text.get_text() for text in axes.texts)
