@@ -233,7 +233,7 @@ EXPECTED = {
     "least u along the floor [m/s]": Range(-1.15 * 0.154, -0.85 * 0.154),
 }
 
-ANNEX20_CASES = (
+CASES = (
     Experiment(
         "annex20",
         "a jet under the ceiling of a room, 2-D and 3-D",

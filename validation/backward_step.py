@@ -188,7 +188,7 @@ DISCUSSION = (
     "layer, other than measured; what that adds was not looked into."
 )
 
-BACKWARD_STEP_CASES = (
+CASES = (
     Experiment(
         "backward_step",
         "a turbulent boundary layer behind a backward-facing step, Re 5,000",

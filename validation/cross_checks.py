@@ -1,14 +1,16 @@
 """What must hold of any flow: every opening passes what it is told to, what enters leaves, 2-D is one layer of 3-D."""
 
+from functools import partial
 from math import pi
 
 import numpy as np
 
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
-from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
+from taichi_plume.validation.case import Case, Expected
 from taichi_plume.validation.flow_cases import Errors, advance, velocities
+from taichi_plume.validation.setups import cfd
 
 SLIP = [{"kind": "slip", "face": face} for face in ("z-", "z+")]
 
@@ -19,8 +21,7 @@ def room(shape: tuple[int, ...], dx: float, openings: list[dict]) -> FlowSolver:
     box = ((0.3, 0.4), (0.4, 0.7), (0.0, 0.6))[: len(shape)]
     solid[tuple(slice(round(a * n), round(b * n)) for n, (a, b) in zip(shape, box, strict=True))] = True
     grid = Grid(shape, dx, depth=dx)
-    wind = CfdWind.model_validate({"kind": "cfd", "openings": openings})
-    return FlowSolver(wind, grid, Air.of(solid, grid))
+    return FlowSolver(cfd(openings), grid, Air.of(solid, grid))
 
 
 def air_balance(flow: FlowSolver, given: float) -> Errors:
@@ -85,3 +86,50 @@ def one_layer(n: int) -> Errors:
     plane, layer = (velocities(flow) for flow in flows)
     apart = max(float(np.abs(a - b[..., 0]).max()) for a, b in zip(plane, layer[:2], strict=True))
     return {"u / u_max, largest": apart / flows[0].max_speed}
+
+
+AIR_BALANCE = {
+    "inflow": Expected(tolerance=1e-5),
+    "net flow of the openings": Expected(tolerance=1e-6),
+    "flow through any section": Expected(tolerance=1e-5),
+    "divergence": Expected(tolerance=1e-4),
+}
+
+
+def _room(dim: int) -> Case:
+    return Case(
+        f"room_{dim}d",
+        "from one honeycomb wall to the other, around a box",
+        "conservation of mass",
+        partial(honeycombs, dim=dim),
+        coarse=(40,),
+        fine=(80,),
+        slow=dim == 3,
+        expected=AIR_BALANCE,
+    )
+
+
+CASES = (
+    _room(2),
+    _room(3),
+    Case(
+        "fan",
+        "a swirling jet through a room, around a box",
+        "conservation of mass",
+        fan,
+        coarse=(20,),
+        fine=(40,),
+        slow=True,
+        expected=AIR_BALANCE,
+    ),
+    Case(
+        "one_layer",
+        "2-D against one layer of cells in 3-D",
+        "the same flow in 2-D",
+        one_layer,
+        coarse=(40,),
+        fine=(80,),
+        slow=True,
+        expected={"u / u_max, largest": Expected(tolerance=2e-6)},
+    ),
+)

@@ -95,7 +95,7 @@ plume on its first leg, and without messages the team is not slower than with th
 can follow it alone.
 """
 
-DAPSO_CASES = (
+CASES = (
     Experiment(
         "dapso_arena",
         f"teams of five look for a leak in the odour arena, in {AIRS} airs",

@@ -244,7 +244,7 @@ DISCUSSION = (
 RUNS = ((0.075, END), (0.05, 3_600.0), (0.0375, 600.0))
 """Cells [m] and simulated time [s]: what takes a few minutes each."""
 
-HELIUM_BOX_CASES = (
+CASES = (
     Experiment(
         "helium_box",
         "helium in a box with two small holes: how far air of one density carries",

@@ -71,7 +71,7 @@ tells poses, its own wheels. It tells its pose after the readings of a tick, and
 a rise of the sensor of 3 s.
 """
 
-HYBRID_CASES = (
+CASES = (
     Experiment(
         "plumesim_hybrid",
         "a casting Roomba inside the simulator, and outside of it",

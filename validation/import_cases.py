@@ -82,7 +82,7 @@ def _case(
     )
 
 
-IMPORT_CASES = (
+CASES = (
     _case("imported_wind", "air flow from a lattice of points", 2, 0.0, (16, 32), (32, 64, 128)),
     _case("imported_wind_mesh", "air flow from points in disorder", 3, 0.25, (12, 24), (16, 32, 64)),
 )

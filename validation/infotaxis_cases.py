@@ -220,7 +220,7 @@ That space-aware infotaxis is the quicker of the two, as the paper finds in most
 this small one: 5,000 searches of each by our kernels took 13.8 and 14.0 steps, with standard errors of 0.24 and 0.25.
 """
 EXPECTED = {"found": Range(least=0.99), "steps, ours / by the definitions": Range(0.9, 1.1)}
-INFOTAXIS_CASES = (
+CASES = (
     Experiment(
         "infotaxis_grid",
         f"searches on a grid of {CELLS} x {CELLS} cells without wind, in the world that the searcher believes in",

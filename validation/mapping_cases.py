@@ -301,7 +301,7 @@ def _set_up(navigation: str, source: tuple[float, float]) -> Condition:
     )
 
 
-MAPPING_CASES = (
+CASES = (
     Experiment(
         "odor_mapping",
         "five robots or a line of four map the gas of a leak in wind",

@@ -196,7 +196,7 @@ robot crosses in 2 to 3.5 s while the sensor rises with 3 s, and half of the rob
 find it, and with a threshold of 5 % of what there is, not of the full scale, all with the lagging sensor do.
 """
 
-PLUMESIM_CASES = (
+CASES = (
     Experiment(
         "plumesim_casting",
         "a Roomba casts for a leak at the upwind wall, 3.6 m away",

@@ -155,7 +155,7 @@ def _condition(name: str, room: tuple[tuple[int, ...], float], **keys: float) ->
     )
 
 
-ROOM_AIR_CASES = (
+CASES = (
     Experiment(
         "room_air",
         "how fast the air of synthetic rooms mixes, beside rooms in which it was measured",

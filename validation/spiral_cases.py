@@ -176,7 +176,7 @@ def _arms() -> Condition:
     return Condition("random SPIRAL along other arms", lambda trials: arms(8 * trials))
 
 
-SPIRAL_CASES = (
+CASES = (
     Experiment(
         "spiral_table2",
         f"four algorithms look for a dish of ethanol in a closed room, in {AIRS} airs",

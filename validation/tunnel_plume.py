@@ -314,7 +314,7 @@ DISCUSSION = (
     "The bands are wide, as no tables were to be had."
 )
 
-TUNNEL_PLUME_CASES = (
+CASES = (
     Experiment(
         "tunnel_plume",
         "statistics of a plume from a small source in a wind tunnel, puffs and gas on the grid (3-D)",

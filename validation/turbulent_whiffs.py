@@ -248,7 +248,7 @@ def _picture(found: Spells, law: Exponent) -> Curve:
     return Curve("T [s]", "density of T [1/s]", middle, rate, line(CELANI), True, True, fit=line(law.value))
 
 
-TURBULENT_WHIFF_CASES = (
+CASES = (
     Case(
         "turbulent_whiffs",
         "how long a sensor smells gas and how long none, gas on the grid and puffs in air with eddies (2-D)",

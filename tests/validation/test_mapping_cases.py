@@ -128,7 +128,7 @@ def test_a_short_run_tells_everything(monkeypatch):
     mapping_scenario.in_airs.cache_clear()
     try:
         airs = mapping_scenario.in_airs(2)
-        for condition in mapping_cases.MAPPING_CASES[0].conditions:
+        for condition in mapping_cases.CASES[0].conditions:
             told = condition.run(2)
             means = {name: part for name, part in told.items() if isinstance(part, Mean)}
             assert condition.published.keys() | condition.expected.keys() <= means.keys()
