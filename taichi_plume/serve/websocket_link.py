@@ -26,9 +26,8 @@ from websockets.http11 import Request, Response
 
 from taichi_plume.files import ros_messages as ros
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
-from taichi_plume.serve.address import loopback
+from taichi_plume.serve.address import LONGEST, loopback
 from taichi_plume.serve.links import Hear, LinkError
-from taichi_plume.serve.zenoh_config import LONGEST
 
 PROTOCOL: Any = "foxglove.sdk.v1"
 MOST_CLIENTS = 32
