@@ -17,10 +17,11 @@ what the next coarser ones ended with, as users may with `initial: {film: ...}`.
 """
 
 from functools import cache, partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from taichi_plume.validation.case import Keys
 from taichi_plume.validation.experiment import Condition, Experiment, Lines, Range, Told, over_airs
 from taichi_plume.validation.measured_air import (
     Record,
@@ -114,10 +115,10 @@ class Mesh(NamedTuple):
         return f"{names[self.width]}, {self.per_slot} cells per slot"
 
 
-def wind(width: float | None) -> dict[str, Any]:
+def wind(width: float | None) -> Keys:
     """As in a scenario: a slot is a rectangle in a face, as wide as the room."""
 
-    def slot(middle: float, height: float) -> dict[str, Any]:
+    def slot(middle: float, height: float) -> Keys:
         if width is None:
             return {"center": (middle,), "size": (height,)}
         return {"center": (width / 2, middle), "size": (width, height)}

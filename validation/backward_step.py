@@ -15,13 +15,12 @@ those of any scenario.
 """
 
 from functools import partial
-from typing import Any
 
 import numpy as np
 
 from taichi_plume.grid.shapes import UprightBox
 from taichi_plume.scenario.obstacles import Box
-from taichi_plume.validation.case import Curve
+from taichi_plume.validation.case import Curve, Keys
 from taichi_plume.validation.experiment import Condition, Experiment, Mean, Picture, Range, Told, over_airs
 from taichi_plume.validation.measured_air import (
     Record,
@@ -75,7 +74,7 @@ def layer_before(heights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     )
 
 
-def _inlet(low: float, high: float, turbulent: bool) -> dict[str, Any]:
+def _inlet(low: float, high: float, turbulent: bool) -> Keys:
     """From one height above the step to another [h]."""
     z = np.linspace(low, high, 401)
     u, variance = layer_before(z)
@@ -97,7 +96,7 @@ def _inlet(low: float, high: float, turbulent: bool) -> dict[str, Any]:
     }
 
 
-def wind(cells: int) -> dict[str, Any]:
+def wind(cells: int) -> Keys:
     """As in a scenario: two inlets, one above the other, a symmetric top and an endless width.
 
     The inlets meet between two cells, next to the edge of the boundary layer.

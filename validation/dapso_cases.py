@@ -6,17 +6,17 @@ intervals are over these.
 """
 
 from functools import cache, partial
-from typing import Any
 
 import numpy as np
 
+from taichi_plume.validation.case import Keys
 from taichi_plume.validation.experiment import Condition, Experiment, Range, Told, over_airs
-from taichi_plume.validation.searches import contest, spread
+from taichi_plume.validation.searches import contest, pooled, spread
 
 AIRS = 8
 DURATION = 300.0  # s
 RANGE = {"range": 1.5}
-TEAMS: dict[str, dict[str, Any]] = {
+TEAMS: dict[str, Keys] = {
     "DAPSO": {"algorithm": {"kind": "dapso"}, "communication": RANGE},
     "DAPSO without messages": {"algorithm": {"kind": "dapso"}, "communication": RANGE | {"loss": 1.0}},
     "random walk": {"algorithm": {"kind": "random_walk"}},
@@ -25,7 +25,7 @@ TEAMS: dict[str, dict[str, Any]] = {
 }
 
 
-def arena(robots: list[dict[str, Any]]) -> dict[str, Any]:
+def arena(robots: list[Keys]) -> Keys:
     """The scenario as a YAML file would tell it."""
     inflow = {"speed": 0.7, "turbulence_intensity": 0.14, "turbulence_length": 0.3}
     return {
@@ -50,7 +50,7 @@ def arena(robots: list[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def team(name: str, trials: int, keys: dict[str, Any]) -> dict[str, Any]:
+def team(name: str, trials: int, keys: Keys) -> Keys:
     """Five small robots in the corner downwind."""
     return {
         "name": name,
@@ -65,17 +65,13 @@ def team(name: str, trials: int, keys: dict[str, Any]) -> dict[str, Any]:
 
 @cache
 def found(trials: int) -> dict[str, dict[str, np.ndarray]]:
-    """What `trial_outcomes` tells of all teams, an equal share of trials per air, and the `air` of each trial."""
-    columns: dict[str, dict[str, list[Any]]] = {name: {} for name in TEAMS}
+    """Return the outcomes of all teams, an equal share of trials per air, and the `air` of each trial."""
+    parts = []
     for air, share in enumerate(spread(trials, AIRS)):
         teams = [team(name, share, keys) for name, keys in TEAMS.items()]
-        for name, told in contest(arena(teams) | {"seed": air + 1}).items():
-            for quantity, values in (told | {"air": [air] * share}).items():
-                columns[name].setdefault(quantity, []).extend(values)
-    return {
-        name: {quantity: np.array(values) for quantity, values in told.items()}
-        for name, told in columns.items()
-    }
+        outcomes = contest(arena(teams) | {"seed": air + 1})
+        parts += [(name, columns | {"air": [air] * share}) for name, columns in outcomes.items()]
+    return pooled(parts)
 
 
 def one_team(trials: int, name: str) -> Told:

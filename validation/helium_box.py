@@ -24,13 +24,13 @@ whole of it. In a box of mixed gas that adds a tenth to what goes out on cells o
 from collections.abc import Mapping
 from functools import partial
 from math import ceil, floor, sqrt
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import root_scalar
 
 from taichi_plume.scenario.species import AIR_MOLAR_MASS, GAS_CONSTANT, PRESSURE, TEMPERATURE
-from taichi_plume.validation.case import Curve
+from taichi_plume.validation.case import Curve, Keys
 from taichi_plume.validation.experiment import Condition, Experiment, Lines, Mean, Range, Told
 from taichi_plume.validation.probed import probed
 
@@ -76,7 +76,7 @@ LIGHTER = 1.0 - HELIUM / AIR_MOLAR_MASS
 """Density of air less that of helium, over that of air."""
 
 
-def opening(edge: float, cell: float) -> dict[str, Any]:
+def opening(edge: float, cell: float) -> Keys:
     """The cells [m] that a hole touches, whose lower edge is `edge` [m] above the floor, with the hole's loss."""
     lows, highs = zip(*(_touched(a, a + SIDE, cell) for a in (0.5 * SIZE[1], edge)), strict=True)
     size = tuple(high - low for low, high in zip(lows, highs, strict=True))
@@ -94,7 +94,7 @@ def _touched(low: float, high: float, cell: float) -> tuple[float, float]:
     return floor(low / cell + 1e-6) * cell, ceil(high / cell - 1e-6) * cell
 
 
-def scenario(cell: float, seconds: float) -> dict[str, Any]:
+def scenario(cell: float, seconds: float) -> Keys:
     """The box as a YAML file would tell it."""
     rate = FLOW * HELIUM * PRESSURE / (GAS_CONSTANT * TEMPERATURE)
     place = (0.375, 0.375)
@@ -174,7 +174,7 @@ def filled(trials: int, cell: float, seconds: float) -> Told:
     """Helium at the times of MEASURED up to `seconds`; `trials` has no effect, there is one air."""
     found = readings(cell, seconds)
     z, cells, last = np.array(HEIGHTS), f"cells of {100 * cell:g} cm", min(seconds, RELEASE)
-    told: dict[str, Any] = {}
+    told: Keys = {}
     for t, measured in MEASURED.items():
         if t > seconds:
             break

@@ -16,7 +16,7 @@ and a team's sensors are blind to one of them. So each air is solved once, and w
 from collections.abc import Sequence
 from functools import cache
 from itertools import product
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from taichi_plume.scoring import trials as scores
 from taichi_plume.scoring.maps import LOOKS
 from taichi_plume.scoring.trials import SETTLED
 from taichi_plume.simulation import Every, Simulation
+from taichi_plume.validation.case import Keys
 from taichi_plume.validation.searches import scenario_of
 
 DURATION = 300.0  # s; alpha = 0.98 looks back 250 s
@@ -41,13 +42,13 @@ HEIGHT = 0.1  # m, of sensors and sources
 MET = 1.0  # ppm: above it there is gas; the MiCS-5524 begins to tell gas from air at about as much
 NEAR = 0.55  # m, radius of the neighbourhood with alpha = 0.9: what passes so close tells of the source
 GASES = ("acetone", "other acetone")
-SENSORS: dict[str, dict[str, Any]] = {
+SENSORS: dict[str, Keys] = {
     "MiCS-5524": {},
     "a quarter of its lags": {"rise_time": 0.375, "decay_time": 2.0},
     "no lag": {"rise_time": 0.0, "decay_time": 0.0},
 }
 LINEUP = "line-up"
-NAVIGATIONS: dict[str, dict[str, Any]] = {
+NAVIGATIONS: dict[str, Keys] = {
     "DAPSO": {"count": 5, "algorithm": {"kind": "dapso"}},
     LINEUP: {"count": 4, "algorithm": {"kind": "lineup", "wind_direction_deg": 0.0}},
 }
@@ -65,7 +66,7 @@ class Team(NamedTuple):
 TEAMS = tuple(Team(*one) for one in product(NAVIGATIONS, SPEEDS, SENSORS, SOURCES))
 
 
-def maps(window: float) -> list[dict[str, Any]]:
+def maps(window: float) -> list[Keys]:
     """The pure interpolation, then a time series for each alpha that sees a past snap of this length [s]."""
     how = {"cell": CELL, "window": window}
     return [
@@ -79,7 +80,7 @@ def alphas(window: float, snaps: int = 1) -> tuple[float, ...]:
     return tuple(alpha for alpha in ALPHAS if (1.0 - alpha) * 0.1 * snaps * window < 0.5 - 1e-6)
 
 
-def robots(number: int, team: Team) -> dict[str, Any]:
+def robots(number: int, team: Team) -> Keys:
     """A team as a group of the scenario, whose sensors are blind to the gas of the other source."""
     navigation = NAVIGATIONS[team.navigation]
     algorithm = navigation["algorithm"] | ({"line_speed": team.speed} if team.navigation == LINEUP else {})
@@ -98,7 +99,7 @@ def robots(number: int, team: Team) -> dict[str, Any]:
     }
 
 
-def arena(air: int = 0, teams: Sequence[Team] = TEAMS, duration: float = DURATION) -> dict[str, Any]:
+def arena(air: int = 0, teams: Sequence[Team] = TEAMS, duration: float = DURATION) -> Keys:
     """The scenario, as a YAML file would tell it."""
     species = (GASES[0], {"name": GASES[1], "molar_mass": 0.05808, "diffusivity": 1.1e-5})
     return {

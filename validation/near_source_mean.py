@@ -19,7 +19,7 @@ from taichi_plume.grid.fields import concentration_at
 from taichi_plume.grid.grid import Grid
 from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.puffs import PuffSolver
-from taichi_plume.validation.case import Answer, Case, Expected
+from taichi_plume.validation.case import Answer, Case, Expected, Keys
 from taichi_plume.validation.puff_cases import taylor
 from taichi_plume.validation.setups import ethanol, gas_on, puffs_on, uniform
 
@@ -88,7 +88,7 @@ def _source(radius: float) -> dict[str, object]:
     return {"position": tuple(SOURCE), "rate": RATE, "radius": radius}
 
 
-def _puffs(grid: Grid, radius: float, growth: float, **keys: object) -> PuffSolver:
+def _puffs(grid: Grid, radius: float, growth: float, keys: Keys) -> PuffSolver:
     """Return puffs of a source with a radius [m] that grow by `growth` [m²/s]; keys: of their section."""
     law = {"kind": "diffusive", "rate": growth}
     source, species = _source(radius), ethanol(MOLECULES)
@@ -179,7 +179,7 @@ def of_puffs(n: int, radius: float) -> Answer:
     grid, growth = _grid(n), 2.0 * (DIFFUSIVITY - MOLECULES)
     worst: dict[str, float] = {}
     for courant in COURANT:
-        gas = _puffs(grid, radius, growth, fluctuation=0.0, release_rate=500.0, most=20_000)
+        gas = _puffs(grid, radius, growth, {"fluctuation": 0.0, "release_rate": 500.0, "most": 20_000})
         mean, flux, variance = _run(gas, grid, courant)
         ratio = mean / steady_mean(radius)
         width = np.sqrt((variance - grid.dx**2 / 12.0) / steady_variance(radius**2 / 5.0))
@@ -193,7 +193,7 @@ def of_straying_puffs(n: int) -> Answer:
     """Mean over 20 s of puffs that stray by Taylor's law, from a source of 2 cm, in steps of 1/n s."""
     radius, step, settled, sampled = 0.02, 1.0 / n, 7.0, 20.0
     straying = {"fluctuation": FLUCTUATION, "fluctuation_time": MEMORY}
-    gas = _puffs(_grid(10), radius, 0.0, release_rate=FIRMNESS, most=30_000, **straying)
+    gas = _puffs(_grid(10), radius, 0.0, straying | {"release_rate": FIRMNESS, "most": 30_000})
     mean, taken = np.zeros(len(DISTANCES)), 0
     for k in range(round((settled + sampled) * n)):
         gas.advance(k * step, step)

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,13 +10,14 @@ from taichi_plume.assembly.assemble import assemble
 from taichi_plume.files.table_parts import read
 from taichi_plume.running.probes_table import ProbeTable
 from taichi_plume.simulation import Simulation
+from taichi_plume.validation.case import Keys
 from taichi_plume.validation.searches import scenario_of
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 
-def probed(data: dict[str, Any]) -> tuple[Simulation, np.ndarray, "pa.Table"]:
+def probed(data: Keys) -> tuple[Simulation, np.ndarray, "pa.Table"]:
     """Run a scenario, told as a YAML file would; its probes go through their table, as in any run.
 
     Returns the simulation at its end, the times (n,) [s], and the table: of each time all points. Taichi must have been

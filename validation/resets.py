@@ -31,6 +31,7 @@ from taichi_plume.running.result import result, write_result
 from taichi_plume.running.robots_table import RobotTable
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.simulation import Simulation
+from taichi_plume.validation.case import Keys
 from taichi_plume.validation.same_runs import differences, shortened
 
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"
@@ -152,7 +153,7 @@ def _scaled(value: Any, keys: Sequence[str], factor: float, within: bool = False
     return value * factor if within and isinstance(value, float) else value
 
 
-def _moved(start: dict[str, Any]) -> dict[str, Any]:
+def _moved(start: Keys) -> Keys:
     """Places of a start, a little lower along y."""
 
     def aside(value: Any) -> Any:

@@ -1,9 +1,9 @@
-"""Searches of one group of robots for an experiment: trials in one or several airs, and what they come to."""
+"""Search trials of experiments: runs of one group of robots in one or several airs, their outcomes and statistics."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from math import inf
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import taichi as ti
@@ -15,37 +15,48 @@ from taichi_plume.results.run import Run
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scoring.trials import source_places, trial_outcomes, trial_summary
 from taichi_plume.simulation import Every, Simulation
+from taichi_plume.validation.case import Keys
 from taichi_plume.validation.experiment import Mean, Tracks, over_airs
 
-SHOWN = 6  # ways in a picture
+Key = TypeVar("Key")
+SHOWN = 6  # paths in a picture
 WAY = "path / straight way"
 QUANTITIES = {"success": "success_rate", "time [s]": "time_s", WAY: "overhead"}
 
 
-def scenario_of(data: dict[str, Any], folder: Path = Path()) -> Scenario:
-    """The checked scenario that `data` tells as a YAML file would. Raises ScenarioError."""
+def scenario_of(data: Keys, folder: Path = Path()) -> Scenario:
+    """Return the checked scenario of the keys of a YAML file. Raises ScenarioError."""
     return checked(Scenario.model_validate(data), folder).scenario
 
 
 def spread(trials: int, airs: int) -> list[int]:
-    """How many trials each air has: as even as can be, and none without."""
+    """Return the number of trials of each air, as even as possible; airs without trials are left out."""
     shares = [trials // airs + (k < trials % airs) for k in range(airs)]
     return [share for share in shares if share]
 
 
 def afresh() -> None:
-    """Start Taichi anew on the same device: it holds 512 trees of fields at most, and crashes beyond.
+    """Restart Taichi on the same device: it holds at most 512 trees of fields, and crashes beyond.
 
-    For experiments that assemble many simulations one after the other; those before are lost.
+    For experiments that assemble many simulations one after the other; earlier simulations are lost.
     """
     kernels.start("cpu" if kernels.on_cpu() else ti.cfg.arch.name)
 
 
 def outcomes(sim: Simulation) -> dict[str, dict[str, list[Any]]]:
-    """The columns of `trial_outcomes` of a finished run, by the names of its groups."""
+    """Return the columns of `trial_outcomes` of a finished run, by the names of its groups."""
     snapshot = sim.swarm.snapshot()
     sources = source_places(sim)
     return {group.name: trial_outcomes(group, snapshot, sources) for group in sim.swarm.groups}
+
+
+def pooled(parts: Iterable[tuple[Key, Mapping[str, Sequence[Any]]]]) -> dict[Key, dict[str, np.ndarray]]:
+    """Return the columns of several parts joined, by key."""
+    columns: dict[Key, dict[str, list[Any]]] = {}
+    for key, part in parts:
+        for name, values in part.items():
+            columns.setdefault(key, {}).setdefault(name, []).extend(values)
+    return {key: {name: np.array(values) for name, values in part.items()} for key, part in columns.items()}
 
 
 class Searches:
@@ -113,7 +124,7 @@ def _some(numbers: np.ndarray, most: int) -> np.ndarray:
 
 
 def searches(
-    airs: Iterable[dict[str, Any]], trials: Sequence[int], title: str, folder: Path = Path()
+    airs: Iterable[Keys], trials: Sequence[int], title: str, folder: Path = Path()
 ) -> dict[str, Mean | Tracks]:
     """Run the first group of scenarios in so many trials each; Taichi must have been started. title: of the picture."""
     found, scenario = Searches(), None
@@ -125,9 +136,7 @@ def searches(
     return found.told(scenario, title)
 
 
-def contest(
-    data: dict[str, Any], folder: Path = Path(), limit: float = inf
-) -> dict[str, dict[str, list[Any]]]:
+def contest(data: Keys, folder: Path = Path(), limit: float = inf) -> dict[str, dict[str, list[Any]]]:
     """Run a scenario with its groups as rivals; returns the columns of `trial_outcomes` by the names of the groups.
 
     limit: of a search [s]: each group's outcomes are those so long after it set off, and the run ends with the last.

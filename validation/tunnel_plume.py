@@ -26,7 +26,7 @@ The table tells from where on its c'/C is that of puffs.
 
 from collections.abc import Mapping
 from functools import cache, partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy import stats
@@ -34,6 +34,7 @@ from scipy import stats
 from taichi_plume.statistics.moments import moments
 from taichi_plume.statistics.space import gaussian_fit
 from taichi_plume.statistics.spectra import integral_time
+from taichi_plume.validation.case import Keys
 from taichi_plume.validation.experiment import Condition, Experiment, Lines, Range, Told, over_airs
 from taichi_plume.validation.probed import probed
 
@@ -72,7 +73,7 @@ def across(distance: float) -> float:
     return min(0.1 + 0.3 * distance, 0.5 * SIZE[1] - CELL)
 
 
-def scenario(seed: int, seconds: float) -> dict[str, Any]:
+def scenario(seed: int, seconds: float) -> Keys:
     """A tunnel without walls at the sides, three gases from one place, and readings across the wind behind it."""
     source = {"position": PLACE, "rate": "10 mg/s", "radius": 0.001}
     x, y, z = PLACE
@@ -226,7 +227,7 @@ def plume(airs: int, kind: str) -> Told:
     found = _airs(airs)
     own = {name: np.stack([getattr(one[kind], name) for one in found]) for name in Found._fields}
     judged = _judged(own, found, kind)
-    told: dict[str, Any] = {name: over_airs(values) for name, values in judged.items()}
+    told: Keys = {name: over_airs(values) for name, values in judged.items()}
     x = np.array(DISTANCES)
     for n, d in enumerate(DISTANCES):
         at = f"at {d:g} m"

@@ -18,7 +18,7 @@ the sensors. In 3-D in a box of 1.2 m, eddies between 1.2 m and 10 m are missing
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,7 +33,7 @@ from taichi_plume.statistics.durations import (
     spells,
 )
 from taichi_plume.statistics.noses import FAST, SLOW, noses, smelt
-from taichi_plume.validation.case import Answer, Case, Curve, Expected
+from taichi_plume.validation.case import Answer, Case, Curve, Expected, Keys
 from taichi_plume.validation.probed import probed
 
 U, LENGTH, INTENSITY = 0.5, 10.0, 0.08  # m/s; m; over the speed
@@ -67,7 +67,7 @@ VARIANTS = {
 }
 
 
-def scenario(seed: int, seconds: float) -> dict[str, Any]:
+def scenario(seed: int, seconds: float) -> Keys:
     """Wind with long eddies, four sources side by side that emit two gases, and lines of probes behind each."""
     rows = (np.arange(ROWS) + 0.5) * WIDTH / ROWS
     length = SOURCE + max(DISTANCES) + 0.75

@@ -18,12 +18,13 @@ import numpy as np
 import psutil
 
 from taichi_plume.guard.terminal import Parser, say
+from taichi_plume.validation.case import Keys
 
 COUNT = 4096
 RESETS = 10_000
 FILMS, FRAMES = 4, 241
 ACTIONS = 16  # different ones, in turn
-TASK: dict[str, Any] = {
+TASK: Keys = {
     "duration": 60.0,
     "domain": {"size": [4.0, 3.0], "spacing": 0.04, "depth": 0.5},
     "wind": {"kind": "uniform", "velocity": [0.5, 0.0]},

@@ -33,6 +33,7 @@ import numpy as np
 from taichi_plume.client import Readings, Team
 from taichi_plume.files import ros_messages as ros
 from taichi_plume.guard.terminal import Parser, say
+from taichi_plume.validation.case import Keys
 
 ROOM = Path(__file__).resolve().parents[2] / "configs/live/room.yaml"
 CUT_S = 20.0
@@ -218,7 +219,7 @@ def _answers(port: int) -> bool:
     return False
 
 
-def measure(seconds: float, clients: int, malformed: int) -> dict[str, Any]:
+def measure(seconds: float, clients: int, malformed: int) -> Keys:
     """Run the service for so long; what it was like."""
     port, over = free_port(), threading.Event()
     with TemporaryDirectory() as name, ExitStack() as stack:
