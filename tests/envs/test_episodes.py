@@ -1,6 +1,7 @@
 """Episodes: their own worlds, whatever is beside them, and the same robots as in an ordinary run."""
 
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -78,7 +79,7 @@ def linear(numbers):
     return numbers[0] + numbers[1] * x[:, None] + numbers[2] * y[None, :]
 
 
-def recorded():
+def recorded() -> Any:
     """Three films of air that stands still in time but is linear in space; each has sources of two gases."""
     films = [
         np.stack([linear(WIND[f]), linear(WIND[f][::-1]), linear(LEVEL[f]), linear(LEVEL[f][::-1])], axis=-1)
