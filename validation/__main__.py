@@ -95,7 +95,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 def _examine(
     cases: list["Case | Experiment"], args: argparse.Namespace, backend: str
 ) -> tuple[dict[str, Any], dict[str, "Pictures"]]:
-    """Solve the cases finely and tell of each. One that cannot be solved counts as failed, and the others go on.
+    """Solve the cases at fine resolutions and print each. A case that cannot be solved counts as failed.
 
     Returns the report, and the pictures of each case.
     """
@@ -168,7 +168,7 @@ def _result(case: "Case | Experiment", args: argparse.Namespace) -> tuple[dict[s
 
 
 def _norms(case: "Case", arch: str) -> tuple[dict[str, Any], list[bool | None], "Pictures"]:
-    """What a case comes to, the verdicts and the pictures."""
+    """Return the norms of a case, the verdicts and the pictures."""
     from taichi_plume.validation.case import examine
 
     findings, curves = examine(case, case.fine, arch)
@@ -188,7 +188,7 @@ def _norms(case: "Case", arch: str) -> tuple[dict[str, Any], list[bool | None], 
 def _rows(
     experiment: "Experiment", trials: int, arch: str
 ) -> tuple[dict[str, Any], list[bool | None], "Pictures"]:
-    """What an experiment comes to, the verdicts and the pictures."""
+    """Return the rows of an experiment, the verdicts and the pictures."""
     from taichi_plume.validation.experiment import examine
 
     rows, pictures = examine(experiment, trials, arch)

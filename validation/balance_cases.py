@@ -1,4 +1,4 @@
-"""Gas in computed flows: what is uniform stays so, and no gas is lost. Functions solve at a resolution, see `case`."""
+"""Conservation of mass: in computed flows uniform gas stays uniform, and no gas is lost."""
 
 from functools import partial
 from math import ceil

@@ -1,4 +1,4 @@
-"""Flow around and between bodies that the grid cuts: their true surface must act, not the steps of its cells."""
+"""Immersed boundaries (cut cells): flow around a cylinder, through a pipe and an oblique channel."""
 
 from collections.abc import Callable
 from math import pi, sqrt

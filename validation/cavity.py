@@ -1,4 +1,4 @@
-"""Steady flow in a square box, 1 m wide, whose lid slides along x with 1 m/s.
+"""Lid-driven cavity: steady flow in a square box, 1 m wide, whose lid slides along x with 1 m/s.
 
 Reference: streamfunction and Newton's method on 256² and 512² nodes, extrapolated; estimated error 3e-6 (Re 100),
 5e-5 (400), 1.6e-4 (1000). The extrema agree with Botella & Peyret 1998 and Marchi et al. 2009 to 1e-5. The nodes are

@@ -1,4 +1,4 @@
-"""Flows between parallel walls and in rectangular ducts, against their series. n cells span the (short) width, 1 m."""
+"""Channel and duct flow (Poiseuille, Couette; no-slip walls) against series. n cells span the (short) width, 1 m."""
 
 from functools import partial
 from math import pi

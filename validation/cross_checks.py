@@ -1,4 +1,4 @@
-"""What must hold of any flow: every opening passes what it is told to, what enters leaves, 2-D is one layer of 3-D."""
+"""Conservation of volume at boundary conditions: inflow as prescribed, outflow equal to inflow, 2-D as a layer."""
 
 from functools import partial
 from math import pi
@@ -25,7 +25,7 @@ def room(shape: tuple[int, ...], dx: float, openings: list[dict]) -> FlowSolver:
 
 
 def air_balance(flow: FlowSolver, given: float) -> Errors:
-    """How far the flow through the faces x = const is from the `given` one [m³/s], over it; and the divergence."""
+    """Return relative errors of the flow rate through faces x = const against `given` [m³/s], and the divergence."""
     u = flow.u[0].to_numpy().astype(float)
     g, n = flow.grid.ghost, flow.grid.shape[0]
     inner = tuple(slice(begin, end) for begin, end in flow.grid.cells[1:])

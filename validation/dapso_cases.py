@@ -1,4 +1,4 @@
-"""Teams of five look for acetone in the odour arena: DAPSO with and without messages, and simple searches.
+"""Searches of teams of five for acetone in the odour arena: DAPSO with and without messages, and simple searches.
 
 Arena, wind, gas and robots are those of configs/dapso_arena.yaml, after Marjovi & Marques, ICRA 2014. No figures are
 published for it: what is judged is that DAPSO finds the source. All teams search the same airs, and the
@@ -75,7 +75,7 @@ def found(trials: int) -> dict[str, dict[str, np.ndarray]]:
 
 
 def one_team(trials: int, name: str) -> Told:
-    """How often the first of the team finds the source, and when; failures count with the whole time."""
+    """Return the success rate of a team and the time to the source; failures count with the whole duration."""
     told = found(trials)[name]
     time = np.where(told["success"], told["time_s"], DURATION)
     return {

@@ -1,4 +1,4 @@
-"""How exactly gas is carried and spread: moments and shapes. Functions solve at a resolution, see `case`."""
+"""Convection-diffusion of gas on the grid: moments of puffs, Taylor dispersion, shapes in solid-body rotation."""
 
 from functools import partial
 from math import ceil, pi, sqrt
@@ -24,7 +24,7 @@ def ride(gas: EulerianSolver, span: float, longest: float) -> None:
 
 
 def concentrations(gas: EulerianSolver) -> np.ndarray:
-    """Of the cells [kg/m³], in f64."""
+    """Return the concentrations of the cells [kg/m³] in f64."""
     return gas.grid.read(gas.c).astype(float)
 
 

@@ -15,7 +15,7 @@ from taichi_plume.validation.case import Curve
 
 @dataclass(frozen=True)
 class Mean:
-    """Of something over n trials, between `low` and `high` with 95 % confidence; None where no trial tells of it.
+    """Mean over n trials with its 95 % confidence interval from `low` to `high`; None if no trial has a value.
 
     airs: in how many airs the trials were, where the interval is over these.
     """
@@ -29,7 +29,7 @@ class Mean:
 
 @dataclass(frozen=True)
 class Tracks:
-    """Ways of robots seen from above, for the report to draw. size: of the arena [m]; ways: (k, 2) [m] each."""
+    """Paths of robots seen from above. size: of the arena [m]; ways: (k, 2) [m] each."""
 
     size: tuple[float, float]
     source: tuple[float, float]
@@ -38,7 +38,7 @@ class Tracks:
 
 @dataclass(frozen=True)
 class Lines:
-    """Several quantities over one, for the report to draw: arrays of one shape by name."""
+    """Several quantities over one: arrays of one shape by name."""
 
     x_label: str
     y_label: str
@@ -51,13 +51,13 @@ Picture = Curve | Tracks | Lines
 
 @dataclass(frozen=True)
 class Range:
-    """Where a mean has to lie."""
+    """Range in which a mean has to lie."""
 
     least: float = -inf
     most: float = inf
 
     def met(self, mean: float | None) -> bool:
-        """Whether a mean lies there."""
+        """Return whether a mean lies in the range."""
         return mean is not None and self.least <= mean <= self.most
 
     def __str__(self) -> str:
@@ -109,7 +109,7 @@ def over_airs(
 def ratio_over_airs(
     a: np.ndarray, b: np.ndarray, airs_a: np.ndarray | None = None, airs_b: np.ndarray | None = None
 ) -> Mean:
-    """Of the means of two samples, (n,) and (m,), in the same airs, which are resampled in pairs.
+    """Return the ratio of the means of two samples, (n,) and (m,), in the same airs, which are resampled in pairs.
 
     Percentiles of the bootstrap, raised as Student's t asks for; no interval below `FEWEST` airs. airs_a, airs_b: as in
     `over_airs`.
@@ -173,7 +173,7 @@ class Experiment:
     slow: bool = False
     """Whether the few trials take longer than a few seconds."""
     discussion: str = ""
-    """What is reproduced, what is not, and why, for the report."""
+    """Text of the report: which results are reproduced, which are not, and why."""
 
 
 @dataclass(frozen=True)
@@ -188,12 +188,12 @@ class Row:
 
     @property
     def met(self) -> bool | None:
-        """Whether it is as expected; None where nothing is."""
+        """Whether the mean is as expected; None without expectation."""
         return None if self.expected is None else self.expected.met(self.found.mean)
 
     @property
     def refuted(self) -> bool:
-        """Whether the whole interval lies outside of what is expected: few trials cannot say more."""
+        """Whether the whole interval lies outside the expected range: few trials cannot say more."""
         if self.expected is None:
             return False
         low, high = self.found.low, self.found.high

@@ -1,4 +1,4 @@
-"""Warm air with known answers. Each function solves a case at a resolution and returns its errors by norm."""
+"""Heat and buoyancy (Boussinesq): conduction, the heated cavity and a turbulent thermal plume."""
 
 from functools import partial
 from math import pi

@@ -90,7 +90,7 @@ def opening(edge: float, cell: float) -> Keys:
 
 
 def _touched(low: float, high: float, cell: float) -> tuple[float, float]:
-    """From where to where [m] the cells reach that a stretch touches."""
+    """Return the bounds [m] of the cells that an interval touches."""
     return floor(low / cell + 1e-6) * cell, ceil(high / cell - 1e-6) * cell
 
 
@@ -146,7 +146,7 @@ def mixed(one_density: bool) -> float:
         return (FLOW / (passed * sqrt(LIGHTER * GRAVITY * height))) ** (2.0 / 3.0)
 
     def missing(x: float) -> float:
-        """What drives less what the two holes take, over the density of air [m²/s²]."""
+        """Return the driving pressure less the losses of both holes, over the density of air [m²/s²]."""
         out = FLOW / x
         taken = (out - FLOW) ** 2 + out**2 * (1.0 - LIGHTER * x)
         return LIGHTER * x * GRAVITY * height - 0.5 * taken / passed**2
@@ -197,7 +197,7 @@ def filled(trials: int, cell: float, seconds: float) -> Told:
 
 
 def summary(percent: np.ndarray) -> dict[str, float]:
-    """Of per cent of helium at HEIGHTS: mean, how much it rises at least from one to the next, lowest over highest."""
+    """Return mean, least rise from height to height and lowest over highest of per cent of helium at HEIGHTS."""
     return {
         MEAN: float(percent.mean()),
         RISE: float(np.diff(percent).min()),
@@ -216,7 +216,7 @@ def boxes(trials: int) -> Told:
 
 
 def published(seconds: float) -> dict[str, str]:
-    """What was measured by then, as `filled` tells it."""
+    """Return the measurements up to `seconds`, named as in `filled`."""
     told = {
         f"{name}, {WHEN[t]}": f"{value:.2f}"
         for t, measured in MEASURED.items()

@@ -1,4 +1,4 @@
-"""Air flow from elsewhere against the function that it was made from."""
+"""Imported wind: interpolation of point files against the flow that they were made from."""
 
 from functools import partial
 from math import pi

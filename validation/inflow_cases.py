@@ -1,4 +1,4 @@
-"""What openings and walls prescribe, and what comes of it in the flow."""
+"""Boundary conditions in time: inflow turbulence and its decay, Stokes' second problem."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -20,12 +20,12 @@ CARRIED = 4.0  # cells: no integral length is shorter
 
 
 def virtual_origin(length: float) -> float:
-    """How far before the inlet [m] the decay u'² ~ (x + x0)^-n begins: dk/dt = -DISSIPATION u'³/L there."""
+    """Return x0 [m] of the decay u'² ~ (x + x0)^-n behind the inlet, from dk/dt = -DISSIPATION u'³/L."""
     return 1.5 * EXPONENT * length / (DISSIPATION * INTENSITY)
 
 
 def integral_length(planes: Sequence[np.ndarray], apart: float) -> float:
-    """Of velocities at many places [m], `apart` from one sample to the next, up to where they are strangers."""
+    """Return the integral length [m] of velocities, `apart` [m] between samples, up to the first zero correlation."""
     values = np.array(planes).reshape(len(planes), -1)
     values -= values.mean()
     lagged = np.array(

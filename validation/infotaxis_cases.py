@@ -93,7 +93,7 @@ class Ours:
         self.steps = ti.field(ti.i32, len(cells))
 
     def play(self) -> np.ndarray:
-        """How many steps each search took; MOST where the source was not found."""
+        """Return the number of steps of each search; MOST if the source was not found."""
         self._play()
         return self.steps.to_numpy()
 
@@ -139,7 +139,7 @@ class Reference:
         self.learn(self.heard(least=1))
 
     def chances(self, at: np.ndarray) -> np.ndarray:
-        """Of each kind of observation at a cell, for each place of the source, (kinds, cells, cells)."""
+        """Return the likelihood of each kind of observation at a cell, by place of source, (kinds, cells, cells)."""
         mean = expected_detections(np.hypot(self.x - at[0], self.y - at[1]))
         some = poisson.pmf(np.arange(self.kinds - 1)[:, None, None], mean)
         return np.concatenate([some, 1 - some.sum(axis=0, keepdims=True)])
@@ -157,7 +157,7 @@ class Reference:
         self.p /= self.p.sum()
 
     def value(self, p: np.ndarray, at: np.ndarray) -> float:
-        """What is to be small, of a belief and a place."""
+        """Return the objective of a belief (posterior) and a place, which the search minimises."""
         known = p[p > 0]
         bits = -(known * np.log2(known)).sum()
         if self.kind == PLAIN:
@@ -173,7 +173,7 @@ class Reference:
         return sum(q.sum() * self.value(q / q.sum(), at) for q in parts if q.sum() > 0)
 
     def search(self) -> int:
-        """How many steps it takes."""
+        """Return the number of steps to the source."""
         for t in range(MOST):
             there = [self.at + move for move in MOVES]
             there = [at for at in there if ((at >= 0) & (at < CELLS)).all()]
@@ -186,7 +186,7 @@ class Reference:
 
 
 def by_definition(kind: str, cells: np.ndarray, kinds: int) -> np.ndarray:
-    """How many steps searches by the definitions took."""
+    """Return the number of steps of searches by the papers' definitions."""
     rng = np.random.default_rng(2)
     return np.array([Reference(kind, source, rng, kinds).search() for source in cells], float)
 

@@ -1,4 +1,4 @@
-"""A round fan jet into still air. n cells span its diameter d = 1 m; it blows with U0 = 1 m/s.
+"""Round turbulent jet of a fan into still air: decay and spread. n cells span the diameter d = 1 m; U0 = 1 m/s.
 
 Beyond its core the time-averaged jet is the same at every distance x but for its scales: the velocity on the axis
 falls as U_c/U0 = K d/x and the radius where it is half of U_c grows as r_half = S x, with x from the fan or nearly so.

@@ -1,4 +1,4 @@
-"""The arena of Marjovi & Marques, ICRA 2014, and what teams of robots that map its gas come to in one air.
+"""Scenario of Marjovi & Marques, ICRA 2014: teams of robots map the gas of an arena; errors of their maps in one air.
 
 Arena, wind, sources, robots, sensors, maps and the measure of the error (eq 8) are the paper's. It tells neither how
 long a run took, how fast the robots drove, how often they read their sensors, nor of its navigation more than the
@@ -76,7 +76,7 @@ def maps(window: float) -> list[Keys]:
 
 
 def alphas(window: float, snaps: int = 1) -> tuple[float, ...]:
-    """Those of ALPHAS that see so many past snaps of this length [s], with beta = 0.5 and a time scale of 0.1 m/s."""
+    """Return the ALPHAS that see `snaps` past snapshots of this length [s]; beta = 0.5, time scale 0.1 m/s."""
     return tuple(alpha for alpha in ALPHAS if (1.0 - alpha) * 0.1 * snaps * window < 0.5 - 1e-6)
 
 
@@ -141,7 +141,7 @@ def arena(air: int = 0, teams: Sequence[Team] = TEAMS, duration: float = DURATIO
 
 
 class Fared(NamedTuple):
-    """How the maps of teams fared in an air, `teams` on the last axis.
+    """Errors of the maps of all teams in an air, `teams` on the last axis.
 
     times: ends of the snaps of WINDOW that count [s]. errors: of each window, (maps, snaps, teams) [ppm] by eq 8.
     off, alike, peak: (maps, snaps, teams) of WINDOW: error against the true mean gas since the start [ppm], correlation
@@ -216,7 +216,7 @@ class Judge:
         self.interpolated.append(estimates[0])
 
     def fared(self, sim: Simulation) -> Fared:
-        """What has come of it, at the end of the run."""
+        """Return the errors at the end of the run."""
         ends = WINDOW * np.arange(len(self.scores))
         counted = ends > SETTLED + 1e-6
         off, alike, peak = np.stack(self.scores, axis=2)[:, :, counted]
@@ -234,7 +234,7 @@ class Judge:
         )
 
     def _errors(self, sim: Simulation, window: float) -> np.ndarray:
-        """Of the snaps that count, (maps, snaps, teams)."""
+        """Return the forecast errors of the snapshots that count, (maps, snaps, teams)."""
         of_maps = [list(one.errors) for one in sim.maps if one.window == window]
         return np.array([[error for t, error in one if t > SETTLED + 1e-6] for one in of_maps])[
             ..., self.rows
@@ -242,7 +242,7 @@ class Judge:
 
 
 def persistence(snaps: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """How much of a snap is still in the next, and how much snaps scatter: of interpolations (snaps, teams, nx, ny).
+    """Return correlation and scatter of consecutive snapshots, interpolations (snaps, teams, nx, ny).
 
     The correlation of a cell's deviation from its mean over time with that one snap later; the standard deviation over
     the mean, both with the variances of all cells together; and how far snaps are from that mean over how far they are

@@ -1,4 +1,4 @@
-"""What cases of measured air share: a flow solved for as long as it takes, and its mean along x where it was measured.
+"""Time averages of flows that are compared with measurements: mean of u along x at the points of the measurement.
 
 Means are over time and over y, or over the middle of it. They are kept in two halves of the record: if these are alike,
 it was long enough.
@@ -26,7 +26,7 @@ def columns(table: str) -> np.ndarray:
 
 
 class Times(NamedTuple):
-    """How long a flow is left to itself, then averaged, and how often it is looked at meanwhile [s]."""
+    """Durations of settling and averaging, and time between samples [s]."""
 
     settled: float
     averaged: float

@@ -1,4 +1,4 @@
-"""What a sensor on the axis of a plume meets: the mean, how much it fluctuates, and how often there is gas at all.
+"""Concentration statistics on the axis of a plume near the source: mean, fluctuation and intermittency.
 
 A duct with a wind of 0.5 m/s and an intensity of 10 %, cells of 5 cm and sources of 2 cm. Fluctuations over the mean
 are about 1 within the first metres and fall beyond: they are made next to the source (Fackrell & Robins 1982, J. Fluid
@@ -36,7 +36,7 @@ KINDS: dict[str, tuple[int, Callable[..., PuffSolver | EulerianSolver]]] = {
 
 
 def _readings(seconds: float, convection: str) -> dict[str, np.ndarray]:
-    """Of each kind, concentrations (times, sources, distances) [kg/m³]."""
+    """Return the concentrations of each kind of gas, (times, sources, distances) [kg/m³]."""
     grid = Grid((80, 32, 24), 0.05, periodic=(False, True, True))
     air = Air.everywhere(grid)
     ends = [{"kind": "honeycomb", "face": "x-"} | INFLOW, {"kind": "honeycomb", "face": "x+"}]
@@ -71,7 +71,7 @@ def fluctuation(c: np.ndarray) -> np.ndarray:
 
 
 def standard_error(c: np.ndarray) -> np.ndarray:
-    """Of `fluctuation`, from leaving out one source after the other (jackknife)."""
+    """Return the standard error of `fluctuation` by the jackknife over the sources."""
     n = c.shape[1]
     without = np.array([fluctuation(np.delete(c, k, axis=1)) for k in range(n)])
     return np.sqrt((n - 1) * without.var(axis=0))

@@ -54,7 +54,7 @@ def steady_mean(radius: float) -> np.ndarray:
 
 
 def gaussian_mean(source: float) -> np.ndarray:
-    """The same of a source that is a Gaussian of that variance [m²] along each axis."""
+    """Concentration [kg/m³] on the axis at DISTANCES, of a Gaussian source of that variance [m²] along each axis."""
     return _released_evenly(source, lambda age: 2.0 * DIFFUSIVITY * age)
 
 

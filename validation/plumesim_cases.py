@@ -1,4 +1,4 @@
-"""PlumeSim's experiment: a Roomba casts for a leak of ethanol in the arena, in air and in PlumeSim's kinds of plumes.
+"""Experiment of PlumeSim: a Roomba casts for a leak of ethanol in the arena, in air and in PlumeSim's kinds of plumes.
 
 Cabrita, Sousa & Marques, "Player/Stage simulation of olfactory experiments", IROS 2010. Published is that the
 simulated, the hybrid and the real robot went to the source in a zigzag along similar ways (figure 13; one run each), no

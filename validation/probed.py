@@ -1,4 +1,4 @@
-"""Runs of which probes tell: what cases of a plume's statistics look at."""
+"""Runs with probes: time series at points, for cases of plume statistics."""
 
 from pathlib import Path
 from tempfile import TemporaryDirectory

@@ -1,4 +1,4 @@
-"""Puffs against what is known: their spread, their mass at walls, the plume they make, and the gas on the grid."""
+"""Puffs (Lagrangian filaments): Taylor's spread, mass at walls, mean plume, well-mixed condition, gas on the grid."""
 
 from functools import partial
 from itertools import pairwise

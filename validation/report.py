@@ -90,7 +90,7 @@ def _verdict(met: bool | None) -> str:
 
 
 def mean_with_interval(row: Keys) -> str:
-    """What an experiment found."""
+    """Return the mean of a row with its interval as text."""
     if row["mean"] is None:
         return "-"
     interval = "" if row["low"] is None else f" ({row['low']:.3g} to {row['high']:.3g})"

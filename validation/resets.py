@@ -1,4 +1,4 @@
-"""Whether a simulation that is reset computes what a fresh process computes, to the bit.
+"""Check that a reset simulation equals a fresh process, to the bit.
 
     python -m taichi_plume.validation.resets [NAME ...] [--seconds S] [--times N] [--keep DIR]
 
@@ -104,7 +104,7 @@ def check(path: Path, times: int) -> int:
 
 
 def growth(sim: Simulation, scenario: Scenario, times: int) -> float:
-    """By how many MB the process grows over so many resets with a tick after each, from the tenth part of them on."""
+    """Return the growth of the process [MB] over resets with a tick after each, from a tenth of them on."""
     process, begin = psutil.Process(), 0
     for n in range(times):
         sim.reset(scenario)

@@ -1,4 +1,4 @@
-"""A rotor that hovers: the momentum it gives the air, and the velocities of momentum theory. n cells span its radius R.
+"""Downwash of a hovering rotor: momentum balance and momentum theory (actuator disc). n cells span the radius R.
 
 A thrust T on a disc of area A sucks the air through it at w = (T/(2 rho A))^½ in the mean and leaves it at 2 w, in a
 jet that has contracted to half of A (Rankine 1865, Froude 1889). Here R = 0.5 m and w = 1 m/s, in still air that comes

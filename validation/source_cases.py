@@ -72,7 +72,7 @@ def source_places(n: int) -> Answer:
 def _sections(
     plume: Plume, place: tuple[float, float], far: np.ndarray
 ) -> Iterator[tuple[float, float, float]]:
-    """Of the cells across the wind that are about so `far` [m] behind the source: how far exactly, and centroid [m] and
+    """Yield for sections about `far` [m] behind the source the exact distance [m], and centroid [m] and
     variance [m²] of the gas.
     """
     c, x = plume.gas.cells(0.0).astype(float), plume.grid.centers()

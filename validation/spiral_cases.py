@@ -1,4 +1,4 @@
-"""The SPIRAL room: four algorithms look for a dish of ethanol in a closed room without a fan, from two distances.
+"""SPIRAL experiment: four algorithms search for a dish of ethanol in a closed room without a fan, from two distances.
 
 Ferri, Caselli, Mattoli, Mondini, Mazzolai & Dario, Robotics and Autonomous Systems 57 (2009) 393-402, table 2. All
 algorithms search the same airs, an equal share of the trials each. As in the paper a session has four trials, after
@@ -94,7 +94,7 @@ def table(trials: int) -> Mapping[tuple[str, int], Columns]:
 
 
 def times(columns: Columns) -> np.ndarray:
-    """Of all trials [s], of failures the whole hour."""
+    """Return the search times of all trials [s]; failures count with the whole hour."""
     return np.where(columns["success"], columns["time_s"], HOUR)
 
 
@@ -125,7 +125,7 @@ ORDER = (*pairwise(RANKING), ("SPIRAL", "E. coli 3 s"))
 
 
 def order(trials: int) -> Told:
-    """How many times as long, and as many acquisitions, one algorithm takes as another."""
+    """Return the ratios of times and of acquisitions of pairs of algorithms."""
     rows, told = table(trials), {}
     for d in DISTANCES:
         airs = {name: rows[name, d]["air"] for name in ALGORITHMS}

@@ -35,7 +35,7 @@ NOISY = ("SPIRAL", "E. coli 3 s")
 
 @ti.data_oriented
 class NoisyIndex:
-    """In place of the sensors: what makes indices of a known noise, the same through an acquisition.
+    """Stand-in for the sensors: indices with a known noise, constant through an acquisition.
 
     spread: standard deviation of its logarithm, of each robot.
     """

@@ -36,7 +36,7 @@ STILL = 1e-3  # m, the arms of a robot that stays
 
 
 class Records(NamedTuple):
-    """Of acquisitions, in their order, at all places: proximity indices and means [ppm], (k, places)."""
+    """Proximity indices and means [ppm] of acquisitions, in their order, at all places, (k, places)."""
 
     index: np.ndarray
     mean: np.ndarray
@@ -68,7 +68,7 @@ class Heard:
                 self.before[begin:end] = now[begin:end]
 
     def records(self, name: str) -> Records:
-        """Of a group."""
+        """Return the records of a group."""
         return Records(*(np.array(part) for part in zip(*self.rows[name], strict=True)))
 
 
@@ -124,7 +124,7 @@ def spread(values: np.ndarray) -> np.ndarray:
 
 
 def indices(trials: int, airs: int) -> Told:
-    """What is told of the indices in the room; intervals over the airs."""
+    """Return the statistics of the indices in the room; intervals over the airs."""
     told: dict[str, Mean] = {}
     records = [heard(air)[1] for air in range(airs)]
 

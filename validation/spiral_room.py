@@ -40,7 +40,7 @@ class Sample(NamedTuple):
 
     @property
     def half(self) -> float:
-        """Of Student's interval of 95 % confidence."""
+        """Half of Student's interval of 95 % confidence."""
         return float(stdtrit(self.n - 1, 0.975)) * self.deviation / sqrt(self.n)
 
     def __str__(self) -> str:

@@ -1,4 +1,4 @@
-"""A mirrored and a turned room have the mirrored and the turned flow, also at the rims of openings in a wall."""
+"""Symmetry of the flow solver under reflection and rotation of a room, also at the rims of openings in a wall."""
 
 from functools import partial
 

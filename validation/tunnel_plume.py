@@ -1,4 +1,4 @@
-"""A plume in a wind tunnel: its width, how much it fluctuates, how often there is gas, and how concentrations are
+"""Plume statistics in a wind tunnel: width, how much it fluctuates, how often there is gas, and how concentrations are
 distributed; gas on the grid and puffs from sources of two sizes, in the same air, in 3-D.
 
 The tunnel is like that of Fackrell & Robins (1982, J. Fluid Mech. 117, 1-26, doi:10.1017/S0022112082001499) at the
@@ -69,7 +69,7 @@ SMALL, LARGE, GRID = KINDS
 
 
 def across(distance: float) -> float:
-    """How far readings go from the axis [m]: about three widths."""
+    """Return the largest distance of readings from the axis [m]: about three widths."""
     return min(0.1 + 0.3 * distance, 0.5 * SIZE[1] - CELL)
 
 
@@ -124,7 +124,7 @@ def scenario(seed: int, seconds: float) -> Keys:
 
 
 class Records(NamedTuple):
-    """What probes tell: times (n,) [s]; gas by kind [ppm], (n, distances, COUNT); wind [m/s], (..., 3)."""
+    """Readings of the probes: times (n,) [s]; gas by kind [ppm], (n, distances, COUNT); wind [m/s], (..., 3)."""
 
     times: np.ndarray
     ppm: Mapping[str, np.ndarray]
@@ -165,7 +165,7 @@ def taylor(width: float, speed: float, wind: np.ndarray, step: float) -> np.ndar
 
 
 class Found(NamedTuple):
-    """Of one air and kind at DISTANCES: mean width [m], that over Taylor's, width of the mean over that of the
+    """Statistics of one air and kind at DISTANCES: mean width [m], that over Taylor's, width of mean over that of the
     fluctuation, c'/C, share of time with gas and what a gamma distribution has, 99th percentile over the mean and the
     same of a gamma distribution, on the axis; share of time with gas one width off it, and the gamma distribution's.
     """
@@ -218,12 +218,12 @@ def found_in(air: Records, kind: str) -> Found:
 
 @cache
 def _airs(count: int) -> tuple[dict[str, Found], ...]:
-    """What was found in each air by kind; all conditions look at the same airs."""
+    """Return the statistics of each air by kind; all conditions use the same airs."""
     return tuple({kind: found_in(records(1 + k), kind) for kind in KINDS} for k in range(count))
 
 
 def plume(airs: int, kind: str) -> Told:
-    """What a kind of gas comes to, with intervals over airs."""
+    """Return the quantities of a kind of gas, with intervals over airs."""
     found = _airs(airs)
     own = {name: np.stack([getattr(one[kind], name) for one in found]) for name in Found._fields}
     judged = _judged(own, found, kind)
@@ -252,7 +252,7 @@ def plume(airs: int, kind: str) -> Told:
 
 
 def _judged(own: Mapping[str, np.ndarray], found: tuple, kind: str) -> dict[str, np.ndarray]:
-    """What is judged, a number per air: of puffs everywhere, of gas on the grid where its plume is wide."""
+    """Return the judged quantities per air: of puffs everywhere, of gas on the grid where the plume is wide."""
     wide = own["width"].mean(axis=0) > WIDE if kind == GRID else np.ones(len(DISTANCES), bool)
     largest = own["intensity"].max(axis=1)
     told = {

@@ -53,7 +53,7 @@ KINDS = ("whiffs", "blanks")
 
 
 class Variant(NamedTuple):
-    """What durations are taken of: threshold over the largest mean on the line, and where the decade begins [s]."""
+    """Definition of durations: threshold over the largest mean on the line, and where the decade begins [s]."""
 
     level: float = LEVEL
     first: float = FIRST
@@ -118,7 +118,7 @@ def scenario(seed: int, seconds: float) -> Keys:
 
 
 class Records(NamedTuple):
-    """What the probes of one flow tell: times (n,) [s], gas by kind, (n, distances, rows, sensors) [ppm]."""
+    """Readings of the probes of one flow: times (n,) [s], gas by kind, (n, distances, rows, sensors) [ppm]."""
 
     times: np.ndarray
     ppm: Mapping[str, np.ndarray]
@@ -133,7 +133,7 @@ def records(seed: int, seconds: float) -> Records:
 
 
 def thresholds(c: np.ndarray, level: float) -> np.ndarray:
-    """Of each line of sensors [ppm]: a share of the largest mean over time and rows; c: (n, distances, rows, m)."""
+    """Threshold of each line [ppm]: a share of the largest mean over time and rows; c: (n, distances, rows, m)."""
     return level * c.mean(axis=(0, 2)).max(axis=-1)
 
 
@@ -196,7 +196,7 @@ def _robustness(flows: Sequence[Records], kind: str) -> dict[str, float]:
 
 
 def _plume(flows: Sequence[Records], kind: str) -> dict[str, float]:
-    """By how much the plume's centre strays over the width that the plume has at a moment, and the share of sensors."""
+    """Return the wander of the plume's centre over the instantaneous width, and the share of chosen sensors."""
     c = np.concatenate([flow.ppm[kind] for flow in flows])
     held = np.where(c > 0.05 * c.max(axis=-1, keepdims=True), c, 0.0)
     mass = held.sum(axis=-1) + 1e-12

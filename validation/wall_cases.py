@@ -1,4 +1,4 @@
-"""Turbulent air along walls whose viscous layer the cells do not resolve. n is cells per metre."""
+"""Wall functions: turbulent boundary layers and channel flow below the resolution. n is cells per metre."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""How fast environments are, beside what is wanted: a film that is played to thousands of episodes in one process.
+"""Speed of environments against their targets: a film that is played to thousands of episodes in one process.
 
     python -m taichi_plume.validation.benchmark envs [--arch ARCH] [--count N] [--seconds S] [--json]
 
@@ -121,7 +121,7 @@ def reset_ms(engine: Any, mask: np.ndarray | None, times: int = 100) -> float:
 
 
 def growth_mb(engine: Any) -> float:
-    """By how much memory grows [MB] over RESETS resets, after a tenth of them."""
+    """Return the growth of memory [MB] over RESETS resets, after a tenth of them."""
     process = psutil.Process(os.getpid())
     for k in range(RESETS // 10):
         engine.reset(np.full(engine.count, k, np.uint64))
@@ -165,7 +165,7 @@ def measure(arch: str, count: int, seconds: float) -> list[Measured]:
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Measure and tell."""
+    """Measure and print the figures."""
     parser = Parser(prog="python -m taichi_plume.validation.benchmark envs", description=__doc__)
     parser.add_argument("--arch", default="cpu", choices=("auto", "cpu", "cuda", "vulkan", "metal"))
     parser.add_argument("--count", type=int, default=COUNT, help=f"environments (default: {COUNT})")

@@ -1,4 +1,4 @@
-"""How fast puffs are: a whole step of many, and the concentration at many points among them."""
+"""Speed of puffs: a whole step of many, and the concentration at many points among them."""
 
 import time
 from collections.abc import Callable

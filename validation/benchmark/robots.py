@@ -1,4 +1,4 @@
-"""How fast robots are: sensors in a 3-D gas on the grid, a search algorithm and motion; each robot is a trial."""
+"""Speed of robots: sensors in a 3-D gas on the grid, a search algorithm and motion; each robot is a trial."""
 
 import time
 from dataclasses import dataclass
@@ -36,7 +36,7 @@ class RobotTick:
     move_ms: float
     Mrobot_steps_per_s: float
     cpu_us: float
-    """Of a robot-step; on a machine that is busy otherwise it tells more than the time that passes."""
+    """CPU time of a robot-step; on a busy machine it says more than wall time."""
 
     def __str__(self) -> str:
         return (

@@ -1,4 +1,4 @@
-"""How fast whole steps of a flow with its eddy viscosity and one gas are, beside the memory bandwidth."""
+"""Speed of time steps of a flow with eddy viscosity and one gas, compared with the memory bandwidth."""
 
 import os
 import time

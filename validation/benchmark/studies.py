@@ -1,4 +1,4 @@
-"""What a study's worker costs beside the simulations themselves, and what a shared air saves.
+"""Overhead of a study's worker beside the simulations, and savings by a shared air.
 
     python -m taichi_plume.validation.benchmark studies shared [CONFIG] [--searches N] [--alone N] [--duration S]
     python -m taichi_plume.validation.benchmark studies overhead [CONFIG] [--runs N]
@@ -67,7 +67,7 @@ def _task(base: Keys, file: Path, out: Path, runs: int, film: Path | None = None
 
 
 def _timed(work: Any, *given: Any) -> tuple[Any, float, float]:
-    """What it returns, CPU time of this process, and time of the clock [s]."""
+    """Return the result of a call, CPU time of this process, and wall time [s]."""
     cpu, clock = time.process_time(), time.perf_counter()
     result = work(*given)
     return result, time.process_time() - cpu, time.perf_counter() - clock

@@ -1,4 +1,4 @@
-"""How long many trials of SPIRAL take, from the first to the end of the last, in a room that was recorded before."""
+"""Wall time of many trials of SPIRAL in a recorded room."""
 
 import time
 from dataclasses import dataclass
