@@ -32,7 +32,7 @@ from scipy.optimize import root_scalar
 from taichi_plume.scenario.species import AIR_MOLAR_MASS, GAS_CONSTANT, PRESSURE, TEMPERATURE
 from taichi_plume.validation.case import Curve, Keys
 from taichi_plume.validation.experiment import Condition, Experiment, Lines, Mean, Range, Told
-from taichi_plume.validation.probed import probed
+from taichi_plume.validation.searches import probed
 
 SIZE = (1.5, 1.5, 0.75)  # m
 SIDE, LOW, HIGH = 0.0215, 0.0254, 0.7031  # m: of a hole; its lower edges above the floor

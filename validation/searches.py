@@ -1,22 +1,28 @@
-"""Search trials of experiments: runs of one group of robots in one or several airs, their outcomes and statistics."""
+"""Runs of experiments: search trials of robots in one or several airs with their statistics, and runs with probes."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from math import inf
 from pathlib import Path
-from typing import Any, TypeVar
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import taichi as ti
 
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.assembly.prepare import checked
+from taichi_plume.files.table_parts import read
 from taichi_plume.grid import kernels
 from taichi_plume.results.run import Run
+from taichi_plume.running.probes_table import ProbeTable
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scoring.trials import source_places, trial_outcomes, trial_summary
 from taichi_plume.simulation import Every, Simulation
 from taichi_plume.validation.case import Keys
 from taichi_plume.validation.experiment import Mean, Tracks, over_airs
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 Key = TypeVar("Key")
 SHOWN = 6  # paths in a picture
@@ -154,3 +160,21 @@ def contest(data: Keys, folder: Path = Path(), limit: float = inf) -> dict[str, 
             told |= {name: now[name] for name in over}
             late = {name: end for name, end in late.items() if name not in over}
     return told | {name: one for name, one in outcomes(sim).items() if name in late}
+
+
+def probed(data: Keys) -> tuple[Simulation, np.ndarray, "pa.Table"]:
+    """Run a scenario with probes; return the simulation at its end, the times (n,) [s], and the table of the probes.
+
+    The table has all points of each time. Taichi must have been started.
+    """
+    sim = assemble(scenario_of(data))
+    model = sim.scenario.probes
+    assert model is not None
+    with TemporaryDirectory() as folder:
+        table = ProbeTable(sim, Path(folder) / "probes.parquet", model)
+        sim.step_observers.append(table.observer())
+        table.start()
+        sim.run()
+        table.close()
+        readings = read(table.path)
+    return sim, readings["t"].to_numpy()[:: model.size], readings

@@ -36,7 +36,7 @@ from taichi_plume.statistics.space import gaussian_fit
 from taichi_plume.statistics.spectra import integral_time
 from taichi_plume.validation.case import Keys
 from taichi_plume.validation.experiment import Condition, Experiment, Lines, Range, Told, over_airs
-from taichi_plume.validation.probed import probed
+from taichi_plume.validation.searches import probed
 
 U, LENGTH, INTENSITY = 1.0, 0.3, 0.12  # m/s; m; over the speed
 CELL, SIZE = 0.05, (3.0, 1.6, 1.2)  # m

@@ -34,7 +34,7 @@ from taichi_plume.statistics.durations import (
 )
 from taichi_plume.statistics.noses import FAST, SLOW, noses, smelt
 from taichi_plume.validation.case import Answer, Case, Curve, Expected, Keys
-from taichi_plume.validation.probed import probed
+from taichi_plume.validation.searches import probed
 
 U, LENGTH, INTENSITY = 0.5, 10.0, 0.08  # m/s; m; over the speed
 CELL = 0.025  # m
