@@ -56,18 +56,9 @@ def honeycombs(n: int, dim: int) -> Errors:
 def fan(n: int) -> Errors:
     """A fan with swirl, 0.3 m wide, that blows through a room of 1.2 x 1 x 0.8 m; n cells per metre."""
     speed, diameter = 2.0, 0.3
-    openings = [
-        {
-            "kind": "fan",
-            "face": "x-",
-            "center": (0.5, 0.4),
-            "diameter": diameter,
-            "speed": speed,
-            "swirl": 0.3,
-            "turbulence_intensity": 0.1,
-        },
-        {"kind": "outlet", "face": "x+"},
-    ]
+    blower = {"kind": "fan", "face": "x-", "center": (0.5, 0.4), "diameter": diameter, "speed": speed}
+    blower |= {"swirl": 0.3, "turbulence_intensity": 0.1}
+    openings = [blower, {"kind": "outlet", "face": "x+"}]
     flow = room((round(1.2 * n), n, round(0.8 * n)), 1.0 / n, openings)
     advance(flow, 0.2)
     return air_balance(flow, speed * pi / 4.0 * diameter**2)

@@ -11,6 +11,7 @@ import numpy as np
 
 from taichi_plume.validation.case import Keys
 from taichi_plume.validation.experiment import Condition, Experiment, Range, Told, over_airs
+from taichi_plume.validation.mapping_scenario import MARJOVI_WIND
 from taichi_plume.validation.searches import contest, pooled, spread
 
 AIRS = 8
@@ -27,20 +28,13 @@ TEAMS: dict[str, Keys] = {
 
 def arena(robots: list[Keys]) -> Keys:
     """The scenario as a YAML file would tell it."""
-    inflow = {"speed": 0.7, "turbulence_intensity": 0.14, "turbulence_length": 0.3}
     return {
         "name": "dapso_arena",
         "seed": 1,
         "duration": DURATION,
         "warm_up": 15.0,
         "domain": {"size": [4.0, 3.0], "spacing": 0.05, "depth": 0.5},
-        "wind": {
-            "kind": "cfd",
-            "openings": [
-                {"kind": "honeycomb", "face": "x-"} | inflow,
-                {"kind": "honeycomb", "face": "x+"},
-            ],
-        },
+        "wind": MARJOVI_WIND,
         "gas": {
             "kind": "eulerian",
             "species": "acetone",

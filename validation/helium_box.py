@@ -42,15 +42,7 @@ HELIUM = 4.0026e-3  # kg/mol, IUPAC
 DIFFUSIVITY = 7.0e-5  # m²/s in air, at 25 °C
 RELEASE, END = 14_400.0, 18_000.0  # s
 GRAVITY = 9.81  # m/s²
-HEIGHTS = (
-    0.093,
-    0.185,
-    0.276,
-    0.372,
-    0.466,
-    0.559,
-    0.650,
-)  # m; the table tells of them where the set-up has them
+HEIGHTS = (0.093, 0.185, 0.276, 0.372, 0.466, 0.559, 0.650)  # m, of the sensors in the set-up of the table
 MEASURED: Mapping[int, tuple[float, ...]] = {
     600: (0.23, 0.43, 0.85, 1.56, 2.38, 3.17, 3.60),
     3_600: (5.59, 6.58, 7.66, 9.15, 10.29, 11.18, 11.45),

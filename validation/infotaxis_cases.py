@@ -23,10 +23,7 @@ from taichi_plume.scenario.robots import Group
 from taichi_plume.validation.experiment import Condition, Experiment, Range, Told, over_airs, resampled
 
 CELLS = 19  # along each side
-LENGTH, INTENSITY = (
-    1.0,
-    1.0,
-)  # of the detections' range over a cell; expected detections at half a cell, in a step
+LENGTH, INTENSITY = 1.0, 1.0  # range of detections [cells]; expected detections at half a cell in a step
 MOST = 642  # steps
 MOVES = np.array([(1, 0), (0, 1), (-1, 0), (0, -1)])
 PLAIN, SPACE_AWARE = "infotaxis", "space_aware_infotaxis"
@@ -60,26 +57,24 @@ class Ours:
     """Searches of the algorithm of robots, each in a world of its own; a cell is a metre, a step a second."""
 
     def __init__(self, kind: str, cells: np.ndarray):
-        body = {"radius": 0.3, "max_speed": 1.0}
+        algorithm = {
+            "kind": kind,
+            "cell": 1.0,
+            "step": 1.0,
+            "acquisition": 1.0,
+            "wind_speed": 0.0,
+            "size": 0.5,
+        }
+        algorithm |= {"rate": INTENSITY, "diffusivity": LENGTH**2, "lifetime": 1.0}
         group = Group.model_validate(
             {
                 "name": kind,
                 "count": 1,
                 "trials": len(cells),
                 "start": {"kind": "positions", "positions": [[CELLS / 2, CELLS / 2]], "heading_deg": 0.0},
-                "body": body,
+                "body": {"radius": 0.3, "max_speed": 1.0},
                 "reach": 0.72,  # a cell's corner is 0.707 from its middle
-                "algorithm": {
-                    "kind": kind,
-                    "cell": 1.0,
-                    "step": 1.0,
-                    "acquisition": 1.0,
-                    "rate": INTENSITY,
-                    "diffusivity": LENGTH**2,
-                    "lifetime": 1.0,
-                    "wind_speed": 0.0,
-                    "size": 0.5,
-                },
+                "algorithm": algorithm,
             }
         )
         middle = np.full((len(cells), 2), CELLS / 2)

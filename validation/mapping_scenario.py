@@ -47,6 +47,14 @@ SENSORS: dict[str, Keys] = {
     "a quarter of its lags": {"rise_time": 0.375, "decay_time": 2.0},
     "no lag": {"rise_time": 0.0, "decay_time": 0.0},
 }
+MARJOVI_WIND: Keys = {
+    "kind": "cfd",
+    "openings": [
+        {"kind": "honeycomb", "face": "x-"}
+        | {"speed": 0.7, "turbulence_intensity": 0.14, "turbulence_length": 0.3},
+        {"kind": "honeycomb", "face": "x+"},
+    ],
+}
 LINEUP = "line-up"
 NAVIGATIONS: dict[str, Keys] = {
     "DAPSO": {"count": 5, "algorithm": {"kind": "dapso"}},
@@ -109,19 +117,7 @@ def arena(air: int = 0, teams: Sequence[Team] = TEAMS, duration: float = DURATIO
         "warm_up": 15.0,  # the air is renewed 2.6 times
         "tick": TICK,
         "domain": {"size": [4.0, 3.0, 0.5], "spacing": 0.0625},
-        "wind": {
-            "kind": "cfd",
-            "openings": [
-                {
-                    "kind": "honeycomb",
-                    "face": "x-",
-                    "speed": 0.7,
-                    "turbulence_intensity": 0.14,
-                    "turbulence_length": 0.3,
-                },
-                {"kind": "honeycomb", "face": "x+"},
-            ],
-        },
+        "wind": MARJOVI_WIND,
         "gas": {
             "kind": "mixture",
             "parts": [

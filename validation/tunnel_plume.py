@@ -256,18 +256,13 @@ def _judged(own: Mapping[str, np.ndarray], found: tuple, kind: str) -> dict[str,
     wide = own["width"].mean(axis=0) > WIDE if kind == GRID else np.ones(len(DISTANCES), bool)
     largest = own["intensity"].max(axis=1)
     told = {
-        "mean width over Taylor's": own["over_taylor"][:, wide].mean(axis=1),
-        "width of the mean over that of c'": own["narrower"][:, wide].mean(axis=1),
-        "99th percentile over a gamma distribution's": (own["peak"] / own["peak_gamma"])[:, wide].mean(
-            axis=1
-        ),
-        "gas on the axis less a gamma distribution's": (own["present"] - own["present_gamma"])[:, wide].mean(
-            axis=1
-        ),
-        "gas beside it less a gamma distribution's": (own["beside"] - own["beside_gamma"])[:, wide].mean(
-            axis=1
-        ),
+        "mean width over Taylor's": own["over_taylor"],
+        "width of the mean over that of c'": own["narrower"],
+        "99th percentile over a gamma distribution's": own["peak"] / own["peak_gamma"],
+        "gas on the axis less a gamma distribution's": own["present"] - own["present_gamma"],
+        "gas beside it less a gamma distribution's": own["beside"] - own["beside_gamma"],
     }
+    told = {name: values[:, wide].mean(axis=1) for name, values in told.items()}
     small, large = (np.stack([one[k].intensity for one in found]) for k in (SMALL, LARGE))
     if kind == GRID:
         ratio = own["intensity"] / large

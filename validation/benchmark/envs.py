@@ -131,6 +131,12 @@ def growth_mb(engine: Any) -> float:
     return (process.memory_info().rss - before) / 1e6
 
 
+def steps_of(what: str, kind: str, engine: Any, seconds: float) -> Measured:
+    """Return the rate of steps of an engine against its target."""
+    steps, cpu = rate(engine, seconds)
+    return Measured(f"steps of {what}", steps, "1/s", f">= {WANTED[kind]:,.0f}", round(1e6 * cpu, 3))
+
+
 def measure(arch: str, count: int, seconds: float) -> list[Measured]:
     """All figures."""
     from taichi_plume.envs.episodes import Episodes
@@ -140,26 +146,16 @@ def measure(arch: str, count: int, seconds: float) -> list[Measured]:
     kernels.start(arch)
     scenario, bank = scenario_from(TASK), films()
     many = Episodes(scenario, count=count, bank=bank)
-    steps, cpu = rate(many, seconds)
     one_of_them = np.arange(count) == count // 2
     rows = [
-        Measured(
-            f"steps of {count:,} environments",
-            steps,
-            "1/s",
-            f">= {WANTED['vector']:,.0f}",
-            round(1e6 * cpu, 3),
-        ),
+        steps_of(f"{count:,} environments", "vector", many, seconds),
         Measured("reset of one of them", reset_ms(many, one_of_them), "ms", f"<= {RESET_MS:g}"),
         Measured("reset of all", reset_ms(many, None), "ms", f"<= {RESET_MS:g}"),
     ]
     one = Episodes(scenario, count=1, bank=bank)
-    steps, cpu = rate(one, seconds)
     return [
         *rows,
-        Measured(
-            "steps of a single environment", steps, "1/s", f">= {WANTED['single']:,.0f}", round(1e6 * cpu, 3)
-        ),
+        steps_of("a single environment", "single", one, seconds),
         Measured(f"memory over {RESETS:,} resets", growth_mb(one), "MB more", "flat"),
     ]
 

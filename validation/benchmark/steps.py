@@ -131,14 +131,5 @@ def measure(name: str, arch: str, seconds: float) -> Measured:
     ti.sync()
     wall, cells = time.perf_counter() - begin, prod(flow.grid.shape)
     per_step = wall / steps
-    return Measured(
-        name,
-        cells,
-        cells / per_step / 1e6,
-        1e3 * per_step,
-        wall / simulated,
-        iterations / steps,
-        first,
-        memory / cells,
-        rate,
-    )
+    speeds = cells / per_step / 1e6, 1e3 * per_step, wall / simulated
+    return Measured(name, cells, *speeds, iterations / steps, first, memory / cells, rate)

@@ -59,14 +59,5 @@ def spiral_trials(
     told = outcomes(sim)["SPIRAL"]
     good = [t for t, found in zip(told["time_s"], told["success"], strict=True) if found]
     steps = sum(good) / sim.dt + (trials - len(good)) * sim.tick
-    return [
-        Trials(
-            case,
-            trials,
-            len(good) / trials,
-            sum(good) / max(1, len(good)),
-            steps,
-            middle - begin,
-            end - middle,
-        )
-    ]
+    mean = sum(good) / max(1, len(good))
+    return [Trials(case, trials, len(good) / trials, mean, steps, middle - begin, end - middle)]
