@@ -83,7 +83,7 @@ def chosen(
 
 def of_airs(airs: int, name: str, teams: np.ndarray) -> np.ndarray:
     """The mean over these teams of a quantity of `Fared`, in each air."""
-    return np.array([np.nanmean(getattr(one, name)[..., teams]) for one in in_airs(airs)])
+    return np.array([np.nanmean(one._asdict()[name][..., teams]) for one in in_airs(airs)])
 
 
 def mean_errors(airs: int, teams: np.ndarray, window: float = WINDOW) -> np.ndarray:
@@ -135,7 +135,7 @@ def set_up(trials: int, navigation: str, source: tuple[float, float], title: str
     runs, best = in_airs(trials), 1 + ALPHAS.index(BEST)
     errors = mean_errors(trials, np.array([team]))
     off, alike = (
-        np.array([np.nanmean(getattr(one, name)[..., team], axis=1) for one in runs]).T
+        np.array([np.nanmean(one._asdict()[name][..., team], axis=1) for one in runs]).T
         for name in ("off", "alike")
     )
     result: dict[str, Mean | Lines] = {

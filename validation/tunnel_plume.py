@@ -225,7 +225,7 @@ def _airs(count: int) -> tuple[dict[str, Found], ...]:
 def plume(airs: int, kind: str) -> Told:
     """Return the quantities of a kind of gas, with intervals over airs."""
     found = _airs(airs)
-    own = {name: np.stack([getattr(one[kind], name) for one in found]) for name in Found._fields}
+    own = {name: np.stack([one[kind]._asdict()[name] for one in found]) for name in Found._fields}
     judged = _judged(own, found, kind)
     told: Keys = {name: over_airs(values) for name, values in judged.items()}
     x = np.array(DISTANCES)
@@ -246,7 +246,7 @@ def plume(airs: int, kind: str) -> Told:
                 "distance from the source [m]",
                 words,
                 x,
-                {k: np.mean([getattr(one[k], name) for one in found], axis=0) for k in KINDS},
+                {k: np.mean([one[k]._asdict()[name] for one in found], axis=0) for k in KINDS},
             )
     return told
 

@@ -93,7 +93,7 @@ def _better(unit: str, value: float, than: float) -> float:
 
 def _apart(name: str, checkout: Path, args: argparse.Namespace) -> Figures:
     """Return the figures of clock_rows.py. Raises RuntimeError if the process fails."""
-    told = {key: getattr(args, key) for key in ("arch", "seconds", "robots")}
+    told = {key: vars(args)[key] for key in ("arch", "seconds", "robots")}
     told |= {"row": name, "checkout": str(checkout)}
     command = [sys.executable, "-P", str(HERE / "clock_rows.py"), json.dumps(told)]
     return json.loads(_output(command, checkout))
